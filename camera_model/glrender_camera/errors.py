@@ -1,0 +1,68 @@
+"""The roots of glrender's one error tree, and how a message finds the field that is wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+_NO_VALUE = object()
+
+
+class GlrenderError(Exception):
+    """Base of every error that glrender raises on purpose."""
+
+    code = "error"
+
+
+class ConfigError(GlrenderError, ValueError):
+    """A field of a configuration, a state or a request breaks a rule.
+
+    Parameters
+    ----------
+    path : str
+        Dotted path of the field, e.g. ``bodies[1].q_from_inertial``; empty for the whole.
+    rule : str
+        What must hold.
+    got : object, optional
+        The value received.
+    hint : str, optional
+        The way out.
+    """
+
+    code = "config"
+
+    def __init__(self, path: str, rule: str, got: object = _NO_VALUE, hint: str = ""):
+        self.path, self.rule, self.got, self.hint = path, rule, got, hint
+        super().__init__(path, rule, got, hint)
+
+    def __str__(self) -> str:
+        text = f"{self.path}: {self.rule}" if self.path else self.rule
+        if self.got is not _NO_VALUE:
+            text += f", got {_short(self.got)}"
+        if self.hint:
+            text += f"; {self.hint}"
+        return text
+
+    def __reduce__(self):
+        got = () if self.got is _NO_VALUE else (self.got,)
+        return (_rebuild, (type(self), self.path, self.rule, self.hint, *got))
+
+
+def _rebuild(kind: type, path: str, rule: str, hint: str, *got: object) -> ConfigError:
+    return kind(path, rule, *(got or (_NO_VALUE,)), hint)
+
+
+def _short(value: object, limit: int = 200) -> str:
+    text = " ".join(repr(value).split())
+    return text if len(text) <= limit else text[: limit - 3] + "..."
+
+
+@contextmanager
+def error_path(prefix: str) -> Iterator[None]:
+    """Put `prefix` in front of the field path of any ConfigError raised inside."""
+    try:
+        yield
+    except ConfigError as error:
+        separator = "" if not error.path or error.path.startswith("[") else "."
+        error.path = f"{prefix}{separator}{error.path}"
+        raise

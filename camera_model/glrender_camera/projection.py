@@ -1,0 +1,107 @@
+"""The pinhole camera: where a direction lands on the detector, and how much sky a pixel sees.
+
+Frame `camera`: +Z boresight, +X to the right of the image, +Y down. Frame `pixel`:
+(0, 0) is the centre of the top-left pixel, x to the right, y down.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .validate import integer, positive, text, unit_quaternion, vector
+
+MAX_IMAGE_PX = 16384
+"""Widest image [px]: the texture limit of every OpenGL that glrender runs on."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PinholeCamera:
+    """A rectilinear camera on the spacecraft.
+
+    Parameters
+    ----------
+    name : str
+    width_px, height_px : int [px], 1..16384
+    focal_length_px : float [px], > 0
+        Focal length over pixel pitch; pixels are square.
+    principal_point_px : (2,) float [px], optional
+        (x, y) of the boresight in `pixel`; default is the image centre,
+        ((width - 1) / 2, (height - 1) / 2).
+    q_camera_from_spacecraft : (4,) float, optional
+        Mounting, unit quaternion [w, x, y, z]; default identity.
+    r_camera_spacecraft_m : (3,) float [m], optional
+        Position of the projection centre in `spacecraft`; default zero.
+
+    Raises
+    ------
+    ConfigError
+        With the field's name, the rule and the value.
+    """
+
+    name: str
+    width_px: int
+    height_px: int
+    focal_length_px: float
+    principal_point_px: tuple[float, float] | None = None
+    q_camera_from_spacecraft: np.ndarray = field(default=(1.0, 0.0, 0.0, 0.0))
+    r_camera_spacecraft_m: np.ndarray = field(default=(0.0, 0.0, 0.0))
+
+    def __post_init__(self):
+        put = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731 (frozen dataclass)
+        text("name", self.name)
+        put("width_px", integer("width_px", self.width_px, 1, MAX_IMAGE_PX))
+        put("height_px", integer("height_px", self.height_px, 1, MAX_IMAGE_PX))
+        put("focal_length_px", positive("focal_length_px", self.focal_length_px))
+        centre = self.principal_point_px
+        if centre is None:
+            centre = ((self.width_px - 1) / 2.0, (self.height_px - 1) / 2.0)
+        put("principal_point_px", tuple(float(x) for x in vector("principal_point_px", centre, 2)))
+        put("q_camera_from_spacecraft", unit_quaternion("q_camera_from_spacecraft", self.q_camera_from_spacecraft))
+        put("r_camera_spacecraft_m", vector("r_camera_spacecraft_m", self.r_camera_spacecraft_m))
+
+    def project(self, r_camera: np.ndarray) -> np.ndarray:
+        """Pixel coordinates of points or directions.
+
+        Parameters
+        ----------
+        r_camera : (..., 3) float
+            In `camera`; points behind the camera (z <= 0) return NaN.
+
+        Returns
+        -------
+        (..., 2) float64 [px]
+        """
+        r = np.asarray(r_camera, dtype=np.float64)
+        z = r[..., 2:]
+        ahead = z > 0.0
+        ratio = r[..., :2] / np.where(ahead, z, 1.0)
+        return np.where(ahead, self.focal_length_px * ratio + np.array(self.principal_point_px), np.nan)
+
+    def directions(self, pixel: np.ndarray) -> np.ndarray:
+        """Unit vectors in `camera` through pixel coordinates; the inverse of `project`.
+
+        Parameters
+        ----------
+        pixel : (..., 2) float [px]
+
+        Returns
+        -------
+        (..., 3) float64 [1]
+        """
+        offset = (np.asarray(pixel, dtype=np.float64) - np.array(self.principal_point_px)) / self.focal_length_px
+        ray = np.concatenate([offset, np.ones_like(offset[..., :1])], axis=-1)
+        return ray / np.linalg.norm(ray, axis=-1, keepdims=True)
+
+    def solid_angle_sr(self) -> np.ndarray:
+        """Solid angle of each pixel: cos^3(theta) / f^2.
+
+        Returns
+        -------
+        (height, width) float64 [sr]
+            The midpoint rule; its relative error is below 1 / (4 f^2), f in pixels.
+        """
+        x = (np.arange(self.width_px) - self.principal_point_px[0]) / self.focal_length_px
+        y = (np.arange(self.height_px) - self.principal_point_px[1]) / self.focal_length_px
+        return (1.0 + x[None, :] ** 2 + y[:, None] ** 2) ** -1.5 / self.focal_length_px**2

@@ -1,0 +1,107 @@
+"""Checks that turn what a user or a wire sent into trusted values, or raise ConfigError.
+
+Each takes the field's name first and returns the checked value. `not x > 0` is
+written so that NaN fails.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from numbers import Integral, Real
+
+import numpy as np
+
+from .errors import ConfigError
+
+# A norm this far from 1 is round-off or a rounded log file: renormalised. Beyond it the
+# quaternion is a mistake (photometry.md section 4.3) and is refused.
+QUATERNION_NORM_TOLERANCE = 1e-6
+
+
+def finite(name: str, value: object) -> float:
+    """A finite real number as float."""
+    if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
+        raise ConfigError(name, "must be a finite number", value)
+    return float(value)
+
+
+def positive(name: str, value: object) -> float:
+    """A finite number > 0."""
+    number = finite(name, value)
+    if not number > 0.0:
+        raise ConfigError(name, "must be > 0", value)
+    return number
+
+
+def within(name: str, value: object, low: float, high: float) -> float:
+    """A finite number in the closed interval [low, high]."""
+    number = finite(name, value)
+    if not low <= number <= high:
+        raise ConfigError(name, f"must be between {low:g} and {high:g}", value)
+    return number
+
+
+def integer(name: str, value: object, low: int, high: int) -> int:
+    """An integer in the closed interval [low, high]; a float with an integer value counts (MATLAB)."""
+    if isinstance(value, Real) and not isinstance(value, (bool, Integral)) and float(value).is_integer():
+        value = int(value)
+    if isinstance(value, bool) or not isinstance(value, Integral) or not low <= value <= high:
+        raise ConfigError(name, f"must be an integer between {low} and {high}", value)
+    return int(value)
+
+
+def text(name: str, value: object) -> str:
+    """A string that is not empty."""
+    if not isinstance(value, str) or not value:
+        raise ConfigError(name, "must be a string that is not empty", value)
+    return value
+
+
+def one_of(name: str, value: object, allowed: Iterable[str]) -> str:
+    """A string out of `allowed`."""
+    allowed = list(allowed)
+    if value not in allowed:
+        raise ConfigError(name, f"must be one of {', '.join(map(repr, allowed))}", value)
+    return value
+
+
+def vector(name: str, value: object, length: int = 3) -> np.ndarray:
+    """A read-only (length,) float64 array of finite numbers."""
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ConfigError(name, f"must be {length} numbers", value) from None
+    if array.shape != (length,):
+        raise ConfigError(name, f"must have shape ({length},)", value)
+    if not np.isfinite(array).all():
+        raise ConfigError(name, "must be finite", value)
+    array.setflags(write=False)
+    return array
+
+
+def unit_quaternion(name: str, value: object) -> np.ndarray:
+    """A read-only (4,) float64 unit quaternion [w, x, y, z], renormalised from within 1e-6 of 1."""
+    array = vector(name, value, 4)
+    norm = float(np.linalg.norm(array))
+    if not abs(norm - 1.0) <= QUATERNION_NORM_TOLERANCE:
+        raise ConfigError(name, f"norm must be 1 within {QUATERNION_NORM_TOLERANCE:g}, is {norm:.9g}", value,
+                          "normalise [w, x, y, z] before sending")
+    array = array / norm
+    array.setflags(write=False)
+    return array
+
+
+def known_keys(name: str, table: object, allowed: Iterable[str], required: Iterable[str] = ()) -> Mapping:
+    """A mapping with string keys out of `allowed`, all of `required` present."""
+    if not isinstance(table, Mapping):
+        raise ConfigError(name, "must be a table", table)
+    allowed = list(allowed)
+    for key in table:
+        if key not in allowed:
+            raise ConfigError(f"{name}.{key}" if name else str(key), "unknown key",
+                              hint=f"known keys are {', '.join(sorted(allowed))}")
+    for key in required:
+        if key not in table:
+            raise ConfigError(f"{name}.{key}" if name else key, "missing")
+    return table

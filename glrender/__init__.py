@@ -1,0 +1,1 @@
+"""glrender: headless OpenGL frames for closed-loop navigation around small bodies."""

@@ -1,0 +1,42 @@
+"""Lambert's law."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from glrender_camera.validate import within
+
+from .law import Law
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lambert(Law):
+    """The same radiance in every direction: I/F = normal_albedo * cos(incidence).
+
+    Parameters
+    ----------
+    normal_albedo : float [1], 0..1
+        I/F at incidence = emission = phase = 0.
+
+    Source: Hapke (2012); geometric albedo 2/3 of the normal albedo.
+    Twin: shaders/brdf/lambert.glsl.
+    """
+
+    normal_albedo: float
+
+    glsl: ClassVar[str] = "lambert"
+    uniform_fields: ClassVar[dict[str, str]] = {"law_normal_albedo": "float"}
+
+    def __post_init__(self):
+        object.__setattr__(self, "normal_albedo", within("normal_albedo", self.normal_albedo, 0.0, 1.0))
+
+    def brdf(self, to_sun, to_camera, normal):
+        cos_incidence = np.sum(np.multiply(normal, to_sun, dtype=np.float64), axis=-1)
+        cos_emission = np.sum(np.multiply(normal, to_camera, dtype=np.float64), axis=-1)
+        lit = (cos_incidence > 0.0) & (cos_emission > 0.0)
+        return np.where(lit, self.normal_albedo / np.pi, 0.0)
+
+    def uniforms(self):
+        return {"law_normal_albedo": self.normal_albedo}

@@ -1,0 +1,20 @@
+"""Constants of nature, once. `python -m glrender.shaders` writes those that GLSL needs."""
+
+from __future__ import annotations
+
+import math
+
+PI = math.pi
+AU_M = 149_597_870_700.0
+"""Astronomical unit [m]; IAU 2012 resolution B2."""
+SPEED_OF_LIGHT_M_S = 299_792_458.0
+"""Speed of light [m/s]; SI."""
+PLANCK_J_S = 6.626_070_15e-34
+"""Planck constant [J s]; SI."""
+TOTAL_SOLAR_IRRADIANCE_W_M2 = 1360.8
+"""Total solar irradiance at 1 au [W/m2]; Kopp and Lean (2011), TSIS-1."""
+SUN_RADIUS_M = 695_700_000.0
+"""Nominal solar radius [m]; IAU 2015 resolution B3."""
+
+GLSL_CONSTANTS = {"PI": PI}
+"""What `constants.glsl` holds."""
