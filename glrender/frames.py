@@ -91,7 +91,7 @@ def clip_from_sun(half_width: float, half_height: float, near: float, far: float
 
     `near` and `far` are depths below the plane z = 0 [length], near < far.
     """
-    return matrix44.create_orthogonal_projection_from_bounds(
+    return matrix44.create_orthogonal_projection(
         -half_width, half_width, -half_height, half_height, near, far, dtype=np.float64).T
 
 

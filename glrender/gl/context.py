@@ -57,6 +57,7 @@ class Context(ResourceOwner):
         self.callback(self.gl.release)
         self.thread = threading.get_ident()
         self._programs: dict[tuple[str, str], moderngl.Program] = {}
+        self.surface_programs: dict[tuple, moderngl.Program] = {}
         info = self.gl.info
         self.info: dict[str, Any] = {
             "backend": self.backend, "gl_renderer": info["GL_RENDERER"], "gl_version": info["GL_VERSION"],

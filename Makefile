@@ -1,0 +1,32 @@
+# Two front doors: `make demo` and `make test`. Each sets up what is missing.
+VENV   := .venv
+PYTHON ?= python3
+BIN    := $(VENV)/bin
+export PYTHONUNBUFFERED = 1
+
+.PHONY: demo test bench setup opengl lint clean
+
+demo: setup
+	$(BIN)/glrender demo --out out/demo
+
+test: setup
+	$(BIN)/ruff check .
+	$(BIN)/python -m pytest
+
+bench: setup
+	$(BIN)/python benchmarks/run.py --out out/bench
+
+lint: setup
+	$(BIN)/ruff check .
+
+setup: $(VENV)/.ready opengl
+
+$(VENV)/.ready: pyproject.toml clients/python/pyproject.toml tools/make_venv.sh
+	sh tools/make_venv.sh $(PYTHON) $(VENV)
+	touch $@
+
+opengl: $(VENV)/.ready
+	@sh tools/install_opengl.sh $(BIN)/glrender
+
+clean:
+	rm -rf $(VENV) out

@@ -1,0 +1,259 @@
+"""The passes of a frame: a body's buffers, its shadow map, its surface.
+
+Bindings are global in GL, so every draw binds all that it reads.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import moderngl
+import numpy as np
+
+from ..brdf.law import Law
+from ..shaders import UniformBlock, compose
+from .context import Context
+from .owner import ResourceOwner
+
+SHADOW_BLOCK = UniformBlock("Shadow", {"sun_clip_from_body": "mat4"})
+SURFACE_BLOCK = UniformBlock("Surface", {
+    "clip_from_surface": "mat4",
+    "shadow_from_body": "mat4",
+    "r_camera_body": "vec3",
+    "r_camera_body_low": "vec3",
+    "sun_direction_body": "vec3",
+    "boresight_body": "vec3",
+    "irradiance_scale": "float",
+    "shadow_bias_per_texel": "float",
+    "body_id": "int",
+})
+_LAW_BINDING, _BODY_BINDING = 0, 1
+_SHADOW_UNIT, _ALBEDO_UNIT, _NORMAL_UNIT = 0, 1, 2
+_NORMALS_PER_ROW = 4096
+
+
+@dataclass(frozen=True)
+class SurfaceVariant:
+    """The structure of a surface shader; each is a define."""
+
+    relative_to_camera: bool = False
+    normal_lookup: bool = False
+    shadows: bool = True
+
+    def defines(self, mesh: Mesh) -> dict[str, int]:
+        return {"RELATIVE_TO_CAMERA": int(self.relative_to_camera), "NORMAL_LOOKUP": int(self.normal_lookup),
+                "SMOOTH_NORMALS": int(mesh.smooth_normals),
+                "HAS_SHADOWS": int(self.shadows), "HAS_ALBEDO_TEXTURE": int(mesh.albedo_texture is not None)}
+
+
+class Mesh(ResourceOwner):
+    """A body's geometry on the device, uploaded once.
+
+    Parameters
+    ----------
+    context : Context
+    vertices_m : (V, 3) float64 [m]
+        Body-fixed.
+    facets : (F, 3) int32
+        Counter-clockwise from outside.
+    law : Law
+    vertex_normals : (V, 3) float, optional
+        Given for smooth shading.
+    uv : (F, 3, 2) float32, optional
+        Texture coordinates of each facet's corners, origin at the image's bottom left.
+    albedo_map : (H, W) float32, optional
+        Factor on the law's albedo, row 0 on top.
+    """
+
+    def __init__(self, context: Context, vertices_m: np.ndarray, facets: np.ndarray, law: Law, *,
+                 vertex_normals: np.ndarray | None = None, uv: np.ndarray | None = None,
+                 albedo_map: np.ndarray | None = None):
+        super().__init__()
+        self._context, self.law, self.n_facets = context, law, len(facets)
+        self.smooth_normals = vertex_normals is not None
+        self._vertices_m, self._facets = vertices_m, facets
+        context.make_current()
+        gl = context.gl
+        self.albedo_texture = None
+        if uv is not None and albedo_map is not None:
+            # A seam's vertex has several texture coordinates: one GL vertex for each.
+            corners = np.concatenate([facets.reshape(-1, 1).astype(np.float64), uv.reshape(-1, 2)], axis=1)
+            unique, inverse = np.unique(corners, axis=0, return_inverse=True)
+            source, indices = unique[:, 0].astype(np.int64), inverse.reshape(facets.shape)
+            self._uv = self.own(gl.buffer(np.ascontiguousarray(unique[:, 1:], np.float32)))
+            height, width = albedo_map.shape
+            texels = np.ascontiguousarray(albedo_map[::-1], np.float32)
+            self.albedo_texture = self.own(gl.texture((width, height), 1, texels, dtype="f4"))
+            self.albedo_texture.build_mipmaps()
+            self.albedo_texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
+            self.albedo_texture.repeat_y = False
+        else:
+            source, indices, self._uv = None, facets, None
+        placed = vertices_m if source is None else vertices_m[source]
+        high = placed.astype(np.float32)
+        self._position = self.own(gl.buffer(high))
+        self._low_values = placed - high
+        self._position_low = None
+        self._normal = None
+        if vertex_normals is not None:
+            normals = vertex_normals if source is None else vertex_normals[source]
+            self._normal = self.own(gl.buffer(np.ascontiguousarray(normals, np.float32)))
+        self._indices = self.own(gl.buffer(np.ascontiguousarray(indices, np.int32)))
+        self._normal_texture = None
+        self._law_block = UniformBlock("Law", law.uniform_fields)
+        self._law_uniforms = self.own(gl.buffer(self._law_block.pack(law.uniforms())))
+        self._shadow_uniforms = self.own(gl.buffer(reserve=SHADOW_BLOCK.dtype.itemsize))
+        self._surface_uniforms = self.own(gl.buffer(reserve=SURFACE_BLOCK.dtype.itemsize))
+        self._vertex_arrays: dict[Any, moderngl.VertexArray] = {}
+
+    def _vertex_array(self, program: moderngl.Program) -> moderngl.VertexArray:
+        if program not in self._vertex_arrays:
+            buffers = {"position": (self._position, "3f"), "position_low": (self._position_low, "3f"),
+                       "vertex_normal": (self._normal, "3f"), "vertex_uv": (self._uv, "2f")}
+            content = [(buffer, layout, name) for name, (buffer, layout) in buffers.items() if name in program]
+            self._vertex_arrays[program] = self.own(
+                self._context.gl.vertex_array(program, content, index_buffer=self._indices, index_element_size=4))
+        return self._vertex_arrays[program]
+
+    def draw_shadow(self, sun_clip_from_body: np.ndarray) -> None:
+        """Draw into the bound shadow map."""
+        program = self._context.program(compose("shadow.vert.glsl", blocks=[SHADOW_BLOCK]),
+                                        compose("shadow.frag.glsl"))
+        program["Shadow"].binding = _BODY_BINDING
+        self._shadow_uniforms.write(SHADOW_BLOCK.pack({"sun_clip_from_body": sun_clip_from_body}))
+        self._shadow_uniforms.bind_to_uniform_block(_BODY_BINDING)
+        self._vertex_array(program).render(moderngl.TRIANGLES)
+
+    def draw_surface(self, stage: str, variant: SurfaceVariant, values: Mapping[str, Any],
+                     shadow_map: ShadowMap | None) -> None:
+        """Draw into the bound framebuffer with `surface.frag.glsl` or `products.frag.glsl`."""
+        context = self._context
+        if variant.relative_to_camera and self._position_low is None:
+            self._position_low = self.own(context.gl.buffer(self._low_values.astype(np.float32)))
+        program = _surface_program(context, stage, variant, self)
+        self._surface_uniforms.write(SURFACE_BLOCK.pack(values))
+        self._surface_uniforms.bind_to_uniform_block(_BODY_BINDING)
+        self._law_uniforms.bind_to_uniform_block(_LAW_BINDING)
+        if variant.shadows:
+            shadow_map.texture.use(_SHADOW_UNIT)
+        if self.albedo_texture is not None:
+            self.albedo_texture.use(_ALBEDO_UNIT)
+        if variant.normal_lookup:
+            self._facet_normals().use(_NORMAL_UNIT)
+        self._vertex_array(program).render(moderngl.TRIANGLES)
+
+    def _facet_normals(self) -> moderngl.Texture:
+        if self._normal_texture is None:
+            corner = self._vertices_m[self._facets]
+            normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+            normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+            rows = -(-len(normal) // _NORMALS_PER_ROW)
+            texels = np.zeros((rows * _NORMALS_PER_ROW, 3), np.float32)
+            texels[: len(normal)] = normal
+            self._normal_texture = self.own(
+                self._context.gl.texture((_NORMALS_PER_ROW, rows), 3, texels, dtype="f4"))
+            self._normal_texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        return self._normal_texture
+
+
+def _surface_program(context: Context, stage: str, variant: SurfaceVariant, mesh: Mesh) -> moderngl.Program:
+    law = mesh.law
+    defines = {**law.defines(), **variant.defines(mesh)}
+    key = (stage, law.glsl, tuple(sorted(defines.items())))
+    if key not in context.surface_programs:
+        blocks = [SURFACE_BLOCK, UniformBlock("Law", law.uniform_fields)]
+        program = context.program(compose("surface.vert.glsl", blocks=blocks[:1], defines=defines),
+                                  compose(stage, brdf=law.glsl, blocks=blocks, defines=defines))
+        for block, binding in (("Surface", _BODY_BINDING), ("Law", _LAW_BINDING)):
+            if block in program:
+                program[block].binding = binding
+        for sampler, unit in (("shadow_map", _SHADOW_UNIT), ("albedo_texture", _ALBEDO_UNIT),
+                              ("facet_normals", _NORMAL_UNIT)):
+            if sampler in program:
+                program[sampler].value = unit
+        context.surface_programs[key] = program
+    return context.surface_programs[key]
+
+
+class ShadowMap(ResourceOwner):
+    """A square depth map seen from the Sun.
+
+    Parameters
+    ----------
+    context : Context
+    size_px : int [px]
+    """
+
+    def __init__(self, context: Context, size_px: int):
+        super().__init__()
+        self._context, self.size_px = context, size_px
+        context.make_current()
+        self.texture = self.own(context.gl.depth_texture((size_px, size_px)))
+        self.texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        self.texture.compare_func = "<="
+        self.texture.repeat_x = self.texture.repeat_y = False
+        self._framebuffer = self.own(context.gl.framebuffer(depth_attachment=self.texture))
+
+    def draw(self, casters: Sequence[tuple[Mesh, np.ndarray]]) -> None:
+        """Fill with the depths of `casters`, each with its `sun_clip_from_body`."""
+        gl = self._context.gl
+        self._context.make_current()
+        self._framebuffer.use()
+        self._framebuffer.clear(depth=1.0)
+        gl.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
+        gl.front_face = "ccw"
+        for mesh, sun_clip_from_body in casters:
+            mesh.draw_shadow(sun_clip_from_body)
+
+
+class Target(ResourceOwner):
+    """Float framebuffer that grows to the largest window asked for.
+
+    Parameters
+    ----------
+    context : Context
+    components : sequence of int
+        Components of each colour attachment.
+    """
+
+    def __init__(self, context: Context, components: Sequence[int]):
+        super().__init__()
+        self._context, self._components = context, tuple(components)
+        self._size = (0, 0)
+        self._framebuffer = None
+
+    def begin(self, width: int, height: int) -> None:
+        """Bind with a window of `width` x `height`, cleared to zero and the farthest depth."""
+        gl = self._context.gl
+        self._context.make_current()
+        if width > self._size[0] or height > self._size[1]:
+            self.close()
+            # Rounded up, so that a body that drifts or grows does not reallocate each frame.
+            self._size = tuple(max(old, -(-new // 128) * 128)
+                               for old, new in zip(self._size, (width, height), strict=True))
+            colors = [self.own(gl.texture(self._size, n, dtype="f4")) for n in self._components]
+            depth = self.own(gl.depth_renderbuffer(self._size))
+            self._framebuffer = self.own(gl.framebuffer(colors, depth))
+        self._window = (0, 0, width, height)
+        self._framebuffer.use()
+        self._framebuffer.viewport = self._window
+        self._framebuffer.clear(0.0, 0.0, 0.0, 0.0, depth=1.0, viewport=self._window)
+        gl.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
+        gl.front_face = "cw"  # the image is drawn top row first: see frames.clip_from_camera
+
+    def clear_depth(self) -> None:
+        """Forget the depths: what follows is nearer than all that is drawn."""
+        self._framebuffer.color_mask = [(False,) * 4] * len(self._components)
+        self._framebuffer.clear(depth=1.0, viewport=self._window)
+        self._framebuffer.color_mask = [(True,) * 4] * len(self._components)
+
+    def read(self, attachment: int = 0) -> np.ndarray:
+        """(height, width) or (height, width, components) float32 of an attachment."""
+        components = self._components[attachment]
+        width, height = self._window[2:]
+        pixels = np.empty((height, width, components), np.float32)
+        self._framebuffer.read_into(pixels, viewport=self._window, components=components, attachment=attachment,
+                                    dtype="f4", alignment=4)
+        return pixels[..., 0] if components == 1 else pixels

@@ -1,0 +1,85 @@
+"""A body's convex hull: few points that bound its outline, its depth and its shadow exactly.
+
+Inside the hull (a neck, a crater) the surface itself decides.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+# An outline or volume this close to the hull's is convex to float32 round-off of a shape file.
+_CONVEX_VOLUME_RTOL = 1e-6
+
+
+class Hull:
+    """Convex hull of a closed surface, and exact answers close to it.
+
+    Parameters
+    ----------
+    vertices_m : (V, 3) float64 [m]
+    facets : (F, 3) int
+        Counter-clockwise from outside.
+    """
+
+    def __init__(self, vertices_m: np.ndarray, facets: np.ndarray):
+        hull = ConvexHull(vertices_m)
+        self.points_m = np.ascontiguousarray(vertices_m[hull.vertices])
+        self.radius_m = float(np.linalg.norm(self.points_m, axis=1).max())
+        self._planes = hull.equations
+        self._corners = (vertices_m, facets)
+        # Volumes relative to the hull's own centre, or a far-off origin would cancel digits.
+        centre = self.points_m.mean(axis=0)
+        a, b, c = (vertices_m[facets[:, k]] - centre for k in range(3))
+        volume = float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
+        self.is_convex = bool(abs(volume - hull.volume) <= _CONVEX_VOLUME_RTOL * hull.volume)
+
+    def is_outside(self, point_m: np.ndarray) -> bool:
+        """Whether a point (3,) [m] is outside the surface."""
+        if self._hull_distance(point_m) > 0.0:
+            return True
+        return not self.is_convex and abs(winding_number(*self._corners, point_m)) < 0.5
+
+    def distance_m(self, point_m: np.ndarray) -> float:
+        """A lower bound [m], > 0, of the distance from a point outside to the surface; exact inside the hull."""
+        distance = self._hull_distance(point_m)
+        return distance if distance > 0.0 else surface_distance_m(*self._corners, point_m)
+
+    def _hull_distance(self, point_m: np.ndarray) -> float:
+        return float((self._planes[:, :3] @ point_m + self._planes[:, 3]).max())
+
+
+def winding_number(vertices_m: np.ndarray, facets: np.ndarray, point_m: np.ndarray) -> float:
+    """How often a closed surface goes round a point: 1 inside, 0 outside.
+
+    Source: Van Oosterom and Strackee (1983), solid angle of a triangle.
+    """
+    a, b, c = (vertices_m[facets[:, k]] - point_m for k in range(3))
+    la, lb, lc = (np.linalg.norm(x, axis=1) for x in (a, b, c))
+    numerator = np.einsum("ij,ij->i", a, np.cross(b, c))
+    dot = lambda x, y: np.einsum("ij,ij->i", x, y)  # noqa: E731
+    denominator = la * lb * lc + dot(a, b) * lc + dot(b, c) * la + dot(c, a) * lb
+    return float(np.arctan2(numerator, denominator).sum() / (2.0 * np.pi))
+
+
+def surface_distance_m(vertices_m: np.ndarray, facets: np.ndarray, point_m: np.ndarray) -> float:
+    """Distance [m] from a point to the nearest point of any facet."""
+    to_vertex = np.linalg.norm(vertices_m - point_m, axis=1)
+    nearest_vertex = float(to_vertex.min())
+    corners = to_vertex[facets]
+    a, b, c = (vertices_m[facets[:, k]] for k in range(3))
+    edge = np.maximum(np.linalg.norm(a - b, axis=1), np.linalg.norm(a - c, axis=1))
+    # No point of a facet is nearer than its corner `a` less its longest edge from there.
+    near = np.flatnonzero(corners[:, 0] - edge <= nearest_vertex)
+    a, u, v = a[near], (b - a)[near], (c - a)[near]
+    w = point_m - a
+    uu, uv, vv = (np.einsum("ij,ij->i", *pair) for pair in ((u, u), (u, v), (v, v)))
+    wu, wv = np.einsum("ij,ij->i", w, u), np.einsum("ij,ij->i", w, v)
+    determinant = np.maximum(uu * vv - uv * uv, np.finfo(float).tiny)
+    s, t = (vv * wu - uv * wv) / determinant, (uu * wv - uv * wu) / determinant
+    inside = (s >= 0.0) & (t >= 0.0) & (s + t <= 1.0)
+    candidates = [np.where(inside, np.linalg.norm(w - s[:, None] * u - t[:, None] * v, axis=1), np.inf)]
+    for start, direction in ((w, u), (w, v), (w - u, v - u)):
+        along = np.einsum("ij,ij->i", start, direction) / np.einsum("ij,ij->i", direction, direction)
+        candidates.append(np.linalg.norm(start - np.clip(along, 0.0, 1.0)[:, None] * direction, axis=1))
+    return float(min(candidate.min() for candidate in candidates))

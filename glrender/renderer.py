@@ -1,0 +1,367 @@
+"""The renderer: owns the context and the buffers, and carries out what the planner decided."""
+
+from __future__ import annotations
+
+import time
+from collections import OrderedDict
+from collections.abc import Iterable
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from typing import Any
+
+import cv2
+import numpy as np
+from glrender_camera import PinholeCamera
+from glrender_camera.validate import integer
+
+from . import frames, plan
+from .brdf import Law
+from .errors import ConfigError
+from .gl.context import Context
+from .gl.evaluate import BrdfEvaluator
+from .gl.passes import Mesh, ShadowMap, SurfaceVariant, Target
+from .plan import BodyPlan, RenderPlan
+from .scene import Scene, checked_max_error
+from .state import State
+from .view import BodyView, view_bodies
+
+PRODUCTS = ("irradiance", "range", "body_id", "facet_id", "incidence", "emission", "phase", "r_body", "sunlit")
+"""What `Renderer.render` can return."""
+# Samples drawn at once: 16 Mi samples of float32 and depth are 128 MiB.
+_MAX_WINDOW_SAMPLES = 4096 * 4096
+_SHADOW_MAPS_KEPT = 8
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Image:
+    """A rendered frame.
+
+    Attributes
+    ----------
+    irradiance_W_m2 : (height, width) float32 [W/m2]
+        Irradiance that arrives at the aperture from the solid angle of each pixel.
+    products : dict of str to array
+        Those asked for, at each pixel's centre: ``range`` float64 [m] (NaN beside the bodies),
+        ``body_id`` int32 (index into the scene's bodies, -1 beside), ``facet_id`` int32 (-1 beside),
+        ``incidence``, ``emission``, ``phase`` float32 [rad] (NaN beside), ``r_body`` (height, width, 3)
+        float32 [m] (NaN beside), ``sunlit`` float32 (0 in a cast shadow or facing away, 1 in sunlight).
+    plan : RenderPlan
+    timings_ms : dict of str to float
+    """
+
+    irradiance_W_m2: np.ndarray
+    products: dict[str, np.ndarray]
+    plan: RenderPlan
+    timings_ms: dict[str, float]
+
+    @property
+    def roi(self) -> tuple[int, int, int, int]:
+        """Region [px] outside which the irradiance is zero: x0, y0, x1, y1, one past the last."""
+        return self.plan.roi
+
+
+class Renderer:
+    """Draws a scene's states. One thread makes it, uses it and closes it.
+
+    Parameters
+    ----------
+    scene : Scene
+    backend : {"auto", "egl", "osmesa"}
+    device_index : int, optional
+        Which EGL device.
+
+    Raises
+    ------
+    DeviceError
+        No OpenGL; the message says what to install.
+    """
+
+    def __init__(self, scene: Scene, backend: str = "auto", device_index: int | None = None):
+        self.scene = scene
+        self._hulls = {body.name: body.hull for body in scene.bodies}
+        with ExitStack() as stack:
+            self._context = stack.enter_context(Context(backend, device_index))
+            self._meshes = {}
+            for body in scene.bodies:
+                shape = body.shape
+                self._meshes[body.name] = stack.enter_context(Mesh(
+                    self._context, shape.vertices_m, shape.facets, body.brdf,
+                    vertex_normals=shape.vertex_normals if body.smooth_normals else None,
+                    uv=shape.uv, albedo_map=body.albedo_map))
+            self._surface = stack.enter_context(Target(self._context, [1]))
+            self._products = stack.enter_context(Target(self._context, [4, 4, 4]))
+            self._shadow_maps: OrderedDict[tuple, ShadowMap] = OrderedDict()
+            stack.callback(self._drop_shadow_maps)
+            self._stack = stack.pop_all()
+        self._bodies = {body.name: (index, body) for index, body in enumerate(scene.bodies)}
+
+    def __enter__(self) -> Renderer:
+        return self
+
+    def __exit__(self, *exception) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Release the context and all that lives in it."""
+        self._stack.close()
+
+    @property
+    def info(self) -> dict[str, Any]:
+        """The OpenGL that was found: backend, gl_renderer, gl_version, limits."""
+        return dict(self._context.info)
+
+    def evaluate_brdf(self, law: Law, to_sun: np.ndarray, to_camera: np.ndarray, normal: np.ndarray) -> np.ndarray:
+        """BRDF [1/sr] of (N, 3) unit vectors, (N,) float32, by the very GLSL function that draws."""
+        return BrdfEvaluator(self._context)(law, to_sun, to_camera, normal)
+
+    def render(self, state: State, camera: str | None = None, *, max_error: float | None = None,
+               products: Iterable[str] = ("irradiance",), samples: int | None = None,
+               after_psf: bool = False) -> Image:
+        """Draw one frame.
+
+        Parameters
+        ----------
+        state : State
+        camera : str, optional
+            Name; the scene's only camera by default.
+        max_error : float [1], optional
+            Budget instead of the scene's.
+        products : iterable of str
+            Out of `PRODUCTS`; ``irradiance`` is always drawn.
+        samples : int, optional
+            Samples along a pixel's side instead of the planner's choice.
+        after_psf : bool
+            Whether the budget holds for the image after the camera's PSF.
+
+        Returns
+        -------
+        Image
+
+        Raises
+        ------
+        SceneError
+            The state cannot be rendered: unknown body or camera, a camera inside a body.
+        ConfigError
+            An argument breaks a rule.
+        """
+        clock = _Clock()
+        pinhole = self.scene.camera(camera)
+        wanted = _checked_products(products)
+        budget = self.scene.max_error if max_error is None else checked_max_error(max_error)
+        if samples is not None:
+            samples = integer("samples", samples, 1, plan.MAX_SAMPLES)
+        gain = pinhole.model.optics.noise_gain() if after_psf and pinhole.model is not None else 1.0
+        views = view_bodies(state, pinhole, self._hulls)
+        frame_plan = self._plan(views, pinhole, budget, samples, gain)
+        clock.lap("plan")
+        self._context.make_current()
+        shadows, frame_plan = self._draw_shadows(views, frame_plan)
+        self._context.gl.finish()
+        clock.lap("shadow")
+        irradiance = np.zeros((pinhole.height_px, pinhole.width_px), np.float32)
+        x0, y0, x1, y1 = frame_plan.roi
+        if x1 > x0 and y1 > y0:
+            self._draw_irradiance(irradiance, views, frame_plan, pinhole, shadows, clock)
+        arrays = self._draw_products(wanted, views, frame_plan, pinhole, shadows) if wanted else {}
+        if wanted:
+            clock.lap("products")
+        return Image(irradiance_W_m2=irradiance, products=arrays, plan=frame_plan, timings_ms=clock.laps_ms)
+
+    def _plan(self, views: list[BodyView], camera: PinholeCamera, budget: float, samples: int | None,
+              gain: float) -> RenderPlan:
+        bodies, chosen, left_out, errors = [], 1, [], [0.0]
+        for view in views:
+            mesh = self._meshes[view.name]
+            shadow_px = None
+            if view.is_visible:
+                casters = self._casters(view, views)
+                shadow_px = plan.plan_shadow(view, self._hulls[view.name].is_convex, len(casters) > 1, budget)
+                needed, _ = plan.plan_samples(view, mesh.n_facets, budget, gain)
+                chosen = max(chosen, needed)
+                if shadow_px is None:
+                    left_out.append(f"shadows on {view.name}: nothing can cast on what is seen")
+            else:
+                left_out.append(f"{view.name}: out of view")
+            footprint_m = view.depth_m[0] / camera.focal_length_px
+            radius = self._hulls[view.name].radius_m
+            bodies.append(BodyPlan(
+                name=view.name, is_visible=view.is_visible, n_facets=mesh.n_facets, law=mesh.law.glsl,
+                shadow_map_px=shadow_px, shadow_map_reused=False,
+                relative_to_camera=footprint_m < 2e-5 * radius and view.depth_m[0] < 0.5 * radius,
+                normal_lookup=footprint_m < 2e-4 * radius, size_px=view.size_px))
+        chosen = samples or chosen
+        for view in views:
+            if view.is_visible:
+                _, error = plan.plan_samples(view, self._meshes[view.name].n_facets, budget, gain)
+                needed, _ = plan.plan_samples(view, self._meshes[view.name].n_facets, budget, gain)
+                errors.append(error * (needed / chosen) ** 1.5)
+        return RenderPlan(camera=camera.name, max_error=budget, roi=plan.region_of_interest(views, camera),
+                          samples=chosen, predicted_error=max(errors), bodies=tuple(bodies),
+                          left_out=tuple(left_out))
+
+    def _casters(self, receiver: BodyView, views: list[BodyView]) -> list[tuple[str, np.ndarray]]:
+        """Bodies whose shadow may fall on the receiver: (name, receiver_from_caster as (4, 4))."""
+        casters = [(receiver.name, np.eye(4))]
+        radius = self._hulls[receiver.name].radius_m
+        for other in views:
+            if other.name == receiver.name:
+                continue
+            rotation = receiver.camera_from_body.T @ other.camera_from_body
+            offset = receiver.r_camera_body_m - rotation @ other.r_camera_body_m
+            sunward = float(offset @ receiver.sun_direction_body)
+            aside = float(np.linalg.norm(offset - sunward * receiver.sun_direction_body))
+            reach = radius + self._hulls[other.name].radius_m
+            if aside < reach and sunward > -reach:
+                casters.append((other.name, frames.transform(rotation, offset)))
+        return casters
+
+    def _draw_shadows(self, views: list[BodyView],
+                      frame_plan: RenderPlan) -> tuple[dict[str, tuple[ShadowMap, np.ndarray, float]], RenderPlan]:
+        """Shadow maps of the receivers: name to (map, shadow_from_body, bias per texel)."""
+        shadows, bodies = {}, []
+        for view, body_plan in zip(views, frame_plan.bodies, strict=True):
+            size = body_plan.shadow_map_px
+            if size is None:
+                bodies.append(body_plan)
+                continue
+            sun_from_body = frames.sun_from_body(plan.snapped_sun(view.sun_direction_body, size))
+            casters = self._casters(view, views)
+            points = self._hulls[view.name].points_m @ sun_from_body.T
+            low, high = points.min(axis=0), points.max(axis=0)
+            centre = 0.5 * (low + high)
+            # Two texels of margin: a lookup beside the last facet still meets the map.
+            half = 0.5 * (high - low) * (1.0 + 4.0 / size)
+            offset = frames.transform(np.eye(3), -centre) @ frames.transform(sun_from_body, np.zeros(3))
+            clip = frames.clip_from_sun(half[0], half[1], -half[2], half[2]) @ offset
+            key = (view.name, size, sun_from_body.tobytes(), *((name, m.tobytes()) for name, m in casters))
+            is_kept = key in self._shadow_maps
+            if is_kept:
+                self._shadow_maps.move_to_end(key)
+            else:
+                shadow_map = self._shadow_map_to_fill(size)
+                shadow_map.draw([(self._meshes[name], clip @ matrix) for name, matrix in casters])
+                self._shadow_maps[key] = shadow_map
+            texture_from_clip = frames.transform(0.5 * np.eye(3), np.full(3, 0.5))
+            texel_m = 2.0 * max(half[0], half[1]) / size
+            shadows[view.name] = (self._shadow_maps[key], texture_from_clip @ clip, texel_m / (2.0 * half[2]))
+            bodies.append(replace(body_plan, shadow_map_reused=is_kept))
+        return shadows, replace(frame_plan, bodies=tuple(bodies))
+
+    def _shadow_map_to_fill(self, size: int) -> ShadowMap:
+        """A map of this size that nobody needs any more, or a new one."""
+        if len(self._shadow_maps) < max(_SHADOW_MAPS_KEPT, 2 * len(self._meshes)):
+            return ShadowMap(self._context, size)
+        for key, shadow_map in self._shadow_maps.items():
+            if shadow_map.size_px == size and key[0] in self._meshes:
+                return self._shadow_maps.pop(key)
+        _, oldest = self._shadow_maps.popitem(last=False)
+        oldest.close()
+        return ShadowMap(self._context, size)
+
+    def _drop_shadow_maps(self) -> None:
+        for shadow_map in self._shadow_maps.values():
+            shadow_map.close()
+        self._shadow_maps.clear()
+
+    def _draw_irradiance(self, irradiance: np.ndarray, views: list[BodyView], frame_plan: RenderPlan,
+                         camera: PinholeCamera, shadows: dict, clock: _Clock) -> None:
+        x0, y0, x1, y1 = frame_plan.roi
+        samples = frame_plan.samples
+        limit = self._context.info["max_texture_px"]
+        columns = max(min(x1 - x0, limit // samples), 1)
+        rows = max(min(y1 - y0, limit // samples, _MAX_WINDOW_SAMPLES // (columns * samples**2)), 1)
+        for top in range(y0, y1, rows):
+            for left in range(x0, x1, columns):
+                window = (left, top, min(left + columns, x1), min(top + rows, y1))
+                width, height = window[2] - window[0], window[3] - window[1]
+                self._draw_window(self._surface, "surface.frag.glsl", window, samples, views, frame_plan, camera,
+                                  shadows)
+                self._context.gl.finish()
+                clock.lap("surface")
+                pixels = self._surface.read()
+                if samples > 1:
+                    pixels = cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA)
+                irradiance[window[1]:window[3], window[0]:window[2]] = pixels
+                clock.lap("readback")
+
+    def _draw_window(self, target: Target, stage: str, window: tuple[int, int, int, int], samples: int,
+                     views: list[BodyView], frame_plan: RenderPlan, camera: PinholeCamera, shadows: dict) -> None:
+        plans = {body.name: body for body in frame_plan.bodies}
+        target.begin((window[2] - window[0]) * samples, (window[3] - window[1]) * samples)
+        for index, (near, far, members) in enumerate(plan.depth_groups(views)):
+            if index:
+                target.clear_depth()
+            clip_from_camera = frames.clip_from_camera(
+                camera.focal_length_px, camera.principal_point_px, window, near * (1.0 - 1e-6), far * (1.0 + 1e-6))
+            for view in members:
+                self._draw_body(stage, view, plans[view.name], clip_from_camera, camera, shadows.get(view.name))
+
+    def _draw_body(self, stage: str, view: BodyView, body_plan: BodyPlan, clip_from_camera: np.ndarray,
+                   camera: PinholeCamera, shadow: tuple[ShadowMap, np.ndarray, float] | None) -> None:
+        shadow_map, shadow_from_body, bias = shadow or (None, np.eye(4), 0.0)
+        r_camera = view.r_camera_body_m
+        offset = np.zeros(3) if body_plan.relative_to_camera else -r_camera
+        clip_from_surface = clip_from_camera @ frames.transform(
+            view.camera_from_body, view.camera_from_body @ offset)
+        solar_irradiance = self.scene.solar_irradiance_1au_W_m2 / view.sun_distance_au**2
+        high = r_camera.astype(np.float32)
+        self._meshes[view.name].draw_surface(
+            stage,
+            SurfaceVariant(relative_to_camera=body_plan.relative_to_camera, normal_lookup=body_plan.normal_lookup,
+                           shadows=shadow_map is not None),
+            {"clip_from_surface": clip_from_surface, "shadow_from_body": shadow_from_body,
+             "r_camera_body": high, "r_camera_body_low": r_camera - high,
+             "sun_direction_body": view.sun_direction_body, "boresight_body": view.camera_from_body[2],
+             "irradiance_scale": solar_irradiance / camera.focal_length_px**2, "shadow_bias_per_texel": bias,
+             "body_id": self._bodies[view.name][0]},
+            shadow_map)
+
+    def _draw_products(self, wanted: tuple[str, ...], views: list[BodyView], frame_plan: RenderPlan,
+                       camera: PinholeCamera, shadows: dict) -> dict[str, np.ndarray]:
+        shape = (camera.height_px, camera.width_px)
+        layers = [np.zeros((*shape, 4), np.float32) for _ in range(3)]
+        x0, y0, x1, y1 = frame_plan.roi
+        if x1 > x0 and y1 > y0:
+            self._draw_window(self._products, "products.frag.glsl", frame_plan.roi, 1, views, frame_plan, camera,
+                              shadows)
+            for attachment, layer in enumerate(layers):
+                layer[y0:y1, x0:x1] = self._products.read(attachment)
+        angles, place, identity = layers
+        body_id = identity[..., 0].astype(np.int32) - 1
+        beside = body_id < 0
+        r_camera_range = np.array([*(view.range_m for view in views), np.nan])
+        angles[beside] = np.nan
+        sunlit = place[..., 3].copy()
+        place[beside] = np.nan
+        made = {
+            "range": lambda: r_camera_range[body_id] + angles[..., 0],
+            "body_id": lambda: body_id,
+            "facet_id": lambda: np.where(beside, -1, identity[..., 1] + 4096.0 * identity[..., 2]).astype(np.int32),
+            "incidence": lambda: angles[..., 1].copy(),
+            "emission": lambda: angles[..., 2].copy(),
+            "phase": lambda: angles[..., 3].copy(),
+            "r_body": lambda: place[..., :3].copy(),
+            "sunlit": lambda: sunlit,
+        }
+        return {name: made[name]() for name in wanted}
+
+
+def _checked_products(products: Iterable[str]) -> tuple[str, ...]:
+    products = (products,) if isinstance(products, str) else tuple(products)
+    for index, name in enumerate(products):
+        if name not in PRODUCTS:
+            raise ConfigError(f"products[{index}]", f"must be one of {', '.join(PRODUCTS)}", name)
+    return tuple(name for name in PRODUCTS if name in products and name != "irradiance")
+
+
+class _Clock:
+    """Laps in milliseconds, added up by name."""
+
+    def __init__(self):
+        self.laps_ms: dict[str, float] = {}
+        self._last = time.perf_counter()
+
+    def lap(self, name: str) -> None:
+        now = time.perf_counter()
+        self.laps_ms[name] = self.laps_ms.get(name, 0.0) + 1e3 * (now - self._last)
+        self._last = now

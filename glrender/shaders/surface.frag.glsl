@@ -1,0 +1,28 @@
+// Irradiance at the aperture from one pixel: BRDF * cos(incidence) * F_sun * solid angle.
+#include "constants.glsl"
+#include "surface.glsl"
+#include "brdf"
+#if HAS_ALBEDO_TEXTURE
+in vec2 uv;
+uniform sampler2D albedo_texture;
+#endif
+layout(location = 0) out float irradiance;
+
+void main()
+{
+    vec3 to_camera = normalize(camera_offset());
+    vec3 geometric_normal = facet_normal(to_camera);
+    float cos_incidence = dot(geometric_normal, sun_direction_body);
+    float lit = cos_incidence > 0.0 ? sunlit(cos_incidence) : 0.0;
+    vec3 normal = surface_normal(geometric_normal, to_camera);
+#if HAS_ALBEDO_TEXTURE
+    float albedo_scale = texture(albedo_texture, uv).r;
+#else
+    const float albedo_scale = 1.0;
+#endif
+    float value = brdf(sun_direction_body, to_camera, normal, albedo_scale);
+    // A pixel's solid angle falls off as cos^3 of its angle from the boresight.
+    float cos_boresight = -dot(to_camera, boresight_body);
+    irradiance = lit * value * max(dot(normal, sun_direction_body), 0.0) * irradiance_scale
+        * cos_boresight * cos_boresight * cos_boresight;
+}

@@ -1,0 +1,121 @@
+"""Where a state puts a body in front of a camera: all of it in float64, the camera subtracted first."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from glrender_camera import PinholeCamera
+
+from . import frames
+from .constants import AU_M
+from .errors import SceneError
+from .hull import Hull
+from .state import State
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BodyView:
+    """One body as one camera sees it.
+
+    Attributes
+    ----------
+    camera_from_body : (3, 3) float64
+    r_camera_body_m : (3,) float64 [m]
+        The camera, body-fixed.
+    sun_direction_body : (3,) float64 [1]
+        Towards the Sun.
+    sun_distance_au : float [au]
+    range_m : float [m]
+        Camera to the body's origin.
+    phase_rad : float [rad]
+        At the body's origin.
+    depth_m : (float, float) [m]
+        Nearest and farthest depth along the boresight; both > 0.
+    bounds_px : (4,) float64 [px] or None
+        x0, y0, x1, y1 of the outline, `pixel` frame; None when part of the body is beside or
+        behind the camera, so that it may fill any of the image.
+    is_visible : bool
+        Whether any of it may be in the image.
+    """
+
+    name: str
+    camera_from_body: np.ndarray
+    r_camera_body_m: np.ndarray
+    sun_direction_body: np.ndarray
+    sun_distance_au: float
+    range_m: float
+    phase_rad: float
+    depth_m: tuple[float, float]
+    bounds_px: np.ndarray | None
+    is_visible: bool
+
+    @property
+    def size_px(self) -> float:
+        """Larger side of the outline's box [px]; infinite when it has none."""
+        return np.inf if self.bounds_px is None else float(np.max(self.bounds_px[2:] - self.bounds_px[:2]))
+
+
+def view_bodies(state: State, camera: PinholeCamera, hulls: dict[str, Hull]) -> list[BodyView]:
+    """Views of all bodies of a scene.
+
+    Parameters
+    ----------
+    state : State
+    camera : PinholeCamera
+    hulls : dict
+        Body name to its Hull, in the scene's order.
+
+    Raises
+    ------
+    SceneError
+        A body that the state lacks or the scene does not know, a camera or a Sun inside a body.
+    """
+    for name in hulls:
+        if name not in state.bodies:
+            raise SceneError(f"state.bodies.{name}", "missing", hint="give the pose of every body of the scene")
+    for name in state.bodies:
+        if name not in hulls:
+            raise SceneError(f"state.bodies.{name}", "unknown body", hint=f"the scene has {', '.join(hulls)}")
+    spacecraft_from_inertial = frames.dcm(state.spacecraft.q_from_inertial)
+    camera_from_inertial = frames.dcm(camera.q_camera_from_spacecraft) @ spacecraft_from_inertial
+    r_camera_inertial_m = state.spacecraft.r_inertial_m + spacecraft_from_inertial.T @ camera.r_camera_spacecraft_m
+    return [_view(name, hull, state, camera, camera_from_inertial, r_camera_inertial_m)
+            for name, hull in hulls.items()]
+
+
+def _view(name: str, hull: Hull, state: State, camera: PinholeCamera, camera_from_inertial: np.ndarray,
+          r_camera_inertial_m: np.ndarray) -> BodyView:
+    pose = state.bodies[name]
+    body_from_inertial = frames.dcm(pose.q_from_inertial)
+    r_camera = body_from_inertial @ (r_camera_inertial_m - pose.r_inertial_m)
+    r_sun = body_from_inertial @ (state.r_sun_inertial_m - pose.r_inertial_m)
+    sun_distance, range_m = float(np.linalg.norm(r_sun)), float(np.linalg.norm(r_camera))
+    if not sun_distance > hull.radius_m:
+        raise SceneError("state.r_sun_inertial_m", f"must be outside body {name!r}",
+                         state.r_sun_inertial_m.tolist())
+    if not hull.is_outside(r_camera):
+        raise SceneError("state.spacecraft.r_inertial_m", f"the camera must be outside body {name!r}",
+                         state.spacecraft.r_inertial_m.tolist(), f"it is {range_m:.6g} m from the body's origin")
+    sun_direction = r_sun / sun_distance
+    camera_from_body = camera_from_inertial @ body_from_inertial.T
+    points = (hull.points_m - r_camera) @ camera_from_body.T
+    depth = points[:, 2]
+    nearest, farthest = float(depth.min()), float(depth.max())
+    bounds = None
+    if nearest > 0.0:
+        pixel = points[:, :2] / depth[:, None] * camera.focal_length_px + np.array(camera.principal_point_px)
+        bounds = np.concatenate([pixel.min(axis=0), pixel.max(axis=0)])
+        edge = np.array([camera.width_px, camera.height_px]) - 0.5
+        is_visible = bool((bounds[:2] < edge).all() and (bounds[2:] > -0.5).all())
+    else:
+        is_visible = farthest > 0.0
+        # Depth is range times the cosine off the boresight: least in the image's corner.
+        corner = np.array([[x, y] for x in (-0.5, camera.width_px - 0.5) for y in (-0.5, camera.height_px - 0.5)])
+        nearest = hull.distance_m(r_camera) * float(camera.directions(corner)[:, 2].min())
+    to_camera = r_camera / range_m if range_m > 0.0 else sun_direction
+    phase = 2.0 * np.arctan2(np.linalg.norm(sun_direction - to_camera), np.linalg.norm(sun_direction + to_camera))
+    return BodyView(
+        name=name, camera_from_body=camera_from_body, r_camera_body_m=r_camera, sun_direction_body=sun_direction,
+        sun_distance_au=sun_distance / AU_M, range_m=range_m, phase_rad=float(phase),
+        depth_m=(nearest, farthest), bounds_px=bounds, is_visible=is_visible)

@@ -1,0 +1,130 @@
+"""`glrender`: info, render, demo."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import logging
+import sys
+from pathlib import Path
+
+import numpy as np
+from glrender import GlrenderError, Pose, Renderer, Scene, State, frames, load_scene
+from glrender.constants import AU_M
+
+_DISPLAY_GAMMA = 2.2
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Entry point of the console script."""
+    parser = argparse.ArgumentParser(prog="glrender", description=__doc__)
+    parser.add_argument("-v", "--verbose", action="store_true", help="log what happens inside")
+    commands = parser.add_subparsers(dest="command", required=True)
+
+    info = commands.add_parser("info", help="which OpenGL was found, its limits, and what to install if none")
+    info.add_argument("--json", action="store_true")
+    info.set_defaults(run=_info)
+
+    render = commands.add_parser("render", help="draw one frame of a scene file")
+    render.add_argument("scene", type=Path, help="scene file (TOML)")
+    render.add_argument("--state", type=Path,
+                        help="state vector (JSON); default: the first body from the side, filling half the frame")
+    render.add_argument("--phase-deg", type=float, default=60.0, help="of the default state (60)")
+    render.add_argument("--camera", help="default: the first")
+    render.add_argument("--max-error", type=float)
+    render.add_argument("--samples", type=int, help="along a pixel's side; default: what the budget needs")
+    render.add_argument("--backend", default="auto", choices=("auto", "egl", "osmesa"))
+    render.add_argument("--out", type=Path, default=Path("frame.png"),
+                        help=".npy: float32 irradiance [W/m2 per pixel]; .png: a display picture, gamma 2.2")
+    render.set_defaults(run=_render)
+
+    demo = commands.add_parser("demo", help="fly a closed loop around a body through the server")
+    from .demo import add_arguments, run_demo
+
+    add_arguments(demo)
+    demo.set_defaults(run=run_demo)
+
+    arguments = parser.parse_args(argv)
+    logging.basicConfig(level=logging.INFO if arguments.verbose else logging.WARNING,
+                        format="%(levelname)s %(name)s: %(message)s")
+    try:
+        return arguments.run(arguments) or 0
+    except (GlrenderError, OSError) as error:
+        sys.stderr.write(f"glrender: {error}\n")
+        return 1
+
+
+def _info(arguments: argparse.Namespace) -> int:
+    from glrender.gl.context import INSTALL_HINT, probe
+
+    found = probe()
+    works = any("error" not in entry for entry in found)
+    if arguments.json:
+        sys.stdout.write(json.dumps(found, indent=2) + "\n")
+        return 0 if works else 1
+    for entry in found:
+        backend = entry.pop("backend")
+        if "error" in entry:
+            sys.stdout.write(f"{backend}: does not work: {entry['error']}\n")
+            continue
+        sys.stdout.write(f"{backend}: works\n")
+        sys.stdout.writelines(f"  {key:24} {value}\n" for key, value in entry.items())
+    if not works:
+        sys.stdout.write(f"Nothing works: {INSTALL_HINT}\n")
+    return 0 if works else 1
+
+
+def _render(arguments: argparse.Namespace) -> int:
+    scene = load_scene(arguments.scene)
+    camera = scene.camera(arguments.camera) if arguments.camera else scene.cameras[0]
+    if arguments.state is not None:
+        state = State.from_dict(json.loads(arguments.state.read_text(encoding="utf-8")))
+    else:
+        state = default_state(scene, camera.name, np.radians(arguments.phase_deg))
+    with Renderer(scene, backend=arguments.backend) as renderer:
+        image = renderer.render(state, camera.name, max_error=arguments.max_error, samples=arguments.samples)
+    if arguments.out.suffix == ".npy":
+        np.save(arguments.out, image.irradiance_W_m2)
+    else:
+        write_picture(arguments.out, image.irradiance_W_m2)
+    milliseconds = sum(image.timings_ms.values())
+    sys.stdout.write(f"{arguments.out}: {camera.width_px} x {camera.height_px}, {image.plan.samples} x "
+                     f"{image.plan.samples} samples, {milliseconds:.1f} ms with start-up\n")
+    return 0
+
+
+def default_state(scene: Scene, camera_name: str, phase_rad: float) -> State:
+    """The scene's first body at the origin, 1 au from the Sun, filling about half of a camera's frame.
+
+    Other bodies stand in a row beside it, out of the way.
+    """
+    camera = scene.camera(camera_name)
+    body, *others = scene.bodies
+    range_m = 4.0 * body.hull.radius_m * camera.focal_length_px / min(camera.width_px, camera.height_px)
+    r_camera = np.array([0.0, -range_m, 0.0])
+    r_sun = AU_M * np.array([np.sin(phase_rad), -np.cos(phase_rad), 0.0])
+    poses = {body.name: Pose(r_inertial_m=np.zeros(3))}
+    offset = body.hull.radius_m
+    for other in others:
+        offset += 1.5 * other.hull.radius_m
+        poses[other.name] = Pose(r_inertial_m=[offset, 0.0, 0.0])
+        offset += 1.5 * other.hull.radius_m
+    q_camera = frames.look_at(r_camera, np.zeros(3))
+    q_spacecraft = frames.quaternion(frames.dcm(camera.q_camera_from_spacecraft).T @ frames.dcm(q_camera))
+    r_spacecraft = r_camera - frames.dcm(q_spacecraft).T @ camera.r_camera_spacecraft_m
+    return State(r_sun_inertial_m=r_sun, bodies=poses,
+                 spacecraft=Pose(r_inertial_m=r_spacecraft, q_from_inertial=q_spacecraft))
+
+
+def write_picture(path: Path, irradiance: np.ndarray) -> None:
+    """An 8-bit picture for the eye: scaled to the brightest 0.1 %, gamma 2.2."""
+    from PIL import Image
+
+    lit = irradiance[irradiance > 0.0]
+    white = np.quantile(lit, 0.999) if lit.size else 1.0
+    grey = np.clip(irradiance / white, 0.0, 1.0) ** (1.0 / _DISPLAY_GAMMA)
+    Image.fromarray(np.rint(255.0 * grey).astype(np.uint8)).save(path)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,17 @@
+# Sourced: apt_install PACKAGE... installs, or prints the line to type and fails.
+apt_install() {
+    if ! command -v apt-get >/dev/null; then
+        echo "Please install with your system's package manager: $*" >&2
+        return 1
+    fi
+    if [ "$(id -u)" = 0 ]; then
+        sudo=
+    elif command -v sudo >/dev/null && sudo -n true 2>/dev/null; then
+        sudo="sudo -n"
+    else
+        echo "Please type: sudo apt-get update && sudo apt-get install -y $*" >&2
+        return 1
+    fi
+    $sudo apt-get update -qq || true
+    DEBIAN_FRONTEND=noninteractive $sudo apt-get install -y -qq --no-install-recommends "$@" >/dev/null
+}

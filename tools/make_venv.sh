@@ -1,0 +1,17 @@
+#!/bin/sh
+# Make the virtual environment with all that the demo and the tests need: make_venv.sh PYTHON VENV
+set -eu
+python=$1 venv=$2
+
+if ! "$python" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then
+    echo "glrender needs Python 3.11 or later as '$python'; name another: make PYTHON=python3.12 ..." >&2
+    exit 1
+fi
+if ! "$python" -m venv --clear "$venv" 2>/dev/null; then
+    # Debian and Ubuntu ship venv in a package of its own.
+    . "$(dirname "$0")/apt.sh"
+    version=$("$python" -c 'import sys; print("%d.%d" % sys.version_info[:2])')
+    apt_install "python$version-venv" || apt_install python3-venv
+    "$python" -m venv --clear "$venv"
+fi
+"$venv/bin/python" -m pip install --quiet --disable-pip-version-check -e '.[test]' -e clients/python
