@@ -14,7 +14,10 @@ test: setup
 	$(BIN)/python -m pytest
 
 bench: setup
-	$(BIN)/python benchmarks/run.py --out out/bench
+	mkdir -p out/bench
+	$(BIN)/python -m pytest benchmarks/bench_frame.py --benchmark-enable --benchmark-only -q \
+	    --benchmark-json=out/bench/frame.json
+	$(BIN)/python benchmarks/chart.py out/bench/frame.json out/bench
 
 lint: setup
 	$(BIN)/ruff check .

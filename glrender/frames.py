@@ -57,15 +57,15 @@ def look_at(r_from_m: np.ndarray, r_to_m: np.ndarray, up: np.ndarray = (0.0, 0.0
 
 
 def clip_from_camera(focal_length_px: float, principal_point_px: tuple[float, float],
-                     window_px: tuple[int, int, int, int], near: float, far: float) -> np.ndarray:
+                     bounds_px: tuple[float, float, float, float], near: float, far: float) -> np.ndarray:
     """Off-axis projection of a window of the image.
 
     Parameters
     ----------
     focal_length_px : float [px]
     principal_point_px : (2,) float [px]
-    window_px : (4,) int [px]
-        x0, y0, x1, y1: first column and row, and one past the last.
+    bounds_px : (4,) float [px]
+        x0, y0, x1, y1 of the window's edges; pixel k reaches from k - 1/2 to k + 1/2.
     near, far : float [length], 0 < near < far
         Along the boresight.
 
@@ -74,12 +74,11 @@ def clip_from_camera(focal_length_px: float, principal_point_px: tuple[float, fl
     (4, 4) float64
         Column-vector convention; the image's top row lands in window row 0.
     """
-    x0, y0, x1, y1 = window_px
+    x0, y0, x1, y1 = bounds_px
     cx, cy = principal_point_px
     scale = near / focal_length_px
-    # Pixel edges are half a pixel out from their centres.
-    left, right = (x0 - 0.5 - cx) * scale, (x1 - 0.5 - cx) * scale
-    top, bottom = -(y0 - 0.5 - cy) * scale, -(y1 - 0.5 - cy) * scale
+    left, right = (x0 - cx) * scale, (x1 - cx) * scale
+    top, bottom = -(y0 - cy) * scale, -(y1 - cy) * scale
     # `bottom` and `top` change places: this is the flip that puts row 0 on top.
     projection = matrix44.create_perspective_projection_from_bounds(
         left, right, top, bottom, near, far, dtype=np.float64).T

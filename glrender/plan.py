@@ -15,14 +15,16 @@ from glrender_camera import PinholeCamera
 
 from .view import BodyView
 
-MAX_SAMPLES = 64
-"""Most samples along a pixel's side; a body of half a pixel then has 32 across."""
+MAX_SAMPLES = 16
+"""Most samples along a pixel's side."""
 SHADOW_SIZES_PX = (256, 512, 1024, 2048, 4096)
 # One sample a pixel: squared error = limb / diameter + relief * facets per pixel, at 60 deg of phase.
 _LIMB_ERROR_PX = 1.4
 _RELIEF_ERROR = 0.0125
-# A body needs this many samples across for its flux (engine.md: sigma = 1..2 N^-1.5).
-_SAMPLES_ACROSS = 32
+# Samples across a body that is smaller than `_SMALL_PX`: its flux is then within 2 N^-1.5 = 0.4 %
+# (engine.md), at any place within the pixel and at any size.
+_SMALL_PX = 4.0
+_SAMPLES_ACROSS_SMALL = 64
 # Share of the sunlit surface in cast shadow, per radian of phase (engine.md: 6 % at 10 deg).
 _SHADOWED_PER_RAD = 0.34
 
@@ -45,15 +47,42 @@ class BodyPlan:
 
 
 @dataclass(frozen=True, kw_only=True)
+class WindowPlan:
+    """One part of the image that is drawn at once: bodies whose outlines' boxes touch.
+
+    Attributes
+    ----------
+    bodies : tuple of str
+    roi : (int, int, int, int) [px]
+        Pixels that it touches: x0, y0, x1, y1, one past the last.
+    samples : int
+        Along each side of a pixel; 0 for a body so small that it has a grid of its own.
+    bounds_px : (float, float, float, float) [px]
+        What is drawn: the region's edges, or the small body's box.
+    grid : (int, int)
+        Samples across and down.
+    predicted_error : float [1]
+    """
+
+    bodies: tuple[str, ...]
+    roi: tuple[int, int, int, int]
+    samples: int
+    bounds_px: tuple[float, float, float, float]
+    grid: tuple[int, int]
+    predicted_error: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class RenderPlan:
     """What a frame models, what it leaves out, and the error that is expected of it.
 
     Attributes
     ----------
     roi : (int, int, int, int) [px]
-        Region drawn: x0, y0, x1, y1, one past the last; all zero when nothing is in view.
-    samples : int
-        Along each side of a pixel.
+        Region outside which the image is zero: x0, y0, x1, y1, one past the last; all zero when
+        nothing is in view.
+    windows : tuple of WindowPlan
+        What is drawn of it.
     predicted_error : float [1]
         RMS irradiance error over the mean of the lit pixels.
     left_out : tuple of str
@@ -62,40 +91,65 @@ class RenderPlan:
     camera: str
     max_error: float
     roi: tuple[int, int, int, int]
-    samples: int
+    windows: tuple[WindowPlan, ...]
     predicted_error: float
     bodies: tuple[BodyPlan, ...]
     left_out: tuple[str, ...] = field(default=())
+
+    @property
+    def samples(self) -> int:
+        """Most samples along a pixel's side in any window."""
+        return max((window.samples for window in self.windows), default=0)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, for the wire."""
         return asdict(self)
 
 
-def plan_samples(view: BodyView, n_facets: int, max_error: float, error_gain: float) -> tuple[int, float]:
-    """Samples along a pixel's side that meet a budget.
+def one_sample_error(view: BodyView, n_facets: int, error_gain: float) -> float:
+    """Predicted error of a body drawn with one sample a pixel; n by n have n^-1.5 of it.
 
     Parameters
     ----------
     view : BodyView
     n_facets : int
-    max_error : float [1]
     error_gain : float [1]
         What the camera's PSF leaves of an error that is independent from pixel to pixel.
-
-    Returns
-    -------
-    (int, float)
-        Samples, and the predicted error with them.
     """
-    diameter = max(min(view.size_px, 1e5), 1e-3)
+    diameter = min(max(view.size_px, 1.0), 1e5)
     facets_per_px = 0.5 * n_facets / (0.6 * diameter**2)
     lit = max(0.5 * (1.0 + math.cos(view.phase_rad)), 1e-3)
     squared = (_LIMB_ERROR_PX / diameter + _RELIEF_ERROR * min(facets_per_px, 4.0)) * (0.75 / lit) ** 1.2
-    one_sample = error_gain * math.sqrt(squared)
-    samples = max(1, math.ceil((one_sample / max_error) ** (2.0 / 3.0)), math.ceil(_SAMPLES_ACROSS / diameter))
-    samples = min(samples, MAX_SAMPLES)
-    return samples, one_sample * samples**-1.5
+    return error_gain * math.sqrt(squared)
+
+
+def plan_windows(views: list[BodyView], n_facets: dict[str, int], camera: PinholeCamera, max_error: float,
+                 error_gain: float, samples: int | None) -> tuple[WindowPlan, ...]:
+    """Split the image into windows, each with the samples that its bodies need.
+
+    Bodies far apart in the image are drawn apart, so that the cost follows their pixels; a body
+    smaller than a few pixels is drawn on a grid of its own that fits its outline.
+    """
+    windows = []
+    for members in _touching(views, camera):
+        roi = _region(members, camera)
+        names = tuple(view.name for view in members)
+        error = max(one_sample_error(view, n_facets[view.name], error_gain) for view in members)
+        if samples is None and len(members) == 1 and members[0].size_px < _SMALL_PX:
+            x0, y0, x1, y1 = members[0].bounds_px
+            margin = 0.02 * members[0].size_px
+            bounds = (x0 - margin, y0 - margin, x1 + margin, y1 + margin)
+            grid = tuple(max(math.ceil(_SAMPLES_ACROSS_SMALL * side / members[0].size_px), 8)
+                         for side in (x1 - x0, y1 - y0))
+            windows.append(WindowPlan(bodies=names, roi=roi, samples=0, bounds_px=tuple(map(float, bounds)),
+                                      grid=grid, predicted_error=2.0 * _SAMPLES_ACROSS_SMALL**-1.5))
+            continue
+        count = samples or min(max(1, math.ceil((error / max_error) ** (2.0 / 3.0) - 1e-9)), MAX_SAMPLES)
+        x0, y0, x1, y1 = roi
+        windows.append(WindowPlan(
+            bodies=names, roi=roi, samples=count, bounds_px=(x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5),
+            grid=((x1 - x0) * count, (y1 - y0) * count), predicted_error=error * count**-1.5))
+    return tuple(windows)
 
 
 def plan_shadow(view: BodyView, is_convex: bool, has_casters: bool, max_error: float) -> int | None:
@@ -115,21 +169,44 @@ def plan_shadow(view: BodyView, is_convex: bool, has_casters: bool, max_error: f
     return next((size for size in SHADOW_SIZES_PX if size >= texels), SHADOW_SIZES_PX[-1])
 
 
-def region_of_interest(views: list[BodyView], camera: PinholeCamera) -> tuple[int, int, int, int]:
-    """x0, y0, x1, y1 [px] of the pixels that a visible body may touch."""
-    frame = np.array([0, 0, camera.width_px, camera.height_px])
-    boxes = []
+def _region(views: list[BodyView], camera: PinholeCamera) -> tuple[int, int, int, int]:
+    """x0, y0, x1, y1 [px] of the pixels that visible bodies may touch."""
+    frame = np.array([camera.width_px, camera.height_px])
+    if any(view.bounds_px is None for view in views):
+        return (0, 0, camera.width_px, camera.height_px)
+    bounds = np.array([view.bounds_px for view in views])
+    # Pixel k covers k - 1/2 to k + 1/2.
+    low = np.clip(np.floor(bounds[:, :2].min(axis=0) + 0.5), 0, frame)
+    high = np.clip(np.floor(bounds[:, 2:].max(axis=0) + 0.5) + 1, 0, frame)
+    return tuple(int(x) for x in (*low, *high))
+
+
+def _touching(views: list[BodyView], camera: PinholeCamera) -> list[list[BodyView]]:
+    """Visible bodies in groups whose regions share no pixel."""
+    groups: list[list[BodyView]] = []
     for view in views:
-        if view.is_visible and view.bounds_px is None:
-            return tuple(int(x) for x in frame)
-        if view.is_visible:
-            # Pixel k covers k - 1/2 to k + 1/2.
-            low = np.floor(view.bounds_px[:2] + 0.5)
-            high = np.floor(view.bounds_px[2:] + 0.5) + 1
-            boxes.append(np.concatenate([np.clip(low, 0, frame[2:]), np.clip(high, 0, frame[2:])]))
-    if not boxes:
+        if not view.is_visible:
+            continue
+        group = [view]
+        while True:
+            touches = [other for other in groups if _overlap(_region(group, camera), _region(other, camera))]
+            if not touches:
+                break
+            group = sum(touches, group)
+            groups = [other for other in groups if other not in touches]
+        groups.append(sorted(group, key=views.index))
+    return groups
+
+
+def _overlap(a: tuple[int, int, int, int], b: tuple[int, int, int, int]) -> bool:
+    return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
+
+
+def union(regions: list[tuple[int, int, int, int]]) -> tuple[int, int, int, int]:
+    """The box around regions; all zero around none."""
+    if not regions:
         return (0, 0, 0, 0)
-    boxes = np.array(boxes)
+    boxes = np.array(regions)
     return tuple(int(x) for x in (*boxes[:, :2].min(axis=0), *boxes[:, 2:].max(axis=0)))
 
 

@@ -20,7 +20,7 @@ from .errors import ConfigError
 from .gl.context import Context
 from .gl.evaluate import BrdfEvaluator
 from .gl.passes import Mesh, ShadowMap, SurfaceVariant, Target
-from .plan import BodyPlan, RenderPlan
+from .plan import BodyPlan, RenderPlan, WindowPlan
 from .scene import Scene, checked_max_error
 from .state import State
 from .view import BodyView, view_bodies
@@ -91,7 +91,7 @@ class Renderer:
             self._surface = stack.enter_context(Target(self._context, [1]))
             self._products = stack.enter_context(Target(self._context, [4, 4, 4]))
             self._shadow_maps: OrderedDict[tuple, ShadowMap] = OrderedDict()
-            stack.callback(self._drop_shadow_maps)
+            stack.callback(self.forget_shadow_maps)
             self._stack = stack.pop_all()
         self._bodies = {body.name: (index, body) for index, body in enumerate(scene.bodies)}
 
@@ -159,9 +159,8 @@ class Renderer:
         self._context.gl.finish()
         clock.lap("shadow")
         irradiance = np.zeros((pinhole.height_px, pinhole.width_px), np.float32)
-        x0, y0, x1, y1 = frame_plan.roi
-        if x1 > x0 and y1 > y0:
-            self._draw_irradiance(irradiance, views, frame_plan, pinhole, shadows, clock)
+        for window in frame_plan.windows:
+            self._draw_irradiance(irradiance, window, views, frame_plan, pinhole, shadows, clock)
         arrays = self._draw_products(wanted, views, frame_plan, pinhole, shadows) if wanted else {}
         if wanted:
             clock.lap("products")
@@ -169,35 +168,27 @@ class Renderer:
 
     def _plan(self, views: list[BodyView], camera: PinholeCamera, budget: float, samples: int | None,
               gain: float) -> RenderPlan:
-        bodies, chosen, left_out, errors = [], 1, [], [0.0]
+        bodies, left_out = [], []
         for view in views:
-            mesh = self._meshes[view.name]
+            mesh, hull = self._meshes[view.name], self._hulls[view.name]
             shadow_px = None
             if view.is_visible:
-                casters = self._casters(view, views)
-                shadow_px = plan.plan_shadow(view, self._hulls[view.name].is_convex, len(casters) > 1, budget)
-                needed, _ = plan.plan_samples(view, mesh.n_facets, budget, gain)
-                chosen = max(chosen, needed)
+                shadow_px = plan.plan_shadow(view, hull.is_convex, len(self._casters(view, views)) > 1, budget)
                 if shadow_px is None:
                     left_out.append(f"shadows on {view.name}: nothing can cast on what is seen")
             else:
                 left_out.append(f"{view.name}: out of view")
             footprint_m = view.depth_m[0] / camera.focal_length_px
-            radius = self._hulls[view.name].radius_m
             bodies.append(BodyPlan(
                 name=view.name, is_visible=view.is_visible, n_facets=mesh.n_facets, law=mesh.law.glsl,
                 shadow_map_px=shadow_px, shadow_map_reused=False,
-                relative_to_camera=footprint_m < 2e-5 * radius and view.depth_m[0] < 0.5 * radius,
-                normal_lookup=footprint_m < 2e-4 * radius, size_px=view.size_px))
-        chosen = samples or chosen
-        for view in views:
-            if view.is_visible:
-                _, error = plan.plan_samples(view, self._meshes[view.name].n_facets, budget, gain)
-                needed, _ = plan.plan_samples(view, self._meshes[view.name].n_facets, budget, gain)
-                errors.append(error * (needed / chosen) ** 1.5)
-        return RenderPlan(camera=camera.name, max_error=budget, roi=plan.region_of_interest(views, camera),
-                          samples=chosen, predicted_error=max(errors), bodies=tuple(bodies),
-                          left_out=tuple(left_out))
+                relative_to_camera=footprint_m < 2e-5 * hull.radius_m and view.depth_m[0] < 0.5 * hull.radius_m,
+                normal_lookup=footprint_m < 2e-4 * hull.radius_m, size_px=view.size_px))
+        windows = plan.plan_windows(views, {name: mesh.n_facets for name, mesh in self._meshes.items()}, camera,
+                                    budget, gain, samples)
+        return RenderPlan(camera=camera.name, max_error=budget, roi=plan.union([w.roi for w in windows]),
+                          windows=windows, bodies=tuple(bodies), left_out=tuple(left_out),
+                          predicted_error=max((w.predicted_error for w in windows), default=0.0))
 
     def _casters(self, receiver: BodyView, views: list[BodyView]) -> list[tuple[str, np.ndarray]]:
         """Bodies whose shadow may fall on the receiver: (name, receiver_from_caster as (4, 4))."""
@@ -258,41 +249,51 @@ class Renderer:
         oldest.close()
         return ShadowMap(self._context, size)
 
-    def _drop_shadow_maps(self) -> None:
+    def forget_shadow_maps(self) -> None:
+        """Draw every shadow map anew when next it is needed; no image changes."""
         for shadow_map in self._shadow_maps.values():
             shadow_map.close()
         self._shadow_maps.clear()
 
-    def _draw_irradiance(self, irradiance: np.ndarray, views: list[BodyView], frame_plan: RenderPlan,
-                         camera: PinholeCamera, shadows: dict, clock: _Clock) -> None:
-        x0, y0, x1, y1 = frame_plan.roi
-        samples = frame_plan.samples
-        limit = self._context.info["max_texture_px"]
+    def _draw_irradiance(self, irradiance: np.ndarray, window: WindowPlan, views: list[BodyView],
+                         frame_plan: RenderPlan, camera: PinholeCamera, shadows: dict, clock: _Clock) -> None:
+        if not window.samples:
+            self._draw_window(self._surface, "surface.frag.glsl", window.bounds_px, window.grid, window.bodies, views,
+                              frame_plan, camera, shadows)
+            clock.lap("surface")
+            _add_samples(irradiance, self._surface.read(), window.bounds_px)
+            clock.lap("readback")
+            return
+        x0, y0, x1, y1 = window.roi
+        samples, limit = window.samples, self._context.info["max_texture_px"]
         columns = max(min(x1 - x0, limit // samples), 1)
         rows = max(min(y1 - y0, limit // samples, _MAX_WINDOW_SAMPLES // (columns * samples**2)), 1)
         for top in range(y0, y1, rows):
             for left in range(x0, x1, columns):
-                window = (left, top, min(left + columns, x1), min(top + rows, y1))
-                width, height = window[2] - window[0], window[3] - window[1]
-                self._draw_window(self._surface, "surface.frag.glsl", window, samples, views, frame_plan, camera,
+                right, bottom = min(left + columns, x1), min(top + rows, y1)
+                width, height = right - left, bottom - top
+                self._draw_window(self._surface, "surface.frag.glsl",
+                                  (left - 0.5, top - 0.5, right - 0.5, bottom - 0.5),
+                                  (width * samples, height * samples), window.bodies, views, frame_plan, camera,
                                   shadows)
                 self._context.gl.finish()
                 clock.lap("surface")
                 pixels = self._surface.read()
                 if samples > 1:
                     pixels = cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA)
-                irradiance[window[1]:window[3], window[0]:window[2]] = pixels
+                irradiance[top:bottom, left:right] = pixels
                 clock.lap("readback")
 
-    def _draw_window(self, target: Target, stage: str, window: tuple[int, int, int, int], samples: int,
-                     views: list[BodyView], frame_plan: RenderPlan, camera: PinholeCamera, shadows: dict) -> None:
+    def _draw_window(self, target: Target, stage: str, bounds_px: tuple[float, float, float, float],
+                     grid: tuple[int, int], names: tuple[str, ...], views: list[BodyView], frame_plan: RenderPlan,
+                     camera: PinholeCamera, shadows: dict) -> None:
         plans = {body.name: body for body in frame_plan.bodies}
-        target.begin((window[2] - window[0]) * samples, (window[3] - window[1]) * samples)
-        for index, (near, far, members) in enumerate(plan.depth_groups(views)):
+        target.begin(*grid)
+        for index, (near, far, members) in enumerate(plan.depth_groups([v for v in views if v.name in names])):
             if index:
                 target.clear_depth()
             clip_from_camera = frames.clip_from_camera(
-                camera.focal_length_px, camera.principal_point_px, window, near * (1.0 - 1e-6), far * (1.0 + 1e-6))
+                camera.focal_length_px, camera.principal_point_px, bounds_px, near * (1.0 - 1e-6), far * (1.0 + 1e-6))
             for view in members:
                 self._draw_body(stage, view, plans[view.name], clip_from_camera, camera, shadows.get(view.name))
 
@@ -320,21 +321,22 @@ class Renderer:
                        camera: PinholeCamera, shadows: dict) -> dict[str, np.ndarray]:
         shape = (camera.height_px, camera.width_px)
         layers = [np.zeros((*shape, 4), np.float32) for _ in range(3)]
-        x0, y0, x1, y1 = frame_plan.roi
-        if x1 > x0 and y1 > y0:
-            self._draw_window(self._products, "products.frag.glsl", frame_plan.roi, 1, views, frame_plan, camera,
-                              shadows)
+        for window in frame_plan.windows:
+            x0, y0, x1, y1 = window.roi
+            self._draw_window(self._products, "products.frag.glsl", (x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5),
+                              (x1 - x0, y1 - y0), window.bodies, views, frame_plan, camera, shadows)
             for attachment, layer in enumerate(layers):
                 layer[y0:y1, x0:x1] = self._products.read(attachment)
         angles, place, identity = layers
         body_id = identity[..., 0].astype(np.int32) - 1
         beside = body_id < 0
-        r_camera_range = np.array([*(view.range_m for view in views), np.nan])
+        origin_range_m = np.array([0.0 if body.relative_to_camera else view.range_m
+                                   for view, body in zip(views, frame_plan.bodies, strict=True)] + [np.nan])
         angles[beside] = np.nan
         sunlit = place[..., 3].copy()
         place[beside] = np.nan
         made = {
-            "range": lambda: r_camera_range[body_id] + angles[..., 0],
+            "range": lambda: origin_range_m[body_id] + angles[..., 0],
             "body_id": lambda: body_id,
             "facet_id": lambda: np.where(beside, -1, identity[..., 1] + 4096.0 * identity[..., 2]).astype(np.int32),
             "incidence": lambda: angles[..., 1].copy(),
@@ -344,6 +346,19 @@ class Renderer:
             "sunlit": lambda: sunlit,
         }
         return {name: made[name]() for name in wanted}
+
+
+def _add_samples(irradiance: np.ndarray, samples: np.ndarray, bounds_px: tuple[float, float, float, float]) -> None:
+    """Add a grid of samples to the pixels in which they fall; each stands for its share of a pixel."""
+    height, width = samples.shape
+    x0, y0, x1, y1 = bounds_px
+    column = np.floor(x0 + (np.arange(width) + 0.5) * (x1 - x0) / width + 0.5).astype(int)
+    row = np.floor(y0 + (np.arange(height) + 0.5) * (y1 - y0) / height + 0.5).astype(int)
+    rows_in, columns_in = ((index >= 0) & (index < size)
+                           for index, size in zip((row, column), irradiance.shape, strict=True))
+    share = (x1 - x0) * (y1 - y0) / (width * height)
+    inside = samples[np.ix_(rows_in, columns_in)].astype(np.float64) * share
+    np.add.at(irradiance, np.ix_(row[rows_in], column[columns_in]), inside.astype(np.float32))
 
 
 def _checked_products(products: Iterable[str]) -> tuple[str, ...]:

@@ -7,6 +7,8 @@ is worked out again in float64 from the facet's plane.
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
@@ -34,61 +36,71 @@ def trace(bodies, camera, state, solar_irradiance_1au_W_m2, samples=4):
     range_m : (H, W) float64
         At the pixel's centre; only for odd `samples`.
     """
-    corners, owner = [], []
-    for index, (name, vertices, facets, _) in enumerate(bodies):
-        pose = state.bodies[name]
-        rotation = Rotation.from_quat(pose.q_from_inertial, scalar_first=True)
-        corners.append((rotation.inv().apply(vertices) + pose.r_inertial_m)[facets])
-        owner += [index] * len(facets)
-    corners, owner = np.concatenate(corners), np.array(owner)
-    spacecraft = Rotation.from_quat(state.spacecraft.q_from_inertial, scalar_first=True)
-    mounting = Rotation.from_quat(camera.q_camera_from_spacecraft, scalar_first=True)
-    eye = state.spacecraft.r_inertial_m + spacecraft.as_matrix().T @ camera.r_camera_spacecraft_m
-    corners = corners - eye
-    scale = np.abs(corners).max()
-    scene = rtcore_scene.EmbreeScene()
-    TriangleMesh(scene, (corners / scale).astype(np.float32))
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    sun = np.array([state.r_sun_inertial_m - state.bodies[name].r_inertial_m for name, *_ in bodies])
-    sun_distance = np.linalg.norm(sun, axis=1)
-    sun = sun / sun_distance[:, None]
+    return Tracer(bodies, camera, state).irradiance(solar_irradiance_1au_W_m2, samples)
 
-    height, width = camera.height_px, camera.width_px
-    total = np.zeros(height * width)
-    centre_facet, centre_range = np.full(height * width, -1), np.full(height * width, np.nan)
-    offsets = (np.arange(samples) + 0.5) / samples - 0.5
-    y, x = np.mgrid[0:height, 0:width]
-    cx, cy = camera.principal_point_px
-    for dy in offsets:
-        for dx in offsets:
+
+class Tracer:
+    """The acceleration structure of one state; `trace` makes and uses one."""
+
+    def __init__(self, bodies, camera, state):
+        self._bodies, self._camera = bodies, camera
+        corners, owner = [], []
+        for index, (name, vertices, facets, _) in enumerate(bodies):
+            pose = state.bodies[name]
+            rotation = Rotation.from_quat(pose.q_from_inertial, scalar_first=True)
+            corners.append((rotation.inv().apply(vertices) + pose.r_inertial_m)[facets])
+            owner += [index] * len(facets)
+        corners, self._owner = np.concatenate(corners), np.array(owner)
+        spacecraft = Rotation.from_quat(state.spacecraft.q_from_inertial, scalar_first=True).as_matrix()
+        mounting = Rotation.from_quat(camera.q_camera_from_spacecraft, scalar_first=True).as_matrix()
+        self._inertial_from_camera = (mounting @ spacecraft).T
+        corners = corners - (state.spacecraft.r_inertial_m + spacecraft.T @ camera.r_camera_spacecraft_m)
+        self._corners, self._scale = corners, np.abs(corners).max()
+        self._scene = rtcore_scene.EmbreeScene()
+        TriangleMesh(self._scene, (corners / self._scale).astype(np.float32))
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        self._normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+        sun = np.array([state.r_sun_inertial_m - state.bodies[name].r_inertial_m for name, *_ in bodies])
+        self._sun_distance_au = np.linalg.norm(sun, axis=1) / AU_M
+        self._sun = sun / np.linalg.norm(sun, axis=1, keepdims=True)
+
+    def irradiance(self, solar_irradiance_1au_W_m2, samples):
+        """See `trace`."""
+        camera, scene, scale = self._camera, self._scene, self._scale
+        height, width = camera.height_px, camera.width_px
+        total = np.zeros(height * width)
+        centre_facet, centre_range = np.full(height * width, -1), np.full(height * width, np.nan)
+        offsets = (np.arange(samples) + 0.5) / samples - 0.5
+        y, x = np.mgrid[0:height, 0:width]
+        cx, cy = camera.principal_point_px
+        for dx, dy in itertools.product(offsets, offsets):
             ray = np.stack([(x + dx - cx).ravel(), (y + dy - cy).ravel(),
                             np.full(height * width, camera.focal_length_px)], axis=1)
             length = np.linalg.norm(ray, axis=1, keepdims=True)
             cos_boresight = camera.focal_length_px / length[:, 0]
-            ray = spacecraft.inv().apply(mounting.inv().apply(ray / length))
+            ray = (ray / length) @ self._inertial_from_camera.T
             facet = _first_hit(scene, np.zeros_like(ray), ray)
             hit = np.flatnonzero(facet >= 0)
             f, d = facet[hit], ray[hit]
-            n = normals[f]
-            distance = np.einsum("ij,ij->i", corners[f, 0], n) / np.einsum("ij,ij->i", d, n)
+            n = self._normals[f]
+            distance = np.einsum("ij,ij->i", self._corners[f, 0], n) / np.einsum("ij,ij->i", d, n)
             point = d * distance[:, None]
-            to_sun = sun[owner[f]]
+            to_sun = self._sun[self._owner[f]]
             lit = np.flatnonzero((np.einsum("ij,ij->i", n, to_sun) > 0.0)
                                  & (np.einsum("ij,ij->i", n, d) < 0.0))
             start = (point + n * (1e-7 * scale))[lit] / scale
             lit = lit[_first_hit(scene, start, to_sun[lit]) < 0]
             value = np.zeros(len(hit))
-            for index, (*_, law) in enumerate(bodies):
-                mine = lit[owner[f[lit]] == index]
+            for index, (*_, law) in enumerate(self._bodies):
+                mine = lit[self._owner[f[lit]] == index]
                 mu0 = np.einsum("ij,ij->i", n[mine], to_sun[mine])
                 value[mine] = (law.brdf(to_sun[mine], -d[mine], n[mine]) * mu0 * solar_irradiance_1au_W_m2
-                               / (sun_distance[index] / AU_M) ** 2)
+                               / self._sun_distance_au[index] ** 2)
             total[hit] += value * cos_boresight[hit] ** 3 / camera.focal_length_px**2
             if abs(dx) < 1e-12 and abs(dy) < 1e-12:
                 centre_facet[hit], centre_range[hit] = f, distance
-    return ((total / samples**2).reshape(height, width), centre_facet.reshape(height, width),
-            centre_range.reshape(height, width))
+        return ((total / samples**2).reshape(height, width), centre_facet.reshape(height, width),
+                centre_range.reshape(height, width))
 
 
 def _first_hit(scene, origins, directions):

@@ -245,9 +245,12 @@ class Target(ResourceOwner):
 
     def clear_depth(self) -> None:
         """Forget the depths: what follows is nearer than all that is drawn."""
-        self._framebuffer.color_mask = [(False,) * 4] * len(self._components)
-        self._framebuffer.clear(depth=1.0, viewport=self._window)
-        self._framebuffer.color_mask = [(True,) * 4] * len(self._components)
+        for is_written in (False, True):
+            mask = (is_written,) * 4
+            # moderngl takes a bare mask where there is one attachment.
+            self._framebuffer.color_mask = mask if len(self._components) == 1 else [mask] * len(self._components)
+            if not is_written:
+                self._framebuffer.clear(depth=1.0, viewport=self._window)
 
     def read(self, attachment: int = 0) -> np.ndarray:
         """(height, width) or (height, width, components) float32 of an attachment."""

@@ -1,0 +1,32 @@
+"""Fixtures that many tests share. What needs ../shared says so when it is skipped."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+_REPOSITORY = Path(__file__).parent.parent
+
+
+@pytest.fixture(scope="session")
+def shared() -> Path:
+    """The folder `data` of ../shared (or $GLRENDER_SHARED): real shapes and images, not part of the project."""
+    folder = Path(os.environ.get("GLRENDER_SHARED", _REPOSITORY.parent / "shared")) / "data"
+    if not folder.is_dir():
+        pytest.skip(f"SKIPPED FOR WANT OF DATA: {folder} is not there; set GLRENDER_SHARED")
+    return folder
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(20261121)
+
+
+def pytest_terminal_summary(terminalreporter):
+    """Say loudly what was skipped: a skipped test hides a gap."""
+    skipped = terminalreporter.stats.get("skipped", [])
+    if skipped:
+        terminalreporter.write_sep("!", f"{len(skipped)} TESTS WERE SKIPPED, see the reasons above", yellow=True)
