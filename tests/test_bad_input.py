@@ -1,0 +1,236 @@
+"""What a wrong scene, state or request is told: the field, the rule, the value; and that it is never rendered."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import views
+from glrender import Body, ConfigError, PinholeCamera, Pose, Renderer, Scene, SceneError, State, generate, load_scene
+from glrender.brdf import Lambert
+
+GREY = Lambert(normal_albedo=0.2)
+
+
+@pytest.fixture(scope="module")
+def renderer():
+    with Renderer(views.scene([views.sphere(GREY, 3)], [views.camera()])) as renderer:
+        yield renderer
+
+
+def good_state():
+    return views.state().to_dict()
+
+
+def changed(path, value):
+    """The state dictionary with the entry at a dotted path replaced, or removed for None."""
+    state = good_state()
+    *parents, last = path.split(".")
+    table = state
+    for key in parents:
+        table = table[key]
+    if value is None:
+        del table[last]
+    else:
+        table[last] = value
+    return state
+
+
+@pytest.mark.parametrize("path, value, message", [
+    ("t_s", float("nan"), "state.t_s: must be a finite number, got nan"),
+    ("t_s", "now", "state.t_s: must be a finite number, got 'now'"),
+    ("r_sun_inertial_m", [1.0, 2.0], r"state.r_sun_inertial_m: must have shape \(3,\)"),
+    ("r_sun_inertial_m", [1.0, 2.0, float("inf")], "state.r_sun_inertial_m: must be finite"),
+    ("spacecraft.q_from_inertial", [1.0, 0.2, 0.0, 0.0],
+     "state.spacecraft.q_from_inertial: norm must be 1 within 1e-06, is 1.0198.*normalise"),
+    ("spacecraft.q_from_inertial", [0.0, 0.0, 0.0, 0.0], "norm must be 1"),
+    ("bodies.body.q_from_inertial", [1, 0, 0], r"state.bodies.body.q_from_inertial: must have shape \(4,\)"),
+    ("bodies.body.r_inertial_m", [0, 0, None], "state.bodies.body.r_inertial_m: must be"),
+    ("bodies.body.r_inertial_m", None, "state.bodies.body.r_inertial_m: missing"),
+    ("bodies.body.mass_kg", 1.0, "state.bodies.body.mass_kg: unknown key"),
+    ("spacecraft", None, "state.spacecraft: missing"),
+    ("bodies", [1], "state.bodies: must map body names to poses"),
+    ("light", 1, "state.light: unknown key; known keys are bodies, r_sun_inertial_m, spacecraft, t_s"),
+])
+def test_a_wrong_state_names_field_rule_and_value(path, value, message):
+    with pytest.raises(ConfigError, match=message):
+        State.from_dict(changed(path, value))
+
+
+def test_a_state_survives_the_round_trip():
+    state = good_state()
+    assert State.from_dict(state).to_dict() == state
+
+
+def test_a_quaternion_of_rounded_digits_is_renormalised():
+    state = changed("spacecraft.q_from_inertial", [0.70710678, 0.0, 0.70710678, 0.0])
+    assert abs(np.linalg.norm(State.from_dict(state).spacecraft.q_from_inertial) - 1.0) < 1e-15
+
+
+def render(renderer, **changes):
+    state = views.state()
+    fields = {"r_sun_inertial_m": state.r_sun_inertial_m, "spacecraft": state.spacecraft, "bodies": state.bodies}
+    return renderer.render(State(**{**fields, **changes}))
+
+
+def test_unknown_and_missing_bodies(renderer):
+    pose = Pose(r_inertial_m=np.zeros(3))
+    with pytest.raises(SceneError, match="state.bodies.ryugu: unknown body; the scene has body"):
+        render(renderer, bodies={"body": pose, "ryugu": pose})
+    with pytest.raises(SceneError, match="state.bodies.body: missing"):
+        render(renderer, bodies={})
+
+
+def test_unknown_camera_product_and_arguments(renderer):
+    state = views.state()
+    with pytest.raises(SceneError, match="camera: unknown camera, got 'wac'; the scene has navcam"):
+        renderer.render(state, camera="wac")
+    with pytest.raises(ConfigError, match=r"products\[1\]: must be one of .*, got 'depth'"):
+        renderer.render(state, products=["range", "depth"])
+    for value in (0.0, -1.0, 2.0, float("nan"), "low"):
+        with pytest.raises(ConfigError, match="max_error"):
+            renderer.render(state, max_error=value)
+    for value in (0, 17, 1.5):
+        with pytest.raises(ConfigError, match="samples: must be an integer between 1 and 16"):
+            renderer.render(state, samples=value)
+
+
+@pytest.mark.parametrize("r_m", [[0.0, 0.0, 0.0], [0.0, 99.0, 0.0], [50.0, 50.0, -50.0]])
+def test_a_camera_inside_a_body_is_refused(renderer, r_m):
+    with pytest.raises(SceneError, match="the camera must be outside body 'body'"):
+        render(renderer, spacecraft=Pose(r_inertial_m=r_m))
+
+
+def test_a_camera_in_the_neck_is_outside(renderer):
+    """Inside the hull, outside the body: rendered, not refused; and inside the body by a metre: refused."""
+    shape = generate.contact_binary(radius_m=100.0, seed=3)
+    with Renderer(views.scene([Body(name="body", shape=shape, brdf=GREY)], [views.camera()])) as renderer:
+        hull = renderer.scene.bodies[0].hull
+        centres = shape.vertices_m[shape.facets].mean(axis=1)
+        planes = hull._planes
+        depth = (planes[:, :3] @ centres.T + planes[:, 3:]).max(axis=0)
+        deepest = int(np.argmin(depth))
+        assert depth[deepest] < -3.0, "the neck is deep enough for a camera"
+        for height_m, is_refused in ((1.0, False), (-1.0, True)):
+            r = centres[deepest] + height_m * shape.facet_normals[deepest]
+            if is_refused:
+                with pytest.raises(SceneError, match="outside body"):
+                    render(renderer, spacecraft=Pose(r_inertial_m=r))
+            else:
+                assert render(renderer, spacecraft=Pose(r_inertial_m=r)).plan.bodies[0].is_visible
+
+
+def test_a_sun_inside_a_body_is_refused(renderer):
+    with pytest.raises(SceneError, match="state.r_sun_inertial_m: must be outside body 'body'"):
+        render(renderer, r_sun_inertial_m=[10.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("changes, message", [
+    ({"width_px": 0}, "width_px: must be an integer between 1 and 16384, got 0"),
+    ({"width_px": 10.5}, "width_px: must be an integer"),
+    ({"height_px": 20000}, "height_px"),
+    ({"focal_length_px": 0.0}, "focal_length_px: must be > 0"),
+    ({"focal_length_px": float("nan")}, "focal_length_px: must be a finite number"),
+    ({"principal_point_px": (1.0,)}, "principal_point_px"),
+    ({"q_camera_from_spacecraft": (1, 1, 0, 0)}, "q_camera_from_spacecraft: norm must be 1"),
+    ({"name": ""}, "name: must be a string that is not empty"),
+])
+def test_a_wrong_camera_names_its_field(changes, message):
+    with pytest.raises(ConfigError, match=message):
+        PinholeCamera(**{"name": "c", "width_px": 64, "height_px": 64, "focal_length_px": 100.0, **changes})
+
+
+SCENE = """
+[[bodies]]
+name = "body"
+generated = { kind = "icosphere", radius_m = 100.0, subdivisions = 2 }
+brdf = { law = "lambert", normal_albedo = 0.2 }
+[[cameras]]
+name = "navcam"
+width_px = 64
+height_px = 64
+focal_length_px = 100.0
+"""
+
+
+@pytest.mark.parametrize("old, new, message", [
+    ("", "", None),
+    ("[[bodies]]", "gamma = 2.2\n[[bodies]]", r"scene\.toml\.gamma: unknown key"),
+    ("[[bodies]]", "max_error = 0.0\n[[bodies]]", r"scene\.toml\.max_error: must be > 0 and <= 1, got 0.0"),
+    ("normal_albedo = 0.2", "normal_albedo = 1.2", r"bodies\[0\]\.brdf\.normal_albedo: must be between 0 and 1, got 1.2"),
+    ("normal_albedo = 0.2", "albedo = 0.2", r"bodies\[0\]\.brdf\.albedo: unknown key; known keys are normal_albedo"),
+    (", normal_albedo = 0.2", "", r"bodies\[0\]\.brdf\.normal_albedo: missing"),
+    ('law = "lambert"', 'law = "phong"', r"bodies\[0\]\.brdf\.law: must be one of .*'lambert'.*got 'phong'"),
+    ('kind = "icosphere"', 'kind = "cube"', r"bodies\[0\]\.generated\.kind: must be one of"),
+    ("radius_m = 100.0", "radius_m = -1.0", r"bodies\[0\]\.generated\.radius_m"),
+    ("generated = ", "shape = 'x.obj'\ngenerated = ", r"bodies\[0\]: needs exactly one of"),
+    ("generated = ", "generatd = ", r"bodies\[0\]\.generatd: unknown key"),
+    ('generated = { kind = "icosphere", radius_m = 100.0, subdivisions = 2 }', 'shape = "nothing.obj"',
+     r"bodies\[0\]\.length_unit: missing.*shape files carry no unit"),
+    ('generated = { kind = "icosphere", radius_m = 100.0, subdivisions = 2 }',
+     'shape = "nothing.obj"\nlength_unit = "km"', r"bodies\[0\]\.shape.*nothing\.obj"),
+    ("focal_length_px = 100.0", "focal_length_mm = 100.0", r"cameras\[0\]\.focal_length_mm: unknown key"),
+    ("width_px = 64", "width_px = 64.5", r"cameras\[0\]\.width_px: must be an integer"),
+    ("[[cameras]]", "[[camera]]", r"scene\.toml\.camera: unknown key"),
+    ("[[bodies]]", "[[bodies", "scene.toml: is not TOML"),
+])
+def test_a_wrong_scene_file_names_the_path_of_the_field(tmp_path, old, new, message):
+    file = tmp_path / "scene.toml"
+    file.write_text(SCENE.replace(old, new, 1) if old else SCENE)
+    if message is None:
+        assert load_scene(file).bodies[0].name == "body"
+        return
+    with pytest.raises(ConfigError, match=message):
+        load_scene(file)
+
+
+def test_a_missing_scene_file_says_so(tmp_path):
+    with pytest.raises(ConfigError, match="none.toml: cannot be read: No such file"):
+        load_scene(tmp_path / "none.toml")
+
+
+def test_names_must_be_unique():
+    with pytest.raises(ConfigError, match=r"bodies\[1\].name: must be unique, got 'body'"):
+        Scene(bodies=[views.sphere(GREY, 1)] * 2, cameras=[views.camera()])
+    with pytest.raises(ConfigError, match="cameras: must have at least one member"):
+        Scene(bodies=[views.sphere(GREY, 1)], cameras=[])
+
+
+@pytest.mark.parametrize("name", ["/etc/passwd", "../secret.obj", "sub/x.obj", "..", "."])
+def test_a_restricted_scene_reads_only_bare_names_of_its_folder(tmp_path, name):
+    table = {"bodies": [{"name": "b", "shape": name, "length_unit": "m",
+                         "brdf": {"law": "lambert", "normal_albedo": 0.1}}],
+             "cameras": [{"name": "c", "width_px": 8, "height_px": 8, "focal_length_px": 10.0}]}
+    with pytest.raises(ConfigError, match=r"bodies\[0\]\.shape: must be a bare file name"):
+        Scene.from_dict(table, shape_dir=tmp_path, restricted=True)
+    with pytest.raises(ConfigError, match="serves no files"):
+        Scene.from_dict(table, restricted=True)
+
+
+def test_a_restricted_scene_follows_no_link_out(tmp_path):
+    folder = tmp_path / "shapes"
+    folder.mkdir()
+    outside = tmp_path / "outside.obj"
+    generate.icosphere(radius_m=1.0, subdivisions=1).to_file(outside)
+    (folder / "link.obj").symlink_to(outside)
+    (folder / "own.obj").write_bytes(outside.read_bytes())
+    table = {"bodies": [{"name": "b", "shape": "link.obj", "length_unit": "m",
+                         "brdf": {"law": "lambert", "normal_albedo": 0.1}}],
+             "cameras": [{"name": "c", "width_px": 8, "height_px": 8, "focal_length_px": 10.0}]}
+    with pytest.raises(ConfigError, match="must be a file in the server's shape directory"):
+        Scene.from_dict(table, shape_dir=folder, restricted=True)
+    table["bodies"][0]["shape"] = "own.obj"
+    assert Scene.from_dict(table, shape_dir=folder, restricted=True).bodies[0].name == "b"
+
+
+def test_pixels_never_hold_nan_whatever_the_state(renderer, rng):
+    """Two hundred random states, some on the surface, at grazing light, at opposition: finite, never negative."""
+    for _ in range(200):
+        direction = rng.standard_normal(3)
+        direction /= np.linalg.norm(direction)
+        range_m = 100.0 * (1.0 + 10.0 ** rng.uniform(-3, 3))
+        state = views.state(phase_deg=rng.choice([0.0, 1e-5, 90.0, 179.9, 180.0, rng.uniform(0, 180)]),
+                            range_m=range_m, direction=direction,
+                            target=rng.standard_normal(3) * rng.choice([0.0, 100.0, range_m]))
+        image = renderer.render(state, samples=1)
+        assert np.isfinite(image.irradiance_W_m2).all()
+        assert image.irradiance_W_m2.min() >= 0.0
