@@ -1,0 +1,10 @@
+"""glrender_camera: projection, optics and detector of the spacecraft's cameras. No OpenGL."""
+
+from .camera import AutoExposure, CameraModel, Frame
+from .detector import Detector
+from .errors import ConfigError, GlrenderError
+from .optics import Optics
+from .projection import PinholeCamera
+
+__all__ = ["AutoExposure", "CameraModel", "ConfigError", "Detector", "Frame", "GlrenderError", "Optics",
+           "PinholeCamera"]

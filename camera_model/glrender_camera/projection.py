@@ -10,6 +10,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from .camera import CameraModel
+from .errors import ConfigError
 from .validate import integer, positive, text, unit_quaternion, vector
 
 MAX_IMAGE_PX = 16384
@@ -33,6 +35,8 @@ class PinholeCamera:
         Mounting, unit quaternion [w, x, y, z]; default identity.
     r_camera_spacecraft_m : (3,) float [m], optional
         Position of the projection centre in `spacecraft`; default zero.
+    model : CameraModel, optional
+        Optics, detector and exposure; without it the camera gives irradiance only.
 
     Raises
     ------
@@ -47,6 +51,7 @@ class PinholeCamera:
     principal_point_px: tuple[float, float] | None = None
     q_camera_from_spacecraft: np.ndarray = field(default=(1.0, 0.0, 0.0, 0.0))
     r_camera_spacecraft_m: np.ndarray = field(default=(0.0, 0.0, 0.0))
+    model: CameraModel | None = None
 
     def __post_init__(self):
         put = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731 (frozen dataclass)
@@ -58,8 +63,11 @@ class PinholeCamera:
         if centre is None:
             centre = ((self.width_px - 1) / 2.0, (self.height_px - 1) / 2.0)
         put("principal_point_px", tuple(float(x) for x in vector("principal_point_px", centre, 2)))
-        put("q_camera_from_spacecraft", unit_quaternion("q_camera_from_spacecraft", self.q_camera_from_spacecraft))
+        put("q_camera_from_spacecraft",
+            unit_quaternion("q_camera_from_spacecraft", self.q_camera_from_spacecraft))
         put("r_camera_spacecraft_m", vector("r_camera_spacecraft_m", self.r_camera_spacecraft_m))
+        if self.model is not None and not isinstance(self.model, CameraModel):
+            raise ConfigError("model", "must be a CameraModel", self.model)
 
     def project(self, r_camera: np.ndarray) -> np.ndarray:
         """Pixel coordinates of points or directions.
@@ -90,7 +98,8 @@ class PinholeCamera:
         -------
         (..., 3) float64 [1]
         """
-        offset = (np.asarray(pixel, dtype=np.float64) - np.array(self.principal_point_px)) / self.focal_length_px
+        offset = np.asarray(pixel, dtype=np.float64) - np.array(self.principal_point_px)
+        offset /= self.focal_length_px
         ray = np.concatenate([offset, np.ones_like(offset[..., :1])], axis=-1)
         return ray / np.linalg.norm(ray, axis=-1, keepdims=True)
 

@@ -1,0 +1,283 @@
+"""The camera model: one linear chain from the irradiance image to the frame."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from .detector import MAX_SEED, Detector
+from .errors import ConfigError, error_path
+from .optics import Optics
+from .spectrum import electrons_per_joule
+from .validate import integer, known_keys, positive, within
+
+# A rounding error of the renderer below this fraction of the maximum is clipped, more is a fault.
+NEGATIVE_TOLERANCE = 1e-12
+# Auto-exposure looks at no more pixels than this: a percentile of 65,536 is good to 0.2 %.
+_MAX_METERED_PX = 2**16
+# The dimmest pixel that counts as lit for the metering, as a fraction of the brightest.
+_LIT_FRACTION = 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class AutoExposure:
+    """Exposure time that puts a percentile of the lit pixels at a target; analytic, no second render.
+
+    Parameters
+    ----------
+    percentile : float [%], 0..100
+        Of the pixels brighter than 1 % of the brightest, after the point spread function.
+    target : float [1], 0..1
+        Fraction of full scale (the lower of full well and the largest digital number) where
+        the percentile is put.
+    min_s, max_s : float [s], > 0
+        Limits; `max_s` is what a frame without light gets.
+    """
+
+    percentile: float = 99.0
+    target: float = 0.7
+    min_s: float = 1e-4
+    max_s: float = 10.0
+
+    def __post_init__(self):
+        within("percentile", self.percentile, 0.0, 100.0)
+        if not 0.0 < within("target", self.target, 0.0, 1.0):
+            raise ConfigError("target", "must be > 0", self.target)
+        positive("min_s", self.min_s)
+        if not positive("max_s", self.max_s) >= self.min_s:
+            raise ConfigError("max_s", "must be >= min_s", self.max_s)
+
+    @classmethod
+    def from_dict(cls, table: Mapping[str, Any]) -> AutoExposure:
+        """From plain data; unknown keys are refused by name."""
+        known_keys("", table, [f.name for f in fields(cls)])
+        return cls(**table)
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """What the detector gives.
+
+    Attributes
+    ----------
+    dn : (H, W) uint8 or uint16 [DN]
+    electrons : (H, W) float32 [e-]
+        Collected charge with all noise, before gain and rounding.
+    saturated : (H, W) bool
+        At full well or at the largest digital number.
+    exposure_s : float [s]
+    seed : int
+    stages : dict of str to str
+        What was modelled and what was skipped, with why, in the order of the light.
+    """
+
+    dn: np.ndarray
+    electrons: np.ndarray
+    saturated: np.ndarray
+    exposure_s: float
+    seed: int
+    stages: dict[str, str]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraModel:
+    """Optics, detector and exposure.
+
+    Parameters
+    ----------
+    optics : Optics
+    detector : Detector
+    exposure_s : float [s] > 0, or "auto"
+        Of a frame that asks for no other.
+    auto_exposure : AutoExposure
+        Rules of the automatic exposure.
+
+    Raises
+    ------
+    ConfigError
+    """
+
+    optics: Optics
+    detector: Detector
+    exposure_s: float | str
+    auto_exposure: AutoExposure = field(default_factory=AutoExposure)
+
+    def __post_init__(self):
+        for name, kind in (("optics", Optics), ("detector", Detector), ("auto_exposure", AutoExposure)):
+            if not isinstance(getattr(self, name), kind):
+                raise ConfigError(name, f"must be {kind.__name__}", getattr(self, name))
+        object.__setattr__(self, "exposure_s", _exposure("exposure_s", self.exposure_s))
+
+    @classmethod
+    def from_dict(cls, table: Mapping[str, Any]) -> CameraModel:
+        """From plain data, as in a scene file or on the wire; unknown keys are refused by name.
+
+        Parameters
+        ----------
+        table : mapping
+            `optics`, `detector` and `exposure_s`, optionally `auto_exposure`.
+
+        Raises
+        ------
+        ConfigError
+            With the path of the field.
+        """
+        known_keys("", table, [f.name for f in fields(cls)], required=("optics", "detector", "exposure_s"))
+        parts = dict(table)
+        for name, kind in (("optics", Optics), ("detector", Detector), ("auto_exposure", AutoExposure)):
+            if name in parts:
+                with error_path(name):
+                    parts[name] = kind.from_dict(known_keys("", parts[name], parts[name]))
+        return cls(**parts)
+
+    @cached_property
+    def electrons_per_joule(self) -> float:
+        """Photo-electrons per joule of in-band sunlight through the aperture [1/J]."""
+        return electrons_per_joule(self.optics.band_nm, self.optics.transmission,
+                                   self.detector.quantum_efficiency)
+
+    def expose(self, irradiance_W_m2: np.ndarray, seed: int = 0, *, exposure_s: float | str | None = None,
+               roi: tuple[int, int, int, int] | None = None) -> Frame:
+        """One frame.
+
+        The mean number of photo-electrons is
+
+            n = t A R (E * psf),   R = int S QE tau lambda / (h c) dlambda / int S dlambda
+
+        with exposure t [s], aperture area A [m2], sunlight S over the band, quantum efficiency
+        QE and transmission tau.
+
+        Parameters
+        ----------
+        irradiance_W_m2 : (H, W) float32 [W/m2], >= 0
+            In-band irradiance at the aperture from each pixel's solid angle, without noise.
+        seed : int, 0..2**64 - 1
+            Of the temporal noise: equal seeds give equal bytes.
+        exposure_s : float [s] > 0 or "auto", optional
+            Default is the model's.
+        roi : (x0, y0, x1, y1) int [px], optional
+            A promise that the irradiance is 0 outside columns x0..x1-1 and rows y0..y1-1; it
+            saves time and changes no byte.
+
+        Returns
+        -------
+        Frame
+
+        Raises
+        ------
+        ConfigError
+            NaN, infinite or negative irradiance, with the pixel; a bad exposure, seed or region.
+        """
+        irradiance = np.asarray(irradiance_W_m2)
+        if irradiance.ndim != 2 or irradiance.size == 0 or irradiance.dtype.kind != "f":
+            raise ConfigError("irradiance_W_m2", "must be a (height, width) array of floats",
+                              (irradiance.shape, str(irradiance.dtype)))
+        irradiance = irradiance.astype(np.float32, copy=False)
+        seed = integer("seed", seed, 0, MAX_SEED)
+        exposure = _exposure("exposure_s", self.exposure_s if exposure_s is None else exposure_s)
+        box = _lit_box(irradiance, _region(roi, irradiance.shape))
+
+        stages = self._stages(box is not None)
+        signal = np.zeros(irradiance.shape, np.float32)
+        if box is not None:
+            margin = self.optics.psf_kernel.size // 2
+            (x0, y0, x1, y1), (height, width) = box, irradiance.shape
+            inside = np.s_[max(0, y0 - margin):min(height, y1 + margin),
+                           max(0, x0 - margin):min(width, x1 + margin)]
+            # A copy, so that the filter sees darkness around the box on every path.
+            signal[inside] = self.optics.spread(np.maximum(irradiance[inside], 0.0))
+        else:
+            inside = np.s_[:0, :0]
+        rate_per_W_m2 = self.optics.aperture_area_m2 * self.electrons_per_joule
+        if exposure == "auto":
+            exposure = self._auto_exposure_s(signal[inside], rate_per_W_m2)
+        signal[inside] *= np.float32(rate_per_W_m2 * exposure)
+        dn, electrons, saturated = self.detector.read(signal, exposure, seed)
+        return Frame(dn=dn, electrons=electrons, saturated=saturated, exposure_s=exposure, seed=seed,
+                     stages=stages)
+
+    def _auto_exposure_s(self, irradiance: np.ndarray, rate_per_W_m2: float) -> float:
+        rule, detector = self.auto_exposure, self.detector
+        brightest = float(irradiance.max(initial=0.0))
+        if not brightest * rate_per_W_m2 > 0.0:
+            return rule.max_s
+        values = irradiance[irradiance > _LIT_FRACTION * brightest]
+        values = values[:: -(-values.size // _MAX_METERED_PX)]
+        rate = float(np.percentile(values, rule.percentile)) * rate_per_W_m2
+        rate += detector.dark_rate_electrons_per_s
+        full_scale = min(detector.full_well_electrons,
+                         (detector.max_DN - detector.offset_DN) / detector.gain_DN_per_electron)
+        return float(np.clip(rule.target * full_scale / rate, rule.min_s, rule.max_s))
+
+    def _stages(self, is_lit: bool) -> dict[str, str]:
+        optics, detector = self.optics, self.detector
+        unlit = None if is_lit else "no pixel is lit"
+
+        def stage(value: float, text: str, needs_light: bool = False) -> str:
+            if needs_light and unlit:
+                return f"skipped: {unlit}"
+            return text if value else "skipped: it is zero"
+
+        return {
+            "psf": stage(optics.psf_sigma_px,
+                         f"Gaussian, sigma {optics.psf_sigma_px:g} px, kernel {optics.psf_kernel.size} px, "
+                         f"energy cut {optics.psf_energy_cut:.1g}", True),
+            "photo_electrons": stage(1.0, f"{self.electrons_per_joule:.6g} e-/J", True),
+            "photo_response_nonuniformity": stage(detector.photo_response_nonuniformity,
+                                                  f"{detector.photo_response_nonuniformity:g}", True),
+            "dark_current": stage(detector.dark_current_electrons_per_s,
+                                  f"{detector.dark_rate_electrons_per_s:g} e-/s"),
+            "dark_current_nonuniformity": stage(
+                detector.dark_current_nonuniformity * detector.dark_current_electrons_per_s,
+                f"{detector.dark_current_nonuniformity:g}"),
+            "shot_noise": stage(is_lit or detector.dark_current_electrons_per_s, "Poisson"),
+            "full_well": f"{detector.full_well_electrons:g} e-",
+            "dark_signal_nonuniformity": stage(detector.dark_signal_nonuniformity_electrons,
+                                               f"{detector.dark_signal_nonuniformity_electrons:g} e-"),
+            "read_noise": stage(detector.read_noise_electrons, f"{detector.read_noise_electrons:g} e-"),
+            "adc": f"{detector.bit_depth} bit, {detector.gain_DN_per_electron:g} DN/e-, "
+                   f"offset {detector.offset_DN:g} DN",
+        }
+
+
+def _exposure(name: str, value: object) -> float | str:
+    return value if isinstance(value, str) and value == "auto" else positive(name, value)
+
+
+def _region(roi: object, shape: tuple[int, int]) -> tuple[int, int, int, int]:
+    height, width = shape
+    if roi is None:
+        return 0, 0, width, height
+    if len(roi) != 4:
+        raise ConfigError("roi", "must be (x0, y0, x1, y1)", roi)
+    x0, x1 = (integer(f"roi[{i}]", roi[i], 0, width) for i in (0, 2))
+    y0, y1 = (integer(f"roi[{i}]", roi[i], 0, height) for i in (1, 3))
+    return x0, y0, max(x0, x1), max(y0, y1)
+
+
+def _lit_box(irradiance: np.ndarray, region: tuple[int, int, int, int]) -> tuple[int, int, int, int] | None:
+    """Tight box of the pixels above 0, so that a hint changes nothing; None in darkness."""
+    x0, y0, x1, y1 = region
+    part = irradiance[y0:y1, x0:x1]
+    if part.size == 0:
+        return None
+    low, high = float(part.min()), float(part.max())
+    if not (np.isfinite(low) and np.isfinite(high)):
+        raise _bad_pixel(part, ~np.isfinite(part), x0, y0, "must be finite")
+    if low < -NEGATIVE_TOLERANCE * max(high, 0.0):
+        raise _bad_pixel(part, part == low, x0, y0, "must not be negative")
+    if not high > 0.0:
+        return None
+    rows = np.flatnonzero(part.max(axis=1) > 0.0)
+    columns = np.flatnonzero(part[rows[0]:rows[-1] + 1].max(axis=0) > 0.0)
+    return int(x0 + columns[0]), int(y0 + rows[0]), int(x0 + columns[-1] + 1), int(y0 + rows[-1] + 1)
+
+
+def _bad_pixel(part: np.ndarray, bad: np.ndarray, x0: int, y0: int, rule: str) -> ConfigError:
+    row, column = np.argwhere(bad)[0]
+    return ConfigError(f"irradiance_W_m2[{row + y0}, {column + x0}]", rule, float(part[row, column]),
+                       f"{np.count_nonzero(bad)} such pixel(s)")

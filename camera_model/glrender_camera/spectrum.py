@@ -1,0 +1,94 @@
+"""From watts to photo-electrons: quantum efficiency and transmission over a band of sunlight."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from numbers import Real
+
+import numpy as np
+
+from .errors import ConfigError
+from .validate import positive, vector, within
+
+PLANCK_J_S = 6.62607015e-34
+SPEED_OF_LIGHT_M_S = 299792458.0
+BOLTZMANN_J_K = 1.380649e-23
+SUN_TEMPERATURE_K = 5772.0
+"""Effective temperature of the Sun: IAU 2015 Resolution B3."""
+
+Curve = float | tuple[tuple[float, float], ...]
+"""One number for the whole band, or pairs (wavelength [nm], value) joined by straight lines."""
+
+
+def curve(name: str, value: object, low: float, high: float) -> Curve:
+    """A number, or at least two pairs (wavelength [nm], value) of rising wavelength; values in [low, high].
+
+    Raises
+    ------
+    ConfigError
+    """
+    if isinstance(value, Real):
+        return within(name, value, low, high)
+    if not isinstance(value, Sequence) or isinstance(value, str) or len(value) < 2:
+        raise ConfigError(name, "must be a number or at least two pairs (wavelength [nm], value)", value)
+    pairs = [vector(f"{name}[{i}]", pair, 2) for i, pair in enumerate(value)]
+    previous = 0.0
+    for i, (wavelength, number) in enumerate(pairs):
+        if not wavelength > previous:
+            raise ConfigError(f"{name}[{i}]", "wavelengths must be > 0 and rise", float(wavelength))
+        within(f"{name}[{i}]", float(number), low, high)
+        previous = wavelength
+    return tuple((float(w), float(v)) for w, v in pairs)
+
+
+def band(name: str, value: object) -> tuple[float, float]:
+    """(low, high) wavelengths [nm], rising, > 0."""
+    low, high = (float(x) for x in vector(name, value, 2))
+    positive(f"{name}[0]", low)
+    if not high > low:
+        raise ConfigError(name, "must rise", value)
+    return low, high
+
+
+def electrons_per_joule(band_nm: tuple[float, float], transmission: Curve,
+                        quantum_efficiency: Curve) -> float:
+    """Photo-electrons per joule of in-band sunlight at the aperture.
+
+    R = integral of S QE tau lambda / (h c) over the band, divided by the integral of S over the
+    band: the input irradiance is what arrives between the band's two wavelengths, before the
+    optics. S is the spectrum of a black body of 5772 K [W/m2/nm].
+
+    Parameters
+    ----------
+    band_nm : (2,) float [nm]
+    transmission, quantum_efficiency : Curve [1]
+        0 outside the tabulated wavelengths.
+
+    Returns
+    -------
+    float [1/J]
+
+    Source: photometry.md section 1.6. Against the Sun's own spectrum (ASTM E490-00a) photons per
+    joule agree within 0.3 % in 400-700 nm and 0.9 % in any band of 300-1100 nm.
+    """
+    nodes = np.linspace(*band_nm, 257)
+    for table in (transmission, quantum_efficiency):
+        if not isinstance(table, Real):
+            nodes = np.union1d(nodes, [w for w, _ in table if band_nm[0] < w < band_nm[1]])
+    # Gauss-Legendre inside each piece: a curve's kinks are piece ends, so the rule converges.
+    x, weight = np.polynomial.legendre.leggauss(4)
+    half = np.diff(nodes)[:, None] / 2.0
+    wavelength_nm = ((nodes[:-1, None] + half) + half * x).ravel()
+    weight = (half * weight).ravel()
+    wavelength_m = wavelength_nm * 1e-9
+    photon_J = PLANCK_J_S * SPEED_OF_LIGHT_M_S / wavelength_m
+    spectrum = weight * wavelength_m**-5 / np.expm1(photon_J / (BOLTZMANN_J_K * SUN_TEMPERATURE_K))
+    counted = _at(transmission, wavelength_nm) * _at(quantum_efficiency, wavelength_nm) / photon_J
+    return float(np.sum(spectrum * counted) / np.sum(spectrum))
+
+
+def _at(table: Curve, wavelength_nm: np.ndarray) -> np.ndarray | float:
+    if isinstance(table, Real):
+        return table
+    wavelengths, values = np.array(table).T
+    return np.interp(wavelength_nm, wavelengths, values, left=0.0, right=0.0)
