@@ -1,0 +1,121 @@
+"""The planner, without GL: what it decides and why."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+import views
+from glrender import plan
+from glrender.view import BodyView
+
+
+def view(name="body", size_px=200.0, phase_deg=60.0, bounds_px=None, depth_m=(900.0, 1100.0), is_visible=True):
+    if bounds_px is None:
+        bounds_px = np.array([100.0, 80.0, 100.0 + size_px, 80.0 + 0.8 * size_px])
+    return BodyView(name=name, camera_from_body=np.eye(3), r_camera_body_m=np.array([0.0, 0.0, -1000.0]),
+                    sun_direction_body=np.array([0.0, 0.0, -1.0]), sun_distance_au=1.0, range_m=1000.0,
+                    phase_rad=np.radians(phase_deg), depth_m=depth_m, bounds_px=bounds_px, is_visible=is_visible)
+
+
+CAMERA = views.camera(1024, 1000.0)
+
+
+def windows(members, max_error=0.02, gain=1.0, samples=None, n_facets=50_000):
+    return plan.plan_windows(members, {v.name: n_facets for v in members}, CAMERA, max_error, gain, samples)
+
+
+def test_a_tighter_budget_asks_for_more_samples_and_meets_it():
+    counts = []
+    for budget in (0.5, 0.1, 0.05, 0.02, 0.01):
+        window, = windows([view()], budget)
+        assert window.predicted_error <= budget
+        counts.append(window.samples)
+    assert counts == sorted(counts) and counts[0] == 1 and counts[-1] > 2
+
+
+def test_a_psf_that_smooths_the_error_saves_samples():
+    sharp, = windows([view()], 0.01)
+    smooth, = windows([view()], 0.01, gain=0.3)
+    assert smooth.samples < sharp.samples
+
+
+def test_the_region_holds_every_pixel_that_the_outline_touches():
+    """Pixel k reaches from k - 1/2 to k + 1/2."""
+    window, = windows([view(bounds_px=np.array([9.6, 19.4, 30.4, 40.6]))])
+    assert window.roi == (10, 19, 31, 42)
+    window, = windows([view(bounds_px=np.array([-50.0, -3.0, 2000.0, 10.0]))])
+    assert window.roi == (0, 0, 1024, 11)
+
+
+def test_bodies_far_apart_are_drawn_apart_and_touching_ones_together():
+    a = view("a", bounds_px=np.array([10.0, 10.0, 50.0, 50.0]))
+    b = view("b", bounds_px=np.array([45.0, 45.0, 90.0, 90.0]))
+    c = view("c", bounds_px=np.array([500.0, 500.0, 600.0, 600.0]))
+    d = view("d", bounds_px=np.array([85.0, 85.0, 95.0, 95.0]))
+    groups = {window.bodies for window in windows([a, c, b, d])}
+    assert groups == {("a", "b", "d"), ("c",)}
+
+
+def test_a_body_smaller_than_a_few_pixels_gets_a_grid_of_its_own():
+    window, = windows([view(size_px=0.01)])
+    assert window.samples == 0 and max(window.grid) == 64
+    assert window.roi == (100, 80, 101, 81)
+    # In front of another body, occlusion needs the shared grid.
+    small, large = view("small", size_px=2.0), view("large", size_px=200.0)
+    window, = windows([small, large])
+    assert window.samples >= 1
+
+
+def test_nothing_in_view_is_nothing_to_draw():
+    assert windows([view(is_visible=False)]) == ()
+    assert plan.union([]) == (0, 0, 0, 0)
+
+
+@pytest.mark.parametrize("phase_deg, is_convex, has_casters, expected", [
+    (60.0, False, False, True), (60.0, True, False, False), (60.0, True, True, True), (0.0, False, False, False),
+    (0.2, False, False, False), (5.0, False, False, True),
+])
+def test_shadows_only_where_something_can_cast(phase_deg, is_convex, has_casters, expected):
+    assert (plan.plan_shadow(view(phase_deg=phase_deg), is_convex, has_casters, 0.02) is not None) == expected
+
+
+def test_a_low_sun_and_a_tight_budget_ask_for_a_finer_shadow_map():
+    size = lambda phase, budget=0.02: plan.plan_shadow(view(phase_deg=phase), False, False, budget)  # noqa: E731
+    assert size(60.0) <= size(120.0) <= size(150.0) <= plan.SHADOW_SIZES_PX[-1]
+    assert size(60.0) < size(150.0)
+    assert size(60.0, 0.02) < size(60.0, 0.001)
+
+
+def test_depth_groups_are_disjoint_and_farthest_first():
+    a = view("a", depth_m=(100.0, 200.0))
+    b = view("b", depth_m=(150.0, 300.0))
+    c = view("c", depth_m=(1e9, 1.1e9))
+    d = view("d", depth_m=(10.0, 20.0), is_visible=False)
+    groups = plan.depth_groups([a, b, c, d])
+    assert [(near, far, {v.name for v in members}) for near, far, members in groups] == [
+        (1e9, 1.1e9, {"c"}), (100.0, 300.0, {"a", "b"})]
+
+
+@pytest.mark.parametrize("size", plan.SHADOW_SIZES_PX)
+def test_the_snapped_sun_is_within_a_texels_shift(size, rng):
+    """0.71 / size rad at the centre of a cube's face: half a texel of 2 R / size is R / size."""
+    direction = rng.standard_normal((1000, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    snapped = np.array([plan.snapped_sun(d, size) for d in direction])
+    np.testing.assert_allclose(np.linalg.norm(snapped, axis=1), 1.0, rtol=1e-14)
+    assert np.linalg.norm(snapped - direction, axis=1).max() <= 0.7072 / size
+    again = np.array([plan.snapped_sun(d, size) for d in snapped])
+    np.testing.assert_allclose(again, snapped, atol=1e-15, err_msg="a node is its own node")
+
+
+def test_planning_takes_well_below_a_millisecond():
+    members = [view("a"), view("b", bounds_px=np.array([600.0, 600.0, 700.0, 700.0]))]
+    began = time.perf_counter()
+    for _ in range(200):
+        windows(members)
+        for member in members:
+            plan.plan_shadow(member, False, False, 0.02)
+        plan.depth_groups(members)
+    assert (time.perf_counter() - began) / 200 < 1e-3
