@@ -150,7 +150,7 @@ class Renderer:
         budget = self.scene.max_error if max_error is None else checked_max_error(max_error)
         if samples is not None:
             samples = integer("samples", samples, 1, plan.MAX_SAMPLES)
-        gain = pinhole.model.optics.noise_gain() if after_psf and pinhole.model is not None else 1.0
+        gain = _psf_noise_gain(pinhole) if after_psf else 1.0
         views = view_bodies(state, pinhole, self._hulls)
         frame_plan = self._plan(views, pinhole, budget, samples, gain)
         clock.lap("plan")
@@ -346,6 +346,11 @@ class Renderer:
             "sunlit": lambda: sunlit,
         }
         return {name: made[name]() for name in wanted}
+
+
+def _psf_noise_gain(camera: PinholeCamera) -> float:
+    """What a camera's PSF leaves of an error that is independent from pixel to pixel: sqrt(sum k^2)."""
+    return 1.0 if camera.model is None else float(np.sum(camera.model.optics.psf_kernel**2))
 
 
 def _add_samples(irradiance: np.ndarray, samples: np.ndarray, bounds_px: tuple[float, float, float, float]) -> None:

@@ -97,7 +97,20 @@ name = "navcam"
 width_px = {size}
 height_px = {size}
 focal_length_px = {_FOCAL_LENGTH_PX_PER_WIDTH * size}
-model = {{}}
+
+[cameras.model]
+exposure_s = "auto"
+optics = {{ aperture_diameter_m = 0.003, transmission = 0.8, psf_sigma_px = 0.6 }}
+
+[cameras.model.detector]
+quantum_efficiency = 0.5
+full_well_electrons = 30000.0
+gain_DN_per_electron = 0.008
+bit_depth = 8
+offset_DN = 5.0
+read_noise_electrons = 40.0
+dark_current_electrons_per_s = 20.0
+photo_response_nonuniformity = 0.01
 """
     scene_file = folder / "scene.toml"
     scene_file.write_text(scene, encoding="utf-8")
