@@ -21,7 +21,7 @@ class Lambert(Law):
         I/F at incidence = emission = phase = 0.
 
     Source: Hapke (2012); geometric albedo 2/3 of the normal albedo.
-    Twin: shaders/brdf/lambert.glsl.
+    Twin: shaders/brdf/lambert.glsl, rtol 1e-6.
     """
 
     normal_albedo: float
@@ -32,11 +32,8 @@ class Lambert(Law):
     def __post_init__(self):
         object.__setattr__(self, "normal_albedo", within("normal_albedo", self.normal_albedo, 0.0, 1.0))
 
-    def brdf(self, to_sun, to_camera, normal):
-        cos_incidence = np.sum(np.multiply(normal, to_sun, dtype=np.float64), axis=-1)
-        cos_emission = np.sum(np.multiply(normal, to_camera, dtype=np.float64), axis=-1)
-        lit = (cos_incidence > 0.0) & (cos_emission > 0.0)
-        return np.where(lit, self.normal_albedo / np.pi, 0.0)
+    def lit_brdf(self, geometry):
+        return np.full_like(geometry.cos_incidence, self.normal_albedo / np.pi)
 
     def uniforms(self):
         return {"law_normal_albedo": self.normal_albedo}

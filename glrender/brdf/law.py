@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
+
+from .geometry import Geometry
 
 
 class Law(ABC):
@@ -16,7 +20,9 @@ class Law(ABC):
 
         float brdf(vec3 to_sun, vec3 to_camera, vec3 normal, float albedo_scale)
 
-    [1/sr] on unit vectors, 0 where cos_incidence <= 0 or cos_emission <= 0.
+    [1/sr] on unit vectors, 0 where cos_incidence <= 0 or cos_emission <= 0. `albedo_scale` is
+    a texture's factor on the law's albedo; the product is held within 0..1. A law whose twin
+    compiles in the CPU's values of an albedo reads it only under ``HAS_ALBEDO_TEXTURE``.
     """
 
     glsl: ClassVar[str]
@@ -24,7 +30,11 @@ class Law(ABC):
     uniform_fields: ClassVar[Mapping[str, str]]
     """Members of the uniform block `Law`: name (starting with ``law_``) to GLSL type."""
 
-    @abstractmethod
+    @property
+    def max_phase(self) -> float:
+        """Largest phase angle [rad] at which the law is itself; beyond it a part is held."""
+        return math.pi
+
     def brdf(self, to_sun: np.ndarray, to_camera: np.ndarray, normal: np.ndarray) -> np.ndarray:
         """BRDF of unit vectors.
 
@@ -36,8 +46,31 @@ class Law(ABC):
         Returns
         -------
         (...) float64 [1/sr]
-            0 where the surface is unlit or unseen.
+            0 where the surface is unlit or unseen; never negative.
+
+        Warns
+        -----
+        UserWarning
+            Lit points at phase angles beyond `max_phase`.
         """
+        to_sun, to_camera, normal = (np.asarray(v, dtype=np.float64) for v in (to_sun, to_camera, normal))
+        cos_incidence = np.sum(normal * to_sun, axis=-1)
+        cos_emission = np.sum(normal * to_camera, axis=-1)
+        lit = (cos_incidence > 0.0) & (cos_emission > 0.0)
+        geometry = Geometry(to_sun=to_sun, to_camera=to_camera, normal=normal,
+                            cos_incidence=np.where(lit, cos_incidence, 1.0),
+                            cos_emission=np.where(lit, cos_emission, 1.0))
+        if self.max_phase < math.pi and np.any(lit & (geometry.phase > self.max_phase)):
+            warnings.warn(f"{type(self).__name__} is used beyond the phase of "
+                          f"{math.degrees(self.max_phase):.4g} deg up to which it holds", stacklevel=2)
+        return np.where(lit, np.maximum(self.lit_brdf(geometry), 0.0), 0.0)
+
+    def lit_brdf(self, geometry: Geometry) -> np.ndarray:
+        """BRDF (...) [1/sr] of points that are lit and seen; a law defines this, or `brdf` as a whole.
+
+        Where a point is neither, the cosines are 1 and the value is thrown away.
+        """
+        raise NotImplementedError(f"{type(self).__name__} defines neither brdf nor lit_brdf")
 
     def defines(self) -> dict[str, int]:
         """Preprocessor switches: which terms are compiled in. Structure only."""
