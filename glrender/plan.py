@@ -132,7 +132,7 @@ def plan_windows(views: list[BodyView], n_facets: dict[str, int], camera: Pinhol
     """
     windows = []
     for members in _touching(views, camera):
-        roi = _region(members, camera)
+        roi = region(members, camera)
         names = tuple(view.name for view in members)
         error = max(one_sample_error(view, n_facets[view.name], error_gain) for view in members)
         if samples is None and len(members) == 1 and members[0].size_px < _SMALL_PX:
@@ -169,7 +169,7 @@ def plan_shadow(view: BodyView, is_convex: bool, has_casters: bool, max_error: f
     return next((size for size in SHADOW_SIZES_PX if size >= texels), SHADOW_SIZES_PX[-1])
 
 
-def _region(views: list[BodyView], camera: PinholeCamera) -> tuple[int, int, int, int]:
+def region(views: list[BodyView], camera: PinholeCamera) -> tuple[int, int, int, int]:
     """x0, y0, x1, y1 [px] of the pixels that visible bodies may touch."""
     frame = np.array([camera.width_px, camera.height_px])
     if any(view.bounds_px is None for view in views):
@@ -189,7 +189,7 @@ def _touching(views: list[BodyView], camera: PinholeCamera) -> list[list[BodyVie
             continue
         group = [view]
         while True:
-            touches = [other for other in groups if _overlap(_region(group, camera), _region(other, camera))]
+            touches = [other for other in groups if _overlap(region(group, camera), region(other, camera))]
             if not touches:
                 break
             group = sum(touches, group)

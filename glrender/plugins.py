@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from functools import cache
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
+from typing import TYPE_CHECKING, Any
 
 from . import brdf
 from .brdf import Law
 from .errors import ConfigError
 
+if TYPE_CHECKING:
+    from .scene import Scene
+
 BRDF_GROUP = "glrender.brdf"
+BACKEND_GROUP = "glrender.backend"
+OPENGL_BACKENDS = ("auto", "egl", "osmesa")
 
 
 @cache
@@ -28,3 +34,39 @@ def laws() -> dict[str, type[Law]]:
             raise ConfigError(f"{BRDF_GROUP}.{entry.name}", "has two owners", entry.value)
         found[entry.name] = entry.load()
     return found
+
+
+@cache
+def backends() -> dict[str, EntryPoint]:
+    """Backends beside OpenGL, by name; each loads a class with the interface of `Renderer`.
+
+    Raises
+    ------
+    ConfigError
+        Two owners of one name.
+    """
+    found: dict[str, EntryPoint] = {}
+    for entry in entry_points(group=BACKEND_GROUP):
+        if entry.name in found or entry.name in OPENGL_BACKENDS:
+            raise ConfigError(f"{BACKEND_GROUP}.{entry.name}", "has two owners", entry.value)
+        found[entry.name] = entry
+    return found
+
+
+def open_renderer(scene: Scene, backend: str = "auto", device_index: int | None = None) -> Any:
+    """A `Renderer`, or the plug-in of that name with the same interface, e.g. ``raytrace``.
+
+    Raises
+    ------
+    ConfigError
+        No such backend.
+    DeviceError
+        The backend does not work here; the message says what to install.
+    """
+    if backend in OPENGL_BACKENDS:
+        from .renderer import Renderer
+
+        return Renderer(scene, backend=backend, device_index=device_index)
+    if backend not in backends():
+        raise ConfigError("backend", f"must be one of {', '.join((*OPENGL_BACKENDS, *backends()))}", backend)
+    return backends()[backend].load()(scene)

@@ -6,7 +6,7 @@ import time
 from collections import OrderedDict
 from collections.abc import Iterable
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -16,48 +16,18 @@ from glrender_camera.validate import integer
 
 from . import frames, plan
 from .brdf import Law
-from .errors import ConfigError
 from .gl.context import Context
 from .gl.evaluate import BrdfEvaluator
 from .gl.passes import Mesh, ShadowMap, SurfaceVariant, Target
+from .image import Image, checked_products
 from .plan import BodyPlan, RenderPlan, WindowPlan
 from .scene import Scene, checked_max_error
 from .state import State
 from .view import BodyView, view_bodies
 
-PRODUCTS = ("irradiance", "range", "body_id", "facet_id", "incidence", "emission", "phase", "r_body", "sunlit")
-"""What `Renderer.render` can return."""
 # Samples drawn at once: 16 Mi samples of float32 and depth are 128 MiB.
 _MAX_WINDOW_SAMPLES = 4096 * 4096
 _SHADOW_MAPS_KEPT = 8
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Image:
-    """A rendered frame.
-
-    Attributes
-    ----------
-    irradiance_W_m2 : (height, width) float32 [W/m2]
-        Irradiance that arrives at the aperture from the solid angle of each pixel.
-    products : dict of str to array
-        Those asked for, at each pixel's centre: ``range`` float64 [m] (NaN beside the bodies),
-        ``body_id`` int32 (index into the scene's bodies, -1 beside), ``facet_id`` int32 (-1 beside),
-        ``incidence``, ``emission``, ``phase`` float32 [rad] (NaN beside), ``r_body`` (height, width, 3)
-        float32 [m] (NaN beside), ``sunlit`` float32 (0 in a cast shadow or facing away, 1 in sunlight).
-    plan : RenderPlan
-    timings_ms : dict of str to float
-    """
-
-    irradiance_W_m2: np.ndarray
-    products: dict[str, np.ndarray]
-    plan: RenderPlan
-    timings_ms: dict[str, float]
-
-    @property
-    def roi(self) -> tuple[int, int, int, int]:
-        """Region [px] outside which the irradiance is zero: x0, y0, x1, y1, one past the last."""
-        return self.plan.roi
 
 
 class Renderer:
@@ -146,7 +116,7 @@ class Renderer:
         """
         clock = _Clock()
         pinhole = self.scene.camera(camera)
-        wanted = _checked_products(products)
+        wanted = checked_products(products)
         budget = self.scene.max_error if max_error is None else checked_max_error(max_error)
         if samples is not None:
             samples = integer("samples", samples, 1, plan.MAX_SAMPLES)
@@ -364,14 +334,6 @@ def _add_samples(irradiance: np.ndarray, samples: np.ndarray, bounds_px: tuple[f
     share = (x1 - x0) * (y1 - y0) / (width * height)
     inside = samples[np.ix_(rows_in, columns_in)].astype(np.float64) * share
     np.add.at(irradiance, np.ix_(row[rows_in], column[columns_in]), inside.astype(np.float32))
-
-
-def _checked_products(products: Iterable[str]) -> tuple[str, ...]:
-    products = (products,) if isinstance(products, str) else tuple(products)
-    for index, name in enumerate(products):
-        if name not in PRODUCTS:
-            raise ConfigError(f"products[{index}]", f"must be one of {', '.join(PRODUCTS)}", name)
-    return tuple(name for name in PRODUCTS if name in products and name != "irradiance")
 
 
 class _Clock:

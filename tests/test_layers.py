@@ -21,6 +21,7 @@ ROOMS = {
     "glrender/shaders": {"numpy", "glrender.constants", "glrender.errors"},
     "glrender/gl": {"numpy", "moderngl", "glrender.brdf", "glrender.shaders", "glrender.errors",
                     "glrender.constants"},
+    "glrender/backends": {"numpy", "cv2", "embreex", "glrender", "glrender_camera"},
     "glrender": {"numpy", "scipy", "cv2", "trimesh", "pyrr", "PIL", "glrender", "glrender_camera"},
     "server/glrender_server": {"numpy", "zmq", "msgpack", "glrender", "glrender_camera"},
     # The demo and its plots are an application on top of everything: they also drive the client.

@@ -1,0 +1,1 @@
+"""Built-in plug-ins that draw the same scenes by other means than OpenGL."""

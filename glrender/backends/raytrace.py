@@ -1,0 +1,278 @@
+"""The slow exact engine: float64 rays (Embree), each pixel sampled over its area until its error is known.
+
+Embree finds the facet in float32; the point is worked out again in float64 from the facet's
+plane, and the laws are the float64 ones. It shares no line with the OpenGL passes.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+from typing import Any
+
+import cv2
+import numpy as np
+from glrender_camera import PinholeCamera
+from glrender_camera.validate import integer
+
+from ..errors import DeviceError
+from ..image import Image, checked_products
+from ..plan import BodyPlan, RenderPlan, region
+from ..scene import Body, Scene, checked_max_error
+from ..state import State
+from ..view import BodyView, view_bodies
+
+# Rounds before a pixel's scatter is believed, and at which even the worst pixel is given up.
+_FIRST_ROUNDS, _MAX_ROUNDS = 4, 256
+# Samples of a round along a pixel's side: one in each cell of the grid, jittered.
+_STRATA = 2
+_RAYS_AT_ONCE = 1 << 19
+# A shadow ray starts this far off the surface, in radii of the bounding sphere: ten float32 steps.
+_LIFT = 6e-7
+
+
+class RayTracer:
+    """Draws a scene's states with rays; the interface is `Renderer`'s.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Raises
+    ------
+    DeviceError
+        embreex is not installed.
+    """
+
+    def __init__(self, scene: Scene):
+        self.scene = scene
+        self._solids = {body.name: _Solid(body) for body in scene.bodies}
+
+    def __enter__(self) -> RayTracer:
+        return self
+
+    def __exit__(self, *exception) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Release the acceleration structures."""
+        self._solids.clear()
+
+    @property
+    def info(self) -> dict[str, Any]:
+        """Which engine draws."""
+        return {"backend": "raytrace", "gl_renderer": "Embree (embreex)", "gl_version": ""}
+
+    def render(self, state: State, camera: str | None = None, *, max_error: float | None = None,
+               products: Iterable[str] = ("irradiance",), samples: int | None = None, seed: int = 0) -> Image:
+        """Draw one frame until the standard error of its pixels is below the budget.
+
+        Parameters
+        ----------
+        state, camera, products
+            As `Renderer.render`; products are those of the pixel's centre.
+        max_error : float [1], optional
+            Root mean square standard error over the mean of the lit pixels.
+        samples : int, optional
+            Samples along a pixel's side on a regular grid, and no adaptation.
+        seed : int
+            Of the jitter: equal seeds give equal images.
+
+        Returns
+        -------
+        Image
+            `plan.predicted_error` is the standard error reached.
+        """
+        began = time.perf_counter()
+        pinhole = self.scene.camera(camera)
+        wanted = checked_products(products)
+        budget = self.scene.max_error if max_error is None else checked_max_error(max_error)
+        if samples is not None:
+            samples = integer("samples", samples, 1, 256)
+        views = view_bodies(state, pinhole, {body.name: body.hull for body in self.scene.bodies})
+        roi = region([v for v in views if v.is_visible], pinhole) if any(v.is_visible for v in views) else (0, 0, 0, 0)
+        irradiance = np.zeros((pinhole.height_px, pinhole.width_px))
+        x0, y0, x1, y1 = roi
+        y, x = (axis.ravel() for axis in np.mgrid[y0:y1, x0:x1])
+        pixel = np.stack([x, y], axis=1).astype(np.float64)
+        shoot = lambda place: self._radiant(place, pinhole, views)[0]  # noqa: E731
+        if samples is not None:
+            offsets = (np.arange(samples) + 0.5) / samples - 0.5
+            mean = sum((shoot(pixel + (dx, dy)) for dy in offsets for dx in offsets), np.zeros(len(pixel)))
+            mean, reached = mean / samples**2, 0.0
+        else:
+            mean, reached = _adapt(shoot, pixel, (y1 - y0, x1 - x0), budget, np.random.default_rng(seed))
+        irradiance[y, x] = mean
+        arrays = {}
+        if wanted:
+            _, seen = self._radiant(pixel, pinhole, views)
+            for name in wanted:
+                values = seen[name]
+                arrays[name] = np.full((*irradiance.shape, *values.shape[1:]), _BESIDE[name], values.dtype)
+                arrays[name][y, x] = values
+        frame_plan = RenderPlan(
+            camera=pinhole.name, max_error=budget, roi=roi, windows=(), predicted_error=reached, left_out=(),
+            bodies=tuple(BodyPlan(
+                name=v.name, is_visible=v.is_visible, n_facets=len(self._solids[v.name].facets),
+                law=self._solids[v.name].body.brdf.glsl, shadow_map_px=None, shadow_map_reused=False,
+                relative_to_camera=True, normal_lookup=True, size_px=v.size_px) for v in views))
+        return Image(irradiance_W_m2=irradiance.astype(np.float32), products=arrays, plan=frame_plan,
+                     timings_ms={"trace": 1e3 * (time.perf_counter() - began)})
+
+    def _radiant(self, pixel: np.ndarray, camera: PinholeCamera,
+                 views: list[BodyView]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Irradiance [W/m2 per pixel] seen from places in the image (N, 2) [px], and what is there."""
+        parts = [self._trace(pixel[start:start + _RAYS_AT_ONCE], camera, views)
+                 for start in range(0, len(pixel), _RAYS_AT_ONCE)]
+        if not parts:
+            parts = [self._trace(pixel, camera, views)]
+        return (np.concatenate([part[0] for part in parts]),
+                {name: np.concatenate([part[1][name] for part in parts]) for name in _BESIDE})
+
+    def _trace(self, pixel: np.ndarray, camera: PinholeCamera,
+               views: list[BodyView]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        ray_camera = camera.directions(pixel)
+        seen = {name: np.full((len(pixel), *np.shape(value)), value, _DTYPES[name])
+                for name, value in _BESIDE.items()}
+        nearest = np.full(len(pixel), np.inf)
+        for view in views:
+            if not view.is_visible:
+                continue
+            solid = self._solids[view.name]
+            ray = ray_camera @ view.camera_from_body
+            facet, distance = solid.hit(view.r_camera_body_m, ray)
+            nearer = np.flatnonzero(distance < nearest)
+            nearest[nearer] = distance[nearer]
+            normal = solid.normals[facet[nearer]]
+            seen["range"][nearer] = distance[nearer]
+            seen["body_id"][nearer] = list(self._solids).index(view.name)
+            seen["facet_id"][nearer] = facet[nearer]
+            seen["r_body"][nearer] = view.r_camera_body_m + ray[nearer] * distance[nearer, None]
+            seen["incidence"][nearer] = _angle(normal, view.sun_direction_body)
+            seen["emission"][nearer] = _angle(normal, -ray[nearer])
+            seen["phase"][nearer] = _angle(-ray[nearer], view.sun_direction_body)
+        value = np.zeros(len(pixel))
+        for index, view in enumerate(views):
+            solid = self._solids[view.name]
+            facing = np.flatnonzero((seen["body_id"] == index) & (seen["incidence"] < 0.5 * np.pi))
+            normal = solid.normals[seen["facet_id"][facing]]
+            start = seen["r_body"][facing] + normal * (_LIFT * solid.radius_m)
+            is_lit = self._sees_sun(start, view, views)
+            seen["sunlit"][facing] = is_lit
+            lit = facing[is_lit]
+            ray = ray_camera[lit] @ view.camera_from_body
+            normal = normal[is_lit]
+            brdf = solid.body.brdf.brdf(view.sun_direction_body, -ray, normal)
+            value[lit] = brdf * (normal @ view.sun_direction_body) / view.sun_distance_au**2
+        # A pixel's solid angle falls off as cos^3 of its angle from the boresight.
+        value *= self.scene.solar_irradiance_1au_W_m2 * ray_camera[:, 2] ** 3 / camera.focal_length_px**2
+        return value, seen
+
+    def _sees_sun(self, start: np.ndarray, view: BodyView, views: list[BodyView]) -> np.ndarray:
+        """Whether points (N, 3) [m] of a body have a free line to the Sun."""
+        is_free = np.ones(len(start), bool)
+        for other in views:
+            rotation = other.camera_from_body.T @ view.camera_from_body
+            offset = other.r_camera_body_m - rotation @ view.r_camera_body_m
+            rest = np.flatnonzero(is_free)
+            is_free[rest] = ~self._solids[other.name].blocks(start[rest] @ rotation.T + offset,
+                                                             rotation @ view.sun_direction_body)
+        return is_free
+
+
+_BESIDE: dict[str, Any] = {"range": np.nan, "body_id": -1, "facet_id": -1, "incidence": np.nan, "emission": np.nan,
+                           "phase": np.nan, "r_body": np.full(3, np.nan), "sunlit": 0.0}
+_DTYPES = {name: np.int32 if name.endswith("_id") else np.float64 for name in _BESIDE}
+
+
+def _angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return 2.0 * np.arctan2(np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1))
+
+
+def _adapt(shoot, pixel: np.ndarray, shape: tuple[int, int], budget: float,
+           rng: np.random.Generator) -> tuple[np.ndarray, float]:
+    """Mean of each pixel, sampled until the frame's standard error meets the budget, and that error.
+
+    Each round puts one jittered sample into each cell of a pixel; the scatter of the rounds'
+    means is the pixel's variance. Pixels that scatter less than their share stop early.
+    """
+    cells = (np.arange(_STRATA) + 0.5) / _STRATA - 0.5
+    total, squares, rounds = (np.zeros(len(pixel)) for _ in range(3))
+    active = np.arange(len(pixel))
+    for count in range(1, _MAX_ROUNDS + 1):
+        jitter = rng.uniform(-0.5 / _STRATA, 0.5 / _STRATA, (_STRATA**2, len(active), 2))
+        places = [(dx, dy) for dy in cells for dx in cells]
+        mean = sum(shoot(pixel[active] + place + jitter[k]) for k, place in enumerate(places)) / len(places)
+        total[active] += mean
+        squares[active] += mean**2
+        rounds[active] += 1.0
+        if count < _FIRST_ROUNDS:
+            continue
+        mean = total / rounds
+        # A pixel whose few rounds agree by chance must not stop while its neighbours scatter.
+        own = np.maximum(squares / rounds - mean**2, 0.0) / (rounds - 1.0)
+        variance = np.maximum(own, _neighbours_mean(own, shape))
+        lit = mean > 0.0
+        if not lit.any():
+            return mean, 0.0
+        level = mean[lit].mean()
+        reached = float(np.sqrt(variance[lit].mean()) / level)
+        if reached <= budget:
+            break
+        active = np.flatnonzero(variance > (0.5 * budget * level) ** 2)
+    return mean, reached
+
+
+def _neighbours_mean(values: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    return cv2.blur(values.reshape(shape), (3, 3), borderType=cv2.BORDER_REFLECT_101).ravel()
+
+
+class _Solid:
+    """A body's acceleration structure, in units of its radius."""
+
+    def __init__(self, body: Body):
+        try:
+            from embreex import rtcore_scene
+            from embreex.mesh_construction import TriangleMesh
+        except ImportError as error:
+            raise DeviceError("the ray tracer needs embreex: pip install embreex") from error
+        self.body, self.facets, self.radius_m = body, body.shape.facets, body.hull.radius_m
+        self._corner = body.shape.vertices_m[self.facets[:, 0]]
+        corners = body.shape.vertices_m[self.facets]
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        self.normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+        self._scene = rtcore_scene.EmbreeScene()
+        TriangleMesh(self._scene, (corners / self.radius_m).astype(np.float32))
+
+    def hit(self, origin_m: np.ndarray, ray: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Facet (N,) or -1, and distance (N,) float64 [m] or infinity, of rays from one point."""
+        # Float32 rays start close by: on the bounding sphere where the origin is beyond it.
+        along = -ray @ origin_m
+        away = np.sqrt(np.maximum(origin_m @ origin_m - along**2, 0.0))
+        advance = np.where((along > 1.5 * self.radius_m) & (away < 1.01 * self.radius_m), along - 1.5 * self.radius_m,
+                           0.0)
+        start = origin_m + ray * advance[:, None]
+        facet = self._scene.run(np.ascontiguousarray(start / self.radius_m, np.float32),
+                                np.ascontiguousarray(ray, np.float32))
+        distance = np.full(len(ray), np.inf)
+        found = np.flatnonzero(facet >= 0)
+        normal = self.normals[facet[found]]
+        distance[found] = (np.einsum("ij,ij->i", self._corner[facet[found]] - origin_m, normal)
+                           / np.einsum("ij,ij->i", ray[found], normal))
+        return facet, distance
+
+    def blocks(self, start_m: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """Whether rays (N, 3) [m] towards one direction meet the body."""
+        if not len(start_m):
+            return np.zeros(0, bool)
+        along = start_m @ direction
+        away = np.linalg.norm(start_m - along[:, None] * direction, axis=1)
+        # Far sunward or beside the bounding sphere there is nothing to meet, and float32 no room for it.
+        near = np.flatnonzero((away < 1.01 * self.radius_m) & (along < 1.01 * self.radius_m))
+        start = start_m[near] + direction * np.maximum(-along[near] - 1.5 * self.radius_m, 0.0)[:, None]
+        result = np.zeros(len(start_m), bool)
+        if len(near):
+            ray = np.broadcast_to(direction, start.shape)
+            result[near] = self._scene.run(np.ascontiguousarray(start / self.radius_m, np.float32),
+                                           np.ascontiguousarray(ray, np.float32)) >= 0
+        return result

@@ -1,0 +1,51 @@
+"""What a renderer gives back, whichever backend drew it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from .errors import ConfigError
+from .plan import RenderPlan
+
+PRODUCTS = ("irradiance", "range", "body_id", "facet_id", "incidence", "emission", "phase", "r_body", "sunlit")
+"""What `Renderer.render` can return."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Image:
+    """A rendered frame.
+
+    Attributes
+    ----------
+    irradiance_W_m2 : (height, width) float32 [W/m2]
+        Irradiance that arrives at the aperture from the solid angle of each pixel.
+    products : dict of str to array
+        Those asked for, at each pixel's centre: ``range`` float64 [m] (NaN beside the bodies),
+        ``body_id`` int32 (index into the scene's bodies, -1 beside), ``facet_id`` int32 (-1 beside),
+        ``incidence``, ``emission``, ``phase`` float32 [rad] (NaN beside), ``r_body`` (height, width, 3)
+        float32 [m] (NaN beside), ``sunlit`` float32 (0 in a cast shadow or facing away, 1 in sunlight).
+    plan : RenderPlan
+    timings_ms : dict of str to float
+    """
+
+    irradiance_W_m2: np.ndarray
+    products: dict[str, np.ndarray]
+    plan: RenderPlan
+    timings_ms: dict[str, float]
+
+    @property
+    def roi(self) -> tuple[int, int, int, int]:
+        """Region [px] outside which the irradiance is zero: x0, y0, x1, y1, one past the last."""
+        return self.plan.roi
+
+
+def checked_products(products: Iterable[str]) -> tuple[str, ...]:
+    """The products asked for besides the irradiance, in the order of `PRODUCTS`."""
+    products = (products,) if isinstance(products, str) else tuple(products)
+    for index, name in enumerate(products):
+        if name not in PRODUCTS:
+            raise ConfigError(f"products[{index}]", f"must be one of {', '.join(PRODUCTS)}", name)
+    return tuple(name for name in PRODUCTS if name in products and name != "irradiance")

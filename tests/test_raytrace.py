@@ -1,0 +1,84 @@
+"""The slow exact engine against closed forms, an independent ray tracer and its own stated error."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import raytracer
+import views
+from glrender import Body, ConfigError, Pose, Renderer, State, generate
+from glrender.backends.raytrace import RayTracer
+from glrender.brdf import Lambert
+from glrender.plugins import open_renderer
+from test_renderer_photometry import phi_lambert
+
+GREY = Lambert(normal_albedo=0.4)
+
+
+@pytest.mark.parametrize("phase_deg", [0.0, 45.0, 90.0, 135.0])
+def test_flux_of_a_sphere(phase_deg):
+    """F (R/range)^2 p Phi(g), the mesh's bias of 0.03 % and 0.05 % of sampling."""
+    with RayTracer(views.scene([views.sphere(GREY, 5)], [views.camera(64, 2.5e5)])) as tracer:
+        image = tracer.render(views.state(phase_deg=phase_deg, range_m=1e6), max_error=0.01)
+    expected = views.SOLAR_IRRADIANCE_W_M2 * 1e-8 * 0.4 * 2 / 3 * phi_lambert(np.radians(phase_deg))
+    np.testing.assert_allclose(image.irradiance_W_m2.sum(dtype=np.float64), expected, rtol=2e-3)
+
+
+def test_agrees_with_the_tests_own_rays():
+    """The same regular samples, traced by a program that shares only the laws: 0.2 % of pixels may differ."""
+    shape = generate.contact_binary(radius_m=100.0, seed=2)
+    body = Body(name="body", shape=shape, brdf=GREY)
+    camera, state = views.camera(96, 400.0), views.state(phase_deg=70.0)
+    with RayTracer(views.scene([body], [camera])) as tracer:
+        image = tracer.render(state, samples=3, products=["facet_id", "range", "sunlit"])
+    truth, facet, range_m = raytracer.trace([("body", shape.vertices_m, shape.facets, GREY)], camera, state,
+                                            views.SOLAR_IRRADIANCE_W_M2, 3)
+    assert (image.products["facet_id"] != facet).mean() < 2e-3
+    same = (image.products["facet_id"] == facet) & (facet >= 0)
+    np.testing.assert_allclose(image.products["range"][same], range_m[same], rtol=1e-9)
+    assert (np.abs(image.irradiance_W_m2 - truth) > 1e-5 * truth.max()).mean() < 5e-3
+
+
+@pytest.mark.parametrize("budget", [0.05, 0.02])
+def test_the_stated_error_is_the_scatter_between_seeds(budget):
+    """Ten seeds: the standard deviation over the mean is what the plan says, within a quarter."""
+    shape = generate.contact_binary(radius_m=100.0, seed=2)
+    with RayTracer(views.scene([Body(name="body", shape=shape, brdf=GREY)], [views.camera(64, 250.0)])) as tracer:
+        images = [tracer.render(views.state(phase_deg=70.0), max_error=budget, seed=seed) for seed in range(10)]
+    stack = np.array([image.irradiance_W_m2 for image in images])
+    mean = stack.mean(axis=0)
+    scatter = np.sqrt(stack.var(axis=0, ddof=1)[mean > 0].mean()) / mean[mean > 0].mean()
+    stated = np.mean([image.plan.predicted_error for image in images])
+    assert stated <= budget
+    assert scatter <= 1.25 * stated
+    assert not np.array_equal(stack[0], stack[1])
+
+
+def test_the_same_seed_gives_the_same_bytes():
+    with RayTracer(views.scene([views.sphere(GREY, 3)], [views.camera(64, 500.0)])) as tracer:
+        first, again = (tracer.render(views.state(), seed=3).irradiance_W_m2.tobytes() for _ in range(2))
+    assert first == again
+
+
+def test_several_bodies_hide_and_shade_each_other_as_in_opengl():
+    moon, planet = views.sphere(GREY, 4, 20.0, "moon"), views.sphere(GREY, 5, 100.0, "planet")
+    base = views.state(phase_deg=30.0, range_m=2000.0, bodies=("moon", "planet"))
+    sun = base.r_sun_inertial_m / np.linalg.norm(base.r_sun_inertial_m)
+    state = State(r_sun_inertial_m=base.r_sun_inertial_m, spacecraft=base.spacecraft,
+                  bodies={"planet": base.bodies["planet"], "moon": Pose(r_inertial_m=400.0 * sun)})
+    scene = views.scene([moon, planet], [views.camera(128, 750.0)])
+    with RayTracer(scene) as tracer, Renderer(scene) as renderer:
+        exact, drawn = tracer.render(state, samples=4), renderer.render(state, samples=4)
+    np.testing.assert_allclose(drawn.irradiance_W_m2.sum(), exact.irradiance_W_m2.sum(), rtol=1e-3)
+    assert np.sqrt(np.mean((drawn.irradiance_W_m2 - exact.irradiance_W_m2) ** 2)) < (
+        0.03 * exact.irradiance_W_m2[exact.irradiance_W_m2 > 0].mean())
+
+
+def test_it_is_found_as_a_plug_in():
+    scene = views.scene([views.sphere(GREY, 1)], [views.camera(16, 50.0)])
+    with open_renderer(scene, backend="raytrace") as tracer:
+        assert isinstance(tracer, RayTracer)
+    with open_renderer(scene) as renderer:
+        assert isinstance(renderer, Renderer)
+    with pytest.raises(ConfigError, match="backend: must be one of auto, egl, osmesa.*raytrace.*got 'vulkan'"):
+        open_renderer(scene, backend="vulkan")
