@@ -1,10 +1,15 @@
 """Reflectance laws in float64, one file each; no GL."""
 
+from .akimov import Akimov
 from .curve import Table
 from .hapke import Hapke
 from .lambert import Lambert
 from .law import Law
 from .lommel_seeliger import LommelSeeliger
 from .lunar_lambert import LunarLambert
+from .minnaert import Minnaert
+from .oren_nayar import OrenNayar
+from .rolo import Rolo
 
-__all__ = ["Hapke", "Lambert", "Law", "LommelSeeliger", "LunarLambert", "Table"]
+__all__ = ["Akimov", "Hapke", "Lambert", "Law", "LommelSeeliger", "LunarLambert", "Minnaert", "OrenNayar",
+           "Rolo", "Table"]

@@ -1,5 +1,9 @@
 // What depends on the phase angle: polynomials and tables in degrees. Twin of glrender/brdf/curve.py.
 #include "brdf/angles.glsl"
+#ifndef LAW_PHASE_KNOTS
+#define LAW_PHASE_KNOTS 0
+#define LAW_PHASE_TERMS 0
+#endif
 #ifndef LAW_WEIGHT_KNOTS
 #define LAW_WEIGHT_KNOTS 0
 #endif
