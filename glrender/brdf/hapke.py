@@ -225,13 +225,15 @@ class Hapke(Law):
             f = np.exp(-2.0 * np.abs(np.tan(0.5 * azimuth)))
         e1_small, e2_small = self._slope_terms(cos_small, sin_small)
         e1_large, e2_large = self._slope_terms(cos_large, sin_large)
-        denominator = 2.0 - e1_large - azimuth / np.pi * e1_small
-        mu_small = cos_small + sin_small * tan_slope * (
-            np.cos(azimuth) * e2_large + sin2_half * e2_small) / denominator
-        mu_large = cos_large + sin_large * tan_slope * (e2_large - sin2_half * e2_small) / denominator
+        # Floors for 0/0 where Sun and camera graze from opposite sides.
+        denominator = np.maximum(2.0 - e1_large - azimuth / np.pi * e1_small, 1e-14)
+        mu_small = np.maximum(cos_small + sin_small * tan_slope * (
+            np.cos(azimuth) * e2_large + sin2_half * e2_small) / denominator, 1e-14)
+        mu_large = np.maximum(
+            cos_large + sin_large * tan_slope * (e2_large - sin2_half * e2_small) / denominator, 1e-14)
         eta_small = cos_small + sin_small * tan_slope * e2_small / (2.0 - e1_small)
         eta_large = cos_large + sin_large * tan_slope * e2_large / (2.0 - e1_large)
-        return mu_small, mu_large, 1.0 / (eta_large * (eta_small + f * (cos_small - eta_small)))
+        return mu_small, mu_large, 1.0 / (eta_large * ((1.0 - f) * eta_small + f * cos_small))
 
     def _slope_terms(self, cosine: np.ndarray, sine: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """E1 and E2 of Hapke (1984) [1]."""

@@ -12,6 +12,10 @@ import numpy as np
 
 from .geometry import Geometry
 
+MIN_COSINE = 1e-6
+"""Cosines of incidence and emission are held at this (89.99994 deg): a BRDF may grow as 1 / (mu0 + mu)
+towards double grazing, and float32 must not overflow. I/F still goes to 0 there with the true cosine."""
+
 
 class Law(ABC):
     """A reflectance law, as a frozen keyword-only dataclass of its parameters.
@@ -58,8 +62,8 @@ class Law(ABC):
         cos_emission = np.sum(normal * to_camera, axis=-1)
         lit = (cos_incidence > 0.0) & (cos_emission > 0.0)
         geometry = Geometry(to_sun=to_sun, to_camera=to_camera, normal=normal,
-                            cos_incidence=np.where(lit, cos_incidence, 1.0),
-                            cos_emission=np.where(lit, cos_emission, 1.0))
+                            cos_incidence=np.where(lit, np.maximum(cos_incidence, MIN_COSINE), 1.0),
+                            cos_emission=np.where(lit, np.maximum(cos_emission, MIN_COSINE), 1.0))
         if self.max_phase < math.pi and np.any(lit & (geometry.phase > self.max_phase)):
             warnings.warn(f"{type(self).__name__} is used beyond the phase of "
                           f"{math.degrees(self.max_phase):.4g} deg up to which it holds", stacklevel=2)

@@ -6,14 +6,10 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from glrender_camera.validate import finite
+from glrender_camera.validate import within
 
 from .curve import Table
 from .lommel_seeliger import WithPhaseFunction
-
-MIN_COSINES = 1e-6
-"""Floor of cos(incidence) cos(emission): an exponent below 1 is infinite at the limb and the terminator,
-float32 is not. It acts within 0.06 deg of either (and there where both are within 3 deg)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,9 +20,10 @@ class Minnaert(WithPhaseFunction):
     ----------
     normal_albedo : float [1], 0..1
         A.
-    exponent : float [1]
-        k at zero phase: 1 is Lambert's law, 0.5 a dark body's flat disc at full phase.
-    exponent_per_deg : float [1/deg]
+    exponent : float [1], 0..2
+        k at zero phase: 1 is Lambert's law, 0.5 a dark body's flat disc at full phase. Below 1 the
+        radiance grows without bound towards the limb; the cosines are held at 1e-6.
+    exponent_per_deg : float [1/deg], -0.01..0.01
     phase_function : sequence of float or table, optional
         f(g): see `PhaseFunction`; 1 by default.
 
@@ -43,12 +40,13 @@ class Minnaert(WithPhaseFunction):
 
     def __post_init__(self):
         self._check("normal_albedo")
-        for name in ("exponent", "exponent_per_deg"):
-            object.__setattr__(self, name, finite(name, getattr(self, name)))
+        object.__setattr__(self, "exponent", within("exponent", self.exponent, 0.0, 2.0))
+        object.__setattr__(self, "exponent_per_deg",
+                           within("exponent_per_deg", self.exponent_per_deg, -0.01, 0.01))
 
     def lit_brdf(self, geometry):
         phase_deg = geometry.phase_deg
-        cosines = np.maximum(geometry.cos_incidence * geometry.cos_emission, MIN_COSINES)
+        cosines = geometry.cos_incidence * geometry.cos_emission
         power = self.exponent - 1.0 + self.exponent_per_deg * phase_deg
         return self.normal_albedo / np.pi * self._phase_function(phase_deg) * cosines**power
 
@@ -57,5 +55,5 @@ class Minnaert(WithPhaseFunction):
         return {**super().uniform_fields, "law_exponent": "vec2"}
 
     def uniforms(self):
-        return {**self._uniforms(self.normal_albedo, MIN_COSINES),
+        return {**self._uniforms(self.normal_albedo),
                 "law_exponent": (self.exponent - 1.0, self.exponent_per_deg)}

@@ -2,6 +2,9 @@
 // and is NaN for 5 % of equal float32 vectors. Twin of glrender/brdf/geometry.py.
 #include "constants.glsl"
 
+// Cosines are held at this, as in law.py: a BRDF may grow as 1 / (mu0 + mu) and float32 may not.
+const float MIN_COSINE = 1e-6;
+
 // atan on 0..1: minimax polynomial, relative error 1.4e-7 in float32; the driver's may be off by 2e-5.
 float atan_below_1(float t)
 {

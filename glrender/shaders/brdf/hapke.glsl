@@ -55,7 +55,8 @@ float brdf(vec3 to_sun, vec3 to_camera, vec3 normal, float albedo_scale)
     float distance2 = dot(difference, difference), bisector2 = dot(bisector, bisector);
 
     // What both cosines share: mu_small belongs to the smaller angle, whichever direction that is.
-    float cos_small = max(cos_incidence, cos_emission), cos_large = min(cos_incidence, cos_emission);
+    float cos_small = max(max(cos_incidence, cos_emission), MIN_COSINE);
+    float cos_large = max(min(cos_incidence, cos_emission), MIN_COSINE);
 #if LAW_ROUGHNESS
     vec3 sun_side = cross(normal, to_sun), camera_side = cross(normal, to_camera);
     // 1e-20 bounds the cotangent by 1e10; at the zenith every term with the azimuth vanishes.
@@ -81,14 +82,16 @@ float brdf(vec3 to_sun, vec3 to_camera, vec3 normal, float albedo_scale)
     float e2_large = exp2(law_roughness.z * cot_large * cot_large);
     float slope_small = law_roughness.x * sin2_small * inverse_small;
     float slope_large = law_roughness.x * sin2_large * inverse_large;
-    float inverse = 1.0 / ((1.0 - e1_large) + (1.0 - e1_small) + away * e1_small);
+    // 1e-7 and 1e-12 bound what is 0/0 where Sun and camera graze from opposite sides.
+    float inverse = 1.0 / max((1.0 - e1_large) + (1.0 - e1_small) + away * e1_small, 1e-7);
     float excess = e2_large - e2_small;
-    float mu_small = cos_small + slope_small * (cos2_half * (2.0 * e2_large - e2_small) - excess) * inverse;
-    float mu_large = cos_large + slope_large * (cos2_half * e2_small + excess) * inverse;
+    float mu_small = max(
+        cos_small + slope_small * (cos2_half * (2.0 * e2_large - e2_small) - excess) * inverse, 1e-12);
+    float mu_large = max(cos_large + slope_large * (cos2_half * e2_small + excess) * inverse, 1e-12);
     float eta_small = cos_small + slope_small * e2_small / (2.0 - e1_small);
     float eta_large = cos_large + slope_large * e2_large / (2.0 - e1_large);
     float spread = mu_small * mu_large
-        / ((mu_small + mu_large) * eta_large * (eta_small + f * (cos_small - eta_small)));
+        / ((mu_small + mu_large) * eta_large * ((1.0 - f) * eta_small + f * cos_small));
 #else
     float mu_small = cos_small, mu_large = cos_large;
     float spread = 1.0 / (mu_small + mu_large);
