@@ -1,15 +1,28 @@
-"""glrender: headless OpenGL frames for closed-loop navigation around small bodies."""
+"""glrender: headless OpenGL frames for closed-loop navigation around small bodies.
+
+Importing it opens no context and loads no OpenGL: laws, scenes and cameras work on a bare machine.
+"""
+
+from __future__ import annotations
+
+from glrender_camera import PinholeCamera
+
+from .errors import ConfigError, DeviceError, GlrenderError, ProtocolError, SceneError, ShaderError, ShapeError
+from .plugins import open_renderer
+from .image import Image
+from .scene import Body, Scene, load_scene
+from .shape import Shape
+from .state import Pose, State
+
+__version__ = "0.1.0"
+__all__ = ["Body", "ConfigError", "DeviceError", "GlrenderError", "Image", "PinholeCamera", "Pose",
+           "ProtocolError", "Renderer", "Scene", "SceneError", "Shape", "ShaderError", "ShapeError", "State",
+           "load_scene", "open_renderer"]
 
 
-def __getattr__(name):  # temporary while rooms are being built
-    import importlib
+def __getattr__(name: str):
+    if name == "Renderer":
+        from .renderer import Renderer
 
-    homes = {"Renderer": "renderer", "Image": "renderer", "Body": "scene", "Scene": "scene", "load_scene": "scene",
-             "State": "state", "Pose": "state", "Shape": "shape"}
-    if name == "PinholeCamera":
-        return importlib.import_module("glrender_camera.projection").PinholeCamera
-    if name in homes:
-        return getattr(importlib.import_module(f"glrender.{homes[name]}"), name)
-    if name.endswith("Error"):
-        return getattr(importlib.import_module("glrender.errors"), name)
-    raise AttributeError(name)
+        return Renderer
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -48,7 +48,7 @@ class Tracer:
         for index, (name, vertices, facets, _) in enumerate(bodies):
             pose = state.bodies[name]
             rotation = Rotation.from_quat(pose.q_from_inertial, scalar_first=True)
-            corners.append((rotation.inv().apply(vertices) + pose.r_inertial_m)[facets])
+            corners.append((vertices @ rotation.as_matrix() + pose.r_inertial_m)[facets])
             owner += [index] * len(facets)
         corners, self._owner = np.concatenate(corners), np.array(owner)
         spacecraft = Rotation.from_quat(state.spacecraft.q_from_inertial, scalar_first=True).as_matrix()

@@ -1,0 +1,220 @@
+"""Readers of shape files: each returns vertices, facets and, for OBJ, texture coordinates of the corners."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from .errors import ShapeError
+
+MAX_FACETS = 20_000_000
+# Bytes of a file that no facet count within the limit explains.
+_MAX_BYTES = 4 * 1024**3
+
+Arrays = tuple[np.ndarray, np.ndarray, np.ndarray | None]
+
+
+def read_shape_file(path: Path, max_facets: int) -> Arrays:
+    """Vertices (V, 3) float64, facets (F, 3) int64 from 0, corner texture coordinates (F, 3, 2) or None.
+
+    Raises
+    ------
+    ShapeError
+        The file is missing, of no known kind, or does not hold a mesh.
+    """
+    if path.is_dir():
+        raise ShapeError("", "is a folder, not a shape file", str(path))
+    try:
+        size = path.stat().st_size
+    except OSError as error:
+        raise ShapeError("", f"cannot be read: {error.strerror}", str(path)) from None
+    if size == 0:
+        raise ShapeError("", "is empty", str(path))
+    if size > _MAX_BYTES:
+        raise ShapeError("", "is larger than 4 GiB", str(path), "decimate it first")
+    reader = _READERS.get(path.suffix.lower())
+    if reader is None:
+        raise ShapeError("", f"must end in one of {', '.join(sorted(_READERS))}", str(path))
+    try:
+        return reader(path, max_facets)
+    except ShapeError:
+        raise
+    except (OSError, MemoryError, OverflowError) as error:
+        raise ShapeError("", f"cannot be read: {error}", str(path)) from None
+    except Exception as error:  # third-party parsers raise anything on hostile bytes
+        raise ShapeError("", f"is not a readable {path.suffix[1:].upper()} file: {type(error).__name__}: {error}",
+                         str(path)) from None
+
+
+def _lines(path: Path) -> list[str]:
+    data = path.read_bytes()
+    if b"\0" in data[:65536]:
+        raise ShapeError("", "is binary, not text", str(path))
+    return data.decode("utf-8", errors="replace").splitlines()
+
+
+def _numbers(path: Path, rows: list[str], width: int, what: str) -> np.ndarray:
+    """(n, width) float64 of text rows; a wrong row is named."""
+    text = " ".join(rows)
+    values = np.array(text.split(), dtype=object)
+    try:
+        if len(values) == width * len(rows):
+            return values.astype(np.float64).reshape(-1, width)
+    except ValueError:
+        pass
+    for row in rows:
+        parts = row.split()
+        try:
+            [float(part) for part in parts]
+        except ValueError:
+            hint = "write decimals with a point" if "," in row else ""
+            raise ShapeError("", f"has a {what} that is no number", row.strip(), hint) from None
+        if len(parts) != width:
+            raise ShapeError("", f"has a {what} with {len(parts)} numbers instead of {width}", row.strip())
+    raise ShapeError("", f"has unreadable {what} rows", str(path))
+
+
+def _limit(count: int, max_facets: int, path: Path) -> None:
+    if count > max_facets:
+        raise ShapeError("", f"has more than {max_facets} facets", count, "decimate it, or raise max_facets")
+
+
+def _obj(path: Path, max_facets: int) -> Arrays:
+    vertex_rows, texture_rows, faces = [], [], []
+    for line in _lines(path):
+        if line.startswith("v "):
+            vertex_rows.append(line[2:])
+        elif line.startswith("vt "):
+            texture_rows.append(" ".join(line[3:].split()[:2]))
+        elif line.startswith("f "):
+            faces.append((line[2:], len(vertex_rows), len(texture_rows)))
+    if not vertex_rows or not faces:
+        raise ShapeError("", "has no vertices or no facets", str(path))
+    _limit(len(faces), max_facets, path)
+    if vertex_rows[0].count(" ") and len(vertex_rows[0].split()) > 3:  # weights or colours follow
+        vertex_rows = [" ".join(row.split()[:3]) for row in vertex_rows]
+    vertices = _numbers(path, vertex_rows, 3, "vertex")
+    texture = _numbers(path, texture_rows, 2, "texture coordinate") if texture_rows else None
+    plain = all(face[1] == len(vertex_rows) for face in (faces[0], faces[-1]))
+    text = " ".join(face[0] for face in faces)
+    slashes = text.count("/")
+    tokens = text.split()
+    if plain and len(tokens) == 3 * len(faces) and "-" not in text:
+        # The common case, all at once: triangles, positive indices.
+        if slashes == 0:
+            return vertices, _integers(path, tokens).reshape(-1, 3) - 1, None
+        if slashes == len(tokens) and texture is not None:
+            pairs = _integers(path, text.replace("/", " ").split()).reshape(-1, 3, 2) - 1
+            return vertices, pairs[..., 0], _corner_uv(texture, pairs[..., 1])
+    facets, corners, has_texture = [], [], texture is not None
+    for face, n_vertices, n_texture in faces:
+        polygon = [token.split("/") for token in face.split()]
+        if len(polygon) < 3:
+            raise ShapeError("", "has a facet with fewer than 3 corners", f"f {face}")
+        try:
+            index = [_from_one(int(corner[0]), n_vertices) for corner in polygon]
+            if has_texture and all(len(corner) > 1 and corner[1] for corner in polygon):
+                uv = [_from_one(int(corner[1]), n_texture) for corner in polygon]
+            else:
+                has_texture, uv = False, [0] * len(polygon)
+        except ValueError:
+            raise ShapeError("", "has a facet with an index that is no integer", f"f {face}") from None
+        for k in range(1, len(polygon) - 1):
+            facets.append((index[0], index[k], index[k + 1]))
+            corners.append((uv[0], uv[k], uv[k + 1]))
+    facets = np.array(facets, np.int64)
+    return vertices, facets, _corner_uv(texture, np.array(corners)) if has_texture else None
+
+
+def _from_one(index: int, count: int) -> int:
+    """OBJ counts from 1, and backwards from the last with negative numbers."""
+    return index - 1 if index > 0 else count + index if index < 0 else -1
+
+
+def _integers(path: Path, tokens: list[str]) -> np.ndarray:
+    try:
+        return np.array(tokens, dtype=object).astype(np.int64)
+    except ValueError as error:
+        raise ShapeError("", "has a facet with an index that is no integer", str(error)) from None
+
+
+def _corner_uv(texture: np.ndarray, index: np.ndarray) -> np.ndarray:
+    if index.min() < 0 or index.max() >= len(texture):
+        raise ShapeError("", f"has a texture index outside 1..{len(texture)}", int(index.max()) + 1)
+    return texture[index].astype(np.float32)
+
+
+def _by_trimesh(path: Path, max_facets: int) -> Arrays:
+    import trimesh
+
+    if path.suffix.lower() == ".ply":
+        head = path.read_bytes()[:4096].split(b"end_header")[0]
+        for kind, count in re.findall(rb"element\s+(vertex|face)\s+(\d+)", head):
+            # A row takes at least six bytes: a header that promises more is broken or hostile.
+            if int(count) > path.stat().st_size // 6:
+                raise ShapeError("", f"promises more {kind.decode()} rows than the file can hold", int(count))
+    mesh = trimesh.load(path, process=False, force="mesh", skip_materials=True)
+    vertices, facets = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
+    if not len(facets):
+        raise ShapeError("", "has no facets", str(path))
+    _limit(len(facets), max_facets, path)
+    return vertices, facets, None
+
+
+def _plate_model(path: Path, max_facets: int) -> Arrays:
+    """PDS plate model: a count line, vertices, a count line, plates from 1; index columns optional."""
+    rows = [line.replace(",", " ") for line in _lines(path) if line.strip() and not line.lstrip().startswith("#")]
+    head = rows[0].split()
+    try:
+        counts = [int(word) for word in head]
+        if len(counts) == 2:
+            n_vertices, n_plates, start = *counts, 1
+            plates_at = start + n_vertices
+        elif len(counts) == 1:
+            n_vertices, start = counts[0], 1
+            n_plates, plates_at = int(rows[start + n_vertices].split()[0]), start + n_vertices + 1
+        else:
+            raise ValueError
+    except (ValueError, IndexError):
+        raise ShapeError("", "is no plate model: it must begin with the number of vertices", rows[0].strip()) from None
+    _limit(n_plates, max_facets, path)
+    vertex_rows, plate_rows = rows[start:start + n_vertices], rows[plates_at:plates_at + n_plates]
+    if len(vertex_rows) != n_vertices or len(plate_rows) != n_plates or not n_vertices or not n_plates:
+        raise ShapeError("", f"promises {n_vertices} vertices and {n_plates} plates and ends before",
+                         len(rows))
+    width = len(vertex_rows[0].split())
+    vertices = _numbers(path, vertex_rows, width, "vertex")[:, -3:]
+    width = len(plate_rows[0].split())
+    plates = _numbers(path, plate_rows, width, "plate")[:, -3:]
+    return vertices, plates.astype(np.int64) - 1, None
+
+
+def _icq(path: Path, max_facets: int) -> Arrays:
+    """Implicitly connected quadrilaterals (Gaskell): q, then six faces of (q + 1) x (q + 1) vertices."""
+    rows = [line for line in _lines(path) if line.strip()]
+    try:
+        q = int(rows[0].split()[0])
+    except ValueError:
+        raise ShapeError("", "is no ICQ file: it must begin with q", rows[0].strip()) from None
+    _limit(12 * q * q, max_facets, path)
+    side = q + 1
+    if q < 1 or len(rows) < 1 + 6 * side * side:
+        raise ShapeError("", f"promises 6 ({q} + 1)^2 vertices and ends before", len(rows) - 1)
+    vertices = _numbers(path, rows[1:1 + 6 * side * side], 3, "vertex")
+    a = (np.arange(6)[:, None, None] * side * side + np.arange(q)[:, None] * side + np.arange(q)).ravel()
+    quad = np.stack([a, a + 1, a + side + 1, a + side], axis=1)
+    # The shorter diagonal follows the surface better.
+    across = np.linalg.norm(vertices[quad[:, 0]] - vertices[quad[:, 2]], axis=1)
+    other = np.linalg.norm(vertices[quad[:, 1]] - vertices[quad[:, 3]], axis=1)
+    first = np.where((across <= other)[:, None], quad[:, [0, 1, 2]], quad[:, [0, 1, 3]])
+    second = np.where((across <= other)[:, None], quad[:, [0, 2, 3]], quad[:, [1, 2, 3]])
+    return vertices, np.concatenate([first, second]), None
+
+
+_READERS: dict[str, Callable[[Path, int], Arrays]] = {
+    ".obj": _obj, ".ply": _by_trimesh, ".stl": _by_trimesh, ".tab": _plate_model, ".plt": _plate_model,
+    ".icq": _icq,
+}
