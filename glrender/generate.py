@@ -38,7 +38,7 @@ def three_lobes(*, radius_m: float, subdivisions: int = 5) -> Shape:
                                     (0.45, 5.0, (-0.2, -0.3, 1.0))):
         axis = np.array(axis) / np.linalg.norm(axis)
         distance += height * np.exp(-sharpness * (1.0 - directions @ axis))
-    return Shape.from_arrays(radius_m * (distance / distance.max())[:, None] * directions, facets)
+    return _centred(distance[:, None] * directions, facets, radius_m)
 
 
 def gaussian_random_sphere(*, radius_m: float, sigma: float = 0.2, correlation_deg: float = 30.0, seed: int = 0,
@@ -66,7 +66,8 @@ def gaussian_random_sphere(*, radius_m: float, sigma: float = 0.2, correlation_d
     share = (2 * degrees + 1) * np.exp(-0.5 * degrees * (degrees + 1) * width**2)
     beta2 = np.log1p(sigma**2)
     field = _random_field(directions, degrees, beta2 * share / share.sum(), rng)
-    return Shape.from_arrays(radius_m * np.exp(field - 0.5 * beta2)[:, None] * directions, facets)
+    shape = Shape.from_arrays(radius_m * np.exp(field - 0.5 * beta2)[:, None] * directions, facets)
+    return Shape.from_arrays(shape.vertices_m - _centroid(shape.vertices_m, shape.facets), shape.facets)
 
 
 def contact_binary(*, radius_m: float, seed: int = 0, subdivisions: int = 6, n_craters: int = 60,
@@ -102,7 +103,7 @@ def contact_binary(*, radius_m: float, seed: int = 0, subdivisions: int = 6, n_c
     for axis, size in zip(_directions(rng, n_boulders), _power_law(rng, n_boulders, 0.012, 0.06, 3.0), strict=True):
         x = np.linalg.norm(directions - axis, axis=1) / size
         distance += 0.5 * size * np.sqrt(np.clip(1.0 - x**2, 0.0, None)) * 0.8
-    return Shape.from_arrays(radius_m * (distance / distance.max())[:, None] * directions, facets)
+    return _centred(distance[:, None] * directions, facets, radius_m)
 
 
 def subdivide_with_relief(shape: Shape, *, levels: int, relief: float = 0.05, seed: int = 0) -> Shape:
@@ -123,6 +124,19 @@ def subdivide_with_relief(shape: Shape, *, levels: int, relief: float = 0.05, se
     for _ in range(levels):
         vertices, facets = _split(vertices, facets, relief, rng)
     return Shape.from_arrays(vertices, facets)
+
+
+def _centred(vertices: np.ndarray, facets: np.ndarray, radius_m: float) -> Shape:
+    """A shape about its centre of volume, in a bounding sphere of a given radius."""
+    vertices = vertices - _centroid(vertices, facets)
+    return Shape.from_arrays(vertices * (radius_m / np.linalg.norm(vertices, axis=1).max()), facets)
+
+
+def _centroid(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
+    """Centre of volume of a closed mesh."""
+    a, b, c = (vertices[facets[:, k]] for k in range(3))
+    sixfold = np.einsum("ij,ij->i", a, np.cross(b, c))
+    return ((a + b + c) * sixfold[:, None]).sum(axis=0) / (4.0 * sixfold.sum())
 
 
 def _icosphere(subdivisions: int) -> tuple[np.ndarray, np.ndarray]:
@@ -163,10 +177,11 @@ def _split(vertices: np.ndarray, facets: np.ndarray, relief: float,
 
 
 def _two_balls(directions: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Distance from a point in the larger ball to the blended surface of two balls along x."""
+    """Distance from a point near the neck to the blended surface of two balls along x."""
     large, small = 0.55, rng.uniform(0.36, 0.42)
     centre = np.array([large + 0.75 * small, rng.uniform(-0.05, 0.05), rng.uniform(-0.05, 0.05)])
-    origin = np.array([0.28, 0.0, 0.0])
+    # Seen from near the neck both lobes have their share of the directions, and so of the facets.
+    origin = np.array([0.42, 0.0, 0.0])
     near, far = np.zeros(len(directions)), np.full(len(directions), 2.5)
 
     def outside(distance: np.ndarray) -> np.ndarray:

@@ -1,0 +1,1 @@
+"""The render server: dispatcher, ZeroMQ front end, command line, demo."""

@@ -1,0 +1,74 @@
+"""Messages: a msgpack header and raw little-endian pixels, as `docs/protocol.md` writes them down."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import msgpack
+import numpy as np
+from glrender import ProtocolError
+
+VERSION = 1
+MAX_HEADER_BYTES = 1 << 20
+_DTYPES = ("uint8", "uint16", "int32", "float32", "float64")
+
+
+def pack(header: Mapping[str, Any], arrays: Mapping[str, tuple[np.ndarray, str]] | None = None,
+         order: str = "C") -> list[Any]:
+    """Message parts of a header and named arrays with their units.
+
+    Parameters
+    ----------
+    header : mapping
+        Plain data.
+    arrays : mapping of str to (array, unit), optional
+        Each becomes a part; the header's ``arrays`` describes them in order.
+    order : "C" or "F"
+        Row-major, or column-major for MATLAB.
+
+    Returns
+    -------
+    list of bytes-like
+        The arrays' parts are views of contiguous memory and must not be written to while in flight.
+    """
+    described, parts = [], []
+    for index, (name, (array, unit)) in enumerate((arrays or {}).items()):
+        if array.dtype.name not in _DTYPES:
+            raise TypeError(f"{name}: dtype {array.dtype} has no place in the protocol")
+        little = array.astype(array.dtype.newbyteorder("<"), copy=False)
+        # Column-major bytes are the row-major bytes of the transpose.
+        flat = np.ascontiguousarray(little if order == "C" else little.T)
+        described.append({"name": name, "dtype": array.dtype.name, "shape": list(array.shape), "order": order,
+                          "unit": unit, "part": index + 1})
+        parts.append(flat.reshape(-1).view(np.uint8).data)
+    return [msgpack.packb({**header, "arrays": described}, default=_plain), *parts]
+
+
+def unpack_request(parts: Sequence[bytes]) -> dict[str, Any]:
+    """The header of a request; requests carry no pixels.
+
+    Raises
+    ------
+    ProtocolError
+    """
+    if len(parts) != 1:
+        raise ProtocolError("", "a request must have one part, the header", len(parts))
+    if len(parts[0]) > MAX_HEADER_BYTES:
+        raise ProtocolError("", f"a header must not exceed {MAX_HEADER_BYTES} bytes", len(parts[0]))
+    try:
+        header = msgpack.unpackb(parts[0], max_ext_len=0)
+    except Exception as error:  # msgpack raises a dozen kinds on hostile bytes
+        raise ProtocolError("", f"the header is not msgpack: {type(error).__name__}") from None
+    if not isinstance(header, dict) or not all(isinstance(key, str) for key in header):
+        raise ProtocolError("", "the header must be a map with text keys")
+    return header
+
+
+def _plain(value: object) -> object:
+    """NumPy scalars and arrays as plain data."""
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    raise TypeError(f"{type(value).__name__} has no place in a header")
