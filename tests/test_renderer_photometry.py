@@ -196,6 +196,25 @@ def test_two_renderers_of_one_process_do_not_mix():
     assert a.irradiance_W_m2.tobytes() == c.irradiance_W_m2.tobytes()
 
 
+def test_closing_one_renderer_leaves_the_other_whole():
+    """Object numbers repeat between contexts: a release in the wrong one would delete the other's buffers."""
+    body = Body(name="body", shape=generate.three_lobes(radius_m=100.0), brdf=Lambert(normal_albedo=0.2))
+    scene, state = views.scene([body], [views.camera(64, 250.0)]), views.state()
+    first = Renderer(scene)
+    before = first.render(state, products=["range"])
+    second = Renderer(scene)
+    second.render(state)
+    second.close()
+    after = first.render(state, products=["range"])
+    third = Renderer(scene)
+    first.close()
+    last = third.render(state, products=["range"])
+    third.close()
+    for image in (after, last):
+        assert image.irradiance_W_m2.tobytes() == before.irradiance_W_m2.tobytes()
+        np.testing.assert_array_equal(image.products["range"], before.products["range"])
+
+
 def test_smooth_normals_leave_no_black_limb():
     """Interpolated normals on a coarse sphere at full phase: every pixel of the disc is lit."""
     law = LommelSeeliger(single_scattering_albedo=0.3)

@@ -40,7 +40,7 @@ class Context(ResourceOwner):
     """
 
     def __init__(self, backend: str = "auto", device_index: int | None = None):
-        super().__init__()
+        super().__init__(self)
         if backend not in ("auto", *BACKENDS):
             raise ConfigError("backend", "must be one of 'auto', 'egl', 'osmesa'", backend)
         failures = []

@@ -55,7 +55,7 @@ class BrdfEvaluator:
                     defines={**law.defines(), **(defines or {})}))
         height = min(max(-(-count // _WIDTH), 1), context.info["max_texture_px"])
         result = np.empty(count, np.float32)
-        with ResourceOwner() as owner:
+        with ResourceOwner(context) as owner:
             target = owner.own(gl.texture((_WIDTH, height), 1, dtype="f4"))
             framebuffer = owner.own(gl.framebuffer([target]))
             uniforms = owner.own(gl.buffer(block.pack(law.uniforms())))

@@ -70,8 +70,8 @@ class Mesh(ResourceOwner):
     def __init__(self, context: Context, vertices_m: np.ndarray, facets: np.ndarray, law: Law, *,
                  vertex_normals: np.ndarray | None = None, uv: np.ndarray | None = None,
                  albedo_map: np.ndarray | None = None):
-        super().__init__()
-        self._context, self.law, self.n_facets = context, law, len(facets)
+        super().__init__(context)
+        self.law, self.n_facets = law, len(facets)
         self.smooth_normals = vertex_normals is not None
         self._vertices_m, self._facets = vertices_m, facets
         context.make_current()
@@ -187,8 +187,8 @@ class ShadowMap(ResourceOwner):
     """
 
     def __init__(self, context: Context, size_px: int):
-        super().__init__()
-        self._context, self.size_px = context, size_px
+        super().__init__(context)
+        self.size_px = size_px
         context.make_current()
         self.texture = self.own(context.gl.depth_texture((size_px, size_px)))
         self.texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
@@ -219,8 +219,8 @@ class Target(ResourceOwner):
     """
 
     def __init__(self, context: Context, components: Sequence[int]):
-        super().__init__()
-        self._context, self._components = context, tuple(components)
+        super().__init__(context)
+        self._components = tuple(components)
         self._size = (0, 0)
         self._framebuffer = None
 

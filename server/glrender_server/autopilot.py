@@ -69,9 +69,13 @@ class CenterFinder:
                            diameter_px=2.0 * radius_px)
 
     def sigma(self, measurement: Measurement) -> tuple[float, float]:
-        """Standard deviations: direction [rad] and range [1, relative], of an irregular body seen as a sphere."""
+        """Standard deviations: direction [rad] and range [1, relative], of an irregular body seen as a sphere.
+
+        The errors of one frame stay for many, until the body has turned: so they count for more
+        than their size, and most of all that of the range.
+        """
         radius_rad = 0.5 * measurement.diameter_px / self._focal_length_px
-        return 0.15 * radius_rad + 0.5 / self._focal_length_px, 0.15
+        return 0.3 * radius_rad + 0.5 / self._focal_length_px, 0.6
 
     def _direction(self, pixel: np.ndarray) -> np.ndarray:
         ray = np.append((pixel - self._principal_point_px) / self._focal_length_px, 1.0)

@@ -25,7 +25,7 @@ from glrender.constants import AU_M
 from .autopilot import CenterFinder, Navigator, ReferencePath
 
 _FOCAL_LENGTH_PX_PER_WIDTH = 3.2
-_SPIN_PERIOD_S = 12.0 * 3600.0
+_SPIN_PERIOD_S = 4.0 * 3600.0
 _STEP_S = 60.0
 _SUN_DISTANCE_AU = 1.0
 _STARTUP_S = 120.0
@@ -205,7 +205,8 @@ def _fly(client, shape: Shape, arguments: argparse.Namespace) -> tuple[_Log, flo
 
 
 def _mean_radius_m(shape: Shape) -> float:
-    return (3.0 * shape.report.volume_m3 / (4.0 * np.pi)) ** (1.0 / 3.0)
+    """Radius of the disc that the body covers on average: a quarter of its surface (Cauchy), if convex."""
+    return float(np.sqrt(shape.facet_areas_m2.sum() / (4.0 * np.pi)))
 
 
 def _report(log: _Log, elapsed_s: float, shape: Shape, arguments: argparse.Namespace) -> int:

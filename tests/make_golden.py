@@ -1,0 +1,41 @@
+"""Write tests/data/golden.json: `python tests/make_golden.py`. Once; a change of it is a change of the protocol."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+from glrender_server import codec
+
+STATE = {"t_s": 12.5, "r_sun_inertial_m": [1.5e11, 0.0, 0.0],
+         "spacecraft": {"r_inertial_m": [0.0, 0.0, -2000.0], "q_from_inertial": [1.0, 0.0, 0.0, 0.0]},
+         "bodies": {"body": {"r_inertial_m": [0.0, 0.0, 0.0], "q_from_inertial": [0.6, 0.0, 0.0, 0.8]}}}
+ENVELOPE = {"v": 1, "id": 7, "client": "golden"}
+REQUESTS = {
+    "hello": {**ENVELOPE, "op": "hello"},
+    "render": {**ENVELOPE, "op": "render", "state": STATE, "camera": "navcam", "output": "dn", "exposure_s": 0.1,
+               "seed": 7, "products": ["range"], "order": "F"},
+    "refused": {**ENVELOPE, "op": "render", "state": {**STATE, "gamma": 2.2}},
+}
+IMAGE = np.arange(6, dtype=np.uint16).reshape(2, 3) * 1000
+RANGE = np.linspace(1999.0, 2001.0, 6).reshape(2, 3)
+REPLY = {**ENVELOPE, "op": "render", "ok": True, "t_s": 12.5, "camera": "navcam", "output": "dn", "unit": "DN",
+         "exposure_s": 0.1, "seed": 7}
+
+
+def golden() -> dict[str, list[str]]:
+    """Each message as a list of parts in hexadecimal."""
+    import msgpack
+
+    messages = {f"request_{name}": [msgpack.packb(header)] for name, header in REQUESTS.items()}
+    for order in ("C", "F"):
+        messages[f"reply_frame_{order}"] = codec.pack(REPLY, {"image": (IMAGE, "DN"), "range": (RANGE, "m")}, order)
+    messages["reply_error"] = codec.pack({**ENVELOPE, "op": "render", "ok": False, "error": {
+        "code": "config", "path": "state.gamma", "message": "state.gamma: unknown key"}})
+    return {name: [bytes(part).hex() for part in parts] for name, parts in messages.items()}
+
+
+if __name__ == "__main__":
+    Path(__file__).with_name("data").joinpath("golden.json").write_text(
+        json.dumps(golden(), indent=1) + "\n", encoding="ascii")

@@ -1,0 +1,72 @@
+"""The golden messages of docs/protocol.md, read by the server's code and by the client's."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import make_golden
+import msgpack
+import numpy as np
+import pytest
+from glrender import ProtocolError
+from glrender_client.client import _arrays
+from glrender_server import codec
+
+GOLDEN = {name: [bytes.fromhex(part) for part in parts] for name, parts in json.loads(
+    (Path(__file__).parent / "data" / "golden.json").read_text(encoding="ascii")).items()}
+
+
+def test_the_server_still_writes_the_golden_messages():
+    assert {name: [part.hex() for part in parts] for name, parts in GOLDEN.items()} == make_golden.golden()
+
+
+@pytest.mark.parametrize("name", make_golden.REQUESTS)
+def test_the_server_reads_the_golden_requests(name):
+    assert codec.unpack_request(GOLDEN[f"request_{name}"]) == make_golden.REQUESTS[name]
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_the_client_reads_the_golden_frames(order):
+    parts = GOLDEN[f"reply_frame_{order}"]
+
+    class Part:
+        def __init__(self, data):
+            self.buffer = data
+
+    arrays = _arrays(msgpack.unpackb(parts[0]), [Part(part) for part in parts])
+    np.testing.assert_array_equal(arrays["image"], make_golden.IMAGE)
+    np.testing.assert_array_equal(arrays["range"], make_golden.RANGE)
+    assert arrays["image"].dtype == np.uint16
+
+
+def test_column_major_bytes_are_what_matlab_reshapes():
+    """MATLAB's reshape(bytes, [height width]) fills columns first."""
+    part = GOLDEN["reply_frame_F"][1]
+    np.testing.assert_array_equal(np.frombuffer(part, "<u2"), make_golden.IMAGE.T.ravel())
+
+
+@pytest.mark.parametrize("parts, message", [
+    ([], "one part"), ([b"a", b"b"], "one part"), ([b""], "not msgpack"), ([b"\xc1"], "not msgpack"),
+    ([b"\x91\x91\x91"], "not msgpack"), ([b"\x01"], "must be a map"), ([b"\x81\x01\x02"], "not msgpack"),
+    ([b"\xdf\xff\xff\xff\xff"], "not msgpack"), ([b"\xdd\x7f\xff\xff\xff" + b"\x00" * 10], "not msgpack"),
+    ([b"\x81\xa1a" * 600], "not msgpack"), ([b"\xa1" * (codec.MAX_HEADER_BYTES + 1)], "must not exceed"),
+])
+def test_hostile_bytes_are_refused_at_once(parts, message):
+    with pytest.raises(ProtocolError, match=message):
+        codec.unpack_request(parts)
+
+
+def test_random_bytes_are_refused_never_crash(rng):
+    for size in rng.integers(1, 200, 3000):
+        data = rng.bytes(int(size))
+        try:
+            header = codec.unpack_request([data])
+        except ProtocolError:
+            continue
+        assert isinstance(header, dict)
+
+
+def test_an_array_that_the_protocol_has_no_name_for_is_a_bug():
+    with pytest.raises(TypeError, match="complex128"):
+        codec.pack({}, {"image": (np.zeros((2, 2), complex), "1")})
