@@ -141,15 +141,16 @@ class CameraModel:
                                    self.detector.quantum_efficiency)
 
     def expose(self, irradiance_W_m2: np.ndarray, seed: int = 0, *, exposure_s: float | str | None = None,
-               roi: tuple[int, int, int, int] | None = None) -> Frame:
+               roi: tuple[int, int, int, int] | None = None,
+               relative_illumination: np.ndarray | None = None) -> Frame:
         """One frame.
 
         The mean number of photo-electrons is
 
-            n = t A R (E * psf),   R = int S QE tau lambda / (h c) dlambda / int S dlambda
+            n = t A R (c E * psf),   R = int S QE tau lambda / (h c) dlambda / int S dlambda
 
         with exposure t [s], aperture area A [m2], sunlight S over the band, quantum efficiency
-        QE and transmission tau.
+        QE and transmission tau; c is the relative illumination, * the convolution.
 
         Parameters
         ----------
@@ -162,6 +163,9 @@ class CameraModel:
         roi : (x0, y0, x1, y1) int [px], optional
             A promise that the irradiance is 0 outside columns x0..x1-1 and rows y0..y1-1; it
             saves time and changes no byte.
+        relative_illumination : (H, W) float [1], >= 0, optional
+            Factor on each pixel's light: the cosine of the field angle by which the aperture is
+            foreshortened (`PinholeCamera.expose` gives it), vignetting. Default 1.
 
         Returns
         -------
@@ -189,7 +193,10 @@ class CameraModel:
             inside = np.s_[max(0, y0 - margin):min(height, y1 + margin),
                            max(0, x0 - margin):min(width, x1 + margin)]
             # A copy, so that the filter sees darkness around the box on every path.
-            signal[inside] = self.optics.spread(np.maximum(irradiance[inside], 0.0))
+            light = np.maximum(irradiance[inside], 0.0)
+            if relative_illumination is not None:
+                light *= relative_illumination[inside]
+            signal[inside] = self.optics.spread(light)
         else:
             inside = np.s_[:0, :0]
         rate_per_W_m2 = self.optics.aperture_area_m2 * self.electrons_per_joule

@@ -7,10 +7,11 @@ Frame `camera`: +Z boresight, +X to the right of the image, +Y down. Frame `pixe
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
-from .camera import CameraModel
+from .camera import CameraModel, Frame
 from .errors import ConfigError
 from .validate import integer, positive, text, unit_quaternion, vector
 
@@ -114,3 +115,32 @@ class PinholeCamera:
         x = (np.arange(self.width_px) - self.principal_point_px[0]) / self.focal_length_px
         y = (np.arange(self.height_px) - self.principal_point_px[1]) / self.focal_length_px
         return (1.0 + x[None, :] ** 2 + y[:, None] ** 2) ** -1.5 / self.focal_length_px**2
+
+    @cached_property
+    def cos_field_angle(self) -> np.ndarray:
+        """Foreshortening of the aperture seen from each pixel's direction.
+
+        Returns
+        -------
+        (height, width) float32 [1], read-only
+        """
+        cosine = np.cbrt(self.solid_angle_sr() * self.focal_length_px**2).astype(np.float32)
+        cosine.setflags(write=False)
+        return cosine
+
+    def expose(self, irradiance_W_m2: np.ndarray, seed: int = 0, *, exposure_s: float | str | None = None,
+               roi: tuple[int, int, int, int] | None = None) -> Frame:
+        """One frame of this camera: `CameraModel.expose` with the aperture foreshortened off axis.
+
+        Raises
+        ------
+        ConfigError
+            Also when the camera has no model, or the image is not of its size.
+        """
+        if self.model is None:
+            raise ConfigError("model", "missing", hint="give the camera a CameraModel, or ask for irradiance")
+        if np.shape(irradiance_W_m2) != (self.height_px, self.width_px):
+            raise ConfigError("irradiance_W_m2", f"must have shape ({self.height_px}, {self.width_px})",
+                              np.shape(irradiance_W_m2))
+        return self.model.expose(irradiance_W_m2, seed, exposure_s=exposure_s, roi=roi,
+                                 relative_illumination=self.cos_field_angle)
