@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any
@@ -202,7 +202,9 @@ class CameraModel:
         rate_per_W_m2 = self.optics.aperture_area_m2 * self.electrons_per_joule
         if exposure == "auto":
             exposure = self._auto_exposure_s(signal[inside], rate_per_W_m2)
-        signal[inside] *= np.float32(rate_per_W_m2 * exposure)
+        # The Sun may overflow to infinity here; the detector clips it.
+        with np.errstate(over="ignore"):
+            signal[inside] *= np.float32(rate_per_W_m2 * exposure)
         dn, electrons, saturated = self.detector.read(signal, exposure, seed)
         return Frame(dn=dn, electrons=electrons, saturated=saturated, exposure_s=exposure, seed=seed,
                      stages=stages)
@@ -259,7 +261,7 @@ def _region(roi: object, shape: tuple[int, int]) -> tuple[int, int, int, int]:
     height, width = shape
     if roi is None:
         return 0, 0, width, height
-    if len(roi) != 4:
+    if not isinstance(roi, Sequence) or len(roi) != 4:
         raise ConfigError("roi", "must be (x0, y0, x1, y1)", roi)
     x0, x1 = (integer(f"roi[{i}]", roi[i], 0, width) for i in (0, 2))
     y0, y1 = (integer(f"roi[{i}]", roi[i], 0, height) for i in (1, 3))

@@ -126,7 +126,7 @@ class Detector:
         Parameters
         ----------
         signal_electrons : (H, W) float32 [e-], >= 0
-            Mean photo-electrons of each pixel; trusted to be finite.
+            Mean photo-electrons of each pixel; trusted to hold no NaN.
         exposure_s : float [s], > 0
         seed : int
             Of the temporal noise.
@@ -160,12 +160,14 @@ class Detector:
 
     def _read_block(self, rng, signal, exposure_s, pattern, outputs) -> None:
         dn, electrons, saturated = outputs
-        mean = signal if pattern.response is None else signal * pattern.response
-        dark = np.float32(self.dark_rate_electrons_per_s * exposure_s)
-        if dark > 0.0:
-            mean = mean + (dark if pattern.dark is None else dark * pattern.dark)
         well = np.float32(self.full_well_electrons)
-        mean = np.clip(mean, 0.0, _MAX_FULL_WELLS * well)
+        most = np.float32(_MAX_FULL_WELLS) * well
+        mean = np.minimum(signal, most)
+        if pattern.response is not None:
+            mean *= pattern.response
+        dark = min(np.float32(self.dark_rate_electrons_per_s * exposure_s), most)
+        if dark > 0.0:
+            mean += dark if pattern.dark is None else dark * pattern.dark
         charge = poisson.draw(rng, mean.ravel()).reshape(mean.shape)
         np.minimum(charge, well, out=electrons)
         full = electrons >= well
