@@ -210,6 +210,12 @@ def union(regions: list[tuple[int, int, int, int]]) -> tuple[int, int, int, int]
     return tuple(int(x) for x in (*boxes[:, :2].min(axis=0), *boxes[:, 2:].max(axis=0)))
 
 
+def is_close(view: BodyView, radius_m: float, footprint_m: float) -> bool:
+    """Whether body-fixed float32 coordinates, good to 6e-8 radii, are too coarse for what is seen."""
+    depth_m = view.depth_m[0]
+    return depth_m < 0.05 * radius_m or (footprint_m < 2e-5 * radius_m and depth_m < 0.5 * radius_m)
+
+
 def depth_groups(views: list[BodyView]) -> list[tuple[float, float, list[BodyView]]]:
     """Bodies that share a depth range, farthest first: (near, far, bodies) [m].
 

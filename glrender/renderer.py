@@ -152,7 +152,7 @@ class Renderer:
             bodies.append(BodyPlan(
                 name=view.name, is_visible=view.is_visible, n_facets=mesh.n_facets, law=mesh.law.glsl,
                 shadow_map_px=shadow_px, shadow_map_reused=False,
-                relative_to_camera=footprint_m < 2e-5 * hull.radius_m and view.depth_m[0] < 0.5 * hull.radius_m,
+                relative_to_camera=plan.is_close(view, hull.radius_m, footprint_m),
                 normal_lookup=footprint_m < 2e-4 * hull.radius_m, size_px=view.size_px))
         windows = plan.plan_windows(views, {name: mesh.n_facets for name, mesh in self._meshes.items()}, camera,
                                     budget, gain, samples)
