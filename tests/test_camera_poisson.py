@@ -35,6 +35,14 @@ def test_counts_follow_the_poisson_law(mean):
     assert p_value(poisson.draw(generator(), np.full(10**6, mean, np.float32)), mean) > 1e-3
 
 
+@pytest.mark.parametrize("mean", [0.0625, 0.5, 7.1, 31.9])
+def test_pixels_that_share_a_mean_follow_the_poisson_law(mean):
+    """The shared table's numbers, chi-square as above."""
+    mean = float(np.float32(mean))
+    counts = poisson.draw(generator(), np.full(10**6, mean, np.float32), common_mean=np.float32(mean))
+    assert p_value(counts, mean) > 1e-3
+
+
 def test_the_check_sees_a_normal_in_a_poissons_place():
     """The same chi-square refuses rounded normals at a mean of 100, where their skew is missing."""
     counts = np.rint(generator().normal(100.0, 10.0, 10**6))
@@ -44,7 +52,7 @@ def test_the_check_sees_a_normal_in_a_poissons_place():
 def test_a_mixture_of_means_keeps_each_pixels_law():
     """Dark, dim and bright pixels in one call: each third against its own law."""
     mean = np.tile(np.array([0.0, 0.4, 5.3, 60.0, 0.0, 900.0], np.float32), 10**5)
-    counts = poisson.draw(generator(), mean).reshape(-1, 6)
+    counts = poisson.draw(generator(), mean, common_mean=np.float32(0.4)).reshape(-1, 6)
     assert not counts[:, [0, 4]].any()
     for column, value in ((1, 0.4), (2, 5.3), (3, 60.0), (5, 900.0)):
         assert p_value(counts[:, column], float(np.float32(value))) > 1e-3

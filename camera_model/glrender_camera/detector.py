@@ -168,7 +168,7 @@ class Detector:
         dark = min(np.float32(self.dark_rate_electrons_per_s * exposure_s), most)
         if dark > 0.0:
             mean += dark if pattern.dark is None else dark * pattern.dark
-        charge = poisson.draw(rng, mean.ravel()).reshape(mean.shape)
+        charge = poisson.draw(rng, mean.ravel(), dark).reshape(mean.shape)
         np.minimum(charge, well, out=electrons)
         full = electrons >= well
         if pattern.offset_electrons is not None:

@@ -7,6 +7,8 @@ megapixel on the machines this was written for; these are vectorised and take ab
 
 from __future__ import annotations
 
+from functools import cache, lru_cache
+
 import numpy as np
 from scipy.special import ndtr, pdtr, pdtrc
 
@@ -19,20 +21,27 @@ _N_COUNTS = 96
 _UNDECIDED = 255
 
 
-def _tables() -> tuple[np.ndarray, np.ndarray]:
-    """Cumulative probabilities of each level's mean, and the count of each cell of [0, 1)."""
-    means = np.arange(_SMALL * _LEVELS_PER_ELECTRON) / _LEVELS_PER_ELECTRON
-    cumulative = pdtr(np.arange(_N_COUNTS)[None, :], means[:, None])
+@lru_cache(maxsize=_SMALL * _LEVELS_PER_ELECTRON + 64)
+def _table(mean: float) -> tuple[np.ndarray, np.ndarray]:
+    """Cumulative probabilities (_N_COUNTS,) of a mean < 32, and the count (_CELLS,) of each cell of [0, 1).
+
+    A cell that a step of the distribution cuts is undecided.
+    """
+    cumulative = pdtr(np.arange(_N_COUNTS), mean)
     edges = np.arange(_CELLS + 1) / _CELLS
-    counts = np.array([np.searchsorted(row, edges, side="right") for row in cumulative])
-    decided = np.array([np.searchsorted(row, edges[1:], side="left") for row in cumulative]) == counts[:, :-1]
-    return cumulative, np.where(decided, counts[:, :-1], _UNDECIDED).astype(np.uint8).ravel()
+    count = np.searchsorted(cumulative, edges[:-1], side="right")
+    decided = np.searchsorted(cumulative, edges[1:], side="left") == count
+    return cumulative, np.where(decided, count, _UNDECIDED).astype(np.uint8)
 
 
-_CUMULATIVE, _COUNT_OF_CELL = _tables()
+@cache
+def _levels() -> tuple[np.ndarray, np.ndarray]:
+    """The tables of all levels, one after the other."""
+    tables = [_table(i / _LEVELS_PER_ELECTRON) for i in range(_SMALL * _LEVELS_PER_ELECTRON)]
+    return np.array([row for row, _ in tables]), np.concatenate([counts for _, counts in tables])
 
 
-def draw(rng: np.random.Generator, mean: np.ndarray) -> np.ndarray:
+def draw(rng: np.random.Generator, mean: np.ndarray, common_mean: float = 0.0) -> np.ndarray:
     """One Poisson number for each mean.
 
     Parameters
@@ -40,6 +49,9 @@ def draw(rng: np.random.Generator, mean: np.ndarray) -> np.ndarray:
     rng : Generator
     mean : (N,) float32 [1], 0..1e9
         Trusted: finite and not negative.
+    common_mean : float [1]
+        A mean that many pixels share, as the dark current's: they cost half. It changes which
+        random numbers are drawn, not their law.
 
     Returns
     -------
@@ -49,24 +61,40 @@ def draw(rng: np.random.Generator, mean: np.ndarray) -> np.ndarray:
     Source: inversion; below a mean of 32 with the additivity of Poisson numbers, above after Giles
     (2016), "Algorithm 955: approximation of the inverse Poisson cumulative distribution function".
     """
+    common = mean == common_mean
+    n_common = np.count_nonzero(common)
     large = mean >= _SMALL
     n_large = np.count_nonzero(large)
     if n_large == mean.size:
         return _large(rng, mean)
-    if n_large == 0 and mean.all():
-        return _small(rng, mean)
+    if n_common == mean.size:
+        return _same(rng, float(common_mean), n_common)
     out = np.zeros(mean.shape, np.float32)
+    if n_common and common_mean > 0.0 and not common_mean >= _SMALL:
+        out[common] = _same(rng, float(common_mean), n_common)
     if n_large:
-        index = np.flatnonzero(large)
-        out[index] = _large(rng, mean[index])
-    index = np.flatnonzero((mean > 0.0) & ~large)
-    if index.size:
-        out[index] = _small(rng, mean[index])
+        out[large] = _large(rng, mean[large])
+    small = np.flatnonzero(~(common | large) & (mean > 0.0))
+    if small.size:
+        out[small] = _small(rng, mean[small])
     return out
+
+
+def _same(rng: np.random.Generator, mean: float, n: int) -> np.ndarray:
+    """0 <= mean < 32, one for all."""
+    if mean == 0.0:
+        return np.zeros(n, np.float32)
+    cumulative, count_of_cell = _table(mean)
+    uniform = rng.random(n)
+    count = count_of_cell.take((uniform * _CELLS).astype(np.intp), mode="clip")
+    undecided = np.flatnonzero(count == _UNDECIDED)
+    count[undecided] = np.searchsorted(cumulative, uniform[undecided], side="right")
+    return count.astype(np.float32)
 
 
 def _small(rng: np.random.Generator, mean: np.ndarray) -> np.ndarray:
     """0 <= mean < 32: the number at the next lower tabulated mean, plus that of the remainder."""
+    cumulative_of_level, count_of_cell = _levels()
     level = (mean * np.float32(_LEVELS_PER_ELECTRON)).astype(np.intp)
     remainder = mean - level * np.float32(1.0 / _LEVELS_PER_ELECTRON)
     uniform = rng.random(mean.size)
@@ -75,10 +103,10 @@ def _small(rng: np.random.Generator, mean: np.ndarray) -> np.ndarray:
     # The place inside a decided cell says nothing about the count: a second, independent uniform.
     second -= cell
     cell += level * _CELLS
-    count = _COUNT_OF_CELL.take(cell, mode="clip")
+    count = count_of_cell.take(cell, mode="clip")
     undecided = np.flatnonzero(count == _UNDECIDED)
     if undecided.size:
-        below = _CUMULATIVE[level[undecided]] <= uniform[undecided, None]
+        below = cumulative_of_level[level[undecided]] <= uniform[undecided, None]
         count[undecided] = np.count_nonzero(below, axis=1)
         second[undecided] = rng.random(undecided.size)
     count = count.astype(np.float32)
