@@ -21,7 +21,7 @@ from glrender.brdf import Hapke, Lambert, LunarLambert
 from glrender.constants import AU_M
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
-from raytracer import Tracer  # noqa: E402
+from raytracer import Tracer
 
 SHARED = Path(os.environ.get("GLRENDER_SHARED", Path(__file__).parent.parent.parent / "shared"))
 ITOKAWA = SHARED / "data" / "itokawa" / "itokawa_64q_49152_uv.obj"

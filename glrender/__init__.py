@@ -8,8 +8,8 @@ from __future__ import annotations
 from glrender_camera import PinholeCamera
 
 from .errors import ConfigError, DeviceError, GlrenderError, ProtocolError, SceneError, ShaderError, ShapeError
-from .plugins import open_renderer
 from .image import Image
+from .plugins import open_renderer
 from .scene import Body, Scene, load_scene
 from .shape import Shape
 from .state import Pose, State

@@ -7,7 +7,6 @@ import warnings
 import numpy as np
 import photometry_truth as truth
 import pytest
-
 from glrender.brdf import Akimov, Hapke, Lambert, LommelSeeliger, LunarLambert, Minnaert, OrenNayar, Rolo
 from glrender.gl.context import Context
 from glrender.gl.evaluate import BrdfEvaluator

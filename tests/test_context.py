@@ -80,7 +80,8 @@ def cycle():
         target.begin(64, 64)
 def state():
     pages = int(open('/proc/self/statm').read().split()[1])
-    return pages * os.sysconf('SC_PAGE_SIZE') / 1024, len(os.listdir('/proc/self/fd')), len(os.listdir('/proc/self/task'))
+    count = lambda name: len(os.listdir('/proc/self/' + name))
+    return pages * os.sysconf('SC_PAGE_SIZE') / 1024, count('fd'), count('task')
 for _ in range(50):
     cycle()
 before = state()

@@ -65,7 +65,8 @@ def test_relief_keeps_the_old_vertices_and_quadruples_the_facets():
 
 
 def test_wrong_arguments_are_refused_by_name():
-    for arguments, message in (({"radius_m": 0.0}, "radius_m"), ({"radius_m": 1.0, "subdivisions": 12}, "subdivisions"),
-                               ({"radius_m": 1.0, "seed": -1}, "seed"), ({"radius_m": 1.0, "n_craters": 1.5}, "n_craters")):
+    for arguments, message in (({"radius_m": 0.0}, "radius_m"), ({"radius_m": 1.0, "seed": -1}, "seed"),
+                               ({"radius_m": 1.0, "subdivisions": 12}, "subdivisions"),
+                               ({"radius_m": 1.0, "n_craters": 1.5}, "n_craters")):
         with pytest.raises(ConfigError, match=message):
             generate.contact_binary(**arguments)

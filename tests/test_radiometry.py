@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
 from glrender.brdf import Lambert, LommelSeeliger
 from glrender.constants import AU_M, PLANCK_J_S, SPEED_OF_LIGHT_M_S
 from glrender.errors import ConfigError

@@ -67,9 +67,9 @@ def request(**changes):
 
 
 def test_five_lines_get_a_frame(endpoint, folder):
-    script = (f"from glrender_client import Client\nfrom json import loads\n"
+    script = (f"from glrender_client import Client\nstate = {STATE!r}\n"
               f"with Client({endpoint!r}) as client:\n"
-              f"    reply = client.render(loads('''{__import__('json').dumps(STATE)}'''), camera='navcam', output='dn')\n"
+              f"    reply = client.render(state, camera='navcam', output='dn')\n"
               f"    print(reply.pixels.shape, reply.pixels.dtype, reply)\n")
     run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60)
     assert run.stdout.startswith("(64, 96) uint16 <Reply navcam t=0.0 s: 96 x 64 uint16 [DN]"), run.stderr
@@ -323,8 +323,8 @@ def test_the_client_finds_a_server_that_comes_back(tmp_path):
         first = client.render(STATE, camera="bare").pixels
         process.kill()
         process.wait()
-    second = subprocess.Popen([sys.executable, "-m", "glrender_server", str(tmp_path / "scene.toml"), "--zmq", endpoint],
-                              stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    again = [sys.executable, "-m", "glrender_server", str(tmp_path / "scene.toml"), "--zmq", endpoint]
+    second = subprocess.Popen(again, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         np.testing.assert_array_equal(client.render(STATE, camera="bare").pixels, first)
         client.close()

@@ -206,7 +206,8 @@ def test_vertex_normals_of_a_sphere_are_radial():
     ("s.icq", "500\n0 0 0\n", "ends before"),
     ("s.icq", "99999999\n0 0 0\n", "more than 20000000 facets"),
     ("s.ply", b"ply\nformat binary_little_endian 1.0\nelement vertex 1000000000000\nproperty float x\n"
-              b"property float y\nproperty float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n",
+              b"property float y\nproperty float z\nelement face 1\n"
+              b"property list uchar int vertex_indices\nend_header\n",
      "promises more vertex rows"),
     ("s.ply", b"ply\ngarbage", "is not a readable PLY"),
     ("s.stl", b"\0" * 80 + struct.pack("<I", 4_000_000_000) + b"\0" * 50, "STL|facets"),

@@ -2,9 +2,10 @@
 
 from .camera import AutoExposure, CameraModel, Frame
 from .detector import Detector
+from .distortion import BrownConrady
 from .errors import ConfigError, GlrenderError
 from .optics import Optics
 from .projection import PinholeCamera
 
-__all__ = ["AutoExposure", "CameraModel", "ConfigError", "Detector", "Frame", "GlrenderError", "Optics",
+__all__ = ["AutoExposure", "BrownConrady", "CameraModel", "ConfigError", "Detector", "Frame", "GlrenderError", "Optics",
            "PinholeCamera"]

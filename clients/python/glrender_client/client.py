@@ -41,8 +41,9 @@ class Reply:
     def __repr__(self) -> str:
         image, header = self.pixels, self.header
         total = header.get("timings_ms", {}).get("total", float("nan"))
+        products = sorted(set(self.arrays) - {"image"})
         return (f"<Reply {header.get('camera')} t={header.get('t_s')} s: {image.shape[1]} x {image.shape[0]} "
-                f"{image.dtype} [{header.get('unit')}], {total:.1f} ms, products {sorted(set(self.arrays) - {'image'})}>")
+                f"{image.dtype} [{header.get('unit')}], {total:.1f} ms, products {products}>")
 
 
 class Client:
