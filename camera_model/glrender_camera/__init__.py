@@ -7,5 +7,5 @@ from .errors import ConfigError, GlrenderError
 from .optics import Optics
 from .projection import PinholeCamera
 
-__all__ = ["AutoExposure", "BrownConrady", "CameraModel", "ConfigError", "Detector", "Frame", "GlrenderError", "Optics",
-           "PinholeCamera"]
+__all__ = ["AutoExposure", "BrownConrady", "CameraModel", "ConfigError", "Detector", "Frame",
+           "GlrenderError", "Optics", "PinholeCamera"]

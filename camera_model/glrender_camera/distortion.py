@@ -1,0 +1,243 @@
+"""Lens distortion after Brown and Conrady, in OpenCV's convention, with a domain and a checked inverse.
+
+The model folds over beyond some field angle: there one image point belongs to two directions and
+an iterative inverse gives a wrong one in silence (photometry.md section 4.4). Here the radius up
+to which the radial part rises is found at load, and nothing outside it is accepted.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.optimize import brentq
+
+from .errors import ConfigError
+from .validate import finite, known_keys
+
+# Where the search for a fold ends: 89.4 degrees off axis, as no rectilinear camera sees farther.
+_MAX_RADIUS = 100.0
+_NEWTON_STEPS = 50
+# Of the distorted coordinates; at a focal length of 1e4 px this is 1e-8 px.
+_TOLERANCE = 1e-12
+
+
+@dataclass(frozen=True, kw_only=True)
+class BrownConrady:
+    """Radial (rational) and tangential distortion of normalised image coordinates.
+
+    With x = X / Z, y = Y / Z in the camera frame and r^2 = x^2 + y^2,
+
+        q  = (1 + k1 r^2 + k2 r^4 + k3 r^6) / (1 + k4 r^2 + k5 r^4 + k6 r^6)
+        x' = x q + 2 p1 x y + p2 (r^2 + 2 x^2)
+        y' = y q + p1 (r^2 + 2 y^2) + 2 p2 x y
+
+    Parameters
+    ----------
+    k1, k2, k3, k4, k5, k6, p1, p2 : float [1]
+        OpenCV's names. Its coefficient vector is ordered k1, k2, p1, p2, k3, k4, k5, k6: see
+        `from_opencv`.
+
+    Raises
+    ------
+    ConfigError
+
+    Source: OpenCV, camera calibration, `projectPoints`; Brown (1966), Conrady (1919).
+    """
+
+    k1: float = 0.0
+    k2: float = 0.0
+    k3: float = 0.0
+    k4: float = 0.0
+    k5: float = 0.0
+    k6: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
+
+    def __post_init__(self):
+        for f in fields(self):
+            object.__setattr__(self, f.name, finite(f.name, getattr(self, f.name)))
+
+    @classmethod
+    def from_dict(cls, table: Mapping[str, Any]) -> BrownConrady:
+        """From plain data; unknown keys are refused by name."""
+        known_keys("", table, [f.name for f in fields(cls)])
+        return cls(**table)
+
+    @classmethod
+    def from_opencv(cls, coefficients) -> BrownConrady:
+        """From OpenCV's vector of 4, 5 or 8 coefficients, k3 fifth."""
+        values = np.asarray(coefficients, dtype=np.float64).ravel()
+        if values.size not in (4, 5, 8):
+            raise ConfigError("coefficients", "must be 4, 5 or 8 numbers", coefficients)
+        names = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")[:values.size]
+        return cls(**dict(zip(names, values.tolist(), strict=True)))
+
+    @cached_property
+    def max_radius(self) -> float:
+        """Undistorted radius r [1] below which the model does not fold over; at most 100.
+
+        The radial part alone rises up to the first root of d(r q)/dr = 0 or of q's denominator,
+        both polynomials in r^2. The tangential part may fold earlier: the Jacobian's determinant
+        is then followed outwards along 180 directions.
+        """
+        radius = self._radial_limit
+        if self.p1 == 0.0 and self.p2 == 0.0:
+            return radius
+        angle = np.arange(180) * (2.0 * math.pi / 180.0)
+        around = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+
+        def folds(r: float) -> bool:
+            return not (np.linalg.det(self._map(r * around)[1]) > 0.0).all()
+
+        previous = 0.0
+        for r in np.tan(np.linspace(0.0, math.atan(radius), 512, endpoint=False)):
+            if folds(r):
+                return float(brentq(lambda x: 0.5 - folds(x), previous, r, xtol=1e-12))
+            previous = r
+        return radius
+
+    @property
+    def _radial_limit(self) -> float:
+        top, bottom = self._polynomials
+        s = np.polynomial.Polynomial([0.0, 1.0])
+        # With s = r^2: d(r n/d)/dr = (n d + 2 s (n' d - n d')) / d^2.
+        slope = top * bottom + 2.0 * s * (top.deriv() * bottom - top * bottom.deriv())
+        roots = np.concatenate([p.trim().roots() for p in (slope, bottom)])
+        # A double root is an inflection that float64 splits into a complex pair of 1e-8.
+        real = roots.real[(np.abs(roots.imag) < 1e-7 * np.maximum(np.abs(roots), 1.0)) & (roots.real > 0.0)]
+        return min(math.sqrt(real.min()), _MAX_RADIUS) if real.size else _MAX_RADIUS
+
+    @property
+    def _polynomials(self) -> tuple[np.polynomial.Polynomial, np.polynomial.Polynomial]:
+        """Numerator and denominator of q in r^2."""
+        return (np.polynomial.Polynomial([1.0, self.k1, self.k2, self.k3]),
+                np.polynomial.Polynomial([1.0, self.k4, self.k5, self.k6]))
+
+    def distort(self, xy: np.ndarray) -> np.ndarray:
+        """Distorted coordinates.
+
+        Parameters
+        ----------
+        xy : (..., 2) float [1]
+            X / Z, Y / Z.
+
+        Returns
+        -------
+        (..., 2) float64 [1]
+            NaN beyond `max_radius`.
+        """
+        xy = np.asarray(xy, dtype=np.float64)
+        inside = np.sum(xy * xy, axis=-1, keepdims=True) < self.max_radius**2
+        return np.where(inside, self._map(np.where(inside, xy, 0.0))[0], np.nan)
+
+    def jacobian(self, xy: np.ndarray) -> np.ndarray:
+        """d(distorted) / d(undistorted); its determinant is the magnification of areas.
+
+        Parameters
+        ----------
+        xy : (..., 2) float [1]
+
+        Returns
+        -------
+        (..., 2, 2) float64 [1]
+            Row: distorted x, y; column: undistorted x, y. NaN beyond `max_radius`.
+        """
+        xy = np.asarray(xy, dtype=np.float64)
+        inside = np.sum(xy * xy, axis=-1) < self.max_radius**2
+        matrix = self._map(np.where(inside[..., None], xy, 0.0))[1]
+        return np.where(inside[..., None, None], matrix, np.nan)
+
+    def undistort(self, distorted: np.ndarray) -> np.ndarray:
+        """The inverse of `distort`, by Newton's method with a residual test.
+
+        Parameters
+        ----------
+        distorted : (..., 2) float [1]
+
+        Returns
+        -------
+        (..., 2) float64 [1]
+            NaN where no point inside `max_radius` is imaged within 1e-12 of the place asked for.
+        """
+        target = np.asarray(distorted, dtype=np.float64)
+        flat = target.reshape(-1, 2)
+        result = np.full(flat.shape, np.nan)
+        limit = self.max_radius * (1.0 - 1e-9)
+        usable = np.isfinite(flat).all(axis=1)
+        pending = np.flatnonzero(usable)
+        # A start inside the domain: the distorted point itself, where distortion is small.
+        length = np.hypot(*flat[pending].T)
+        xy = flat[pending] * np.minimum(1.0, 0.9 * limit / np.maximum(length, 1e-300))[:, None]
+        place, matrix = self._map(xy)
+        error = place - flat[pending]
+        for _ in range(_NEWTON_STEPS):
+            size = np.hypot(*error.T)
+            done = size <= _TOLERANCE * np.maximum(1.0, np.hypot(*flat[pending].T))
+            result[pending[done]] = xy[done]
+            pending, xy, matrix, error, size = (a[~done] for a in (pending, xy, matrix, error, size))
+            if not pending.size:
+                break
+            step = np.linalg.solve(matrix, error[:, :, None])[:, :, 0]
+            xy, matrix, error = self._damped(xy, step, flat[pending], size, matrix, error, limit)
+        return result.reshape(target.shape)
+
+    def _damped(self, xy, step, target, size, matrix, error, limit):
+        """Halve each step until it stays in the domain and comes nearer; a point that cannot stays."""
+        xy, matrix, error = xy.copy(), matrix.copy(), error.copy()
+        left, scale = np.arange(len(xy)), 1.0
+        for _ in range(30):
+            trial = xy[left] - scale * step[left]
+            place, slope = self._map(trial)
+            residual = place - target[left]
+            better = (np.hypot(*trial.T) < limit) & (np.hypot(*residual.T) < size[left])
+            chosen = left[better]
+            xy[chosen], matrix[chosen], error[chosen] = trial[better], slope[better], residual[better]
+            left, scale = left[~better], 0.5 * scale
+            if not left.size:
+                break
+        return xy, matrix, error
+
+    def require_field(self, radius: float, path: str = "distortion") -> None:
+        """Refuse a field of view that the model cannot image.
+
+        Parameters
+        ----------
+        radius : float [1]
+            Largest undistorted radius tan(field angle) in use.
+
+        Raises
+        ------
+        ConfigError
+            Naming the radius beyond which the model folds over.
+        """
+        if not radius < self.max_radius:
+            fold_deg = math.degrees(math.atan(self.max_radius))
+            rule = (f"the field of view reaches the radius {radius:.6g} but the model folds over at "
+                    f"{self.max_radius:.6g} ({fold_deg:.4g} deg off axis)")
+            raise ConfigError(path, rule, hint="use a narrower field or other coefficients")
+
+    def _map(self, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Distorted coordinates and the Jacobian, wherever the formula leads."""
+        x, y = xy[..., 0], xy[..., 1]
+        xx, yy, xy2 = x * x, y * y, 2.0 * x * y
+        rr = xx + yy
+        top = 1.0 + rr * (self.k1 + rr * (self.k2 + rr * self.k3))
+        bottom = 1.0 + rr * (self.k4 + rr * (self.k5 + rr * self.k6))
+        d_top = self.k1 + rr * (2.0 * self.k2 + rr * 3.0 * self.k3)
+        d_bottom = self.k4 + rr * (2.0 * self.k5 + rr * 3.0 * self.k6)
+        # Trial points outside the domain may meet the pole; they are thrown away.
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            q = top / bottom
+            dq = 2.0 * (d_top - q * d_bottom) / bottom
+            place = np.stack([x * q + self.p1 * xy2 + self.p2 * (rr + 2.0 * xx),
+                              y * q + self.p1 * (rr + 2.0 * yy) + self.p2 * xy2], axis=-1)
+            cross = x * y * dq + 2.0 * (self.p1 * x + self.p2 * y)
+            matrix = np.stack([
+                np.stack([q + xx * dq + 2.0 * self.p1 * y + 6.0 * self.p2 * x, cross], axis=-1),
+                np.stack([cross, q + yy * dq + 6.0 * self.p1 * y + 2.0 * self.p2 * x], axis=-1)], axis=-2)
+        return place, matrix
