@@ -89,9 +89,9 @@ def test_pixels_are_the_renderers_own(client, folder):
     products = ["range", "body_id", "facet_id", "incidence", "emission", "phase", "r_body", "sunlit"]
     with Renderer(load_scene(folder / "scene.toml")) as renderer:
         image = renderer.render(State.from_dict(STATE), camera="navcam", products=products)
-        model = renderer.scene.camera("navcam").model
+        camera = renderer.scene.camera("navcam")
         softer = renderer.render(State.from_dict(STATE), camera="navcam", after_psf=True)
-        frame = model.expose(softer.irradiance_W_m2, 7, exposure_s=0.02, roi=softer.roi)
+        frame = camera.expose(softer.irradiance_W_m2, 7, exposure_s=0.02, roi=softer.roi)
     for order in ("C", "F"):
         reply = client.render(STATE, camera="navcam", products=products, order=order)
         np.testing.assert_array_equal(reply.pixels, image.irradiance_W_m2)

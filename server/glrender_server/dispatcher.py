@@ -194,7 +194,7 @@ class Dispatcher:
         pixels = image.irradiance_W_m2
         if output == "dn":
             exposed = time.perf_counter()
-            frame = camera.model.expose(pixels, seed, exposure_s=exposure_s, roi=image.roi)
+            frame = camera.expose(pixels, seed, exposure_s=exposure_s, roi=image.roi)
             timings["camera"] = 1e3 * (time.perf_counter() - exposed)
             pixels = frame.dn
             fields |= {"exposure_s": frame.exposure_s, "seed": seed, "stages": frame.stages,
