@@ -277,15 +277,13 @@ class Hapke(Law):
             "LAW_SHOE": int(self.has_shoe),
             "LAW_CBOE": int(self.has_cboe),
             "LAW_ROUGHNESS": int(self.has_roughness),
-            "LAW_POROSITY": int(self.filling_factor > 0.0),
             "LAW_H_1981": int(self.h_function == "1981"),
             "LAW_ANISOTROPIC": len(self._shader_chebyshev) if self.is_anisotropic else 0,
         }
 
     @property
     def uniform_fields(self):
-        fields = dict.fromkeys(
-            ("law_albedo", "law_lobes", "law_opposition", "law_roughness", "law_scale"), "vec4")
+        fields = dict.fromkeys(("law_surface", "law_lobes", "law_opposition", "law_more"), "vec4")
         if self.is_anisotropic:
             fields["law_averaged_phase"] = f"vec4[{len(self._shader_chebyshev)}]"
         return fields
@@ -293,18 +291,17 @@ class Hapke(Law):
     def uniforms(self):
         w, b, c = self.single_scattering_albedo, self.b, self.c
         gamma = math.sqrt(1.0 - w)
-        cot = 1.0 / self._tan_roughness if self.has_roughness else 0.0
-        log2_e = math.log2(math.e)
+        h = 2.0 * gamma if self.h_function == "1981" else (w / (1.0 + gamma)) ** 2
+        # b = 0 compiles no lobe in.
+        lobe = 0.5 * (1.0 - b * b) / max(b, 1e-9) ** 1.5
+        scale = self.porosity_factor / (4.0 * math.pi)
         values = {
-            "law_albedo": (w, w / (1.0 + gamma) ** 2, gamma, w / (1.0 + gamma)),
-            "law_lobes": (0.5 * (1.0 + c) * (1.0 - b * b), 0.5 * (1.0 - c) * (1.0 - b * b),
-                          (1.0 - b) ** 2, b),
-            "law_opposition": (self.shoe_amplitude, self.shoe_width, self.cboe_amplitude,
+            "law_surface": (h, 0.5 * w, self._chi / self.porosity_factor, self._tan_roughness),
+            "law_lobes": ((1.0 + c) * lobe, (1.0 - c) * lobe, (1.0 - b) ** 2 / max(b, 1e-9), scale * w),
+            "law_opposition": (self.shoe_amplitude * self.shoe_width, self.shoe_width,
+                               0.5 * self.cboe_amplitude,
                                1.0 / self.cboe_width if self.has_cboe else 0.0),
-            "law_roughness": (self._tan_roughness, -2.0 / math.pi * cot * log2_e,
-                              -1.0 / math.pi * cot * cot * log2_e, 0.0),
-            "law_scale": (self.porosity_factor / (4.0 * math.pi), self._chi / self.porosity_factor,
-                          self._legendre[1] if self.is_anisotropic else 1.0, 0.0),
+            "law_more": (scale, self._legendre[1] if self.is_anisotropic else 1.0, 0.0, 0.0),
         }
         if self.is_anisotropic:
             values["law_averaged_phase"] = self._shader_chebyshev

@@ -55,8 +55,8 @@ PRESETS: dict[str, Preset] = {
     "tempel1_550nm": Preset(
         body="9P/Tempel 1", law=_hapke_1986(0.039, -0.49, 1.0, 0.01, 16.0), wavelength_nm=550.0,
         geometric_albedo=0.056, source="Li et al. (2007), Icarus 187, 41",
-        verification="w, asymmetry and roughness read; opposition effect (assumed by the authors, not fitted) "
-                     "and geometric albedo from memory"),
+        verification="w, asymmetry and roughness read; opposition effect (assumed by the authors, not "
+                     "fitted) and geometric albedo from memory"),
     "hartley2_550nm": Preset(
         body="103P/Hartley 2", law=_hapke_1986(0.04, -0.47, 1.0, 0.01, 20.0), wavelength_nm=550.0,
         geometric_albedo=0.054, source="Li et al. (2011), EPSC-DPS 2011-634",
@@ -78,8 +78,8 @@ LUNAR_LAMBERT_WEIGHTS: dict[str, Table] = {
                           -0.027, -0.035, -0.036, -0.037, -0.031, -0.012, 0.010),
     "io": _every_10_deg(0.830, 0.662, 0.544, 0.457, 0.373, 0.290, 0.206, 0.129, 0.062, 0.009, -0.029, -0.053,
                         -0.061, -0.061, -0.055, -0.049, -0.037, -0.013, 0.010),
-    "europa": _every_10_deg(0.636, 0.616, 0.567, 0.505, 0.433, 0.361, 0.295, 0.237, 0.185, 0.140, 0.094, 0.049,
-                            0.003, -0.038, -0.064, -0.070, -0.057, -0.023, 0.000),
+    "europa": _every_10_deg(0.636, 0.616, 0.567, 0.505, 0.433, 0.361, 0.295, 0.237, 0.185, 0.140, 0.094,
+                            0.049, 0.003, -0.038, -0.064, -0.070, -0.057, -0.023, 0.000),
     "ganymede": _every_10_deg(0.866, 0.697, 0.580, 0.493, 0.410, 0.326, 0.241, 0.161, 0.090, 0.032, -0.012,
                               -0.040, -0.052, -0.055, -0.052, -0.047, -0.037, -0.014, 0.000),
     "callisto": _every_10_deg(1.008, 0.687, 0.501, 0.384, 0.302, 0.245, 0.205, 0.180, 0.163, 0.147, 0.131,
