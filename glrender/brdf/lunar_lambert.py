@@ -61,7 +61,7 @@ class LunarLambert(WithPhaseFunction):
         object.__setattr__(self, "weight", table_or_terms("weight", self.weight))
         if not self._is_table and not self.weight:
             raise ConfigError("weight", "must be one coefficient or more", self.weight)
-        if not self._is_table and abs(self.weight[0]) < 0.1 < abs(sum(self.weight[1:])) * 60.0:
+        if not self._is_table and len(self.weight) > 1 and self.weight[0] < 0.3:
             warnings.warn(f"LunarLambert.weight starts with {self.weight[0]:g}: is the constant term, "
                           "usually 1, missing?", stacklevel=3)
 
