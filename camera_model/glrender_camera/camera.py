@@ -188,10 +188,10 @@ class CameraModel:
         stages = self._stages(box is not None)
         signal = np.zeros(irradiance.shape, np.float32)
         if box is not None:
-            margin = self.optics.psf_kernel.size // 2
+            margin_y, margin_x = self.optics.psf_margin_px
             (x0, y0, x1, y1), (height, width) = box, irradiance.shape
-            inside = np.s_[max(0, y0 - margin):min(height, y1 + margin),
-                           max(0, x0 - margin):min(width, x1 + margin)]
+            inside = np.s_[max(0, y0 - margin_y):min(height, y1 + margin_y),
+                           max(0, x0 - margin_x):min(width, x1 + margin_x)]
             # A copy, so that the filter sees darkness around the box on every path.
             light = np.maximum(irradiance[inside], 0.0)
             if relative_illumination is not None:
@@ -226,15 +226,13 @@ class CameraModel:
         optics, detector = self.optics, self.detector
         unlit = None if is_lit else "no pixel is lit"
 
-        def stage(value: float, text: str, needs_light: bool = False) -> str:
+        def stage(value: object, text: str, needs_light: bool = False) -> str:
             if needs_light and unlit:
                 return f"skipped: {unlit}"
             return text if value else "skipped: it is zero"
 
         return {
-            "psf": stage(optics.psf_sigma_px,
-                         f"Gaussian, sigma {optics.psf_sigma_px:g} px, kernel {optics.psf_kernel.size} px, "
-                         f"energy cut {optics.psf_energy_cut:.1g}", True),
+            "psf": stage(optics.psf_text, optics.psf_text, True),
             "photo_electrons": stage(1.0, f"{self.electrons_per_joule:.6g} e-/J", True),
             "photo_response_nonuniformity": stage(detector.photo_response_nonuniformity,
                                                   f"{detector.photo_response_nonuniformity:g}", True),

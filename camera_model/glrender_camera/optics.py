@@ -8,16 +8,18 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
-import cv2
 import numpy as np
-from scipy.special import erf
 
-from .spectrum import Curve, band, curve
-from .validate import known_keys, positive, within
+from . import psf
+from .errors import ConfigError
+from .spectrum import Curve, band, curve, photon_weights
+from .validate import integer, known_keys, positive, within
 
 # Energy beyond 5.5 sigma is 4e-8 an axis: below float32's own rounding of the sum.
 _KERNEL_RADIUS_SIGMAS = 5.5
 MAX_PSF_SIGMA_PX = 100.0
+# Averaging diffraction over a band of 450-950 nm: 9 against 33 wavelengths differ by 1e-4.
+_N_WAVELENGTHS = 9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,14 +29,24 @@ class Optics:
     Parameters
     ----------
     aperture_diameter_m : float [m], > 0
-        Of the entrance pupil, a disc.
+        Of the entrance pupil, outside.
     transmission : float or pairs (wavelength [nm], value) [1], 0..1
         Of lenses and filter together.
     band_nm : (low, high) float [nm]
         The wavelengths that the irradiance image spans.
     psf_sigma_px : float [px], 0..100
-        Standard deviation of the Gaussian point spread function before integration over the
-        pixel; 0 is none.
+        Standard deviation of a Gaussian spread before integration over the pixel; 0 is none.
+    f_number : float [1], optional
+        Focal length over aperture diameter: adds the pupil's diffraction, averaged over the
+        band's photons. Needs `pixel_pitch_m`.
+    pixel_pitch_m : float [m], optional
+    central_obscuration : float [1], 0..0.95
+        Inner over outer diameter of an annular pupil, for diffraction and for the area.
+    psf_radius_px : int [px], 1..255
+        Half width of a diffraction kernel; what falls farther is lost and reported.
+    psf_measured : (n, m) numbers [1], optional
+        Measured kernel, n and m odd, of non-negative shares that sum to at most 1. It is the
+        whole spread: neither Gaussian nor diffraction may be given beside it.
 
     Raises
     ------
@@ -45,6 +57,11 @@ class Optics:
     transmission: Curve = 1.0
     band_nm: tuple[float, float] = (450.0, 950.0)
     psf_sigma_px: float = 0.0
+    f_number: float | None = None
+    pixel_pitch_m: float | None = None
+    central_obscuration: float = 0.0
+    psf_radius_px: int = 15
+    psf_measured: tuple[tuple[float, ...], ...] | None = None
 
     def __post_init__(self):
         put = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731 (frozen dataclass)
@@ -52,6 +69,22 @@ class Optics:
         put("transmission", curve("transmission", self.transmission, 0.0, 1.0))
         put("band_nm", band("band_nm", self.band_nm))
         put("psf_sigma_px", within("psf_sigma_px", self.psf_sigma_px, 0.0, MAX_PSF_SIGMA_PX))
+        put("central_obscuration", within("central_obscuration", self.central_obscuration, 0.0, 0.95))
+        put("psf_radius_px", integer("psf_radius_px", self.psf_radius_px, 1, 255))
+        if (self.f_number is None) != (self.pixel_pitch_m is None):
+            missing = "f_number" if self.f_number is None else "pixel_pitch_m"
+            raise ConfigError(missing, "missing: diffraction needs both f_number and pixel_pitch_m")
+        if self.is_diffracted:
+            put("f_number", positive("f_number", self.f_number))
+            put("pixel_pitch_m", positive("pixel_pitch_m", self.pixel_pitch_m))
+            lambda_n_px = self.band_nm[0] * 1e-9 * self.f_number / self.pixel_pitch_m
+            if not lambda_n_px >= psf.MIN_LAMBDA_N_PX:
+                raise ConfigError("f_number", f"wavelength x f_number must be >= {psf.MIN_LAMBDA_N_PX} pixels, is "
+                                  f"{lambda_n_px:.3g}", self.f_number, "leave diffraction out: it is invisible")
+        if self.psf_measured is not None:
+            if self.psf_sigma_px > 0.0 or self.is_diffracted:
+                raise ConfigError("psf_measured", "is the whole spread: give no psf_sigma_px and no f_number")
+            put("psf_measured", _measured(self.psf_measured))
 
     @classmethod
     def from_dict(cls, table: Mapping[str, Any]) -> Optics:
@@ -62,28 +95,60 @@ class Optics:
     @property
     def aperture_area_m2(self) -> float:
         """Area of the entrance pupil [m2]."""
-        return math.pi / 4.0 * self.aperture_diameter_m**2
+        return math.pi / 4.0 * self.aperture_diameter_m**2 * (1.0 - self.central_obscuration**2)
+
+    @property
+    def is_diffracted(self) -> bool:
+        """Whether the pupil's diffraction is part of the point spread function."""
+        return self.f_number is not None
 
     @cached_property
     def psf_kernel(self) -> np.ndarray:
-        """One axis of the pixel-integrated Gaussian, not renormalised.
+        """Fraction of a point's light, at a pixel's centre, that falls into each pixel.
 
         Returns
         -------
-        (2 r + 1,) float64 [1]
-            Fraction of a point's light, at a pixel's centre, that falls into each pixel along
-            one axis; r covers 5.5 sigma.
+        (2 r + 1,) or (n, m) float64 [1]
+            One axis of a separable kernel, or the whole; not renormalised.
         """
-        if self.psf_sigma_px == 0.0:
-            return np.ones(1)
-        radius = math.ceil(_KERNEL_RADIUS_SIGMAS * self.psf_sigma_px)
-        edges = np.arange(-radius, radius + 2) - 0.5
-        return np.diff(erf(edges / (math.sqrt(2.0) * self.psf_sigma_px))) / 2.0
+        if self.psf_measured is not None:
+            return np.array(self.psf_measured)
+        gaussian_px = math.ceil(_KERNEL_RADIUS_SIGMAS * self.psf_sigma_px)
+        if not self.is_diffracted:
+            return psf.gaussian_axis(self.psf_sigma_px, gaussian_px)
+        wavelengths_m, weights = photon_weights(self.band_nm, self.transmission, _N_WAVELENGTHS)
+        return psf.diffraction_kernel(
+            wavelengths_m, weights, f_number=self.f_number, pixel_pitch_m=self.pixel_pitch_m,
+            central_obscuration=self.central_obscuration, sigma_px=self.psf_sigma_px,
+            radius_px=max(self.psf_radius_px, gaussian_px))
 
     @property
+    def psf_margin_px(self) -> tuple[int, int]:
+        """How far light is spread along rows' and columns' index [px]."""
+        shape = self.psf_kernel.shape
+        return shape[0] // 2, shape[-1] // 2
+
+    @cached_property
     def psf_energy_cut(self) -> float:
         """Fraction of a point's light that falls outside the kernel, and is lost."""
-        return max(0.0, 1.0 - float(self.psf_kernel.sum()) ** 2)
+        total = float(self.psf_kernel.sum())
+        return max(0.0, 1.0 - (total**2 if self.psf_kernel.ndim == 1 else total))
+
+    @property
+    def psf_text(self) -> str:
+        """The point spread function in words; empty when there is none."""
+        if self.psf_measured is not None:
+            parts = ["measured"]
+        else:
+            parts = []
+            if self.is_diffracted:
+                parts.append(f"diffraction at f/{self.f_number:g}, obscuration {self.central_obscuration:g}")
+            if self.psf_sigma_px > 0.0:
+                parts.append(f"Gaussian of sigma {self.psf_sigma_px:g} px")
+        if not parts:
+            return ""
+        rows, columns = (2 * margin + 1 for margin in self.psf_margin_px)
+        return f"{' and '.join(parts)}, kernel {rows} x {columns} px, energy cut {self.psf_energy_cut:.2g}"
 
     def spread(self, image: np.ndarray) -> np.ndarray:
         """Convolve with the point spread function; darkness beyond the edges, no wrap-around.
@@ -96,7 +161,18 @@ class Optics:
         -------
         (H, W) float32
         """
-        if self.psf_sigma_px == 0.0:
-            return image
-        kernel = self.psf_kernel.astype(np.float32)
-        return cv2.sepFilter2D(image, cv2.CV_32F, kernel, kernel, borderType=cv2.BORDER_CONSTANT)
+        return image if self.psf_kernel.size == 1 else psf.convolve(image, self.psf_kernel)
+
+
+def _measured(value: object) -> tuple[tuple[float, ...], ...]:
+    try:
+        kernel = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        kernel = np.empty(0)
+    if kernel.ndim != 2 or kernel.shape[0] % 2 == 0 or kernel.shape[1] % 2 == 0:
+        raise ConfigError("psf_measured", "must be a table of numbers with odd numbers of rows and columns")
+    # A measured sum of 1 may be off by its own rounding, no more: a lens makes no light.
+    if not (kernel >= 0.0).all() or not 0.0 < kernel.sum() <= 1.0 + 1e-6:
+        raise ConfigError("psf_measured", "must be >= 0 and sum to a fraction of the light, at most 1",
+                          float(kernel.sum()))
+    return tuple(tuple(row) for row in kernel.tolist())

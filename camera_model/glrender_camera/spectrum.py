@@ -82,9 +82,26 @@ def electrons_per_joule(band_nm: tuple[float, float], transmission: Curve,
     weight = (half * weight).ravel()
     wavelength_m = wavelength_nm * 1e-9
     photon_J = PLANCK_J_S * SPEED_OF_LIGHT_M_S / wavelength_m
-    spectrum = weight * wavelength_m**-5 / np.expm1(photon_J / (BOLTZMANN_J_K * SUN_TEMPERATURE_K))
+    spectrum = weight * _sunlight(wavelength_m)
     counted = _at(transmission, wavelength_nm) * _at(quantum_efficiency, wavelength_nm) / photon_J
     return float(np.sum(spectrum * counted) / np.sum(spectrum))
+
+
+def photon_weights(band_nm: tuple[float, float], transmission: Curve, n: int) -> tuple[np.ndarray, ...]:
+    """Wavelengths [m] in the middle of n equal parts of the band, and their shares of the photons."""
+    edges = np.linspace(*band_nm, n + 1)
+    wavelength_nm = 0.5 * (edges[:-1] + edges[1:])
+    wavelength_m = wavelength_nm * 1e-9
+    photons = _sunlight(wavelength_m) * wavelength_m * _at(transmission, wavelength_nm)
+    if not photons.sum() > 0.0:
+        raise ConfigError("transmission", "must let light through inside band_nm", transmission)
+    return wavelength_m, photons / photons.sum()
+
+
+def _sunlight(wavelength_m: np.ndarray) -> np.ndarray:
+    """Black body of the Sun's temperature, to a factor [W/m3]."""
+    photon_J = PLANCK_J_S * SPEED_OF_LIGHT_M_S / wavelength_m
+    return wavelength_m**-5 / np.expm1(photon_J / (BOLTZMANN_J_K * SUN_TEMPERATURE_K))
 
 
 def _at(table: Curve, wavelength_nm: np.ndarray) -> np.ndarray | float:
