@@ -188,7 +188,9 @@ def test_type_of_the_numbers_follows_the_bit_depth(bit_depth, dtype):
 
 # Seeds, regions and threads
 
-BUSY = dict(read_noise_electrons=10.0, dark_current_electrons_per_s=5.0, photo_response_nonuniformity=0.01,
+BUSY = dict(hot_pixel_fraction=1e-3, hot_pixel_electrons_per_s=500.0, frame_transfer_row_s=1e-6,
+            nonlinearity_DN=((0.0, 0.0), (4095.0, 4090.0)), read_noise_electrons=10.0,
+            dark_current_electrons_per_s=5.0, photo_response_nonuniformity=0.01,
             dark_signal_nonuniformity_electrons=3.0, dark_current_nonuniformity=0.1)
 
 
@@ -364,3 +366,49 @@ def test_the_input_is_left_as_it_was():
     image.setflags(write=False)
     model.expose(image, 1)
     assert image.tobytes() == before
+
+
+# Frame transfer, hot pixels, nonlinearity
+
+
+def test_frame_transfer_smears_the_column_by_its_sum():
+    """A source of 1e5 e- on 1e-5 s a row and 0.1 s: 10 e- on each other pixel of its column, 5 sigma."""
+    model = camera_model(frame_transfer_row_s=1e-5)
+    image = np.zeros((101, 40), np.float32)
+    image[50, 20] = irradiance_of(9e4, model)
+    electrons = np.mean([model.expose(image, seed).electrons for seed in range(100)], axis=0, dtype=np.float64)
+    column = np.delete(electrons[:, 20], 50)
+    np.testing.assert_allclose(column.mean(), 9.0, atol=5.0 * np.sqrt(9.0 / 100 / 100))
+    assert not np.delete(electrons, 20, axis=1).any()
+
+
+def test_hot_pixels_are_the_sensors_and_scale_with_time_and_warmth():
+    """Share exact, mean rate within 5 sigma of the exponential; twice the time and 8 K: four times."""
+    fields = dict(hot_pixel_fraction=0.01, hot_pixel_electrons_per_s=1000.0)
+    dark = np.zeros((400, 500), np.float32)
+    cold = camera_model(**fields).expose(dark, 1, exposure_s=1.0).electrons
+    warm = camera_model(**fields, temperature_K=301.15).expose(dark, 2, exposure_s=2.0).electrons
+    lit = cold > 0.0
+    np.testing.assert_allclose(cold.sum() / (0.01 * dark.size), 1000.0, atol=5.0 * 1000.0 / np.sqrt(2000.0))
+    assert 1900 < np.count_nonzero(lit) <= 2000
+    np.testing.assert_allclose(warm[lit].sum() / cold[lit].sum(), 4.0, rtol=0.01)
+    assert np.count_nonzero(warm[~lit]) < 10
+
+
+def test_the_nonlinearity_table_acts_before_rounding():
+    """A linear table is no table; a bent one maps the mean through its straight pieces."""
+    image = flat(camera_model(), 50000.0)
+    straight = camera_model(nonlinearity_DN=[[0, 0], [4095, 4095]]).expose(image, 3)
+    np.testing.assert_array_equal(straight.dn, camera_model().expose(image, 3).dn)
+    bent = camera_model(nonlinearity_DN=[[0, 0], [2000, 2000], [4000, 3800]]).expose(image, 3)
+    expected = 2000.0 + 0.9 * (0.04 * bent.electrons.astype(np.float64) + 50.0 - 2000.0)
+    np.testing.assert_allclose(bent.dn, expected, atol=0.501)
+
+
+@pytest.mark.parametrize("field, value", [
+    ("hot_pixel_fraction", 0.2), ("frame_transfer_row_s", -1e-6), ("nonlinearity_DN", [[0, 0]]),
+    ("nonlinearity_DN", [[0, 0], [10, -1]]), ("nonlinearity_DN", "none")])
+def test_bad_extras_are_refused_by_field(field, value):
+    with pytest.raises(ConfigError) as error:
+        Detector(**(SIMPLE | {field: value}))
+    assert error.value.path == field

@@ -236,16 +236,21 @@ class CameraModel:
             "photo_electrons": stage(1.0, f"{self.electrons_per_joule:.6g} e-/J", True),
             "photo_response_nonuniformity": stage(detector.photo_response_nonuniformity,
                                                   f"{detector.photo_response_nonuniformity:g}", True),
+            "frame_transfer_smear": stage(detector.frame_transfer_row_s,
+                                          f"{detector.frame_transfer_row_s:g} s a row", True),
             "dark_current": stage(detector.dark_current_electrons_per_s,
                                   f"{detector.dark_rate_electrons_per_s:g} e-/s"),
             "dark_current_nonuniformity": stage(
                 detector.dark_current_nonuniformity * detector.dark_current_electrons_per_s,
                 f"{detector.dark_current_nonuniformity:g}"),
+            "hot_pixels": stage(detector.hot_pixel_fraction * detector.hot_pixel_electrons_per_s,
+                                f"{detector.hot_pixel_fraction:g} of the pixels"),
             "shot_noise": stage(is_lit or detector.dark_current_electrons_per_s, "Poisson"),
             "full_well": f"{detector.full_well_electrons:g} e-",
             "dark_signal_nonuniformity": stage(detector.dark_signal_nonuniformity_electrons,
                                                f"{detector.dark_signal_nonuniformity_electrons:g} e-"),
             "read_noise": stage(detector.read_noise_electrons, f"{detector.read_noise_electrons:g} e-"),
+            "nonlinearity": stage(detector.nonlinearity_DN, f"table of {len(detector.nonlinearity_DN or ())}"),
             "adc": f"{detector.bit_depth} bit, {detector.gain_DN_per_electron:g} DN/e-, "
                    f"offset {detector.offset_DN:g} DN",
         }

@@ -8,7 +8,7 @@ temporal noise to the frame's.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
 from functools import cache, lru_cache
@@ -17,8 +17,9 @@ from typing import Any
 import numpy as np
 
 from . import poisson
+from .errors import ConfigError
 from .spectrum import Curve, curve
-from .validate import finite, integer, known_keys, positive, within
+from .validate import finite, integer, known_keys, positive, vector, within
 
 # Each block has its own stream, so that bytes do not depend on the number of threads. 2**16
 # pixels stay in a core's cache and make the calls long enough to run beside each other.
@@ -56,6 +57,16 @@ class Detector:
         DSNU: standard deviation of the pixels' fixed offset.
     dark_current_nonuniformity : float [1], 0..0.3
         Standard deviation of the pixels' relative dark current.
+    hot_pixel_fraction : float [1], 0..0.1
+        Share of the pixels with a dark current of their own.
+    hot_pixel_electrons_per_s : float [e-/s], >= 0
+        Mean of the hot pixels' extra dark current, exponentially distributed, at
+        `dark_reference_temperature_K`.
+    frame_transfer_row_s : float [s], >= 0
+        Time in which a frame-transfer sensor shifts the image by a row; light goes on falling
+        meanwhile and smears along the columns. 0 is none.
+    nonlinearity_DN : pairs (ideal DN, actual DN), optional
+        Both rising, joined by straight lines and held beyond the ends; default linear.
     sensor_seed : int, 0..2**64 - 1
         Of the fixed pattern.
 
@@ -79,6 +90,10 @@ class Detector:
     photo_response_nonuniformity: float = 0.0
     dark_signal_nonuniformity_electrons: float = 0.0
     dark_current_nonuniformity: float = 0.0
+    hot_pixel_fraction: float = 0.0
+    hot_pixel_electrons_per_s: float = 0.0
+    frame_transfer_row_s: float = 0.0
+    nonlinearity_DN: tuple[tuple[float, float], ...] | None = None
     sensor_seed: int = 0
 
     def __post_init__(self):
@@ -88,11 +103,15 @@ class Detector:
                      "temperature_K", "dark_doubling_K"):
             put(name, positive(name, getattr(self, name)))
         for name in ("read_noise_electrons", "dark_current_electrons_per_s",
-                     "dark_signal_nonuniformity_electrons"):
+                     "dark_signal_nonuniformity_electrons", "hot_pixel_electrons_per_s",
+                     "frame_transfer_row_s"):
             put(name, within(name, getattr(self, name), 0.0, 1e9))
         # Six sigma of 0.3 would be a negative response; real sensors are at 0.003 to 0.03.
         for name in ("photo_response_nonuniformity", "dark_current_nonuniformity"):
             put(name, within(name, getattr(self, name), 0.0, 0.3))
+        put("hot_pixel_fraction", within("hot_pixel_fraction", self.hot_pixel_fraction, 0.0, 0.1))
+        if self.nonlinearity_DN is not None:
+            put("nonlinearity_DN", _rising_pairs("nonlinearity_DN", self.nonlinearity_DN))
         put("bit_depth", integer("bit_depth", self.bit_depth, 1, 16))
         put("offset_DN", finite("offset_DN", self.offset_DN))
         put("sensor_seed", integer("sensor_seed", self.sensor_seed, 0, MAX_SEED))
@@ -111,10 +130,14 @@ class Detector:
         return 2**self.bit_depth - 1
 
     @property
+    def dark_warmth(self) -> float:
+        """Dark current over that at the reference temperature [1]."""
+        return 2.0 ** ((self.temperature_K - self.dark_reference_temperature_K) / self.dark_doubling_K)
+
+    @property
     def dark_rate_electrons_per_s(self) -> float:
-        """Mean dark current at the detector's temperature [e-/s]."""
-        warmth_K = self.temperature_K - self.dark_reference_temperature_K
-        return self.dark_current_electrons_per_s * 2.0 ** (warmth_K / self.dark_doubling_K)
+        """Mean dark current at the detector's temperature [e-/s], hot pixels aside."""
+        return self.dark_current_electrons_per_s * self.dark_warmth
 
     def fixed_pattern(self, shape: tuple[int, int]) -> FixedPattern:
         """The sensor's own maps, made once."""
@@ -142,6 +165,10 @@ class Detector:
         height, width = signal_electrons.shape
         outputs = (np.empty((height, width), np.uint8 if self.bit_depth <= 8 else np.uint16),
                    np.empty((height, width), np.float32), np.empty((height, width), bool))
+        if self.frame_transfer_row_s > 0.0:
+            # On its way in and out each pixel stays one shift under every other row of its column.
+            column = signal_electrons.sum(axis=0, dtype=np.float64) * (self.frame_transfer_row_s / exposure_s)
+            signal_electrons = signal_electrons + column.astype(np.float32)
         pattern = self.fixed_pattern((height, width))
         n_rows = max(1, _BLOCK_PX // width)
         blocks = [slice(row, min(row + n_rows, height)) for row in range(0, height, n_rows)]
@@ -168,6 +195,10 @@ class Detector:
         dark = min(np.float32(self.dark_rate_electrons_per_s * exposure_s), most)
         if dark > 0.0:
             mean += dark if pattern.dark is None else dark * pattern.dark
+        if pattern.hot is not None:
+            pixel, rate = pattern.hot
+            hot = rate * np.float32(self.dark_warmth * exposure_s)
+            mean.ravel()[pixel] += np.minimum(hot, most)
         charge = poisson.draw(rng, mean.ravel(), dark).reshape(mean.shape)
         np.minimum(charge, well, out=electrons)
         full = electrons >= well
@@ -179,6 +210,8 @@ class Detector:
             electrons += noise
         number = electrons * np.float32(self.gain_DN_per_electron)
         number += np.float32(self.offset_DN)
+        if self.nonlinearity_DN is not None:
+            number = np.interp(number, *np.array(self.nonlinearity_DN).T).astype(np.float32)
         # Halves to even: floor would take half a digital number from every pixel.
         np.rint(number, out=number)
         np.greater_equal(number, self.max_DN, out=saturated)
@@ -192,16 +225,23 @@ class FixedPattern:
     """Maps of a sensor, (H, W) float32, read-only; None where there is no such pattern.
 
     `response` [1] scales the signal, `dark` [1] the dark current, `offset_electrons` [e-] is added.
+    `hot` is a pair: flat indices of the hot pixels, rising, and their extra dark currents [e-/s].
     """
 
     response: np.ndarray | None
     dark: np.ndarray | None
     offset_electrons: np.ndarray | None
+    hot: tuple[np.ndarray, np.ndarray] | None
+    width_px: int
 
     def rows(self, rows: slice) -> FixedPattern:
         """The maps of some rows."""
-        return FixedPattern(*(None if m is None else m[rows]
-                              for m in (self.response, self.dark, self.offset_electrons)))
+        hot = self.hot
+        if hot is not None:
+            part = slice(*np.searchsorted(hot[0], (rows.start * self.width_px, rows.stop * self.width_px)))
+            hot = hot[0][part] - rows.start * self.width_px, hot[1][part]
+        maps = (None if m is None else m[rows] for m in (self.response, self.dark, self.offset_electrons))
+        return FixedPattern(*maps, hot, self.width_px)
 
 
 def _stream(seed: int, *key: int) -> np.random.Generator:
@@ -224,7 +264,26 @@ def _fixed_pattern(detector: Detector, shape: tuple[int, int]) -> FixedPattern:
     return FixedPattern(
         response=pattern(0, 1.0, detector.photo_response_nonuniformity, 0.0),
         dark=pattern(1, 1.0, detector.dark_current_nonuniformity, 0.0),
-        offset_electrons=pattern(2, 0.0, detector.dark_signal_nonuniformity_electrons, -np.inf))
+        offset_electrons=pattern(2, 0.0, detector.dark_signal_nonuniformity_electrons, -np.inf),
+        hot=_hot_pixels(detector, shape[0] * shape[1]), width_px=shape[1])
+
+
+def _hot_pixels(detector: Detector, n_pixels: int) -> tuple[np.ndarray, np.ndarray] | None:
+    n_hot = round(detector.hot_pixel_fraction * n_pixels)
+    if n_hot == 0 or detector.hot_pixel_electrons_per_s == 0.0:
+        return None
+    rng = _stream(detector.sensor_seed, _SENSOR, 3)
+    pixel = np.sort(rng.choice(n_pixels, n_hot, replace=False))
+    return pixel, rng.exponential(detector.hot_pixel_electrons_per_s, n_hot).astype(np.float32)
+
+
+def _rising_pairs(name: str, value: object) -> tuple[tuple[float, float], ...]:
+    if not isinstance(value, Sequence) or isinstance(value, str) or len(value) < 2:
+        raise ConfigError(name, "must be at least two pairs of numbers", value)
+    pairs = np.array([vector(f"{name}[{i}]", pair, 2) for i, pair in enumerate(value)])
+    if not (np.diff(pairs, axis=0) > 0.0).all():
+        raise ConfigError(name, "both columns must rise", value)
+    return tuple((float(a), float(b)) for a, b in pairs)
 
 
 @cache
