@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from glrender import GlrenderError, Pose, Renderer, Scene, State, frames, load_scene
+from glrender import ConfigError, GlrenderError, Pose, Renderer, Scene, State, frames, load_scene
 from glrender.constants import AU_M
 
 _DISPLAY_GAMMA = 2.2
@@ -75,10 +75,15 @@ def _info(arguments: argparse.Namespace) -> int:
 
 
 def _render(arguments: argparse.Namespace) -> int:
+    if arguments.out.suffix not in (".png", ".npy"):
+        raise ConfigError(str(arguments.out), "must end in .png or .npy")
     scene = load_scene(arguments.scene)
     camera = scene.camera(arguments.camera) if arguments.camera else scene.cameras[0]
     if arguments.state is not None:
-        state = State.from_dict(json.loads(arguments.state.read_text(encoding="utf-8")))
+        try:
+            state = State.from_dict(json.loads(arguments.state.read_text(encoding="utf-8")))
+        except (json.JSONDecodeError, UnicodeDecodeError) as error:
+            raise ConfigError(str(arguments.state), f"is not JSON: {error}") from None
     else:
         state = default_state(scene, camera.name, np.radians(arguments.phase_deg))
     with Renderer(scene, backend=arguments.backend) as renderer:

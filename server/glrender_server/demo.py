@@ -19,8 +19,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from glrender import ConfigError, GlrenderError, Pose, Shape, State, frames, generate
+from glrender import GlrenderError, Pose, Shape, State, frames, generate
 from glrender.constants import AU_M
+from glrender_camera.validate import integer
 
 from .autopilot import CenterFinder, Navigator, ReferencePath
 
@@ -60,8 +61,8 @@ def run_demo(arguments: argparse.Namespace) -> int:
         from glrender_client import Client
     except ImportError as error:
         raise GlrenderError("the demo needs the Python client: `pip install ./clients/python`") from error
-    if arguments.frames < 10 or arguments.size_px < 64:
-        raise ConfigError("frames, size-px", "must be at least 10 frames of 64 px")
+    integer("frames", arguments.frames, 10, 100_000)
+    integer("size-px", arguments.size_px, 64, 4096)
     arguments.out.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="glrender-demo-") as folder:
         scene_file, shape = _write_scene(Path(folder), arguments)

@@ -1,0 +1,79 @@
+"""The commands that a person types: render, info, demo."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import serving
+import views
+from PIL import Image
+
+GLRENDER = Path(sys.executable).with_name("glrender")
+
+
+def run(*arguments, cwd, timeout=120):
+    return subprocess.run([GLRENDER, *map(str, arguments)], cwd=cwd, capture_output=True, text=True, timeout=timeout)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "scene.toml").write_text(serving.SCENE)
+    return tmp_path
+
+
+def test_render_draws_a_picture_and_an_array(folder):
+    made = run("render", "scene.toml", "--out", "a.png", cwd=folder)
+    assert made.returncode == 0 and "a.png: 96 x 64" in made.stdout, made.stderr
+    picture = np.asarray(Image.open(folder / "a.png"))
+    assert picture.shape == (64, 96) and picture.max() == 255
+    assert 0.05 < (picture > 0).mean() < 0.6, "the body fills about half of the frame's height"
+    assert run("render", "scene.toml", "--camera", "bare", "--out", "b.npy", cwd=folder).returncode == 0
+    irradiance = np.load(folder / "b.npy")
+    assert irradiance.shape == (32, 32) and irradiance.dtype == np.float32 and irradiance.max() > 0.0
+
+
+def test_render_takes_a_state_file(folder):
+    (folder / "state.json").write_text(json.dumps(views.state().to_dict()))
+    assert run("render", "scene.toml", "--state", "state.json", "--camera", "navcam", cwd=folder).returncode == 0
+    assert (folder / "frame.png").is_file()
+
+
+@pytest.mark.parametrize("arguments, message", [
+    (["render", "none.toml"], "none.toml: cannot be read"),
+    (["render", "scene.toml", "--camera", "wac"], "camera: unknown camera, got 'wac'"),
+    (["render", "scene.toml", "--samples", "0"], "samples: must be an integer between 1 and 16"),
+    (["render", "scene.toml", "--state", "none.json"], "none.json"),
+    (["render", "scene.toml", "--state", "scene.toml"], "scene.toml: is not JSON"),
+    (["render", "scene.toml", "--out", "frame.gif2"], "frame.gif2: must end in .png or .npy"),
+    (["demo", "--frames", "0"], "frames: must be an integer between 10"),
+    (["demo", "--shape", "none.obj"], "none.obj: cannot be read"),
+])
+def test_mistakes_are_told_in_one_line(folder, arguments, message):
+    made = run(*arguments, cwd=folder)
+    assert made.returncode == 1
+    assert message in made.stderr and "Traceback" not in made.stderr and made.stderr.count("\n") == 1
+
+
+def test_info_as_json_names_the_backends(folder):
+    entries = json.loads(run("info", "--json", cwd=folder).stdout)
+    assert [entry["backend"] for entry in entries] == ["egl", "osmesa"]
+
+
+@pytest.mark.parametrize("shape", [None, "itokawa/itokawa_8q_768.obj"])
+def test_the_demo_flies_its_loop_and_leaves_its_pictures(folder, shape, request):
+    arguments = []
+    if shape is not None:
+        arguments = ["--shape", request.getfixturevalue("shared") / shape, "--length-unit", "km"]
+    made = run("demo", "--frames", "40", "--size-px", "128", "--out", "out", *arguments, cwd=folder, timeout=240)
+    assert made.returncode == 0, made.stderr
+    summary = json.loads((folder / "out" / "summary.json").read_text())
+    assert summary["frames"] == 40 and summary["frames_per_second"] > 0.0
+    assert summary["range_m"]["last"] < 0.5 * summary["range_m"]["first"], "it approached"
+    assert summary["navigation_error_over_range"] < 0.1, "it kept its way"
+    for name in ("contact_sheet.png", "trajectory.png"):
+        assert Image.open(folder / "out" / name).size[0] > 500
