@@ -412,3 +412,26 @@ def test_bad_extras_are_refused_by_field(field, value):
     with pytest.raises(ConfigError) as error:
         Detector(**(SIMPLE | {field: value}))
     assert error.value.path == field
+
+
+# Presets
+
+
+def test_a_preset_is_a_start_whose_fields_can_be_replaced():
+    model = CameraModel.from_dict({"preset": "generic_navigation_camera", "exposure_s": 0.1,
+                                   "detector": {"read_noise_electrons": 20.0}})
+    assert model.exposure_s == 0.1 and model.detector.read_noise_electrons == 20.0
+    assert model.detector.bit_depth == 12 and model.optics.psf_sigma_px == 0.7
+    # photometry.md 1.6's worked example, the well aside.
+    electrons = 3.1619e-8 * model.optics.aperture_area_m2 * model.electrons_per_joule * model.exposure_s
+    np.testing.assert_allclose(electrons, 7.54e5, rtol=0.01)
+
+
+@pytest.mark.parametrize("table, path", [
+    ({"preset": "kodak"}, "preset"), ({"preset": "generic_navigation_camera", "optics": 1}, "optics"),
+    ({"preset": "generic_navigation_camera", "detector": {"well": 1}}, "detector.well"),
+    ({"preset": ["a"]}, "preset")])
+def test_a_bad_preset_is_refused_by_field(table, path):
+    with pytest.raises(ConfigError) as error:
+        CameraModel.from_dict(table)
+    assert error.value.path == path

@@ -12,8 +12,9 @@ import numpy as np
 from .detector import MAX_SEED, Detector
 from .errors import ConfigError, error_path
 from .optics import Optics
+from .presets import PRESETS
 from .spectrum import electrons_per_joule
-from .validate import integer, known_keys, positive, within
+from .validate import integer, known_keys, one_of, positive, within
 
 # A rounding error of the renderer below this fraction of the maximum is clipped, more is a fault.
 NEGATIVE_TOLERANCE = 1e-12
@@ -119,15 +120,23 @@ class CameraModel:
         Parameters
         ----------
         table : mapping
-            `optics`, `detector` and `exposure_s`, optionally `auto_exposure`.
+            `optics`, `detector` and `exposure_s`, optionally `auto_exposure`. With `preset`, a name
+            in `presets.PRESETS`, all are optional and their fields replace the preset's.
 
         Raises
         ------
         ConfigError
             With the path of the field.
         """
-        known_keys("", table, [f.name for f in fields(cls)], required=("optics", "detector", "exposure_s"))
-        parts = dict(table)
+        known = [f.name for f in fields(cls)]
+        known_keys("", table, [*known, "preset"])
+        parts = {key: value for key, value in table.items() if key != "preset"}
+        if "preset" in table:
+            preset = PRESETS[one_of("preset", table["preset"], sorted(PRESETS))]
+            for key, value in preset.items():
+                own = parts.get(key, {} if isinstance(value, Mapping) else value)
+                parts[key] = {**value, **own} if isinstance(value, Mapping) and isinstance(own, Mapping) else own
+        known_keys("", parts, known, required=("optics", "detector", "exposure_s"))
         for name, kind in (("optics", Optics), ("detector", Detector), ("auto_exposure", AutoExposure)):
             if name in parts:
                 with error_path(name):
