@@ -18,6 +18,8 @@ bench: setup
 	$(BIN)/python -m pytest benchmarks/bench_frame.py --benchmark-enable --benchmark-only -q \
 	    --benchmark-json=out/bench/frame.json
 	$(BIN)/python benchmarks/chart.py out/bench/frame.json out/bench
+	$(BIN)/python benchmarks/bench_laws.py | tee out/bench/laws.json
+	$(BIN)/python benchmarks/bench_service.py | tee out/bench/service.json
 
 lint: setup
 	$(BIN)/ruff check .

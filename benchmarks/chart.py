@@ -51,12 +51,14 @@ def main(source: Path, out: Path) -> None:
                     key=lambda e: e["extra_info"]["facets"])
     bottom = [0.0] * len(chosen)
     labels = [f"{e['extra_info']['facets'] / 1e3:.0f}k" for e in chosen]
+    totals = [sum(e["extra_info"]["stages_ms"].values()) for e in chosen]
     for stage in STAGES:
-        heights = [e["extra_info"]["stages_ms"].get(stage, 0.0) for e in chosen]
-        split.bar(labels, heights, bottom=bottom, label=stage)
-        bottom = [a + b for a, b in zip(bottom, heights, strict=True)]
-    split.set(xlabel="facets", ylabel="median [ms]", title="Where the time goes (1 sample, fresh shadow map)",
-              yscale="symlog")
+        shares = [100.0 * e["extra_info"]["stages_ms"].get(stage, 0.0) / total
+                  for e, total in zip(chosen, totals, strict=True)]
+        split.bar(labels, shares, bottom=bottom, label=stage)
+        bottom = [a + b for a, b in zip(bottom, shares, strict=True)]
+    split.set(xlabel="facets", ylabel="share of the frame [%]", ylim=(0, 100),
+              title="Where the time goes (1 sample, fresh shadow map)")
     split.legend()
     figure.tight_layout()
     figure.savefig(out / "frame.png", dpi=100)
