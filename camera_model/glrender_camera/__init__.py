@@ -6,6 +6,7 @@ from .distortion import BrownConrady
 from .errors import ConfigError, GlrenderError
 from .optics import Optics
 from .projection import PinholeCamera
+from .shutter import time_average
 
 __all__ = ["AutoExposure", "BrownConrady", "CameraModel", "ConfigError", "Detector", "Frame",
-           "GlrenderError", "Optics", "PinholeCamera"]
+           "GlrenderError", "Optics", "PinholeCamera", "time_average"]
