@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from glrender_camera import ConfigError, Optics, psf
+from glrender_camera import CameraModel, ConfigError, Detector, Optics, psf
 from scipy.integrate import dblquad, quad
 from scipy.ndimage import convolve as scipy_convolve
 from scipy.special import j0, j1
@@ -141,3 +141,69 @@ def test_a_bad_point_spread_function_is_refused_by_field(fields, path):
     with pytest.raises(ConfigError) as error:
         Optics(aperture_diameter_m=0.01, **fields)
     assert error.value.path == path
+
+
+# A point spread function that varies over the frame
+
+
+def field_kernels(n_rows=3, n_columns=4, size=15):
+    """Gaussians that widen from the centre outwards and lean away from it."""
+    y, x = np.indices((size, size)) - size // 2
+    kernels = np.empty((n_rows, n_columns, size, size))
+    for i, j in np.ndindex(n_rows, n_columns):
+        u, v = 2.0 * j / (n_columns - 1) - 1.0, 2.0 * i / (n_rows - 1) - 1.0
+        sigma = 0.8 + 0.5 * np.hypot(u, v)
+        kernels[i, j] = np.exp(-((x - 0.7 * u) ** 2 + (y - 0.7 * v) ** 2) / (2.0 * sigma**2))
+        kernels[i, j] /= kernels[i, j].sum()
+    return kernels
+
+
+def test_equal_kernels_over_the_field_are_one_kernel():
+    """Partition of unity: a grid of one kernel equals its plain convolution, 1e-6 of the maximum: no seam."""
+    kernel = airy(1.0, 5)
+    image = np.random.default_rng(4).random((70, 90)).astype(np.float32)
+    varying = psf.convolve_field(image, np.tile(kernel, (3, 4, 1, 1)), (0, 0), image.shape)
+    np.testing.assert_allclose(varying, psf.convolve(image, kernel), atol=1e-6)
+
+
+def test_a_varying_kernel_against_the_sum_over_points():
+    """Each point spread by the bilinear mixture of the four kernels around it, in float64, 2e-6."""
+    kernels, shape = field_kernels(), (60, 80)
+    rng = np.random.default_rng(5)
+    image, expected = np.zeros(shape, np.float32), np.zeros((shape[0] + 14, shape[1] + 14))
+    for row, column in [(0, 0), (59, 79), (30, 41), (12, 70), (29, 26), *rng.integers(0, 60, (20, 2))]:
+        image[row, column] += 1.0
+        gi, gj = row / 59.0 * 2.0, column / 79.0 * 3.0
+        i, j = min(int(gi), 1), min(int(gj), 2)
+        a, b = gi - i, gj - j
+        mixture = ((1 - a) * (1 - b) * kernels[i, j] + (1 - a) * b * kernels[i, j + 1]
+                   + a * (1 - b) * kernels[i + 1, j] + a * b * kernels[i + 1, j + 1])
+        expected[row:row + 15, column:column + 15] += mixture
+    spread = psf.convolve_field(image, kernels, (0, 0), shape)
+    np.testing.assert_allclose(spread, expected[7:-7, 7:-7], atol=2e-6)
+
+
+def test_a_varying_kernel_conserves_flux():
+    """Light 7 px from the edges at least: total within 1e-6."""
+    image = np.zeros((120, 100), np.float32)
+    image[7:-7, 7:-7] = np.random.default_rng(6).random((106, 86))
+    spread = psf.convolve_field(image, field_kernels(), (0, 0), image.shape)
+    np.testing.assert_allclose(spread.sum(dtype=np.float64), image.sum(dtype=np.float64), rtol=1e-6)
+
+
+def test_a_region_of_a_varying_field_knows_its_place():
+    """The frame's bytes do not depend on the region hint, and a part equals the whole within 1e-6."""
+    shape = (80, 100)
+    image = np.zeros(shape, np.float32)
+    image[20:50, 60:90] = np.random.default_rng(7).random((30, 30))
+    kernels = field_kernels()
+    whole = psf.convolve_field(image, kernels, (0, 0), shape)
+    part = psf.convolve_field(image[13:57, 53:97], kernels, (13, 53), shape)
+    np.testing.assert_allclose(part, whole[13:57, 53:97], atol=1e-6)
+    model = CameraModel(
+        optics=Optics(aperture_diameter_m=0.01, psf_measured=kernels),
+        detector=Detector(quantum_efficiency=0.5, full_well_electrons=1e5, gain_DN_per_electron=0.04, bit_depth=12),
+        exposure_s=0.1)
+    frames = [model.expose(image * np.float32(1e-8), 1, roi=roi) for roi in (None, (60, 20, 90, 50))]
+    assert frames[0].dn.tobytes() == frames[1].dn.tobytes() and frames[0].dn.max() > 50
+    assert "3 x 4 over the frame" in frames[0].stages["psf"]

@@ -205,7 +205,8 @@ class CameraModel:
             light = np.maximum(irradiance[inside], 0.0)
             if relative_illumination is not None:
                 light *= relative_illumination[inside]
-            signal[inside] = self.optics.spread(light)
+            origin = inside[0].start, inside[1].start
+            signal[inside] = self.optics.spread(light, origin, irradiance.shape)
         else:
             inside = np.s_[:0, :0]
         rate_per_W_m2 = self.optics.aperture_area_m2 * self.electrons_per_joule

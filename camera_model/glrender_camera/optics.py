@@ -44,9 +44,10 @@ class Optics:
         Inner over outer diameter of an annular pupil, for diffraction and for the area.
     psf_radius_px : int [px], 1..255
         Half width of a diffraction kernel; what falls farther is lost and reported.
-    psf_measured : (n, m) numbers [1], optional
-        Measured kernel, n and m odd, of non-negative shares that sum to at most 1. It is the
-        whole spread: neither Gaussian nor diffraction may be given beside it.
+    psf_measured : (n, m) or (rows, columns, n, m) numbers [1], optional
+        Measured kernel, n and m odd, of non-negative shares that sum to at most 1; or a grid of
+        kernels, evenly spaced from the frame's first pixel to its last, between which the light is
+        shared out. It is the whole spread: neither Gaussian nor diffraction may be given beside it.
 
     Raises
     ------
@@ -61,7 +62,7 @@ class Optics:
     pixel_pitch_m: float | None = None
     central_obscuration: float = 0.0
     psf_radius_px: int = 15
-    psf_measured: tuple[tuple[float, ...], ...] | None = None
+    psf_measured: tuple | None = None
 
     def __post_init__(self):
         put = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731 (frozen dataclass)
@@ -108,8 +109,8 @@ class Optics:
 
         Returns
         -------
-        (2 r + 1,) or (n, m) float64 [1]
-            One axis of a separable kernel, or the whole; not renormalised.
+        (2 r + 1,), (n, m) or (rows, columns, n, m) float64 [1]
+            One axis of a separable kernel, the whole, or a grid over the frame; not renormalised.
         """
         if self.psf_measured is not None:
             return np.array(self.psf_measured)
@@ -125,20 +126,22 @@ class Optics:
     @property
     def psf_margin_px(self) -> tuple[int, int]:
         """How far light is spread along rows' and columns' index [px]."""
-        shape = self.psf_kernel.shape
+        shape = self.psf_kernel.shape[-2:]
         return shape[0] // 2, shape[-1] // 2
 
     @cached_property
     def psf_energy_cut(self) -> float:
-        """Fraction of a point's light that falls outside the kernel, and is lost."""
-        total = float(self.psf_kernel.sum())
-        return max(0.0, 1.0 - (total**2 if self.psf_kernel.ndim == 1 else total))
+        """Fraction of a point's light that falls outside the kernel, and is lost; of a grid, the most."""
+        kernel = self.psf_kernel
+        total = kernel.sum() ** 2 if kernel.ndim == 1 else kernel.sum(axis=(-2, -1)).min()
+        return max(0.0, 1.0 - float(total))
 
     @property
     def psf_text(self) -> str:
         """The point spread function in words; empty when there is none."""
         if self.psf_measured is not None:
-            parts = ["measured"]
+            grid = self.psf_kernel.shape[:-2]
+            parts = [f"measured, {grid[0]} x {grid[1]} over the frame" if grid else "measured"]
         else:
             parts = []
             if self.is_diffracted:
@@ -150,18 +153,27 @@ class Optics:
         rows, columns = (2 * margin + 1 for margin in self.psf_margin_px)
         return f"{' and '.join(parts)}, kernel {rows} x {columns} px, energy cut {self.psf_energy_cut:.2g}"
 
-    def spread(self, image: np.ndarray) -> np.ndarray:
+    def spread(self, image: np.ndarray, origin_px: tuple[int, int] = (0, 0),
+               frame_shape: tuple[int, int] | None = None) -> np.ndarray:
         """Convolve with the point spread function; darkness beyond the edges, no wrap-around.
 
         Parameters
         ----------
-        image : (H, W) float32
+        image : (h, w) float32
+            The frame, or a part of it with darkness elsewhere.
+        origin_px : (row, column) int [px]
+            Of the part in the frame.
+        frame_shape : (H, W) int [px], optional
+            Default: the image is the frame.
 
         Returns
         -------
-        (H, W) float32
+        (h, w) float32
         """
-        return image if self.psf_kernel.size == 1 else psf.convolve(image, self.psf_kernel)
+        kernel = self.psf_kernel
+        if kernel.ndim == 4:
+            return psf.convolve_field(image, kernel, origin_px, frame_shape or image.shape)
+        return image if kernel.size == 1 and kernel.sum() == 1.0 else psf.convolve(image, kernel)
 
 
 def _measured(value: object) -> tuple[tuple[float, ...], ...]:
@@ -169,10 +181,16 @@ def _measured(value: object) -> tuple[tuple[float, ...], ...]:
         kernel = np.array(value, dtype=np.float64)
     except (TypeError, ValueError):
         kernel = np.empty(0)
-    if kernel.ndim != 2 or kernel.shape[0] % 2 == 0 or kernel.shape[1] % 2 == 0:
-        raise ConfigError("psf_measured", "must be a table of numbers with odd numbers of rows and columns")
+    if kernel.ndim not in (2, 4) or kernel.size == 0 or kernel.shape[-2] % 2 == 0 or kernel.shape[-1] % 2 == 0:
+        raise ConfigError("psf_measured", "must be a table of numbers, or a grid of tables, with odd numbers of "
+                          "rows and columns")
     # A measured sum of 1 may be off by its own rounding, no more: a lens makes no light.
-    if not (kernel >= 0.0).all() or not 0.0 < kernel.sum() <= 1.0 + 1e-6:
+    sums = kernel.sum(axis=(-2, -1))
+    if not (kernel >= 0.0).all() or not (sums > 0.0).all() or not (sums <= 1.0 + 1e-6).all():
         raise ConfigError("psf_measured", "must be >= 0 and sum to a fraction of the light, at most 1",
-                          float(kernel.sum()))
-    return tuple(tuple(row) for row in kernel.tolist())
+                          float(sums.max()))
+    return _tuples(kernel.tolist())
+
+
+def _tuples(nested: list) -> tuple:
+    return tuple(_tuples(x) if isinstance(x, list) else x for x in nested)
