@@ -14,7 +14,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.optimize import brentq
 
 from .errors import ConfigError
 from .validate import finite, known_keys
@@ -97,7 +96,10 @@ class BrownConrady:
         previous = 0.0
         for r in np.tan(np.linspace(0.0, math.atan(radius), 512, endpoint=False)):
             if folds(r):
-                return float(brentq(lambda x: 0.5 - folds(x), previous, r, xtol=1e-12))
+                for _ in range(50):
+                    middle = 0.5 * (previous + r)
+                    previous, r = (previous, middle) if folds(middle) else (middle, r)
+                return float(previous)
             previous = r
         return radius
 
