@@ -86,6 +86,8 @@ class RenderPlan:
     predicted_error : float [1]
         RMS irradiance error over the mean of the lit pixels.
     left_out : tuple of str
+    warnings : tuple of str
+        What is used beyond its range.
     """
 
     camera: str
@@ -95,6 +97,7 @@ class RenderPlan:
     predicted_error: float
     bodies: tuple[BodyPlan, ...]
     left_out: tuple[str, ...] = field(default=())
+    warnings: tuple[str, ...] = field(default=())
 
     @property
     def samples(self) -> int:

@@ -120,7 +120,7 @@ class Renderer:
         budget = self.scene.max_error if max_error is None else checked_max_error(max_error)
         if samples is not None:
             samples = integer("samples", samples, 1, plan.MAX_SAMPLES)
-        gain = _psf_noise_gain(pinhole) if after_psf else 1.0
+        gain = pinhole.model.optics.psf_noise_gain if after_psf and pinhole.model is not None else 1.0
         views = view_bodies(state, pinhole, self._hulls)
         frame_plan = self._plan(views, pinhole, budget, samples, gain)
         clock.lap("plan")
@@ -138,12 +138,16 @@ class Renderer:
 
     def _plan(self, views: list[BodyView], camera: PinholeCamera, budget: float, samples: int | None,
               gain: float) -> RenderPlan:
-        bodies, left_out = [], []
+        bodies, left_out, warnings = [], [], []
         for view in views:
             mesh, hull = self._meshes[view.name], self._hulls[view.name]
             shadow_px = None
             if view.is_visible:
                 shadow_px = plan.plan_shadow(view, hull.is_convex, len(self._casters(view, views)) > 1, budget)
+                if view.phase_rad > mesh.law.max_phase:
+                    phase_deg, limit_deg = np.degrees([view.phase_rad, mesh.law.max_phase])
+                    warnings.append(f"{mesh.law.glsl} of {view.name} at a phase of {phase_deg:.1f} deg: "
+                                    f"it holds to {limit_deg:.1f} deg")
                 if shadow_px is None:
                     left_out.append(f"shadows on {view.name}: nothing can cast on what is seen")
             else:
@@ -158,6 +162,7 @@ class Renderer:
                                     budget, gain, samples)
         return RenderPlan(camera=camera.name, max_error=budget, roi=plan.union([w.roi for w in windows]),
                           windows=windows, bodies=tuple(bodies), left_out=tuple(left_out),
+                          warnings=tuple(warnings),
                           predicted_error=max((w.predicted_error for w in windows), default=0.0))
 
     def _casters(self, receiver: BodyView, views: list[BodyView]) -> list[tuple[str, np.ndarray]]:
@@ -274,7 +279,7 @@ class Renderer:
         offset = np.zeros(3) if body_plan.relative_to_camera else -r_camera
         clip_from_surface = clip_from_camera @ frames.transform(
             view.camera_from_body, view.camera_from_body @ offset)
-        solar_irradiance = self.scene.solar_irradiance_1au_W_m2 / view.sun_distance_au**2
+        solar_irradiance = self.scene.solar_irradiance_of(camera) / view.sun_distance_au**2
         high = r_camera.astype(np.float32)
         self._meshes[view.name].draw_surface(
             stage,
@@ -316,11 +321,6 @@ class Renderer:
             "sunlit": lambda: sunlit,
         }
         return {name: made[name]() for name in wanted}
-
-
-def _psf_noise_gain(camera: PinholeCamera) -> float:
-    """What a camera's PSF leaves of an error that is independent from pixel to pixel: sqrt(sum k^2)."""
-    return 1.0 if camera.model is None else float(np.sum(camera.model.optics.psf_kernel**2))
 
 
 def _add_samples(irradiance: np.ndarray, samples: np.ndarray, bounds_px: tuple[float, float, float, float]) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +15,12 @@ from glrender_camera.validate import finite, known_keys, one_of, positive, text
 
 from . import generate
 from .brdf import Law
+from .brdf.presets import PRESETS
 from .constants import TOTAL_SOLAR_IRRADIANCE_W_M2
 from .errors import ConfigError, SceneError, ShapeError, error_path
 from .hull import Hull
 from .plugins import laws
+from .radiometry import Band
 from .shape import Shape
 
 _SCENE_KEYS = ("bodies", "cameras", "solar_irradiance_1au_W_m2", "max_error")
@@ -109,15 +111,16 @@ class Scene:
     ----------
     bodies : sequence of Body
     cameras : sequence of PinholeCamera
-    solar_irradiance_1au_W_m2 : float [W/m2]
-        In the camera's band, at 1 au; default the total solar irradiance.
+    solar_irradiance_1au_W_m2 : float [W/m2], optional
+        In the cameras' band, at 1 au. By default each camera has its own: that of its optics' `band_nm`
+        (ASTM E490-00a), or the total solar irradiance, 1360.8 W/m2, of a camera without a model.
     max_error : float [1], 0..1
         Budget: RMS irradiance error over the mean of the lit pixels.
     """
 
     bodies: Sequence[Body]
     cameras: Sequence[PinholeCamera]
-    solar_irradiance_1au_W_m2: float = TOTAL_SOLAR_IRRADIANCE_W_M2
+    solar_irradiance_1au_W_m2: float | None = None
     max_error: float = field(default=0.02)
 
     def __post_init__(self):
@@ -133,9 +136,16 @@ class Scene:
                     raise ConfigError(f"{label}[{index}].name", "must be unique", member.name)
                 names.add(member.name)
             object.__setattr__(self, label, members)
-        object.__setattr__(self, "solar_irradiance_1au_W_m2",
-                           positive("solar_irradiance_1au_W_m2", self.solar_irradiance_1au_W_m2))
+        if self.solar_irradiance_1au_W_m2 is not None:
+            object.__setattr__(self, "solar_irradiance_1au_W_m2",
+                               positive("solar_irradiance_1au_W_m2", self.solar_irradiance_1au_W_m2))
         object.__setattr__(self, "max_error", checked_max_error(self.max_error))
+
+    def solar_irradiance_of(self, camera: PinholeCamera) -> float:
+        """Solar irradiance in a camera's band at 1 au [W/m2]."""
+        if self.solar_irradiance_1au_W_m2 is not None:
+            return self.solar_irradiance_1au_W_m2
+        return TOTAL_SOLAR_IRRADIANCE_W_M2 if camera.model is None else _band_irradiance(camera.model.optics.band_nm)
 
     def camera(self, name: str | None) -> PinholeCamera:
         """The camera of a name; None is the only one."""
@@ -203,6 +213,11 @@ def checked_max_error(value: float, name: str = "max_error") -> float:
     return number
 
 
+@cache
+def _band_irradiance(band_nm: tuple[float, float]) -> float:
+    return Band.box(*band_nm).irradiance_1au_W_m2
+
+
 @dataclass(frozen=True)
 class _Files:
     """Where names of files lead, and whether they may lead anywhere."""
@@ -263,8 +278,11 @@ def _generated(table: object, path: str) -> Shape:
 
 
 def _law(table: object, path: str) -> Law:
+    if isinstance(table, Mapping) and "preset" in table:
+        known_keys(path, table, ("preset",))
+        return PRESETS[one_of(f"{path}.preset", table["preset"], sorted(PRESETS))].law
     if not isinstance(table, Mapping) or "law" not in table:
-        raise ConfigError(f"{path}.law", "missing", hint=f"one of {', '.join(sorted(laws()))}")
+        raise ConfigError(f"{path}.law", "missing", hint=f"one of {', '.join(sorted(laws()))}, or a `preset`")
     law = laws()[one_of(f"{path}.law", table["law"], sorted(laws()))]
     arguments = {key: tuple(value) if isinstance(value, list) else value
                  for key, value in table.items() if key != "law"}

@@ -230,6 +230,30 @@ def test_closing_one_renderer_leaves_the_other_whole():
         np.testing.assert_array_equal(image.products["range"], before.products["range"])
 
 
+def test_the_suns_irradiance_is_that_of_the_cameras_band():
+    """Default: E490's of the band (400 to 700 nm: 530.105 W/m2, photometry.md section 1.6), else the total."""
+    from glrender_camera import CameraModel, Detector, Optics
+
+    model = CameraModel(optics=Optics(aperture_diameter_m=0.01, band_nm=(400.0, 700.0)), exposure_s=1.0,
+                        detector=Detector(quantum_efficiency=0.5, full_well_electrons=1e5,
+                                          gain_DN_per_electron=0.04, bit_depth=12))
+    cameras = [views.camera(64, 250.0, name="bare"), views.camera(64, 250.0, name="visible", model=model)]
+    scene = views.scene([views.sphere(Lambert(normal_albedo=0.5), 3)], cameras, solar_irradiance_1au_W_m2=None)
+    with Renderer(scene) as renderer:
+        bare, visible = (renderer.render(views.state(), name).irradiance_W_m2.sum() for name in ("bare", "visible"))
+    np.testing.assert_allclose(visible / bare, 530.105 / 1360.8, rtol=2e-4)
+
+
+def test_a_law_beyond_its_phase_is_told_in_the_plan():
+    """McEwen's cubic is fitted to about 100 degrees; past it the weight is held, and the image is not black."""
+    law = LunarLambert(normal_albedo=0.2, weight="mcewen")
+    with Renderer(views.scene([views.sphere(law, 3)], [views.camera(64, 250.0)])) as renderer:
+        within, beyond = (renderer.render(views.state(phase_deg=g)) for g in (60.0, 150.0))
+    assert within.plan.warnings == ()
+    assert "lunar_lambert of body at a phase of 150.0 deg: it holds to" in beyond.plan.warnings[0]
+    assert beyond.irradiance_W_m2.max() > 0.0
+
+
 def test_smooth_normals_leave_no_black_limb():
     """Interpolated normals on a coarse sphere at full phase: every pixel of the disc is lit."""
     law = LommelSeeliger(single_scattering_albedo=0.3)

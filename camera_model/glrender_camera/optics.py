@@ -136,6 +136,12 @@ class Optics:
         total = kernel.sum() ** 2 if kernel.ndim == 1 else kernel.sum(axis=(-2, -1)).min()
         return max(0.0, 1.0 - float(total))
 
+    @cached_property
+    def psf_noise_gain(self) -> float:
+        """What is left of the RMS of errors independent from pixel to pixel: sqrt(sum k^2); of a grid, the most."""
+        kernel = self.psf_kernel
+        return float((kernel**2).sum() if kernel.ndim == 1 else np.sqrt((kernel**2).sum(axis=(-2, -1)).max()))
+
     @property
     def psf_text(self) -> str:
         """The point spread function in words; empty when there is none."""

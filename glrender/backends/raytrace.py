@@ -165,7 +165,7 @@ class RayTracer:
             brdf = solid.body.brdf.brdf(view.sun_direction_body, -ray, normal)
             value[lit] = brdf * (normal @ view.sun_direction_body) / view.sun_distance_au**2
         # A pixel's solid angle falls off as cos^3 of its angle from the boresight.
-        value *= self.scene.solar_irradiance_1au_W_m2 * ray_camera[:, 2] ** 3 / camera.focal_length_px**2
+        value *= self.scene.solar_irradiance_of(camera) * ray_camera[:, 2] ** 3 / camera.focal_length_px**2
         return value, seen
 
     def _sees_sun(self, start: np.ndarray, view: BodyView, views: list[BodyView]) -> np.ndarray:

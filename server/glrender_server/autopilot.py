@@ -75,7 +75,7 @@ class CenterFinder:
         than their size, and most of all that of the range.
         """
         radius_rad = 0.5 * measurement.diameter_px / self._focal_length_px
-        return 0.3 * radius_rad + 0.5 / self._focal_length_px, 0.6
+        return 0.3 * radius_rad + 0.5 / self._focal_length_px, 0.3
 
     def _direction(self, pixel: np.ndarray) -> np.ndarray:
         ray = np.append((pixel - self._principal_point_px) / self._focal_length_px, 1.0)

@@ -165,11 +165,11 @@ def _fly(client, shape: Shape, arguments: argparse.Namespace) -> tuple[_Log, flo
     path = ReferencePath(radius_m=shape.radius_m, sun_direction=sun_direction, n_steps=arguments.frames,
                          step_s=_STEP_S, fill=0.5 / (size / focal_length_px))
     r_true, v_true = path(0.0)
-    # What mission navigation hands over: 3 % of the range and a few mm/s off.
-    handover_m = 0.03 * np.linalg.norm(r_true)
+    # What is known at the start: the position to a tenth of the range.
+    handover_m = 0.1 * np.linalg.norm(r_true)
     navigator = Navigator(r_true + handover_m * rng.standard_normal(3) / np.sqrt(3.0),
                           v_true + 1e-4 * handover_m / _STEP_S * rng.standard_normal(3),
-                          sigma_r_m=handover_m, sigma_v_m_s=0.02 * handover_m / _STEP_S)
+                          sigma_r_m=handover_m, sigma_v_m_s=0.002 * handover_m / _STEP_S)
     finder = CenterFinder(focal_length_px=focal_length_px,
                           principal_point_px=((size - 1) / 2.0, (size - 1) / 2.0), radius_m=_mean_radius_m(shape))
     log = _Log([], [], [], [], [])
