@@ -1,7 +1,7 @@
 """The demo's on-board software: centre of brightness, a Kalman filter, and a path to follow.
 
-It knows the body's mean radius, the Sun's direction and its own attitude, and nothing else of
-the truth. Gravity of a body this small moves a spacecraft by less than the thrusters' error
+It knows the body's shape or mean radius, its rotation, the Sun's direction and its own attitude, and
+nothing else of the truth. Gravity of a body this small moves a spacecraft by less than the thrusters' error
 over one step and is left to the filter's process noise.
 """
 
@@ -21,16 +21,17 @@ class Measurement:
     center_px: tuple[float, float]
     direction_camera: np.ndarray
     range_m: float
-    diameter_px: float
+    sigma: tuple[float, float]
+    """Standard deviations: of the direction [rad], and of the range relative to itself."""
 
 
 class CenterFinder:
-    """Centre and range of a body out of one frame.
+    """Centre and range of a body out of one frame, by centre of brightness and number of lit pixels.
 
-    The centre of brightness of a sunlit sphere is off its centre towards the Sun; the offset of a
-    Lambert sphere, 3 pi / 16 * sin(g) (1 + cos g) / (sin g + (pi - g) cos g) radii, is taken back
-    (photometry: closed form). The number of lit pixels gives the apparent radius, the lit
-    part of a disc being (1 + cos g) / 2.
+    Both depend on the phase angle. As a sphere: the centre of brightness of a Lambert sphere is off
+    its centre towards the Sun by 3 pi / 16 sin(g) (1 + cos g) / (sin g + (pi - g) cos g) radii, and
+    the lit part of its disc is (1 + cos g) / 2. By prediction: a frame rendered for the estimated
+    state has the same offsets, shape and shadows included.
 
     Parameters
     ----------
@@ -44,42 +45,62 @@ class CenterFinder:
         self._focal_length_px, self._radius_m = focal_length_px, radius_m
         self._principal_point_px = np.array(principal_point_px)
 
-    def __call__(self, pixels: np.ndarray, sun_direction_camera: np.ndarray) -> Measurement | None:
-        """Measure a frame (H, W) of digital numbers; None where no body stands out of the noise."""
-        values = pixels.astype(np.float64)
-        background = np.median(values)
-        noise = 1.4826 * np.median(np.abs(values - background)) + 1.0
-        signal = np.where(values > background + 6.0 * noise, values - background, 0.0)
-        lit_px = np.count_nonzero(signal)
-        if lit_px < 4:
+    def as_sphere(self, pixels: np.ndarray, sun_direction_camera: np.ndarray) -> Measurement | None:
+        """Measure a frame (H, W) of digital numbers by the closed form; None where no body stands out of the noise."""
+        found = _lit(pixels)
+        if found is None:
             return None
-        rows, columns = np.nonzero(signal)
-        weight = signal[rows, columns]
-        brightness_px = np.array([np.average(columns, weights=weight), np.average(rows, weights=weight)])
+        brightness_px, n_lit = found
         direction = self._direction(brightness_px)
         phase = np.arccos(np.clip(-direction @ sun_direction_camera, -1.0, 1.0))
-        radius_px = np.sqrt(lit_px / np.pi / max(0.5 * (1.0 + np.cos(phase)), 0.05))
+        radius_px = np.sqrt(n_lit / np.pi / max(0.5 * (1.0 + np.cos(phase)), 0.05))
         offset = (3.0 * np.pi / 16.0) * np.sin(phase) * (1.0 + np.cos(phase)) / (
             np.sin(phase) + (np.pi - phase) * np.cos(phase))
         sunward = sun_direction_camera[:2]
         length = np.linalg.norm(sunward)
         center_px = brightness_px - (offset * radius_px / length * sunward if length > 1e-9 else 0.0)
-        return Measurement(center_px=tuple(center_px), direction_camera=self._direction(center_px),
-                           range_m=self._focal_length_px * self._radius_m / radius_px,
-                           diameter_px=2.0 * radius_px)
+        # The errors of an irregular body stay for many frames, until it has turned: they count for
+        # more than their size.
+        return self._measurement(center_px, self._focal_length_px * self._radius_m / radius_px,
+                                 0.3 * radius_px / self._focal_length_px, 0.3)
 
-    def sigma(self, measurement: Measurement) -> tuple[float, float]:
-        """Standard deviations: direction [rad] and range [1, relative], of an irregular body seen as a sphere.
+    def by_prediction(self, pixels: np.ndarray, predicted: np.ndarray, range_m: float) -> Measurement | None:
+        """Measure a frame against the one rendered for the estimated state, the body on the principal point.
 
-        The errors of one frame stay for many, until the body has turned: so they count for more
-        than their size, and most of all that of the range.
+        Parameters
+        ----------
+        pixels, predicted : (H, W)
+            Digital numbers.
+        range_m : float [m]
+            Estimated.
         """
-        radius_rad = 0.5 * measurement.diameter_px / self._focal_length_px
-        return 0.3 * radius_rad + 0.5 / self._focal_length_px, 0.3
+        found, expected = _lit(pixels), _lit(predicted)
+        if found is None or expected is None:
+            return None
+        shift_px = found[0] - expected[0]
+        # A prediction far off is worth less: the body is seen from another side.
+        return self._measurement(self._principal_point_px + shift_px, range_m * np.sqrt(expected[1] / found[1]),
+                                 (0.5 + 0.1 * np.linalg.norm(shift_px)) / self._focal_length_px, 0.02)
+
+    def _measurement(self, center_px: np.ndarray, range_m: float, sigma_rad: float,
+                     sigma_range: float) -> Measurement:
+        return Measurement(center_px=tuple(center_px), direction_camera=self._direction(center_px), range_m=range_m,
+                           sigma=(sigma_rad, sigma_range))
 
     def _direction(self, pixel: np.ndarray) -> np.ndarray:
         ray = np.append((pixel - self._principal_point_px) / self._focal_length_px, 1.0)
         return ray / np.linalg.norm(ray)
+
+
+def _lit(pixels: np.ndarray) -> tuple[np.ndarray, int] | None:
+    """Centre of brightness [px] and number of the pixels above the dark sky by six digital numbers."""
+    # The body may fill most of the frame: the sky is its darkest twentieth.
+    values = pixels - np.quantile(pixels, 0.05)
+    rows, columns = np.nonzero(values > 6.0)
+    if rows.size < 4:
+        return None
+    weight = values[rows, columns]
+    return np.array([np.average(columns, weights=weight), np.average(rows, weights=weight)]), rows.size
 
 
 class Navigator:
