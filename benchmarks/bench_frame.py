@@ -30,6 +30,9 @@ LAWS = {
     "lunar_lambert": LunarLambert(normal_albedo=0.3, weight="mcewen"),
     "hapke": Hapke(single_scattering_albedo=0.42, b=0.35, c=1.0, shoe_amplitude=0.87, shoe_width=0.01,
                    roughness_deg=26.0),
+    "hapke_full": Hapke(single_scattering_albedo=0.42, b=0.3, c=0.4, shoe_amplitude=0.87, shoe_width=0.05,
+                        cboe_amplitude=0.2, cboe_width=0.02, roughness_deg=26.0, filling_factor=0.3,
+                        multiple_scattering="anisotropic"),
 }
 SIZES = {"5k": 4, "20k": 5, "49k": None, "197k": 1, "786k": 2, "3146k": 3}
 

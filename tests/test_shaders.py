@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from glrender.errors import ShaderError
 from glrender.gl.context import Context
-from glrender.shaders import UniformBlock, compose, constants_glsl
+from glrender.shaders import ConstantBlock, UniformBlock, compose, constants_glsl
 from glrender.shaders import compose as compose_function
 from glrender.shaders.compose import Source
 
@@ -87,6 +87,24 @@ def test_uniform_block_round_trip(context, rng):
     target.use()
     gl.vertex_array(program, []).render(moderngl.TRIANGLES, vertices=3)
     np.testing.assert_allclose(np.frombuffer(target.read(components=1, dtype="f4"), np.float32), expected, rtol=1e-6)
+
+
+def test_constants_are_the_float32_of_their_values(context, rng):
+    """Each kind of constant read back through a shader, bit for bit."""
+    fields = {"a": "float", "v": "vec3", "t": "vec4[2]"}
+    values = {"a": rng.random() * 1e-7, "v": rng.standard_normal(3), "t": rng.random((2, 4)) * 1e9}
+    expected = np.concatenate([np.ravel(values[name]) for name in fields]).astype(np.float32)
+    parts = ["a", *(f"v[{i}]" for i in range(3)), *(f"t[{k}][{i}]" for k in range(2) for i in range(4))]
+    cases = "".join(f"if (k == {k}) c = {part};\n" for k, part in enumerate(parts))
+    fragment = Source(f"#version 330 core\n{ConstantBlock(fields, values).glsl}out float c;\n"
+                      f"void main() {{ int k = int(gl_FragCoord.x); c = 0;\n{cases} }}", ())
+    program = context.program(compose("fullscreen.vert.glsl"), fragment)
+    target = context.gl.framebuffer([context.gl.texture((len(parts), 1), 1, dtype="f4")])
+    target.use()
+    context.gl.vertex_array(program, []).render(moderngl.TRIANGLES, vertices=3)
+    np.testing.assert_array_equal(np.frombuffer(target.read(components=1, dtype="f4"), np.float32), expected)
+    with pytest.raises(ShaderError, match="constant a: must be finite"):
+        ConstantBlock({"a": "float"}, {"a": np.inf})
 
 
 def test_uniform_block_refuses_what_it_cannot_hold():

@@ -13,7 +13,7 @@ import moderngl
 import numpy as np
 
 from ..brdf.law import Law
-from ..shaders import UniformBlock, compose
+from ..shaders import ConstantBlock, UniformBlock, compose
 from .context import Context
 from .owner import ResourceOwner
 
@@ -29,7 +29,7 @@ SURFACE_BLOCK = UniformBlock("Surface", {
     "shadow_bias_per_texel": "float",
     "body_id": "int",
 })
-_LAW_BINDING, _BODY_BINDING = 0, 1
+_BODY_BINDING = 0
 _SHADOW_UNIT, _ALBEDO_UNIT, _NORMAL_UNIT = 0, 1, 2
 _NORMALS_PER_ROW = 4096
 
@@ -102,8 +102,7 @@ class Mesh(ResourceOwner):
             self._normal = self.own(gl.buffer(np.ascontiguousarray(normals, np.float32)))
         self._indices = self.own(gl.buffer(np.ascontiguousarray(indices, np.int32)))
         self._normal_texture = None
-        self._law_block = UniformBlock("Law", law.uniform_fields)
-        self._law_uniforms = self.own(gl.buffer(self._law_block.pack(law.uniforms())))
+        self.law_constants = ConstantBlock(law.uniform_fields, law.uniforms())
         self._shadow_uniforms = self.own(gl.buffer(reserve=SHADOW_BLOCK.dtype.itemsize))
         self._surface_uniforms = self.own(gl.buffer(reserve=SURFACE_BLOCK.dtype.itemsize))
         self._vertex_arrays: dict[Any, moderngl.VertexArray] = {}
@@ -135,7 +134,6 @@ class Mesh(ResourceOwner):
         program = _surface_program(context, stage, variant, self)
         self._surface_uniforms.write(SURFACE_BLOCK.pack(values))
         self._surface_uniforms.bind_to_uniform_block(_BODY_BINDING)
-        self._law_uniforms.bind_to_uniform_block(_LAW_BINDING)
         if variant.shadows:
             shadow_map.texture.use(_SHADOW_UNIT)
         if self.albedo_texture is not None:
@@ -161,14 +159,12 @@ class Mesh(ResourceOwner):
 def _surface_program(context: Context, stage: str, variant: SurfaceVariant, mesh: Mesh) -> moderngl.Program:
     law = mesh.law
     defines = {**law.defines(), **variant.defines(mesh)}
-    key = (stage, law.glsl, tuple(sorted(defines.items())))
+    key = (stage, law.glsl, mesh.law_constants.glsl, tuple(sorted(defines.items())))
     if key not in context.surface_programs:
-        blocks = [SURFACE_BLOCK, UniformBlock("Law", law.uniform_fields)]
-        program = context.program(compose("surface.vert.glsl", blocks=blocks[:1], defines=defines),
-                                  compose(stage, brdf=law.glsl, blocks=blocks, defines=defines))
-        for block, binding in (("Surface", _BODY_BINDING), ("Law", _LAW_BINDING)):
-            if block in program:
-                program[block].binding = binding
+        program = context.program(
+            compose("surface.vert.glsl", blocks=[SURFACE_BLOCK], defines=defines),
+            compose(stage, brdf=law.glsl, blocks=[SURFACE_BLOCK, mesh.law_constants], defines=defines))
+        program["Surface"].binding = _BODY_BINDING
         for sampler, unit in (("shadow_map", _SHADOW_UNIT), ("albedo_texture", _ALBEDO_UNIT),
                               ("facet_normals", _NORMAL_UNIT)):
             if sampler in program:

@@ -10,7 +10,7 @@ from importlib import resources
 
 from ..constants import GLSL_CONSTANTS
 from ..errors import ShaderError
-from .uniform_block import UniformBlock
+from .uniform_block import ConstantBlock, UniformBlock
 
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
 # `#line` numbers are file * LINES_PER_FILE + line: a driver's message names one integer.
@@ -42,7 +42,7 @@ def _read(name: str) -> str:
     return file.read_text(encoding="utf-8")
 
 
-def compose(stage: str, *, brdf: str | None = None, blocks: Iterable[UniformBlock] = (),
+def compose(stage: str, *, brdf: str | None = None, blocks: Iterable[UniformBlock | ConstantBlock] = (),
             defines: Mapping[str, int | str] | None = None) -> Source:
     """The text of one shader stage.
 
@@ -52,7 +52,7 @@ def compose(stage: str, *, brdf: str | None = None, blocks: Iterable[UniformBloc
         A file in `glrender/shaders`, e.g. ``surface.frag.glsl``.
     brdf : str, optional
         Law whose `brdf/<law>.glsl` stands for ``#include "brdf"``.
-    blocks : iterable of UniformBlock
+    blocks : iterable of UniformBlock or ConstantBlock
         Declared ahead of the files.
     defines : mapping, optional
         Structure only; a value is a uniform.

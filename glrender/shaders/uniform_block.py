@@ -66,3 +66,34 @@ class UniformBlock:
         for member, value in values.items():
             record[member] = np.asarray(value).T if member in self._matrices else value
         return record.tobytes()
+
+
+class ConstantBlock:
+    """The members of a uniform block as constants, for values that never change while a program lives.
+
+    A software rasteriser reads a uniform from memory at every pixel and folds a constant away:
+    `docs/decisions/0004-law-values-as-constants.md`.
+
+    Parameters
+    ----------
+    fields : mapping of str to str
+        As of `UniformBlock`; float, vec2, vec3, vec4 or `vec4[n]`.
+    values : mapping
+        One for every field.
+    """
+
+    def __init__(self, fields: Mapping[str, str], values: Mapping[str, Any]):
+        self.glsl = "".join(_constant(member, kind, values[member]) for member, kind in fields.items())
+
+
+def _constant(member: str, kind: str, value: Any) -> str:
+    array = np.asarray(value, np.float32)
+    if not np.isfinite(array).all():
+        raise ShaderError(f"constant {member}: must be finite, got {value!r}")
+    base, bracket, size = kind.partition("[")
+    # repr of the float64 that a float32 is: the same float32 when GLSL reads it.
+    numbers = lambda row: ", ".join(repr(float(x)) for x in np.ravel(row))  # noqa: E731
+    if bracket:
+        text = f"{kind}({', '.join(f'{base}({numbers(row)})' for row in array)})"
+        return f"const {base} {member}[{size} = {text};\n"
+    return f"const {kind} {member} = {kind}({numbers(array)});\n"
