@@ -160,10 +160,14 @@ class Renderer:
                 normal_lookup=footprint_m < 2e-4 * hull.radius_m, size_px=view.size_px))
         windows = plan.plan_windows(views, {name: mesh.n_facets for name, mesh in self._meshes.items()}, camera,
                                     budget, gain, samples)
+        predicted = max((w.predicted_error for w in windows), default=0.0)
+        if samples is None and predicted > budget:
+            warnings.append(f"the budget of {budget:g} is not met: {predicted:.2g} with {plan.MAX_SAMPLES} x "
+                            f"{plan.MAX_SAMPLES} samples; the raytrace backend can")
         return RenderPlan(camera=camera.name, max_error=budget, roi=plan.union([w.roi for w in windows]),
                           windows=windows, bodies=tuple(bodies), left_out=tuple(left_out),
                           warnings=tuple(warnings),
-                          predicted_error=max((w.predicted_error for w in windows), default=0.0))
+                          predicted_error=predicted)
 
     def _casters(self, receiver: BodyView, views: list[BodyView]) -> list[tuple[str, np.ndarray]]:
         """Bodies whose shadow may fall on the receiver: (name, receiver_from_caster as (4, 4))."""
@@ -218,7 +222,7 @@ class Renderer:
         if len(self._shadow_maps) < max(_SHADOW_MAPS_KEPT, 2 * len(self._meshes)):
             return ShadowMap(self._context, size)
         for key, shadow_map in self._shadow_maps.items():
-            if shadow_map.size_px == size and key[0] in self._meshes:
+            if shadow_map.size_px == size:
                 return self._shadow_maps.pop(key)
         _, oldest = self._shadow_maps.popitem(last=False)
         oldest.close()

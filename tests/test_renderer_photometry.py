@@ -254,6 +254,14 @@ def test_a_law_beyond_its_phase_is_told_in_the_plan():
     assert beyond.irradiance_W_m2.max() > 0.0
 
 
+def test_a_budget_that_cannot_be_met_is_told_in_the_plan():
+    with Renderer(views.scene([views.sphere(Lambert(normal_albedo=0.2), 3)], [views.camera(64, 250.0)])) as renderer:
+        met, missed = (renderer.render(views.state(), max_error=budget).plan for budget in (0.05, 1e-5))
+    assert met.predicted_error <= 0.05 and not met.warnings
+    assert missed.predicted_error > 1e-5
+    assert "the budget of 1e-05 is not met" in missed.warnings[0]
+
+
 def test_smooth_normals_leave_no_black_limb():
     """Interpolated normals on a coarse sphere at full phase: every pixel of the disc is lit."""
     law = LommelSeeliger(single_scattering_albedo=0.3)
