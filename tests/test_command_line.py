@@ -37,6 +37,23 @@ def test_render_draws_a_picture_and_an_array(folder):
     assert irradiance.shape == (32, 32) and irradiance.dtype == np.float32 and irradiance.max() > 0.0
 
 
+EXAMPLES = Path(__file__).parents[1] / "examples"
+
+
+@pytest.mark.parametrize("scene", sorted(EXAMPLES.glob("*.toml")), ids=lambda path: path.name)
+def test_every_example_scene_renders(scene, tmp_path):
+    made = run("render", str(scene), "--out", "frame.png", cwd=tmp_path)
+    assert made.returncode == 0, made.stderr
+    assert np.asarray(Image.open(tmp_path / "frame.png")).max() > 100
+
+
+def test_the_example_script_runs_as_it_is(tmp_path):
+    made = subprocess.run([sys.executable, str(EXAMPLES / "render_state.py")], cwd=tmp_path,
+                          capture_output=True, text=True, timeout=120)
+    assert made.returncode == 0, made.stderr
+    assert "predicted error" in made.stdout and "nan" not in made.stdout
+
+
 def test_render_takes_a_state_file(folder):
     (folder / "state.json").write_text(json.dumps(views.state().to_dict()))
     assert run("render", "scene.toml", "--state", "state.json", "--camera", "navcam", cwd=folder).returncode == 0
