@@ -18,6 +18,8 @@ from .shape_files import MAX_FACETS, read_shape_file
 _METRES_PER_UNIT = {"m": 1.0, "km": 1000.0}
 # Vertices closer than this share of the extent are one: a text file's last digit.
 _WELD_RTOL = 1e-9
+# A body thinner than this share of its extent has no sides that float32 coordinates could tell apart.
+_FLAT_RTOL = 1e-6
 # Small bodies span metres to a few thousand kilometres.
 _LIKELY_EXTENT_M = (1.0, 6e6)
 
@@ -189,6 +191,9 @@ def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None) -
     facets, uv = facets[solid], None if uv is None else uv[solid]
     if not len(facets):
         raise ShapeError("", "has no facet with an area", n_degenerate)
+    thickness = _thickness(vertices)
+    if not thickness > _FLAT_RTOL * extent:
+        raise ShapeError("", f"must not be flat: thicker than {_FLAT_RTOL:g} of its extent, {extent:.4g} m", thickness)
     _, kept = np.unique(np.sort(facets, axis=1), axis=0, return_index=True)
     kept = np.sort(kept)
     n_duplicate = len(facets) - len(kept)
@@ -259,10 +264,19 @@ def _two_coloured(count: int, owner_a: np.ndarray, owner_b: np.ndarray, against:
     for seed in np.unique(shell, return_index=True)[1]:
         order, parent = breadth_first_order(graph, seed, directed=False)
         rows = order[1:]
+        if not len(rows):
+            continue
         turns = np.asarray(graph[parent[rows], rows]).ravel() == 2
         for facet, before, turn in zip(rows.tolist(), parent[rows].tolist(), turns.tolist(), strict=True):
             flipped[facet] = flipped[before] ^ turn
     return flipped
+
+
+def _thickness(vertices: np.ndarray) -> float:
+    """Extent [m] across the plane that fits the vertices best."""
+    centred = vertices - vertices.mean(axis=0)
+    normal = np.linalg.eigh(centred.T @ centred)[1][:, 0]
+    return float(np.ptp(centred @ normal))
 
 
 def _volume(vertices: np.ndarray, facets: np.ndarray) -> float:

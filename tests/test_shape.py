@@ -7,6 +7,7 @@ import struct
 import numpy as np
 import pytest
 from glrender import Shape, ShapeError, generate
+from glrender.hull import Hull
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -197,6 +198,8 @@ def test_vertex_normals_of_a_sphere_are_radial():
     ("s.obj", cube_obj().replace("v 0.0 0.0 0.0", "v 0.0 0.0"), "with 2 numbers instead of 3"),
     ("s.obj", "\n".join(["v 1 1 1"] * 3 + ["f 1 2 3"]), "no extent"),
     ("s.obj", "\n".join(["v 0 0 0", "v 1 1 1", "v 2 2 2", "f 1 2 3"]), "no facet with an area"),
+    ("s.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3", "must not be flat: thicker than 1e-06 of its extent, 1 m"),
+    ("s.obj", "v 0 0 0\nv 1 0 1\nv 0 1 1\nv 1 1 2\nf 1 2 3\nf 2 4 3", "must not be flat"),
     ("s.obj", b"\0\1\2" * 100, "is binary"),
     ("s.xyz", cube_obj(), "must end in one of .icq, .obj"),
     ("s.tab", "a b\n", "must begin with the number of vertices"),
@@ -216,6 +219,20 @@ def test_hostile_files_are_refused_by_name_rule_and_value(tmp_path, name, text, 
     with pytest.raises(ShapeError, match=message) as caught:
         load(tmp_path, text, name)
     assert str(caught.value).startswith(name)
+
+
+def test_what_qhull_cannot_do_is_a_shape_error():
+    """Sides 2e-16 of the distance to the origin apart: float64 has no room between them."""
+    with pytest.raises(ShapeError, match="shape: has no convex hull: QH"):
+        Hull(CUBE_V * [1.0, 1.0, 1e-6] + 1e10, CUBE_F)
+
+
+def test_a_lone_facet_beside_a_shell_to_rewind():
+    """A shell of one facet has no neighbours to agree with."""
+    facets = CUBE_F.copy()
+    facets[3] = facets[3][::-1]
+    shape = Shape.from_arrays(np.concatenate([CUBE_V, CUBE_V[:3] + 5.0]), np.concatenate([facets, [[8, 9, 10]]]))
+    assert shape.report.n_shells == 2 and shape.report.n_flipped >= 1
 
 
 def test_missing_files_folders_and_limits(tmp_path):
