@@ -44,6 +44,10 @@ def changed(path, value):
      "state.spacecraft.q_from_inertial: norm must be 1 within 1e-06, is 1.0198.*normalise"),
     ("spacecraft.q_from_inertial", [0.0, 0.0, 0.0, 0.0], "norm must be 1"),
     ("bodies.body.q_from_inertial", [1, 0, 0], r"state.bodies.body.q_from_inertial: must have shape \(4,\)"),
+    ("spacecraft.r_inertial_m", [0, -1e25, 0], "r_inertial_m: must be within 1e\\+16 m, got .*1e\\+25"),
+    ("r_sun_inertial_m", [1e308, 1e308, 0], "state.r_sun_inertial_m: must be within 1e\\+16 m, got .*1e\\+308"),
+    ("spacecraft.r_inertial_m", [True, -600, False], "state.spacecraft.r_inertial_m: must be 3 numbers, got .True"),
+    ("spacecraft.r_inertial_m", ["0", "-600", "0"], "state.spacecraft.r_inertial_m: must be 3 numbers, got .'0'"),
     ("bodies.body.r_inertial_m", [0, 0, None], "state.bodies.body.r_inertial_m: must be"),
     ("bodies.body.r_inertial_m", None, "state.bodies.body.r_inertial_m: missing"),
     ("bodies.body.mass_kg", 1.0, "state.bodies.body.mass_kg: unknown key"),
@@ -124,11 +128,34 @@ def test_a_sun_inside_a_body_is_refused(renderer):
         render(renderer, r_sun_inertial_m=[10.0, 0.0, 0.0])
 
 
+@pytest.mark.parametrize("r_m", [[1.0e3, 0.0, 0.0], [1.5e8, 0.0, 0.0]])
+def test_a_sun_nearer_than_its_own_radius_is_refused(renderer, r_m):
+    """A direction, or kilometres, in the place of metres."""
+    with pytest.raises(SceneError, match=r"state.r_sun_inertial_m: must be a solar radius, 6.957e\+08 m, from body"):
+        render(renderer, r_sun_inertial_m=r_m)
+
+
+def test_a_body_too_small_for_float64_pixels_is_refused(renderer):
+    """200 m across and f = 1000 px: below 1e-9 px from 2e14 m; above it the flux follows the inverse square."""
+    fluxes = []
+    for range_m in (1e9, 1e14):
+        image = renderer.render(views.state(range_m=range_m))
+        fluxes.append(float(image.irradiance_W_m2.sum(dtype=np.float64)) * range_m**2)
+    np.testing.assert_allclose(fluxes[1], fluxes[0], rtol=1e-3)
+    with pytest.raises(SceneError, match=r"body 'body' must be 1e-09 px across, got .*; it is less at 1e\+15 m"):
+        renderer.render(views.state(range_m=1e15))
+
+
 @pytest.mark.parametrize("changes, message", [
     ({"width_px": 0}, "width_px: must be an integer between 1 and 16384, got 0"),
     ({"width_px": 10.5}, "width_px: must be an integer"),
     ({"height_px": 20000}, "height_px"),
-    ({"focal_length_px": 0.0}, "focal_length_px: must be > 0"),
+    ({"focal_length_px": 0.0}, "focal_length_px: must be between 0.001 and 1e\\+12, got 0.0"),
+    ({"focal_length_px": 1e-300}, "focal_length_px: must be between 0.001 and 1e\\+12, got 1e-300"),
+    ({"focal_length_px": 1e160}, "focal_length_px: must be between 0.001 and 1e\\+12, got 1e\\+160"),
+    ({"principal_point_px": (1e6, 0.0)}, "principal_point_px: must be within 100000 px"),
+    ({"principal_point_px": "ab"}, "principal_point_px: must be 2 numbers, got 'ab'"),
+    ({"r_camera_spacecraft_m": (0.0, 1e20, 0.0)}, "r_camera_spacecraft_m: must be within 1e\\+16 m"),
     ({"focal_length_px": float("nan")}, "focal_length_px: must be a finite number"),
     ({"principal_point_px": (1.0,)}, "principal_point_px"),
     ({"q_camera_from_spacecraft": (1, 1, 0, 0)}, "q_camera_from_spacecraft: norm must be 1"),
