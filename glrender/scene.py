@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from glrender_camera import CameraModel, PinholeCamera
-from glrender_camera.validate import finite, known_keys, one_of, positive, text
+from glrender_camera.validate import finite, known_keys, one_of, positive, text, within
 
 from . import generate
 from .brdf import Law
@@ -28,6 +28,8 @@ _BODY_KEYS = ("name", "shape", "generated", "length_unit", "brdf", "albedo_textu
               "smooth_normals")
 _CAMERA_KEYS = ("name", "width_px", "height_px", "focal_length_px", "principal_point_px",
                 "q_camera_from_spacecraft", "r_camera_spacecraft_m", "model")
+# Of one name on all file systems in use.
+_MAX_NAME_BYTES = 255
 _GENERATORS = ("icosphere", "contact_binary", "gaussian_random_sphere", "three_lobes")
 
 
@@ -111,7 +113,7 @@ class Scene:
     ----------
     bodies : sequence of Body
     cameras : sequence of PinholeCamera
-    solar_irradiance_1au_W_m2 : float [W/m2], optional
+    solar_irradiance_1au_W_m2 : float [W/m2], 1e-6..1e9, optional
         In the cameras' band, at 1 au. By default each camera has its own: that of its optics' `band_nm`
         (ASTM E490-00a), or the total solar irradiance, 1360.8 W/m2, of a camera without a model.
     max_error : float [1], 0..1
@@ -138,7 +140,7 @@ class Scene:
             object.__setattr__(self, label, members)
         if self.solar_irradiance_1au_W_m2 is not None:
             object.__setattr__(self, "solar_irradiance_1au_W_m2",
-                               positive("solar_irradiance_1au_W_m2", self.solar_irradiance_1au_W_m2))
+                               within("solar_irradiance_1au_W_m2", self.solar_irradiance_1au_W_m2, 1e-6, 1e9))
         object.__setattr__(self, "max_error", checked_max_error(self.max_error))
 
     def solar_irradiance_of(self, camera: PinholeCamera) -> float:
@@ -232,6 +234,9 @@ class _Files:
                 raise ConfigError(field_path, "this server serves no files; start it with --shape-dir", name)
             if Path(name).name != name or name in (".", ".."):
                 raise ConfigError(field_path, "must be a bare file name in the server's shape directory", name)
+            if "\0" in name or len(name.encode("utf-8", "surrogatepass")) > _MAX_NAME_BYTES:
+                raise ConfigError(field_path, f"must be a file name of at most {_MAX_NAME_BYTES} bytes, none of them 0",
+                                  name)
             path = self.directory / name
             # A link inside the directory must not lead out of it.
             if path.exists() and path.resolve().parent != self.directory.resolve():

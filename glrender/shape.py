@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from glrender_camera.validate import integer, positive
+from glrender_camera.validate import integer, within
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
@@ -20,6 +20,8 @@ _METRES_PER_UNIT = {"m": 1.0, "km": 1000.0}
 _WELD_RTOL = 1e-9
 # A body thinner than this share of its extent has no sides that float32 coordinates could tell apart.
 _FLAT_RTOL = 1e-6
+MIN_EXTENT_M, MAX_COORDINATE_M = 1e-3, 1e10
+"""What a body may span: a grain of sand, whose facets' areas float32 still holds, to seven Suns."""
 # Small bodies span metres to a few thousand kilometres.
 _LIKELY_EXTENT_M = (1.0, 6e6)
 
@@ -77,7 +79,7 @@ class Shape:
         path : path
             OBJ, PLY, STL, PDS plate model (.tab, .plt) or ICQ (.icq).
         length_unit : "m", "km" or float
-            Of the file; metres per unit when a number.
+            Of the file; metres per unit when a number, 1e-9..1e9.
         max_facets : int
 
         Raises
@@ -86,13 +88,16 @@ class Shape:
             With the file's name, the rule and the value.
         """
         path = Path(path)
-        scale = _METRES_PER_UNIT.get(length_unit) if isinstance(length_unit, str) else positive(
-            "length_unit", length_unit)
+        scale = _METRES_PER_UNIT.get(length_unit) if isinstance(length_unit, str) else within(
+            "length_unit", length_unit, 1e-9, 1e9)
         if scale is None:
             raise ShapeError("length_unit", "must be 'm', 'km' or metres per unit", length_unit)
         with error_path(path.name):
             vertices, facets, uv = read_shape_file(path, integer("max_facets", max_facets, 1, 2**31 - 1))
-            return cls.from_arrays(vertices * scale, facets, uv=uv)
+            # A number as long as 1e308 becomes infinite here and is refused as such.
+            with np.errstate(over="ignore"):
+                vertices = vertices * scale
+            return cls.from_arrays(vertices, facets, uv=uv)
 
     @classmethod
     def from_arrays(cls, vertices_m: np.ndarray, facets: np.ndarray, *, uv: np.ndarray | None = None) -> Shape:
@@ -101,6 +106,7 @@ class Shape:
         Parameters
         ----------
         vertices_m : (V, 3) float [m]
+            Within 1e10 m of the origin, and at least 1e-3 m in extent.
         facets : (F, 3) int
             From 0.
         uv : (F, 3, 2) float, optional
@@ -115,6 +121,10 @@ class Shape:
         bad = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
         if len(bad):
             raise ShapeError(f"vertices[{bad[0]}]", "must be finite", vertices[bad[0]].tolist())
+        far = np.flatnonzero(np.abs(vertices).max(axis=1) > MAX_COORDINATE_M)
+        if len(far):
+            raise ShapeError(f"vertices[{far[0]}]", f"must be within {MAX_COORDINATE_M:g} m of the origin",
+                             vertices[far[0]].tolist(), "is the length unit right?")
         if facets.min() < 0 or facets.max() >= len(vertices):
             wrong = int(np.flatnonzero(((facets < 0) | (facets >= len(vertices))).any(axis=1))[0])
             raise ShapeError(f"facets[{wrong}]", f"must index vertices 0..{len(vertices) - 1}",
@@ -174,6 +184,8 @@ def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None) -
     extent = float(np.ptp(vertices, axis=0).max())
     if not extent > 0.0:
         raise ShapeError("", "has no extent: all vertices coincide", vertices[0].tolist())
+    if not extent >= MIN_EXTENT_M:
+        raise ShapeError("", f"must have an extent of at least {MIN_EXTENT_M:g} m", extent, "is the length unit right?")
     cell = extent * _WELD_RTOL
     _, first, same = np.unique(np.round((vertices - vertices.min(axis=0)) / cell).astype(np.int64), axis=0,
                                return_index=True, return_inverse=True)

@@ -25,12 +25,14 @@ def read_shape_file(path: Path, max_facets: int) -> Arrays:
     ShapeError
         The file is missing, of no known kind, or does not hold a mesh.
     """
-    if path.is_dir():
-        raise ShapeError("", "is a folder, not a shape file", str(path))
     try:
-        size = path.stat().st_size
+        is_folder, size = path.is_dir(), path.stat().st_size
     except OSError as error:
         raise ShapeError("", f"cannot be read: {error.strerror}", str(path)) from None
+    except ValueError as error:  # a NUL in the name
+        raise ShapeError("", f"cannot be read: {error}", str(path)) from None
+    if is_folder:
+        raise ShapeError("", "is a folder, not a shape file", str(path))
     if size == 0:
         raise ShapeError("", "is empty", str(path))
     if size > _MAX_BYTES:

@@ -183,6 +183,8 @@ focal_length_px = 100.0
     ("", "", None),
     ("[[bodies]]", "gamma = 2.2\n[[bodies]]", r"scene\.toml\.gamma: unknown key"),
     ("[[bodies]]", "max_error = 0.0\n[[bodies]]", r"scene\.toml\.max_error: must be > 0 and <= 1, got 0.0"),
+    ("[[bodies]]", "solar_irradiance_1au_W_m2 = 1e300\n[[bodies]]",
+     r"scene\.toml\.solar_irradiance_1au_W_m2: must be between 1e-06 and 1e\+09, got 1e\+300"),
     ("normal_albedo = 0.2", "normal_albedo = 1.2",
      r"bodies\[0\]\.brdf\.normal_albedo: must be between 0 and 1, got 1.2"),
     ("normal_albedo = 0.2", "albedo = 0.2", r"bodies\[0\]\.brdf\.albedo: unknown key; known keys are normal_albedo"),
@@ -193,6 +195,8 @@ focal_length_px = 100.0
     ('law = "lambert"', 'preset = "eros_550nm"', r"bodies\[0\]\.brdf\.normal_albedo: unknown key"),
     ('kind = "icosphere"', 'kind = "cube"', r"bodies\[0\]\.generated\.kind: must be one of"),
     ("radius_m = 100.0", "radius_m = -1.0", r"bodies\[0\]\.generated\.radius_m"),
+    ("radius_m = 100.0", "radius_m = 1e300", r"generated\.radius_m: must be between 0.001 and 1e\+09, got 1e\+300"),
+    ("radius_m = 100.0", "radius_m = 1e-30", r"generated\.radius_m: must be between 0.001 and 1e\+09, got 1e-30"),
     ("generated = ", "shape = 'x.obj'\ngenerated = ", r"bodies\[0\]: needs exactly one of"),
     ("generated = ", "generatd = ", r"bodies\[0\]\.generatd: unknown key"),
     ('generated = { kind = "icosphere", radius_m = 100.0, subdivisions = 2 }', 'shape = "nothing.obj"',
@@ -235,6 +239,19 @@ def test_a_restricted_scene_reads_only_bare_names_of_its_folder(tmp_path, name):
         Scene.from_dict(table, shape_dir=tmp_path, restricted=True)
     with pytest.raises(ConfigError, match="serves no files"):
         Scene.from_dict(table, restricted=True)
+
+
+@pytest.mark.parametrize("field", ["shape", "albedo_texture"])
+@pytest.mark.parametrize("name", ["a\0b.obj", "a" * 5000 + ".obj", "\ud800" * 90 + ".obj"], ids=("NUL", "long", "odd"))
+def test_names_that_no_file_system_has_are_refused(tmp_path, field, name):
+    generate.icosphere(radius_m=1.0, subdivisions=1).to_file(tmp_path / "s.obj")
+    table = {"bodies": [{"name": "b", "shape": "s.obj", "length_unit": "m", field: name,
+                         "brdf": {"law": "lambert", "normal_albedo": 0.1}}],
+             "cameras": [{"name": "c", "width_px": 8, "height_px": 8, "focal_length_px": 10.0}]}
+    with pytest.raises(ConfigError, match=rf"bodies\[0\]\.{field}: must be a file name of at most 255 bytes"):
+        Scene.from_dict(table, shape_dir=tmp_path, restricted=True)
+    with pytest.raises(ConfigError, match=rf"bodies\[0\]\.{field}.*cannot be read"):
+        Scene.from_dict(table, shape_dir=tmp_path)
 
 
 def test_a_restricted_scene_follows_no_link_out(tmp_path):

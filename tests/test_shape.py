@@ -142,9 +142,23 @@ def test_ply_and_stl_are_read(tmp_path, kind):
 def test_units_scale_and_must_be_known(tmp_path):
     assert is_cube(load(tmp_path, cube_obj(), unit="km"), 1000.0)
     assert is_cube(load(tmp_path, cube_obj(), unit=2.5), 2.5)
-    for unit in ("mm", 0.0, -1.0, float("nan"), None):
+    for unit in ("mm", 0.0, -1.0, float("nan"), None, 1e300, 1e-300, ["m"]):
         with pytest.raises(ValueError, match="length_unit"):
             load(tmp_path, cube_obj(), unit=unit)
+
+
+@pytest.mark.parametrize("unit, message", [
+    (1e-4, "s.obj: must have an extent of at least 0.001 m, got 0.0001; is the length unit right"),
+    (1e9, r"s.obj.vertices\[1\]: must be within 1e\+10 m of the origin, got .*; is the length unit right")])
+def test_a_body_too_small_or_too_large_is_refused(tmp_path, unit, message):
+    text = cube_obj().replace(" 1.0", " 11.0") if unit > 1.0 else cube_obj()
+    with pytest.raises(ShapeError, match=message):
+        load(tmp_path, text, unit=unit)
+
+
+def test_a_number_beyond_float64_in_metres_is_not_finite(tmp_path):
+    with pytest.raises(ShapeError, match="must be finite"):
+        load(tmp_path, cube_obj().replace("v 0.0 0.0 0.0", "v 1e305 0.0 0.0"), unit=1e9)
 
 
 def test_winding_is_made_one_and_outward_per_shell(rng):
