@@ -75,6 +75,23 @@ def test_five_lines_get_a_frame(endpoint, folder):
     assert run.stdout.startswith("(64, 96) uint16 <Reply navcam t=0.0 s: 96 x 64 uint16 [DN]"), run.stderr
 
 
+def test_a_request_above_the_limit_is_refused_before_it_is_sent(client):
+    """ZeroMQ would drop it unanswered, and the client would wait out its timeouts."""
+    limit = client.hello()["limits"]["max_header_bytes"]
+    began = time.monotonic()
+    with pytest.raises(GlrenderClientError, match=f"at most {limit} bytes, `load_scene` has"):
+        client.load_scene({"bodies": [], "cameras": [], "note": "x" * (limit + 2048)})
+    assert time.monotonic() - began < 5.0
+    with pytest.raises(ServerError, match="note: unknown key"):
+        client.load_scene({"bodies": [], "cameras": [], "note": "x" * (limit - 2048)})
+
+
+def test_a_request_just_above_the_limit_gets_a_reply(endpoint):
+    with Raw(endpoint) as raw:
+        header = msgpack.unpackb(raw.ask(request(note="x" * (1 << 20)))[0])
+        assert header["error"]["code"] == "protocol" and "must not exceed 1048576 bytes" in header["error"]["message"]
+
+
 def test_hello_tells_what_is_there(client):
     hello = client.hello()
     assert hello["protocol"] == [1]
