@@ -52,19 +52,23 @@ def read_shape_file(path: Path, max_facets: int) -> Arrays:
 
 
 def _lines(path: Path) -> list[str]:
+    return _text(path).splitlines()
+
+
+def _text(path: Path) -> str:
     data = path.read_bytes()
     if b"\0" in data[:65536]:
         raise ShapeError("", "is binary, not text", str(path))
-    return data.decode("utf-8", errors="replace").splitlines()
+    return data.decode("utf-8-sig", errors="replace")
 
 
 def _numbers(path: Path, rows: list[str], width: int, what: str) -> np.ndarray:
     """(n, width) float64 of text rows; a wrong row is named."""
-    text = " ".join(rows)
-    values = np.array(text.split(), dtype=object)
+    words = " ".join(rows).split()
     try:
-        if len(values) == width * len(rows):
-            return values.astype(np.float64).reshape(-1, width)
+        # Rows too long and too short may add up to the right number.
+        if len(words) == width * len(rows) and all(len(row.split()) == width for row in rows):
+            return np.array(words, dtype=object).astype(np.float64).reshape(-1, width)
     except ValueError:
         pass
     for row in rows:
@@ -86,17 +90,26 @@ def _limit(count: int, max_facets: int, path: Path) -> None:
 
 def _obj(path: Path, max_facets: int) -> Arrays:
     vertex_rows, texture_rows, faces = [], [], []
-    for line in _lines(path):
-        if line.startswith("v "):
-            vertex_rows.append(line[2:])
-        elif line.startswith("vt "):
-            texture_rows.append(" ".join(line[3:].split()[:2]))
-        elif line.startswith("f "):
-            faces.append((line[2:], len(vertex_rows), len(texture_rows)))
+    text = _text(path)
+    if "#" in text:
+        text = re.sub("#[^\r\n]*", "", text)
+    if "\\" in text:  # a statement goes on in the next line
+        text = re.sub(r"\\[ \t]*\r?\n", " ", text)
+    for line in text.splitlines():
+        words = line.split(None, 1)
+        if len(words) < 2:
+            continue
+        key, rest = words
+        if key == "v":
+            vertex_rows.append(rest)
+        elif key == "vt":
+            texture_rows.append(" ".join(rest.split()[:2]))
+        elif key == "f":
+            faces.append((rest, len(vertex_rows), len(texture_rows)))
     if not vertex_rows or not faces:
         raise ShapeError("", "has no vertices or no facets", str(path))
     _limit(len(faces), max_facets, path)
-    if vertex_rows[0].count(" ") and len(vertex_rows[0].split()) > 3:  # weights or colours follow
+    if len(" ".join(vertex_rows).split()) > 3 * len(vertex_rows):  # weights or colours follow
         vertex_rows = [" ".join(row.split()[:3]) for row in vertex_rows]
     vertices = _numbers(path, vertex_rows, 3, "vertex")
     texture = _numbers(path, texture_rows, 2, "texture coordinate") if texture_rows else None
@@ -104,7 +117,7 @@ def _obj(path: Path, max_facets: int) -> Arrays:
     text = " ".join(face[0] for face in faces)
     slashes = text.count("/")
     tokens = text.split()
-    if plain and len(tokens) == 3 * len(faces) and "-" not in text:
+    if plain and "-" not in text and all(len(face[0].split()) == 3 for face in faces):
         # The common case, all at once: triangles, positive indices.
         if slashes == 0:
             return vertices, _integers(path, tokens).reshape(-1, 3) - 1, None

@@ -82,7 +82,12 @@ def test_a_textured_model_is_the_closed_body_that_it_is(shared):
     + "\n".join("f " + " ".join(str(i - 8) for i in f) for f in CUBE_F),
     "\n".join(f"v {x} {y} {z}" for x, y, z in CUBE_V) + "\nvn 0 0 1\n"
     + "\n".join("f " + " ".join(f"{i + 1}//1" for i in f) for f in CUBE_F),
-], ids=["plain", "crlf", "comments", "colours", "quads", "negative", "v//vn"])
+    cube_obj().replace(" ", "\t"), "  " + cube_obj("\n  "), "\ufeff" + cube_obj(),
+    cube_obj(" # a corner\n"), "# caf\u00e9 \\\n" + cube_obj(" \n").replace(" 1.0 ", " \\\n1.0 \\\r\n "),
+    cube_obj().replace("v 1.0 1.0 1.0", "v 1.0 1.0 1.0 0.5 0.5 0.5").replace("v 0.0 1.0 1.0", "v 0.0 1.0 1.0 1.0"),
+    cube_obj().replace("v ", "v   ").replace("f ", "f  "),
+], ids=["plain", "crlf", "comments", "colours", "quads", "negative", "v//vn", "tabs", "indents", "byte-order mark",
+        "trailing comments", "continued lines", "colours on some", "blanks"])
 def test_obj_dialects_give_the_same_cube(tmp_path, text):
     assert is_cube(load(tmp_path, text))
 
@@ -210,6 +215,9 @@ def test_vertex_normals_of_a_sphere_are_radial():
     ("s.obj", cube_obj().replace("v 0.0 0.0 0.0", "v 1e999 0.0 0.0"), r"vertices\[0\]: must be finite"),
     ("s.obj", cube_obj().replace("v 0.0 0.0 0.0", "v 0,0 0,0 0,0"), "decimals with a point"),
     ("s.obj", cube_obj().replace("v 0.0 0.0 0.0", "v 0.0 0.0"), "with 2 numbers instead of 3"),
+    ("s.obj", cube_obj().replace("v 0.0 0.0 0.0", "v 0.0 0.0").replace("v 0.0 0.0 1.0", "v 0.0 0.0 1.0 0.0"),
+     "with 2 numbers instead of 3, got '0.0 0.0'"),
+    ("s.obj", cube_obj().replace("f 1 2 4", "f 1 2").replace("f 1 4 3", "f 1 2 4 3"), "fewer than 3 corners"),
     ("s.obj", "\n".join(["v 1 1 1"] * 3 + ["f 1 2 3"]), "no extent"),
     ("s.obj", "\n".join(["v 0 0 0", "v 1 1 1", "v 2 2 2", "f 1 2 3"]), "no facet with an area"),
     ("s.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3", "must not be flat: thicker than 1e-06 of its extent, 1 m"),
