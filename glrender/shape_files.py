@@ -171,12 +171,29 @@ def _by_trimesh(path: Path, max_facets: int) -> Arrays:
             # A row takes at least six bytes: a header that promises more is broken or hostile.
             if int(count) > path.stat().st_size // 6:
                 raise ShapeError("", f"promises more {kind.decode()} rows than the file can hold", int(count))
+    else:
+        _check_stl(path)
     mesh = trimesh.load(path, process=False, force="mesh", skip_materials=True)
     vertices, facets = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
     if not len(facets):
         raise ShapeError("", "has no facets", str(path))
     _limit(len(facets), max_facets, path)
     return vertices, facets, None
+
+
+def _check_stl(path: Path) -> None:
+    """Binary: 80 bytes, a count, 50 bytes a facet. Anything else must be text that begins with `solid`."""
+    data = path.read_bytes()
+    count = int.from_bytes(data[80:84], "little")
+    if len(data) >= 84 and len(data) == 84 + 50 * count:
+        return
+    try:
+        if data.lstrip()[:5].lower() == b"solid" and data.decode("utf-8"):
+            return
+    except UnicodeDecodeError:
+        pass
+    raise ShapeError("", f"is neither text nor binary STL: {len(data)} bytes do not fit a count of facets", count,
+                     f"a binary file of as many has {84 + 50 * count} bytes")
 
 
 def _plate_model(path: Path, max_facets: int) -> Arrays:
@@ -204,6 +221,9 @@ def _plate_model(path: Path, max_facets: int) -> Arrays:
     vertices = _numbers(path, vertex_rows, width, "vertex")[:, -3:]
     width = len(plate_rows[0].split())
     plates = _numbers(path, plate_rows, width, "plate")[:, -3:]
+    wrong = np.flatnonzero(((plates != np.round(plates)) | (np.abs(plates) > 2**31)).any(axis=1))
+    if len(wrong):
+        raise ShapeError("", "has a plate with an index that is no 32-bit integer", plate_rows[wrong[0]].strip())
     return vertices, plates.astype(np.int64) - 1, None
 
 

@@ -21,6 +21,11 @@ def cube_obj(separator="\n"):
     return separator.join(lines) + separator
 
 
+def plate_model(first_plate):
+    plates = [f"{a + 1} {b + 1} {c + 1}" for a, b, c in CUBE_F]
+    return "\n".join(["8", *(f"{x} {y} {z}" for x, y, z in CUBE_V), "12", first_plate, *plates[1:]])
+
+
 def is_cube(shape, scale=1.0):
     assert shape.report.is_watertight and len(shape.facets) == 12 and len(shape.vertices_m) == 8
     np.testing.assert_allclose(shape.report.volume_m3, scale**3, rtol=1e-12)
@@ -235,7 +240,13 @@ def test_vertex_normals_of_a_sphere_are_radial():
               b"property list uchar int vertex_indices\nend_header\n",
      "promises more vertex rows"),
     ("s.ply", b"ply\ngarbage", "is not a readable PLY"),
-    ("s.stl", b"\0" * 80 + struct.pack("<I", 4_000_000_000) + b"\0" * 50, "STL|facets"),
+    ("s.stl", b"\0" * 80 + struct.pack("<I", 4_000_000_000) + b"\0" * 50,
+     "134 bytes do not fit a count of facets, got 4000000000; a binary file of as many has 200000000084 bytes"),
+    ("s.stl", b"\xff\xfe" * 100, "is neither text nor binary STL: 200 bytes do not fit a count of facets"),
+    ("s.stl", b"solid \xff\xfe facet" * 100, "is neither text nor binary STL"),
+    ("s.tab", plate_model("1.5 2 3"), "has a plate with an index that is no 32-bit integer, got '1.5 2 3'"),
+    ("s.tab", plate_model("nan 2 3"), "has a plate with an index that is no 32-bit integer, got 'nan 2 3'"),
+    ("s.tab", plate_model("1e300 2 3"), "no 32-bit integer, got '1e300 2 3'"),
 ])
 def test_hostile_files_are_refused_by_name_rule_and_value(tmp_path, name, text, message):
     with pytest.raises(ShapeError, match=message) as caught:
