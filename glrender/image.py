@@ -44,6 +44,8 @@ class Image:
 
 def checked_products(products: Iterable[str]) -> tuple[str, ...]:
     """The products asked for besides the irradiance, in the order of `PRODUCTS`."""
+    if not isinstance(products, Iterable):
+        raise ConfigError("products", "must be names of products", products)
     products = (products,) if isinstance(products, str) else tuple(products)
     for index, name in enumerate(products):
         if name not in PRODUCTS:

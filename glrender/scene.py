@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 from pathlib import Path
@@ -66,9 +66,13 @@ class Body:
         if self.albedo_map is not None:
             if self.shape.uv is None:
                 raise ConfigError("albedo_map", "needs a shape with texture coordinates")
-            albedo_map = np.array(self.albedo_map, dtype=np.float32)
-            if albedo_map.ndim != 2 or not np.isfinite(albedo_map).all() or albedo_map.min() < 0.0:
-                raise ConfigError("albedo_map", "must be a 2-D array of finite numbers >= 0")
+            try:
+                albedo_map = np.array(self.albedo_map, dtype=np.float32)
+            except (TypeError, ValueError):
+                raise ConfigError("albedo_map", "must be a 2-D array of numbers", self.albedo_map) from None
+            fits = albedo_map.ndim == 2 and albedo_map.size
+            if not fits or not np.isfinite(albedo_map).all() or albedo_map.min() < 0.0:
+                raise ConfigError("albedo_map", "must be a 2-D array of finite numbers >= 0, not empty")
             albedo_map.setflags(write=False)
             object.__setattr__(self, "albedo_map", albedo_map)
 
@@ -127,7 +131,10 @@ class Scene:
 
     def __post_init__(self):
         for label, kind in (("bodies", Body), ("cameras", PinholeCamera)):
-            members = tuple(getattr(self, label))
+            members = getattr(self, label)
+            if not isinstance(members, Iterable):
+                raise ConfigError(label, f"must be a sequence of {kind.__name__}", members)
+            members = tuple(members)
             if not members:
                 raise ConfigError(label, "must have at least one member")
             names = set()

@@ -115,7 +115,11 @@ class Shape:
         ------
         ShapeError
         """
-        vertices, facets = np.asarray(vertices_m, np.float64), np.asarray(facets)
+        try:
+            vertices, facets = np.asarray(vertices_m, np.float64), np.asarray(facets)
+            uv = None if uv is None else np.asarray(uv, np.float32)
+        except (TypeError, ValueError):
+            raise ShapeError("", "needs arrays of numbers") from None
         if vertices.ndim != 2 or vertices.shape[1] != 3 or facets.ndim != 2 or facets.shape[1] != 3 or not len(facets):
             raise ShapeError("", "needs vertices (V, 3) and facets (F, 3)", (vertices.shape, facets.shape))
         bad = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
@@ -125,11 +129,14 @@ class Shape:
         if len(far):
             raise ShapeError(f"vertices[{far[0]}]", f"must be within {MAX_COORDINATE_M:g} m of the origin",
                              vertices[far[0]].tolist(), "is the length unit right?")
+        if facets.dtype.kind not in "iu" and not (facets.dtype.kind == "f" and (facets == np.round(facets)).all()):
+            raise ShapeError("facets", "must be integers", facets)
         if facets.min() < 0 or facets.max() >= len(vertices):
             wrong = int(np.flatnonzero(((facets < 0) | (facets >= len(vertices))).any(axis=1))[0])
             raise ShapeError(f"facets[{wrong}]", f"must index vertices 0..{len(vertices) - 1}",
                              facets[wrong].tolist(), "plate models count from 1, trimesh from 0")
-        uv = None if uv is None else np.asarray(uv, np.float32)
+        if uv is not None and (uv.shape != (*facets.shape, 2) or not np.isfinite(uv).all()):
+            raise ShapeError("uv", f"must be {(*facets.shape, 2)} finite numbers", uv.shape)
         return _repaired(vertices, facets.astype(np.int64), uv)
 
     @cached_property

@@ -9,7 +9,7 @@ from glrender_camera import PinholeCamera
 
 from . import frames
 from .constants import AU_M, SUN_RADIUS_M
-from .errors import SceneError
+from .errors import ConfigError, SceneError
 from .hull import Hull
 from .state import State
 
@@ -71,10 +71,14 @@ def view_bodies(state: State, camera: PinholeCamera, hulls: dict[str, Hull]) -> 
 
     Raises
     ------
+    ConfigError
+        What is no State.
     SceneError
         A body that the state lacks or the scene does not know, a camera or a Sun inside a body,
         a visible body of less than 1e-9 px.
     """
+    if not isinstance(state, State):
+        raise ConfigError("state", "must be a State", state, "State.from_dict makes one of a dictionary")
     for name in hulls:
         if name not in state.bodies:
             raise SceneError(f"state.bodies.{name}", "missing", hint="give the pose of every body of the scene")

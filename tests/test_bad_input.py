@@ -5,7 +5,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import views
-from glrender import Body, ConfigError, PinholeCamera, Pose, Renderer, Scene, SceneError, State, generate, load_scene
+from glrender import (
+    Body,
+    ConfigError,
+    DeviceError,
+    PinholeCamera,
+    Pose,
+    Renderer,
+    Scene,
+    SceneError,
+    Shape,
+    State,
+    generate,
+    load_scene,
+)
 from glrender.brdf import Lambert
 
 GREY = Lambert(normal_albedo=0.2)
@@ -96,6 +109,50 @@ def test_unknown_camera_product_and_arguments(renderer):
     for value in (0, 17, 1.5):
         with pytest.raises(ConfigError, match="samples: must be an integer between 1 and 16"):
             renderer.render(state, samples=value)
+
+
+def test_what_is_no_state_scene_law_or_list_is_refused(renderer):
+    state = views.state()
+    with pytest.raises(ConfigError, match="state: must be a State, got .*State.from_dict"):
+        renderer.render(state.to_dict())
+    with pytest.raises(ConfigError, match="products: must be names of products, got None"):
+        renderer.render(state, products=None)
+    with pytest.raises(ConfigError, match="scene: must be a Scene, got None"):
+        Renderer(None)
+    for label in ("bodies", "cameras"):
+        fields = {"bodies": renderer.scene.bodies, "cameras": renderer.scene.cameras, label: None}
+        with pytest.raises(ConfigError, match=f"{label}: must be a sequence of .*, got None"):
+            Scene(**fields)
+
+
+def test_a_closed_renderer_says_so():
+    renderer = Renderer(views.scene([views.sphere(GREY, 1)], [views.camera()]))
+    renderer.close()
+    renderer.close()
+    with pytest.raises(DeviceError, match="this renderer is closed"):
+        renderer.render(views.state())
+    with pytest.raises(DeviceError, match="this renderer is closed"):
+        renderer.evaluate_brdf(GREY, *np.eye(3)[None, :1].repeat(3, axis=0))
+
+
+@pytest.mark.parametrize("changes, message", [
+    ({"law": "lambert"}, "law: must be a law of glrender.brdf, got 'lambert'"),
+    ({"to_camera": np.ones((2, 3))}, r"to_camera: must have shape \(3, 3\), as to_sun, got \(2, 3\)"),
+    ({"normal": [0.0, 0.0, 1.0]}, r"normal: must be \(N, 3\) finite numbers"),
+    ({"to_sun": np.full((3, 3), np.nan)}, r"to_sun: must be \(N, 3\) finite numbers"),
+    ({"to_sun": "x"}, r"to_sun: must be \(N, 3\) numbers")])
+def test_evaluate_brdf_refuses_what_is_no_set_of_vectors(renderer, changes, message):
+    fields = {"law": GREY, "to_sun": np.ones((3, 3)), "to_camera": np.ones((3, 3)), "normal": np.ones((3, 3))}
+    with pytest.raises(ConfigError, match=message):
+        renderer.evaluate_brdf(**{**fields, **changes})
+
+
+@pytest.mark.parametrize("albedo_map", [np.zeros((0, 5)), np.zeros(4), -np.ones((2, 2)), "grey", [[1.0], [1.0, 2.0]]])
+def test_an_albedo_map_that_is_no_image_is_refused(albedo_map):
+    sphere = generate.icosphere(radius_m=1.0, subdivisions=1)
+    shape = Shape.from_arrays(sphere.vertices_m, sphere.facets, uv=np.zeros((80, 3, 2)))
+    with pytest.raises(ConfigError, match="albedo_map: must be a 2-D array"):
+        Body(name="body", shape=shape, brdf=GREY, albedo_map=albedo_map)
 
 
 @pytest.mark.parametrize("r_m", [[0.0, 0.0, 0.0], [0.0, 99.0, 0.0], [50.0, 50.0, -50.0]])

@@ -268,6 +268,18 @@ def test_a_lone_facet_beside_a_shell_to_rewind():
     assert shape.report.n_shells == 2 and shape.report.n_flipped >= 1
 
 
+@pytest.mark.parametrize("changes, message", [
+    ({"facets": np.full((2, 3), np.nan)}, "facets: must be integers"),
+    ({"facets": CUBE_F + 0.4}, "facets: must be integers"),
+    ({"facets": "abc"}, "needs vertices"), ({"vertices_m": "a"}, "needs arrays of numbers"),
+    ({"vertices_m": [[0, 0], [1]]}, "needs arrays of numbers"),
+    ({"uv": np.zeros((3, 3, 2))}, r"uv: must be \(12, 3, 2\) finite numbers, got \(3, 3, 2\)"),
+    ({"uv": np.full((12, 3, 2), np.nan)}, "uv: must be .* finite numbers"), ({"uv": "x"}, "needs arrays of numbers")])
+def test_arrays_that_are_no_mesh_are_refused(changes, message):
+    with pytest.raises(ShapeError, match=message):
+        Shape.from_arrays(**{"vertices_m": CUBE_V, "facets": CUBE_F, **changes})
+
+
 def test_missing_files_folders_and_limits(tmp_path):
     with pytest.raises(ShapeError, match="none.obj: cannot be read: No such file"):
         Shape.from_file(tmp_path / "none.obj", length_unit="m")
