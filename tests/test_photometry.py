@@ -642,6 +642,31 @@ def test_fitting_refuses_what_it_cannot_do():
         fit(EROS, LunarLambert, (10.0, 180.0))
 
 
+def test_fitting_a_black_body_names_the_truth():
+    for kind in (Lambert, LommelSeeliger, LunarLambert):
+        with pytest.raises(ConfigError, match="truth: must return light at a phase of 10 deg, got Hapke"):
+            fit(hapke(single_scattering_albedo=0.0), kind, [10.0, 30.0])
+    with pytest.raises(ConfigError, match="truth: must return light"):
+        compare(Lambert(normal_albedo=0.1), Lambert(normal_albedo=0.0), [10.0])
+
+
+def test_a_fitted_albedo_that_is_held_at_1_is_warned_of():
+    bright = hapke(single_scattering_albedo=1.0, b=0.9, c=1.0, shoe_amplitude=5.0, shoe_width=0.1)
+    with pytest.warns(UserWarning, match=r"fitted normal_albedo of \d[\d.]* is held at 1"):
+        found = fit(bright, Lambert, [0.0, 30.0])
+    assert found.law.normal_albedo == 1.0 and found.flux[0] < -0.5
+
+
+@pytest.mark.parametrize("phase", [-0.1, 3.2, 180.0, np.nan])
+def test_phases_beyond_pi_are_refused(phase):
+    for of in (disc_albedo, centre_of_brightness, phase_function):
+        with pytest.raises(ConfigError, match="phase: must be"):
+            of(Lambert(normal_albedo=0.1), phase)
+    assert disc_albedo(Lambert(normal_albedo=0.1), np.pi) == 0.0
+    with pytest.raises(ConfigError, match="phase: must be one at which the law returns light"):
+        centre_of_brightness(Lambert(normal_albedo=0.1), np.pi)
+
+
 def test_a_table_interpolates_and_holds():
     table = Table(phase_deg=(10.0, 20.0, 40.0), value=(1.0, 0.5, 0.1))
     law = LunarLambert(normal_albedo=0.2, weight=table)
