@@ -97,8 +97,9 @@ class Body:
         """
         albedo_map = None
         if albedo_texture is not None:
-            albedo_map = _read_texture(Path(albedo_texture)) * np.float32(
-                positive("albedo_texture_gain", albedo_texture_gain))
+            gain = positive("albedo_texture_gain", albedo_texture_gain)
+            with error_path("albedo_texture"):
+                albedo_map = _read_texture(Path(albedo_texture)) * np.float32(gain)
         return cls(name=name, shape=Shape.from_file(path, length_unit=length_unit), brdf=brdf,
                    albedo_map=albedo_map, smooth_normals=smooth_normals)
 

@@ -15,6 +15,7 @@ from glrender import (
     Scene,
     SceneError,
     Shape,
+    ShapeError,
     State,
     generate,
     load_scene,
@@ -145,6 +146,13 @@ def test_evaluate_brdf_refuses_what_is_no_set_of_vectors(renderer, changes, mess
     fields = {"law": GREY, "to_sun": np.ones((3, 3)), "to_camera": np.ones((3, 3)), "normal": np.ones((3, 3))}
     with pytest.raises(ConfigError, match=message):
         renderer.evaluate_brdf(**{**fields, **changes})
+
+
+def test_a_missing_texture_names_its_field(tmp_path):
+    generate.icosphere(radius_m=1.0, subdivisions=1).to_file(tmp_path / "s.obj")
+    with pytest.raises(ShapeError, match=r"^albedo_texture: texture cannot be read: .*none\.png"):
+        Body.from_file(tmp_path / "s.obj", name="b", length_unit="m", brdf=GREY,
+                       albedo_texture=tmp_path / "none.png")
 
 
 @pytest.mark.parametrize("albedo_map", [np.zeros((0, 5)), np.zeros(4), -np.ones((2, 2)), "grey", [[1.0], [1.0, 2.0]]])
