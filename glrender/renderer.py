@@ -17,7 +17,7 @@ from glrender_camera.validate import integer
 
 from . import frames, plan
 from .brdf import Law
-from .errors import DeviceError
+from .errors import ConfigError, DeviceError
 from .gl.context import Context
 from .gl.evaluate import BrdfEvaluator
 from .gl.passes import Mesh, PixelMask, ShadowMap, SurfaceVariant, Target
@@ -53,6 +53,8 @@ class Renderer:
     """
 
     def __init__(self, scene: Scene, backend: str = "auto", device_index: int | None = None):
+        if not isinstance(scene, Scene):
+            raise ConfigError("scene", "must be a Scene", scene)
         self.scene = scene
         self._hulls = {body.name: body.hull for body in scene.bodies}
         with ExitStack() as stack:

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from glrender import ConfigError, GlrenderError, Pose, Renderer, Scene, State, frames, load_scene
 from glrender.constants import AU_M
+from glrender_camera.validate import within
 
 _DISPLAY_GAMMA = 2.2
 
@@ -75,7 +76,8 @@ def _info(arguments: argparse.Namespace) -> int:
 
 
 def _render(arguments: argparse.Namespace) -> int:
-    if arguments.out.suffix not in (".png", ".npy"):
+    ending = arguments.out.suffix.lower()
+    if ending not in (".png", ".npy"):
         raise ConfigError(str(arguments.out), "must end in .png or .npy")
     scene = load_scene(arguments.scene)
     camera = scene.camera(arguments.camera) if arguments.camera else scene.cameras[0]
@@ -85,11 +87,13 @@ def _render(arguments: argparse.Namespace) -> int:
         except (json.JSONDecodeError, UnicodeDecodeError) as error:
             raise ConfigError(str(arguments.state), f"is not JSON: {error}") from None
     else:
-        state = default_state(scene, camera.name, np.radians(arguments.phase_deg))
+        phase_deg = within("phase-deg", arguments.phase_deg, 0.0, 180.0)
+        state = default_state(scene, camera.name, np.radians(phase_deg))
     with Renderer(scene, backend=arguments.backend) as renderer:
         image = renderer.render(state, camera.name, max_error=arguments.max_error, samples=arguments.samples)
-    if arguments.out.suffix == ".npy":
-        np.save(arguments.out, image.irradiance_W_m2)
+    if ending == ".npy":
+        with open(arguments.out, "wb") as file:  # given a name, NumPy would add its own ending to .NPY
+            np.save(file, image.irradiance_W_m2)
     else:
         write_picture(arguments.out, image.irradiance_W_m2)
     milliseconds = sum(image.timings_ms.values())

@@ -16,7 +16,7 @@ from typing import Any
 
 import glrender
 from glrender import ConfigError, GlrenderError, ProtocolError, Scene, State, open_renderer
-from glrender.image import PRODUCTS
+from glrender.image import PRODUCTS, peak_bytes
 from glrender_camera.validate import integer, known_keys, one_of, positive
 
 from . import codec
@@ -27,6 +27,8 @@ OPERATIONS = ("hello", "render", "load_scene", "status", "close")
 OUTPUTS = ("irradiance", "dn")
 MAX_IMAGE_PIXELS = 2**26
 """Largest image of a scene that came over the wire, 67 megapixels."""
+MAX_FRAME_BYTES = 4 * 1024**3
+"""Most memory that one request's image and products may take while they are made."""
 _ENVELOPE = ("v", "op", "id", "client")
 _RENDER_KEYS = ("state", "camera", "output", "exposure_s", "seed", "max_error", "samples", "products", "order")
 _UNITS = {"irradiance": "W/m2", "dn": "DN", "range": "m", "r_body": "m", "body_id": "1", "facet_id": "1",
@@ -128,7 +130,8 @@ class Dispatcher:
         return codec.pack({
             **_echo(header), "ok": True, "protocol": [codec.VERSION], "server": f"glrender {glrender.__version__}",
             "operations": list(OPERATIONS), "outputs": list(OUTPUTS), "products": list(PRODUCTS), **self._described(),
-            "limits": {"max_header_bytes": codec.MAX_HEADER_BYTES, "max_image_pixels": MAX_IMAGE_PIXELS}})
+            "limits": {"max_header_bytes": codec.MAX_HEADER_BYTES, "max_image_pixels": MAX_IMAGE_PIXELS,
+                       "max_frame_bytes": MAX_FRAME_BYTES}})
 
     def _described(self) -> dict[str, Any]:
         return {
@@ -175,6 +178,10 @@ class Dispatcher:
         products = header.get("products", [])
         if not isinstance(products, list):
             raise ProtocolError("products", "must be a list of names", products)
+        needed = peak_bytes(camera.width_px * camera.height_px, products)
+        if needed > MAX_FRAME_BYTES:
+            raise ConfigError("products", f"must take at most {MAX_FRAME_BYTES} bytes of memory while they are made",
+                              needed, "ask for fewer at a time")
         exposure_s, seed = header.get("exposure_s"), header.get("seed", 0)
         if output == "dn":
             if camera.model is None:
@@ -212,7 +219,7 @@ def _checked_envelope(header: Mapping[str, Any]) -> str:
     for key in _ENVELOPE:
         if key not in header:
             raise ProtocolError(key, "missing")
-    if header["v"] != codec.VERSION:
+    if isinstance(header["v"], bool) or header["v"] != codec.VERSION:
         raise ProtocolError("v", f"this server speaks version {codec.VERSION}", header["v"])
     integer("id", header["id"], 0, 2**64 - 1)
     if not isinstance(header["client"], str) or not 0 < len(header["client"]) <= 128:

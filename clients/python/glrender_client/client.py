@@ -16,6 +16,8 @@ import zmq
 from .errors import Busy, GlrenderClientError, RequestTimeout, ServerError
 
 PROTOCOL_VERSION = 1
+# Requests above this size are held against the server's limit first: ZeroMQ drops what exceeds it unanswered.
+_SURELY_TAKEN_BYTES = 65536
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +71,7 @@ class Client:
         self._name, self._next_id = f"python-{os.getpid()}-{uuid.uuid4().hex[:12]}", 1
         self._context = zmq.Context()
         self._socket: zmq.Socket | None = None
+        self._max_header_bytes: int | None = None
 
     def __enter__(self) -> Client:
         return self
@@ -94,7 +97,9 @@ class Client:
 
     def hello(self) -> dict[str, Any]:
         """What the server is: protocol versions, cameras, bodies, products, limits, OpenGL."""
-        return self._ask("hello", {})[0]
+        found = self._ask("hello", {})[0]
+        self._max_header_bytes = found["limits"]["max_header_bytes"]
+        return found
 
     def status(self) -> dict[str, Any]:
         """How the server does: uptime, requests, errors by code, last timings."""
@@ -152,6 +157,12 @@ class Client:
         if self._context.closed:
             raise GlrenderClientError("this client is closed")
         number, message = self._packed(op, fields)
+        if len(message) > _SURELY_TAKEN_BYTES:
+            if self._max_header_bytes is None:
+                self.hello()
+            if len(message) > self._max_header_bytes:
+                raise GlrenderClientError(f"a request must have at most {self._max_header_bytes} bytes, `{op}` has "
+                                          f"{len(message)}: shapes and textures are file names, not data")
         for _ in range(self._retries + 1):
             found = self._try_once(message, number, self._timeout_s)
             if found is not None:
