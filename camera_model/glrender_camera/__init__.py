@@ -1,9 +1,10 @@
 """glrender_camera: projection, optics and detector of the spacecraft's cameras. No OpenGL."""
 
-from .camera import AutoExposure, CameraModel, Frame
+from .camera import CameraModel, Frame
 from .detector import Detector
 from .distortion import BrownConrady
 from .errors import ConfigError, GlrenderError
+from .exposure import AutoExposure
 from .optics import Optics
 from .projection import PinholeCamera
 from .shutter import time_average

@@ -11,52 +11,14 @@ import numpy as np
 
 from .detector import MAX_SEED, Detector
 from .errors import ConfigError, error_path
+from .exposure import AutoExposure
 from .optics import Optics
 from .presets import PRESETS
 from .spectrum import electrons_per_joule
-from .validate import integer, known_keys, one_of, positive, within
+from .validate import integer, known_keys, one_of, positive
 
 # A rounding error of the renderer below this fraction of the maximum is clipped, more is a fault.
 NEGATIVE_TOLERANCE = 1e-12
-# Auto-exposure looks at no more pixels than this: a percentile of 65,536 is good to 0.2 %.
-_MAX_METERED_PX = 2**16
-# The dimmest pixel that counts as lit for the metering, as a fraction of the brightest.
-_LIT_FRACTION = 0.01
-
-
-@dataclass(frozen=True, kw_only=True)
-class AutoExposure:
-    """Exposure time that puts a percentile of the lit pixels at a target; analytic, no second render.
-
-    Parameters
-    ----------
-    percentile : float [%], 0..100
-        Of the pixels brighter than 1 % of the brightest, after the point spread function.
-    target : float [1], 0..1
-        Fraction of full scale (the lower of full well and the largest digital number) where
-        the percentile is put.
-    min_s, max_s : float [s], > 0
-        Limits; `max_s` is what a frame without light gets.
-    """
-
-    percentile: float = 99.0
-    target: float = 0.7
-    min_s: float = 1e-4
-    max_s: float = 10.0
-
-    def __post_init__(self):
-        within("percentile", self.percentile, 0.0, 100.0)
-        if not 0.0 < within("target", self.target, 0.0, 1.0):
-            raise ConfigError("target", "must be > 0", self.target)
-        positive("min_s", self.min_s)
-        if not positive("max_s", self.max_s) >= self.min_s:
-            raise ConfigError("max_s", "must be >= min_s", self.max_s)
-
-    @classmethod
-    def from_dict(cls, table: Mapping[str, Any]) -> AutoExposure:
-        """From plain data; unknown keys are refused by name."""
-        known_keys("", table, [f.name for f in fields(cls)])
-        return cls(**table)
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +113,7 @@ class CameraModel:
 
     def expose(self, irradiance_W_m2: np.ndarray, seed: int = 0, *, exposure_s: float | str | None = None,
                roi: tuple[int, int, int, int] | None = None,
-               relative_illumination: np.ndarray | None = None) -> Frame:
+               relative_illumination: np.ndarray | None = None, previous: Frame | None = None) -> Frame:
         """One frame.
 
         The mean number of photo-electrons is
@@ -175,6 +137,9 @@ class CameraModel:
         relative_illumination : (H, W) float [1], >= 0, optional
             Factor on each pixel's light: the cosine of the field angle by which the aperture is
             foreshortened (`PinholeCamera.expose` gives it), vignetting. Default 1.
+        previous : Frame, optional
+            This camera's last frame. An automatic exposure is then what the last frame asks for,
+            as on board, instead of what this one needs.
 
         Returns
         -------
@@ -192,6 +157,8 @@ class CameraModel:
         irradiance = irradiance.astype(np.float32, copy=False)
         seed = integer("seed", seed, 0, MAX_SEED)
         exposure = _exposure("exposure_s", self.exposure_s if exposure_s is None else exposure_s)
+        if exposure == "auto" and previous is not None:
+            exposure = self.auto_exposure.after(previous, self.detector)
         box = _lit_box(irradiance, _region(roi, irradiance.shape))
 
         stages = self._stages(box is not None)
@@ -211,26 +178,13 @@ class CameraModel:
             inside = np.s_[:0, :0]
         rate_per_W_m2 = self.optics.aperture_area_m2 * self.electrons_per_joule
         if exposure == "auto":
-            exposure = self._auto_exposure_s(signal[inside], rate_per_W_m2)
+            exposure = self.auto_exposure.of_irradiance(signal[inside], rate_per_W_m2, self.detector)
         # The Sun may overflow to infinity here; the detector clips it.
         with np.errstate(over="ignore"):
             signal[inside] *= np.float32(rate_per_W_m2 * exposure)
         dn, electrons, saturated = self.detector.read(signal, exposure, seed)
         return Frame(dn=dn, electrons=electrons, saturated=saturated, exposure_s=exposure, seed=seed,
                      stages=stages)
-
-    def _auto_exposure_s(self, irradiance: np.ndarray, rate_per_W_m2: float) -> float:
-        rule, detector = self.auto_exposure, self.detector
-        brightest = float(irradiance.max(initial=0.0))
-        if not brightest * rate_per_W_m2 > 0.0:
-            return rule.max_s
-        values = irradiance[irradiance > _LIT_FRACTION * brightest]
-        values = values[:: -(-values.size // _MAX_METERED_PX)]
-        rate = float(np.percentile(values, rule.percentile)) * rate_per_W_m2
-        rate += detector.dark_rate_electrons_per_s
-        full_scale = min(detector.full_well_electrons,
-                         (detector.max_DN - detector.offset_DN) / detector.gain_DN_per_electron)
-        return float(np.clip(rule.target * full_scale / rate, rule.min_s, rule.max_s))
 
     def _stages(self, is_lit: bool) -> dict[str, str]:
         optics, detector = self.optics, self.detector

@@ -129,7 +129,7 @@ class PinholeCamera:
         return cosine
 
     def expose(self, irradiance_W_m2: np.ndarray, seed: int = 0, *, exposure_s: float | str | None = None,
-               roi: tuple[int, int, int, int] | None = None) -> Frame:
+               roi: tuple[int, int, int, int] | None = None, previous: Frame | None = None) -> Frame:
         """One frame of this camera: `CameraModel.expose` with the aperture foreshortened off axis.
 
         Raises
@@ -143,4 +143,4 @@ class PinholeCamera:
             raise ConfigError("irradiance_W_m2", f"must have shape ({self.height_px}, {self.width_px})",
                               np.shape(irradiance_W_m2))
         return self.model.expose(irradiance_W_m2, seed, exposure_s=exposure_s, roi=roi,
-                                 relative_illumination=self.cos_field_angle)
+                                 relative_illumination=self.cos_field_angle, previous=previous)
