@@ -9,7 +9,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from glrender_camera import AutoExposure, CameraModel, ConfigError, Detector, Optics, PinholeCamera, spectrum
+from glrender_camera import (
+    AutoExposure,
+    CameraModel,
+    ConfigError,
+    Detector,
+    Optics,
+    PinholeCamera,
+    StrayLight,
+    spectrum,
+)
 from scipy.integrate import dblquad, quad
 
 SIMPLE = dict(quantum_efficiency=0.5, full_well_electrons=1e5, gain_DN_per_electron=0.04, bit_depth=12,
@@ -309,7 +318,10 @@ def test_stages_say_what_was_skipped_and_why():
     stages = camera_model().expose(np.zeros((8, 8), np.float32), 1).stages
     assert stages["psf"] == "skipped: no pixel is lit"
     assert stages["read_noise"] == "skipped: it is zero"
-    stages = camera_model(optics=dict(psf_sigma_px=1.0), **BUSY).expose(np.ones((8, 8), np.float32), 1).stages
+    assert stages["stray_light"] == "skipped: no pixel is lit"
+    stray = StrayLight(wing_fraction=0.01, veiling_glare=0.002)
+    busy = camera_model(optics=dict(psf_sigma_px=1.0, stray_light=stray), **BUSY)
+    stages = busy.expose(np.ones((8, 8), np.float32), 1).stages
     assert not [name for name, text in stages.items() if text.startswith("skipped")]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from glrender_camera import CameraModel, ConfigError, Detector, Optics, psf
+from glrender_camera import Aberrations, CameraModel, ConfigError, Detector, Optics, psf
 from scipy.integrate import dblquad, quad
 from scipy.ndimage import convolve as scipy_convolve
 from scipy.special import j0, j1
@@ -136,7 +136,9 @@ def test_an_obscuration_takes_its_area():
     (dict(psf_measured=[[1.0, 0.0]]), "psf_measured"), (dict(psf_measured=[[1.1]]), "psf_measured"),
     (dict(psf_measured=[[-0.1, 0.5, 0.1]]), "psf_measured"), (dict(psf_measured="airy"), "psf_measured"),
     (dict(psf_measured=[[float("nan")]]), "psf_measured"), (dict(psf_radius_px=0), "psf_radius_px"),
-    (dict(psf_measured=[[1.0]], psf_sigma_px=1.0), "psf_measured")])
+    (dict(psf_measured=[[1.0]], f_number=8.0, pixel_pitch_m=5e-6), "psf_measured"),
+    (dict(psf_measured=[[1.0]], aberrations=Aberrations(defocus_nm=1.0)), "f_number"),
+    (dict(stray_light=0.1), "stray_light")])
 def test_a_bad_point_spread_function_is_refused_by_field(fields, path):
     with pytest.raises(ConfigError) as error:
         Optics(aperture_diameter_m=0.01, **fields)
@@ -206,4 +208,4 @@ def test_a_region_of_a_varying_field_knows_its_place():
         exposure_s=0.1)
     frames = [model.expose(image * np.float32(1e-8), 1, roi=roi) for roi in (None, (60, 20, 90, 50))]
     assert frames[0].dn.tobytes() == frames[1].dn.tobytes() and frames[0].dn.max() > 50
-    assert "3 x 4 over the frame" in frames[0].stages["psf"]
+    assert "3 x 4 nodes over the frame" in frames[0].stages["psf"]

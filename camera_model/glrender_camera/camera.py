@@ -113,7 +113,8 @@ class CameraModel:
 
     def expose(self, irradiance_W_m2: np.ndarray, seed: int = 0, *, exposure_s: float | str | None = None,
                roi: tuple[int, int, int, int] | None = None,
-               relative_illumination: np.ndarray | None = None, previous: Frame | None = None) -> Frame:
+               relative_illumination: np.ndarray | None = None, previous: Frame | None = None,
+               margin_px: int = 0) -> Frame:
         """One frame.
 
         The mean number of photo-electrons is
@@ -140,6 +141,10 @@ class CameraModel:
         previous : Frame, optional
             This camera's last frame. An automatic exposure is then what the last frame asks for,
             as on board, instead of what this one needs.
+        margin_px : int [px], >= 0
+            The image reaches so far beyond the frame on each side: light from there is spread into
+            the frame before the margin is cut off. `optics.psf_margin_px` is enough but for stray
+            light.
 
         Returns
         -------
@@ -161,30 +166,41 @@ class CameraModel:
             exposure = self.auto_exposure.after(previous, self.detector)
         box = _lit_box(irradiance, _region(roi, irradiance.shape))
 
-        stages = self._stages(box is not None)
-        signal = np.zeros(irradiance.shape, np.float32)
-        if box is not None:
-            margin_y, margin_x = self.optics.psf_margin_px
-            (x0, y0, x1, y1), (height, width) = box, irradiance.shape
-            inside = np.s_[max(0, y0 - margin_y):min(height, y1 + margin_y),
-                           max(0, x0 - margin_x):min(width, x1 + margin_x)]
-            # A copy, so that the filter sees darkness around the box on every path.
-            light = np.maximum(irradiance[inside], 0.0)
-            if relative_illumination is not None:
-                light *= relative_illumination[inside]
-            origin = inside[0].start, inside[1].start
-            signal[inside] = self.optics.spread(light, origin, irradiance.shape)
-        else:
-            inside = np.s_[:0, :0]
+        margin_px = integer("margin_px", margin_px, 0, (min(irradiance.shape) - 1) // 2)
+        signal, lit = self._spread(irradiance, box, relative_illumination, margin_px)
         rate_per_W_m2 = self.optics.aperture_area_m2 * self.electrons_per_joule
         if exposure == "auto":
-            exposure = self.auto_exposure.of_irradiance(signal[inside], rate_per_W_m2, self.detector)
+            exposure = self.auto_exposure.of_irradiance(signal[lit], rate_per_W_m2, self.detector)
         # The Sun may overflow to infinity here; the detector clips it.
         with np.errstate(over="ignore"):
-            signal[inside] *= np.float32(rate_per_W_m2 * exposure)
+            signal[lit] *= np.float32(rate_per_W_m2 * exposure)
         dn, electrons, saturated = self.detector.read(signal, exposure, seed)
         return Frame(dn=dn, electrons=electrons, saturated=saturated, exposure_s=exposure, seed=seed,
-                     stages=stages)
+                     stages=self._stages(box is not None))
+
+    def _spread(self, irradiance: np.ndarray, box: tuple[int, int, int, int] | None,
+                relative_illumination: np.ndarray | None, margin_px: int) -> tuple[np.ndarray, tuple[slice, slice]]:
+        """Irradiance on the frame after the optics (H, W), new, and the part of it that may be lit."""
+        height, width = (n - 2 * margin_px for n in irradiance.shape)
+        signal = np.zeros(irradiance.shape, np.float32)
+        lit = np.s_[0:0, 0:0]
+        if box is not None:
+            margin_y, margin_x = self.optics.psf_margin_px
+            x0, y0, x1, y1 = box
+            lit = np.s_[max(0, y0 - margin_y):min(signal.shape[0], y1 + margin_y),
+                        max(0, x0 - margin_x):min(signal.shape[1], x1 + margin_x)]
+            # A copy, so that the filter sees darkness around the box on every path.
+            light = np.maximum(irradiance[lit], 0.0)
+            if relative_illumination is not None:
+                light *= relative_illumination[lit]
+            origin = lit[0].start - margin_px, lit[1].start - margin_px
+            signal[lit] = self.optics.spread(light, origin, (height, width))
+            if self.optics.stray_light is not None:
+                signal, lit = self.optics.stray_light.add(signal), np.s_[0:signal.shape[0], 0:signal.shape[1]]
+        if margin_px:
+            signal = np.ascontiguousarray(signal[margin_px:-margin_px, margin_px:-margin_px])
+            lit = tuple(slice(max(0, part.start - margin_px), max(0, part.stop - margin_px)) for part in lit)
+        return signal, lit
 
     def _stages(self, is_lit: bool) -> dict[str, str]:
         optics, detector = self.optics, self.detector
@@ -197,6 +213,7 @@ class CameraModel:
 
         return {
             "psf": stage(optics.psf_text, optics.psf_text, True),
+            "stray_light": stage(optics.stray_light, optics.stray_light and optics.stray_light.text, True),
             "photo_electrons": stage(1.0, f"{self.electrons_per_joule:.6g} e-/J", True),
             "photo_response_nonuniformity": stage(detector.photo_response_nonuniformity,
                                                   f"{detector.photo_response_nonuniformity:g}", True),

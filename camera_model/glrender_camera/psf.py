@@ -7,10 +7,14 @@ is not renormalised: what it misses is light that goes farther, and the caller i
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import cv2
 import numpy as np
-from scipy.special import erf, j1
+from scipy.ndimage import convolve1d
+from scipy.special import erf, ive, j1
+
+from .pupil import intensity
 
 # Gauss-Legendre nodes on one pixel and axis: exact to 1e-9 while a pixel holds less than about
 # three periods of the diffraction pattern, lambda N >= 0.3 px.
@@ -33,9 +37,35 @@ def gaussian_axis(sigma_px: float, radius_px: int) -> np.ndarray:
     return _gaussian_weights(np.zeros(1), sigma_px, radius_px)[:, 0]
 
 
+def blurred(kernel: np.ndarray, sigma_px: float, radius_px: int) -> np.ndarray:
+    """A kernel that already holds the pixel, blurred by a Gaussian that must not count it again.
+
+    The discrete Gaussian exp(-s^2) I_n(s^2) adds exactly s^2 to the variance, sums to 1 and is
+    nowhere negative.
+
+    Parameters
+    ----------
+    kernel : (..., n, m) float64
+    sigma_px : float [px], >= 0
+    radius_px : int [px]
+
+    Returns
+    -------
+    (..., n + 2 radius, m + 2 radius) float64
+
+    Source: Lindeberg (1990), IEEE Trans. Pattern Anal. Mach. Intell. 12, 234.
+    """
+    axis = ive(np.abs(np.arange(-radius_px, radius_px + 1)), sigma_px**2)
+    wide = np.pad(kernel, [(0, 0)] * (kernel.ndim - 2) + [(radius_px, radius_px)] * 2)
+    for direction in (-2, -1):
+        wide = convolve1d(wide, axis, axis=direction, mode="constant")
+    return wide
+
+
 def diffraction_kernel(wavelengths_m: np.ndarray, weights: np.ndarray, *, f_number: float, pixel_pitch_m: float,
-                       central_obscuration: float, sigma_px: float, radius_px: int) -> np.ndarray:
-    """Airy pattern of a round or annular pupil, blurred by a Gaussian and integrated over the pixels.
+                       central_obscuration: float, sigma_px: float, radius_px: int,
+                       opd_m: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None) -> np.ndarray:
+    """Diffraction of a round or annular pupil, blurred by a Gaussian and integrated over the pixels.
 
     Parameters
     ----------
@@ -49,6 +79,8 @@ def diffraction_kernel(wavelengths_m: np.ndarray, weights: np.ndarray, *, f_numb
     sigma_px : float [px], >= 0
         Of the Gaussian: jitter, residual aberrations.
     radius_px : int [px]
+    opd_m : function of x, y (...) [1] -> (...) [m], optional
+        Optical path difference over the pupil; by default none: Airy's pattern.
 
     Returns
     -------
@@ -59,14 +91,20 @@ def diffraction_kernel(wavelengths_m: np.ndarray, weights: np.ndarray, *, f_numb
     node, node_weight = np.polynomial.legendre.leggauss(_NODES)
     pixels = np.arange(-radius_px, radius_px + 1)
     x = (pixels[:, None] + 0.5 * node).ravel()
-    # The pattern is even: one quadrant is enough.
-    half = x[x.size // 2:]
-    r = np.hypot(half[:, None], half[None, :])
-    quadrant = np.zeros_like(r)
-    for wavelength_m, weight in zip(wavelengths_m, weights, strict=True):
-        quadrant += weight * _annular(r, wavelength_m * f_number / pixel_pitch_m, central_obscuration)
-    rows = np.concatenate([quadrant[::-1], quadrant])
-    pattern = np.concatenate([rows[:, ::-1], rows], axis=1)
+    if opd_m is None:
+        # The pattern is even: one quadrant is enough.
+        half = x[x.size // 2:]
+        r = np.hypot(half[:, None], half[None, :])
+        quadrant = np.zeros_like(r)
+        for wavelength_m, weight in zip(wavelengths_m, weights, strict=True):
+            quadrant += weight * _annular(r, wavelength_m * f_number / pixel_pitch_m, central_obscuration)
+        rows = np.concatenate([quadrant[::-1], quadrant])
+        pattern = np.concatenate([rows[:, ::-1], rows], axis=1)
+    else:
+        wavelengths_m = np.asarray(wavelengths_m)
+        pattern = intensity(pixels, 0.5 * node, lambda_n_px=wavelengths_m * (f_number / pixel_pitch_m),
+                            weights=weights, obscuration=central_obscuration,
+                            phase=lambda px, py: 2.0 * math.pi / wavelengths_m[0] * opd_m(px, py))
     blur = _gaussian_weights(x, sigma_px, radius_px) * np.tile(0.5 * node_weight, pixels.size)
     return blur @ pattern @ blur.T
 
@@ -158,7 +196,8 @@ def _hats(position: np.ndarray, length: int, n_nodes: int) -> np.ndarray:
     """(n_nodes, N) float32: linear weights of evenly spaced nodes from 0 to length - 1; columns sum to 1."""
     if n_nodes == 1:
         return np.ones((1, position.size), np.float32)
-    place = position * ((n_nodes - 1) / max(length - 1, 1))
+    # Beyond the frame, in a margin, the last node's kernel goes on.
+    place = np.clip(position * ((n_nodes - 1) / max(length - 1, 1)), 0, n_nodes - 1)
     return np.maximum(1.0 - np.abs(place - np.arange(n_nodes)[:, None]), 0.0).astype(np.float32)
 
 
