@@ -16,6 +16,7 @@ from glrender_camera import (
     Detector,
     Optics,
     PinholeCamera,
+    PointSources,
     StrayLight,
     spectrum,
 )
@@ -321,7 +322,8 @@ def test_stages_say_what_was_skipped_and_why():
     assert stages["stray_light"] == "skipped: no pixel is lit"
     stray = StrayLight(wing_fraction=0.01, veiling_glare=0.002)
     busy = camera_model(optics=dict(psf_sigma_px=1.0, stray_light=stray), **BUSY)
-    stages = busy.expose(np.ones((8, 8), np.float32), 1).stages
+    points = PointSources([[3.0, 4.0]], [1.0])
+    stages = busy.expose(np.ones((8, 8), np.float32), 1, points=points).stages
     assert not [name for name, text in stages.items() if text.startswith("skipped")]
 
 

@@ -13,6 +13,7 @@ from .detector import MAX_SEED, Detector
 from .errors import ConfigError, error_path
 from .exposure import AutoExposure
 from .optics import Optics
+from .points import PointSources
 from .presets import PRESETS
 from .spectrum import electrons_per_joule
 from .validate import integer, known_keys, one_of, positive
@@ -114,7 +115,7 @@ class CameraModel:
     def expose(self, irradiance_W_m2: np.ndarray, seed: int = 0, *, exposure_s: float | str | None = None,
                roi: tuple[int, int, int, int] | None = None,
                relative_illumination: np.ndarray | None = None, previous: Frame | None = None,
-               margin_px: int = 0) -> Frame:
+               margin_px: int = 0, points: PointSources | None = None) -> Frame:
         """One frame.
 
         The mean number of photo-electrons is
@@ -145,6 +146,8 @@ class CameraModel:
             The image reaches so far beyond the frame on each side: light from there is spread into
             the frame before the margin is cut off. `optics.psf_margin_px` is enough but for stray
             light.
+        points : PointSources, optional
+            Stars, unresolved bodies: spread at their own places between the pixels, and added.
 
         Returns
         -------
@@ -167,7 +170,7 @@ class CameraModel:
         box = _lit_box(irradiance, _region(roi, irradiance.shape))
 
         margin_px = integer("margin_px", margin_px, 0, (min(irradiance.shape) - 1) // 2)
-        signal, lit = self._spread(irradiance, box, relative_illumination, margin_px)
+        signal, lit = self._spread(irradiance, box, relative_illumination, margin_px, points)
         rate_per_W_m2 = self.optics.aperture_area_m2 * self.electrons_per_joule
         if exposure == "auto":
             exposure = self.auto_exposure.of_irradiance(signal[lit], rate_per_W_m2, self.detector)
@@ -176,10 +179,11 @@ class CameraModel:
             signal[lit] *= np.float32(rate_per_W_m2 * exposure)
         dn, electrons, saturated = self.detector.read(signal, exposure, seed)
         return Frame(dn=dn, electrons=electrons, saturated=saturated, exposure_s=exposure, seed=seed,
-                     stages=self._stages(box is not None))
+                     stages=self._stages(box is not None or points is not None, points))
 
     def _spread(self, irradiance: np.ndarray, box: tuple[int, int, int, int] | None,
-                relative_illumination: np.ndarray | None, margin_px: int) -> tuple[np.ndarray, tuple[slice, slice]]:
+                relative_illumination: np.ndarray | None, margin_px: int,
+                points: PointSources | None = None) -> tuple[np.ndarray, tuple[slice, slice]]:
         """Irradiance on the frame after the optics (H, W), new, and the part of it that may be lit."""
         height, width = (n - 2 * margin_px for n in irradiance.shape)
         signal = np.zeros(irradiance.shape, np.float32)
@@ -195,14 +199,20 @@ class CameraModel:
                 light *= relative_illumination[lit]
             origin = lit[0].start - margin_px, lit[1].start - margin_px
             signal[lit] = self.optics.spread(light, origin, (height, width))
-            if self.optics.stray_light is not None:
-                signal, lit = self.optics.stray_light.add(signal), np.s_[0:signal.shape[0], 0:signal.shape[1]]
+        if points is not None:
+            if relative_illumination is not None:
+                points = points.dimmed(relative_illumination, margin_px)
+            signal += points.image(self.optics, signal.shape, (-margin_px, -margin_px))
+        if self.optics.stray_light is not None and (box is not None or points is not None):
+            signal = self.optics.stray_light.add(signal)
+        if points is not None or (box is not None and self.optics.stray_light is not None):
+            lit = np.s_[0:signal.shape[0], 0:signal.shape[1]]
         if margin_px:
             signal = np.ascontiguousarray(signal[margin_px:-margin_px, margin_px:-margin_px])
             lit = tuple(slice(max(0, part.start - margin_px), max(0, part.stop - margin_px)) for part in lit)
         return signal, lit
 
-    def _stages(self, is_lit: bool) -> dict[str, str]:
+    def _stages(self, is_lit: bool, points: PointSources | None = None) -> dict[str, str]:
         optics, detector = self.optics, self.detector
         unlit = None if is_lit else "no pixel is lit"
 
@@ -213,6 +223,7 @@ class CameraModel:
 
         return {
             "psf": stage(optics.psf_text, optics.psf_text, True),
+            "points": stage(points is not None, f"{len(points.xy_px) if points else 0} stars or unresolved bodies"),
             "stray_light": stage(optics.stray_light, optics.stray_light and optics.stray_light.text, True),
             "photo_electrons": stage(1.0, f"{self.electrons_per_joule:.6g} e-/J", True),
             "photo_response_nonuniformity": stage(detector.photo_response_nonuniformity,

@@ -26,6 +26,8 @@ _N_WAVELENGTHS = 9
 _WAVELENGTHS_PER_RELATIVE_WIDTH = 12.6
 # A kernel of an aberrated pupil costs the fourth power of its radius: 63 px is seconds.
 _MAX_ABERRATED_RADIUS_PX = 63
+# Places a pixel and axis where a star's kernel is known; odd, so that a place is a cell's middle.
+FINE = 5
 _PARTS = {"aberrations": Aberrations, "stray_light": StrayLight}
 
 
@@ -144,15 +146,35 @@ class Optics:
             return psf.blurred(measured, self.psf_sigma_px, gaussian_px + 2) if self.psf_sigma_px > 0.0 else measured
         if not self.is_diffracted:
             return psf.gaussian_axis(self.psf_sigma_px, gaussian_px)
+        return self._pupil_kernels(max(self.psf_radius_px, gaussian_px))
+
+    @cached_property
+    def psf_fine_kernel(self) -> np.ndarray:
+        """The pupil's kernel at places a fifth of a pixel apart, each the light of a whole pixel around it.
+
+        Returns
+        -------
+        (n, n) or (rows, columns, n, n) float64 [1]
+            Its middle and every fifth place from there are `psf_kernel`; n = 5 (2 r + 2) + 1.
+        """
+        radius_px = self.psf_margin_px[0]
+        fine = self._pupil_kernels(FINE * (radius_px + 1) + FINE // 2, FINE)
+        # The sum over 5 x 5 cells around each place.
+        total = np.cumsum(np.cumsum(np.pad(fine, [(0, 0)] * (fine.ndim - 2) + [(1, 0)] * 2), axis=-1), axis=-2)
+        rows = total[..., FINE:, :] - total[..., :-FINE, :]
+        return rows[..., FINE:] - rows[..., :-FINE]
+
+    def _pupil_kernels(self, radius: int, parts: int = 1) -> np.ndarray:
+        """Kernel, or grid of kernels, of so many cells to each side; a pixel has `parts` cells on an axis."""
         relative_width = 2.0 * (self.band_nm[1] - self.band_nm[0]) / sum(self.band_nm)
         n_wavelengths = min(_N_WAVELENGTHS, math.ceil(_WAVELENGTHS_PER_RELATIVE_WIDTH * relative_width))
         wavelengths_m, weights = photon_weights(self.band_nm, self.transmission, n_wavelengths)
 
         def kernel(opd_m=None) -> np.ndarray:
             return psf.diffraction_kernel(
-                wavelengths_m, weights, f_number=self.f_number, pixel_pitch_m=self.pixel_pitch_m,
-                central_obscuration=self.central_obscuration, sigma_px=self.psf_sigma_px,
-                radius_px=max(self.psf_radius_px, gaussian_px), opd_m=opd_m)
+                wavelengths_m, weights, f_number=self.f_number, pixel_pitch_m=self.pixel_pitch_m / parts,
+                central_obscuration=self.central_obscuration, sigma_px=self.psf_sigma_px * parts,
+                radius_px=radius, opd_m=opd_m, n_nodes=8 if parts == 1 else 2)
 
         lens = self.aberrations
         if lens is None:

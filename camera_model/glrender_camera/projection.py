@@ -13,6 +13,7 @@ import numpy as np
 
 from .camera import CameraModel, Frame
 from .errors import ConfigError
+from .points import PointSources
 from .validate import integer, positive, text, unit_quaternion, vector
 
 MAX_IMAGE_PX = 16384
@@ -134,7 +135,7 @@ class PinholeCamera:
 
     def expose(self, irradiance_W_m2: np.ndarray, seed: int = 0, *, exposure_s: float | str | None = None,
                roi: tuple[int, int, int, int] | None = None, previous: Frame | None = None,
-               margin_px: int = 0) -> Frame:
+               margin_px: int = 0, points: PointSources | None = None) -> Frame:
         """One frame of this camera: `CameraModel.expose` with the aperture foreshortened off axis.
 
         With `margin_px` the image is one of `with_margin(margin_px)`.
@@ -152,7 +153,7 @@ class PinholeCamera:
                               np.shape(irradiance_W_m2))
         return self.model.expose(irradiance_W_m2, seed, exposure_s=exposure_s, roi=roi,
                                  relative_illumination=seen.cos_field_angle, previous=previous,
-                                 margin_px=margin_px)
+                                 margin_px=margin_px, points=points)
 
 
 @lru_cache(maxsize=8)

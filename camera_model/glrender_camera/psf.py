@@ -22,8 +22,8 @@ _NODES = 8
 MIN_LAMBDA_N_PX = 0.3
 
 
-def gaussian_axis(sigma_px: float, radius_px: int) -> np.ndarray:
-    """Pixel-integrated Gaussian along one axis.
+def gaussian_axis(sigma_px: float, radius_px: int, offset_px: float = 0.0) -> np.ndarray:
+    """Pixel-integrated Gaussian along one axis, its centre so far from the middle pixel's.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def gaussian_axis(sigma_px: float, radius_px: int) -> np.ndarray:
     -------
     (2 radius + 1,) float64 [1]
     """
-    return _gaussian_weights(np.zeros(1), sigma_px, radius_px)[:, 0]
+    return _gaussian_weights(np.array([offset_px]), sigma_px, radius_px)[:, 0]
 
 
 def blurred(kernel: np.ndarray, sigma_px: float, radius_px: int) -> np.ndarray:
@@ -64,7 +64,8 @@ def blurred(kernel: np.ndarray, sigma_px: float, radius_px: int) -> np.ndarray:
 
 def diffraction_kernel(wavelengths_m: np.ndarray, weights: np.ndarray, *, f_number: float, pixel_pitch_m: float,
                        central_obscuration: float, sigma_px: float, radius_px: int,
-                       opd_m: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None) -> np.ndarray:
+                       opd_m: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
+                       n_nodes: int = _NODES) -> np.ndarray:
     """Diffraction of a round or annular pupil, blurred by a Gaussian and integrated over the pixels.
 
     Parameters
@@ -81,6 +82,8 @@ def diffraction_kernel(wavelengths_m: np.ndarray, weights: np.ndarray, *, f_numb
     radius_px : int [px]
     opd_m : function of x, y (...) [1] -> (...) [m], optional
         Optical path difference over the pupil; by default none: Airy's pattern.
+    n_nodes : int
+        Points per pixel and axis, even.
 
     Returns
     -------
@@ -88,7 +91,7 @@ def diffraction_kernel(wavelengths_m: np.ndarray, weights: np.ndarray, *, f_numb
 
     Source: Born & Wolf, Principles of Optics, section 8.6.2 (annular aperture).
     """
-    node, node_weight = np.polynomial.legendre.leggauss(_NODES)
+    node, node_weight = np.polynomial.legendre.leggauss(n_nodes)
     pixels = np.arange(-radius_px, radius_px + 1)
     x = (pixels[:, None] + 0.5 * node).ravel()
     if opd_m is None:
@@ -173,7 +176,7 @@ def convolve_field(image: np.ndarray, kernels: np.ndarray, origin_px: tuple[int,
     (h, w) float32
     """
     row_weights, column_weights = (
-        _hats(origin + np.arange(size), length, n_nodes) for origin, size, length, n_nodes
+        hats(origin + np.arange(size), length, n_nodes) for origin, size, length, n_nodes
         in zip(origin_px, image.shape, frame_shape, kernels.shape[:2], strict=True))
     margin_y, margin_x = kernels.shape[2] // 2, kernels.shape[3] // 2
     out = np.zeros(image.shape, np.float32)
@@ -192,7 +195,7 @@ def convolve_field(image: np.ndarray, kernels: np.ndarray, origin_px: tuple[int,
     return out
 
 
-def _hats(position: np.ndarray, length: int, n_nodes: int) -> np.ndarray:
+def hats(position: np.ndarray, length: int, n_nodes: int) -> np.ndarray:
     """(n_nodes, N) float32: linear weights of evenly spaced nodes from 0 to length - 1; columns sum to 1."""
     if n_nodes == 1:
         return np.ones((1, position.size), np.float32)

@@ -53,6 +53,7 @@ def intensity(pixels: np.ndarray, offsets_px: np.ndarray, *, lambda_n_px: np.nda
     Parameters
     ----------
     pixels : (P,) int [px]
+        One after the other.
     offsets_px : (Q,) float [px]
         Added to each pixel.
     lambda_n_px, weights : (N,) float [px], [1]
@@ -100,8 +101,11 @@ def _transform(pixels, offsets_px, wavenumber, disc, phase):
     """Integral of exp(i phase - i k r x) over a disc, at all points."""
     x, y, weight = disc
     pupil = weight * np.exp(1j * phase)
-    # exp(-i k y (p + q)) is a product: far fewer exponentials than points.
-    at_pixel = np.exp(-1j * wavenumber * pixels[:, None] * y[:, None, :])
+    # exp(-i k y (p + q)) is a product, and the pixels are a row of numbers: few exponentials for many points.
+    at_pixel = np.empty((len(x), len(pixels), y.shape[1]), complex)
+    at_pixel[:, 0] = np.exp(-1j * wavenumber * pixels[0] * y)
+    at_pixel[:, 1:] = np.exp(-1j * wavenumber * y)[:, None, :]
+    np.cumprod(at_pixel, axis=1, out=at_pixel)
     at_offset = np.exp(-1j * wavenumber * y[:, :, None] * offsets_px) * pupil[:, :, None]
     chords = (at_pixel @ at_offset).reshape(len(x), -1)
     points = (pixels[:, None] + offsets_px).ravel()
