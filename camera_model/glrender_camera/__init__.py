@@ -9,10 +9,11 @@ from .exposure import AutoExposure
 from .optics import Optics
 from .points import PointSources
 from .projection import PinholeCamera
+from .resample import DistortingLens
 from .shutter import time_average
 from .stars import StarCatalogue, hipparcos, stars_in_view, sun_in_view
 from .straylight import StrayLight
 
-__all__ = ["Aberrations", "AutoExposure", "BrownConrady", "CameraModel", "ConfigError", "Detector", "Frame",
-           "GlrenderError", "Optics", "PinholeCamera", "PointSources", "StarCatalogue", "StrayLight", "hipparcos",
-           "stars_in_view", "sun_in_view", "time_average"]
+__all__ = ["Aberrations", "AutoExposure", "BrownConrady", "CameraModel", "ConfigError", "Detector", "DistortingLens",
+           "Frame", "GlrenderError", "Optics", "PinholeCamera", "PointSources", "StarCatalogue", "StrayLight",
+           "hipparcos", "stars_in_view", "sun_in_view", "time_average"]
