@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from glrender_camera import Aberrations, CameraModel, ConfigError, Detector, Optics, psf, pupil
+from glrender_camera.light import light_on_frame
 from scipy.integrate import quad
 from scipy.special import j0, j1
 
@@ -245,8 +246,8 @@ def test_light_from_beyond_the_frame_enters_through_the_margin():
     wide = np.zeros((72, 84), np.float32)
     wide[20:28, 30] = wide[40, 0:10] = 1e-9
     camera = model(wide.shape)
-    whole, _ = camera._spread(wide, (0, 0, 84, 72), None, 0)
-    cropped, lit = camera._spread(wide, (0, 20, 31, 41), None, 12)
+    whole, _ = light_on_frame(camera.optics, wide)
+    cropped, lit = light_on_frame(camera.optics, wide, margin_px=12)
     assert cropped.shape == (48, 60)
     np.testing.assert_allclose(cropped, whole[12:-12, 12:-12], atol=1e-6 * whole.max())
     inside = np.zeros_like(cropped)

@@ -202,7 +202,8 @@ def test_type_of_the_numbers_follows_the_bit_depth(bit_depth, dtype):
 BUSY = dict(hot_pixel_fraction=1e-3, hot_pixel_electrons_per_s=500.0, frame_transfer_row_s=1e-6,
             nonlinearity_DN=((0.0, 0.0), (4095.0, 4090.0)), read_noise_electrons=10.0,
             dark_current_electrons_per_s=5.0, photo_response_nonuniformity=0.01,
-            dark_signal_nonuniformity_electrons=3.0, dark_current_nonuniformity=0.1)
+            dark_signal_nonuniformity_electrons=3.0, dark_current_nonuniformity=0.1,
+            cosmic_ray_hits_per_px_s=1e-3)
 
 
 def disc(shape=(300, 400), peak_electrons=5000.0, model=None):

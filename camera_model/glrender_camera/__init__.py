@@ -6,6 +6,7 @@ from .detector import Detector
 from .distortion import BrownConrady
 from .errors import ConfigError, GlrenderError
 from .exposure import AutoExposure
+from .mosaic import MosaicModel
 from .optics import Optics
 from .points import PointSources
 from .projection import PinholeCamera
@@ -15,5 +16,5 @@ from .stars import StarCatalogue, hipparcos, stars_in_view, sun_in_view
 from .straylight import StrayLight
 
 __all__ = ["Aberrations", "AutoExposure", "BrownConrady", "CameraModel", "ConfigError", "Detector", "DistortingLens",
-           "Frame", "GlrenderError", "Optics", "PinholeCamera", "PointSources", "StarCatalogue", "StrayLight",
-           "hipparcos", "stars_in_view", "sun_in_view", "time_average"]
+           "Frame", "GlrenderError", "MosaicModel", "Optics", "PinholeCamera", "PointSources", "StarCatalogue",
+           "StrayLight", "hipparcos", "stars_in_view", "sun_in_view", "time_average"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any
@@ -12,14 +12,12 @@ import numpy as np
 from .detector import MAX_SEED, Detector
 from .errors import ConfigError, error_path
 from .exposure import AutoExposure
+from .light import light_on_frame
 from .optics import Optics
 from .points import PointSources
 from .presets import PRESETS
 from .spectrum import electrons_per_joule
 from .validate import integer, known_keys, one_of, positive
-
-# A rounding error of the renderer below this fraction of the maximum is clipped, more is a fault.
-NEGATIVE_TOLERANCE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,61 +156,40 @@ class CameraModel:
         ConfigError
             NaN, infinite or negative irradiance, with the pixel; a bad exposure, seed or region.
         """
-        irradiance = np.asarray(irradiance_W_m2)
-        if irradiance.ndim != 2 or irradiance.size == 0 or irradiance.dtype.kind != "f":
-            raise ConfigError("irradiance_W_m2", "must be a (height, width) array of floats",
-                              (irradiance.shape, str(irradiance.dtype)))
-        irradiance = irradiance.astype(np.float32, copy=False)
+        signal, lit = light_on_frame(self.optics, irradiance_W_m2, roi=roi, margin_px=margin_px, points=points,
+                                     relative_illumination=relative_illumination)
+        rate = self.optics.aperture_area_m2 * self.electrons_per_joule
+        return self.read_out(signal, rate, seed, exposure_s, previous, lit=lit,
+                             stages=self.stages(signal[lit].size > 0, points))
+
+    def read_out(self, signal: np.ndarray, rate: float, seed: int, exposure_s: float | str | None,
+                 previous: Frame | None, *, lit: tuple[slice, slice] = np.s_[:, :], stages: dict[str, str]) -> Frame:
+        """The frame of an image that the optics have spread.
+
+        Parameters
+        ----------
+        signal : (H, W) float32
+            Overwritten. 0 outside `lit`.
+        rate : float [e-/s per unit of signal]
+        seed, exposure_s, previous
+            As for `expose`.
+        lit : (slice, slice)
+        stages : dict of str to str
+            Handed on.
+        """
         seed = integer("seed", seed, 0, MAX_SEED)
         exposure = _exposure("exposure_s", self.exposure_s if exposure_s is None else exposure_s)
-        if exposure == "auto" and previous is not None:
-            exposure = self.auto_exposure.after(previous, self.detector)
-        box = _lit_box(irradiance, _region(roi, irradiance.shape))
-
-        margin_px = integer("margin_px", margin_px, 0, (min(irradiance.shape) - 1) // 2)
-        signal, lit = self._spread(irradiance, box, relative_illumination, margin_px, points)
-        rate_per_W_m2 = self.optics.aperture_area_m2 * self.electrons_per_joule
         if exposure == "auto":
-            exposure = self.auto_exposure.of_irradiance(signal[lit], rate_per_W_m2, self.detector)
+            exposure = (self.auto_exposure.of_irradiance(signal[lit], rate, self.detector) if previous is None
+                        else self.auto_exposure.after(previous, self.detector))
         # The Sun may overflow to infinity here; the detector clips it.
         with np.errstate(over="ignore"):
-            signal[lit] *= np.float32(rate_per_W_m2 * exposure)
+            signal[lit] *= np.float32(rate * exposure)
         dn, electrons, saturated = self.detector.read(signal, exposure, seed)
-        return Frame(dn=dn, electrons=electrons, saturated=saturated, exposure_s=exposure, seed=seed,
-                     stages=self._stages(box is not None or points is not None, points))
+        return Frame(dn=dn, electrons=electrons, saturated=saturated, exposure_s=exposure, seed=seed, stages=stages)
 
-    def _spread(self, irradiance: np.ndarray, box: tuple[int, int, int, int] | None,
-                relative_illumination: np.ndarray | None, margin_px: int,
-                points: PointSources | None = None) -> tuple[np.ndarray, tuple[slice, slice]]:
-        """Irradiance on the frame after the optics (H, W), new, and the part of it that may be lit."""
-        height, width = (n - 2 * margin_px for n in irradiance.shape)
-        signal = np.zeros(irradiance.shape, np.float32)
-        lit = np.s_[0:0, 0:0]
-        if box is not None:
-            margin_y, margin_x = self.optics.psf_margin_px
-            x0, y0, x1, y1 = box
-            lit = np.s_[max(0, y0 - margin_y):min(signal.shape[0], y1 + margin_y),
-                        max(0, x0 - margin_x):min(signal.shape[1], x1 + margin_x)]
-            # A copy, so that the filter sees darkness around the box on every path.
-            light = np.maximum(irradiance[lit], 0.0)
-            if relative_illumination is not None:
-                light *= relative_illumination[lit]
-            origin = lit[0].start - margin_px, lit[1].start - margin_px
-            signal[lit] = self.optics.spread(light, origin, (height, width))
-        if points is not None:
-            if relative_illumination is not None:
-                points = points.dimmed(relative_illumination, margin_px)
-            signal += points.image(self.optics, signal.shape, (-margin_px, -margin_px))
-        if self.optics.stray_light is not None and (box is not None or points is not None):
-            signal = self.optics.stray_light.add(signal)
-        if points is not None or (box is not None and self.optics.stray_light is not None):
-            lit = np.s_[0:signal.shape[0], 0:signal.shape[1]]
-        if margin_px:
-            signal = np.ascontiguousarray(signal[margin_px:-margin_px, margin_px:-margin_px])
-            lit = tuple(slice(max(0, part.start - margin_px), max(0, part.stop - margin_px)) for part in lit)
-        return signal, lit
-
-    def _stages(self, is_lit: bool, points: PointSources | None = None) -> dict[str, str]:
+    def stages(self, is_lit: bool, points: PointSources | None = None) -> dict[str, str]:
+        """What is modelled and what is skipped, and why."""
         optics, detector = self.optics, self.detector
         unlit = None if is_lit else "no pixel is lit"
 
@@ -237,7 +214,10 @@ class CameraModel:
                 f"{detector.dark_current_nonuniformity:g}"),
             "hot_pixels": stage(detector.hot_pixel_fraction * detector.hot_pixel_electrons_per_s,
                                 f"{detector.hot_pixel_fraction:g} of the pixels"),
-            "shot_noise": stage(is_lit or detector.dark_current_electrons_per_s, "Poisson"),
+            "cosmic_rays": stage(detector.cosmic_ray_hits_per_px_s,
+                                 f"{detector.cosmic_ray_hits_per_px_s:g} hits/(px s)"),
+            "shot_noise": stage(is_lit or detector.dark_current_electrons_per_s
+                                or detector.cosmic_ray_hits_per_px_s, "Poisson"),
             "full_well": f"{detector.full_well_electrons:g} e-",
             "dark_signal_nonuniformity": stage(detector.dark_signal_nonuniformity_electrons,
                                                f"{detector.dark_signal_nonuniformity_electrons:g} e-"),
@@ -250,38 +230,3 @@ class CameraModel:
 
 def _exposure(name: str, value: object) -> float | str:
     return value if isinstance(value, str) and value == "auto" else positive(name, value)
-
-
-def _region(roi: object, shape: tuple[int, int]) -> tuple[int, int, int, int]:
-    height, width = shape
-    if roi is None:
-        return 0, 0, width, height
-    if not isinstance(roi, Sequence) or len(roi) != 4:
-        raise ConfigError("roi", "must be (x0, y0, x1, y1)", roi)
-    x0, x1 = (integer(f"roi[{i}]", roi[i], 0, width) for i in (0, 2))
-    y0, y1 = (integer(f"roi[{i}]", roi[i], 0, height) for i in (1, 3))
-    return x0, y0, max(x0, x1), max(y0, y1)
-
-
-def _lit_box(irradiance: np.ndarray, region: tuple[int, int, int, int]) -> tuple[int, int, int, int] | None:
-    """Tight box of the pixels above 0, so that a hint changes nothing; None in darkness."""
-    x0, y0, x1, y1 = region
-    part = irradiance[y0:y1, x0:x1]
-    if part.size == 0:
-        return None
-    low, high = float(part.min()), float(part.max())
-    if not (np.isfinite(low) and np.isfinite(high)):
-        raise _bad_pixel(part, ~np.isfinite(part), x0, y0, "must be finite")
-    if low < -NEGATIVE_TOLERANCE * max(high, 0.0):
-        raise _bad_pixel(part, part == low, x0, y0, "must not be negative")
-    if not high > 0.0:
-        return None
-    rows = np.flatnonzero(part.max(axis=1) > 0.0)
-    columns = np.flatnonzero(part[rows[0]:rows[-1] + 1].max(axis=0) > 0.0)
-    return int(x0 + columns[0]), int(y0 + rows[0]), int(x0 + columns[-1] + 1), int(y0 + rows[-1] + 1)
-
-
-def _bad_pixel(part: np.ndarray, bad: np.ndarray, x0: int, y0: int, rule: str) -> ConfigError:
-    row, column = np.argwhere(bad)[0]
-    return ConfigError(f"irradiance_W_m2[{row + y0}, {column + x0}]", rule, float(part[row, column]),
-                       f"{np.count_nonzero(bad)} such pixel(s)")
