@@ -7,11 +7,8 @@ temporal noise to the frame's.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -20,6 +17,7 @@ from . import cosmic, poisson
 from .errors import ConfigError
 from .pattern import COSMIC, FRAME, FixedPattern, fixed_pattern, rows_of, stream
 from .spectrum import Curve, curve
+from .threads import run
 from .validate import finite, integer, known_keys, positive, vector, within
 
 # Each block has its own stream, so that bytes do not depend on the number of threads. 2**16
@@ -190,10 +188,7 @@ class Detector:
             self._read_block(rng, signal_electrons[rows], exposure_s, pattern.rows(rows),
                              rows_of(rays, rows, width), tuple(out[rows] for out in outputs))
 
-        if len(blocks) == 1:
-            read_block(0)
-        else:
-            list(_pool().map(read_block, range(len(blocks))))
+        run(read_block, range(len(blocks)))
         return outputs
 
     def _cosmic_rays(self, shape: tuple[int, int], exposure_s: float, seed: int) -> tuple[np.ndarray, ...] | None:
@@ -250,8 +245,3 @@ def _rising_pairs(name: str, value: object) -> tuple[tuple[float, float], ...]:
     if not (np.diff(pairs, axis=0) > 0.0).all():
         raise ConfigError(name, "both columns must rise", value)
     return tuple((float(a), float(b)) for a, b in pairs)
-
-
-@cache
-def _pool() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(min(4, os.cpu_count() or 1), thread_name_prefix="glrender-detector")

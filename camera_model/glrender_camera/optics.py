@@ -12,6 +12,7 @@ import numpy as np
 
 from . import psf
 from .aberrations import Aberrations
+from .convolution import Convolution, FieldConvolution
 from .errors import ConfigError, error_path
 from .spectrum import Curve, band, curve, photon_weights
 from .straylight import StrayLight
@@ -246,10 +247,13 @@ class Optics:
         -------
         (h, w) float32
         """
-        kernel = self.psf_kernel
-        if kernel.ndim == 4:
-            return psf.convolve_field(image, kernel, origin_px, frame_shape or image.shape)
-        return image if kernel.size == 1 and kernel.sum() == 1.0 else psf.convolve(image, kernel)
+        if self.psf_kernel.ndim == 4:
+            return self._convolution(image, origin_px, frame_shape or image.shape)
+        return image if self.psf_kernel.size == 1 and self.psf_kernel.sum() == 1.0 else self._convolution(image)
+
+    @cached_property
+    def _convolution(self) -> Convolution | FieldConvolution:
+        return (FieldConvolution if self.psf_kernel.ndim == 4 else Convolution)(self.psf_kernel)
 
 
 def _measured(value: object) -> tuple[tuple[float, ...], ...]:

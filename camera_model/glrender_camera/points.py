@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from . import psf
+from .convolution import hats
 from .errors import ConfigError
 from .optics import FINE, Optics
 
@@ -105,7 +106,7 @@ def _node_weights(optics: Optics, place: tuple[int, int], frame: tuple[int, int]
     grid = optics.psf_fine_kernel.shape[:-2]
     if not grid:
         return [((), 1.0)]
-    rows, columns = (psf.hats(np.array([p]), n, nodes)[:, 0] for p, n, nodes in zip(place, frame, grid, strict=True))
+    rows, columns = (hats(np.array([p]), n, nodes)[:, 0] for p, n, nodes in zip(place, frame, grid, strict=True))
     return [((i, j), rows[i] * columns[j]) for i in np.flatnonzero(rows) for j in np.flatnonzero(columns)]
 
 

@@ -1,4 +1,4 @@
-"""Point spread functions on the pixel grid, and convolution with them.
+"""Point spread functions on the pixel grid.
 
 A kernel holds the fraction of a point's light, at a pixel's centre, that falls into each pixel. It
 is not renormalised: what it misses is light that goes farther, and the caller is told how much.
@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-import cv2
 import numpy as np
 from scipy.ndimage import convolve1d
 from scipy.special import erf, ive, j1
@@ -127,83 +126,3 @@ def _gaussian_weights(x_px: np.ndarray, sigma_px: float, radius_px: int) -> np.n
     edges = np.arange(-radius_px, radius_px + 2)[:, None] - 0.5 - x_px[None, :]
     step = np.sign(edges) if sigma_px == 0.0 else erf(edges / (math.sqrt(2.0) * sigma_px))
     return np.diff(step, axis=0) / 2.0
-
-
-def convolve(image: np.ndarray, kernel: np.ndarray) -> np.ndarray:
-    """Convolution with darkness beyond the edges; no wrap-around.
-
-    Parameters
-    ----------
-    image : (H, W) float32
-    kernel : (n,) or (n, m) float64, odd sizes
-        One axis of a separable kernel, symmetric, or the whole.
-
-    Returns
-    -------
-    (H, W) float32
-    """
-    border = cv2.BORDER_CONSTANT
-    if kernel.ndim == 1:
-        axis = kernel.astype(np.float32)
-        return cv2.sepFilter2D(image, cv2.CV_32F, axis, axis, borderType=border)
-    # OpenCV correlates: a convolution turns the kernel about. From 12 px on it goes by Fourier
-    # transform, padded, whose rounding must not make light negative.
-    turned = kernel[::-1, ::-1].astype(np.float32)
-    spread = cv2.filter2D(image, cv2.CV_32F, turned, borderType=border)
-    return np.maximum(spread, 0.0, out=spread)
-
-
-def convolve_field(image: np.ndarray, kernels: np.ndarray, origin_px: tuple[int, int],
-                   frame_shape: tuple[int, int]) -> np.ndarray:
-    """Convolution with a point spread function that varies over the frame.
-
-    The kernels sit on a grid of nodes from the frame's first to its last pixel. The light, not the
-    result, is shared out between the four nodes around it with bilinear weights that sum to 1: no
-    light is lost or made, and there is no seam (photometry.md section 4.5).
-
-    Parameters
-    ----------
-    image : (h, w) float32
-        A part of the frame; darkness elsewhere.
-    kernels : (ny, nx, n, m) float64, n and m odd
-        A grid of one row or column does not vary that way.
-    origin_px : (row, column) int [px]
-        Of the part in the frame.
-    frame_shape : (H, W) int [px]
-
-    Returns
-    -------
-    (h, w) float32
-    """
-    row_weights, column_weights = (
-        hats(origin + np.arange(size), length, n_nodes) for origin, size, length, n_nodes
-        in zip(origin_px, image.shape, frame_shape, kernels.shape[:2], strict=True))
-    margin_y, margin_x = kernels.shape[2] // 2, kernels.shape[3] // 2
-    out = np.zeros(image.shape, np.float32)
-    for i, j in np.ndindex(kernels.shape[:2]):
-        rows, columns = _support(row_weights[i]), _support(column_weights[j])
-        light = image[rows, columns] * row_weights[i, rows, None] * column_weights[j, columns]
-        if not light.any():
-            continue
-        light = cv2.copyMakeBorder(light, margin_y, margin_y, margin_x, margin_x, cv2.BORDER_CONSTANT, value=0.0)
-        spread = convolve(light, kernels[i, j])
-        # What reaches beyond the part is cut off.
-        top, left = rows.start - margin_y, columns.start - margin_x
-        inside = np.s_[max(0, -top):image.shape[0] - top, max(0, -left):image.shape[1] - left]
-        part = spread[inside]
-        out[max(0, top):max(0, top) + part.shape[0], max(0, left):max(0, left) + part.shape[1]] += part
-    return out
-
-
-def hats(position: np.ndarray, length: int, n_nodes: int) -> np.ndarray:
-    """(n_nodes, N) float32: linear weights of evenly spaced nodes from 0 to length - 1; columns sum to 1."""
-    if n_nodes == 1:
-        return np.ones((1, position.size), np.float32)
-    # Beyond the frame, in a margin, the last node's kernel goes on.
-    place = np.clip(position * ((n_nodes - 1) / max(length - 1, 1)), 0, n_nodes - 1)
-    return np.maximum(1.0 - np.abs(place - np.arange(n_nodes)[:, None]), 0.0).astype(np.float32)
-
-
-def _support(weights: np.ndarray) -> slice:
-    index = np.flatnonzero(weights)
-    return slice(int(index[0]), int(index[-1]) + 1) if index.size else slice(0, 0)
