@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from glrender import ProtocolError
 from glrender_client.client import _arrays
-from glrender_server import codec
+from glrender_server import codec, framing
 
 GOLDEN = {name: [bytes.fromhex(part) for part in parts] for name, parts in json.loads(
     (Path(__file__).parent / "data" / "golden.json").read_text(encoding="ascii")).items()}
@@ -38,6 +38,16 @@ def test_the_client_reads_the_golden_frames(order):
     np.testing.assert_array_equal(arrays["image"], make_golden.IMAGE)
     np.testing.assert_array_equal(arrays["range"], make_golden.RANGE)
     assert arrays["image"].dtype == np.uint16
+
+
+@pytest.mark.parametrize("name", ["request_render", "reply_frame_F"])
+def test_a_message_on_tcp_is_the_parts_behind_their_sizes(name):
+    (stream,), parts = GOLDEN[f"tcp_{name}"], GOLDEN[name]
+    sizes = np.array([len(part) for part in parts], "<u4").tobytes()
+    assert stream == b"GLR1" + bytes([len(parts), 0, 0, 0]) + sizes + b"".join(parts)
+    decoder = framing.Decoder()
+    decoder.feed(stream)
+    assert list(decoder.messages()) == [parts]
 
 
 def test_column_major_bytes_are_what_matlab_reshapes():
