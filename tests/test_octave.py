@@ -10,8 +10,9 @@ import pytest
 import serving
 import views
 from glrender_client import Client
-from octave_runner import REPOSITORY, octave
+from octave_runner import REPOSITORY, SIMULINK, octave
 
+STUBS = REPOSITORY / "tests" / "octave" / "stubs"
 STATE = views.state().to_dict()
 SCENE = serving.SCENE + """
 [[cameras]]
@@ -53,3 +54,22 @@ def test_the_class_gets_the_pixels_that_python_gets(live, tmp_path):
         kept = np.fromfile(tmp_path / name, array.dtype).reshape(array.shape, order="F")
         np.testing.assert_array_equal(kept, array, err_msg=name)
         assert len(np.unique(kept[np.isfinite(kept)])) > 1, f"{name} must not be flat"
+
+
+def test_the_simulink_blocks_give_pythons_pixels_with_stand_ins_for_simulink(live, tmp_path):
+    endpoint, (host, port) = live
+    (tmp_path / "state.json").write_text(json.dumps(STATE))
+    octave("blocks_script.m", host, port, tmp_path, tmp_path / "state.json", paths=[STUBS])
+    with Client(endpoint) as client:
+        for case, (camera, options) in enumerate([("navcam", {"output": "dn", "exposure_s": 0.02}),
+                                                  ("byte", {"output": "dn"}), ("navcam", {})], start=1):
+            for step in range(3):
+                seed = {"seed": 7 + step} if options else {}
+                expected = client.render({**STATE, "t_s": 0.5 * step}, camera, **options, **seed).pixels
+                for kind in ("level2", "system"):
+                    kept = np.fromfile(tmp_path / f"{kind}_{case}_{step}", expected.dtype)
+                    np.testing.assert_array_equal(kept.reshape(expected.shape, order="F"), expected)
+
+
+def test_the_library_and_the_model_are_built_as_documented():
+    octave("library_script.m", SIMULINK, paths=[STUBS])
