@@ -45,29 +45,29 @@ class FairQueue:
     Parameters
     ----------
     length : int
-        Requests that may wait, of all senders together.
+        Items that may wait, of all senders together.
     """
 
     def __init__(self, length: int):
         self._length, self._size = length, 0
-        self._waiting: OrderedDict[Hashable, deque[Request]] = OrderedDict()
+        self._waiting: OrderedDict[Hashable, deque[Any]] = OrderedDict()
 
     def __len__(self) -> int:
         return self._size
 
-    def put(self, request: Request) -> bool:
+    def put(self, sender: Hashable, item: Any) -> bool:
         """Whether there was room."""
         if self._size >= self._length:
             return False
-        self._waiting.setdefault(request.sender, deque()).append(request)
+        self._waiting.setdefault(sender, deque()).append(item)
         self._size += 1
         return True
 
-    def get(self) -> Request:
-        """The oldest request of the sender who has waited longest for a turn."""
-        sender, requests = self._waiting.popitem(last=False)
-        request = requests.popleft()
-        if requests:
-            self._waiting[sender] = requests
+    def get(self) -> Any:
+        """The oldest item of the sender who has waited longest for a turn."""
+        sender, items = self._waiting.popitem(last=False)
+        item = items.popleft()
+        if items:
+            self._waiting[sender] = items
         self._size -= 1
-        return request
+        return item

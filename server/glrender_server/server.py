@@ -1,4 +1,4 @@
-"""The server's loop: fronts take requests in, a fair bounded queue, one dispatcher answers."""
+"""The server's loop: fronts take requests in, one dispatcher answers them, an engine renders."""
 
 from __future__ import annotations
 
@@ -9,13 +9,11 @@ from collections.abc import Callable, Sequence
 
 import zmq
 
-from .dispatcher import Dispatcher
-from .front import FairQueue, Front
+from .dispatcher import Dispatcher, Engine
+from .front import Front
 
 log = logging.getLogger(__name__)
 
-QUEUE_LENGTH = 32
-"""Requests that may wait; the next is answered `busy`."""
 _POLL_MS, _RETRY_MS = 100, 10
 _DRAIN_S = 3.0
 
@@ -26,13 +24,14 @@ class Server:
     Parameters
     ----------
     dispatcher : Dispatcher
+    engine : Engine
+        The dispatcher's.
     fronts : sequence of Front
-        Both are the caller's to close.
+        All are the caller's to close.
     """
 
-    def __init__(self, dispatcher: Dispatcher, fronts: Sequence[Front]):
-        self._dispatcher, self._fronts = dispatcher, list(fronts)
-        self._queue = FairQueue(QUEUE_LENGTH)
+    def __init__(self, dispatcher: Dispatcher, engine: Engine, fronts: Sequence[Front]):
+        self._dispatcher, self._engine, self._fronts = dispatcher, engine, list(fronts)
         self._poller = zmq.Poller()
         self._stopping = False
 
@@ -46,16 +45,15 @@ class Server:
         try:
             for front in self._fronts:
                 front.start(self._poller)
+            self._engine.watch(self._poller)
             on_ready()
             while not self._stopping:
-                is_idle = all(front.is_idle for front in self._fronts)
-                self._take_in(0 if self._queue else _POLL_MS if is_idle else _RETRY_MS)
-                self._answer_next()
-            self._take_in(0)
-            while self._queue:
-                self._answer_next()
+                self._turn()
+            self._turn(is_last=True)
+            while not self._dispatcher.is_idle:
+                self._turn(is_closing=True)
             deadline = time.monotonic() + _DRAIN_S
-            while self._take_in(10, is_closing=True) or not all(front.is_idle for front in self._fronts):
+            while self._turn(is_closing=True) or not all(front.is_idle for front in self._fronts):
                 if time.monotonic() > deadline:
                     log.warning("replies were left that clients did not take within %g s", _DRAIN_S)
                     break
@@ -63,18 +61,16 @@ class Server:
             for number, handler in before.items():
                 signal.signal(number, handler)
 
-    def _take_in(self, timeout_ms: int, is_closing: bool = False) -> int:
-        """Queue what has come, or answer it at once; how much has come."""
+    def _turn(self, is_last: bool = False, is_closing: bool = False) -> int:
+        """Take in what has come, send what can be sent, begin what can be begun; how many requests came."""
+        if self._dispatcher.can_work or is_last:
+            timeout_ms = 0
+        else:
+            timeout_ms = _POLL_MS if all(front.is_idle for front in self._fronts) and not is_closing else _RETRY_MS
         ready = dict(self._poller.poll(timeout_ms))
+        self._engine.turn(ready)
         requests = [request for front in self._fronts for request in front.take_in(ready)]
         for request in requests:
-            if is_closing:
-                request.answer(self._dispatcher.closing(request.parts))
-            elif not self._queue.put(request):
-                request.answer(self._dispatcher.busy(request.parts, len(self._queue)))
+            self._dispatcher.submit(request, is_closing)
+        self._dispatcher.work()
         return len(requests)
-
-    def _answer_next(self) -> None:
-        if self._queue:
-            request = self._queue.get()
-            request.answer(self._dispatcher.handle(request.parts))

@@ -9,13 +9,12 @@ import socket
 import time
 from collections import deque
 from collections.abc import Sequence
-from functools import partial
 from typing import Any
 
 import zmq
 from glrender import ProtocolError
 
-from . import codec
+from .envelope import refusal
 from .framing import Decoder, framed
 from .front import Request
 
@@ -130,7 +129,7 @@ class _Connection:
         self._peer, self._decoder = peer, Decoder()
         self._output: deque[memoryview] = deque()
         self._owed, self._is_open, self._has_ended, self._is_lost = 0, True, False, False
-        self._moved, self._hang_up_at = time.monotonic(), None
+        self._moved, self._hang_up_at, self._error = time.monotonic(), None, None
 
     @property
     def has_output(self) -> bool:
@@ -147,7 +146,7 @@ class _Connection:
     @property
     def is_done(self) -> bool:
         """Lost, or closed by the client and answered in full."""
-        return self._is_lost or not (self._is_open or self._owed or self._output or self._hang_up_at)
+        return self._is_lost or not (self._is_open or self._owed or self._output or self._hang_up_at or self._error)
 
     def close(self) -> None:
         self._is_lost = True
@@ -180,6 +179,7 @@ class _Connection:
             self._moved = time.monotonic()
         self._output += framed(reply)
         self._write()
+        self._break_off()
 
     def _read(self) -> None:
         try:
@@ -206,20 +206,23 @@ class _Connection:
                 self._owed += 1
                 requests.append(Request(id(self), parts, self.answer))
         except ProtocolError as error:
-            self._owed, self._is_open = self._owed + 1, False
-            requests.append(Request(id(self), [], partial(self._break_off, error)))
+            self._is_open, self._error = False, error
+            self._break_off()
         # What is left of a stream that has ended is half a message, or waits for room.
         if self._has_ended and self._has_room:
             self._is_open = False
         return requests
 
-    def _break_off(self, error: ProtocolError, reply: Sequence[Any]) -> None:
-        """Answer a stream that lost its framing, after what came before it, and hang up."""
+    def _break_off(self) -> None:
+        """Answer a stream that lost its framing, once all that came before is answered, and hang up."""
+        if self._owed or self._error is None:
+            return
         # What is on its way is read and thrown away: to close on unread bytes would reset the
         # connection, and the client would lose the answer.
         self._hang_up_at = time.monotonic() + _HANG_UP_S
-        self.answer(codec.pack({"v": codec.VERSION, "op": "", "id": 0, "client": "", "ok": False, "error": {
-            "code": error.code, "path": "", "message": str(error)}}))
+        self._output += framed(refusal({}, self._error.code, "", str(self._error)))
+        self._error = None
+        self._write()
 
     def _write(self) -> None:
         try:
@@ -240,8 +243,7 @@ class _Connection:
 
 def _refuse(peer: socket.socket) -> None:
     """Say `busy` to a connection too many, as far as it fits at once, and close it."""
-    reply = codec.pack({"v": codec.VERSION, "op": "", "id": 0, "client": "", "ok": False, "error": {
-        "code": "busy", "path": "", "message": f"{MAX_CONNECTIONS} connections are open; close one"}})
+    reply = refusal({}, "busy", "", f"{MAX_CONNECTIONS} connections are open; close one")
     with peer, contextlib.suppress(OSError):
         peer.setblocking(False)
         peer.sendmsg(framed(reply))

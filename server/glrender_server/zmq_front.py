@@ -8,10 +8,13 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import zmq
+from glrender import ConfigError
 
+from . import keys
 from .codec import MAX_HEADER_BYTES
 from .front import Request
 
@@ -38,14 +41,18 @@ class ZmqFront:
     ----------
     endpoint : str
         ``tcp://127.0.0.1:5555``, ``tcp://127.0.0.1:*`` or ``ipc:///path``.
+    key_folder : path, optional
+        Encrypt, and admit the clients of this folder alone (`keys`).
 
     Raises
     ------
     OSError
         The endpoint cannot be bound.
+    ConfigError
+        The folder has no keys.
     """
 
-    def __init__(self, endpoint: str):
+    def __init__(self, endpoint: str, key_folder: Path | None = None):
         self._context = zmq.Context()
         self._socket = self._context.socket(zmq.ROUTER)
         self._socket.set(zmq.LINGER, _LINGER_MS)
@@ -56,8 +63,14 @@ class ZmqFront:
         self._socket.set(zmq.ROUTER_HANDOVER, 1)
         self._socket.set(zmq.SNDHWM, _HIGH_WATER)
         self._backlogs: dict[bytes, _Backlog] = {}
+        self._authenticator = None
         try:
+            if key_folder is not None:
+                self._authenticator = keys.protect(self._socket, key_folder)
             self._socket.bind(endpoint)
+        except ConfigError:
+            self.close()
+            raise
         except zmq.ZMQError as error:
             self.close()
             raise OSError(f"cannot listen on {endpoint}: {error.strerror}; choose another with --zmq, e.g. "
@@ -88,6 +101,8 @@ class ZmqFront:
     def close(self) -> None:
         """Close the socket, after what it has taken is sent or three seconds are over."""
         self._socket.close()
+        if self._authenticator is not None and self._authenticator.is_alive():
+            self._authenticator.stop()
         self._context.term()
 
     def _answer(self, envelope: list[bytes], reply: Sequence[Any]) -> None:

@@ -13,6 +13,7 @@ import msgpack
 import numpy as np
 import zmq
 
+from .curve import curve_keys, set_curve
 from .errors import Busy, GlrenderClientError, RequestTimeout, ServerError
 
 PROTOCOL_VERSION = 1
@@ -58,15 +59,19 @@ class Client:
     retries : int
         Further tries after a timeout, each over a new connection; the server answers a request
         that it has already done from its last reply, so nothing is drawn twice.
+    key, server_key : path, optional
+        For a server with CURVE: this client's ``NAME.key_secret`` and the server's ``server.key``.
     """
 
-    def __init__(self, endpoint: str = "tcp://127.0.0.1:5555", *, timeout_s: float = 10.0, retries: int = 2):
+    def __init__(self, endpoint: str = "tcp://127.0.0.1:5555", *, timeout_s: float = 10.0, retries: int = 2,
+                 key: str | os.PathLike[str] | None = None, server_key: str | os.PathLike[str] | None = None):
         if not timeout_s > 0.0:
             raise ValueError(f"timeout_s must be > 0, got {timeout_s!r}")
         if retries < 0:
             raise ValueError(f"retries must be >= 0, got {retries!r}")
         self._endpoint, self._timeout_s, self._retries = endpoint, timeout_s, retries
         self._name, self._next_id = f"python-{os.getpid()}-{uuid.uuid4().hex[:12]}", 1
+        self._keys = curve_keys(key, server_key)
         self._context = zmq.Context()
         self._socket: zmq.Socket | None = None
 
@@ -166,6 +171,7 @@ class Client:
         if self._socket is None:
             self._socket = self._context.socket(zmq.DEALER)
             self._socket.set(zmq.LINGER, 0)
+            set_curve(self._socket, self._keys)
             self._socket.connect(self._endpoint)
         self._socket.send(message)
         deadline = time.monotonic() + timeout_s
