@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import os
+from pathlib import Path
 
 import zmq
 import zmq.auth
@@ -11,7 +11,7 @@ Keys = tuple[bytes, bytes, bytes]
 """Own public, own secret, the server's public key."""
 
 
-def curve_keys(key: str | os.PathLike[str] | None, server_key: str | os.PathLike[str] | None) -> Keys | None:
+def curve_keys(key: Path | None, server_key: Path | None) -> Keys | None:
     """The keys of the two files, or None for a server without CURVE.
 
     Raises
