@@ -4,12 +4,12 @@ PYTHON ?= python3
 BIN    := $(VENV)/bin
 export PYTHONUNBUFFERED = 1
 
-.PHONY: demo test bench setup opengl lint clean
+.PHONY: demo test bench setup opengl octave lint clean
 
 demo: setup
 	$(BIN)/glrender demo --out out/demo
 
-test: setup
+test: setup octave
 	$(BIN)/ruff check .
 	$(BIN)/python -m pytest
 
@@ -32,6 +32,9 @@ $(VENV)/.ready: pyproject.toml clients/python/pyproject.toml tools/make_venv.sh
 
 opengl: $(VENV)/.ready
 	@sh tools/install_opengl.sh $(BIN)/glrender
+
+octave:
+	@sh tools/install_octave.sh
 
 clean:
 	rm -rf $(VENV) out
