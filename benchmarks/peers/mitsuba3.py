@@ -8,11 +8,14 @@ import numpy as np
 
 from .peer_scene import PeerScene
 
-VARIANTS = ("llvm_ad_mono", "scalar_rgb")
+SAMPLES = (1, 2, 4)
 
 
-def prepare(scene: PeerScene, variant: str = VARIANTS[0], sampler: str = "stratified") -> Callable[[int], np.ndarray]:
-    """A function of samples along a pixel's side that gives the irradiance [W/m2 per pixel], (H, W)."""
+def prepare(scene: PeerScene, variant: str = "llvm_ad_mono") -> Callable[[int], np.ndarray]:
+    """A function of samples along a pixel's side that gives the irradiance [W/m2 per pixel], (H, W).
+
+    Stratified samples; only the region of the bodies is rendered.
+    """
     import mitsuba as mi
 
     mi.set_variant(variant)
@@ -23,12 +26,14 @@ def prepare(scene: PeerScene, variant: str = VARIANTS[0], sampler: str = "strati
     centre, unit = 0.5 * (low + high), 1e-3 * float((high - low).max())
     vertices = np.ascontiguousarray((scene.vertices - centre) / unit, np.float32)
     near, far = (depth / unit for depth in scene.depth_range)
+    x0, y0, x1, y1 = scene.region_px()
     cx, cy = scene.principal_point_px
     to_world = np.diag([-1.0, -1.0, 1.0, 1.0])
     to_world[:3, 3] = -centre / unit
     # Mitsuba's camera has +X left and +Y up.
     film = {"type": "hdrfilm", "width": scene.width_px, "height": scene.height_px, "rfilter": {"type": "box"},
-            "pixel_format": "luminance", "component_format": "float32"}
+            "pixel_format": "luminance", "component_format": "float32",
+            "crop_offset_x": x0, "crop_offset_y": y0, "crop_width": x1 - x0, "crop_height": y1 - y0}
     parts = {"type": "scene", "integrator": {"type": "direct", "hide_emitters": True}}
     for index, albedo in enumerate(np.unique(scene.normal_albedo)):
         facets = scene.facets[scene.normal_albedo == albedo]
@@ -51,12 +56,14 @@ def prepare(scene: PeerScene, variant: str = VARIANTS[0], sampler: str = "strati
         "principal_point_offset_y": (cy - 0.5 * (scene.height_px - 1)) / scene.height_px,
         "near_clip": 0.5 * near, "far_clip": 2.0 * far,
         "to_world": mi.ScalarTransform4f(to_world), "film": film,
-        "sampler": {"type": sampler, "sample_count": 1}}
+        "sampler": {"type": "stratified", "sample_count": 1}}
     loaded = mi.load_dict(parts)
     solid_angle = scene.solid_angle_sr()
 
     def render(samples: int) -> np.ndarray:
         image = mi.render(loaded, spp=samples**2, seed=0)
-        return np.array(image, np.float64).reshape(scene.height_px, scene.width_px) * solid_angle
+        whole = np.zeros(solid_angle.shape)
+        whole[y0:y1, x0:x1] = np.array(image, np.float64).reshape(y1 - y0, x1 - x0)
+        return whole * solid_angle
 
     return render
