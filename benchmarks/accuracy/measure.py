@@ -27,8 +27,8 @@ class Limits:
 
     least: int = 5
     most: int = 25
-    ours_s: float = 60.0
-    peer_s: float = 15.0
+    ours_s: float = 40.0
+    peer_s: float = 10.0
     n_rays: float = 30e6
 
 

@@ -9,6 +9,7 @@ import matplotlib
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from .summary import OWN, pareto
 
@@ -37,7 +38,7 @@ def draw(cases: list[dict[str, Any]], path: Path, title: str) -> None:
     for panel in panels.ravel():
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
             handles.setdefault(label, handle)
-    figure.legend(handles.values(), handles.keys(), loc="lower center", ncols=4, fontsize=9, frameon=False)
+    figure.legend(handles.values(), handles.keys(), loc="lower center", ncols=min(columns + 1, 4), fontsize=9, frameon=False)
     figure.suptitle(title, fontsize=12)
     figure.tight_layout(rect=(0.0, 0.09 if rows > 1 else 0.2, 1.0, 0.98))
     figure.savefig(path, dpi=100)
@@ -64,4 +65,9 @@ def _panel(panel, case: dict[str, Any]) -> None:
     panel.axhline(case["truth_error"], color="0.6", linestyle=":", linewidth=1.0, label="the truth's own error")
     panel.set(xscale="log", yscale="log", title=case["name"])
     panel.title.set_fontsize(10)
+    for axis in (panel.xaxis, panel.yaxis):
+        low, high = axis.get_view_interval()
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 200.0 * low else (1.0,)))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(NullFormatter())
     panel.grid(True, which="both", alpha=0.25)

@@ -39,7 +39,7 @@ def grid_caster(scene: PeerScene, first_hit: Callable[[np.ndarray, np.ndarray], 
         offsets = (np.arange(samples) + 0.5) / samples - 0.5
         total = np.zeros(len(solid_angle))
         for dy, dx in itertools.product(offsets, offsets):
-            ray = scene.pixel_rays(dx, dy)[y0:y1, x0:x1].reshape(-1, 3)
+            ray = scene.pixel_rays(dx, dy, (x0, y0, x1, y1)).reshape(-1, 3)
             facet = first_hit(np.zeros(ray.shape, np.float32), ray.astype(np.float32))
             sunny = np.flatnonzero((facet >= 0) & (radiance[facet] > 0.0))
             seen = facet[sunny]

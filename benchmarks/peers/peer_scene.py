@@ -58,11 +58,15 @@ class PeerScene:
         normals = np.cross(b - a, c - a)
         return normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
-    def pixel_rays(self, dx: float = 0.0, dy: float = 0.0) -> np.ndarray:
-        """(H, W, 3) float64 unit vectors through the pixels' centres, moved by (dx, dy) px."""
-        y, x = np.mgrid[: self.height_px, : self.width_px]
+    def pixel_rays(self, dx: float = 0.0, dy: float = 0.0,
+                   region: tuple[int, int, int, int] | None = None) -> np.ndarray:
+        """(H, W, 3) float64 unit vectors through the centres of a region's pixels, moved by (dx, dy) px."""
+        x0, y0, x1, y1 = region or (0, 0, self.width_px, self.height_px)
         cx, cy = self.principal_point_px
-        rays = np.stack([x + dx - cx, y + dy - cy, np.full(x.shape, self.focal_length_px)], axis=-1)
+        rays = np.empty((y1 - y0, x1 - x0, 3))
+        rays[..., 0] = np.arange(x0, x1) + (dx - cx)
+        rays[..., 1] = (np.arange(y0, y1) + (dy - cy))[:, None]
+        rays[..., 2] = self.focal_length_px
         return rays / np.linalg.norm(rays, axis=-1, keepdims=True)
 
     def solid_angle_sr(self) -> np.ndarray:
