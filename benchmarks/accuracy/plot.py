@@ -38,7 +38,8 @@ def draw(cases: list[dict[str, Any]], path: Path, title: str) -> None:
     for panel in panels.ravel():
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
             handles.setdefault(label, handle)
-    figure.legend(handles.values(), handles.keys(), loc="lower center", ncols=min(columns + 1, 4), fontsize=9, frameon=False)
+    figure.legend(handles.values(), handles.keys(), loc="lower center", ncols=min(columns + 1, 4), fontsize=9,
+                  frameon=False)
     figure.suptitle(title, fontsize=12)
     figure.tight_layout(rect=(0.0, 0.09 if rows > 1 else 0.2, 1.0, 0.98))
     figure.savefig(path, dpi=100)
