@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN    := $(VENV)/bin
 export PYTHONUNBUFFERED = 1
 
-.PHONY: demo test bench setup opengl octave lint clean
+.PHONY: demo test bench chart setup opengl octave lint clean
 
 demo: setup
 	$(BIN)/glrender demo --out out/demo
@@ -20,6 +20,9 @@ bench: setup
 	$(BIN)/python benchmarks/chart.py out/bench/frame.json out/bench
 	$(BIN)/python benchmarks/bench_laws.py | tee out/bench/laws.json
 	$(BIN)/python benchmarks/bench_service.py | tee out/bench/service.json
+
+chart: setup
+	$(BIN)/python benchmarks/speed_accuracy.py
 
 lint: setup
 	$(BIN)/ruff check .

@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import raytracer
+import solids
 import views
 from glrender import Body, ConfigError, Pose, Renderer, State, generate
 from glrender.backends.raytrace import RayTracer
 from glrender.brdf import Hapke, Lambert
+from glrender.constants import AU_M
 from glrender.plugins import open_renderer
 from test_renderer_photometry import phi_lambert
 
@@ -22,6 +24,28 @@ def test_flux_of_a_sphere(phase_deg):
         image = tracer.render(views.state(phase_deg=phase_deg, range_m=1e6), max_error=0.01)
     expected = views.SOLAR_IRRADIANCE_W_M2 * 1e-8 * 0.4 * 2 / 3 * phi_lambert(np.radians(phase_deg))
     np.testing.assert_allclose(image.irradiance_W_m2.sum(dtype=np.float64), expected, rtol=2e-3)
+
+
+@pytest.mark.parametrize("phase_deg", [20.0, 60.0, 110.0, 150.0, 170.0])
+def test_a_pillar_shades_and_hides_as_much_as_it_must(phase_deg):
+    """A slab seen against the Sun, incidence = emission; the pillar's two strips within 1 % of their area."""
+    half, pillar, range_m, angle = 100.0, (10.0, 3.0), 1e6, 0.5 * np.radians(phase_deg)
+    direction = np.array([-np.sin(angle), 0.0, np.cos(angle)])
+    # Rolled, so that no edge runs along the rows of samples.
+    roll = (np.cos(0.2), 0.0, 0.0, np.sin(0.2))
+    camera = views.camera(96, 96 / 290.0 * range_m, q_camera_from_spacecraft=roll)
+    state = views.state(range_m=range_m, direction=direction)
+    sun = AU_M * np.array([np.sin(angle), 0.0, np.cos(angle)])
+    state = State(r_sun_inertial_m=sun, spacecraft=state.spacecraft, bodies=state.bodies)
+    flux = []
+    for stands in (pillar, None):
+        body = Body(name="body", shape=solids.slab(half, pillar_m=stands), brdf=GREY)
+        with RayTracer(views.scene([body], [camera])) as tracer:
+            flux.append(tracer.render(state, samples=16).irradiance_W_m2.sum(dtype=np.float64))
+    expected = [solids.slab_flux(angle, angle, half, stands, range_m, views.SOLAR_IRRADIANCE_W_M2, 0.4)
+                for stands in (pillar, (0.0, 0.0))]
+    np.testing.assert_allclose(flux, expected, rtol=2e-3)
+    np.testing.assert_allclose(flux[1] - flux[0], expected[1] - expected[0], rtol=0.01)
 
 
 def test_agrees_with_the_tests_own_rays():
