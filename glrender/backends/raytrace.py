@@ -12,24 +12,19 @@ from typing import Any
 
 import cv2
 import numpy as np
-from glrender_camera import PinholeCamera
 from glrender_camera.validate import integer
 
 from ..image import Image, checked_products
 from ..plan import BodyPlan, RenderPlan, region
-from ..rays import RayMesh
-from ..scene import Body, Scene, checked_max_error
+from ..ray_engine import BESIDE, RayEngine
+from ..scene import Scene, checked_max_error
 from ..state import State
-from ..surface import Surface
-from ..view import BodyView, view_bodies
+from ..view import view_bodies
 
 # Rounds before a pixel's scatter is believed, and at which even the worst pixel is given up.
 _FIRST_ROUNDS, _MAX_ROUNDS = 4, 256
 # Samples of a round along a pixel's side: one in each cell of the grid, jittered.
 _STRATA = 2
-_RAYS_AT_ONCE = 1 << 19
-# A shadow ray starts this far off the surface, in radii of the bounding sphere: ten float32 steps.
-_LIFT = 6e-7
 
 
 class RayTracer:
@@ -47,7 +42,7 @@ class RayTracer:
 
     def __init__(self, scene: Scene):
         self.scene = scene
-        self._solids = {body.name: _Solid(body) for body in scene.bodies}
+        self._engine = RayEngine(scene)
 
     def __enter__(self) -> RayTracer:
         return self
@@ -57,7 +52,7 @@ class RayTracer:
 
     def close(self) -> None:
         """Release the acceleration structures."""
-        self._solids.clear()
+        self._engine.close()
 
     @property
     def info(self) -> dict[str, Any]:
@@ -96,7 +91,7 @@ class RayTracer:
         x0, y0, x1, y1 = roi
         y, x = (axis.ravel() for axis in np.mgrid[y0:y1, x0:x1])
         pixel = np.stack([x, y], axis=1).astype(np.float64)
-        shoot = lambda place: self._radiant(place, pinhole, views)[0]  # noqa: E731
+        shoot = lambda place: self._engine.irradiance(place, pinhole, views)  # noqa: E731
         if samples is not None:
             offsets = (np.arange(samples) + 0.5) / samples - 0.5
             mean = sum((shoot(pixel + (dx, dy)) for dy in offsets for dx in offsets), np.zeros(len(pixel)))
@@ -106,91 +101,19 @@ class RayTracer:
         irradiance[y, x] = mean
         arrays = {}
         if wanted:
-            _, seen = self._radiant(pixel, pinhole, views)
+            seen = self._engine.products(pixel, pinhole, views)
             for name in wanted:
                 values = seen[name]
-                arrays[name] = np.full((*irradiance.shape, *values.shape[1:]), _BESIDE[name], values.dtype)
+                arrays[name] = np.full((*irradiance.shape, *values.shape[1:]), BESIDE[name], values.dtype)
                 arrays[name][y, x] = values
         frame_plan = RenderPlan(
             camera=pinhole.name, max_error=budget, roi=roi, windows=(), predicted_error=reached, left_out=(),
             bodies=tuple(BodyPlan(
-                name=v.name, is_visible=v.is_visible, n_facets=len(self._solids[v.name].facets),
-                level=0, law=self._solids[v.name].body.brdf.glsl, shadow_map_px=None, shadow_map_reused=False,
-                relative_to_camera=True, normal_lookup=True, size_px=v.size_px) for v in views))
+                name=v.name, is_visible=v.is_visible, n_facets=len(self.scene.bodies[k].shape.facets),
+                level=0, law=self.scene.bodies[k].brdf.glsl, shadow_map_px=None, shadow_map_reused=False,
+                relative_to_camera=True, normal_lookup=True, size_px=v.size_px) for k, v in enumerate(views)))
         return Image(irradiance_W_m2=irradiance.astype(np.float32), products=arrays, plan=frame_plan,
                      timings_ms={"trace": 1e3 * (time.perf_counter() - began)})
-
-    def _radiant(self, pixel: np.ndarray, camera: PinholeCamera,
-                 views: list[BodyView]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Irradiance [W/m2 per pixel] seen from places in the image (N, 2) [px], and what is there."""
-        parts = [self._trace(pixel[start:start + _RAYS_AT_ONCE], camera, views)
-                 for start in range(0, len(pixel), _RAYS_AT_ONCE)]
-        if not parts:
-            parts = [self._trace(pixel, camera, views)]
-        return (np.concatenate([part[0] for part in parts]),
-                {name: np.concatenate([part[1][name] for part in parts]) for name in _BESIDE})
-
-    def _trace(self, pixel: np.ndarray, camera: PinholeCamera,
-               views: list[BodyView]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        ray_camera = camera.directions(pixel)
-        seen = {name: np.full((len(pixel), *np.shape(value)), value, _DTYPES[name])
-                for name, value in _BESIDE.items()}
-        nearest = np.full(len(pixel), np.inf)
-        for view in views:
-            if not view.is_visible:
-                continue
-            solid = self._solids[view.name]
-            ray = ray_camera @ view.camera_from_body
-            facet, distance = solid.hit(view.r_camera_body_m, ray)
-            nearer = np.flatnonzero(distance < nearest)
-            nearest[nearer] = distance[nearer]
-            normal = solid.normals[facet[nearer]]
-            seen["range"][nearer] = distance[nearer]
-            seen["body_id"][nearer] = list(self._solids).index(view.name)
-            seen["facet_id"][nearer] = facet[nearer]
-            seen["r_body"][nearer] = view.r_camera_body_m + ray[nearer] * distance[nearer, None]
-            seen["incidence"][nearer] = _angle(normal, view.sun_direction_body)
-            seen["emission"][nearer] = _angle(normal, -ray[nearer])
-            seen["phase"][nearer] = _angle(-ray[nearer], view.sun_direction_body)
-        value = np.zeros(len(pixel))
-        for index, view in enumerate(views):
-            solid = self._solids[view.name]
-            facing = np.flatnonzero((seen["body_id"] == index) & (seen["incidence"] < 0.5 * np.pi))
-            normal = solid.normals[seen["facet_id"][facing]]
-            start = seen["r_body"][facing] + normal * (_LIFT * solid.radius_m)
-            is_lit = self._sees_sun(start, view, views)
-            seen["sunlit"][facing] = is_lit
-            lit = facing[is_lit]
-            ray = ray_camera[lit] @ view.camera_from_body
-            surface, facet = solid.surface, seen["facet_id"][lit]
-            weights = surface.weights(facet, seen["r_body"][lit]) if solid.needs_weights else None
-            normal = surface.normals(facet, weights, -ray)
-            brdf = surface.brdf(view.sun_direction_body, -ray, normal, surface.albedo_scale(facet, weights))
-            cos_incidence = np.maximum(normal @ view.sun_direction_body, 0.0)
-            value[lit] = brdf * cos_incidence / view.sun_distance_au**2
-        # A pixel's solid angle falls off as cos^3 of its angle from the boresight.
-        value *= self.scene.solar_irradiance_of(camera) * ray_camera[:, 2] ** 3 / camera.focal_length_px**2
-        return value, seen
-
-    def _sees_sun(self, start: np.ndarray, view: BodyView, views: list[BodyView]) -> np.ndarray:
-        """Whether points (N, 3) [m] of a body have a free line to the Sun."""
-        is_free = np.ones(len(start), bool)
-        for other in views:
-            rotation = other.camera_from_body.T @ view.camera_from_body
-            offset = other.r_camera_body_m - rotation @ view.r_camera_body_m
-            rest = np.flatnonzero(is_free)
-            is_free[rest] = ~self._solids[other.name].blocks(start[rest] @ rotation.T + offset,
-                                                             rotation @ view.sun_direction_body)
-        return is_free
-
-
-_BESIDE: dict[str, Any] = {"range": np.nan, "body_id": -1, "facet_id": -1, "incidence": np.nan, "emission": np.nan,
-                           "phase": np.nan, "r_body": np.full(3, np.nan), "sunlit": 0.0}
-_DTYPES = {name: np.int32 if name.endswith("_id") else np.float64 for name in _BESIDE}
-
-
-def _angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return 2.0 * np.arctan2(np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1))
 
 
 def _adapt(shoot, pixel: np.ndarray, shape: tuple[int, int], budget: float,
@@ -229,12 +152,3 @@ def _adapt(shoot, pixel: np.ndarray, shape: tuple[int, int], budget: float,
 
 def _neighbours_mean(values: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     return cv2.blur(values.reshape(shape), (3, 3), borderType=cv2.BORDER_REFLECT_101).ravel()
-
-
-class _Solid(RayMesh):
-    """A body that rays may meet."""
-
-    def __init__(self, body: Body):
-        super().__init__(body.shape.vertices_m, body.shape.facets)
-        self.body, self.surface = body, Surface(body)
-        self.needs_weights = body.smooth_normals or body.albedo_map is not None

@@ -1,0 +1,129 @@
+"""Light along rays: what each place of an image sees of a scene, in float64.
+
+The ray tracer backend and the renderer's windows of rays are drawn by it; it shares no line with
+the OpenGL passes.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from glrender_camera import PinholeCamera
+
+from .rays import RayMesh
+from .scene import Body, Scene
+from .surface import Surface
+from .view import BodyView
+
+_RAYS_AT_ONCE = 1 << 19
+# A shadow ray starts this far off the surface, in radii of the bounding sphere: ten float32 steps.
+_LIFT = 6e-7
+
+BESIDE: dict[str, Any] = {"range": np.nan, "body_id": -1, "facet_id": -1, "incidence": np.nan, "emission": np.nan,
+                          "phase": np.nan, "r_body": np.full(3, np.nan), "sunlit": 0.0}
+"""Products of a place that sees no body."""
+_DTYPES = {name: np.int32 if name.endswith("_id") else np.float64 for name in BESIDE}
+
+
+class RayEngine:
+    """A scene's acceleration structures.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Raises
+    ------
+    DeviceError
+        embreex is not installed.
+    """
+
+    def __init__(self, scene: Scene):
+        self.scene = scene
+        self._solids = {body.name: _Solid(body) for body in scene.bodies}
+
+    def close(self) -> None:
+        """Release the acceleration structures."""
+        self._solids.clear()
+
+    def irradiance(self, pixel: np.ndarray, camera: PinholeCamera, views: list[BodyView]) -> np.ndarray:
+        """Irradiance (N,) float64 [W/m2 per pixel] of places in the image (N, 2) [px]."""
+        return np.concatenate([np.zeros(0)] + [self._trace(part, camera, views)[0] for part in _parts(pixel)])
+
+    def products(self, pixel: np.ndarray, camera: PinholeCamera, views: list[BodyView]) -> dict[str, np.ndarray]:
+        """What places in the image (N, 2) [px] see, by the names of `BESIDE`."""
+        made = {name: np.full((len(pixel), *np.shape(value)), value, _DTYPES[name]) for name, value in BESIDE.items()}
+        done = 0
+        for part in _parts(pixel):
+            _, body, facet, distance, sunlit = self._trace(part, camera, views)
+            ray_camera = camera.directions(part)
+            for index, view in enumerate(views):
+                here = np.flatnonzero(body == index)
+                ray = ray_camera[here] @ view.camera_from_body
+                normal = self._solids[view.name].normals[facet[here]]
+                values = {"range": distance[here], "body_id": index, "facet_id": facet[here],
+                          "incidence": _angle(normal, view.sun_direction_body), "emission": _angle(normal, -ray),
+                          "phase": _angle(-ray, view.sun_direction_body),
+                          "r_body": view.r_camera_body_m + ray * distance[here, None], "sunlit": sunlit[here]}
+                for name, value in values.items():
+                    made[name][done + here] = value
+            done += len(part)
+        return made
+
+    def _trace(self, pixel: np.ndarray, camera: PinholeCamera, views: list[BodyView]) -> tuple[np.ndarray, ...]:
+        """Irradiance, body or -1, facet, distance [m], and whether in sunlight, of places (N, 2) [px]."""
+        ray_camera = camera.directions(pixel)
+        nearest = np.full(len(pixel), np.inf)
+        body, facet = np.full(len(pixel), -1), np.full(len(pixel), -1)
+        for index, view in enumerate(views):
+            if view.is_visible:
+                which, distance = self._solids[view.name].hit(view.r_camera_body_m, ray_camera @ view.camera_from_body)
+                nearer = distance < nearest
+                nearest[nearer], body[nearer], facet[nearer] = distance[nearer], index, which[nearer]
+        value, sunlit = np.zeros(len(pixel)), np.zeros(len(pixel))
+        for index, view in enumerate(views):
+            solid = self._solids[view.name]
+            here = np.flatnonzero(body == index)
+            here = here[solid.normals[facet[here]] @ view.sun_direction_body > 0.0]
+            ray = ray_camera[here] @ view.camera_from_body
+            r_body = view.r_camera_body_m + ray * nearest[here, None]
+            is_lit = self._sees_sun(r_body + solid.normals[facet[here]] * (_LIFT * solid.radius_m), view, views)
+            lit, ray, r_body = here[is_lit], ray[is_lit], r_body[is_lit]
+            sunlit[lit] = 1.0
+            surface, shaded = solid.surface, facet[lit]
+            weights = surface.weights(shaded, r_body) if solid.needs_weights else None
+            normal = surface.normals(shaded, weights, -ray)
+            brdf = surface.brdf(view.sun_direction_body, -ray, normal, surface.albedo_scale(shaded, weights))
+            value[lit] = brdf * np.maximum(normal @ view.sun_direction_body, 0.0) / view.sun_distance_au**2
+        # A pixel's solid angle falls off as cos^3 of its angle from the boresight.
+        value *= self.scene.solar_irradiance_of(camera) * ray_camera[:, 2] ** 3 / camera.focal_length_px**2
+        return value, body, facet, nearest, sunlit
+
+    def _sees_sun(self, start: np.ndarray, view: BodyView, views: list[BodyView]) -> np.ndarray:
+        """Whether points (N, 3) [m] of a body have a free line to the Sun."""
+        is_free = np.ones(len(start), bool)
+        for other in views:
+            rotation = other.camera_from_body.T @ view.camera_from_body
+            offset = other.r_camera_body_m - rotation @ view.r_camera_body_m
+            rest = np.flatnonzero(is_free)
+            is_free[rest] = ~self._solids[other.name].blocks(start[rest] @ rotation.T + offset,
+                                                             rotation @ view.sun_direction_body)
+        return is_free
+
+
+class _Solid(RayMesh):
+    """A body that rays may meet."""
+
+    def __init__(self, body: Body):
+        super().__init__(body.shape.vertices_m, body.shape.facets)
+        self.surface = Surface(body)
+        self.needs_weights = body.smooth_normals or body.albedo_map is not None
+
+
+def _parts(pixel: np.ndarray) -> list[np.ndarray]:
+    return [pixel[start:start + _RAYS_AT_ONCE] for start in range(0, len(pixel), _RAYS_AT_ONCE)]
+
+
+def _angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return 2.0 * np.arctan2(np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1))
