@@ -27,17 +27,39 @@ _CREASE_ERROR, _CROWDING_POWER, _MOST_FACETS_PER_PX = 0.34, 0.35, 2.06
 _SHADOW_EDGES_PER_RAD, _MOST_SHADOW_EDGES = 0.1, 0.2
 # Of the budget, what the shadow map may take.
 _SHADOW_SHARE = 0.4
-# Samples across a body that is smaller than `_SMALL_PX`: its flux is then within 2 N^-1.5 = 0.4 %
-# (engine.md), at any place within the pixel and at any size.
+# A body that is smaller has a grid of its own, with so many samples across.
 _SMALL_PX = 4.0
-_SAMPLES_ACROSS_SMALL = 64
+_LEAST_ACROSS, _MOST_ACROSS = 64, 192
 # Of the budget, what a level of detail may take, of the image and of the flux.
 _LEVEL_SHARE, _FLUX_SHARE = 0.7, 0.1
 _LEVEL_ERROR, _FLUX_SCATTERS = 0.5, 2.5
 # Share of the sunlit surface in cast shadow, per radian of phase (engine.md: 6 % at 10 deg).
 _SHADOWED_PER_RAD = 0.34
-# Cost of a facet in a pass, and of a sample passed over, in samples that are shaded.
-_FACET_COST, _PASSED_OVER_COST = 11.0, 0.15
+# Cost of a sample passed over, in samples that are shaded; and of a ray that meets nothing, in rays that do.
+_PASSED_OVER_COST, _MISS_COST = 0.15, 0.15
+# Nanoseconds of a call whatever it draws: of OpenGL, of rays in NumPy.
+_RASTER_CALL_NS, _RAYS_CALL_NS = 5e5, 1.5e6
+# Flux of N samples across a body is within this times N^-1.5 (engine.md).
+_FLUX_SCATTER = 2.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class EngineCosts:
+    """Nanoseconds that drawing takes on a machine: measured by `engine_costs`.
+
+    Attributes
+    ----------
+    facet_ns : float
+        Of a facet in a pass of OpenGL, whether seen or not.
+    sample_ns : float
+        Of a sample that OpenGL shades.
+    ray_ns : float
+        Of a sample that meets a body, with its ray to the Sun; infinite without rays.
+    """
+
+    facet_ns: float
+    sample_ns: float
+    ray_ns: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,6 +124,8 @@ class WindowPlan:
     Attributes
     ----------
     bodies : tuple of str
+    engine : "raster" or "rays"
+        Triangles drawn by OpenGL, or rays cast at them: whichever is faster here.
     roi : (int, int, int, int) [px]
         Pixels that it touches: x0, y0, x1, y1, one past the last.
     samples : int
@@ -114,16 +138,20 @@ class WindowPlan:
         Sampling error above which pixels are drawn again with more samples; infinite for never.
     modelling_error : float [1]
         What samples do not cure: levels of detail, texels of shadow maps.
+    noise : (float, float) [rad], [1]
+        Angle of the creases between facets, and facets a pixel: arguments of `noise_gain`.
     predicted_error : float [1]
     """
 
     bodies: tuple[str, ...]
+    engine: str
     roi: tuple[int, int, int, int]
     samples: int
     bounds_px: tuple[float, float, float, float]
     grid: tuple[int, int]
     sampling_budget: float
     modelling_error: float
+    noise: tuple[float, float]
     predicted_error: float
     refined_samples: int = 0
     """Samples along the side of the pixels that were drawn again; 0 for none."""
@@ -166,6 +194,14 @@ class RenderPlan:
     def to_dict(self) -> dict[str, Any]:
         """Plain data, for the wire."""
         return asdict(self)
+
+
+def without_passes(bodies: list[BodyPlan], windows: tuple[WindowPlan, ...],
+                   traits: dict[str, BodyTraits]) -> list[BodyPlan]:
+    """Bodies as their windows draw them: rays see the full shape, and need no shadow map."""
+    by_rays = {name for window in windows if window.engine == "rays" for name in window.bodies}
+    return [replace(body, level=0, n_facets=traits[body.name].levels[0].n_facets, shadow_map_px=None, flux_ratio=1.0,
+                    modelling_error=0.0) if body.name in by_rays else body for body in bodies]
 
 
 def with_windows(frame: RenderPlan, windows: tuple[WindowPlan, ...]) -> RenderPlan:
@@ -246,9 +282,21 @@ def squared_errors(view: BodyView, level: LevelTraits) -> tuple[float, float]:
     """
     diameter = min(max(view.size_px, 1.0), 1e5)
     lit = max(0.5 * (1.0 + math.cos(view.phase_rad)), 1e-3)
+    noise = noise_gain(level.crease_rad, facets_per_px(view, level.n_facets)) ** 2
     crowding = min(facets_per_px(view, level.n_facets), _MOST_FACETS_PER_PX) ** _CROWDING_POWER
     tilt = (0.02 + min(math.tan(0.5 * view.phase_rad), 30.0) ** 2) ** 0.71
-    return _LIMB_ERROR / diameter * lit**-_LIT_POWER, _CREASE_ERROR * level.crease_rad**2 * crowding * tilt
+    return (_LIMB_ERROR / diameter * lit**-_LIT_POWER,
+            _CREASE_ERROR * level.crease_rad**2 * crowding * tilt * noise)
+
+
+def noise_gain(crease_rad: float, facets_per_sample: float) -> float:
+    """Error over that of edges of the same contrast: rough facets smaller than samples are noise.
+
+    The range of nine samples of noise is three of its deviations, and an edge's error is a sixth of
+    its height.
+    """
+    rough = min(max((crease_rad - 0.15) / 0.25, 0.0), 1.0)
+    return 1.0 + 0.65 * rough * math.sqrt(min(facets_per_sample, 1.0))
 
 
 def shadow_error(view: BodyView, level: LevelTraits, shadow_map_px: int) -> float:
@@ -265,9 +313,9 @@ def facets_per_px(view: BodyView, n_facets: int) -> float:
 
 
 def plan_windows(views: list[BodyView], traits: dict[str, BodyTraits], bodies: list[BodyPlan],
-                 camera: PinholeCamera, max_error: float, error_gain: float,
+                 camera: PinholeCamera, max_error: float, error_gain: float, costs: EngineCosts,
                  samples: int | None) -> tuple[WindowPlan, ...]:
-    """Split the image into windows, each with the samples that its bodies need first.
+    """Split the image into windows, each with the engine and the samples that its bodies need first.
 
     Bodies far apart in the image are drawn apart, so that the cost follows their pixels; a body
     smaller than a few pixels is drawn on a grid of its own that fits its outline.
@@ -276,42 +324,75 @@ def plan_windows(views: list[BodyView], traits: dict[str, BodyTraits], bodies: l
     ----------
     error_gain : float [1]
         What the camera's PSF leaves of an error that is independent from pixel to pixel.
+    costs : EngineCosts
+    samples : int or None
+        Asked for instead of the planner's choice: drawn by OpenGL.
     """
     plans = {body.name: body for body in bodies}
-    windows = []
-    for members in _touching(views, camera):
-        roi = region(members, camera)
-        names = tuple(view.name for view in members)
-        floor = max(plans[name].modelling_error for name in names)
-        if samples is None and len(members) == 1 and members[0].size_px < _SMALL_PX:
-            x0, y0, x1, y1 = members[0].bounds_px
-            margin = 0.02 * members[0].size_px
-            bounds = (x0 - margin, y0 - margin, x1 + margin, y1 + margin)
-            grid = tuple(max(math.ceil(_SAMPLES_ACROSS_SMALL * side / members[0].size_px), 8)
-                         for side in (x1 - x0, y1 - y0))
-            windows.append(WindowPlan(
-                bodies=names, roi=roi, samples=0, bounds_px=tuple(map(float, bounds)), grid=grid,
-                sampling_budget=math.inf, modelling_error=floor,
-                predicted_error=error_gain * math.hypot(floor, 2.0 * _SAMPLES_ACROSS_SMALL**-1.5)))
-            continue
-        x0, y0, x1, y1 = roi
-        budget = max_error / error_gain
-        budget = math.sqrt(max(budget**2 - floor**2, (0.3 * budget) ** 2))
-        errors = [squared_errors(view, traits[view.name].levels[plans[view.name].level]) for view in members]
-        count = samples or first_samples(
-            max(limb for limb, _ in errors), max(creases for _, creases in errors),
-            sum(min(0.6 * min(view.size_px, 1e5) ** 2, (x1 - x0) * (y1 - y0)) for view in members),
-            sum(plans[name].n_facets for name in names), budget)
-        sampling = math.sqrt(sum(max(pair) for pair in zip(*errors, strict=True)) * count**-3)
-        windows.append(WindowPlan(
-            bodies=names, roi=roi, samples=count, bounds_px=(x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5),
-            grid=((x1 - x0) * count, (y1 - y0) * count), sampling_budget=math.inf if samples else budget,
-            modelling_error=floor, predicted_error=error_gain * math.hypot(floor, sampling)))
-    return tuple(windows)
+    return tuple(_plan_window(members, traits, plans, camera, max_error / error_gain, error_gain, costs, samples)
+                 for members in _touching(views, camera))
 
 
-def first_samples(limb: float, creases: float, n_px: float, n_facets: int, budget: float) -> int:
-    """Samples along a pixel's side before the image itself tells where more are needed.
+def _plan_window(members: list[BodyView], traits: dict[str, BodyTraits], plans: dict[str, BodyPlan],
+                 camera: PinholeCamera, budget: float, error_gain: float, costs: EngineCosts,
+                 samples: int | None) -> WindowPlan:
+    names = tuple(view.name for view in members)
+    roi = region(members, camera)
+    x0, y0, x1, y1 = roi
+    floor = max(plans[name].modelling_error for name in names)
+    passes = sum(plans[name].n_facets * (1.0 if plans[name].shadow_map_px is None else 2.0) for name in names)
+    setup_ns = _RASTER_CALL_NS + passes * costs.facet_ns
+    across = samples_across(budget)
+    if samples is None and len(members) == 1 and members[0].size_px < _SMALL_PX:
+        left, top, right, bottom = members[0].bounds_px
+        margin = 0.02 * members[0].size_px
+        grid = tuple(max(math.ceil(across * side / members[0].size_px), 8) for side in (right - left, bottom - top))
+        is_rays = _RAYS_CALL_NS + grid[0] * grid[1] * costs.ray_ns < setup_ns + grid[0] * grid[1] * costs.sample_ns
+        floor = 0.0 if is_rays else floor
+        return WindowPlan(
+            bodies=names, engine="rays" if is_rays else "raster", roi=roi, samples=0, grid=grid,
+            bounds_px=(float(left - margin), float(top - margin), float(right + margin), float(bottom + margin)),
+            sampling_budget=math.inf, modelling_error=floor, noise=(0.0, 0.0),
+            predicted_error=error_gain * math.hypot(floor, _FLUX_SCATTER * across**-1.5))
+    box_px = (x1 - x0) * (y1 - y0)
+    n_px = min(sum(0.6 * min(view.size_px, 1e5) ** 2 for view in members), box_px)
+    least = min(math.ceil(across / max(max(view.size_px for view in members), 1.0)), MAX_SAMPLES)
+    # OpenGL, with the levels of detail and the shadow maps that were planned.
+    raster_budget = math.sqrt(max(budget**2 - floor**2, (0.3 * budget) ** 2))
+    errors = _worst([squared_errors(view, traits[view.name].levels[plans[view.name].level]) for view in members])
+    facets_ns = sum(plans[name].n_facets for name in names) * costs.facet_ns
+    shaded, count = first_samples(*errors, n_px, facets_ns / costs.sample_ns, _PASSED_OVER_COST, least, raster_budget)
+    raster_ns = shaded * costs.sample_ns + setup_ns - facets_ns
+    engine, sampling_budget = "raster", raster_budget
+    # Rays, at the full shape.
+    full = _worst([squared_errors(view, traits[view.name].levels[0]) for view in members])
+    rays_ns, ray_count = first_samples(*full, n_px, 0.0, 0.0, least, budget)
+    rays_ns = rays_ns * costs.ray_ns + _RAYS_CALL_NS + _MISS_COST * (box_px - n_px) * ray_count**2 * costs.ray_ns
+    if samples is not None:
+        count, sampling_budget = samples, math.inf
+    elif rays_ns < raster_ns:
+        engine, count, errors, floor, sampling_budget = "rays", ray_count, full, 0.0, budget
+    shown = [(traits[view.name].levels[0 if engine == "rays" else plans[view.name].level], view) for view in members]
+    noise = (max(level.crease_rad for level, _ in shown), max(facets_per_px(view, level.n_facets) for level, view in shown))
+    return WindowPlan(
+        bodies=names, engine=engine, noise=noise, roi=roi, samples=count, bounds_px=(x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5),
+        grid=((x1 - x0) * count, (y1 - y0) * count), sampling_budget=sampling_budget, modelling_error=floor,
+        predicted_error=error_gain * math.hypot(floor, math.sqrt(sum(errors) * count**-3)))
+
+
+def samples_across(budget: float) -> int:
+    """Samples across a small body that keep its flux within a tenth of a budget."""
+    return min(max(math.ceil((_FLUX_SCATTER / (0.1 * budget)) ** (2.0 / 3.0)), _LEAST_ACROSS), _MOST_ACROSS)
+
+
+def _worst(errors: list[tuple[float, float]]) -> tuple[float, float]:
+    limb, creases = zip(*errors, strict=True)
+    return max(limb), max(creases)
+
+
+def first_samples(limb: float, creases: float, n_px: float, setup: float, passed_over: float, least: int,
+                  budget: float) -> tuple[float, int]:
+    """Cost of drawing, and samples along a pixel's side before the image itself tells where more are needed.
 
     A second pass over few pixels cures outlines; creases are everywhere, and half of the pixels
     have nearly all of their error. The cheapest pair of passes that should meet the budget decides.
@@ -322,17 +403,18 @@ def first_samples(limb: float, creases: float, n_px: float, n_facets: int, budge
         Squared errors of one sample a pixel.
     n_px : float [px]
         Of the bodies.
-    n_facets : int
-        Drawn in each pass.
+    setup, passed_over : float
+        Cost of a pass, and of a sample that a second pass leaves out, in samples.
+    least : int
+        Fewest samples along a pixel's side.
     budget : float [1]
         RMS.
     """
     best = (math.inf, MAX_SAMPLES)
-    setup = _FACET_COST * n_facets
     edge_share = min(12.0 / math.sqrt(n_px), 1.0)
-    for first in range(1, MAX_SAMPLES + 1):
+    for first in range(least, MAX_SAMPLES + 1):
         cost = setup + n_px * first**2
-        if (limb + creases) / first**3 <= budget**2:
+        if (limb + creases) / first**3 <= budget**2 or first == MAX_SAMPLES:
             best = min(best, (cost, first))
             break
         for second in SAMPLE_COUNTS:
@@ -341,9 +423,8 @@ def first_samples(limb: float, creases: float, n_px: float, n_facets: int, budge
             if second <= first or room <= 0.0 or kept < (first / second) ** 3:
                 continue
             share = min(edge_share + 0.5 * (1.0 - kept) ** 2, 1.0)
-            both = cost + setup + n_px * second**2 * (share + _PASSED_OVER_COST)
-            best = min(best, (both, first))
-    return best[1]
+            best = min(best, (cost + setup + n_px * second**2 * (share + passed_over), first))
+    return best
 
 
 def plan_shadow(view: BodyView, level: LevelTraits, is_convex: bool, has_casters: bool,

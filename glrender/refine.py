@@ -45,7 +45,7 @@ class Refinement:
         return float(self.mask.mean())
 
 
-def pixel_errors(samples: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+def pixel_errors(samples: np.ndarray, count: int, noise_gain: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
     """Pixel means, and the error expected of each, (height, width) float32 in the samples' unit.
 
     Parameters
@@ -53,16 +53,18 @@ def pixel_errors(samples: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarra
     samples : (height * count, width * count) float32
     count : int
         Samples along each side of a pixel.
+    noise_gain : float
+        Error over that of an edge of the same contrast: `plan.noise_gain`.
     """
     around = np.ones((3, 3), np.uint8)
     contrast = cv2.dilate(samples, around) - cv2.erode(samples, around, borderType=cv2.BORDER_REPLICATE)
     if count == 1:
-        return samples, _ERROR_PER_CONTRAST * contrast
+        return samples, noise_gain * _ERROR_PER_CONTRAST * contrast
     # Each sample errs by its own contrast, on its own: edges give n^-1.5, noise everywhere n^-1.
     # In units of the brightest sample: a square must not underflow.
     scale = float(samples.max()) or 1.0
     squared = pixel_means(np.square(contrast / scale), count)
-    return pixel_means(samples, count), _ERROR_PER_CONTRAST * scale / count * np.sqrt(squared)
+    return pixel_means(samples, count), noise_gain * _ERROR_PER_CONTRAST * scale / count * np.sqrt(squared)
 
 
 def pixel_means(samples: np.ndarray, count: int) -> np.ndarray:

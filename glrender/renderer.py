@@ -17,6 +17,7 @@ from glrender_camera.validate import integer
 
 from . import frames, plan
 from .brdf import Law
+from .engine_costs import engine_costs
 from .errors import ConfigError, DeviceError
 from .gl.context import Context
 from .gl.evaluate import BrdfEvaluator
@@ -25,6 +26,7 @@ from .image import Image, checked_products
 from .lod import Level, levels_of_detail
 from .lod_flux import FluxRatio, flux_ratios
 from .plan import BodyPlan, BodyTraits, LevelTraits, RenderPlan, WindowPlan
+from .ray_engine import RayEngine
 from .refine import pixel_errors, pixel_means, plan_refinement
 from .scene import Body, Scene, checked_max_error
 from .state import State
@@ -65,6 +67,13 @@ class Renderer:
                 self._meshes[body.name] = [stack.enter_context(mesh)
                                            for mesh in _meshes(self._context, body, levels)]
                 self._traits[body.name] = _traits(body, levels, ratios)
+            self._rays = None
+            try:
+                self._rays = RayEngine(scene)
+                stack.callback(self._rays.close)
+            except DeviceError:
+                pass  # embreex is optional
+            self._costs = engine_costs(self._context, self._rays is not None)
             self._surface = stack.enter_context(Target(self._context, [1]))
             self._mask = stack.enter_context(PixelMask(self._context))
             self._products = stack.enter_context(Target(self._context, [4, 4, 4]))
@@ -157,11 +166,16 @@ class Renderer:
 
     def _plan(self, views: list[BodyView], camera: PinholeCamera, budget: float, samples: int | None,
               level: int | None, gain: float) -> RenderPlan:
-        bodies, left_out, warnings = [], [], []
-        for view in views:
+        bodies = [plan.plan_body(view, self._traits[view.name], camera, len(self._casters(view, views)) > 1,
+                                 budget / gain, level) for view in views]
+        # What is asked for by its level is drawn by OpenGL.
+        costs = self._costs if level is None else replace(self._costs, ray_ns=math.inf)
+        windows = plan.plan_windows(views, self._traits, bodies, camera, budget, gain, costs, samples)
+        bodies = plan.without_passes(bodies, windows, self._traits)
+        by_rays = {name for window in windows if window.engine == "rays" for name in window.bodies}
+        left_out, warnings = [], []
+        for view, body in zip(views, bodies, strict=True):
             traits = self._traits[view.name]
-            body = plan.plan_body(view, traits, camera, len(self._casters(view, views)) > 1, budget / gain, level)
-            bodies.append(body)
             if not view.is_visible:
                 left_out.append(f"{view.name}: out of view")
                 continue
@@ -169,11 +183,10 @@ class Renderer:
                 phase_deg, limit_deg = np.degrees([view.phase_rad, traits.max_phase_rad])
                 warnings.append(f"{traits.law} of {view.name} at a phase of {phase_deg:.1f} deg: "
                                 f"it holds to {limit_deg:.1f} deg")
-            if body.shadow_map_px is None:
+            if body.shadow_map_px is None and view.name not in by_rays:
                 left_out.append(f"shadows on {view.name}: nothing can cast on what is seen")
             if body.level:
                 left_out.append(f"{view.name}: {body.n_facets} of {traits.levels[0].n_facets} facets")
-        windows = plan.plan_windows(views, self._traits, bodies, camera, budget, gain, samples)
         return RenderPlan(camera=camera.name, max_error=budget, roi=plan.union([w.roi for w in windows]),
                           windows=windows, bodies=tuple(bodies), left_out=tuple(left_out), warnings=tuple(warnings),
                           predicted_error=max((w.predicted_error for w in windows), default=0.0))
@@ -250,19 +263,25 @@ class Renderer:
                          clock: _Clock) -> WindowPlan:
         """Add a window to the image; what its samples told goes into the plan that is returned."""
         if not window.samples:
-            self._draw_window(self._surface, "surface.frag.glsl", window.bounds_px, window.grid, window.bodies, views,
-                              frame_plan, camera, shadows)
+            if window.engine == "rays":
+                samples = self._cast(window.bounds_px, window.grid, window.bodies, views, camera)
+            else:
+                self._draw_window(self._surface, "surface.frag.glsl", window.bounds_px, window.grid, window.bodies,
+                                  views, frame_plan, camera, shadows)
+                samples = self._surface.read()
             clock.lap("surface")
-            _add_samples(irradiance, self._surface.read(), window.bounds_px)
+            _add_samples(irradiance, samples, window.bounds_px)
             clock.lap("readback")
             return window
         x0, y0, x1, y1 = window.roi
         mean, error = (np.zeros((y1 - y0, x1 - x0), np.float32) for _ in range(2))
-        draw = partial(self._draw_tile, window.bodies, views, frame_plan, camera, shadows, clock)
+        draw = partial(self._draw_tile, window, views, frame_plan, camera, shadows, clock)
+        crease_rad, facets_per_px = window.noise
+        noise = plan.noise_gain(crease_rad, facets_per_px / window.samples**2)
         for tile in self._tiles(mean.shape, window.samples):
-            mean[tile], error[tile] = pixel_errors(draw(window.roi, tile, window.samples), window.samples)
+            mean[tile], error[tile] = pixel_errors(draw(tile, window.samples), window.samples, noise)
         if window.samples == 1:
-            mean, error = pixel_errors(mean, 1)
+            mean, error = pixel_errors(mean, 1, noise)
         predicted, refinement = plan_refinement(mean, error, window.samples, window.sampling_budget)
         clock.lap("refine")
         if refinement is not None:
@@ -270,7 +289,7 @@ class Renderer:
             for tile in self._tiles(mean.shape, refinement.samples):
                 mask = refinement.mask[tile]
                 if mask.any():
-                    pixels = pixel_means(draw(window.roi, tile, refinement.samples, mask), refinement.samples)
+                    pixels = pixel_means(draw(tile, refinement.samples, mask), refinement.samples)
                     np.copyto(mean[tile], pixels, where=mask.astype(bool))
                     clock.lap("readback")
         irradiance[y0:y1, x0:x1] = mean
@@ -288,21 +307,41 @@ class Renderer:
             for left in range(0, shape[1], columns):
                 yield (slice(top, min(top + rows, shape[0])), slice(left, min(left + columns, shape[1])))
 
-    def _draw_tile(self, names: tuple[str, ...], views: list[BodyView], frame_plan: RenderPlan, camera: PinholeCamera,
-                   shadows: dict, clock: _Clock, roi: tuple[int, int, int, int], tile: tuple[slice, slice],
-                   samples: int, mask: np.ndarray | None = None) -> np.ndarray:
+    def _draw_tile(self, window: WindowPlan, views: list[BodyView], frame_plan: RenderPlan, camera: PinholeCamera,
+                   shadows: dict, clock: _Clock, tile: tuple[slice, slice], samples: int,
+                   mask: np.ndarray | None = None) -> np.ndarray:
         """Samples of a part of a window; zero beside the mask."""
         rows, columns = tile
-        left, top = roi[0] + columns.start, roi[1] + rows.start
+        left, top = window.roi[0] + columns.start, window.roi[1] + rows.start
         width, height = columns.stop - columns.start, rows.stop - rows.start
-        self._draw_window(self._surface, "surface.frag.glsl",
-                          (left - 0.5, top - 0.5, left + width - 0.5, top + height - 0.5),
-                          (width * samples, height * samples), names, views, frame_plan, camera, shadows, mask)
+        bounds = (left - 0.5, top - 0.5, left + width - 0.5, top + height - 0.5)
+        grid = (width * samples, height * samples)
+        if window.engine == "rays":
+            pixels = self._cast(bounds, grid, window.bodies, views, camera, mask)
+            clock.lap("surface")
+            return pixels
+        self._draw_window(self._surface, "surface.frag.glsl", bounds, grid, window.bodies, views, frame_plan, camera,
+                          shadows, mask)
         self._context.gl.finish()
         clock.lap("surface")
         pixels = self._surface.read()
         clock.lap("readback")
         return pixels
+
+    def _cast(self, bounds_px: tuple[float, float, float, float], grid: tuple[int, int], names: tuple[str, ...],
+              views: list[BodyView], camera: PinholeCamera, mask: np.ndarray | None = None) -> np.ndarray:
+        """Samples (rows, columns) float32 of a grid, by rays; zero beside the mask."""
+        (columns, rows), (x0, y0, x1, y1) = grid, bounds_px
+        x = x0 + (np.arange(columns) + 0.5) * (x1 - x0) / columns
+        y = y0 + (np.arange(rows) + 0.5) * (y1 - y0) / rows
+        pixel = np.stack(np.broadcast_arrays(x, y[:, None]), axis=-1)
+        samples = np.zeros((rows, columns), np.float32)
+        count = 1 if mask is None else columns // mask.shape[1]
+        where = np.ones(samples.shape, bool) if mask is None else np.kron(mask, np.ones((count, count), bool)) > 0
+        # Others may still cast shadows here.
+        seen = [replace(view, is_visible=view.is_visible and view.name in names) for view in views]
+        samples[where] = self._rays.irradiance(pixel[where], camera, seen)
+        return samples
 
     def _draw_window(self, target: Target, stage: str, bounds_px: tuple[float, float, float, float],
                      grid: tuple[int, int], names: tuple[str, ...], views: list[BodyView], frame_plan: RenderPlan,

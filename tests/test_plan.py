@@ -37,10 +37,13 @@ def body(member, *levels, budget=0.02, level=None, is_convex=False, has_casters=
     return plan.plan_body(member, traits(*(levels or (FULL,)), is_convex=is_convex), CAMERA, has_casters, budget, level)
 
 
-def windows(members, max_error=0.02, gain=1.0, samples=None):
+RASTER = plan.EngineCosts(facet_ns=140.0, sample_ns=13.0, ray_ns=np.inf)
+
+
+def windows(members, max_error=0.02, gain=1.0, samples=None, costs=RASTER):
     bodies = [body(member, budget=max_error / gain) for member in members]
     return plan.plan_windows(members, {member.name: traits(FULL) for member in members}, bodies, CAMERA, max_error,
-                             gain, samples)
+                             gain, costs, samples)
 
 
 def test_a_tighter_budget_asks_for_more_samples():
@@ -66,8 +69,8 @@ def test_a_fixed_count_of_samples_is_never_refined():
 
 def test_outlines_are_left_to_the_second_pass_and_creases_to_the_first():
     """Equal errors of one sample: where few pixels have it all, fewer samples everywhere."""
-    few = plan.first_samples(1e-2, 1e-9, 200_000.0, 10_000, 0.01)
-    everywhere = plan.first_samples(1e-9, 1e-2, 200_000.0, 10_000, 0.01)
+    _, few = plan.first_samples(1e-2, 1e-9, 200_000.0, 1.1e5, 0.15, 1, 0.01)
+    _, everywhere = plan.first_samples(1e-9, 1e-2, 200_000.0, 1.1e5, 0.15, 1, 0.01)
     assert few < everywhere
 
 
@@ -102,7 +105,7 @@ def test_bodies_far_apart_are_drawn_apart_and_touching_ones_together():
 
 def test_a_body_smaller_than_a_few_pixels_gets_a_grid_of_its_own():
     window, = windows([view(size_px=0.01)])
-    assert window.samples == 0 and max(window.grid) == 64
+    assert window.samples == 0 and max(window.grid) == 100
     assert window.roi == (100, 80, 101, 81)
     # In front of another body, occlusion needs the shared grid.
     small, large = view("small", size_px=2.0), view("large", size_px=200.0)
