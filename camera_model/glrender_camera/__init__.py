@@ -1,12 +1,20 @@
 """glrender_camera: projection, optics and detector of the spacecraft's cameras. No OpenGL."""
 
-from .camera import AutoExposure, CameraModel, Frame
+from .aberrations import Aberrations
+from .camera import CameraModel, Frame
 from .detector import Detector
 from .distortion import BrownConrady
 from .errors import ConfigError, GlrenderError
+from .exposure import AutoExposure
+from .mosaic import MosaicModel
 from .optics import Optics
+from .points import PointSources
 from .projection import PinholeCamera
+from .resample import DistortingLens
 from .shutter import time_average
+from .stars import StarCatalogue, hipparcos, stars_in_view, sun_in_view
+from .straylight import StrayLight
 
-__all__ = ["AutoExposure", "BrownConrady", "CameraModel", "ConfigError", "Detector", "Frame",
-           "GlrenderError", "Optics", "PinholeCamera", "time_average"]
+__all__ = ["Aberrations", "AutoExposure", "BrownConrady", "CameraModel", "ConfigError", "Detector", "DistortingLens",
+           "Frame", "GlrenderError", "MosaicModel", "Optics", "PinholeCamera", "PointSources", "StarCatalogue",
+           "StrayLight", "hipparcos", "stars_in_view", "sun_in_view", "time_average"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any
@@ -11,52 +11,13 @@ import numpy as np
 
 from .detector import MAX_SEED, Detector
 from .errors import ConfigError, error_path
+from .exposure import AutoExposure
+from .light import light_on_frame
 from .optics import Optics
+from .points import PointSources
 from .presets import PRESETS
 from .spectrum import electrons_per_joule
-from .validate import integer, known_keys, one_of, positive, within
-
-# A rounding error of the renderer below this fraction of the maximum is clipped, more is a fault.
-NEGATIVE_TOLERANCE = 1e-12
-# Auto-exposure looks at no more pixels than this: a percentile of 65,536 is good to 0.2 %.
-_MAX_METERED_PX = 2**16
-# The dimmest pixel that counts as lit for the metering, as a fraction of the brightest.
-_LIT_FRACTION = 0.01
-
-
-@dataclass(frozen=True, kw_only=True)
-class AutoExposure:
-    """Exposure time that puts a percentile of the lit pixels at a target; analytic, no second render.
-
-    Parameters
-    ----------
-    percentile : float [%], 0..100
-        Of the pixels brighter than 1 % of the brightest, after the point spread function.
-    target : float [1], 0..1
-        Fraction of full scale (the lower of full well and the largest digital number) where
-        the percentile is put.
-    min_s, max_s : float [s], > 0
-        Limits; `max_s` is what a frame without light gets.
-    """
-
-    percentile: float = 99.0
-    target: float = 0.7
-    min_s: float = 1e-4
-    max_s: float = 10.0
-
-    def __post_init__(self):
-        within("percentile", self.percentile, 0.0, 100.0)
-        if not 0.0 < within("target", self.target, 0.0, 1.0):
-            raise ConfigError("target", "must be > 0", self.target)
-        positive("min_s", self.min_s)
-        if not positive("max_s", self.max_s) >= self.min_s:
-            raise ConfigError("max_s", "must be >= min_s", self.max_s)
-
-    @classmethod
-    def from_dict(cls, table: Mapping[str, Any]) -> AutoExposure:
-        """From plain data; unknown keys are refused by name."""
-        known_keys("", table, [f.name for f in fields(cls)])
-        return cls(**table)
+from .validate import integer, known_keys, one_of, positive
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +112,8 @@ class CameraModel:
 
     def expose(self, irradiance_W_m2: np.ndarray, seed: int = 0, *, exposure_s: float | str | None = None,
                roi: tuple[int, int, int, int] | None = None,
-               relative_illumination: np.ndarray | None = None) -> Frame:
+               relative_illumination: np.ndarray | None = None, previous: Frame | None = None,
+               margin_px: int = 0, points: PointSources | None = None) -> Frame:
         """One frame.
 
         The mean number of photo-electrons is
@@ -175,6 +137,15 @@ class CameraModel:
         relative_illumination : (H, W) float [1], >= 0, optional
             Factor on each pixel's light: the cosine of the field angle by which the aperture is
             foreshortened (`PinholeCamera.expose` gives it), vignetting. Default 1.
+        previous : Frame, optional
+            This camera's last frame. An automatic exposure is then what the last frame asks for,
+            as on board, instead of what this one needs.
+        margin_px : int [px], >= 0
+            The image reaches so far beyond the frame on each side: light from there is spread into
+            the frame before the margin is cut off. `optics.psf_margin_px` is enough but for stray
+            light.
+        points : PointSources, optional
+            Stars, unresolved bodies: spread at their own places between the pixels, and added.
 
         Returns
         -------
@@ -185,54 +156,40 @@ class CameraModel:
         ConfigError
             NaN, infinite or negative irradiance, with the pixel; a bad exposure, seed or region.
         """
-        irradiance = np.asarray(irradiance_W_m2)
-        if irradiance.ndim != 2 or irradiance.size == 0 or irradiance.dtype.kind != "f":
-            raise ConfigError("irradiance_W_m2", "must be a (height, width) array of floats",
-                              (irradiance.shape, str(irradiance.dtype)))
-        irradiance = irradiance.astype(np.float32, copy=False)
+        signal, lit = light_on_frame(self.optics, irradiance_W_m2, roi=roi, margin_px=margin_px, points=points,
+                                     relative_illumination=relative_illumination)
+        rate = self.optics.aperture_area_m2 * self.electrons_per_joule
+        return self.read_out(signal, rate, seed, exposure_s, previous, lit=lit,
+                             stages=self.stages(signal[lit].size > 0, points))
+
+    def read_out(self, signal: np.ndarray, rate: float, seed: int, exposure_s: float | str | None,
+                 previous: Frame | None, *, lit: tuple[slice, slice] = np.s_[:, :], stages: dict[str, str]) -> Frame:
+        """The frame of an image that the optics have spread.
+
+        Parameters
+        ----------
+        signal : (H, W) float32
+            Overwritten. 0 outside `lit`.
+        rate : float [e-/s per unit of signal]
+        seed, exposure_s, previous
+            As for `expose`.
+        lit : (slice, slice)
+        stages : dict of str to str
+            Handed on.
+        """
         seed = integer("seed", seed, 0, MAX_SEED)
         exposure = _exposure("exposure_s", self.exposure_s if exposure_s is None else exposure_s)
-        box = _lit_box(irradiance, _region(roi, irradiance.shape))
-
-        stages = self._stages(box is not None)
-        signal = np.zeros(irradiance.shape, np.float32)
-        if box is not None:
-            margin_y, margin_x = self.optics.psf_margin_px
-            (x0, y0, x1, y1), (height, width) = box, irradiance.shape
-            inside = np.s_[max(0, y0 - margin_y):min(height, y1 + margin_y),
-                           max(0, x0 - margin_x):min(width, x1 + margin_x)]
-            # A copy, so that the filter sees darkness around the box on every path.
-            light = np.maximum(irradiance[inside], 0.0)
-            if relative_illumination is not None:
-                light *= relative_illumination[inside]
-            origin = inside[0].start, inside[1].start
-            signal[inside] = self.optics.spread(light, origin, irradiance.shape)
-        else:
-            inside = np.s_[:0, :0]
-        rate_per_W_m2 = self.optics.aperture_area_m2 * self.electrons_per_joule
         if exposure == "auto":
-            exposure = self._auto_exposure_s(signal[inside], rate_per_W_m2)
+            exposure = (self.auto_exposure.of_irradiance(signal[lit], rate, self.detector) if previous is None
+                        else self.auto_exposure.after(previous, self.detector))
         # The Sun may overflow to infinity here; the detector clips it.
         with np.errstate(over="ignore"):
-            signal[inside] *= np.float32(rate_per_W_m2 * exposure)
+            signal[lit] *= np.float32(rate * exposure)
         dn, electrons, saturated = self.detector.read(signal, exposure, seed)
-        return Frame(dn=dn, electrons=electrons, saturated=saturated, exposure_s=exposure, seed=seed,
-                     stages=stages)
+        return Frame(dn=dn, electrons=electrons, saturated=saturated, exposure_s=exposure, seed=seed, stages=stages)
 
-    def _auto_exposure_s(self, irradiance: np.ndarray, rate_per_W_m2: float) -> float:
-        rule, detector = self.auto_exposure, self.detector
-        brightest = float(irradiance.max(initial=0.0))
-        if not brightest * rate_per_W_m2 > 0.0:
-            return rule.max_s
-        values = irradiance[irradiance > _LIT_FRACTION * brightest]
-        values = values[:: -(-values.size // _MAX_METERED_PX)]
-        rate = float(np.percentile(values, rule.percentile)) * rate_per_W_m2
-        rate += detector.dark_rate_electrons_per_s
-        full_scale = min(detector.full_well_electrons,
-                         (detector.max_DN - detector.offset_DN) / detector.gain_DN_per_electron)
-        return float(np.clip(rule.target * full_scale / rate, rule.min_s, rule.max_s))
-
-    def _stages(self, is_lit: bool) -> dict[str, str]:
+    def stages(self, is_lit: bool, points: PointSources | None = None) -> dict[str, str]:
+        """What is modelled and what is skipped, and why."""
         optics, detector = self.optics, self.detector
         unlit = None if is_lit else "no pixel is lit"
 
@@ -243,6 +200,8 @@ class CameraModel:
 
         return {
             "psf": stage(optics.psf_text, optics.psf_text, True),
+            "points": stage(points is not None, f"{len(points.xy_px) if points else 0} stars or unresolved bodies"),
+            "stray_light": stage(optics.stray_light, optics.stray_light and optics.stray_light.text, True),
             "photo_electrons": stage(1.0, f"{self.electrons_per_joule:.6g} e-/J", True),
             "photo_response_nonuniformity": stage(detector.photo_response_nonuniformity,
                                                   f"{detector.photo_response_nonuniformity:g}", True),
@@ -255,7 +214,10 @@ class CameraModel:
                 f"{detector.dark_current_nonuniformity:g}"),
             "hot_pixels": stage(detector.hot_pixel_fraction * detector.hot_pixel_electrons_per_s,
                                 f"{detector.hot_pixel_fraction:g} of the pixels"),
-            "shot_noise": stage(is_lit or detector.dark_current_electrons_per_s, "Poisson"),
+            "cosmic_rays": stage(detector.cosmic_ray_hits_per_px_s,
+                                 f"{detector.cosmic_ray_hits_per_px_s:g} hits/(px s)"),
+            "shot_noise": stage(is_lit or detector.dark_current_electrons_per_s
+                                or detector.cosmic_ray_hits_per_px_s, "Poisson"),
             "full_well": f"{detector.full_well_electrons:g} e-",
             "dark_signal_nonuniformity": stage(detector.dark_signal_nonuniformity_electrons,
                                                f"{detector.dark_signal_nonuniformity_electrons:g} e-"),
@@ -268,38 +230,3 @@ class CameraModel:
 
 def _exposure(name: str, value: object) -> float | str:
     return value if isinstance(value, str) and value == "auto" else positive(name, value)
-
-
-def _region(roi: object, shape: tuple[int, int]) -> tuple[int, int, int, int]:
-    height, width = shape
-    if roi is None:
-        return 0, 0, width, height
-    if not isinstance(roi, Sequence) or len(roi) != 4:
-        raise ConfigError("roi", "must be (x0, y0, x1, y1)", roi)
-    x0, x1 = (integer(f"roi[{i}]", roi[i], 0, width) for i in (0, 2))
-    y0, y1 = (integer(f"roi[{i}]", roi[i], 0, height) for i in (1, 3))
-    return x0, y0, max(x0, x1), max(y0, y1)
-
-
-def _lit_box(irradiance: np.ndarray, region: tuple[int, int, int, int]) -> tuple[int, int, int, int] | None:
-    """Tight box of the pixels above 0, so that a hint changes nothing; None in darkness."""
-    x0, y0, x1, y1 = region
-    part = irradiance[y0:y1, x0:x1]
-    if part.size == 0:
-        return None
-    low, high = float(part.min()), float(part.max())
-    if not (np.isfinite(low) and np.isfinite(high)):
-        raise _bad_pixel(part, ~np.isfinite(part), x0, y0, "must be finite")
-    if low < -NEGATIVE_TOLERANCE * max(high, 0.0):
-        raise _bad_pixel(part, part == low, x0, y0, "must not be negative")
-    if not high > 0.0:
-        return None
-    rows = np.flatnonzero(part.max(axis=1) > 0.0)
-    columns = np.flatnonzero(part[rows[0]:rows[-1] + 1].max(axis=0) > 0.0)
-    return int(x0 + columns[0]), int(y0 + rows[0]), int(x0 + columns[-1] + 1), int(y0 + rows[-1] + 1)
-
-
-def _bad_pixel(part: np.ndarray, bad: np.ndarray, x0: int, y0: int, rule: str) -> ConfigError:
-    row, column = np.argwhere(bad)[0]
-    return ConfigError(f"irradiance_W_m2[{row + y0}, {column + x0}]", rule, float(part[row, column]),
-                       f"{np.count_nonzero(bad)} such pixel(s)")

@@ -7,18 +7,17 @@ temporal noise to the frame's.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
-from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
 
-from . import poisson
+from . import cosmic, poisson
 from .errors import ConfigError
+from .pattern import COSMIC, FRAME, FixedPattern, fixed_pattern, rows_of, stream
 from .spectrum import Curve, curve
+from .threads import run
 from .validate import finite, integer, known_keys, positive, vector, within
 
 # Each block has its own stream, so that bytes do not depend on the number of threads. 2**16
@@ -28,8 +27,6 @@ _BLOCK_PX = 2**16
 # variance (photometry.md section 4.6).
 _MAX_FULL_WELLS = 100.0
 MAX_SEED = 2**64 - 1
-# Spawn keys that keep a sensor's streams apart from a frame's when both seeds are equal.
-_SENSOR, _FRAME = 0, 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,6 +59,12 @@ class Detector:
     hot_pixel_electrons_per_s : float [e-/s], >= 0
         Mean of the hot pixels' extra dark current, exponentially distributed, at
         `dark_reference_temperature_K`.
+    cosmic_ray_hits_per_px_s : float [1/(px s)], 0..0.01
+        Rate of particles: 5 per cm2 and s on pixels of 13 um are 8e-6.
+    cosmic_ray_electrons_per_px : float [e-/px], >= 0
+        Charge per pixel width of a particle's path, at about 80 e-/um.
+    cosmic_ray_depth_px : float [px], 0.01..100
+        Depth of the sensitive layer over the pitch.
     frame_transfer_row_s : float [s], >= 0
         Time in which a frame-transfer sensor shifts the image by a row; light goes on falling
         meanwhile and smears along the columns. 0 is none.
@@ -92,6 +95,9 @@ class Detector:
     dark_current_nonuniformity: float = 0.0
     hot_pixel_fraction: float = 0.0
     hot_pixel_electrons_per_s: float = 0.0
+    cosmic_ray_hits_per_px_s: float = 0.0
+    cosmic_ray_electrons_per_px: float = 1000.0
+    cosmic_ray_depth_px: float = 1.0
     frame_transfer_row_s: float = 0.0
     nonlinearity_DN: tuple[tuple[float, float], ...] | None = None
     sensor_seed: int = 0
@@ -104,12 +110,14 @@ class Detector:
             put(name, positive(name, getattr(self, name)))
         for name in ("read_noise_electrons", "dark_current_electrons_per_s",
                      "dark_signal_nonuniformity_electrons", "hot_pixel_electrons_per_s",
-                     "frame_transfer_row_s"):
+                     "frame_transfer_row_s", "cosmic_ray_electrons_per_px"):
             put(name, within(name, getattr(self, name), 0.0, 1e9))
         # Six sigma of 0.3 would be a negative response; real sensors are at 0.003 to 0.03.
         for name in ("photo_response_nonuniformity", "dark_current_nonuniformity"):
             put(name, within(name, getattr(self, name), 0.0, 0.3))
         put("hot_pixel_fraction", within("hot_pixel_fraction", self.hot_pixel_fraction, 0.0, 0.1))
+        put("cosmic_ray_hits_per_px_s", within("cosmic_ray_hits_per_px_s", self.cosmic_ray_hits_per_px_s, 0.0, 0.01))
+        put("cosmic_ray_depth_px", within("cosmic_ray_depth_px", self.cosmic_ray_depth_px, 0.01, 100.0))
         if self.nonlinearity_DN is not None:
             put("nonlinearity_DN", _rising_pairs("nonlinearity_DN", self.nonlinearity_DN))
         put("bit_depth", integer("bit_depth", self.bit_depth, 1, 16))
@@ -141,7 +149,7 @@ class Detector:
 
     def fixed_pattern(self, shape: tuple[int, int]) -> FixedPattern:
         """The sensor's own maps, made once."""
-        return _fixed_pattern(self, shape)
+        return fixed_pattern(self, shape)
 
     def read(self, signal_electrons: np.ndarray, exposure_s: float, seed: int) -> tuple[np.ndarray, ...]:
         """Expose and read out.
@@ -170,22 +178,30 @@ class Detector:
             column = signal_electrons.sum(axis=0, dtype=np.float64) * (self.frame_transfer_row_s / exposure_s)
             signal_electrons = signal_electrons + column.astype(np.float32)
         pattern = self.fixed_pattern((height, width))
+        rays = self._cosmic_rays((height, width), exposure_s, seed)
         n_rows = max(1, _BLOCK_PX // width)
         blocks = [slice(row, min(row + n_rows, height)) for row in range(0, height, n_rows)]
 
         def read_block(index: int) -> None:
             rows = blocks[index]
-            rng = _stream(seed, _FRAME, index)
+            rng = stream(seed, FRAME, index)
             self._read_block(rng, signal_electrons[rows], exposure_s, pattern.rows(rows),
-                             tuple(out[rows] for out in outputs))
+                             rows_of(rays, rows, width), tuple(out[rows] for out in outputs))
 
-        if len(blocks) == 1:
-            read_block(0)
-        else:
-            list(_pool().map(read_block, range(len(blocks))))
+        run(read_block, range(len(blocks)))
         return outputs
 
-    def _read_block(self, rng, signal, exposure_s, pattern, outputs) -> None:
+    def _cosmic_rays(self, shape: tuple[int, int], exposure_s: float, seed: int) -> tuple[np.ndarray, ...] | None:
+        if self.cosmic_ray_hits_per_px_s == 0.0:
+            return None
+        rng = stream(seed, COSMIC)
+        n_hits = int(rng.poisson(self.cosmic_ray_hits_per_px_s * exposure_s * shape[0] * shape[1]))
+        pixel, electrons = cosmic.tracks(rng, shape, n_hits, electrons_per_px=self.cosmic_ray_electrons_per_px,
+                                         depth_px=self.cosmic_ray_depth_px)
+        # Poisson numbers add: drawn apart, no other pixel's noise changes.
+        return pixel, rng.poisson(electrons).astype(np.float32)
+
+    def _read_block(self, rng, signal, exposure_s, pattern, rays, outputs) -> None:
         dn, electrons, saturated = outputs
         well = np.float32(self.full_well_electrons)
         most = np.float32(_MAX_FULL_WELLS) * well
@@ -200,6 +216,8 @@ class Detector:
             hot = rate * np.float32(self.dark_warmth * exposure_s)
             mean.ravel()[pixel] += np.minimum(hot, most)
         charge = poisson.draw(rng, mean.ravel(), dark).reshape(mean.shape)
+        if rays is not None:
+            charge.ravel()[rays[0]] += rays[1]
         np.minimum(charge, well, out=electrons)
         full = electrons >= well
         if pattern.offset_electrons is not None:
@@ -220,63 +238,6 @@ class Detector:
         dn[...] = number
 
 
-@dataclass(frozen=True)
-class FixedPattern:
-    """Maps of a sensor, (H, W) float32, read-only; None where there is no such pattern.
-
-    `response` [1] scales the signal, `dark` [1] the dark current, `offset_electrons` [e-] is added.
-    `hot` is a pair: flat indices of the hot pixels, rising, and their extra dark currents [e-/s].
-    """
-
-    response: np.ndarray | None
-    dark: np.ndarray | None
-    offset_electrons: np.ndarray | None
-    hot: tuple[np.ndarray, np.ndarray] | None
-    width_px: int
-
-    def rows(self, rows: slice) -> FixedPattern:
-        """The maps of some rows."""
-        hot = self.hot
-        if hot is not None:
-            part = slice(*np.searchsorted(hot[0], (rows.start * self.width_px, rows.stop * self.width_px)))
-            hot = hot[0][part] - rows.start * self.width_px, hot[1][part]
-        maps = (None if m is None else m[rows] for m in (self.response, self.dark, self.offset_electrons))
-        return FixedPattern(*maps, hot, self.width_px)
-
-
-def _stream(seed: int, *key: int) -> np.random.Generator:
-    # SFC64 is the fastest of NumPy's generators here: poisson 40 ms/Mpx against 65 of PCG64DXSM.
-    return np.random.Generator(np.random.SFC64(np.random.SeedSequence(seed, spawn_key=key)))
-
-
-@lru_cache(maxsize=8)
-def _fixed_pattern(detector: Detector, shape: tuple[int, int]) -> FixedPattern:
-    def pattern(index: int, mean: float, sigma: float, floor: float) -> np.ndarray | None:
-        if sigma == 0.0:
-            return None
-        values = _stream(detector.sensor_seed, _SENSOR, index).standard_normal(shape, dtype=np.float32)
-        values *= np.float32(sigma)
-        values += np.float32(mean)
-        np.maximum(values, np.float32(floor), out=values)
-        values.setflags(write=False)
-        return values
-
-    return FixedPattern(
-        response=pattern(0, 1.0, detector.photo_response_nonuniformity, 0.0),
-        dark=pattern(1, 1.0, detector.dark_current_nonuniformity, 0.0),
-        offset_electrons=pattern(2, 0.0, detector.dark_signal_nonuniformity_electrons, -np.inf),
-        hot=_hot_pixels(detector, shape[0] * shape[1]), width_px=shape[1])
-
-
-def _hot_pixels(detector: Detector, n_pixels: int) -> tuple[np.ndarray, np.ndarray] | None:
-    n_hot = round(detector.hot_pixel_fraction * n_pixels)
-    if n_hot == 0 or detector.hot_pixel_electrons_per_s == 0.0:
-        return None
-    rng = _stream(detector.sensor_seed, _SENSOR, 3)
-    pixel = np.sort(rng.choice(n_pixels, n_hot, replace=False))
-    return pixel, rng.exponential(detector.hot_pixel_electrons_per_s, n_hot).astype(np.float32)
-
-
 def _rising_pairs(name: str, value: object) -> tuple[tuple[float, float], ...]:
     if not isinstance(value, Sequence) or isinstance(value, str) or len(value) < 2:
         raise ConfigError(name, "must be at least two pairs of numbers", value)
@@ -284,8 +245,3 @@ def _rising_pairs(name: str, value: object) -> tuple[tuple[float, float], ...]:
     if not (np.diff(pairs, axis=0) > 0.0).all():
         raise ConfigError(name, "both columns must rise", value)
     return tuple((float(a), float(b)) for a, b in pairs)
-
-
-@cache
-def _pool() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(min(4, os.cpu_count() or 1), thread_name_prefix="glrender-detector")

@@ -11,15 +11,25 @@ from typing import Any
 import numpy as np
 
 from . import psf
-from .errors import ConfigError
+from .aberrations import Aberrations
+from .convolution import Convolution, FieldConvolution
+from .errors import ConfigError, error_path
 from .spectrum import Curve, band, curve, photon_weights
+from .straylight import StrayLight
 from .validate import integer, known_keys, positive, within
 
 # Energy beyond 5.5 sigma is 4e-8 an axis: below float32's own rounding of the sum.
 _KERNEL_RADIUS_SIGMAS = 5.5
 MAX_PSF_SIGMA_PX = 100.0
-# Averaging diffraction over a band of 450-950 nm: 9 against 33 wavelengths differ by 1e-4.
+# Averaging diffraction over a band of 450-950 nm: 9 against 33 wavelengths differ by 1e-4; a narrower
+# band needs fewer.
 _N_WAVELENGTHS = 9
+_WAVELENGTHS_PER_RELATIVE_WIDTH = 12.6
+# A kernel of an aberrated pupil costs the fourth power of its radius: 63 px is seconds.
+_MAX_ABERRATED_RADIUS_PX = 63
+# Places a pixel and axis where a star's kernel is known; odd, so that a place is a cell's middle.
+FINE = 5
+_PARTS = {"aberrations": Aberrations, "stray_light": StrayLight}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,10 +54,15 @@ class Optics:
         Inner over outer diameter of an annular pupil, for diffraction and for the area.
     psf_radius_px : int [px], 1..255
         Half width of a diffraction kernel; what falls farther is lost and reported.
+    aberrations : Aberrations, optional
+        Of the pupil; needs `f_number`. Where they vary over the field, the kernels are a grid.
     psf_measured : (n, m) or (rows, columns, n, m) numbers [1], optional
         Measured kernel, n and m odd, of non-negative shares that sum to at most 1; or a grid of
         kernels, evenly spaced from the frame's first pixel to its last, between which the light is
-        shared out. It is the whole spread: neither Gaussian nor diffraction may be given beside it.
+        shared out. It holds the optics' diffraction and the pixel: no `f_number` may be given beside
+        it; a Gaussian blurs it further, without counting the pixel again.
+    stray_light : StrayLight, optional
+        Wide wing and veil, over the whole frame.
 
     Raises
     ------
@@ -62,7 +77,9 @@ class Optics:
     pixel_pitch_m: float | None = None
     central_obscuration: float = 0.0
     psf_radius_px: int = 15
+    aberrations: Aberrations | None = None
     psf_measured: tuple | None = None
+    stray_light: StrayLight | None = None
 
     def __post_init__(self):
         put = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731 (frozen dataclass)
@@ -82,16 +99,28 @@ class Optics:
             if not lambda_n_px >= psf.MIN_LAMBDA_N_PX:
                 raise ConfigError("f_number", f"wavelength x f_number must be >= {psf.MIN_LAMBDA_N_PX} pixels, is "
                                   f"{lambda_n_px:.3g}", self.f_number, "leave diffraction out: it is invisible")
+        for name, kind in _PARTS.items():
+            if not isinstance(getattr(self, name), kind | None):
+                raise ConfigError(name, f"must be {kind.__name__}", getattr(self, name))
+        if self.aberrations is not None:
+            if not self.is_diffracted:
+                raise ConfigError("f_number", "missing: aberrations are the pupil's")
+            integer("psf_radius_px", self.psf_radius_px, 1, _MAX_ABERRATED_RADIUS_PX)
         if self.psf_measured is not None:
-            if self.psf_sigma_px > 0.0 or self.is_diffracted:
-                raise ConfigError("psf_measured", "is the whole spread: give no psf_sigma_px and no f_number")
+            if self.is_diffracted:
+                raise ConfigError("psf_measured", "holds the diffraction: give no f_number")
             put("psf_measured", _measured(self.psf_measured))
 
     @classmethod
     def from_dict(cls, table: Mapping[str, Any]) -> Optics:
         """From plain data; unknown keys are refused by name."""
         known_keys("", table, [f.name for f in fields(cls)], required=("aperture_diameter_m",))
-        return cls(**table)
+        parts = dict(table)
+        for name, kind in _PARTS.items():
+            if name in parts:
+                with error_path(name):
+                    parts[name] = kind.from_dict(parts[name])
+        return cls(**parts)
 
     @property
     def aperture_area_m2(self) -> float:
@@ -112,16 +141,56 @@ class Optics:
         (2 r + 1,), (n, m) or (rows, columns, n, m) float64 [1]
             One axis of a separable kernel, the whole, or a grid over the frame; not renormalised.
         """
-        if self.psf_measured is not None:
-            return np.array(self.psf_measured)
         gaussian_px = math.ceil(_KERNEL_RADIUS_SIGMAS * self.psf_sigma_px)
+        if self.psf_measured is not None:
+            measured = np.array(self.psf_measured)
+            return psf.blurred(measured, self.psf_sigma_px, gaussian_px + 2) if self.psf_sigma_px > 0.0 else measured
         if not self.is_diffracted:
             return psf.gaussian_axis(self.psf_sigma_px, gaussian_px)
-        wavelengths_m, weights = photon_weights(self.band_nm, self.transmission, _N_WAVELENGTHS)
-        return psf.diffraction_kernel(
-            wavelengths_m, weights, f_number=self.f_number, pixel_pitch_m=self.pixel_pitch_m,
-            central_obscuration=self.central_obscuration, sigma_px=self.psf_sigma_px,
-            radius_px=max(self.psf_radius_px, gaussian_px))
+        return self._pupil_kernels(max(self.psf_radius_px, gaussian_px))
+
+    @cached_property
+    def psf_fine_kernel(self) -> np.ndarray:
+        """The pupil's kernel at places a fifth of a pixel apart, each the light of a whole pixel around it.
+
+        Returns
+        -------
+        (n, n) or (rows, columns, n, n) float64 [1]
+            Its middle and every fifth place from there are `psf_kernel`; n = 5 (2 r + 2) + 1.
+        """
+        radius_px = self.psf_margin_px[0]
+        fine = self._pupil_kernels(FINE * (radius_px + 1) + FINE // 2, FINE)
+        # The sum over 5 x 5 cells around each place.
+        total = np.cumsum(np.cumsum(np.pad(fine, [(0, 0)] * (fine.ndim - 2) + [(1, 0)] * 2), axis=-1), axis=-2)
+        rows = total[..., FINE:, :] - total[..., :-FINE, :]
+        return rows[..., FINE:] - rows[..., :-FINE]
+
+    def _pupil_kernels(self, radius: int, parts: int = 1) -> np.ndarray:
+        """Kernel, or grid of kernels, of so many cells to each side; a pixel has `parts` cells on an axis."""
+        relative_width = 2.0 * (self.band_nm[1] - self.band_nm[0]) / sum(self.band_nm)
+        n_wavelengths = min(_N_WAVELENGTHS, math.ceil(_WAVELENGTHS_PER_RELATIVE_WIDTH * relative_width))
+        wavelengths_m, weights = photon_weights(self.band_nm, self.transmission, n_wavelengths)
+
+        def kernel(opd_m=None) -> np.ndarray:
+            return psf.diffraction_kernel(
+                wavelengths_m, weights, f_number=self.f_number, pixel_pitch_m=self.pixel_pitch_m / parts,
+                central_obscuration=self.central_obscuration, sigma_px=self.psf_sigma_px * parts,
+                radius_px=radius, opd_m=opd_m, n_nodes=8 if parts == 1 else 2)
+
+        lens = self.aberrations
+        if lens is None:
+            return kernel()
+        if not lens.varies:
+            return kernel(lambda x, y: 1e-9 * lens.opd_nm(x, y))
+        at = lambda node: kernel(lambda x, y: 1e-9 * lens.opd_nm(x, y, tuple(node)))  # noqa: E731
+        nodes = lens.nodes()
+        if lens.zernike_nm:
+            return np.array([[at(node) for node in row] for row in nodes])
+        # Without terms of their own direction the field is its own mirror image: a quadrant is enough.
+        rows, columns = lens.grid
+        top = np.array([[at(node) for node in row[:(columns + 1) // 2]] for row in nodes[:(rows + 1) // 2]])
+        left = np.concatenate([top, top[:rows // 2][::-1, :, ::-1]])
+        return np.concatenate([left, left[:, :columns // 2][:, ::-1, :, ::-1]], axis=1)
 
     @property
     def psf_margin_px(self) -> tuple[int, int]:
@@ -145,19 +214,21 @@ class Optics:
     @property
     def psf_text(self) -> str:
         """The point spread function in words; empty when there is none."""
+        parts = []
         if self.psf_measured is not None:
-            grid = self.psf_kernel.shape[:-2]
-            parts = [f"measured, {grid[0]} x {grid[1]} over the frame" if grid else "measured"]
-        else:
-            parts = []
-            if self.is_diffracted:
-                parts.append(f"diffraction at f/{self.f_number:g}, obscuration {self.central_obscuration:g}")
-            if self.psf_sigma_px > 0.0:
-                parts.append(f"Gaussian of sigma {self.psf_sigma_px:g} px")
+            parts.append("measured")
+        if self.is_diffracted:
+            parts.append(f"diffraction at f/{self.f_number:g}, obscuration {self.central_obscuration:g}")
+        if self.aberrations is not None:
+            parts.append("aberrations")
+        if self.psf_sigma_px > 0.0:
+            parts.append(f"Gaussian of sigma {self.psf_sigma_px:g} px")
         if not parts:
             return ""
         rows, columns = (2 * margin + 1 for margin in self.psf_margin_px)
-        return f"{' and '.join(parts)}, kernel {rows} x {columns} px, energy cut {self.psf_energy_cut:.2g}"
+        grid = self.psf_kernel.shape[:-2]
+        over = f" on {grid[0]} x {grid[1]} nodes over the frame" if grid else ""
+        return f"{' and '.join(parts)}, kernel {rows} x {columns} px{over}, energy cut {self.psf_energy_cut:.2g}"
 
     def spread(self, image: np.ndarray, origin_px: tuple[int, int] = (0, 0),
                frame_shape: tuple[int, int] | None = None) -> np.ndarray:
@@ -176,10 +247,13 @@ class Optics:
         -------
         (h, w) float32
         """
-        kernel = self.psf_kernel
-        if kernel.ndim == 4:
-            return psf.convolve_field(image, kernel, origin_px, frame_shape or image.shape)
-        return image if kernel.size == 1 and kernel.sum() == 1.0 else psf.convolve(image, kernel)
+        if self.psf_kernel.ndim == 4:
+            return self._convolution(image, origin_px, frame_shape or image.shape)
+        return image if self.psf_kernel.size == 1 and self.psf_kernel.sum() == 1.0 else self._convolution(image)
+
+    @cached_property
+    def _convolution(self) -> Convolution | FieldConvolution:
+        return (FieldConvolution if self.psf_kernel.ndim == 4 else Convolution)(self.psf_kernel)
 
 
 def _measured(value: object) -> tuple[tuple[float, ...], ...]:

@@ -6,13 +6,14 @@ Frame `camera`: +Z boresight, +X to the right of the image, +Y down. Frame `pixe
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 
 import numpy as np
 
 from .camera import CameraModel, Frame
 from .errors import ConfigError
+from .points import PointSources
 from .validate import integer, position, text, unit_quaternion, vector, within
 
 MAX_IMAGE_PX = 16384
@@ -135,9 +136,16 @@ class PinholeCamera:
         cosine.setflags(write=False)
         return cosine
 
+    def with_margin(self, margin_px: int) -> PinholeCamera:
+        """The same camera with so many more pixels on each side, to render what lies beyond the frame."""
+        return self if margin_px == 0 else _with_margin(self, integer("margin_px", margin_px, 0, MAX_IMAGE_PX))
+
     def expose(self, irradiance_W_m2: np.ndarray, seed: int = 0, *, exposure_s: float | str | None = None,
-               roi: tuple[int, int, int, int] | None = None) -> Frame:
+               roi: tuple[int, int, int, int] | None = None, previous: Frame | None = None,
+               margin_px: int = 0, points: PointSources | None = None) -> Frame:
         """One frame of this camera: `CameraModel.expose` with the aperture foreshortened off axis.
+
+        With `margin_px` the image is one of `with_margin(margin_px)`.
 
         Raises
         ------
@@ -146,8 +154,17 @@ class PinholeCamera:
         """
         if self.model is None:
             raise ConfigError("model", "missing", hint="give the camera a CameraModel, or ask for irradiance")
-        if np.shape(irradiance_W_m2) != (self.height_px, self.width_px):
-            raise ConfigError("irradiance_W_m2", f"must have shape ({self.height_px}, {self.width_px})",
+        seen = self.with_margin(margin_px)
+        if np.shape(irradiance_W_m2) != (seen.height_px, seen.width_px):
+            raise ConfigError("irradiance_W_m2", f"must have shape ({seen.height_px}, {seen.width_px})",
                               np.shape(irradiance_W_m2))
         return self.model.expose(irradiance_W_m2, seed, exposure_s=exposure_s, roi=roi,
-                                 relative_illumination=self.cos_field_angle)
+                                 relative_illumination=seen.cos_field_angle, previous=previous,
+                                 margin_px=margin_px, points=points)
+
+
+@lru_cache(maxsize=8)
+def _with_margin(camera: PinholeCamera, margin_px: int) -> PinholeCamera:
+    x, y = camera.principal_point_px
+    return replace(camera, width_px=camera.width_px + 2 * margin_px, height_px=camera.height_px + 2 * margin_px,
+                   principal_point_px=(x + margin_px, y + margin_px))

@@ -1,4 +1,4 @@
-"""Point spread functions on the pixel grid, and convolution with them.
+"""Point spread functions on the pixel grid.
 
 A kernel holds the fraction of a point's light, at a pixel's centre, that falls into each pixel. It
 is not renormalised: what it misses is light that goes farther, and the caller is told how much.
@@ -7,10 +7,13 @@ is not renormalised: what it misses is light that goes farther, and the caller i
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
-import cv2
 import numpy as np
-from scipy.special import erf, j1
+from scipy.ndimage import convolve1d
+from scipy.special import erf, ive, j1
+
+from .pupil import intensity
 
 # Gauss-Legendre nodes on one pixel and axis: exact to 1e-9 while a pixel holds less than about
 # three periods of the diffraction pattern, lambda N >= 0.3 px.
@@ -18,8 +21,8 @@ _NODES = 8
 MIN_LAMBDA_N_PX = 0.3
 
 
-def gaussian_axis(sigma_px: float, radius_px: int) -> np.ndarray:
-    """Pixel-integrated Gaussian along one axis.
+def gaussian_axis(sigma_px: float, radius_px: int, offset_px: float = 0.0) -> np.ndarray:
+    """Pixel-integrated Gaussian along one axis, its centre so far from the middle pixel's.
 
     Parameters
     ----------
@@ -30,12 +33,39 @@ def gaussian_axis(sigma_px: float, radius_px: int) -> np.ndarray:
     -------
     (2 radius + 1,) float64 [1]
     """
-    return _gaussian_weights(np.zeros(1), sigma_px, radius_px)[:, 0]
+    return _gaussian_weights(np.array([offset_px]), sigma_px, radius_px)[:, 0]
+
+
+def blurred(kernel: np.ndarray, sigma_px: float, radius_px: int) -> np.ndarray:
+    """A kernel that already holds the pixel, blurred by a Gaussian that must not count it again.
+
+    The discrete Gaussian exp(-s^2) I_n(s^2) adds exactly s^2 to the variance, sums to 1 and is
+    nowhere negative.
+
+    Parameters
+    ----------
+    kernel : (..., n, m) float64
+    sigma_px : float [px], >= 0
+    radius_px : int [px]
+
+    Returns
+    -------
+    (..., n + 2 radius, m + 2 radius) float64
+
+    Source: Lindeberg (1990), IEEE Trans. Pattern Anal. Mach. Intell. 12, 234.
+    """
+    axis = ive(np.abs(np.arange(-radius_px, radius_px + 1)), sigma_px**2)
+    wide = np.pad(kernel, [(0, 0)] * (kernel.ndim - 2) + [(radius_px, radius_px)] * 2)
+    for direction in (-2, -1):
+        wide = convolve1d(wide, axis, axis=direction, mode="constant")
+    return wide
 
 
 def diffraction_kernel(wavelengths_m: np.ndarray, weights: np.ndarray, *, f_number: float, pixel_pitch_m: float,
-                       central_obscuration: float, sigma_px: float, radius_px: int) -> np.ndarray:
-    """Airy pattern of a round or annular pupil, blurred by a Gaussian and integrated over the pixels.
+                       central_obscuration: float, sigma_px: float, radius_px: int,
+                       opd_m: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
+                       n_nodes: int = _NODES) -> np.ndarray:
+    """Diffraction of a round or annular pupil, blurred by a Gaussian and integrated over the pixels.
 
     Parameters
     ----------
@@ -49,6 +79,10 @@ def diffraction_kernel(wavelengths_m: np.ndarray, weights: np.ndarray, *, f_numb
     sigma_px : float [px], >= 0
         Of the Gaussian: jitter, residual aberrations.
     radius_px : int [px]
+    opd_m : function of x, y (...) [1] -> (...) [m], optional
+        Optical path difference over the pupil; by default none: Airy's pattern.
+    n_nodes : int
+        Points per pixel and axis, even.
 
     Returns
     -------
@@ -56,17 +90,23 @@ def diffraction_kernel(wavelengths_m: np.ndarray, weights: np.ndarray, *, f_numb
 
     Source: Born & Wolf, Principles of Optics, section 8.6.2 (annular aperture).
     """
-    node, node_weight = np.polynomial.legendre.leggauss(_NODES)
+    node, node_weight = np.polynomial.legendre.leggauss(n_nodes)
     pixels = np.arange(-radius_px, radius_px + 1)
     x = (pixels[:, None] + 0.5 * node).ravel()
-    # The pattern is even: one quadrant is enough.
-    half = x[x.size // 2:]
-    r = np.hypot(half[:, None], half[None, :])
-    quadrant = np.zeros_like(r)
-    for wavelength_m, weight in zip(wavelengths_m, weights, strict=True):
-        quadrant += weight * _annular(r, wavelength_m * f_number / pixel_pitch_m, central_obscuration)
-    rows = np.concatenate([quadrant[::-1], quadrant])
-    pattern = np.concatenate([rows[:, ::-1], rows], axis=1)
+    if opd_m is None:
+        # The pattern is even: one quadrant is enough.
+        half = x[x.size // 2:]
+        r = np.hypot(half[:, None], half[None, :])
+        quadrant = np.zeros_like(r)
+        for wavelength_m, weight in zip(wavelengths_m, weights, strict=True):
+            quadrant += weight * _annular(r, wavelength_m * f_number / pixel_pitch_m, central_obscuration)
+        rows = np.concatenate([quadrant[::-1], quadrant])
+        pattern = np.concatenate([rows[:, ::-1], rows], axis=1)
+    else:
+        wavelengths_m = np.asarray(wavelengths_m)
+        pattern = intensity(pixels, 0.5 * node, lambda_n_px=wavelengths_m * (f_number / pixel_pitch_m),
+                            weights=weights, obscuration=central_obscuration,
+                            phase=lambda px, py: 2.0 * math.pi / wavelengths_m[0] * opd_m(px, py))
     blur = _gaussian_weights(x, sigma_px, radius_px) * np.tile(0.5 * node_weight, pixels.size)
     return blur @ pattern @ blur.T
 
@@ -86,82 +126,3 @@ def _gaussian_weights(x_px: np.ndarray, sigma_px: float, radius_px: int) -> np.n
     edges = np.arange(-radius_px, radius_px + 2)[:, None] - 0.5 - x_px[None, :]
     step = np.sign(edges) if sigma_px == 0.0 else erf(edges / (math.sqrt(2.0) * sigma_px))
     return np.diff(step, axis=0) / 2.0
-
-
-def convolve(image: np.ndarray, kernel: np.ndarray) -> np.ndarray:
-    """Convolution with darkness beyond the edges; no wrap-around.
-
-    Parameters
-    ----------
-    image : (H, W) float32
-    kernel : (n,) or (n, m) float64, odd sizes
-        One axis of a separable kernel, symmetric, or the whole.
-
-    Returns
-    -------
-    (H, W) float32
-    """
-    border = cv2.BORDER_CONSTANT
-    if kernel.ndim == 1:
-        axis = kernel.astype(np.float32)
-        return cv2.sepFilter2D(image, cv2.CV_32F, axis, axis, borderType=border)
-    # OpenCV correlates: a convolution turns the kernel about. From 12 px on it goes by Fourier
-    # transform, padded, whose rounding must not make light negative.
-    turned = kernel[::-1, ::-1].astype(np.float32)
-    spread = cv2.filter2D(image, cv2.CV_32F, turned, borderType=border)
-    return np.maximum(spread, 0.0, out=spread)
-
-
-def convolve_field(image: np.ndarray, kernels: np.ndarray, origin_px: tuple[int, int],
-                   frame_shape: tuple[int, int]) -> np.ndarray:
-    """Convolution with a point spread function that varies over the frame.
-
-    The kernels sit on a grid of nodes from the frame's first to its last pixel. The light, not the
-    result, is shared out between the four nodes around it with bilinear weights that sum to 1: no
-    light is lost or made, and there is no seam (photometry.md section 4.5).
-
-    Parameters
-    ----------
-    image : (h, w) float32
-        A part of the frame; darkness elsewhere.
-    kernels : (ny, nx, n, m) float64, n and m odd
-        A grid of one row or column does not vary that way.
-    origin_px : (row, column) int [px]
-        Of the part in the frame.
-    frame_shape : (H, W) int [px]
-
-    Returns
-    -------
-    (h, w) float32
-    """
-    row_weights, column_weights = (
-        _hats(origin + np.arange(size), length, n_nodes) for origin, size, length, n_nodes
-        in zip(origin_px, image.shape, frame_shape, kernels.shape[:2], strict=True))
-    margin_y, margin_x = kernels.shape[2] // 2, kernels.shape[3] // 2
-    out = np.zeros(image.shape, np.float32)
-    for i, j in np.ndindex(kernels.shape[:2]):
-        rows, columns = _support(row_weights[i]), _support(column_weights[j])
-        light = image[rows, columns] * row_weights[i, rows, None] * column_weights[j, columns]
-        if not light.any():
-            continue
-        light = cv2.copyMakeBorder(light, margin_y, margin_y, margin_x, margin_x, cv2.BORDER_CONSTANT, value=0.0)
-        spread = convolve(light, kernels[i, j])
-        # What reaches beyond the part is cut off.
-        top, left = rows.start - margin_y, columns.start - margin_x
-        inside = np.s_[max(0, -top):image.shape[0] - top, max(0, -left):image.shape[1] - left]
-        part = spread[inside]
-        out[max(0, top):max(0, top) + part.shape[0], max(0, left):max(0, left) + part.shape[1]] += part
-    return out
-
-
-def _hats(position: np.ndarray, length: int, n_nodes: int) -> np.ndarray:
-    """(n_nodes, N) float32: linear weights of evenly spaced nodes from 0 to length - 1; columns sum to 1."""
-    if n_nodes == 1:
-        return np.ones((1, position.size), np.float32)
-    place = position * ((n_nodes - 1) / max(length - 1, 1))
-    return np.maximum(1.0 - np.abs(place - np.arange(n_nodes)[:, None]), 0.0).astype(np.float32)
-
-
-def _support(weights: np.ndarray) -> slice:
-    index = np.flatnonzero(weights)
-    return slice(int(index[0]), int(index[-1]) + 1) if index.size else slice(0, 0)

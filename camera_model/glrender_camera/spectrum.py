@@ -16,6 +16,10 @@ BOLTZMANN_J_K = 1.380649e-23
 SUN_TEMPERATURE_K = 5772.0
 """Effective temperature of the Sun: IAU 2015 Resolution B3."""
 
+_V_PASSBAND = tuple(zip(np.arange(470.0, 701.0, 10.0).tolist(), (
+    0.0, 0.030, 0.163, 0.458, 0.780, 0.967, 1.0, 0.973, 0.898, 0.792, 0.684, 0.574, 0.461, 0.359, 0.270, 0.197, 0.135,
+    0.081, 0.045, 0.025, 0.017, 0.013, 0.009, 0.0), strict=True))
+
 Curve = float | tuple[tuple[float, float], ...]
 """One number for the whole band, or pairs (wavelength [nm], value) joined by straight lines."""
 
@@ -50,8 +54,7 @@ def band(name: str, value: object) -> tuple[float, float]:
     return low, high
 
 
-def electrons_per_joule(band_nm: tuple[float, float], transmission: Curve,
-                        quantum_efficiency: Curve) -> float:
+def electrons_per_joule(band_nm: tuple[float, float], transmission: Curve, quantum_efficiency: Curve) -> float:
     """Photo-electrons per joule of in-band sunlight at the aperture.
 
     R = integral of S QE tau lambda / (h c) over the band, divided by the integral of S over the
@@ -71,6 +74,36 @@ def electrons_per_joule(band_nm: tuple[float, float], transmission: Curve,
     Source: photometry.md section 1.6. Against the Sun's own spectrum (ASTM E490-00a) photons per
     joule agree within 0.3 % in 400-700 nm and 0.9 % in any band of 300-1100 nm.
     """
+    energy, electrons = _band_integrals(band_nm, transmission, quantum_efficiency, np.array([SUN_TEMPERATURE_K]))
+    return float(electrons[0] / energy[0])
+
+
+def stellar_response(temperature_K: np.ndarray, band_nm: tuple[float, float], transmission: Curve = 1.0,
+                     quantum_efficiency: Curve = 1.0) -> np.ndarray:
+    """Photo-electrons from a star over those from a star of the Sun's colour and the same V magnitude.
+
+    Parameters
+    ----------
+    temperature_K : (N,) float [K], > 0
+        Of the black body with the star's colour.
+    band_nm : (2,) float [nm]
+    transmission, quantum_efficiency : Curve [1]
+
+    Returns
+    -------
+    (N,) float64 [1]
+
+    Source: V passband of Bessell (1990), Publ. Astron. Soc. Pac. 102, 1181, table 2.
+    """
+    temperature_K = np.append(np.asarray(temperature_K, np.float64), SUN_TEMPERATURE_K)
+    electrons = _band_integrals(band_nm, transmission, quantum_efficiency, temperature_K)[1]
+    visual = _band_integrals((470.0, 700.0), _V_PASSBAND, 1.0, temperature_K)[1]
+    ratio = electrons / visual
+    return ratio[:-1] / ratio[-1]
+
+
+def _band_integrals(band_nm, transmission, quantum_efficiency, temperature_K) -> tuple[np.ndarray, np.ndarray]:
+    """Energy and photo-electrons of black bodies over a band, to one factor: (N,), (N,)."""
     nodes = np.linspace(*band_nm, 257)
     for table in (transmission, quantum_efficiency):
         if not isinstance(table, Real):
@@ -81,10 +114,9 @@ def electrons_per_joule(band_nm: tuple[float, float], transmission: Curve,
     wavelength_nm = ((nodes[:-1, None] + half) + half * x).ravel()
     weight = (half * weight).ravel()
     wavelength_m = wavelength_nm * 1e-9
-    photon_J = PLANCK_J_S * SPEED_OF_LIGHT_M_S / wavelength_m
-    spectrum = weight * _sunlight(wavelength_m)
-    counted = _at(transmission, wavelength_nm) * _at(quantum_efficiency, wavelength_nm) / photon_J
-    return float(np.sum(spectrum * counted) / np.sum(spectrum))
+    spectrum = weight * _black_body(wavelength_m, temperature_K[:, None])
+    counted = _at(transmission, wavelength_nm) * _at(quantum_efficiency, wavelength_nm) * wavelength_m
+    return spectrum.sum(axis=1), (spectrum * counted).sum(axis=1) / (PLANCK_J_S * SPEED_OF_LIGHT_M_S)
 
 
 def photon_weights(band_nm: tuple[float, float], transmission: Curve, n: int) -> tuple[np.ndarray, ...]:
@@ -92,16 +124,16 @@ def photon_weights(band_nm: tuple[float, float], transmission: Curve, n: int) ->
     edges = np.linspace(*band_nm, n + 1)
     wavelength_nm = 0.5 * (edges[:-1] + edges[1:])
     wavelength_m = wavelength_nm * 1e-9
-    photons = _sunlight(wavelength_m) * wavelength_m * _at(transmission, wavelength_nm)
+    photons = _black_body(wavelength_m, SUN_TEMPERATURE_K) * wavelength_m * _at(transmission, wavelength_nm)
     if not photons.sum() > 0.0:
         raise ConfigError("transmission", "must let light through inside band_nm", transmission)
     return wavelength_m, photons / photons.sum()
 
 
-def _sunlight(wavelength_m: np.ndarray) -> np.ndarray:
-    """Black body of the Sun's temperature, to a factor [W/m3]."""
+def _black_body(wavelength_m: np.ndarray, temperature_K: np.ndarray | float) -> np.ndarray:
+    """Planck's law, to a factor [W/m3]."""
     photon_J = PLANCK_J_S * SPEED_OF_LIGHT_M_S / wavelength_m
-    return wavelength_m**-5 / np.expm1(photon_J / (BOLTZMANN_J_K * SUN_TEMPERATURE_K))
+    return wavelength_m**-5 / np.expm1(photon_J / (BOLTZMANN_J_K * temperature_K))
 
 
 def _at(table: Curve, wavelength_nm: np.ndarray) -> np.ndarray | float:

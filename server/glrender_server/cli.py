@@ -1,4 +1,4 @@
-"""`glrender`: info, render, demo."""
+"""`glrender`: info, render, demo, keygen."""
 
 from __future__ import annotations
 
@@ -45,6 +45,11 @@ def main(argv: list[str] | None = None) -> int:
     add_arguments(demo)
     demo.set_defaults(run=run_demo)
 
+    keygen = commands.add_parser("keygen", help="make CURVE keys: the server's, and one pair for each client")
+    keygen.add_argument("folder", type=Path)
+    keygen.add_argument("--client", action="append", default=[], metavar="NAME", help="may be given several times")
+    keygen.set_defaults(run=_keygen)
+
     arguments = parser.parse_args(argv)
     logging.basicConfig(level=logging.INFO if arguments.verbose else logging.WARNING,
                         format="%(levelname)s %(name)s: %(message)s")
@@ -73,6 +78,14 @@ def _info(arguments: argparse.Namespace) -> int:
     if not works:
         sys.stdout.write(f"Nothing works: {INSTALL_HINT}\n")
     return 0 if works else 1
+
+
+def _keygen(arguments: argparse.Namespace) -> int:
+    from . import keys
+
+    for path in keys.generate(arguments.folder, arguments.client):
+        sys.stdout.write(f"{path}\n")
+    return 0
 
 
 def _render(arguments: argparse.Namespace) -> int:

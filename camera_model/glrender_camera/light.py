@@ -1,0 +1,106 @@
+"""The light on the frame: the irradiance image checked, spread by the optics, stars and stray light added."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .errors import ConfigError
+from .optics import Optics
+from .points import PointSources
+from .validate import integer
+
+# A rounding error of the renderer below this fraction of the maximum is clipped, more is a fault.
+NEGATIVE_TOLERANCE = 1e-12
+
+
+def light_on_frame(optics: Optics, irradiance_W_m2: np.ndarray, *, roi: object = None,
+                   relative_illumination: np.ndarray | None = None, margin_px: int = 0,
+                   points: PointSources | None = None) -> tuple[np.ndarray, tuple[slice, slice]]:
+    """Irradiance on the frame after the optics.
+
+    Parameters
+    ----------
+    optics, irradiance_W_m2, roi, relative_illumination, margin_px, points
+        As in `CameraModel.expose`.
+
+    Returns
+    -------
+    signal : (H, W) float32 [W/m2]
+        New, without the margin.
+    lit : (slice, slice)
+        The part outside which it is 0; empty in darkness.
+
+    Raises
+    ------
+    ConfigError
+    """
+    irradiance = np.asarray(irradiance_W_m2)
+    if irradiance.ndim != 2 or irradiance.size == 0 or irradiance.dtype.kind != "f":
+        raise ConfigError("irradiance_W_m2", "must be a (height, width) array of floats",
+                          (irradiance.shape, str(irradiance.dtype)))
+    irradiance = irradiance.astype(np.float32, copy=False)
+    box = _lit_box(irradiance, _region(roi, irradiance.shape))
+    margin_px = integer("margin_px", margin_px, 0, (min(irradiance.shape) - 1) // 2)
+    height, width = (n - 2 * margin_px for n in irradiance.shape)
+    signal = np.zeros(irradiance.shape, np.float32)
+    lit = np.s_[0:0, 0:0]
+    if box is not None:
+        margin_y, margin_x = optics.psf_margin_px
+        x0, y0, x1, y1 = box
+        lit = np.s_[max(0, y0 - margin_y):min(signal.shape[0], y1 + margin_y),
+                    max(0, x0 - margin_x):min(signal.shape[1], x1 + margin_x)]
+        # A copy, so that the filter sees darkness around the box on every path.
+        light = np.maximum(irradiance[lit], 0.0)
+        if relative_illumination is not None:
+            light *= relative_illumination[lit]
+        origin = lit[0].start - margin_px, lit[1].start - margin_px
+        signal[lit] = optics.spread(light, origin, (height, width))
+    if points is not None:
+        if relative_illumination is not None:
+            points = points.dimmed(relative_illumination, margin_px)
+        signal += points.image(optics, signal.shape, (-margin_px, -margin_px))
+    if optics.stray_light is not None and (box is not None or points is not None):
+        signal = optics.stray_light.add(signal)
+    if points is not None or (box is not None and optics.stray_light is not None):
+        lit = np.s_[0:signal.shape[0], 0:signal.shape[1]]
+    if margin_px:
+        signal = np.ascontiguousarray(signal[margin_px:-margin_px, margin_px:-margin_px])
+        lit = tuple(slice(max(0, part.start - margin_px), max(0, part.stop - margin_px)) for part in lit)
+    return signal, lit
+
+
+def _region(roi: object, shape: tuple[int, int]) -> tuple[int, int, int, int]:
+    height, width = shape
+    if roi is None:
+        return 0, 0, width, height
+    if not isinstance(roi, Sequence) or len(roi) != 4:
+        raise ConfigError("roi", "must be (x0, y0, x1, y1)", roi)
+    x0, x1 = (integer(f"roi[{i}]", roi[i], 0, width) for i in (0, 2))
+    y0, y1 = (integer(f"roi[{i}]", roi[i], 0, height) for i in (1, 3))
+    return x0, y0, max(x0, x1), max(y0, y1)
+
+
+def _lit_box(irradiance: np.ndarray, region: tuple[int, int, int, int]) -> tuple[int, int, int, int] | None:
+    """Tight box of the pixels above 0, so that a hint changes nothing; None in darkness."""
+    x0, y0, x1, y1 = region
+    part = irradiance[y0:y1, x0:x1]
+    if part.size == 0:
+        return None
+    low, high = float(part.min()), float(part.max())
+    if not (np.isfinite(low) and np.isfinite(high)):
+        raise _bad_pixel(part, ~np.isfinite(part), x0, y0, "must be finite")
+    if low < -NEGATIVE_TOLERANCE * max(high, 0.0):
+        raise _bad_pixel(part, part == low, x0, y0, "must not be negative")
+    if not high > 0.0:
+        return None
+    rows = np.flatnonzero(part.max(axis=1) > 0.0)
+    columns = np.flatnonzero(part[rows[0]:rows[-1] + 1].max(axis=0) > 0.0)
+    return int(x0 + columns[0]), int(y0 + rows[0]), int(x0 + columns[-1] + 1), int(y0 + rows[-1] + 1)
+
+
+def _bad_pixel(part: np.ndarray, bad: np.ndarray, x0: int, y0: int, rule: str) -> ConfigError:
+    row, column = np.argwhere(bad)[0]
+    return ConfigError(f"irradiance_W_m2[{row + y0}, {column + x0}]", rule, float(part[row, column]),
+                       f"{np.count_nonzero(bad)} such pixel(s)")

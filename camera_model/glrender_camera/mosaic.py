@@ -1,0 +1,106 @@
+"""A detector behind a mosaic of colour filters, for scenes rendered in several bands."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from .camera import CameraModel, Frame
+from .detector import Detector
+from .errors import ConfigError, error_path
+from .exposure import AutoExposure
+from .light import light_on_frame
+from .optics import Optics
+from .validate import known_keys
+
+BAYER = ("RG", "GB")
+
+
+@dataclass(frozen=True, kw_only=True)
+class MosaicModel:
+    """Optics in several bands over one detector, each pixel behind one band's filter.
+
+    Parameters
+    ----------
+    optics : mapping of one letter to Optics
+        Each with its `band_nm`, its filter in `transmission`, its own point spread function.
+        Lateral chromatic aberration is `DistortingLens(..., magnification=)`, one for each band's image.
+    detector : Detector
+    exposure_s : float [s] > 0, or "auto"
+    pattern : sequence of str
+        Rows of letters, repeated from the top-left pixel on; default RGGB.
+    auto_exposure : AutoExposure
+        Of the mosaic's pixels together.
+
+    Raises
+    ------
+    ConfigError
+    """
+
+    optics: Mapping[str, Optics]
+    detector: Detector
+    exposure_s: float | str
+    pattern: Sequence[str] = BAYER
+    auto_exposure: AutoExposure = field(default_factory=AutoExposure)
+
+    def __post_init__(self):
+        rows = tuple(self.pattern)
+        if not rows or not all(isinstance(row, str) and row and len(row) == len(rows[0]) for row in rows):
+            raise ConfigError("pattern", "must be rows of letters, all as long as the first", self.pattern)
+        object.__setattr__(self, "pattern", rows)
+        letters = sorted(set("".join(rows)))
+        known_keys("optics", self.optics, letters, required=letters)
+        # Built here, so that each band's errors are found at load.
+        assert self._models
+
+    @cached_property
+    def _models(self) -> dict[str, CameraModel]:
+        models = {}
+        for letter, optics in self.optics.items():
+            with error_path(f"optics.{letter}"):
+                models[letter] = CameraModel(optics=optics, detector=self.detector, exposure_s=self.exposure_s,
+                                             auto_exposure=self.auto_exposure)
+        return models
+
+    def expose(self, irradiance_W_m2: Mapping[str, np.ndarray], seed: int = 0, *,
+               exposure_s: float | str | None = None, relative_illumination: np.ndarray | None = None,
+               previous: Frame | None = None) -> Frame:
+        """One frame, not demosaiced.
+
+        Parameters
+        ----------
+        irradiance_W_m2 : mapping of letter to (H, W) float32 [W/m2]
+            Each in its band, as for `CameraModel.expose`.
+        seed, exposure_s, relative_illumination, previous
+            As for `CameraModel.expose`.
+
+        Raises
+        ------
+        ConfigError
+        """
+        letters = sorted(self._models)
+        known_keys("irradiance_W_m2", irradiance_W_m2, letters, required=letters)
+        shape = np.shape(irradiance_W_m2[letters[0]])
+        rate = np.zeros(shape, np.float32)
+        stages: dict[str, str] = {}
+        for letter, model in self._models.items():
+            with error_path(letter):
+                if np.shape(irradiance_W_m2[letter]) != shape:
+                    raise ConfigError("irradiance_W_m2", f"must have shape {shape}, as the others",
+                                      np.shape(irradiance_W_m2[letter]))
+                light, lit = light_on_frame(model.optics, irradiance_W_m2[letter],
+                                            relative_illumination=relative_illumination)
+            scale = np.float32(model.optics.aperture_area_m2 * model.electrons_per_joule)
+            for i, row in enumerate(self.pattern):
+                for j in (j for j, x in enumerate(row) if x == letter):
+                    place = np.s_[i::len(self.pattern), j::len(row)]
+                    rate[place] = light[place] * scale
+            own = model.stages(light[lit].size > 0)
+            stages |= {f"{name}_{letter}": own[name] for name in ("psf", "stray_light", "photo_electrons")}
+            stages |= {"mosaic": " ".join(self.pattern)} | {name: text for name, text in own.items()
+                                                            if f"{name}_{letter}" not in stages and name != "points"}
+        model = next(iter(self._models.values()))
+        return model.read_out(rate, 1.0, seed, exposure_s, previous, stages=stages)

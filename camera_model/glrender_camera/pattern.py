@@ -1,0 +1,77 @@
+"""The sensor's own fixed pattern, and the streams of random numbers that keep it apart from a frame's noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from .detector import Detector
+
+# Spawn keys that keep a sensor's streams apart from a frame's when both seeds are equal.
+SENSOR, FRAME, COSMIC = 0, 1, 2
+
+
+def stream(seed: int, *key: int) -> np.random.Generator:
+    """Random numbers of one seed and purpose."""
+    # SFC64 is the fastest of NumPy's generators here: poisson 40 ms/Mpx against 65 of PCG64DXSM.
+    return np.random.Generator(np.random.SFC64(np.random.SeedSequence(seed, spawn_key=key)))
+
+
+@dataclass(frozen=True)
+class FixedPattern:
+    """Maps of a sensor, (H, W) float32, read-only; None where there is no such pattern.
+
+    `response` [1] scales the signal, `dark` [1] the dark current, `offset_electrons` [e-] is added.
+    `hot` is a pair: flat indices of the hot pixels, rising, and their extra dark currents [e-/s].
+    """
+
+    response: np.ndarray | None
+    dark: np.ndarray | None
+    offset_electrons: np.ndarray | None
+    hot: tuple[np.ndarray, np.ndarray] | None
+    width_px: int
+
+    def rows(self, rows: slice) -> FixedPattern:
+        """The maps of some rows."""
+        maps = (None if m is None else m[rows] for m in (self.response, self.dark, self.offset_electrons))
+        return FixedPattern(*maps, rows_of(self.hot, rows, self.width_px), self.width_px)
+
+
+def rows_of(sparse: tuple[np.ndarray, np.ndarray] | None, rows: slice, width_px: int) -> tuple[np.ndarray, ...] | None:
+    """Some rows of a sparse map: rising flat indices, counted from the first row, and values."""
+    if sparse is None:
+        return None
+    part = slice(*np.searchsorted(sparse[0], (rows.start * width_px, rows.stop * width_px)))
+    return sparse[0][part] - rows.start * width_px, sparse[1][part]
+
+
+@lru_cache(maxsize=8)
+def fixed_pattern(detector: Detector, shape: tuple[int, int]) -> FixedPattern:
+    def pattern(index: int, mean: float, sigma: float, floor: float) -> np.ndarray | None:
+        if sigma == 0.0:
+            return None
+        values = stream(detector.sensor_seed, SENSOR, index).standard_normal(shape, dtype=np.float32)
+        values *= np.float32(sigma)
+        values += np.float32(mean)
+        np.maximum(values, np.float32(floor), out=values)
+        values.setflags(write=False)
+        return values
+
+    return FixedPattern(
+        response=pattern(0, 1.0, detector.photo_response_nonuniformity, 0.0),
+        dark=pattern(1, 1.0, detector.dark_current_nonuniformity, 0.0),
+        offset_electrons=pattern(2, 0.0, detector.dark_signal_nonuniformity_electrons, -np.inf),
+        hot=_hot_pixels(detector, shape[0] * shape[1]), width_px=shape[1])
+
+
+def _hot_pixels(detector: Detector, n_pixels: int) -> tuple[np.ndarray, np.ndarray] | None:
+    n_hot = round(detector.hot_pixel_fraction * n_pixels)
+    if n_hot == 0 or detector.hot_pixel_electrons_per_s == 0.0:
+        return None
+    rng = stream(detector.sensor_seed, SENSOR, 3)
+    pixel = np.sort(rng.choice(n_pixels, n_hot, replace=False))
+    return pixel, rng.exponential(detector.hot_pixel_electrons_per_s, n_hot).astype(np.float32)
