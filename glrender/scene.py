@@ -21,7 +21,7 @@ from .errors import ConfigError, SceneError, ShapeError, error_path
 from .hull import Hull
 from .plugins import laws
 from .radiometry import Band
-from .shape import Shape
+from .shape import Shape, metres_per_unit
 
 _SCENE_KEYS = ("bodies", "cameras", "solar_irradiance_1au_W_m2", "max_error")
 _BODY_KEYS = ("name", "shape", "generated", "length_unit", "brdf", "albedo_texture", "albedo_texture_gain",
@@ -269,8 +269,10 @@ def _body(table: Mapping[str, Any], path: str, files: _Files) -> Body:
     else:
         if "length_unit" not in table:
             raise ConfigError(f"{path}.length_unit", "missing", hint='shape files carry no unit: "m" or "km"')
+        with error_path(path):
+            length_unit = metres_per_unit(table["length_unit"])
         with error_path(f"{path}.shape"):
-            shape = Shape.from_file(files.path("", table["shape"]), length_unit=table["length_unit"])
+            shape = Shape.from_file(files.path("", table["shape"]), length_unit=length_unit)
     if "albedo_texture" in table:
         gain = positive(f"{path}.albedo_texture_gain", table.get("albedo_texture_gain", 1.0))
         with error_path(f"{path}.albedo_texture"):

@@ -28,6 +28,15 @@ MIN_EXTENT_M, MAX_COORDINATE_M = 1e-3, 1e10
 _LIKELY_EXTENT_M = (1.0, 6e6)
 
 
+def metres_per_unit(length_unit: str | float) -> float:
+    """Metres in a file's unit of length: "m", "km", or a number, 1e-9..1e9."""
+    if not isinstance(length_unit, str):
+        return within("length_unit", length_unit, 1e-9, 1e9)
+    if length_unit not in _METRES_PER_UNIT:
+        raise ShapeError("length_unit", "must be 'm', 'km' or metres per unit", length_unit)
+    return _METRES_PER_UNIT[length_unit]
+
+
 @dataclass(frozen=True, kw_only=True)
 class ShapeReport:
     """What was found in a shape, and what was repaired."""
@@ -90,10 +99,7 @@ class Shape:
             With the file's name, the rule and the value.
         """
         path = Path(path)
-        scale = _METRES_PER_UNIT.get(length_unit) if isinstance(length_unit, str) else within(
-            "length_unit", length_unit, 1e-9, 1e9)
-        if scale is None:
-            raise ShapeError("length_unit", "must be 'm', 'km' or metres per unit", length_unit)
+        scale = metres_per_unit(length_unit)
         with error_path(path.name):
             vertices, facets, uv = read_shape_file(path, integer("max_facets", max_facets, 1, 2**31 - 1))
             # A number as long as 1e308 becomes infinite here and is refused as such.

@@ -199,6 +199,8 @@ def _check_stl(path: Path) -> None:
 def _plate_model(path: Path, max_facets: int) -> Arrays:
     """PDS plate model: a count line, vertices, a count line, plates from 1; index columns optional."""
     rows = [line.replace(",", " ") for line in _lines(path) if line.strip() and not line.lstrip().startswith("#")]
+    if not rows:
+        raise ShapeError("", "has no lines but comments", str(path))
     head = rows[0].split()
     try:
         counts = [int(word) for word in head]
@@ -230,6 +232,8 @@ def _plate_model(path: Path, max_facets: int) -> Arrays:
 def _icq(path: Path, max_facets: int) -> Arrays:
     """Implicitly connected quadrilaterals (Gaskell): q, then six faces of (q + 1) x (q + 1) vertices."""
     rows = [line for line in _lines(path) if line.strip()]
+    if not rows:
+        raise ShapeError("", "has only empty lines", str(path))
     try:
         q = int(rows[0].split()[0])
     except ValueError:

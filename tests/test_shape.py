@@ -233,6 +233,8 @@ def test_vertex_normals_of_a_sphere_are_radial():
     ("s.tab", "8\n0 0 0\n", "is no plate model"),
     ("s.tab", "1000000000000 3\n", "facets|ends before"),
     ("s.tab", "3 999999999999\n0 0 0\n", "more than 20000000 facets"),
+    ("s.tab", "# a\n\n# b\n", "has no lines but comments"),
+    ("s.icq", "\n \n", "has only empty lines"),
     ("s.icq", "500\n0 0 0\n", "ends before"),
     ("s.icq", "99999999\n0 0 0\n", "more than 20000000 facets"),
     ("s.ply", b"ply\nformat binary_little_endian 1.0\nelement vertex 1000000000000\nproperty float x\n"
