@@ -214,6 +214,7 @@ class CameraModel:
                 f"{detector.dark_current_nonuniformity:g}"),
             "hot_pixels": stage(detector.hot_pixel_fraction * detector.hot_pixel_electrons_per_s,
                                 f"{detector.hot_pixel_fraction:g} of the pixels"),
+            "dead_pixels": stage(detector.dead_pixel_fraction, f"{detector.dead_pixel_fraction:g} of the pixels", True),
             "cosmic_rays": stage(detector.cosmic_ray_hits_per_px_s,
                                  f"{detector.cosmic_ray_hits_per_px_s:g} hits/(px s)"),
             "shot_noise": stage(is_lit or detector.dark_current_electrons_per_s
