@@ -4,12 +4,12 @@ PYTHON ?= python3
 BIN    := $(VENV)/bin
 export PYTHONUNBUFFERED = 1
 
-.PHONY: demo test bench setup opengl lint clean
+.PHONY: demo test bench chart setup opengl octave lint clean
 
 demo: setup
 	$(BIN)/glrender demo --out out/demo
 
-test: setup
+test: setup octave
 	$(BIN)/ruff check .
 	$(BIN)/python -m pytest
 
@@ -20,6 +20,9 @@ bench: setup
 	$(BIN)/python benchmarks/chart.py out/bench/frame.json out/bench
 	$(BIN)/python benchmarks/bench_laws.py | tee out/bench/laws.json
 	$(BIN)/python benchmarks/bench_service.py | tee out/bench/service.json
+
+chart: setup
+	$(BIN)/python benchmarks/speed_accuracy.py
 
 lint: setup
 	$(BIN)/ruff check .
@@ -32,6 +35,9 @@ $(VENV)/.ready: pyproject.toml clients/python/pyproject.toml tools/make_venv.sh
 
 opengl: $(VENV)/.ready
 	@sh tools/install_opengl.sh $(BIN)/glrender
+
+octave:
+	@sh tools/install_octave.sh
 
 clean:
 	rm -rf $(VENV) out

@@ -85,6 +85,14 @@ def clip_from_camera(focal_length_px: float, principal_point_px: tuple[float, fl
     return projection @ _homogeneous(EYE_FROM_CAMERA)
 
 
+def depth_slice(index: int, count: int) -> np.ndarray:
+    """(4, 4) that moves clip depths into slice `index` of `count`; slice 0 is the farthest."""
+    matrix = np.eye(4)
+    matrix[2, 2] = 1.0 / count
+    matrix[2, 3] = 1.0 - (2 * index + 1) / count
+    return matrix
+
+
 def clip_from_sun(half_width: float, half_height: float, near: float, far: float) -> np.ndarray:
     """(4, 4) float64 orthographic projection of frame `sun` (+Z towards the Sun).
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from glrender_camera.validate import integer, positive, within
+from glrender_camera.validate import integer, within
 
 from .shape import Shape
 
 _MAX_SUBDIVISIONS = 9
+# As far as a Shape goes, with room for relief.
+_RADII_M = (1e-3, 1e9)
 
 
 def icosphere(*, radius_m: float, subdivisions: int = 5) -> Shape:
@@ -15,11 +17,11 @@ def icosphere(*, radius_m: float, subdivisions: int = 5) -> Shape:
 
     Parameters
     ----------
-    radius_m : float [m], > 0
+    radius_m : float [m], 1e-3..1e9
     subdivisions : int, 0..9
     """
     directions, facets = _icosphere(subdivisions)
-    return Shape.from_arrays(positive("radius_m", radius_m) * directions, facets)
+    return Shape.from_arrays(within("radius_m", radius_m, *_RADII_M) * directions, facets)
 
 
 def three_lobes(*, radius_m: float, subdivisions: int = 5) -> Shape:
@@ -27,11 +29,11 @@ def three_lobes(*, radius_m: float, subdivisions: int = 5) -> Shape:
 
     Parameters
     ----------
-    radius_m : float [m], > 0
+    radius_m : float [m], 1e-3..1e9
         Of the bounding sphere.
     subdivisions : int, 0..9
     """
-    radius_m = positive("radius_m", radius_m)
+    radius_m = within("radius_m", radius_m, *_RADII_M)
     directions, facets = _icosphere(subdivisions)
     distance = np.full(len(directions), 0.45)
     for height, sharpness, axis in ((0.55, 6.0, (1.0, 0.0, 0.2)), (0.35, 8.0, (-0.3, 1.0, 0.0)),
@@ -47,7 +49,7 @@ def gaussian_random_sphere(*, radius_m: float, sigma: float = 0.2, correlation_d
 
     Parameters
     ----------
-    radius_m : float [m], > 0
+    radius_m : float [m], 1e-3..1e9
         Mean radius.
     sigma : float [1], 0..0.8
         Standard deviation of the radius over its mean.
@@ -58,7 +60,7 @@ def gaussian_random_sphere(*, radius_m: float, sigma: float = 0.2, correlation_d
 
     Source: Muinonen (1998), Gaussian random sphere.
     """
-    radius_m, sigma = positive("radius_m", radius_m), within("sigma", sigma, 0.0, 0.8)
+    radius_m, sigma = within("radius_m", radius_m, *_RADII_M), within("sigma", sigma, 0.0, 0.8)
     width = np.radians(within("correlation_deg", correlation_deg, 5.0, 90.0))
     rng = np.random.default_rng(integer("seed", seed, 0, 2**63 - 1))
     directions, facets = _icosphere(subdivisions)
@@ -78,7 +80,7 @@ def contact_binary(*, radius_m: float, seed: int = 0, subdivisions: int = 6, n_c
 
     Parameters
     ----------
-    radius_m : float [m], > 0
+    radius_m : float [m], 1e-3..1e9
         Of the bounding sphere.
     seed : int
     subdivisions : int, 0..9
@@ -86,7 +88,7 @@ def contact_binary(*, radius_m: float, seed: int = 0, subdivisions: int = 6, n_c
     n_craters, n_boulders : int, 0..10000
         Their sizes follow power laws; the largest crater spans about a quarter of the body.
     """
-    radius_m = positive("radius_m", radius_m)
+    radius_m = within("radius_m", radius_m, *_RADII_M)
     rng = np.random.default_rng(integer("seed", seed, 0, 2**63 - 1))
     n_craters = integer("n_craters", n_craters, 0, 10_000)
     n_boulders = integer("n_boulders", n_boulders, 0, 10_000)

@@ -6,7 +6,9 @@ Inside the hull (a neck, a crater) the surface itself decides.
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull, QhullError
+
+from .errors import ShapeError
 
 # An outline or volume this close to the hull's is convex to float32 round-off of a shape file.
 _CONVEX_VOLUME_RTOL = 1e-6
@@ -20,10 +22,18 @@ class Hull:
     vertices_m : (V, 3) float64 [m]
     facets : (F, 3) int
         Counter-clockwise from outside.
+
+    Raises
+    ------
+    ShapeError
+        A body so thin, or so far from its origin, that float64 cannot tell its sides apart.
     """
 
     def __init__(self, vertices_m: np.ndarray, facets: np.ndarray):
-        hull = ConvexHull(vertices_m)
+        try:
+            hull = ConvexHull(vertices_m)
+        except QhullError as error:
+            raise ShapeError("shape", f"has no convex hull: {str(error).splitlines()[0]}") from None
         self.points_m = np.ascontiguousarray(vertices_m[hull.vertices])
         self.radius_m = float(np.linalg.norm(self.points_m, axis=1).max())
         self._planes = hull.equations

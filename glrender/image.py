@@ -13,6 +13,10 @@ from .plan import RenderPlan
 PRODUCTS = ("irradiance", "range", "body_id", "facet_id", "incidence", "emission", "phase", "r_body", "sunlit")
 """What `Renderer.render` can return."""
 
+_BYTES = {"range": 8, "body_id": 4, "facet_id": 4, "incidence": 4, "emission": 4, "phase": 4, "r_body": 12, "sunlit": 4}
+# What products are made from: three layers of four float32.
+_LAYER_BYTES = 48
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Image:
@@ -44,8 +48,16 @@ class Image:
 
 def checked_products(products: Iterable[str]) -> tuple[str, ...]:
     """The products asked for besides the irradiance, in the order of `PRODUCTS`."""
+    if not isinstance(products, Iterable):
+        raise ConfigError("products", "must be names of products", products)
     products = (products,) if isinstance(products, str) else tuple(products)
     for index, name in enumerate(products):
         if name not in PRODUCTS:
             raise ConfigError(f"products[{index}]", f"must be one of {', '.join(PRODUCTS)}", name)
     return tuple(name for name in PRODUCTS if name in products and name != "irradiance")
+
+
+def peak_bytes(n_pixels: int, products: Iterable[str]) -> int:
+    """Memory [byte] that a frame takes at its largest: irradiance and products, their copies to send, layers."""
+    each = [_BYTES[name] for name in checked_products(products)]
+    return n_pixels * (2 * (4 + sum(each)) + (_LAYER_BYTES if each else 0))

@@ -2,27 +2,33 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import OrderedDict
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
-import cv2
 import numpy as np
 from glrender_camera import PinholeCamera
 from glrender_camera.validate import integer
 
 from . import frames, plan
 from .brdf import Law
+from .errors import ConfigError, DeviceError
 from .gl.context import Context
 from .gl.evaluate import BrdfEvaluator
-from .gl.passes import Mesh, ShadowMap, SurfaceVariant, Target
+from .gl.passes import Mesh, PixelMask, ShadowMap, SurfaceVariant, Target
 from .image import Image, checked_products
-from .plan import BodyPlan, RenderPlan, WindowPlan
-from .scene import Scene, checked_max_error
+from .lod import Level, levels_of_detail
+from .lod_flux import FluxRatio, flux_ratios
+from .plan import BodyPlan, BodyTraits, LevelTraits, RenderPlan, WindowPlan
+from .refine import pixel_errors, pixel_means, plan_refinement
+from .scene import Body, Scene, checked_max_error
 from .state import State
+from .surface import Surface
 from .view import BodyView, view_bodies
 
 # Samples drawn at once: 16 Mi samples of float32 and depth are 128 MiB.
@@ -47,18 +53,20 @@ class Renderer:
     """
 
     def __init__(self, scene: Scene, backend: str = "auto", device_index: int | None = None):
+        if not isinstance(scene, Scene):
+            raise ConfigError("scene", "must be a Scene", scene)
         self.scene = scene
         self._hulls = {body.name: body.hull for body in scene.bodies}
         with ExitStack() as stack:
             self._context = stack.enter_context(Context(backend, device_index))
-            self._meshes = {}
+            self._meshes, self._traits = {}, {}
             for body in scene.bodies:
-                shape = body.shape
-                self._meshes[body.name] = stack.enter_context(Mesh(
-                    self._context, shape.vertices_m, shape.facets, body.brdf,
-                    vertex_normals=shape.vertex_normals if body.smooth_normals else None,
-                    uv=shape.uv, albedo_map=body.albedo_map))
+                levels, ratios = _levels(body)
+                self._meshes[body.name] = [stack.enter_context(mesh)
+                                           for mesh in _meshes(self._context, body, levels)]
+                self._traits[body.name] = _traits(body, levels, ratios)
             self._surface = stack.enter_context(Target(self._context, [1]))
+            self._mask = stack.enter_context(PixelMask(self._context))
             self._products = stack.enter_context(Target(self._context, [4, 4, 4]))
             self._shadow_maps: OrderedDict[tuple, ShadowMap] = OrderedDict()
             stack.callback(self.forget_shadow_maps)
@@ -85,7 +93,7 @@ class Renderer:
         return BrdfEvaluator(self._context)(law, to_sun, to_camera, normal)
 
     def render(self, state: State, camera: str | None = None, *, max_error: float | None = None,
-               products: Iterable[str] = ("irradiance",), samples: int | None = None,
+               products: Iterable[str] = ("irradiance",), samples: int | None = None, level: int | None = None,
                after_psf: bool = False) -> Image:
         """Draw one frame.
 
@@ -99,7 +107,11 @@ class Renderer:
         products : iterable of str
             Out of `PRODUCTS`; ``irradiance`` is always drawn.
         samples : int, optional
-            Samples along a pixel's side instead of the planner's choice.
+            Samples along every pixel's side instead of the planner's choice; the full shape with them,
+            unless `level` says otherwise.
+        level : int, optional
+            Level of detail of every body instead of the planner's choice: 0 is the full shape; one
+            beyond a body's coarsest is its coarsest.
         after_psf : bool
             Whether the budget holds for the image after the camera's PSF.
 
@@ -120,54 +132,51 @@ class Renderer:
         budget = self.scene.max_error if max_error is None else checked_max_error(max_error)
         if samples is not None:
             samples = integer("samples", samples, 1, plan.MAX_SAMPLES)
+        if level is None and samples is not None:
+            level = 0
+        if level is not None:
+            level = integer("level", level, 0, 99)
         gain = pinhole.model.optics.psf_noise_gain if after_psf and pinhole.model is not None else 1.0
         views = view_bodies(state, pinhole, self._hulls)
-        frame_plan = self._plan(views, pinhole, budget, samples, gain)
+        frame_plan = self._plan(views, pinhole, budget, samples, level, gain)
         clock.lap("plan")
         self._context.make_current()
         shadows, frame_plan = self._draw_shadows(views, frame_plan)
         self._context.gl.finish()
         clock.lap("shadow")
         irradiance = np.zeros((pinhole.height_px, pinhole.width_px), np.float32)
-        for window in frame_plan.windows:
-            self._draw_irradiance(irradiance, window, views, frame_plan, pinhole, shadows, clock)
-        arrays = self._draw_products(wanted, views, frame_plan, pinhole, shadows) if wanted else {}
+        windows = tuple(self._draw_irradiance(irradiance, window, views, frame_plan, pinhole, shadows, gain,
+                                              clock)
+                        for window in frame_plan.windows)
+        frame_plan = plan.with_windows(frame_plan, windows)
+        arrays = {}
         if wanted:
+            arrays = self._draw_products(wanted, views, frame_plan, pinhole)
             clock.lap("products")
         return Image(irradiance_W_m2=irradiance, products=arrays, plan=frame_plan, timings_ms=clock.laps_ms)
 
     def _plan(self, views: list[BodyView], camera: PinholeCamera, budget: float, samples: int | None,
-              gain: float) -> RenderPlan:
+              level: int | None, gain: float) -> RenderPlan:
         bodies, left_out, warnings = [], [], []
         for view in views:
-            mesh, hull = self._meshes[view.name], self._hulls[view.name]
-            shadow_px = None
-            if view.is_visible:
-                shadow_px = plan.plan_shadow(view, hull.is_convex, len(self._casters(view, views)) > 1, budget)
-                if view.phase_rad > mesh.law.max_phase:
-                    phase_deg, limit_deg = np.degrees([view.phase_rad, mesh.law.max_phase])
-                    warnings.append(f"{mesh.law.glsl} of {view.name} at a phase of {phase_deg:.1f} deg: "
-                                    f"it holds to {limit_deg:.1f} deg")
-                if shadow_px is None:
-                    left_out.append(f"shadows on {view.name}: nothing can cast on what is seen")
-            else:
+            traits = self._traits[view.name]
+            body = plan.plan_body(view, traits, camera, len(self._casters(view, views)) > 1, budget / gain, level)
+            bodies.append(body)
+            if not view.is_visible:
                 left_out.append(f"{view.name}: out of view")
-            footprint_m = view.depth_m[0] / camera.focal_length_px
-            bodies.append(BodyPlan(
-                name=view.name, is_visible=view.is_visible, n_facets=mesh.n_facets, law=mesh.law.glsl,
-                shadow_map_px=shadow_px, shadow_map_reused=False,
-                relative_to_camera=plan.is_close(view, hull.radius_m, footprint_m),
-                normal_lookup=footprint_m < 2e-4 * hull.radius_m, size_px=view.size_px))
-        windows = plan.plan_windows(views, {name: mesh.n_facets for name, mesh in self._meshes.items()}, camera,
-                                    budget, gain, samples)
-        predicted = max((w.predicted_error for w in windows), default=0.0)
-        if samples is None and predicted > budget:
-            warnings.append(f"the budget of {budget:g} is not met: {predicted:.2g} with {plan.MAX_SAMPLES} x "
-                            f"{plan.MAX_SAMPLES} samples; the raytrace backend can")
+                continue
+            if view.phase_rad > traits.max_phase_rad:
+                phase_deg, limit_deg = np.degrees([view.phase_rad, traits.max_phase_rad])
+                warnings.append(f"{traits.law} of {view.name} at a phase of {phase_deg:.1f} deg: "
+                                f"it holds to {limit_deg:.1f} deg")
+            if body.shadow_map_px is None:
+                left_out.append(f"shadows on {view.name}: nothing can cast on what is seen")
+            if body.level:
+                left_out.append(f"{view.name}: {body.n_facets} of {traits.levels[0].n_facets} facets")
+        windows = plan.plan_windows(views, self._traits, bodies, camera, budget, gain, samples)
         return RenderPlan(camera=camera.name, max_error=budget, roi=plan.union([w.roi for w in windows]),
-                          windows=windows, bodies=tuple(bodies), left_out=tuple(left_out),
-                          warnings=tuple(warnings),
-                          predicted_error=predicted)
+                          windows=windows, bodies=tuple(bodies), left_out=tuple(left_out), warnings=tuple(warnings),
+                          predicted_error=max((w.predicted_error for w in windows), default=0.0))
 
     def _casters(self, receiver: BodyView, views: list[BodyView]) -> list[tuple[str, np.ndarray]]:
         """Bodies whose shadow may fall on the receiver: (name, receiver_from_caster as (4, 4))."""
@@ -189,6 +198,7 @@ class Renderer:
                       frame_plan: RenderPlan) -> tuple[dict[str, tuple[ShadowMap, np.ndarray, float]], RenderPlan]:
         """Shadow maps of the receivers: name to (map, shadow_from_body, bias per texel)."""
         shadows, bodies = {}, []
+        levels = {body.name: body.level for body in frame_plan.bodies}
         for view, body_plan in zip(views, frame_plan.bodies, strict=True):
             size = body_plan.shadow_map_px
             if size is None:
@@ -203,13 +213,14 @@ class Renderer:
             half = 0.5 * (high - low) * (1.0 + 4.0 / size)
             offset = frames.transform(np.eye(3), -centre) @ frames.transform(sun_from_body, np.zeros(3))
             clip = frames.clip_from_sun(half[0], half[1], -half[2], half[2]) @ offset
-            key = (view.name, size, sun_from_body.tobytes(), *((name, m.tobytes()) for name, m in casters))
+            drawn = tuple((name, levels[name], matrix.tobytes()) for name, matrix in casters)
+            key = (view.name, size, sun_from_body.tobytes(), *drawn)
             is_kept = key in self._shadow_maps
             if is_kept:
                 self._shadow_maps.move_to_end(key)
             else:
                 shadow_map = self._shadow_map_to_fill(size)
-                shadow_map.draw([(self._meshes[name], clip @ matrix) for name, matrix in casters])
+                shadow_map.draw([(self._meshes[name][levels[name]], clip @ matrix) for name, matrix in casters])
                 self._shadow_maps[key] = shadow_map
             texture_from_clip = frames.transform(0.5 * np.eye(3), np.full(3, 0.5))
             texel_m = 2.0 * max(half[0], half[1]) / size
@@ -235,44 +246,77 @@ class Renderer:
         self._shadow_maps.clear()
 
     def _draw_irradiance(self, irradiance: np.ndarray, window: WindowPlan, views: list[BodyView],
-                         frame_plan: RenderPlan, camera: PinholeCamera, shadows: dict, clock: _Clock) -> None:
+                         frame_plan: RenderPlan, camera: PinholeCamera, shadows: dict, gain: float,
+                         clock: _Clock) -> WindowPlan:
+        """Add a window to the image; what its samples told goes into the plan that is returned."""
         if not window.samples:
             self._draw_window(self._surface, "surface.frag.glsl", window.bounds_px, window.grid, window.bodies, views,
                               frame_plan, camera, shadows)
             clock.lap("surface")
             _add_samples(irradiance, self._surface.read(), window.bounds_px)
             clock.lap("readback")
-            return
+            return window
         x0, y0, x1, y1 = window.roi
-        samples, limit = window.samples, self._context.info["max_texture_px"]
-        columns = max(min(x1 - x0, limit // samples), 1)
-        rows = max(min(y1 - y0, limit // samples, _MAX_WINDOW_SAMPLES // (columns * samples**2)), 1)
-        for top in range(y0, y1, rows):
-            for left in range(x0, x1, columns):
-                right, bottom = min(left + columns, x1), min(top + rows, y1)
-                width, height = right - left, bottom - top
-                self._draw_window(self._surface, "surface.frag.glsl",
-                                  (left - 0.5, top - 0.5, right - 0.5, bottom - 0.5),
-                                  (width * samples, height * samples), window.bodies, views, frame_plan, camera,
-                                  shadows)
-                self._context.gl.finish()
-                clock.lap("surface")
-                pixels = self._surface.read()
-                if samples > 1:
-                    pixels = cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA)
-                irradiance[top:bottom, left:right] = pixels
-                clock.lap("readback")
+        mean, error = (np.zeros((y1 - y0, x1 - x0), np.float32) for _ in range(2))
+        draw = partial(self._draw_tile, window.bodies, views, frame_plan, camera, shadows, clock)
+        for tile in self._tiles(mean.shape, window.samples):
+            mean[tile], error[tile] = pixel_errors(draw(window.roi, tile, window.samples), window.samples)
+        if window.samples == 1:
+            mean, error = pixel_errors(mean, 1)
+        predicted, refinement = plan_refinement(mean, error, window.samples, window.sampling_budget)
+        clock.lap("refine")
+        if refinement is not None:
+            mean = mean.copy()
+            for tile in self._tiles(mean.shape, refinement.samples):
+                mask = refinement.mask[tile]
+                if mask.any():
+                    pixels = pixel_means(draw(window.roi, tile, refinement.samples, mask), refinement.samples)
+                    np.copyto(mean[tile], pixels, where=mask.astype(bool))
+                    clock.lap("readback")
+        irradiance[y0:y1, x0:x1] = mean
+        if refinement is None:
+            return replace(window, predicted_error=gain * math.hypot(predicted, window.modelling_error))
+        return replace(window, predicted_error=gain * math.hypot(refinement.predicted_error, window.modelling_error),
+                       refined_samples=refinement.samples, refined_share=refinement.share)
+
+    def _tiles(self, shape: tuple[int, int], samples: int) -> Iterator[tuple[slice, slice]]:
+        """Parts of a window that fit a framebuffer, as rows and columns of pixels."""
+        limit = self._context.info["max_texture_px"]
+        columns = max(min(shape[1], limit // samples), 1)
+        rows = max(min(shape[0], limit // samples, _MAX_WINDOW_SAMPLES // (columns * samples**2)), 1)
+        for top in range(0, shape[0], rows):
+            for left in range(0, shape[1], columns):
+                yield (slice(top, min(top + rows, shape[0])), slice(left, min(left + columns, shape[1])))
+
+    def _draw_tile(self, names: tuple[str, ...], views: list[BodyView], frame_plan: RenderPlan, camera: PinholeCamera,
+                   shadows: dict, clock: _Clock, roi: tuple[int, int, int, int], tile: tuple[slice, slice],
+                   samples: int, mask: np.ndarray | None = None) -> np.ndarray:
+        """Samples of a part of a window; zero beside the mask."""
+        rows, columns = tile
+        left, top = roi[0] + columns.start, roi[1] + rows.start
+        width, height = columns.stop - columns.start, rows.stop - rows.start
+        self._draw_window(self._surface, "surface.frag.glsl",
+                          (left - 0.5, top - 0.5, left + width - 0.5, top + height - 0.5),
+                          (width * samples, height * samples), names, views, frame_plan, camera, shadows, mask)
+        self._context.gl.finish()
+        clock.lap("surface")
+        pixels = self._surface.read()
+        clock.lap("readback")
+        return pixels
 
     def _draw_window(self, target: Target, stage: str, bounds_px: tuple[float, float, float, float],
                      grid: tuple[int, int], names: tuple[str, ...], views: list[BodyView], frame_plan: RenderPlan,
-                     camera: PinholeCamera, shadows: dict) -> None:
+                     camera: PinholeCamera, shadows: dict, mask: np.ndarray | None = None) -> None:
         plans = {body.name: body for body in frame_plan.bodies}
-        target.begin(*grid)
-        for index, (near, far, members) in enumerate(plan.depth_groups([v for v in views if v.name in names])):
-            if index:
-                target.clear_depth()
+        target.begin(*grid, depth=1.0 if mask is None else 0.0)
+        if mask is not None:
+            self._mask.open(mask, grid[0] // mask.shape[1])
+        groups = plan.depth_groups([v for v in views if v.name in names])
+        for index, (near, far, members) in enumerate(groups):
             clip_from_camera = frames.clip_from_camera(
                 camera.focal_length_px, camera.principal_point_px, bounds_px, near * (1.0 - 1e-6), far * (1.0 + 1e-6))
+            # Each group has its slice of the depth buffer: what is nearer covers what is farther.
+            clip_from_camera = frames.depth_slice(index, len(groups)) @ clip_from_camera
             for view in members:
                 self._draw_body(stage, view, plans[view.name], clip_from_camera, camera, shadows.get(view.name))
 
@@ -283,9 +327,9 @@ class Renderer:
         offset = np.zeros(3) if body_plan.relative_to_camera else -r_camera
         clip_from_surface = clip_from_camera @ frames.transform(
             view.camera_from_body, view.camera_from_body @ offset)
-        solar_irradiance = self.scene.solar_irradiance_of(camera) / view.sun_distance_au**2
+        solar_irradiance = self.scene.solar_irradiance_of(camera) / view.sun_distance_au**2 * body_plan.flux_ratio
         high = r_camera.astype(np.float32)
-        self._meshes[view.name].draw_surface(
+        self._meshes[view.name][body_plan.level].draw_surface(
             stage,
             SurfaceVariant(relative_to_camera=body_plan.relative_to_camera, normal_lookup=body_plan.normal_lookup,
                            shadows=shadow_map is not None),
@@ -297,7 +341,10 @@ class Renderer:
             shadow_map)
 
     def _draw_products(self, wanted: tuple[str, ...], views: list[BodyView], frame_plan: RenderPlan,
-                       camera: PinholeCamera, shadows: dict) -> dict[str, np.ndarray]:
+                       camera: PinholeCamera) -> dict[str, np.ndarray]:
+        # What a pixel's centre sees is told of the full shape.
+        frame_plan = replace(frame_plan, bodies=tuple(replace(body, level=0) for body in frame_plan.bodies))
+        shadows, _ = self._draw_shadows(views, frame_plan) if "sunlit" in wanted else ({}, None)
         shape = (camera.height_px, camera.width_px)
         layers = [np.zeros((*shape, 4), np.float32) for _ in range(3)]
         for window in frame_plan.windows:
@@ -325,6 +372,39 @@ class Renderer:
             "sunlit": lambda: sunlit,
         }
         return {name: made[name]() for name in wanted}
+
+
+def _levels(body: Body) -> tuple[tuple[Level, ...], tuple[FluxRatio, ...]]:
+    """Levels of detail and what they do to the flux; none without rays to measure it."""
+    levels = levels_of_detail(body.shape)
+    try:
+        return levels, flux_ratios(body, levels)
+    except DeviceError:
+        return (), ()
+
+
+def _meshes(context: Context, body: Body, levels: tuple[Level, ...]) -> Iterator[Mesh]:
+    """The full shape and its levels of detail, finest first."""
+    shape = body.shape
+    yield Mesh(context, shape.vertices_m, shape.facets, body.brdf,
+               vertex_normals=shape.vertex_normals if body.smooth_normals else None,
+               uv=shape.uv, albedo_map=body.albedo_map)
+    surface, every = Surface(body), np.arange(len(shape.facets))
+    detail = np.concatenate([surface.normals(every), surface.albedo_scale(every)[:, None]], axis=1) if levels else None
+    for level in levels:
+        yield Mesh(context, level.vertices_m, level.facets, body.brdf,
+                   detail=detail.astype(np.float16)[level.source_facet])
+
+
+def _traits(body: Body, levels: tuple[Level, ...], ratios: tuple[FluxRatio, ...]) -> BodyTraits:
+    shape = body.shape
+    full = LevelTraits(n_facets=len(shape.facets), crease_rad=shape.crease_rad)
+    return BodyTraits(
+        radius_m=body.hull.radius_m, is_convex=body.hull.is_convex, law=body.brdf.glsl,
+        max_phase_rad=body.brdf.max_phase,
+        levels=(full, *(LevelTraits(n_facets=len(level.facets), crease_rad=shape.crease_rad,
+                                    deviation_m=level.deviation_m, flux_ratio=ratio)
+                        for level, ratio in zip(levels, ratios, strict=True))))
 
 
 def _add_samples(irradiance: np.ndarray, samples: np.ndarray, bounds_px: tuple[float, float, float, float]) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 from pathlib import Path
@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from glrender_camera import CameraModel, PinholeCamera
-from glrender_camera.validate import finite, known_keys, one_of, positive, text
+from glrender_camera.validate import finite, known_keys, one_of, positive, text, within
 
 from . import generate
 from .brdf import Law
@@ -28,6 +28,8 @@ _BODY_KEYS = ("name", "shape", "generated", "length_unit", "brdf", "albedo_textu
               "smooth_normals")
 _CAMERA_KEYS = ("name", "width_px", "height_px", "focal_length_px", "principal_point_px",
                 "q_camera_from_spacecraft", "r_camera_spacecraft_m", "model")
+# Of one name on all file systems in use.
+_MAX_NAME_BYTES = 255
 _GENERATORS = ("icosphere", "contact_binary", "gaussian_random_sphere", "three_lobes")
 
 
@@ -64,9 +66,13 @@ class Body:
         if self.albedo_map is not None:
             if self.shape.uv is None:
                 raise ConfigError("albedo_map", "needs a shape with texture coordinates")
-            albedo_map = np.array(self.albedo_map, dtype=np.float32)
-            if albedo_map.ndim != 2 or not np.isfinite(albedo_map).all() or albedo_map.min() < 0.0:
-                raise ConfigError("albedo_map", "must be a 2-D array of finite numbers >= 0")
+            try:
+                albedo_map = np.array(self.albedo_map, dtype=np.float32)
+            except (TypeError, ValueError):
+                raise ConfigError("albedo_map", "must be a 2-D array of numbers", self.albedo_map) from None
+            fits = albedo_map.ndim == 2 and albedo_map.size
+            if not fits or not np.isfinite(albedo_map).all() or albedo_map.min() < 0.0:
+                raise ConfigError("albedo_map", "must be a 2-D array of finite numbers >= 0, not empty")
             albedo_map.setflags(write=False)
             object.__setattr__(self, "albedo_map", albedo_map)
 
@@ -91,8 +97,9 @@ class Body:
         """
         albedo_map = None
         if albedo_texture is not None:
-            albedo_map = _read_texture(Path(albedo_texture)) * np.float32(
-                positive("albedo_texture_gain", albedo_texture_gain))
+            gain = positive("albedo_texture_gain", albedo_texture_gain)
+            with error_path("albedo_texture"):
+                albedo_map = _read_texture(Path(albedo_texture)) * np.float32(gain)
         return cls(name=name, shape=Shape.from_file(path, length_unit=length_unit), brdf=brdf,
                    albedo_map=albedo_map, smooth_normals=smooth_normals)
 
@@ -111,7 +118,7 @@ class Scene:
     ----------
     bodies : sequence of Body
     cameras : sequence of PinholeCamera
-    solar_irradiance_1au_W_m2 : float [W/m2], optional
+    solar_irradiance_1au_W_m2 : float [W/m2], 1e-6..1e9, optional
         In the cameras' band, at 1 au. By default each camera has its own: that of its optics' `band_nm`
         (ASTM E490-00a), or the total solar irradiance, 1360.8 W/m2, of a camera without a model.
     max_error : float [1], 0..1
@@ -125,7 +132,10 @@ class Scene:
 
     def __post_init__(self):
         for label, kind in (("bodies", Body), ("cameras", PinholeCamera)):
-            members = tuple(getattr(self, label))
+            members = getattr(self, label)
+            if not isinstance(members, Iterable):
+                raise ConfigError(label, f"must be a sequence of {kind.__name__}", members)
+            members = tuple(members)
             if not members:
                 raise ConfigError(label, "must have at least one member")
             names = set()
@@ -138,7 +148,7 @@ class Scene:
             object.__setattr__(self, label, members)
         if self.solar_irradiance_1au_W_m2 is not None:
             object.__setattr__(self, "solar_irradiance_1au_W_m2",
-                               positive("solar_irradiance_1au_W_m2", self.solar_irradiance_1au_W_m2))
+                               within("solar_irradiance_1au_W_m2", self.solar_irradiance_1au_W_m2, 1e-6, 1e9))
         object.__setattr__(self, "max_error", checked_max_error(self.max_error))
 
     def solar_irradiance_of(self, camera: PinholeCamera) -> float:
@@ -232,6 +242,9 @@ class _Files:
                 raise ConfigError(field_path, "this server serves no files; start it with --shape-dir", name)
             if Path(name).name != name or name in (".", ".."):
                 raise ConfigError(field_path, "must be a bare file name in the server's shape directory", name)
+            if "\0" in name or len(name.encode("utf-8", "surrogatepass")) > _MAX_NAME_BYTES:
+                raise ConfigError(field_path, f"must be a file name of at most {_MAX_NAME_BYTES} bytes, none of them 0",
+                                  name)
             path = self.directory / name
             # A link inside the directory must not lead out of it.
             if path.exists() and path.resolve().parent != self.directory.resolve():

@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from glrender_camera.validate import integer, positive
+from glrender_camera.validate import integer, within
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
@@ -18,6 +18,12 @@ from .shape_files import MAX_FACETS, read_shape_file
 _METRES_PER_UNIT = {"m": 1.0, "km": 1000.0}
 # Vertices closer than this share of the extent are one: a text file's last digit.
 _WELD_RTOL = 1e-9
+# Facets whose edges tell how rough a shape is.
+_CREASE_FACETS = 100_000
+# A body thinner than this share of its extent has no sides that float32 coordinates could tell apart.
+_FLAT_RTOL = 1e-6
+MIN_EXTENT_M, MAX_COORDINATE_M = 1e-3, 1e10
+"""What a body may span: a grain of sand, whose facets' areas float32 still holds, to seven Suns."""
 # Small bodies span metres to a few thousand kilometres.
 _LIKELY_EXTENT_M = (1.0, 6e6)
 
@@ -75,7 +81,7 @@ class Shape:
         path : path
             OBJ, PLY, STL, PDS plate model (.tab, .plt) or ICQ (.icq).
         length_unit : "m", "km" or float
-            Of the file; metres per unit when a number.
+            Of the file; metres per unit when a number, 1e-9..1e9.
         max_facets : int
 
         Raises
@@ -84,13 +90,16 @@ class Shape:
             With the file's name, the rule and the value.
         """
         path = Path(path)
-        scale = _METRES_PER_UNIT.get(length_unit) if isinstance(length_unit, str) else positive(
-            "length_unit", length_unit)
+        scale = _METRES_PER_UNIT.get(length_unit) if isinstance(length_unit, str) else within(
+            "length_unit", length_unit, 1e-9, 1e9)
         if scale is None:
             raise ShapeError("length_unit", "must be 'm', 'km' or metres per unit", length_unit)
         with error_path(path.name):
             vertices, facets, uv = read_shape_file(path, integer("max_facets", max_facets, 1, 2**31 - 1))
-            return cls.from_arrays(vertices * scale, facets, uv=uv)
+            # A number as long as 1e308 becomes infinite here and is refused as such.
+            with np.errstate(over="ignore"):
+                vertices = vertices * scale
+            return cls.from_arrays(vertices, facets, uv=uv)
 
     @classmethod
     def from_arrays(cls, vertices_m: np.ndarray, facets: np.ndarray, *, uv: np.ndarray | None = None) -> Shape:
@@ -99,6 +108,7 @@ class Shape:
         Parameters
         ----------
         vertices_m : (V, 3) float [m]
+            Within 1e10 m of the origin, and at least 1e-3 m in extent.
         facets : (F, 3) int
             From 0.
         uv : (F, 3, 2) float, optional
@@ -107,17 +117,28 @@ class Shape:
         ------
         ShapeError
         """
-        vertices, facets = np.asarray(vertices_m, np.float64), np.asarray(facets)
+        try:
+            vertices, facets = np.asarray(vertices_m, np.float64), np.asarray(facets)
+            uv = None if uv is None else np.asarray(uv, np.float32)
+        except (TypeError, ValueError):
+            raise ShapeError("", "needs arrays of numbers") from None
         if vertices.ndim != 2 or vertices.shape[1] != 3 or facets.ndim != 2 or facets.shape[1] != 3 or not len(facets):
             raise ShapeError("", "needs vertices (V, 3) and facets (F, 3)", (vertices.shape, facets.shape))
         bad = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
         if len(bad):
             raise ShapeError(f"vertices[{bad[0]}]", "must be finite", vertices[bad[0]].tolist())
+        far = np.flatnonzero(np.abs(vertices).max(axis=1) > MAX_COORDINATE_M)
+        if len(far):
+            raise ShapeError(f"vertices[{far[0]}]", f"must be within {MAX_COORDINATE_M:g} m of the origin",
+                             vertices[far[0]].tolist(), "is the length unit right?")
+        if facets.dtype.kind not in "iu" and not (facets.dtype.kind == "f" and (facets == np.round(facets)).all()):
+            raise ShapeError("facets", "must be integers", facets)
         if facets.min() < 0 or facets.max() >= len(vertices):
             wrong = int(np.flatnonzero(((facets < 0) | (facets >= len(vertices))).any(axis=1))[0])
             raise ShapeError(f"facets[{wrong}]", f"must index vertices 0..{len(vertices) - 1}",
                              facets[wrong].tolist(), "plate models count from 1, trimesh from 0")
-        uv = None if uv is None else np.asarray(uv, np.float32)
+        if uv is not None and (uv.shape != (*facets.shape, 2) or not np.isfinite(uv).all()):
+            raise ShapeError("uv", f"must be {(*facets.shape, 2)} finite numbers", uv.shape)
         return _repaired(vertices, facets.astype(np.int64), uv)
 
     @cached_property
@@ -148,6 +169,21 @@ class Shape:
         return self._area_normals_m2 / self.facet_areas_m2[:, None]
 
     @cached_property
+    def crease_rad(self) -> float:
+        """RMS angle [rad] between facets that share an edge; of a large shape, of a part of its edges."""
+        start, end = self.facets.ravel().astype(np.int64), np.roll(self.facets, -1, axis=1).ravel().astype(np.int64)
+        low, high = np.minimum(start, end), np.maximum(start, end)
+        some = np.flatnonzero(low % max(len(self.facets) // _CREASE_FACETS, 1) == 0)
+        key = low[some] * len(self.vertices_m) + high[some]
+        order = np.argsort(key, kind="stable")
+        pair = np.flatnonzero(np.diff(key[order]) == 0)
+        if not len(pair):
+            return 0.0
+        a, b = (self.facet_normals[some[order[pair + k]] // 3] for k in range(2))
+        half = np.arctan2(np.linalg.norm(a - b, axis=1), np.linalg.norm(a + b, axis=1))
+        return float(2.0 * np.sqrt(np.mean(half**2)))
+
+    @cached_property
     def vertex_normals(self) -> np.ndarray:
         """(V, 3) float64 unit normals, the mean of the facets around weighted by their angle there."""
         total = np.zeros_like(self.vertices_m)
@@ -172,6 +208,8 @@ def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None) -
     extent = float(np.ptp(vertices, axis=0).max())
     if not extent > 0.0:
         raise ShapeError("", "has no extent: all vertices coincide", vertices[0].tolist())
+    if not extent >= MIN_EXTENT_M:
+        raise ShapeError("", f"must have an extent of at least {MIN_EXTENT_M:g} m", extent, "is the length unit right?")
     cell = extent * _WELD_RTOL
     _, first, same = np.unique(np.round((vertices - vertices.min(axis=0)) / cell).astype(np.int64), axis=0,
                                return_index=True, return_inverse=True)
@@ -189,6 +227,9 @@ def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None) -
     facets, uv = facets[solid], None if uv is None else uv[solid]
     if not len(facets):
         raise ShapeError("", "has no facet with an area", n_degenerate)
+    thickness = _thickness(vertices)
+    if not thickness > _FLAT_RTOL * extent:
+        raise ShapeError("", f"must not be flat: thicker than {_FLAT_RTOL:g} of its extent, {extent:.4g} m", thickness)
     _, kept = np.unique(np.sort(facets, axis=1), axis=0, return_index=True)
     kept = np.sort(kept)
     n_duplicate = len(facets) - len(kept)
@@ -259,10 +300,19 @@ def _two_coloured(count: int, owner_a: np.ndarray, owner_b: np.ndarray, against:
     for seed in np.unique(shell, return_index=True)[1]:
         order, parent = breadth_first_order(graph, seed, directed=False)
         rows = order[1:]
+        if not len(rows):
+            continue
         turns = np.asarray(graph[parent[rows], rows]).ravel() == 2
         for facet, before, turn in zip(rows.tolist(), parent[rows].tolist(), turns.tolist(), strict=True):
             flipped[facet] = flipped[before] ^ turn
     return flipped
+
+
+def _thickness(vertices: np.ndarray) -> float:
+    """Extent [m] across the plane that fits the vertices best."""
+    centred = vertices - vertices.mean(axis=0)
+    normal = np.linalg.eigh(centred.T @ centred)[1][:, 0]
+    return float(np.ptp(centred @ normal))
 
 
 def _volume(vertices: np.ndarray, facets: np.ndarray) -> float:

@@ -25,12 +25,14 @@ def read_shape_file(path: Path, max_facets: int) -> Arrays:
     ShapeError
         The file is missing, of no known kind, or does not hold a mesh.
     """
-    if path.is_dir():
-        raise ShapeError("", "is a folder, not a shape file", str(path))
     try:
-        size = path.stat().st_size
+        is_folder, size = path.is_dir(), path.stat().st_size
     except OSError as error:
         raise ShapeError("", f"cannot be read: {error.strerror}", str(path)) from None
+    except ValueError as error:  # a NUL in the name
+        raise ShapeError("", f"cannot be read: {error}", str(path)) from None
+    if is_folder:
+        raise ShapeError("", "is a folder, not a shape file", str(path))
     if size == 0:
         raise ShapeError("", "is empty", str(path))
     if size > _MAX_BYTES:
@@ -50,19 +52,23 @@ def read_shape_file(path: Path, max_facets: int) -> Arrays:
 
 
 def _lines(path: Path) -> list[str]:
+    return _text(path).splitlines()
+
+
+def _text(path: Path) -> str:
     data = path.read_bytes()
     if b"\0" in data[:65536]:
         raise ShapeError("", "is binary, not text", str(path))
-    return data.decode("utf-8", errors="replace").splitlines()
+    return data.decode("utf-8-sig", errors="replace")
 
 
 def _numbers(path: Path, rows: list[str], width: int, what: str) -> np.ndarray:
     """(n, width) float64 of text rows; a wrong row is named."""
-    text = " ".join(rows)
-    values = np.array(text.split(), dtype=object)
+    words = " ".join(rows).split()
     try:
-        if len(values) == width * len(rows):
-            return values.astype(np.float64).reshape(-1, width)
+        # Rows too long and too short may add up to the right number.
+        if len(words) == width * len(rows) and all(len(row.split()) == width for row in rows):
+            return np.array(words, dtype=object).astype(np.float64).reshape(-1, width)
     except ValueError:
         pass
     for row in rows:
@@ -84,17 +90,26 @@ def _limit(count: int, max_facets: int, path: Path) -> None:
 
 def _obj(path: Path, max_facets: int) -> Arrays:
     vertex_rows, texture_rows, faces = [], [], []
-    for line in _lines(path):
-        if line.startswith("v "):
-            vertex_rows.append(line[2:])
-        elif line.startswith("vt "):
-            texture_rows.append(" ".join(line[3:].split()[:2]))
-        elif line.startswith("f "):
-            faces.append((line[2:], len(vertex_rows), len(texture_rows)))
+    text = _text(path)
+    if "#" in text:
+        text = re.sub("#[^\r\n]*", "", text)
+    if "\\" in text:  # a statement goes on in the next line
+        text = re.sub(r"\\[ \t]*\r?\n", " ", text)
+    for line in text.splitlines():
+        words = line.split(None, 1)
+        if len(words) < 2:
+            continue
+        key, rest = words
+        if key == "v":
+            vertex_rows.append(rest)
+        elif key == "vt":
+            texture_rows.append(" ".join(rest.split()[:2]))
+        elif key == "f":
+            faces.append((rest, len(vertex_rows), len(texture_rows)))
     if not vertex_rows or not faces:
         raise ShapeError("", "has no vertices or no facets", str(path))
     _limit(len(faces), max_facets, path)
-    if vertex_rows[0].count(" ") and len(vertex_rows[0].split()) > 3:  # weights or colours follow
+    if len(" ".join(vertex_rows).split()) > 3 * len(vertex_rows):  # weights or colours follow
         vertex_rows = [" ".join(row.split()[:3]) for row in vertex_rows]
     vertices = _numbers(path, vertex_rows, 3, "vertex")
     texture = _numbers(path, texture_rows, 2, "texture coordinate") if texture_rows else None
@@ -102,7 +117,7 @@ def _obj(path: Path, max_facets: int) -> Arrays:
     text = " ".join(face[0] for face in faces)
     slashes = text.count("/")
     tokens = text.split()
-    if plain and len(tokens) == 3 * len(faces) and "-" not in text:
+    if plain and "-" not in text and all(len(face[0].split()) == 3 for face in faces):
         # The common case, all at once: triangles, positive indices.
         if slashes == 0:
             return vertices, _integers(path, tokens).reshape(-1, 3) - 1, None
@@ -156,12 +171,29 @@ def _by_trimesh(path: Path, max_facets: int) -> Arrays:
             # A row takes at least six bytes: a header that promises more is broken or hostile.
             if int(count) > path.stat().st_size // 6:
                 raise ShapeError("", f"promises more {kind.decode()} rows than the file can hold", int(count))
+    else:
+        _check_stl(path)
     mesh = trimesh.load(path, process=False, force="mesh", skip_materials=True)
     vertices, facets = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
     if not len(facets):
         raise ShapeError("", "has no facets", str(path))
     _limit(len(facets), max_facets, path)
     return vertices, facets, None
+
+
+def _check_stl(path: Path) -> None:
+    """Binary: 80 bytes, a count, 50 bytes a facet. Anything else must be text that begins with `solid`."""
+    data = path.read_bytes()
+    count = int.from_bytes(data[80:84], "little")
+    if len(data) >= 84 and len(data) == 84 + 50 * count:
+        return
+    try:
+        if data.lstrip()[:5].lower() == b"solid" and data.decode("utf-8"):
+            return
+    except UnicodeDecodeError:
+        pass
+    raise ShapeError("", f"is neither text nor binary STL: {len(data)} bytes do not fit a count of facets", count,
+                     f"a binary file of as many has {84 + 50 * count} bytes")
 
 
 def _plate_model(path: Path, max_facets: int) -> Arrays:
@@ -189,6 +221,9 @@ def _plate_model(path: Path, max_facets: int) -> Arrays:
     vertices = _numbers(path, vertex_rows, width, "vertex")[:, -3:]
     width = len(plate_rows[0].split())
     plates = _numbers(path, plate_rows, width, "plate")[:, -3:]
+    wrong = np.flatnonzero(((plates != np.round(plates)) | (np.abs(plates) > 2**31)).any(axis=1))
+    if len(wrong):
+        raise ShapeError("", "has a plate with an index that is no 32-bit integer", plate_rows[wrong[0]].strip())
     return vertices, plates.astype(np.int64) - 1, None
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from glrender_camera.validate import finite, known_keys, unit_quaternion, vector
+from glrender_camera.validate import finite, known_keys, position, unit_quaternion
 
 from .errors import ConfigError, error_path
 
@@ -22,7 +22,7 @@ class Pose:
     Parameters
     ----------
     r_inertial_m : (3,) float [m]
-        Origin of the frame in `inertial`.
+        Origin of the frame in `inertial`; each component within 1e16 m, about a light year.
     q_from_inertial : (4,) float
         Unit quaternion [w, x, y, z]: components in `inertial` to components in the frame.
     """
@@ -31,7 +31,7 @@ class Pose:
     q_from_inertial: np.ndarray = field(default=(1.0, 0.0, 0.0, 0.0))
 
     def __post_init__(self):
-        object.__setattr__(self, "r_inertial_m", vector("r_inertial_m", self.r_inertial_m))
+        object.__setattr__(self, "r_inertial_m", position("r_inertial_m", self.r_inertial_m))
         object.__setattr__(self, "q_from_inertial", unit_quaternion("q_from_inertial", self.q_from_inertial))
 
     @classmethod
@@ -50,6 +50,7 @@ class State:
     t_s : float [s]
         Time of mid-exposure; carried through, not interpreted.
     r_sun_inertial_m : (3,) float [m]
+        Within 1e16 m; at least a solar radius, 6.957e8 m, from every body.
     spacecraft : Pose
     bodies : mapping of body name to Pose
         Every body of the scene.
@@ -62,7 +63,7 @@ class State:
 
     def __post_init__(self):
         object.__setattr__(self, "t_s", finite("t_s", self.t_s))
-        object.__setattr__(self, "r_sun_inertial_m", vector("r_sun_inertial_m", self.r_sun_inertial_m))
+        object.__setattr__(self, "r_sun_inertial_m", position("r_sun_inertial_m", self.r_sun_inertial_m))
         if not isinstance(self.spacecraft, Pose):
             raise ConfigError("spacecraft", "must be a Pose", self.spacecraft)
         if not isinstance(self.bodies, Mapping):

@@ -8,10 +8,13 @@ import numpy as np
 from glrender_camera import PinholeCamera
 
 from . import frames
-from .constants import AU_M
-from .errors import SceneError
+from .constants import AU_M, SUN_RADIUS_M
+from .errors import ConfigError, SceneError
 from .hull import Hull
 from .state import State
+
+# The outline's edges, float64 pixel coordinates, are then good to 1e-4 of its size.
+_MIN_SIZE_PX = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -68,9 +71,14 @@ def view_bodies(state: State, camera: PinholeCamera, hulls: dict[str, Hull]) -> 
 
     Raises
     ------
+    ConfigError
+        What is no State.
     SceneError
-        A body that the state lacks or the scene does not know, a camera or a Sun inside a body.
+        A body that the state lacks or the scene does not know, a camera or a Sun inside a body,
+        a visible body of less than 1e-9 px.
     """
+    if not isinstance(state, State):
+        raise ConfigError("state", "must be a State", state, "State.from_dict makes one of a dictionary")
     for name in hulls:
         if name not in state.bodies:
             raise SceneError(f"state.bodies.{name}", "missing", hint="give the pose of every body of the scene")
@@ -94,6 +102,9 @@ def _view(name: str, hull: Hull, state: State, camera: PinholeCamera, camera_fro
     if not sun_distance > hull.radius_m:
         raise SceneError("state.r_sun_inertial_m", f"must be outside body {name!r}",
                          state.r_sun_inertial_m.tolist())
+    if not sun_distance > SUN_RADIUS_M:
+        raise SceneError("state.r_sun_inertial_m", f"must be a solar radius, {SUN_RADIUS_M:g} m, from body {name!r}",
+                         state.r_sun_inertial_m.tolist(), "it is a position in metres, not a direction")
     if not hull.is_outside(r_camera):
         raise SceneError("state.spacecraft.r_inertial_m", f"the camera must be outside body {name!r}",
                          state.spacecraft.r_inertial_m.tolist(), f"it is {range_m:.6g} m from the body's origin")
@@ -108,6 +119,9 @@ def _view(name: str, hull: Hull, state: State, camera: PinholeCamera, camera_fro
         bounds = np.concatenate([pixel.min(axis=0), pixel.max(axis=0)])
         edge = np.array([camera.width_px, camera.height_px]) - 0.5
         is_visible = bool((bounds[:2] < edge).all() and (bounds[2:] > -0.5).all())
+        if is_visible and not (bounds[2:] - bounds[:2]).max() > _MIN_SIZE_PX:
+            raise SceneError("state.spacecraft.r_inertial_m", f"body {name!r} must be {_MIN_SIZE_PX:g} px across",
+                             state.spacecraft.r_inertial_m.tolist(), f"it is less at {range_m:.6g} m")
     else:
         is_visible = farthest > 0.0
         # Depth is range times the cosine off the boresight: least in the image's corner.

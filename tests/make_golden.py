@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import numpy as np
-from glrender_server import codec
+from glrender_server import codec, framing
 
 STATE = {"t_s": 12.5, "r_sun_inertial_m": [1.5e11, 0.0, 0.0],
          "spacecraft": {"r_inertial_m": [0.0, 0.0, -2000.0], "q_from_inertial": [1.0, 0.0, 0.0, 0.0]},
@@ -33,6 +33,8 @@ def golden() -> dict[str, list[str]]:
         messages[f"reply_frame_{order}"] = codec.pack(REPLY, {"image": (IMAGE, "DN"), "range": (RANGE, "m")}, order)
     messages["reply_error"] = codec.pack({**ENVELOPE, "op": "render", "ok": False, "error": {
         "code": "config", "path": "state.gamma", "message": "state.gamma: unknown key"}})
+    for name in ("request_render", "reply_frame_F"):
+        messages[f"tcp_{name}"] = [b"".join(framing.framed(messages[name]))]
     return {name: [bytes(part).hex() for part in parts] for name, parts in messages.items()}
 
 

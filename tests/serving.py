@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import select
+import socket
+import struct
 import subprocess
 import sys
 import time
@@ -57,8 +59,58 @@ def server(folder, *arguments, scene=SCENE):
         process = subprocess.Popen([sys.executable, "-m", "glrender_server", str(file), "--zmq", "tcp://127.0.0.1:*",
                                     *arguments], stdout=subprocess.PIPE, stderr=log)
         try:
-            yield wait_for_line(process, "glrender-server ready on", 60.0).split()[3], process
+            process.ready_line = wait_for_line(process, "glrender-server ready on", 60.0)
+            yield process.ready_line.split()[3], process
         finally:
             process.kill()
             process.wait()
             process.stdout.close()
+
+
+def tcp_address(process):
+    """(host, port) of the framed TCP of a server that was started with --tcp."""
+    host, _, port = process.ready_line.split(" and ")[1].split()[0].rpartition(":")
+    return host, int(port)
+
+
+class Framed:
+    """A bare TCP client of docs/protocol.md, written from that page and sharing no line with the server."""
+
+    def __init__(self, address, receive_buffer=None):
+        self.socket = socket.socket()
+        if receive_buffer:
+            self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
+        self.socket.settimeout(30.0)
+        self.socket.connect(address)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exception):
+        self.socket.close()
+
+    @staticmethod
+    def frame(*parts, magic=b"GLR1", flags=0):
+        head = magic + struct.pack("<HH", len(parts), flags) + struct.pack(f"<{len(parts)}I", *map(len, parts))
+        return head + b"".join(parts)
+
+    def send(self, *parts):
+        self.socket.sendall(self.frame(*parts))
+
+    def exactly(self, size):
+        data = bytearray()
+        while len(data) < size:
+            chunk = self.socket.recv(size - len(data))
+            if not chunk:
+                raise EOFError(f"the server hung up after {len(data)} of {size} bytes")
+            data += chunk
+        return bytes(data)
+
+    def receive(self):
+        magic, n_parts, flags = struct.unpack("<4sHH", self.exactly(8))
+        assert (magic, flags) == (b"GLR1", 0)
+        return [self.exactly(size) for size in struct.unpack(f"<{n_parts}I", self.exactly(4 * n_parts))]
+
+    def ask(self, *parts):
+        self.send(*parts)
+        return self.receive()

@@ -5,7 +5,21 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import views
-from glrender import Body, ConfigError, PinholeCamera, Pose, Renderer, Scene, SceneError, State, generate, load_scene
+from glrender import (
+    Body,
+    ConfigError,
+    DeviceError,
+    PinholeCamera,
+    Pose,
+    Renderer,
+    Scene,
+    SceneError,
+    Shape,
+    ShapeError,
+    State,
+    generate,
+    load_scene,
+)
 from glrender.brdf import Lambert
 
 GREY = Lambert(normal_albedo=0.2)
@@ -44,6 +58,10 @@ def changed(path, value):
      "state.spacecraft.q_from_inertial: norm must be 1 within 1e-06, is 1.0198.*normalise"),
     ("spacecraft.q_from_inertial", [0.0, 0.0, 0.0, 0.0], "norm must be 1"),
     ("bodies.body.q_from_inertial", [1, 0, 0], r"state.bodies.body.q_from_inertial: must have shape \(4,\)"),
+    ("spacecraft.r_inertial_m", [0, -1e25, 0], "r_inertial_m: must be within 1e\\+16 m, got .*1e\\+25"),
+    ("r_sun_inertial_m", [1e308, 1e308, 0], "state.r_sun_inertial_m: must be within 1e\\+16 m, got .*1e\\+308"),
+    ("spacecraft.r_inertial_m", [True, -600, False], "state.spacecraft.r_inertial_m: must be 3 numbers, got .True"),
+    ("spacecraft.r_inertial_m", ["0", "-600", "0"], "state.spacecraft.r_inertial_m: must be 3 numbers, got .'0'"),
     ("bodies.body.r_inertial_m", [0, 0, None], "state.bodies.body.r_inertial_m: must be"),
     ("bodies.body.r_inertial_m", None, "state.bodies.body.r_inertial_m: missing"),
     ("bodies.body.mass_kg", 1.0, "state.bodies.body.mass_kg: unknown key"),
@@ -94,6 +112,57 @@ def test_unknown_camera_product_and_arguments(renderer):
             renderer.render(state, samples=value)
 
 
+def test_what_is_no_state_scene_law_or_list_is_refused(renderer):
+    state = views.state()
+    with pytest.raises(ConfigError, match="state: must be a State, got .*State.from_dict"):
+        renderer.render(state.to_dict())
+    with pytest.raises(ConfigError, match="products: must be names of products, got None"):
+        renderer.render(state, products=None)
+    with pytest.raises(ConfigError, match="scene: must be a Scene, got None"):
+        Renderer(None)
+    for label in ("bodies", "cameras"):
+        fields = {"bodies": renderer.scene.bodies, "cameras": renderer.scene.cameras, label: None}
+        with pytest.raises(ConfigError, match=f"{label}: must be a sequence of .*, got None"):
+            Scene(**fields)
+
+
+def test_a_closed_renderer_says_so():
+    renderer = Renderer(views.scene([views.sphere(GREY, 1)], [views.camera()]))
+    renderer.close()
+    renderer.close()
+    with pytest.raises(DeviceError, match="this renderer is closed"):
+        renderer.render(views.state())
+    with pytest.raises(DeviceError, match="this renderer is closed"):
+        renderer.evaluate_brdf(GREY, *np.eye(3)[None, :1].repeat(3, axis=0))
+
+
+@pytest.mark.parametrize("changes, message", [
+    ({"law": "lambert"}, "law: must be a law of glrender.brdf, got 'lambert'"),
+    ({"to_camera": np.ones((2, 3))}, r"to_camera: must have shape \(3, 3\), as to_sun, got \(2, 3\)"),
+    ({"normal": [0.0, 0.0, 1.0]}, r"normal: must be \(N, 3\) finite numbers"),
+    ({"to_sun": np.full((3, 3), np.nan)}, r"to_sun: must be \(N, 3\) finite numbers"),
+    ({"to_sun": "x"}, r"to_sun: must be \(N, 3\) numbers")])
+def test_evaluate_brdf_refuses_what_is_no_set_of_vectors(renderer, changes, message):
+    fields = {"law": GREY, "to_sun": np.ones((3, 3)), "to_camera": np.ones((3, 3)), "normal": np.ones((3, 3))}
+    with pytest.raises(ConfigError, match=message):
+        renderer.evaluate_brdf(**{**fields, **changes})
+
+
+def test_a_missing_texture_names_its_field(tmp_path):
+    generate.icosphere(radius_m=1.0, subdivisions=1).to_file(tmp_path / "s.obj")
+    with pytest.raises(ShapeError, match=r"^albedo_texture: texture cannot be read: .*none\.png"):
+        Body.from_file(tmp_path / "s.obj", name="b", length_unit="m", brdf=GREY,
+                       albedo_texture=tmp_path / "none.png")
+
+
+@pytest.mark.parametrize("albedo_map", [np.zeros((0, 5)), np.zeros(4), -np.ones((2, 2)), "grey", [[1.0], [1.0, 2.0]]])
+def test_an_albedo_map_that_is_no_image_is_refused(albedo_map):
+    sphere = generate.icosphere(radius_m=1.0, subdivisions=1)
+    shape = Shape.from_arrays(sphere.vertices_m, sphere.facets, uv=np.zeros((80, 3, 2)))
+    with pytest.raises(ConfigError, match="albedo_map: must be a 2-D array"):
+        Body(name="body", shape=shape, brdf=GREY, albedo_map=albedo_map)
+
+
 @pytest.mark.parametrize("r_m", [[0.0, 0.0, 0.0], [0.0, 99.0, 0.0], [50.0, 50.0, -50.0]])
 def test_a_camera_inside_a_body_is_refused(renderer, r_m):
     with pytest.raises(SceneError, match="the camera must be outside body 'body'"):
@@ -124,11 +193,34 @@ def test_a_sun_inside_a_body_is_refused(renderer):
         render(renderer, r_sun_inertial_m=[10.0, 0.0, 0.0])
 
 
+@pytest.mark.parametrize("r_m", [[1.0e3, 0.0, 0.0], [1.5e8, 0.0, 0.0]])
+def test_a_sun_nearer_than_its_own_radius_is_refused(renderer, r_m):
+    """A direction, or kilometres, in the place of metres."""
+    with pytest.raises(SceneError, match=r"state.r_sun_inertial_m: must be a solar radius, 6.957e\+08 m, from body"):
+        render(renderer, r_sun_inertial_m=r_m)
+
+
+def test_a_body_too_small_for_float64_pixels_is_refused(renderer):
+    """200 m across and f = 1000 px: below 1e-9 px from 2e14 m; above it the flux follows the inverse square."""
+    fluxes = []
+    for range_m in (1e9, 1e14):
+        image = renderer.render(views.state(range_m=range_m))
+        fluxes.append(float(image.irradiance_W_m2.sum(dtype=np.float64)) * range_m**2)
+    np.testing.assert_allclose(fluxes[1], fluxes[0], rtol=1e-3)
+    with pytest.raises(SceneError, match=r"body 'body' must be 1e-09 px across, got .*; it is less at 1e\+15 m"):
+        renderer.render(views.state(range_m=1e15))
+
+
 @pytest.mark.parametrize("changes, message", [
     ({"width_px": 0}, "width_px: must be an integer between 1 and 16384, got 0"),
     ({"width_px": 10.5}, "width_px: must be an integer"),
     ({"height_px": 20000}, "height_px"),
-    ({"focal_length_px": 0.0}, "focal_length_px: must be > 0"),
+    ({"focal_length_px": 0.0}, "focal_length_px: must be between 0.001 and 1e\\+12, got 0.0"),
+    ({"focal_length_px": 1e-300}, "focal_length_px: must be between 0.001 and 1e\\+12, got 1e-300"),
+    ({"focal_length_px": 1e160}, "focal_length_px: must be between 0.001 and 1e\\+12, got 1e\\+160"),
+    ({"principal_point_px": (1e6, 0.0)}, "principal_point_px: must be within 100000 px"),
+    ({"principal_point_px": "ab"}, "principal_point_px: must be 2 numbers, got 'ab'"),
+    ({"r_camera_spacecraft_m": (0.0, 1e20, 0.0)}, "r_camera_spacecraft_m: must be within 1e\\+16 m"),
     ({"focal_length_px": float("nan")}, "focal_length_px: must be a finite number"),
     ({"principal_point_px": (1.0,)}, "principal_point_px"),
     ({"q_camera_from_spacecraft": (1, 1, 0, 0)}, "q_camera_from_spacecraft: norm must be 1"),
@@ -156,6 +248,8 @@ focal_length_px = 100.0
     ("", "", None),
     ("[[bodies]]", "gamma = 2.2\n[[bodies]]", r"scene\.toml\.gamma: unknown key"),
     ("[[bodies]]", "max_error = 0.0\n[[bodies]]", r"scene\.toml\.max_error: must be > 0 and <= 1, got 0.0"),
+    ("[[bodies]]", "solar_irradiance_1au_W_m2 = 1e300\n[[bodies]]",
+     r"scene\.toml\.solar_irradiance_1au_W_m2: must be between 1e-06 and 1e\+09, got 1e\+300"),
     ("normal_albedo = 0.2", "normal_albedo = 1.2",
      r"bodies\[0\]\.brdf\.normal_albedo: must be between 0 and 1, got 1.2"),
     ("normal_albedo = 0.2", "albedo = 0.2", r"bodies\[0\]\.brdf\.albedo: unknown key; known keys are normal_albedo"),
@@ -166,6 +260,8 @@ focal_length_px = 100.0
     ('law = "lambert"', 'preset = "eros_550nm"', r"bodies\[0\]\.brdf\.normal_albedo: unknown key"),
     ('kind = "icosphere"', 'kind = "cube"', r"bodies\[0\]\.generated\.kind: must be one of"),
     ("radius_m = 100.0", "radius_m = -1.0", r"bodies\[0\]\.generated\.radius_m"),
+    ("radius_m = 100.0", "radius_m = 1e300", r"generated\.radius_m: must be between 0.001 and 1e\+09, got 1e\+300"),
+    ("radius_m = 100.0", "radius_m = 1e-30", r"generated\.radius_m: must be between 0.001 and 1e\+09, got 1e-30"),
     ("generated = ", "shape = 'x.obj'\ngenerated = ", r"bodies\[0\]: needs exactly one of"),
     ("generated = ", "generatd = ", r"bodies\[0\]\.generatd: unknown key"),
     ('generated = { kind = "icosphere", radius_m = 100.0, subdivisions = 2 }', 'shape = "nothing.obj"',
@@ -208,6 +304,19 @@ def test_a_restricted_scene_reads_only_bare_names_of_its_folder(tmp_path, name):
         Scene.from_dict(table, shape_dir=tmp_path, restricted=True)
     with pytest.raises(ConfigError, match="serves no files"):
         Scene.from_dict(table, restricted=True)
+
+
+@pytest.mark.parametrize("field", ["shape", "albedo_texture"])
+@pytest.mark.parametrize("name", ["a\0b.obj", "a" * 5000 + ".obj", "\ud800" * 90 + ".obj"], ids=("NUL", "long", "odd"))
+def test_names_that_no_file_system_has_are_refused(tmp_path, field, name):
+    generate.icosphere(radius_m=1.0, subdivisions=1).to_file(tmp_path / "s.obj")
+    table = {"bodies": [{"name": "b", "shape": "s.obj", "length_unit": "m", field: name,
+                         "brdf": {"law": "lambert", "normal_albedo": 0.1}}],
+             "cameras": [{"name": "c", "width_px": 8, "height_px": 8, "focal_length_px": 10.0}]}
+    with pytest.raises(ConfigError, match=rf"bodies\[0\]\.{field}: must be a file name of at most 255 bytes"):
+        Scene.from_dict(table, shape_dir=tmp_path, restricted=True)
+    with pytest.raises(ConfigError, match=rf"bodies\[0\]\.{field}.*cannot be read"):
+        Scene.from_dict(table, shape_dir=tmp_path)
 
 
 def test_a_restricted_scene_follows_no_link_out(tmp_path):

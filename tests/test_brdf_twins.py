@@ -142,6 +142,46 @@ def test_hapke_shader_and_twin_are_the_law(rng, evaluate):
         np.testing.assert_allclose(law.brdf(s, v, n)[fair], truth.hapke(a, **parameters)[fair], rtol=1e-9)
 
 
+@pytest.mark.parametrize("roughness_deg", [1.0, 28.0, 60.0])
+@pytest.mark.parametrize("incidence_deg", [60.0, 85.0, 88.9])
+def test_rough_hapke_holds_near_opposition_where_light_grazes(incidence_deg, roughness_deg, rng, evaluate):
+    """i = e, g from 0 to 5 deg: shadows hide behind what casts them, and 1e-7 of azimuth is 1e-5 of light."""
+    parameters = {**truth.random_hapke(rng), "b": 0.25, "theta_deg": roughness_deg}
+    count = 4_000
+    g = np.radians(rng.choice([0.0, 1e-5, 1e-3, 0.01, 0.1, 1.0, 5.0], count))
+    i, e = np.full(count, np.radians(incidence_deg)), np.full(count, np.radians(incidence_deg))
+    # The azimuth that makes a phase angle of g: sin(g/2) = sin(i) sin(azimuth/2).
+    psi = 2.0 * np.arcsin(np.minimum(np.sin(0.5 * g) / np.sin(i), 1.0))
+    s, v, n = (x.astype(np.float32) for x in truth.vectors(i, e, psi, rng))
+    same = rng.random(count) < 0.2
+    v[same] = s[same]
+    a = truth.angles(s, v, n)
+    got = evaluate(hapke_law(parameters), s, v, n).astype(np.float64)
+    np.testing.assert_allclose(got, truth.hapke(a, **parameters), rtol=1e-5)
+
+
+@pytest.mark.parametrize("changes", [{"b": 0.97, "c": 1.0, "multiple_scattering": "anisotropic"},
+                                     {"b": 0.97, "c": -1.0, "multiple_scattering": "anisotropic"},
+                                     {"b": 0.999, "c": 0.5, "multiple_scattering": "isotropic"}])
+@pytest.mark.filterwarnings("ignore:.*b > 0.9")
+def test_hapke_holds_at_the_largest_b(changes, rng, evaluate):
+    law = Hapke(single_scattering_albedo=1.0, **changes)
+    s, v, n = float32_vectors(rng, 20_000, 89.0)
+    unit = [x / np.linalg.norm(x, axis=-1, keepdims=True) for x in (s.astype(float), v.astype(float), n.astype(float))]
+    np.testing.assert_allclose(evaluate(law, s, v, n), law.brdf(*unit), rtol=1e-5)
+
+
+@pytest.mark.filterwarnings("ignore:.*roughness_deg > 60")
+def test_hapke_holds_at_the_largest_roughness(rng, evaluate):
+    """1e-4 at 75 deg to 89 deg of incidence, where 60 deg has 1e-5; beyond 75 it is refused."""
+    parameters = {**truth.random_hapke(rng), "b": 0.25, "theta_deg": 75.0}
+    s, v, n = float32_vectors(rng, 100_000, 89.0)
+    a = truth.angles(s, v, n)
+    seen = np.maximum(a.i, a.e) < np.radians(89.0)
+    got, expected = evaluate(hapke_law(parameters), s, v, n).astype(np.float64), truth.hapke(a, **parameters)
+    np.testing.assert_allclose(got[seen], expected[seen], rtol=1e-4)
+
+
 def test_hapke_shader_with_an_albedo_texture_is_the_scaled_law(rng, evaluate):
     """w x scale, held in 0..1, in every w-dependent value: scale 0.5, 1 and beyond w = 1."""
     for _ in range(8):
@@ -193,14 +233,16 @@ def adversarial_vectors(rng, count):
 
 def extreme_hapke(rng):
     """Corners of the parameters: zero widths, w of 0 and 1, no and full roughness, the pole of K."""
+    multiple_scattering = str(rng.choice(["isotropic", "anisotropic"]))
+    largest_b = 0.999 if multiple_scattering == "isotropic" else 0.97
     return Hapke(
-        single_scattering_albedo=rng.choice([0.0, 1.0, 1e-9, rng.uniform()]), b=rng.choice([0.0, 0.3, 0.99]),
-        c=rng.choice([-1.0, 0.0, 1.0, 1.1]), shoe_amplitude=rng.choice([0.0, 4.0]),
-        shoe_width=rng.choice([0.0, 1e-9, 0.05]), cboe_amplitude=rng.choice([0.0, 1.0]),
+        single_scattering_albedo=rng.choice([0.0, 1.0, 1e-9, rng.uniform()]), b=rng.choice([0.0, 0.3, largest_b]),
+        c=rng.choice([-1.0, 0.0, 1.0, 1.1]), shoe_amplitude=rng.choice([0.0, 4.0, 1e3]),
+        shoe_width=rng.choice([0.0, 1e-9, 0.05, 1e6]), cboe_amplitude=rng.choice([0.0, 1.0]),
         cboe_width=rng.choice([0.0, 1e-9, 0.02]),
-        roughness_deg=rng.choice([0.0, 1e-3, 0.05, 20.0, 60.0, 89.0]),
+        roughness_deg=rng.choice([0.0, 1e-3, 0.05, 20.0, 60.0, 75.0]),
         filling_factor=rng.choice([0.0, 1e-12, 0.4, 0.752]), h_function=str(rng.choice(["1981", "2002"])),
-        multiple_scattering=str(rng.choice(["isotropic", "anisotropic"])))
+        multiple_scattering=multiple_scattering)
 
 
 def check_robust(name, count, n_laws, rng, evaluate):

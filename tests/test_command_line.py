@@ -67,13 +67,32 @@ def test_render_takes_a_state_file(folder):
     (["render", "scene.toml", "--state", "none.json"], "none.json"),
     (["render", "scene.toml", "--state", "scene.toml"], "scene.toml: is not JSON"),
     (["render", "scene.toml", "--out", "frame.gif2"], "frame.gif2: must end in .png or .npy"),
-    (["demo", "--frames", "0"], "frames: must be an integer between 10"),
+    (["demo", "--frames", "0"], "frames: must be an integer between 24"),
+    (["demo", "--frames", "23"], "frames: must be an integer between 24"),
+    (["demo", "--max-error", "0"], "max-error: must be > 0 and <= 1, got 0.0"),
+    (["demo", "--max-error", "nan"], "max-error: must be a finite number, got nan"),
+    (["demo", "--shape", "scene.toml", "--length-unit", "mile"], "length-unit: must be m, km, or metres per unit"),
+    (["render", "scene.toml", "--phase-deg", "nan"], "phase-deg: must be a finite number, got nan"),
+    (["render", "scene.toml", "--phase-deg", "181"], "phase-deg: must be between 0 and 180, got 181.0"),
     (["demo", "--shape", "none.obj"], "none.obj: cannot be read"),
 ])
 def test_mistakes_are_told_in_one_line(folder, arguments, message):
     made = run(*arguments, cwd=folder)
     assert made.returncode == 1
     assert message in made.stderr and "Traceback" not in made.stderr and made.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("estimator, seed", [("model", 1), ("sphere", 3)])
+def test_the_shortest_demo_keeps_the_body(folder, estimator, seed):
+    made = run("demo", "--frames", "24", "--size-px", "128", "--estimator", estimator, "--seed", str(seed),
+               cwd=folder, timeout=240)
+    assert made.returncode == 0, made.stdout + made.stderr
+
+
+def test_render_takes_capital_endings(folder):
+    assert run("render", "scene.toml", "--camera", "bare", "--out", "A.PNG", cwd=folder).returncode == 0
+    assert run("render", "scene.toml", "--camera", "bare", "--out", "A.NPY", cwd=folder).returncode == 0
+    assert np.asarray(Image.open(folder / "A.PNG")).shape == np.load(folder / "A.NPY").shape == (32, 32)
 
 
 def test_info_as_json_names_the_backends(folder):

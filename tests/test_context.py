@@ -45,6 +45,26 @@ def test_a_device_that_is_not_there_says_how_many_are():
         Context("egl", device_index=99)
 
 
+@pytest.mark.parametrize("device_index", [-1, "a", 1.5, True])
+def test_a_device_index_that_is_none_is_refused(device_index):
+    with pytest.raises(ConfigError, match="device_index: must be an integer >= 0, got"):
+        Context("auto", device_index=device_index)
+
+
+def test_a_device_asked_for_is_not_another_one():
+    with pytest.raises(ConfigError, match="device_index: belongs to EGL"):
+        Context("osmesa", device_index=0)
+    with pytest.raises(DeviceError, match="99"):
+        Context("auto", device_index=99)
+
+
+def test_a_closed_context_says_so():
+    context = Context("auto")
+    context.close()
+    with pytest.raises(DeviceError, match="this renderer is closed"):
+        context.make_current()
+
+
 def _python(code: str, **environment: str) -> subprocess.CompletedProcess:
     return subprocess.run([sys.executable, "-c", code], env={**os.environ, **environment}, capture_output=True,
                           text=True, timeout=120)

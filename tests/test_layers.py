@@ -21,7 +21,10 @@ ROOMS = {
     "glrender/shaders": {"numpy", "glrender.constants", "glrender.errors"},
     "glrender/gl": {"numpy", "moderngl", "glrender.brdf", "glrender.shaders", "glrender.errors",
                     "glrender.constants"},
-    "glrender/backends": {"numpy", "cv2", "embreex", "glrender", "glrender_camera"},
+    "glrender/backends": {"numpy", "cv2", "glrender", "glrender_camera"},
+    "glrender/rays.py": {"numpy", "embreex", "glrender.errors"},
+    "glrender/refine.py": {"numpy", "cv2"},
+    "glrender/lod.py": {"numpy", "scipy", "fast_simplification", "glrender"},
     "glrender": {"numpy", "scipy", "cv2", "trimesh", "pyrr", "PIL", "glrender", "glrender_camera"},
     "server/glrender_server": {"numpy", "zmq", "msgpack", "glrender", "glrender_camera"},
     # The demo and its plots are an application on top of everything: they also drive the client.

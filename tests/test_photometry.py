@@ -492,7 +492,20 @@ def test_a_forgotten_leading_1_is_warned_of():
     (lambda: LommelSeeliger(single_scattering_albedo=0.2, phase_function={"phase_deg": [0, 9], "value": [1, 0]}),
      "phase_function.value"),
     (lambda: Akimov(normal_albedo=0.2, phase_function=(1.0,) * 8), "phase_function"),
+    (lambda: LommelSeeliger(single_scattering_albedo=0.2, phase_function=(5.0,)), "phase_function"),
+    (lambda: Akimov(normal_albedo=0.2, phase_function=(50.0,)), "phase_function"),
+    (lambda: Akimov(normal_albedo=0.2, phase_function={"phase_deg": [0, 9], "value": [1, 1e300]}),
+     "phase_function.value[1]"),
+    (lambda: LunarLambert(normal_albedo=0.2, weight=(1.0, 50.0)), "weight"),
+    (lambda: LunarLambert(normal_albedo=0.2, weight={"phase_deg": [0, 9], "value": [1, -1e4]}), "weight"),
+    (lambda: LunarLambert(normal_albedo=0.2, weight=(1.0, 1e300)), "weight[1]"),
     (lambda: Minnaert(normal_albedo=0.2, exponent=-1.0), "exponent"),
+    (lambda: Rolo(surge=(1.0, 1.0), coefficients=(0.1, 1e5)), "coefficients"),
+    (lambda: Rolo(surge=(1.0, 1e300), coefficients=(0.1,)), "surge[1]"),
+    (lambda: hapke(c=1e300), "c"), (lambda: hapke(shoe_amplitude=1e300), "shoe_amplitude"),
+    (lambda: hapke(shoe_width=1e-46), "shoe_width"), (lambda: hapke(cboe_width=1e300), "cboe_width"),
+    (lambda: hapke(b=0.9999), "b"), (lambda: hapke(b=0.98, c=1.0, multiple_scattering="anisotropic"), "b"),
+    (lambda: hapke(roughness_deg=75.1), "roughness_deg"),
     (lambda: Rolo(surge=(1.0,), coefficients=(1.0,)), "surge"),
     (lambda: Rolo(surge=(1.0, 1.0), coefficients=()), "coefficients"),
     (lambda: OrenNayar(normal_albedo=0.2, roughness_deg=90.0), "roughness_deg"),
@@ -627,6 +640,31 @@ def test_fitting_refuses_what_it_cannot_do():
         fit(EROS, Hapke, (10.0, 20.0))
     with pytest.raises(ConfigError, match="phase_deg"):
         fit(EROS, LunarLambert, (10.0, 180.0))
+
+
+def test_fitting_a_black_body_names_the_truth():
+    for kind in (Lambert, LommelSeeliger, LunarLambert):
+        with pytest.raises(ConfigError, match="truth: must return light at a phase of 10 deg, got Hapke"):
+            fit(hapke(single_scattering_albedo=0.0), kind, [10.0, 30.0])
+    with pytest.raises(ConfigError, match="truth: must return light"):
+        compare(Lambert(normal_albedo=0.1), Lambert(normal_albedo=0.0), [10.0])
+
+
+def test_a_fitted_albedo_that_is_held_at_1_is_warned_of():
+    bright = hapke(single_scattering_albedo=1.0, b=0.9, c=1.0, shoe_amplitude=5.0, shoe_width=0.1)
+    with pytest.warns(UserWarning, match=r"fitted normal_albedo of \d[\d.]* is held at 1"):
+        found = fit(bright, Lambert, [0.0, 30.0])
+    assert found.law.normal_albedo == 1.0 and found.flux[0] < -0.5
+
+
+@pytest.mark.parametrize("phase", [-0.1, 3.2, 180.0, np.nan])
+def test_phases_beyond_pi_are_refused(phase):
+    for of in (disc_albedo, centre_of_brightness, phase_function):
+        with pytest.raises(ConfigError, match="phase: must be"):
+            of(Lambert(normal_albedo=0.1), phase)
+    assert disc_albedo(Lambert(normal_albedo=0.1), np.pi) == 0.0
+    with pytest.raises(ConfigError, match="phase: must be one at which the law returns light"):
+        centre_of_brightness(Lambert(normal_albedo=0.1), np.pi)
 
 
 def test_a_table_interpolates_and_holds():

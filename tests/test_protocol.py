@@ -10,8 +10,9 @@ import msgpack
 import numpy as np
 import pytest
 from glrender import ProtocolError
-from glrender_client.client import _arrays
-from glrender_server import codec
+from glrender_client import ServerError
+from glrender_client.wire import Packer, read_header, read_reply, render_fields
+from glrender_server import codec, framing
 
 GOLDEN = {name: [bytes.fromhex(part) for part in parts] for name, parts in json.loads(
     (Path(__file__).parent / "data" / "golden.json").read_text(encoding="ascii")).items()}
@@ -30,14 +31,32 @@ def test_the_server_reads_the_golden_requests(name):
 def test_the_client_reads_the_golden_frames(order):
     parts = GOLDEN[f"reply_frame_{order}"]
 
-    class Part:
-        def __init__(self, data):
-            self.buffer = data
-
-    arrays = _arrays(msgpack.unpackb(parts[0]), [Part(part) for part in parts])
+    arrays = read_reply(read_header(parts[0]), parts).arrays
     np.testing.assert_array_equal(arrays["image"], make_golden.IMAGE)
     np.testing.assert_array_equal(arrays["range"], make_golden.RANGE)
     assert arrays["image"].dtype == np.uint16
+
+
+def test_the_client_reads_the_golden_error_and_writes_the_golden_request():
+    parts = GOLDEN["reply_error"]
+    with pytest.raises(ServerError) as caught:
+        read_reply(read_header(parts[0]), parts)
+    assert (caught.value.code, caught.value.path) == ("config", "state.gamma")
+    fields = dict(make_golden.REQUESTS["render"])
+    for name in make_golden.ENVELOPE | {"op": ""}:
+        del fields[name]
+    header = msgpack.unpackb(Packer()("render", render_fields(**fields))[1])
+    assert header == {**make_golden.REQUESTS["render"], "id": 1, "client": header["client"]}
+
+
+@pytest.mark.parametrize("name", ["request_render", "reply_frame_F"])
+def test_a_message_on_tcp_is_the_parts_behind_their_sizes(name):
+    (stream,), parts = GOLDEN[f"tcp_{name}"], GOLDEN[name]
+    sizes = np.array([len(part) for part in parts], "<u4").tobytes()
+    assert stream == b"GLR1" + bytes([len(parts), 0, 0, 0]) + sizes + b"".join(parts)
+    decoder = framing.Decoder()
+    decoder.feed(stream)
+    assert list(decoder.messages()) == [parts]
 
 
 def test_column_major_bytes_are_what_matlab_reshapes():

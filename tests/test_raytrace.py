@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import raytracer
+import solids
 import views
 from glrender import Body, ConfigError, Pose, Renderer, State, generate
 from glrender.backends.raytrace import RayTracer
-from glrender.brdf import Lambert
+from glrender.brdf import Hapke, Lambert
+from glrender.constants import AU_M
 from glrender.plugins import open_renderer
 from test_renderer_photometry import phi_lambert
 
@@ -22,6 +24,28 @@ def test_flux_of_a_sphere(phase_deg):
         image = tracer.render(views.state(phase_deg=phase_deg, range_m=1e6), max_error=0.01)
     expected = views.SOLAR_IRRADIANCE_W_M2 * 1e-8 * 0.4 * 2 / 3 * phi_lambert(np.radians(phase_deg))
     np.testing.assert_allclose(image.irradiance_W_m2.sum(dtype=np.float64), expected, rtol=2e-3)
+
+
+@pytest.mark.parametrize("phase_deg", [20.0, 60.0, 110.0, 150.0, 170.0])
+def test_a_pillar_shades_and_hides_as_much_as_it_must(phase_deg):
+    """A slab seen against the Sun, incidence = emission; the pillar's two strips within 1 % of their area."""
+    half, pillar, range_m, angle = 100.0, (10.0, 3.0), 1e6, 0.5 * np.radians(phase_deg)
+    direction = np.array([-np.sin(angle), 0.0, np.cos(angle)])
+    # Rolled, so that no edge runs along the rows of samples.
+    roll = (np.cos(0.2), 0.0, 0.0, np.sin(0.2))
+    camera = views.camera(96, 96 / 290.0 * range_m, q_camera_from_spacecraft=roll)
+    state = views.state(range_m=range_m, direction=direction)
+    sun = AU_M * np.array([np.sin(angle), 0.0, np.cos(angle)])
+    state = State(r_sun_inertial_m=sun, spacecraft=state.spacecraft, bodies=state.bodies)
+    flux = []
+    for stands in (pillar, None):
+        body = Body(name="body", shape=solids.slab(half, pillar_m=stands), brdf=GREY)
+        with RayTracer(views.scene([body], [camera])) as tracer:
+            flux.append(tracer.render(state, samples=16).irradiance_W_m2.sum(dtype=np.float64))
+    expected = [solids.slab_flux(angle, angle, half, stands, range_m, views.SOLAR_IRRADIANCE_W_M2, 0.4)
+                for stands in (pillar, (0.0, 0.0))]
+    np.testing.assert_allclose(flux, expected, rtol=2e-3)
+    np.testing.assert_allclose(flux[1] - flux[0], expected[1] - expected[0], rtol=0.01)
 
 
 def test_agrees_with_the_tests_own_rays():
@@ -82,3 +106,43 @@ def test_it_is_found_as_a_plug_in():
         assert isinstance(renderer, Renderer)
     with pytest.raises(ConfigError, match="backend: must be one of auto, egl, osmesa.*raytrace.*got 'vulkan'"):
         open_renderer(scene, backend="vulkan")
+
+
+@pytest.mark.parametrize("radius_m, r_moon_m", [
+    (30.0, (115.0, 0.0, 300.0)), (30.0, (115.0, 0.0, -300.0)), (5.0, (0.0, 0.0, 300.0)), (5.0, (20.0, 0.0, -300.0))])
+@pytest.mark.parametrize("backend", ["egl", "osmesa"])
+def test_a_body_before_or_behind_another(backend, radius_m, r_moon_m):
+    """Bodies that touch in the image and are apart in depth: OpenGL draws what rays see."""
+    scene = views.scene([views.sphere(GREY, 4, name="body"), views.sphere(GREY, 3, radius_m, name="moon")],
+                        [views.camera(200, 500.0)])
+    state = State(r_sun_inertial_m=(5e10, 0.0, -1.4e11), spacecraft=Pose(r_inertial_m=(0.0, 0.0, -900.0)),
+                  bodies={"body": Pose(r_inertial_m=np.zeros(3)), "moon": Pose(r_inertial_m=r_moon_m)})
+    with open_renderer(scene, backend) as renderer, RayTracer(scene) as tracer:
+        image, truth = (engine.render(state, samples=2, products=["body_id"]) for engine in (renderer, tracer))
+    assert (image.products["body_id"] != truth.products["body_id"]).mean() < 2e-3
+    difference = image.irradiance_W_m2 - truth.irradiance_W_m2
+    assert np.sqrt(np.mean(difference**2)) < 0.02 * truth.irradiance_W_m2.max()
+    np.testing.assert_allclose(image.irradiance_W_m2.sum(), truth.irradiance_W_m2.sum(), rtol=2e-3)
+
+
+@pytest.mark.parametrize("law", [Lambert(normal_albedo=0.4), Hapke(single_scattering_albedo=0.5, b=0.3, c=0.6)],
+                         ids=lambda law: law.glsl)
+def test_a_texture_and_smooth_normals_are_traced_as_they_are_drawn(law):
+    shape = generate.icosphere(radius_m=100.0, subdivisions=3)
+    corner = shape.vertices_m[shape.facets] / 100.0
+    uv = np.stack([0.5 + 0.45 * corner[..., 0], 0.5 + 0.45 * corner[..., 1]], axis=-1)
+    # Dark to the left, bright to the right, and a bright band on top.
+    albedo = np.linspace(0.2, 1.0, 32)[None, :] * np.ones((32, 1))
+    albedo[:8] = 1.0
+    textured = Body(name="body", shape=type(shape).from_arrays(shape.vertices_m, shape.facets, uv=uv), brdf=law,
+                    albedo_map=albedo, smooth_normals=True)
+    scene = views.scene([textured], [views.camera(100, 450.0)])
+    state = views.state(phase_deg=40.0, direction=(0.2, 0.1, 1.0))
+    with Renderer(scene) as renderer, RayTracer(scene) as tracer:
+        image, truth = (engine.render(state, samples=4).irradiance_W_m2 for engine in (renderer, tracer))
+    lit = truth > 0.0
+    assert np.sqrt(np.mean((image - truth)[lit] ** 2)) < 0.01 * truth[lit].mean()
+    plain = views.scene([Body(name="body", shape=shape, brdf=law)], [views.camera(100, 450.0)])
+    with RayTracer(plain) as tracer:
+        white = tracer.render(state, samples=4).irradiance_W_m2
+    assert truth.sum() < 0.9 * white.sum(), "the texture darkens"

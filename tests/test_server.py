@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+import tracemalloc
 from pathlib import Path
 
 import msgpack
@@ -17,7 +18,10 @@ import serving
 import views
 import zmq
 from glrender import Renderer, State, load_scene
+from glrender.brdf import Lambert
+from glrender.image import peak_bytes
 from glrender_client import Busy, Client, GlrenderClientError, RequestTimeout, ServerError
+from glrender_server.dispatcher import Dispatcher
 
 STATE = views.state().to_dict()
 
@@ -73,6 +77,23 @@ def test_five_lines_get_a_frame(endpoint, folder):
               f"    print(reply.pixels.shape, reply.pixels.dtype, reply)\n")
     run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60)
     assert run.stdout.startswith("(64, 96) uint16 <Reply navcam t=0.0 s: 96 x 64 uint16 [DN]"), run.stderr
+
+
+def test_a_request_above_the_limit_is_refused_before_it_is_sent(client):
+    """ZeroMQ would drop it unanswered, and the client would wait out its timeouts."""
+    limit = client.hello()["limits"]["max_header_bytes"]
+    began = time.monotonic()
+    with pytest.raises(GlrenderClientError, match=f"at most {limit} bytes, `load_scene` has"):
+        client.load_scene({"bodies": [], "cameras": [], "note": "x" * (limit + 2048)})
+    assert time.monotonic() - began < 5.0
+    with pytest.raises(ServerError, match="note: unknown key"):
+        client.load_scene({"bodies": [], "cameras": [], "note": "x" * (limit - 2048)})
+
+
+def test_a_request_just_above_the_limit_gets_a_reply(endpoint):
+    with Raw(endpoint) as raw:
+        header = msgpack.unpackb(raw.ask(request(note="x" * (1 << 20)))[0])
+        assert header["error"]["code"] == "protocol" and "must not exceed 1048576 bytes" in header["error"]["message"]
 
 
 def test_hello_tells_what_is_there(client):
@@ -142,6 +163,7 @@ def test_numpy_arrays_are_welcome_in_a_state(client):
     ({"op": "explode"}, "config", "op", "must be one of 'hello', 'render'"),
     ({"op": 7}, "config", "op", "must be one of"),
     ({"op": ...}, "protocol", "op", "missing"),
+    ({"v": True}, "protocol", "v", "speaks version 1, got True"),
     ({"v": 2}, "protocol", "v", "speaks version 1, got 2"),
     ({"v": ...}, "protocol", "v", "missing"),
     ({"id": "one"}, "config", "id", "integer"),
@@ -283,6 +305,37 @@ def test_a_signal_ends_it_after_the_request_in_flight(tmp_path, number):
         assert [reply["id"] for reply in replies] == [10, 11, 12]
         assert process.wait(timeout=20.0) == 0
         assert b"stopped" in process.stdout.read()
+
+
+PRODUCTS = ["range", "body_id", "facet_id", "incidence", "emission", "phase", "r_body", "sunlit"]
+
+
+def test_products_of_a_large_image_are_bounded_by_their_memory():
+    """67 megapixels with all products would take 9 GB; the request is refused before anything is drawn."""
+    dispatcher = Dispatcher(views.scene([views.sphere(Lambert(normal_albedo=0.2), 1)], [views.camera(size_px=8192)]))
+    try:
+        message = request(camera="navcam", products=PRODUCTS)
+        error = msgpack.unpackb(dispatcher.handle([message])[0])["error"]
+        assert (error["code"], error["path"]) == ("config", "products")
+        assert f"at most {4 * 1024**3} bytes of memory while they are made, got {144 * 8192**2}" in error["message"]
+    finally:
+        dispatcher.close()
+
+
+@pytest.mark.parametrize("products", [[], ["body_id"], PRODUCTS])
+def test_the_memory_of_a_frame_is_what_it_is_bounded_by(products):
+    scene = views.scene([views.sphere(Lambert(normal_albedo=0.2), 5)], [views.camera(1024, 4e3)])
+    dispatcher = Dispatcher(scene)
+    try:
+        dispatcher.handle([request(camera="navcam", samples=1)])
+        tracemalloc.start()
+        message = request(camera="navcam", products=products, samples=1, order="F")
+        assert msgpack.unpackb(dispatcher.handle([message])[0])["ok"]
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+        dispatcher.close()
+    assert 0.5 < peak / peak_bytes(1024**2, products) < 1.5
 
 
 def test_a_port_in_use_says_so_and_what_to_do(endpoint, folder):

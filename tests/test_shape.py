@@ -7,6 +7,7 @@ import struct
 import numpy as np
 import pytest
 from glrender import Shape, ShapeError, generate
+from glrender.hull import Hull
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -18,6 +19,11 @@ CUBE_F = np.array([t for a, b, c, d in CUBE_QUADS for t in ((a, b, c), (a, c, d)
 def cube_obj(separator="\n"):
     lines = [f"v {x} {y} {z}" for x, y, z in CUBE_V] + [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in CUBE_F]
     return separator.join(lines) + separator
+
+
+def plate_model(first_plate):
+    plates = [f"{a + 1} {b + 1} {c + 1}" for a, b, c in CUBE_F]
+    return "\n".join(["8", *(f"{x} {y} {z}" for x, y, z in CUBE_V), "12", first_plate, *plates[1:]])
 
 
 def is_cube(shape, scale=1.0):
@@ -81,7 +87,12 @@ def test_a_textured_model_is_the_closed_body_that_it_is(shared):
     + "\n".join("f " + " ".join(str(i - 8) for i in f) for f in CUBE_F),
     "\n".join(f"v {x} {y} {z}" for x, y, z in CUBE_V) + "\nvn 0 0 1\n"
     + "\n".join("f " + " ".join(f"{i + 1}//1" for i in f) for f in CUBE_F),
-], ids=["plain", "crlf", "comments", "colours", "quads", "negative", "v//vn"])
+    cube_obj().replace(" ", "\t"), "  " + cube_obj("\n  "), "\ufeff" + cube_obj(),
+    cube_obj(" # a corner\n"), "# caf\u00e9 \\\n" + cube_obj(" \n").replace(" 1.0 ", " \\\n1.0 \\\r\n "),
+    cube_obj().replace("v 1.0 1.0 1.0", "v 1.0 1.0 1.0 0.5 0.5 0.5").replace("v 0.0 1.0 1.0", "v 0.0 1.0 1.0 1.0"),
+    cube_obj().replace("v ", "v   ").replace("f ", "f  "),
+], ids=["plain", "crlf", "comments", "colours", "quads", "negative", "v//vn", "tabs", "indents", "byte-order mark",
+        "trailing comments", "continued lines", "colours on some", "blanks"])
 def test_obj_dialects_give_the_same_cube(tmp_path, text):
     assert is_cube(load(tmp_path, text))
 
@@ -141,9 +152,23 @@ def test_ply_and_stl_are_read(tmp_path, kind):
 def test_units_scale_and_must_be_known(tmp_path):
     assert is_cube(load(tmp_path, cube_obj(), unit="km"), 1000.0)
     assert is_cube(load(tmp_path, cube_obj(), unit=2.5), 2.5)
-    for unit in ("mm", 0.0, -1.0, float("nan"), None):
+    for unit in ("mm", 0.0, -1.0, float("nan"), None, 1e300, 1e-300, ["m"]):
         with pytest.raises(ValueError, match="length_unit"):
             load(tmp_path, cube_obj(), unit=unit)
+
+
+@pytest.mark.parametrize("unit, message", [
+    (1e-4, "s.obj: must have an extent of at least 0.001 m, got 0.0001; is the length unit right"),
+    (1e9, r"s.obj.vertices\[1\]: must be within 1e\+10 m of the origin, got .*; is the length unit right")])
+def test_a_body_too_small_or_too_large_is_refused(tmp_path, unit, message):
+    text = cube_obj().replace(" 1.0", " 11.0") if unit > 1.0 else cube_obj()
+    with pytest.raises(ShapeError, match=message):
+        load(tmp_path, text, unit=unit)
+
+
+def test_a_number_beyond_float64_in_metres_is_not_finite(tmp_path):
+    with pytest.raises(ShapeError, match="must be finite"):
+        load(tmp_path, cube_obj().replace("v 0.0 0.0 0.0", "v 1e305 0.0 0.0"), unit=1e9)
 
 
 def test_winding_is_made_one_and_outward_per_shell(rng):
@@ -195,8 +220,13 @@ def test_vertex_normals_of_a_sphere_are_radial():
     ("s.obj", cube_obj().replace("v 0.0 0.0 0.0", "v 1e999 0.0 0.0"), r"vertices\[0\]: must be finite"),
     ("s.obj", cube_obj().replace("v 0.0 0.0 0.0", "v 0,0 0,0 0,0"), "decimals with a point"),
     ("s.obj", cube_obj().replace("v 0.0 0.0 0.0", "v 0.0 0.0"), "with 2 numbers instead of 3"),
+    ("s.obj", cube_obj().replace("v 0.0 0.0 0.0", "v 0.0 0.0").replace("v 0.0 0.0 1.0", "v 0.0 0.0 1.0 0.0"),
+     "with 2 numbers instead of 3, got '0.0 0.0'"),
+    ("s.obj", cube_obj().replace("f 1 2 4", "f 1 2").replace("f 1 4 3", "f 1 2 4 3"), "fewer than 3 corners"),
     ("s.obj", "\n".join(["v 1 1 1"] * 3 + ["f 1 2 3"]), "no extent"),
     ("s.obj", "\n".join(["v 0 0 0", "v 1 1 1", "v 2 2 2", "f 1 2 3"]), "no facet with an area"),
+    ("s.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3", "must not be flat: thicker than 1e-06 of its extent, 1 m"),
+    ("s.obj", "v 0 0 0\nv 1 0 1\nv 0 1 1\nv 1 1 2\nf 1 2 3\nf 2 4 3", "must not be flat"),
     ("s.obj", b"\0\1\2" * 100, "is binary"),
     ("s.xyz", cube_obj(), "must end in one of .icq, .obj"),
     ("s.tab", "a b\n", "must begin with the number of vertices"),
@@ -210,12 +240,44 @@ def test_vertex_normals_of_a_sphere_are_radial():
               b"property list uchar int vertex_indices\nend_header\n",
      "promises more vertex rows"),
     ("s.ply", b"ply\ngarbage", "is not a readable PLY"),
-    ("s.stl", b"\0" * 80 + struct.pack("<I", 4_000_000_000) + b"\0" * 50, "STL|facets"),
+    ("s.stl", b"\0" * 80 + struct.pack("<I", 4_000_000_000) + b"\0" * 50,
+     "134 bytes do not fit a count of facets, got 4000000000; a binary file of as many has 200000000084 bytes"),
+    ("s.stl", b"\xff\xfe" * 100, "is neither text nor binary STL: 200 bytes do not fit a count of facets"),
+    ("s.stl", b"solid \xff\xfe facet" * 100, "is neither text nor binary STL"),
+    ("s.tab", plate_model("1.5 2 3"), "has a plate with an index that is no 32-bit integer, got '1.5 2 3'"),
+    ("s.tab", plate_model("nan 2 3"), "has a plate with an index that is no 32-bit integer, got 'nan 2 3'"),
+    ("s.tab", plate_model("1e300 2 3"), "no 32-bit integer, got '1e300 2 3'"),
 ])
 def test_hostile_files_are_refused_by_name_rule_and_value(tmp_path, name, text, message):
     with pytest.raises(ShapeError, match=message) as caught:
         load(tmp_path, text, name)
     assert str(caught.value).startswith(name)
+
+
+def test_what_qhull_cannot_do_is_a_shape_error():
+    """Sides 2e-16 of the distance to the origin apart: float64 has no room between them."""
+    with pytest.raises(ShapeError, match="shape: has no convex hull: QH"):
+        Hull(CUBE_V * [1.0, 1.0, 1e-6] + 1e10, CUBE_F)
+
+
+def test_a_lone_facet_beside_a_shell_to_rewind():
+    """A shell of one facet has no neighbours to agree with."""
+    facets = CUBE_F.copy()
+    facets[3] = facets[3][::-1]
+    shape = Shape.from_arrays(np.concatenate([CUBE_V, CUBE_V[:3] + 5.0]), np.concatenate([facets, [[8, 9, 10]]]))
+    assert shape.report.n_shells == 2 and shape.report.n_flipped >= 1
+
+
+@pytest.mark.parametrize("changes, message", [
+    ({"facets": np.full((2, 3), np.nan)}, "facets: must be integers"),
+    ({"facets": CUBE_F + 0.4}, "facets: must be integers"),
+    ({"facets": "abc"}, "needs vertices"), ({"vertices_m": "a"}, "needs arrays of numbers"),
+    ({"vertices_m": [[0, 0], [1]]}, "needs arrays of numbers"),
+    ({"uv": np.zeros((3, 3, 2))}, r"uv: must be \(12, 3, 2\) finite numbers, got \(3, 3, 2\)"),
+    ({"uv": np.full((12, 3, 2), np.nan)}, "uv: must be .* finite numbers"), ({"uv": "x"}, "needs arrays of numbers")])
+def test_arrays_that_are_no_mesh_are_refused(changes, message):
+    with pytest.raises(ShapeError, match=message):
+        Shape.from_arrays(**{"vertices_m": CUBE_V, "facets": CUBE_F, **changes})
 
 
 def test_missing_files_folders_and_limits(tmp_path):

@@ -14,10 +14,14 @@ import numpy as np
 from .camera import CameraModel, Frame
 from .errors import ConfigError
 from .points import PointSources
-from .validate import integer, positive, text, unit_quaternion, vector
+from .validate import integer, position, text, unit_quaternion, vector, within
 
 MAX_IMAGE_PX = 16384
 """Widest image [px]: the texture limit of every OpenGL that glrender runs on."""
+# From one wide pixel that sees half the sky to a picoradian a pixel.
+_FOCAL_LENGTHS_PX = (1e-3, 1e12)
+# float64 tells places apart to 1e-11 px there.
+_MAX_PRINCIPAL_POINT_PX = 1e5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -28,10 +32,10 @@ class PinholeCamera:
     ----------
     name : str
     width_px, height_px : int [px], 1..16384
-    focal_length_px : float [px], > 0
+    focal_length_px : float [px], 1e-3..1e12
         Focal length over pixel pitch; pixels are square.
     principal_point_px : (2,) float [px], optional
-        (x, y) of the boresight in `pixel`; default is the image centre,
+        (x, y) of the boresight in `pixel`, within 1e5 px; default is the image centre,
         ((width - 1) / 2, (height - 1) / 2).
     q_camera_from_spacecraft : (4,) float, optional
         Mounting, unit quaternion [w, x, y, z]; default identity.
@@ -60,14 +64,17 @@ class PinholeCamera:
         text("name", self.name)
         put("width_px", integer("width_px", self.width_px, 1, MAX_IMAGE_PX))
         put("height_px", integer("height_px", self.height_px, 1, MAX_IMAGE_PX))
-        put("focal_length_px", positive("focal_length_px", self.focal_length_px))
+        put("focal_length_px", within("focal_length_px", self.focal_length_px, *_FOCAL_LENGTHS_PX))
         centre = self.principal_point_px
         if centre is None:
             centre = ((self.width_px - 1) / 2.0, (self.height_px - 1) / 2.0)
-        put("principal_point_px", tuple(float(x) for x in vector("principal_point_px", centre, 2)))
+        centre = tuple(float(x) for x in vector("principal_point_px", centre, 2))
+        if max(map(abs, centre)) > _MAX_PRINCIPAL_POINT_PX:
+            raise ConfigError("principal_point_px", f"must be within {_MAX_PRINCIPAL_POINT_PX:g} px", centre)
+        put("principal_point_px", centre)
         put("q_camera_from_spacecraft",
             unit_quaternion("q_camera_from_spacecraft", self.q_camera_from_spacecraft))
-        put("r_camera_spacecraft_m", vector("r_camera_spacecraft_m", self.r_camera_spacecraft_m))
+        put("r_camera_spacecraft_m", position("r_camera_spacecraft_m", self.r_camera_spacecraft_m))
         if self.model is not None and not isinstance(self.model, CameraModel):
             raise ConfigError("model", "must be a CameraModel", self.model)
 

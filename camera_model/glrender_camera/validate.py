@@ -17,6 +17,8 @@ from .errors import ConfigError
 # A norm this far from 1 is round-off or a rounded log file: renormalised. Beyond it the
 # quaternion is a mistake (photometry.md section 4.3) and is refused.
 QUATERNION_NORM_TOLERANCE = 1e-6
+# A light year: beyond it a position is a mistake of units, and float32 irradiance is 0.
+MAX_DISTANCE_M = 1e16
 
 
 def finite(name: str, value: object) -> float:
@@ -69,6 +71,9 @@ def one_of(name: str, value: object, allowed: Iterable[str]) -> str:
 def vector(name: str, value: object, length: int = 3) -> np.ndarray:
     """A read-only (length,) float64 array of finite numbers."""
     try:
+        # NumPy would take True for 1 and "1" for 1.
+        if any(isinstance(entry, (bool, np.bool_, str, bytes)) for entry in value):
+            raise TypeError
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError):
         raise ConfigError(name, f"must be {length} numbers", value) from None
@@ -77,6 +82,14 @@ def vector(name: str, value: object, length: int = 3) -> np.ndarray:
     if not np.isfinite(array).all():
         raise ConfigError(name, "must be finite", value)
     array.setflags(write=False)
+    return array
+
+
+def position(name: str, value: object) -> np.ndarray:
+    """A read-only (3,) float64 position [m], each component within a light year, 1e16 m."""
+    array = vector(name, value)
+    if not (np.abs(array) <= MAX_DISTANCE_M).all():
+        raise ConfigError(name, f"must be within {MAX_DISTANCE_M:g} m", value)
     return array
 
 

@@ -15,11 +15,12 @@ import numpy as np
 from glrender_camera import PinholeCamera
 from glrender_camera.validate import integer
 
-from ..errors import DeviceError
 from ..image import Image, checked_products
 from ..plan import BodyPlan, RenderPlan, region
+from ..rays import RayMesh
 from ..scene import Body, Scene, checked_max_error
 from ..state import State
+from ..surface import Surface
 from ..view import BodyView, view_bodies
 
 # Rounds before a pixel's scatter is believed, and at which even the worst pixel is given up.
@@ -114,7 +115,7 @@ class RayTracer:
             camera=pinhole.name, max_error=budget, roi=roi, windows=(), predicted_error=reached, left_out=(),
             bodies=tuple(BodyPlan(
                 name=v.name, is_visible=v.is_visible, n_facets=len(self._solids[v.name].facets),
-                law=self._solids[v.name].body.brdf.glsl, shadow_map_px=None, shadow_map_reused=False,
+                level=0, law=self._solids[v.name].body.brdf.glsl, shadow_map_px=None, shadow_map_reused=False,
                 relative_to_camera=True, normal_lookup=True, size_px=v.size_px) for v in views))
         return Image(irradiance_W_m2=irradiance.astype(np.float32), products=arrays, plan=frame_plan,
                      timings_ms={"trace": 1e3 * (time.perf_counter() - began)})
@@ -161,9 +162,12 @@ class RayTracer:
             seen["sunlit"][facing] = is_lit
             lit = facing[is_lit]
             ray = ray_camera[lit] @ view.camera_from_body
-            normal = normal[is_lit]
-            brdf = solid.body.brdf.brdf(view.sun_direction_body, -ray, normal)
-            value[lit] = brdf * (normal @ view.sun_direction_body) / view.sun_distance_au**2
+            surface, facet = solid.surface, seen["facet_id"][lit]
+            weights = surface.weights(facet, seen["r_body"][lit]) if solid.needs_weights else None
+            normal = surface.normals(facet, weights, -ray)
+            brdf = surface.brdf(view.sun_direction_body, -ray, normal, surface.albedo_scale(facet, weights))
+            cos_incidence = np.maximum(normal @ view.sun_direction_body, 0.0)
+            value[lit] = brdf * cos_incidence / view.sun_distance_au**2
         # A pixel's solid angle falls off as cos^3 of its angle from the boresight.
         value *= self.scene.solar_irradiance_of(camera) * ray_camera[:, 2] ** 3 / camera.focal_length_px**2
         return value, seen
@@ -227,52 +231,10 @@ def _neighbours_mean(values: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     return cv2.blur(values.reshape(shape), (3, 3), borderType=cv2.BORDER_REFLECT_101).ravel()
 
 
-class _Solid:
-    """A body's acceleration structure, in units of its radius."""
+class _Solid(RayMesh):
+    """A body that rays may meet."""
 
     def __init__(self, body: Body):
-        try:
-            from embreex import rtcore_scene
-            from embreex.mesh_construction import TriangleMesh
-        except ImportError as error:
-            raise DeviceError("the ray tracer needs embreex: pip install embreex") from error
-        self.body, self.facets, self.radius_m = body, body.shape.facets, body.hull.radius_m
-        self._corner = body.shape.vertices_m[self.facets[:, 0]]
-        corners = body.shape.vertices_m[self.facets]
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        self.normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
-        self._scene = rtcore_scene.EmbreeScene()
-        TriangleMesh(self._scene, (corners / self.radius_m).astype(np.float32))
-
-    def hit(self, origin_m: np.ndarray, ray: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Facet (N,) or -1, and distance (N,) float64 [m] or infinity, of rays from one point."""
-        # Float32 rays start close by: on the bounding sphere where the origin is beyond it.
-        along = -ray @ origin_m
-        away = np.sqrt(np.maximum(origin_m @ origin_m - along**2, 0.0))
-        advance = np.where((along > 1.5 * self.radius_m) & (away < 1.01 * self.radius_m), along - 1.5 * self.radius_m,
-                           0.0)
-        start = origin_m + ray * advance[:, None]
-        facet = self._scene.run(np.ascontiguousarray(start / self.radius_m, np.float32),
-                                np.ascontiguousarray(ray, np.float32))
-        distance = np.full(len(ray), np.inf)
-        found = np.flatnonzero(facet >= 0)
-        normal = self.normals[facet[found]]
-        distance[found] = (np.einsum("ij,ij->i", self._corner[facet[found]] - origin_m, normal)
-                           / np.einsum("ij,ij->i", ray[found], normal))
-        return facet, distance
-
-    def blocks(self, start_m: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """Whether rays (N, 3) [m] towards one direction meet the body."""
-        if not len(start_m):
-            return np.zeros(0, bool)
-        along = start_m @ direction
-        away = np.linalg.norm(start_m - along[:, None] * direction, axis=1)
-        # Far sunward or beside the bounding sphere there is nothing to meet, and float32 no room for it.
-        near = np.flatnonzero((away < 1.01 * self.radius_m) & (along < 1.01 * self.radius_m))
-        start = start_m[near] + direction * np.maximum(-along[near] - 1.5 * self.radius_m, 0.0)[:, None]
-        result = np.zeros(len(start_m), bool)
-        if len(near):
-            ray = np.broadcast_to(direction, start.shape)
-            result[near] = self._scene.run(np.ascontiguousarray(start / self.radius_m, np.float32),
-                                           np.ascontiguousarray(ray, np.float32)) >= 0
-        return result
+        super().__init__(body.shape.vertices_m, body.shape.facets)
+        self.body, self.surface = body, Surface(body)
+        self.needs_weights = body.smooth_normals or body.albedo_map is not None

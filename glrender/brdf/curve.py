@@ -8,13 +8,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from glrender_camera.validate import finite, known_keys
+from glrender_camera.validate import known_keys, within
 
 from ..errors import ConfigError
 
 # Two vec4 of a uniform block.
 MAX_TERMS = 8
 _MAX_KNOTS = 128
+# Every number's bound, so that no power of 180 deg overflows float32.
+_MAX_NUMBER = 1e9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,7 +73,20 @@ def table_or_terms(name: str, value: object) -> Table | tuple[float, ...]:
 def _numbers(name: str, value: object) -> tuple[float, ...]:
     if isinstance(value, str) or not isinstance(value, (Sequence, np.ndarray)):
         raise ConfigError(name, "must be a list of numbers", value)
-    return tuple(finite(f"{name}[{i}]", v) for i, v in enumerate(value))
+    return tuple(within(f"{name}[{i}]", v, -_MAX_NUMBER, _MAX_NUMBER) for i, v in enumerate(value))
+
+
+def bounded(name: str, value: np.ndarray, limit: float) -> None:
+    """Refuse a curve, sampled over 0..180 deg, that exceeds a limit.
+
+    Raises
+    ------
+    ConfigError
+    """
+    largest = float(np.max(np.abs(value)))
+    if not largest <= limit:
+        raise ConfigError(name, f"must stay within {limit:g} over 0..180 deg of phase", largest,
+                          "a table holds its last value")
 
 
 def polynomial(terms: Sequence[float], x: np.ndarray) -> np.ndarray:
@@ -88,6 +103,12 @@ def vec4_pair(name: str, terms: Sequence[float]) -> dict[str, tuple[float, ...]]
     return {f"{name}_low": padded[:4], f"{name}_high": padded[4:]}
 
 
+SAMPLED_DEG = np.linspace(0.0, 180.0, 1801)
+"""Phase angles at which curves are tested against their bounds."""
+MAX_FACTOR = 1e6
+"""Largest factor of a phase function: with it, float32 holds every BRDF."""
+
+
 class PhaseFunction:
     """f(g), the factor that a law's albedo takes with phase; 1 unless given otherwise.
 
@@ -95,7 +116,7 @@ class PhaseFunction:
     ----------
     value : None, sequence of float, or table
         Coefficients (c1, c2, ...) of exp(c1 g + c2 g^2 + ...), g in degrees; at most 7. Or a table of f > 0,
-        interpolated in its logarithm.
+        interpolated in its logarithm. f must stay within 1e6 over 0..180 deg.
 
     Twin: shaders/brdf/phase_curve.glsl.
     """
@@ -110,6 +131,8 @@ class PhaseFunction:
         elif len(self.value) >= MAX_TERMS:
             raise ConfigError("phase_function", f"must be at most {MAX_TERMS - 1} coefficients", value,
                               "or a table")
+        with np.errstate(over="ignore"):
+            bounded("phase_function", self(SAMPLED_DEG), MAX_FACTOR)
 
     @property
     def max_phase(self) -> float:

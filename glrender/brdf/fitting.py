@@ -52,6 +52,11 @@ def compare(law: Law, truth: Law, phase_deg: object, *, is_scaled: bool = False)
     phase_deg : (N,) float [deg], 0 <= phase < 180
     is_scaled : bool
         Whether the law is first scaled to the truth's flux at each phase, as a camera's exposure does.
+
+    Raises
+    ------
+    ConfigError
+        A phase outside 0..180 deg, or at which the truth is dark.
     """
     phase_deg = _checked(phase_deg)
     rows = []
@@ -62,6 +67,8 @@ def compare(law: Law, truth: Law, phase_deg: object, *, is_scaled: bool = False)
             disc = Disc.at(phase, _N_NODES)
             wanted, got = disc.radf(truth), disc.radf(law)
             flux, got_flux = disc.weight @ wanted, disc.weight @ got
+            if not flux > 0.0:
+                raise ConfigError("truth", f"must return light at a phase of {np.degrees(phase):g} deg", truth)
             if is_scaled and got_flux > 0.0:
                 got, got_flux = got * flux / got_flux, flux
             mean = flux / disc.weight.sum()
@@ -94,16 +101,24 @@ def fit(truth: Law, kind: type[Law], phase_deg: object) -> Replacement:
     Raises
     ------
     ConfigError
-        Another kind, or too few phases.
+        Another kind, too few phases, or a truth that is dark at one of them.
+
+    Warns
+    -----
+    UserWarning
+        A Lambert albedo above 1 is held at 1: its flux falls short.
     """
     phase_deg = _checked(phase_deg)
+    wanted = _flux(truth, phase_deg)
+    if not (wanted > 0.0).all():
+        raise ConfigError("truth", f"must return light at a phase of {phase_deg[np.argmin(wanted)]:g} deg", truth)
     if kind is Lambert:
-        law = _fit_lambert(truth, phase_deg)
+        law = _fit_lambert(wanted, phase_deg)
     elif kind is LunarLambert:
         law = _fit_lunar_lambert(truth, phase_deg)
     elif kind in (LommelSeeliger, Akimov):
         unit = kind(**{_ALBEDO[kind]: 1.0})
-        law = _with_curve(kind, phase_deg, _flux(truth, phase_deg) / _flux(unit, phase_deg))
+        law = _with_curve(kind, phase_deg, wanted / _flux(unit, phase_deg))
     else:
         raise ConfigError("kind", "must be Lambert, LommelSeeliger, Akimov or LunarLambert", kind)
     return compare(law, truth, phase_deg)
@@ -124,9 +139,11 @@ def _flux(law: Law, phase_deg: np.ndarray) -> np.ndarray:
     return np.array([disc.weight @ disc.radf(law) for disc in discs])
 
 
-def _fit_lambert(truth: Law, phase_deg: np.ndarray) -> Lambert:
-    wanted, unit = _flux(truth, phase_deg), _flux(Lambert(normal_albedo=1.0), phase_deg)
-    return Lambert(normal_albedo=min(float(np.mean(wanted / unit)), 1.0))
+def _fit_lambert(wanted: np.ndarray, phase_deg: np.ndarray) -> Lambert:
+    albedo = float(np.mean(wanted / _flux(Lambert(normal_albedo=1.0), phase_deg)))
+    if albedo > 1.0:
+        warnings.warn(f"the fitted normal_albedo of {albedo:.4g} is held at 1", stacklevel=3)
+    return Lambert(normal_albedo=min(albedo, 1.0))
 
 
 def _with_curve(kind: type[Law], phase_deg: np.ndarray, albedo: np.ndarray, **parameters) -> Law:

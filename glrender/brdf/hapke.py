@@ -19,6 +19,14 @@ MAX_FILLING_FACTOR = 0.752
 # Below this mean slope the terms are left out: they change the BRDF by less than 1e-7 up to
 # 89.99 deg of incidence.
 _SMOOTH_DEG = 1e-3
+MAX_B, MAX_ANISOTROPIC_B = 0.999, 0.97
+"""A lobe of b = 0.999 is 0.1 deg wide. The averaged phase function's series holds to b = 0.97: 1e-6
+against 2e-4 at 0.99."""
+MAX_ROUGHNESS_DEG = 75.0
+"""The shader is within 1e-5 up to 60 deg, 1e-4 at 75, 2e-4 at 85 and 1e-3 at 89."""
+_MAX_C = 10.0
+_MAX_AMPLITUDE = 1e3
+_WIDTHS = (1e-9, 1e6)
 # Chebyshev terms of the averaged phase function that the shader may carry: enough for 1e-7 at b = 0.9.
 _MAX_CHEBYSHEV_TERMS = 48
 
@@ -32,18 +40,18 @@ class Hapke(Law):
     Parameters
     ----------
     single_scattering_albedo : float [1], 0..1
-    b : float [1], 0 <= b < 1
-        Width of both Henyey-Greenstein lobes.
-    c : float [1], normally -1..1
+    b : float [1], 0..0.999
+        Width of both Henyey-Greenstein lobes; at most 0.97 with anisotropic multiple scattering.
+    c : float [1], normally -1..1, at most 10 either way
         Weight: (1 + c) / 2 of the back-scattering lobe (c > 0 scatters back), (1 - c) / 2 of the
         forward one. c = 1 is a single backward lobe, the one-term function with asymmetry -b
         (see `one_term`). Some authors print (1 + c) / 2 as "c": convert.
-    shoe_amplitude, shoe_width : float [1], >= 0
+    shoe_amplitude, shoe_width : float [1], amplitude 0..1000, width 0 or 1e-9..1e6
         Shadow-hiding opposition effect Bs = 1 / (1 + tan(g/2) / width); off while either is 0
         (a width of 0 is 0 at every phase but 0).
-    cboe_amplitude, cboe_width : float [1], >= 0
+    cboe_amplitude, cboe_width : float [1], as above
         Coherent-backscatter opposition effect; off while either is 0.
-    roughness_deg : float [deg], 0 <= roughness < 90
+    roughness_deg : float [deg], 0..75
         Mean slope theta-bar of the macroscopic roughness; a warning above 60.
     filling_factor : float [1], 0..0.752
         Volume fraction of solids; 0 leaves porosity out (K = 1).
@@ -53,7 +61,8 @@ class Hapke(Law):
         H H - 1 of 1981, or the anisotropic approximation of 2002.
 
     Source: Hapke (1981), (1984) eqs 45-58, (2002), (2008), (2012); formulas in photometry.md section 1.5.
-    Twin: shaders/brdf/hapke.glsl, rtol 1e-5 to 89 deg of incidence, 5e-4 beyond.
+    Twin: shaders/brdf/hapke.glsl, rtol 1e-5 to 89 deg of incidence (1e-4 above 60 deg of roughness),
+    5e-4 beyond.
     """
 
     single_scattering_albedo: float
@@ -76,20 +85,22 @@ class Hapke(Law):
 
         checked("single_scattering_albedo", within, 0.0, 1.0)
         checked("b", finite)
-        if not 0.0 <= self.b < 1.0:
-            raise ConfigError("b", "must be >= 0 and < 1", self.b,
+        if not 0.0 <= self.b <= MAX_B:
+            raise ConfigError("b", f"must be between 0 and {MAX_B:g}", self.b,
                               "a one-term asymmetry xi < 0 is b = -xi, c = 1: see Hapke.one_term")
-        checked("c", finite)
-        for name in ("shoe_amplitude", "shoe_width", "cboe_amplitude", "cboe_width"):
+        checked("c", within, -_MAX_C, _MAX_C)
+        for name in ("shoe_amplitude", "cboe_amplitude"):
+            checked(name, within, 0.0, _MAX_AMPLITUDE)
+        for name in ("shoe_width", "cboe_width"):
             checked(name, finite)
-            if getattr(self, name) < 0.0:
-                raise ConfigError(name, "must be >= 0", getattr(self, name))
-        checked("roughness_deg", finite)
-        if not 0.0 <= self.roughness_deg < 90.0:
-            raise ConfigError("roughness_deg", "must be >= 0 and < 90", self.roughness_deg)
+            if getattr(self, name) != 0.0:
+                checked(name, within, *_WIDTHS)
+        checked("roughness_deg", within, 0.0, MAX_ROUGHNESS_DEG)
         checked("filling_factor", within, 0.0, MAX_FILLING_FACTOR)
         checked("h_function", one_of, ("2002", "1981"))
         checked("multiple_scattering", one_of, ("isotropic", "anisotropic"))
+        if self.is_anisotropic and self.b > MAX_ANISOTROPIC_B:
+            raise ConfigError("b", f"must be <= {MAX_ANISOTROPIC_B:g} with anisotropic multiple scattering", self.b)
         for is_odd, text in (
                 (self.b > 0.9, "b > 0.9: the lobe is a spike that no facet model resolves"),
                 (abs(self.c) > 1.0, "|c| > 1: the phase function turns negative, the BRDF is held at 0"),
@@ -103,7 +114,7 @@ class Hapke(Law):
 
         Parameters
         ----------
-        asymmetry : float [1], -1 < asymmetry < 1
+        asymmetry : float [1], -0.999..0.999
             Mean cosine of the scattering angle; < 0 scatters back, as for all small bodies.
         **parameters
             The others.

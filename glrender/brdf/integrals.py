@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from glrender_camera.validate import within
 
+from ..errors import ConfigError
 from .law import Law
 
 N_NODES = 96
@@ -41,7 +43,14 @@ class Disc:
 
     @classmethod
     def at(cls, phase: float, n_nodes: int = N_NODES) -> Disc:
-        """The disc at a phase angle [rad], 0 <= phase < pi."""
+        """The disc at a phase angle [rad], 0..pi; at pi nothing of it is lit and every weight is 0.
+
+        Raises
+        ------
+        ConfigError
+            Another phase, such as one in degrees.
+        """
+        phase = within("phase", phase, 0.0, np.pi)
         u, du = np.polynomial.legendre.leggauss(n_nodes)
         v, dv = np.polynomial.legendre.leggauss(n_nodes // 2)
         half_width = 0.5 * (np.pi - phase)
@@ -89,11 +98,18 @@ def centre_of_brightness(law: Law, phase: float, n_nodes: int = N_NODES) -> floa
     Parameters
     ----------
     law : Law
-    phase : float [rad], 0..pi
+    phase : float [rad], 0 <= phase < pi
     n_nodes : int
+
+    Raises
+    ------
+    ConfigError
+        Another phase, or a law without light there.
     """
     disc = Disc.at(phase, n_nodes)
     light = disc.weight * disc.radf(law)
+    if not light.sum() > 0.0:
+        raise ConfigError("phase", "must be one at which the law returns light", phase)
     return float(light @ disc.x / light.sum())
 
 

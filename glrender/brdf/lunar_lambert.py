@@ -11,13 +11,15 @@ from typing import ClassVar
 import numpy as np
 
 from ..errors import ConfigError
-from .curve import Table, polynomial, table_or_terms, vec4_pair
+from .curve import SAMPLED_DEG, Table, bounded, polynomial, table_or_terms, vec4_pair
 from .lommel_seeliger import WithPhaseFunction
 
 MCEWEN = (1.0, -0.019, 2.42e-4, -1.46e-6)
 """L(g) of the Moon in powers of g [deg]; McEwen (1991, 1996)."""
 GASKELL_DEG = 60.0
 """L(g) = exp(-g / 60 deg) of Gaskell's stereophotoclinometry."""
+MAX_WEIGHT = 1e3
+"""|L(g)| beyond this is a mistake."""
 MIN_WEIGHT = -0.05
 """A polynomial is held from the phase at which it falls through this: the best weights of Hapke bodies
 stay above it at all phases (photometry.md section 1.2), and McEwen's cubic, let go, makes a whole
@@ -37,7 +39,7 @@ class LunarLambert(WithPhaseFunction):
     weight : "mcewen", "gaskell", sequence of float, or table
         L(g): coefficients in powers of g in DEGREES, constant first, at most 8; or a table of
         `phase_deg` and `value`. A polynomial is held from where it falls through -0.05, a table
-        beyond its ends.
+        beyond its ends. |L| must stay within 1e3.
     phase_function : sequence of float or table, optional
         f(g): see `PhaseFunction`; 1 by default.
 
@@ -61,6 +63,7 @@ class LunarLambert(WithPhaseFunction):
         object.__setattr__(self, "weight", table_or_terms("weight", self.weight))
         if not self._is_table and not self.weight:
             raise ConfigError("weight", "must be one coefficient or more", self.weight)
+        bounded("weight", self.weight_at(SAMPLED_DEG), MAX_WEIGHT)
         if not self._is_table and len(self.weight) > 1 and self.weight[0] < 0.3:
             warnings.warn(f"LunarLambert.weight starts with {self.weight[0]:g}: is the constant term, "
                           "usually 1, missing?", stacklevel=3)

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from ..errors import ConfigError
-from .curve import polynomial, table_or_terms, vec4_pair
+from .curve import MAX_FACTOR, SAMPLED_DEG, bounded, polynomial, table_or_terms, vec4_pair
 from .law import Law
 
 
@@ -23,7 +23,8 @@ class Rolo(Law):
     surge : (2,) float [1], [1/deg]
         C0 and C1 >= 0.
     coefficients : (1..5) float [1/deg^n]
-        A0, A1, ... Some authors tabulate 1/pi of these: check I/F(0, 0, 0) = (C0 + A0) / 2.
+        A0, A1, ...; |A(g)| must stay within 1e6. Some authors tabulate 1/pi of these: check
+        I/F(0, 0, 0) = (C0 + A0) / 2.
 
     Source: Hillier et al. (1999), Buratti et al. (2011); photometry.md section 1.3.
     Twin: shaders/brdf/rolo.glsl, rtol 1e-5.
@@ -45,11 +46,13 @@ class Rolo(Law):
             object.__setattr__(self, name, terms)
         if not self.surge[1] >= 0.0:
             raise ConfigError("surge", "must be 2 numbers, the second >= 0", self.surge)
+        bounded("coefficients", self._curve(SAMPLED_DEG), MAX_FACTOR)
+
+    def _curve(self, phase_deg: np.ndarray) -> np.ndarray:
+        return self.surge[0] * np.exp(-self.surge[1] * phase_deg) + polynomial(self.coefficients, phase_deg)
 
     def lit_brdf(self, geometry):
-        phase_deg = geometry.phase_deg
-        curve = self.surge[0] * np.exp(-self.surge[1] * phase_deg) + polynomial(self.coefficients, phase_deg)
-        return curve / (np.pi * (geometry.cos_incidence + geometry.cos_emission))
+        return self._curve(geometry.phase_deg) / (np.pi * (geometry.cos_incidence + geometry.cos_emission))
 
     def uniforms(self):
         return {"law_surge": (self.surge[0], -self.surge[1] * np.log2(np.e)),

@@ -35,6 +35,8 @@ class Context(ResourceOwner):
 
     Raises
     ------
+    ConfigError
+        An unknown backend, or a device index that is no such number or not EGL's.
     DeviceError
         Nothing works; the message says why each failed and what to install.
     """
@@ -43,6 +45,12 @@ class Context(ResourceOwner):
         super().__init__(self)
         if backend not in ("auto", *BACKENDS):
             raise ConfigError("backend", "must be one of 'auto', 'egl', 'osmesa'", backend)
+        if device_index is not None:
+            if isinstance(device_index, bool) or not isinstance(device_index, int) or device_index < 0:
+                raise ConfigError("device_index", "must be an integer >= 0", device_index)
+            if backend == "osmesa":
+                raise ConfigError("device_index", "belongs to EGL, osmesa has no devices", device_index)
+            backend = "egl"  # a device asked for is not another one
         failures = []
         for name in BACKENDS if backend == "auto" else (backend,):
             try:
@@ -54,6 +62,8 @@ class Context(ResourceOwner):
             break
         else:
             raise DeviceError(f"no OpenGL 3.3 context ({'; '.join(failures)}); {INSTALL_HINT}")
+        self._is_closed = False
+        self.callback(setattr, self, "_is_closed", True)
         self.callback(self.gl.release)
         self.thread = threading.get_ident()
         self._programs: dict[tuple[str, str], moderngl.Program] = {}
@@ -67,6 +77,8 @@ class Context(ResourceOwner):
 
     def make_current(self) -> None:
         """Bind the context to this thread; several renderers may share one."""
+        if self._is_closed:
+            raise DeviceError("this renderer is closed")
         if threading.get_ident() != self.thread:
             raise DeviceError("this renderer belongs to another thread; make one renderer per thread")
         self.gl.__enter__()

@@ -6,12 +6,24 @@ import moderngl
 import numpy as np
 
 from ..brdf.law import Law
+from ..errors import ConfigError
 from ..shaders import UniformBlock, compose
 from .context import Context
 from .owner import ResourceOwner
 
 _WIDTH = 1024
 _INPUTS = ("to_sun", "to_camera", "normal", "albedo_scale")
+
+
+def checked_vectors(name: str, value: object) -> np.ndarray:
+    """(N, 3) float32 of finite numbers."""
+    try:
+        array = np.asarray(value, np.float32)
+    except (TypeError, ValueError):
+        raise ConfigError(name, "must be (N, 3) numbers", value) from None
+    if array.ndim != 2 or array.shape[1] != 3 or not np.isfinite(array).all():
+        raise ConfigError(name, "must be (N, 3) finite numbers", array)
+    return array
 
 
 class BrdfEvaluator:
@@ -42,8 +54,20 @@ class BrdfEvaluator:
         Returns
         -------
         (N,) float32 [1/sr]
+
+        Raises
+        ------
+        ConfigError
+            No law, or arrays that are not (N, 3) of finite numbers.
         """
+        if not isinstance(law, Law):
+            raise ConfigError("law", "must be a law of glrender.brdf", law)
+        to_sun, to_camera, normal = (checked_vectors(name, array) for name, array in
+                                     (("to_sun", to_sun), ("to_camera", to_camera), ("normal", normal)))
         count = len(to_sun)
+        for name, array in (("to_camera", to_camera), ("normal", normal)):
+            if len(array) != count:
+                raise ConfigError(name, f"must have shape ({count}, 3), as to_sun", array.shape)
         if albedo_scale is None:
             albedo_scale = np.ones(count)
         context, gl = self._context, self._context.gl

@@ -5,6 +5,7 @@ Bindings are global in GL, so every draw binds all that it reads.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -30,8 +31,8 @@ SURFACE_BLOCK = UniformBlock("Surface", {
     "body_id": "int",
 })
 _BODY_BINDING = 0
-_SHADOW_UNIT, _ALBEDO_UNIT, _NORMAL_UNIT = 0, 1, 2
-_NORMALS_PER_ROW = 4096
+_SHADOW_UNIT, _ALBEDO_UNIT, _NORMAL_UNIT, _DETAIL_UNIT = 0, 1, 2, 3
+_TEXELS_PER_ROW = 4096
 
 
 @dataclass(frozen=True)
@@ -44,8 +45,8 @@ class SurfaceVariant:
 
     def defines(self, mesh: Mesh) -> dict[str, int]:
         return {"RELATIVE_TO_CAMERA": int(self.relative_to_camera), "NORMAL_LOOKUP": int(self.normal_lookup),
-                "SMOOTH_NORMALS": int(mesh.smooth_normals),
-                "HAS_SHADOWS": int(self.shadows), "HAS_ALBEDO_TEXTURE": int(mesh.albedo_texture is not None)}
+                "SMOOTH_NORMALS": int(mesh.smooth_normals), "TEXELS_PER_SIDE": mesh.texels_per_side,
+                "HAS_SHADOWS": int(self.shadows), "HAS_ALBEDO_TEXTURE": int(mesh.has_albedo)}
 
 
 class Mesh(ResourceOwner):
@@ -65,17 +66,27 @@ class Mesh(ResourceOwner):
         Texture coordinates of each facet's corners, origin at the image's bottom left.
     albedo_map : (H, W) float32, optional
         Factor on the law's albedo, row 0 on top.
+    detail : (F, n * n, 4) float, optional
+        Of a level of detail: normal and albedo factor of each facet's texels (`lod.texel_barycentric`).
     """
 
     def __init__(self, context: Context, vertices_m: np.ndarray, facets: np.ndarray, law: Law, *,
                  vertex_normals: np.ndarray | None = None, uv: np.ndarray | None = None,
-                 albedo_map: np.ndarray | None = None):
+                 albedo_map: np.ndarray | None = None, detail: np.ndarray | None = None):
         super().__init__(context)
         self.law, self.n_facets = law, len(facets)
         self.smooth_normals = vertex_normals is not None
         self._vertices_m, self._facets = vertices_m, facets
         context.make_current()
         gl = context.gl
+        self.texels_per_side, self._detail_texture = 0, None
+        self.has_albedo = albedo_map is not None
+        if detail is not None:
+            self.has_albedo = bool((detail[..., 3] != 1.0).any())
+            # Facets share no vertex: a vertex's number tells which corner it is.
+            vertices_m, facets = vertices_m[facets].reshape(-1, 3), None
+            self.texels_per_side = math.isqrt(detail.shape[1])
+            self._detail_texture = self.own(_lookup(gl, detail.reshape(-1, 4), "f2"))
         self.albedo_texture = None
         if uv is not None and albedo_map is not None:
             # A seam's vertex has several texture coordinates: one GL vertex for each.
@@ -100,7 +111,7 @@ class Mesh(ResourceOwner):
         if vertex_normals is not None:
             normals = vertex_normals if source is None else vertex_normals[source]
             self._normal = self.own(gl.buffer(np.ascontiguousarray(normals, np.float32)))
-        self._indices = self.own(gl.buffer(np.ascontiguousarray(indices, np.int32)))
+        self._indices = None if indices is None else self.own(gl.buffer(np.ascontiguousarray(indices, np.int32)))
         self._normal_texture = None
         self.law_constants = ConstantBlock(law.uniform_fields, law.uniforms())
         self._shadow_uniforms = self.own(gl.buffer(reserve=SHADOW_BLOCK.dtype.itemsize))
@@ -140,6 +151,8 @@ class Mesh(ResourceOwner):
             self.albedo_texture.use(_ALBEDO_UNIT)
         if variant.normal_lookup:
             self._facet_normals().use(_NORMAL_UNIT)
+        if self._detail_texture is not None:
+            self._detail_texture.use(_DETAIL_UNIT)
         self._vertex_array(program).render(moderngl.TRIANGLES)
 
     def _facet_normals(self) -> moderngl.Texture:
@@ -147,13 +160,19 @@ class Mesh(ResourceOwner):
             corner = self._vertices_m[self._facets]
             normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
             normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-            rows = -(-len(normal) // _NORMALS_PER_ROW)
-            texels = np.zeros((rows * _NORMALS_PER_ROW, 3), np.float32)
-            texels[: len(normal)] = normal
-            self._normal_texture = self.own(
-                self._context.gl.texture((_NORMALS_PER_ROW, rows), 3, texels, dtype="f4"))
-            self._normal_texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+            self._normal_texture = self.own(_lookup(self._context.gl, normal, "f4"))
         return self._normal_texture
+
+
+def _lookup(gl: moderngl.Context, rows: np.ndarray, dtype: str) -> moderngl.Texture:
+    """A texture as a table: row k of (N, components) at (k % width, k // width)."""
+    components = rows.shape[1]
+    height = -(-len(rows) // _TEXELS_PER_ROW)
+    texels = np.zeros((height * _TEXELS_PER_ROW, components), np.dtype(dtype))
+    texels[: len(rows)] = rows
+    texture = gl.texture((_TEXELS_PER_ROW, height), components, texels, dtype=dtype, alignment=1)
+    texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+    return texture
 
 
 def _surface_program(context: Context, stage: str, variant: SurfaceVariant, mesh: Mesh) -> moderngl.Program:
@@ -166,7 +185,7 @@ def _surface_program(context: Context, stage: str, variant: SurfaceVariant, mesh
             compose(stage, brdf=law.glsl, blocks=[SURFACE_BLOCK, mesh.law_constants], defines=defines))
         program["Surface"].binding = _BODY_BINDING
         for sampler, unit in (("shadow_map", _SHADOW_UNIT), ("albedo_texture", _ALBEDO_UNIT),
-                              ("facet_normals", _NORMAL_UNIT)):
+                              ("facet_normals", _NORMAL_UNIT), ("detail", _DETAIL_UNIT)):
             if sampler in program:
                 program[sampler].value = unit
         context.surface_programs[key] = program
@@ -204,6 +223,37 @@ class ShadowMap(ResourceOwner):
             mesh.draw_shadow(sun_clip_from_body)
 
 
+class PixelMask(ResourceOwner):
+    """Opens pixels of a target whose depths were cleared to the nearest: the rest rejects what is drawn.
+
+    A rejected sample costs a depth test, where a shader that discards it costs its start.
+    """
+
+    def __init__(self, context: Context):
+        super().__init__(context)
+        self._points, self._array, self._room = None, None, 0
+
+    def open(self, mask: np.ndarray, samples: int) -> None:
+        """Set the depths of pixels (height, width) that are not 0 to the farthest, in the bound framebuffer."""
+        context, gl = self._context, self._context.gl
+        place = np.argwhere(mask)[:, ::-1].astype(np.float32) + 0.5
+        if len(place) > self._room:
+            self.close()
+            self._room = -(-len(place) // 65536) * 65536
+            self._points = self.own(gl.buffer(reserve=8 * self._room))
+            program = context.program(compose("mask.vert.glsl"), compose("mask.frag.glsl"))
+            self._array = self.own(gl.vertex_array(program, [(self._points, "2f", "pixel")]))
+        program = self._array.program
+        program["window_px"].value = mask.shape[::-1]
+        program["samples"].value = float(samples)
+        self._points.write(place.tobytes())
+        gl.enable_only(moderngl.DEPTH_TEST | moderngl.PROGRAM_POINT_SIZE)
+        gl.depth_func = "1"
+        self._array.render(moderngl.POINTS, vertices=len(place))
+        gl.depth_func = "<"
+        gl.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
+
+
 class Target(ResourceOwner):
     """Float framebuffer that grows to the largest window asked for.
 
@@ -220,8 +270,8 @@ class Target(ResourceOwner):
         self._size = (0, 0)
         self._framebuffer = None
 
-    def begin(self, width: int, height: int) -> None:
-        """Bind with a window of `width` x `height`, cleared to zero and the farthest depth."""
+    def begin(self, width: int, height: int, depth: float = 1.0) -> None:
+        """Bind with a window of `width` x `height`, cleared to zero and a depth: by default the farthest."""
         gl = self._context.gl
         self._context.make_current()
         if width > self._size[0] or height > self._size[1]:
@@ -230,23 +280,14 @@ class Target(ResourceOwner):
             self._size = tuple(max(old, -(-new // 128) * 128)
                                for old, new in zip(self._size, (width, height), strict=True))
             colors = [self.own(gl.texture(self._size, n, dtype="f4")) for n in self._components]
-            depth = self.own(gl.depth_renderbuffer(self._size))
-            self._framebuffer = self.own(gl.framebuffer(colors, depth))
+            depths = self.own(gl.depth_renderbuffer(self._size))
+            self._framebuffer = self.own(gl.framebuffer(colors, depths))
         self._window = (0, 0, width, height)
         self._framebuffer.use()
         self._framebuffer.viewport = self._window
-        self._framebuffer.clear(0.0, 0.0, 0.0, 0.0, depth=1.0, viewport=self._window)
+        self._framebuffer.clear(0.0, 0.0, 0.0, 0.0, depth=depth, viewport=self._window)
         gl.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
         gl.front_face = "cw"  # the image is drawn top row first: see frames.clip_from_camera
-
-    def clear_depth(self) -> None:
-        """Forget the depths: what follows is nearer than all that is drawn."""
-        for is_written in (False, True):
-            mask = (is_written,) * 4
-            # moderngl takes a bare mask where there is one attachment.
-            self._framebuffer.color_mask = mask if len(self._components) == 1 else [mask] * len(self._components)
-            if not is_written:
-                self._framebuffer.clear(depth=1.0, viewport=self._window)
 
     def read(self, attachment: int = 0) -> np.ndarray:
         """(height, width) or (height, width, components) float32 of an attachment."""

@@ -2,7 +2,7 @@
 #include "constants.glsl"
 #include "surface.glsl"
 #include "brdf"
-#if HAS_ALBEDO_TEXTURE
+#if HAS_ALBEDO_TEXTURE && !TEXELS_PER_SIDE
 in vec2 uv;
 uniform sampler2D albedo_texture;
 #endif
@@ -12,13 +12,22 @@ void main()
 {
     vec3 to_camera = normalize(camera_offset());
     vec3 geometric_normal = facet_normal(to_camera);
+    float albedo_scale = 1.0;
+#if TEXELS_PER_SIDE
+    vec4 texel = detail_texel();
+    albedo_scale = texel.w;
+    vec3 normal = normalize(texel.xyz);
+    // What faces away from the camera is not what the camera sees.
+    normal = dot(normal, to_camera) > 0.0 ? normal : geometric_normal;
+    float cos_incidence = dot(geometric_normal, sun_direction_body);
+    float lit = min(cos_incidence, dot(normal, sun_direction_body)) > 0.0 ? sunlit(cos_incidence) : 0.0;
+#else
+    vec3 normal = surface_normal(geometric_normal, to_camera);
     float cos_incidence = dot(geometric_normal, sun_direction_body);
     float lit = cos_incidence > 0.0 ? sunlit(cos_incidence) : 0.0;
-    vec3 normal = surface_normal(geometric_normal, to_camera);
 #if HAS_ALBEDO_TEXTURE
-    float albedo_scale = texture(albedo_texture, uv).r;
-#else
-    const float albedo_scale = 1.0;
+    albedo_scale = texture(albedo_texture, uv).r;
+#endif
 #endif
     float value = brdf(sun_direction_body, to_camera, normal, albedo_scale);
     // A pixel's solid angle falls off as cos^3 of its angle from the boresight.

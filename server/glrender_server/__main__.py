@@ -6,13 +6,26 @@ import argparse
 import ipaddress
 import logging
 import sys
+from contextlib import ExitStack, closing
 from pathlib import Path
 from urllib.parse import urlsplit
 
 from glrender import ConfigError, GlrenderError, load_scene
+from glrender_camera.validate import integer, positive
 
+from . import logs
 from .dispatcher import Dispatcher
-from .zmq_front import ZmqServer
+from .front import Front
+from .job import LocalEngine
+from .metrics import MetricsServer
+from .operations import Operations
+from .server import Server
+from .tcp_front import TcpFront
+from .workers import WorkerPool
+from .zmq_front import ZmqFront
+
+MAX_WORKERS = 64
+DEADLINE_S = 60.0
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -21,31 +34,61 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("scene", type=Path, help="scene file (TOML)")
     parser.add_argument("--zmq", default="tcp://127.0.0.1:5555", metavar="ENDPOINT",
                         help="where to listen (tcp://127.0.0.1:5555); port * takes a free one; ipc:///path too")
+    parser.add_argument("--tcp", metavar="HOST:PORT",
+                        help="listen for framed TCP too (MATLAB, Simulink, C), e.g. 127.0.0.1:5556; never encrypted")
     parser.add_argument("--backend", default="auto", help="auto, egl, osmesa, or a plug-in such as raytrace")
+    parser.add_argument("--workers", type=int, default=1, metavar="N",
+                        help="processes that render; with 1 (the default) and no --deadline the server renders itself")
+    parser.add_argument("--deadline", type=float, metavar="S",
+                        help="kill a worker that takes longer over one request [s]; default: 60 with several workers")
     parser.add_argument("--shape-dir", type=Path, help="folder whose shape files `load_scene` may name")
+    parser.add_argument("--curve", type=Path, metavar="FOLDER",
+                        help="encrypt ZeroMQ, and admit the clients of this folder alone (glrender keygen makes it)")
     parser.add_argument("--allow-remote", action="store_true",
-                        help="listen beyond this machine: unencrypted, for anyone who can reach the port")
-    parser.add_argument("-v", "--verbose", action="store_true")
+                        help="listen beyond this machine unencrypted, for anyone who can reach the port")
+    parser.add_argument("--metrics", type=int, metavar="PORT",
+                        help="serve Prometheus metrics on http://127.0.0.1:PORT/metrics; 0 takes a free one")
+    parser.add_argument("--log-format", choices=logs.FORMATS, default="text")
+    parser.add_argument("-v", "--verbose", action="store_true", help="log every request")
     arguments = parser.parse_args(argv)
-    logging.basicConfig(level=logging.DEBUG if arguments.verbose else logging.INFO,
-                        format="%(asctime)s %(levelname)s %(name)s: %(message)s")
+    logs.set_up(logging.DEBUG if arguments.verbose else logging.INFO, arguments.log_format)
     try:
-        endpoint = checked_endpoint(arguments.zmq, arguments.allow_remote)
+        endpoint = checked_endpoint(arguments.zmq, arguments.allow_remote or arguments.curve is not None)
+        address = None if arguments.tcp is None else checked_address(arguments.tcp, arguments.allow_remote)
         if arguments.shape_dir is not None and not arguments.shape_dir.is_dir():
             raise ConfigError("--shape-dir", "must be a folder", str(arguments.shape_dir))
-        dispatcher = Dispatcher(load_scene(arguments.scene), arguments.backend, arguments.shape_dir)
-        try:
-            server = ZmqServer(dispatcher, endpoint)
+        with ExitStack() as stack:
+            engine = stack.enter_context(closing(_engine(arguments)))
+            dispatcher = stack.enter_context(closing(Dispatcher(engine)))
+            fronts: list[Front] = [stack.enter_context(closing(ZmqFront(endpoint, arguments.curve)))]
+            if address is not None:
+                fronts.append(stack.enter_context(closing(TcpFront(address))))
+            where = " and ".join(front.endpoint for front in fronts)
+            said = [f"{engine.described['gl_renderer']} by {engine.described['backend']}"]
+            if arguments.curve is not None:
+                said.append("CURVE")
+            if arguments.metrics is not None:
+                metrics = stack.enter_context(closing(MetricsServer(
+                    integer("--metrics", arguments.metrics, 0, 65535), dispatcher.metrics)))
+                said.append(f"metrics on {metrics.endpoint}")
             # Scripts wait for this line; logs go to standard error.
-            server.serve(lambda bound: _say(f"glrender-server ready on {bound} "
-                                            f"({dispatcher.info['gl_renderer']} by {dispatcher.info['backend']})"))
-        finally:
-            dispatcher.close()
+            Server(dispatcher, engine, fronts).serve(
+                lambda: _say(f"glrender-server ready on {where} ({'; '.join(said)})"))
     except (GlrenderError, OSError) as error:
         sys.stderr.write(f"glrender-server: {error}\n")
         return 1
     _say("glrender-server stopped")
     return 0
+
+
+def _engine(arguments: argparse.Namespace) -> LocalEngine | WorkerPool:
+    n_workers = integer("--workers", arguments.workers, 1, MAX_WORKERS)
+    what = load_scene(arguments.scene), arguments.backend, arguments.shape_dir
+    # Only a process can be killed: a deadline wants one even where one would do.
+    if n_workers == 1 and arguments.deadline is None:
+        return LocalEngine(Operations(*what))
+    deadline_s = DEADLINE_S if arguments.deadline is None else positive("--deadline", arguments.deadline)
+    return WorkerPool(*what, n_workers=n_workers, deadline_s=deadline_s, log_format=arguments.log_format)
 
 
 def checked_endpoint(endpoint: str, allow_remote: bool) -> str:
@@ -58,20 +101,42 @@ def checked_endpoint(endpoint: str, allow_remote: bool) -> str:
     parts = urlsplit(endpoint)
     if parts.scheme == "ipc" and (parts.netloc or parts.path):
         return endpoint
-    host, _, port = parts.netloc.rpartition(":")
-    if parts.scheme != "tcp" or not host or not port:
+    if parts.scheme != "tcp":
         raise ConfigError("--zmq", "must be tcp://HOST:PORT or ipc:///PATH", endpoint)
+    return f"tcp://{_checked_host_and_port('--zmq', parts.netloc, 'tcp://HOST:PORT', allow_remote)}"
+
+
+def checked_address(address: str, allow_remote: bool) -> str:
+    """``HOST:PORT`` of framed TCP, under the same rule.
+
+    Raises
+    ------
+    ConfigError
+    """
+    checked = _checked_host_and_port("--tcp", address, "HOST:PORT", allow_remote)
+    port = checked.rpartition(":")[2]
+    if not (port.isdecimal() and int(port) < 65536):
+        raise ConfigError("--tcp", "must be HOST:PORT, the port between 0 and 65535", address)
+    return checked
+
+
+def _checked_host_and_port(option: str, text: str, form: str, allow_remote: bool) -> str:
+    host, _, port = text.rpartition(":")
+    if not host or not port:
+        raise ConfigError(option, f"must be {form}" + (" or ipc:///PATH" if option == "--zmq" else ""), text)
     if host == "localhost":
         # It may resolve to IPv6, where no client looks.
-        return f"tcp://127.0.0.1:{port}"
+        return f"127.0.0.1:{port}"
     try:
         is_local = ipaddress.ip_address(host.strip("[]")).is_loopback
     except ValueError:
         is_local = False
     if not is_local and not allow_remote:
-        raise ConfigError("--zmq", "leads beyond this machine", endpoint,
-                          "use 127.0.0.1 and an ssh tunnel, or say --allow-remote on a network you trust")
-    return endpoint
+        raise ConfigError(option, "leads beyond this machine", text,
+                          "use 127.0.0.1 and an ssh tunnel"
+                          + (", --curve with keys" if option == "--zmq" else "")
+                          + ", or say --allow-remote on a network you trust")
+    return text
 
 
 def _say(line: str) -> None:

@@ -1,4 +1,4 @@
-"""`glrender`: info, render, demo."""
+"""`glrender`: info, render, demo, keygen."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from glrender import ConfigError, GlrenderError, Pose, Renderer, Scene, State, frames, load_scene
 from glrender.constants import AU_M
+from glrender_camera.validate import within
 
 _DISPLAY_GAMMA = 2.2
 
@@ -44,6 +45,11 @@ def main(argv: list[str] | None = None) -> int:
     add_arguments(demo)
     demo.set_defaults(run=run_demo)
 
+    keygen = commands.add_parser("keygen", help="make CURVE keys: the server's, and one pair for each client")
+    keygen.add_argument("folder", type=Path)
+    keygen.add_argument("--client", action="append", default=[], metavar="NAME", help="may be given several times")
+    keygen.set_defaults(run=_keygen)
+
     arguments = parser.parse_args(argv)
     logging.basicConfig(level=logging.INFO if arguments.verbose else logging.WARNING,
                         format="%(levelname)s %(name)s: %(message)s")
@@ -74,8 +80,17 @@ def _info(arguments: argparse.Namespace) -> int:
     return 0 if works else 1
 
 
+def _keygen(arguments: argparse.Namespace) -> int:
+    from . import keys
+
+    for path in keys.generate(arguments.folder, arguments.client):
+        sys.stdout.write(f"{path}\n")
+    return 0
+
+
 def _render(arguments: argparse.Namespace) -> int:
-    if arguments.out.suffix not in (".png", ".npy"):
+    ending = arguments.out.suffix.lower()
+    if ending not in (".png", ".npy"):
         raise ConfigError(str(arguments.out), "must end in .png or .npy")
     scene = load_scene(arguments.scene)
     camera = scene.camera(arguments.camera) if arguments.camera else scene.cameras[0]
@@ -85,11 +100,13 @@ def _render(arguments: argparse.Namespace) -> int:
         except (json.JSONDecodeError, UnicodeDecodeError) as error:
             raise ConfigError(str(arguments.state), f"is not JSON: {error}") from None
     else:
-        state = default_state(scene, camera.name, np.radians(arguments.phase_deg))
+        phase_deg = within("phase-deg", arguments.phase_deg, 0.0, 180.0)
+        state = default_state(scene, camera.name, np.radians(phase_deg))
     with Renderer(scene, backend=arguments.backend) as renderer:
         image = renderer.render(state, camera.name, max_error=arguments.max_error, samples=arguments.samples)
-    if arguments.out.suffix == ".npy":
-        np.save(arguments.out, image.irradiance_W_m2)
+    if ending == ".npy":
+        with open(arguments.out, "wb") as file:  # given a name, NumPy would add its own ending to .NPY
+            np.save(file, image.irradiance_W_m2)
     else:
         write_picture(arguments.out, image.irradiance_W_m2)
     milliseconds = sum(image.timings_ms.values())

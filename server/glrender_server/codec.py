@@ -11,6 +11,7 @@ from glrender import ProtocolError
 
 VERSION = 1
 MAX_HEADER_BYTES = 1 << 20
+_FIRST = ("v", "op", "id", "client", "ok")
 _DTYPES = ("uint8", "uint16", "int32", "float32", "float64")
 
 
@@ -42,7 +43,9 @@ def pack(header: Mapping[str, Any], arrays: Mapping[str, tuple[np.ndarray, str]]
         described.append({"name": name, "dtype": array.dtype.name, "shape": list(array.shape), "order": order,
                           "unit": unit, "part": index + 1})
         parts.append(flat.reshape(-1).view(np.uint8).data)
-    return [msgpack.packb({**header, "arrays": described}, default=_plain), *parts]
+    # What says how to read the parts comes first, so that a slow interpreter may leave the rest unread.
+    first = {name: header[name] for name in _FIRST if name in header}
+    return [msgpack.packb({**first, "arrays": described, **header}, default=_plain), *parts]
 
 
 def unpack_request(parts: Sequence[bytes]) -> dict[str, Any]:

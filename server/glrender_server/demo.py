@@ -19,8 +19,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from glrender import GlrenderError, Pose, Shape, State, frames, generate
+from glrender import ConfigError, GlrenderError, Pose, Shape, State, frames, generate
 from glrender.constants import AU_M
+from glrender.scene import checked_max_error
 from glrender_camera.validate import integer
 
 from .autopilot import CenterFinder, Navigator, ReferencePath
@@ -30,13 +31,15 @@ _SPIN_PERIOD_S = 4.0 * 3600.0
 _STEP_S = 60.0
 _SUN_DISTANCE_AU = 1.0
 _STARTUP_S = 120.0
+# The path is steered back to in a tenth of the flight: of fewer steps the loop overshoots, and loses the body.
+_MIN_FRAMES = 24
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of `glrender demo`."""
     parser.add_argument("--shape", type=Path, help="shape file; default: a generated contact binary")
     parser.add_argument("--length-unit", default="km", help="of the shape file: m, km, or metres per unit (km)")
-    parser.add_argument("--frames", type=int, default=240, help="steps of the loop (240)")
+    parser.add_argument("--frames", type=int, default=240, help=f"steps of the loop, at least {_MIN_FRAMES} (240)")
     parser.add_argument("--size-px", type=int, default=512, help="side of the image (512)")
     parser.add_argument("--max-error", type=float, default=0.1, help="the planner's budget (0.1)")
     parser.add_argument("--estimator", choices=("model", "sphere"), default="model",
@@ -64,8 +67,9 @@ def run_demo(arguments: argparse.Namespace) -> int:
         from glrender_client import Client
     except ImportError as error:
         raise GlrenderError("the demo needs the Python client: `pip install ./clients/python`") from error
-    integer("frames", arguments.frames, 10, 100_000)
+    integer("frames", arguments.frames, _MIN_FRAMES, 100_000)
     integer("size-px", arguments.size_px, 64, 4096)
+    checked_max_error(arguments.max_error, "max-error")
     arguments.out.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="glrender-demo-") as folder:
         scene_file, shape = _write_scene(Path(folder), arguments)
@@ -82,8 +86,7 @@ def _write_scene(folder: Path, arguments: argparse.Namespace) -> tuple[Path, Sha
     if arguments.shape is None:
         shape = generate.contact_binary(radius_m=300.0, seed=arguments.seed)
     else:
-        unit = arguments.length_unit
-        shape = Shape.from_file(arguments.shape, length_unit=unit if unit in ("m", "km") else float(unit))
+        shape = Shape.from_file(arguments.shape, length_unit=_length_unit(arguments.length_unit))
     shape.to_file(folder / "body.obj")
     size = arguments.size_px
     scene = f"""
@@ -119,6 +122,15 @@ photo_response_nonuniformity = 0.01
     scene_file = folder / "scene.toml"
     scene_file.write_text(scene, encoding="utf-8")
     return scene_file, shape
+
+
+def _length_unit(text: str) -> str | float:
+    if text in ("m", "km"):
+        return text
+    try:
+        return float(text)
+    except ValueError:
+        raise ConfigError("length-unit", "must be m, km, or metres per unit", text) from None
 
 
 class _Server:

@@ -1,7 +1,6 @@
-"""Request parts in, reply parts out: all that the server does, and nothing of sockets.
+"""Requests in, replies out: what the server does beside rendering, and nothing of sockets.
 
-Every request gets one reply. What the caller did wrong is answered with `code`, `path` and
-`message`; anything else is a bug: logged with its traceback, answered `internal`, and survived.
+Every request gets one reply.
 """
 
 from __future__ import annotations
@@ -10,221 +9,194 @@ import hashlib
 import logging
 import time
 from collections import Counter, OrderedDict
-from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
+from typing import Any, Protocol
 
 import glrender
-from glrender import ConfigError, GlrenderError, ProtocolError, Scene, State, open_renderer
+import zmq
+from glrender import GlrenderError
 from glrender.image import PRODUCTS
-from glrender_camera.validate import integer, known_keys, one_of, positive
+from glrender_camera.validate import known_keys
 
-from . import codec
+from . import codec, operations
+from .envelope import ENVELOPE, checked_envelope, echo, refusal
+from .front import Answer, FairQueue, Request
+from .job import Done, Job
+from .metrics import Histogram, counter, escaped, gauge
 
 log = logging.getLogger(__name__)
 
-OPERATIONS = ("hello", "render", "load_scene", "status", "close")
-OUTPUTS = ("irradiance", "dn")
-MAX_IMAGE_PIXELS = 2**26
-"""Largest image of a scene that came over the wire, 67 megapixels."""
-_ENVELOPE = ("v", "op", "id", "client")
-_RENDER_KEYS = ("state", "camera", "output", "exposure_s", "seed", "max_error", "samples", "products", "order")
-_UNITS = {"irradiance": "W/m2", "dn": "DN", "range": "m", "r_body": "m", "body_id": "1", "facet_id": "1",
-          "incidence": "rad", "emission": "rad", "phase": "rad", "sunlit": "1"}
+OPERATIONS = ("hello", *operations.OPERATIONS, "status", "close")
+QUEUE_LENGTH = 32
+"""Requests that may wait for a renderer; the next is answered `busy`."""
 # Replies kept for retries: the last of each client, together at most this large.
-_MAX_KEPT_BYTES = 256 * 1024**2
+_MAX_KEPT_BYTES, _MAX_KEPT = 256 * 1024**2, 64
+
+
+class Engine(Protocol):
+    """Where requests are rendered: in this thread (`LocalEngine`) or in processes (`WorkerPool`)."""
+
+    described: dict[str, Any]
+    """Scene and OpenGL, as `hello` tells them."""
+    outage: str
+    """Why nothing can be rendered until further notice; empty if something can."""
+
+    @property
+    def has_room(self) -> bool:
+        """Whether a job would be begun at once."""
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether no job is under way."""
+
+    def start(self, job: Job) -> None:
+        """Begin a job; `job.done` is called once, now or from a later `turn`."""
+
+    def watch(self, poller: zmq.Poller) -> None:
+        """Register what wakes the loop, now and later."""
+
+    def turn(self, ready: dict[Any, int]) -> None:
+        """Take in what is finished; replace what has died or taken too long."""
 
 
 class Dispatcher:
-    """Serves one scene with one renderer, in the thread that made it.
+    """Answers what it can itself, and lets an engine render the rest, the senders in turn.
 
     Parameters
     ----------
-    scene : Scene
-    backend : str
-        As of `glrender.open_renderer`.
-    shape_dir : path, optional
-        Where `load_scene` may look for shapes; without it only generated bodies load.
+    engine : Engine
     """
 
-    def __init__(self, scene: Scene, backend: str = "auto", shape_dir: Path | None = None):
-        self._backend, self._shape_dir = backend, shape_dir
-        self._scene, self._renderer = scene, open_renderer(scene, backend)
+    def __init__(self, engine: Engine):
+        self._engine = engine
+        self._queue = FairQueue(QUEUE_LENGTH)
         self._started = time.monotonic()
-        self._requests: Counter[str] = Counter()
-        self._errors: Counter[str] = Counter()
+        self.requests: Counter[str] = Counter()
+        self.errors: Counter[str] = Counter()
         self._kept: OrderedDict[str, tuple[bytes, list]] = OrderedDict()
+        self._under_way: dict[bytes, list[Answer]] = {}
         self._last_timings_ms: dict[str, float] = {}
+        self._durations = Histogram("glrender_request_seconds", "op")
+        self._stages = Histogram("glrender_stage_seconds", "stage")
 
     def close(self) -> None:
-        """Release the renderer."""
-        self._renderer.close()
+        """Keep no reply any more: the engine's memory is free then."""
+        self._kept.clear()
+
+    def metrics(self) -> Iterable[str]:
+        """Lines for a Prometheus; may be called from another thread."""
+        described = self._engine.described
+        yield from counter("glrender_requests_total", "op", dict(self.requests))
+        yield from counter("glrender_errors_total", "code", dict(self.errors))
+        yield from gauge("glrender_uptime_seconds", time.monotonic() - self._started)
+        yield from gauge("glrender_waiting_requests", len(self._queue))
+        if "workers" in described:
+            yield from gauge("glrender_workers_ready", described["workers"]["ready"])
+            yield from gauge("glrender_worker_restarts_total", described["workers"]["restarts"], "counter")
+        yield f'glrender_info{{gl_renderer="{escaped(described["gl_renderer"])}"}} 1'
+        yield from self._durations.lines()
+        yield from self._stages.lines()
 
     @property
-    def info(self) -> dict[str, Any]:
-        """The OpenGL behind it."""
-        return self._renderer.info
+    def is_idle(self) -> bool:
+        """Whether every request has been answered."""
+        return not self._queue and self._engine.is_idle
 
-    def handle(self, parts: Sequence[bytes]) -> list[Any]:
-        """One reply to one request; raises nothing.
+    @property
+    def can_work(self) -> bool:
+        """Whether `work` would begin something at once."""
+        return bool(self._queue) and (self._engine.has_room or bool(self._engine.outage))
 
-        Parameters
-        ----------
-        parts : sequence of bytes
-
-        Returns
-        -------
-        list of bytes-like
-        """
+    def submit(self, request: Request, is_closing: bool = False) -> None:
+        """Take a request; it is answered now, or later from `work`. Raises nothing."""
         header: dict[str, Any] = {}
         try:
-            header = codec.unpack_request(parts)
-            client, digest = _checked_envelope(header), hashlib.sha256(parts[0]).digest()
+            header = codec.unpack_request(request.parts)
+            client = checked_envelope(header, OPERATIONS)
+            digest = hashlib.sha256(request.parts[0]).digest()
             kept = self._kept.get(client)
             if kept is not None and kept[0] == digest:
-                return kept[1]
-            self._requests[header["op"]] += 1
-            reply = getattr(self, f"_{header['op']}")(header)
-            if header["op"] in ("render", "load_scene"):
-                self._keep(client, digest, reply)
-            return reply
+                request.answer(kept[1])
+            elif digest in self._under_way:
+                # A retry of what is being drawn: both get the one reply.
+                self._under_way[digest].append(request.answer)
+            elif is_closing:
+                self._refuse(request, header, "closing", "", "the server is shutting down")
+            elif header["op"] not in operations.OPERATIONS:
+                self.requests[header["op"]] += 1
+                request.answer(getattr(self, f"_{header['op']}")(header))
+            elif self._queue.put(request.sender, (header, digest, request, time.monotonic())):
+                self.requests[header["op"]] += 1
+                self._under_way[digest] = [request.answer]
+            else:
+                self._refuse(request, header, "busy", "", f"{len(self._queue)} requests are waiting; try again")
         except GlrenderError as error:
-            return self._refuse(header, error.code, getattr(error, "path", ""), str(error))
+            self._refuse(request, header, error.code, getattr(error, "path", ""), str(error))
         except Exception:
             log.exception("request %s failed", header.get("op"))
-            return self._refuse(header, "internal", "", "the server failed on this request; its log has the traceback")
+            self._refuse(request, header, "internal", "", "the server failed on this request; its log has the "
+                                                          "traceback")
 
-    def busy(self, parts: Sequence[bytes], queue_length: int) -> list[Any]:
-        """The reply to a request that came when the queue was full."""
-        try:
-            header = codec.unpack_request(parts)
-        except ProtocolError:
-            header = {}
-        return self._refuse(header, "busy", "", f"{queue_length} requests are waiting; try again")
+    def work(self) -> None:
+        """Begin the next job, if the engine has room for it."""
+        if not self._queue:
+            return
+        if not (self._engine.has_room or self._engine.outage):
+            return
+        header, digest, request, came = self._queue.get()
+        finish = partial(self._finish, header, digest, came)
+        if self._engine.has_room:
+            self._engine.start(Job(header, request.parts[0], finish))
+        else:
+            finish(Done(refusal(header, "device", "", self._engine.outage), "device", {}))
 
-    def closing(self, parts: Sequence[bytes]) -> list[Any]:
-        """The reply to a request that came after the server was told to stop."""
-        try:
-            header = codec.unpack_request(parts)
-        except ProtocolError:
-            header = {}
-        return self._refuse(header, "closing", "", "the server is shutting down")
+    def _finish(self, header: Mapping[str, Any], digest: bytes, began: float, done: Done) -> None:
+        seconds = time.monotonic() - began
+        self._durations.observe(header["op"], seconds)
+        for stage, milliseconds in done.timings_ms.items():
+            self._stages.observe(stage, 1e-3 * milliseconds)
+        log.debug("request", extra={"op": header["op"], "client": header["client"], "id": header["id"],
+                                    "code": done.code, "ms": 1e3 * seconds})
+        if done.code:
+            self.errors[done.code] += 1
+        else:
+            self._keep(header["client"], digest, done.reply)
+        self._last_timings_ms = done.timings_ms or self._last_timings_ms
+        for answer in self._under_way.pop(digest):
+            answer(done.reply)
 
-    def _refuse(self, header: Mapping[str, Any], code: str, path: str, message: str) -> list[Any]:
-        self._errors[code] += 1
-        return codec.pack({**_echo(header), "ok": False, "error": {"code": code, "path": path, "message": message}})
+    def _refuse(self, request: Request, header: Mapping[str, Any], code: str, path: str, message: str) -> None:
+        self.errors[code] += 1
+        request.answer(refusal(header, code, path, message))
 
-    def _keep(self, client: str, digest: bytes, reply: list[Any]) -> None:
-        self._kept[client] = (digest, reply)
+    def _keep(self, client: str, digest: bytes, reply: Sequence[Any]) -> None:
+        self._kept[client] = (digest, list(reply))
         self._kept.move_to_end(client)
         size = lambda: sum(len(part) for _, parts in self._kept.values() for part in parts)  # noqa: E731
-        while len(self._kept) > 1 and (len(self._kept) > 64 or size() > _MAX_KEPT_BYTES):
+        while len(self._kept) > 1 and (len(self._kept) > _MAX_KEPT or size() > _MAX_KEPT_BYTES):
             self._kept.popitem(last=False)
 
-    # Operations.
+    # Operations that need no renderer.
 
     def _hello(self, header: Mapping[str, Any]) -> list[Any]:
-        known_keys("", header, _ENVELOPE)
+        known_keys("", header, ENVELOPE)
         return codec.pack({
-            **_echo(header), "ok": True, "protocol": [codec.VERSION], "server": f"glrender {glrender.__version__}",
-            "operations": list(OPERATIONS), "outputs": list(OUTPUTS), "products": list(PRODUCTS), **self._described(),
-            "limits": {"max_header_bytes": codec.MAX_HEADER_BYTES, "max_image_pixels": MAX_IMAGE_PIXELS}})
-
-    def _described(self) -> dict[str, Any]:
-        return {
-            "cameras": [{"name": c.name, "width_px": c.width_px, "height_px": c.height_px,
-                         "focal_length_px": c.focal_length_px, "principal_point_px": list(c.principal_point_px),
-                         "has_model": c.model is not None} for c in self._scene.cameras],
-            "bodies": [{"name": b.name, "n_facets": len(b.shape.facets), "radius_m": b.shape.radius_m,
-                        "law": b.brdf.glsl} for b in self._scene.bodies],
-            "max_error": self._scene.max_error, **self._renderer.info}
+            **echo(header), "ok": True, "protocol": [codec.VERSION], "server": f"glrender {glrender.__version__}",
+            "operations": list(OPERATIONS), "outputs": list(operations.OUTPUTS), "products": list(PRODUCTS),
+            **self._engine.described,
+            "limits": {"max_header_bytes": codec.MAX_HEADER_BYTES, "max_image_pixels": operations.MAX_IMAGE_PIXELS,
+                       "max_frame_bytes": operations.MAX_FRAME_BYTES}})
 
     def _status(self, header: Mapping[str, Any]) -> list[Any]:
-        known_keys("", header, _ENVELOPE)
+        known_keys("", header, ENVELOPE)
         return codec.pack({
-            **_echo(header), "ok": True, "uptime_s": time.monotonic() - self._started,
-            "requests": dict(self._requests), "errors": dict(self._errors), "clients": len(self._kept),
-            "last_timings_ms": self._last_timings_ms, **self._described()})
+            **echo(header), "ok": True, "uptime_s": time.monotonic() - self._started,
+            "requests": dict(self.requests), "errors": dict(self.errors), "clients": len(self._kept),
+            "waiting": len(self._queue), "last_timings_ms": self._last_timings_ms, **self._engine.described})
 
     def _close(self, header: Mapping[str, Any]) -> list[Any]:
         """The client says goodbye: nothing is kept for it any more. The server runs on."""
-        known_keys("", header, _ENVELOPE)
+        known_keys("", header, ENVELOPE)
         self._kept.pop(header["client"], None)
-        return codec.pack({**_echo(header), "ok": True})
-
-    def _load_scene(self, header: Mapping[str, Any]) -> list[Any]:
-        known_keys("", header, (*_ENVELOPE, "scene"), required=("scene",))
-        scene = Scene.from_dict(header["scene"], shape_dir=self._shape_dir, restricted=True)
-        for index, camera in enumerate(scene.cameras):
-            if camera.width_px * camera.height_px > MAX_IMAGE_PIXELS:
-                raise ConfigError(f"scene.cameras[{index}]", f"must have at most {MAX_IMAGE_PIXELS} pixels",
-                                  camera.width_px * camera.height_px)
-        # The old scene serves on if the new one fails.
-        renderer = open_renderer(scene, self._backend)
-        self._renderer.close()
-        self._scene, self._renderer = scene, renderer
-        return codec.pack({**_echo(header), "ok": True, **self._described()})
-
-    def _render(self, header: Mapping[str, Any]) -> list[Any]:
-        known_keys("", header, (*_ENVELOPE, *_RENDER_KEYS), required=("state",))
-        began = time.perf_counter()
-        state = State.from_dict(header["state"])
-        camera = self._scene.camera(header.get("camera"))
-        output = one_of("output", header.get("output", "irradiance"), OUTPUTS)
-        order = one_of("order", header.get("order", "C"), ("C", "F"))
-        products = header.get("products", [])
-        if not isinstance(products, list):
-            raise ProtocolError("products", "must be a list of names", products)
-        exposure_s, seed = header.get("exposure_s"), header.get("seed", 0)
-        if output == "dn":
-            if camera.model is None:
-                raise ConfigError("output", f"camera {camera.name!r} has no optics and detector", output,
-                                  "give it a `model` in the scene, or ask for 'irradiance'")
-            if exposure_s not in (None, "auto"):
-                exposure_s = positive("exposure_s", exposure_s)
-            seed = integer("seed", seed, 0, 2**64 - 1)
-        elif "exposure_s" in header or "seed" in header:
-            raise ProtocolError("exposure_s" if "exposure_s" in header else "seed",
-                                "belongs to output 'dn'", output)
-        options = {"after_psf": True} if output == "dn" and self._backend in ("auto", "egl", "osmesa") else {}
-        image = self._renderer.render(state, camera.name, max_error=header.get("max_error"),
-                                      samples=header.get("samples"), products=products, **options)
-        timings = dict(image.timings_ms)
-        fields: dict[str, Any] = {"unit": _UNITS[output]}
-        pixels = image.irradiance_W_m2
-        if output == "dn":
-            exposed = time.perf_counter()
-            frame = camera.expose(pixels, seed, exposure_s=exposure_s, roi=image.roi)
-            timings["camera"] = 1e3 * (time.perf_counter() - exposed)
-            pixels = frame.dn
-            fields |= {"exposure_s": frame.exposure_s, "seed": seed, "stages": frame.stages,
-                       "n_saturated_px": int(frame.saturated.sum())}
-        arrays = {"image": (pixels, _UNITS[output])}
-        arrays |= {name: (array, _UNITS[name]) for name, array in image.products.items()}
-        timings["total"] = 1e3 * (time.perf_counter() - began)
-        self._last_timings_ms = timings
-        return codec.pack({**_echo(header), "ok": True, "t_s": state.t_s, "camera": camera.name, "output": output,
-                           "plan": image.plan.to_dict(), "timings_ms": timings, **fields}, arrays, order)
-
-
-def _checked_envelope(header: Mapping[str, Any]) -> str:
-    """The client's name, after the four fields that every request has."""
-    for key in _ENVELOPE:
-        if key not in header:
-            raise ProtocolError(key, "missing")
-    if header["v"] != codec.VERSION:
-        raise ProtocolError("v", f"this server speaks version {codec.VERSION}", header["v"])
-    integer("id", header["id"], 0, 2**64 - 1)
-    if not isinstance(header["client"], str) or not 0 < len(header["client"]) <= 128:
-        raise ProtocolError("client", "must be a name of 1 to 128 characters", header["client"])
-    one_of("op", header["op"], OPERATIONS)
-    return header["client"]
-
-
-def _echo(header: Mapping[str, Any]) -> dict[str, Any]:
-    """What every reply repeats of its request."""
-    number = header.get("id")
-    op, client = header.get("op"), header.get("client")
-    return {"v": codec.VERSION, "op": op if isinstance(op, str) else "",
-            "id": number if isinstance(number, int) and 0 <= number < 2**64 else 0,
-            "client": client if isinstance(client, str) else ""}
+        return codec.pack({**echo(header), "ok": True})

@@ -1,108 +1,137 @@
-"""The ZeroMQ front end: a ROUTER in the renderer's own thread."""
+"""The ZeroMQ front end: a ROUTER that keeps what a slow client does not take, for a while."""
 
 from __future__ import annotations
 
 import logging
-import signal
+import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
 
 import zmq
+from glrender import ConfigError
 
+from . import keys
 from .codec import MAX_HEADER_BYTES
-from .dispatcher import Dispatcher
+from .front import Request
 
 log = logging.getLogger(__name__)
 
-QUEUE_LENGTH = 32
-"""Requests that may wait; the next is answered `busy`."""
 # From this size a part is handed to ZeroMQ without a copy; below, the bookkeeping costs more.
 _ZERO_COPY_BYTES = 65536
-_POLL_MS = 100
-_SEND_TIMEOUT_MS = 5000
+# Replies that ZeroMQ may hold for one client, and that wait here when it holds so many.
+_HIGH_WATER, _MAX_BACKLOG = 32, 256
+_STALL_S = 10.0
 _LINGER_MS = 3000
 
 
-class ZmqServer:
-    """Binds, serves until told to stop, answers what is waiting, and closes.
+@dataclass
+class _Backlog:
+    replies: deque[list[Any]] = field(default_factory=deque)
+    since: float = field(default_factory=time.monotonic)
+
+
+class ZmqFront:
+    """Binds a ROUTER.
 
     Parameters
     ----------
-    dispatcher : Dispatcher
     endpoint : str
         ``tcp://127.0.0.1:5555``, ``tcp://127.0.0.1:*`` or ``ipc:///path``.
+    key_folder : path, optional
+        Encrypt, and admit the clients of this folder alone (`keys`).
 
     Raises
     ------
     OSError
         The endpoint cannot be bound.
+    ConfigError
+        The folder has no keys.
     """
 
-    def __init__(self, dispatcher: Dispatcher, endpoint: str):
-        self._dispatcher = dispatcher
+    def __init__(self, endpoint: str, key_folder: Path | None = None):
         self._context = zmq.Context()
         self._socket = self._context.socket(zmq.ROUTER)
         self._socket.set(zmq.LINGER, _LINGER_MS)
         self._socket.set(zmq.MAXMSGSIZE, MAX_HEADER_BYTES + 1024)
-        # A reply to nobody is an error to log, not a silent drop; a client that reconnects under
-        # its name takes over.
+        # A reply to nobody or to a full pipe is an error to handle, not a silent drop; a client
+        # that reconnects under its name takes over.
         self._socket.set(zmq.ROUTER_MANDATORY, 1)
         self._socket.set(zmq.ROUTER_HANDOVER, 1)
-        self._socket.set(zmq.SNDTIMEO, _SEND_TIMEOUT_MS)
-        self._stopping = False
+        self._socket.set(zmq.SNDHWM, _HIGH_WATER)
+        self._backlogs: dict[bytes, _Backlog] = {}
+        self._authenticator = None
         try:
+            if key_folder is not None:
+                self._authenticator = keys.protect(self._socket, key_folder)
             self._socket.bind(endpoint)
+        except ConfigError:
+            self.close()
+            raise
         except zmq.ZMQError as error:
-            self._socket.close()
-            self._context.term()
+            self.close()
             raise OSError(f"cannot listen on {endpoint}: {error.strerror}; choose another with --zmq, e.g. "
                           f"--zmq tcp://127.0.0.1:0, or stop the program that has it") from None
         self.endpoint = self._socket.getsockopt_string(zmq.LAST_ENDPOINT)
 
-    def stop(self, *_) -> None:
-        """Ask the loop to end; may be called from a signal handler."""
-        self._stopping = True
+    def start(self, poller: zmq.Poller) -> None:
+        """Register what wakes the loop."""
+        poller.register(self._socket, zmq.POLLIN)
 
-    def serve(self, on_ready: Callable[[str], None] = lambda endpoint: None) -> None:
-        """Answer requests until `stop`, SIGTERM or SIGINT."""
-        before = {number: signal.signal(number, self.stop) for number in (signal.SIGTERM, signal.SIGINT)}
-        waiting: deque[list[bytes]] = deque()
-        try:
-            on_ready(self.endpoint)
-            while not self._stopping:
-                if waiting or self._socket.poll(_POLL_MS):
-                    self._take_in(waiting)
-                if waiting:
-                    self._answer(waiting.popleft(), self._dispatcher.handle)
-            self._take_in(waiting)
-            while waiting:
-                self._answer(waiting.popleft(), self._dispatcher.handle)
-            while self._socket.poll(0):
-                self._answer(self._socket.recv_multipart(), self._dispatcher.closing)
-        finally:
-            for number, handler in before.items():
-                signal.signal(number, handler)
-            self._socket.close()
-            self._context.term()
-
-    def _take_in(self, waiting: deque[list[bytes]]) -> None:
+    def take_in(self, ready: dict[Any, int]) -> list[Request]:
+        """Requests that have come; tries again what a slow client has not taken."""
+        for identity in list(self._backlogs):
+            self._flush(identity)
+        requests = []
         while self._socket.poll(0):
-            message = self._socket.recv_multipart()
-            if len(waiting) < QUEUE_LENGTH:
-                waiting.append(message)
-            else:
-                self._answer(message, lambda parts: self._dispatcher.busy(parts, len(waiting)))
+            identity, *parts = self._socket.recv_multipart()
+            # A REQ socket puts an empty part between its identity and the message.
+            envelope = [identity, b""] if parts and parts[0] == b"" else [identity]
+            requests.append(Request(identity, parts[len(envelope) - 1:], partial(self._answer, envelope)))
+        return requests
 
-    def _answer(self, message: list[bytes], handle: Callable[[list[bytes]], list]) -> None:
-        identity, *parts = message
-        # A REQ socket puts an empty part between its identity and the message.
-        envelope = [identity, b""] if parts and parts[0] == b"" else [identity]
-        reply = handle(parts[len(envelope) - 1:])
+    @property
+    def is_idle(self) -> bool:
+        """Whether ZeroMQ has taken every reply."""
+        return not self._backlogs
+
+    def close(self) -> None:
+        """Close the socket, after what it has taken is sent or three seconds are over."""
+        self._socket.close()
+        if self._authenticator is not None and self._authenticator.is_alive():
+            self._authenticator.stop()
+        self._context.term()
+
+    def _answer(self, envelope: list[bytes], reply: Sequence[Any]) -> None:
+        identity = envelope[0]
+        backlog = self._backlogs.setdefault(identity, _Backlog())
+        if len(backlog.replies) < _MAX_BACKLOG:
+            backlog.replies.append([*envelope, *reply])
+        else:
+            log.warning("client %s takes nothing: a reply was dropped", identity.hex())
+        self._flush(identity)
+
+    def _flush(self, identity: bytes) -> None:
+        backlog = self._backlogs[identity]
         try:
-            for part in envelope:
-                self._socket.send(part, zmq.SNDMORE)
-            for index, part in enumerate(reply):
-                more = zmq.SNDMORE if index + 1 < len(reply) else 0
-                self._socket.send(part, more, copy=len(part) < _ZERO_COPY_BYTES)
+            while backlog.replies:
+                self._send(backlog.replies[0])
+                backlog.replies.popleft()
+                backlog.since = time.monotonic()
+        except zmq.Again:
+            if time.monotonic() - backlog.since < _STALL_S:
+                return
+            log.warning("client %s took nothing for %g s: %d replies were dropped", identity.hex(), _STALL_S,
+                        len(backlog.replies))
         except zmq.ZMQError as error:
-            log.warning("reply to client %s was not sent: %s", identity.hex(), error.strerror)
+            log.warning("%d replies to client %s were not sent: %s", len(backlog.replies), identity.hex(),
+                        error.strerror)
+        del self._backlogs[identity]
+
+    def _send(self, message: list[Any]) -> None:
+        for index, part in enumerate(message):
+            more = zmq.SNDMORE if index + 1 < len(message) else 0
+            self._socket.send(part, zmq.NOBLOCK | more, copy=len(part) < _ZERO_COPY_BYTES)

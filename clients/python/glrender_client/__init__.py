@@ -5,7 +5,11 @@
         reply = client.render(state, camera="navcam", output="dn", exposure_s=0.1, seed=7)
 """
 
-from .client import Client, Reply
+from .aio import AsyncClient
+from .client import Client
 from .errors import Busy, GlrenderClientError, RequestTimeout, ServerError
+from .recording import Difference, Exchange, read_recording, replay
+from .wire import Reply
 
-__all__ = ["Busy", "Client", "GlrenderClientError", "Reply", "RequestTimeout", "ServerError"]
+__all__ = ["AsyncClient", "Busy", "Client", "Difference", "Exchange", "GlrenderClientError", "Reply",
+           "RequestTimeout", "ServerError", "read_recording", "replay"]

@@ -2,48 +2,21 @@
 
 from __future__ import annotations
 
-import os
 import time
-import uuid
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
-import msgpack
-import numpy as np
 import zmq
 
-from .errors import Busy, GlrenderClientError, RequestTimeout, ServerError
+from .curve import curve_keys, set_curve
+from .errors import GlrenderClientError, RequestTimeout
+from .pipeline import in_order
+from .recording import Recorder
+from .wire import Packer, Reply, read_header, read_reply, render_fields
 
-PROTOCOL_VERSION = 1
-
-
-@dataclass(frozen=True, eq=False)
-class Reply:
-    """A rendered frame.
-
-    Attributes
-    ----------
-    header : dict
-        `plan`, `timings_ms`, `t_s`, `unit`, and for digital numbers `exposure_s`, `seed`, `stages`.
-    arrays : dict of str to array
-        ``image`` and the products asked for; read-only, without a copy of what came.
-    """
-
-    header: dict[str, Any]
-    arrays: dict[str, np.ndarray]
-
-    @property
-    def pixels(self) -> np.ndarray:
-        """The image, (height, width), row 0 on top."""
-        return self.arrays["image"]
-
-    def __repr__(self) -> str:
-        image, header = self.pixels, self.header
-        total = header.get("timings_ms", {}).get("total", float("nan"))
-        products = sorted(set(self.arrays) - {"image"})
-        return (f"<Reply {header.get('camera')} t={header.get('t_s')} s: {image.shape[1]} x {image.shape[0]} "
-                f"{image.dtype} [{header.get('unit')}], {total:.1f} ms, products {products}>")
+# Requests above this size are held against the server's limit first: ZeroMQ drops what exceeds it unanswered.
+_SURELY_TAKEN_BYTES = 65536
 
 
 class Client:
@@ -58,17 +31,25 @@ class Client:
     retries : int
         Further tries after a timeout, each over a new connection; the server answers a request
         that it has already done from its last reply, so nothing is drawn twice.
+    key, server_key : path, optional
+        For a server with CURVE: this client's ``NAME.key_secret`` and the server's ``server.key``.
+    record : path, optional
+        A new file that keeps every request and its reply, for `replay`.
     """
 
-    def __init__(self, endpoint: str = "tcp://127.0.0.1:5555", *, timeout_s: float = 10.0, retries: int = 2):
+    def __init__(self, endpoint: str = "tcp://127.0.0.1:5555", *, timeout_s: float = 10.0, retries: int = 2,
+                 key: Path | None = None, server_key: Path | None = None, record: Path | None = None):
         if not timeout_s > 0.0:
             raise ValueError(f"timeout_s must be > 0, got {timeout_s!r}")
         if retries < 0:
             raise ValueError(f"retries must be >= 0, got {retries!r}")
         self._endpoint, self._timeout_s, self._retries = endpoint, timeout_s, retries
-        self._name, self._next_id = f"python-{os.getpid()}-{uuid.uuid4().hex[:12]}", 1
+        self._pack = Packer()
+        self._keys = curve_keys(key, server_key)
+        self._recorder = None if record is None else Recorder(record)
         self._context = zmq.Context()
         self._socket: zmq.Socket | None = None
+        self._max_header_bytes: int | None = None
 
     def __enter__(self) -> Client:
         return self
@@ -85,24 +66,28 @@ class Client:
             return
         if self._socket is not None:
             try:
-                number, message = self._packed("close", {})
+                number, message = self._pack("close", {})
                 self._try_once(message, number, 0.2)
             except GlrenderClientError:
                 pass  # a server that is gone keeps nothing of ours
         self._disconnect()
         self._context.term()
+        if self._recorder is not None:
+            self._recorder.close()
 
     def hello(self) -> dict[str, Any]:
         """What the server is: protocol versions, cameras, bodies, products, limits, OpenGL."""
-        return self._ask("hello", {})[0]
+        found = self._ask("hello", {}).header
+        self._max_header_bytes = found["limits"]["max_header_bytes"]
+        return found
 
     def status(self) -> dict[str, Any]:
         """How the server does: uptime, requests, errors by code, last timings."""
-        return self._ask("status", {})[0]
+        return self._ask("status", {}).header
 
     def load_scene(self, scene: Mapping[str, Any]) -> dict[str, Any]:
         """Replace the server's scene, for every client; shapes are file names in its shape folder."""
-        return self._ask("load_scene", {"scene": dict(scene)})[0]
+        return self._ask("load_scene", {"scene": dict(scene)}).header
 
     def render(self, state: Mapping[str, Any], camera: str | None = None, *, output: str = "irradiance",
                exposure_s: float | str | None = None, seed: int | None = None, max_error: float | None = None,
@@ -136,71 +121,85 @@ class Client:
             With `code`, `path` and `message`.
         RequestTimeout
         """
-        optional = {"camera": camera, "exposure_s": exposure_s, "seed": seed, "max_error": max_error,
-                    "samples": samples}
-        fields = {"state": state, "output": output, "products": list(products), "order": order,
-                  **{name: value for name, value in optional.items() if value is not None}}
-        header, arrays = self._ask("render", fields)
-        return Reply(header, arrays)
+        return self._ask("render", render_fields(
+            state, camera, output=output, exposure_s=exposure_s, seed=seed, max_error=max_error, samples=samples,
+            products=products, order=order))
 
-    def _packed(self, op: str, fields: Mapping[str, Any]) -> tuple[int, bytes]:
-        number, self._next_id = self._next_id, self._next_id + 1
-        header = {"v": PROTOCOL_VERSION, "op": op, "id": number, "client": self._name, **fields}
-        return number, msgpack.packb(header, default=_plain)
+    def render_many(self, requests: Iterable[Mapping[str, Any]], in_flight: int = 4) -> Iterator[Reply]:
+        """Frames in the order of their requests, while the server already works on the next.
 
-    def _ask(self, op: str, fields: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        Parameters
+        ----------
+        requests : iterable of mappings
+            Each the keyword arguments of `render`: ``{"state": ..., "camera": ..., "seed": ...}``.
+        in_flight : int
+            Requests sent ahead, 1 to 16.
+
+        Raises
+        ------
+        ServerError
+            In place of the first frame that was refused; no further frame comes.
+        RequestTimeout
+        """
         if self._context.closed:
             raise GlrenderClientError("this client is closed")
-        number, message = self._packed(op, fields)
+        packed = (self._pack("render", render_fields(**request)) for request in requests)
+        return in_order(self, packed, in_flight)
+
+    def _ask(self, op: str, fields: Mapping[str, Any]) -> Reply:
+        if self._context.closed:
+            raise GlrenderClientError("this client is closed")
+        number, message = self._pack(op, fields)
+        if len(message) > _SURELY_TAKEN_BYTES:
+            if self._max_header_bytes is None:
+                self.hello()
+            if len(message) > self._max_header_bytes:
+                raise GlrenderClientError(f"a request must have at most {self._max_header_bytes} bytes, `{op}` has "
+                                          f"{len(message)}: shapes and textures are file names, not data")
         for _ in range(self._retries + 1):
             found = self._try_once(message, number, self._timeout_s)
             if found is not None:
                 return found
             # The request or the reply may be lost with the connection: ask anew over another.
             self._disconnect()
-        raise RequestTimeout(f"{self._endpoint} did not answer `{op}` within {self._timeout_s:g} s, "
-                             f"{self._retries + 1} times; is glrender-server running there?")
+        raise self._timed_out(op)
 
-    def _try_once(self, message: bytes, number: int,
-                  timeout_s: float) -> tuple[dict[str, Any], dict[str, np.ndarray]] | None:
+    def _timed_out(self, op: str) -> RequestTimeout:
+        return RequestTimeout(f"{self._endpoint} did not answer `{op}` within {self._timeout_s:g} s, "
+                              f"{self._retries + 1} times; is glrender-server running there?")
+
+    def _try_once(self, message: bytes, number: int, timeout_s: float) -> Reply | None:
+        self._send(message)
+        deadline = time.monotonic() + timeout_s
+        while (found := self._receive(deadline)) is not None:
+            header, parts = found
+            # Any other is the late reply to a request given up before.
+            if header.get("id") in (number, 0):
+                self._keep(message, parts)
+                return read_reply(header, parts)
+        return None
+
+    def _send(self, message: bytes) -> None:
         if self._socket is None:
             self._socket = self._context.socket(zmq.DEALER)
             self._socket.set(zmq.LINGER, 0)
+            set_curve(self._socket, self._keys)
             self._socket.connect(self._endpoint)
         self._socket.send(message)
-        deadline = time.monotonic() + timeout_s
-        while (left := deadline - time.monotonic()) > 0.0:
-            if not self._socket.poll(max(1, int(1e3 * left))):
-                break
-            parts = self._socket.recv_multipart(copy=False)
-            header = msgpack.unpackb(parts[0].buffer)
-            if header.get("id") not in (number, 0):
-                continue  # the late reply to a request given up before
-            if not header.get("ok"):
-                error = header.get("error", {})
-                kind = Busy if error.get("code") == "busy" else ServerError
-                raise kind(error.get("code", ""), error.get("path", ""), error.get("message", ""))
-            return header, _arrays(header, parts)
-        return None
+
+    def _receive(self, deadline: float) -> tuple[dict[str, Any], list[Any]] | None:
+        """The next reply, whosever it is, or None when the time is over."""
+        left = deadline - time.monotonic()
+        if left <= 0.0 or not self._socket.poll(max(1, int(1e3 * left))):
+            return None
+        parts = [frame.buffer for frame in self._socket.recv_multipart(copy=False)]
+        return read_header(parts[0]), parts
+
+    def _keep(self, message: bytes, parts: list[Any]) -> None:
+        if self._recorder is not None:
+            self._recorder.keep(message, parts)
 
     def _disconnect(self) -> None:
         if self._socket is not None:
             self._socket.close()
             self._socket = None
-
-
-def _arrays(header: Mapping[str, Any], parts: Sequence[Any]) -> dict[str, np.ndarray]:
-    arrays = {}
-    for entry in header.get("arrays", []):
-        flat = np.frombuffer(parts[entry["part"]].buffer, np.dtype(entry["dtype"]).newbyteorder("<"))
-        arrays[entry["name"]] = flat.reshape(entry["shape"], order=entry["order"])
-    return arrays
-
-
-def _plain(value: object) -> object:
-    """NumPy numbers and arrays as the lists and numbers of the wire."""
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    if isinstance(value, np.generic):
-        return value.item()
-    raise TypeError(f"{type(value).__name__} cannot be sent")

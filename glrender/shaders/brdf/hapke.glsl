@@ -62,15 +62,20 @@ float brdf(vec3 to_sun, vec3 to_camera, vec3 normal, float albedo_scale)
     // cot(angle) cot(mean slope)
     float z_small = cos_small * slope_large * inverse_slopes, z_large = cos_large * slope_small * inverse_slopes;
     float cos_azimuth = clamp((1.0 - 0.5 * distance2 - cos_small * cos_large) * inverse_sines, -1.0, 1.0);
-    // 1e-6 bounds the inverse of the tangent.
-    float sin_azimuth = max(abs(dot(normal, cross(to_sun, to_camera))) * inverse_sines, 1e-6);
+    // The shorter of the two has the same triple product and no cancellation, where light grazes at opposition.
+    vec3 lever = distance2 < bisector2 ? difference : bisector;
+    float sin_azimuth = abs(dot(normal, cross(to_sun, lever))) * inverse_sines;
+    // 1e-6 bounds the inverse of the tangent, not the tangent: 1e-6 of azimuth is 1e-4 of eta at 89 deg.
+    float sin_bounded = max(sin_azimuth, 1e-6);
     // tan of half the azimuth, or of half its supplement: 0..1 either way.
-    float base = 1.0 + abs(cos_azimuth), inverse_tan = 1.0 / (base * sin_azimuth);
-    float half_tan = min(sin_azimuth * sin_azimuth * inverse_tan, 1.0);
+    float base = 1.0 + abs(cos_azimuth), inverse_tan = 1.0 / (base * sin_bounded);
+    float half_tan = min(sin_azimuth * sin_bounded * inverse_tan, 1.0);
     inverse_tan *= base * base;
     bool is_ahead = cos_azimuth >= 0.0;
-    // exp(-2 tan(azimuth / 2))
-    float f = exp2(-2.88539008 * (is_ahead ? half_tan : inverse_tan));
+    // 1 - exp(-2 tan(azimuth / 2)), by its series where the difference would round.
+    float decay = 2.0 * (is_ahead ? half_tan : inverse_tan);
+    float beside = decay > 0.03 ? 1.0 - exp2(-1.44269504 * decay)
+        : decay * (1.0 - decay * (0.5 - decay * (1.0 / 6.0)));
     // Both are small where the Sun is behind the surface, and what they stand beside cancels there.
     float turn = (2.0 / PI) * atan_below_1(half_tan);
     float away = is_ahead ? 1.0 - turn : turn;    // 1 - azimuth / pi
@@ -90,7 +95,7 @@ float brdf(vec3 to_sun, vec3 to_camera, vec3 normal, float albedo_scale)
     float eta_small = cos_small * d_small + slope_small * e2_small;
     float eta_large = cos_large * d_large + slope_large * e2_large;
     float spread = mu_small * mu_large * d_small * d_large
-        / ((mu_small + mu_large) * eta_large * ((1.0 - f) * eta_small + f * cos_small * d_small));
+        / ((mu_small + mu_large) * eta_large * mix(cos_small * d_small, eta_small, beside));
 #else
     float mu_small = cos_small, mu_large = cos_large;
     float spread = 1.0 / (mu_small + mu_large);

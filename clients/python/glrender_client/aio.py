@@ -1,0 +1,105 @@
+"""An asyncio client of the glrender service: any number of requests in flight over one connection."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import zmq
+import zmq.asyncio
+
+from .curve import curve_keys, set_curve
+from .errors import GlrenderClientError, RequestTimeout
+from .wire import Packer, Reply, read_header, read_reply, render_fields
+
+
+class AsyncClient:
+    """As `Client`, for one event loop.
+
+        async with AsyncClient("tcp://127.0.0.1:5555") as client:
+            replies = await asyncio.gather(*(client.render(state, "navcam", seed=k, output="dn") for k in range(8)))
+
+    Parameters
+    ----------
+    endpoint, timeout_s, retries, key, server_key
+        As of `Client`; a retry sends the same bytes again over the same connection, which ZeroMQ makes anew.
+    """
+
+    def __init__(self, endpoint: str = "tcp://127.0.0.1:5555", *, timeout_s: float = 10.0, retries: int = 2,
+                 key: Path | None = None, server_key: Path | None = None):
+        if not timeout_s > 0.0:
+            raise ValueError(f"timeout_s must be > 0, got {timeout_s!r}")
+        if retries < 0:
+            raise ValueError(f"retries must be >= 0, got {retries!r}")
+        self._endpoint, self._timeout_s, self._retries = endpoint, timeout_s, retries
+        self._keys, self._pack = curve_keys(key, server_key), Packer()
+        self._context: zmq.asyncio.Context | None = None
+        self._waiting: dict[int, asyncio.Future[Reply]] = {}
+
+    async def __aenter__(self) -> AsyncClient:
+        self._context = zmq.asyncio.Context()
+        self._socket = self._context.socket(zmq.DEALER)
+        self._socket.set(zmq.LINGER, 0)
+        set_curve(self._socket, self._keys)
+        self._socket.connect(self._endpoint)
+        self._reader = asyncio.create_task(self._read())
+        return self
+
+    async def __aexit__(self, *exception) -> None:
+        self._reader.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await self._reader
+        for future in self._waiting.values():
+            future.cancel()
+        await self._socket.send(self._pack("close", {})[1])
+        self._socket.close(linger=200)
+        self._context.term()
+        self._context = None
+
+    async def hello(self) -> dict[str, Any]:
+        """What the server is."""
+        return (await self._ask("hello", {})).header
+
+    async def status(self) -> dict[str, Any]:
+        """How the server does."""
+        return (await self._ask("status", {})).header
+
+    async def load_scene(self, scene: Mapping[str, Any]) -> dict[str, Any]:
+        """Replace the server's scene, for every client."""
+        return (await self._ask("load_scene", {"scene": dict(scene)})).header
+
+    async def render(self, state: Mapping[str, Any], camera: str | None = None, **options: Any) -> Reply:
+        """One frame; arguments and errors are those of `Client.render`."""
+        return await self._ask("render", render_fields(state, camera, **options))
+
+    async def _ask(self, op: str, fields: Mapping[str, Any]) -> Reply:
+        if self._context is None:
+            raise GlrenderClientError("use this client inside `async with`")
+        number, message = self._pack(op, fields)
+        future: asyncio.Future[Reply] = asyncio.get_running_loop().create_future()
+        self._waiting[number] = future
+        try:
+            for _ in range(self._retries + 1):
+                await self._socket.send(message)
+                done, _ = await asyncio.wait([future], timeout=self._timeout_s)
+                if done:
+                    return future.result()
+        finally:
+            del self._waiting[number]
+        raise RequestTimeout(f"{self._endpoint} did not answer `{op}` within {self._timeout_s:g} s, "
+                             f"{self._retries + 1} times; is glrender-server running there?")
+
+    async def _read(self) -> None:
+        while True:
+            parts = [frame.buffer for frame in await self._socket.recv_multipart(copy=False)]
+            header = read_header(parts[0])
+            future = self._waiting.get(header.get("id"))
+            if future is None or future.done():
+                continue  # the late reply to a request given up, or the second to one sent twice
+            try:
+                future.set_result(read_reply(header, parts))
+            except GlrenderClientError as error:
+                future.set_exception(error)

@@ -1,0 +1,61 @@
+"""Several requests in flight, replies in the order of the requests."""
+
+from __future__ import annotations
+
+import time
+from collections import OrderedDict
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+from .wire import Reply, read_reply
+
+if TYPE_CHECKING:
+    from .client import Client
+
+MAX_IN_FLIGHT = 16
+_BUSY_PAUSE_S = 0.01
+
+
+def in_order(client: Client, packed: Iterator[tuple[int, bytes]], in_flight: int) -> Iterator[Reply]:
+    """Replies to packed requests; see `Client.render_many`."""
+    if not 1 <= in_flight <= MAX_IN_FLIGHT:
+        raise ValueError(f"in_flight must be 1 to {MAX_IN_FLIGHT}, got {in_flight!r}")
+    return _replies(client, packed, in_flight)
+
+
+def _replies(client: Client, packed: Iterator[tuple[int, bytes]], in_flight: int) -> Iterator[Reply]:
+    waiting: OrderedDict[int, bytes] = OrderedDict()
+    come: dict[int, tuple[dict[str, Any], list[Any]]] = {}
+    tries, deadline = 0, 0.0
+    while True:
+        while len(waiting) < in_flight and (request := next(packed, None)) is not None:
+            waiting[request[0]] = request[1]
+            client._send(request[1])
+        if not waiting:
+            return
+        number, message = next(iter(waiting.items()))
+        deadline = deadline or time.monotonic() + client._timeout_s
+        if number in come:
+            header, parts = come.pop(number)
+            del waiting[number]
+            client._keep(message, parts)
+            tries, deadline = 0, 0.0
+            yield read_reply(header, parts)
+            continue
+        found = client._receive(deadline)
+        if found is None:
+            tries, deadline = tries + 1, 0.0
+            client._disconnect()
+            if tries > client._retries:
+                raise client._timed_out("render")
+            for number, message in waiting.items():
+                if number not in come:
+                    client._send(message)
+        elif found[0].get("id") in waiting:
+            header = found[0]
+            if not header.get("ok") and header["error"]["code"] == "busy":
+                # Others fill the server's queue: the same request again, in a while.
+                time.sleep(_BUSY_PAUSE_S)
+                client._send(waiting[header["id"]])
+            else:
+                come[header["id"]] = found

@@ -1,0 +1,188 @@
+"""Requests and replies in one file, and their reproduction, byte for byte.
+
+The file holds messages framed as on TCP (docs/protocol.md); the flags are 0 for a request and 1 for its reply,
+which follows it.
+
+    python -m glrender_client.recording FILE [ENDPOINT]       sends the requests again and compares the replies
+"""
+
+from __future__ import annotations
+
+import argparse
+import struct
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple
+
+import msgpack
+import zmq
+
+from .curve import curve_keys, set_curve
+from .errors import GlrenderClientError, RequestTimeout
+
+_PREFIX = struct.Struct("<4sHH")
+_REQUEST, _REPLY = 0, 1
+# What may differ between two drawings of one frame.
+_OF_THE_MOMENT = ("timings_ms", "uptime_s", "requests", "errors", "clients", "waiting", "last_timings_ms", "workers")
+
+
+class Exchange(NamedTuple):
+    """A request and its reply, as they went over the wire."""
+
+    request: bytes
+    reply: list[bytes]
+
+
+class Difference(NamedTuple):
+    """Where a reply is not the one recorded: the exchange's number from 0, the request's id, and what differs."""
+
+    index: int
+    id: int
+    what: str
+
+
+class Recorder:
+    """Writes exchanges to a new file.
+
+    Raises
+    ------
+    FileExistsError
+    """
+
+    def __init__(self, path: Path):
+        self._file = open(path, "xb")
+
+    def keep(self, request: bytes, reply: Sequence[Any]) -> None:
+        """Append one exchange."""
+        _write(self._file, [request], _REQUEST)
+        _write(self._file, reply, _REPLY)
+        self._file.flush()
+
+    def close(self) -> None:
+        """End the file."""
+        self._file.close()
+
+
+def read_recording(path: Path) -> Iterator[Exchange]:
+    """The exchanges of a file, one by one.
+
+    Raises
+    ------
+    GlrenderClientError
+        It is no recording, or ends within a message; what came before was yielded.
+    """
+    with open(path, "rb") as file:
+        while (request := _read(file, _REQUEST, path)) is not None:
+            reply = _read(file, _REPLY, path)
+            if reply is None:
+                raise GlrenderClientError(f"{path} ends within a message")
+            yield Exchange(request[0], reply)
+
+
+def replay(path: Path, endpoint: str = "tcp://127.0.0.1:5555", *, timeout_s: float = 60.0,
+           key: Path | None = None, server_key: Path | None = None) -> Iterator[Difference | None]:
+    """Send the requests of a recording again, byte for byte, and compare the replies.
+
+    Pixels must be the same bytes; headers the same but for timings, counts, and whether a shadow map was at hand.
+
+    Yields
+    ------
+    Difference or None
+        For each exchange.
+
+    Raises
+    ------
+    RequestTimeout
+    GlrenderClientError
+        The recording cannot be read.
+    """
+    context = zmq.Context()
+    socket = context.socket(zmq.DEALER)
+    socket.set(zmq.LINGER, 0)
+    try:
+        set_curve(socket, curve_keys(key, server_key))
+        socket.connect(endpoint)
+        for index, (request, recorded) in enumerate(read_recording(path)):
+            header = msgpack.unpackb(request)
+            # The server must draw anew, not answer from what it keeps of this client.
+            _ask(socket, msgpack.packb({"v": 1, "op": "close", "id": 0, "client": header["client"]}), timeout_s)
+            what = _difference(recorded, _ask(socket, request, timeout_s))
+            yield Difference(index, header["id"], what) if what else None
+    finally:
+        socket.close()
+        context.term()
+
+
+def _ask(socket: zmq.Socket, request: bytes, timeout_s: float) -> list[bytes]:
+    socket.send(request)
+    if not socket.poll(int(1e3 * timeout_s)):
+        raise RequestTimeout(f"no reply within {timeout_s:g} s; is glrender-server running there?")
+    return socket.recv_multipart()
+
+
+def _difference(recorded: list[bytes], again: list[bytes]) -> str:
+    before, after = _lasting(msgpack.unpackb(recorded[0])), _lasting(msgpack.unpackb(again[0]))
+    for name in {**before, **after}:
+        if before.get(name) != after.get(name):
+            return f"{name}: {before.get(name)!r}, now {after.get(name)!r}"
+    for entry in before["arrays"]:
+        if recorded[entry["part"]] != again[entry["part"]]:
+            return f"pixels of {entry['name']}"
+    return ""
+
+
+def _lasting(header: dict[str, Any]) -> dict[str, Any]:
+    kept = {name: value for name, value in header.items() if name not in _OF_THE_MOMENT}
+    for body in kept.get("plan", {}).get("bodies", []):
+        body.pop("shadow_map_reused", None)
+    return kept
+
+
+def _write(file: BinaryIO, parts: Sequence[Any], flags: int) -> None:
+    sizes = [memoryview(part).nbytes for part in parts]
+    file.write(_PREFIX.pack(b"GLR1", len(parts), flags) + struct.pack(f"<{len(parts)}I", *sizes))
+    for part in parts:
+        file.write(part)
+
+
+def _read(file: BinaryIO, flags: int, path: Path) -> list[bytes] | None:
+    """The parts of the next message, or None at the end of the file."""
+    prefix = file.read(_PREFIX.size)
+    if not prefix:
+        return None
+    if len(prefix) < _PREFIX.size:
+        raise GlrenderClientError(f"{path} ends within a message")
+    magic, n_parts, found = _PREFIX.unpack(prefix)
+    if magic != b"GLR1" or found != flags or not n_parts:
+        raise GlrenderClientError(f"{path} is no recording of requests and replies")
+    table = file.read(4 * n_parts)
+    sizes = struct.unpack(f"<{len(table) // 4}I", table[:len(table) // 4 * 4])
+    parts = [file.read(size) for size in sizes]
+    if len(sizes) != n_parts or any(len(part) != size for part, size in zip(parts, sizes, strict=True)):
+        raise GlrenderClientError(f"{path} ends within a message")
+    return parts
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Replay a file; 1 if a reply differs."""
+    parser = argparse.ArgumentParser(prog="python -m glrender_client.recording", description=__doc__.splitlines()[0])
+    parser.add_argument("file", type=Path)
+    parser.add_argument("endpoint", nargs="?", default="tcp://127.0.0.1:5555")
+    arguments = parser.parse_args(argv)
+    results = []
+    try:
+        for result in replay(arguments.file, arguments.endpoint):
+            results.append(result)
+            if result is not None:
+                sys.stdout.write(f"exchange {result.index}, request {result.id}: {result.what}\n")
+    except (GlrenderClientError, OSError) as error:
+        sys.stderr.write(f"{error}\n")
+        return 1
+    n_different = sum(result is not None for result in results)
+    sys.stdout.write(f"{len(results)} exchanges, {n_different} differ\n")
+    return int(n_different > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

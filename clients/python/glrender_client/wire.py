@@ -1,0 +1,99 @@
+"""Messages as docs/protocol.md writes them down: requests packed, replies read."""
+
+from __future__ import annotations
+
+import os
+import uuid
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import msgpack
+import numpy as np
+
+from .errors import Busy, ServerError
+
+PROTOCOL_VERSION = 1
+
+
+@dataclass(frozen=True, eq=False)
+class Reply:
+    """A rendered frame.
+
+    Attributes
+    ----------
+    header : dict
+        `plan`, `timings_ms`, `t_s`, `unit`, and for digital numbers `exposure_s`, `seed`, `stages`.
+    arrays : dict of str to array
+        ``image`` and the products asked for; read-only, without a copy of what came.
+    """
+
+    header: dict[str, Any]
+    arrays: dict[str, np.ndarray]
+
+    @property
+    def pixels(self) -> np.ndarray:
+        """The image, (height, width), row 0 on top."""
+        return self.arrays["image"]
+
+    def __repr__(self) -> str:
+        image, header = self.pixels, self.header
+        total = header.get("timings_ms", {}).get("total", float("nan"))
+        products = sorted(set(self.arrays) - {"image"})
+        return (f"<Reply {header.get('camera')} t={header.get('t_s')} s: {image.shape[1]} x {image.shape[0]} "
+                f"{image.dtype} [{header.get('unit')}], {total:.1f} ms, products {products}>")
+
+
+class Packer:
+    """Numbers and packs the requests of one client, whose name no other has."""
+
+    def __init__(self):
+        self.name, self._next_id = f"python-{os.getpid()}-{uuid.uuid4().hex[:12]}", 1
+
+    def __call__(self, op: str, fields: Mapping[str, Any]) -> tuple[int, bytes]:
+        """The request's number and its header."""
+        number, self._next_id = self._next_id, self._next_id + 1
+        return number, msgpack.packb({"v": PROTOCOL_VERSION, "op": op, "id": number, "client": self.name, **fields},
+                                     default=_plain)
+
+
+def render_fields(state: Mapping[str, Any], camera: str | None = None, *, output: str = "irradiance",
+                  exposure_s: float | str | None = None, seed: int | None = None, max_error: float | None = None,
+                  samples: int | None = None, products: Sequence[str] = (), order: str = "C") -> dict[str, Any]:
+    """The fields of a `render` request; the arguments are those of `Client.render`."""
+    optional = {"camera": camera, "exposure_s": exposure_s, "seed": seed, "max_error": max_error, "samples": samples}
+    return {"state": state, "output": output, "products": list(products), "order": order,
+            **{name: value for name, value in optional.items() if value is not None}}
+
+
+def read_header(part: Any) -> dict[str, Any]:
+    """The header of a reply."""
+    return msgpack.unpackb(part)
+
+
+def read_reply(header: dict[str, Any], parts: Sequence[Any]) -> Reply:
+    """The reply of these parts (bytes-like, the header first); its arrays are views of them.
+
+    Raises
+    ------
+    ServerError
+        The server refused the request.
+    """
+    if not header.get("ok"):
+        error = header.get("error", {})
+        kind = Busy if error.get("code") == "busy" else ServerError
+        raise kind(error.get("code", ""), error.get("path", ""), error.get("message", ""))
+    arrays = {}
+    for entry in header.get("arrays", []):
+        flat = np.frombuffer(parts[entry["part"]], np.dtype(entry["dtype"]).newbyteorder("<"))
+        arrays[entry["name"]] = flat.reshape(entry["shape"], order=entry["order"])
+    return Reply(header, arrays)
+
+
+def _plain(value: object) -> object:
+    """NumPy numbers and arrays as the lists and numbers of the wire."""
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{type(value).__name__} cannot be sent")

@@ -1,0 +1,259 @@
+classdef GlRenderClient < handle
+%GLRENDERCLIENT  Asks a glrender server for frames, over framed TCP; needs no toolbox.
+%   client = GlRenderClient()                           127.0.0.1, port 5556 (glrender-server scene.toml --tcp ...)
+%   client = GlRenderClient(host, port, 'Timeout', 10, 'Retries', 1)
+%   reply = client.render(state, 'camera', 'navcam', 'output', 'dn', 'exposure_s', 0.1, 'seed', 7)
+%   reply.pixels                                        height x width, row 1 on top
+%   client.close()
+%
+%   `state` is the struct of docs/protocol.md: t_s, r_sun_inertial_m, spacecraft.r_inertial_m,
+%   spacecraft.q_from_inertial ([w x y z]), bodies.NAME.r_inertial_m, bodies.NAME.q_from_inertial.
+%   A body whose name is no MATLAB name: make `bodies` a containers.Map.
+%
+%   Errors: glrender:CODE with the codes of docs/protocol.md (glrender:config, glrender:scene, glrender:busy, ...),
+%   glrender:timeout, glrender:connection, glrender:protocol, glrender:closed, glrender:argument.
+
+  properties (SetAccess = private)
+    Host
+    Port
+    Timeout   % [s], of each try
+    Retries   % further tries after a timeout or a lost connection, each over a new connection
+    Name      % of this client; the server answers a repeated request from its last reply
+  end
+
+  properties (Access = private)
+    Socket = []
+    NextId = 1
+    IsClosed = false
+  end
+
+  methods
+    function self = GlRenderClient(host, port, varargin)
+      if nargin < 1
+        host = '127.0.0.1';
+      end
+      if nargin < 2
+        port = 5556;
+      end
+      if strcmp(host, 'localhost')
+        host = '127.0.0.1';  % may resolve to IPv6, where no server listens
+      end
+      self.Host = host;
+      self.Port = port;
+      options = struct('Timeout', 10, 'Retries', 1);
+      options = GlRenderClient.with_options(options, varargin, fieldnames(options));
+      if ~(options.Timeout > 0) || ~(options.Retries >= 0)
+        error('glrender:argument', 'Timeout must be > 0 [s] and Retries >= 0');
+      end
+      self.Timeout = options.Timeout;
+      self.Retries = options.Retries;
+      self.Name = sprintf('matlab-%s', GlRenderClient.unique_text());
+      if exist('OCTAVE_VERSION', 'builtin')
+        pkg('load', 'instrument-control');
+      end
+      self.connect();
+    end
+
+    function delete(self)
+      self.disconnect();
+    end
+
+    function close(self)
+      %CLOSE  Say goodbye and hang up.
+      if ~self.IsClosed && ~isempty(self.Socket)
+        try
+          self.once(self.packed('close', struct()));
+        catch
+          % A server that is gone keeps nothing of ours.
+        end
+      end
+      self.disconnect();
+      self.IsClosed = true;
+    end
+
+    function header = hello(self)
+      %HELLO  What the server is: protocol versions, cameras, bodies, products, limits, OpenGL.
+      [~, bytes] = self.ask('hello', struct());
+      header = glr_unpack(bytes);
+    end
+
+    function header = status(self)
+      %STATUS  How the server does: uptime_s, requests, errors by code, last_timings_ms.
+      [~, bytes] = self.ask('status', struct());
+      header = glr_unpack(bytes);
+    end
+
+    function header = load_scene(self, scene)
+      %LOAD_SCENE  Replace the server's scene, for every client: the struct of a scene file (docs/scene.md).
+      [~, bytes] = self.ask('load_scene', struct('scene', scene));
+      header = glr_unpack(bytes);
+    end
+
+    function reply = render(self, state, varargin)
+      %RENDER  One frame.
+      %   reply = client.render(state, NAME, VALUE, ...) with the names of docs/protocol.md: camera, output
+      %   ('irradiance' or 'dn'), exposure_s, seed, max_error, samples, products (cell of names).
+      %   The result is a GlRenderReply: reply.pixels, reply.arrays.PRODUCT, reply.header.
+      fields = struct('state', state, 'order', 'F');
+      fields = GlRenderClient.with_options(fields, varargin, ...
+          {'camera', 'output', 'exposure_s', 'seed', 'max_error', 'samples', 'products'});
+      if isfield(fields, 'products') && ischar(fields.products)
+        fields.products = {fields.products};
+      end
+      [arrays, header_bytes] = self.ask('render', fields);
+      reply = GlRenderReply(arrays, header_bytes);
+    end
+  end
+
+  methods (Access = private)
+    function [arrays, header_bytes] = ask(self, op, fields)
+      if self.IsClosed
+        error('glrender:closed', 'this client is closed');
+      end
+      request = self.packed(op, fields);
+      for attempt = 0:self.Retries
+        try
+          [arrays, header_bytes] = self.once(request);
+          return
+        catch problem
+          is_ours = any(strcmp(problem.identifier, {'glrender:timeout', 'glrender:connection'}));
+          self.disconnect_after(problem.identifier);
+          if ~is_ours || attempt == self.Retries
+            rethrow(problem);
+          end
+        end
+      end
+    end
+
+    function request = packed(self, op, fields)
+      fields.v = uint8(1);
+      fields.op = op;
+      fields.id = uint64(self.NextId);
+      fields.client = self.Name;
+      self.NextId = self.NextId + 1;
+      request = struct('id', double(fields.id), 'bytes', glr_frame(glr_pack(fields)));
+    end
+
+    function [arrays, header_bytes] = once(self, request)
+      if isempty(self.Socket)
+        self.connect();
+      end
+      try
+        written = write(self.Socket, request.bytes);
+      catch problem
+        error('glrender:connection', 'the request was not sent: %s', problem.message);
+      end
+      if exist('OCTAVE_VERSION', 'builtin') && written ~= numel(request.bytes)
+        error('glrender:connection', 'the connection to %s:%d is closed', self.Host, self.Port);
+      end
+      while true
+        [header_bytes, parts] = self.receive();
+        header = glr_unpack(header_bytes, 'arrays');
+        if header.id == request.id || header.id == 0
+          break
+        end
+        % Otherwise the late reply to a request given up before.
+      end
+      if ~header.ok
+        problem = glr_unpack(header_bytes).error;
+        error(['glrender:', problem.code], '%s', problem.message);
+      end
+      arrays = struct();
+      for k = 1:numel(header.arrays)
+        entry = header.arrays{k};
+        arrays.(entry.name) = glr_array(entry, parts{entry.part});
+      end
+    end
+
+    function [header_bytes, parts] = receive(self)
+      prefix = self.exactly(12);  % with the first part's size: every message has one
+      n_parts = double(typecast(prefix(5:6), 'uint16'));
+      if ~isequal(char(prefix(1:4)), 'GLR1') || n_parts < 1
+        error('glrender:protocol', 'the server at %s:%d does not speak GLR1', self.Host, self.Port);
+      end
+      rest = 4 * (n_parts - 1);
+      bytes = self.exactly(rest + double(typecast(prefix(9:12), 'uint32')));
+      sizes = double(typecast(bytes(1:rest), 'uint32'));
+      header_bytes = bytes(rest + 1:end);
+      parts = cell(1, n_parts - 1);
+      for k = 1:n_parts - 1
+        parts{k} = self.exactly(sizes(k));
+      end
+    end
+
+    function bytes = exactly(self, count)
+      % One read each: chunks of 64 KiB cost three times as much. MATLAB's read gives doubles, hence uint8().
+      if count == 0
+        bytes = zeros(1, 0, 'uint8');
+        return
+      end
+      try
+        bytes = reshape(uint8(read(self.Socket, count, 'uint8')), 1, []);
+      catch problem
+        if ~isempty(regexpi([problem.identifier, ' ', problem.message], 'time-?out|timed out', 'once'))
+          bytes = zeros(1, 0, 'uint8');  % MATLAB may raise what Octave tells by a short result
+        else
+          error('glrender:connection', 'the connection to %s:%d is lost: %s', self.Host, self.Port, ...
+                problem.message);
+        end
+      end
+      if numel(bytes) ~= count
+        error('glrender:timeout', '%s:%d did not answer within %g s', self.Host, self.Port, self.Timeout);
+      end
+    end
+
+    function connect(self)
+      try
+        if exist('OCTAVE_VERSION', 'builtin')
+          self.Socket = tcpclient(self.Host, self.Port, 'Timeout', self.Timeout);
+        else
+          try
+            self.Socket = tcpclient(self.Host, self.Port, 'Timeout', self.Timeout, 'EnableTransferDelay', false);
+          catch
+            self.Socket = tcpclient(self.Host, self.Port, 'Timeout', self.Timeout);  % before R2020b
+          end
+        end
+      catch problem
+        error('glrender:connection', ['no server at %s:%d (%s); start one with: glrender-server scene.toml ', ...
+              '--tcp %s:%d'], self.Host, self.Port, problem.message, self.Host, self.Port);
+      end
+    end
+
+    function disconnect(self)
+      self.Socket = [];  % the last reference closes it, in MATLAB and in Octave
+    end
+
+    function disconnect_after(self, identifier)
+      % After an answer in full the connection is sound; after anything else a reply may be half read.
+      if any(strcmp(identifier, {'glrender:timeout', 'glrender:connection', 'glrender:protocol'})) ...
+          || isempty(strfind(identifier, 'glrender:')) %#ok<STREMP>
+        self.disconnect();
+      end
+    end
+  end
+
+  methods (Static, Access = private)
+    function options = with_options(options, pairs, known)
+      if mod(numel(pairs), 2)
+        error('glrender:argument', 'options come in pairs: name, value');
+      end
+      for k = 1:2:numel(pairs)
+        if ~ischar(pairs{k}) || ~any(strcmp(pairs{k}, known))
+          error('glrender:argument', 'unknown option; known are %s', strjoin(known(:).', ', '));
+        end
+        options.(pairs{k}) = pairs{k + 1};
+      end
+    end
+
+    function text = unique_text()
+      % Without a call of rand, which would disturb the user's random numbers.
+      text = '';
+      while numel(text) < 16
+        [~, name] = fileparts(tempname());
+        text = [text, regexprep(name, '\W', '')]; %#ok<AGROW>
+      end
+      text = sprintf('%s-%d', text, round(1e6 * mod(now, 1) * 86400)); %#ok<TNOW1>
+      text = text(1:min(end, 100));
+    end
+  end
+end

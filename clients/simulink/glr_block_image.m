@@ -1,0 +1,20 @@
+function image = glr_block_image(client, settings, state, n_frames)
+%GLR_BLOCK_IMAGE  The image of one step of a block, checked against what the block declares.
+%   settings: Camera, PixelClass ('uint8', 'uint16': digital numbers; 'single': irradiance), ImageSize [height width],
+%   Exposure_s (0: the camera's), Seed (of the first frame; each further frame adds one). n_frames: frames so far.
+  options = {'camera', settings.Camera};
+  if strcmp(settings.PixelClass, 'single')
+    options = [options, {'output', 'irradiance'}];
+  else
+    options = [options, {'output', 'dn', 'seed', uint64(settings.Seed) + uint64(n_frames)}];
+    if settings.Exposure_s > 0
+      options = [options, {'exposure_s', settings.Exposure_s}];
+    end
+  end
+  reply = client.render(state, options{:});
+  image = reply.pixels;
+  if ~isa(image, settings.PixelClass) || ~isequal(size(image), reshape(settings.ImageSize, 1, []))
+    error('glrender:size', 'camera %s gives %s %s, the block expects %s %s', settings.Camera, mat2str(size(image)), ...
+          class(image), mat2str(settings.ImageSize), settings.PixelClass);
+  end
+end

@@ -1,0 +1,203 @@
+/* Simulink block in C: a frame per sample time. Works where MATLAB code does not: Rapid Accelerator.
+ *
+ *     mex sfun_glrender_c.c glr_client.c glr_socket.c glr_wire.c          (Windows: add -lws2_32)
+ *
+ * Inputs: r_sun_inertial_m (3); spacecraft (7): r_inertial_m, q_from_inertial; bodies (7 x n): the same for each.
+ * Output: the image, height x width. Parameters as in sfun_glrender.m.
+ */
+#define S_FUNCTION_NAME sfun_glrender_c
+#define S_FUNCTION_LEVEL 2
+
+#include "simstruc.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "glr_client.h"
+
+enum { HOST, PORT, CAMERA, BODIES, PIXEL_CLASS, IMAGE_SIZE, EXPOSURE_S, SEED, SAMPLE_TIME_S, TIMEOUT_S, N_PARAMETERS };
+enum { SUN, SPACECRAFT, BODY_POSES, N_INPUTS };
+#define MAX_BODIES 32
+#define TEXT_BYTES 1024
+
+/* What a block keeps between steps. */
+typedef struct {
+    glr_client *client;
+    glr_options options;
+    uint64_t first_seed, n_frames;
+    char camera[TEXT_BYTES], bodies[TEXT_BYTES];
+    const char *names[MAX_BODIES];
+    glr_pose poses[MAX_BODIES];
+    uint32_t n_bodies;
+} block;
+
+static double parameter(SimStruct *S, int index) { return mxGetScalar(ssGetSFcnParam(S, index)); }
+
+/* 0 where the parameter is no text or too long. */
+static int text_parameter(SimStruct *S, int index, char *text) {
+    const mxArray *value = ssGetSFcnParam(S, index);
+    return mxIsChar(value) && mxGetString(value, text, TEXT_BYTES) == 0;
+}
+
+static int_T class_id(SimStruct *S) {
+    char name[TEXT_BYTES] = "";
+    text_parameter(S, PIXEL_CLASS, name);
+    if (!strcmp(name, "uint8"))
+        return SS_UINT8;
+    if (!strcmp(name, "uint16"))
+        return SS_UINT16;
+    return strcmp(name, "single") ? -1 : SS_SINGLE;
+}
+
+/* Cuts the names, separated by commas, in place; their number. */
+static uint32_t cut_names(char *text, const char **names) {
+    uint32_t count = 0;
+    char *at = text;
+    while (count < MAX_BODIES && *at) {
+        char *comma = strchr(at, ',');
+        names[count++] = at;
+        if (!comma)
+            break;
+        *comma = '\0';
+        at = comma + 1;
+    }
+    return count;
+}
+
+static uint32_t count_bodies(SimStruct *S) {
+    char text[TEXT_BYTES];
+    const char *names[MAX_BODIES];
+    return text_parameter(S, BODIES, text) ? cut_names(text, names) : 0;
+}
+
+#define MDL_CHECK_PARAMETERS
+static void mdlCheckParameters(SimStruct *S) {
+    char text[TEXT_BYTES];
+    const mxArray *size = ssGetSFcnParam(S, IMAGE_SIZE);
+    if (!text_parameter(S, HOST, text) || !text_parameter(S, CAMERA, text))
+        ssSetErrorStatus(S, "glrender: Host and Camera must be text");
+    else if (!(parameter(S, PORT) >= 1 && parameter(S, PORT) <= 65535))
+        ssSetErrorStatus(S, "glrender: Port must be 1 to 65535");
+    else if (count_bodies(S) == 0)
+        ssSetErrorStatus(S, "glrender: Bodies must name 1 to 32 bodies, separated by commas");
+    else if (class_id(S) < 0)
+        ssSetErrorStatus(S, "glrender: PixelClass must be uint8, uint16 or single");
+    else if (!mxIsDouble(size) || mxGetNumberOfElements(size) != 2 || !(mxGetPr(size)[0] >= 1)
+             || !(mxGetPr(size)[1] >= 1))
+        ssSetErrorStatus(S, "glrender: ImageSize must be [height width] in pixels");
+    else if (!(parameter(S, EXPOSURE_S) >= 0.0) || !(parameter(S, SEED) >= 0.0))
+        ssSetErrorStatus(S, "glrender: Exposure_s and Seed must be >= 0");
+    else if (!(parameter(S, SAMPLE_TIME_S) > 0.0) || !(parameter(S, TIMEOUT_S) > 0.0))
+        ssSetErrorStatus(S, "glrender: SampleTime and Timeout must be > 0");
+}
+
+static void mdlInitializeSizes(SimStruct *S) {
+    const double *size;
+    int_T k;
+    ssSetNumSFcnParams(S, N_PARAMETERS);
+    if (ssGetNumSFcnParams(S) != ssGetSFcnParamsCount(S))
+        return; /* Simulink tells of the mismatch */
+    mdlCheckParameters(S);
+    if (ssGetErrorStatus(S) != NULL)
+        return;
+    for (k = 0; k < N_PARAMETERS; k++)
+        ssSetSFcnParamTunable(S, k, 0);
+    if (!ssSetNumInputPorts(S, N_INPUTS) || !ssSetNumOutputPorts(S, 1))
+        return;
+    ssSetInputPortWidth(S, SUN, 3);
+    ssSetInputPortWidth(S, SPACECRAFT, 7);
+    ssSetInputPortWidth(S, BODY_POSES, 7 * (int_T)count_bodies(S));
+    for (k = 0; k < N_INPUTS; k++) {
+        ssSetInputPortDataType(S, k, SS_DOUBLE);
+        ssSetInputPortDirectFeedThrough(S, k, 1);
+        ssSetInputPortRequiredContiguous(S, k, 1);
+    }
+    size = mxGetPr(ssGetSFcnParam(S, IMAGE_SIZE));
+    ssSetOutputPortMatrixDimensions(S, 0, (int_T)size[0], (int_T)size[1]);
+    ssSetOutputPortDataType(S, 0, class_id(S));
+    ssSetNumSampleTimes(S, 1);
+    ssSetNumPWork(S, 1);
+    ssSetOptions(S, SS_OPTION_EXCEPTION_FREE_CODE);
+}
+
+static void mdlInitializeSampleTimes(SimStruct *S) {
+    ssSetSampleTime(S, 0, parameter(S, SAMPLE_TIME_S));
+    ssSetOffsetTime(S, 0, 0.0);
+}
+
+#define MDL_START
+static void mdlStart(SimStruct *S) {
+    char host[TEXT_BYTES];
+    block *self = calloc(1, sizeof *self);
+    ssSetPWorkValue(S, 0, self);
+    if (!self || !text_parameter(S, HOST, host)) {
+        ssSetErrorStatus(S, "glrender: memory is out");
+        return;
+    }
+    text_parameter(S, CAMERA, self->camera);
+    text_parameter(S, BODIES, self->bodies);
+    self->n_bodies = cut_names(self->bodies, self->names);
+    self->options.camera = self->camera;
+    self->options.is_dn = class_id(S) != SS_SINGLE;
+    self->options.exposure_s = parameter(S, EXPOSURE_S);
+    self->options.is_column_major = 1;
+    self->first_seed = (uint64_t)parameter(S, SEED);
+    self->client = glr_open(host, (int)parameter(S, PORT), parameter(S, TIMEOUT_S));
+    if (!self->client)
+        ssSetErrorStatus(S, "glrender: memory is out");
+}
+
+static void get_pose(glr_pose *pose, const real_T *values) {
+    memcpy(pose->r_inertial_m, values, sizeof pose->r_inertial_m);
+    memcpy(pose->q_from_inertial, values + 3, sizeof pose->q_from_inertial);
+}
+
+static void mdlOutputs(SimStruct *S, int_T tid) {
+    static char message[2048]; /* Simulink reads it after this function has returned */
+    static const char *const classes[] = {"uint8", "uint16", "float32"};
+    block *self = ssGetPWorkValue(S, 0);
+    int_T id = class_id(S);
+    const char *wanted = classes[id == SS_UINT8 ? 0 : id == SS_UINT16 ? 1 : 2];
+    const double *size = mxGetPr(ssGetSFcnParam(S, IMAGE_SIZE));
+    const real_T *poses = ssGetInputPortSignal(S, BODY_POSES);
+    glr_state state;
+    glr_image image;
+    uint32_t k;
+    (void)tid;
+    state.t_s = ssGetT(S);
+    memcpy(state.r_sun_inertial_m, ssGetInputPortSignal(S, SUN), sizeof state.r_sun_inertial_m);
+    get_pose(&state.spacecraft, ssGetInputPortSignal(S, SPACECRAFT));
+    for (k = 0; k < self->n_bodies; k++)
+        get_pose(&self->poses[k], poses + 7 * k);
+    state.n_bodies = self->n_bodies;
+    state.body_names = self->names;
+    state.bodies = self->poses;
+    self->options.seed = self->first_seed + self->n_frames++;
+    if (glr_render(self->client, &state, &self->options, &image)) {
+        snprintf(message, sizeof message, "glrender:%s: %s", glr_error_code(self->client),
+                 glr_error_message(self->client));
+        ssSetErrorStatus(S, message);
+    } else if (image.height != size[0] || image.width != size[1] || strcmp(image.dtype, wanted)) {
+        snprintf(message, sizeof message, "glrender: camera %s gives %u x %u %s, the block expects %.0f x %.0f %s",
+                 self->camera, (unsigned)image.height, (unsigned)image.width, image.dtype, size[0], size[1], wanted);
+        ssSetErrorStatus(S, message);
+    } else {
+        memcpy(ssGetOutputPortSignal(S, 0), image.pixels, image.n_bytes);
+    }
+}
+
+static void mdlTerminate(SimStruct *S) {
+    block *self = ssGetPWorkValue(S, 0);
+    if (self) {
+        glr_close(self->client);
+        free(self);
+        ssSetPWorkValue(S, 0, NULL);
+    }
+}
+
+#ifdef MATLAB_MEX_FILE
+#include "simulink.c"
+#else
+#include "cg_sfun.h"
+#endif

@@ -1,0 +1,187 @@
+"""Levels of detail: a shape with fewer facets that keeps the slopes of the full one.
+
+A decimated rough body is one to three per cent too bright, because the slopes that it lost sent
+light elsewhere. So each facet of a level carries the normals of the full shape: a grid of texels
+over the facet, each with the normal (and the albedo) of the full facet that is nearest. What a
+level still loses is the parallax and the cast shadows of relief smaller than its facets.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import math
+import os
+import tempfile
+import time
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from zipfile import BadZipFile
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from .shape import Shape
+
+_log = logging.getLogger(__name__)
+
+# Facets of one level over those of the next finer one.
+_RATIO = 4
+# A level with fewer facets than this saves nothing more: a draw call costs as much.
+_FEWEST_FACETS = 1500
+# The finest level: more facets than this are as good as the full shape, and as slow.
+_MOST_FACETS = 220_000
+# Texels of a level: four for each facet of the full shape tell where one ends, up to a memory of 64 MB.
+_TEXELS_PER_FACET = 4
+_MOST_TEXELS = 8_000_000
+_MOST_TEXELS_PER_SIDE = 16
+_ARRAYS = ("vertices_m", "facets", "source_facet", "deviation_m")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Level:
+    """One level of detail.
+
+    Attributes
+    ----------
+    vertices_m : (V, 3) float64 [m]
+    facets : (F, 3) int32
+        Counter-clockwise from outside.
+    texels_per_side : int
+        n: each facet has n * n texels.
+    source_facet : (F, n * n) int32
+        The full shape's facet whose normal a texel carries; `texel_barycentric` has their places.
+    deviation_m : float [m]
+        RMS distance of the full shape's facets from the level's surface.
+    """
+
+    vertices_m: np.ndarray
+    facets: np.ndarray
+    texels_per_side: int
+    source_facet: np.ndarray
+    deviation_m: float
+
+
+def texel_barycentric(texels_per_side: int) -> np.ndarray:
+    """Weights (n * n, 3) of a facet's corners at the centres of its texels, in the shader's order.
+
+    A side of n parts cuts a triangle into n * n like ones. Texel ``k = i (2 n - i) + 2 j + upper``
+    lies in row i (by the second corner's weight), place j (by the third's).
+    """
+    n = texels_per_side
+    rows = []
+    for i in range(n):
+        for j in range(n - i):
+            rows.append((i + 1.0 / 3.0, j + 1.0 / 3.0))
+            if j < n - i - 1:
+                rows.append((i + 2.0 / 3.0, j + 2.0 / 3.0))
+    second, third = np.array(rows).T / n
+    return np.stack([1.0 - second - third, second, third], axis=1)
+
+
+def levels_of_detail(shape: Shape, cache: Path | None = None) -> tuple[Level, ...]:
+    """The levels of a shape, finest first; none for a small one.
+
+    Parameters
+    ----------
+    shape : Shape
+    cache : Path, optional
+        Folder that keeps them from run to run, by the shape's content; `cache_folder()` by default.
+        A folder that cannot be written costs the time to make them again, and no more.
+
+    Notes
+    -----
+    Quadric decimation (Garland and Heckbert 1997) by `fast_simplification`; about 10 us a facet.
+    """
+    targets = [shape.report.n_facets // _RATIO]
+    while targets[-1] > _MOST_FACETS:
+        targets[-1] //= _RATIO
+    while targets[-1] // _RATIO >= _FEWEST_FACETS:
+        targets.append(targets[-1] // _RATIO)
+    if targets[0] < _FEWEST_FACETS:
+        return ()
+    names = [f"{name}_{index}" for index in range(len(targets)) for name in _ARRAYS]
+    arrays = cached_arrays(f"lod1-{_key(shape, targets)}", names, lambda: _made(shape, targets), cache)
+    levels = []
+    for index in range(len(targets)):
+        vertices, facets, source, deviation = (arrays[f"{name}_{index}"] for name in _ARRAYS)
+        levels.append(Level(vertices_m=vertices, facets=facets, source_facet=source, deviation_m=float(deviation),
+                            texels_per_side=math.isqrt(source.shape[1])))
+    return tuple(levels)
+
+
+def cache_folder() -> Path:
+    """$GLRENDER_CACHE, or `glrender` in the user's cache folder."""
+    if "GLRENDER_CACHE" in os.environ:
+        return Path(os.environ["GLRENDER_CACHE"])
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "glrender"
+
+
+def _made(shape: Shape, targets: list[int]) -> dict[str, np.ndarray]:
+    from fast_simplification import simplify
+
+    centre = shape.vertices_m[shape.facets].mean(axis=1)
+    tree = cKDTree(centre)
+    # In units of the body, about its middle: the library has thresholds of its own.
+    middle = shape.vertices_m.mean(axis=0)
+    scale = np.abs(shape.vertices_m - middle).max()
+    points, facets = (shape.vertices_m - middle) / scale, shape.facets.copy()
+    arrays, began = {}, time.perf_counter()
+    for index, target in enumerate(targets):
+        points, facets = simplify(points, facets, target_count=target)
+        facets = np.asarray(facets, np.int32)
+        vertices = np.asarray(points, np.float64) * scale + middle
+        kept = np.linalg.norm(_crosses(vertices, facets), axis=1) > 1e-12 * scale**2
+        made = _with_texels(shape, centre, tree, vertices, facets[kept])
+        arrays |= {f"{name}_{index}": array for name, array in zip(_ARRAYS, made, strict=True)}
+    _log.info("levels of detail of %d facets made in %.1f s", shape.report.n_facets, time.perf_counter() - began)
+    return arrays
+
+
+def _with_texels(shape: Shape, centre: np.ndarray, tree: cKDTree, vertices: np.ndarray,
+                 facets: np.ndarray) -> tuple[np.ndarray, ...]:
+    side = 1
+    wanted = min(_TEXELS_PER_FACET * shape.report.n_facets, _MOST_TEXELS)
+    while side < _MOST_TEXELS_PER_SIDE and len(facets) * (2 * side)**2 <= wanted:
+        side *= 2
+    place = np.einsum("tc,fcx->ftx", texel_barycentric(side), vertices[facets])
+    _, nearest = tree.query(place.reshape(-1, 3), workers=-1)
+    source = nearest.reshape(len(facets), -1).astype(np.int32)
+    normal = _crosses(vertices, facets)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    height = np.einsum("ftx,fx->ft", centre[source] - place, normal)
+    return vertices, facets, source, np.sqrt(np.mean(height**2))
+
+
+def _crosses(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
+    a, b, c = (vertices[facets[:, k]] for k in range(3))
+    return np.cross(b - a, c - a)
+
+
+def _key(shape: Shape, targets: list[int]) -> str:
+    parameters = f"{targets} {_TEXELS_PER_FACET} {_MOST_TEXELS} {_MOST_TEXELS_PER_SIDE}".encode()
+    return hashlib.sha256(shape.content_hash.encode() + parameters).hexdigest()[:32]
+
+
+def cached_arrays(name: str, keys: list[str], make: Callable[[], dict[str, np.ndarray]],
+                  cache: Path | None = None) -> dict[str, np.ndarray]:
+    """Arrays from the cache's file `name`, made and kept there when it lacks them."""
+    folder = cache_folder() if cache is None else cache
+    file = folder / f"{name}.npz"
+    try:
+        with np.load(file, allow_pickle=False) as stored:
+            return {key: stored[key] for key in keys}
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile, zlib.error):
+        pass
+    arrays = make()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        # Another process may read or write the same file: it sees all of it or none.
+        with tempfile.NamedTemporaryFile(dir=folder, suffix=".tmp", delete=False) as stream:
+            np.savez(stream, **arrays)
+        os.replace(stream.name, file)
+    except OSError as error:
+        _log.warning("%s is not kept in %s: %s", name, folder, error)
+    return arrays

@@ -1,0 +1,122 @@
+"""Samples where they matter: what a first, coarse image tells of its own error, and which pixels to draw again.
+
+Most of a frame's sampling error sits in few of its pixels: limb, terminator, shadow edges,
+creases. They are told by contrast: between neighbours when a pixel has one sample, between its
+samples when it has more.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+# Error of a sample's area over the contrast within 3 x 3 samples; measured against rays: docs/planner.md.
+_ERROR_PER_CONTRAST = 0.18
+SAMPLE_COUNTS = (2, 3, 4, 6, 8, 12, 16)
+"""Samples along a pixel's side that a refinement may take."""
+# Cost of a sample that is drawn, of one that is passed over, and of a pass, in that of a sample.
+_PASSED_OVER, _PASS = 0.3, 5e5
+_BINS = 256
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Refinement:
+    """Pixels to be drawn again.
+
+    Attributes
+    ----------
+    samples : int
+        Along each side of a pixel.
+    mask : (height, width) uint8
+        1 where a pixel is drawn again.
+    predicted_error : float [1]
+        RMS error over the mean of the lit pixels, afterwards.
+    """
+
+    samples: int
+    mask: np.ndarray
+    predicted_error: float
+
+    @property
+    def share(self) -> float:
+        """Of the window's pixels."""
+        return float(self.mask.mean())
+
+
+def pixel_errors(samples: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Pixel means, and the error expected of each, (height, width) float32 in the samples' unit.
+
+    Parameters
+    ----------
+    samples : (height * count, width * count) float32
+    count : int
+        Samples along each side of a pixel.
+    """
+    around = np.ones((3, 3), np.uint8)
+    contrast = cv2.dilate(samples, around) - cv2.erode(samples, around, borderType=cv2.BORDER_REPLICATE)
+    if count == 1:
+        return samples, _ERROR_PER_CONTRAST * contrast
+    # Each sample errs by its own contrast, on its own: edges give n^-1.5, noise everywhere n^-1.
+    # In units of the brightest sample: a square must not underflow.
+    scale = float(samples.max()) or 1.0
+    squared = pixel_means(np.square(contrast / scale), count)
+    return pixel_means(samples, count), _ERROR_PER_CONTRAST * scale / count * np.sqrt(squared)
+
+
+def pixel_means(samples: np.ndarray, count: int) -> np.ndarray:
+    """Means (height, width) of count x count samples each."""
+    size = (samples.shape[1] // count, samples.shape[0] // count)
+    return cv2.resize(samples, size, interpolation=cv2.INTER_AREA)
+
+
+def plan_refinement(mean: np.ndarray, error: np.ndarray, count: int, budget: float) -> tuple[float, Refinement | None]:
+    """The frame's sampling error as it is, and the cheapest refinement that meets a budget.
+
+    Parameters
+    ----------
+    mean, error : (height, width) float32
+        Of `pixel_errors`.
+    count : int
+        Samples along a pixel's side that `mean` was drawn with.
+    budget : float [1]
+        RMS error over the mean of the lit pixels.
+
+    Returns
+    -------
+    float [1]
+        The error without refinement.
+    Refinement or None
+        None where the budget is met, or nothing is lit. Where no refinement meets the budget, the
+        best there is.
+    """
+    lit = mean > 0.0
+    n_lit, largest = int(np.count_nonzero(lit)), float(error.max(initial=0.0))
+    if not n_lit or not largest > 0.0:
+        return 0.0, None
+    scale = n_lit * float(mean.sum(dtype=np.float64) / n_lit) ** 2
+    # Bins even in the root of the error: fine where pixels are many.
+    index = (np.sqrt(error / largest) * (_BINS - 1)).astype(np.uint8)
+    population = np.bincount(index.ravel(), minlength=_BINS).astype(np.float64)
+    squared = population * (largest * ((np.arange(_BINS) + 0.5) / (_BINS - 1)) ** 2) ** 2 / scale
+    squared[0] = 0.0
+    now = float(np.sqrt(squared.sum()))
+    if now <= budget:
+        return now, None
+    # Refined are the bins from k on, for each k and each count of samples.
+    above = np.cumsum(squared[::-1])[::-1]
+    refined = np.cumsum(population[::-1])[::-1]
+    choices = []
+    for samples in SAMPLE_COUNTS:
+        if samples <= count:
+            continue
+        left = above[0] - above + above * (count / samples) ** 3
+        meets = np.flatnonzero(left <= budget**2)
+        first = int(meets[-1]) if len(meets) else 1
+        cost = samples**2 * (refined[first] + _PASSED_OVER * mean.size) + _PASS
+        choices.append((not len(meets), cost if len(meets) else -samples, samples, first, float(np.sqrt(left[first]))))
+    if not choices:
+        return now, None
+    _, _, samples, first, reached = min(choices)
+    return now, Refinement(samples=samples, mask=(index >= first).astype(np.uint8), predicted_error=reached)

@@ -1,0 +1,116 @@
+"""What a Prometheus reads, on loopback: counters, gauges and histograms of one server."""
+
+from __future__ import annotations
+
+import bisect
+import logging
+import threading
+from collections import defaultdict
+from collections.abc import Callable, Iterable
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+log = logging.getLogger(__name__)
+
+_BUCKETS_S = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 60.0)
+
+
+class Histogram:
+    """How often how long, by a label: written by one thread, read by another.
+
+    Parameters
+    ----------
+    name : str
+        With its unit, ``..._seconds``.
+    label : str
+    """
+
+    def __init__(self, name: str, label: str):
+        self._name, self._label = name, label
+        self._counts: dict[str, list[int]] = defaultdict(lambda: [0] * (len(_BUCKETS_S) + 1))
+        self._sums: dict[str, float] = defaultdict(float)
+
+    def observe(self, value: str, seconds: float) -> None:
+        """Count one duration [s] under a value of the label."""
+        self._counts[value][bisect.bisect_left(_BUCKETS_S, seconds)] += 1
+        self._sums[value] += seconds
+
+    def lines(self) -> Iterable[str]:
+        """In Prometheus' text form."""
+        yield f"# TYPE {self._name} histogram"
+        for value, counts in dict(self._counts).items():
+            total = 0
+            for bound, count in zip((*_BUCKETS_S, float("inf")), tuple(counts), strict=True):
+                total += count
+                text = "+Inf" if bound == float("inf") else f"{bound:g}"
+                yield f'{self._name}_bucket{{{self._label}="{escaped(value)}",le="{text}"}} {total}'
+            yield f'{self._name}_sum{{{self._label}="{escaped(value)}"}} {self._sums[value]:.9g}'
+            yield f'{self._name}_count{{{self._label}="{escaped(value)}"}} {total}'
+
+
+def counter(name: str, label: str, counts: dict[str, int]) -> Iterable[str]:
+    """Lines of a counter with one label."""
+    yield f"# TYPE {name} counter"
+    for value, count in counts.items():
+        yield f'{name}{{{label}="{escaped(value)}"}} {count}'
+
+
+def gauge(name: str, value: float, kind: str = "gauge") -> Iterable[str]:
+    """Lines of one number."""
+    yield f"# TYPE {name} {kind}"
+    yield f"{name} {value:.9g}"
+
+
+def escaped(text: str) -> str:
+    """A label's value."""
+    return text.replace("\\", r"\\").replace('"', r"\"").replace("\n", r"\n")
+
+
+class MetricsServer:
+    """Answers `GET /metrics` on 127.0.0.1, in threads of its own.
+
+    Parameters
+    ----------
+    port : int
+        0 takes a free one.
+    lines : callable
+        The text's lines at this moment.
+
+    Raises
+    ------
+    OSError
+        The port cannot be bound.
+    """
+
+    def __init__(self, port: int, lines: Callable[[], Iterable[str]]):
+        class Handler(BaseHTTPRequestHandler):
+            timeout = 10.0
+
+            def do_GET(self) -> None:
+                if self.path != "/metrics":
+                    self.send_error(404)
+                    return
+                body = ("\n".join(lines()) + "\n").encode()
+                self.send_response(200)
+                self.send_header("Content-Type", "text/plain; version=0.0.4; charset=utf-8")
+                self.send_header("Content-Length", str(len(body)))
+                self.end_headers()
+                self.wfile.write(body)
+
+            def log_message(self, form: str, *values: object) -> None:
+                log.debug(form, *values)
+
+        try:
+            self._server = ThreadingHTTPServer(("127.0.0.1", port), Handler)
+        except OSError as error:
+            raise OSError(f"cannot listen on 127.0.0.1:{port}: {error.strerror}; choose another with --metrics, e.g. "
+                          f"--metrics 0") from None
+        self._server.daemon_threads = True
+        self.endpoint = f"http://127.0.0.1:{self._server.server_address[1]}/metrics"
+        self._thread = threading.Thread(target=self._server.serve_forever, name="metrics", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop answering."""
+        self._server.shutdown()
+        self._server.server_close()
+        self._thread.join()

@@ -1,0 +1,145 @@
+"""What needs a renderer: one scene, one renderer, one request after the other."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from glrender import ConfigError, DeviceError, GlrenderError, Image, ProtocolError, Scene, State, open_renderer
+from glrender.image import peak_bytes
+from glrender_camera.validate import integer, known_keys, one_of, positive
+
+from . import codec
+from .envelope import ENVELOPE, echo, refusal
+
+log = logging.getLogger(__name__)
+
+OPERATIONS = ("render", "load_scene")
+"""Those that are served here; the dispatcher answers the others."""
+OUTPUTS = ("irradiance", "dn")
+MAX_IMAGE_PIXELS = 2**26
+"""Largest image of a scene that came over the wire, 67 megapixels."""
+MAX_FRAME_BYTES = 4 * 1024**3
+"""Most memory that one request's image and products may take while they are made."""
+_RENDER_KEYS = ("state", "camera", "output", "exposure_s", "seed", "max_error", "samples", "products", "order")
+_UNITS = {"irradiance": "W/m2", "dn": "DN", "range": "m", "r_body": "m", "body_id": "1", "facet_id": "1",
+          "incidence": "rad", "emission": "rad", "phase": "rad", "sunlit": "1"}
+
+
+class Operations:
+    """Serves one scene with one renderer, in the thread that made it.
+
+    Parameters
+    ----------
+    scene : Scene
+    backend : str
+        As of `glrender.open_renderer`.
+    shape_dir : path, optional
+        Where `load_scene` may look for shapes; without it only generated bodies load.
+    """
+
+    def __init__(self, scene: Scene, backend: str = "auto", shape_dir: Path | None = None):
+        self._backend, self._shape_dir = backend, shape_dir
+        self.scene, self._renderer = scene, open_renderer(scene, backend)
+        self.last_timings_ms: dict[str, float] = {}
+
+    def close(self) -> None:
+        """Release the renderer."""
+        self._renderer.close()
+
+    @property
+    def described(self) -> dict[str, Any]:
+        """The scene and the OpenGL behind it, as `hello` tells them."""
+        return {
+            "cameras": [{"name": c.name, "width_px": c.width_px, "height_px": c.height_px,
+                         "focal_length_px": c.focal_length_px, "principal_point_px": list(c.principal_point_px),
+                         "has_model": c.model is not None} for c in self.scene.cameras],
+            "bodies": [{"name": b.name, "n_facets": len(b.shape.facets), "radius_m": b.shape.radius_m,
+                        "law": b.brdf.glsl} for b in self.scene.bodies],
+            "max_error": self.scene.max_error, **self._renderer.info}
+
+    def answer(self, header: Mapping[str, Any]) -> tuple[list[Any], str]:
+        """The reply to one request and its error code, empty if it went well; raises nothing.
+
+        What the caller did wrong is answered with `code`, `path` and `message`; anything else is a bug:
+        logged with its traceback, answered `internal`, and survived.
+        """
+        try:
+            return getattr(self, f"_{header['op']}")(header), ""
+        except GlrenderError as error:
+            return refusal(header, error.code, getattr(error, "path", ""), str(error)), error.code
+        except Exception:
+            log.exception("request %s failed", header.get("op"))
+            return refusal(header, "internal", "", "the server failed on this request; its log has the "
+                                                   "traceback"), "internal"
+
+    def _load_scene(self, header: Mapping[str, Any]) -> list[Any]:
+        known_keys("", header, (*ENVELOPE, "scene"), required=("scene",))
+        scene = Scene.from_dict(header["scene"], shape_dir=self._shape_dir, restricted=True)
+        for index, camera in enumerate(scene.cameras):
+            if camera.width_px * camera.height_px > MAX_IMAGE_PIXELS:
+                raise ConfigError(f"scene.cameras[{index}]", f"must have at most {MAX_IMAGE_PIXELS} pixels",
+                                  camera.width_px * camera.height_px)
+        # The old scene serves on if the new one fails.
+        renderer = open_renderer(scene, self._backend)
+        self._renderer.close()
+        self.scene, self._renderer = scene, renderer
+        return codec.pack({**echo(header), "ok": True, **self.described})
+
+    def _render(self, header: Mapping[str, Any]) -> list[Any]:
+        known_keys("", header, (*ENVELOPE, *_RENDER_KEYS), required=("state",))
+        began = time.perf_counter()
+        state = State.from_dict(header["state"])
+        camera = self.scene.camera(header.get("camera"))
+        output = one_of("output", header.get("output", "irradiance"), OUTPUTS)
+        order = one_of("order", header.get("order", "C"), ("C", "F"))
+        products = header.get("products", [])
+        if not isinstance(products, list):
+            raise ProtocolError("products", "must be a list of names", products)
+        needed = peak_bytes(camera.width_px * camera.height_px, products)
+        if needed > MAX_FRAME_BYTES:
+            raise ConfigError("products", f"must take at most {MAX_FRAME_BYTES} bytes of memory while they are made",
+                              needed, "ask for fewer at a time")
+        exposure_s, seed = header.get("exposure_s"), header.get("seed", 0)
+        if output == "dn":
+            if camera.model is None:
+                raise ConfigError("output", f"camera {camera.name!r} has no optics and detector", output,
+                                  "give it a `model` in the scene, or ask for 'irradiance'")
+            if exposure_s not in (None, "auto"):
+                exposure_s = positive("exposure_s", exposure_s)
+            seed = integer("seed", seed, 0, 2**64 - 1)
+        elif "exposure_s" in header or "seed" in header:
+            raise ProtocolError("exposure_s" if "exposure_s" in header else "seed",
+                                "belongs to output 'dn'", output)
+        options = {"after_psf": True} if output == "dn" and self._backend in ("auto", "egl", "osmesa") else {}
+        image = self._drawn(state, camera.name, max_error=header.get("max_error"), samples=header.get("samples"),
+                            products=products, **options)
+        timings = dict(image.timings_ms)
+        fields: dict[str, Any] = {"unit": _UNITS[output]}
+        pixels = image.irradiance_W_m2
+        if output == "dn":
+            exposed = time.perf_counter()
+            frame = camera.expose(pixels, seed, exposure_s=exposure_s, roi=image.roi)
+            timings["camera"] = 1e3 * (time.perf_counter() - exposed)
+            pixels = frame.dn
+            fields |= {"exposure_s": frame.exposure_s, "seed": seed, "stages": frame.stages,
+                       "n_saturated_px": int(frame.saturated.sum())}
+        arrays = {"image": (pixels, _UNITS[output])}
+        arrays |= {name: (array, _UNITS[name]) for name, array in image.products.items()}
+        timings["total"] = 1e3 * (time.perf_counter() - began)
+        self.last_timings_ms = timings
+        return codec.pack({**echo(header), "ok": True, "t_s": state.t_s, "camera": camera.name, "output": output,
+                           "plan": image.plan.to_dict(), "timings_ms": timings, **fields}, arrays, order)
+
+    def _drawn(self, state: State, camera: str, **options) -> Image:
+        """The image; a context that was lost is made anew, once."""
+        try:
+            return self._renderer.render(state, camera, **options)
+        except DeviceError as error:
+            log.warning("OpenGL failed, a new context is made: %s", error)
+            self._renderer.close()
+            self._renderer = open_renderer(self.scene, self._backend)
+            return self._renderer.render(state, camera, **options)

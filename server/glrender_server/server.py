@@ -1,0 +1,76 @@
+"""The server's loop: fronts take requests in, one dispatcher answers them, an engine renders."""
+
+from __future__ import annotations
+
+import logging
+import signal
+import time
+from collections.abc import Callable, Sequence
+
+import zmq
+
+from .dispatcher import Dispatcher, Engine
+from .front import Front
+
+log = logging.getLogger(__name__)
+
+_POLL_MS, _RETRY_MS = 100, 10
+_DRAIN_S = 3.0
+
+
+class Server:
+    """Serves until told to stop, and answers what is waiting then.
+
+    Parameters
+    ----------
+    dispatcher : Dispatcher
+    engine : Engine
+        The dispatcher's.
+    fronts : sequence of Front
+        All are the caller's to close.
+    """
+
+    def __init__(self, dispatcher: Dispatcher, engine: Engine, fronts: Sequence[Front]):
+        self._dispatcher, self._engine, self._fronts = dispatcher, engine, list(fronts)
+        self._poller = zmq.Poller()
+        self._stopping = False
+
+    def stop(self, *_) -> None:
+        """Ask the loop to end; may be called from a signal handler."""
+        self._stopping = True
+
+    def serve(self, on_ready: Callable[[], None] = lambda: None) -> None:
+        """Answer requests until `stop`, SIGTERM or SIGINT."""
+        before = {number: signal.signal(number, self.stop) for number in (signal.SIGTERM, signal.SIGINT)}
+        try:
+            for front in self._fronts:
+                front.start(self._poller)
+            self._engine.watch(self._poller)
+            on_ready()
+            while not self._stopping:
+                self._turn()
+            self._turn(is_last=True)
+            while not self._dispatcher.is_idle:
+                self._turn(is_closing=True)
+            deadline = time.monotonic() + _DRAIN_S
+            while self._turn(is_closing=True) or not all(front.is_idle for front in self._fronts):
+                if time.monotonic() > deadline:
+                    log.warning("replies were left that clients did not take within %g s", _DRAIN_S)
+                    break
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+    def _turn(self, is_last: bool = False, is_closing: bool = False) -> int:
+        """Take in what has come, send what can be sent, begin what can be begun; how many requests came."""
+        if self._dispatcher.can_work or is_last:
+            timeout_ms = 0
+        else:
+            timeout_ms = _POLL_MS if all(front.is_idle for front in self._fronts) and not is_closing else _RETRY_MS
+        ready = dict(self._poller.poll(timeout_ms))
+        self._engine.turn(ready)
+        requests = [request for front in self._fronts for request in front.take_in(ready)]
+        for request in requests:
+            self._dispatcher.submit(request, is_closing)
+        self._dispatcher.work()
+        return len(requests)

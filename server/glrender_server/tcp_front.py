@@ -1,0 +1,249 @@
+"""The TCP front end, for clients without ZeroMQ: the same messages, framed by `framing`."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import logging
+import socket
+import time
+from collections import deque
+from collections.abc import Sequence
+from typing import Any
+
+import zmq
+from glrender import ProtocolError
+
+from .envelope import refusal
+from .framing import Decoder, framed
+from .front import Request
+
+log = logging.getLogger(__name__)
+
+MAX_CONNECTIONS = 128
+MAX_OWED, MAX_OUTPUT_BYTES = 16, 1 << 26
+"""Requests of one connection that may wait for their answer, and bytes of answers that it may not have taken,
+before its further requests stay where they are."""
+STALL_S = 30.0
+"""A message begun and not finished, or a reply not taken, for this long ends its connection."""
+_RECEIVE_BYTES = 1 << 18
+_HANG_UP_S = 2.0
+# A peer that has vanished without a word is noticed after about two minutes.
+_KEEP_ALIVE = (("TCP_KEEPIDLE", 60), ("TCP_KEEPINTVL", 20), ("TCP_KEEPCNT", 3))
+
+
+class TcpFront:
+    """Listens on a TCP port; never blocks.
+
+    Parameters
+    ----------
+    address : str
+        ``127.0.0.1:5556``; port 0 takes a free one.
+
+    Raises
+    ------
+    OSError
+        The address cannot be bound.
+    """
+
+    def __init__(self, address: str):
+        host, _, port = address.rpartition(":")
+        host = host.strip("[]")
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        try:
+            self._listener = socket.create_server((host, int(port)), family=family, backlog=MAX_CONNECTIONS)
+        except OSError as error:
+            raise OSError(f"cannot listen on {address}: {error.strerror}; choose another with --tcp, e.g. "
+                          f"--tcp 127.0.0.1:0, or stop the program that has it") from None
+        self._listener.setblocking(False)
+        bound, port = self._listener.getsockname()[:2]
+        self.endpoint = f"{f'[{bound}]' if ':' in bound else bound}:{port}"
+        self._connections: dict[int, _Connection] = {}
+
+    def start(self, poller: zmq.Poller) -> None:
+        """Register what wakes the loop."""
+        self._poller = poller
+        poller.register(self._listener.fileno(), zmq.POLLIN)
+
+    def take_in(self, ready: dict[Any, int]) -> list[Request]:
+        """Requests that have come; sends on what slow readers have room for."""
+        if ready.get(self._listener.fileno()):
+            self._accept()
+        requests = []
+        for number, connection in list(self._connections.items()):
+            requests += connection.turn(ready.get(number, 0))
+            self._watch(number, connection)
+        return requests
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether every reply has been handed to the system."""
+        return not any(connection.has_output for connection in self._connections.values())
+
+    def close(self) -> None:
+        """Close every connection."""
+        for connection in self._connections.values():
+            connection.close()
+        self._connections.clear()
+        self._listener.close()
+
+    def _accept(self) -> None:
+        while True:
+            try:
+                peer, address = self._listener.accept()
+            except BlockingIOError:
+                return
+            except OSError as error:
+                if error.errno not in (errno.EMFILE, errno.ENFILE, errno.ECONNABORTED):
+                    raise
+                log.warning("a connection was not accepted: %s", error.strerror)
+                return
+            if len(self._connections) >= MAX_CONNECTIONS:
+                log.warning("%s: refused, %d connections are open", address, len(self._connections))
+                _refuse(peer)
+                continue
+            self._connections[peer.fileno()] = _Connection(peer)
+            self._poller.register(peer.fileno(), zmq.POLLIN)
+
+    def _watch(self, number: int, connection: _Connection) -> None:
+        if connection.is_done:
+            if number in self._poller:
+                self._poller.unregister(number)
+            connection.close()
+            del self._connections[number]
+        else:
+            self._poller.register(number, (zmq.POLLIN if connection.wants_input else 0)
+                                  | (zmq.POLLOUT if connection.has_output else 0))
+
+
+class _Connection:
+    """One client: bytes that came, requests it is owed replies to, and bytes that it has to take."""
+
+    def __init__(self, peer: socket.socket):
+        peer.setblocking(False)
+        peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        peer.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        for name, value in _KEEP_ALIVE:
+            if hasattr(socket, name):
+                peer.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
+        self._peer, self._decoder = peer, Decoder()
+        self._output: deque[memoryview] = deque()
+        self._owed, self._is_open, self._has_ended, self._is_lost = 0, True, False, False
+        self._moved, self._hang_up_at, self._error = time.monotonic(), None, None
+
+    @property
+    def has_output(self) -> bool:
+        return bool(self._output)
+
+    @property
+    def wants_input(self) -> bool:
+        return (self._is_open and not self._has_ended and self._has_room) or self._hang_up_at is not None
+
+    @property
+    def _has_room(self) -> bool:
+        return self._owed < MAX_OWED and sum(map(len, self._output)) < MAX_OUTPUT_BYTES
+
+    @property
+    def is_done(self) -> bool:
+        """Lost, or closed by the client and answered in full."""
+        return self._is_lost or not (self._is_open or self._owed or self._output or self._hang_up_at or self._error)
+
+    def close(self) -> None:
+        self._is_lost = True
+        self._output.clear()
+        self._peer.close()
+
+    def turn(self, events: int) -> list[Request]:
+        """Read and write what can be without waiting; the requests that are now complete."""
+        if self._output:
+            self._write()
+        if events & ~zmq.POLLOUT and self.wants_input:
+            self._read()
+        requests = self._decoded()
+        is_stuck = self._output or (self._is_open and not self._decoder.is_between_messages and not self._owed)
+        if self._hang_up_at is not None and time.monotonic() > self._hang_up_at:
+            self._is_lost = True
+        elif is_stuck and time.monotonic() - self._moved > STALL_S:
+            log.warning("a client on TCP stood still for %g s within a message: closed", STALL_S)
+            self._is_lost = True
+        elif events & zmq.POLLERR:
+            self._is_lost = True
+        return requests
+
+    def answer(self, reply: Sequence[Any]) -> None:
+        """Queue one reply and send what the system takes at once."""
+        if self._is_lost:
+            return
+        self._owed -= 1
+        if not self._output:
+            self._moved = time.monotonic()
+        self._output += framed(reply)
+        self._write()
+        self._break_off()
+
+    def _read(self) -> None:
+        try:
+            data = self._peer.recv(_RECEIVE_BYTES)
+        except BlockingIOError:
+            return
+        except OSError:
+            self._is_lost = True
+            return
+        if self._hang_up_at is not None:
+            self._is_lost = not data and not self._output
+        elif data:
+            self._decoder.feed(data)
+            self._moved = time.monotonic()
+        else:
+            # The client may have closed its side alone, and still wait for replies.
+            self._has_ended = True
+
+    def _decoded(self) -> list[Request]:
+        requests = []
+        try:
+            messages = self._decoder.messages()
+            while self._is_open and self._has_room and (parts := next(messages, None)) is not None:
+                self._owed += 1
+                requests.append(Request(id(self), parts, self.answer))
+        except ProtocolError as error:
+            self._is_open, self._error = False, error
+            self._break_off()
+        # What is left of a stream that has ended is half a message, or waits for room.
+        if self._has_ended and self._has_room:
+            self._is_open = False
+        return requests
+
+    def _break_off(self) -> None:
+        """Answer a stream that lost its framing, once all that came before is answered, and hang up."""
+        if self._owed or self._error is None:
+            return
+        # What is on its way is read and thrown away: to close on unread bytes would reset the
+        # connection, and the client would lose the answer.
+        self._hang_up_at = time.monotonic() + _HANG_UP_S
+        self._output += framed(refusal({}, self._error.code, "", str(self._error)))
+        self._error = None
+        self._write()
+
+    def _write(self) -> None:
+        try:
+            while self._output:
+                sent = self._peer.sendmsg(list(self._output)[:64])
+                self._moved = time.monotonic()
+                while self._output and sent >= len(self._output[0]):
+                    sent -= len(self._output.popleft())
+                if sent:
+                    self._output[0] = self._output[0][sent:]
+            if self._hang_up_at is not None and not self._output:
+                self._peer.shutdown(socket.SHUT_WR)
+        except BlockingIOError:
+            return
+        except OSError:
+            self._is_lost = True
+
+
+def _refuse(peer: socket.socket) -> None:
+    """Say `busy` to a connection too many, as far as it fits at once, and close it."""
+    reply = refusal({}, "busy", "", f"{MAX_CONNECTIONS} connections are open; close one")
+    with peer, contextlib.suppress(OSError):
+        peer.setblocking(False)
+        peer.sendmsg(framed(reply))

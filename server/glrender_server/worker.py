@@ -1,0 +1,80 @@
+"""A worker process: its own context and scene; headers come and go through a pipe, frames through shared memory."""
+
+from __future__ import annotations
+
+import signal
+from collections import OrderedDict
+from multiprocessing.connection import Connection
+from multiprocessing.shared_memory import SharedMemory
+from pathlib import Path
+from typing import Any
+
+from glrender import GlrenderError, Scene
+
+from . import codec, logs
+from .operations import Operations
+
+_MAX_ATTACHED = 16
+
+
+def work(connection: Connection, scene: Scene, backend: str, shape_dir: Path | None, scene_message: bytes | None,
+         log_level: int, log_format: str) -> None:
+    """Serve jobs until the pipe closes.
+
+    Said: ``("ready", described)`` or ``("failed", text)``; then for each ``("job", message, slot)``:
+    ``("need", n_bytes)`` where the slot is too small (answered by a slot's name), and ``("done", header, sizes,
+    code, timings_ms, described)``, the parts standing in the slot one behind the other.
+
+    Parameters
+    ----------
+    scene_message : bytes, optional
+        The `load_scene` request that replaced the scene since.
+    """
+    # The server drains on a signal to the group; then the pipe closes.
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, signal.SIG_IGN)
+    logs.set_up(log_level, log_format)
+    try:
+        operations = Operations(scene, backend, shape_dir)
+        if scene_message is not None:
+            operations.answer(codec.unpack_request([scene_message]))
+    except GlrenderError as error:
+        connection.send(("failed", str(error)))
+        return
+    slots: OrderedDict[str, SharedMemory] = OrderedDict()
+    try:
+        connection.send(("ready", operations.described))
+        while True:
+            _, message, name = connection.recv()
+            header = codec.unpack_request([message])
+            (head, *parts), code = operations.answer(header)
+            sizes = [len(part) for part in parts]
+            if sum(sizes) > _attached(slots, name).size:
+                connection.send(("need", sum(sizes)))
+                name = connection.recv()
+            _write(_attached(slots, name), parts)
+            described = operations.described if header["op"] == "load_scene" and not code else None
+            connection.send(("done", bytes(head), sizes, code, {} if code else operations.last_timings_ms,
+                             described))
+    except (EOFError, OSError):
+        pass  # the server is gone
+    finally:
+        operations.close()
+        for slot in slots.values():
+            slot.close()
+
+
+def _write(slot: SharedMemory, parts: list[Any]) -> None:
+    start = 0
+    for part in parts:
+        slot.buf[start:start + len(part)] = part
+        start += len(part)
+
+
+def _attached(slots: OrderedDict[str, SharedMemory], name: str) -> SharedMemory:
+    if name not in slots:
+        while len(slots) >= _MAX_ATTACHED:
+            slots.popitem(last=False)[1].close()
+        slots[name] = SharedMemory(name)
+    slots.move_to_end(name)
+    return slots[name]

@@ -1,0 +1,64 @@
+% GlRenderClient against a live server. Arguments: host, port, port of a mute server, folder for pixels, JSON state.
+given = argv();
+[host, port, folder] = deal(given{end - 4}, str2double(given{end - 3}), given{end - 1});
+mute_port = str2double(given{end - 2});
+state = jsondecode(fileread(given{end}));
+
+client = GlRenderClient(host, port, 'Timeout', 30);
+hello = client.hello();
+check(isequal(hello.protocol, 1) && strcmp(hello.cameras{1}.name, 'navcam'), 'hello');
+check(hello.bodies{1}.n_facets == 5120, 'n_facets');
+
+% Every dtype of the protocol, pixel by pixel: the Python client compares the files.
+products = {'range', 'body_id', 'facet_id', 'incidence', 'r_body', 'sunlit'};
+reply = client.render(state, 'camera', 'navcam', 'products', products);
+check(isa(reply.pixels, 'single') && isequal(size(reply.pixels), [64 96]), 'image');
+check(isequal(size(reply.arrays.r_body), [64 96 3]) && isa(reply.arrays.body_id, 'int32') && isa(reply.arrays.range, 'double'), 'classes');
+check(strcmp(reply.header.unit, 'W/m2') && reply.header.plan.predicted_error > 0, 'header');
+keep(folder, 'image', reply.pixels);
+for k = 1:numel(products)
+  keep(folder, products{k}, reply.arrays.(products{k}));
+end
+reply = client.render(state, 'camera', 'navcam', 'output', 'dn', 'exposure_s', 0.02, 'seed', uint64(7));
+check(isa(reply.pixels, 'uint16') && reply.header.seed == 7, 'dn');
+keep(folder, 'dn', reply.pixels);
+reply = client.render(state, 'camera', 'byte', 'output', 'dn', 'seed', 3, 'products', 'range');
+check(isa(reply.pixels, 'uint8') && isfield(reply.arrays, 'range'), 'uint8');
+keep(folder, 'byte', reply.pixels);
+
+% Errors by identifier, and the connection stays sound.
+bad = state;
+bad.spacecraft.q_from_inertial = [1 1 0 0];
+expect_error('glrender:config', 'spacecraft.q_from_inertial: norm must be 1', @() client.render(bad, 'camera', 'navcam'));
+expect_error('glrender:scene', 'unknown camera', @() client.render(state, 'camera', 'wac'));
+bad = state;
+bad.t_s = NaN;
+expect_error('glrender:config', 'state.t_s', @() client.render(bad, 'camera', 'navcam'));
+expect_error('glrender:argument', 'unknown option', @() client.render(state, 'kamera', 'navcam'));
+expect_error('glrender:argument', 'pairs', @() client.render(state, 'camera'));
+expect_error('glrender:argument', 'Timeout', @() GlRenderClient(host, port, 'Timeout', -1));
+check(isfield(client.status().errors, 'config'), 'status');
+
+% A lost connection is made anew; too short a time is told; two clients keep their own.
+other = GlRenderClient('localhost', port, 'Timeout', 30);
+check(~strcmp(other.Name, client.Name), 'names must differ');
+for k = 1:5
+  state.t_s = k;
+  check(client.render(state, 'camera', 'bare').header.t_s == k, 'own reply');
+  state.t_s = -k;
+  check(other.render(state, 'camera', 'bare').header.t_s == -k, 'own reply');
+end
+other.close();
+expect_error('glrender:closed', 'closed', @() other.hello());
+quick = GlRenderClient(host, mute_port, 'Timeout', 0.3, 'Retries', 2);
+began = tic();
+expect_error('glrender:timeout', 'did not answer within 0.3 s', @() quick.hello());
+check(toc(began) > 0.85 && toc(began) < 5, 'three tries');
+expect_error('glrender:connection', 'start one with: glrender-server', @() GlRenderClient(host, 1));
+bodies = containers.Map();
+bodies('body') = state.bodies.body;
+state.bodies = bodies;
+check(client.render(state, 'camera', 'bare').header.ok, 'bodies as a Map');
+client.close();
+client.close();
+fprintf('GLRENDER CHECKED\n');

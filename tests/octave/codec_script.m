@@ -1,0 +1,87 @@
+% The golden messages of tests/data/golden.json, read and written by the MATLAB codec. Arguments: the file.
+arguments_given = argv();
+golden = jsondecode(fileread(arguments_given{end}));
+
+% Requests: the very bytes, from MATLAB values in the same order.
+state = struct();
+state.t_s = 12.5;
+state.r_sun_inertial_m = [1.5e11 0 0];
+state.spacecraft = struct('r_inertial_m', [0 0 -2000], 'q_from_inertial', [1 0 0 0]);
+state.bodies.body = struct('r_inertial_m', [0 0 0], 'q_from_inertial', [0.6 0 0 0.8]);
+request = struct('v', uint8(1), 'id', uint64(7), 'client', 'golden', 'op', 'render');
+request.state = state;
+request.camera = 'navcam';
+request.output = 'dn';
+request.exposure_s = 0.1;
+request.seed = uint64(7);
+request.products = {'range'};
+request.order = 'F';
+check(isequal(glr_pack(request), from_hex(golden.request_render{1})), 'request_render differs');
+check(isequal(glr_frame(glr_pack(request)), from_hex(golden.tcp_request_render{1})), 'tcp_request_render differs');
+hello = struct('v', uint8(1), 'id', uint64(7), 'client', 'golden', 'op', 'hello');
+check(isequal(glr_pack(hello), from_hex(golden.request_hello{1})), 'request_hello differs');
+
+% Replies: header and arrays, in both orders.
+image = uint16([0 1000 2000; 3000 4000 5000]);
+range = reshape(linspace(1999, 2001, 6), 3, 2).';
+for order = 'CF'
+  parts = golden.(['reply_frame_', order]);
+  header = glr_unpack(from_hex(parts{1}));
+  check(header.ok && strcmp(header.unit, 'DN') && header.exposure_s == 0.1 && header.id == 7, 'header');
+  first = glr_unpack(from_hex(parts{1}), 'arrays');
+  check(isequal(fieldnames(first).', {'v', 'op', 'id', 'client', 'ok', 'arrays'}), 'the first six keys');
+  check(isequal(first.arrays, header.arrays), 'arrays');
+  check(isequal(header.arrays{2}.shape, [2 3]) && isa(header.arrays{2}.shape, 'double'), 'shape');
+  first = glr_array(header.arrays{1}, from_hex(parts{2}));
+  second = glr_array(header.arrays{2}, from_hex(parts{3}));
+  check(isequal(first, image) && isa(first, 'uint16'), 'image, order %s', order);
+  check(max(abs(second(:) - range(:))) < 1e-12 && isa(second, 'double'), 'range, order %s', order);
+end
+header = glr_unpack(from_hex(golden.reply_error{1}));
+check(~header.ok && strcmp(header.error.code, 'config') && strcmp(header.error.path, 'state.gamma'), 'error reply');
+
+% Values there and back.
+values = {0, -0.5, 1e300, true, false, 'text', repmat('x', 1, 40), repmat('y', 1, 300), [], ...
+          {'a', 'b'}, {}, [1 2 3], num2cell(1:3), repmat({'z'}, 1, 20), uint8(200)};
+expected = values;
+expected{13} = [1 2 3];
+expected{15} = 200;
+expected{11} = cell(1, 0);
+for k = 1:numel(values)
+  check(isequal(glr_unpack(glr_pack(values{k})), expected{k}), 'value %d does not come back', k);
+end
+for number = {int8(-1), int8(-32), int8(-33), int32(-2 ^ 31), uint16(65535), uint32(2 ^ 32 - 1), uint8(127), uint8(128)}
+  check(isequal(glr_unpack(glr_pack(number{1})), double(number{1})), '%d does not come back', number{1});
+end
+largest = intmax('uint64');
+check(isequal(glr_unpack(glr_pack(largest)), largest) && isa(glr_unpack(glr_pack(largest)), 'uint64'), 'uint64');
+check(isequal(glr_unpack(glr_pack([1 2; 3 4])), {[1 2], [3 4]}), 'matrix as a list of its rows');
+check(isequal(glr_unpack(glr_pack(single(0.1))), double(single(0.1))), 'single');
+umlaut = native2unicode(uint8([103 195 182]), 'UTF-8');
+check(isequal(glr_unpack(glr_pack(umlaut)), umlaut), 'UTF-8');
+map = containers.Map();
+map('67P') = struct('t', 1);
+check(isequal(glr_pack(map), uint8([129 163 double('67P') 129 161 double('t') 203 63 240 zeros(1, 6)])), 'Map');
+check(glr_unpack(uint8([129 163 double('a-b') 1])).a_b == 1, 'a key that is no MATLAB name');
+check(isequal(glr_unpack(uint8([196 2 7 8])), uint8([7 8])), 'binary');
+check(glr_unpack(uint8([202 63 128 0 0])) == 1, 'float32');
+check(glr_unpack(uint8([209 255 0])) == -256, 'int16');
+check(isequal(size(glr_unpack(uint8([220 0 2 1 2]))), [1 2]), 'array 16');
+long = glr_pack(num2cell(zeros(1, 70000)));
+check(numel(glr_unpack(long)) == 70000, 'array 32');
+
+% What is no message.
+whole = from_hex(golden.request_render{1});
+for count = 0:numel(whole) - 1
+  expect_error('glrender:protocol', '.', @() glr_unpack(whole(1:count)));
+end
+expect_error('glrender:protocol', 'type 193', @() glr_unpack(uint8(193)));
+expect_error('glrender:protocol', 'has 2 bytes', @() glr_unpack(uint8([1 1])));
+expect_error('glrender:protocol', 'text keys', @() glr_unpack(uint8([129 1 1])));
+expect_error('glrender:protocol', 'a list of 4294967295', @() glr_unpack(uint8([221 255 255 255 255])));
+expect_error('glrender:pack', 'cannot be sent', @() glr_pack(zeros(2, 2, 2)));
+expect_error('glrender:pack', 'real', @() glr_pack(1 + 2i));
+expect_error('glrender:pack', 'a row', @() glr_pack(['ab'; 'cd']));
+entry = struct('name', 'image', 'dtype', 'uint16', 'shape', [2 3], 'order', 'F');
+expect_error('glrender:protocol', '11 bytes are no', @() glr_array(entry, zeros(1, 11, 'uint8')));
+fprintf('GLRENDER CHECKED\n');

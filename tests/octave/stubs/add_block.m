@@ -1,0 +1,3 @@
+function add_block(varargin)
+  recorded('add_block', varargin{:});
+end

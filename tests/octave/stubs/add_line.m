@@ -1,0 +1,3 @@
+function add_line(varargin)
+  recorded('add_line', varargin{:});
+end

@@ -1,0 +1,3 @@
+function yes = bdIsLoaded(name) %#ok<INUSD>
+  yes = false;
+end

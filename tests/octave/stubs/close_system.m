@@ -1,0 +1,3 @@
+function close_system(varargin)
+  recorded('close_system', varargin{:});
+end

@@ -1,0 +1,3 @@
+function load_system(varargin)
+  recorded('load_system', varargin{:});
+end

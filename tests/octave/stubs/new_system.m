@@ -1,0 +1,3 @@
+function new_system(varargin)
+  recorded('new_system', varargin{:});
+end

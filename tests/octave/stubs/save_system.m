@@ -1,0 +1,3 @@
+function save_system(varargin)
+  recorded('save_system', varargin{:});
+end

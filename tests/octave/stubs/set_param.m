@@ -1,0 +1,3 @@
+function set_param(varargin)
+  recorded('set_param', varargin{:});
+end

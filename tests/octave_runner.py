@@ -1,0 +1,56 @@
+"""GNU Octave for tests: found, or told loudly what is missing. `make test` installs it (tools/install_octave.sh)."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).parent.parent
+SIMULINK = REPOSITORY / "clients" / "simulink"
+MARK = "GLRENDER CHECKED"
+
+
+def missing(what):
+    """In CI a gap is a failure; elsewhere it is a loud skip."""
+    reason = f"{what} IS MISSING: sh tools/install_octave.sh brings it"
+    if os.environ.get("CI") == "true":
+        pytest.fail(reason)
+    pytest.skip(reason)
+
+
+@cache
+def _octave():
+    octave = shutil.which("octave-cli")
+    if octave is None:
+        return None
+    # Without a display and without the user's settings.
+    probe = subprocess.run([octave, "-q", "--no-history", "--no-init-file", "--eval", "pkg load instrument-control"],
+                           capture_output=True, timeout=60)
+    return octave if probe.returncode == 0 else None
+
+
+def octave(script, *arguments, timeout=120, paths=()):
+    """Run tests/octave/<script>; it must end with rc 0 and say its mark. Returns what it said."""
+    program = _octave()
+    if program is None:
+        missing("GNU OCTAVE WITH INSTRUMENT-CONTROL")
+    folders = [SIMULINK, REPOSITORY / "tests" / "octave", *paths]
+    run = subprocess.run([program, "-q", "--no-history", "--no-init-file",
+                          *(word for folder in folders for word in ("--path", str(folder))),
+                          str(REPOSITORY / "tests" / "octave" / script), *map(str, arguments)],
+                         capture_output=True, text=True, timeout=timeout)
+    assert run.returncode == 0 and MARK in run.stdout, f"rc {run.returncode}\n{run.stdout}\n{run.stderr}"
+    return run.stdout
+
+
+def compiler():
+    """A C compiler with the address and undefined-behaviour sanitizers."""
+    program = shutil.which("gcc") or shutil.which("clang") or shutil.which("cc")
+    if program is None:
+        missing("A C COMPILER")
+    return program

@@ -1,0 +1,186 @@
+"""The C client and the C S-function, under the address and undefined-behaviour sanitizers, against live servers."""
+
+from __future__ import annotations
+
+import json
+import socket
+import subprocess
+import threading
+from pathlib import Path
+
+import msgpack
+import numpy as np
+import pytest
+import serving
+import views
+from glrender_client import Client
+from octave_runner import REPOSITORY, SIMULINK, compiler
+from test_octave import SCENE
+
+STATE = views.state().to_dict()
+GOLDEN = {name: [bytes.fromhex(part) for part in parts] for name, parts in json.loads(
+    (REPOSITORY / "tests" / "data" / "golden.json").read_text(encoding="ascii")).items()}
+HERE = Path(__file__).parent / "c"
+
+
+@pytest.fixture(scope="module")
+def build(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("c")
+    library = [SIMULINK / name for name in ("glr_client.c", "glr_socket.c", "glr_wire.c")]
+    flags = ["-std=c99", "-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-Wall", "-Wextra",
+             "-Wno-unused-function", "-Werror", f"-I{SIMULINK}", f"-I{HERE}", "-DMATLAB_MEX_FILE"]
+
+    def built(source):
+        program = folder / source.stem
+        if not program.exists():
+            run = subprocess.run([compiler(), *flags, source, *library, "-o", program, "-lm"], capture_output=True,
+                                 text=True)
+            assert run.returncode == 0, run.stderr
+        return program
+
+    return built
+
+
+@pytest.fixture(scope="module")
+def live(tmp_path_factory):
+    with serving.server(tmp_path_factory.mktemp("live"), "--tcp", "127.0.0.1:0", scene=SCENE) as (endpoint, process):
+        yield endpoint, serving.tcp_address(process)
+
+
+def simulate(build, address, out, *, camera="navcam", bodies="body", kind="uint16", size=(64, 96), exposure="0.02",
+             seed="7", sample_time="0.5", timeout="20", n_steps=3, state=STATE):
+    """Runs the S-function; (exit code, what it said)."""
+    host, port = address
+    pose = lambda p: [*p["r_inertial_m"], *p["q_from_inertial"]]  # noqa: E731
+    numbers = np.array([*state["r_sun_inertial_m"], *pose(state["spacecraft"]),
+                        *(x for name in bodies.split(",") for x in pose(state["bodies"][name]))], "<f8")
+    run = subprocess.run([build(SIMULINK / "sfun_glrender_c.c"), host, str(port), camera, bodies, kind,
+                          *map(str, size), exposure, seed, sample_time, timeout, str(n_steps), out],
+                         input=numbers.tobytes(), capture_output=True, timeout=60)
+    assert b"Sanitizer" not in run.stderr and b"runtime error" not in run.stderr, run.stderr.decode()
+    return run.returncode, run.stdout.decode() + run.stderr.decode()
+
+
+@pytest.mark.parametrize("camera, kind, size", [("navcam", "uint16", (64, 96)), ("byte", "uint8", (40, 48)),
+                                                ("navcam", "single", (64, 96))])
+def test_the_c_s_function_gives_pythons_pixels(build, live, tmp_path, camera, kind, size):
+    endpoint, address = live
+    assert simulate(build, address, tmp_path / "out", camera=camera, kind=kind, size=size) == (0, "")
+    dtype = {"uint8": np.uint8, "uint16": np.uint16, "single": np.float32}[kind]
+    frames = np.fromfile(tmp_path / "out", dtype).reshape(3, size[1], size[0])
+    assert frames.max() > 0
+    with Client(endpoint) as client:
+        for k, frame in enumerate(frames):
+            options = {} if kind == "single" else {"output": "dn", "exposure_s": 0.02, "seed": 7 + k}
+            expected = client.render({**STATE, "t_s": 0.5 * k}, camera, **options).pixels
+            np.testing.assert_array_equal(frame.T, expected)
+
+
+@pytest.mark.parametrize("changes, where, message", [
+    ({"camera": "wac"}, "mdlOutputs", "glrender:scene: camera: unknown camera"),
+    ({"kind": "uint8"}, "mdlOutputs", "camera navcam gives 64 x 96 uint16, the block expects 64 x 96 uint8"),
+    ({"size": (64, 64)}, "mdlOutputs", "the block expects 64 x 64 uint16"),
+    ({"state": {**STATE, "r_sun_inertial_m": [float("nan"), 0, 0]}}, "mdlOutputs", "glrender:config: state.r_sun"),
+    ({"kind": "double"}, "mdlInitializeSizes", "PixelClass must be"),
+    ({"sample_time": "0"}, "mdlInitializeSizes", "SampleTime and Timeout must be > 0"),
+    ({"sample_time": "nan"}, "mdlInitializeSizes", "SampleTime and Timeout must be > 0"),
+    ({"size": (0, 96)}, "mdlInitializeSizes", "ImageSize must be"),
+    ({"exposure": "-1"}, "mdlInitializeSizes", "must be >= 0"),
+])
+def test_the_c_s_function_says_what_is_wrong_and_frees_all(build, live, tmp_path, changes, where, message):
+    code, said = simulate(build, live[1], tmp_path / "out", **changes)
+    assert code == 3 and said.startswith(where) and message in said
+
+
+def test_without_a_server_the_c_s_function_says_how_to_start_one(build, tmp_path):
+    code, said = simulate(build, ("127.0.0.1", 1), tmp_path / "out")
+    assert code == 3 and "glrender:connection" in said and "glrender-server scene.toml" in said
+
+
+class FakeServer:
+    """Answers each connection with what `reply` makes of a request, then hangs up or serves on as it says."""
+
+    def __init__(self, reply):
+        self.requests, self._reply = [], reply
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.port = self._listener.getsockname()[1]
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+
+    def __enter__(self):
+        self._thread.start()
+        return self
+
+    def __exit__(self, *exception):
+        self._listener.shutdown(socket.SHUT_RDWR)
+        self._listener.close()
+        self._thread.join(10.0)
+
+    def _serve(self):
+        while True:
+            try:
+                peer, _ = self._listener.accept()
+            except OSError:
+                return
+            framed = serving.Framed.__new__(serving.Framed)
+            framed.socket = peer
+            try:
+                with peer:
+                    peer.settimeout(10.0)
+                    while True:
+                        (request,) = framed.receive()
+                        self.requests.append(msgpack.unpackb(request))
+                        data, stays = self._reply(self.requests[-1])
+                        peer.sendall(data)
+                        if not stays:
+                            break
+            except (EOFError, OSError):
+                pass
+
+
+def run_many(program, port, count, timeout_s=5.0):
+    run = subprocess.run([program, "127.0.0.1", str(port), str(timeout_s), str(count)], capture_output=True, text=True,
+                         errors="replace", timeout=120)
+    assert run.returncode == 0, run.stderr
+    return run.stdout.splitlines()
+
+
+def test_the_c_client_reads_and_writes_the_golden_messages(build):
+    """Golden replies carry id 7: the client's seventh request."""
+    early = serving.Framed.frame(GOLDEN["reply_error"][0].replace(b"\xa2id\x07", b"\xa2id\x00"))
+    with FakeServer(lambda r: (early if r["id"] < 7 else GOLDEN["tcp_reply_frame_F"][0], True)) as fake:
+        said = run_many(build(HERE / "render_many.c"), fake.port, 7)
+    assert said[0] == "error config: state.gamma: unknown key"
+    pixels = GOLDEN["reply_frame_F"][1]
+    assert said[6] == f"image 2 3 uint16 {sum(pixels)}"
+    golden = msgpack.unpackb(GOLDEN["request_render"][0])
+    golden.pop("products")
+    assert fake.requests[6] == {**golden, "client": fake.requests[6]["client"]}
+
+
+def test_a_lost_connection_is_made_anew_once_with_the_same_request(build):
+    frame = GOLDEN["tcp_reply_frame_F"][0].replace(b"\xa2id\x07", b"\xa2id\x00")
+    answers = iter([(b"GLR1\x01", False), (frame, True), (b"", False), (b"", False), (frame, True)])
+    with FakeServer(lambda r: next(answers)) as fake:
+        said = run_many(build(HERE / "render_many.c"), fake.port, 3)
+    assert [line.split()[0] for line in said] == ["image", "error", "image"] and "connection" in said[1]
+    assert fake.requests[0] == fake.requests[1] and fake.requests[2] == fake.requests[3]
+    assert [r["id"] for r in fake.requests] == [1, 1, 2, 2, 3]
+
+
+def test_hostile_replies_are_refused_and_never_read_beyond(build, rng):
+    """Golden replies with bytes changed, cut or added: a typed error or a sound image, and no sanitizer's word."""
+    golden = GOLDEN["tcp_reply_frame_F"][0].replace(b"\xa2id\x07", b"\xa2id\x00")
+
+    def mutated(request):
+        data = bytearray(golden)
+        for _ in range(rng.integers(1, 4)):
+            data[rng.integers(0, len(data))] = rng.choice([0, 0x7f, 0x80, 0xc1, 0xdd, 0xff, rng.integers(0, 256)])
+        if rng.random() < 0.3:
+            data = data[:rng.integers(0, len(data))]
+        return bytes(data), False
+
+    with FakeServer(mutated) as fake:
+        said = run_many(build(HERE / "render_many.c"), fake.port, 300, timeout_s=2.0)
+    kinds = [next((kind for kind in ("image", "error connection", "error protocol") if line.startswith(kind)), "other")
+             for line in said]
+    assert len(said) >= 300 and min(map(kinds.count, ("image", "error connection", "error protocol"))) > 10

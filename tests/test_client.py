@@ -1,0 +1,286 @@
+"""The Python client's other ways: several in flight, asyncio, recording and replay."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+
+import msgpack
+import numpy as np
+import pytest
+import serving
+import views
+import zmq
+from glrender_client import (
+    AsyncClient,
+    Client,
+    GlrenderClientError,
+    RequestTimeout,
+    ServerError,
+    read_recording,
+    replay,
+)
+from glrender_client.recording import main
+
+STATE = views.state().to_dict()
+
+
+@pytest.fixture(scope="module")
+def endpoint(tmp_path_factory):
+    with serving.server(tmp_path_factory.mktemp("one")) as (endpoint, _):
+        yield endpoint
+
+
+@pytest.fixture(scope="module")
+def pooled(tmp_path_factory):
+    """Two workers finish in any order."""
+    with serving.server(tmp_path_factory.mktemp("two"), "--workers", "2") as (endpoint, _):
+        yield endpoint
+
+
+def requests(count):
+    # Every fifth is much harder than its neighbours.
+    return [{"state": {**STATE, "t_s": float(k)}, "camera": "navcam", "output": "dn", "seed": k,
+             "samples": 8 if k % 5 == 0 else 1} for k in range(count)]
+
+
+class Proxy:
+    """A ROUTER before the server that passes the n-th request on as often as a rule says: 0, 1 or 2 times."""
+
+    def __init__(self, endpoint, rule):
+        self._context = zmq.Context()
+        self._front = self._context.socket(zmq.ROUTER)
+        port = self._front.bind_to_random_port("tcp://127.0.0.1")
+        self._server, self.endpoint = endpoint, f"tcp://127.0.0.1:{port}"
+        self._rule, self._stop = rule, threading.Event()
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exception):
+        self._stop.set()
+        self._thread.join()
+        self._context.destroy(0)
+
+    def _run(self):
+        poller, backs, count = zmq.Poller(), {}, 0
+        poller.register(self._front, zmq.POLLIN)
+        while not self._stop.is_set():
+            ready = dict(poller.poll(20))
+            if self._front in ready:
+                identity, message = self._front.recv_multipart()
+                if identity not in backs:
+                    backs[identity] = self._context.socket(zmq.DEALER)
+                    backs[identity].connect(self._server)
+                    poller.register(backs[identity], zmq.POLLIN)
+                for _ in range(self._rule(count)):
+                    backs[identity].send(message)
+                count += 1
+            for identity, back in backs.items():
+                if back in ready:
+                    self._front.send_multipart([identity, *back.recv_multipart()])
+
+
+@pytest.mark.parametrize("in_flight", [1, 4, 16])
+def test_many_in_flight_come_in_order_and_are_those_of_one_by_one(pooled, endpoint, in_flight):
+    with Client(pooled, timeout_s=60.0) as many, Client(endpoint) as one:
+        replies = list(many.render_many(requests(20), in_flight=in_flight))
+        assert [reply.header["t_s"] for reply in replies] == list(range(20))
+        for reply, request in zip(replies, requests(20), strict=True):
+            np.testing.assert_array_equal(reply.pixels, one.render(**request).pixels)
+        assert many.render(STATE, "bare").pixels.any(), "the client serves on"
+
+
+def test_sending_ahead_takes_requests_only_as_they_are_needed(endpoint):
+    taken = []
+
+    def states():
+        for request in requests(10):
+            taken.append(request)
+            yield request
+
+    with Client(endpoint) as client:
+        replies = client.render_many(states(), in_flight=3)
+        assert next(replies).header["t_s"] == 0.0 and len(taken) == 3
+        assert next(replies).header["t_s"] == 1.0 and len(taken) == 4
+        replies.close()
+        assert client.render({**STATE, "t_s": 99.0}, "bare").header["t_s"] == 99.0, "late replies are passed over"
+
+
+def test_a_refusal_comes_in_its_place(pooled):
+    some = requests(6)
+    some[3]["camera"] = "wac"
+    with Client(pooled, timeout_s=60.0) as client:
+        replies = client.render_many(some)
+        assert [next(replies).header["t_s"] for _ in range(3)] == [0.0, 1.0, 2.0]
+        with pytest.raises(ServerError, match="unknown camera"):
+            next(replies)
+        assert client.hello()["ok"]
+
+
+def test_a_full_queue_is_waited_for(endpoint):
+    clients = [Client(endpoint, timeout_s=60.0) for _ in range(4)]
+    times = [[] for _ in clients]
+
+    def fly(client, seen):
+        seen += [reply.header["t_s"] for reply in client.render_many(requests(30), in_flight=16)]
+
+    threads = [threading.Thread(target=fly, args=pair) for pair in zip(clients, times, strict=True)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert times == [list(range(30))] * 4
+    assert clients[0].status()["errors"].get("busy", 0) > 0, "64 in flight do not fit into 32"
+    for client in clients:
+        client.close()
+
+
+def test_lost_requests_are_asked_again(endpoint):
+    # Three are lost, three come twice.
+    with Proxy(endpoint, lambda count: {1: 0, 4: 0, 9: 0, 2: 2, 5: 2, 7: 2}.get(count, 1)) as proxy, \
+            Client(proxy.endpoint, timeout_s=1.0, retries=5) as client:
+        replies = list(client.render_many([{"state": {**STATE, "t_s": float(k)}, "camera": "bare"} for k in range(12)]))
+        assert [reply.header["t_s"] for reply in replies] == list(range(12))
+
+
+def test_without_a_server_many_time_out_too():
+    with Client("tcp://127.0.0.1:1", timeout_s=0.2, retries=1) as client, \
+            pytest.raises(RequestTimeout, match="2 times"):
+        next(client.render_many(requests(3)))
+
+
+@pytest.mark.parametrize("in_flight", [0, 17])
+def test_too_many_in_flight_are_refused(endpoint, in_flight):
+    with Client(endpoint) as client, pytest.raises(ValueError, match="1 to 16"):
+        client.render_many([], in_flight=in_flight)
+
+
+def test_asyncio_requests_at_once_get_their_own_replies(pooled, endpoint):
+    async def fly():
+        async with AsyncClient(pooled, timeout_s=60.0) as client:
+            replies = await asyncio.gather(*(client.render(**request) for request in requests(16)))
+            with pytest.raises(ServerError, match="unknown camera") as caught:
+                await client.render(STATE, "wac")
+            assert caught.value.code == "scene"
+            assert (await client.hello())["protocol"] == [1] and (await client.status())["ok"]
+            return replies
+
+    replies = asyncio.run(fly())
+    assert [reply.header["t_s"] for reply in replies] == list(range(16))
+    with Client(endpoint) as one:
+        for reply, request in zip(replies, requests(16), strict=True):
+            np.testing.assert_array_equal(reply.pixels, one.render(**request).pixels)
+
+
+def test_asyncio_does_not_block_the_loop_and_can_be_cancelled(endpoint):
+    async def fly():
+        ticks = 0
+
+        async def tick():
+            nonlocal ticks
+            while True:
+                await asyncio.sleep(0.01)
+                ticks += 1
+
+        async with AsyncClient(endpoint, timeout_s=60.0) as client:
+            ticker = asyncio.create_task(tick())
+            for _ in range(5):
+                await client.render(STATE, "navcam", samples=16, products=["r_body"])
+            task = asyncio.create_task(client.render(STATE, "navcam", samples=16))
+            await asyncio.sleep(0)
+            task.cancel()
+            assert (await client.render({**STATE, "t_s": 5.0}, "bare")).header["t_s"] == 5.0
+            ticker.cancel()
+        return ticks
+
+    assert asyncio.run(fly()) > 1
+
+
+def test_asyncio_retries_and_times_out(endpoint):
+    async def lossy(address):
+        async with AsyncClient(address, timeout_s=0.5, retries=3) as client:
+            return [(await client.render({**STATE, "t_s": float(k)}, "bare")).header["t_s"] for k in range(4)]
+
+    with Proxy(endpoint, lambda count: 0 if count % 2 else 1) as proxy:
+        assert asyncio.run(lossy(proxy.endpoint)) == [0.0, 1.0, 2.0, 3.0]
+
+    async def nobody():
+        async with AsyncClient("tcp://127.0.0.1:1", timeout_s=0.2, retries=0) as client:
+            await client.hello()
+
+    with pytest.raises(RequestTimeout, match="1 times"):
+        asyncio.run(nobody())
+    with pytest.raises(GlrenderClientError, match="async with"):
+        asyncio.run(AsyncClient(endpoint).hello())
+
+
+@pytest.fixture
+def recording(endpoint, tmp_path):
+    path = tmp_path / "flight.glr"
+    with Client(endpoint, record=path) as client:
+        client.hello()
+        client.render(STATE, "navcam", output="dn", seed=3, products=["range", "r_body"])
+        client.render(STATE, "navcam", order="F")
+        with pytest.raises(ServerError):
+            client.render(STATE, "wac")
+        list(client.render_many(requests(5)))
+    return path
+
+
+def test_a_recording_holds_what_went_over_the_wire(recording, endpoint):
+    exchanges = list(read_recording(recording))
+    assert [msgpack.unpackb(request)["op"] for request, _ in exchanges] == ["hello"] + 8 * ["render"] + ["close"]
+    with Client(endpoint) as client:
+        reply = client.render(STATE, "navcam", output="dn", seed=3)
+    assert exchanges[1].reply[1] == reply.pixels.tobytes()
+    assert msgpack.unpackb(exchanges[3].reply[0])["error"]["code"] == "scene"
+    with pytest.raises(FileExistsError):
+        Client(endpoint, record=recording)
+
+
+def test_a_replay_gives_the_same_bytes_on_another_server(recording, pooled, endpoint, tmp_path, capsys):
+    with serving.server(tmp_path) as (other, _):
+        assert list(replay(recording, other)) == [None] * 10
+    assert main([str(recording), endpoint]) == 0
+    assert capsys.readouterr().out == "10 exchanges, 0 differ\n"
+
+
+def test_a_replay_draws_anew(recording, endpoint):
+    with Client(endpoint) as client:
+        before = client.status()["requests"]["render"]
+        list(replay(recording, endpoint))
+        assert client.status()["requests"]["render"] == before + 8
+
+
+def test_a_replay_finds_another_scene_and_a_changed_byte(recording, tmp_path, capsys, endpoint):
+    brighter = serving.SCENE.replace("normal_albedo = 0.2", "normal_albedo = 0.21")
+    with serving.server(tmp_path, scene=brighter) as (other, _):
+        found = [result for result in replay(recording, other) if result is not None]
+        # All frames differ; hello and the refusal do not.
+        assert [difference.index for difference in found] == [1, 2, 4, 5, 6, 7, 8]
+        assert main([str(recording), other]) == 1
+    data = bytearray(recording.read_bytes())
+    second = list(read_recording(recording))[1].reply[1]
+    data[data.index(second) + len(second) // 2] ^= 1
+    (tmp_path / "changed").write_bytes(data)
+    found = list(replay(tmp_path / "changed", endpoint))
+    assert found[1] == (1, 2, "pixels of image") and found.count(None) == 9
+
+
+def test_a_recording_cut_short_says_so(recording, tmp_path, rng):
+    data = recording.read_bytes()
+    for size in rng.integers(1, len(data) - 1, 30):
+        (tmp_path / "cut").write_bytes(data[:size])
+        whole = 0
+        with pytest.raises(GlrenderClientError, match="ends within a message"):
+            for _ in read_recording(tmp_path / "cut"):
+                whole += 1
+        assert whole < 10
+    (tmp_path / "none").write_bytes(b"PNG and more")
+    with pytest.raises(GlrenderClientError, match="is no recording"):
+        list(read_recording(tmp_path / "none"))
+    assert main([str(tmp_path / "none")]) == 1
+

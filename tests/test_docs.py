@@ -1,0 +1,27 @@
+"""The Python of the documentation runs as it is printed."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from glrender import generate
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", ROOT / "camera_model" / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+# The client's lines need a server: test_server.py runs them.
+SNIPPETS = [pytest.param(code, id=f"{page.relative_to(ROOT)}-{index}") for page in PAGES
+            for index, code in enumerate(re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.S))
+            if "tcp://" not in code]
+
+
+@pytest.mark.parametrize("code", SNIPPETS)
+def test_a_snippet_runs_alone(code, tmp_path, monkeypatch):
+    generate.three_lobes(radius_m=0.3, subdivisions=2).to_file(tmp_path / "itokawa.obj")
+    monkeypatch.chdir(tmp_path)
+    exec(compile(code, "snippet", "exec"), {})
+
+
+def test_there_are_snippets():
+    assert len(SNIPPETS) >= 4

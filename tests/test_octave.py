@@ -1,0 +1,75 @@
+"""The MATLAB client, run by GNU Octave: golden messages, and pixels exactly those of the Python client."""
+
+from __future__ import annotations
+
+import json
+import socket
+
+import numpy as np
+import pytest
+import serving
+import views
+from glrender_client import Client
+from octave_runner import REPOSITORY, SIMULINK, octave
+
+STUBS = REPOSITORY / "tests" / "octave" / "stubs"
+STATE = views.state().to_dict()
+SCENE = serving.SCENE + """
+[[cameras]]
+name = "byte"
+width_px = 48
+height_px = 40
+focal_length_px = 200.0
+[cameras.model]
+exposure_s = 0.01
+optics = { aperture_diameter_m = 0.01, psf_sigma_px = 0.5 }
+detector = { quantum_efficiency = 0.5, full_well_electrons = 30000.0, gain_DN_per_electron = 0.006, bit_depth = 8, \
+read_noise_electrons = 10.0 }
+"""
+
+
+@pytest.fixture(scope="module")
+def live(tmp_path_factory):
+    with serving.server(tmp_path_factory.mktemp("octave"), "--tcp", "127.0.0.1:0", scene=SCENE) as (endpoint, process):
+        yield endpoint, serving.tcp_address(process)
+
+
+def test_the_codec_reads_and_writes_the_golden_messages():
+    octave("codec_script.m", REPOSITORY / "tests" / "data" / "golden.json")
+
+
+def test_the_class_gets_the_pixels_that_python_gets(live, tmp_path):
+    endpoint, (host, port) = live
+    (tmp_path / "state.json").write_text(json.dumps(STATE))
+    with socket.create_server(("127.0.0.1", 0)) as mute:
+        octave("client_script.m", host, port, mute.getsockname()[1], tmp_path, tmp_path / "state.json")
+    products = ["range", "body_id", "facet_id", "incidence", "r_body", "sunlit"]
+    with Client(endpoint) as client:
+        frame = client.render(STATE, "navcam", products=products)
+        arrays = {**frame.arrays,
+                  "dn": client.render(STATE, "navcam", output="dn", exposure_s=0.02, seed=7).pixels,
+                  "byte": client.render(STATE, "byte", output="dn", seed=3).pixels}
+    assert arrays["dn"].dtype == np.uint16 and arrays["byte"].dtype == np.uint8
+    for name, array in arrays.items():
+        kept = np.fromfile(tmp_path / name, array.dtype).reshape(array.shape, order="F")
+        np.testing.assert_array_equal(kept, array, err_msg=name)
+        assert len(np.unique(kept[np.isfinite(kept)])) > 1, f"{name} must not be flat"
+
+
+def test_the_simulink_blocks_give_pythons_pixels_with_stand_ins_for_simulink(live, tmp_path):
+    endpoint, (host, port) = live
+    (tmp_path / "state.json").write_text(json.dumps(STATE))
+    octave("blocks_script.m", host, port, tmp_path, tmp_path / "state.json", paths=[STUBS])
+    with Client(endpoint) as client:
+        for case, (camera, options) in enumerate([("navcam", {"output": "dn", "exposure_s": 0.02}),
+                                                  ("byte", {"output": "dn"}), ("navcam", {})], start=1):
+            for step in range(3):
+                seed = {"seed": 7 + step} if options else {}
+                expected = client.render({**STATE, "t_s": 0.5 * step}, camera, **options, **seed).pixels
+                for kind in ("level2", "system"):
+                    kept = np.fromfile(tmp_path / f"{kind}_{case}_{step}", expected.dtype)
+                    np.testing.assert_array_equal(kept.reshape(expected.shape, order="F"), expected)
+
+
+def test_the_library_and_the_model_are_built_as_documented():
+    octave("library_script.m", SIMULINK, paths=[STUBS])

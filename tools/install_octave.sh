@@ -1,0 +1,16 @@
+#!/bin/sh
+# Bring what the tests of clients/simulink need: GNU Octave with instrument-control, and a C compiler.
+# In CI they must be there; elsewhere those tests are skipped, loudly, where they are not.
+set -eu
+. "$(dirname "$0")/apt.sh"
+
+works() {
+    octave-cli -q --no-history --no-init-file --eval 'pkg load instrument-control' >/dev/null 2>&1 &&
+        command -v cc >/dev/null
+}
+
+works && exit 0
+echo "GNU Octave or a C compiler is missing: installing them for the tests of the MATLAB and C clients" >&2
+apt_install octave octave-instrument-control gcc libc6-dev || true
+works && exit 0
+[ "${CI:-}" != true ]
