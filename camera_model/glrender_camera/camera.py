@@ -200,7 +200,7 @@ class CameraModel:
 
         return {
             "psf": stage(optics.psf_text, optics.psf_text, True),
-            "points": stage(points is not None, f"{len(points.xy_px) if points else 0} stars or unresolved bodies"),
+            "points": f"{len(points.xy_px)} stars or unresolved bodies" if points else "skipped: none given",
             "stray_light": stage(optics.stray_light, optics.stray_light and optics.stray_light.text, True),
             "photo_electrons": stage(1.0, f"{self.electrons_per_joule:.6g} e-/J", True),
             "photo_response_nonuniformity": stage(detector.photo_response_nonuniformity,
