@@ -395,7 +395,9 @@ def test_a_bad_table_is_refused_with_the_path(keys, value, path):
 @pytest.mark.parametrize("arguments, path", [
     (dict(exposure_s=0.0), "exposure_s"), (dict(exposure_s=np.nan), "exposure_s"), (dict(seed=-1), "seed"),
     (dict(seed=2**64), "seed"), (dict(roi=(0, 0, 9, 5)), "roi[2]"), (dict(roi=(1, 2, 3)), "roi"),
-    (dict(roi=5), "roi")])
+    (dict(roi=5), "roi"), (dict(points=[(1.0, 2.0)]), "points"), (dict(previous=0.1), "previous"),
+    (dict(margin_px=4), "margin_px"), (dict(margin_px=-1), "margin_px"),
+    (dict(relative_illumination=np.ones((8, 9))), "relative_illumination")])
 def test_a_bad_request_is_refused_by_field(arguments, path):
     with pytest.raises(ConfigError) as error:
         camera_model().expose(np.zeros((8, 8), np.float32), **arguments)

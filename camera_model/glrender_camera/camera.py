@@ -179,6 +179,8 @@ class CameraModel:
         """
         seed = integer("seed", seed, 0, MAX_SEED)
         exposure = _exposure("exposure_s", self.exposure_s if exposure_s is None else exposure_s)
+        if previous is not None and not isinstance(previous, Frame):
+            raise ConfigError("previous", "must be a Frame", previous)
         if exposure == "auto":
             exposure = (self.auto_exposure.of_irradiance(signal[lit], rate, self.detector) if previous is None
                         else self.auto_exposure.after(previous, self.detector))
