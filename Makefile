@@ -20,6 +20,8 @@ bench: setup
 	$(BIN)/python benchmarks/chart.py out/bench/frame.json out/bench
 	$(BIN)/python benchmarks/bench_laws.py | tee out/bench/laws.json
 	$(BIN)/python benchmarks/bench_service.py | tee out/bench/service.json
+	$(BIN)/python benchmarks/bench_camera_model.py | tee out/bench/camera_model.json
+	$(BIN)/python benchmarks/bench_camera_stages.py --chart out/bench/camera_stages.png | tee out/bench/camera_stages.json
 
 chart: setup
 	$(BIN)/python benchmarks/speed_accuracy.py

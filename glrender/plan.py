@@ -373,9 +373,11 @@ def _plan_window(members: list[BodyView], traits: dict[str, BodyTraits], plans: 
     elif rays_ns < raster_ns:
         engine, count, errors, floor, sampling_budget = "rays", ray_count, full, 0.0, budget
     shown = [(traits[view.name].levels[0 if engine == "rays" else plans[view.name].level], view) for view in members]
-    noise = (max(level.crease_rad for level, _ in shown), max(facets_per_px(view, level.n_facets) for level, view in shown))
+    noise = (max(level.crease_rad for level, _ in shown),
+             max(facets_per_px(view, level.n_facets) for level, view in shown))
     return WindowPlan(
-        bodies=names, engine=engine, noise=noise, roi=roi, samples=count, bounds_px=(x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5),
+        bodies=names, engine=engine, noise=noise, roi=roi, samples=count,
+        bounds_px=(x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5),
         grid=((x1 - x0) * count, (y1 - y0) * count), sampling_budget=sampling_budget, modelling_error=floor,
         predicted_error=error_gain * math.hypot(floor, math.sqrt(sum(errors) * count**-3)))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from glrender_camera import Aberrations, CameraModel, ConfigError, Detector, Optics, psf, pupil
+from glrender_camera import Aberrations, CameraModel, ConfigError, Detector, Optics, PinholeCamera, psf, pupil
 from glrender_camera.light import light_on_frame
 from scipy.integrate import quad
 from scipy.special import j0, j1
@@ -276,3 +276,14 @@ def test_aberrations_need_a_pupil_and_a_kernel_of_bearable_size():
         Optics(aperture_diameter_m=0.01, aberrations=Aberrations(defocus_nm=10.0))
     with pytest.raises(ConfigError, match="psf_radius_px: must be an integer between 1 and 63, got 64"):
         Optics(**OPTICS, psf_radius_px=64, aberrations=Aberrations(defocus_nm=10.0))
+
+
+def test_an_aspect_that_is_not_the_frames_is_refused():
+    """A wide frame with the square lens's grid would have its coma in the wrong place."""
+    model = CameraModel(optics=Optics(**OPTICS, aberrations=Aberrations(coma_nm=30.0)), exposure_s=0.1,
+                        detector=Detector(quantum_efficiency=0.5, full_well_electrons=1e5, gain_DN_per_electron=0.04,
+                                          bit_depth=12))
+    square = PinholeCamera(name="c", width_px=64, height_px=64, focal_length_px=100.0, model=model)
+    assert square.with_margin(9).width_px == 82
+    with pytest.raises(ConfigError, match=r"model.optics.aberrations.aspect: must be width / height, 1.5, within 5%"):
+        PinholeCamera(name="c", width_px=96, height_px=64, focal_length_px=100.0, model=model)

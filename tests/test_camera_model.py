@@ -203,7 +203,7 @@ BUSY = dict(hot_pixel_fraction=1e-3, hot_pixel_electrons_per_s=500.0, frame_tran
             nonlinearity_DN=((0.0, 0.0), (4095.0, 4090.0)), read_noise_electrons=10.0,
             dark_current_electrons_per_s=5.0, photo_response_nonuniformity=0.01,
             dark_signal_nonuniformity_electrons=3.0, dark_current_nonuniformity=0.1,
-            cosmic_ray_hits_per_px_s=1e-3)
+            cosmic_ray_hits_per_px_s=1e-3, dead_pixel_fraction=0.02)
 
 
 def disc(shape=(300, 400), peak_electrons=5000.0, model=None):
@@ -395,7 +395,9 @@ def test_a_bad_table_is_refused_with_the_path(keys, value, path):
 @pytest.mark.parametrize("arguments, path", [
     (dict(exposure_s=0.0), "exposure_s"), (dict(exposure_s=np.nan), "exposure_s"), (dict(seed=-1), "seed"),
     (dict(seed=2**64), "seed"), (dict(roi=(0, 0, 9, 5)), "roi[2]"), (dict(roi=(1, 2, 3)), "roi"),
-    (dict(roi=5), "roi")])
+    (dict(roi=5), "roi"), (dict(points=[(1.0, 2.0)]), "points"), (dict(previous=0.1), "previous"),
+    (dict(margin_px=4), "margin_px"), (dict(margin_px=-1), "margin_px"),
+    (dict(relative_illumination=np.ones((8, 9))), "relative_illumination")])
 def test_a_bad_request_is_refused_by_field(arguments, path):
     with pytest.raises(ConfigError) as error:
         camera_model().expose(np.zeros((8, 8), np.float32), **arguments)
@@ -445,6 +447,19 @@ def test_hot_pixels_are_the_sensors_and_scale_with_time_and_warmth():
     assert np.count_nonzero(warm[~lit]) < 10
 
 
+@pytest.mark.parametrize("prnu", [0.0, 0.02])
+def test_dead_pixels_are_the_sensors_and_see_no_light(prnu):
+    """1 % of the pixels stay dark in every frame, other seeds have others; dark current is theirs all the same."""
+    model = camera_model(dead_pixel_fraction=0.01, photo_response_nonuniformity=prnu, dark_current_electrons_per_s=3e3)
+    frames = [model.expose(flat(model, 40000.0), seed) for seed in (1, 2)]
+    dead = [frame.electrons < 1000.0 for frame in frames]
+    np.testing.assert_array_equal(dead[0], dead[1])
+    assert dead[0].sum() == round(0.01 * 256 * 256)
+    np.testing.assert_allclose(frames[0].electrons[dead[0]].mean(), 300.0, rtol=0.02)
+    other = camera_model(dead_pixel_fraction=0.01, sensor_seed=5).expose(flat(model, 40000.0), 1)
+    assert ((other.electrons < 1000.0) & dead[0]).sum() < 30
+
+
 def test_the_nonlinearity_table_acts_before_rounding():
     """A linear table is no table; a bent one maps the mean through its straight pieces."""
     image = flat(camera_model(), 50000.0)
@@ -456,7 +471,8 @@ def test_the_nonlinearity_table_acts_before_rounding():
 
 
 @pytest.mark.parametrize("field, value", [
-    ("hot_pixel_fraction", 0.2), ("frame_transfer_row_s", -1e-6), ("nonlinearity_DN", [[0, 0]]),
+    ("hot_pixel_fraction", 0.2), ("dead_pixel_fraction", 0.2), ("frame_transfer_row_s", -1e-6),
+    ("nonlinearity_DN", [[0, 0]]),
     ("nonlinearity_DN", [[0, 0], [10, -1]]), ("nonlinearity_DN", "none")])
 def test_bad_extras_are_refused_by_field(field, value):
     with pytest.raises(ConfigError) as error:

@@ -164,6 +164,13 @@ def test_stars_follow_the_attitude():
         assert np.hypot(*(points.xy_px - place).T).min() < 1e-9
 
 
+def test_the_attitude_takes_inertial_components_to_the_cameras():
+    """The anchor of photometry.md 4.3: q = (cos 45, 0, 0, sin 45) takes x to y; a star to the right is then below."""
+    half = np.sqrt(0.5)
+    points = stars_in_view(camera(), (half, 0.0, 0.0, half), catalogue=star_ahead(xy=(0.02, 0.0)), **VIEW)
+    np.testing.assert_allclose(points.xy_px, [[47.5, 39.5 + 12.0]], atol=1e-9)
+
+
 def test_a_body_occults_the_stars_behind_it():
     is_body = np.zeros((80, 96), bool)
     behind, beside = star_ahead(xy=(0.01, 0.0)), star_ahead(xy=(-0.01, 0.0))

@@ -179,6 +179,8 @@ class CameraModel:
         """
         seed = integer("seed", seed, 0, MAX_SEED)
         exposure = _exposure("exposure_s", self.exposure_s if exposure_s is None else exposure_s)
+        if previous is not None and not isinstance(previous, Frame):
+            raise ConfigError("previous", "must be a Frame", previous)
         if exposure == "auto":
             exposure = (self.auto_exposure.of_irradiance(signal[lit], rate, self.detector) if previous is None
                         else self.auto_exposure.after(previous, self.detector))
@@ -200,7 +202,7 @@ class CameraModel:
 
         return {
             "psf": stage(optics.psf_text, optics.psf_text, True),
-            "points": stage(points is not None, f"{len(points.xy_px) if points else 0} stars or unresolved bodies"),
+            "points": f"{len(points.xy_px)} stars or unresolved bodies" if points else "skipped: none given",
             "stray_light": stage(optics.stray_light, optics.stray_light and optics.stray_light.text, True),
             "photo_electrons": stage(1.0, f"{self.electrons_per_joule:.6g} e-/J", True),
             "photo_response_nonuniformity": stage(detector.photo_response_nonuniformity,
@@ -214,6 +216,7 @@ class CameraModel:
                 f"{detector.dark_current_nonuniformity:g}"),
             "hot_pixels": stage(detector.hot_pixel_fraction * detector.hot_pixel_electrons_per_s,
                                 f"{detector.hot_pixel_fraction:g} of the pixels"),
+            "dead_pixels": stage(detector.dead_pixel_fraction, f"{detector.dead_pixel_fraction:g} of the pixels", True),
             "cosmic_rays": stage(detector.cosmic_ray_hits_per_px_s,
                                  f"{detector.cosmic_ray_hits_per_px_s:g} hits/(px s)"),
             "shot_noise": stage(is_lit or detector.dark_current_electrons_per_s

@@ -59,6 +59,8 @@ class Detector:
     hot_pixel_electrons_per_s : float [e-/s], >= 0
         Mean of the hot pixels' extra dark current, exponentially distributed, at
         `dark_reference_temperature_K`.
+    dead_pixel_fraction : float [1], 0..0.1
+        Share of the pixels that see no light.
     cosmic_ray_hits_per_px_s : float [1/(px s)], 0..0.01
         Rate of particles: 5 per cm2 and s on pixels of 13 um are 8e-6.
     cosmic_ray_electrons_per_px : float [e-/px], >= 0
@@ -95,6 +97,7 @@ class Detector:
     dark_current_nonuniformity: float = 0.0
     hot_pixel_fraction: float = 0.0
     hot_pixel_electrons_per_s: float = 0.0
+    dead_pixel_fraction: float = 0.0
     cosmic_ray_hits_per_px_s: float = 0.0
     cosmic_ray_electrons_per_px: float = 1000.0
     cosmic_ray_depth_px: float = 1.0
@@ -115,7 +118,8 @@ class Detector:
         # Six sigma of 0.3 would be a negative response; real sensors are at 0.003 to 0.03.
         for name in ("photo_response_nonuniformity", "dark_current_nonuniformity"):
             put(name, within(name, getattr(self, name), 0.0, 0.3))
-        put("hot_pixel_fraction", within("hot_pixel_fraction", self.hot_pixel_fraction, 0.0, 0.1))
+        for name in ("hot_pixel_fraction", "dead_pixel_fraction"):
+            put(name, within(name, getattr(self, name), 0.0, 0.1))
         put("cosmic_ray_hits_per_px_s", within("cosmic_ray_hits_per_px_s", self.cosmic_ray_hits_per_px_s, 0.0, 0.01))
         put("cosmic_ray_depth_px", within("cosmic_ray_depth_px", self.cosmic_ray_depth_px, 0.01, 100.0))
         if self.nonlinearity_DN is not None:

@@ -41,6 +41,11 @@ def light_on_frame(optics: Optics, irradiance_W_m2: np.ndarray, *, roi: object =
         raise ConfigError("irradiance_W_m2", "must be a (height, width) array of floats",
                           (irradiance.shape, str(irradiance.dtype)))
     irradiance = irradiance.astype(np.float32, copy=False)
+    if relative_illumination is not None and np.shape(relative_illumination) != irradiance.shape:
+        raise ConfigError("relative_illumination", f"must have the image's shape {irradiance.shape}",
+                          np.shape(relative_illumination))
+    if points is not None and not isinstance(points, PointSources):
+        raise ConfigError("points", "must be PointSources", points)
     box = _lit_box(irradiance, _region(roi, irradiance.shape))
     margin_px = integer("margin_px", margin_px, 0, (min(irradiance.shape) - 1) // 2)
     height, width = (n - 2 * margin_px for n in irradiance.shape)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 
@@ -53,17 +52,12 @@ class MosaicModel:
         object.__setattr__(self, "pattern", rows)
         letters = sorted(set("".join(rows)))
         known_keys("optics", self.optics, letters, required=letters)
-        # Built here, so that each band's errors are found at load.
-        assert self._models
-
-    @cached_property
-    def _models(self) -> dict[str, CameraModel]:
         models = {}
         for letter, optics in self.optics.items():
             with error_path(f"optics.{letter}"):
                 models[letter] = CameraModel(optics=optics, detector=self.detector, exposure_s=self.exposure_s,
                                              auto_exposure=self.auto_exposure)
-        return models
+        object.__setattr__(self, "_models", models)
 
     def expose(self, irradiance_W_m2: Mapping[str, np.ndarray], seed: int = 0, *,
                exposure_s: float | str | None = None, relative_illumination: np.ndarray | None = None,

@@ -62,10 +62,20 @@ def fixed_pattern(detector: Detector, shape: tuple[int, int]) -> FixedPattern:
         return values
 
     return FixedPattern(
-        response=pattern(0, 1.0, detector.photo_response_nonuniformity, 0.0),
+        response=_with_dead(detector, shape, pattern(0, 1.0, detector.photo_response_nonuniformity, 0.0)),
         dark=pattern(1, 1.0, detector.dark_current_nonuniformity, 0.0),
         offset_electrons=pattern(2, 0.0, detector.dark_signal_nonuniformity_electrons, -np.inf),
         hot=_hot_pixels(detector, shape[0] * shape[1]), width_px=shape[1])
+
+
+def _with_dead(detector: Detector, shape: tuple[int, int], response: np.ndarray | None) -> np.ndarray | None:
+    n_dead = round(detector.dead_pixel_fraction * shape[0] * shape[1])
+    if n_dead == 0:
+        return response
+    response = np.ones(shape, np.float32) if response is None else response.copy()
+    response.ravel()[stream(detector.sensor_seed, SENSOR, 4).choice(response.size, n_dead, replace=False)] = 0.0
+    response.setflags(write=False)
+    return response
 
 
 def _hot_pixels(detector: Detector, n_pixels: int) -> tuple[np.ndarray, np.ndarray] | None:

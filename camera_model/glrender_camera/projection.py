@@ -23,6 +23,9 @@ _FOCAL_LENGTHS_PX = (1e-3, 1e12)
 # float64 tells places apart to 1e-11 px there.
 _MAX_PRINCIPAL_POINT_PX = 1e5
 
+# A margin changes a frame's aspect by a few percent; height for width is a mistake.
+_ASPECT_TOLERANCE = 0.05
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PinholeCamera:
@@ -77,6 +80,10 @@ class PinholeCamera:
         put("r_camera_spacecraft_m", position("r_camera_spacecraft_m", self.r_camera_spacecraft_m))
         if self.model is not None and not isinstance(self.model, CameraModel):
             raise ConfigError("model", "must be a CameraModel", self.model)
+        lens = self.model and self.model.optics.aberrations
+        if lens and lens.varies and not abs(lens.aspect * self.height_px / self.width_px - 1.0) < _ASPECT_TOLERANCE:
+            rule = f"must be width / height, {self.width_px / self.height_px:.4g}, within {_ASPECT_TOLERANCE:.0%}"
+            raise ConfigError("model.optics.aberrations.aspect", rule, lens.aspect)
 
     def project(self, r_camera: np.ndarray) -> np.ndarray:
         """Pixel coordinates of points or directions.

@@ -97,7 +97,11 @@ def hipparcos(max_magnitude: float = 8.0) -> StarCatalogue:
     # The catalogue's motion in right ascension is along the circle: cos(declination) is in it.
     motion = (np.stack([-sin_a, cos_a, 0.0 * cos_a], axis=1) * column(51, 59)[:, None]
               + np.stack([-sin_d * cos_a, -sin_d * sin_a, cos_d], axis=1) * column(60, 68)[:, None]) * _MAS
-    return StarCatalogue(direction[chosen], motion[chosen], v_magnitude[chosen], b_v[chosen])
+    columns = [values[chosen] for values in (direction, motion, v_magnitude, b_v)]
+    for values in columns:
+        # The catalogue is kept for the next call.
+        values.setflags(write=False)
+    return StarCatalogue(*columns)
 
 
 def aberrated(direction: np.ndarray, velocity_m_s: np.ndarray) -> np.ndarray:
