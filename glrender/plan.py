@@ -23,6 +23,8 @@ SHADOW_SIZES_PX = (256, 512, 1024, 2048, 4096)
 # Error of one sample a pixel: limb and terminator, and creases between facets (docs/planner.md).
 _LIMB_ERROR, _LIT_POWER = 0.43, 1.15
 _CREASE_ERROR, _CROWDING_POWER, _MOST_FACETS_PER_PX = 0.34, 0.35, 2.06
+# What noise has more than edges of the same contrast.
+_NOISE_GAIN = 0.85
 # Share of the squared error that sits at the edges of cast shadows, per radian of phase, at most.
 _SHADOW_EDGES_PER_RAD, _MOST_SHADOW_EDGES = 0.1, 0.2
 # Of the budget, what the shadow map may take.
@@ -296,7 +298,7 @@ def noise_gain(crease_rad: float, facets_per_sample: float) -> float:
     its height.
     """
     rough = min(max((crease_rad - 0.15) / 0.25, 0.0), 1.0)
-    return 1.0 + 0.65 * rough * math.sqrt(min(facets_per_sample, 1.0))
+    return 1.0 + _NOISE_GAIN * rough * math.sqrt(min(facets_per_sample, 1.0))
 
 
 def shadow_error(view: BodyView, level: LevelTraits, shadow_map_px: int) -> float:
@@ -304,6 +306,11 @@ def shadow_error(view: BodyView, level: LevelTraits, shadow_map_px: int) -> floa
     edges = min(_SHADOW_EDGES_PER_RAD * view.phase_rad, _MOST_SHADOW_EDGES)
     texel_px = min(view.size_px, 1e5) / shadow_map_px
     return math.sqrt(edges * sum(squared_errors(view, level)) * texel_px**3)
+
+
+def noise_power(gain: float) -> float:
+    """Power of the samples along a pixel's side that divides the squared error: 3 for edges, 2 for noise."""
+    return 3.0 - (gain - 1.0) / _NOISE_GAIN
 
 
 def facets_per_px(view: BodyView, n_facets: int) -> float:
@@ -361,20 +368,24 @@ def _plan_window(members: list[BodyView], traits: dict[str, BodyTraits], plans: 
     raster_budget = math.sqrt(max(budget**2 - floor**2, (0.3 * budget) ** 2))
     errors = _worst([squared_errors(view, traits[view.name].levels[plans[view.name].level]) for view in members])
     facets_ns = sum(plans[name].n_facets for name in names) * costs.facet_ns
-    shaded, count = first_samples(*errors, n_px, facets_ns / costs.sample_ns, _PASSED_OVER_COST, least, raster_budget)
+    shown = [(traits[view.name].levels[plans[view.name].level], view) for view in members]
+    noise = (max(level.crease_rad for level, _ in shown),
+             max(facets_per_px(view, level.n_facets) for level, view in shown))
+    power = noise_power(noise_gain(*noise))
+    shaded, count = first_samples(*errors, power, n_px, facets_ns / costs.sample_ns, _PASSED_OVER_COST, least,
+                                  raster_budget)
     raster_ns = shaded * costs.sample_ns + setup_ns - facets_ns
     engine, sampling_budget = "raster", raster_budget
     # Rays, at the full shape.
     full = _worst([squared_errors(view, traits[view.name].levels[0]) for view in members])
-    rays_ns, ray_count = first_samples(*full, n_px, 0.0, 0.0, least, budget)
+    full_noise = (max(traits[view.name].levels[0].crease_rad for view in members),
+                  max(facets_per_px(view, traits[view.name].levels[0].n_facets) for view in members))
+    rays_ns, ray_count = first_samples(*full, noise_power(noise_gain(*full_noise)), n_px, 0.0, 0.0, least, budget)
     rays_ns = rays_ns * costs.ray_ns + _RAYS_CALL_NS + _MISS_COST * (box_px - n_px) * ray_count**2 * costs.ray_ns
     if samples is not None:
         count, sampling_budget = samples, math.inf
-    elif rays_ns < raster_ns:
-        engine, count, errors, floor, sampling_budget = "rays", ray_count, full, 0.0, budget
-    shown = [(traits[view.name].levels[0 if engine == "rays" else plans[view.name].level], view) for view in members]
-    noise = (max(level.crease_rad for level, _ in shown),
-             max(facets_per_px(view, level.n_facets) for level, view in shown))
+    elif rays_ns < raster_ns or (floor > budget and math.isfinite(rays_ns)):
+        engine, count, errors, noise, floor, sampling_budget = "rays", ray_count, full, full_noise, 0.0, budget
     return WindowPlan(
         bodies=names, engine=engine, noise=noise, roi=roi, samples=count,
         bounds_px=(x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5),
@@ -392,7 +403,7 @@ def _worst(errors: list[tuple[float, float]]) -> tuple[float, float]:
     return max(limb), max(creases)
 
 
-def first_samples(limb: float, creases: float, n_px: float, setup: float, passed_over: float, least: int,
+def first_samples(limb: float, creases: float, power: float, n_px: float, setup: float, passed_over: float, least: int,
                   budget: float) -> tuple[float, int]:
     """Cost of drawing, and samples along a pixel's side before the image itself tells where more are needed.
 
@@ -403,6 +414,8 @@ def first_samples(limb: float, creases: float, n_px: float, setup: float, passed
     ----------
     limb, creases : float [1]
         Squared errors of one sample a pixel.
+    power : float
+        n x n samples have n^-power of the squared error of creases; of outlines, n^-3.
     n_px : float [px]
         Of the bodies.
     setup, passed_over : float
@@ -416,13 +429,13 @@ def first_samples(limb: float, creases: float, n_px: float, setup: float, passed
     edge_share = min(12.0 / math.sqrt(n_px), 1.0)
     for first in range(least, MAX_SAMPLES + 1):
         cost = setup + n_px * first**2
-        if (limb + creases) / first**3 <= budget**2 or first == MAX_SAMPLES:
+        if limb / first**3 + creases / first**power <= budget**2 or first == MAX_SAMPLES:
             best = min(best, (cost, first))
             break
         for second in SAMPLE_COUNTS:
             room = budget**2 - limb / second**3
-            kept = min(room * first**3 / creases, 1.0) if creases > 0.0 else 1.0
-            if second <= first or room <= 0.0 or kept < (first / second) ** 3:
+            kept = min(room * first**power / creases, 1.0) if creases > 0.0 else 1.0
+            if second <= first or room <= 0.0 or kept < (first / second) ** power:
                 continue
             share = min(edge_share + 0.5 * (1.0 - kept) ** 2, 1.0)
             best = min(best, (cost + setup + n_px * second**2 * (share + passed_over), first))

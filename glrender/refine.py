@@ -73,7 +73,8 @@ def pixel_means(samples: np.ndarray, count: int) -> np.ndarray:
     return cv2.resize(samples, size, interpolation=cv2.INTER_AREA)
 
 
-def plan_refinement(mean: np.ndarray, error: np.ndarray, count: int, budget: float) -> tuple[float, Refinement | None]:
+def plan_refinement(mean: np.ndarray, error: np.ndarray, count: int, budget: float,
+                    power: float = 3.0) -> tuple[float, Refinement | None]:
     """The frame's sampling error as it is, and the cheapest refinement that meets a budget.
 
     Parameters
@@ -84,6 +85,8 @@ def plan_refinement(mean: np.ndarray, error: np.ndarray, count: int, budget: flo
         Samples along a pixel's side that `mean` was drawn with.
     budget : float [1]
         RMS error over the mean of the lit pixels.
+    power : float
+        n x n samples have n^-power of one sample's squared error: 3 at edges, 2 in noise.
 
     Returns
     -------
@@ -113,7 +116,7 @@ def plan_refinement(mean: np.ndarray, error: np.ndarray, count: int, budget: flo
     for samples in SAMPLE_COUNTS:
         if samples <= count:
             continue
-        left = above[0] - above + above * (count / samples) ** 3
+        left = above[0] - above + above * (count / samples) ** power
         meets = np.flatnonzero(left <= budget**2)
         first = int(meets[-1]) if len(meets) else 1
         cost = samples**2 * (refined[first] + _PASSED_OVER * mean.size) + _PASS

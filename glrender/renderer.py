@@ -282,7 +282,8 @@ class Renderer:
             mean[tile], error[tile] = pixel_errors(draw(tile, window.samples), window.samples, noise)
         if window.samples == 1:
             mean, error = pixel_errors(mean, 1, noise)
-        predicted, refinement = plan_refinement(mean, error, window.samples, window.sampling_budget)
+        predicted, refinement = plan_refinement(mean, error, window.samples, window.sampling_budget,
+                                                plan.noise_power(noise))
         clock.lap("refine")
         if refinement is not None:
             mean = mean.copy()

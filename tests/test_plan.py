@@ -69,8 +69,8 @@ def test_a_fixed_count_of_samples_is_never_refined():
 
 def test_outlines_are_left_to_the_second_pass_and_creases_to_the_first():
     """Equal errors of one sample: where few pixels have it all, fewer samples everywhere."""
-    _, few = plan.first_samples(1e-2, 1e-9, 200_000.0, 1.1e5, 0.15, 1, 0.01)
-    _, everywhere = plan.first_samples(1e-9, 1e-2, 200_000.0, 1.1e5, 0.15, 1, 0.01)
+    _, few = plan.first_samples(1e-2, 1e-9, 3.0, 200_000.0, 1.1e5, 0.15, 1, 0.01)
+    _, everywhere = plan.first_samples(1e-9, 1e-2, 3.0, 200_000.0, 1.1e5, 0.15, 1, 0.01)
     assert few < everywhere
 
 
