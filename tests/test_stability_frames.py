@@ -1,0 +1,74 @@
+"""The image depends on no inertial frame, and the camera may stand where bodies surround it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import sweeps
+import views
+from glrender import Body, Pose, Renderer, State, frames, generate
+from glrender.backends.raytrace import RayTracer
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("shift_m", [0.0, 3e11], ids=["at the body", "two au away"])
+def test_the_inertial_frame_does_not_show(seed, shift_m):
+    """The whole scene turned at random and shifted: a sample at an edge may change, the light may not.
+
+    Float64 positions at 3e11 m are good to 3e-5 m, 3e-7 of the body.
+    """
+    rng = np.random.default_rng(seed)
+    q = rng.standard_normal(4)
+    state = views.state(phase_deg=70.0)
+    body = Body(name="body", shape=generate.contact_binary(radius_m=100.0, seed=3, subdivisions=5), brdf=sweeps.GREY)
+    with Renderer(views.scene([body], [views.camera(128, 500.0)])) as renderer:
+        here = renderer.render(state, max_error=0.02)
+        there = renderer.render(sweeps.turned(state, q / np.linalg.norm(q), shift_m * rng.standard_normal(3)),
+                                max_error=0.02)
+    np.testing.assert_allclose(sweeps.flux(there), sweeps.flux(here), rtol=3e-4)
+    difference = np.abs(there.irradiance_W_m2 - here.irradiance_W_m2)
+    level = here.irradiance_W_m2[here.irradiance_W_m2 > 0].mean()
+    assert np.sqrt(np.mean(difference[here.irradiance_W_m2 > 0] ** 2)) < 5e-3 * level
+    np.testing.assert_allclose(views.centroid_px(there.irradiance_W_m2), views.centroid_px(here.irradiance_W_m2),
+                               atol=2e-3)
+
+
+@pytest.mark.parametrize("phase_deg", [
+    10.0, 40.0, 70.0,
+    pytest.param(100.0, marks=pytest.mark.xfail(reason="the shadow map is too coarse close up at a low Sun: RMS 0.18")),
+])
+def test_a_camera_inside_the_bounding_sphere(phase_deg):
+    """Beside the neck of a contact binary, half a radius from its middle, both lobes in a field of 90 deg: rays."""
+    shape = generate.contact_binary(radius_m=100.0, seed=2, subdivisions=5)
+    place = np.array([0.0, -70.0, 20.0])
+    base = views.state(phase_deg=phase_deg, direction=place)
+    target = np.array([20.0, 0.0, -5.0])
+    spacecraft = Pose(r_inertial_m=place, q_from_inertial=frames.look_at(place, target))
+    state = State(r_sun_inertial_m=base.r_sun_inertial_m, spacecraft=spacecraft, bodies=base.bodies)
+    scene = views.scene([Body(name="body", shape=shape, brdf=sweeps.GREY)], [views.camera(96, 48.0)])
+    _agrees_with_rays(scene, state, rms=0.04, flux=3e-3)
+
+
+@pytest.mark.parametrize("q, sun", [
+    ((1.0, 0.0, 0.0, 0.0), (0.5, 0.1, -0.86)), ((1.0, 0.0, 0.0, 0.0), (0.36, 0.12, -0.92)),
+    ((0.0, 0.0, 1.0, 0.0), (0.5, 0.1, 0.2)),
+], ids=["ahead", "ahead, shaded", "behind"])
+def test_a_camera_between_two_bodies(q, sun):
+    """One ahead and one behind, and the one behind may shade the one ahead."""
+    bodies = [Body(name=name, shape=generate.contact_binary(radius_m=100.0, seed=seed, subdivisions=5),
+                   brdf=sweeps.GREY) for name, seed in (("ahead", 2), ("behind", 3))]
+    state = State(r_sun_inertial_m=1.5e11 * np.array(sun),
+                  spacecraft=Pose(r_inertial_m=np.array([40.0, 0.0, 0.0]), q_from_inertial=np.array(q)),
+                  bodies={"ahead": Pose(r_inertial_m=np.array([0.0, 0.0, 260.0])),
+                          "behind": Pose(r_inertial_m=np.array([90.0, 0.0, -150.0]))})
+    _agrees_with_rays(views.scene(bodies, [views.camera(96, 80.0)]), state, rms=0.06, flux=0.01)
+
+
+def _agrees_with_rays(scene, state, rms, flux):
+    with RayTracer(scene) as tracer, Renderer(scene) as renderer:
+        exact = tracer.render(state, samples=9).irradiance_W_m2.astype(np.float64)
+        drawn = renderer.render(state, max_error=0.02).irradiance_W_m2
+    lit = exact > 0.0
+    assert lit.any()
+    assert np.sqrt(np.mean((drawn - exact)[lit] ** 2)) < rms * exact[lit].mean()
+    np.testing.assert_allclose(drawn.sum(dtype=np.float64), exact.sum(), rtol=flux)
