@@ -1,7 +1,6 @@
 """The planner: the cheapest configuration that meets an error budget. Pure: no GL, no images.
 
-Its error model is the measurement in `docs/planner.md`; a test compares its predictions
-with ray-traced truth.
+What it expects of an image is in `error_model.py`; benchmarks/heldout.py holds it against rays.
 """
 
 from __future__ import annotations
@@ -13,36 +12,40 @@ from typing import Any
 import numpy as np
 from glrender_camera import PinholeCamera
 
-from .lod_flux import FluxRatio
+from .error_model import (
+    BodyTraits,
+    LevelTraits,
+    facets_per_px,
+    flux_error,
+    level_error,
+    level_flux_error,
+    noise_gain,
+    noise_power,
+    samples_across,
+    shadow_share,
+    squared_errors,
+)
+from .grouping import region, touching
 from .refine import SAMPLE_COUNTS
 from .view import BodyView
 
 MAX_SAMPLES = 16
 """Most samples along a pixel's side."""
 SHADOW_SIZES_PX = (256, 512, 1024, 2048, 4096)
-# Error of one sample a pixel: limb and terminator, and creases between facets (docs/planner.md).
-_LIMB_ERROR, _LIT_POWER = 0.43, 1.15
-_CREASE_ERROR, _CROWDING_POWER, _MOST_FACETS_PER_PX = 0.34, 0.35, 2.06
-# What noise has more than edges of the same contrast.
-_NOISE_GAIN = 0.85
-# Share of the squared error that sits at the edges of cast shadows, per radian of phase, at most.
-_SHADOW_EDGES_PER_RAD, _MOST_SHADOW_EDGES = 0.1, 0.2
 # Of the budget, what the shadow map may take.
 _SHADOW_SHARE = 0.4
-# A body that is smaller has a grid of its own, with so many samples across.
+# A body that is smaller has a grid of its own.
 _SMALL_PX = 4.0
-_LEAST_ACROSS, _MOST_ACROSS = 64, 192
+# Error of its pixels over that of its flux, at most.
+_SMALL_PIXELS = 4.0
 # Of the budget, what a level of detail may take, of the image and of the flux.
 _LEVEL_SHARE, _FLUX_SHARE = 0.7, 0.1
-_LEVEL_ERROR, _FLUX_SCATTERS = 0.5, 2.5
 # Share of the sunlit surface in cast shadow, per radian of phase (engine.md: 6 % at 10 deg).
 _SHADOWED_PER_RAD = 0.34
 # Cost of a sample passed over, in samples that are shaded; and of a ray that meets nothing, in rays that do.
 _PASSED_OVER_COST, _MISS_COST = 0.15, 0.15
 # Nanoseconds of a call whatever it draws: of OpenGL, of rays in NumPy.
 _RASTER_CALL_NS, _RAYS_CALL_NS = 5e5, 1.5e6
-# Flux of N samples across a body is within this times N^-1.5 (engine.md).
-_FLUX_SCATTER = 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,38 +65,6 @@ class EngineCosts:
     facet_ns: float
     sample_ns: float
     ray_ns: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class LevelTraits:
-    """What the planner must know of a level of detail; the first is the full shape.
-
-    Attributes
-    ----------
-    n_facets : int
-    crease_rad : float [rad]
-        RMS angle between neighbouring facets of what is shaded.
-    deviation_m : float [m]
-        RMS distance from the full shape.
-    flux_ratio : FluxRatio or None
-        Of the full shape over the level.
-    """
-
-    n_facets: int
-    crease_rad: float
-    deviation_m: float = 0.0
-    flux_ratio: FluxRatio | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class BodyTraits:
-    """What the planner must know of a body."""
-
-    radius_m: float
-    is_convex: bool
-    law: str
-    max_phase_rad: float
-    levels: tuple[LevelTraits, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,6 +111,8 @@ class WindowPlan:
         Sampling error above which pixels are drawn again with more samples; infinite for never.
     modelling_error : float [1]
         What samples do not cure: levels of detail, texels of shadow maps.
+    shadow_share : float [1]
+        Of one sample's squared error, as the image tells it: left by the shadow maps' texels.
     noise : (float, float) [rad], [1]
         Angle of the creases between facets, and facets a pixel: arguments of `noise_gain`.
     predicted_error : float [1]
@@ -154,6 +127,7 @@ class WindowPlan:
     sampling_budget: float
     modelling_error: float
     noise: tuple[float, float]
+    shadow_share: float
     predicted_error: float
     refined_samples: int = 0
     """Samples along the side of the pixels that were drawn again; 0 for none."""
@@ -241,7 +215,7 @@ def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, has_cas
     if view.is_visible:
         shadow_px = plan_shadow(view, chosen, traits.is_convex, has_casters, budget)
         if shadow_px is not None:
-            squared += shadow_error(view, chosen, shadow_px) ** 2
+            squared += shadow_share(view, shadow_px) * sum(squared_errors(view, chosen))
     return BodyPlan(
         name=view.name, is_visible=view.is_visible, n_facets=chosen.n_facets, level=used, law=traits.law,
         shadow_map_px=shadow_px, shadow_map_reused=False,
@@ -256,67 +230,6 @@ def choose_level(view: BodyView, traits: BodyTraits, footprint_m: float, budget:
            if level_error(view, level, footprint_m) <= _LEVEL_SHARE * budget
            and level_flux_error(view, level) <= _FLUX_SHARE * budget]
     return max(fit, default=0)
-
-
-def level_error(view: BodyView, level: LevelTraits, footprint_m: float) -> float:
-    """RMS error of a level of detail, shaded with the normals of the full shape.
-
-    Measured on eight shapes at 5 to 500 px and 5 to 150 deg: half of them within 50 %, one in ten
-    above by more than a half (docs/planner.md).
-    """
-    if not level.deviation_m:
-        return 0.0
-    tilt = (0.4 + min(math.tan(0.5 * view.phase_rad), 30.0) ** 2) ** 0.64
-    diameter = min(max(view.size_px, 1.0), 1e5)
-    return (_LEVEL_ERROR * level.crease_rad * tilt * (level.deviation_m / footprint_m) ** 0.074
-            * max(level.n_facets / diameter**2, 0.01) ** -0.1)
-
-
-def level_flux_error(view: BodyView, level: LevelTraits) -> float:
-    """Error of the flux after the mean over aspects is put right; one aspect in ten has more."""
-    return 0.0 if level.flux_ratio is None else _FLUX_SCATTERS * level.flux_ratio.at(view.phase_rad)[1]
-
-
-def squared_errors(view: BodyView, level: LevelTraits) -> tuple[float, float]:
-    """Squared RMS error of one sample a pixel: of outlines, and of creases.
-
-    n x n samples have n^-3 of it. Measured on twelve shapes at 12 to 1000 px and 5 to 150 deg: within 30 %.
-    """
-    diameter = min(max(view.size_px, 1.0), 1e5)
-    lit = max(0.5 * (1.0 + math.cos(view.phase_rad)), 1e-3)
-    noise = noise_gain(level.crease_rad, facets_per_px(view, level.n_facets)) ** 2
-    crowding = min(facets_per_px(view, level.n_facets), _MOST_FACETS_PER_PX) ** _CROWDING_POWER
-    tilt = (0.02 + min(math.tan(0.5 * view.phase_rad), 30.0) ** 2) ** 0.71
-    return (_LIMB_ERROR / diameter * lit**-_LIT_POWER,
-            _CREASE_ERROR * level.crease_rad**2 * crowding * tilt * noise)
-
-
-def noise_gain(crease_rad: float, facets_per_sample: float) -> float:
-    """Error over that of edges of the same contrast: rough facets smaller than samples are noise.
-
-    The range of nine samples of noise is three of its deviations, and an edge's error is a sixth of
-    its height.
-    """
-    rough = min(max((crease_rad - 0.15) / 0.25, 0.0), 1.0)
-    return 1.0 + _NOISE_GAIN * rough * math.sqrt(min(facets_per_sample, 1.0))
-
-
-def shadow_error(view: BodyView, level: LevelTraits, shadow_map_px: int) -> float:
-    """RMS error that the texels of a shadow map make at the edges of shadows."""
-    edges = min(_SHADOW_EDGES_PER_RAD * view.phase_rad, _MOST_SHADOW_EDGES)
-    texel_px = min(view.size_px, 1e5) / shadow_map_px
-    return math.sqrt(edges * sum(squared_errors(view, level)) * texel_px**3)
-
-
-def noise_power(gain: float) -> float:
-    """Power of the samples along a pixel's side that divides the squared error: 3 for edges, 2 for noise."""
-    return 3.0 - (gain - 1.0) / _NOISE_GAIN
-
-
-def facets_per_px(view: BodyView, n_facets: int) -> float:
-    """Facets that a pixel of a body sees, about: half of them on the face of an outline."""
-    diameter = min(max(view.size_px, 1.0), 1e5)
-    return 0.5 * n_facets / (0.6 * diameter**2)
 
 
 def plan_windows(views: list[BodyView], traits: dict[str, BodyTraits], bodies: list[BodyPlan],
@@ -337,7 +250,7 @@ def plan_windows(views: list[BodyView], traits: dict[str, BodyTraits], bodies: l
     """
     plans = {body.name: body for body in bodies}
     return tuple(_plan_window(members, traits, plans, camera, max_error / error_gain, error_gain, costs, samples)
-                 for members in _touching(views, camera))
+                 for members in touching(views, camera))
 
 
 def _plan_window(members: list[BodyView], traits: dict[str, BodyTraits], plans: dict[str, BodyPlan],
@@ -349,28 +262,34 @@ def _plan_window(members: list[BodyView], traits: dict[str, BodyTraits], plans: 
     floor = max(plans[name].modelling_error for name in names)
     passes = sum(plans[name].n_facets * (1.0 if plans[name].shadow_map_px is None else 2.0) for name in names)
     setup_ns = _RASTER_CALL_NS + passes * costs.facet_ns
-    across = samples_across(budget)
-    if samples is None and len(members) == 1 and members[0].size_px < _SMALL_PX:
+    errors = _worst([squared_errors(view, traits[view.name].levels[plans[view.name].level]) for view in members])
+    largest_px = max(view.size_px for view in members)
+    phase_rad = max(view.phase_rad for view in members)
+    across = samples_across(budget, phase_rad)
+    if samples is None and len(members) == 1 and (largest_px < _SMALL_PX or across > MAX_SAMPLES * largest_px):
         left, top, right, bottom = members[0].bounds_px
-        margin = 0.02 * members[0].size_px
-        grid = tuple(max(math.ceil(across * side / members[0].size_px), 8) for side in (right - left, bottom - top))
+        margin = 0.02 * largest_px
+        grid = tuple(max(math.ceil(across * side / largest_px), 8) for side in (right - left, bottom - top))
         is_rays = _RAYS_CALL_NS + grid[0] * grid[1] * costs.ray_ns < setup_ns + grid[0] * grid[1] * costs.sample_ns
         floor = 0.0 if is_rays else floor
+        sampling = _SMALL_PIXELS * max(flux_error(across, phase_rad),
+                                       math.sqrt(sum(errors) * (largest_px / across) ** 3))
         return WindowPlan(
             bodies=names, engine="rays" if is_rays else "raster", roi=roi, samples=0, grid=grid,
             bounds_px=(float(left - margin), float(top - margin), float(right + margin), float(bottom + margin)),
-            sampling_budget=math.inf, modelling_error=floor, noise=(0.0, 0.0),
-            predicted_error=error_gain * math.hypot(floor, _FLUX_SCATTER * across**-1.5))
+            sampling_budget=math.inf, modelling_error=floor, noise=(0.0, 0.0), shadow_share=0.0,
+            predicted_error=error_gain * math.hypot(floor, sampling))
     box_px = (x1 - x0) * (y1 - y0)
     n_px = min(sum(0.6 * min(view.size_px, 1e5) ** 2 for view in members), box_px)
-    least = min(math.ceil(across / max(max(view.size_px for view in members), 1.0)), MAX_SAMPLES)
+    least = min(max(math.ceil(across / largest_px), 1), MAX_SAMPLES)
     # OpenGL, with the levels of detail and the shadow maps that were planned.
     raster_budget = math.sqrt(max(budget**2 - floor**2, (0.3 * budget) ** 2))
-    errors = _worst([squared_errors(view, traits[view.name].levels[plans[view.name].level]) for view in members])
     facets_ns = sum(plans[name].n_facets for name in names) * costs.facet_ns
     shown = [(traits[view.name].levels[plans[view.name].level], view) for view in members]
     noise = (max(level.crease_rad for level, _ in shown),
              max(facets_per_px(view, level.n_facets) for level, view in shown))
+    shade = max(0.0 if plans[view.name].shadow_map_px is None else shadow_share(view, plans[view.name].shadow_map_px)
+                for view in members)
     power = noise_power(noise_gain(*noise))
     shaded, count = first_samples(*errors, power, n_px, facets_ns / costs.sample_ns, _PASSED_OVER_COST, least,
                                   raster_budget)
@@ -387,15 +306,11 @@ def _plan_window(members: list[BodyView], traits: dict[str, BodyTraits], plans: 
     elif rays_ns < raster_ns or (floor > budget and math.isfinite(rays_ns)):
         engine, count, errors, noise, floor, sampling_budget = "rays", ray_count, full, full_noise, 0.0, budget
     return WindowPlan(
-        bodies=names, engine=engine, noise=noise, roi=roi, samples=count,
+        bodies=names, engine=engine, noise=noise, shadow_share=0.0 if engine == "rays" else shade, roi=roi,
+        samples=count,
         bounds_px=(x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5),
         grid=((x1 - x0) * count, (y1 - y0) * count), sampling_budget=sampling_budget, modelling_error=floor,
         predicted_error=error_gain * math.hypot(floor, math.sqrt(sum(errors) * count**-3)))
-
-
-def samples_across(budget: float) -> int:
-    """Samples across a small body that keep its flux within a tenth of a budget."""
-    return min(max(math.ceil((_FLUX_SCATTER / (0.1 * budget)) ** (2.0 / 3.0)), _LEAST_ACROSS), _MOST_ACROSS)
 
 
 def _worst(errors: list[tuple[float, float]]) -> tuple[float, float]:
@@ -429,6 +344,8 @@ def first_samples(limb: float, creases: float, power: float, n_px: float, setup:
     edge_share = min(12.0 / math.sqrt(n_px), 1.0)
     for first in range(least, MAX_SAMPLES + 1):
         cost = setup + n_px * first**2
+        if cost > best[0]:
+            break
         if limb / first**3 + creases / first**power <= budget**2 or first == MAX_SAMPLES:
             best = min(best, (cost, first))
             break
@@ -457,73 +374,16 @@ def plan_shadow(view: BodyView, level: LevelTraits, is_convex: bool, has_casters
             return None
     low_sun = 1.9 * math.tan(min(0.5 * view.phase_rad, 1.5)) ** 1.57 * (0.02 / max_error)
     texels = min(view.size_px, 1e5) * max(1.0, low_sun)
+    one_sample = sum(squared_errors(view, level))
     return next((size for size in SHADOW_SIZES_PX
-                 if size >= texels and shadow_error(view, level, size) <= _SHADOW_SHARE * max_error),
+                 if size >= texels and shadow_share(view, size) * one_sample <= (_SHADOW_SHARE * max_error) ** 2),
                 SHADOW_SIZES_PX[-1])
-
-
-def region(views: list[BodyView], camera: PinholeCamera) -> tuple[int, int, int, int]:
-    """x0, y0, x1, y1 [px] of the pixels that visible bodies may touch."""
-    frame = np.array([camera.width_px, camera.height_px])
-    if any(view.bounds_px is None for view in views):
-        return (0, 0, camera.width_px, camera.height_px)
-    bounds = np.array([view.bounds_px for view in views])
-    # Pixel k covers k - 1/2 to k + 1/2.
-    low = np.clip(np.floor(bounds[:, :2].min(axis=0) + 0.5), 0, frame)
-    high = np.clip(np.floor(bounds[:, 2:].max(axis=0) + 0.5) + 1, 0, frame)
-    return tuple(int(x) for x in (*low, *high))
-
-
-def _touching(views: list[BodyView], camera: PinholeCamera) -> list[list[BodyView]]:
-    """Visible bodies in groups whose regions share no pixel."""
-    groups: list[list[BodyView]] = []
-    for view in views:
-        if not view.is_visible:
-            continue
-        group = [view]
-        while True:
-            touches = [other for other in groups if _overlap(region(group, camera), region(other, camera))]
-            if not touches:
-                break
-            group = sum(touches, group)
-            groups = [other for other in groups if other not in touches]
-        groups.append(sorted(group, key=views.index))
-    return groups
-
-
-def _overlap(a: tuple[int, int, int, int], b: tuple[int, int, int, int]) -> bool:
-    return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
-
-
-def union(regions: list[tuple[int, int, int, int]]) -> tuple[int, int, int, int]:
-    """The box around regions; all zero around none."""
-    if not regions:
-        return (0, 0, 0, 0)
-    boxes = np.array(regions)
-    return tuple(int(x) for x in (*boxes[:, :2].min(axis=0), *boxes[:, 2:].max(axis=0)))
 
 
 def is_close(view: BodyView, radius_m: float, footprint_m: float) -> bool:
     """Whether body-fixed float32 coordinates, good to 6e-8 radii, are too coarse for what is seen."""
     depth_m = view.depth_m[0]
     return depth_m < 0.05 * radius_m or (footprint_m < 2e-5 * radius_m and depth_m < 0.5 * radius_m)
-
-
-def depth_groups(views: list[BodyView]) -> list[tuple[float, float, list[BodyView]]]:
-    """Bodies that share a depth range, farthest first: (near, far, bodies) [m].
-
-    A fitted range keeps a 24-bit depth buffer exact to 1e9 radii; bodies whose ranges do not
-    overlap are drawn one behind the other.
-    """
-    groups: list[tuple[float, float, list[BodyView]]] = []
-    for view in sorted((v for v in views if v.is_visible), key=lambda v: v.depth_m[1], reverse=True):
-        near, far = view.depth_m
-        if groups and far >= groups[-1][0]:
-            last_near, last_far, members = groups[-1]
-            groups[-1] = (min(near, last_near), last_far, [*members, view])
-        else:
-            groups.append((near, far, [view]))
-    return groups
 
 
 def snapped_sun(sun_direction_body: np.ndarray, shadow_map_px: int) -> np.ndarray:

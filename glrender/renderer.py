@@ -15,9 +15,10 @@ import numpy as np
 from glrender_camera import PinholeCamera
 from glrender_camera.validate import integer
 
-from . import frames, plan
+from . import error_model, frames, grouping, plan
 from .brdf import Law
 from .engine_costs import engine_costs
+from .error_model import BodyTraits, LevelTraits
 from .errors import ConfigError, DeviceError
 from .gl.context import Context
 from .gl.evaluate import BrdfEvaluator
@@ -25,7 +26,7 @@ from .gl.passes import Mesh, PixelMask, ShadowMap, SurfaceVariant, Target
 from .image import Image, checked_products
 from .lod import Level, levels_of_detail
 from .lod_flux import FluxRatio, flux_ratios
-from .plan import BodyPlan, BodyTraits, LevelTraits, RenderPlan, WindowPlan
+from .plan import BodyPlan, RenderPlan, WindowPlan
 from .ray_engine import RayEngine
 from .refine import pixel_errors, pixel_means, plan_refinement
 from .scene import Body, Scene, checked_max_error
@@ -187,7 +188,7 @@ class Renderer:
                 left_out.append(f"shadows on {view.name}: nothing can cast on what is seen")
             if body.level:
                 left_out.append(f"{view.name}: {body.n_facets} of {traits.levels[0].n_facets} facets")
-        return RenderPlan(camera=camera.name, max_error=budget, roi=plan.union([w.roi for w in windows]),
+        return RenderPlan(camera=camera.name, max_error=budget, roi=grouping.union([w.roi for w in windows]),
                           windows=windows, bodies=tuple(bodies), left_out=tuple(left_out), warnings=tuple(warnings),
                           predicted_error=max((w.predicted_error for w in windows), default=0.0))
 
@@ -277,13 +278,13 @@ class Renderer:
         mean, error = (np.zeros((y1 - y0, x1 - x0), np.float32) for _ in range(2))
         draw = partial(self._draw_tile, window, views, frame_plan, camera, shadows, clock)
         crease_rad, facets_per_px = window.noise
-        noise = plan.noise_gain(crease_rad, facets_per_px / window.samples**2)
+        noise = error_model.noise_gain(crease_rad, facets_per_px / window.samples**2)
         for tile in self._tiles(mean.shape, window.samples):
             mean[tile], error[tile] = pixel_errors(draw(tile, window.samples), window.samples, noise)
         if window.samples == 1:
             mean, error = pixel_errors(mean, 1, noise)
-        predicted, refinement = plan_refinement(mean, error, window.samples, window.sampling_budget,
-                                                plan.noise_power(noise))
+        now, refinement = plan_refinement(mean, error, window.samples, window.sampling_budget,
+                                          error_model.noise_power(noise))
         clock.lap("refine")
         if refinement is not None:
             mean = mean.copy()
@@ -294,9 +295,12 @@ class Renderer:
                     np.copyto(mean[tile], pixels, where=mask.astype(bool))
                     clock.lap("readback")
         irradiance[y0:y1, x0:x1] = mean
+        # Edges of shadows lie where the map's texels put them, however many samples see them.
+        one_sample = now**2 * window.samples ** error_model.noise_power(noise)
+        floor = math.hypot(window.modelling_error, math.sqrt(one_sample * window.shadow_share))
         if refinement is None:
-            return replace(window, predicted_error=gain * math.hypot(predicted, window.modelling_error))
-        return replace(window, predicted_error=gain * math.hypot(refinement.predicted_error, window.modelling_error),
+            return replace(window, predicted_error=gain * math.hypot(now, floor))
+        return replace(window, predicted_error=gain * math.hypot(refinement.predicted_error, floor),
                        refined_samples=refinement.samples, refined_share=refinement.share)
 
     def _tiles(self, shape: tuple[int, int], samples: int) -> Iterator[tuple[slice, slice]]:
@@ -351,7 +355,7 @@ class Renderer:
         target.begin(*grid, depth=1.0 if mask is None else 0.0)
         if mask is not None:
             self._mask.open(mask, grid[0] // mask.shape[1])
-        groups = plan.depth_groups([v for v in views if v.name in names])
+        groups = grouping.depth_groups([v for v in views if v.name in names])
         for index, (near, far, members) in enumerate(groups):
             clip_from_camera = frames.clip_from_camera(
                 camera.focal_length_px, camera.principal_point_px, bounds_px, near * (1.0 - 1e-6), far * (1.0 + 1e-6))
@@ -448,16 +452,20 @@ def _traits(body: Body, levels: tuple[Level, ...], ratios: tuple[FluxRatio, ...]
 
 
 def _add_samples(irradiance: np.ndarray, samples: np.ndarray, bounds_px: tuple[float, float, float, float]) -> None:
-    """Add a grid of samples to the pixels in which they fall; each stands for its share of a pixel."""
-    height, width = samples.shape
+    """Add a grid of samples to the pixels that their cells overlap, by area."""
     x0, y0, x1, y1 = bounds_px
-    column = np.floor(x0 + (np.arange(width) + 0.5) * (x1 - x0) / width + 0.5).astype(int)
-    row = np.floor(y0 + (np.arange(height) + 0.5) * (y1 - y0) / height + 0.5).astype(int)
-    rows_in, columns_in = ((index >= 0) & (index < size)
-                           for index, size in zip((row, column), irradiance.shape, strict=True))
-    share = (x1 - x0) * (y1 - y0) / (width * height)
-    inside = samples[np.ix_(rows_in, columns_in)].astype(np.float64) * share
-    np.add.at(irradiance, np.ix_(row[rows_in], column[columns_in]), inside.astype(np.float32))
+    left, across = _overlaps(x0, x1, samples.shape[1], irradiance.shape[1])
+    top, down = _overlaps(y0, y1, samples.shape[0], irradiance.shape[0])
+    light = down @ samples.astype(np.float64) @ across.T
+    irradiance[top:top + len(down), left:left + len(across)] += light.astype(np.float32)
+
+
+def _overlaps(low: float, high: float, n_cells: int, n_px: int) -> tuple[int, np.ndarray]:
+    """First pixel, and lengths [px] (pixels, cells) that pixels of an axis share with even cells from low to high."""
+    first, last = max(math.floor(low + 0.5), 0), min(math.floor(high + 0.5), n_px - 1)
+    edge = low + np.arange(n_cells + 1) * (high - low) / n_cells
+    pixel = np.arange(first, last + 1)[:, None]
+    return first, np.maximum(np.minimum(edge[1:], pixel + 0.5) - np.maximum(edge[:-1], pixel - 0.5), 0.0)
 
 
 class _Clock:

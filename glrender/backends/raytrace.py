@@ -14,8 +14,9 @@ import cv2
 import numpy as np
 from glrender_camera.validate import integer
 
+from ..grouping import region
 from ..image import Image, checked_products
-from ..plan import BodyPlan, RenderPlan, region
+from ..plan import BodyPlan, RenderPlan
 from ..ray_engine import BESIDE, RayEngine
 from ..scene import Scene, checked_max_error
 from ..state import State
