@@ -17,6 +17,7 @@ import glrender
 import zmq
 from glrender import GlrenderError
 from glrender.image import PRODUCTS
+from glrender.ranging import MAX_DIRECTIONS
 from glrender_camera.validate import known_keys
 
 from . import codec, operations
@@ -186,7 +187,7 @@ class Dispatcher:
             "operations": list(OPERATIONS), "outputs": list(operations.OUTPUTS), "products": list(PRODUCTS),
             **self._engine.described,
             "limits": {"max_header_bytes": codec.MAX_HEADER_BYTES, "max_image_pixels": operations.MAX_IMAGE_PIXELS,
-                       "max_frame_bytes": operations.MAX_FRAME_BYTES}})
+                       "max_frame_bytes": operations.MAX_FRAME_BYTES, "max_directions": MAX_DIRECTIONS}})
 
     def _status(self, header: Mapping[str, Any]) -> list[Any]:
         known_keys("", header, ENVELOPE)
