@@ -21,7 +21,7 @@ from glrender import Renderer, State, load_scene
 from glrender.brdf import Lambert
 from glrender.image import peak_bytes
 from glrender_client import Busy, Client, GlrenderClientError, RequestTimeout, ServerError
-from glrender_server.dispatcher import Dispatcher
+from glrender_server.operations import Operations
 
 STATE = views.state().to_dict()
 
@@ -312,29 +312,29 @@ PRODUCTS = ["range", "body_id", "facet_id", "incidence", "emission", "phase", "r
 
 def test_products_of_a_large_image_are_bounded_by_their_memory():
     """67 megapixels with all products would take 9 GB; the request is refused before anything is drawn."""
-    dispatcher = Dispatcher(views.scene([views.sphere(Lambert(normal_albedo=0.2), 1)], [views.camera(size_px=8192)]))
+    served = Operations(views.scene([views.sphere(Lambert(normal_albedo=0.2), 1)], [views.camera(size_px=8192)]))
     try:
-        message = request(camera="navcam", products=PRODUCTS)
-        error = msgpack.unpackb(dispatcher.handle([message])[0])["error"]
+        header = msgpack.unpackb(request(camera="navcam", products=PRODUCTS))
+        error = msgpack.unpackb(served.answer(header)[0][0])["error"]
         assert (error["code"], error["path"]) == ("config", "products")
         assert f"at most {4 * 1024**3} bytes of memory while they are made, got {144 * 8192**2}" in error["message"]
     finally:
-        dispatcher.close()
+        served.close()
 
 
 @pytest.mark.parametrize("products", [[], ["body_id"], PRODUCTS])
 def test_the_memory_of_a_frame_is_what_it_is_bounded_by(products):
     scene = views.scene([views.sphere(Lambert(normal_albedo=0.2), 5)], [views.camera(1024, 4e3)])
-    dispatcher = Dispatcher(scene)
+    served = Operations(scene)
     try:
-        dispatcher.handle([request(camera="navcam", samples=1)])
+        served.answer(msgpack.unpackb(request(camera="navcam", samples=1)))
         tracemalloc.start()
-        message = request(camera="navcam", products=products, samples=1, order="F")
-        assert msgpack.unpackb(dispatcher.handle([message])[0])["ok"]
+        reply, code = served.answer(msgpack.unpackb(request(camera="navcam", products=products, samples=1, order="F")))
+        assert not code and reply
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-        dispatcher.close()
+        served.close()
     assert 0.5 < peak / peak_bytes(1024**2, products) < 1.5
 
 
