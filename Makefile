@@ -20,6 +20,7 @@ bench: setup
 	$(BIN)/python benchmarks/chart.py out/bench/frame.json out/bench
 	$(BIN)/python benchmarks/bench_laws.py | tee out/bench/laws.json
 	$(BIN)/python benchmarks/bench_service.py | tee out/bench/service.json
+	$(BIN)/python benchmarks/bench_transport.py | tee out/bench/transport.json
 
 chart: setup
 	$(BIN)/python benchmarks/speed_accuracy.py

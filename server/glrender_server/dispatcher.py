@@ -158,7 +158,8 @@ class Dispatcher:
         for stage, milliseconds in done.timings_ms.items():
             self._stages.observe(stage, 1e-3 * milliseconds)
         log.debug("request", extra={"op": header["op"], "client": header["client"], "id": header["id"],
-                                    "code": done.code, "ms": 1e3 * seconds})
+                                    "code": done.code, "ms": 1e3 * seconds,
+                                    "render_ms": done.timings_ms.get("total", 0.0)})
         if done.code:
             self.errors[done.code] += 1
         else:
