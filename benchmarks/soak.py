@@ -62,18 +62,18 @@ def fly(endpoint: str, index: int, truth: list[bytes], counts, faults) -> None:
             try:
                 reply = client.render(state(k % N_PHASES, t_s), "eye")
             except RequestTimeout:
-                faults["lost"].value += 1
+                faults["lost"][index] += 1
                 continue
             except ServerError as error:
-                faults["poison" if error.code == "poison" else "other"].value += 1
+                faults["poison" if error.code == "poison" else "other"][index] += 1
                 continue
             except GlrenderClientError:
-                faults["other"].value += 1
+                faults["other"][index] += 1
                 continue
             if reply.header["t_s"] != t_s:
-                faults["crossed"].value += 1
+                faults["crossed"][index] += 1
             elif digest(reply) != truth[k % N_PHASES]:
-                faults["wrong"].value += 1
+                faults["wrong"][index] += 1
             counts[index] += 1
 
 
@@ -119,8 +119,9 @@ def main(argv: list[str] | None = None) -> int:
 
 def soak(process: subprocess.Popen, endpoint: str, arguments: argparse.Namespace) -> dict:
     spawn, rng = get_context("spawn"), random.Random(1)
-    counts = spawn.Array("q", arguments.clients)
-    faults = {kind: spawn.Value("q", 0) for kind in ("lost", "crossed", "wrong", "poison", "other")}
+    # Without locks, each client its own place: one killed within would hold a lock for ever.
+    counts = spawn.RawArray("q", arguments.clients)
+    faults = {kind: spawn.RawArray("q", arguments.clients) for kind in ("lost", "crossed", "wrong", "poison", "other")}
     with Client(endpoint, timeout_s=60.0) as client:
         truth = [digest(client.render(state(k, 0.0), "eye")) for k in range(N_PHASES)]
 
@@ -130,7 +131,10 @@ def soak(process: subprocess.Popen, endpoint: str, arguments: argparse.Namespace
         return flyer
 
     flyers = [start(index) for index in range(arguments.clients)]
+    deadline = time.monotonic() + 60.0
     while not all(counts):
+        if time.monotonic() > deadline:
+            raise TimeoutError("a client got no frame within 60 s")
         time.sleep(0.05)
     first, began, before = list(counts), time.monotonic(), None
     killed = {"clients": 0, "workers": 0}
@@ -159,7 +163,7 @@ def soak(process: subprocess.Popen, endpoint: str, arguments: argparse.Namespace
     after = usage(process)
     with Client(endpoint, timeout_s=60.0) as client:
         status = client.status()
-    found = {kind: value.value for kind, value in faults.items()}
+    found = {kind: sum(values) for kind, values in faults.items()}
     each = [b - a for a, b in zip(first, last, strict=True)]
     fairness = min(each) / max(each)
     is_flat = (after["rss_MiB"] - before["rss_MiB"] <= max(0.02 * before["rss_MiB"], 8.0)
