@@ -48,7 +48,9 @@ def test_the_class_gets_the_pixels_that_python_gets(live, tmp_path):
         frame = client.render(STATE, "navcam", products=products)
         arrays = {**frame.arrays,
                   "dn": client.render(STATE, "navcam", output="dn", exposure_s=0.02, seed=7).pixels,
-                  "byte": client.render(STATE, "byte", output="dn", seed=3).pixels}
+                  "byte": client.render(STATE, "byte", output="dn", seed=3).pixels,
+                  "ranges": client.range(STATE, [[0, 0, 1], [0.01, 0, np.sqrt(1 - 1e-4)], [1, 0, 0]],
+                                         "navcam").arrays["range"]}
     assert arrays["dn"].dtype == np.uint16 and arrays["byte"].dtype == np.uint8
     for name, array in arrays.items():
         kept = np.fromfile(tmp_path / name, array.dtype).reshape(array.shape, order="F")

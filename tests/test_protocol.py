@@ -65,6 +65,16 @@ def test_column_major_bytes_are_what_matlab_reshapes():
     np.testing.assert_array_equal(np.frombuffer(part, "<u2"), make_golden.IMAGE.T.ravel())
 
 
+@pytest.mark.parametrize("dtype", ["uint8", "uint16", "int32", "float32", "float64"])
+@pytest.mark.parametrize("shape", [(7,), (1, 1), (5, 3), (64, 97), (6, 4, 3), (1, 9, 3)])
+def test_both_orders_carry_the_same_array(rng, shape, dtype):
+    array = (100.0 * rng.random(shape)).astype(dtype)
+    for order in ("C", "F"):
+        parts = codec.pack({}, {"x": (array, "1"), "view": (np.repeat(array, 2, axis=0)[::2], "1")}, order)
+        for part in parts[1:]:
+            assert bytes(part) == array.tobytes(order)
+
+
 @pytest.mark.parametrize("parts, message", [
     ([], "one part"), ([b"a", b"b"], "one part"), ([b""], "not msgpack"), ([b"\xc1"], "not msgpack"),
     ([b"\x91\x91\x91"], "not msgpack"), ([b"\x01"], "must be a map"), ([b"\x81\x01\x02"], "not msgpack"),

@@ -103,6 +103,16 @@ classdef GlRenderClient < handle
       [arrays, header_bytes] = self.ask('render', fields);
       reply = GlRenderReply(arrays, header_bytes);
     end
+
+    function reply = range(self, state, directions_camera, varargin)
+      %RANGE  Laser ranges along directions (N x 3 unit vectors in the camera's frame), exact against the facets.
+      %   reply = client.range(state, directions, 'camera', 'navcam', 'noise', struct('sigma_m', 0.1, 'seed', 1))
+      %   reply.arrays: range [m], body_id, facet_id, beam_incidence [rad], N x 1; NaN and -1 where nothing returns.
+      fields = struct('state', state, 'directions_camera', directions_camera);
+      fields = GlRenderClient.with_options(fields, varargin, {'camera', 'noise'});
+      [arrays, header_bytes] = self.ask('range', fields);
+      reply = GlRenderReply(arrays, header_bytes);
+    end
   end
 
   methods (Access = private)

@@ -17,6 +17,7 @@ import glrender
 import zmq
 from glrender import GlrenderError
 from glrender.image import PRODUCTS
+from glrender.ranging import MAX_DIRECTIONS
 from glrender_camera.validate import known_keys
 
 from . import codec, operations
@@ -157,7 +158,8 @@ class Dispatcher:
         for stage, milliseconds in done.timings_ms.items():
             self._stages.observe(stage, 1e-3 * milliseconds)
         log.debug("request", extra={"op": header["op"], "client": header["client"], "id": header["id"],
-                                    "code": done.code, "ms": 1e3 * seconds})
+                                    "code": done.code, "ms": 1e3 * seconds,
+                                    "render_ms": done.timings_ms.get("total", 0.0)})
         if done.code:
             self.errors[done.code] += 1
         else:
@@ -186,7 +188,7 @@ class Dispatcher:
             "operations": list(OPERATIONS), "outputs": list(operations.OUTPUTS), "products": list(PRODUCTS),
             **self._engine.described,
             "limits": {"max_header_bytes": codec.MAX_HEADER_BYTES, "max_image_pixels": operations.MAX_IMAGE_PIXELS,
-                       "max_frame_bytes": operations.MAX_FRAME_BYTES}})
+                       "max_frame_bytes": operations.MAX_FRAME_BYTES, "max_directions": MAX_DIRECTIONS}})
 
     def _status(self, header: Mapping[str, Any]) -> list[Any]:
         known_keys("", header, ENVELOPE)

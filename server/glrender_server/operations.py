@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from glrender import ConfigError, DeviceError, GlrenderError, Image, ProtocolError, Scene, State, open_renderer
+from glrender.errors import error_path
 from glrender.image import peak_bytes
+from glrender.ranging import RangeNoise, laser_ranges
 from glrender_camera.validate import integer, known_keys, one_of, positive
 
 from . import codec
@@ -17,7 +19,7 @@ from .envelope import ENVELOPE, echo, refusal
 
 log = logging.getLogger(__name__)
 
-OPERATIONS = ("render", "load_scene")
+OPERATIONS = ("render", "range", "load_scene")
 """Those that are served here; the dispatcher answers the others."""
 OUTPUTS = ("irradiance", "dn")
 MAX_IMAGE_PIXELS = 2**26
@@ -25,6 +27,7 @@ MAX_IMAGE_PIXELS = 2**26
 MAX_FRAME_BYTES = 4 * 1024**3
 """Most memory that one request's image and products may take while they are made."""
 _RENDER_KEYS = ("state", "camera", "output", "exposure_s", "seed", "max_error", "samples", "products", "order")
+_RANGE_KEYS = ("state", "camera", "directions_camera", "noise")
 _UNITS = {"irradiance": "W/m2", "dn": "DN", "range": "m", "r_body": "m", "body_id": "1", "facet_id": "1",
           "incidence": "rad", "emission": "rad", "phase": "rad", "sunlit": "1"}
 
@@ -133,6 +136,22 @@ class Operations:
         self.last_timings_ms = timings
         return codec.pack({**echo(header), "ok": True, "t_s": state.t_s, "camera": camera.name, "output": output,
                            "plan": image.plan.to_dict(), "timings_ms": timings, **fields}, arrays, order)
+
+    def _range(self, header: Mapping[str, Any]) -> list[Any]:
+        known_keys("", header, (*ENVELOPE, *_RANGE_KEYS), required=("state", "directions_camera"))
+        began = time.perf_counter()
+        state, camera = State.from_dict(header["state"]), self.scene.camera(header.get("camera"))
+        noise = None
+        if "noise" in header:
+            table = known_keys("noise", header["noise"], ("sigma_m", "resolution_m", "max_range_m", "seed"))
+            with error_path("noise"):
+                noise = RangeNoise(**table)
+        found = laser_ranges(self.scene, state, header["directions_camera"], camera.name, noise)
+        arrays = {"range": (found.range_m, "m"), "body_id": (found.body_id, "1"), "facet_id": (found.facet_id, "1"),
+                  "beam_incidence": (found.beam_incidence, "rad")}
+        self.last_timings_ms = {"total": 1e3 * (time.perf_counter() - began)}
+        return codec.pack({**echo(header), "ok": True, "t_s": state.t_s, "camera": camera.name,
+                           "timings_ms": self.last_timings_ms}, arrays)
 
     def _drawn(self, state: State, camera: str, **options) -> Image:
         """The image; a context that was lost is made anew, once."""

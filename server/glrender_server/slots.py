@@ -51,9 +51,9 @@ class SlotStore:
         return [whole[end - size:end].data for size, end in zip(sizes, ends, strict=True)]
 
     def trim(self) -> None:
-        """Release free slots beyond a few, the smallest first."""
+        """Release free slots beyond a few, the largest first."""
         while len(self._free) > _MAX_FREE:
-            slot = min(self._free, key=lambda s: s.size)
+            slot = max(self._free, key=lambda s: s.size)
             self._free.remove(slot)
             del self._all[slot.name]
             _release(slot)

@@ -21,7 +21,7 @@ def work(connection: Connection, scene: Scene, backend: str, shape_dir: Path | N
          log_level: int, log_format: str) -> None:
     """Serve jobs until the pipe closes.
 
-    Said: ``("ready", described)`` or ``("failed", text)``; then for each ``("job", message, slot)``:
+    Said: ``("ready", described)`` or ``("failed", text)``; then for each ``("job", message, slot)``: ``("begun",)``,
     ``("need", n_bytes)`` where the slot is too small (answered by a slot's name), and ``("done", header, sizes,
     code, timings_ms, described)``, the parts standing in the slot one behind the other.
 
@@ -46,6 +46,7 @@ def work(connection: Connection, scene: Scene, backend: str, shape_dir: Path | N
         connection.send(("ready", operations.described))
         while True:
             _, message, name = connection.recv()
+            connection.send(("begun",))
             header = codec.unpack_request([message])
             (head, *parts), code = operations.answer(header)
             sizes = [len(part) for part in parts]

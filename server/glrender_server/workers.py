@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import time
 from collections import deque
@@ -45,6 +46,7 @@ class _Worker:
     task: _Task | None = None
     slot: SharedMemory | None = None
     deadline: float = 0.0
+    has_begun: bool = False
     overran: bool = False
     generation: int = 0
     failures: int = 0
@@ -151,18 +153,15 @@ class WorkerPool:
 
     def _begin(self, worker: _Worker) -> None:
         worker.state = "busy"
-        # A worker that was dead before is not the request's fault: no try.
-        worker.task.tries += self._send(worker, worker.task.job.message)
+        self._send(worker, worker.task.job.message)
 
-    def _send(self, worker: _Worker, message: bytes) -> bool:
-        """Whether the pipe took it; a dead worker is found by the next turn."""
+    def _send(self, worker: _Worker, message: bytes) -> None:
+        worker.has_begun = False
         worker.slot = worker.slot or self._slots.take(self._frame_bytes)
         worker.deadline = time.monotonic() + self._deadline_s
-        try:
+        # A dead worker is found by the next turn.
+        with contextlib.suppress(OSError):
             worker.connection.send(("job", message, worker.slot.name))
-        except OSError:
-            return False
-        return True
 
     def _turn_all(self) -> None:
         now = time.monotonic()
@@ -193,9 +192,10 @@ class WorkerPool:
             self.outage = f"a worker did not start: {rest[0]}"
             log.error(self.outage)
             self._bury(worker)
+        elif kind == "begun":
+            worker.has_begun = True
         elif kind == "need":
             self._slots.give_back(worker.slot)
-            self._frame_bytes = rest[0]
             worker.slot = self._slots.take(rest[0])
             worker.connection.send(worker.slot.name)
         else:
@@ -211,6 +211,8 @@ class WorkerPool:
         worker.state, worker.failures, worker.deadline = "idle", 0, time.monotonic()
         parts = []
         if sizes:
+            # The next frame is likely as large as the last.
+            self._frame_bytes = sum(sizes)
             parts = self._slots.lend(worker.slot, sizes)
             worker.slot = None
         if described is not None:
@@ -236,6 +238,8 @@ class WorkerPool:
         """Another in the place of a worker that died, after a while that doubles; its task again, once."""
         how = f"overran its deadline of {self._deadline_s:g} s" if worker.overran else "died"
         was_starting = worker.state == "starting"
+        # A worker that was dying when it got the request is not the request's fault: no try.
+        is_its_fault = worker.state == "busy" and (worker.has_begun or worker.overran)
         self._end(worker)
         back_off = min(_FIRST_BACK_OFF_S * 2**worker.failures, _MAX_BACK_OFF_S)
         worker.failures, worker.start_at = worker.failures + 1, time.monotonic() + back_off
@@ -246,6 +250,7 @@ class WorkerPool:
         task, worker.task = worker.task, None
         if task is None:
             return
+        task.tries += is_its_fault
         if task.tries < _MAX_TRIES:
             self._again.append(task)
             return

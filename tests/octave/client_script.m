@@ -26,6 +26,16 @@ reply = client.render(state, 'camera', 'byte', 'output', 'dn', 'seed', 3, 'produ
 check(isa(reply.pixels, 'uint8') && isfield(reply.arrays, 'range'), 'uint8');
 keep(folder, 'byte', reply.pixels);
 
+% Laser ranges, one ray and several.
+directions = [0 0 1; 0.01 0 sqrt(1 - 1e-4); 1 0 0];
+reply = client.range(state, directions, 'camera', 'navcam');
+check(isequal(size(reply.arrays.range), [3 1]) && isnan(reply.arrays.range(3)), 'ranges');
+check(isequal(reply.arrays.body_id, int32([0; 0; -1])) && strcmp(reply.header.camera, 'navcam'), 'bodies');
+keep(folder, 'ranges', reply.arrays.range);
+one = client.range(state, [0 0 1], 'camera', 'navcam', 'noise', struct('sigma_m', 0.5, 'seed', 3));
+check(abs(one.arrays.range - reply.arrays.range(1)) < 5 && one.arrays.range ~= reply.arrays.range(1), 'noise');
+expect_error('glrender:config', 'directions_camera\[0\]: norm', @() client.range(state, [0 0 2], 'camera', 'navcam'));
+
 % Errors by identifier, and the connection stays sound.
 bad = state;
 bad.spacecraft.q_from_inertial = [1 1 0 0];

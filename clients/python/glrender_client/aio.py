@@ -13,7 +13,7 @@ import zmq.asyncio
 
 from .curve import curve_keys, set_curve
 from .errors import GlrenderClientError, RequestTimeout
-from .wire import Packer, Reply, read_header, read_reply, render_fields
+from .wire import Packer, Reply, range_fields, read_header, read_reply, render_fields
 
 
 class AsyncClient:
@@ -74,6 +74,11 @@ class AsyncClient:
     async def render(self, state: Mapping[str, Any], camera: str | None = None, **options: Any) -> Reply:
         """One frame; arguments and errors are those of `Client.render`."""
         return await self._ask("render", render_fields(state, camera, **options))
+
+    async def range(self, state: Mapping[str, Any], directions_camera: Any, camera: str | None = None, *,
+                    noise: Mapping[str, Any] | None = None) -> Reply:
+        """Laser ranges; as `Client.range`."""
+        return await self._ask("range", range_fields(state, directions_camera, camera, noise))
 
     async def _ask(self, op: str, fields: Mapping[str, Any]) -> Reply:
         if self._context is None:

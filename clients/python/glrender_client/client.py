@@ -13,7 +13,7 @@ from .curve import curve_keys, set_curve
 from .errors import GlrenderClientError, RequestTimeout
 from .pipeline import in_order
 from .recording import Recorder
-from .wire import Packer, Reply, read_header, read_reply, render_fields
+from .wire import Packer, Reply, range_fields, read_header, read_reply, render_fields
 
 # Requests above this size are held against the server's limit first: ZeroMQ drops what exceeds it unanswered.
 _SURELY_TAKEN_BYTES = 65536
@@ -124,6 +124,33 @@ class Client:
         return self._ask("render", render_fields(
             state, camera, output=output, exposure_s=exposure_s, seed=seed, max_error=max_error, samples=samples,
             products=products, order=order))
+
+    def range(self, state: Mapping[str, Any], directions_camera: Any, camera: str | None = None, *,
+              noise: Mapping[str, Any] | None = None) -> Reply:
+        """Laser ranges along directions, exact against the facets.
+
+        Parameters
+        ----------
+        state : mapping
+        directions_camera : (N, 3) float
+            Unit vectors in the camera's frame.
+        camera : str, optional
+            Whose place and frame; the scene's only camera by default.
+        noise : mapping, optional
+            The instrument's errors: ``sigma_m``, ``resolution_m``, ``max_range_m``, ``seed``.
+
+        Returns
+        -------
+        Reply
+            Arrays of length N: ``range`` float64 [m], ``body_id``, ``facet_id`` int32, ``beam_incidence`` float64
+            [rad]; NaN and -1 where nothing returns.
+
+        Raises
+        ------
+        ServerError
+        RequestTimeout
+        """
+        return self._ask("range", range_fields(state, directions_camera, camera, noise))
 
     def render_many(self, requests: Iterable[Mapping[str, Any]], in_flight: int = 4) -> Iterator[Reply]:
         """Frames in the order of their requests, while the server already works on the next.

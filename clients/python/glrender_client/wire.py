@@ -18,14 +18,15 @@ PROTOCOL_VERSION = 1
 
 @dataclass(frozen=True, eq=False)
 class Reply:
-    """A rendered frame.
+    """A rendered frame, or laser ranges.
 
     Attributes
     ----------
     header : dict
         `plan`, `timings_ms`, `t_s`, `unit`, and for digital numbers `exposure_s`, `seed`, `stages`.
     arrays : dict of str to array
-        ``image`` and the products asked for; read-only, without a copy of what came.
+        ``image`` and the products asked for; of ranges ``range``, ``body_id``, ``facet_id``,
+        ``beam_incidence``. Read-only, without a copy of what came.
     """
 
     header: dict[str, Any]
@@ -37,8 +38,11 @@ class Reply:
         return self.arrays["image"]
 
     def __repr__(self) -> str:
-        image, header = self.pixels, self.header
+        header = self.header
         total = header.get("timings_ms", {}).get("total", float("nan"))
+        if "image" not in self.arrays:
+            return f"<Reply {header.get('op')} t={header.get('t_s')} s: {total:.1f} ms, arrays {sorted(self.arrays)}>"
+        image = self.pixels
         products = sorted(set(self.arrays) - {"image"})
         return (f"<Reply {header.get('camera')} t={header.get('t_s')} s: {image.shape[1]} x {image.shape[0]} "
                 f"{image.dtype} [{header.get('unit')}], {total:.1f} ms, products {products}>")
@@ -63,6 +67,14 @@ def render_fields(state: Mapping[str, Any], camera: str | None = None, *, output
     """The fields of a `render` request; the arguments are those of `Client.render`."""
     optional = {"camera": camera, "exposure_s": exposure_s, "seed": seed, "max_error": max_error, "samples": samples}
     return {"state": state, "output": output, "products": list(products), "order": order,
+            **{name: value for name, value in optional.items() if value is not None}}
+
+
+def range_fields(state: Mapping[str, Any], directions_camera: Any, camera: str | None = None,
+                 noise: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """The fields of a `range` request; the arguments are those of `Client.range`."""
+    optional = {"camera": camera, "noise": noise}
+    return {"state": state, "directions_camera": directions_camera,
             **{name: value for name, value in optional.items() if value is not None}}
 
 

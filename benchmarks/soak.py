@@ -1,0 +1,180 @@
+"""Many clients for a long time, with clients and workers killed on the way: is anything lost, crossed, leaked, unfair?
+
+    python benchmarks/soak.py --frames 50000 --kill-client-every 100 --kill-worker-every 500
+    python benchmarks/soak.py --seconds 600                                  # nobody is killed: fairness
+
+Every client asks for frames of its own times and checks that each reply has its time and the very pixels of its
+state. Prints one JSON line; exit code 1 if a request was lost, a reply crossed or wrong, memory or descriptors grew
+by more than 2 % (and 8 MiB, 4 descriptors: the measure's own grain), or (when nobody is killed) the slowest client got
+less than 80 % of the fastest's frames. The server keeps the last reply of 64 clients: memory is flat only after as many
+have come, so give it 320 deaths of clients or none.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from multiprocessing import get_context
+from pathlib import Path
+
+from glrender_client import Client, GlrenderClientError, RequestTimeout, ServerError
+
+SCENE = """
+max_error = 0.1
+[[bodies]]
+name = "body"
+generated = { kind = "icosphere", radius_m = 100.0, subdivisions = 4 }
+brdf = { law = "lambert", normal_albedo = 0.2 }
+[[cameras]]
+name = "eye"
+width_px = 96
+height_px = 96
+focal_length_px = 300.0
+"""
+N_PHASES, WARM_UP = 4, 0.2
+
+
+def state(phase: int, t_s: float) -> dict:
+    return {"t_s": t_s, "r_sun_inertial_m": [1e11 * phase, 2e10, -1e11],
+            "spacecraft": {"r_inertial_m": [0.0, 0.0, -2000.0], "q_from_inertial": [1.0, 0.0, 0.0, 0.0]},
+            "bodies": {"body": {"r_inertial_m": [0.0, 0.0, 0.0], "q_from_inertial": [1.0, 0.0, 0.0, 0.0]}}}
+
+
+def digest(reply) -> bytes:
+    return hashlib.sha256(reply.pixels.tobytes()).digest()
+
+
+def fly(endpoint: str, index: int, truth: list[bytes], counts, faults) -> None:
+    """A client process: frames without end; what goes wrong is counted under its kind."""
+    with Client(endpoint, timeout_s=60.0, retries=0) as client:
+        k = 0
+        while True:
+            k += 1
+            t_s = float(os.getpid() * 1_000_000 + k)
+            try:
+                reply = client.render(state(k % N_PHASES, t_s), "eye")
+            except RequestTimeout:
+                faults["lost"][index] += 1
+                continue
+            except ServerError as error:
+                faults["poison" if error.code == "poison" else "other"][index] += 1
+                continue
+            except GlrenderClientError:
+                faults["other"][index] += 1
+                continue
+            if reply.header["t_s"] != t_s:
+                faults["crossed"][index] += 1
+            elif digest(reply) != truth[k % N_PHASES]:
+                faults["wrong"][index] += 1
+            counts[index] += 1
+
+
+def usage(process: subprocess.Popen) -> dict[str, float]:
+    """Resident memory [MiB] and descriptors of the server's own process."""
+    pages = int(Path(f"/proc/{process.pid}/statm").read_text().split()[1])
+    return {"rss_MiB": pages * os.sysconf("SC_PAGE_SIZE") / 2**20, "fds": len(os.listdir(f"/proc/{process.pid}/fd"))}
+
+
+def workers_of(process: subprocess.Popen) -> list[int]:
+    """Process numbers of the server's workers."""
+    text = subprocess.run(["ps", "-ww", "-o", "pid=,args=", "--ppid", str(process.pid)], capture_output=True,
+                          text=True).stdout
+    return [int(line.split()[0]) for line in text.splitlines() if "spawn_main" in line]
+
+
+def main(argv: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--frames", type=int, help="until so many frames have come")
+    parser.add_argument("--seconds", type=float, help="or for so long")
+    parser.add_argument("--clients", type=int, default=8)
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--kill-client-every", type=int, default=0, metavar="FRAMES")
+    parser.add_argument("--kill-worker-every", type=int, default=0, metavar="FRAMES")
+    arguments = parser.parse_args(argv)
+    if (arguments.frames is None) == (arguments.seconds is None):
+        parser.error("say either --frames or --seconds")
+    with tempfile.TemporaryDirectory() as folder:
+        scene = Path(folder) / "scene.toml"
+        scene.write_text(SCENE)
+        with open(Path(folder) / "log", "wb") as log:
+            process = subprocess.Popen([sys.executable, "-m", "glrender_server", str(scene), "--zmq", "tcp://127.0.0.1:*",
+                                        "--workers", str(arguments.workers), "--deadline", "30"],
+                                       stdout=subprocess.PIPE, stderr=log, text=True)
+        try:
+            record = soak(process, process.stdout.readline().split()[3], arguments)
+        finally:
+            process.terminate()
+            process.wait(timeout=60.0)
+    sys.stdout.write(json.dumps(record) + "\n")
+    return int(not record["passed"])
+
+
+def soak(process: subprocess.Popen, endpoint: str, arguments: argparse.Namespace) -> dict:
+    spawn, rng = get_context("spawn"), random.Random(1)
+    # Without locks, each client its own place: one killed within would hold a lock for ever.
+    counts = spawn.RawArray("q", arguments.clients)
+    faults = {kind: spawn.RawArray("q", arguments.clients) for kind in ("lost", "crossed", "wrong", "poison", "other")}
+    with Client(endpoint, timeout_s=60.0) as client:
+        truth = [digest(client.render(state(k, 0.0), "eye")) for k in range(N_PHASES)]
+
+    def start(index: int):
+        flyer = spawn.Process(target=fly, args=(endpoint, index, truth, counts, faults), daemon=True)
+        flyer.start()
+        return flyer
+
+    flyers = [start(index) for index in range(arguments.clients)]
+    deadline = time.monotonic() + 60.0
+    while not all(counts):
+        if time.monotonic() > deadline:
+            raise TimeoutError("a client got no frame within 60 s")
+        time.sleep(0.05)
+    first, began, before = list(counts), time.monotonic(), None
+    killed = {"clients": 0, "workers": 0}
+    while True:
+        time.sleep(0.02)
+        done, elapsed = sum(counts) - sum(first), time.monotonic() - began
+        share = done / arguments.frames if arguments.frames else elapsed / arguments.seconds
+        if before is None and share >= WARM_UP:
+            before = usage(process)
+        if share >= 1.0:
+            break
+        if arguments.kill_client_every and done >= (killed["clients"] + 1) * arguments.kill_client_every:
+            index = rng.randrange(arguments.clients)
+            flyers[index].kill()
+            flyers[index].join()
+            flyers[index] = start(index)
+            killed["clients"] += 1
+        if arguments.kill_worker_every and done >= (killed["workers"] + 1) * arguments.kill_worker_every:
+            for number in rng.sample(found, 1) if (found := workers_of(process)) else []:
+                os.kill(number, signal.SIGKILL)
+                killed["workers"] += 1
+    last = list(counts)
+    for flyer in flyers:
+        flyer.kill()
+        flyer.join()
+    after = usage(process)
+    with Client(endpoint, timeout_s=60.0) as client:
+        status = client.status()
+    found = {kind: sum(values) for kind, values in faults.items()}
+    each = [b - a for a, b in zip(first, last, strict=True)]
+    fairness = min(each) / max(each)
+    is_flat = (after["rss_MiB"] - before["rss_MiB"] <= max(0.02 * before["rss_MiB"], 8.0)
+               and after["fds"] - before["fds"] <= max(0.02 * before["fds"], 4))
+    is_fair = bool(arguments.kill_client_every) or fairness >= 0.8
+    is_sound = not (found["lost"] or found["crossed"] or found["wrong"] or found["other"])
+    return {"benchmark": "soak", "frames": sum(each), "seconds": round(elapsed, 1), "frames_each": each,
+            "fairness": round(fairness, 3), "killed": killed, "faults": found, "before": before, "after": after,
+            "server_errors": status["errors"], "restarts": status["workers"]["restarts"],
+            "is_sound": is_sound, "is_flat": is_flat, "passed": is_sound and is_flat and is_fair}
+
+
+if __name__ == "__main__":
+    sys.exit(main())
