@@ -41,7 +41,7 @@ class Truth:
 
 
 def truth(scene: Scene, state: State, n_rays: float = 30e6) -> Truth:
-    """The truth with about `n_rays` rays, at least 9 x 9 and at most 101 x 101 a pixel; from the cache if it is there."""
+    """The truth with about `n_rays` rays, 9 x 9 to 101 x 101 a pixel; from the cache if it is there."""
     path = FOLDER / f"{_key(scene, state, n_rays)}.npz"
     if not path.is_file():
         FOLDER.mkdir(parents=True, exist_ok=True)
