@@ -27,6 +27,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="four scenes, few frames: some minutes")
     parser.add_argument("--scenes", nargs="*", metavar="PART", help="only scenes whose name holds one of these")
     parser.add_argument("--peers", nargs="*", choices=sorted(PEERS), help="only these peers; none: no peers")
+    parser.add_argument("--add", action="store_true", help="keep the other scenes of an earlier run's report")
     parser.add_argument("--out", type=Path, default=environment.REPOSITORY / "out")
     arguments = parser.parse_args()
     chosen = [case for case in scenes.CASES if not arguments.quick or case.name in scenes.QUICK]
@@ -38,9 +39,14 @@ def main() -> None:
     arguments.out.mkdir(parents=True, exist_ok=True)
     report = {"machine": platform.processor() or platform.machine(), "python": platform.python_version(),
               "peers_missing": missing, "cases": []}
+    earlier = arguments.out / "speed_accuracy.json"
+    if arguments.add and earlier.is_file():
+        names = [case.name for case in chosen]
+        report = json.loads(earlier.read_text(encoding="utf-8")) | {"peers_missing": missing}
+        report["cases"] = [case for case in report["cases"] if case["name"] not in names]
     for case in chosen:
         scene, state = scenes.build(case)
-        if not report["cases"]:
+        if "gl_renderer" not in report:
             with Renderer(scene) as renderer:
                 report["gl_renderer"] = renderer.info["gl_renderer"]
         measured = measure(scene, state, limits, [name for name in wanted if name not in missing])
@@ -58,7 +64,8 @@ def main() -> None:
 
 def _write(report: dict, out: Path) -> None:
     """After each scene, so that a run that is stopped leaves what it has."""
-    cases = report["cases"]
+    order = [case.name for case in scenes.CASES]
+    cases = report["cases"] = sorted(report["cases"], key=lambda case: order.index(case["name"]))
     report["planner_gain_geometric_mean"] = {
         budget: float(np.exp(np.mean([np.log(case["gain"][budget]) for case in cases])))
         for budget in cases[0]["gain"]}

@@ -13,9 +13,9 @@ from glrender.plugins import open_renderer
 
 FOLDER = Path(__file__).parent.parent.parent / "out" / "truth"
 PRODUCTS = ("body_id", "facet_id", "incidence", "sunlit")
-_VERSION = b"2"
+_VERSION = b"3"
 # Odd: its samples stand where no drawn grid of 1, 2, 4 or 8 has its own, but the centre.
-_LEAST, _MOST = 9, 45
+_LEAST, _MOST = 9, 101
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,7 +41,7 @@ class Truth:
 
 
 def truth(scene: Scene, state: State, n_rays: float = 30e6) -> Truth:
-    """The truth with about `n_rays` rays, at least 9 x 9 and at most 45 x 45 a pixel; from the cache if it is there."""
+    """The truth with about `n_rays` rays, 9 x 9 to 101 x 101 a pixel; from the cache if it is there."""
     path = FOLDER / f"{_key(scene, state, n_rays)}.npz"
     if not path.is_file():
         FOLDER.mkdir(parents=True, exist_ok=True)
