@@ -29,8 +29,8 @@ _log = logging.getLogger(__name__)
 
 # Facets of one level over those of the next finer one.
 _RATIO = 4
-# A level with fewer facets than this saves nothing more: a draw call costs as much.
-_FEWEST_FACETS = 1500
+# A full shape or a level with fewer facets than this is fast enough: a draw call costs as much.
+_FEWEST_FULL, _FEWEST_FACETS = 24_000, 1500
 # The finest level: more facets than this are as good as the full shape, and as slow.
 _MOST_FACETS = 220_000
 # Texels of a level: four for each facet of the full shape tell where one ends, up to a memory of 64 MB.
@@ -95,13 +95,13 @@ def levels_of_detail(shape: Shape, cache: Path | None = None) -> tuple[Level, ..
     -----
     Quadric decimation (Garland and Heckbert 1997) by `fast_simplification`; about 10 us a facet.
     """
+    if shape.report.n_facets < _FEWEST_FULL:
+        return ()
     targets = [shape.report.n_facets // _RATIO]
     while targets[-1] > _MOST_FACETS:
         targets[-1] //= _RATIO
     while targets[-1] // _RATIO >= _FEWEST_FACETS:
         targets.append(targets[-1] // _RATIO)
-    if targets[0] < _FEWEST_FACETS:
-        return ()
     names = [f"{name}_{index}" for index in range(len(targets)) for name in _ARRAYS]
     arrays = cached_arrays(f"lod1-{_key(shape, targets)}", names, lambda: _made(shape, targets), cache)
     levels = []

@@ -44,6 +44,8 @@ _LEVEL_SHARE, _FLUX_SHARE = 0.7, 0.1
 _SHADOWED_PER_RAD = 0.34
 # Cost of a sample passed over, in samples that are shaded; and of a ray that meets nothing, in rays that do.
 _PASSED_OVER_COST, _MISS_COST = 0.15, 0.15
+# Of the budget, what a guess may take that shall not need a second pass.
+_SURE = 0.7
 # Nanoseconds of a call whatever it draws: of OpenGL, of rays in NumPy.
 _RASTER_CALL_NS, _RAYS_CALL_NS = 5e5, 1.5e6
 
@@ -107,8 +109,8 @@ class WindowPlan:
         What is drawn: the region's edges, or the small body's box.
     grid : (int, int)
         Samples across and down.
-    sampling_budget : float [1]
-        Sampling error above which pixels are drawn again with more samples; infinite for never.
+    budget : float [1]
+        Error above which pixels are drawn again with more samples; infinite for never.
     modelling_error : float [1]
         What samples do not cure: levels of detail, texels of shadow maps.
     shadow_share : float [1]
@@ -124,7 +126,7 @@ class WindowPlan:
     samples: int
     bounds_px: tuple[float, float, float, float]
     grid: tuple[int, int]
-    sampling_budget: float
+    budget: float
     modelling_error: float
     noise: tuple[float, float]
     shadow_share: float
@@ -184,7 +186,7 @@ def with_windows(frame: RenderPlan, windows: tuple[WindowPlan, ...]) -> RenderPl
     """The plan with what drawing told of its windows; a warning where the budget was not met."""
     predicted = max((window.predicted_error for window in windows), default=0.0)
     warnings = frame.warnings
-    if predicted > frame.max_error * (1.0 + 1e-6) and any(math.isfinite(w.sampling_budget) for w in windows):
+    if predicted > frame.max_error * (1.0 + 1e-6) and any(math.isfinite(w.budget) for w in windows):
         warnings += (f"the budget of {frame.max_error:g} is not met: {predicted:.2g} with {MAX_SAMPLES} x "
                      f"{MAX_SAMPLES} samples; the raytrace backend can",)
     return replace(frame, windows=windows, predicted_error=predicted, warnings=warnings)
@@ -277,7 +279,7 @@ def _plan_window(members: list[BodyView], traits: dict[str, BodyTraits], plans: 
         return WindowPlan(
             bodies=names, engine="rays" if is_rays else "raster", roi=roi, samples=0, grid=grid,
             bounds_px=(float(left - margin), float(top - margin), float(right + margin), float(bottom + margin)),
-            sampling_budget=math.inf, modelling_error=floor, noise=(0.0, 0.0), shadow_share=0.0,
+            budget=budget, modelling_error=floor, noise=(0.0, 0.0), shadow_share=0.0,
             predicted_error=error_gain * math.hypot(floor, sampling))
     box_px = (x1 - x0) * (y1 - y0)
     n_px = min(sum(0.6 * min(view.size_px, 1e5) ** 2 for view in members), box_px)
@@ -294,7 +296,7 @@ def _plan_window(members: list[BodyView], traits: dict[str, BodyTraits], plans: 
     shaded, count = first_samples(*errors, power, n_px, facets_ns / costs.sample_ns, _PASSED_OVER_COST, least,
                                   raster_budget)
     raster_ns = shaded * costs.sample_ns + setup_ns - facets_ns
-    engine, sampling_budget = "raster", raster_budget
+    engine, asked = "raster", budget
     # Rays, at the full shape.
     full = _worst([squared_errors(view, traits[view.name].levels[0]) for view in members])
     full_noise = (max(traits[view.name].levels[0].crease_rad for view in members),
@@ -302,14 +304,14 @@ def _plan_window(members: list[BodyView], traits: dict[str, BodyTraits], plans: 
     rays_ns, ray_count = first_samples(*full, noise_power(noise_gain(*full_noise)), n_px, 0.0, 0.0, least, budget)
     rays_ns = rays_ns * costs.ray_ns + _RAYS_CALL_NS + _MISS_COST * (box_px - n_px) * ray_count**2 * costs.ray_ns
     if samples is not None:
-        count, sampling_budget = samples, math.inf
+        count, asked = samples, math.inf
     elif rays_ns < raster_ns or (floor > budget and math.isfinite(rays_ns)):
-        engine, count, errors, noise, floor, sampling_budget = "rays", ray_count, full, full_noise, 0.0, budget
+        engine, count, errors, noise, floor = "rays", ray_count, full, full_noise, 0.0
     return WindowPlan(
         bodies=names, engine=engine, noise=noise, shadow_share=0.0 if engine == "rays" else shade, roi=roi,
         samples=count,
         bounds_px=(x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5),
-        grid=((x1 - x0) * count, (y1 - y0) * count), sampling_budget=sampling_budget, modelling_error=floor,
+        grid=((x1 - x0) * count, (y1 - y0) * count), budget=asked, modelling_error=floor,
         predicted_error=error_gain * math.hypot(floor, math.sqrt(sum(errors) * count**-3)))
 
 
@@ -346,7 +348,9 @@ def first_samples(limb: float, creases: float, power: float, n_px: float, setup:
         cost = setup + n_px * first**2
         if cost > best[0]:
             break
-        if limb / first**3 + creases / first**power <= budget**2 or first == MAX_SAMPLES:
+        # Where a pass costs more than its samples, a second one for a guess too low is the dearer way.
+        enough = budget * (_SURE if setup > n_px * first**2 else 1.0)
+        if limb / first**3 + creases / first**power <= enough**2 or first == MAX_SAMPLES:
             best = min(best, (cost, first))
             break
         for second in SAMPLE_COUNTS:

@@ -7,6 +7,7 @@ samples when it has more.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -46,7 +47,8 @@ class Refinement:
         return float(self.mask.mean())
 
 
-def pixel_errors(samples: np.ndarray, count: int, noise_gain: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+def pixel_errors(samples: np.ndarray, count: int, noise_gain: float = 1.0,
+                 dark_sides: tuple[bool, bool, bool, bool] = (False,) * 4) -> tuple[np.ndarray, np.ndarray]:
     """Pixel means, and the error expected of each, (height, width) float32 in the samples' unit.
 
     Parameters
@@ -56,9 +58,16 @@ def pixel_errors(samples: np.ndarray, count: int, noise_gain: float = 1.0) -> tu
         Samples along each side of a pixel.
     noise_gain : float
         Error over that of an edge of the same contrast: `error_model.noise_gain`.
+    dark_sides : (top, left, bottom, right)
+        Beyond which it is known to be dark; beyond others it is taken to go on as it is.
     """
+    padded = cv2.copyMakeBorder(samples, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
+    top, left, bottom, right = dark_sides
+    for is_dark, edge in ((top, np.s_[0]), (left, np.s_[:, 0]), (bottom, np.s_[-1]), (right, np.s_[:, -1])):
+        if is_dark:
+            padded[edge] = 0.0
     around = np.ones((3, 3), np.uint8)
-    contrast = cv2.dilate(samples, around) - cv2.erode(samples, around, borderType=cv2.BORDER_REPLICATE)
+    contrast = (cv2.dilate(padded, around) - cv2.erode(padded, around))[1:-1, 1:-1]
     if count == 1:
         return samples, noise_gain * _ERROR_PER_CONTRAST * contrast
     # Each sample errs by its own contrast, on its own: edges give n^-1.5, noise everywhere n^-1.
@@ -74,9 +83,17 @@ def pixel_means(samples: np.ndarray, count: int) -> np.ndarray:
     return cv2.resize(samples, size, interpolation=cv2.INTER_AREA)
 
 
+def frame_error(mean: np.ndarray, error: np.ndarray) -> float:
+    """RMS of the pixels' errors over the mean of the lit pixels [1]; 0 where nothing is lit."""
+    n_lit, total = int(np.count_nonzero(mean > 0.0)), float(mean.sum(dtype=np.float64))
+    if not total > 0.0:
+        return 0.0
+    return float(np.linalg.norm(error.ravel().astype(np.float64))) * math.sqrt(n_lit) / total
+
+
 def plan_refinement(mean: np.ndarray, error: np.ndarray, count: int, budget: float,
-                    power: float = 3.0) -> tuple[float, Refinement | None]:
-    """The frame's sampling error as it is, and the cheapest refinement that meets a budget.
+                    power: float = 3.0) -> Refinement | None:
+    """The cheapest refinement that meets a budget.
 
     Parameters
     ----------
@@ -91,25 +108,19 @@ def plan_refinement(mean: np.ndarray, error: np.ndarray, count: int, budget: flo
 
     Returns
     -------
-    float [1]
-        The error without refinement.
     Refinement or None
         None where the budget is met, or nothing is lit. Where no refinement meets the budget, the
         best there is.
     """
-    lit = mean > 0.0
-    n_lit, largest = int(np.count_nonzero(lit)), float(error.max(initial=0.0))
-    if not n_lit or not largest > 0.0:
-        return 0.0, None
+    if frame_error(mean, error) <= budget:
+        return None
+    n_lit, largest = int(np.count_nonzero(mean > 0.0)), float(error.max())
     scale = n_lit * float(mean.sum(dtype=np.float64) / n_lit) ** 2
     # Bins even in the root of the error: fine where pixels are many.
     index = (np.sqrt(error / largest) * (_BINS - 1)).astype(np.uint8)
     population = np.bincount(index.ravel(), minlength=_BINS).astype(np.float64)
     squared = population * (largest * ((np.arange(_BINS) + 0.5) / (_BINS - 1)) ** 2) ** 2 / scale
     squared[0] = 0.0
-    now = float(np.sqrt(squared.sum()))
-    if now <= budget:
-        return now, None
     # Refined are the bins from k on, for each k and each count of samples.
     above = np.cumsum(squared[::-1])[::-1]
     refined = np.cumsum(population[::-1])[::-1]
@@ -123,6 +134,6 @@ def plan_refinement(mean: np.ndarray, error: np.ndarray, count: int, budget: flo
         cost = samples**2 * (refined[first] + _PASSED_OVER * mean.size) + _PASS
         choices.append((not len(meets), cost if len(meets) else -samples, samples, first, float(np.sqrt(left[first]))))
     if not choices:
-        return now, None
+        return None
     _, _, samples, first, reached = min(choices)
-    return now, Refinement(samples=samples, mask=(index >= first).astype(np.uint8), predicted_error=reached)
+    return Refinement(samples=samples, mask=(index >= first).astype(np.uint8), predicted_error=reached)

@@ -28,7 +28,7 @@ from .lod import Level, levels_of_detail
 from .lod_flux import FluxRatio, flux_ratios
 from .plan import BodyPlan, RenderPlan, WindowPlan
 from .ray_engine import RayEngine
-from .refine import pixel_errors, pixel_means, plan_refinement
+from .refine import frame_error, pixel_errors, pixel_means, plan_refinement
 from .scene import Body, Scene, checked_max_error
 from .state import State
 from .surface import Surface
@@ -279,12 +279,17 @@ class Renderer:
         draw = partial(self._draw_tile, window, views, frame_plan, camera, shadows, clock)
         crease_rad, facets_per_px = window.noise
         noise = error_model.noise_gain(crease_rad, facets_per_px / window.samples**2)
+        # Beside the bodies' outlines it is dark; beyond the frame, nobody knows.
+        sides = (y0 > 0, x0 > 0, y1 < camera.height_px, x1 < camera.width_px)
         for tile in self._tiles(mean.shape, window.samples):
-            mean[tile], error[tile] = pixel_errors(draw(tile, window.samples), window.samples, noise)
-        if window.samples == 1:
-            mean, error = pixel_errors(mean, 1, noise)
-        now, refinement = plan_refinement(mean, error, window.samples, window.sampling_budget,
-                                          error_model.noise_power(noise))
+            ends = (tile[0].start == 0, tile[1].start == 0, tile[0].stop == y1 - y0, tile[1].stop == x1 - x0)
+            dark = tuple(side and end for side, end in zip(sides, ends, strict=True))
+            mean[tile], error[tile] = pixel_errors(draw(tile, window.samples), window.samples, noise, dark)
+        now, power = frame_error(mean, error), error_model.noise_power(noise)
+        # Edges of shadows lie where the map's texels put them, however many samples see them.
+        floor = math.hypot(window.modelling_error, now * math.sqrt(window.shadow_share * window.samples**power))
+        budget = max(math.sqrt(max(window.budget**2 - floor**2, 0.0)), 0.3 * window.budget)
+        refinement = plan_refinement(mean, error, window.samples, budget, power) if math.isfinite(budget) else None
         clock.lap("refine")
         if refinement is not None:
             mean = mean.copy()
@@ -295,9 +300,6 @@ class Renderer:
                     np.copyto(mean[tile], pixels, where=mask.astype(bool))
                     clock.lap("readback")
         irradiance[y0:y1, x0:x1] = mean
-        # Edges of shadows lie where the map's texels put them, however many samples see them.
-        one_sample = now**2 * window.samples ** error_model.noise_power(noise)
-        floor = math.hypot(window.modelling_error, math.sqrt(one_sample * window.shadow_share))
         if refinement is None:
             return replace(window, predicted_error=gain * math.hypot(now, floor))
         return replace(window, predicted_error=gain * math.hypot(refinement.predicted_error, floor),

@@ -52,7 +52,7 @@ def test_a_tighter_budget_asks_for_more_samples():
     costs = []
     for budget in (0.5, 0.1, 0.05, 0.02, 0.01, 0.003):
         window, = windows([view()], budget)
-        assert window.predicted_error <= budget or window.sampling_budget < window.predicted_error
+        assert window.predicted_error <= budget or window.budget < window.predicted_error
         costs.append(window.samples)
     assert costs[0] == 1 and costs[-1] > 2
 
@@ -65,7 +65,7 @@ def test_a_psf_that_smooths_the_error_saves_samples():
 
 def test_a_fixed_count_of_samples_is_never_refined():
     window, = windows([view()], 0.001, samples=2)
-    assert window.samples == 2 and window.sampling_budget == np.inf
+    assert window.samples == 2 and window.budget == np.inf
 
 
 def test_rays_are_cast_where_they_are_cheaper_or_a_shadow_map_is_too_coarse():
