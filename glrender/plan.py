@@ -135,6 +135,8 @@ class WindowPlan:
     noise: tuple[float, float]
     shadow_share: float
     predicted_error: float
+    may_be_rays: bool = False
+    """Whether rays take over where the image tells that its shadow maps are too coarse."""
     refined_samples: int = 0
     """Samples along the side of the pixels that were drawn again; 0 for none."""
     refined_share: float = 0.0
@@ -322,6 +324,7 @@ def _plan_window(members: list[BodyView], traits: dict[str, BodyTraits], plans: 
         samples=count,
         bounds_px=(x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5),
         grid=((x1 - x0) * count, (y1 - y0) * count), budget=asked, modelling_error=floor,
+        may_be_rays=math.isfinite(costs.ray_ns),
         predicted_error=error_gain * math.hypot(floor, math.sqrt(sum(errors) * count**-3)))
 
 
@@ -388,7 +391,7 @@ def plan_shadow(view: BodyView, level: LevelTraits, is_convex: bool, has_casters
         if _SHADOWED_PER_RAD * view.phase_rad < 0.1 * max_error:
             return None
     low_sun = 1.9 * math.tan(min(0.5 * view.phase_rad, 1.5)) ** 1.57 * (0.02 / max_error)
-    texels = min(view.size_px, 1e5) * max(1.0, low_sun)
+    texels = view.finest_px * max(1.0, low_sun)
     one_sample = sum(squared_errors(view, level))
     return next((size for size in SHADOW_SIZES_PX
                  if size << halvings >= texels

@@ -36,6 +36,8 @@ from .view import BodyView, chunks_in_window, view_bodies
 
 # Samples drawn at once: 16 Mi samples of float32 and depth are 128 MiB.
 _MAX_WINDOW_SAMPLES = 4096 * 4096
+# Of the budget: what is left then for samples would not do.
+_ALL_BUT = 0.9
 
 
 class Renderer:
@@ -231,6 +233,10 @@ class Renderer:
         now, power = frame_error(mean, error), error_model.noise_power(noise)
         # Edges of shadows lie where the map's texels put them, however many samples see them.
         floor = math.hypot(window.modelling_error, now * math.sqrt(window.shadow_share * window.samples**power))
+        if window.may_be_rays and window.engine == "raster" and floor > _ALL_BUT * window.budget:
+            # The image tells that its shadows' edges cost the budget, which no samples cure.
+            by_rays = replace(window, engine="rays", modelling_error=0.0, shadow_share=0.0)
+            return self._draw_irradiance(irradiance, by_rays, views, frame_plan, camera, shadows, gain, clock)
         budget = max(math.sqrt(max(window.budget**2 - floor**2, 0.0)), 0.3 * window.budget)
         refinement = plan_refinement(mean, error, window.samples, budget, power) if math.isfinite(budget) else None
         clock.lap("refine")

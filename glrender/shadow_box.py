@@ -45,7 +45,7 @@ def shadow_box(whole: tuple[np.ndarray, np.ndarray], seen: tuple[np.ndarray, np.
         seen_low = np.maximum(seen[0], low)[:2]
         share = float(np.max((np.minimum(seen[1], high)[:2] - seen_low) / side))
         # All of it fits although the grid may put a step of the box before it.
-        halvings = math.floor(math.log2((1.0 - 1.0 / _STEPS) / max(share, 2.0**-_MOST_HALVINGS)))
+        halvings = math.floor(math.log2((1.0 - 1.0 / _STEPS) / max(share, 1e-9)))
         if halvings > 0:
             halvings = min(halvings, _MOST_HALVINGS)
             side = side / 2**halvings
