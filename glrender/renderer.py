@@ -173,10 +173,10 @@ class Renderer:
         for view in views:
             traits, chunks = self._traits[view.name], self._meshes[view.name][0].chunks
             shown = chunks_in_window(chunks, view, camera, camera.bounds_px)
-            box = self._shadows.box(view, frames.sun_from_body(view.sun_direction_body), camera, 0)
             bodies.append(plan.plan_body(
                 view, traits, camera, len(self._shadows.casters(view, views)) > 1, budget / gain, level,
-                shown_share=chunks.n_facets(shown) / traits.levels[0].n_facets, shadow_halvings=box.halvings))
+                shown_share=chunks.n_facets(shown) / traits.levels[0].n_facets,
+                seen_share=self._shadows.seen_share(view, camera)))
         # What is asked for by its level is drawn by OpenGL.
         costs = self._costs if level is None else replace(self._costs, ray_ns=math.inf)
         windows = plan.plan_windows(views, self._traits, bodies, camera, budget, gain, costs, samples)

@@ -39,7 +39,8 @@ def test_what_is_left_out_would_have_drawn_nothing(monkeypatch, radii, off, leve
     products = ["facet_id", "range"]
     with Renderer(scene()) as renderer:
         # The shadow map's box is held, so that its texels are the same.
-        monkeypatch.setattr("glrender.shadows.shadow_box", lambda whole, seen: shadow_box(whole, None))
+        monkeypatch.setattr("glrender.shadows.shadow_box",
+                            lambda low, high, seen, texels: shadow_box(low, high, None, min(texels, 4096)))
         culled = [renderer.render(state, samples=2, level=level, products=products) for state in states]
         assert len(renderer._meshes["body"][0].chunks) > 100
         everything(monkeypatch)
@@ -95,27 +96,28 @@ def test_a_shadow_box_holds_what_is_seen(seed):
     low, high = -rng.uniform(50.0, 100.0, 3), rng.uniform(50.0, 100.0, 3)
     centre, half = rng.uniform(low, high), rng.uniform(0.0, 1.0) ** 3 * (high - low)
     seen = np.maximum(centre - half, low), np.minimum(centre + half, high)
-    box = shadow_box((low, high), seen)
-    assert (box.low_m[:2] <= seen[0][:2] + 1e-9).all() and (box.high_m[:2] >= seen[1][:2] - 1e-9).all()
-    np.testing.assert_allclose((box.high_m - box.low_m)[:2], (high - low)[:2] / 2**box.halvings)
-    share = ((seen[1] - seen[0]) / (high - low))[:2].max()
-    # No finer grid would do, but for the steps.
-    assert box.halvings == 8 or share * 2 ** (box.halvings + 1) > 0.75
+    box = shadow_box(low, high, seen, 4096)
+    margin = 1.9 * box.texel_m
+    assert (box.low_m[:2] <= seen[0][:2] - margin).all() and (box.high_m[:2] >= seen[1][:2] + margin).all()
+    np.testing.assert_allclose((box.high_m - box.low_m)[:2], np.array(box.size_px) * box.texel_m)
+    np.testing.assert_allclose(box.texel_m, (high - low)[:2] / 4096)
+    # No more than a step, at most a quarter of the larger side, on each side of it.
+    sides = (seen[1] - seen[0])[:2] / box.texel_m
+    assert (np.array(box.size_px) <= sides + 2.0 * max(0.25 * sides.max(), 16.0) + 6.0).all()
 
 
 def test_close_up_shadows_are_finer(monkeypatch):
-    """A small part of the body in view: the same texels on less, and the map is kept while the camera drifts."""
-    state = aimed(1.6, 0.3, 70.0, 3)
-    drifted = aimed(1.6005, 0.3, 70.0, 3)
-    with Renderer(scene(1000.0)) as renderer, RayTracer(scene(1000.0)) as tracer:
+    """A small part of the body in view: more texels across the body than a map has, and it is kept for a drift."""
+    state, drifted = (aimed(radii, 0.3, 100.0, 8) for radii in (1.6, 1.6005))
+    with Renderer(scene(1500.0)) as renderer, RayTracer(scene(1500.0)) as tracer:
         exact = tracer.render(state, samples=9).irradiance_W_m2.astype(float)
-        image = renderer.render(state, samples=6)
-        again = renderer.render(drifted, samples=6)
-        monkeypatch.setattr("glrender.shadows.shadow_box", lambda whole, seen: shadow_box(whole, None))
-        monkeypatch.setattr("glrender.plan.SHADOW_SIZES_PX", (image.plan.bodies[0].shadow_map_px,))
+        image = renderer.render(state, samples=6, max_error=0.005)
+        again = renderer.render(drifted, samples=6, max_error=0.005)
+        monkeypatch.setattr("glrender.plan.SHADOW_SIZES_PX", (4096,))
         renderer.forget_shadow_maps()
-        coarse = renderer.render(state, samples=6)
-    assert image.plan.bodies[0].shadow_halvings >= 1
+        coarse = renderer.render(state, samples=6, max_error=0.005)
+    body = image.plan.bodies[0]
+    assert body.shadow_map_px > 4096 and max(body.shadow_map_drawn_px) < 0.6 * body.shadow_map_px
     assert again.plan.bodies[0].shadow_map_reused
     lit = exact > 0.0
     fine, old = (np.sqrt(np.mean((drawn.irradiance_W_m2 - exact)[lit] ** 2)) for drawn in (image, coarse))
