@@ -93,7 +93,7 @@ class Shadows:
         """Least and largest coordinates (3,) [m] of a body in frame `sun`, and of what is seen of it in sunlight."""
         points = self._hulls[view.name].points_m @ sun_from_body.T
         chunks, seen = self._meshes[view.name][level].chunks, None
-        if not view.is_within(camera.bounds_px):
+        if not view.is_whole:
             lit = (chunks_in_window(chunks, view, camera, camera.bounds_px)
                    & chunks.facing_point(view.r_camera_body_m) & chunks.facing_direction(sun_from_body[2]))
             # Where nothing is lit, no shadow is looked up.
