@@ -14,13 +14,12 @@ import cv2
 import numpy as np
 from glrender_camera.validate import integer
 
-from ..grouping import region
 from ..image import Image, checked_products
-from ..plan import BodyPlan, RenderPlan
-from ..ray_engine import BESIDE, RayEngine
+from ..ray_engine import RayEngine
 from ..scene import Scene, checked_max_error
 from ..state import State
 from ..view import view_bodies
+from .full_shape import full_shape_plan, traced_products, visible_region
 
 # Rounds before a pixel's scatter is believed, and at which even the worst pixel is given up.
 _FIRST_ROUNDS, _MAX_ROUNDS = 4, 256
@@ -87,7 +86,7 @@ class RayTracer:
         if samples is not None:
             samples = integer("samples", samples, 1, 256)
         views = view_bodies(state, pinhole, {body.name: body.hull for body in self.scene.bodies})
-        roi = region([v for v in views if v.is_visible], pinhole) if any(v.is_visible for v in views) else (0, 0, 0, 0)
+        roi = visible_region(views, pinhole)
         irradiance = np.zeros((pinhole.height_px, pinhole.width_px))
         x0, y0, x1, y1 = roi
         y, x = (axis.ravel() for axis in np.mgrid[y0:y1, x0:x1])
@@ -100,19 +99,8 @@ class RayTracer:
         else:
             mean, reached = _adapt(shoot, pixel, (y1 - y0, x1 - x0), budget, np.random.default_rng(seed))
         irradiance[y, x] = mean
-        arrays = {}
-        if wanted:
-            seen = self._engine.products(pixel, pinhole, views)
-            for name in wanted:
-                values = seen[name]
-                arrays[name] = np.full((*irradiance.shape, *values.shape[1:]), BESIDE[name], values.dtype)
-                arrays[name][y, x] = values
-        frame_plan = RenderPlan(
-            camera=pinhole.name, max_error=budget, roi=roi, windows=(), predicted_error=reached, left_out=(),
-            bodies=tuple(BodyPlan(
-                name=v.name, is_visible=v.is_visible, n_facets=len(self.scene.bodies[k].shape.facets),
-                level=0, law=self.scene.bodies[k].brdf.glsl, shadow_map_px=None, shadow_map_reused=False,
-                relative_to_camera=True, normal_lookup=True, size_px=v.size_px) for k, v in enumerate(views)))
+        arrays = traced_products(self._engine, wanted, pinhole, views, roi)
+        frame_plan = full_shape_plan(self.scene, pinhole, views, max_error=budget, predicted_error=reached, roi=roi)
         return Image(irradiance_W_m2=irradiance.astype(np.float32), products=arrays, plan=frame_plan,
                      timings_ms={"trace": 1e3 * (time.perf_counter() - began)})
 
