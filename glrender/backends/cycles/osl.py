@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import re
+import warnings
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,7 @@ struct vec2 { float x; float y; };
 #define const
 """
 _MAIN = """\
+// In Cycles I points to the camera.
 shader law(
     vector to_sun = vector(0.0, 0.0, 1.0),
     float albedo_scale = 1.0,
@@ -39,9 +41,9 @@ shader law(
 {
     float weight = 0.0;
     if (is_indirect)
-        weight = albedo_scale * reflectance(dot(N, -I));
+        weight = albedo_scale * reflectance(dot(N, I));
     else
-        weight = M_PI * brdf(to_sun, -I, N, albedo_scale);
+        weight = M_PI * brdf(to_sun, I, N, albedo_scale);
     result = weight * diffuse(N);
 }
 """
@@ -130,7 +132,10 @@ def _reflectance(law: Law) -> str:
     """The law's hemispherical-directional reflectance against the cosine of emission, by straight lines."""
     cosines = np.linspace(0.0, 1.0, _NODES)
     cosines[0] = 1e-3
-    values = [hemispherical_albedo(law, math.acos(c), 48) for c in cosines]
+    with warnings.catch_warnings():
+        # Beyond its phases a law is held; what is asked for here is an average.
+        warnings.simplefilter("ignore")
+        values = [hemispherical_albedo(law, math.acos(c), 48) for c in cosines]
     numbers = ", ".join(_number(x) for x in values)
     return (f"float reflectance(float cosine)\n{{\n    float table[{_NODES}] = {{ {numbers} }};\n"
             f"    float place = clamp(cosine, 0.0, 1.0) * {_NODES - 1}.0;\n"

@@ -35,6 +35,8 @@ class Stage:
         self._scene = bpy.context.scene
         self._folder = tempfile.TemporaryDirectory(prefix="glrender", dir="/dev/shm" if _has_room() else None)
         self._path = os.path.join(self._folder.name, "frame.exr")
+        # Before the bodies: Blender compiles OSL for the engine that is set.
+        self._set_up(any(told["law"] for told in head["bodies"]), head["threads"])
         self._script_nodes = []
         self._bodies = [self._body(told, {key: arrays.get(f"{key}/{index}") for key in
                                           ("vertices", "facets", "uv", "normals", "texture")})
@@ -46,7 +48,6 @@ class Stage:
         self._sun, self._camera = (self._object(name, data) for name, data in
                                    (("sun", self._light), ("camera", self._lens)))
         self._scene.camera = self._camera
-        self._set_up(any(told["law"] for told in head["bodies"]), head.get("threads", 0))
 
     def draw(self, head: dict, progress) -> np.ndarray:
         """Mean radiance (rows, columns) float32 of the region's pixels, top row first, for a Sun of 1 W/m2.
