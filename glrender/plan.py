@@ -90,6 +90,10 @@ class BodyPlan:
     """Of the full shape over the level: the level's irradiance is multiplied by it."""
     modelling_error: float = 0.0
     """RMS error that samples do not cure: of the level, of the shadow map's texels."""
+    shown_share: float = 1.0
+    """Of the facets, those in chunks that are not out of view."""
+    shadow_halvings: int = 0
+    """The body's sides over those of the part that the shadow map covers, as a power of two."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,7 +197,7 @@ def with_windows(frame: RenderPlan, windows: tuple[WindowPlan, ...]) -> RenderPl
 
 
 def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, has_casters: bool, budget: float,
-              level: int | None) -> BodyPlan:
+              level: int | None, *, shown_share: float = 1.0, shadow_halvings: int = 0) -> BodyPlan:
     """What is modelled of a body.
 
     Parameters
@@ -207,6 +211,10 @@ def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, has_cas
         RMS error over the mean of the lit pixels, before the camera's PSF.
     level : int or None
         Level of detail that is asked for.
+    shown_share : float [1]
+        Of the facets, those in chunks that the image may show.
+    shadow_halvings : int
+        The body's sides over those of what its shadow map covers, as a power of two.
     """
     footprint_m = view.depth_m[0] / camera.focal_length_px
     used = choose_level(view, traits, footprint_m, budget) if level is None else min(level, len(traits.levels) - 1)
@@ -215,12 +223,12 @@ def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, has_cas
     squared = level_error(view, chosen, footprint_m) ** 2
     shadow_px = None
     if view.is_visible:
-        shadow_px = plan_shadow(view, chosen, traits.is_convex, has_casters, budget)
+        shadow_px = plan_shadow(view, chosen, traits.is_convex, has_casters, budget, shadow_halvings)
         if shadow_px is not None:
-            squared += shadow_share(view, shadow_px) * sum(squared_errors(view, chosen))
+            squared += shadow_share(view, shadow_px << shadow_halvings) * sum(squared_errors(view, chosen))
     return BodyPlan(
-        name=view.name, is_visible=view.is_visible, n_facets=chosen.n_facets, level=used, law=traits.law,
-        shadow_map_px=shadow_px, shadow_map_reused=False,
+        name=view.name, is_visible=view.is_visible, n_facets=chosen.n_facets, shown_share=shown_share, level=used,
+        law=traits.law, shadow_map_px=shadow_px, shadow_halvings=shadow_halvings, shadow_map_reused=False,
         relative_to_camera=is_close(view, traits.radius_m, footprint_m),
         normal_lookup=footprint_m < 2e-4 * traits.radius_m, size_px=view.size_px, flux_ratio=ratio,
         modelling_error=math.sqrt(squared))
@@ -262,8 +270,10 @@ def _plan_window(members: list[BodyView], traits: dict[str, BodyTraits], plans: 
     roi = region(members, camera)
     x0, y0, x1, y1 = roi
     floor = max(plans[name].modelling_error for name in names)
-    passes = sum(plans[name].n_facets * (1.0 if plans[name].shadow_map_px is None else 2.0) for name in names)
-    setup_ns = _RASTER_CALL_NS + passes * costs.facet_ns
+    facets_ns = sum(plans[name].n_facets * plans[name].shown_share for name in names) * costs.facet_ns
+    shadows_ns = sum(plans[name].n_facets * plans[name].shown_share for name in names
+                     if plans[name].shadow_map_px is not None) * costs.facet_ns
+    setup_ns = _RASTER_CALL_NS + facets_ns + shadows_ns
     errors = _worst([squared_errors(view, traits[view.name].levels[plans[view.name].level]) for view in members])
     largest_px = max(view.size_px for view in members)
     phase_rad = max(view.phase_rad for view in members)
@@ -286,11 +296,11 @@ def _plan_window(members: list[BodyView], traits: dict[str, BodyTraits], plans: 
     least = min(max(math.ceil(across / largest_px), 1), MAX_SAMPLES)
     # OpenGL, with the levels of detail and the shadow maps that were planned.
     raster_budget = math.sqrt(max(budget**2 - floor**2, (0.3 * budget) ** 2))
-    facets_ns = sum(plans[name].n_facets for name in names) * costs.facet_ns
     shown = [(traits[view.name].levels[plans[view.name].level], view) for view in members]
     noise = (max(level.crease_rad for level, _ in shown),
              max(facets_per_px(view, level.n_facets) for level, view in shown))
-    shade = max(0.0 if plans[view.name].shadow_map_px is None else shadow_share(view, plans[view.name].shadow_map_px)
+    shade = max(0.0 if plans[view.name].shadow_map_px is None else shadow_share(
+        view, plans[view.name].shadow_map_px << plans[view.name].shadow_halvings)
                 for view in members)
     power = noise_power(noise_gain(*noise))
     shaded, count = first_samples(*errors, power, n_px, facets_ns / costs.sample_ns, _PASSED_OVER_COST, least,
@@ -364,12 +374,13 @@ def first_samples(limb: float, creases: float, power: float, n_px: float, setup:
 
 
 def plan_shadow(view: BodyView, level: LevelTraits, is_convex: bool, has_casters: bool,
-                max_error: float) -> int | None:
+                max_error: float, halvings: int = 0) -> int | None:
     """Side of the shadow map [px], or None when nothing can cast on what is seen.
 
     Two things ask for texels: the place of a shadow's edge, and what a texel cannot see, which leaks
     light, the more the lower the Sun: the second rule keeps the flux within a tenth of the budget
-    (measured on Itokawa, `docs/planner.md`).
+    (measured on Itokawa, `docs/planner.md`). A map that covers 2^-halvings of the body's sides needs
+    as many fewer.
     """
     if not has_casters:
         if is_convex:
@@ -380,7 +391,8 @@ def plan_shadow(view: BodyView, level: LevelTraits, is_convex: bool, has_casters
     texels = min(view.size_px, 1e5) * max(1.0, low_sun)
     one_sample = sum(squared_errors(view, level))
     return next((size for size in SHADOW_SIZES_PX
-                 if size >= texels and shadow_share(view, size) * one_sample <= (_SHADOW_SHARE * max_error) ** 2),
+                 if size << halvings >= texels
+                 and shadow_share(view, size << halvings) * one_sample <= (_SHADOW_SHARE * max_error) ** 2),
                 SHADOW_SIZES_PX[-1])
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from glrender_camera import PinholeCamera
 
 from . import frames
+from .chunks import Chunks
 from .constants import AU_M, SUN_RADIUS_M
 from .errors import ConfigError, SceneError
 from .hull import Hull
@@ -57,6 +58,22 @@ class BodyView:
     def size_px(self) -> float:
         """Larger side of the outline's box [px]; infinite when it has none."""
         return np.inf if self.bounds_px is None else float(np.max(self.bounds_px[2:] - self.bounds_px[:2]))
+
+    def is_within(self, bounds_px: tuple[float, float, float, float]) -> bool:
+        """Whether the whole outline is inside a window x0, y0, x1, y1 [px]."""
+        x0, y0, x1, y1 = bounds_px
+        box = self.bounds_px
+        return box is not None and bool(x0 <= box[0] and y0 <= box[1] and box[2] <= x1 and box[3] <= y1)
+
+
+def chunks_in_window(chunks: Chunks, view: BodyView, camera: PinholeCamera,
+                     bounds_px: tuple[float, float, float, float]) -> np.ndarray:
+    """Chunks (C,) bool of a body that may be in a window x0, y0, x1, y1 [px] of the image."""
+    if view.is_within(bounds_px):
+        return np.ones(len(chunks), bool)
+    clip = frames.clip_from_camera(camera.focal_length_px, camera.principal_point_px, bounds_px, *view.depth_m)
+    return chunks.in_window(clip @ frames.transform(
+        view.camera_from_body, -view.camera_from_body @ view.r_camera_body_m))
 
 
 def view_bodies(state: State, camera: PinholeCamera, hulls: dict[str, Hull]) -> list[BodyView]:

@@ -19,7 +19,7 @@ ROOMS = {
     "glrender/errors.py": {"glrender_camera"},
     "glrender/brdf": {"numpy", "glrender.constants", "glrender.errors", "glrender_camera"},
     "glrender/shaders": {"numpy", "glrender.constants", "glrender.errors"},
-    "glrender/gl": {"numpy", "moderngl", "glrender.brdf", "glrender.shaders", "glrender.errors",
+    "glrender/gl": {"numpy", "moderngl", "glrender.brdf", "glrender.chunks", "glrender.shaders", "glrender.errors",
                     "glrender.constants"},
     "glrender/backends": {"numpy", "cv2", "glrender", "glrender_camera"},
     # What runs in Blender's process: its own Python, where glrender is not installed.

@@ -1,0 +1,135 @@
+"""Shadow maps of a scene: which bodies cast on which, what a map covers, and when an old one still serves."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from glrender_camera import PinholeCamera
+
+from . import frames, plan
+from .gl.context import Context
+from .gl.passes import Mesh, ShadowMap
+from .hull import Hull
+from .plan import BodyPlan
+from .shadow_box import ShadowBox, shadow_box
+from .view import BodyView, chunks_in_window
+
+_MAPS_KEPT = 8
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Shadow:
+    """What a body's surface needs to look its shadows up.
+
+    Attributes
+    ----------
+    shadow_map : ShadowMap or None
+    shadow_from_body : (4, 4) float64
+        Texture coordinates and depth, 0 to 1.
+    bias_per_texel : float [1]
+        Depth of a texel's side.
+    """
+
+    shadow_map: ShadowMap | None
+    shadow_from_body: np.ndarray
+    bias_per_texel: float
+
+
+NO_SHADOW = Shadow(shadow_map=None, shadow_from_body=np.eye(4), bias_per_texel=0.0)
+
+
+class Shadows:
+    """Draws and keeps shadow maps.
+
+    Parameters
+    ----------
+    context : Context
+    hulls : mapping
+        Body name to its `Hull`.
+    meshes : mapping
+        Body name to its meshes, the full shape first.
+    """
+
+    def __init__(self, context: Context, hulls: Mapping[str, Hull], meshes: Mapping[str, Sequence[Mesh]]):
+        self._context, self._hulls, self._meshes = context, hulls, meshes
+        self._maps: OrderedDict[tuple, ShadowMap] = OrderedDict()
+
+    def close(self) -> None:
+        """Draw every shadow map anew when next it is needed; no image changes."""
+        for shadow_map in self._maps.values():
+            shadow_map.close()
+        self._maps.clear()
+
+    def casters(self, receiver: BodyView, views: Sequence[BodyView]) -> list[tuple[str, np.ndarray]]:
+        """Bodies whose shadow may fall on the receiver: (name, receiver_from_caster as (4, 4))."""
+        casters = [(receiver.name, np.eye(4))]
+        radius = self._hulls[receiver.name].radius_m
+        for other in views:
+            if other.name == receiver.name:
+                continue
+            rotation = receiver.camera_from_body.T @ other.camera_from_body
+            offset = receiver.r_camera_body_m - rotation @ other.r_camera_body_m
+            sunward = float(offset @ receiver.sun_direction_body)
+            aside = float(np.linalg.norm(offset - sunward * receiver.sun_direction_body))
+            reach = radius + self._hulls[other.name].radius_m
+            if aside < reach and sunward > -reach:
+                casters.append((other.name, frames.transform(rotation, offset)))
+        return casters
+
+    def box(self, view: BodyView, sun_from_body: np.ndarray, camera: PinholeCamera, level: int) -> ShadowBox:
+        """What the shadow map of a body must cover, in frame `sun`."""
+        points = self._hulls[view.name].points_m @ sun_from_body.T
+        chunks, seen = self._meshes[view.name][level].chunks, None
+        if not view.is_within(camera.bounds_px):
+            lit = (chunks_in_window(chunks, view, camera, camera.bounds_px)
+                   & chunks.facing_point(view.r_camera_body_m) & chunks.facing_direction(sun_from_body[2]))
+            seen = chunks.bounds_m(lit, sun_from_body) if lit.any() else None
+        return shadow_box((points.min(axis=0), points.max(axis=0)), seen)
+
+    def draw(self, views: Sequence[BodyView], bodies: Sequence[BodyPlan],
+             camera: PinholeCamera) -> tuple[dict[str, Shadow], list[BodyPlan]]:
+        """Shadows of the bodies that need a map, by name; and the plans with what was done."""
+        shadows, done = {}, []
+        levels = {body.name: body.level for body in bodies}
+        for view, body_plan in zip(views, bodies, strict=True):
+            size = body_plan.shadow_map_px
+            if size is None:
+                done.append(body_plan)
+                continue
+            sun_from_body = frames.sun_from_body(plan.snapped_sun(view.sun_direction_body, size))
+            box = self.box(view, sun_from_body, camera, levels[view.name])
+            centre = 0.5 * (box.low_m + box.high_m)
+            # Two texels of margin: a lookup beside the last facet still meets the map.
+            half = 0.5 * (box.high_m - box.low_m) * (1.0 + 4.0 / size)
+            offset = frames.transform(np.eye(3), -centre) @ frames.transform(sun_from_body, np.zeros(3))
+            clip = frames.clip_from_sun(half[0], half[1], -half[2], half[2]) @ offset
+            casters = [(name, levels[name], matrix) for name, matrix in self.casters(view, views)]
+            key = (view.name, size, clip.tobytes(),
+                   *((name, level, matrix.tobytes()) for name, level, matrix in casters))
+            is_kept = key in self._maps
+            if is_kept:
+                self._maps.move_to_end(key)
+            else:
+                shadow_map = self._map_to_fill(size)
+                shadow_map.draw([(self._meshes[name][level], clip @ matrix) for name, level, matrix in casters])
+                self._maps[key] = shadow_map
+            texture_from_clip = frames.transform(0.5 * np.eye(3), np.full(3, 0.5))
+            texel_m = 2.0 * max(half[0], half[1]) / size
+            shadows[view.name] = Shadow(shadow_map=self._maps[key], shadow_from_body=texture_from_clip @ clip,
+                                        bias_per_texel=texel_m / (2.0 * half[2]))
+            done.append(replace(body_plan, shadow_map_reused=is_kept, shadow_halvings=box.halvings))
+        return shadows, done
+
+    def _map_to_fill(self, size: int) -> ShadowMap:
+        """A map of this size that nobody needs any more, or a new one."""
+        if len(self._maps) < max(_MAPS_KEPT, 2 * len(self._meshes)):
+            return ShadowMap(self._context, size)
+        for key, shadow_map in self._maps.items():
+            if shadow_map.size_px == size:
+                return self._maps.pop(key)
+        _, oldest = self._maps.popitem(last=False)
+        oldest.close()
+        return ShadowMap(self._context, size)
