@@ -61,7 +61,7 @@ def law_as_osl(law: Law) -> str:
     ShaderError
         The law has no GLSL twin.
     """
-    text = compose(f"brdf/{law.glsl}.glsl", defines=law.defines()).text
+    text = compose("brdf", brdf=law.glsl, defines=law.defines()).text
     lines = [line for line in text.splitlines() if not line.startswith(("#version", "#line"))]
     text = _RESERVED.sub(r"\1_", re.sub(r"//[^\n]*", "", "\n".join(lines)))
     text = _GLOBAL_CONSTANT.sub(r"#define \1 (\2)", text)
