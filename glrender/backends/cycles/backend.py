@@ -14,7 +14,6 @@ from glrender_camera.validate import integer, positive
 from ... import frames
 from ...brdf import Lambert
 from ...constants import AU_M, SUN_RADIUS_M
-from ...errors import DeviceError
 from ...image import Image, checked_products
 from ...ray_engine import RayEngine
 from ...scene import Body, Scene, checked_max_error
@@ -32,7 +31,9 @@ _GROWTH = 4
 _BLENDER_AXES = np.diag([1.0, -1.0, -1.0])
 # Blender's units across the largest body: rays start off the surface by a share of the coordinates.
 _UNITS_PER_RADIUS = 50.0
+# Of the Sun's angular radius: a body whose Sun stands further off is told of.
 _MAX_SUN_DIFFERENCE = 0.1
+_FOCAL_LENGTH_PER_SIZE = 2000.0
 
 
 class Cycles:
@@ -109,7 +110,8 @@ class Cycles:
         bounces : int, 0..64, optional
             Instead of the renderer's.
         on_progress : callable, optional
-            Called with the share done, 0..1; a guess while rounds are still to come.
+            Called with the share done, 0..1; a guess while rounds are still to come. If it raises, the
+            frame is given up.
 
         Returns
         -------
@@ -172,7 +174,9 @@ class Cycles:
              on_progress: Callable[[float], None] | None = None) -> dict[str, np.ndarray]:
         try:
             return self._blender.ask(head, arrays, deadline_s=self._deadline_s, on_progress=on_progress)
-        except DeviceError:
+        except BaseException:
+            # Of a request that was given up, by an error or by the caller, no answer may come later.
+            self._blender.close()
             self._blender = None
             raise
 
@@ -206,18 +210,24 @@ class Cycles:
             rotation = main_from_camera @ view.camera_from_body
             offset = main.r_camera_body_m - middle + rotation @ (self._origin_m[view.name] - view.r_camera_body_m)
             bodies.append(np.eye(4) if view is main else frames.transform(rotation, offset / unit))
-        near = min(view.depth_m[0] for view in views if view.is_visible)
-        far = max(view.depth_m[1] for view in views if view.is_visible)
+        visible = [view for view in views if view.is_visible]
+        share = _nearer(visible, camera)
+        r_camera, middle_camera = share * r_camera, main.camera_from_body @ -r_camera
+        focal_length_px, moved_m = share * camera.focal_length_px, (1.0 - share) * middle_camera[2]
+        near = min(view.depth_m[0] for view in visible) - moved_m
+        far = max(view.depth_m[1] for view in visible) - moved_m
         corner = camera.directions(np.array([[x, y] for x in (-0.5, camera.width_px - 0.5)
                                              for y in (-0.5, camera.height_px - 0.5)]))
-        cx, cy = camera.principal_point_px
+        # The body's middle stays in its place of the image.
+        cx, cy = np.array(camera.principal_point_px) + (
+            0.0 if share == 1.0 else (1.0 - share) * camera.focal_length_px * middle_camera[:2] / middle_camera[2])
         width, height = camera.width_px, camera.height_px
         return {
             "bodies_from": [matrix.tolist() for matrix in bodies],
             "camera_from": frames.transform(main_from_camera @ _BLENDER_AXES, r_camera / unit).tolist(),
             "sun_from": frames.transform(_axes_along(main.sun_direction_body), np.zeros(3)).tolist(),
             "sun_angle_rad": 2.0 * math.asin(SUN_RADIUS_M / (main.sun_distance_au * AU_M)),
-            "size_px": [width, height], "region_px": list(roi), "focal_length_px": camera.focal_length_px,
+            "size_px": [width, height], "region_px": list(roi), "focal_length_px": focal_length_px,
             "shift": [-(cx - 0.5 * (width - 1)) / width, (cy - 0.5 * (height - 1)) / width],
             # Clipping is by range in some versions and by depth in others.
             "clip": [0.9 * near / unit, 1.1 * far / unit / float(corner[:, 2].min())]}
@@ -244,7 +254,7 @@ class _Rounds:
     """
 
     def __init__(self, draw, seed: int, report: Callable[[float], None]):
-        self._draw, self._seed, self._report = draw, 2048 * seed, report
+        self._draw, self._seed, self._tell, self._told = draw, 2048 * seed, report, 0.0
         self._halves: list[Any] = [0.0, 0.0]
         self._n_samples, self._n_rounds = 0, 0
 
@@ -275,6 +285,11 @@ class _Rounds:
             if n < 2:
                 return error
 
+    def _report(self, share: float) -> None:
+        """Guesses may fall; what is told does not."""
+        self._told = max(self._told, min(share, 1.0))
+        self._tell(self._told)
+
     def _round(self, first: int, second: int, begin: float, end: float) -> float:
         n_before = 0.5 * self._n_samples
         for half, n in enumerate((first, second)):
@@ -290,9 +305,23 @@ class _Rounds:
         return float(0.5 * np.sqrt(np.mean((self._halves[0] - self._halves[1])[lit] ** 2)) / self.mean[lit].mean())
 
 
+def _nearer(visible: list[BodyView], camera: PinholeCamera) -> float:
+    """Share of its range at which the camera stands, with as much less focal length: 1 unless it is far away.
+
+    Blender's float32 puts rays 6e-8 focal lengths beside their pixels; from nearer, perspective puts the outline
+    of a body of s px off by (s / 2)^2 / f. Both are the same at f = 2000 s: 0.12 px for 1000 px.
+    """
+    if any(view.bounds_px is None for view in visible):
+        return 1.0
+    bounds = np.array([view.bounds_px for view in visible])
+    size_px = float((bounds[:, 2:].max(axis=0) - bounds[:, :2].min(axis=0)).max())
+    return min(1.0, _FOCAL_LENGTH_PER_SIZE * size_px / camera.focal_length_px)
+
+
 def _described(body: Body) -> dict[str, Any]:
     is_lambert = isinstance(body.brdf, Lambert)
-    return {"name": body.name, "smooth": body.smooth_normals, "law": None if is_lambert else law_as_osl(body.brdf),
+    law = None if is_lambert else law_as_osl(body.brdf, body.albedo_map is not None)
+    return {"name": body.name, "smooth": body.smooth_normals, "law": law,
             "normal_albedo": body.brdf.normal_albedo if is_lambert else 0.0}
 
 

@@ -49,19 +49,21 @@ shader law(
 """
 
 
-def law_as_osl(law: Law) -> str:
+def law_as_osl(law: Law, has_texture: bool) -> str:
     """The text of a law's OSL shader, with inputs `to_sun`, `albedo_scale` and `is_indirect`.
 
     Parameters
     ----------
     law : Law
+    has_texture : bool
+        Whether `albedo_scale` may differ from 1.
 
     Raises
     ------
     ShaderError
         The law has no GLSL twin.
     """
-    text = compose("brdf", brdf=law.glsl, defines=law.defines()).text
+    text = compose("brdf", brdf=law.glsl, defines={**law.defines(), "HAS_ALBEDO_TEXTURE": int(has_texture)}).text
     lines = [line for line in text.splitlines() if not line.startswith(("#version", "#line"))]
     text = _RESERVED.sub(r"\1_", re.sub(r"//[^\n]*", "", "\n".join(lines)))
     text = _GLOBAL_CONSTANT.sub(r"#define \1 (\2)", text)
