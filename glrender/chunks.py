@@ -9,8 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 # A draw call costs as much as some hundred facets, and so does the test of a chunk in NumPy.
-_FEWEST_FACETS, _MOST_CHUNKS = 512, 1024
-_MORTON_BITS = 10
+_FEWEST_FACETS, _MOST_CHUNKS = 128, 2048
 
 
 class Chunks:
@@ -31,12 +30,11 @@ class Chunks:
     def __init__(self, vertices_m: np.ndarray, facets: np.ndarray):
         size = max(_FEWEST_FACETS, -(-len(facets) // _MOST_CHUNKS))
         corners = [vertices_m[facets[:, k]] for k in range(3)]
-        self.order = np.arange(len(facets))
-        if len(facets) > size:
-            self.order = np.argsort(_morton((corners[0] + corners[1] + corners[2]) / 3.0), kind="stable")
-            corners = [corner[self.order] for corner in corners]
-        self._first = np.arange(0, len(facets), size)
-        self._count = np.diff(self._first, append=len(facets))
+        parts = _split((corners[0] + corners[1] + corners[2]) / 3.0, size)
+        self.order = np.concatenate(parts)
+        corners = [corner[self.order] for corner in corners]
+        self._count = np.array([len(part) for part in parts])
+        self._first = np.cumsum(self._count) - self._count
         low = np.minimum.reduceat(np.minimum.reduce(corners), self._first)
         high = np.maximum.reduceat(np.maximum.reduce(corners), self._first)
         self._centre_m = 0.5 * (low + high)
@@ -93,12 +91,18 @@ class Chunks:
         return [(int(self._first[a]), int(end[b] - self._first[a])) for a, b in zip(first, last, strict=True)]
 
 
-def _morton(points: np.ndarray) -> np.ndarray:
-    """Place (N,) of points (N, 3) along Morton's curve."""
-    low, high = points.min(axis=0), points.max(axis=0)
-    cells = ((points - low) / max(float((high - low).max()), 1e-300) * (2**_MORTON_BITS - 1)).astype(np.uint32)
-    code = np.zeros(len(points), np.uint32)
-    for bit in range(_MORTON_BITS):
-        for axis in range(3):
-            code |= ((cells[:, axis] >> bit) & 1) << (3 * bit + axis)
-    return code
+def _split(points: np.ndarray, most: int) -> list[np.ndarray]:
+    """Numbers of points (N, 3) in parts of at most so many: halved across the longest side, again and again."""
+    along = np.ascontiguousarray(points.T)
+    parts, whole = [], [np.arange(len(points))]
+    while whole:
+        part = whole.pop()
+        if len(part) <= most:
+            parts.append(np.sort(part))
+            continue
+        inside = along[:, part]
+        axis = int(np.argmax(inside.max(axis=1) - inside.min(axis=1)))
+        middle = len(part) // 2
+        halves = np.argpartition(inside[axis], middle)
+        whole += [part[halves[middle:]], part[halves[:middle]]]
+    return parts

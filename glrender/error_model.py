@@ -115,7 +115,7 @@ def facets_per_px(view: BodyView, n_facets: int) -> float:
 def shadow_share(view: BodyView, shadow_map_px: int) -> float:
     """Share of one sample's squared error that the texels of a shadow map leave at the edges of shadows."""
     edges = min(_SHADOW_EDGES_PER_RAD * view.phase_rad, _MOST_SHADOW_EDGES)
-    return edges * (min(view.size_px, 1e5) / shadow_map_px) ** 3
+    return edges * (view.finest_px / shadow_map_px) ** 3
 
 
 def samples_across(budget: float, phase_rad: float) -> int:

@@ -31,7 +31,10 @@ from .view import BodyView
 
 MAX_SAMPLES = 16
 """Most samples along a pixel's side."""
-SHADOW_SIZES_PX = (256, 512, 1024, 2048, 4096)
+SHADOW_SIZES_PX = tuple(2**k for k in range(8, 17))
+"""Texels across a body; float32 coordinates have 256 steps in the finest."""
+MAX_SHADOW_SIDE_PX = 4096
+"""Most texels along a side of a shadow map."""
 # Of the budget, what the shadow map may take.
 _SHADOW_SHARE = 0.4
 # A body that is smaller has a grid of its own.
@@ -44,6 +47,8 @@ _LEVEL_SHARE, _FLUX_SHARE = 0.7, 0.1
 _SHADOWED_PER_RAD = 0.34
 # Cost of a sample passed over, in samples that are shaded; and of a ray that meets nothing, in rays that do.
 _PASSED_OVER_COST, _MISS_COST = 0.15, 0.15
+# Cost of a texel of a shadow map, in samples (engine.md: 2.3 ns of 20).
+_TEXEL_COST = 0.1
 # Of the budget, what a guess may take that shall not need a second pass.
 _SURE = 0.7
 # Nanoseconds of a call whatever it draws: of OpenGL, of rays in NumPy.
@@ -80,7 +85,7 @@ class BodyPlan:
     """Level of detail: 0 is the full shape."""
     law: str
     shadow_map_px: int | None
-    """Side of the shadow map [px]; None where nothing can cast on it."""
+    """Texels of the shadow map across the body; None where nothing can cast on it."""
     shadow_map_reused: bool
     relative_to_camera: bool
     normal_lookup: bool
@@ -92,8 +97,8 @@ class BodyPlan:
     """RMS error that samples do not cure: of the level, of the shadow map's texels."""
     shown_share: float = 1.0
     """Of the facets, those in chunks that are not out of view."""
-    shadow_halvings: int = 0
-    """The body's sides over those of the part that the shadow map covers, as a power of two."""
+    shadow_map_drawn_px: tuple[int, int] = (0, 0)
+    """Texels that there are of the shadow map: of what is seen of the body, along x and y."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,6 +140,8 @@ class WindowPlan:
     noise: tuple[float, float]
     shadow_share: float
     predicted_error: float
+    may_be_rays: bool = False
+    """Whether rays take over where the image tells that its shadow maps are too coarse."""
     refined_samples: int = 0
     """Samples along the side of the pixels that were drawn again; 0 for none."""
     refined_share: float = 0.0
@@ -197,7 +204,7 @@ def with_windows(frame: RenderPlan, windows: tuple[WindowPlan, ...]) -> RenderPl
 
 
 def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, has_casters: bool, budget: float,
-              level: int | None, *, shown_share: float = 1.0, shadow_halvings: int = 0) -> BodyPlan:
+              level: int | None, *, shown_share: float = 1.0, seen_share: float = 1.0) -> BodyPlan:
     """What is modelled of a body.
 
     Parameters
@@ -213,8 +220,8 @@ def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, has_cas
         Level of detail that is asked for.
     shown_share : float [1]
         Of the facets, those in chunks that the image may show.
-    shadow_halvings : int
-        The body's sides over those of what its shadow map covers, as a power of two.
+    seen_share : float [1]
+        Side of what the shadow map must cover over that of the body.
     """
     footprint_m = view.depth_m[0] / camera.focal_length_px
     used = choose_level(view, traits, footprint_m, budget) if level is None else min(level, len(traits.levels) - 1)
@@ -223,15 +230,16 @@ def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, has_cas
     squared = level_error(view, chosen, footprint_m) ** 2
     shadow_px = None
     if view.is_visible:
-        shadow_px = plan_shadow(view, chosen, traits.is_convex, has_casters, budget, shadow_halvings)
+        shadow_px = plan_shadow(view, chosen, traits.is_convex, has_casters, budget, seen_share)
         if shadow_px is not None:
-            squared += shadow_share(view, shadow_px << shadow_halvings) * sum(squared_errors(view, chosen))
+            squared += shadow_share(view, shadow_px) * sum(squared_errors(view, chosen))
     return BodyPlan(
-        name=view.name, is_visible=view.is_visible, n_facets=chosen.n_facets, shown_share=shown_share, level=used,
-        law=traits.law, shadow_map_px=shadow_px, shadow_halvings=shadow_halvings, shadow_map_reused=False,
+        name=view.name, is_visible=view.is_visible, n_facets=chosen.n_facets, level=used,
+        law=traits.law, shadow_map_px=shadow_px, shadow_map_reused=False,
         relative_to_camera=is_close(view, traits.radius_m, footprint_m),
         normal_lookup=footprint_m < 2e-4 * traits.radius_m, size_px=view.size_px, flux_ratio=ratio,
-        modelling_error=math.sqrt(squared))
+        modelling_error=math.sqrt(squared), shown_share=shown_share, shadow_map_drawn_px=(
+            (0, 0) if shadow_px is None else (math.ceil(shadow_px * seen_share),) * 2))
 
 
 def choose_level(view: BodyView, traits: BodyTraits, footprint_m: float, budget: float) -> int:
@@ -271,8 +279,9 @@ def _plan_window(members: list[BodyView], traits: dict[str, BodyTraits], plans: 
     x0, y0, x1, y1 = roi
     floor = max(plans[name].modelling_error for name in names)
     facets_ns = sum(plans[name].n_facets * plans[name].shown_share for name in names) * costs.facet_ns
-    shadows_ns = sum(plans[name].n_facets * plans[name].shown_share for name in names
-                     if plans[name].shadow_map_px is not None) * costs.facet_ns
+    shadows_ns = sum(plans[name].n_facets * plans[name].shown_share * costs.facet_ns
+                     + math.prod(plans[name].shadow_map_drawn_px) * _TEXEL_COST * costs.sample_ns
+                     for name in names if plans[name].shadow_map_px is not None)
     setup_ns = _RASTER_CALL_NS + facets_ns + shadows_ns
     errors = _worst([squared_errors(view, traits[view.name].levels[plans[view.name].level]) for view in members])
     largest_px = max(view.size_px for view in members)
@@ -299,8 +308,7 @@ def _plan_window(members: list[BodyView], traits: dict[str, BodyTraits], plans: 
     shown = [(traits[view.name].levels[plans[view.name].level], view) for view in members]
     noise = (max(level.crease_rad for level, _ in shown),
              max(facets_per_px(view, level.n_facets) for level, view in shown))
-    shade = max(0.0 if plans[view.name].shadow_map_px is None else shadow_share(
-        view, plans[view.name].shadow_map_px << plans[view.name].shadow_halvings)
+    shade = max(0.0 if plans[view.name].shadow_map_px is None else shadow_share(view, plans[view.name].shadow_map_px)
                 for view in members)
     power = noise_power(noise_gain(*noise))
     shaded, count = first_samples(*errors, power, n_px, facets_ns / costs.sample_ns, _PASSED_OVER_COST, least,
@@ -322,6 +330,7 @@ def _plan_window(members: list[BodyView], traits: dict[str, BodyTraits], plans: 
         samples=count,
         bounds_px=(x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5),
         grid=((x1 - x0) * count, (y1 - y0) * count), budget=asked, modelling_error=floor,
+        may_be_rays=math.isfinite(costs.ray_ns),
         predicted_error=error_gain * math.hypot(floor, math.sqrt(sum(errors) * count**-3)))
 
 
@@ -374,13 +383,13 @@ def first_samples(limb: float, creases: float, power: float, n_px: float, setup:
 
 
 def plan_shadow(view: BodyView, level: LevelTraits, is_convex: bool, has_casters: bool,
-                max_error: float, halvings: int = 0) -> int | None:
-    """Side of the shadow map [px], or None when nothing can cast on what is seen.
+                max_error: float, seen_share: float = 1.0) -> int | None:
+    """Texels of the shadow map across the body, or None when nothing can cast on what is seen.
 
     Two things ask for texels: the place of a shadow's edge, and what a texel cannot see, which leaks
     light, the more the lower the Sun: the second rule keeps the flux within a tenth of the budget
-    (measured on Itokawa, `docs/planner.md`). A map that covers 2^-halvings of the body's sides needs
-    as many fewer.
+    (measured on Itokawa, `docs/planner.md`). Of a body of which
+    a part is seen there are texels of that part only: a map has at most 4096 along a side.
     """
     if not has_casters:
         if is_convex:
@@ -388,12 +397,11 @@ def plan_shadow(view: BodyView, level: LevelTraits, is_convex: bool, has_casters
         if _SHADOWED_PER_RAD * view.phase_rad < 0.1 * max_error:
             return None
     low_sun = 1.9 * math.tan(min(0.5 * view.phase_rad, 1.5)) ** 1.57 * (0.02 / max_error)
-    texels = min(view.size_px, 1e5) * max(1.0, low_sun)
+    texels = view.finest_px * max(1.0, low_sun)
     one_sample = sum(squared_errors(view, level))
-    return next((size for size in SHADOW_SIZES_PX
-                 if size << halvings >= texels
-                 and shadow_share(view, size << halvings) * one_sample <= (_SHADOW_SHARE * max_error) ** 2),
-                SHADOW_SIZES_PX[-1])
+    sizes = [size for size in SHADOW_SIZES_PX if size * seen_share <= MAX_SHADOW_SIDE_PX]
+    return next((size for size in sizes if size >= texels
+                 and shadow_share(view, size) * one_sample <= (_SHADOW_SHARE * max_error) ** 2), sizes[-1])
 
 
 def is_close(view: BodyView, radius_m: float, footprint_m: float) -> bool:

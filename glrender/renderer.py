@@ -36,6 +36,8 @@ from .view import BodyView, chunks_in_window, view_bodies
 
 # Samples drawn at once: 16 Mi samples of float32 and depth are 128 MiB.
 _MAX_WINDOW_SAMPLES = 4096 * 4096
+# Of the budget: what is left then for samples would not do.
+_ALL_BUT = 0.9
 
 
 class Renderer:
@@ -171,10 +173,10 @@ class Renderer:
         for view in views:
             traits, chunks = self._traits[view.name], self._meshes[view.name][0].chunks
             shown = chunks_in_window(chunks, view, camera, camera.bounds_px)
-            box = self._shadows.box(view, frames.sun_from_body(view.sun_direction_body), camera, 0)
             bodies.append(plan.plan_body(
                 view, traits, camera, len(self._shadows.casters(view, views)) > 1, budget / gain, level,
-                shown_share=chunks.n_facets(shown) / traits.levels[0].n_facets, shadow_halvings=box.halvings))
+                shown_share=chunks.n_facets(shown) / traits.levels[0].n_facets,
+                seen_share=self._shadows.seen_share(view, camera)))
         # What is asked for by its level is drawn by OpenGL.
         costs = self._costs if level is None else replace(self._costs, ray_ns=math.inf)
         windows = plan.plan_windows(views, self._traits, bodies, camera, budget, gain, costs, samples)
@@ -231,6 +233,10 @@ class Renderer:
         now, power = frame_error(mean, error), error_model.noise_power(noise)
         # Edges of shadows lie where the map's texels put them, however many samples see them.
         floor = math.hypot(window.modelling_error, now * math.sqrt(window.shadow_share * window.samples**power))
+        if window.may_be_rays and window.engine == "raster" and floor > _ALL_BUT * window.budget:
+            # The image tells that its shadows' edges cost the budget, which no samples cure.
+            by_rays = replace(window, engine="rays", modelling_error=0.0, shadow_share=0.0)
+            return self._draw_irradiance(irradiance, by_rays, views, frame_plan, camera, shadows, gain, clock)
         budget = max(math.sqrt(max(window.budget**2 - floor**2, 0.0)), 0.3 * window.budget)
         refinement = plan_refinement(mean, error, window.samples, budget, power) if math.isfinite(budget) else None
         clock.lap("refine")

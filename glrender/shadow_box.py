@@ -1,4 +1,4 @@
-"""Which part of a body its shadow map covers: no more than what the camera sees of it in sunlight."""
+"""Which part of a body its shadow map covers: no more than what the camera sees of it."""
 
 from __future__ import annotations
 
@@ -7,49 +7,53 @@ from dataclasses import dataclass
 
 import numpy as np
 
-# A texel is then 2^-20 radii of a map of 4096: float32 coordinates have 2^-24.
-_MOST_HALVINGS = 8
-# The box moves in steps of a quarter of its side, so that a map serves while the camera drifts.
-_STEPS = 4
+# Texels beside what must be covered: a lookup at its edge still meets the map.
+_MARGIN = 2
+# A part moves and grows in steps of an eighth of itself, so that a map serves while the camera drifts.
+_STEPS, _LEAST_STEP = 8, 16
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ShadowBox:
-    """A part of a body's box in frame `sun`.
+    """A box in frame `sun`, a whole number of texels.
 
     Attributes
     ----------
     low_m, high_m : (3,) float64 [m]
-    halvings : int
-        The body's sides over the box's, as a power of two.
+    size_px : (int, int)
+        Texels along x and y.
+    texel_m : (2,) float64 [m]
+        Along x and y: a low Sun sees flat ground foreshortened, and texels with it.
     """
 
     low_m: np.ndarray
     high_m: np.ndarray
-    halvings: int
+    size_px: tuple[int, int]
+    texel_m: np.ndarray
 
 
-def shadow_box(whole: tuple[np.ndarray, np.ndarray], seen: tuple[np.ndarray, np.ndarray] | None) -> ShadowBox:
-    """The body's own box, or a part of it on a grid that holds all that is seen.
+def shadow_box(low_m: np.ndarray, high_m: np.ndarray, seen: tuple[np.ndarray, np.ndarray] | None,
+               texels: int) -> ShadowBox:
+    """The body's own box, or the part of it, on a grid, that holds what is seen.
 
     Parameters
     ----------
-    whole : (3,) and (3,) float64 [m]
+    low_m, high_m : (3,) float64 [m]
         Least and largest coordinates of the body in frame `sun`.
-    seen : the same, or None
-        Of what is seen of it; None for all.
+    seen : (3,) and (3,) float64 [m], or None
+        The same of what is seen of it; None for all.
+    texels : int
+        Along each of the body's sides.
     """
-    low, high = whole
+    texel_m = (high_m - low_m)[:2] / texels
+    first, last = np.zeros(2), np.full(2, float(texels))
     if seen is not None:
-        side = (high - low)[:2]
-        seen_low = np.maximum(seen[0], low)[:2]
-        share = float(np.max((np.minimum(seen[1], high)[:2] - seen_low) / side))
-        # All of it fits although the grid may put a step of the box before it.
-        halvings = math.floor(math.log2((1.0 - 1.0 / _STEPS) / max(share, 2.0**-_MOST_HALVINGS)))
-        if halvings > 0:
-            halvings = min(halvings, _MOST_HALVINGS)
-            side = side / 2**halvings
-            corner = low[:2] + np.floor((seen_low - low[:2]) / side * _STEPS) * side / _STEPS
-            return ShadowBox(low_m=np.append(corner, low[2]), high_m=np.append(corner + side, high[2]),
-                             halvings=halvings)
-    return ShadowBox(low_m=low, high_m=high, halvings=0)
+        part = [np.clip((edge - low_m)[:2] / texel_m, first, last) for edge in seen]
+        # Steps of a power of two: as the part grows, the grid changes seldom.
+        step = max(2 ** math.ceil(math.log2(max(float(np.max(part[1] - part[0])), 1.0) / _STEPS)), _LEAST_STEP)
+        first, last = np.floor(part[0] / step) * step, np.minimum(np.ceil(part[1] / step) * step, last)
+    first, last = first - _MARGIN, last + _MARGIN
+    width, height = (last - first).astype(int)
+    return ShadowBox(low_m=np.append(low_m[:2] + first * texel_m, low_m[2]),
+                     high_m=np.append(low_m[:2] + last * texel_m, high_m[2]),
+                     size_px=(int(width), int(height)), texel_m=texel_m)

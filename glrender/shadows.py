@@ -14,10 +14,12 @@ from .gl.context import Context
 from .gl.passes import Mesh, ShadowMap
 from .hull import Hull
 from .plan import BodyPlan
-from .shadow_box import ShadowBox, shadow_box
+from .shadow_box import shadow_box
 from .view import BodyView, chunks_in_window
 
 _MAPS_KEPT = 8
+# The largest bias of surface.glsl is 20.2 texels.
+_DEPTH_MARGIN_TEXELS = 21.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -79,15 +81,24 @@ class Shadows:
                 casters.append((other.name, frames.transform(rotation, offset)))
         return casters
 
-    def box(self, view: BodyView, sun_from_body: np.ndarray, camera: PinholeCamera, level: int) -> ShadowBox:
-        """What the shadow map of a body must cover, in frame `sun`."""
+    def seen_share(self, view: BodyView, camera: PinholeCamera) -> float:
+        """Largest side of what is seen over that of the body, as the Sun sees both: what a map must cover."""
+        low, high, seen = self._bounds(view, frames.sun_from_body(view.sun_direction_body), camera, 0)
+        if seen is None:
+            return 1.0
+        return min(float(np.max((seen[1] - seen[0])[:2] / (high - low)[:2])), 1.0)
+
+    def _bounds(self, view: BodyView, sun_from_body: np.ndarray, camera: PinholeCamera, level: int
+                ) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray] | None]:
+        """Least and largest coordinates (3,) [m] of a body in frame `sun`, and of what is seen of it in sunlight."""
         points = self._hulls[view.name].points_m @ sun_from_body.T
         chunks, seen = self._meshes[view.name][level].chunks, None
         if not view.is_within(camera.bounds_px):
             lit = (chunks_in_window(chunks, view, camera, camera.bounds_px)
                    & chunks.facing_point(view.r_camera_body_m) & chunks.facing_direction(sun_from_body[2]))
-            seen = chunks.bounds_m(lit, sun_from_body) if lit.any() else None
-        return shadow_box((points.min(axis=0), points.max(axis=0)), seen)
+            # Where nothing is lit, no shadow is looked up.
+            seen = chunks.bounds_m(lit, sun_from_body) if lit.any() else (points[0], points[0])
+        return points.min(axis=0), points.max(axis=0), seen
 
     def draw(self, views: Sequence[BodyView], bodies: Sequence[BodyPlan],
              camera: PinholeCamera) -> tuple[dict[str, Shadow], list[BodyPlan]]:
@@ -95,41 +106,43 @@ class Shadows:
         shadows, done = {}, []
         levels = {body.name: body.level for body in bodies}
         for view, body_plan in zip(views, bodies, strict=True):
-            size = body_plan.shadow_map_px
-            if size is None:
+            texels = body_plan.shadow_map_px
+            if texels is None:
                 done.append(body_plan)
                 continue
-            sun_from_body = frames.sun_from_body(plan.snapped_sun(view.sun_direction_body, size))
-            box = self.box(view, sun_from_body, camera, levels[view.name])
+            sun_from_body = frames.sun_from_body(plan.snapped_sun(view.sun_direction_body, texels))
+            box = shadow_box(*self._bounds(view, sun_from_body, camera, levels[view.name]), texels)
             centre = 0.5 * (box.low_m + box.high_m)
-            # Two texels of margin: a lookup beside the last facet still meets the map.
-            half = 0.5 * (box.high_m - box.low_m) * (1.0 + 4.0 / size)
+            half = 0.5 * (box.high_m - box.low_m)
+            # However large the bias, a surface stays behind what casts from the near plane.
+            half[2] += _DEPTH_MARGIN_TEXELS * box.texel_m.max()
             offset = frames.transform(np.eye(3), -centre) @ frames.transform(sun_from_body, np.zeros(3))
             clip = frames.clip_from_sun(half[0], half[1], -half[2], half[2]) @ offset
             casters = [(name, levels[name], matrix) for name, matrix in self.casters(view, views)]
-            key = (view.name, size, clip.tobytes(),
+            key = (view.name, box.size_px, clip.tobytes(),
                    *((name, level, matrix.tobytes()) for name, level, matrix in casters))
             is_kept = key in self._maps
             if is_kept:
                 self._maps.move_to_end(key)
             else:
-                shadow_map = self._map_to_fill(size)
-                shadow_map.draw([(self._meshes[name][level], clip @ matrix) for name, level, matrix in casters])
+                shadow_map = self._map_to_fill(box.size_px)
+                shadow_map.draw([(self._meshes[name][level], clip @ matrix) for name, level, matrix in casters],
+                                box.size_px)
                 self._maps[key] = shadow_map
-            texture_from_clip = frames.transform(0.5 * np.eye(3), np.full(3, 0.5))
-            texel_m = 2.0 * max(half[0], half[1]) / size
-            shadows[view.name] = Shadow(shadow_map=self._maps[key], shadow_from_body=texture_from_clip @ clip,
-                                        bias_per_texel=texel_m / (2.0 * half[2]))
-            done.append(replace(body_plan, shadow_map_reused=is_kept, shadow_halvings=box.halvings))
+            shadow_map = self._maps[key]
+            shadows[view.name] = Shadow(
+                shadow_map=shadow_map, shadow_from_body=shadow_map.texture_from_clip(box.size_px) @ clip,
+                bias_per_texel=box.texel_m.max() / (2.0 * half[2]))
+            done.append(replace(body_plan, shadow_map_reused=is_kept, shadow_map_drawn_px=box.size_px))
         return shadows, done
 
-    def _map_to_fill(self, size: int) -> ShadowMap:
-        """A map of this size that nobody needs any more, or a new one."""
+    def _map_to_fill(self, size_px: tuple[int, int]) -> ShadowMap:
+        """The map with room that nobody needed for longest, or a new one."""
         if len(self._maps) < max(_MAPS_KEPT, 2 * len(self._meshes)):
-            return ShadowMap(self._context, size)
+            return ShadowMap(self._context, size_px)
         for key, shadow_map in self._maps.items():
-            if shadow_map.size_px == size:
+            if all(room >= side for room, side in zip(shadow_map.room_px, size_px, strict=True)):
                 return self._maps.pop(key)
         _, oldest = self._maps.popitem(last=False)
         oldest.close()
-        return ShadowMap(self._context, size)
+        return ShadowMap(self._context, size_px)

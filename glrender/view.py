@@ -59,6 +59,12 @@ class BodyView:
         """Larger side of the outline's box [px]; infinite when it has none."""
         return np.inf if self.bounds_px is None else float(np.max(self.bounds_px[2:] - self.bounds_px[:2]))
 
+    @property
+    def finest_px(self) -> float:
+        """Its size [px] were all of it as near as its nearest point: what a shadow map must resolve."""
+        near, far = self.depth_m
+        return min(self.size_px * 0.5 * (near + far) / near, 1e5)
+
     def is_within(self, bounds_px: tuple[float, float, float, float]) -> bool:
         """Whether the whole outline is inside a window x0, y0, x1, y1 [px]."""
         x0, y0, x1, y1 = bounds_px

@@ -209,30 +209,39 @@ def _surface_program(context: Context, stage: str, variant: SurfaceVariant, mesh
 
 
 class ShadowMap(ResourceOwner):
-    """A square depth map seen from the Sun.
+    """Depths seen from the Sun.
 
     Parameters
     ----------
     context : Context
-    size_px : int [px]
+    room_px : (int, int) [px]
+        Texels that it has, at least, along x and y.
     """
 
-    def __init__(self, context: Context, size_px: int):
+    def __init__(self, context: Context, room_px: tuple[int, int]):
         super().__init__(context)
-        self.size_px = size_px
+        # Rounded up: as a body turns its box changes, and the next one may fit.
+        self.room_px = tuple(-(-side // 256) * 256 for side in room_px)
         context.make_current()
-        self.texture = self.own(context.gl.depth_texture((size_px, size_px)))
+        self.texture = self.own(context.gl.depth_texture(self.room_px))
         self.texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
         self.texture.compare_func = "<="
         self.texture.repeat_x = self.texture.repeat_y = False
         self._framebuffer = self.own(context.gl.framebuffer(depth_attachment=self.texture))
 
-    def draw(self, casters: Sequence[tuple[Mesh, np.ndarray]]) -> None:
-        """Fill with the depths of `casters`, each with its `sun_clip_from_body` (4, 4) float64."""
+    def texture_from_clip(self, size_px: tuple[int, int]) -> np.ndarray:
+        """(4, 4) float64 of a map of so many texels of the room."""
+        matrix = np.diag([0.5, 0.5, 0.5, 1.0])
+        matrix[:3, 3] = 0.5
+        return np.diag([*(used / room for used, room in zip(size_px, self.room_px, strict=True)), 1.0, 1.0]) @ matrix
+
+    def draw(self, casters: Sequence[tuple[Mesh, np.ndarray]], size_px: tuple[int, int]) -> None:
+        """Fill so many texels with the depths of `casters`, each with its `sun_clip_from_body` (4, 4) float64."""
         gl = self._context.gl
         self._context.make_current()
         self._framebuffer.use()
-        self._framebuffer.clear(depth=1.0)
+        self._framebuffer.viewport = (0, 0, *size_px)
+        self._framebuffer.clear(depth=1.0, viewport=self._framebuffer.viewport)
         gl.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
         gl.front_face = "ccw"
         for mesh, sun_clip_from_body in casters:
