@@ -7,7 +7,7 @@ plane, and the laws are the float64 ones. It shares no line with the OpenGL pass
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import cv2
@@ -60,7 +60,8 @@ class RayTracer:
         return {"backend": "raytrace", "gl_renderer": "Embree (embreex)", "gl_version": ""}
 
     def render(self, state: State, camera: str | None = None, *, max_error: float | None = None,
-               products: Iterable[str] = ("irradiance",), samples: int | None = None, seed: int = 0) -> Image:
+               products: Iterable[str] = ("irradiance",), samples: int | None = None, seed: int = 0,
+               on_progress: Callable[[float], None] | None = None) -> Image:
         """Draw one frame until the standard error of its pixels is below the budget.
 
         Parameters
@@ -73,6 +74,8 @@ class RayTracer:
             Samples along a pixel's side on a regular grid, and no adaptation.
         seed : int
             Of the jitter: equal seeds give equal images.
+        on_progress : callable, optional
+            Called with the share done, 0..1: the rounds still to come are a guess.
 
         Returns
         -------
@@ -97,7 +100,8 @@ class RayTracer:
             mean = sum((shoot(pixel + (dx, dy)) for dy in offsets for dx in offsets), np.zeros(len(pixel)))
             mean, reached = mean / samples**2, 0.0
         else:
-            mean, reached = _adapt(shoot, pixel, (y1 - y0, x1 - x0), budget, np.random.default_rng(seed))
+            mean, reached = _adapt(shoot, pixel, (y1 - y0, x1 - x0), budget, np.random.default_rng(seed),
+                                   on_progress or (lambda share: None))
         irradiance[y, x] = mean
         arrays = traced_products(self._engine, wanted, pinhole, views, roi)
         frame_plan = full_shape_plan(self.scene, pinhole, views, max_error=budget, predicted_error=reached, roi=roi)
@@ -106,7 +110,7 @@ class RayTracer:
 
 
 def _adapt(shoot, pixel: np.ndarray, shape: tuple[int, int], budget: float,
-           rng: np.random.Generator) -> tuple[np.ndarray, float]:
+           rng: np.random.Generator, report: Callable[[float], None]) -> tuple[np.ndarray, float]:
     """Mean of each pixel, sampled until the frame's standard error meets the budget, and that error.
 
     Each round puts one jittered sample into each cell of a pixel; the scatter of the rounds'
@@ -114,7 +118,7 @@ def _adapt(shoot, pixel: np.ndarray, shape: tuple[int, int], budget: float,
     """
     cells = (np.arange(_STRATA) + 0.5) / _STRATA - 0.5
     total, squares, rounds = (np.zeros(len(pixel)) for _ in range(3))
-    active = np.arange(len(pixel))
+    active, told = np.arange(len(pixel)), 0.0
     for count in range(1, _MAX_ROUNDS + 1):
         jitter = rng.uniform(-0.5 / _STRATA, 0.5 / _STRATA, (_STRATA**2, len(active), 2))
         places = [(dx, dy) for dy in cells for dx in cells]
@@ -130,9 +134,12 @@ def _adapt(shoot, pixel: np.ndarray, shape: tuple[int, int], budget: float,
         variance = np.maximum(own, _neighbours_mean(own, shape))
         lit = mean > 0.0
         if not lit.any():
+            report(1.0)
             return mean, 0.0
         level = mean[lit].mean()
         reached = float(np.sqrt(variance[lit].mean()) / level)
+        told = max(told, min((budget / max(reached, 1e-30)) ** 2, 1.0), count / _MAX_ROUNDS)
+        report(told)
         if reached <= budget:
             break
         active = np.flatnonzero(variance > (0.5 * budget * level) ** 2)
