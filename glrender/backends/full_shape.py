@@ -21,7 +21,8 @@ def visible_region(views: list[BodyView], camera: PinholeCamera) -> tuple[int, i
 def full_shape_plan(scene: Scene, camera: PinholeCamera, views: list[BodyView], *, max_error: float,
                     predicted_error: float, roi: tuple[int, int, int, int], left_out: tuple[str, ...] = (),
                     warnings: tuple[str, ...] = ()) -> RenderPlan:
-    """The plan of a frame that leaves no facet out and needs no shadow map."""
+    """The plan of a frame that leaves no facet out and needs no shadow map; what shines by itself is left out."""
+    left_out += tuple(f"emission around {emission.body}" for emission in getattr(scene, "emission", ()))
     return RenderPlan(
         camera=camera.name, max_error=max_error, roi=roi, windows=(), predicted_error=predicted_error,
         left_out=left_out, warnings=warnings,

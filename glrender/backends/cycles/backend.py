@@ -164,13 +164,17 @@ class Cycles:
         if self._blender is None:
             self._start()
 
+        n_parts = 1 if self._is_lambert or bounces == 0 else 3
+
         def draw(n_bounces: int, is_indirect: bool, part: int) -> np.ndarray:
             head = {"op": "draw", **asked, "samples": n_samples, "seed": seed, "bounces": n_bounces,
                     "is_indirect": is_indirect}
-            n_parts = 1 if self._is_lambert or bounces == 0 else 3
-            return self._ask(head, on_progress=lambda share: on_progress((part + share) / n_parts))["pixels"]
+            drawn = self._ask(head, on_progress=lambda share: on_progress((part + share) / n_parts))["pixels"]
+            # Not every Blender tells its samples as it goes.
+            on_progress((part + 1) / n_parts)
+            return drawn
 
-        if self._is_lambert or bounces == 0:
+        if n_parts == 1:
             return draw(bounces, False, 0).astype(np.float64)
         # The same paths twice: their difference is what came from other facets.
         between = draw(bounces, True, 0).astype(np.float64) - draw(0, True, 1)

@@ -106,8 +106,8 @@ class BlenderProcess:
                 return head, arrays
 
     def _failure(self, what: str) -> DeviceError:
-        """The error to raise; the process is ended, and the last line that it said is told."""
+        """The error to raise; the process is ended, and the last lines that it said are told."""
         self._said.seek(max(self._said.seek(0, 2) - 4000, 0))
         lines = [line.strip() for line in self._said.read().decode(errors="replace").splitlines() if line.strip()]
         self.close()
-        return DeviceError(f"Blender {what}" + (f"; it said: {lines[-1][:300]}" if lines else ""))
+        return DeviceError(f"Blender {what}" + (f"; it said: {' | '.join(lines[-3:])[-400:]}" if lines else ""))

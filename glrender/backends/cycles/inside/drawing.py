@@ -166,6 +166,9 @@ class Stage:
             text = bpy.data.texts.new(told["name"] + ".osl")
             text.write(told["law"])
             shader.mode, shader.script = "INTERNAL", text
+            if not bpy.app.build_options.cycles_osl:
+                raise RuntimeError(f"this Blender {bpy.app.version_string} was built without OSL, which the law of "
+                                   f"{told['name']!r} needs; PyPI's bpy has it")
             if "to_sun" not in shader.inputs:
                 raise RuntimeError(f"the law of {told['name']!r} does not compile as OSL")
             if scale is not None:

@@ -48,7 +48,9 @@ def main() -> None:
         except (BrokenPipeError, ConnectionResetError):
             return
         except Exception as error:
-            traceback.print_exc()
+            # What is raised on purpose says all; anything else is a bug.
+            if not isinstance(error, RuntimeError):
+                traceback.print_exc()
             framing.send(link, {"failed": f"{type(error).__name__}: {error}"})
 
 
