@@ -46,11 +46,12 @@ _LEVEL_SHARE, _FLUX_SHARE = 0.7, 0.1
 # Share of the sunlit surface in cast shadow, per radian of phase (engine.md: 6 % at 10 deg).
 _SHADOWED_PER_RAD = 0.34
 # Cost of a sample passed over, in samples that are shaded; and of a ray that meets nothing, in rays that do.
-_PASSED_OVER_COST, _MISS_COST = 0.15, 0.15
+_PASSED_OVER_COST, _MISS_COST = 0.45, 0.15
 # Cost of a texel of a shadow map, in samples (engine.md: 2.3 ns of 20).
 _TEXEL_COST = 0.1
-# Of the budget, what a guess may take that shall not need a second pass.
-_SURE = 0.7
+# Of the budget, what a guess may take that shall not need a second pass: where a pass costs more than its
+# samples, and where it costs less.
+_SURE, _LIKELY = 0.7, 0.85
 # Nanoseconds of a call whatever it draws: of OpenGL, of rays in NumPy.
 _RASTER_CALL_NS, _RAYS_CALL_NS = 5e5, 1.5e6
 
@@ -367,8 +368,7 @@ def first_samples(limb: float, creases: float, power: float, n_px: float, setup:
         cost = setup + n_px * first**2
         if cost > best[0]:
             break
-        # Where a pass costs more than its samples, a second one for a guess too low is the dearer way.
-        enough = budget * (_SURE if setup > n_px * first**2 else 1.0)
+        enough = budget * (_SURE if setup > n_px * first**2 else _LIKELY)
         if limb / first**3 + creases / first**power <= enough**2 or first == MAX_SAMPLES:
             best = min(best, (cost, first))
             break
