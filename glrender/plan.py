@@ -203,7 +203,7 @@ def with_windows(frame: RenderPlan, windows: tuple[WindowPlan, ...]) -> RenderPl
     warnings = frame.warnings
     if predicted > frame.max_error * (1.0 + 1e-6) and any(math.isfinite(w.budget) for w in windows):
         warnings += (f"the budget of {frame.max_error:g} is not met: {predicted:.2g} with {MAX_SAMPLES} x "
-                     f"{MAX_SAMPLES} samples; the raytrace backend can",)
+                     f"{MAX_SAMPLES} samples; allow_slow has a slow backend draw it",)
     return replace(frame, windows=windows, predicted_error=predicted, warnings=warnings)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
@@ -30,6 +30,7 @@ from .ray_engine import RayEngine
 from .refine import frame_error, pixel_errors, pixel_means, plan_refinement
 from .scene import Body, Scene, checked_max_error
 from .shadows import NO_SHADOW, Shadow, Shadows
+from .slow import SlowFrames, checked_allow_slow, misses_budget
 from .state import State
 from .surface import Surface
 from .view import BodyView, chunks_in_window, view_bodies
@@ -69,6 +70,8 @@ class Renderer:
                 self._meshes[body.name] = [stack.enter_context(mesh)
                                            for mesh in _meshes(self._context, body, levels)]
                 self._traits[body.name] = _traits(body, levels, ratios)
+            self._slow = SlowFrames(scene)
+            stack.callback(self._slow.close)
             self._rays = None
             try:
                 self._rays = RayEngine(scene)
@@ -105,7 +108,8 @@ class Renderer:
 
     def render(self, state: State, camera: str | None = None, *, max_error: float | None = None,
                products: Iterable[str] = ("irradiance",), samples: int | None = None, level: int | None = None,
-               after_psf: bool = False) -> Image:
+               after_psf: bool = False, allow_slow: bool | str = False,
+               on_progress: Callable[[float], None] | None = None) -> Image:
         """Draw one frame.
 
         Parameters
@@ -125,6 +129,11 @@ class Renderer:
             beyond a body's coarsest is its coarsest.
         after_psf : bool
             Whether the budget holds for the image after the camera's PSF.
+        allow_slow : bool or {"raytrace", "cycles"}
+            Whether another backend may draw the frame, in seconds or minutes, where OpenGL's error is above
+            the budget and no `samples` or `level` is asked for; or which one.
+        on_progress : callable, optional
+            Called by the slow backend with the share done, 0..1.
 
         Returns
         -------
@@ -147,6 +156,7 @@ class Renderer:
             level = 0
         if level is not None:
             level = integer("level", level, 0, 99)
+        may_be_slow = checked_allow_slow(allow_slow) and level is None
         gain = pinhole.model.optics.psf_noise_gain if after_psf and pinhole.model is not None else 1.0
         views = view_bodies(state, pinhole, self._hulls)
         frame_plan = self._plan(views, pinhole, budget, samples, level, gain)
@@ -165,7 +175,10 @@ class Renderer:
         if wanted:
             arrays = self._draw_products(wanted, views, frame_plan, pinhole)
             clock.lap("products")
-        return Image(irradiance_W_m2=irradiance, products=arrays, plan=frame_plan, timings_ms=clock.laps_ms)
+        image = Image(irradiance_W_m2=irradiance, products=arrays, plan=frame_plan, timings_ms=clock.laps_ms)
+        if may_be_slow and misses_budget(frame_plan):
+            return self._slow.instead_of(image, allow_slow, state, error_gain=gain, on_progress=on_progress)
+        return image
 
     def _plan(self, views: list[BodyView], camera: PinholeCamera, budget: float, samples: int | None,
               level: int | None, gain: float) -> RenderPlan:

@@ -22,6 +22,8 @@ ROOMS = {
     "glrender/gl": {"numpy", "moderngl", "glrender.brdf", "glrender.chunks", "glrender.shaders", "glrender.errors",
                     "glrender.constants"},
     "glrender/backends": {"numpy", "cv2", "glrender", "glrender_camera"},
+    # What runs in Blender's process: its own Python, where glrender is not installed.
+    "glrender/backends/cycles/inside": {"numpy", "bpy", "mathutils", "framing", "drawing"},
     "glrender/rays.py": {"numpy", "embreex", "glrender.errors"},
     "glrender/refine.py": {"numpy", "cv2"},
     "glrender/lod.py": {"numpy", "scipy", "fast_simplification", "glrender"},

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from glrender import ConfigError, GlrenderError, Pose, Renderer, Scene, State, frames, load_scene
+from glrender import ConfigError, GlrenderError, Pose, Scene, State, frames, load_scene, open_renderer, plugins
 from glrender.constants import AU_M
 from glrender_camera.validate import within
 
@@ -34,7 +34,7 @@ def main(argv: list[str] | None = None) -> int:
     render.add_argument("--camera", help="default: the first")
     render.add_argument("--max-error", type=float)
     render.add_argument("--samples", type=int, help="along a pixel's side; default: what the budget needs")
-    render.add_argument("--backend", default="auto", choices=("auto", "egl", "osmesa"))
+    render.add_argument("--backend", default="auto", help="auto, egl, osmesa, or a plug-in such as raytrace or cycles")
     render.add_argument("--out", type=Path, default=Path("frame.png"),
                         help=".npy: float32 irradiance [W/m2 per pixel]; .png: a display picture, gamma 2.2")
     render.set_defaults(run=_render)
@@ -75,6 +75,7 @@ def _info(arguments: argparse.Namespace) -> int:
             continue
         sys.stdout.write(f"{backend}: works\n")
         sys.stdout.writelines(f"  {key:24} {value}\n" for key, value in entry.items())
+    sys.stdout.writelines(f"plug-in: {problem}\n" for problem in plugins.problems())
     if not works:
         sys.stdout.write(f"Nothing works: {INSTALL_HINT}\n")
     return 0 if works else 1
@@ -102,7 +103,7 @@ def _render(arguments: argparse.Namespace) -> int:
     else:
         phase_deg = within("phase-deg", arguments.phase_deg, 0.0, 180.0)
         state = default_state(scene, camera.name, np.radians(phase_deg))
-    with Renderer(scene, backend=arguments.backend) as renderer:
+    with open_renderer(scene, arguments.backend) as renderer:
         image = renderer.render(state, camera.name, max_error=arguments.max_error, samples=arguments.samples)
     if ending == ".npy":
         with open(arguments.out, "wb") as file:  # given a name, NumPy would add its own ending to .NPY

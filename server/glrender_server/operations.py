@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from glrender import ConfigError, DeviceError, GlrenderError, Image, ProtocolError, Scene, State, open_renderer
 from glrender.errors import error_path
 from glrender.image import peak_bytes
+from glrender.plugins import OPENGL_BACKENDS
 from glrender.ranging import RangeNoise, laser_ranges
+from glrender.slow import checked_allow_slow
 from glrender_camera.validate import integer, known_keys, one_of, positive
 
 from . import codec
@@ -26,7 +28,8 @@ MAX_IMAGE_PIXELS = 2**26
 """Largest image of a scene that came over the wire, 67 megapixels."""
 MAX_FRAME_BYTES = 4 * 1024**3
 """Most memory that one request's image and products may take while they are made."""
-_RENDER_KEYS = ("state", "camera", "output", "exposure_s", "seed", "max_error", "samples", "products", "order")
+_RENDER_KEYS = ("state", "camera", "output", "exposure_s", "seed", "max_error", "samples", "products", "order",
+                "allow_slow")
 _RANGE_KEYS = ("state", "camera", "directions_camera", "noise")
 _UNITS = {"irradiance": "W/m2", "dn": "DN", "range": "m", "r_body": "m", "body_id": "1", "facet_id": "1",
           "incidence": "rad", "emission": "rad", "phase": "rad", "sunlit": "1"}
@@ -42,12 +45,18 @@ class Operations:
         As of `glrender.open_renderer`.
     shape_dir : path, optional
         Where `load_scene` may look for shapes; without it only generated bodies load.
+
+    Attributes
+    ----------
+    on_progress : callable
+        Called while a slow frame is drawn, with the share done.
     """
 
     def __init__(self, scene: Scene, backend: str = "auto", shape_dir: Path | None = None):
         self._backend, self._shape_dir = backend, shape_dir
         self.scene, self._renderer = scene, open_renderer(scene, backend)
         self.last_timings_ms: dict[str, float] = {}
+        self.on_progress: Callable[[float], None] = lambda share: None
 
     def close(self) -> None:
         """Release the renderer."""
@@ -117,7 +126,7 @@ class Operations:
         elif "exposure_s" in header or "seed" in header:
             raise ProtocolError("exposure_s" if "exposure_s" in header else "seed",
                                 "belongs to output 'dn'", output)
-        options = {"after_psf": True} if output == "dn" and self._backend in ("auto", "egl", "osmesa") else {}
+        options = self._opengl_options(output == "dn", header.get("allow_slow", False))
         image = self._drawn(state, camera.name, max_error=header.get("max_error"), samples=header.get("samples"),
                             products=products, **options)
         timings = dict(image.timings_ms)
@@ -152,6 +161,17 @@ class Operations:
         self.last_timings_ms = {"total": 1e3 * (time.perf_counter() - began)}
         return codec.pack({**echo(header), "ok": True, "t_s": state.t_s, "camera": camera.name,
                            "timings_ms": self.last_timings_ms}, arrays)
+
+    def _opengl_options(self, after_psf: bool, allow_slow: Any) -> dict[str, Any]:
+        """What only `Renderer.render` takes."""
+        allow_slow = checked_allow_slow(allow_slow)
+        if self._backend not in OPENGL_BACKENDS:
+            return {}
+        return {"after_psf": after_psf, "allow_slow": allow_slow, "on_progress": self._progress}
+
+    def _progress(self, share: float) -> None:
+        log.debug("slow frame: %.0f %%", 100.0 * share)
+        self.on_progress(share)
 
     def _drawn(self, state: State, camera: str, **options) -> Image:
         """The image; a context that was lost is made anew, once."""
