@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 BRDF_GROUP = "glrender.brdf"
 BACKEND_GROUP = "glrender.backend"
+EMISSION_GROUP = "glrender.emission"
 OPENGL_BACKENDS = ("auto", "egl", "osmesa")
 
 
@@ -49,6 +50,23 @@ def backends() -> dict[str, EntryPoint]:
     for entry in entry_points(group=BACKEND_GROUP):
         if entry.name in found or entry.name in OPENGL_BACKENDS:
             raise ConfigError(f"{BACKEND_GROUP}.{entry.name}", "has two owners", entry.value)
+        found[entry.name] = entry
+    return found
+
+
+@cache
+def emissions() -> dict[str, EntryPoint]:
+    """Light that no surface scatters, by name; each loads a class as in `emission_frame.Emission`.
+
+    Raises
+    ------
+    ConfigError
+        Two owners of one name.
+    """
+    found: dict[str, EntryPoint] = {}
+    for entry in entry_points(group=EMISSION_GROUP):
+        if entry.name in found:
+            raise ConfigError(f"{EMISSION_GROUP}.{entry.name}", "has two owners", entry.value)
         found[entry.name] = entry
     return found
 

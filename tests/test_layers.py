@@ -21,6 +21,7 @@ ROOMS = {
     "glrender/shaders": {"numpy", "glrender.constants", "glrender.errors"},
     "glrender/gl": {"numpy", "moderngl", "glrender.brdf", "glrender.shaders", "glrender.errors",
                     "glrender.constants"},
+    "glrender/emission": {"numpy", "scipy", "cv2", "OpenEXR", "glrender", "glrender_camera"},
     "glrender/backends": {"numpy", "cv2", "glrender", "glrender_camera"},
     "glrender/rays.py": {"numpy", "embreex", "glrender.errors"},
     "glrender/refine.py": {"numpy", "cv2"},
