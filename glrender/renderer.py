@@ -410,7 +410,8 @@ class Renderer:
 
         frame = EmissionFrame(
             state=state, camera=camera, views={view.name: view for view in views}, max_error=frame_plan.max_error,
-            solar_irradiance_1au_W_m2=self.scene.solar_irradiance_of(camera), rois=tuple(w.roi for w in frame_plan.windows),
+            solar_irradiance_1au_W_m2=self.scene.solar_irradiance_of(camera),
+            rois=tuple(window.roi for window in frame_plan.windows),
             draw_surfaces=draw_surfaces, shadow_map=shadow_map)
         added = tuple(emission.add(irradiance, frame) for emission in self._emission)
         return replace(frame_plan, emission=added, roi=(0, 0, camera.width_px, camera.height_px))

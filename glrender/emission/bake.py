@@ -57,19 +57,20 @@ class SphericalBake:
             return n_r, n, (n_r - 1) / octaves
         return math.ceil(octaves * rate) + 1, n, rate
 
-    def fields(self, sun_direction_body: np.ndarray) -> list[SphericalField]:
-        """The weights with the Sun in a direction (3,): sources with one grid are added up."""
-        made: dict[tuple, np.ndarray] = {}
+    def fields(self, sun_direction_body: np.ndarray) -> list[tuple[SphericalField, tuple[str, ...]]]:
+        """Weights with the Sun in a direction (3,), and the models in them: sources with one grid are added up."""
+        made: dict[tuple, tuple[np.ndarray, tuple[str, ...]]] = {}
         for source, size, table in zip(self._sources, self._sizes, self._tables, strict=True):
             activity = source.activity(sun_direction_body).astype(np.float32)
             values = (activity @ table).reshape(size[0], size[1], size[1])
-            key = (size[0], size[2], math.isfinite(source.reach_m))
+            key, models = (size[0], size[2], math.isfinite(source.reach_m)), ()
             if key in made:
-                n = max(made[key].shape[1], size[1])
-                values = self._resampled(made[key], key, n) + self._resampled(values, key, n)
-            made[key] = values
-        return [SphericalField(values_m=values, inner_m=self._inner_m, shells_per_octave=rate, is_cut=is_cut,
-                               least_m=self.least_m) for (_, rate, is_cut), values in made.items() if values.any()]
+                others, models = made[key]
+                n = max(others.shape[1], size[1])
+                values = self._resampled(others, key, n) + self._resampled(values, key, n)
+            made[key] = (values, (*models, type(source).__name__.lower()))
+        return [(SphericalField(values_m=values, inner_m=self._inner_m, shells_per_octave=rate, is_cut=is_cut,
+                                least_m=self.least_m), models) for (_, rate, is_cut), (values, models) in made.items()]
 
     def _resampled(self, values: np.ndarray, key: tuple, n: int) -> np.ndarray:
         """Values on an octahedral map of n directions along a side."""

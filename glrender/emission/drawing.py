@@ -1,98 +1,166 @@
-"""Draws a coma into a frame: fields around the body, columns by the GPU, light added to the irradiance."""
+"""Draws a coma into a frame: columns of its fields by the GPU, their light added to the irradiance."""
 
 from __future__ import annotations
 
+import math
 import time
 from contextlib import ExitStack
+from dataclasses import dataclass
 
-import cv2
 import numpy as np
-from glrender_camera import PinholeCamera
 
+from .. import frames
 from ..emission_frame import EmissionFrame, EmissionPlan
 from ..gl.coma_pass import ENDS, ComaPass, ComaVolume
 from ..gl.context import Context
 from ..gl.passes import Target
 from ..scene import Scene
 from ..view import BodyView
-from .bake import SphericalBake
 from .coma import Coma
-from .fields import Field, SphericalField
-from .geometry import phase_rad, shader_values, solid_angle_sr
+from .geometry import shader_values
+from .layers import Layer, Layers
+from .light import light_per_column, point_correction
+from .planning import Sampling, choose
 
 _TILE_PX = 2048
-# Pixels between nodes of the map of phase function and solid angle: bilinear between them.
-_FACTOR_STEP_PX = 8
+# The mean of 1/rho over a pixel is taken that many pixels around a nucleus that is smaller than some pixels.
+_POINT_PX = 8
+
+
+@dataclass(frozen=True, eq=False)
+class _Drawn:
+    """A layer as a frame draws it."""
+
+    layer: Layer
+    volume: ComaVolume
+    field_from_body: np.ndarray
+    sampling: Sampling
 
 
 class ComaDrawing(ExitStack):
-    """A coma's textures in a context; see `emission_frame.EmissionPass`."""
+    """A coma's tables and textures in a context; see `emission_frame.EmissionPass`."""
 
     def __init__(self, coma: Coma, context: Context, scene: Scene):
         super().__init__()
         self._coma, self._context = coma, context
         body = next(body for body in scene.bodies if body.name == coma.body)
         distance = np.linalg.norm(body.shape.vertices_m, axis=1)
-        self._bake = SphericalBake(coma.sources, (float(distance.min()), float(distance.max())))
+        self._layers = Layers(coma.sources, (float(distance.min()), float(distance.max())))
         self._pass = self.enter_context(ComaPass(context, len(scene.bodies)))
         self._surface = self.enter_context(Target(context, [2]))
-        self._volumes: list[tuple[Field, ComaVolume]] = []
-
-    def _current(self, view: BodyView) -> list[tuple[Field, ComaVolume, np.ndarray]]:
-        if not self._volumes:
-            for field in self._bake.fields(view.sun_direction_body):
-                volume = self.enter_context(ComaVolume(self._context, field.texels(),
-                                                       isinstance(field, SphericalField)))
-                self._volumes.append((field, volume))
-        return [(field, volume, np.eye(3)) for field, volume in self._volumes]
+        self._volumes: dict[int, tuple[Layer, ComaVolume]] = {}
 
     def add(self, irradiance: np.ndarray, frame: EmissionFrame) -> EmissionPlan:
         """Add the coma's light; where its dust hides what is behind it, dim that."""
         began = time.perf_counter()
-        view = frame.views[self._coma.body]
-        fields = self._current(view)
-        scale = frame.solar_irradiance_1au_W_m2 / view.sun_distance_au**2
-        steps, per_node = 4, 4
+        view, dust = frame.views[self._coma.body], self._coma.dust
+        drawn = self._plan(frame, view)
+        scale = np.float32(frame.solar_irradiance_1au_W_m2 / view.sun_distance_au**2)
         height, width = irradiance.shape
+        greatest = 0.0
         for top in range(0, height, _TILE_PX):
             for left in range(0, width, _TILE_PX):
                 box = (left, top, min(left + _TILE_PX, width), min(top + _TILE_PX, height))
-                columns = self._columns(box, frame, fields, steps, per_node)
-                tile = irradiance[box[1]:box[3], box[0]:box[2]]
-                factor = self._light_per_column(frame.camera, view, box) * np.float32(scale)
-                dust = self._coma.dust
+                column, hidden = self._columns(box, frame, drawn)
+                greatest = max(greatest, float(hidden.max()))
+                tile = irradiance[top:box[3], left:box[2]]
                 if dust.extinction_efficiency > 0.0:
-                    tile *= dust.transmission(columns)
-                tile += factor * dust.thin(columns)
-        return EmissionPlan(kind="coma", body=self._coma.body, predicted_error=0.0, modelled={},
-                            milliseconds=1e3 * (time.perf_counter() - began))
+                    tile *= dust.transmission(hidden)
+                    # Of the dust that hides itself, the sunlit share shines.
+                    column = column * (dust.thin(hidden) / np.maximum(hidden, np.float32(1e-30)))
+                column *= light_per_column(frame.camera, view, dust, box)
+                column *= scale
+                tile += column
+        return self._told(drawn, greatest, 1e3 * (time.perf_counter() - began))
 
-    def _columns(self, box, frame, fields, steps, per_node) -> np.ndarray:
+    def _plan(self, frame: EmissionFrame, view: BodyView) -> list[_Drawn]:
+        body_from_inertial = frames.dcm(frame.state.bodies[view.name].q_from_inertial)
+        footprint_m = view.range_m / frame.camera.focal_length_px
+        made = []
+        for index, layer in enumerate(self._layers.at(view.sun_direction_body)):
+            known = self._volumes.get(index)
+            if known is None:
+                volume = self.enter_context(ComaVolume(self._context, layer.field.texels(), layer.is_spherical))
+            else:
+                volume = known[1]
+                if known[0] is not layer:
+                    volume.write(layer.field.texels())
+            self._volumes[index] = (layer, volume)
+            sampling = choose(layer.errors, footprint_m, self._layers.nearest_m,
+                              0.5 * max(frame.camera.width_px, frame.camera.height_px), frame.max_error)
+            made.append(_Drawn(layer, volume, layer.field_from_body(body_from_inertial, view.sun_direction_body),
+                               sampling))
+        return made
+
+    def _columns(self, box: tuple[int, int, int, int], frame: EmissionFrame,
+                 drawn: list[_Drawn]) -> tuple[np.ndarray, np.ndarray]:
+        """Columns (rows, columns) [1] of sunlit dust and of all dust in a tile."""
+        x0, y0, x1, y1 = box
+        width, height = x1 - x0, y1 - y0
+        body = _cut([(a - x0, b - y0, c - x0, d - y0) for a, b, c, d in frame.rois], width, height)
+        if body is not None:
+            frame.draw_surfaces(self._surface, "coma/surface.frag.glsl", (x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5),
+                                (width, height))
+        view, has_shadow = frame.views[self._coma.body], self._coma.has_shadow
+        column = self._sum(box, frame, drawn, body, has_shadow)
+        needs_all = has_shadow and self._coma.dust.extinction_efficiency > 0.0
+        hidden = self._sum(box, frame, drawn, body, False) if needs_all else column
+        if self._layers.nearest_m < _POINT_PX * view.range_m / frame.camera.focal_length_px:
+            point_correction(column, frame.camera, view, self._layers.least_m, box, _POINT_PX)
+        return column, hidden
+
+    def _sum(self, box: tuple[int, int, int, int], frame: EmissionFrame, drawn: list[_Drawn],
+             body: tuple[int, int, int, int] | None, has_shadow: bool) -> np.ndarray:
         x0, y0, x1, y1 = box
         width, height = x1 - x0, y1 - y0
         view = frame.views[self._coma.body]
-        inside = [(max(a - x0, 0), max(b - y0, 0), min(c - x0, width), min(d - y0, height)) for a, b, c, d in frame.rois]
-        inside = [roi for roi in inside if roi[2] > roi[0] and roi[3] > roi[1]]
-        if inside:
-            frame.draw_surfaces(self._surface, "coma/surface.frag.glsl", (x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5),
-                                (width, height))
-        nodes = tuple(-(-(size - 1) // per_node) + 1 for size in (width, height))
+        shadow_map, shadow_from_body = frame.shadow_map(view.name) if has_shadow else (None, np.eye(4))
         self._pass.begin(width, height)
-        for field, volume, field_from_body in fields:
-            values = shader_values(field, frame.camera, view, frame.views, field_from_body, (x0, y0))
-            values |= {"shadow_from_field": np.eye(4), "pixels_per_node": per_node, "steps_per_end": steps}
-            self._pass.march(volume, values, nodes)
-            self._pass.add_columns(volume, values, None, [(0, 0, width, height)])
+        for each in drawn:
+            per_node = each.sampling.pixels_per_node
+            values = shader_values(each.layer.field, frame.camera, view, frame.views, each.field_from_body, (x0, y0))
+            values |= {
+                "shadow_from_field": shadow_from_body @ frames.transform(each.field_from_body.T, np.zeros(3)),
+                "pixels_per_node": per_node, "steps_per_end": each.sampling.steps // ENDS}
+            self._pass.march(each.volume, values, (-(-(width - 1) // per_node) + 1, -(-(height - 1) // per_node) + 1),
+                             shadow_map)
+            if body is None:
+                self._pass.add_columns(each.volume, values, None, [(0, 0, width, height)])
+            else:
+                self._pass.add_columns(each.volume, values, None, _around(body, width, height))
+                self._pass.add_columns(each.volume, values, self._surface, [body])
         return self._pass.read()
 
-    def _light_per_column(self, camera: PinholeCamera, view: BodyView, box) -> np.ndarray:
-        """Irradiance of a column of 1 over the Sun's (rows, columns) float32 [1], smooth over the image."""
-        x0, y0, x1, y1 = box
-        step = _FACTOR_STEP_PX
-        across, down = -(-(x1 - x0) // step) + 2, -(-(y1 - y0) // step) + 2
-        # cv2 takes nodes for the middles of cells of `step` pixels; one cell more on each side.
-        x, y = (first + step * (np.arange(count) - 0.5) - 0.5 for first, count in ((x0, across), (y0, down)))
-        pixel = np.stack(np.broadcast_arrays(x, y[:, None]), axis=-1)
-        light = self._coma.dust.radiance_per_column(phase_rad(camera, view, pixel)) * solid_angle_sr(camera, pixel)
-        fine = cv2.resize(light.astype(np.float32), (across * step, down * step), interpolation=cv2.INTER_LINEAR)
-        return fine[step:step + y1 - y0, step:step + x1 - x0]
+    def _told(self, drawn: list[_Drawn], greatest: float, milliseconds: float) -> EmissionPlan:
+        left_out = ["sunlight that the dust takes out before it is scattered, and light scattered twice"]
+        if not self._coma.has_shadow:
+            left_out.append("the bodies' shadow in the coma")
+        if self._coma.dust.extinction_efficiency == 0.0:
+            left_out.append(f"extinction: columns up to {greatest:.2g} of cross-section over area")
+        if not drawn:
+            left_out.append("no source is active")
+        fields = [{"models": list(each.layer.models), "steps": each.sampling.steps,
+                   "pixels_per_node": each.sampling.pixels_per_node,
+                   "texels": [int(n) for n in each.volume.texture.size]} for each in drawn]
+        return EmissionPlan(
+            kind="coma", body=self._coma.body, milliseconds=milliseconds, left_out=tuple(left_out),
+            modelled={"fields": fields, "shadow": self._coma.has_shadow,
+                      "extinction": self._coma.dust.extinction_efficiency > 0.0, "greatest_column": greatest},
+            predicted_error=math.hypot(*(each.sampling.predicted_error for each in drawn)) if drawn else 0.0)
+
+
+def _cut(boxes: list[tuple[int, int, int, int]], width: int, height: int) -> tuple[int, int, int, int] | None:
+    """The box around boxes, within a tile; None when they are beside it."""
+    boxes = [(max(a, 0), max(b, 0), min(c, width), min(d, height)) for a, b, c, d in boxes]
+    boxes = [box for box in boxes if box[2] > box[0] and box[3] > box[1]]
+    if not boxes:
+        return None
+    left, top, right, bottom = zip(*boxes, strict=True)
+    return (min(left), min(top), max(right), max(bottom))
+
+
+def _around(box: tuple[int, int, int, int], width: int, height: int) -> list[tuple[int, int, int, int]]:
+    """What is left of a tile beside a box, as up to four boxes."""
+    x0, y0, x1, y1 = box
+    parts = [(0, 0, width, y0), (0, y1, width, height), (0, y0, x0, y1), (x1, y0, width, y1)]
+    return [part for part in parts if part[2] > part[0] and part[3] > part[1]]
