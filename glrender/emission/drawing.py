@@ -11,9 +11,8 @@ import numpy as np
 
 from .. import frames
 from ..emission_frame import EmissionFrame, EmissionPlan
-from ..gl.coma_pass import ENDS, ComaPass, ComaVolume
+from ..gl.coma_pass import ComaPass, ComaVolume, FloatTarget
 from ..gl.context import Context
-from ..gl.passes import Target
 from ..scene import Scene
 from ..view import BodyView
 from .coma import Coma
@@ -25,6 +24,8 @@ from .planning import Sampling, choose
 _TILE_PX = 2048
 # The mean of 1/rho over a pixel is taken that many pixels around a nucleus that is smaller than some pixels.
 _POINT_PX = 8
+# Angle between the surfaces of a pixel and a node up to which the node speaks for the pixel.
+_NODES_REACH_RAD = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +48,7 @@ class ComaDrawing(ExitStack):
         distance = np.linalg.norm(body.shape.vertices_m, axis=1)
         self._layers = Layers(coma.sources, (float(distance.min()), float(distance.max())))
         self._pass = self.enter_context(ComaPass(context, len(scene.bodies)))
-        self._surface = self.enter_context(Target(context, [2]))
+        self._surface = self.enter_context(FloatTarget(context, [2]))
         self._volumes: dict[int, tuple[Layer, ComaVolume]] = {}
 
     def add(self, irradiance: np.ndarray, frame: EmissionFrame) -> EmissionPlan:
@@ -117,18 +118,12 @@ class ComaDrawing(ExitStack):
         shadow_map, shadow_from_body = frame.shadow_map(view.name) if has_shadow else (None, np.eye(4))
         self._pass.begin(width, height)
         for each in drawn:
-            per_node = each.sampling.pixels_per_node
             values = shader_values(each.layer.field, frame.camera, view, frame.views, each.field_from_body, (x0, y0))
             values |= {
                 "shadow_from_field": shadow_from_body @ frames.transform(each.field_from_body.T, np.zeros(3)),
-                "pixels_per_node": per_node, "steps_per_end": each.sampling.steps // ENDS}
-            self._pass.march(each.volume, values, (-(-(width - 1) // per_node) + 1, -(-(height - 1) // per_node) + 1),
-                             shadow_map)
-            if body is None:
-                self._pass.add_columns(each.volume, values, None, [(0, 0, width, height)])
-            else:
-                self._pass.add_columns(each.volume, values, None, _around(body, width, height))
-                self._pass.add_columns(each.volume, values, self._surface, [body])
+                "pixels_per_node": each.sampling.pixels_per_node, "steps": each.sampling.steps,
+                "nodes_reach_rad": _NODES_REACH_RAD}
+            self._pass.add(each.volume, values, (width, height), body, self._surface, shadow_map)
         return self._pass.read()
 
     def _told(self, drawn: list[_Drawn], greatest: float, milliseconds: float) -> EmissionPlan:
@@ -157,10 +152,3 @@ def _cut(boxes: list[tuple[int, int, int, int]], width: int, height: int) -> tup
         return None
     left, top, right, bottom = zip(*boxes, strict=True)
     return (min(left), min(top), max(right), max(bottom))
-
-
-def _around(box: tuple[int, int, int, int], width: int, height: int) -> list[tuple[int, int, int, int]]:
-    """What is left of a tile beside a box, as up to four boxes."""
-    x0, y0, x1, y1 = box
-    parts = [(0, 0, width, y0), (0, y1, width, height), (0, y0, x0, y1), (x1, y0, width, y1)]
-    return [part for part in parts if part[2] > part[0] and part[3] > part[1]]

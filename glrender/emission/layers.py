@@ -61,7 +61,7 @@ class Layers:
     def _fixed_layer(self, volume: Any) -> Layer:
         field = volume.field(self.least_m)
         return Layer(field=field, models=(type(volume).__name__.lower(),), volume=volume,
-                     errors=measured_errors(field, (self._radius_m, self._far(field))))
+                     errors=measured_errors(field, (self.nearest_m, self._far(field))))
 
     def _far(self, field: Field) -> float:
         """Distance [m] to which rays are worth measuring."""
@@ -83,5 +83,5 @@ class Layers:
     def _layer(self, field: SphericalField, models: tuple[str, ...]) -> Layer:
         # What the Sun changes is how strong components are, not how fine.
         if models not in self._spherical_errors:
-            self._spherical_errors[models] = measured_errors(field, (self._radius_m, self._far(field)))
+            self._spherical_errors[models] = measured_errors(field, (self.nearest_m, self._far(field)))
         return Layer(field=field, models=models, errors=self._spherical_errors[models])

@@ -15,7 +15,7 @@ from .column import angles
 from .fields import Field
 
 STEPS = (8, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384)
-"""Steps along a ray: eight ends of as many each."""
+"""Steps along a ray, of the half circle that it makes around the origin."""
 PIXELS_PER_NODE = (1, 2, 4, 8, 16, 32)
 # Angles between nodes as the body's origin sees them.
 _NODE_ANGLES = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 0.64)
@@ -124,7 +124,8 @@ def choose(errors: FieldErrors, footprint_m: float, body_m: float, image_px: flo
         each = errors.of_nodes(per_node * footprint_m / rho)
         ring = rho**2
         squared, mean = (float(np.sum(x * ring) / np.sum(ring)) for x in ((each / rho) ** 2, 1.0 / rho))
-        nodes = math.sqrt(squared) / mean
+        # A node for every pixel needs nothing between.
+        nodes = 0.0 if per_node == 1 else math.sqrt(squared) / mean
         for steps in STEPS:
             predicted = math.hypot(nodes, errors.steps[steps])
             made = Sampling(steps=steps, pixels_per_node=per_node, predicted_error=predicted)

@@ -1,8 +1,9 @@
-"""The two passes of a coma: columns on a coarse grid of pixels, then each pixel's up to what its centre sees."""
+"""The two passes of a coma: integrals on a coarse grid of pixels, then each pixel's column up to what it sees."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import moderngl
@@ -13,10 +14,8 @@ from .context import Context
 from .owner import ResourceOwner
 from .passes import ShadowMap, Target
 
-ENDS = 8
-"""Sums that a ray of the coarse grid keeps."""
 _BINDING = 0
-_UNITS = {"weights": 0, "first_ends": 0, "last_ends": 1, "surface": 2, "shadow_map": 3}
+_UNITS = {"weights": 0, "total": 1, "front": 2, "surface": 3, "shadow_map": 4}
 
 
 def coma_block(n_bodies: int) -> UniformBlock:
@@ -26,7 +25,8 @@ def coma_block(n_bodies: int) -> UniformBlock:
         "focus_px": "vec2", "focus_slope": "vec2", "principal_point_px": "vec2",
         "r_focus_camera": "vec3", "low_m": "vec3", "high_m": "vec3",
         "focus_depth_m": "float", "focal_length_px": "float", "least_m": "float", "inner_m": "float",
-        "shells_per_octave": "float", "pixels_per_node": "float", "is_ahead": "int", "steps_per_end": "int",
+        "shells_per_octave": "float", "pixels_per_node": "float", "nodes_reach_rad": "float", "is_ahead": "int",
+        "steps": "int",
         "r_body_m": f"vec4[{n_bodies}]"})
 
 
@@ -71,97 +71,110 @@ class ComaPass(ResourceOwner):
         self._block = coma_block(n_bodies)
         context.make_current()
         self._uniforms = self.own(context.gl.buffer(reserve=self._block.dtype.itemsize))
-        self._columns = self.own(_Owner(context, [1]))
-        self._ends = None
-        self.callback(self._forget_ends)
+        self._columns = FloatTarget(context, [1])
+        self.callback(self._columns.close)
+        self._nodes: _Nodes | None = None
+        self.callback(self._forget_nodes)
 
-    def _forget_ends(self) -> None:
-        if self._ends is not None:
-            self._ends.close()
-        self._ends = None
+    def _forget_nodes(self) -> None:
+        if self._nodes is not None:
+            self._nodes.close()
+        self._nodes = None
 
     def begin(self, width: int, height: int) -> None:
         """Clear the columns of a tile; those of several fields then add up."""
-        self._columns.target.begin(width, height)
+        self._columns.begin(width, height)
 
-    def march(self, volume: ComaVolume, values: Mapping[str, Any], nodes: tuple[int, int],
-              shadow_map: ShadowMap | None = None) -> None:
-        """Sum a field's columns at nodes (across, down) of the coarse grid."""
-        if self._ends is None or self._ends.size != nodes:
-            self._forget_ends()
-            self._ends = _Ends(self._context, nodes)
-        self._ends.framebuffer.use()
-        defines = {"SPHERICAL": int(volume.is_spherical), "HAS_SHADOW": int(shadow_map is not None)}
-        program = self._program("coma/march.frag.glsl", defines, values)
-        volume.texture.use(_UNITS["weights"])
-        if shadow_map is not None:
-            shadow_map.texture.use(_UNITS["shadow_map"])
-        self._draw(program)
+    def add(self, volume: ComaVolume, values: Mapping[str, Any], size: tuple[int, int],
+            body: tuple[int, int, int, int] | None, surface: FloatTarget, shadow_map: ShadowMap | None = None) -> None:
+        """Add a field's columns to those of the tile.
 
-    def add_columns(self, volume: ComaVolume, values: Mapping[str, Any], surface: Target | None,
-                    rois: Sequence[tuple[int, int, int, int]]) -> None:
-        """Add each pixel's column to the tile's, in boxes x0, y0, x1, y1 of it that share no pixel.
-
-        `surface`, drawn with `coma/surface.frag.glsl`, ends them at what is seen.
+        Parameters
+        ----------
+        volume : ComaVolume
+        values : mapping
+            Of `coma_block`.
+        size : (int, int) [px]
+            Of the tile.
+        body : (int, int, int, int) [px] or None
+            The box x0, y0, x1, y1 of the tile where `surface`, drawn with `coma/surface.frag.glsl`, ends rays.
+        shadow_map : ShadowMap, optional
+            Takes `shadow_from_field`.
         """
-        gl = self._context.gl
-        framebuffer = self._columns.target._framebuffer
-        framebuffer.use()
-        defines = {"SPHERICAL": int(volume.is_spherical), "HAS_SURFACE": int(surface is not None)}
-        program = self._program("coma/column.frag.glsl", defines, values)
-        self._ends.first.use(_UNITS["first_ends"])
-        self._ends.last.use(_UNITS["last_ends"])
-        if surface is not None:
-            surface._framebuffer.color_attachments[0].use(_UNITS["surface"])
-        framebuffer.viewport = self._columns.target._window
-        for x0, y0, x1, y1 in rois:
-            framebuffer.scissor = (x0, y0, x1 - x0, y1 - y0)
-            self._draw(program, moderngl.BLEND)
-        framebuffer.scissor = None
-        gl.disable(moderngl.BLEND)
+        per_node = values["pixels_per_node"]
+        nodes = tuple(-(-(side - 1) // per_node) + 1 for side in size)
+        if self._nodes is None or self._nodes.size != nodes:
+            self._forget_nodes()
+            self._nodes = _Nodes(self._context, nodes)
+        defines = {"SPHERICAL": int(volume.is_spherical), "HAS_SHADOW": int(shadow_map is not None)}
+        textures = {"weights": volume.texture, "total": self._nodes.total, "front": self._nodes.front,
+                    "surface": surface.texture() if body is not None else None,
+                    "shadow_map": None if shadow_map is None else shadow_map.texture}
+        draw = partial(self._draw, textures, values)
+        draw("coma/nodes.frag.glsl", {**defines, "TO_SURFACE": 0}, self._nodes.all_rays, (0, 0, *nodes))
+        columns = self._columns.framebuffer
+        if body is None:
+            draw("coma/column.frag.glsl", {**defines, "HAS_SURFACE": 0}, columns, (0, 0, *size))
+            return
+        x0, y0, x1, y1 = body
+        around = (x0 // per_node, y0 // per_node, min(x1 // per_node + 2, nodes[0]), min(y1 // per_node + 2, nodes[1]))
+        draw("coma/nodes.frag.glsl", {**defines, "TO_SURFACE": 1}, self._nodes.to_surface, around)
+        width, height = size
+        for box in ((0, 0, width, y0), (0, y1, width, height), (0, y0, x0, y1), (x1, y0, width, y1)):
+            draw("coma/column.frag.glsl", {**defines, "HAS_SURFACE": 0}, columns, box)
+        draw("coma/column.frag.glsl", {**defines, "HAS_SURFACE": 1}, columns, body)
 
     def read(self) -> np.ndarray:
         """(height, width) float32 [1] columns of the tile."""
-        self._columns.target._framebuffer.use()
-        return self._columns.target.read()
+        return self._columns.read()
 
-    def _program(self, stage: str, defines: Mapping[str, int], values: Mapping[str, Any]) -> moderngl.Program:
+    def _draw(self, textures: Mapping[str, moderngl.Texture | None], values: Mapping[str, Any], stage: str,
+              defines: Mapping[str, int], framebuffer: moderngl.Framebuffer, box: tuple[int, int, int, int]) -> None:
+        """Draw a box x0, y0, x1, y1 of a framebuffer; onto columns it adds."""
+        x0, y0, x1, y1 = box
+        if x1 <= x0 or y1 <= y0:
+            return
+        gl = self._context.gl
         program = self._context.program(compose("fullscreen.vert.glsl"),
                                         compose(stage, blocks=[self._block], defines=defines))
         program["Coma"].binding = _BINDING
         for name, unit in _UNITS.items():
             if name in program:
                 program[name].value = unit
+                textures[name].use(unit)
         self._uniforms.write(self._block.pack(values))
         self._uniforms.bind_to_uniform_block(_BINDING)
-        return program
-
-    def _draw(self, program: moderngl.Program, flags: int = moderngl.NOTHING) -> None:
-        gl = self._context.gl
-        gl.enable_only(flags)
+        framebuffer.use()
+        framebuffer.viewport = (0, 0, *framebuffer.size)
+        framebuffer.scissor = (x0, y0, x1 - x0, y1 - y0)
+        gl.enable_only(moderngl.BLEND if framebuffer is self._columns.framebuffer else moderngl.NOTHING)
         gl.blend_func = moderngl.ONE, moderngl.ONE
         with ResourceOwner(self._context) as owner:
             owner.own(gl.vertex_array(program, [])).render(moderngl.TRIANGLES, vertices=3)
+        framebuffer.scissor = None
+        gl.disable(moderngl.BLEND)
 
 
-class _Owner:
-    """A Target that is released as a resource is."""
+class FloatTarget(Target):
+    """A Target that other passes read."""
 
-    def __init__(self, context: Context, components: Sequence[int]):
-        self.target = Target(context, components)
+    @property
+    def framebuffer(self) -> moderngl.Framebuffer:
+        return self._framebuffer
 
-    def release(self) -> None:
-        self.target.close()
+    def texture(self, attachment: int = 0) -> moderngl.Texture:
+        return self._framebuffer.color_attachments[attachment]
 
 
-class _Ends(ResourceOwner):
-    """What the coarse grid keeps of its rays."""
+class _Nodes(ResourceOwner):
+    """What the coarse grid keeps of its rays: all of each, and each up to the surface."""
 
     def __init__(self, context: Context, size: tuple[int, int]):
         super().__init__(context)
         self.size = size
-        self.first, self.last = (self.own(context.gl.texture(size, 4, dtype="f4")) for _ in range(2))
-        for texture in (self.first, self.last):
-            texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
-            texture.repeat_x = texture.repeat_y = False
-        self.framebuffer = self.own(context.gl.framebuffer([self.first, self.last]))
+        self.total, self.front = (self.own(context.gl.texture(size, n, dtype="f4")) for n in (1, 4))
+        self.total.filter = (moderngl.LINEAR, moderngl.LINEAR)
+        self.front.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        self.total.repeat_x = self.total.repeat_y = False
+        self.all_rays, self.to_surface = (self.own(context.gl.framebuffer([texture]))
+                                          for texture in (self.total, self.front))

@@ -1,32 +1,47 @@
-// The column of dust of each pixel, from the coarse grid's sums: up to the surface that its centre sees.
+// The column of dust of each pixel, from the coarse grid: up to the surface that its middle sees.
+#include "constants.glsl"
 #include "coma/ray.glsl"
-uniform sampler2D last_ends;
+uniform sampler2D total;
 #if HAS_SURFACE
-uniform sampler2D first_ends;
-uniform sampler2D surface;  // how far along its ray from the point closest to its body's origin, and which body
+#include "coma/field.glsl"
+uniform sampler2D front;
+uniform sampler2D surface;
 #endif
 layout(location = 0) out float column;
 
 void main()
 {
     vec2 pixel = gl_FragCoord.xy - 0.5;
-    vec2 uv = (pixel / pixels_per_node + 0.5) / vec2(textureSize(last_ends, 0));
+    vec2 node = pixel / pixels_per_node;
     Ray ray = ray_of(pixel);
+    float sum = texture(total, (node + 0.5) / vec2(textureSize(total, 0))).r;
 #if HAS_SURFACE
     vec2 seen = texelFetch(surface, ivec2(gl_FragCoord.xy), 0).rg;
-    vec4 last = texture(last_ends, uv);
-    float sum = last.w;
+    vec2 span = span_of(ray);
     if (seen.y > 0.5) {
-        vec2 span = span_of(ray);
-        float s = seen.x + dot(ray.direction, r_body_m[int(seen.y) - 1].xyz);
-        float place = 8.0 * clamp((atan(s / ray.a) - span.x) / max(span.y - span.x, 1e-6), 0.0, 1.0);
-        vec4 first = texture(first_ends, uv);
-        float ends[9] = float[9](0.0, first.x, first.y, first.z, first.w, last.x, last.y, last.z, last.w);
-        int end = min(int(place), 7);
-        sum = mix(ends[end], ends[end + 1], place - float(end));
+        span.y = clamp(surface_angle(ray, seen), span.x, span.y);
+        // Nodes count that saw a surface at nearly the same angle, each brought to this pixel's with its K.
+        ivec2 first = ivec2(node), most = textureSize(front, 0) - 1;
+        vec2 part = node - vec2(first);
+        float weights_sum = 0.0, values_sum = 0.0;
+        for (int corner = 0; corner < 4; ++corner) {
+            ivec2 step = ivec2(corner & 1, corner >> 1);
+            vec4 near = texelFetch(front, min(first + step, most), 0);
+            vec2 share = mix(1.0 - part, part, vec2(step));
+            float apart = span.y - near.y;
+            float weight = share.x * share.y * near.w * max(1.0 - abs(apart) / nodes_reach_rad, 0.0);
+            weights_sum += weight;
+            values_sum += weight * (near.x + near.z * apart);
+        }
+        sum = values_sum / max(weights_sum, 1e-6);
+        // At an edge of the surface no node is near: this pixel's own ray.
+        span.x = weights_sum > 0.1 ? span.y : span.x;
+        if (weights_sum <= 0.1)
+            sum = 0.0;
+    } else {
+        span.x = span.y;
     }
-#else
-    float sum = texture(last_ends, uv).w;
+    sum += integral(ray, span);
 #endif
-    column = sum / ray.a;
+    column = max(sum, 0.0) / ray.a;
 }

@@ -47,3 +47,9 @@ vec2 span_of(Ray ray)
     enter = max(enter, ray.camera);
     return atan(vec2(enter, max(leave, enter)) / ray.a);
 }
+
+// Angle theta of what a pixel's middle sees: how far along from the point closest to its body's origin, and which.
+float surface_angle(Ray ray, vec2 seen)
+{
+    return atan((seen.x + dot(ray.direction, r_body_m[int(seen.y) - 1].xyz)) / ray.a);
+}
