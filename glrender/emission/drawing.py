@@ -45,8 +45,7 @@ class ComaDrawing(ExitStack):
         super().__init__()
         self._coma, self._context = coma, context
         body = next(body for body in scene.bodies if body.name == coma.body)
-        distance = np.linalg.norm(body.shape.vertices_m, axis=1)
-        self._layers = Layers(coma.sources, (float(distance.min()), float(distance.max())))
+        self._layers = Layers(coma.sources, body.shape)
         self._pass = self.enter_context(ComaPass(context, len(scene.bodies)))
         self._surface = self.enter_context(FloatTarget(context, [2]))
         self._volumes: dict[int, tuple[Layer, ComaVolume]] = {}
@@ -56,7 +55,7 @@ class ComaDrawing(ExitStack):
         began = time.perf_counter()
         view, dust = frame.views[self._coma.body], self._coma.dust
         drawn = self._plan(frame, view)
-        scale = np.float32(frame.solar_irradiance_1au_W_m2 / view.sun_distance_au**2)
+        solar_irradiance = frame.solar_irradiance_1au_W_m2 / view.sun_distance_au**2
         height, width = irradiance.shape
         greatest = 0.0
         for top in range(0, height, _TILE_PX):
@@ -69,8 +68,7 @@ class ComaDrawing(ExitStack):
                     tile *= dust.transmission(hidden)
                     # Of the dust that hides itself, the sunlit share shines.
                     column = column * (dust.thin(hidden) / np.maximum(hidden, np.float32(1e-30)))
-                column *= light_per_column(frame.camera, view, dust, box)
-                column *= scale
+                column *= light_per_column(frame.camera, view, dust, box, solar_irradiance)
                 tile += column
         return self._told(drawn, greatest, 1e3 * (time.perf_counter() - began))
 
@@ -87,7 +85,7 @@ class ComaDrawing(ExitStack):
                 if known[0] is not layer:
                     volume.write(layer.field.texels())
             self._volumes[index] = (layer, volume)
-            sampling = choose(layer.errors, footprint_m, self._layers.nearest_m,
+            sampling = choose(layer.errors, footprint_m, self._layers.radius_m,
                               0.5 * max(frame.camera.width_px, frame.camera.height_px), frame.max_error)
             made.append(_Drawn(layer, volume, layer.field_from_body(body_from_inertial, view.sun_direction_body),
                                sampling))
@@ -100,13 +98,15 @@ class ComaDrawing(ExitStack):
         width, height = x1 - x0, y1 - y0
         body = _cut([(a - x0, b - y0, c - x0, d - y0) for a, b, c, d in frame.rois], width, height)
         if body is not None:
-            frame.draw_surfaces(self._surface, "coma/surface.frag.glsl", (x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5),
-                                (width, height))
+            left, top, right, bottom = body
+            frame.draw_surfaces(self._surface, "coma/surface.frag.glsl",
+                                (x0 + left - 0.5, y0 + top - 0.5, x0 + right - 0.5, y0 + bottom - 0.5),
+                                (right - left, bottom - top))
         view, has_shadow = frame.views[self._coma.body], self._coma.has_shadow
         column = self._sum(box, frame, drawn, body, has_shadow)
         needs_all = has_shadow and self._coma.dust.extinction_efficiency > 0.0
         hidden = self._sum(box, frame, drawn, body, False) if needs_all else column
-        if self._layers.nearest_m < _POINT_PX * view.range_m / frame.camera.focal_length_px:
+        if self._layers.radius_m < _POINT_PX * view.range_m / frame.camera.focal_length_px:
             point_correction(column, frame.camera, view, self._layers.least_m, box, _POINT_PX)
         return column, hidden
 
@@ -122,7 +122,7 @@ class ComaDrawing(ExitStack):
             values |= {
                 "shadow_from_field": shadow_from_body @ frames.transform(each.field_from_body.T, np.zeros(3)),
                 "pixels_per_node": each.sampling.pixels_per_node, "steps": each.sampling.steps,
-                "nodes_reach_rad": _NODES_REACH_RAD}
+                "nodes_reach_rad": _NODES_REACH_RAD, "body_px": (0, 0, 0, 0) if body is None else body}
             self._pass.add(each.volume, values, (width, height), body, self._surface, shadow_map)
         return self._pass.read()
 

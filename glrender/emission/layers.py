@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from ..lod import levels_of_detail
+from ..shape import Shape
 from .bake import SphericalBake
 from .fields import CartesianField, Field, SphericalField
 from .planning import FieldErrors, measured_errors
@@ -44,12 +46,17 @@ class Layers:
     ----------
     sources : sequence
         Sources, and volumes (whatever has a `field`).
-    body_radius_m : (float, float) [m]
-        Least and greatest distance of the surface from the origin.
+    shape : Shape
     """
 
-    def __init__(self, sources: Sequence[Any], body_radius_m: tuple[float, float]):
-        self.nearest_m, self._radius_m = body_radius_m
+    def __init__(self, sources: Sequence[Any], shape: Shape):
+        distance = np.linalg.norm(shape.vertices_m, axis=1)
+        body_radius_m = (float(distance.min()), float(distance.max()))
+        # Beside the outline, where the coma is seen to its end, rays pass at about that distance.
+        self.radius_m = float(np.median(distance))
+        levels = levels_of_detail(shape)
+        vertices, facets = (levels[-1].vertices_m, levels[-1].facets) if levels else (shape.vertices_m, shape.facets)
+        self._corners_m, self._nearest_m = vertices[facets], max(body_radius_m[0], 0.05 * body_radius_m[1])
         volumes = [source for source in sources if hasattr(source, "field")]
         around = [source for source in sources if not hasattr(source, "field")]
         self._bake = SphericalBake(around, body_radius_m)
@@ -61,14 +68,17 @@ class Layers:
     def _fixed_layer(self, volume: Any) -> Layer:
         field = volume.field(self.least_m)
         return Layer(field=field, models=(type(volume).__name__.lower(),), volume=volume,
-                     errors=measured_errors(field, (self.nearest_m, self._far(field))))
+                     errors=self._errors(field))
+
+    def _errors(self, field: Field) -> FieldErrors:
+        return measured_errors(field, (self._nearest_m, self._far(field)), self._corners_m)
 
     def _far(self, field: Field) -> float:
         """Distance [m] to which rays are worth measuring."""
         if isinstance(field, CartesianField):
             return max(0.5 * float(np.max(np.maximum(np.abs(field.low_m), np.abs(field.high_m)))),
-                       1.5 * self._radius_m)
-        return max(min(0.5 * field.radius_m, _FAR_RADII * self._radius_m), 1.5 * self._radius_m)
+                       1.5 * self.radius_m)
+        return max(min(0.5 * field.radius_m, _FAR_RADII * self.radius_m), 1.5 * self.radius_m)
 
     def at(self, sun_direction_body: np.ndarray) -> tuple[Layer, ...]:
         """The layers with the Sun in a direction; the same objects until it leaves its node."""
@@ -83,5 +93,5 @@ class Layers:
     def _layer(self, field: SphericalField, models: tuple[str, ...]) -> Layer:
         # What the Sun changes is how strong components are, not how fine.
         if models not in self._spherical_errors:
-            self._spherical_errors[models] = measured_errors(field, (self.nearest_m, self._far(field)))
+            self._spherical_errors[models] = self._errors(field)
         return Layer(field=field, models=models, errors=self._spherical_errors[models])

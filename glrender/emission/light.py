@@ -16,8 +16,8 @@ _MOST_PX = 64
 
 
 def light_per_column(camera: PinholeCamera, view: BodyView, dust: Dust,
-                     box: tuple[int, int, int, int]) -> np.ndarray:
-    """Irradiance of a column of 1, over the Sun's: (rows, columns) float32 [1] of a box x0, y0, x1, y1 of the image.
+                     box: tuple[int, int, int, int], solar_irradiance_W_m2: float) -> np.ndarray:
+    """Irradiance of a column of 1: (rows, columns) float32 [W/m2] of a box x0, y0, x1, y1 of the image.
 
     Of the dust along a ray the phase angle is the same: it lies between the ray and the Sun.
     """
@@ -28,6 +28,7 @@ def light_per_column(camera: PinholeCamera, view: BodyView, dust: Dust,
     x, y = (first + step * (np.arange(count) - 0.5) - 0.5 for first, count in ((x0, across), (y0, down)))
     pixel = np.stack(np.broadcast_arrays(x, y[:, None]), axis=-1)
     light = dust.radiance_per_column(phase_rad(camera, view, pixel)) * solid_angle_sr(camera, pixel)
+    light *= solar_irradiance_W_m2
     fine = cv2.resize(light.astype(np.float32), (across * step, down * step), interpolation=cv2.INTER_LINEAR)
     return fine[step:step + y1 - y0, step:step + x1 - x0]
 

@@ -22,7 +22,7 @@ def coma_block(n_bodies: int) -> UniformBlock:
     """What both passes read; pixels count from the middle of the tile's first one."""
     return UniformBlock("Coma", {
         "field_from_camera": "mat4", "shadow_from_field": "mat4",
-        "focus_px": "vec2", "focus_slope": "vec2", "principal_point_px": "vec2",
+        "body_px": "vec4", "focus_px": "vec2", "focus_slope": "vec2", "principal_point_px": "vec2",
         "r_focus_camera": "vec3", "low_m": "vec3", "high_m": "vec3",
         "focus_depth_m": "float", "focal_length_px": "float", "least_m": "float", "inner_m": "float",
         "shells_per_octave": "float", "pixels_per_node": "float", "nodes_reach_rad": "float", "is_ahead": "int",
@@ -71,8 +71,10 @@ class ComaPass(ResourceOwner):
         self._block = coma_block(n_bodies)
         context.make_current()
         self._uniforms = self.own(context.gl.buffer(reserve=self._block.dtype.itemsize))
+        self._fields = 0
         self._columns = FloatTarget(context, [1])
         self.callback(self._columns.close)
+        self._programs: dict[tuple, moderngl.Program] = {}
         self._nodes: _Nodes | None = None
         self.callback(self._forget_nodes)
 
@@ -84,6 +86,7 @@ class ComaPass(ResourceOwner):
     def begin(self, width: int, height: int) -> None:
         """Clear the columns of a tile; those of several fields then add up."""
         self._columns.begin(width, height)
+        self._fields = 0
 
     def add(self, volume: ComaVolume, values: Mapping[str, Any], size: tuple[int, int],
             body: tuple[int, int, int, int] | None, surface: FloatTarget, shadow_map: ShadowMap | None = None) -> None:
@@ -97,7 +100,8 @@ class ComaPass(ResourceOwner):
         size : (int, int) [px]
             Of the tile.
         body : (int, int, int, int) [px] or None
-            The box x0, y0, x1, y1 of the tile where `surface`, drawn with `coma/surface.frag.glsl`, ends rays.
+            The box x0, y0, x1, y1 of the tile, `body_px`, where `surface`, drawn there with
+            `coma/surface.frag.glsl`, ends rays.
         shadow_map : ShadowMap, optional
             Takes `shadow_from_field`.
         """
@@ -115,6 +119,7 @@ class ComaPass(ResourceOwner):
         columns = self._columns.framebuffer
         if body is None:
             draw("coma/column.frag.glsl", {**defines, "HAS_SURFACE": 0}, columns, (0, 0, *size))
+            self._fields += 1
             return
         x0, y0, x1, y1 = body
         around = (x0 // per_node, y0 // per_node, min(x1 // per_node + 2, nodes[0]), min(y1 // per_node + 2, nodes[1]))
@@ -123,6 +128,7 @@ class ComaPass(ResourceOwner):
         for box in ((0, 0, width, y0), (0, y1, width, height), (0, y0, x0, y1), (x1, y0, width, y1)):
             draw("coma/column.frag.glsl", {**defines, "HAS_SURFACE": 0}, columns, box)
         draw("coma/column.frag.glsl", {**defines, "HAS_SURFACE": 1}, columns, body)
+        self._fields += 1
 
     def read(self) -> np.ndarray:
         """(height, width) float32 [1] columns of the tile."""
@@ -135,9 +141,7 @@ class ComaPass(ResourceOwner):
         if x1 <= x0 or y1 <= y0:
             return
         gl = self._context.gl
-        program = self._context.program(compose("fullscreen.vert.glsl"),
-                                        compose(stage, blocks=[self._block], defines=defines))
-        program["Coma"].binding = _BINDING
+        program = self._program(stage, tuple(sorted(defines.items())))
         for name, unit in _UNITS.items():
             if name in program:
                 program[name].value = unit
@@ -147,12 +151,23 @@ class ComaPass(ResourceOwner):
         framebuffer.use()
         framebuffer.viewport = (0, 0, *framebuffer.size)
         framebuffer.scissor = (x0, y0, x1 - x0, y1 - y0)
-        gl.enable_only(moderngl.BLEND if framebuffer is self._columns.framebuffer else moderngl.NOTHING)
+        # The first field overwrites: blending costs a third of what a pixel does.
+        adds = framebuffer is self._columns.framebuffer and self._fields > 0
+        gl.enable_only(moderngl.BLEND if adds else moderngl.NOTHING)
         gl.blend_func = moderngl.ONE, moderngl.ONE
         with ResourceOwner(self._context) as owner:
             owner.own(gl.vertex_array(program, [])).render(moderngl.TRIANGLES, vertices=3)
         framebuffer.scissor = None
         gl.disable(moderngl.BLEND)
+
+
+    def _program(self, stage: str, defines: tuple[tuple[str, int], ...]) -> moderngl.Program:
+        if (stage, defines) not in self._programs:
+            program = self._context.program(compose("fullscreen.vert.glsl"),
+                                            compose(stage, blocks=[self._block], defines=dict(defines)))
+            program["Coma"].binding = _BINDING
+            self._programs[stage, defines] = program
+        return self._programs[stage, defines]
 
 
 class FloatTarget(Target):

@@ -16,7 +16,7 @@ void main()
     Ray ray = ray_of(pixel);
     float sum = texture(total, (node + 0.5) / vec2(textureSize(total, 0))).r;
 #if HAS_SURFACE
-    vec2 seen = texelFetch(surface, ivec2(gl_FragCoord.xy), 0).rg;
+    vec2 seen = seen_at(surface, pixel);
     vec2 span = span_of(ray);
     if (seen.y > 0.5) {
         span.y = clamp(surface_angle(ray, seen), span.x, span.y);

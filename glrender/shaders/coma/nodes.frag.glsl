@@ -16,8 +16,7 @@ void main()
     Ray ray = ray_of(pixel);
     vec2 span = span_of(ray);
 #if TO_SURFACE
-    ivec2 place = min(ivec2(pixel + 0.5), textureSize(surface, 0) - 1);
-    vec2 seen = texelFetch(surface, place, 0).rg;
+    vec2 seen = seen_at(surface, pixel);
     if (seen.y < 0.5) {
         front = vec4(0.0);
         return;

@@ -24,9 +24,10 @@ Ray ray_of(vec2 pixel)
         ray.camera = -dot(r_focus_camera, ray.direction);
         closest = -r_focus_camera - ray.camera * ray.direction;
     }
+    // Before the turn into the field's frame: who needs only `a` is spared that.
+    ray.rho = length(closest);
     ray.direction = mat3(field_from_camera) * ray.direction;
     ray.closest = mat3(field_from_camera) * closest;
-    ray.rho = length(ray.closest);
     ray.a = max(ray.rho, least_m);
     return ray;
 }
@@ -46,6 +47,14 @@ vec2 span_of(Ray ray)
 #endif
     enter = max(enter, ray.camera);
     return atan(vec2(enter, max(leave, enter)) / ray.a);
+}
+
+// What the middle of a pixel sees, of the surface that was drawn in a box of the tile: nothing beside it.
+vec2 seen_at(sampler2D surface, vec2 pixel)
+{
+    if (any(lessThan(pixel, body_px.xy)) || any(greaterThanEqual(pixel, body_px.zw)))
+        return vec2(0.0);
+    return texelFetch(surface, ivec2(pixel - body_px.xy + 0.5), 0).rg;
 }
 
 // Angle theta of what a pixel's middle sees: how far along from the point closest to its body's origin, and which.
