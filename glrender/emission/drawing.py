@@ -19,13 +19,12 @@ from .coma import Coma
 from .geometry import shader_values
 from .layers import Layer, Layers
 from .light import light_per_column, point_correction
+from .measuring import REACH_RAD
 from .planning import Sampling, choose
 
 _TILE_PX = 2048
 # The mean of 1/rho over a pixel is taken that many pixels around a nucleus that is smaller than some pixels.
 _POINT_PX = 8
-# Angle between the surfaces of a pixel and a node up to which the node speaks for the pixel.
-_NODES_REACH_RAD = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +121,8 @@ class ComaDrawing(ExitStack):
             values |= {
                 "shadow_from_field": shadow_from_body @ frames.transform(each.field_from_body.T, np.zeros(3)),
                 "pixels_per_node": each.sampling.pixels_per_node, "steps": each.sampling.steps,
-                "nodes_reach_rad": _NODES_REACH_RAD, "body_px": (0, 0, 0, 0) if body is None else body}
+                "pixels_per_front_node": each.sampling.front_pixels_per_node, "nodes_reach_rad": REACH_RAD,
+                "body_px": (0, 0, 0, 0) if body is None else body}
             self._pass.add(each.volume, values, (width, height), body, self._surface, shadow_map)
         return self._pass.read()
 
@@ -136,6 +136,7 @@ class ComaDrawing(ExitStack):
             left_out.append("no source is active")
         fields = [{"models": list(each.layer.models), "steps": each.sampling.steps,
                    "pixels_per_node": each.sampling.pixels_per_node,
+                   "front_pixels_per_node": each.sampling.front_pixels_per_node,
                    "texels": [int(n) for n in each.volume.texture.size]} for each in drawn]
         return EmissionPlan(
             kind="coma", body=self._coma.body, milliseconds=milliseconds, left_out=tuple(left_out),

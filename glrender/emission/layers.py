@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from ..lod import levels_of_detail
 from ..shape import Shape
 from .bake import SphericalBake
 from .fields import CartesianField, Field, SphericalField
-from .planning import FieldErrors, measured_errors
+from .hits import body_hits
+from .measuring import FieldErrors, measured_errors
 
 # Activity is that of the Sun's nearest node: half a degree at most away, cos(incidence) within 1 % of its largest.
 _SUN_NODES = 64
@@ -54,9 +54,8 @@ class Layers:
         body_radius_m = (float(distance.min()), float(distance.max()))
         # Beside the outline, where the coma is seen to its end, rays pass at about that distance.
         self.radius_m = float(np.median(distance))
-        levels = levels_of_detail(shape)
-        vertices, facets = (levels[-1].vertices_m, levels[-1].facets) if levels else (shape.vertices_m, shape.facets)
-        self._corners_m, self._nearest_m = vertices[facets], max(body_radius_m[0], 0.05 * body_radius_m[1])
+        self._nearest_m = max(body_radius_m[0], 0.05 * body_radius_m[1])
+        self._hits = body_hits(shape)
         volumes = [source for source in sources if hasattr(source, "field")]
         around = [source for source in sources if not hasattr(source, "field")]
         self._bake = SphericalBake(around, body_radius_m)
@@ -71,7 +70,7 @@ class Layers:
                      errors=self._errors(field))
 
     def _errors(self, field: Field) -> FieldErrors:
-        return measured_errors(field, (self._nearest_m, self._far(field)), self._corners_m)
+        return measured_errors(field, (self._nearest_m, self.radius_m, self._far(field)), self._hits)
 
     def _far(self, field: Field) -> float:
         """Distance [m] to which rays are worth measuring."""

@@ -77,7 +77,7 @@ def _jet(table: Mapping[str, Any], body: Body, dust: Dust) -> Jet:
     return Jet(vent_m=vent, normal=normal, axis=vector("axis_body", table.get("axis_body", normal)),
                weight_m=strength_m(table, dust), half_width_deg=finite("half_width_deg", table["half_width_deg"]),
                collimation=finite("collimation", table.get("collimation", 1.0)),
-               vent_radius_m=positive("vent_radius_m", table.get("vent_radius_m", 0.02 * body.hull.radius_m)))
+               vent_radius_m=positive("vent_radius_m", table.get("vent_radius_m", 0.05 * body.hull.radius_m)))
 
 
 def _facets(table: Mapping[str, Any], body: Body, dust: Dust, resolve: Resolve) -> Facets:

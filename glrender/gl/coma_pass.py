@@ -25,7 +25,8 @@ def coma_block(n_bodies: int) -> UniformBlock:
         "body_px": "vec4", "focus_px": "vec2", "focus_slope": "vec2", "principal_point_px": "vec2",
         "r_focus_camera": "vec3", "low_m": "vec3", "high_m": "vec3",
         "focus_depth_m": "float", "focal_length_px": "float", "least_m": "float", "inner_m": "float",
-        "shells_per_octave": "float", "pixels_per_node": "float", "nodes_reach_rad": "float", "is_ahead": "int",
+        "shells_per_octave": "float", "pixels_per_node": "float", "pixels_per_front_node": "float",
+        "nodes_reach_rad": "float", "is_ahead": "int",
         "steps": "int",
         "r_body_m": f"vec4[{n_bodies}]"})
 
@@ -105,11 +106,11 @@ class ComaPass(ResourceOwner):
         shadow_map : ShadowMap, optional
             Takes `shadow_from_field`.
         """
-        per_node = values["pixels_per_node"]
-        nodes = tuple(-(-(side - 1) // per_node) + 1 for side in size)
-        if self._nodes is None or self._nodes.size != nodes:
+        per_node, per_front = values["pixels_per_node"], values["pixels_per_front_node"]
+        nodes, fronts = (tuple(-(-(side - 1) // per) + 1 for side in size) for per in (per_node, per_front))
+        if self._nodes is None or self._nodes.sizes != (nodes, fronts):
             self._forget_nodes()
-            self._nodes = _Nodes(self._context, nodes)
+            self._nodes = _Nodes(self._context, nodes, fronts)
         defines = {"SPHERICAL": int(volume.is_spherical), "HAS_SHADOW": int(shadow_map is not None)}
         textures = {"weights": volume.texture, "total": self._nodes.total, "front": self._nodes.front,
                     "surface": surface.texture() if body is not None else None,
@@ -118,16 +119,20 @@ class ComaPass(ResourceOwner):
         draw("coma/nodes.frag.glsl", {**defines, "TO_SURFACE": 0}, self._nodes.all_rays, (0, 0, *nodes))
         columns = self._columns.framebuffer
         if body is None:
-            draw("coma/column.frag.glsl", {**defines, "HAS_SURFACE": 0}, columns, (0, 0, *size))
+            draw("coma/column.frag.glsl", {**defines, "HAS_SURFACE": 0, "HAS_FRONT": 0}, columns, (0, 0, *size))
             self._fields += 1
             return
         x0, y0, x1, y1 = body
-        around = (x0 // per_node, y0 // per_node, min(x1 // per_node + 2, nodes[0]), min(y1 // per_node + 2, nodes[1]))
-        draw("coma/nodes.frag.glsl", {**defines, "TO_SURFACE": 1}, self._nodes.to_surface, around)
+        # With a node for each pixel, the pixel's own ray is as cheap.
+        has_front = int(per_front > 1)
+        if has_front:
+            around = (x0 // per_front, y0 // per_front, min(x1 // per_front + 2, fronts[0]),
+                      min(y1 // per_front + 2, fronts[1]))
+            draw("coma/nodes.frag.glsl", {**defines, "TO_SURFACE": 1}, self._nodes.to_surface, around)
         width, height = size
         for box in ((0, 0, width, y0), (0, y1, width, height), (0, y0, x0, y1), (x1, y0, width, y1)):
-            draw("coma/column.frag.glsl", {**defines, "HAS_SURFACE": 0}, columns, box)
-        draw("coma/column.frag.glsl", {**defines, "HAS_SURFACE": 1}, columns, body)
+            draw("coma/column.frag.glsl", {**defines, "HAS_SURFACE": 0, "HAS_FRONT": 0}, columns, box)
+        draw("coma/column.frag.glsl", {**defines, "HAS_SURFACE": 1, "HAS_FRONT": has_front}, columns, body)
         self._fields += 1
 
     def read(self) -> np.ndarray:
@@ -184,10 +189,11 @@ class FloatTarget(Target):
 class _Nodes(ResourceOwner):
     """What the coarse grid keeps of its rays: all of each, and each up to the surface."""
 
-    def __init__(self, context: Context, size: tuple[int, int]):
+    def __init__(self, context: Context, nodes: tuple[int, int], fronts: tuple[int, int]):
         super().__init__(context)
-        self.size = size
-        self.total, self.front = (self.own(context.gl.texture(size, n, dtype="f4")) for n in (1, 4))
+        self.sizes = (nodes, fronts)
+        self.total = self.own(context.gl.texture(nodes, 1, dtype="f4"))
+        self.front = self.own(context.gl.texture(fronts, 4, dtype="f4"))
         self.total.filter = (moderngl.LINEAR, moderngl.LINEAR)
         self.front.filter = (moderngl.NEAREST, moderngl.NEAREST)
         self.total.repeat_x = self.total.repeat_y = False

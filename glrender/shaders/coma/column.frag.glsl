@@ -4,7 +4,9 @@
 uniform sampler2D total;
 #if HAS_SURFACE
 #include "coma/field.glsl"
+#if HAS_FRONT
 uniform sampler2D front;
+#endif
 uniform sampler2D surface;
 #endif
 layout(location = 0) out float column;
@@ -12,32 +14,35 @@ layout(location = 0) out float column;
 void main()
 {
     vec2 pixel = gl_FragCoord.xy - 0.5;
-    vec2 node = pixel / pixels_per_node;
     Ray ray = ray_of(pixel);
-    float sum = texture(total, (node + 0.5) / vec2(textureSize(total, 0))).r;
+    float sum = texture(total, (pixel / pixels_per_node + 0.5) / vec2(textureSize(total, 0))).r;
 #if HAS_SURFACE
     vec2 seen = seen_at(surface, pixel);
     vec2 span = span_of(ray);
     if (seen.y > 0.5) {
         span.y = clamp(surface_angle(ray, seen), span.x, span.y);
+        sum = 0.0;
+#if HAS_FRONT
         // Nodes count that saw a surface at nearly the same angle, each brought to this pixel's with its K.
-        ivec2 first = ivec2(node), most = textureSize(front, 0) - 1;
-        vec2 part = node - vec2(first);
-        float weights_sum = 0.0, values_sum = 0.0;
+        vec2 place = pixel / pixels_per_front_node;
+        ivec2 first = ivec2(place), most = textureSize(front, 0) - 1;
+        vec2 part = place - vec2(first);
+        float shares = 0.0, values = 0.0;
         for (int corner = 0; corner < 4; ++corner) {
             ivec2 step = ivec2(corner & 1, corner >> 1);
             vec4 near = texelFetch(front, min(first + step, most), 0);
-            vec2 share = mix(1.0 - part, part, vec2(step));
+            vec2 along = mix(1.0 - part, part, vec2(step));
             float apart = span.y - near.y;
-            float weight = share.x * share.y * near.w * max(1.0 - abs(apart) / nodes_reach_rad, 0.0);
-            weights_sum += weight;
-            values_sum += weight * (near.x + near.z * apart);
+            float share = along.x * along.y * near.w * max(1.0 - abs(apart) / nodes_reach_rad, 0.0);
+            shares += share;
+            values += share * (near.x + near.z * apart);
         }
-        sum = values_sum / max(weights_sum, 1e-6);
-        // At an edge of the surface no node is near: this pixel's own ray.
-        span.x = weights_sum > 0.1 ? span.y : span.x;
-        if (weights_sum <= 0.1)
-            sum = 0.0;
+        // At an edge of the surface no node is near: then this pixel's own ray.
+        if (shares > 0.1) {
+            sum = values / shares;
+            span.x = span.y;
+        }
+#endif
     } else {
         span.x = span.y;
     }

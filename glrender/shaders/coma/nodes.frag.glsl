@@ -12,7 +12,11 @@ layout(location = 0) out float total;
 
 void main()
 {
+#if TO_SURFACE
+    vec2 pixel = (gl_FragCoord.xy - 0.5) * pixels_per_front_node;
+#else
     vec2 pixel = (gl_FragCoord.xy - 0.5) * pixels_per_node;
+#endif
     Ray ray = ray_of(pixel);
     vec2 span = span_of(ray);
 #if TO_SURFACE
