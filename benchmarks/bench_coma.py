@@ -71,7 +71,8 @@ def main() -> None:
         plan, planned = drawing.choose, []
         chosen = [(steps, per_node) for per_node in (1, 2, 4, 8) for steps in (16, 32, 64, 128)]
         for steps, per_node in chosen:
-            drawing.choose = lambda *_, s=steps, n=per_node: Sampling(steps=s, pixels_per_node=n, predicted_error=0.0)
+            drawing.choose = lambda *_, s=steps, n=per_node: Sampling(
+                steps=s, pixels_per_node=n, front_pixels_per_node=max(n // 2, 1), predicted_error=0.0)
             rows.append(_measure(renderer, bare, state, truth, pixels, 5))
         drawing.choose = plan
         for budget in (0.1, 0.05, 0.02, 0.01):
@@ -126,6 +127,7 @@ def _measure(renderer, bare, state, truth, pixels, rounds, budget=0.02) -> dict:
     told = image.plan.emission[0]
     field = told.modelled["fields"][0]
     return {"steps": field["steps"], "pixels_per_node": field["pixels_per_node"],
+            "front_pixels_per_node": field["front_pixels_per_node"],
             "extra_ms": round(statistics.median(with_coma) - statistics.median(without), 2),
             "emission_ms": round(statistics.median(own), 2), "frame_ms": round(statistics.median(without), 2),
             "error": float(np.sqrt(np.mean(error**2)) / truth.mean()),
