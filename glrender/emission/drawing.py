@@ -85,7 +85,8 @@ class ComaDrawing(ExitStack):
                     volume.write(layer.field.texels())
             self._volumes[index] = (layer, volume)
             sampling = choose(layer.errors, footprint_m, self._layers.radius_m,
-                              0.5 * max(frame.camera.width_px, frame.camera.height_px), frame.max_error)
+                              0.5 * max(frame.camera.width_px, frame.camera.height_px), frame.max_error,
+                              self._coma.has_shadow)
             made.append(_Drawn(layer, volume, layer.field_from_body(body_from_inertial, view.sun_direction_body),
                                sampling))
         return made

@@ -16,6 +16,8 @@ _SHARE = 0.6
 # A few rays miss the worst places between nodes: a vent, an edge. On 67P's jets and facets the truth is up to that
 # much above what they tell (docs/coma.md).
 _NODES_MARGIN = 1.6
+# With a shadow: its edges fall between steps and between nodes.
+_SHADOW_STEPS, _SHADOW_PIXELS_PER_NODE = 96, 2
 # A node's cost whatever its steps, in steps.
 _NODE_STEPS = 6.0
 
@@ -30,7 +32,8 @@ class Sampling:
     predicted_error: float
 
 
-def choose(errors: FieldErrors, footprint_m: float, body_m: float, image_px: float, budget: float) -> Sampling:
+def choose(errors: FieldErrors, footprint_m: float, body_m: float, image_px: float, budget: float,
+           has_shadow: bool = False) -> Sampling:
     """The cheapest steps and nodes that take their share of the budget, or the finest there are.
 
     Parameters
@@ -43,6 +46,8 @@ def choose(errors: FieldErrors, footprint_m: float, body_m: float, image_px: flo
     image_px : float [px]
         Half of the image's side.
     budget : float [1]
+    has_shadow : bool
+        Whether the body's shadow, whose edges no table of errors knows, is drawn too.
     """
     # Rings of the image: the column is the sum over rho, and nodes subtend less farther out.
     outer = max(image_px * footprint_m, 1.5 * body_m, footprint_m)
@@ -60,9 +65,14 @@ def choose(errors: FieldErrors, footprint_m: float, body_m: float, image_px: flo
     beside, before = spread(errors.nodes_m, ~is_front), spread(errors.fronts_m, is_front)
     share = float(np.sum(ring[is_front]))
     best, finest = None, None
+    coarsest = _SHADOW_PIXELS_PER_NODE if has_shadow else PIXELS_PER_NODE[-1]
     for index, steps in enumerate(STEPS):
+        if has_shadow and steps < _SHADOW_STEPS:
+            continue
         of_steps = image(errors.steps_m[index, zone])
         for node, front in product(PIXELS_PER_NODE, PIXELS_PER_NODE):
+            if max(node, front) > coarsest:
+                continue
             predicted = math.hypot(of_steps, _NODES_MARGIN * beside[node], _NODES_MARGIN * before[front])
             made = Sampling(steps=steps, pixels_per_node=node, front_pixels_per_node=front, predicted_error=predicted)
             # A ray that ends at the body takes a third of the half circle.

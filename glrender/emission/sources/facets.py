@@ -15,6 +15,8 @@ from .source import EVERYWHERE
 
 # Facets are summed up in patches by direction from the origin: that many along the map's side.
 _PATCHES = 20
+# Facets in one cell of that many along the body's half side are one.
+_CLUSTERS = 14
 _CHUNK = 512
 
 
@@ -54,20 +56,16 @@ class Facets:
         if not (np.isfinite(strength).all() and strength.min() >= 0.0 and strength.max() > 0.0):
             raise ConfigError("strength", "must be finite and >= 0, and > 0 somewhere")
         object.__setattr__(self, "strength", strength)
-        corner = self.shape.vertices_m[self.shape.facets]
-        normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-        area = 0.5 * np.linalg.norm(normal, axis=1)
-        centre = corner.mean(axis=1)
+        put = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731 (frozen dataclass)
+        area, centre, normal, power = _clusters(self.shape, strength)
         cell = np.minimum((octahedral_from_direction(centre) * _PATCHES).astype(int), _PATCHES - 1)
         _, patch = np.unique(cell @ (1, _PATCHES), return_inverse=True)
-        put = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731 (frozen dataclass)
         order = np.argsort(patch, kind="stable")
         put("_starts", np.searchsorted(patch[order], np.arange(patch.max() + 1)))
         put("_area", area[order])
         put("_centre", centre[order])
-        put("_normal", (normal / (2.0 * np.maximum(area, 1e-300))[:, None])[order])
+        put("_normal", normal[order])
         # All directions of a facet's cos^spread: 2 pi / (spread + 1) of the 4 pi.
-        power = strength * area
         put("_scale", (power * 2.0 * (self.spread + 1.0) * self.weight_m / power.sum())[order])
         total = np.add.reduceat(power[order][:, None] * self._normal, self._starts)
         put("_patch_normal", total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-300))
@@ -95,6 +93,25 @@ class Facets:
     def activity(self, sun_direction_body: np.ndarray) -> np.ndarray:
         """(C,) [1], by the mean normal of each patch."""
         return self.activity_law(self._patch_normal, sun_direction_body)
+
+
+def _clusters(shape: Shape, strength: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Areas (C,) [m2], centres (C, 3) [m], normals (C, 3) and powers (C,) of facets close together, as one each."""
+    corner = shape.vertices_m[shape.facets]
+    normal = 0.5 * np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    area, centre = np.linalg.norm(normal, axis=1), corner.mean(axis=1)
+    power = strength * area
+    cells = np.floor(centre / np.abs(shape.vertices_m).max() * _CLUSTERS).astype(np.int64) + _CLUSTERS + 1
+    _, index = np.unique(cells @ np.array([1, 4096, 4096**2]), return_inverse=True)
+    added = lambda values: np.bincount(index, weights=values)  # noqa: E731
+    total = np.maximum(added(power), 1e-300)
+    # Of a facet without strength the area would still shape the cluster: only what is sent does.
+    unit = normal / np.maximum(area, 1e-300)[:, None]
+    mean = lambda vectors: np.stack([added(power * vectors[:, k]) for k in range(3)], axis=1) / total[:, None]  # noqa: E731
+    facing = mean(unit)
+    length = np.linalg.norm(facing, axis=1, keepdims=True)
+    kept = (added(power) > 0.0) & (length[:, 0] > 1e-9)
+    return (added(area)[kept], mean(centre)[kept], (facing / np.maximum(length, 1e-9))[kept], added(power)[kept])
 
 
 def noise_strength(shape: Shape, seed: int, roughness: float = 3.0, contrast: float = 2.0) -> np.ndarray:
