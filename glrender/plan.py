@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from glrender_camera import PinholeCamera
 
+from .emission_frame import EmissionPlan
 from .error_model import (
     BodyTraits,
     LevelTraits,
@@ -168,6 +169,8 @@ class RenderPlan:
     left_out : tuple of str
     warnings : tuple of str
         What is used beyond its range.
+    emission : tuple of EmissionPlan
+        What plug-ins added to it.
     """
 
     camera: str
@@ -178,6 +181,7 @@ class RenderPlan:
     bodies: tuple[BodyPlan, ...]
     left_out: tuple[str, ...] = field(default=())
     warnings: tuple[str, ...] = field(default=())
+    emission: tuple[EmissionPlan, ...] = field(default=())
 
     @property
     def samples(self) -> int:
