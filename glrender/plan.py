@@ -14,8 +14,10 @@ from glrender_camera import PinholeCamera
 
 from .emission_frame import EmissionPlan
 from .error_model import (
+    NO_PENUMBRA,
     BodyTraits,
     LevelTraits,
+    Penumbra,
     facets_per_px,
     flux_error,
     leaked_flux,
@@ -56,6 +58,8 @@ _TEXEL_COST = 0.1
 _SURE, _LIKELY = 0.7, 0.85
 # Fewest samples along a pixel's side of a low Sun's slivers, where the budget would notice one that is missed.
 _SLIVER_SAMPLES, _SLIVER_PHASE_RAD, _SLIVER_BUDGET = 3, 1.4, 0.03
+# Penumbras by rays are noise: creases and facets that say so; and fewest samples along a pixel's side.
+_PENUMBRA_NOISE, _PENUMBRA_SAMPLES = (0.33, 1e4), 2
 # Nanoseconds of a call whatever it draws: of OpenGL, of rays in NumPy.
 _RASTER_CALL_NS, _RAYS_CALL_NS = 5e5, 1.5e6
 
@@ -100,6 +104,8 @@ class BodyPlan:
     """Of the full shape over the level: the level's irradiance is multiplied by it."""
     modelling_error: float = 0.0
     """RMS error that samples do not cure: of the level, of the shadow map's texels."""
+    penumbra_px: float = 0.0
+    """Width of the widest penumbra [px]: rays have them, shadow maps have hard edges."""
     shown_share: float = 1.0
     """Of the facets, those in chunks that are not out of view."""
     shadow_map_drawn_px: tuple[int, int] = (0, 0)
@@ -212,7 +218,8 @@ def with_windows(frame: RenderPlan, windows: tuple[WindowPlan, ...]) -> RenderPl
 
 
 def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, has_casters: bool, budget: float,
-              level: int | None, *, shown_share: float = 1.0, seen_share: float = 1.0) -> BodyPlan:
+              level: int | None, *, shown_share: float = 1.0, seen_share: float = 1.0,
+              penumbra: Penumbra = NO_PENUMBRA) -> BodyPlan:
     """What is modelled of a body.
 
     Parameters
@@ -230,6 +237,8 @@ def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, has_cas
         Of the facets, those in chunks that the image may show.
     seen_share : float [1]
         Side of what the shadow map must cover over that of the body.
+    penumbra : Penumbra
+        Of its shadows.
     """
     footprint_m = view.depth_m[0] / camera.focal_length_px
     used = choose_level(view, traits, footprint_m, budget) if level is None else min(level, len(traits.levels) - 1)
@@ -241,14 +250,14 @@ def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, has_cas
         shadow_px = plan_shadow(view, chosen, traits.is_convex, has_casters, budget, seen_share)
         if shadow_px is not None:
             squared += shadow_share(view, shadow_px) * sum(squared_errors(view, chosen))
-            squared += (_LEAK_RMS * leaked_flux(view, shadow_px)) ** 2
+            squared += (_LEAK_RMS * leaked_flux(view, shadow_px)) ** 2 + penumbra.error**2
     return BodyPlan(
         name=view.name, is_visible=view.is_visible, n_facets=chosen.n_facets, level=used,
         law=traits.law, shadow_map_px=shadow_px, shadow_map_reused=False,
         relative_to_camera=is_close(view, traits.radius_m, footprint_m),
         normal_lookup=footprint_m < 2e-4 * traits.radius_m, size_px=view.size_px, flux_ratio=ratio,
-        modelling_error=math.sqrt(squared), shown_share=shown_share, shadow_map_drawn_px=(
-            (0, 0) if shadow_px is None else (math.ceil(shadow_px * seen_share),) * 2))
+        modelling_error=math.sqrt(squared), penumbra_px=penumbra.width_px, shown_share=shown_share,
+        shadow_map_drawn_px=(0, 0) if shadow_px is None else (math.ceil(shadow_px * seen_share),) * 2)
 
 
 def choose_level(view: BodyView, traits: BodyTraits, footprint_m: float, budget: float) -> int:
@@ -331,6 +340,9 @@ def _plan_window(members: list[BodyView], traits: dict[str, BodyTraits], plans: 
     full = _worst([squared_errors(view, traits[view.name].levels[0]) for view in members])
     full_noise = (max(traits[view.name].levels[0].crease_rad for view in members),
                   max(facets_per_px(view, traits[view.name].levels[0].n_facets) for view in members))
+    if max(plans[name].penumbra_px for name in names) > 1.0:
+        # A ramp of many samples that are each lit or not.
+        full_noise, least = _PENUMBRA_NOISE, max(least, _PENUMBRA_SAMPLES)
     rays_ns, ray_count = first_samples(*full, noise_power(noise_gain(*full_noise)), n_px, 0.0, 0.0, least, budget)
     rays_ns = rays_ns * costs.ray_ns + _RAYS_CALL_NS + _MISS_COST * (box_px - n_px) * ray_count**2 * costs.ray_ns
     if samples is not None:

@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 from glrender_camera import PinholeCamera
 
+from .constants import AU_M, SUN_RADIUS_M
+from .frames import sun_from_body
 from .rays import RayMesh
 from .scene import Body, Scene
 from .surface import Surface
@@ -19,6 +21,7 @@ from .view import BodyView
 _RAYS_AT_ONCE = 1 << 19
 # A shadow ray starts this far off the surface, in radii of the bounding sphere: ten float32 steps.
 _LIFT = 6e-7
+_R2, _HASH = np.array([0.7548776662466927, 0.5698402909980532]), np.array([[12.9898, 39.3461], [78.233, 11.1353]])
 
 BESIDE: dict[str, Any] = {"range": np.nan, "body_id": -1, "facet_id": -1, "incidence": np.nan, "emission": np.nan,
                           "phase": np.nan, "r_body": np.full(3, np.nan), "sunlit": 0.0}
@@ -47,9 +50,19 @@ class RayEngine:
         """Release the acceleration structures."""
         self._solids.clear()
 
-    def irradiance(self, pixel: np.ndarray, camera: PinholeCamera, views: list[BodyView]) -> np.ndarray:
-        """Irradiance (N,) float64 [W/m2 per pixel] of places in the image (N, 2) [px]."""
-        return np.concatenate([np.zeros(0)] + [self._trace(part, camera, views)[0] for part in _parts(pixel)])
+    def irradiance(self, pixel: np.ndarray, camera: PinholeCamera, views: list[BodyView],
+                   draw: np.ndarray | int = 0) -> np.ndarray:
+        """Irradiance (N,) float64 [W/m2 per pixel] of places in the image (N, 2) [px].
+
+        If the scene's Sun has a disc, each place is lit by one point of it, the `draw`-th (N,) of its pixel: the mean
+        of a pixel's draws 0, 1, 2, ... has penumbras.
+        """
+        if not self.scene.sun_disc:
+            draws = [None] * len(_parts(pixel))
+        else:
+            draws = _parts(np.broadcast_to(draw, len(pixel)))
+        return np.concatenate([np.zeros(0)] + [self._trace(part, camera, views, draw)[0]
+                                               for part, draw in zip(_parts(pixel), draws, strict=True)])
 
     def products(self, pixel: np.ndarray, camera: PinholeCamera, views: list[BodyView]) -> dict[str, np.ndarray]:
         """What places in the image (N, 2) [px] see, by the names of `BESIDE`."""
@@ -71,7 +84,8 @@ class RayEngine:
             done += len(part)
         return made
 
-    def _trace(self, pixel: np.ndarray, camera: PinholeCamera, views: list[BodyView]) -> tuple[np.ndarray, ...]:
+    def _trace(self, pixel: np.ndarray, camera: PinholeCamera, views: list[BodyView],
+               draw: np.ndarray | None = None) -> tuple[np.ndarray, ...]:
         """Irradiance, body or -1, facet, distance [m], and whether in sunlight, of places (N, 2) [px]."""
         ray_camera = camera.directions(pixel)
         nearest = np.full(len(pixel), np.inf)
@@ -88,7 +102,12 @@ class RayEngine:
             here = here[solid.normals[facet[here]] @ view.sun_direction_body > 0.0]
             ray = ray_camera[here] @ view.camera_from_body
             r_body = view.r_camera_body_m + ray * nearest[here, None]
-            is_lit = self._sees_sun(r_body + solid.normals[facet[here]] * (_LIFT * solid.radius_m), view, views)
+            towards = view.sun_direction_body
+            if draw is not None:
+                radius = SUN_RADIUS_M / (view.sun_distance_au * AU_M)
+                towards = towards + radius * _disc(pixel[here], draw[here], towards)
+            above = r_body + solid.normals[facet[here]] * (_LIFT * solid.radius_m)
+            is_lit = self._sees_sun(above, towards, view, views)
             lit, ray, r_body = here[is_lit], ray[is_lit], r_body[is_lit]
             sunlit[lit] = 1.0
             surface, shaded = solid.surface, facet[lit]
@@ -100,15 +119,15 @@ class RayEngine:
         value *= self.scene.solar_irradiance_of(camera) * ray_camera[:, 2] ** 3 / camera.focal_length_px**2
         return value, body, facet, nearest, sunlit
 
-    def _sees_sun(self, start: np.ndarray, view: BodyView, views: list[BodyView]) -> np.ndarray:
-        """Whether points (N, 3) [m] of a body have a free line to the Sun."""
+    def _sees_sun(self, start: np.ndarray, towards: np.ndarray, view: BodyView, views: list[BodyView]) -> np.ndarray:
+        """Whether points (N, 3) [m] of a body have a free line towards the Sun (3,), or a place on it each (N, 3)."""
         is_free = np.ones(len(start), bool)
         for other in views:
             rotation = other.camera_from_body.T @ view.camera_from_body
             offset = other.r_camera_body_m - rotation @ view.r_camera_body_m
             rest = np.flatnonzero(is_free)
-            is_free[rest] = ~self._solids[other.name].blocks(start[rest] @ rotation.T + offset,
-                                                             rotation @ view.sun_direction_body)
+            direction = towards if towards.ndim == 1 else towards[rest]
+            is_free[rest] = ~self._solids[other.name].blocks(start[rest] @ rotation.T + offset, direction @ rotation.T)
         return is_free
 
 
@@ -123,6 +142,15 @@ class _Solid(RayMesh):
 
 def _parts(pixel: np.ndarray) -> list[np.ndarray]:
     return [pixel[start:start + _RAYS_AT_ONCE] for start in range(0, len(pixel), _RAYS_AT_ONCE)]
+
+
+def _disc(pixel: np.ndarray, draw: np.ndarray, axis: np.ndarray) -> np.ndarray:
+    """Points (N, 3) of a disc of radius 1 across an axis (3,): Roberts' R2 sequence, shifted from pixel to pixel."""
+    shift = np.sin(np.rint(pixel) @ _HASH) * 43758.5453
+    u, v = ((shift + draw[:, None] * _R2) % 1.0).T
+    radius, angle = np.sqrt(u), 2.0 * np.pi * v
+    x, y, _ = sun_from_body(axis)
+    return np.outer(radius * np.cos(angle), x) + np.outer(radius * np.sin(angle), y)
 
 
 def _angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:

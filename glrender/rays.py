@@ -56,17 +56,17 @@ class RayMesh:
         return facet, distance
 
     def blocks(self, start_m: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """Whether rays (N, 3) [m] towards one direction meet the shape."""
+        """Whether rays from points (N, 3) [m] towards one direction (3,), or one each (N, 3), meet the shape."""
         if not len(start_m):
             return np.zeros(0, bool)
-        along = start_m @ direction
+        direction = np.broadcast_to(direction, start_m.shape)
+        along = np.einsum("ij,ij->i", start_m, direction)
         away = np.linalg.norm(start_m - along[:, None] * direction, axis=1)
         # Far sunward or beside the bounding sphere there is nothing to meet, and float32 no room for it.
         near = np.flatnonzero((away < 1.01 * self.radius_m) & (along < 1.01 * self.radius_m))
-        start = start_m[near] + direction * np.maximum(-along[near] - 1.5 * self.radius_m, 0.0)[:, None]
+        start = start_m[near] + direction[near] * np.maximum(-along[near] - 1.5 * self.radius_m, 0.0)[:, None]
         result = np.zeros(len(start_m), bool)
         if len(near):
-            ray = np.broadcast_to(direction, start.shape)
             result[near] = self._scene.run(np.ascontiguousarray(start / self.radius_m, np.float32),
-                                           np.ascontiguousarray(ray, np.float32)) >= 0
+                                           np.ascontiguousarray(direction[near], np.float32)) >= 0
         return result

@@ -18,7 +18,7 @@ from . import error_model, frames, grouping, plan
 from .brdf import Law
 from .emission_frame import EmissionFrame
 from .engine_costs import engine_costs
-from .error_model import BodyTraits, LevelTraits
+from .error_model import NO_PENUMBRA, BodyTraits, LevelTraits
 from .errors import ConfigError, DeviceError
 from .gl.context import Context
 from .gl.evaluate import BrdfEvaluator
@@ -196,7 +196,8 @@ class Renderer:
             bodies.append(plan.plan_body(
                 view, traits, camera, len(self._shadows.casters(view, views)) > 1, budget / gain, level,
                 shown_share=chunks.n_facets(shown) / traits.levels[0].n_facets,
-                seen_share=self._shadows.seen_share(view, camera)))
+                seen_share=self._shadows.seen_share(view, camera),
+                penumbra=self._shadows.penumbra(view, views, camera) if self.scene.sun_disc else NO_PENUMBRA))
         # What is asked for by its level is drawn by OpenGL.
         costs = self._costs if level is None else replace(self._costs, ray_ns=math.inf)
         windows = plan.plan_windows(views, self._traits, bodies, camera, budget, gain, costs, samples)
@@ -212,6 +213,8 @@ class Renderer:
                 phase_deg, limit_deg = np.degrees([view.phase_rad, traits.max_phase_rad])
                 warnings.append(f"{traits.law} of {view.name} at a phase of {phase_deg:.1f} deg: "
                                 f"it holds to {limit_deg:.1f} deg")
+            if body.shadow_map_px is not None and self.scene.sun_disc:
+                left_out.append(f"{view.name}: the Sun's disc: shadows have hard edges")
             if body.shadow_map_px is None and view.name not in by_rays:
                 left_out.append(f"shadows on {view.name}: nothing can cast on what is seen")
             if body.level:
@@ -316,7 +319,9 @@ class Renderer:
         where = np.ones(samples.shape, bool) if mask is None else np.kron(mask, np.ones((count, count), bool)) > 0
         # Others may still cast shadows here.
         seen = [replace(view, is_visible=view.is_visible and view.name in names) for view in views]
-        samples[where] = self._rays.irradiance(pixel[where], camera, seen)
+        across = max(round(columns / (x1 - x0)), 1)
+        draw = (np.arange(rows) % across)[:, None] * across + np.arange(columns) % across
+        samples[where] = self._rays.irradiance(pixel[where], camera, seen, draw[where])
         return samples
 
     def _draw_window(self, target: Target, stage: str, bounds_px: tuple[float, float, float, float],

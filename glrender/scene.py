@@ -23,7 +23,7 @@ from .plugins import emissions, laws
 from .radiometry import Band
 from .shape import Shape, metres_per_unit
 
-_SCENE_KEYS = ("bodies", "cameras", "solar_irradiance_1au_W_m2", "max_error", "emission")
+_SCENE_KEYS = ("bodies", "cameras", "solar_irradiance_1au_W_m2", "max_error", "sun_disc", "emission")
 _BODY_KEYS = ("name", "shape", "generated", "length_unit", "brdf", "albedo_texture", "albedo_texture_gain",
               "smooth_normals")
 _CAMERA_KEYS = ("name", "width_px", "height_px", "focal_length_px", "principal_point_px",
@@ -123,6 +123,8 @@ class Scene:
         (ASTM E490-00a), or the total solar irradiance, 1360.8 W/m2, of a camera without a model.
     max_error : float [1], 0..1
         Budget: RMS irradiance error over the mean of the lit pixels.
+    sun_disc : bool
+        Whether the Sun has a disc, and shadows penumbras where they show; a point otherwise.
     emission : sequence
         Light that no surface scatters, as `emission_frame.Emission`: none unless asked for.
     """
@@ -131,6 +133,7 @@ class Scene:
     cameras: Sequence[PinholeCamera]
     solar_irradiance_1au_W_m2: float | None = None
     max_error: float = field(default=0.02)
+    sun_disc: bool = True
     emission: Sequence[Any] = ()
 
     def __post_init__(self):
@@ -153,6 +156,8 @@ class Scene:
             object.__setattr__(self, "solar_irradiance_1au_W_m2",
                                within("solar_irradiance_1au_W_m2", self.solar_irradiance_1au_W_m2, 1e-6, 1e9))
         object.__setattr__(self, "max_error", checked_max_error(self.max_error))
+        if not isinstance(self.sun_disc, bool):
+            raise ConfigError("sun_disc", "must be true or false", self.sun_disc)
         object.__setattr__(self, "emission", tuple(self.emission))
         for index, emission in enumerate(self.emission):
             if emission.body not in {body.name for body in self.bodies}:
@@ -199,7 +204,7 @@ class Scene:
                   for i, entry in enumerate(_tables(f"{path}.bodies", table["bodies"]))]
         cameras = [_camera(entry, f"{path}.cameras[{i}]")
                    for i, entry in enumerate(_tables(f"{path}.cameras", table["cameras"]))]
-        rest = {key: table[key] for key in ("solar_irradiance_1au_W_m2", "max_error") if key in table}
+        rest = {key: table[key] for key in ("solar_irradiance_1au_W_m2", "max_error", "sun_disc") if key in table}
         if "emission" in table:
             named = {body.name: body for body in bodies}
             rest["emission"] = [_emission(entry, f"{path}.emission[{i}]", files, named)

@@ -10,6 +10,7 @@ import numpy as np
 from glrender_camera import PinholeCamera
 
 from . import frames, plan
+from .error_model import NO_PENUMBRA, Penumbra, eclipse_penumbra, own_penumbra
 from .gl.context import Context
 from .gl.passes import Mesh, ShadowMap
 from .hull import Hull
@@ -80,6 +81,17 @@ class Shadows:
             if aside < reach and sunward > -reach:
                 casters.append((other.name, frames.transform(rotation, offset)))
         return casters
+
+    def penumbra(self, receiver: BodyView, views: Sequence[BodyView], camera: PinholeCamera) -> Penumbra:
+        """What the Sun's disc does to the receiver's shadows."""
+        hull = self._hulls[receiver.name]
+        parts = [NO_PENUMBRA if hull.is_convex else own_penumbra(receiver)]
+        for name, receiver_from_caster in self.casters(receiver, views)[1:]:
+            parts.append(eclipse_penumbra(
+                receiver, min(hull.radius_m, self._hulls[name].radius_m),
+                float(np.linalg.norm(receiver_from_caster[:3, 3])), receiver.depth_m[0] / camera.focal_length_px))
+        return Penumbra(error=float(np.linalg.norm([part.error for part in parts])),
+                        width_px=max(part.width_px for part in parts))
 
     def seen_share(self, view: BodyView, camera: PinholeCamera) -> float:
         """Largest side of what is seen over that of the body, as the Sun sees both: what a map must cover."""

@@ -42,7 +42,7 @@ def test_a_camera_inside_the_bounding_sphere(phase_deg):
     target = np.array([20.0, 0.0, -5.0])
     spacecraft = Pose(r_inertial_m=place, q_from_inertial=frames.look_at(place, target))
     state = State(r_sun_inertial_m=base.r_sun_inertial_m, spacecraft=spacecraft, bodies=base.bodies)
-    scene = views.scene([Body(name="body", shape=shape, brdf=sweeps.GREY)], [views.camera(96, 48.0)])
+    scene = views.scene([Body(name="body", shape=shape, brdf=sweeps.GREY)], [views.camera(96, 48.0)], sun_disc=False)
     _agrees_with_rays(scene, state, rms=0.04, flux=3e-3)
 
 

@@ -87,7 +87,8 @@ def build(case: Case) -> tuple[Scene, State]:
     state = State(r_sun_inertial_m=AU_M * (np.cos(phase) * _DIRECTION + np.sin(phase) * aside),
                   spacecraft=Pose(r_inertial_m=range_m * _DIRECTION, q_from_inertial=q),
                   bodies={name: Pose(r_inertial_m=place) for name, place in places.items()})
-    return Scene(bodies=bodies, cameras=[camera]), state
+    # A point Sun, as the peers have it.
+    return Scene(bodies=bodies, cameras=[camera], sun_disc=False), state
 
 
 def _pair() -> tuple[list[Body], dict[str, np.ndarray]]:

@@ -94,10 +94,11 @@ class RayTracer:
         x0, y0, x1, y1 = roi
         y, x = (axis.ravel() for axis in np.mgrid[y0:y1, x0:x1])
         pixel = np.stack([x, y], axis=1).astype(np.float64)
-        shoot = lambda place: self._engine.irradiance(place, pinhole, views)  # noqa: E731
+        shoot = lambda place, draw: self._engine.irradiance(place, pinhole, views, draw)  # noqa: E731
         if samples is not None:
             offsets = (np.arange(samples) + 0.5) / samples - 0.5
-            mean = sum((shoot(pixel + (dx, dy)) for dy in offsets for dx in offsets), np.zeros(len(pixel)))
+            places = [(dx, dy) for dy in offsets for dx in offsets]
+            mean = sum((shoot(pixel + place, draw) for draw, place in enumerate(places)), np.zeros(len(pixel)))
             mean, reached = mean / samples**2, 0.0
         else:
             mean, reached = _adapt(shoot, pixel, (y1 - y0, x1 - x0), budget, np.random.default_rng(seed),
@@ -122,7 +123,9 @@ def _adapt(shoot, pixel: np.ndarray, shape: tuple[int, int], budget: float,
     for count in range(1, _MAX_ROUNDS + 1):
         jitter = rng.uniform(-0.5 / _STRATA, 0.5 / _STRATA, (_STRATA**2, len(active), 2))
         places = [(dx, dy) for dy in cells for dx in cells]
-        mean = sum(shoot(pixel[active] + place + jitter[k]) for k, place in enumerate(places)) / len(places)
+        done = (count - 1) * len(places)
+        mean = sum(shoot(pixel[active] + place + jitter[k], done + k)
+                   for k, place in enumerate(places)) / len(places)
         total[active] += mean
         squares[active] += mean**2
         rounds[active] += 1.0

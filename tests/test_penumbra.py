@@ -1,0 +1,105 @@
+"""The Sun's disc: penumbras in rays, against closed forms; the planner's word on what hard edges cost."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import solids
+import sweeps
+import views
+from glrender import Body, ConfigError, Pose, Renderer, Scene, State, error_model, frames
+from glrender.backends.raytrace import RayTracer
+from glrender.brdf import Lambert
+from glrender.constants import AU_M, SUN_RADIUS_M
+from glrender.view import view_bodies
+
+WHITE = Lambert(normal_albedo=1.0)
+
+
+def below_a_wall(height_m, sun_distance_au=1.0):
+    """A slab hangs above another, the Sun overhead; a camera sees the edge of its shadow from aside."""
+    ground = Body(name="ground", shape=solids.slab(100.0), brdf=WHITE)
+    roof = Body(name="roof", shape=solids.slab(40.0), brdf=WHITE)
+    scene = views.scene([ground, roof], [views.camera(400, 400 / 20.0 * 1e6)])
+    # Seen from aside, so that the roof is not in the way; 20 m around the edge of its shadow at x = 40 m.
+    away = np.array([0.6, 0.0, 0.8]) * 1e6 + np.array([40.0, 0.0, 0.0])
+    state = State(r_sun_inertial_m=np.array([0.0, 0.0, sun_distance_au * AU_M]),
+                  spacecraft=Pose(r_inertial_m=away, q_from_inertial=frames.look_at(away, np.array([40.0, 0.0, 0.0]))),
+                  bodies={"ground": Pose(r_inertial_m=np.zeros(3)),
+                          "roof": Pose(r_inertial_m=np.array([0.0, 0.0, height_m]))})
+    return scene, state
+
+
+def visible_share(x_over_radius):
+    """Share of a disc on one side of a straight edge at x radii from its middle: the area of a segment."""
+    x = np.clip(x_over_radius, -1.0, 1.0)
+    return (np.arccos(-x) + x * np.sqrt(1.0 - x**2)) / np.pi
+
+
+@pytest.mark.parametrize("height_m, distance_au", [(500.0, 1.0), (1500.0, 1.0), (1500.0, 3.0)])
+def test_a_straight_edges_penumbra(height_m, distance_au):
+    """Light across the edge is the share of the Sun's disc that shows: SUN_RADIUS / distance * height wide each way."""
+    scene, state = below_a_wall(height_m, distance_au)
+    with RayTracer(scene) as tracer:
+        image = tracer.render(state, samples=6, products=["r_body", "body_id"])
+    seen = image.products["body_id"] == 0
+    x = image.products["r_body"][..., 0][seen]
+    half = SUN_RADIUS_M / (distance_au * AU_M) * height_m
+    light = image.irradiance_W_m2[seen] / image.irradiance_W_m2[seen].max()
+    bins = np.linspace(40.0 - 1.5 * half, 40.0 + 1.5 * half, 13)
+    which = np.digitize(x, bins)
+    for index in range(1, len(bins)):
+        here = which == index
+        assert here.sum() > 100
+        np.testing.assert_allclose(light[here].mean(), visible_share((x[here] - 40.0) / half).mean(), atol=0.02)
+
+
+def test_a_point_sun_on_request():
+    scene, state = below_a_wall(1500.0)
+    point = Scene(bodies=scene.bodies, cameras=scene.cameras, sun_disc=False)
+    with RayTracer(point) as tracer:
+        light = tracer.render(state, samples=1).irradiance_W_m2
+    lit = light > 0.5 * light.max()
+    assert np.count_nonzero((light > 0.01 * light.max()) & ~lit) == 0
+    with pytest.raises(ConfigError, match="sun_disc"):
+        Scene(bodies=scene.bodies, cameras=scene.cameras, sun_disc="yes")
+
+
+def test_an_eclipse_is_drawn_with_its_penumbra():
+    """A moon far sunward: hard edges would cost more than the budget, and the plan says so; rays draw the ramp."""
+    moon, planet = views.sphere(WHITE, 4, 30.0, "moon"), views.sphere(WHITE, 5, 100.0, "planet")
+    base = views.state(phase_deg=30.0, range_m=2000.0, bodies=("moon", "planet"))
+    sun = base.r_sun_inertial_m / np.linalg.norm(base.r_sun_inertial_m)
+    poses = {"planet": base.bodies["planet"], "moon": Pose(r_inertial_m=3000.0 * sun)}
+    state = State(r_sun_inertial_m=base.r_sun_inertial_m, spacecraft=base.spacecraft, bodies=poses)
+    scene = views.scene([moon, planet], [views.camera(160, 1200.0)])
+    with Renderer(scene) as renderer, RayTracer(scene) as tracer:
+        exact = tracer.render(state, samples=16).irradiance_W_m2.astype(float)
+        image = renderer.render(state, max_error=0.02)
+        hard = renderer.render(state, max_error=0.5)
+        fixed = renderer.render(state, samples=8)
+    assert [window.engine for window in image.plan.windows if "planet" in window.bodies] == ["rays"]
+    lit = exact > 0.0
+    errors = [np.sqrt(np.mean((drawn.irradiance_W_m2 - exact)[lit] ** 2)) / exact[lit].mean()
+              for drawn in (image, fixed)]
+    assert errors[0] < 0.02 < errors[1]
+    assert errors[1] < fixed.plan.predicted_error, "what hard edges cost is in the prediction"
+    assert any("disc" in line for line in hard.plan.left_out)
+
+
+@pytest.mark.parametrize("phase_deg", [60.0, 120.0])
+def test_hard_edges_cost_less_than_predicted(phase_deg):
+    """Of a body on itself: rays with a disc against rays without."""
+    scene = views.scene([sweeps._binary(6)], [views.camera(400, 4000.0)])
+    state = views.state(phase_deg=phase_deg)
+    point = Scene(bodies=scene.bodies, cameras=scene.cameras, sun_disc=False, solar_irradiance_1au_W_m2=1000.0)
+    images = []
+    for each in (scene, point):
+        with RayTracer(each) as tracer:
+            images.append(tracer.render(state, samples=6).irradiance_W_m2.astype(float))
+    disc, hard = images
+    lit = disc > 0.0
+    error = np.sqrt(np.mean((hard - disc)[lit] ** 2)) / disc[lit].mean()
+    view = view_bodies(state, scene.cameras[0], {"body": scene.bodies[0].hull})[0]
+    assert 1e-4 < error < error_model.own_penumbra(view).error
+    np.testing.assert_allclose(hard.sum(), disc.sum(), rtol=1e-3)
