@@ -104,6 +104,21 @@ class CameraModel:
                     parts[name] = kind.from_dict(known_keys("", parts[name], parts[name]))
         return cls(**parts)
 
+    @property
+    def bands(self) -> dict[str, CameraModel]:
+        """The only band, without a name; a `MosaicModel` has several."""
+        return {"": self}
+
+    @property
+    def psf_margin_px(self) -> int:
+        """How far light is spread [px]."""
+        return max(self.optics.psf_margin_px)
+
+    @property
+    def psf_noise_gain(self) -> float:
+        """`Optics.psf_noise_gain` [1]."""
+        return self.optics.psf_noise_gain
+
     @cached_property
     def electrons_per_joule(self) -> float:
         """Photo-electrons per joule of in-band sunlight through the aperture [1/J]."""

@@ -70,6 +70,9 @@ class Detector:
     frame_transfer_row_s : float [s], >= 0
         Time in which a frame-transfer sensor shifts the image by a row; light goes on falling
         meanwhile and smears along the columns. 0 is none.
+    rolling_shutter_row_s : float [s], -1..1
+        Delay of each row's exposure after that of the row above; negative reads upwards, 0 is a global shutter.
+        `time_average` applies it to what moves.
     nonlinearity_DN : pairs (ideal DN, actual DN), optional
         Both rising, joined by straight lines and held beyond the ends; default linear.
     sensor_seed : int, 0..2**64 - 1
@@ -102,6 +105,7 @@ class Detector:
     cosmic_ray_electrons_per_px: float = 1000.0
     cosmic_ray_depth_px: float = 1.0
     frame_transfer_row_s: float = 0.0
+    rolling_shutter_row_s: float = 0.0
     nonlinearity_DN: tuple[tuple[float, float], ...] | None = None
     sensor_seed: int = 0
 
@@ -122,6 +126,7 @@ class Detector:
             put(name, within(name, getattr(self, name), 0.0, 0.1))
         put("cosmic_ray_hits_per_px_s", within("cosmic_ray_hits_per_px_s", self.cosmic_ray_hits_per_px_s, 0.0, 0.01))
         put("cosmic_ray_depth_px", within("cosmic_ray_depth_px", self.cosmic_ray_depth_px, 0.01, 100.0))
+        put("rolling_shutter_row_s", within("rolling_shutter_row_s", self.rolling_shutter_row_s, -1.0, 1.0))
         if self.nonlinearity_DN is not None:
             put("nonlinearity_DN", _rising_pairs("nonlinearity_DN", self.nonlinearity_DN))
         put("bit_depth", integer("bit_depth", self.bit_depth, 1, 16))
