@@ -12,6 +12,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from glrender_camera import PinholeCamera
 from glrender_camera.validate import integer
 
 from ..grouping import region
@@ -60,13 +61,14 @@ class RayTracer:
         """Which engine draws."""
         return {"backend": "raytrace", "gl_renderer": "Embree (embreex)", "gl_version": ""}
 
-    def render(self, state: State, camera: str | None = None, *, max_error: float | None = None,
-               products: Iterable[str] = ("irradiance",), samples: int | None = None, seed: int = 0) -> Image:
+    def render(self, state: State, camera: str | PinholeCamera | None = None, *, max_error: float | None = None,
+               products: Iterable[str] = ("irradiance",), samples: int | None = None, after_psf: bool = False,
+               seed: int = 0) -> Image:
         """Draw one frame until the standard error of its pixels is below the budget.
 
         Parameters
         ----------
-        state, camera, products
+        state, camera, products, after_psf
             As `Renderer.render`; products are those of the pixel's centre.
         max_error : float [1], optional
             Root mean square standard error over the mean of the lit pixels.
@@ -81,11 +83,12 @@ class RayTracer:
             `plan.predicted_error` is the standard error reached.
         """
         began = time.perf_counter()
-        pinhole = self.scene.camera(camera)
+        pinhole = self.scene.drawn_camera(camera)
         wanted = checked_products(products)
         budget = self.scene.max_error if max_error is None else checked_max_error(max_error)
         if samples is not None:
             samples = integer("samples", samples, 1, 256)
+        gain = pinhole.model.psf_noise_gain if after_psf and pinhole.model is not None else 1.0
         views = view_bodies(state, pinhole, {body.name: body.hull for body in self.scene.bodies})
         roi = region([v for v in views if v.is_visible], pinhole) if any(v.is_visible for v in views) else (0, 0, 0, 0)
         irradiance = np.zeros((pinhole.height_px, pinhole.width_px))
@@ -98,7 +101,7 @@ class RayTracer:
             mean = sum((shoot(pixel + (dx, dy)) for dy in offsets for dx in offsets), np.zeros(len(pixel)))
             mean, reached = mean / samples**2, 0.0
         else:
-            mean, reached = _adapt(shoot, pixel, (y1 - y0, x1 - x0), budget, np.random.default_rng(seed))
+            mean, reached = _adapt(shoot, pixel, (y1 - y0, x1 - x0), budget / gain, np.random.default_rng(seed))
         irradiance[y, x] = mean
         arrays = {}
         if wanted:
@@ -108,7 +111,7 @@ class RayTracer:
                 arrays[name] = np.full((*irradiance.shape, *values.shape[1:]), BESIDE[name], values.dtype)
                 arrays[name][y, x] = values
         frame_plan = RenderPlan(
-            camera=pinhole.name, max_error=budget, roi=roi, windows=(), predicted_error=reached, left_out=(),
+            camera=pinhole.name, max_error=budget, roi=roi, windows=(), predicted_error=gain * reached, left_out=(),
             bodies=tuple(BodyPlan(
                 name=v.name, is_visible=v.is_visible, n_facets=len(self.scene.bodies[k].shape.facets),
                 level=0, law=self.scene.bodies[k].brdf.glsl, shadow_map_px=None, shadow_map_reused=False,
