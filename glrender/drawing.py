@@ -176,6 +176,9 @@ def sampled(products: dict[str, np.ndarray], lens: DistortingLens, camera: Pinho
     -------
     dict of str to (height, width, ...) array
     """
+    wanted = tuple(wanted)
+    if not wanted:
+        return {}
     source = lens.source
     place = camera.seen * source.focal_length_px + np.array(source.principal_point_px)
     limits = np.array([source.width_px, source.height_px]) - 1
