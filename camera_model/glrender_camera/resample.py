@@ -11,7 +11,7 @@ from scipy.sparse import csr_array
 
 from .distortion import BrownConrady, frame_border
 from .errors import ConfigError
-from .projection import PinholeCamera
+from .projection import MAX_IMAGE_PX, PinholeCamera
 from .validate import integer, positive
 
 # Between the frame's edge and what is rendered: a cell's width and its neighbour's.
@@ -90,6 +90,9 @@ class DistortingLens:
         # Cell centres: pixel p holds the cells p - 1/2 + (k + 1/2) / n.
         principal = n * (np.array(self.camera.principal_point_px) - low) + 0.5 * (n - 1)
         size = n * (high - low + 1)
+        if size.max() > MAX_IMAGE_PX:
+            raise ConfigError("distortion", f"must be drawn on at most {MAX_IMAGE_PX} cells a side, {n} a pixel, needs",
+                              int(size.max()), "give the camera fewer pixels")
         return replace(self.camera, width_px=int(size[0]), height_px=int(size[1]),
                        focal_length_px=n * self.camera.focal_length_px, principal_point_px=tuple(principal), model=None)
 
