@@ -109,7 +109,7 @@ def margin_of(scene: Scene, state: State, camera: PinholeCamera) -> tuple[int, s
     """How far beyond the frame of a camera with a model to draw [px], and why."""
     reach = _largest_margin(camera)
     if not reach:
-        why = "the lens images nothing beyond the frame" if camera.model.psf_margin_px else "no light is spread that far"
+        why = "the lens images nothing there" if camera.model.psf_margin_px > 0 else "no light is spread that far"
         return 0, f"skipped: {why}"
     text = f"{reach} px, as far as light is spread"
     # Another margin would be another lens to prepare, or another size from pose to pose.
