@@ -18,7 +18,7 @@ from .threads import Scratch
 
 # Below this mean by table, above by the series of `_large`, whose doubts are rare there.
 _SMALL = 32
-_LEVELS_PER_ELECTRON = 8
+_LEVELS_PER_ELECTRON = 16
 _CELL_BITS = 11
 _CELLS = 2**_CELL_BITS
 # P(n > 96) is 1e-19 at mean 32: beyond what a float64 in [0, 1) can ask for.
@@ -33,23 +33,32 @@ _scratch = Scratch()
 
 
 @lru_cache(maxsize=_SMALL * _LEVELS_PER_ELECTRON + 64)
-def _table(mean: float) -> tuple[np.ndarray, np.ndarray]:
-    """Cumulative probabilities (_N_COUNTS,) of a mean < 32, and the count (_CELLS,) of each cell of [0, 1).
+def _table(mean: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Cumulative probabilities (_N_COUNTS,) of a mean < 32; least count in each cell (_CELLS,) of [0, 1); the count.
 
-    A cell that a step of the distribution cuts is undecided.
+    A cell that a step of the distribution cuts has an undecided count.
     """
     cumulative = pdtr(np.arange(_N_COUNTS), mean)
     edges = np.arange(_CELLS + 1) / _CELLS
-    count = np.searchsorted(cumulative, edges[:-1], side="right")
-    decided = np.searchsorted(cumulative, edges[1:], side="left") == count
-    return cumulative, np.where(decided, count, _UNDECIDED).astype(np.uint8)
+    least = np.searchsorted(cumulative, edges[:-1], side="right")
+    decided = np.searchsorted(cumulative, edges[1:], side="left") == least
+    return cumulative, least.astype(np.uint8), np.where(decided, least, _UNDECIDED).astype(np.uint8)
 
 
 @cache
-def _levels() -> tuple[np.ndarray, np.ndarray]:
+def _levels() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The tables of all levels, one after the other."""
     tables = [_table(i / _LEVELS_PER_ELECTRON) for i in range(_SMALL * _LEVELS_PER_ELECTRON)]
-    return np.array([row for row, _ in tables]), np.concatenate([counts for _, counts in tables])
+    return tuple(np.concatenate([table[i] for table in tables]) for i in range(3))
+
+
+def _counted(cumulative: np.ndarray, row: np.ndarray | int, least: np.ndarray, uniform: np.ndarray) -> np.ndarray:
+    """Counts (N,) uint8 at uniform numbers, from the least that each may be; distributions begin at `row`."""
+    count, left = least.copy(), np.arange(uniform.size)
+    row = np.broadcast_to(row, uniform.shape)
+    while (left := left[cumulative[row[left] + count[left]] <= uniform[left]]).size:
+        count[left] += 1
+    return count
 
 
 def draw(rng: np.random.Generator, mean: np.ndarray, common_mean: float = 0.0) -> np.ndarray:
@@ -96,7 +105,7 @@ def _same(rng: np.random.Generator, mean: float, n: int) -> np.ndarray:
     """0 <= mean < 32, one for all."""
     if mean == 0.0:
         return np.zeros(n, np.float32)
-    cumulative, count_of_cell = _table(mean)
+    cumulative, least, count_of_cell = _table(mean)
     cell = random_bits(rng, n, np.uint16)
     cell >>= np.uint16(16 - _CELL_BITS)
     place = _scratch.array("place", (n,), np.intp)
@@ -105,35 +114,38 @@ def _same(rng: np.random.Generator, mean: float, n: int) -> np.ndarray:
     undecided = np.flatnonzero(count == _UNDECIDED)
     # A second number tells where in the cell.
     uniform = (place[undecided] + rng.random(undecided.size)) / _CELLS
-    count[undecided] = np.searchsorted(cumulative, uniform, side="right")
+    count[undecided] = _counted(cumulative, 0, least[place[undecided]], uniform)
     return count.astype(np.float32)
 
 
 def _small(rng: np.random.Generator, mean: np.ndarray) -> np.ndarray:
     """0 <= mean < 32: the number at the next lower tabulated mean, plus that of the remainder."""
-    cumulative_of_level, count_of_cell = _levels()
+    cumulative, least, count_of_cell = _levels()
     n = mean.size
-    level, remainder = _scratch.array("level", (n,), np.int32), _scratch.array("remainder", (n,))
+    level, remainder, rest = (_scratch.array(name, (n,)) for name in ("level", "remainder", "rest"))
     np.multiply(mean, np.float32(_LEVELS_PER_ELECTRON), out=remainder)
-    np.copyto(level, remainder, casting="unsafe")
+    np.floor(remainder, out=level)
+    remainder -= level
+    remainder *= np.float32(1.0 / _LEVELS_PER_ELECTRON)
     # Of 32 random bits eleven choose the cell; those left say nothing about the count of a decided cell: a second,
     # independent number. Bits below the last are drawn where they are needed.
     bits = random_bits(rng, n, np.uint32)
-    cell, rest = _scratch.array("cell", (n,), np.uint32), _scratch.array("rest", (n,))
-    np.right_shift(bits, _REST_BITS, out=cell)
+    cell, row = _scratch.array("cell", (n,), np.uint32), _scratch.array("row", (n,), np.int32)
+    np.right_shift(bits, np.uint32(_REST_BITS), out=cell)
     bits &= np.uint32(2**_REST_BITS - 1)
-    np.multiply(bits, np.float32(2.0**-_REST_BITS), out=rest, casting="unsafe")
-    np.subtract(remainder, level, out=remainder, casting="unsafe")
-    remainder *= np.float32(1.0 / _LEVELS_PER_ELECTRON)
+    np.copyto(rest, bits, casting="unsafe")
+    rest *= np.float32(2.0**-_REST_BITS)
+    np.copyto(row, level, casting="unsafe")
+    row <<= np.int32(_CELL_BITS)
+    cell += row.view(np.uint32)
     place = _scratch.array("place", (n,), np.intp)
-    np.multiply(level, _CELLS, out=place, casting="unsafe")
-    place += cell
+    np.copyto(place, cell)
     count = count_of_cell.take(place, mode="clip")
     undecided = np.flatnonzero(count == _UNDECIDED)
     if undecided.size:
-        uniform = (cell[undecided] + (bits[undecided] + rng.random(undecided.size)) * 2.0**-_REST_BITS) / _CELLS
-        below = cumulative_of_level[level[undecided]] <= uniform[:, None]
-        count[undecided] = np.count_nonzero(below, axis=1)
+        where = place[undecided]
+        uniform = (where % _CELLS + (bits[undecided] + rng.random(undecided.size)) * 2.0**-_REST_BITS) / _CELLS
+        count[undecided] = _counted(cumulative, where // _CELLS * _N_COUNTS, least[where], uniform)
     fresh = rng.random(undecided.size)
     rest[undecided] = fresh
     out = count.astype(np.float32)
