@@ -18,7 +18,7 @@ from glrender_camera.camera import checked_exposure
 from glrender_camera.shutter import row_weights
 
 from .background import merged, stars_behind
-from .drawing import Drawing, Still, margin_of
+from .drawing import Drawing, Still, lens_margin, margin_of
 from .errors import ConfigError
 from .grouping import union
 from .motion import STILL, Motion, plan_motion
@@ -74,11 +74,13 @@ def draw_still(renderer: Any, state: State, camera: str | None = None, *, produc
     ------
     SceneError, ConfigError
     """
-    drawing = Drawing(renderer, renderer.scene.camera(camera), 0, max_error, samples, is_for_detector=False)
-    began = time.perf_counter()
+    pinhole = renderer.scene.camera(camera)
+    began, margin_px = time.perf_counter(), lens_margin(pinhole)
+    drawing = Drawing(renderer, pinhole, margin_px, max_error, samples, is_for_detector=False)
     still = drawing.still(state, products)
-    return Capture(irradiance_W_m2=still.irradiance_W_m2, products=still.products, frame=None, plan=still.plan,
-                   stages={"distortion": drawing.distortion_text}, timings_ms=_timings(still, began))
+    return Capture(irradiance_W_m2=_without_margin(still.irradiance_W_m2, margin_px), products=still.products,
+                   frame=None, plan=still.plan, stages={"distortion": drawing.distortion_text},
+                   timings_ms=_timings(still, began))
 
 
 def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: int = 0,
@@ -143,8 +145,7 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
     timings["camera"] = 1e3 * (time.perf_counter() - exposed)
     stages = {"distortion": drawing.distortion_text, "margin": margin_text, "motion_blur": motion.text,
               "sun": still.sun_text, "stars": sensor.stars_text(points), **frame.stages}
-    inside = np.s_[margin_px:margin_px + pinhole.height_px, margin_px:margin_px + pinhole.width_px]
-    return Capture(irradiance_W_m2=np.ascontiguousarray(irradiance[inside]), products=still.products,
+    return Capture(irradiance_W_m2=_without_margin(irradiance, margin_px), products=still.products,
                    frame=replace(frame, stages=stages), plan=still.plan, stages=stages, timings_ms=timings)
 
 
@@ -210,7 +211,12 @@ def _mean(drawing: Drawing, state: State, still: Still,
     return mean, union([region for region in regions if region[0] < region[2]]), weights
 
 
+def _without_margin(image: np.ndarray, margin_px: int) -> np.ndarray:
+    height, width = image.shape
+    return np.ascontiguousarray(image[margin_px:height - margin_px, margin_px:width - margin_px])
+
+
 def _timings(still: Still, began: float) -> dict[str, float]:
-    """The renderer's laps, and what lens and Sun took besides."""
+    """The renderer's laps, and what lens, Sun and stars took besides."""
     rest = 1e3 * (time.perf_counter() - began) - sum(still.timings_ms.values())
-    return {**still.timings_ms, "lens": max(rest, 0.0)}
+    return {**still.timings_ms, "lens_and_sky": max(rest, 0.0)}

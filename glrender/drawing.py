@@ -135,16 +135,22 @@ def drawn_pixels(camera: PinholeCamera) -> int:
 
 
 def prepare(scene: Scene) -> None:
-    """Do now what first frames would wait for: kernels of point spread functions, the moves of lenses."""
+    """Do now what first frames would wait for: kernels, the sensors' patterns, the moves of lenses, stars' kernels."""
     for camera in scene.cameras:
-        margin = 0
+        wide = camera.with_margin(lens_margin(camera))
         if camera.model is not None:
-            margin = _largest_margin(camera)
-            camera.with_margin(margin).cos_field_angle  # noqa: B018 (a cached property)
-        if (lens := lens_of(camera.with_margin(margin))) is not None:
+            camera.with_margin(_largest_margin(camera)).cos_field_angle  # noqa: B018 (a cached property)
+            camera.model.detector.fixed_pattern((camera.height_px, camera.width_px))
+            for band in camera.model.bands.values():
+                if scene.stars is not None and band.optics.is_diffracted:
+                    band.optics.psf_fine_kernel  # noqa: B018 (a cached property)
+        if (lens := lens_of(wide)) is not None:
             lens.prepare()
-            if margin:
-                lens_of(camera).prepare()
+
+
+def lens_margin(camera: PinholeCamera) -> int:
+    """Margin [px] that all images of a distorting camera have, so that it has one lens; none of any other camera."""
+    return 0 if camera.distortion is None or camera.model is None else _largest_margin(camera)
 
 
 @lru_cache(maxsize=16)
