@@ -4,12 +4,12 @@ PYTHON ?= python3
 BIN    := $(VENV)/bin
 export PYTHONUNBUFFERED = 1
 
-.PHONY: demo test bench chart setup opengl octave lint clean
+.PHONY: demo test bench chart setup opengl octave blender lint clean
 
 demo: setup
 	$(BIN)/glrender demo --out out/demo
 
-test: setup octave
+test: setup octave blender
 	$(BIN)/ruff check .
 	$(BIN)/python -m pytest
 
@@ -41,6 +41,9 @@ opengl: $(VENV)/.ready
 
 octave:
 	@sh tools/install_octave.sh
+
+blender: $(VENV)/.ready
+	@sh tools/install_blender.sh $(BIN)/python
 
 clean:
 	rm -rf $(VENV) out

@@ -57,7 +57,7 @@ class Capture:
 
 
 def draw_still(renderer: Any, state: State, camera: str | None = None, *, products: Iterable[str] = (),
-               max_error: float | None = None, samples: int | None = None) -> Capture:
+               **options: Any) -> Capture:
     """The irradiance image of a camera, distorted as its lens does it.
 
     Parameters
@@ -67,8 +67,11 @@ def draw_still(renderer: Any, state: State, camera: str | None = None, *, produc
     state : State
     camera : str, optional
         Name; the scene's only camera by default.
-    products, max_error, samples
+    products
         As of `Renderer.render`.
+    **options
+        `max_error`, `samples`, `allow_slow`, `on_progress` of `Renderer.render`; those that another renderer does
+        not take are left out.
 
     Raises
     ------
@@ -76,7 +79,7 @@ def draw_still(renderer: Any, state: State, camera: str | None = None, *, produc
     """
     pinhole = renderer.scene.camera(camera)
     began, margin_px = time.perf_counter(), lens_margin(pinhole)
-    drawing = Drawing(renderer, pinhole, margin_px, max_error, samples, is_for_detector=False)
+    drawing = Drawing(renderer, pinhole, margin_px, False, **options)
     still = drawing.still(state, products)
     return Capture(irradiance_W_m2=_without_margin(still.irradiance_W_m2, margin_px), products=still.products,
                    frame=None, plan=still.plan, stages={"distortion": drawing.distortion_text},
@@ -85,7 +88,7 @@ def draw_still(renderer: Any, state: State, camera: str | None = None, *, produc
 
 def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: int = 0,
                exposure_s: float | str | None = None, previous: Frame | None = None, products: Iterable[str] = (),
-               max_error: float | None = None, samples: int | None = None) -> Capture:
+               **options: Any) -> Capture:
     """The frame that a camera with a model sends.
 
     Parameters
@@ -102,8 +105,10 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
         Default is the model's. "auto" meters the light of `state`, standing still.
     previous : Frame, optional
         This camera's last frame: an automatic exposure is then what that one asks for, as on board.
-    products, max_error, samples
-        As of `Renderer.render`; the budget holds after the point spread function.
+    products
+        As of `Renderer.render`.
+    **options
+        As of `draw_still`; the budget holds after the point spread function.
 
     Returns
     -------
@@ -125,7 +130,7 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
         exposure = model.auto_exposure.after(previous, model.detector)
     began = time.perf_counter()
     margin_px, margin_text = margin_of(scene, state, pinhole)
-    drawing = Drawing(renderer, pinhole, margin_px, max_error, samples, is_for_detector=True)
+    drawing = Drawing(renderer, pinhole, margin_px, True, **options)
     sensor = _Sensor(scene, pinhole, margin_px)
     still, motion = drawing.still(state, products), STILL
     irradiance, roi, points = still.irradiance_W_m2, still.roi, sensor.points([(state, None)])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -47,31 +48,33 @@ class Drawing:
     camera : PinholeCamera
         One of the scene's.
     margin_px : int [px]
-    max_error, samples
-        As of `Renderer.render`.
     is_for_detector : bool
         Whether the budget holds after the point spread function, and the Sun is drawn.
+    max_error, samples
+        As of `Renderer.render`.
+    **options
+        Of the renderer; those that it does not take are left out.
     """
 
-    def __init__(self, renderer: Any, camera: PinholeCamera, margin_px: int, max_error: float | None,
-                 samples: int | None, is_for_detector: bool):
+    def __init__(self, renderer: Any, camera: PinholeCamera, margin_px: int, is_for_detector: bool, *,
+                 max_error: float | None = None, samples: int | None = None, **options: Any):
         self._renderer, self._camera, self._margin_px = renderer, camera, margin_px
         self._is_for_detector = is_for_detector
         wide = camera.with_margin(margin_px)
         self.lens = lens_of(wide)
         self.source = wide if self.lens is None else self.lens.source
-        self._options: dict[str, Any] = {"max_error": max_error, "samples": samples}
-        self._budget, self._share = max_error, 1.0
-        if self.lens is None:
-            self._options["after_psf"] = is_for_detector
-        else:
-            # Cells' errors are independent: their mean has 1 / n of them. And `source` knows no point spread function.
-            self._budget = renderer.scene.max_error if max_error is None else checked_max_error(max_error)
-            n = self.lens.oversampling
-            self._share = (camera.model.psf_noise_gain if is_for_detector else 1.0) / n
-            self._options["max_error"] = min(self._budget / self._share, 1.0)
-            if isinstance(samples, int):
-                self._options["samples"] = -(-samples // n)
+        taken = inspect.signature(renderer.render).parameters
+        self._options = {name: value for name, value in options.items() if name in taken}
+        self._budget = renderer.scene.max_error if max_error is None else checked_max_error(max_error)
+        # What the frame keeps of the drawn image's error, where the renderer does not know.
+        self._share = camera.model.psf_noise_gain if is_for_detector else 1.0
+        if self.lens is None and "after_psf" in taken:
+            self._options["after_psf"], self._share = is_for_detector, 1.0
+        n = 1 if self.lens is None else self.lens.oversampling
+        # Cells' errors are independent: their mean has 1 / n of them.
+        self._share /= n
+        self._options["max_error"] = min(self._budget / self._share, 1.0)
+        self._options["samples"] = -(-samples // n) if isinstance(samples, int) else samples
 
     @property
     def distortion_text(self) -> str:
@@ -94,9 +97,10 @@ class Drawing:
             light[y0:y1, x0:x1] += sunlight(self._renderer, state, self.source, box)
             roi, sun_text = union([roi, box]) if any(roi) else box, "in view"
         plan, made = image.plan, image.products
+        if self._share != 1.0:
+            plan = replace(plan, max_error=self._budget, predicted_error=plan.predicted_error * self._share)
         if self.lens is not None:
             light, roi = self.lens.apply(light, roi), self.lens.reached_box(roi)
-            plan = replace(plan, max_error=self._budget, predicted_error=plan.predicted_error * self._share)
             made = sampled(made, self.lens, self._camera, wanted)
         elif self._margin_px:
             inside = np.s_[self._margin_px:-self._margin_px, self._margin_px:-self._margin_px]
@@ -112,8 +116,8 @@ def margin_of(scene: Scene, state: State, camera: PinholeCamera) -> tuple[int, s
         why = "the lens images nothing there" if camera.model.psf_margin_px > 0 else "no light is spread that far"
         return 0, f"skipped: {why}"
     text = f"{reach} px, as far as light is spread"
-    # Another margin would be another lens to prepare, or another size from pose to pose.
-    if camera.distortion is not None or state.is_moving:
+    # Comae have no edge; another margin would be another lens to prepare, or another size from pose to pose.
+    if scene.emission or camera.distortion is not None or state.is_moving:
         return reach, text
     wide = camera.with_margin(reach)
     boxes = [view.bounds_px for view in view_bodies(state, wide, {body.name: body.hull for body in scene.bodies})

@@ -18,13 +18,14 @@ from .gl.passes import Mesh, SurfaceVariant, Target
 from .lod import cached_arrays
 from .plan import EngineCosts
 from .ray_engine import RayEngine
+from .refine import pixel_errors
 from .scene import Body, Scene
 from .state import Pose, State
 from .view import view_bodies
 
 _FRAMES = 15
-_MANY, _FEW = 6, 2
-"""Subdivisions of the spheres that are drawn: 81,920 and 320 facets."""
+_SUBDIVISIONS = 6
+_SIZE_PX, _SAMPLES = 1024, 4
 
 
 def engine_costs(context: Context, with_rays: bool, cache: Path | None = None) -> EngineCosts:
@@ -40,7 +41,7 @@ def engine_costs(context: Context, with_rays: bool, cache: Path | None = None) -
         Whether rays can be cast; without, they cost infinitely much.
     """
     machine = f"{context.info['gl_renderer']} {context.info['gl_version']} {os.cpu_count()} {with_rays}"
-    name = f"costs1-{hashlib.sha256(machine.encode()).hexdigest()[:16]}"
+    name = f"costs2-{hashlib.sha256(machine.encode()).hexdigest()[:16]}"
     made = cached_arrays(name, ["ns"], lambda: {"ns": _measured(context, with_rays)}, cache)
     facet, sample, ray = (float(2.0 ** (np.round(2.0 * np.log2(x)) / 2.0)) for x in made["ns"])
     return EngineCosts(facet_ns=facet, sample_ns=sample, ray_ns=ray)
@@ -48,17 +49,17 @@ def engine_costs(context: Context, with_rays: bool, cache: Path | None = None) -
 
 def _measured(context: Context, with_rays: bool) -> np.ndarray:
     law = Lambert(normal_albedo=0.5)
-    many, few = (generate.icosphere(radius_m=1.0, subdivisions=n) for n in (_MANY, _FEW))
+    sphere = generate.icosphere(radius_m=1.0, subdivisions=_SUBDIVISIONS)
     camera = PinholeCamera(name="costs", width_px=128, height_px=128, focal_length_px=600.0)
     state = State(r_sun_inertial_m=[1e11, 0.0, -1e11], spacecraft=Pose(r_inertial_m=[0.0, 0.0, -10.0]),
                   bodies={"sphere": Pose(r_inertial_m=np.zeros(3))})
-    with Target(context, [1]) as target, Mesh(context, many.vertices_m, many.facets, law) as fine, \
-            Mesh(context, few.vertices_m, few.facets, law) as coarse:
-        facets_s = _fastest(lambda: _draw(context, target, fine, 16))
-        samples_s = _fastest(lambda: _draw(context, target, coarse, 1024))
+    with Target(context, [1]) as target, Mesh(context, sphere.vertices_m, sphere.facets, law) as mesh:
+        facets_s = _fastest(lambda: _draw(context, target, mesh, 16))
+        # With what comes after: reading it back, and what it tells of its own error.
+        samples_s = _fastest(lambda: pixel_errors(_draw(context, target, mesh, _SIZE_PX), _SAMPLES)) - facets_s
     ray_s = np.inf
     if with_rays:
-        scene = Scene(bodies=[Body(name="sphere", shape=many, brdf=law)], cameras=[camera])
+        scene = Scene(bodies=[Body(name="sphere", shape=sphere, brdf=law)], cameras=[camera])
         engine = RayEngine(scene)
         views = view_bodies(state, camera, {"sphere": scene.bodies[0].hull})
         x, y = (axis.ravel().astype(np.float64) for axis in np.meshgrid(np.arange(128), np.arange(128)))
@@ -66,11 +67,11 @@ def _measured(context: Context, with_rays: bool) -> np.ndarray:
         n_hit = np.count_nonzero(engine.products(pixel, camera, views)["body_id"] == 0)
         ray_s = _fastest(lambda: engine.irradiance(pixel, camera, views)) / n_hit
     # The sphere fills 0.78 of the square that it is drawn in.
-    return 1e9 * np.array([facets_s / len(many.facets), samples_s / (0.78 * 1024**2), ray_s])
+    return 1e9 * np.array([facets_s / len(sphere.facets), max(samples_s, 1e-6) / (0.78 * _SIZE_PX**2), ray_s])
 
 
-def _draw(context: Context, target: Target, mesh: Mesh, size_px: int) -> None:
-    """A sphere of radius 1 that fills a square."""
+def _draw(context: Context, target: Target, mesh: Mesh, size_px: int) -> np.ndarray:
+    """A sphere of radius 1 that fills a square, (size, size) float32."""
     target.begin(size_px, size_px)
     clip = frames.clip_from_camera(4.97 * size_px, (0.5 * size_px - 0.5,) * 2,
                                    (-0.5, -0.5, size_px - 0.5, size_px - 0.5), 8.0, 12.0)
@@ -79,8 +80,8 @@ def _draw(context: Context, target: Target, mesh: Mesh, size_px: int) -> None:
         "shadow_from_body": np.eye(4), "r_camera_body": np.array([0.0, 0.0, -10.0]),
         "r_camera_body_low": np.zeros(3), "sun_direction_body": np.array([0.6, 0.0, -0.8]),
         "boresight_body": np.array([0.0, 0.0, 1.0]), "irradiance_scale": 1.0, "shadow_bias_per_texel": 0.0,
-        "body_id": 0}, None)
-    context.gl.finish()
+        "body_id": 0}, None, np.ones(len(mesh.chunks), bool))
+    return target.read()
 
 
 def _fastest(draw: Callable[[], object]) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from glrender_camera.errors import ConfigError, GlrenderError, error_path
 
-__all__ = ["ConfigError", "DeviceError", "GlrenderError", "ProtocolError", "SceneError", "ShaderError",
+__all__ = ["ConfigError", "DeviceError", "GlrenderError", "PluginError", "ProtocolError", "SceneError", "ShaderError",
            "ShapeError", "error_path"]
 
 
@@ -18,6 +18,10 @@ class ShapeError(SceneError):
     """A shape file that cannot be read or is not a surface."""
 
     code = "shape"
+
+
+class PluginError(ConfigError):
+    """A plug-in that cannot be used: a second owner of a name, a missing dependency, another version's interface."""
 
 
 class ShaderError(GlrenderError):

@@ -12,11 +12,13 @@ from typing import Any
 import numpy as np
 from glrender_camera import PinholeCamera
 
+from .emission_frame import EmissionPlan
 from .error_model import (
     BodyTraits,
     LevelTraits,
     facets_per_px,
     flux_error,
+    leaked_flux,
     level_error,
     level_flux_error,
     noise_gain,
@@ -31,9 +33,12 @@ from .view import BodyView
 
 MAX_SAMPLES = 16
 """Most samples along a pixel's side."""
-SHADOW_SIZES_PX = (256, 512, 1024, 2048, 4096)
-# Of the budget, what the shadow map may take.
-_SHADOW_SHARE = 0.4
+SHADOW_SIZES_PX = tuple(2**k for k in range(8, 17))
+"""Texels across a body; float32 coordinates have 256 steps in the finest."""
+MAX_SHADOW_SIDE_PX = 4096
+"""Most texels along a side of a shadow map."""
+# Of the budget, what the shadow map may take; and the RMS error of light that leaks, over that of the flux.
+_SHADOW_SHARE, _LEAK_RMS = 0.4, 2.0
 # A body that is smaller has a grid of its own.
 _SMALL_PX = 4.0
 # Error of its pixels over that of its flux, at most.
@@ -43,9 +48,14 @@ _LEVEL_SHARE, _FLUX_SHARE = 0.7, 0.1
 # Share of the sunlit surface in cast shadow, per radian of phase (engine.md: 6 % at 10 deg).
 _SHADOWED_PER_RAD = 0.34
 # Cost of a sample passed over, in samples that are shaded; and of a ray that meets nothing, in rays that do.
-_PASSED_OVER_COST, _MISS_COST = 0.15, 0.15
-# Of the budget, what a guess may take that shall not need a second pass.
-_SURE = 0.7
+_PASSED_OVER_COST, _MISS_COST = 0.45, 0.15
+# Cost of a texel of a shadow map, in samples (engine.md: 2.3 ns of 20).
+_TEXEL_COST = 0.1
+# Of the budget, what a guess may take that shall not need a second pass: where a pass costs more than its
+# samples, and where it costs less.
+_SURE, _LIKELY = 0.7, 0.85
+# Fewest samples along a pixel's side of a low Sun's slivers, where the budget would notice one that is missed.
+_SLIVER_SAMPLES, _SLIVER_PHASE_RAD, _SLIVER_BUDGET = 3, 1.4, 0.03
 # Nanoseconds of a call whatever it draws: of OpenGL, of rays in NumPy.
 _RASTER_CALL_NS, _RAYS_CALL_NS = 5e5, 1.5e6
 
@@ -80,7 +90,7 @@ class BodyPlan:
     """Level of detail: 0 is the full shape."""
     law: str
     shadow_map_px: int | None
-    """Side of the shadow map [px]; None where nothing can cast on it."""
+    """Texels of the shadow map across the body; None where nothing can cast on it."""
     shadow_map_reused: bool
     relative_to_camera: bool
     normal_lookup: bool
@@ -90,6 +100,10 @@ class BodyPlan:
     """Of the full shape over the level: the level's irradiance is multiplied by it."""
     modelling_error: float = 0.0
     """RMS error that samples do not cure: of the level, of the shadow map's texels."""
+    shown_share: float = 1.0
+    """Of the facets, those in chunks that are not out of view."""
+    shadow_map_drawn_px: tuple[int, int] = (0, 0)
+    """Texels that there are of the shadow map: of what is seen of the body, along x and y."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,6 +145,8 @@ class WindowPlan:
     noise: tuple[float, float]
     shadow_share: float
     predicted_error: float
+    may_be_rays: bool = False
+    """Whether rays take over where the image tells that its shadow maps are too coarse."""
     refined_samples: int = 0
     """Samples along the side of the pixels that were drawn again; 0 for none."""
     refined_share: float = 0.0
@@ -153,6 +169,8 @@ class RenderPlan:
     left_out : tuple of str
     warnings : tuple of str
         What is used beyond its range.
+    emission : tuple of EmissionPlan
+        What plug-ins added to it.
     """
 
     camera: str
@@ -163,6 +181,7 @@ class RenderPlan:
     bodies: tuple[BodyPlan, ...]
     left_out: tuple[str, ...] = field(default=())
     warnings: tuple[str, ...] = field(default=())
+    emission: tuple[EmissionPlan, ...] = field(default=())
 
     @property
     def samples(self) -> int:
@@ -188,12 +207,12 @@ def with_windows(frame: RenderPlan, windows: tuple[WindowPlan, ...]) -> RenderPl
     warnings = frame.warnings
     if predicted > frame.max_error * (1.0 + 1e-6) and any(math.isfinite(w.budget) for w in windows):
         warnings += (f"the budget of {frame.max_error:g} is not met: {predicted:.2g} with {MAX_SAMPLES} x "
-                     f"{MAX_SAMPLES} samples; the raytrace backend can",)
+                     f"{MAX_SAMPLES} samples; allow_slow has a slow backend draw it",)
     return replace(frame, windows=windows, predicted_error=predicted, warnings=warnings)
 
 
 def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, has_casters: bool, budget: float,
-              level: int | None) -> BodyPlan:
+              level: int | None, *, shown_share: float = 1.0, seen_share: float = 1.0) -> BodyPlan:
     """What is modelled of a body.
 
     Parameters
@@ -207,6 +226,10 @@ def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, has_cas
         RMS error over the mean of the lit pixels, before the camera's PSF.
     level : int or None
         Level of detail that is asked for.
+    shown_share : float [1]
+        Of the facets, those in chunks that the image may show.
+    seen_share : float [1]
+        Side of what the shadow map must cover over that of the body.
     """
     footprint_m = view.depth_m[0] / camera.focal_length_px
     used = choose_level(view, traits, footprint_m, budget) if level is None else min(level, len(traits.levels) - 1)
@@ -215,15 +238,17 @@ def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, has_cas
     squared = level_error(view, chosen, footprint_m) ** 2
     shadow_px = None
     if view.is_visible:
-        shadow_px = plan_shadow(view, chosen, traits.is_convex, has_casters, budget)
+        shadow_px = plan_shadow(view, chosen, traits.is_convex, has_casters, budget, seen_share)
         if shadow_px is not None:
             squared += shadow_share(view, shadow_px) * sum(squared_errors(view, chosen))
+            squared += (_LEAK_RMS * leaked_flux(view, shadow_px)) ** 2
     return BodyPlan(
-        name=view.name, is_visible=view.is_visible, n_facets=chosen.n_facets, level=used, law=traits.law,
-        shadow_map_px=shadow_px, shadow_map_reused=False,
+        name=view.name, is_visible=view.is_visible, n_facets=chosen.n_facets, level=used,
+        law=traits.law, shadow_map_px=shadow_px, shadow_map_reused=False,
         relative_to_camera=is_close(view, traits.radius_m, footprint_m),
         normal_lookup=footprint_m < 2e-4 * traits.radius_m, size_px=view.size_px, flux_ratio=ratio,
-        modelling_error=math.sqrt(squared))
+        modelling_error=math.sqrt(squared), shown_share=shown_share, shadow_map_drawn_px=(
+            (0, 0) if shadow_px is None else (math.ceil(shadow_px * seen_share),) * 2))
 
 
 def choose_level(view: BodyView, traits: BodyTraits, footprint_m: float, budget: float) -> int:
@@ -262,8 +287,11 @@ def _plan_window(members: list[BodyView], traits: dict[str, BodyTraits], plans: 
     roi = region(members, camera)
     x0, y0, x1, y1 = roi
     floor = max(plans[name].modelling_error for name in names)
-    passes = sum(plans[name].n_facets * (1.0 if plans[name].shadow_map_px is None else 2.0) for name in names)
-    setup_ns = _RASTER_CALL_NS + passes * costs.facet_ns
+    facets_ns = sum(plans[name].n_facets * plans[name].shown_share for name in names) * costs.facet_ns
+    shadows_ns = sum(plans[name].n_facets * plans[name].shown_share * costs.facet_ns
+                     + math.prod(plans[name].shadow_map_drawn_px) * _TEXEL_COST * costs.sample_ns
+                     for name in names if plans[name].shadow_map_px is not None)
+    setup_ns = _RASTER_CALL_NS + facets_ns + shadows_ns
     errors = _worst([squared_errors(view, traits[view.name].levels[plans[view.name].level]) for view in members])
     largest_px = max(view.size_px for view in members)
     phase_rad = max(view.phase_rad for view in members)
@@ -273,6 +301,7 @@ def _plan_window(members: list[BodyView], traits: dict[str, BodyTraits], plans: 
         margin = 0.02 * largest_px
         grid = tuple(max(math.ceil(across * side / largest_px), 8) for side in (right - left, bottom - top))
         is_rays = _RAYS_CALL_NS + grid[0] * grid[1] * costs.ray_ns < setup_ns + grid[0] * grid[1] * costs.sample_ns
+        is_rays |= floor > budget and math.isfinite(costs.ray_ns)
         floor = 0.0 if is_rays else floor
         sampling = _SMALL_PIXELS * max(flux_error(across, phase_rad),
                                        math.sqrt(sum(errors) * (largest_px / across) ** 3))
@@ -283,10 +312,11 @@ def _plan_window(members: list[BodyView], traits: dict[str, BodyTraits], plans: 
             predicted_error=error_gain * math.hypot(floor, sampling))
     box_px = (x1 - x0) * (y1 - y0)
     n_px = min(sum(0.6 * min(view.size_px, 1e5) ** 2 for view in members), box_px)
-    least = min(max(math.ceil(across / largest_px), 1), MAX_SAMPLES)
+    # Slivers of light between samples tell nothing of themselves.
+    slivers = _SLIVER_SAMPLES if phase_rad > _SLIVER_PHASE_RAD and budget < _SLIVER_BUDGET else 1
+    least = min(max(math.ceil(across / largest_px), slivers), MAX_SAMPLES)
     # OpenGL, with the levels of detail and the shadow maps that were planned.
     raster_budget = math.sqrt(max(budget**2 - floor**2, (0.3 * budget) ** 2))
-    facets_ns = sum(plans[name].n_facets for name in names) * costs.facet_ns
     shown = [(traits[view.name].levels[plans[view.name].level], view) for view in members]
     noise = (max(level.crease_rad for level, _ in shown),
              max(facets_per_px(view, level.n_facets) for level, view in shown))
@@ -312,6 +342,7 @@ def _plan_window(members: list[BodyView], traits: dict[str, BodyTraits], plans: 
         samples=count,
         bounds_px=(x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5),
         grid=((x1 - x0) * count, (y1 - y0) * count), budget=asked, modelling_error=floor,
+        may_be_rays=math.isfinite(costs.ray_ns),
         predicted_error=error_gain * math.hypot(floor, math.sqrt(sum(errors) * count**-3)))
 
 
@@ -348,8 +379,7 @@ def first_samples(limb: float, creases: float, power: float, n_px: float, setup:
         cost = setup + n_px * first**2
         if cost > best[0]:
             break
-        # Where a pass costs more than its samples, a second one for a guess too low is the dearer way.
-        enough = budget * (_SURE if setup > n_px * first**2 else 1.0)
+        enough = budget * (_SURE if setup > n_px * first**2 else _LIKELY)
         if limb / first**3 + creases / first**power <= enough**2 or first == MAX_SAMPLES:
             best = min(best, (cost, first))
             break
@@ -364,24 +394,24 @@ def first_samples(limb: float, creases: float, power: float, n_px: float, setup:
 
 
 def plan_shadow(view: BodyView, level: LevelTraits, is_convex: bool, has_casters: bool,
-                max_error: float) -> int | None:
-    """Side of the shadow map [px], or None when nothing can cast on what is seen.
+                max_error: float, seen_share: float = 1.0) -> int | None:
+    """Texels of the shadow map across the body, or None when nothing can cast on what is seen.
 
     Two things ask for texels: the place of a shadow's edge, and what a texel cannot see, which leaks
     light, the more the lower the Sun: the second rule keeps the flux within a tenth of the budget
-    (measured on Itokawa, `docs/planner.md`).
+    (measured on Itokawa, `docs/planner.md`). Of a body of which
+    a part is seen there are texels of that part only: a map has at most 4096 along a side.
     """
     if not has_casters:
         if is_convex:
             return None
         if _SHADOWED_PER_RAD * view.phase_rad < 0.1 * max_error:
             return None
-    low_sun = 1.9 * math.tan(min(0.5 * view.phase_rad, 1.5)) ** 1.57 * (0.02 / max_error)
-    texels = min(view.size_px, 1e5) * max(1.0, low_sun)
+    texels = max(view.finest_px, leaked_flux(view, 1) / (_FLUX_SHARE * max_error))
     one_sample = sum(squared_errors(view, level))
-    return next((size for size in SHADOW_SIZES_PX
-                 if size >= texels and shadow_share(view, size) * one_sample <= (_SHADOW_SHARE * max_error) ** 2),
-                SHADOW_SIZES_PX[-1])
+    sizes = [size for size in SHADOW_SIZES_PX if size * seen_share <= MAX_SHADOW_SIDE_PX]
+    return next((size for size in sizes if size >= texels
+                 and shadow_share(view, size) * one_sample <= (_SHADOW_SHARE * max_error) ** 2), sizes[-1])
 
 
 def is_close(view: BodyView, radius_m: float, footprint_m: float) -> bool:

@@ -1,72 +1,236 @@
-"""Plug-ins are found, never imported by name: entry-point groups, each name with one owner."""
+"""Plug-ins are found, never imported by name: entry-point groups, each name with one owner. See docs/plugins.md.
+
+A plug-in is loaded when its name is asked for: one that is broken breaks nothing but itself.
+"""
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from . import brdf
-from .brdf import Law
-from .errors import ConfigError
+from .brdf import GlslText, Law
+from .errors import ConfigError, PluginError
 
 if TYPE_CHECKING:
+    from .image import Image
     from .scene import Scene
+    from .state import State
 
-BRDF_GROUP = "glrender.brdf"
-BACKEND_GROUP = "glrender.backend"
+API = 1
+"""Version of the interfaces in docs/plugins.md: what a plug-in's class must say as `glrender_api`."""
+BRDF_GROUP, BACKEND_GROUP, EMISSION_GROUP = "glrender.brdf", "glrender.backend", "glrender.emission"
 OPENGL_BACKENDS = ("auto", "egl", "osmesa")
 
 
-@cache
-def laws() -> dict[str, type[Law]]:
-    """Reflectance laws by name: glrender's own, and those of the group `glrender.brdf`.
+class Backend(Protocol):
+    """What draws a scene: a class of the group `glrender.backend`, called with a `Scene` and its own options.
 
-    Raises
-    ------
-    ConfigError
-        Two owners of one name.
+    It may raise DeviceError, then and in `render`, with a message that says what to install.
     """
-    found = {law.glsl: law for name in brdf.__all__
-             if isinstance(law := getattr(brdf, name), type) and issubclass(law, Law) and law is not Law}
-    for entry in entry_points(group=BRDF_GROUP):
-        if entry.name in found:
-            raise ConfigError(f"{BRDF_GROUP}.{entry.name}", "has two owners", entry.value)
-        found[entry.name] = entry.load()
-    return found
+
+    scene: Scene
+
+    @property
+    def info(self) -> dict[str, Any]:
+        """`backend`, `gl_renderer` and `gl_version` at least: text for people."""
+
+    def render(self, state: State, camera: str | None = None, *, max_error: float | None = None,
+               products: Iterable[str] = ("irradiance",), samples: int | None = None) -> Image:
+        """As `Renderer.render`."""
+
+    def close(self) -> None:
+        """Release what it holds; once more does no harm."""
+
+    def __enter__(self) -> Backend: ...
+
+    def __exit__(self, *exception) -> None: ...
+
+
+class Plugins(Mapping[str, type]):
+    """The classes of one entry-point group by name, each loaded when it is asked for.
+
+    Parameters
+    ----------
+    group : str
+    check : callable
+        Called with a name and its class; what breaks a rule is said in words.
+    own : mapping of str to type
+        glrender's own, which no plug-in replaces.
+    reserved : sequence of str
+        Further names that no plug-in may have.
+    """
+
+    def __init__(self, group: str, check: Callable[[str, Any], str | None], own: Mapping[str, type] | None = None,
+                 reserved: Iterable[str] = ()):
+        self.group, self._check, self._own, self._reserved = group, check, dict(own or {}), frozenset(reserved)
+        self._entries: dict[str, list[EntryPoint]] = {}
+        for entry in entry_points(group=group):
+            owners = self._entries.setdefault(entry.name, [])
+            # A package that two folders of the path hold is found twice.
+            if not any(_owner(entry) == _owner(other) and entry.value == other.value for other in owners):
+                owners.append(entry)
+        self._loaded: dict[str, type] = {}
+
+    def __iter__(self) -> Iterator[str]:
+        return iter([*self._own, *(name for name in self._entries if name not in self._own
+                                   and name not in self._reserved)])
+
+    def __len__(self) -> int:
+        return len(list(iter(self)))
+
+    def __contains__(self, name: object) -> bool:
+        return name in list(iter(self))
+
+    def __getitem__(self, name: str) -> type:
+        """The class of a name.
+
+        Raises
+        ------
+        PluginError
+            It cannot be used; the message names the package whose fault it is.
+        KeyError
+            No such name.
+        """
+        if name in self._own:
+            return self._own[name]
+        if name not in self:
+            raise KeyError(name)
+        if name not in self._loaded:
+            self._loaded[name] = self._load(name)
+        return self._loaded[name]
+
+    def problems(self) -> list[PluginError]:
+        """What is wrong with each plug-in that cannot be used; loads them all."""
+        found = []
+        for name, entries in self._entries.items():
+            if name in self._own or name in self._reserved:
+                found += [PluginError(f"{self.group}.{name}", "is a name of glrender itself", entry.value,
+                                      f"{_owner(entry)} is not used") for entry in entries]
+                continue
+            try:
+                self[name]
+            except PluginError as error:
+                found.append(error)
+        return found
+
+    def _load(self, name: str) -> type:
+        path, entries = f"{self.group}.{name}", self._entries[name]
+        if len(entries) > 1:
+            raise PluginError(path, f"has two owners: {' and '.join(_owner(entry) for entry in entries)}",
+                              hint="uninstall one of them")
+        entry, owner = entries[0], _owner(entries[0])
+        try:
+            found = entry.load()
+        except ModuleNotFoundError as error:
+            raise PluginError(path, f"of {owner} needs {error.name!r}, which is not installed", entry.value,
+                              f"install {error.name}, or uninstall {owner}") from error
+        except (Exception, SystemExit) as error:
+            raise PluginError(path, f"of {owner} cannot be loaded: {type(error).__name__}: {error}",
+                              entry.value) from error
+        # glrender's own backends come by the same door and are of this version.
+        if _distribution(entry) != "glrender":
+            asked = vars(found).get("glrender_api") if isinstance(found, type) else None
+            if asked != API:
+                said = "does not say which" if asked is None else f"is for version {asked}"
+                raise PluginError(path, f"of {owner} must be a class for version {API} of glrender's plug-in "
+                                        f"interface, and {said}", entry.value,
+                                  f"its class body says `glrender_api = {API}`; another release of it may fit")
+        wrong = self._check(name, found)
+        if wrong:
+            raise PluginError(path, f"of {owner} {wrong}", entry.value)
+        return found
 
 
 @cache
-def backends() -> dict[str, EntryPoint]:
-    """Backends beside OpenGL, by name; each loads a class with the interface of `Renderer`.
-
-    Raises
-    ------
-    ConfigError
-        Two owners of one name.
-    """
-    found: dict[str, EntryPoint] = {}
-    for entry in entry_points(group=BACKEND_GROUP):
-        if entry.name in found or entry.name in OPENGL_BACKENDS:
-            raise ConfigError(f"{BACKEND_GROUP}.{entry.name}", "has two owners", entry.value)
-        found[entry.name] = entry
-    return found
+def laws() -> Plugins:
+    """Reflectance laws by name: glrender's own, and those of the group `glrender.brdf`."""
+    own = {law.glsl: law for name in brdf.__all__
+           if isinstance(law := getattr(brdf, name), type) and issubclass(law, Law) and law is not Law}
+    return Plugins(BRDF_GROUP, _check_law, own)
 
 
-def open_renderer(scene: Scene, backend: str = "auto", device_index: int | None = None) -> Any:
+@cache
+def backends() -> Plugins:
+    """Backends beside OpenGL, by name: classes with the interface of `Backend`."""
+    return Plugins(BACKEND_GROUP, _has("render", "info", "close", "__enter__", "__exit__"), reserved=OPENGL_BACKENDS)
+
+
+@cache
+def emissions() -> Plugins:
+    """Light that no surface scatters, by name: the group `glrender.emission`."""
+    return Plugins(EMISSION_GROUP, _has("from_table", "open"))
+
+
+def problems() -> list[PluginError]:
+    """What is wrong with the installed plug-ins, of all groups; each is loaded."""
+    return [problem for plugins in (laws(), backends(), emissions()) for problem in plugins.problems()]
+
+
+def open_renderer(scene: Scene, backend: str = "auto", device_index: int | None = None, **options) -> Any:
     """A `Renderer`, or the plug-in of that name with the same interface, e.g. ``raytrace``.
 
+    Parameters
+    ----------
+    scene : Scene
+    backend : str
+    device_index : int, optional
+        Of OpenGL.
+    **options
+        The plug-in's own, e.g. ``bounces`` of ``cycles``.
+
     Raises
     ------
     ConfigError
-        No such backend.
+        No such backend, or no such option of it.
+    PluginError
+        The plug-in is broken; the message names its package.
     DeviceError
         The backend does not work here; the message says what to install.
     """
     if backend in OPENGL_BACKENDS:
         from .renderer import Renderer
 
-        return Renderer(scene, backend=backend, device_index=device_index)
-    if backend not in backends():
+        made, arguments = Renderer, {"backend": backend, "device_index": device_index}
+    elif not isinstance(backend, str) or backend not in backends():
         raise ConfigError("backend", f"must be one of {', '.join((*OPENGL_BACKENDS, *backends()))}", backend)
-    return backends()[backend].load()(scene)
+    else:
+        made, arguments = backends()[backend], {}
+    known = [name for name in inspect.signature(made).parameters if name not in ("scene", *arguments)]
+    for name in options:
+        if name not in known:
+            raise ConfigError(name, f"is no option of backend {backend!r}",
+                              hint=f"it has {', '.join(known)}" if known else "it has none")
+    return made(scene, **arguments, **options)
+
+
+def _check_law(name: str, law: Any) -> str | None:
+    if not (isinstance(law, type) and issubclass(law, Law)):
+        return "must be a subclass of glrender.brdf.Law"
+    missing = [member for member in ("glsl", "uniform_fields") if not hasattr(law, member)]
+    if missing or inspect.isabstract(law):
+        return f"must define {', '.join([*missing, *sorted(law.__abstractmethods__)])}"
+    if not isinstance(law.glsl, GlslText):
+        return "must bring its twin: `glsl = GlslText(name, text)`"
+    if law.glsl != name:
+        return f"must have the entry point's name as that of its twin, and it is {str(law.glsl)!r}"
+    return None
+
+
+def _has(*names: str) -> Callable[[str, Any], str | None]:
+    def check(_: str, found: Any) -> str | None:
+        missing = [name for name in names if not hasattr(found, name)]
+        return f"must have {', '.join(missing)}" if missing else None
+
+    return check
+
+
+def _distribution(entry: EntryPoint) -> str:
+    return "" if entry.dist is None else entry.dist.name
+
+
+def _owner(entry: EntryPoint) -> str:
+    return entry.module if entry.dist is None else f"{entry.dist.name} {entry.dist.version}"

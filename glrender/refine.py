@@ -19,7 +19,7 @@ _ERROR_PER_CONTRAST = 0.216
 SAMPLE_COUNTS = (2, 3, 4, 6, 8, 12, 16)
 """Samples along a pixel's side that a refinement may take."""
 # Cost of a sample that is drawn, of one that is passed over, and of a pass, in that of a sample.
-_PASSED_OVER, _PASS = 0.3, 5e5
+_PASSED_OVER, _PASS = 0.45, 5e5
 _BINS = 256
 
 
@@ -67,13 +67,16 @@ def pixel_errors(samples: np.ndarray, count: int, noise_gain: float = 1.0,
         if is_dark:
             padded[edge] = 0.0
     around = np.ones((3, 3), np.uint8)
-    contrast = (cv2.dilate(padded, around) - cv2.erode(padded, around))[1:-1, 1:-1]
+    # In place: memory that is new costs more than what is computed in it.
+    high = cv2.dilate(padded, around)
+    contrast = cv2.subtract(high, cv2.erode(padded, around, dst=padded), dst=high)[1:-1, 1:-1]
     if count == 1:
         return samples, noise_gain * _ERROR_PER_CONTRAST * contrast
     # Each sample errs by its own contrast, on its own: edges give n^-1.5, noise everywhere n^-1.
     # In units of the brightest sample: a square must not underflow.
     scale = float(samples.max()) or 1.0
-    squared = pixel_means(np.square(contrast / scale), count)
+    contrast *= 1.0 / scale
+    squared = pixel_means(np.multiply(contrast, contrast, out=contrast), count)
     return pixel_means(samples, count), noise_gain * _ERROR_PER_CONTRAST * scale / count * np.sqrt(squared)
 
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections import OrderedDict
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
@@ -17,12 +16,13 @@ from glrender_camera.validate import integer
 
 from . import error_model, frames, grouping, plan
 from .brdf import Law
+from .emission_frame import EmissionFrame
 from .engine_costs import engine_costs
 from .error_model import BodyTraits, LevelTraits
 from .errors import ConfigError, DeviceError
 from .gl.context import Context
 from .gl.evaluate import BrdfEvaluator
-from .gl.passes import Mesh, PixelMask, ShadowMap, SurfaceVariant, Target
+from .gl.passes import Mesh, PixelMask, SurfaceVariant, Target
 from .image import Image, checked_products
 from .lod import Level, levels_of_detail
 from .lod_flux import FluxRatio, flux_ratios
@@ -30,13 +30,18 @@ from .plan import BodyPlan, RenderPlan, WindowPlan
 from .ray_engine import RayEngine
 from .refine import frame_error, pixel_errors, pixel_means, plan_refinement
 from .scene import Body, Scene, checked_max_error
+from .shadows import NO_SHADOW, Shadow, Shadows
+from .slow import SlowFrames, checked_allow_slow, misses_budget
 from .state import State
 from .surface import Surface
-from .view import BodyView, view_bodies
+from .view import BodyView, chunks_in_window, view_bodies
 
 # Samples drawn at once: 16 Mi samples of float32 and depth are 128 MiB.
 _MAX_WINDOW_SAMPLES = 4096 * 4096
-_SHADOW_MAPS_KEPT = 8
+# Of the budget: what is left then for samples would not do.
+_ALL_BUT = 0.9
+# Side of a shadow map that only a coma asks for.
+_EMISSION_SHADOW_PX = 512
 
 
 class Renderer:
@@ -68,6 +73,8 @@ class Renderer:
                 self._meshes[body.name] = [stack.enter_context(mesh)
                                            for mesh in _meshes(self._context, body, levels)]
                 self._traits[body.name] = _traits(body, levels, ratios)
+            self._slow = SlowFrames(scene)
+            stack.callback(self._slow.close)
             self._rays = None
             try:
                 self._rays = RayEngine(scene)
@@ -78,8 +85,9 @@ class Renderer:
             self._surface = stack.enter_context(Target(self._context, [1]))
             self._mask = stack.enter_context(PixelMask(self._context))
             self._products = stack.enter_context(Target(self._context, [4, 4, 4]))
-            self._shadow_maps: OrderedDict[tuple, ShadowMap] = OrderedDict()
-            stack.callback(self.forget_shadow_maps)
+            self._shadows = Shadows(self._context, self._hulls, self._meshes)
+            stack.callback(self._shadows.close)
+            self._emission = [stack.enter_context(emission.open(self._context, scene)) for emission in scene.emission]
             self._stack = stack.pop_all()
         self._bodies = {body.name: (index, body) for index, body in enumerate(scene.bodies)}
 
@@ -104,7 +112,8 @@ class Renderer:
 
     def render(self, state: State, camera: str | PinholeCamera | None = None, *, max_error: float | None = None,
                products: Iterable[str] = ("irradiance",), samples: int | None = None, level: int | None = None,
-               after_psf: bool = False) -> Image:
+               after_psf: bool = False, allow_slow: bool | str = False,
+               on_progress: Callable[[float], None] | None = None) -> Image:
         """Draw one frame.
 
         Parameters
@@ -124,6 +133,11 @@ class Renderer:
             beyond a body's coarsest is its coarsest.
         after_psf : bool
             Whether the budget holds for the image after the camera's PSF.
+        allow_slow : bool or {"raytrace", "cycles"}
+            Whether another backend may draw the frame, in seconds or minutes, where OpenGL's error is above
+            the budget and no `samples` or `level` is asked for; or which one.
+        on_progress : callable, optional
+            Called by the slow backend with the share done, 0..1.
 
         Returns
         -------
@@ -146,12 +160,14 @@ class Renderer:
             level = 0
         if level is not None:
             level = integer("level", level, 0, 99)
+        may_be_slow = checked_allow_slow(allow_slow) and level is None
         gain = pinhole.model.psf_noise_gain if after_psf and pinhole.model is not None else 1.0
         views = view_bodies(state, pinhole, self._hulls)
         frame_plan = self._plan(views, pinhole, budget, samples, level, gain)
         clock.lap("plan")
         self._context.make_current()
-        shadows, frame_plan = self._draw_shadows(views, frame_plan)
+        shadows, bodies = self._shadows.draw(views, frame_plan.bodies, pinhole)
+        frame_plan = replace(frame_plan, bodies=tuple(bodies))
         self._context.gl.finish()
         clock.lap("shadow")
         irradiance = np.zeros((pinhole.height_px, pinhole.width_px), np.float32)
@@ -159,16 +175,28 @@ class Renderer:
                                               clock)
                         for window in frame_plan.windows)
         frame_plan = plan.with_windows(frame_plan, windows)
+        if self._emission:
+            frame_plan = self._add_emission(irradiance, state, views, frame_plan, pinhole, shadows)
+            clock.lap("emission")
         arrays = {}
         if wanted:
             arrays = self._draw_products(wanted, views, frame_plan, pinhole)
             clock.lap("products")
-        return Image(irradiance_W_m2=irradiance, products=arrays, plan=frame_plan, timings_ms=clock.laps_ms)
+        image = Image(irradiance_W_m2=irradiance, products=arrays, plan=frame_plan, timings_ms=clock.laps_ms)
+        if may_be_slow and misses_budget(frame_plan):
+            return self._slow.instead_of(image, allow_slow, state, pinhole, error_gain=gain, on_progress=on_progress)
+        return image
 
     def _plan(self, views: list[BodyView], camera: PinholeCamera, budget: float, samples: int | None,
               level: int | None, gain: float) -> RenderPlan:
-        bodies = [plan.plan_body(view, self._traits[view.name], camera, len(self._casters(view, views)) > 1,
-                                 budget / gain, level) for view in views]
+        bodies = []
+        for view in views:
+            traits, chunks = self._traits[view.name], self._meshes[view.name][0].chunks
+            shown = chunks_in_window(chunks, view, camera, camera.bounds_px)
+            bodies.append(plan.plan_body(
+                view, traits, camera, len(self._shadows.casters(view, views)) > 1, budget / gain, level,
+                shown_share=chunks.n_facets(shown) / traits.levels[0].n_facets,
+                seen_share=self._shadows.seen_share(view, camera)))
         # What is asked for by its level is drawn by OpenGL.
         costs = self._costs if level is None else replace(self._costs, ray_ns=math.inf)
         windows = plan.plan_windows(views, self._traits, bodies, camera, budget, gain, costs, samples)
@@ -192,75 +220,12 @@ class Renderer:
                           windows=windows, bodies=tuple(bodies), left_out=tuple(left_out), warnings=tuple(warnings),
                           predicted_error=max((w.predicted_error for w in windows), default=0.0))
 
-    def _casters(self, receiver: BodyView, views: list[BodyView]) -> list[tuple[str, np.ndarray]]:
-        """Bodies whose shadow may fall on the receiver: (name, receiver_from_caster as (4, 4))."""
-        casters = [(receiver.name, np.eye(4))]
-        radius = self._hulls[receiver.name].radius_m
-        for other in views:
-            if other.name == receiver.name:
-                continue
-            rotation = receiver.camera_from_body.T @ other.camera_from_body
-            offset = receiver.r_camera_body_m - rotation @ other.r_camera_body_m
-            sunward = float(offset @ receiver.sun_direction_body)
-            aside = float(np.linalg.norm(offset - sunward * receiver.sun_direction_body))
-            reach = radius + self._hulls[other.name].radius_m
-            if aside < reach and sunward > -reach:
-                casters.append((other.name, frames.transform(rotation, offset)))
-        return casters
-
-    def _draw_shadows(self, views: list[BodyView],
-                      frame_plan: RenderPlan) -> tuple[dict[str, tuple[ShadowMap, np.ndarray, float]], RenderPlan]:
-        """Shadow maps of the receivers: name to (map, shadow_from_body, bias per texel)."""
-        shadows, bodies = {}, []
-        levels = {body.name: body.level for body in frame_plan.bodies}
-        for view, body_plan in zip(views, frame_plan.bodies, strict=True):
-            size = body_plan.shadow_map_px
-            if size is None:
-                bodies.append(body_plan)
-                continue
-            sun_from_body = frames.sun_from_body(plan.snapped_sun(view.sun_direction_body, size))
-            casters = self._casters(view, views)
-            points = self._hulls[view.name].points_m @ sun_from_body.T
-            low, high = points.min(axis=0), points.max(axis=0)
-            centre = 0.5 * (low + high)
-            # Two texels of margin: a lookup beside the last facet still meets the map.
-            half = 0.5 * (high - low) * (1.0 + 4.0 / size)
-            offset = frames.transform(np.eye(3), -centre) @ frames.transform(sun_from_body, np.zeros(3))
-            clip = frames.clip_from_sun(half[0], half[1], -half[2], half[2]) @ offset
-            drawn = tuple((name, levels[name], matrix.tobytes()) for name, matrix in casters)
-            key = (view.name, size, sun_from_body.tobytes(), *drawn)
-            is_kept = key in self._shadow_maps
-            if is_kept:
-                self._shadow_maps.move_to_end(key)
-            else:
-                shadow_map = self._shadow_map_to_fill(size)
-                shadow_map.draw([(self._meshes[name][levels[name]], clip @ matrix) for name, matrix in casters])
-                self._shadow_maps[key] = shadow_map
-            texture_from_clip = frames.transform(0.5 * np.eye(3), np.full(3, 0.5))
-            texel_m = 2.0 * max(half[0], half[1]) / size
-            shadows[view.name] = (self._shadow_maps[key], texture_from_clip @ clip, texel_m / (2.0 * half[2]))
-            bodies.append(replace(body_plan, shadow_map_reused=is_kept))
-        return shadows, replace(frame_plan, bodies=tuple(bodies))
-
-    def _shadow_map_to_fill(self, size: int) -> ShadowMap:
-        """A map of this size that nobody needs any more, or a new one."""
-        if len(self._shadow_maps) < max(_SHADOW_MAPS_KEPT, 2 * len(self._meshes)):
-            return ShadowMap(self._context, size)
-        for key, shadow_map in self._shadow_maps.items():
-            if shadow_map.size_px == size:
-                return self._shadow_maps.pop(key)
-        _, oldest = self._shadow_maps.popitem(last=False)
-        oldest.close()
-        return ShadowMap(self._context, size)
-
     def forget_shadow_maps(self) -> None:
         """Draw every shadow map anew when next it is needed; no image changes."""
-        for shadow_map in self._shadow_maps.values():
-            shadow_map.close()
-        self._shadow_maps.clear()
+        self._shadows.close()
 
     def _draw_irradiance(self, irradiance: np.ndarray, window: WindowPlan, views: list[BodyView],
-                         frame_plan: RenderPlan, camera: PinholeCamera, shadows: dict, gain: float,
+                         frame_plan: RenderPlan, camera: PinholeCamera, shadows: dict[str, Shadow], gain: float,
                          clock: _Clock) -> WindowPlan:
         """Add a window to the image; what its samples told goes into the plan that is returned."""
         if not window.samples:
@@ -288,6 +253,10 @@ class Renderer:
         now, power = frame_error(mean, error), error_model.noise_power(noise)
         # Edges of shadows lie where the map's texels put them, however many samples see them.
         floor = math.hypot(window.modelling_error, now * math.sqrt(window.shadow_share * window.samples**power))
+        if window.may_be_rays and window.engine == "raster" and floor > _ALL_BUT * window.budget:
+            # The image tells that its shadows' edges cost the budget, which no samples cure.
+            by_rays = replace(window, engine="rays", modelling_error=0.0, shadow_share=0.0)
+            return self._draw_irradiance(irradiance, by_rays, views, frame_plan, camera, shadows, gain, clock)
         budget = max(math.sqrt(max(window.budget**2 - floor**2, 0.0)), 0.3 * window.budget)
         refinement = plan_refinement(mean, error, window.samples, budget, power) if math.isfinite(budget) else None
         clock.lap("refine")
@@ -315,7 +284,7 @@ class Renderer:
                 yield (slice(top, min(top + rows, shape[0])), slice(left, min(left + columns, shape[1])))
 
     def _draw_tile(self, window: WindowPlan, views: list[BodyView], frame_plan: RenderPlan, camera: PinholeCamera,
-                   shadows: dict, clock: _Clock, tile: tuple[slice, slice], samples: int,
+                   shadows: dict[str, Shadow], clock: _Clock, tile: tuple[slice, slice], samples: int,
                    mask: np.ndarray | None = None) -> np.ndarray:
         """Samples of a part of a window; zero beside the mask."""
         rows, columns = tile
@@ -352,7 +321,7 @@ class Renderer:
 
     def _draw_window(self, target: Target, stage: str, bounds_px: tuple[float, float, float, float],
                      grid: tuple[int, int], names: tuple[str, ...], views: list[BodyView], frame_plan: RenderPlan,
-                     camera: PinholeCamera, shadows: dict, mask: np.ndarray | None = None) -> None:
+                     camera: PinholeCamera, shadows: dict[str, Shadow], mask: np.ndarray | None = None) -> None:
         plans = {body.name: body for body in frame_plan.bodies}
         target.begin(*grid, depth=1.0 if mask is None else 0.0)
         if mask is not None:
@@ -364,11 +333,14 @@ class Renderer:
             # Each group has its slice of the depth buffer: what is nearer covers what is farther.
             clip_from_camera = frames.depth_slice(index, len(groups)) @ clip_from_camera
             for view in members:
-                self._draw_body(stage, view, plans[view.name], clip_from_camera, camera, shadows.get(view.name))
+                chunks = self._meshes[view.name][plans[view.name].level].chunks
+                chosen = (chunks_in_window(chunks, view, camera, bounds_px)
+                          & chunks.facing_point(view.r_camera_body_m))
+                self._draw_body(stage, view, plans[view.name], clip_from_camera, camera,
+                                shadows.get(view.name, NO_SHADOW), chosen)
 
     def _draw_body(self, stage: str, view: BodyView, body_plan: BodyPlan, clip_from_camera: np.ndarray,
-                   camera: PinholeCamera, shadow: tuple[ShadowMap, np.ndarray, float] | None) -> None:
-        shadow_map, shadow_from_body, bias = shadow or (None, np.eye(4), 0.0)
+                   camera: PinholeCamera, shadow: Shadow, chosen: np.ndarray) -> None:
         r_camera = view.r_camera_body_m
         offset = np.zeros(3) if body_plan.relative_to_camera else -r_camera
         clip_from_surface = clip_from_camera @ frames.transform(
@@ -378,19 +350,46 @@ class Renderer:
         self._meshes[view.name][body_plan.level].draw_surface(
             stage,
             SurfaceVariant(relative_to_camera=body_plan.relative_to_camera, normal_lookup=body_plan.normal_lookup,
-                           shadows=shadow_map is not None),
-            {"clip_from_surface": clip_from_surface, "shadow_from_body": shadow_from_body,
+                           shadows=shadow.shadow_map is not None),
+            {"clip_from_surface": clip_from_surface, "shadow_from_body": shadow.shadow_from_body,
              "r_camera_body": high, "r_camera_body_low": r_camera - high,
              "sun_direction_body": view.sun_direction_body, "boresight_body": view.camera_from_body[2],
-             "irradiance_scale": solar_irradiance / camera.focal_length_px**2, "shadow_bias_per_texel": bias,
+             "irradiance_scale": solar_irradiance / camera.focal_length_px**2,
+             "shadow_bias_per_texel": shadow.bias_per_texel,
              "body_id": self._bodies[view.name][0]},
-            shadow_map)
+            shadow.shadow_map, chosen)
+
+    def _add_emission(self, irradiance: np.ndarray, state: State, views: list[BodyView], frame_plan: RenderPlan,
+                      camera: PinholeCamera, shadows: dict[str, Shadow]) -> RenderPlan:
+        """Add what the scene's emission plug-ins draw; where their light falls is the whole image."""
+        names = tuple(view.name for view in views)
+
+        def draw_surfaces(target, stage, bounds_px, grid):
+            self._draw_window(target, stage, bounds_px, grid, names, views, frame_plan, camera, {})
+
+        def shadow_map(name):
+            view = next(view for view in views if view.name == name)
+            shadow = shadows.get(name)
+            # The shadow falls on dust far beside what the image shows of the body.
+            if shadow is None or not view.is_whole:
+                bodies = [replace(body, shadow_map_px=_EMISSION_SHADOW_PX if body.name == name else None)
+                          for body in frame_plan.bodies]
+                shadow = self._shadows.draw(views, bodies, camera, is_whole=True)[0][name]
+            return shadow.shadow_map, shadow.shadow_from_body
+
+        frame = EmissionFrame(
+            state=state, camera=camera, views={view.name: view for view in views}, max_error=frame_plan.max_error,
+            solar_irradiance_1au_W_m2=self.scene.solar_irradiance_of(camera),
+            rois=tuple(window.roi for window in frame_plan.windows),
+            draw_surfaces=draw_surfaces, shadow_map=shadow_map)
+        added = tuple(emission.add(irradiance, frame) for emission in self._emission)
+        return replace(frame_plan, emission=added, roi=(0, 0, camera.width_px, camera.height_px))
 
     def _draw_products(self, wanted: tuple[str, ...], views: list[BodyView], frame_plan: RenderPlan,
                        camera: PinholeCamera) -> dict[str, np.ndarray]:
         # What a pixel's centre sees is told of the full shape.
         frame_plan = replace(frame_plan, bodies=tuple(replace(body, level=0) for body in frame_plan.bodies))
-        shadows, _ = self._draw_shadows(views, frame_plan) if "sunlit" in wanted else ({}, None)
+        shadows, _ = self._shadows.draw(views, frame_plan.bodies, camera) if "sunlit" in wanted else ({}, None)
         shape = (camera.height_px, camera.width_px)
         layers = [np.zeros((*shape, 4), np.float32) for _ in range(3)]
         for window in frame_plan.windows:
@@ -402,6 +401,10 @@ class Renderer:
         angles, place, identity = layers
         body_id = identity[..., 0].astype(np.int32) - 1
         beside = body_id < 0
+        facet_id = np.where(beside, -1, identity[..., 1] + 4096.0 * identity[..., 2]).astype(np.int32)
+        for name, (index, _) in self._bodies.items():
+            here = body_id == index
+            facet_id[here] = self._meshes[name][0].facet_ids(facet_id[here])
         origin_range_m = np.array([0.0 if body.relative_to_camera else view.range_m
                                    for view, body in zip(views, frame_plan.bodies, strict=True)] + [np.nan])
         angles[beside] = np.nan
@@ -410,7 +413,7 @@ class Renderer:
         made = {
             "range": lambda: origin_range_m[body_id] + angles[..., 0],
             "body_id": lambda: body_id,
-            "facet_id": lambda: np.where(beside, -1, identity[..., 1] + 4096.0 * identity[..., 2]).astype(np.int32),
+            "facet_id": lambda: facet_id,
             "incidence": lambda: angles[..., 1].copy(),
             "emission": lambda: angles[..., 2].copy(),
             "phase": lambda: angles[..., 3].copy(),

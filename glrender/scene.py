@@ -21,7 +21,7 @@ from .sky import Stars
 
 __all__ = ["Body", "Scene", "band_irradiances", "checked_max_error", "load_scene"]
 
-_SCENE_KEYS = ("bodies", "cameras", "stars", "solar_irradiance_1au_W_m2", "max_error")
+_SCENE_KEYS = ("bodies", "cameras", "stars", "solar_irradiance_1au_W_m2", "max_error", "emission")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -39,6 +39,8 @@ class Scene:
         Budget: RMS irradiance error over the mean of the lit pixels.
     stars : Stars, optional
         The sky behind the bodies, of frames with a detector.
+    emission : sequence
+        Light that no surface scatters, as `emission_frame.Emission`: none unless asked for.
     """
 
     bodies: Sequence[Body]
@@ -46,6 +48,7 @@ class Scene:
     solar_irradiance_1au_W_m2: float | None = None
     max_error: float = field(default=0.02)
     stars: Stars | None = None
+    emission: Sequence[Any] = ()
 
     def __post_init__(self):
         for label, kind in (("bodies", Body), ("cameras", PinholeCamera)):
@@ -72,6 +75,10 @@ class Scene:
             object.__setattr__(self, "solar_irradiance_1au_W_m2",
                                within("solar_irradiance_1au_W_m2", self.solar_irradiance_1au_W_m2, 1e-6, 1e9))
         object.__setattr__(self, "max_error", checked_max_error(self.max_error))
+        object.__setattr__(self, "emission", tuple(self.emission))
+        for index, emission in enumerate(self.emission):
+            if emission.body not in {body.name for body in self.bodies}:
+                raise ConfigError(f"emission[{index}].body", "must be a body of the scene", emission.body)
 
     def solar_irradiance_of(self, camera: PinholeCamera) -> float:
         """Solar irradiance in a camera's band at 1 au [W/m2]; of a mosaic in that of its pattern's first letter.
@@ -134,6 +141,10 @@ class Scene:
                    for i, entry in enumerate(scene_tables.tables(f"{path}.cameras", table["cameras"]))]
         stars = scene_tables.stars(table["stars"], f"{path}.stars") if "stars" in table else None
         rest = {key: table[key] for key in ("solar_irradiance_1au_W_m2", "max_error") if key in table}
+        if "emission" in table:
+            named = {body.name: body for body in bodies}
+            rest["emission"] = [scene_tables.emission(entry, f"{path}.emission[{i}]", files, named)
+                                for i, entry in enumerate(scene_tables.tables(f"{path}.emission", table["emission"]))]
         with error_path(path):
             return cls(bodies=bodies, cameras=cameras, stars=stars, **rest)
 

@@ -16,7 +16,7 @@ from .body import Body, read_texture
 from .brdf import Law
 from .brdf.presets import PRESETS
 from .errors import ConfigError, error_path
-from .plugins import laws
+from .plugins import emissions, laws
 from .shape import Shape, metres_per_unit
 from .sky import Stars
 
@@ -106,6 +106,16 @@ def _law(table: object, path: str) -> Law:
                  for key, value in table.items() if key != "law"}
     with error_path(path):
         return _call(law, arguments)
+
+
+def emission(table: object, path: str, files: Files, bodies: Mapping[str, Body]) -> Any:
+    """A source of light beside the surfaces, by the plug-in of its `kind`."""
+    if not isinstance(table, Mapping) or table.get("kind") not in emissions():
+        kind = table.get("kind") if isinstance(table, Mapping) else table
+        raise ConfigError(f"{path}.kind", f"must be one of {', '.join(sorted(emissions()))}", kind)
+    arguments = {key: value for key, value in table.items() if key != "kind"}
+    with error_path(path):
+        return emissions()[table["kind"]].from_table(arguments, files.path, bodies)
 
 
 def camera(table: Mapping[str, Any], path: str) -> PinholeCamera:

@@ -8,6 +8,7 @@ import numpy as np
 from glrender_camera import PinholeCamera
 
 from . import frames
+from .chunks import Chunks
 from .constants import AU_M, SUN_RADIUS_M
 from .errors import ConfigError, SceneError
 from .hull import Hull
@@ -40,6 +41,8 @@ class BodyView:
         behind the camera, so that it may fill any of the image.
     is_visible : bool
         Whether any of it may be in the image.
+    is_whole : bool
+        Whether all of it is.
     """
 
     name: str
@@ -52,11 +55,34 @@ class BodyView:
     depth_m: tuple[float, float]
     bounds_px: np.ndarray | None
     is_visible: bool
+    is_whole: bool
 
     @property
     def size_px(self) -> float:
         """Larger side of the outline's box [px]; infinite when it has none."""
         return np.inf if self.bounds_px is None else float(np.max(self.bounds_px[2:] - self.bounds_px[:2]))
+
+    @property
+    def finest_px(self) -> float:
+        """Its size [px] were all of it as near as its nearest point: what a shadow map must resolve."""
+        near, far = self.depth_m
+        return min(self.size_px * 0.5 * (near + far) / near, 1e5)
+
+    def is_within(self, bounds_px: tuple[float, float, float, float]) -> bool:
+        """Whether the whole outline is inside a window x0, y0, x1, y1 [px]."""
+        x0, y0, x1, y1 = bounds_px
+        box = self.bounds_px
+        return box is not None and bool(x0 <= box[0] and y0 <= box[1] and box[2] <= x1 and box[3] <= y1)
+
+
+def chunks_in_window(chunks: Chunks, view: BodyView, camera: PinholeCamera,
+                     bounds_px: tuple[float, float, float, float]) -> np.ndarray:
+    """Chunks (C,) bool of a body that may be in a window x0, y0, x1, y1 [px] of the image."""
+    if view.is_within(bounds_px):
+        return np.ones(len(chunks), bool)
+    clip = frames.clip_from_camera(camera.focal_length_px, camera.principal_point_px, bounds_px, *view.depth_m)
+    return chunks.in_window(clip @ frames.transform(
+        view.camera_from_body, -view.camera_from_body @ view.r_camera_body_m))
 
 
 def view_bodies(state: State, camera: PinholeCamera, hulls: dict[str, Hull]) -> list[BodyView]:
@@ -113,11 +139,10 @@ def _view(name: str, hull: Hull, state: State, camera: PinholeCamera, camera_fro
     points = (hull.points_m - r_camera) @ camera_from_body.T
     depth = points[:, 2]
     nearest, farthest = float(depth.min()), float(depth.max())
-    bounds = None
+    bounds, edge = None, np.array([camera.width_px, camera.height_px]) - 0.5
     if nearest > 0.0:
         pixel = points[:, :2] / depth[:, None] * camera.focal_length_px + np.array(camera.principal_point_px)
         bounds = np.concatenate([pixel.min(axis=0), pixel.max(axis=0)])
-        edge = np.array([camera.width_px, camera.height_px]) - 0.5
         is_visible = bool((bounds[:2] < edge).all() and (bounds[2:] > -0.5).all())
         if is_visible and not (bounds[2:] - bounds[:2]).max() > _MIN_SIZE_PX:
             raise SceneError("state.spacecraft.r_inertial_m", f"body {name!r} must be {_MIN_SIZE_PX:g} px across",
@@ -132,4 +157,5 @@ def _view(name: str, hull: Hull, state: State, camera: PinholeCamera, camera_fro
     return BodyView(
         name=name, camera_from_body=camera_from_body, r_camera_body_m=r_camera, sun_direction_body=sun_direction,
         sun_distance_au=sun_distance / AU_M, range_m=range_m, phase_rad=float(phase),
-        depth_m=(nearest, farthest), bounds_px=bounds, is_visible=is_visible)
+        depth_m=(nearest, farthest), bounds_px=bounds, is_visible=is_visible,
+        is_whole=bounds is not None and bool((bounds[:2] >= -0.5).all() and (bounds[2:] <= edge).all()))

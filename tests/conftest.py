@@ -20,6 +20,20 @@ def shared() -> Path:
     return folder
 
 
+@pytest.fixture(scope="session")
+def blender() -> str:
+    """The version of a Blender that starts; without one the tests of the backend cycles are skipped."""
+    from glrender import DeviceError
+    from glrender.backends.cycles.process import BlenderProcess
+
+    try:
+        process = BlenderProcess()
+    except DeviceError as error:
+        pytest.skip(f"SKIPPED FOR WANT OF BLENDER: {error}")
+    process.close()
+    return process.version
+
+
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(20261121)

@@ -20,7 +20,7 @@ SNIPPETS = [pytest.param(code, id=f"{page.relative_to(ROOT)}-{index}") for page 
 def test_a_snippet_runs_alone(code, tmp_path, monkeypatch):
     generate.three_lobes(radius_m=0.3, subdivisions=2).to_file(tmp_path / "itokawa.obj")
     monkeypatch.chdir(tmp_path)
-    exec(compile(code, "snippet", "exec"), {})
+    exec(compile(code, "snippet", "exec", dont_inherit=True), {})
 
 
 def test_there_are_snippets():

@@ -19,9 +19,12 @@ ROOMS = {
     "glrender/errors.py": {"glrender_camera"},
     "glrender/brdf": {"numpy", "glrender.constants", "glrender.errors", "glrender_camera"},
     "glrender/shaders": {"numpy", "glrender.constants", "glrender.errors"},
-    "glrender/gl": {"numpy", "moderngl", "glrender.brdf", "glrender.shaders", "glrender.errors",
+    "glrender/gl": {"numpy", "moderngl", "glrender.brdf", "glrender.chunks", "glrender.shaders", "glrender.errors",
                     "glrender.constants"},
+    "glrender/emission": {"numpy", "scipy", "cv2", "OpenEXR", "glrender", "glrender_camera"},
     "glrender/backends": {"numpy", "cv2", "glrender", "glrender_camera"},
+    # What runs in Blender's process: its own Python, where glrender is not installed.
+    "glrender/backends/cycles/inside": {"numpy", "bpy", "mathutils", "framing", "drawing"},
     "glrender/rays.py": {"numpy", "embreex", "glrender.errors"},
     "glrender/refine.py": {"numpy", "cv2"},
     "glrender/lod.py": {"numpy", "scipy", "fast_simplification", "glrender"},

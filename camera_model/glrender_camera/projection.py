@@ -190,6 +190,11 @@ class PinholeCamera:
         cosine.setflags(write=False)
         return cosine
 
+    @property
+    def bounds_px(self) -> tuple[float, float, float, float]:
+        """Edges x0, y0, x1, y1 of the image [px]: its outermost pixels reach half a pixel beyond their centres."""
+        return (-0.5, -0.5, self.width_px - 0.5, self.height_px - 0.5)
+
     def with_margin(self, margin_px: int) -> PinholeCamera:
         """The same camera with so many more pixels on each side, to render what lies beyond the frame."""
         return self if margin_px == 0 else _with_margin(self, integer("margin_px", margin_px, 0, MAX_IMAGE_PX))

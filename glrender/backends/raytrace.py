@@ -7,7 +7,7 @@ plane, and the laws are the float64 ones. It shares no line with the OpenGL pass
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import cv2
@@ -15,13 +15,12 @@ import numpy as np
 from glrender_camera import PinholeCamera
 from glrender_camera.validate import integer
 
-from ..grouping import region
 from ..image import Image, checked_products
-from ..plan import BodyPlan, RenderPlan
-from ..ray_engine import BESIDE, RayEngine
+from ..ray_engine import RayEngine
 from ..scene import Scene, checked_max_error
 from ..state import State
 from ..view import view_bodies
+from .full_shape import full_shape_plan, traced_products, visible_region
 
 # Rounds before a pixel's scatter is believed, and at which even the worst pixel is given up.
 _FIRST_ROUNDS, _MAX_ROUNDS = 4, 256
@@ -62,13 +61,13 @@ class RayTracer:
         return {"backend": "raytrace", "gl_renderer": "Embree (embreex)", "gl_version": ""}
 
     def render(self, state: State, camera: str | PinholeCamera | None = None, *, max_error: float | None = None,
-               products: Iterable[str] = ("irradiance",), samples: int | None = None, after_psf: bool = False,
-               seed: int = 0) -> Image:
+               products: Iterable[str] = ("irradiance",), samples: int | None = None, seed: int = 0,
+               on_progress: Callable[[float], None] | None = None) -> Image:
         """Draw one frame until the standard error of its pixels is below the budget.
 
         Parameters
         ----------
-        state, camera, products, after_psf
+        state, camera, products
             As `Renderer.render`; products are those of the pixel's centre.
         max_error : float [1], optional
             Root mean square standard error over the mean of the lit pixels.
@@ -76,6 +75,8 @@ class RayTracer:
             Samples along a pixel's side on a regular grid, and no adaptation.
         seed : int
             Of the jitter: equal seeds give equal images.
+        on_progress : callable, optional
+            Called with the share done, 0..1: the rounds still to come are a guess.
 
         Returns
         -------
@@ -88,9 +89,8 @@ class RayTracer:
         budget = self.scene.max_error if max_error is None else checked_max_error(max_error)
         if samples is not None:
             samples = integer("samples", samples, 1, 256)
-        gain = pinhole.model.psf_noise_gain if after_psf and pinhole.model is not None else 1.0
         views = view_bodies(state, pinhole, {body.name: body.hull for body in self.scene.bodies})
-        roi = region([v for v in views if v.is_visible], pinhole) if any(v.is_visible for v in views) else (0, 0, 0, 0)
+        roi = visible_region(views, pinhole)
         irradiance = np.zeros((pinhole.height_px, pinhole.width_px))
         x0, y0, x1, y1 = roi
         y, x = (axis.ravel() for axis in np.mgrid[y0:y1, x0:x1])
@@ -101,27 +101,17 @@ class RayTracer:
             mean = sum((shoot(pixel + (dx, dy)) for dy in offsets for dx in offsets), np.zeros(len(pixel)))
             mean, reached = mean / samples**2, 0.0
         else:
-            mean, reached = _adapt(shoot, pixel, (y1 - y0, x1 - x0), budget / gain, np.random.default_rng(seed))
+            mean, reached = _adapt(shoot, pixel, (y1 - y0, x1 - x0), budget, np.random.default_rng(seed),
+                                   on_progress or (lambda share: None))
         irradiance[y, x] = mean
-        arrays = {}
-        if wanted:
-            seen = self._engine.products(pixel, pinhole, views)
-            for name in wanted:
-                values = seen[name]
-                arrays[name] = np.full((*irradiance.shape, *values.shape[1:]), BESIDE[name], values.dtype)
-                arrays[name][y, x] = values
-        frame_plan = RenderPlan(
-            camera=pinhole.name, max_error=budget, roi=roi, windows=(), predicted_error=gain * reached, left_out=(),
-            bodies=tuple(BodyPlan(
-                name=v.name, is_visible=v.is_visible, n_facets=len(self.scene.bodies[k].shape.facets),
-                level=0, law=self.scene.bodies[k].brdf.glsl, shadow_map_px=None, shadow_map_reused=False,
-                relative_to_camera=True, normal_lookup=True, size_px=v.size_px) for k, v in enumerate(views)))
+        arrays = traced_products(self._engine, wanted, pinhole, views, roi)
+        frame_plan = full_shape_plan(self.scene, pinhole, views, max_error=budget, predicted_error=reached, roi=roi)
         return Image(irradiance_W_m2=irradiance.astype(np.float32), products=arrays, plan=frame_plan,
                      timings_ms={"trace": 1e3 * (time.perf_counter() - began)})
 
 
 def _adapt(shoot, pixel: np.ndarray, shape: tuple[int, int], budget: float,
-           rng: np.random.Generator) -> tuple[np.ndarray, float]:
+           rng: np.random.Generator, report: Callable[[float], None]) -> tuple[np.ndarray, float]:
     """Mean of each pixel, sampled until the frame's standard error meets the budget, and that error.
 
     Each round puts one jittered sample into each cell of a pixel; the scatter of the rounds'
@@ -129,7 +119,7 @@ def _adapt(shoot, pixel: np.ndarray, shape: tuple[int, int], budget: float,
     """
     cells = (np.arange(_STRATA) + 0.5) / _STRATA - 0.5
     total, squares, rounds = (np.zeros(len(pixel)) for _ in range(3))
-    active = np.arange(len(pixel))
+    active, told = np.arange(len(pixel)), 0.0
     for count in range(1, _MAX_ROUNDS + 1):
         jitter = rng.uniform(-0.5 / _STRATA, 0.5 / _STRATA, (_STRATA**2, len(active), 2))
         places = [(dx, dy) for dy in cells for dx in cells]
@@ -145,9 +135,12 @@ def _adapt(shoot, pixel: np.ndarray, shape: tuple[int, int], budget: float,
         variance = np.maximum(own, _neighbours_mean(own, shape))
         lit = mean > 0.0
         if not lit.any():
+            report(1.0)
             return mean, 0.0
         level = mean[lit].mean()
         reached = float(np.sqrt(variance[lit].mean()) / level)
+        told = max(told, min((budget / max(reached, 1e-30)) ** 2, 1.0), count / _MAX_ROUNDS)
+        report(told)
         if reached <= budget:
             break
         active = np.flatnonzero(variance > (0.5 * budget * level) ** 2)

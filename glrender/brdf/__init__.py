@@ -4,12 +4,12 @@ from .akimov import Akimov
 from .curve import Table
 from .hapke import Hapke
 from .lambert import Lambert
-from .law import Law
+from .law import GlslText, Law
 from .lommel_seeliger import LommelSeeliger
 from .lunar_lambert import LunarLambert
 from .minnaert import Minnaert
 from .oren_nayar import OrenNayar
 from .rolo import Rolo
 
-__all__ = ["Akimov", "Hapke", "Lambert", "Law", "LommelSeeliger", "LunarLambert", "Minnaert", "OrenNayar",
-           "Rolo", "Table"]
+__all__ = ["Akimov", "GlslText", "Hapke", "Lambert", "Law", "LommelSeeliger", "LunarLambert", "Minnaert",
+           "OrenNayar", "Rolo", "Table"]

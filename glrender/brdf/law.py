@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -10,6 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ..errors import ConfigError
 from .geometry import Geometry
 
 MIN_COSINE = 1e-6
@@ -17,10 +19,34 @@ MIN_COSINE = 1e-6
 towards double grazing, and float32 must not overflow. I/F still goes to 0 there with the true cosine."""
 
 
+class GlslText(str):
+    """Name of a law's twin together with its text: how a law from outside glrender brings its own.
+
+    Parameters
+    ----------
+    name : str
+        Small letters, digits and _; in replies it names the law.
+    text : str
+        GLSL as `Law` asks for; it may ``#include "brdf/angles.glsl"`` and what else is in `glrender/shaders`.
+    """
+
+    text: str
+
+    def __new__(cls, name: str, text: str) -> GlslText:
+        if not re.fullmatch(r"[a-z][a-z0-9_]*", name):
+            raise ConfigError("glsl", "must be small letters, digits and _", name)
+        made = super().__new__(cls, name)
+        made.text = text
+        return made
+
+    def __getnewargs__(self) -> tuple[str, str]:
+        return str(self), self.text
+
+
 class Law(ABC):
     """A reflectance law, as a frozen keyword-only dataclass of its parameters.
 
-    The twin is `shaders/brdf/<glsl>.glsl`, which defines ::
+    The twin is `shaders/brdf/<glsl>.glsl`, or the text of a `GlslText`, which defines ::
 
         float brdf(vec3 to_sun, vec3 to_camera, vec3 normal, float albedo_scale)
 
@@ -30,7 +56,7 @@ class Law(ABC):
     """
 
     glsl: ClassVar[str]
-    """Name of the twin's file."""
+    """Name of the twin's file, or a `GlslText`."""
     uniform_fields: ClassVar[Mapping[str, str]]
     """Members of the uniform block `Law`: name (starting with ``law_``) to GLSL type."""
 

@@ -14,6 +14,7 @@ import moderngl
 import numpy as np
 
 from ..brdf.law import Law
+from ..chunks import Chunks
 from ..shaders import ConstantBlock, UniformBlock, compose
 from .context import Context
 from .owner import ResourceOwner
@@ -76,12 +77,15 @@ class Mesh(ResourceOwner):
         super().__init__(context)
         self.law, self.n_facets = law, len(facets)
         self.smooth_normals = vertex_normals is not None
+        self.chunks = Chunks(vertices_m, facets)
+        facets = facets[self.chunks.order]
         self._vertices_m, self._facets = vertices_m, facets
         context.make_current()
         gl = context.gl
         self.texels_per_side, self._detail_texture = 0, None
         self.has_albedo = albedo_map is not None
         if detail is not None:
+            detail = detail[self.chunks.order]
             self.has_albedo = bool((detail[..., 3] != 1.0).any())
             # Facets share no vertex: a vertex's number tells which corner it is.
             vertices_m, facets = vertices_m[facets].reshape(-1, 3), None
@@ -89,6 +93,7 @@ class Mesh(ResourceOwner):
             self._detail_texture = self.own(_lookup(gl, detail.reshape(-1, 4), "f2"))
         self.albedo_texture = None
         if uv is not None and albedo_map is not None:
+            uv = uv[self.chunks.order]
             # A seam's vertex has several texture coordinates: one GL vertex for each.
             corners = np.concatenate([facets.reshape(-1, 1).astype(np.float64), uv.reshape(-1, 2)], axis=1)
             unique, inverse = np.unique(corners, axis=0, return_inverse=True)
@@ -127,18 +132,22 @@ class Mesh(ResourceOwner):
                 self._context.gl.vertex_array(program, content, index_buffer=self._indices, index_element_size=4))
         return self._vertex_arrays[program]
 
-    def draw_shadow(self, sun_clip_from_body: np.ndarray) -> None:
-        """Draw into the bound shadow map."""
+    def facet_ids(self, drawn: np.ndarray) -> np.ndarray:
+        """Facets of the shape for facets as the device counts them."""
+        return self.chunks.order[drawn]
+
+    def draw_shadow(self, sun_clip_from_body: np.ndarray, chosen: np.ndarray) -> None:
+        """Draw chosen chunks (C,) bool into the bound shadow map."""
         program = self._context.program(compose("shadow.vert.glsl", blocks=[SHADOW_BLOCK]),
                                         compose("shadow.frag.glsl"))
         program["Shadow"].binding = _BODY_BINDING
         self._shadow_uniforms.write(SHADOW_BLOCK.pack({"sun_clip_from_body": sun_clip_from_body}))
         self._shadow_uniforms.bind_to_uniform_block(_BODY_BINDING)
-        self._vertex_array(program).render(moderngl.TRIANGLES)
+        self._draw(program, chosen)
 
     def draw_surface(self, stage: str, variant: SurfaceVariant, values: Mapping[str, Any],
-                     shadow_map: ShadowMap | None) -> None:
-        """Draw into the bound framebuffer with `surface.frag.glsl` or `products.frag.glsl`."""
+                     shadow_map: ShadowMap | None, chosen: np.ndarray) -> None:
+        """Draw chosen chunks (C,) bool into the bound framebuffer with `surface.frag.glsl` or `products.frag.glsl`."""
         context = self._context
         if variant.relative_to_camera and self._position_low is None:
             self._position_low = self.own(context.gl.buffer(self._low_values.astype(np.float32)))
@@ -153,7 +162,14 @@ class Mesh(ResourceOwner):
             self._facet_normals().use(_NORMAL_UNIT)
         if self._detail_texture is not None:
             self._detail_texture.use(_DETAIL_UNIT)
-        self._vertex_array(program).render(moderngl.TRIANGLES)
+        self._draw(program, chosen)
+
+    def _draw(self, program: moderngl.Program, chosen: np.ndarray) -> None:
+        array = self._vertex_array(program)
+        for first, count in self.chunks.runs(chosen):
+            if "first_facet" in program:
+                program["first_facet"].value = first
+            array.render(moderngl.TRIANGLES, vertices=3 * count, first=3 * first)
 
     def _facet_normals(self) -> moderngl.Texture:
         if self._normal_texture is None:
@@ -193,34 +209,46 @@ def _surface_program(context: Context, stage: str, variant: SurfaceVariant, mesh
 
 
 class ShadowMap(ResourceOwner):
-    """A square depth map seen from the Sun.
+    """Depths seen from the Sun.
 
     Parameters
     ----------
     context : Context
-    size_px : int [px]
+    room_px : (int, int) [px]
+        Texels that it has, at least, along x and y.
     """
 
-    def __init__(self, context: Context, size_px: int):
+    def __init__(self, context: Context, room_px: tuple[int, int]):
         super().__init__(context)
-        self.size_px = size_px
+        # Rounded up: as a body turns its box changes, and the next one may fit.
+        self.room_px = tuple(-(-side // 256) * 256 for side in room_px)
         context.make_current()
-        self.texture = self.own(context.gl.depth_texture((size_px, size_px)))
+        self.texture = self.own(context.gl.depth_texture(self.room_px))
         self.texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
         self.texture.compare_func = "<="
         self.texture.repeat_x = self.texture.repeat_y = False
         self._framebuffer = self.own(context.gl.framebuffer(depth_attachment=self.texture))
 
-    def draw(self, casters: Sequence[tuple[Mesh, np.ndarray]]) -> None:
-        """Fill with the depths of `casters`, each with its `sun_clip_from_body`."""
+    def texture_from_clip(self, size_px: tuple[int, int]) -> np.ndarray:
+        """(4, 4) float64 of a map of so many texels of the room."""
+        matrix = np.diag([0.5, 0.5, 0.5, 1.0])
+        matrix[:3, 3] = 0.5
+        return np.diag([*(used / room for used, room in zip(size_px, self.room_px, strict=True)), 1.0, 1.0]) @ matrix
+
+    def draw(self, casters: Sequence[tuple[Mesh, np.ndarray]], size_px: tuple[int, int]) -> None:
+        """Fill so many texels with the depths of `casters`, each with its `sun_clip_from_body` (4, 4) float64."""
         gl = self._context.gl
         self._context.make_current()
         self._framebuffer.use()
-        self._framebuffer.clear(depth=1.0)
+        self._framebuffer.viewport = (0, 0, *size_px)
+        self._framebuffer.clear(depth=1.0, viewport=self._framebuffer.viewport)
         gl.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
         gl.front_face = "ccw"
         for mesh, sun_clip_from_body in casters:
-            mesh.draw_shadow(sun_clip_from_body)
+            # Orthographic: the Sun is where all three rows of the matrix but the last see it.
+            to_sun = -sun_clip_from_body[2, :3] / np.linalg.norm(sun_clip_from_body[2, :3])
+            mesh.draw_shadow(sun_clip_from_body,
+                             mesh.chunks.in_window(sun_clip_from_body) & mesh.chunks.facing_direction(to_sun))
 
 
 class PixelMask(ResourceOwner):

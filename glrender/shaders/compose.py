@@ -51,7 +51,7 @@ def compose(stage: str, *, brdf: str | None = None, blocks: Iterable[UniformBloc
     stage : str
         A file in `glrender/shaders`, e.g. ``surface.frag.glsl``.
     brdf : str, optional
-        Law whose `brdf/<law>.glsl` stands for ``#include "brdf"``.
+        Law whose `brdf/<law>.glsl`, or own text, stands for ``#include "brdf"``.
     blocks : iterable of UniformBlock or ConstantBlock
         Declared ahead of the files.
     defines : mapping, optional
@@ -69,9 +69,12 @@ def compose(stage: str, *, brdf: str | None = None, blocks: Iterable[UniformBloc
     done: set[str] = set()
 
     def add(name: str, chain: tuple[str, ...]) -> None:
+        text = None
         if name == "brdf":
             if brdf is None:
                 raise ShaderError(f"{chain[-1]} includes a law, but none was named")
+            # A law from outside brings its text with its name: `brdf.law.GlslText`.
+            text = getattr(brdf, "text", None)
             name = f"brdf/{brdf}.glsl"
         if name in chain:
             raise ShaderError("include cycle: " + " -> ".join((*chain, name)))
@@ -81,7 +84,7 @@ def compose(stage: str, *, brdf: str | None = None, blocks: Iterable[UniformBloc
         files.append(name)
         index = len(files)
         lines.append(f"#line {index * LINES_PER_FILE + 1}")
-        for number, line in enumerate(_read(name).splitlines(), start=1):
+        for number, line in enumerate((text or _read(name)).splitlines(), start=1):
             include = _INCLUDE.match(line)
             if include:
                 add(include[1], (*chain, name))

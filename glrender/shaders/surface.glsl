@@ -17,6 +17,10 @@ uniform sampler2D detail;
 uniform sampler2DShadow shadow_map;
 #endif
 
+uniform int first_facet; // of the draw call
+
+int facet_index() { return first_facet + gl_PrimitiveID; }
+
 vec3 body_position()
 {
 #if RELATIVE_TO_CAMERA
@@ -41,7 +45,7 @@ vec3 facet_normal(vec3 to_camera)
 {
 #if NORMAL_LOOKUP
     ivec2 size = textureSize(facet_normals, 0);
-    return texelFetch(facet_normals, ivec2(gl_PrimitiveID % size.x, gl_PrimitiveID / size.x), 0).xyz;
+    return texelFetch(facet_normals, ivec2(facet_index() % size.x, facet_index() / size.x), 0).xyz;
 #else
     vec3 normal = normalize(cross(dFdx(r_surface), dFdy(r_surface)));
     return dot(normal, to_camera) < 0.0 ? -normal : normal;
@@ -70,7 +74,7 @@ vec4 detail_texel()
     int row = min(int(place.x), n - 1);
     int column = min(int(place.y), n - 1 - row);
     int upper = column < n - 1 - row && fract(place.x) + fract(place.y) > 1.0 ? 1 : 0;
-    int index = gl_PrimitiveID * n * n + row * (2 * n - row) + 2 * column + upper;
+    int index = facet_index() * n * n + row * (2 * n - row) + 2 * column + upper;
     int width = textureSize(detail, 0).x;
     return texelFetch(detail, ivec2(index % width, index / width), 0);
 }

@@ -21,7 +21,7 @@ from .metrics import MetricsServer
 from .operations import Operations
 from .server import Server
 from .tcp_front import TcpFront
-from .workers import WorkerPool
+from .workers import SLOW_DEADLINE_S, WorkerPool
 from .zmq_front import ZmqFront
 
 MAX_WORKERS = 64
@@ -41,6 +41,8 @@ def main(argv: list[str] | None = None) -> int:
                         help="processes that render; with 1 (the default) and no --deadline the server renders itself")
     parser.add_argument("--deadline", type=float, metavar="S",
                         help="kill a worker that takes longer over one request [s]; default: 60 with several workers")
+    parser.add_argument("--slow-deadline", type=float, default=SLOW_DEADLINE_S, metavar="S",
+                        help="the same for a request with allow_slow (600 s)")
     parser.add_argument("--shape-dir", type=Path, help="folder whose shape files `load_scene` may name")
     parser.add_argument("--curve", type=Path, metavar="FOLDER",
                         help="encrypt ZeroMQ, and admit the clients of this folder alone (glrender keygen makes it)")
@@ -88,7 +90,8 @@ def _engine(arguments: argparse.Namespace) -> LocalEngine | WorkerPool:
     if n_workers == 1 and arguments.deadline is None:
         return LocalEngine(Operations(*what))
     deadline_s = DEADLINE_S if arguments.deadline is None else positive("--deadline", arguments.deadline)
-    return WorkerPool(*what, n_workers=n_workers, deadline_s=deadline_s, log_format=arguments.log_format)
+    return WorkerPool(*what, n_workers=n_workers, deadline_s=deadline_s, log_format=arguments.log_format,
+                      slow_deadline_s=positive("--slow-deadline", arguments.slow_deadline))
 
 
 def checked_endpoint(endpoint: str, allow_remote: bool) -> str:

@@ -13,12 +13,13 @@ from glrender import (
     ConfigError,
     GlrenderError,
     Pose,
-    Renderer,
     Scene,
     State,
     draw_still,
     frames,
     load_scene,
+    open_renderer,
+    plugins,
     take_frame,
 )
 from glrender.constants import AU_M
@@ -49,7 +50,7 @@ def main(argv: list[str] | None = None) -> int:
                         help="irradiance, or the digital numbers of the camera's detector")
     render.add_argument("--exposure-s", help="with dn: seconds, or auto; default: the camera's")
     render.add_argument("--seed", type=int, default=0, help="of the noise, with dn (0)")
-    render.add_argument("--backend", default="auto", choices=("auto", "egl", "osmesa"))
+    render.add_argument("--backend", default="auto", help="auto, egl, osmesa, or a plug-in such as raytrace or cycles")
     render.add_argument("--out", type=Path, default=Path("frame.png"),
                         help=".npy: float32 irradiance [W/m2 per pixel] or DN; .png: a display picture, gamma 2.2")
     render.set_defaults(run=_render)
@@ -90,6 +91,7 @@ def _info(arguments: argparse.Namespace) -> int:
             continue
         sys.stdout.write(f"{backend}: works\n")
         sys.stdout.writelines(f"  {key:24} {value}\n" for key, value in entry.items())
+    sys.stdout.writelines(f"plug-in: {problem}\n" for problem in plugins.problems())
     if not works:
         sys.stdout.write(f"Nothing works: {INSTALL_HINT}\n")
     return 0 if works else 1
@@ -118,7 +120,7 @@ def _render(arguments: argparse.Namespace) -> int:
         phase_deg = within("phase-deg", arguments.phase_deg, 0.0, 180.0)
         state = default_state(scene, camera.name, np.radians(phase_deg))
     options = {"max_error": arguments.max_error, "samples": arguments.samples}
-    with Renderer(scene, backend=arguments.backend) as renderer:
+    with open_renderer(scene, arguments.backend) as renderer:
         if arguments.output == "dn":
             exposure_s = arguments.exposure_s
             if exposure_s not in (None, "auto"):

@@ -25,6 +25,7 @@ from glrender.drawing import drawn_pixels, prepare
 from glrender.errors import error_path
 from glrender.image import peak_bytes
 from glrender.ranging import RangeNoise, laser_ranges
+from glrender.slow import checked_allow_slow
 from glrender_camera import MosaicModel
 from glrender_camera.validate import integer, known_keys, one_of
 
@@ -42,7 +43,8 @@ MAX_DRAWN_PIXELS = 2 * MAX_IMAGE_PIXELS
 """Of such a scene: what is drawn of a camera's frame with its margin, in the cells of its distortion."""
 MAX_FRAME_BYTES = 4 * 1024**3
 """Most memory that one request's image and products may take while they are made."""
-_RENDER_KEYS = ("state", "camera", "output", "exposure_s", "seed", "max_error", "samples", "products", "order")
+_RENDER_KEYS = ("state", "camera", "output", "exposure_s", "seed", "max_error", "samples", "products", "order",
+                "allow_slow")
 _RANGE_KEYS = ("state", "camera", "directions_camera", "noise")
 _UNITS = {"irradiance": "W/m2", "dn": "DN", "range": "m", "r_body": "m", "body_id": "1", "facet_id": "1",
           "incidence": "rad", "emission": "rad", "phase": "rad", "sunlit": "1"}
@@ -58,6 +60,11 @@ class Operations:
         As of `glrender.open_renderer`.
     shape_dir : path, optional
         Where `load_scene` may look for shapes; without it only generated bodies load.
+
+    Attributes
+    ----------
+    on_progress : callable
+        Called while a slow frame is drawn, with the share done.
     """
 
     def __init__(self, scene: Scene, backend: str = "auto", shape_dir: Path | None = None):
@@ -65,6 +72,7 @@ class Operations:
         prepare(scene)
         self.scene, self._renderer = scene, open_renderer(scene, backend)
         self.last_timings_ms: dict[str, float] = {}
+        self.on_progress: Callable[[float], None] = lambda share: None
 
     def close(self) -> None:
         """Release the renderer."""
@@ -129,7 +137,8 @@ class Operations:
             raise ConfigError("products", f"must take at most {MAX_FRAME_BYTES} bytes of memory while they are made",
                               needed, "ask for fewer at a time")
         exposure_s, seed = header.get("exposure_s"), header.get("seed", 0)
-        options = {"products": products, "max_error": header.get("max_error"), "samples": header.get("samples")}
+        options = {"products": products, "max_error": header.get("max_error"), "samples": header.get("samples"),
+                   "allow_slow": checked_allow_slow(header.get("allow_slow", False)), "on_progress": self._progress}
         fields: dict[str, Any] = {"unit": _UNITS[output]}
         if output == "dn":
             seed = integer("seed", seed, 0, 2**64 - 1)
@@ -169,6 +178,10 @@ class Operations:
         self.last_timings_ms = {"total": 1e3 * (time.perf_counter() - began)}
         return codec.pack({**echo(header), "ok": True, "t_s": state.t_s, "camera": camera.name,
                            "timings_ms": self.last_timings_ms}, arrays)
+
+    def _progress(self, share: float) -> None:
+        log.debug("slow frame: %.0f %%", 100.0 * share)
+        self.on_progress(share)
 
     def _drawn(self, draw: Callable[..., Capture], state: State, camera: str, **options) -> Capture:
         """What `draw` makes; a context that was lost is made anew, once."""

@@ -22,6 +22,7 @@ def work(connection: Connection, scene: Scene, backend: str, shape_dir: Path | N
     """Serve jobs until the pipe closes.
 
     Said: ``("ready", described)`` or ``("failed", text)``; then for each ``("job", message, slot)``: ``("begun",)``,
+    ``("progress", share)`` now and then from a slow frame,
     ``("need", n_bytes)`` where the slot is too small (answered by a slot's name), and ``("done", header, sizes,
     code, timings_ms, described)``, the parts standing in the slot one behind the other.
 
@@ -36,6 +37,7 @@ def work(connection: Connection, scene: Scene, backend: str, shape_dir: Path | N
     logs.set_up(log_level, log_format)
     try:
         operations = Operations(scene, backend, shape_dir)
+        operations.on_progress = lambda share: connection.send(("progress", share))
         if scene_message is not None:
             operations.answer(codec.unpack_request([scene_message]))
     except GlrenderError as error:

@@ -26,6 +26,8 @@ log = logging.getLogger(__name__)
 
 START_S = 120.0
 """A worker that is not ready by then has failed."""
+SLOW_DEADLINE_S = 600.0
+"""Of a request that allows slow frames."""
 _FIRST_BACK_OFF_S, _MAX_BACK_OFF_S = 0.1, 30.0
 _MAX_TRIES = 2
 
@@ -46,7 +48,9 @@ class _Worker:
     task: _Task | None = None
     slot: SharedMemory | None = None
     deadline: float = 0.0
+    deadline_s: float = 0.0
     has_begun: bool = False
+    progress: float | None = None
     overran: bool = False
     generation: int = 0
     failures: int = 0
@@ -64,6 +68,8 @@ class WorkerPool:
     deadline_s : float [s]
         A worker that takes longer over one request is killed. The request is tried once more, then
         answered `poison`; so is one whose worker dies.
+    slow_deadline_s : float [s]
+        Instead, for a request that allows slow frames.
 
     Raises
     ------
@@ -72,9 +78,9 @@ class WorkerPool:
     """
 
     def __init__(self, scene: Scene, backend: str = "auto", shape_dir: Path | None = None, *, n_workers: int,
-                 deadline_s: float, log_format: str = "text"):
+                 deadline_s: float, slow_deadline_s: float = SLOW_DEADLINE_S, log_format: str = "text"):
         self._arguments = (scene, backend, shape_dir)
-        self._deadline_s, self._log_format = deadline_s, log_format
+        self._deadline_s, self._slow_deadline_s, self._log_format = deadline_s, slow_deadline_s, log_format
         self._spawn = get_context("spawn")
         self._slots, self._frame_bytes = SlotStore(), 0
         self._workers = [_Worker() for _ in range(n_workers)]
@@ -97,9 +103,11 @@ class WorkerPool:
 
     @property
     def described(self) -> dict[str, Any]:
-        """Scene and OpenGL, and how the workers do."""
+        """Scene and OpenGL, and how the workers do; of slow frames under way, the share done."""
+        slow = [w.progress for w in self._workers if w.state == "busy" and w.progress is not None]
         return {**self._described, "workers": {"ready": sum(w.state in ("idle", "busy") for w in self._workers),
-                                               "of": len(self._workers), "restarts": self.restarts}}
+                                               "of": len(self._workers), "restarts": self.restarts},
+                "slow_frames": slow}
 
     @property
     def has_room(self) -> bool:
@@ -146,6 +154,7 @@ class WorkerPool:
         worker = max(idle, key=lambda w: (w.generation, w.deadline))
         worker.task = task
         if worker.generation != self._generation:
+            worker.deadline_s = self._deadline_s
             self._send(worker, self._scene_message)
             worker.state = "catching up"
         else:
@@ -153,12 +162,13 @@ class WorkerPool:
 
     def _begin(self, worker: _Worker) -> None:
         worker.state = "busy"
+        worker.deadline_s = self._slow_deadline_s if worker.task.job.header.get("allow_slow") else self._deadline_s
         self._send(worker, worker.task.job.message)
 
     def _send(self, worker: _Worker, message: bytes) -> None:
-        worker.has_begun = False
+        worker.has_begun, worker.progress = False, None
         worker.slot = worker.slot or self._slots.take(self._frame_bytes)
-        worker.deadline = time.monotonic() + self._deadline_s
+        worker.deadline = time.monotonic() + worker.deadline_s
         # A dead worker is found by the next turn.
         with contextlib.suppress(OSError):
             worker.connection.send(("job", message, worker.slot.name))
@@ -194,6 +204,8 @@ class WorkerPool:
             self._bury(worker)
         elif kind == "begun":
             worker.has_begun = True
+        elif kind == "progress":
+            worker.progress = rest[0]
         elif kind == "need":
             self._slots.give_back(worker.slot)
             worker.slot = self._slots.take(rest[0])
@@ -208,7 +220,7 @@ class WorkerPool:
             self._begin(worker)
             return
         task, worker.task = worker.task, None
-        worker.state, worker.failures, worker.deadline = "idle", 0, time.monotonic()
+        worker.state, worker.failures, worker.deadline, worker.progress = "idle", 0, time.monotonic(), None
         parts = []
         if sizes:
             # The next frame is likely as large as the last.
@@ -236,7 +248,7 @@ class WorkerPool:
 
     def _bury(self, worker: _Worker) -> None:
         """Another in the place of a worker that died, after a while that doubles; its task again, once."""
-        how = f"overran its deadline of {self._deadline_s:g} s" if worker.overran else "died"
+        how = f"overran its deadline of {worker.deadline_s:g} s" if worker.overran else "died"
         was_starting = worker.state == "starting"
         # A worker that was dying when it got the request is not the request's fault: no try.
         is_its_fault = worker.state == "busy" and (worker.has_begun or worker.overran)

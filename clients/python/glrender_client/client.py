@@ -91,7 +91,8 @@ class Client:
 
     def render(self, state: Mapping[str, Any], camera: str | None = None, *, output: str = "irradiance",
                exposure_s: float | str | None = None, seed: int | None = None, max_error: float | None = None,
-               samples: int | None = None, products: Sequence[str] = (), order: str = "C") -> Reply:
+               samples: int | None = None, products: Sequence[str] = (), order: str = "C",
+               allow_slow: bool | str = False) -> Reply:
         """One frame.
 
         Parameters
@@ -114,6 +115,9 @@ class Client:
             ``range``, ``body_id``, ``facet_id``, ``incidence``, ``emission``, ``phase``, ``r_body``, ``sunlit``.
         order : "C" or "F"
             Order of the bytes on the wire; the arrays are (height, width) either way.
+        allow_slow : bool, "raytrace" or "cycles"
+            Whether another backend may draw what OpenGL cannot within the budget. It takes seconds or minutes:
+            give `timeout_s` of this client as much.
 
         Raises
         ------
@@ -123,7 +127,7 @@ class Client:
         """
         return self._ask("render", render_fields(
             state, camera, output=output, exposure_s=exposure_s, seed=seed, max_error=max_error, samples=samples,
-            products=products, order=order))
+            products=products, order=order, allow_slow=allow_slow))
 
     def range(self, state: Mapping[str, Any], directions_camera: Any, camera: str | None = None, *,
               noise: Mapping[str, Any] | None = None) -> Reply:

@@ -63,9 +63,11 @@ class Packer:
 
 def render_fields(state: Mapping[str, Any], camera: str | None = None, *, output: str = "irradiance",
                   exposure_s: float | str | None = None, seed: int | None = None, max_error: float | None = None,
-                  samples: int | None = None, products: Sequence[str] = (), order: str = "C") -> dict[str, Any]:
+                  samples: int | None = None, products: Sequence[str] = (), order: str = "C",
+                  allow_slow: bool | str = False) -> dict[str, Any]:
     """The fields of a `render` request; the arguments are those of `Client.render`."""
-    optional = {"camera": camera, "exposure_s": exposure_s, "seed": seed, "max_error": max_error, "samples": samples}
+    optional = {"camera": camera, "exposure_s": exposure_s, "seed": seed, "max_error": max_error, "samples": samples,
+                "allow_slow": allow_slow or None}
     return {"state": state, "output": output, "products": list(products), "order": order,
             **{name: value for name, value in optional.items() if value is not None}}
 

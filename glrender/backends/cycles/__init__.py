@@ -1,0 +1,5 @@
+"""Blender's Cycles as a backend: inter-reflection, and the Sun as a disc. See docs/cycles.md."""
+
+from .backend import Cycles
+
+__all__ = ["Cycles"]

@@ -1,0 +1,189 @@
+"""The Cycles backend: a scene for Blender's process, samples until the error is known, pixels to irradiance."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import numpy as np
+from glrender_camera import PinholeCamera
+from glrender_camera.validate import integer, positive
+
+from ...brdf import Lambert
+from ...image import Image, checked_products
+from ...ray_engine import RayEngine
+from ...scene import Scene, checked_max_error
+from ...state import State
+from ...view import BodyView, view_bodies
+from ..full_shape import full_shape_plan, traced_products, visible_region
+from .blender_terms import BlenderTerms, sun_warnings
+from .process import BlenderProcess
+from .rounds import MAX_SAMPLES, Rounds
+
+MAX_BOUNCES = 64
+
+
+class Cycles:
+    """Draws a scene's states with Blender's Cycles, on the CPU; the interface is `Renderer`'s.
+
+    The Sun is a disc of its angular size, and with bounces facets light each other. Lambert's law is
+    exact; of other laws what the Sun lights is exact, what other facets light is not: `osl.py`.
+
+    Parameters
+    ----------
+    scene : Scene
+    bounces : int, 0..64
+        Between facets, at most; 0 is direct sunlight alone.
+    deadline_s : float [s]
+        Blender is killed if it takes longer for one draw.
+    n_threads : int
+        0 for all cores.
+
+    Raises
+    ------
+    DeviceError
+        There is no Blender, or it does not start; the message says what to install.
+    """
+
+    def __init__(self, scene: Scene, *, bounces: int = 4, deadline_s: float = 600.0, n_threads: int = 0):
+        self.scene = scene
+        self._bounces = integer("bounces", bounces, 0, MAX_BOUNCES)
+        self._deadline_s = positive("deadline_s", deadline_s)
+        self._n_threads = integer("n_threads", n_threads, 0, 1024)
+        self._hulls = {body.name: body.hull for body in scene.bodies}
+        self._terms = BlenderTerms(scene)
+        self._is_lambert = all(type(body.brdf) is Lambert for body in scene.bodies)
+        self._blender: BlenderProcess | None = None
+        self._rays: RayEngine | None = None
+        self._start()
+
+    def __enter__(self) -> Cycles:
+        return self
+
+    def __exit__(self, *exception) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End Blender's process."""
+        if self._blender is not None:
+            self._blender.close()
+            self._blender = None
+        if self._rays is not None:
+            self._rays.close()
+            self._rays = None
+
+    @property
+    def info(self) -> dict[str, Any]:
+        """Which engine draws."""
+        version = "" if self._blender is None else self._blender.version
+        return {"backend": "cycles", "gl_renderer": f"Cycles (Blender {version})", "gl_version": ""}
+
+    def render(self, state: State, camera: str | PinholeCamera | None = None, *, max_error: float | None = None,
+               products: Iterable[str] = ("irradiance",), samples: int | None = None, seed: int = 0,
+               bounces: int | None = None, on_progress: Callable[[float], None] | None = None) -> Image:
+        """Draw one frame until the standard error of its pixels is below the budget.
+
+        Parameters
+        ----------
+        state, camera, products
+            As `Renderer.render`; products are those of the pixel's centre, and need embreex.
+        max_error : float [1], optional
+            Root mean square standard error over the mean of the lit pixels.
+        samples : int, optional
+            samples x samples paths a pixel, whatever their error.
+        seed : int
+            Equal seeds give equal images.
+        bounces : int, 0..64, optional
+            Instead of the renderer's.
+        on_progress : callable, optional
+            Called with the share done, 0..1; a guess while rounds are still to come. If it raises, the
+            frame is given up.
+
+        Returns
+        -------
+        Image
+            `plan.predicted_error` is the standard error reached, from two independent halves.
+
+        Raises
+        ------
+        DeviceError
+            Blender failed, died or overran the deadline; the next frame starts another.
+        """
+        began = time.perf_counter()
+        pinhole = self.scene.drawn_camera(camera)
+        wanted = checked_products(products)
+        budget = self.scene.max_error if max_error is None else checked_max_error(max_error)
+        samples = None if samples is None else integer("samples", samples, 1, 128)
+        seed = integer("seed", seed, 0, 2**20)
+        bounces = self._bounces if bounces is None else integer("bounces", bounces, 0, MAX_BOUNCES)
+        views = view_bodies(state, pinhole, self._hulls)
+        roi = visible_region(views, pinhole)
+        irradiance = np.zeros((pinhole.height_px, pinhole.width_px), np.float32)
+        reached, warnings = 0.0, ()
+        if roi != (0, 0, 0, 0):
+            main = max((view for view in views if view.is_visible), key=lambda view: min(view.size_px, 1e9))
+            asked = self._terms.view(main, views, pinhole, roi)
+            scale = self._irradiance_scale(main, pinhole, roi)
+            report = on_progress or (lambda share: None)
+            rounds = Rounds(lambda n, s, part: self._draw(asked, n, s, bounces, part) * scale, seed, report)
+            reached = rounds.fixed(samples**2) if samples is not None else rounds.until(budget)
+            x0, y0, x1, y1 = roi
+            irradiance[y0:y1, x0:x1] = rounds.mean
+            warnings = sun_warnings(main, views)
+            if samples is None and reached > budget:
+                warnings += (f"the budget of {budget:g} is not met: {reached:.2g} with {MAX_SAMPLES} samples",)
+        arrays = {}
+        if wanted:
+            self._rays = self._rays or RayEngine(self.scene)
+            arrays = traced_products(self._rays, wanted, pinhole, views, roi)
+        left_out = ("light between facets",) if bounces == 0 else ()
+        frame_plan = full_shape_plan(self.scene, pinhole, views, max_error=budget, predicted_error=reached, roi=roi,
+                                     warnings=warnings, left_out=left_out)
+        return Image(irradiance_W_m2=irradiance, products=arrays, plan=frame_plan,
+                     timings_ms={"trace": 1e3 * (time.perf_counter() - began)})
+
+    def _start(self) -> None:
+        self._blender = BlenderProcess()
+        told, arrays = self._terms.bodies()
+        self._ask({"op": "load", "bodies": told, "threads": self._n_threads}, arrays)
+
+    def _ask(self, head: dict[str, Any], arrays: dict[str, np.ndarray] | None = None,
+             on_progress: Callable[[float], None] | None = None) -> dict[str, np.ndarray]:
+        try:
+            return self._blender.ask(head, arrays, deadline_s=self._deadline_s, on_progress=on_progress)
+        except BaseException:
+            # Of a request that was given up, by an error or by the caller, no answer may come later.
+            self._blender.close()
+            self._blender = None
+            raise
+
+    def _draw(self, asked: dict[str, Any], n_samples: int, seed: int, bounces: int,
+              on_progress: Callable[[float], None]) -> np.ndarray:
+        """Mean radiance (rows, columns) of the region [1/sr], for a Sun of 1 W/m2."""
+        if self._blender is None:
+            self._start()
+
+        n_parts = 1 if self._is_lambert or bounces == 0 else 3
+
+        def draw(n_bounces: int, is_indirect: bool, part: int) -> np.ndarray:
+            head = {"op": "draw", **asked, "samples": n_samples, "seed": seed, "bounces": n_bounces,
+                    "is_indirect": is_indirect}
+            drawn = self._ask(head, on_progress=lambda share: on_progress((part + share) / n_parts))["pixels"]
+            # Not every Blender tells its samples as it goes.
+            on_progress((part + 1) / n_parts)
+            return drawn
+
+        if n_parts == 1:
+            return draw(bounces, False, 0).astype(np.float64)
+        # The same paths twice: their difference is what came from other facets.
+        between = draw(bounces, True, 0).astype(np.float64) - draw(0, True, 1)
+        return draw(0, False, 2) + between
+
+    def _irradiance_scale(self, main: BodyView, camera: PinholeCamera, roi: tuple[int, int, int, int]) -> np.ndarray:
+        """Solar irradiance times the pixels' solid angles (rows, columns) [W sr/m2]."""
+        x0, y0, x1, y1 = roi
+        x, y = np.arange(x0, x1) - camera.principal_point_px[0], np.arange(y0, y1) - camera.principal_point_px[1]
+        tangent2 = (x[None, :] ** 2 + y[:, None] ** 2) / camera.focal_length_px**2
+        solar = self.scene.solar_irradiance_of(camera) / main.sun_distance_au**2
+        return solar / camera.focal_length_px**2 * (1.0 + tangent2) ** -1.5

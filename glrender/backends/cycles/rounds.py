@@ -1,0 +1,78 @@
+"""Two halves of a frame's samples, drawn round by round until their difference tells that the error is small."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+_FIRST_SAMPLES = 8
+MAX_SAMPLES = 1 << 14
+"""Most samples of a pixel."""
+# A round has at most this many times the samples of all before it.
+_GROWTH = 4
+
+
+class Rounds:
+    """Two independent halves of a frame's samples; how they differ is the error of their mean.
+
+    Parameters
+    ----------
+    draw : callable
+        Samples a pixel, seed and progress to the mean of a frame (rows, columns) float64.
+    seed : int
+    report : callable
+        Called with the share done.
+    """
+
+    def __init__(self, draw, seed: int, report: Callable[[float], None]):
+        self._draw, self._seed, self._tell, self._told = draw, 2048 * seed, report, 0.0
+        self._halves: list[Any] = [0.0, 0.0]
+        self._n_samples, self._n_rounds = 0, 0
+
+    @property
+    def mean(self) -> np.ndarray:
+        """Of all samples."""
+        return 0.5 * (self._halves[0] + self._halves[1])
+
+    def fixed(self, n_samples: int) -> float:
+        """Draw this many samples a pixel; the error, or 0 where one sample tells none."""
+        if n_samples == 1:
+            self._halves = [self._draw(1, self._seed, self._report)] * 2
+            return 0.0
+        return self._round(n_samples // 2, n_samples - n_samples // 2, 0.0, 1.0)
+
+    def until(self, budget: float) -> float:
+        """Draw until the error is below the budget, or for MAX_SAMPLES; the error."""
+        n, done = _FIRST_SAMPLES, 0.0
+        while True:
+            # Of all the work, at the pace of n^-1/2, were this round the last.
+            error = self._round(n // 2, n // 2, done, 0.5 * (1.0 + done))
+            if error <= budget or self._n_samples >= MAX_SAMPLES:
+                self._report(1.0)
+                return error
+            done = min((budget / error) ** 2, 0.95)
+            more = self._n_samples * ((error / budget) ** 2 - 1.0)
+            n = int(min(max(more, 8.0), _GROWTH * self._n_samples, MAX_SAMPLES - self._n_samples)) // 2 * 2
+            if n < 2:
+                return error
+
+    def _report(self, share: float) -> None:
+        """Guesses may fall; what is told does not."""
+        self._told = max(self._told, min(share, 1.0))
+        self._tell(self._told)
+
+    def _round(self, first: int, second: int, begin: float, end: float) -> float:
+        n_before = 0.5 * self._n_samples
+        for half, n in enumerate((first, second)):
+            low, high = begin + 0.5 * half * (end - begin), begin + 0.5 * (half + 1) * (end - begin)
+            drawn = self._draw(n, self._seed + 2 * self._n_rounds + half,
+                               lambda share, low=low, high=high: self._report(low + share * (high - low)))
+            before = n_before / (n_before + n)
+            self._halves[half] = before * self._halves[half] + (1.0 - before) * drawn
+        self._n_samples, self._n_rounds = self._n_samples + first + second, self._n_rounds + 1
+        lit = self.mean > 0.0
+        if not lit.any():
+            return 0.0
+        return float(0.5 * np.sqrt(np.mean((self._halves[0] - self._halves[1])[lit] ** 2)) / self.mean[lit].mean())

@@ -1,0 +1,152 @@
+"""Shadow maps of a scene: which bodies cast on which, what a map covers, and when an old one still serves."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from glrender_camera import PinholeCamera
+
+from . import frames, plan
+from .gl.context import Context
+from .gl.passes import Mesh, ShadowMap
+from .hull import Hull
+from .plan import BodyPlan
+from .shadow_box import shadow_box
+from .view import BodyView, chunks_in_window
+
+_MAPS_KEPT = 8
+# The largest bias of surface.glsl is 20.2 texels.
+_DEPTH_MARGIN_TEXELS = 21.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Shadow:
+    """What a body's surface needs to look its shadows up.
+
+    Attributes
+    ----------
+    shadow_map : ShadowMap or None
+    shadow_from_body : (4, 4) float64
+        Texture coordinates and depth, 0 to 1.
+    bias_per_texel : float [1]
+        Depth of a texel's side.
+    """
+
+    shadow_map: ShadowMap | None
+    shadow_from_body: np.ndarray
+    bias_per_texel: float
+
+
+NO_SHADOW = Shadow(shadow_map=None, shadow_from_body=np.eye(4), bias_per_texel=0.0)
+
+
+class Shadows:
+    """Draws and keeps shadow maps.
+
+    Parameters
+    ----------
+    context : Context
+    hulls : mapping
+        Body name to its `Hull`.
+    meshes : mapping
+        Body name to its meshes, the full shape first.
+    """
+
+    def __init__(self, context: Context, hulls: Mapping[str, Hull], meshes: Mapping[str, Sequence[Mesh]]):
+        self._context, self._hulls, self._meshes = context, hulls, meshes
+        self._maps: OrderedDict[tuple, ShadowMap] = OrderedDict()
+
+    def close(self) -> None:
+        """Draw every shadow map anew when next it is needed; no image changes."""
+        for shadow_map in self._maps.values():
+            shadow_map.close()
+        self._maps.clear()
+
+    def casters(self, receiver: BodyView, views: Sequence[BodyView]) -> list[tuple[str, np.ndarray]]:
+        """Bodies whose shadow may fall on the receiver: (name, receiver_from_caster as (4, 4))."""
+        casters = [(receiver.name, np.eye(4))]
+        radius = self._hulls[receiver.name].radius_m
+        for other in views:
+            if other.name == receiver.name:
+                continue
+            rotation = receiver.camera_from_body.T @ other.camera_from_body
+            offset = receiver.r_camera_body_m - rotation @ other.r_camera_body_m
+            sunward = float(offset @ receiver.sun_direction_body)
+            aside = float(np.linalg.norm(offset - sunward * receiver.sun_direction_body))
+            reach = radius + self._hulls[other.name].radius_m
+            if aside < reach and sunward > -reach:
+                casters.append((other.name, frames.transform(rotation, offset)))
+        return casters
+
+    def seen_share(self, view: BodyView, camera: PinholeCamera) -> float:
+        """Largest side of what is seen over that of the body, as the Sun sees both: what a map must cover."""
+        low, high, seen = self._bounds(view, frames.sun_from_body(view.sun_direction_body), camera, 0)
+        if seen is None:
+            return 1.0
+        return min(float(np.max((seen[1] - seen[0])[:2] / (high - low)[:2])), 1.0)
+
+    def _bounds(self, view: BodyView, sun_from_body: np.ndarray, camera: PinholeCamera, level: int
+                ) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray] | None]:
+        """Least and largest coordinates (3,) [m] of a body in frame `sun`, and of what is seen of it in sunlight."""
+        points = self._hulls[view.name].points_m @ sun_from_body.T
+        chunks, seen = self._meshes[view.name][level].chunks, None
+        if not view.is_whole:
+            lit = (chunks_in_window(chunks, view, camera, camera.bounds_px)
+                   & chunks.facing_point(view.r_camera_body_m) & chunks.facing_direction(sun_from_body[2]))
+            # Where nothing is lit, no shadow is looked up.
+            seen = chunks.bounds_m(lit, sun_from_body) if lit.any() else (points[0], points[0])
+        return points.min(axis=0), points.max(axis=0), seen
+
+    def draw(self, views: Sequence[BodyView], bodies: Sequence[BodyPlan],
+             camera: PinholeCamera, *, is_whole: bool = False) -> tuple[dict[str, Shadow], list[BodyPlan]]:
+        """Shadows of the bodies that need a map, by name; and the plans with what was done.
+
+        A map covers what the image shows of its body, or all of it where `is_whole`.
+        """
+        shadows, done = {}, []
+        levels = {body.name: body.level for body in bodies}
+        for view, body_plan in zip(views, bodies, strict=True):
+            texels = body_plan.shadow_map_px
+            if texels is None:
+                done.append(body_plan)
+                continue
+            sun_from_body = frames.sun_from_body(plan.snapped_sun(view.sun_direction_body, texels))
+            low_m, high_m, seen = self._bounds(view, sun_from_body, camera, levels[view.name])
+            box = shadow_box(low_m, high_m, None if is_whole else seen, texels)
+            centre = 0.5 * (box.low_m + box.high_m)
+            half = 0.5 * (box.high_m - box.low_m)
+            # However large the bias, a surface stays behind what casts from the near plane.
+            half[2] += _DEPTH_MARGIN_TEXELS * box.texel_m.max()
+            offset = frames.transform(np.eye(3), -centre) @ frames.transform(sun_from_body, np.zeros(3))
+            clip = frames.clip_from_sun(half[0], half[1], -half[2], half[2]) @ offset
+            casters = [(name, levels[name], matrix) for name, matrix in self.casters(view, views)]
+            key = (view.name, box.size_px, clip.tobytes(),
+                   *((name, level, matrix.tobytes()) for name, level, matrix in casters))
+            is_kept = key in self._maps
+            if is_kept:
+                self._maps.move_to_end(key)
+            else:
+                shadow_map = self._map_to_fill(box.size_px)
+                shadow_map.draw([(self._meshes[name][level], clip @ matrix) for name, level, matrix in casters],
+                                box.size_px)
+                self._maps[key] = shadow_map
+            shadow_map = self._maps[key]
+            shadows[view.name] = Shadow(
+                shadow_map=shadow_map, shadow_from_body=shadow_map.texture_from_clip(box.size_px) @ clip,
+                bias_per_texel=box.texel_m.max() / (2.0 * half[2]))
+            done.append(replace(body_plan, shadow_map_reused=is_kept, shadow_map_drawn_px=box.size_px))
+        return shadows, done
+
+    def _map_to_fill(self, size_px: tuple[int, int]) -> ShadowMap:
+        """The map with room that nobody needed for longest, or a new one."""
+        if len(self._maps) < max(_MAPS_KEPT, 2 * len(self._meshes)):
+            return ShadowMap(self._context, size_px)
+        for key, shadow_map in self._maps.items():
+            if all(room >= side for room, side in zip(shadow_map.room_px, size_px, strict=True)):
+                return self._maps.pop(key)
+        _, oldest = self._maps.popitem(last=False)
+        oldest.close()
+        return ShadowMap(self._context, size_px)

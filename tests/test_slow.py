@@ -1,0 +1,104 @@
+"""Slow frames: drawn by another backend only where OpenGL misses the budget and the caller allows it."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import numpy as np
+import pytest
+import serving
+import views
+from glrender import Body, ConfigError, Renderer, generate
+from glrender.backends.raytrace import RayTracer
+from glrender.brdf import Lambert
+from glrender.slow import SlowFrames
+from glrender_client import Client, ServerError
+
+BODY = Body(name="body", shape=generate.contact_binary(radius_m=100.0, seed=2), brdf=Lambert(normal_albedo=0.4))
+SCENE = views.scene([BODY], [views.camera(48, 200.0)])
+STATE = views.state(phase_deg=70.0)
+# Below what 16 x 16 samples reach, and what rays reach in a second.
+MISSED, EASY = 0.006, 0.05
+
+
+@pytest.fixture
+def renderer():
+    with Renderer(SCENE) as renderer:
+        yield renderer
+
+
+def drawn_by(image):
+    return [warning.split(":")[0] for warning in image.plan.warnings if warning.startswith("drawn by")]
+
+
+def test_what_meets_its_budget_is_not_drawn_twice(renderer, monkeypatch):
+    monkeypatch.setattr(SlowFrames, "instead_of", None)
+    image = renderer.render(STATE, max_error=EASY, allow_slow=True)
+    np.testing.assert_array_equal(image.irradiance_W_m2, renderer.render(STATE, max_error=EASY).irradiance_W_m2)
+    assert renderer.render(STATE, max_error=MISSED).plan.predicted_error > MISSED, "not allowed"
+    assert renderer.render(STATE, max_error=1e-6, samples=2, allow_slow=True).plan.samples == 2, "samples decide"
+
+
+@pytest.mark.usefixtures("blender")
+def test_the_first_that_meets_the_budget_draws(renderer):
+    """The frame is nearer to 48 x 48 rays a pixel than OpenGL's, by as much as it says."""
+    told = []
+    image = renderer.render(STATE, max_error=MISSED, products=["range"], allow_slow=True, on_progress=told.append)
+    assert image.plan.predicted_error <= MISSED == image.plan.max_error
+    assert drawn_by(image) and told[-1] == 1.0
+    assert image.products["range"].shape == (48, 48)
+    with RayTracer(SCENE) as tracer:
+        truth = tracer.render(STATE, samples=48).irradiance_W_m2.astype(np.float64)
+    lit = truth > 0.0
+    error = np.sqrt(np.mean((image.irradiance_W_m2 - truth)[lit] ** 2)) / truth[lit].mean()
+    assert error < 1.3 * MISSED
+
+
+@pytest.mark.usefixtures("blender")
+def test_the_one_that_is_named_draws(renderer):
+    assert drawn_by(renderer.render(STATE, max_error=MISSED, allow_slow="cycles")) == ["drawn by cycles"]
+
+
+def test_rays_draw_what_they_can_and_say_what_is_left(renderer, monkeypatch):
+    monkeypatch.setenv("GLRENDER_BLENDER", "/nowhere/blender")
+    image = renderer.render(STATE, max_error=1e-4, allow_slow=True)
+    warnings = " ".join(image.plan.warnings)
+    assert "raytrace leaves" in warnings and "cycles does not work here: GLRENDER_BLENDER" in warnings
+    assert image.plan.predicted_error > 1e-4
+
+
+def test_a_backend_that_is_not_here_or_is_none(renderer, monkeypatch):
+    monkeypatch.setenv("GLRENDER_BLENDER", "/nowhere/blender")
+    with pytest.raises(ConfigError, match="allow_slow: backend 'cycles' does not work here: GLRENDER_BLENDER"):
+        renderer.render(STATE, max_error=MISSED, allow_slow="cycles")
+    for value in ("egl", 1, None):
+        with pytest.raises(ConfigError, match="allow_slow: must be true, false, or one of raytrace, cycles"):
+            renderer.render(STATE, allow_slow=value)
+
+
+@pytest.mark.usefixtures("blender")
+def test_the_server_draws_slowly_tells_how_far_it_is_and_has_a_deadline_of_its_own(tmp_path):
+    """The deadline of other requests is far below what the slow frame takes; meanwhile `status` tells its progress."""
+    state, seen = views.state().to_dict(), []
+    with serving.server(tmp_path, "--workers", "1", "--deadline", "0.5") as (endpoint, _):
+        with Client(endpoint, timeout_s=120.0) as client, Client(endpoint, timeout_s=10.0) as watcher:
+            with pytest.raises(ServerError, match="allow_slow: must be true"):
+                client.render(state, "navcam", allow_slow="vulkan")
+            done = threading.Event()
+
+            def watch():
+                while not done.is_set():
+                    seen.extend(watcher.status()["slow_frames"])
+                    time.sleep(0.05)
+
+            thread = threading.Thread(target=watch)
+            thread.start()
+            reply = client.render(state, "navcam", max_error=2e-3, allow_slow="cycles")
+            done.set()
+            thread.join()
+            assert watcher.status()["slow_frames"] == []
+    assert reply.header["timings_ms"]["total"] > 500.0, "slower than the deadline, or this test tells nothing"
+    assert any(warning.startswith("drawn by cycles") for warning in reply.header["plan"]["warnings"])
+    assert reply.header["plan"]["predicted_error"] <= 2e-3
+    assert seen == sorted(seen) and 0.0 <= seen[0] < seen[-1] <= 1.0
