@@ -397,3 +397,18 @@ def test_a_distorted_edge_needs_more_cells_where_it_is_stretched():
     camera = views.camera(160, 100.0, distortion=BrownConrady(k1=2.0))
     assert lens_of(camera).oversampling == 3
     assert frames.dcm(camera.q_camera_from_spacecraft).shape == (3, 3)
+
+
+@pytest.mark.parametrize("lens", [None, BrownConrady(k1=-0.05)])
+def test_a_slow_frame_has_the_margin_and_the_lens_too(lens, monkeypatch):
+    """Were OpenGL to miss the budget, across the frame's edge: rays draw the same wide image; 1 % of the light."""
+    monkeypatch.setattr("glrender.renderer.misses_budget", lambda plan: True)
+    camera = views.camera(48, 200.0, model=soft(), distortion=lens)
+    scene, state = views.scene([views.sphere(GREY, 5)], [camera]), views.state(phase_deg=70.0, target=(200.0, 0.0, 0.0))
+    with open_renderer(scene) as renderer:
+        fast = take_frame(renderer, state, seed=1)
+        slow = take_frame(renderer, state, seed=1, max_error=0.02, allow_slow="raytrace")
+    assert any("drawn by raytrace" in warning for warning in slow.plan.warnings)
+    assert slow.irradiance_W_m2.shape == (48, 48) and slow.plan.predicted_error <= slow.plan.max_error == 0.02
+    assert not slow.stages["margin"].startswith("skipped")
+    np.testing.assert_allclose(slow.frame.electrons.sum(), fast.frame.electrons.sum(), rtol=0.01)
