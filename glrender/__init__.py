@@ -7,17 +7,19 @@ from __future__ import annotations
 
 from glrender_camera import PinholeCamera
 
+from .capture import Capture, draw_still, take_frame
 from .errors import ConfigError, DeviceError, GlrenderError, ProtocolError, SceneError, ShaderError, ShapeError
 from .image import Image
 from .plugins import open_renderer
 from .scene import Body, Scene, load_scene
 from .shape import Shape
+from .sky import Stars
 from .state import Pose, State
 
 __version__ = "0.1.0"
-__all__ = ["Body", "ConfigError", "DeviceError", "GlrenderError", "Image", "PinholeCamera", "Pose",
-           "ProtocolError", "Renderer", "Scene", "SceneError", "Shape", "ShaderError", "ShapeError", "State",
-           "load_scene", "open_renderer"]
+__all__ = ["Body", "Capture", "ConfigError", "DeviceError", "GlrenderError", "Image", "PinholeCamera", "Pose",
+           "ProtocolError", "Renderer", "Scene", "SceneError", "Shape", "ShaderError", "ShapeError", "Stars", "State",
+           "draw_still", "load_scene", "open_renderer", "take_frame"]
 
 
 def __getattr__(name: str):

@@ -110,7 +110,7 @@ class Renderer:
         """BRDF [1/sr] of (N, 3) unit vectors, (N,) float32, by the very GLSL function that draws."""
         return BrdfEvaluator(self._context)(law, to_sun, to_camera, normal)
 
-    def render(self, state: State, camera: str | None = None, *, max_error: float | None = None,
+    def render(self, state: State, camera: str | PinholeCamera | None = None, *, max_error: float | None = None,
                products: Iterable[str] = ("irradiance",), samples: int | None = None, level: int | None = None,
                after_psf: bool = False, allow_slow: bool | str = False,
                on_progress: Callable[[float], None] | None = None) -> Image:
@@ -119,8 +119,8 @@ class Renderer:
         Parameters
         ----------
         state : State
-        camera : str, optional
-            Name; the scene's only camera by default.
+        camera : str or PinholeCamera, optional
+            Name; the scene's only camera by default. Or a camera that draws for one of the scene's, whose name it has.
         max_error : float [1], optional
             Budget instead of the scene's.
         products : iterable of str
@@ -151,7 +151,7 @@ class Renderer:
             An argument breaks a rule.
         """
         clock = _Clock()
-        pinhole = self.scene.camera(camera)
+        pinhole = self.scene.drawn_camera(camera)
         wanted = checked_products(products)
         budget = self.scene.max_error if max_error is None else checked_max_error(max_error)
         if samples is not None:
@@ -161,7 +161,7 @@ class Renderer:
         if level is not None:
             level = integer("level", level, 0, 99)
         may_be_slow = checked_allow_slow(allow_slow) and level is None
-        gain = pinhole.model.optics.psf_noise_gain if after_psf and pinhole.model is not None else 1.0
+        gain = pinhole.model.psf_noise_gain if after_psf and pinhole.model is not None else 1.0
         views = view_bodies(state, pinhole, self._hulls)
         frame_plan = self._plan(views, pinhole, budget, samples, level, gain)
         clock.lap("plan")
@@ -184,7 +184,7 @@ class Renderer:
             clock.lap("products")
         image = Image(irradiance_W_m2=irradiance, products=arrays, plan=frame_plan, timings_ms=clock.laps_ms)
         if may_be_slow and misses_budget(frame_plan):
-            return self._slow.instead_of(image, allow_slow, state, error_gain=gain, on_progress=on_progress)
+            return self._slow.instead_of(image, allow_slow, state, pinhole, error_gain=gain, on_progress=on_progress)
         return image
 
     def _plan(self, views: list[BodyView], camera: PinholeCamera, budget: float, samples: int | None,

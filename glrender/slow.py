@@ -7,6 +7,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+from glrender_camera import PinholeCamera
+
 from .errors import ConfigError, DeviceError
 from .image import Image
 from .plan import RenderPlan
@@ -55,7 +57,7 @@ class SlowFrames:
             backend.close()
         self._opened.clear()
 
-    def instead_of(self, fast: Image, allow_slow: bool | str, state: State, *, error_gain: float,
+    def instead_of(self, fast: Image, allow_slow: bool | str, state: State, camera: PinholeCamera, *, error_gain: float,
                    on_progress: Callable[[float], None] | None) -> Image:
         """The frame once more, by a backend that samples until its error is within the budget.
 
@@ -66,6 +68,8 @@ class SlowFrames:
         allow_slow : bool or str
             True for the first backend that meets the budget, else its name.
         state : State
+        camera : PinholeCamera
+            One of the scene's, or one that draws for it.
         error_gain : float [1]
             What the camera's PSF leaves of the error.
         on_progress : callable, optional
@@ -92,7 +96,7 @@ class SlowFrames:
                     raise ConfigError("allow_slow", f"backend {name!r} does not work here: {error}", name) from error
                 reasons.append(f"{name} does not work here: {error}")
                 continue
-            slow = _drawn(backend, name, fast, state, error_gain, on_progress)
+            slow = _drawn(backend, name, fast, state, camera, error_gain, on_progress)
             best = min(best, slow, key=lambda image: image.plan.predicted_error)
             if not misses_budget(slow.plan):
                 return slow
@@ -105,11 +109,11 @@ class SlowFrames:
         return self._opened[name]
 
 
-def _drawn(backend: Any, name: str, fast: Image, state: State, error_gain: float,
+def _drawn(backend: Any, name: str, fast: Image, state: State, camera: PinholeCamera, error_gain: float,
            on_progress: Callable[[float], None] | None) -> Image:
     plan = fast.plan
     takes_progress = "on_progress" in inspect.signature(backend.render).parameters
-    slow = backend.render(state, plan.camera, max_error=min(plan.max_error / error_gain, 1.0),
+    slow = backend.render(state, camera, max_error=min(plan.max_error / error_gain, 1.0),
                           **({"on_progress": on_progress} if takes_progress else {}))
     reached = slow.plan.predicted_error * error_gain
     told = (f"drawn by {name}: OpenGL leaves an error of {plan.predicted_error:.2g}, above the budget of "

@@ -72,7 +72,7 @@ class CameraModel:
         for name, kind in (("optics", Optics), ("detector", Detector), ("auto_exposure", AutoExposure)):
             if not isinstance(getattr(self, name), kind):
                 raise ConfigError(name, f"must be {kind.__name__}", getattr(self, name))
-        object.__setattr__(self, "exposure_s", _exposure("exposure_s", self.exposure_s))
+        object.__setattr__(self, "exposure_s", checked_exposure("exposure_s", self.exposure_s))
 
     @classmethod
     def from_dict(cls, table: Mapping[str, Any]) -> CameraModel:
@@ -103,6 +103,21 @@ class CameraModel:
                 with error_path(name):
                     parts[name] = kind.from_dict(known_keys("", parts[name], parts[name]))
         return cls(**parts)
+
+    @property
+    def bands(self) -> dict[str, CameraModel]:
+        """The only band, without a name; a `MosaicModel` has several."""
+        return {"": self}
+
+    @property
+    def psf_margin_px(self) -> int:
+        """How far light is spread [px]."""
+        return max(self.optics.psf_margin_px)
+
+    @property
+    def psf_noise_gain(self) -> float:
+        """`Optics.psf_noise_gain` [1]."""
+        return self.optics.psf_noise_gain
 
     @cached_property
     def electrons_per_joule(self) -> float:
@@ -178,7 +193,7 @@ class CameraModel:
             Handed on.
         """
         seed = integer("seed", seed, 0, MAX_SEED)
-        exposure = _exposure("exposure_s", self.exposure_s if exposure_s is None else exposure_s)
+        exposure = checked_exposure("exposure_s", self.exposure_s if exposure_s is None else exposure_s)
         if previous is not None and not isinstance(previous, Frame):
             raise ConfigError("previous", "must be a Frame", previous)
         if exposure == "auto":
@@ -231,5 +246,6 @@ class CameraModel:
         }
 
 
-def _exposure(name: str, value: object) -> float | str:
+def checked_exposure(name: str, value: object) -> float | str:
+    """An exposure [s] > 0, or "auto"."""
     return value if isinstance(value, str) and value == "auto" else positive(name, value)

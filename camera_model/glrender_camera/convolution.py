@@ -6,14 +6,16 @@ import cv2
 import numpy as np
 from scipy import fft
 
-from .threads import N_THREADS
+from .threads import run
 
 # Dropped singular values together stay below this share of the light.
 _RANK_TOLERANCE = 1e-7
 # From 12 px on OpenCV goes by Fourier transform, on one core, at 1.3 times the work of SciPy's.
 _LARGEST_DIRECT_PX = 11
 # Transforms of a kernel are kept for so many sizes of image; sizes are rounded up so that few are needed.
-_N_TRANSFORMS, _SIZE_STEP_PX = 4, 32
+_N_TRANSFORMS, _SIZE_STEP_PX = 8, 32
+# Large images are spread in bands of rows beside each other, so many whatever the number of threads.
+_MAX_BANDS, _BAND_PX = 4, 2**17
 
 
 class Convolution:
@@ -44,6 +46,22 @@ class Convolution:
 
     def __call__(self, image: np.ndarray) -> np.ndarray:
         """Darkness beyond the edges, no wrap-around: (H, W) float32 -> (H, W) float32."""
+        height, margin = image.shape[0], self.shape[0] // 2
+        n_bands = min(_MAX_BANDS, image.size // _BAND_PX, height // max(4 * margin, 1))
+        if n_bands < 2:
+            return np.ascontiguousarray(self._spread(image))
+        out = np.empty(image.shape, np.float32)
+        edges = np.linspace(0, height, n_bands + 1).astype(int)
+
+        def spread_band(band: int) -> None:
+            first, last = edges[band], edges[band + 1]
+            top, bottom = max(0, first - margin), min(height, last + margin)
+            out[first:last] = self._spread(image[top:bottom])[first - top:last - top]
+
+        run(spread_band, range(n_bands))
+        return out
+
+    def _spread(self, image: np.ndarray) -> np.ndarray:
         border = cv2.BORDER_CONSTANT
         if self._passes:
             (column, row), *rest = self._passes
@@ -69,10 +87,9 @@ class Convolution:
             rows, columns = (np.arange(n) - n // 2 for n in self.shape)
             np.add.at(kernel, np.ix_(rows % shape[0], columns % shape[1]), self._kernel)
             transform = self._transforms[shape] = fft.rfft2(kernel)
-        spectrum = fft.rfft2(image, shape, workers=N_THREADS)
+        spectrum = fft.rfft2(image, shape)
         spectrum *= transform
-        spread = fft.irfft2(spectrum, shape, workers=N_THREADS, overwrite_x=True)
-        return np.ascontiguousarray(spread[:image.shape[0], :image.shape[1]])
+        return fft.irfft2(spectrum, shape, overwrite_x=True)[:image.shape[0], :image.shape[1]]
 
 
 def _separated(kernel: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:

@@ -11,22 +11,27 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
+import cv2
 import numpy as np
 
 from . import cosmic, poisson
+from .deviates import standard_normal
 from .errors import ConfigError
 from .pattern import COSMIC, FRAME, FixedPattern, fixed_pattern, rows_of, stream
 from .spectrum import Curve, curve
-from .threads import run
+from .threads import Scratch, run
 from .validate import finite, integer, known_keys, positive, vector, within
 
-# Each block has its own stream, so that bytes do not depend on the number of threads. 2**16
-# pixels stay in a core's cache and make the calls long enough to run beside each other.
-_BLOCK_PX = 2**16
+# Each block has its own stream, so that bytes do not depend on the number of threads. 2**17
+# pixels of float32 stay in a core's cache and make the calls long enough to run beside each other.
+_BLOCK_PX = 2**17
 # Beyond this many full wells the drawn number says nothing more, and NumPy's Poisson loses its
 # variance (photometry.md section 4.6).
 _MAX_FULL_WELLS = 100.0
+# Well inside 32 bits, whatever the read noise adds.
+_MAX_NUMBER = 1e9
 MAX_SEED = 2**64 - 1
+_scratch = Scratch()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,6 +75,9 @@ class Detector:
     frame_transfer_row_s : float [s], >= 0
         Time in which a frame-transfer sensor shifts the image by a row; light goes on falling
         meanwhile and smears along the columns. 0 is none.
+    rolling_shutter_row_s : float [s], -1..1
+        Delay of each row's exposure after that of the row above; negative reads upwards, 0 is a global shutter.
+        `time_average` applies it to what moves.
     nonlinearity_DN : pairs (ideal DN, actual DN), optional
         Both rising, joined by straight lines and held beyond the ends; default linear.
     sensor_seed : int, 0..2**64 - 1
@@ -102,6 +110,7 @@ class Detector:
     cosmic_ray_electrons_per_px: float = 1000.0
     cosmic_ray_depth_px: float = 1.0
     frame_transfer_row_s: float = 0.0
+    rolling_shutter_row_s: float = 0.0
     nonlinearity_DN: tuple[tuple[float, float], ...] | None = None
     sensor_seed: int = 0
 
@@ -122,6 +131,7 @@ class Detector:
             put(name, within(name, getattr(self, name), 0.0, 0.1))
         put("cosmic_ray_hits_per_px_s", within("cosmic_ray_hits_per_px_s", self.cosmic_ray_hits_per_px_s, 0.0, 0.01))
         put("cosmic_ray_depth_px", within("cosmic_ray_depth_px", self.cosmic_ray_depth_px, 0.01, 100.0))
+        put("rolling_shutter_row_s", within("rolling_shutter_row_s", self.rolling_shutter_row_s, -1.0, 1.0))
         if self.nonlinearity_DN is not None:
             put("nonlinearity_DN", _rising_pairs("nonlinearity_DN", self.nonlinearity_DN))
         put("bit_depth", integer("bit_depth", self.bit_depth, 1, 16))
@@ -209,7 +219,7 @@ class Detector:
         dn, electrons, saturated = outputs
         well = np.float32(self.full_well_electrons)
         most = np.float32(_MAX_FULL_WELLS) * well
-        mean = np.minimum(signal, most)
+        mean = np.minimum(signal, most, out=_scratch.array("mean", signal.shape))
         if pattern.response is not None:
             mean *= pattern.response
         dark = min(np.float32(self.dark_rate_electrons_per_s * exposure_s), most)
@@ -223,23 +233,25 @@ class Detector:
         if rays is not None:
             charge.ravel()[rays[0]] += rays[1]
         np.minimum(charge, well, out=electrons)
-        full = electrons >= well
+        np.greater_equal(electrons, well, out=saturated)
         if pattern.offset_electrons is not None:
             electrons += pattern.offset_electrons
         if self.read_noise_electrons > 0.0:
-            noise = rng.standard_normal(mean.shape, dtype=np.float32)
+            noise = standard_normal(rng, _scratch.array("noise", mean.shape))
             noise *= np.float32(self.read_noise_electrons)
             electrons += noise
-        number = electrons * np.float32(self.gain_DN_per_electron)
-        number += np.float32(self.offset_DN)
+        number = electrons
+        gain, offset = self.gain_DN_per_electron, self.offset_DN
         if self.nonlinearity_DN is not None:
-            number = np.interp(number, *np.array(self.nonlinearity_DN).T).astype(np.float32)
-        # Halves to even: floor would take half a digital number from every pixel.
-        np.rint(number, out=number)
-        np.greater_equal(number, self.max_DN, out=saturated)
-        saturated |= full
-        np.clip(number, 0.0, self.max_DN, out=number)
-        dn[...] = number
+            number = np.interp(number * np.float32(gain) + np.float32(offset), *np.array(self.nonlinearity_DN).T)
+            number, gain, offset = number.astype(np.float32), 1.0, 0.0
+        if gain * float(well) + abs(offset) > _MAX_NUMBER:
+            # Beyond 32 bits OpenCV's rounding wraps around.
+            number = np.minimum(number, np.float32((2.0 * self.max_DN + 2.0 - offset) / gain))
+        # Halves to even, as floor would take half a digital number from every pixel; clipped at the type's ends.
+        cv2.addWeighted(number, gain, number, 0.0, offset, dst=dn, dtype=cv2.CV_8U if dn.itemsize == 1 else cv2.CV_16U)
+        cv2.min(dn, self.max_DN, dst=dn)
+        saturated |= dn == self.max_DN
 
 
 def _rising_pairs(name: str, value: object) -> tuple[tuple[float, float], ...]:

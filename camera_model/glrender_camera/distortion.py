@@ -76,6 +76,16 @@ class BrownConrady:
         names = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")[:values.size]
         return cls(**dict(zip(names, values.tolist(), strict=True)))
 
+    @property
+    def is_any(self) -> bool:
+        """Whether any coefficient is not zero."""
+        return any(getattr(self, f.name) != 0.0 for f in fields(self))
+
+    @property
+    def text(self) -> str:
+        """In words: the coefficients that are not zero."""
+        return ", ".join(f"{f.name} {getattr(self, f.name):g}" for f in fields(self) if getattr(self, f.name) != 0.0)
+
     @cached_property
     def max_radius(self) -> float:
         """Undistorted radius r [1] below which the model does not fold over; at most 100.
@@ -184,7 +194,7 @@ class BrownConrady:
             pending, xy, matrix, error, size = (a[~done] for a in (pending, xy, matrix, error, size))
             if not pending.size:
                 break
-            step = np.linalg.solve(matrix, error[:, :, None])[:, :, 0]
+            step = _solved(matrix, error)
             xy, matrix, error = self._damped(xy, step, flat[pending], size, matrix, error, limit)
         return result.reshape(target.shape)
 
@@ -204,6 +214,12 @@ class BrownConrady:
                 break
         return xy, matrix, error
 
+    def require_seen(self, xy: np.ndarray) -> None:
+        """Refuse a frame whose border (..., 2) [1], undistorted, is not all within `max_radius`: `require_field`."""
+        # Where the edge is the image of nothing (NaN), the radius that it would need is beyond the fold.
+        radius = np.hypot(xy[..., 0], xy[..., 1]).max()
+        self.require_field(float(radius) if np.isfinite(radius) else math.inf)
+
     def require_field(self, radius: float, path: str = "distortion") -> None:
         """Refuse a field of view that the model cannot image.
 
@@ -219,7 +235,8 @@ class BrownConrady:
         """
         if not radius < self.max_radius:
             fold_deg = math.degrees(math.atan(self.max_radius))
-            rule = (f"the field of view reaches the radius {radius:.6g} but the model folds over at "
+            reached = f"the radius {radius:.6g}" if math.isfinite(radius) else "places that no direction is imaged to"
+            rule = (f"the field of view reaches {reached} but the model folds over at "
                     f"{self.max_radius:.6g} ({fold_deg:.4g} deg off axis)")
             raise ConfigError(path, rule, hint="use a narrower field or other coefficients")
 
@@ -243,3 +260,19 @@ class BrownConrady:
                 np.stack([q + xx * dq + 2.0 * self.p1 * y + 6.0 * self.p2 * x, cross], axis=-1),
                 np.stack([cross, q + yy * dq + 6.0 * self.p1 * y + 2.0 * self.p2 * x], axis=-1)], axis=-2)
         return place, matrix
+
+
+def frame_border(width_px: int, height_px: int, rim_px: int = 0) -> np.ndarray:
+    """(N, 2) float64 [px]: places around a frame, `rim_px` beyond the centres of its outermost pixels."""
+    x, y = (np.arange(-rim_px, size + rim_px, dtype=np.float64) for size in (width_px, height_px))
+    return np.concatenate([np.stack(np.broadcast_arrays(x, edge), axis=-1) for edge in (y[0], y[-1])]
+                          + [np.stack(np.broadcast_arrays(edge, y), axis=-1) for edge in (x[0], x[-1])])
+
+
+def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solutions (N, 2) of N pairs of equations, by Cramer's rule."""
+    (a, b), (c, d) = np.moveaxis(matrix[:, 0], 1, 0), np.moveaxis(matrix[:, 1], 1, 0)
+    determinant = a * d - b * c
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.stack([d * right[:, 0] - b * right[:, 1], a * right[:, 1] - c * right[:, 0]],
+                        axis=-1) / determinant[:, None]

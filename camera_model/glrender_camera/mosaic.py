@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from .errors import ConfigError, error_path
 from .exposure import AutoExposure
 from .light import light_on_frame
 from .optics import Optics
+from .points import PointSources
 from .validate import known_keys
 
 BAYER = ("RG", "GB")
@@ -50,6 +52,8 @@ class MosaicModel:
         if not rows or not all(isinstance(row, str) and row and len(row) == len(rows[0]) for row in rows):
             raise ConfigError("pattern", "must be rows of letters, all as long as the first", self.pattern)
         object.__setattr__(self, "pattern", rows)
+        if not isinstance(self.optics, Mapping):
+            raise ConfigError("optics", "must be a table of each letter's optics", self.optics)
         letters = sorted(set("".join(rows)))
         known_keys("optics", self.optics, letters, required=letters)
         models = {}
@@ -57,44 +61,88 @@ class MosaicModel:
             with error_path(f"optics.{letter}"):
                 models[letter] = CameraModel(optics=optics, detector=self.detector, exposure_s=self.exposure_s,
                                              auto_exposure=self.auto_exposure)
-        object.__setattr__(self, "_models", models)
+        object.__setattr__(self, "bands", models)
+
+    @classmethod
+    def from_dict(cls, table: Mapping[str, Any]) -> MosaicModel:
+        """From plain data; unknown keys are refused by name.
+
+        Parameters
+        ----------
+        table : mapping
+            `pattern`, `optics` (a table of each letter's), `detector`, `exposure_s`, optionally `auto_exposure`.
+
+        Raises
+        ------
+        ConfigError
+            With the path of the field.
+        """
+        known_keys("", table, [f.name for f in fields(cls)], required=("pattern", "optics", "detector", "exposure_s"))
+        parts = dict(table)
+        letters = known_keys("optics", table["optics"], table["optics"])
+        parts["optics"] = {}
+        for letter, optics in letters.items():
+            with error_path(f"optics.{letter}"):
+                parts["optics"][letter] = Optics.from_dict(optics)
+        for name, kind in (("detector", Detector), ("auto_exposure", AutoExposure)):
+            if name in parts:
+                with error_path(name):
+                    parts[name] = kind.from_dict(known_keys("", parts[name], parts[name]))
+        return cls(**parts)
+
+    @property
+    def psf_margin_px(self) -> int:
+        """How far any band's light is spread [px]."""
+        return max(model.psf_margin_px for model in self.bands.values())
+
+    @property
+    def psf_noise_gain(self) -> float:
+        """The largest band's `Optics.psf_noise_gain` [1]."""
+        return max(model.psf_noise_gain for model in self.bands.values())
 
     def expose(self, irradiance_W_m2: Mapping[str, np.ndarray], seed: int = 0, *,
-               exposure_s: float | str | None = None, relative_illumination: np.ndarray | None = None,
-               previous: Frame | None = None) -> Frame:
+               exposure_s: float | str | None = None, roi: tuple[int, int, int, int] | None = None,
+               relative_illumination: np.ndarray | None = None, previous: Frame | None = None, margin_px: int = 0,
+               points: Mapping[str, PointSources] | None = None) -> Frame:
         """One frame, not demosaiced.
 
         Parameters
         ----------
         irradiance_W_m2 : mapping of letter to (H, W) float32 [W/m2]
             Each in its band, as for `CameraModel.expose`.
-        seed, exposure_s, relative_illumination, previous
+        seed, exposure_s, roi, relative_illumination, previous, margin_px
             As for `CameraModel.expose`.
+        points : mapping of letter to PointSources, optional
+            Each in its band.
 
         Raises
         ------
         ConfigError
         """
-        letters = sorted(self._models)
+        letters = sorted(self.bands)
         known_keys("irradiance_W_m2", irradiance_W_m2, letters, required=letters)
+        if points is not None:
+            known_keys("points", points, letters, required=letters)
         shape = np.shape(irradiance_W_m2[letters[0]])
-        rate = np.zeros(shape, np.float32)
+        rate = None
         stages: dict[str, str] = {}
-        for letter, model in self._models.items():
+        for letter, model in self.bands.items():
+            band_points = points and points[letter]
             with error_path(letter):
                 if np.shape(irradiance_W_m2[letter]) != shape:
                     raise ConfigError("irradiance_W_m2", f"must have shape {shape}, as the others",
                                       np.shape(irradiance_W_m2[letter]))
-                light, lit = light_on_frame(model.optics, irradiance_W_m2[letter],
-                                            relative_illumination=relative_illumination)
+                light, lit = light_on_frame(model.optics, irradiance_W_m2[letter], roi=roi, margin_px=margin_px,
+                                            relative_illumination=relative_illumination, points=band_points)
+            rate = np.zeros(light.shape, np.float32) if rate is None else rate
             scale = np.float32(model.optics.aperture_area_m2 * model.electrons_per_joule)
             for i, row in enumerate(self.pattern):
                 for j in (j for j, x in enumerate(row) if x == letter):
                     place = np.s_[i::len(self.pattern), j::len(row)]
                     rate[place] = light[place] * scale
-            own = model.stages(light[lit].size > 0)
+            own = model.stages(light[lit].size > 0, band_points)
             stages |= {f"{name}_{letter}": own[name] for name in ("psf", "stray_light", "photo_electrons")}
             stages |= {"mosaic": " ".join(self.pattern)} | {name: text for name, text in own.items()
-                                                            if f"{name}_{letter}" not in stages and name != "points"}
-        model = next(iter(self._models.values()))
+                                                            if f"{name}_{letter}" not in stages}
+        model = next(iter(self.bands.values()))
         return model.read_out(rate, 1.0, seed, exposure_s, previous, stages=stages)

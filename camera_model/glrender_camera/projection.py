@@ -6,13 +6,16 @@ Frame `camera`: +Z boresight, +X to the right of the image, +Y down. Frame `pixe
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
 
 from .camera import CameraModel, Frame
+from .distortion import BrownConrady, frame_border
 from .errors import ConfigError
+from .mosaic import MosaicModel
 from .points import PointSources
 from .validate import integer, position, text, unit_quaternion, vector, within
 
@@ -29,7 +32,7 @@ _ASPECT_TOLERANCE = 0.05
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PinholeCamera:
-    """A rectilinear camera on the spacecraft.
+    """A camera on the spacecraft, rectilinear but for its distortion.
 
     Parameters
     ----------
@@ -44,13 +47,16 @@ class PinholeCamera:
         Mounting, unit quaternion [w, x, y, z]; default identity.
     r_camera_spacecraft_m : (3,) float [m], optional
         Position of the projection centre in `spacecraft`; default zero.
-    model : CameraModel, optional
+    model : CameraModel or MosaicModel, optional
         Optics, detector and exposure; without it the camera gives irradiance only.
+    distortion : BrownConrady, optional
+        Of the lens. `project` and `directions` know it; renderers draw what `DistortingLens.source` sees.
 
     Raises
     ------
     ConfigError
-        With the field's name, the rule and the value.
+        With the field's name, the rule and the value; also where the frame sees beyond the radius at which the
+        distortion folds over, with the radius.
     """
 
     name: str
@@ -60,7 +66,8 @@ class PinholeCamera:
     principal_point_px: tuple[float, float] | None = None
     q_camera_from_spacecraft: np.ndarray = field(default=(1.0, 0.0, 0.0, 0.0))
     r_camera_spacecraft_m: np.ndarray = field(default=(0.0, 0.0, 0.0))
-    model: CameraModel | None = None
+    model: CameraModel | MosaicModel | None = None
+    distortion: BrownConrady | None = None
 
     def __post_init__(self):
         put = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731 (frozen dataclass)
@@ -78,12 +85,19 @@ class PinholeCamera:
         put("q_camera_from_spacecraft",
             unit_quaternion("q_camera_from_spacecraft", self.q_camera_from_spacecraft))
         put("r_camera_spacecraft_m", position("r_camera_spacecraft_m", self.r_camera_spacecraft_m))
-        if self.model is not None and not isinstance(self.model, CameraModel):
-            raise ConfigError("model", "must be a CameraModel", self.model)
-        lens = self.model and self.model.optics.aberrations
-        if lens and lens.varies and not abs(lens.aspect * self.height_px / self.width_px - 1.0) < _ASPECT_TOLERANCE:
-            rule = f"must be width / height, {self.width_px / self.height_px:.4g}, within {_ASPECT_TOLERANCE:.0%}"
-            raise ConfigError("model.optics.aberrations.aspect", rule, lens.aspect)
+        if self.model is not None and not isinstance(self.model, (CameraModel, MosaicModel)):
+            raise ConfigError("model", "must be a CameraModel or a MosaicModel", self.model)
+        for letter, band in self.model.bands.items() if self.model else ():
+            lens = band.optics.aberrations
+            if lens and lens.varies and not abs(lens.aspect * self.height_px / self.width_px - 1.0) < _ASPECT_TOLERANCE:
+                rule = f"must be width / height, {self.width_px / self.height_px:.4g}, within {_ASPECT_TOLERANCE:.0%}"
+                raise ConfigError(f"model.optics.{letter and letter + '.'}aberrations.aspect", rule, lens.aspect)
+        if self.distortion is not None:
+            if not isinstance(self.distortion, BrownConrady):
+                raise ConfigError("distortion", "must be a BrownConrady", self.distortion)
+            put("distortion", self.distortion if self.distortion.is_any else None)
+        if self.distortion is not None:
+            self.distortion.require_seen(self.normalised(frame_border(self.width_px, self.height_px)))
 
     def project(self, r_camera: np.ndarray) -> np.ndarray:
         """Pixel coordinates of points or directions.
@@ -91,7 +105,7 @@ class PinholeCamera:
         Parameters
         ----------
         r_camera : (..., 3) float
-            In `camera`; points behind the camera (z <= 0) return NaN.
+            In `camera`; points behind the camera (z <= 0), or beyond the fold of its distortion, return NaN.
 
         Returns
         -------
@@ -101,6 +115,8 @@ class PinholeCamera:
         z = r[..., 2:]
         ahead = z > 0.0
         ratio = r[..., :2] / np.where(ahead, z, 1.0)
+        if self.distortion is not None:
+            ratio = self.distortion.distort(ratio)
         return np.where(ahead, self.focal_length_px * ratio + np.array(self.principal_point_px), np.nan)
 
     def directions(self, pixel: np.ndarray) -> np.ndarray:
@@ -114,22 +130,53 @@ class PinholeCamera:
         -------
         (..., 3) float64 [1]
         """
-        offset = np.asarray(pixel, dtype=np.float64) - np.array(self.principal_point_px)
-        offset /= self.focal_length_px
+        offset = self.normalised(pixel)
         ray = np.concatenate([offset, np.ones_like(offset[..., :1])], axis=-1)
         return ray / np.linalg.norm(ray, axis=-1, keepdims=True)
 
+    def normalised(self, pixel: np.ndarray) -> np.ndarray:
+        """X / Z, Y / Z in `camera` (..., 2) float64 [1] of what is seen at pixel coordinates (..., 2) [px].
+
+        NaN where a distortion images no direction.
+        """
+        offset = np.asarray(pixel, dtype=np.float64) - np.array(self.principal_point_px)
+        offset /= self.focal_length_px
+        return offset if self.distortion is None else self.distortion.undistort(offset)
+
+    @cached_property
+    def seen(self) -> np.ndarray:
+        """X / Z, Y / Z in `camera` at each pixel's centre.
+
+        Returns
+        -------
+        (height, width, 2) float64 [1], read-only
+        """
+        x, y = np.arange(self.width_px), np.arange(self.height_px)
+        rows = [self.normalised(np.stack(np.broadcast_arrays(x, row), axis=-1)) for row in y]
+        seen = np.stack(rows)
+        seen.setflags(write=False)
+        return seen
+
     def solid_angle_sr(self) -> np.ndarray:
-        """Solid angle of each pixel: cos^3(theta) / f^2.
+        """Solid angle of each pixel: cos^3(theta) / f^2, over what a distortion magnifies areas by.
 
         Returns
         -------
         (height, width) float64 [sr]
             The midpoint rule; its relative error is below 1 / (4 f^2), f in pixels.
         """
+        solid_angle = self._cosine**3 / self.focal_length_px**2
+        return solid_angle if self.distortion is None else solid_angle / np.linalg.det(
+            self.distortion.jacobian(self.seen))
+
+    @property
+    def _cosine(self) -> np.ndarray:
+        """Of each pixel's field angle (height, width) float64 [1]."""
+        if self.distortion is not None:
+            return (1.0 + np.sum(self.seen**2, axis=-1)) ** -0.5
         x = (np.arange(self.width_px) - self.principal_point_px[0]) / self.focal_length_px
         y = (np.arange(self.height_px) - self.principal_point_px[1]) / self.focal_length_px
-        return (1.0 + x[None, :] ** 2 + y[:, None] ** 2) ** -1.5 / self.focal_length_px**2
+        return (1.0 + x[None, :] ** 2 + y[:, None] ** 2) ** -0.5
 
     @cached_property
     def cos_field_angle(self) -> np.ndarray:
@@ -139,7 +186,7 @@ class PinholeCamera:
         -------
         (height, width) float32 [1], read-only
         """
-        cosine = np.cbrt(self.solid_angle_sr() * self.focal_length_px**2).astype(np.float32)
+        cosine = self._cosine.astype(np.float32)
         cosine.setflags(write=False)
         return cosine
 
@@ -152,12 +199,14 @@ class PinholeCamera:
         """The same camera with so many more pixels on each side, to render what lies beyond the frame."""
         return self if margin_px == 0 else _with_margin(self, integer("margin_px", margin_px, 0, MAX_IMAGE_PX))
 
-    def expose(self, irradiance_W_m2: np.ndarray, seed: int = 0, *, exposure_s: float | str | None = None,
-               roi: tuple[int, int, int, int] | None = None, previous: Frame | None = None,
-               margin_px: int = 0, points: PointSources | None = None) -> Frame:
+    def expose(self, irradiance_W_m2: np.ndarray | Mapping[str, np.ndarray], seed: int = 0, *,
+               exposure_s: float | str | None = None, roi: tuple[int, int, int, int] | None = None,
+               previous: Frame | None = None, margin_px: int = 0,
+               points: PointSources | Mapping[str, PointSources] | None = None) -> Frame:
         """One frame of this camera: `CameraModel.expose` with the aperture foreshortened off axis.
 
-        With `margin_px` the image is one of `with_margin(margin_px)`.
+        With `margin_px` the image is one of `with_margin(margin_px)`. Behind a mosaic irradiance and points are
+        those of each letter's band: `MosaicModel.expose`.
 
         Raises
         ------
@@ -167,9 +216,10 @@ class PinholeCamera:
         if self.model is None:
             raise ConfigError("model", "missing", hint="give the camera a CameraModel, or ask for irradiance")
         seen = self.with_margin(margin_px)
-        if np.shape(irradiance_W_m2) != (seen.height_px, seen.width_px):
-            raise ConfigError("irradiance_W_m2", f"must have shape ({seen.height_px}, {seen.width_px})",
-                              np.shape(irradiance_W_m2))
+        for image in irradiance_W_m2.values() if isinstance(irradiance_W_m2, Mapping) else (irradiance_W_m2,):
+            if np.shape(image) != (seen.height_px, seen.width_px):
+                raise ConfigError("irradiance_W_m2", f"must have shape ({seen.height_px}, {seen.width_px})",
+                                  np.shape(image))
         return self.model.expose(irradiance_W_m2, seed, exposure_s=exposure_s, roi=roi,
                                  relative_illumination=seen.cos_field_angle, previous=previous,
                                  margin_px=margin_px, points=points)

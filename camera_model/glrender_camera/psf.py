@@ -33,7 +33,7 @@ def gaussian_axis(sigma_px: float, radius_px: int, offset_px: float = 0.0) -> np
     -------
     (2 radius + 1,) float64 [1]
     """
-    return _gaussian_weights(np.array([offset_px]), sigma_px, radius_px)[:, 0]
+    return gaussian_weights(np.array([offset_px]), sigma_px, radius_px)[:, 0]
 
 
 def blurred(kernel: np.ndarray, sigma_px: float, radius_px: int) -> np.ndarray:
@@ -107,7 +107,7 @@ def diffraction_kernel(wavelengths_m: np.ndarray, weights: np.ndarray, *, f_numb
         pattern = intensity(pixels, 0.5 * node, lambda_n_px=wavelengths_m * (f_number / pixel_pitch_m),
                             weights=weights, obscuration=central_obscuration,
                             phase=lambda px, py: 2.0 * math.pi / wavelengths_m[0] * opd_m(px, py))
-    blur = _gaussian_weights(x, sigma_px, radius_px) * np.tile(0.5 * node_weight, pixels.size)
+    blur = gaussian_weights(x, sigma_px, radius_px) * np.tile(0.5 * node_weight, pixels.size)
     return blur @ pattern @ blur.T
 
 
@@ -121,7 +121,7 @@ def _annular(r_px: np.ndarray, lambda_n_px: float, obscuration: float) -> np.nda
     return np.pi / (4.0 * lambda_n_px**2 * (1.0 - obscuration**2)) * amplitude**2
 
 
-def _gaussian_weights(x_px: np.ndarray, sigma_px: float, radius_px: int) -> np.ndarray:
+def gaussian_weights(x_px: np.ndarray, sigma_px: float, radius_px: int) -> np.ndarray:
     """(2 radius + 1, N): share of the light at each x that a Gaussian blur puts into each pixel."""
     edges = np.arange(-radius_px, radius_px + 2)[:, None] - 0.5 - x_px[None, :]
     step = np.sign(edges) if sigma_px == 0.0 else erf(edges / (math.sqrt(2.0) * sigma_px))

@@ -52,7 +52,7 @@ def time_average(sub_frames: Iterable[np.ndarray], times_s: np.ndarray, *, start
             break
         if total is None:
             total = np.zeros(frame.shape, np.float32)
-            weights = _weights(times_s, start_s + line_time_s * np.arange(frame.shape[0]), exposure_s)
+            weights = row_weights(times_s, start_s + line_time_s * np.arange(frame.shape[0]), exposure_s)
         elif frame.shape != total.shape:
             raise ConfigError("sub_frames", f"must all have shape {total.shape}", frame.shape)
         lit = np.flatnonzero(weights[:, n_frames - 1])
@@ -62,8 +62,12 @@ def time_average(sub_frames: Iterable[np.ndarray], times_s: np.ndarray, *, start
     return total
 
 
-def _weights(times_s: np.ndarray, starts_s: np.ndarray, exposure_s: float) -> np.ndarray:
-    """(rows, N): mean over each row's window of the sample's hat function; rows sum to 1."""
+def row_weights(times_s: np.ndarray, starts_s: np.ndarray, exposure_s: float) -> np.ndarray:
+    """(rows, N) float64 [1]: what each sample counts in each row; rows sum to 1.
+
+    The mean of the sample's hat function over the row's exposure, which begins at `starts_s` (rows,) [s]. Arguments
+    as of `time_average`.
+    """
     if times_s.size == 1:
         return np.ones((starts_s.size, 1))
     slack = _SPAN_TOLERANCE * exposure_s

@@ -20,6 +20,8 @@ SUN_RADIUS_M = 6.957e8
 """Nominal: IAU 2015 Resolution B3."""
 HIPPARCOS_YEAR = 1991.25
 _MAS = np.pi / 180.0 / 3.6e6
+# Of B - V from -0.4 to 2.5, and places between at which a camera's response is worked out once.
+_INVERSE_TEMPERATURES_K, _N_RESPONSES = (4e-5, 5e-4), 1024
 # A Sun of this radius or less is a point.
 _POINT_RADIUS_PX = 1.5
 
@@ -175,12 +177,19 @@ def stars_in_view(camera: PinholeCamera, q_camera_from_inertial: np.ndarray, *, 
         place = np.rint(np.where(seen[:, None], xy, 0.0)).astype(int)
         inside = seen & (place >= 0).all(axis=1) & (place < (camera.width_px, camera.height_px)).all(axis=1)
         seen[inside] &= ~np.asarray(is_body, bool)[place[inside, 1], place[inside, 0]]
-    response = stellar_response(
-        catalogue.temperature_K[seen], optics.band_nm if optics else (450.0, 950.0),
-        optics.transmission if optics else 1.0, detector.quantum_efficiency if detector else 1.0)
+    nodes, table = _responses(optics.band_nm if optics else (450.0, 950.0), optics.transmission if optics else 1.0,
+                              detector.quantum_efficiency if detector else 1.0)
+    response = np.interp(1.0 / catalogue.temperature_K[seen], nodes, table)
     sunlike = positive("solar_irradiance_1au_W_m2", solar_irradiance_1au_W_m2) * 10.0 ** (
         -0.4 * (catalogue.v_magnitude[seen] - SUN_V_MAGNITUDE))
     return PointSources(xy[seen], sunlike * response)
+
+
+@lru_cache(maxsize=16)
+def _responses(*band: object) -> tuple[np.ndarray, np.ndarray]:
+    """Response at inverse temperatures [1/K] of all colours; straight lines between are good to 1e-6."""
+    nodes = np.linspace(*_INVERSE_TEMPERATURES_K, _N_RESPONSES)
+    return nodes, stellar_response(1.0 / nodes, *band)
 
 
 def sun_in_view(camera: PinholeCamera, r_sun_camera_m: np.ndarray, solar_irradiance_W_m2: float) -> np.ndarray:

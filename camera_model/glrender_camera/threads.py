@@ -3,23 +3,56 @@
 from __future__ import annotations
 
 import os
+import threading
+from collections import deque
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
+
+import numpy as np
 
 N_THREADS = min(4, os.cpu_count() or 1)
 """At most: more gain nothing on a megapixel."""
 
 
 def run(task: Callable[[int], None], items: Iterable[int]) -> None:
-    """Do a task for each item, beside each other; errors are raised here. Not from inside a task."""
-    items = list(items)
-    if len(items) == 1:
-        task(items[0])
-    else:
-        list(_pool().map(task, items))
+    """Do a task for each item, beside each other; errors are raised here. Not from inside a task.
+
+    The caller works as well: a thread that only waits has to be woken, and sends another to sleep.
+    """
+    left = deque(items)
+
+    def work() -> None:
+        while True:
+            try:
+                item = left.popleft()
+            except IndexError:
+                return
+            task(item)
+
+    helpers = [_pool().submit(work) for _ in range(min(N_THREADS, len(left)) - 1)]
+    try:
+        work()
+    finally:
+        for helper in helpers:
+            helper.result()
 
 
 @cache
 def _pool() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(N_THREADS, thread_name_prefix="glrender-camera")
+    return ThreadPoolExecutor(max(N_THREADS - 1, 1), thread_name_prefix="glrender-camera")
+
+
+class Scratch(threading.local):
+    """Arrays that each thread keeps between calls: fresh memory costs as much as a pass over it."""
+
+    def __init__(self):
+        self._arrays: dict[tuple[str, object], np.ndarray] = {}
+
+    def array(self, name: str, shape: tuple[int, ...], dtype: object = np.float32) -> np.ndarray:
+        """An array that is not initialised; the next call by the same name may return the same memory."""
+        size = int(np.prod(shape))
+        found = self._arrays.get((name, dtype))
+        if found is None or found.size < size:
+            found = self._arrays[name, dtype] = np.empty(size, dtype)
+        return found[:size].reshape(shape)

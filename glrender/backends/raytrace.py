@@ -12,6 +12,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from glrender_camera import PinholeCamera
 from glrender_camera.validate import integer
 
 from ..image import Image, checked_products
@@ -59,7 +60,7 @@ class RayTracer:
         """Which engine draws."""
         return {"backend": "raytrace", "gl_renderer": "Embree (embreex)", "gl_version": ""}
 
-    def render(self, state: State, camera: str | None = None, *, max_error: float | None = None,
+    def render(self, state: State, camera: str | PinholeCamera | None = None, *, max_error: float | None = None,
                products: Iterable[str] = ("irradiance",), samples: int | None = None, seed: int = 0,
                on_progress: Callable[[float], None] | None = None) -> Image:
         """Draw one frame until the standard error of its pixels is below the budget.
@@ -83,7 +84,7 @@ class RayTracer:
             `plan.predicted_error` is the standard error reached.
         """
         began = time.perf_counter()
-        pinhole = self.scene.camera(camera)
+        pinhole = self.scene.drawn_camera(camera)
         wanted = checked_products(products)
         budget = self.scene.max_error if max_error is None else checked_max_error(max_error)
         if samples is not None:

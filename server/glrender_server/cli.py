@@ -9,7 +9,19 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from glrender import ConfigError, GlrenderError, Pose, Scene, State, frames, load_scene, open_renderer, plugins
+from glrender import (
+    ConfigError,
+    GlrenderError,
+    Pose,
+    Scene,
+    State,
+    draw_still,
+    frames,
+    load_scene,
+    open_renderer,
+    plugins,
+    take_frame,
+)
 from glrender.constants import AU_M
 from glrender_camera.validate import within
 
@@ -34,9 +46,13 @@ def main(argv: list[str] | None = None) -> int:
     render.add_argument("--camera", help="default: the first")
     render.add_argument("--max-error", type=float)
     render.add_argument("--samples", type=int, help="along a pixel's side; default: what the budget needs")
+    render.add_argument("--output", default="irradiance", choices=("irradiance", "dn"),
+                        help="irradiance, or the digital numbers of the camera's detector")
+    render.add_argument("--exposure-s", help="with dn: seconds, or auto; default: the camera's")
+    render.add_argument("--seed", type=int, default=0, help="of the noise, with dn (0)")
     render.add_argument("--backend", default="auto", help="auto, egl, osmesa, or a plug-in such as raytrace or cycles")
     render.add_argument("--out", type=Path, default=Path("frame.png"),
-                        help=".npy: float32 irradiance [W/m2 per pixel]; .png: a display picture, gamma 2.2")
+                        help=".npy: float32 irradiance [W/m2 per pixel] or DN; .png: a display picture, gamma 2.2")
     render.set_defaults(run=_render)
 
     demo = commands.add_parser("demo", help="fly a closed loop around a body through the server")
@@ -103,17 +119,35 @@ def _render(arguments: argparse.Namespace) -> int:
     else:
         phase_deg = within("phase-deg", arguments.phase_deg, 0.0, 180.0)
         state = default_state(scene, camera.name, np.radians(phase_deg))
+    options = {"max_error": arguments.max_error, "samples": arguments.samples}
     with open_renderer(scene, arguments.backend) as renderer:
-        image = renderer.render(state, camera.name, max_error=arguments.max_error, samples=arguments.samples)
+        if arguments.output == "dn":
+            exposure_s = arguments.exposure_s
+            if exposure_s not in (None, "auto"):
+                exposure_s = _number("exposure-s", exposure_s)
+            capture = take_frame(renderer, state, camera.name, seed=arguments.seed, exposure_s=exposure_s, **options)
+            pixels, dark = capture.frame.dn, camera.model.detector.offset_DN
+        else:
+            capture = draw_still(renderer, state, camera.name, **options)
+            pixels, dark = capture.irradiance_W_m2, 0.0
+    for stage, text in capture.stages.items():
+        logging.getLogger(__name__).info("%s: %s", stage, text)
     if ending == ".npy":
         with open(arguments.out, "wb") as file:  # given a name, NumPy would add its own ending to .NPY
-            np.save(file, image.irradiance_W_m2)
+            np.save(file, pixels)
     else:
-        write_picture(arguments.out, image.irradiance_W_m2)
-    milliseconds = sum(image.timings_ms.values())
-    sys.stdout.write(f"{arguments.out}: {camera.width_px} x {camera.height_px}, {image.plan.samples} x "
-                     f"{image.plan.samples} samples, {milliseconds:.1f} ms with start-up\n")
+        write_picture(arguments.out, pixels.astype(np.float32) - np.float32(dark))
+    milliseconds = sum(capture.timings_ms.values())
+    sys.stdout.write(f"{arguments.out}: {camera.width_px} x {camera.height_px}, {capture.plan.samples} x "
+                     f"{capture.plan.samples} samples, {milliseconds:.1f} ms with start-up\n")
     return 0
+
+
+def _number(name: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise ConfigError(name, "must be a number of seconds, or auto", text) from None
 
 
 def default_state(scene: Scene, camera_name: str, phase_rad: float) -> State:

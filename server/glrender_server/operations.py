@@ -5,16 +5,29 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from glrender import ConfigError, DeviceError, GlrenderError, Image, ProtocolError, Scene, State, open_renderer
+from glrender import (
+    Capture,
+    ConfigError,
+    DeviceError,
+    GlrenderError,
+    ProtocolError,
+    Scene,
+    State,
+    draw_still,
+    open_renderer,
+    take_frame,
+)
+from glrender.drawing import drawn_pixels, prepare
 from glrender.errors import error_path
 from glrender.image import peak_bytes
-from glrender.plugins import OPENGL_BACKENDS
 from glrender.ranging import RangeNoise, laser_ranges
 from glrender.slow import checked_allow_slow
-from glrender_camera.validate import integer, known_keys, one_of, positive
+from glrender_camera import MosaicModel
+from glrender_camera.validate import integer, known_keys, one_of
 
 from . import codec
 from .envelope import ENVELOPE, echo, refusal
@@ -26,6 +39,8 @@ OPERATIONS = ("render", "range", "load_scene")
 OUTPUTS = ("irradiance", "dn")
 MAX_IMAGE_PIXELS = 2**26
 """Largest image of a scene that came over the wire, 67 megapixels."""
+MAX_DRAWN_PIXELS = 2 * MAX_IMAGE_PIXELS
+"""Of such a scene: what is drawn of a camera's frame with its margin, in the cells of its distortion."""
 MAX_FRAME_BYTES = 4 * 1024**3
 """Most memory that one request's image and products may take while they are made."""
 _RENDER_KEYS = ("state", "camera", "output", "exposure_s", "seed", "max_error", "samples", "products", "order",
@@ -54,6 +69,7 @@ class Operations:
 
     def __init__(self, scene: Scene, backend: str = "auto", shape_dir: Path | None = None):
         self._backend, self._shape_dir = backend, shape_dir
+        prepare(scene)
         self.scene, self._renderer = scene, open_renderer(scene, backend)
         self.last_timings_ms: dict[str, float] = {}
         self.on_progress: Callable[[float], None] = lambda share: None
@@ -68,10 +84,14 @@ class Operations:
         return {
             "cameras": [{"name": c.name, "width_px": c.width_px, "height_px": c.height_px,
                          "focal_length_px": c.focal_length_px, "principal_point_px": list(c.principal_point_px),
-                         "has_model": c.model is not None} for c in self.scene.cameras],
+                         "has_model": c.model is not None,
+                         "distortion": None if c.distortion is None else asdict(c.distortion),
+                         "mosaic": list(c.model.pattern) if isinstance(c.model, MosaicModel) else None}
+                        for c in self.scene.cameras],
             "bodies": [{"name": b.name, "n_facets": len(b.shape.facets), "radius_m": b.shape.radius_m,
                         "law": b.brdf.glsl} for b in self.scene.bodies],
-            "max_error": self.scene.max_error, **self._renderer.info}
+            "max_error": self.scene.max_error,
+            "stars": None if self.scene.stars is None else asdict(self.scene.stars), **self._renderer.info}
 
     def answer(self, header: Mapping[str, Any]) -> tuple[list[Any], str]:
         """The reply to one request and its error code, empty if it went well; raises nothing.
@@ -92,9 +112,10 @@ class Operations:
         known_keys("", header, (*ENVELOPE, "scene"), required=("scene",))
         scene = Scene.from_dict(header["scene"], shape_dir=self._shape_dir, restricted=True)
         for index, camera in enumerate(scene.cameras):
-            if camera.width_px * camera.height_px > MAX_IMAGE_PIXELS:
-                raise ConfigError(f"scene.cameras[{index}]", f"must have at most {MAX_IMAGE_PIXELS} pixels",
-                                  camera.width_px * camera.height_px)
+            if camera.width_px * camera.height_px > MAX_IMAGE_PIXELS or drawn_pixels(camera) > MAX_DRAWN_PIXELS:
+                raise ConfigError(f"scene.cameras[{index}]", f"must have at most {MAX_IMAGE_PIXELS} pixels, and "
+                                  f"{MAX_DRAWN_PIXELS} where margin and distortion are drawn", drawn_pixels(camera))
+        prepare(scene)
         # The old scene serves on if the new one fails.
         renderer = open_renderer(scene, self._backend)
         self._renderer.close()
@@ -111,40 +132,36 @@ class Operations:
         products = header.get("products", [])
         if not isinstance(products, list):
             raise ProtocolError("products", "must be a list of names", products)
-        needed = peak_bytes(camera.width_px * camera.height_px, products)
+        needed = peak_bytes(drawn_pixels(camera), products)
         if needed > MAX_FRAME_BYTES:
             raise ConfigError("products", f"must take at most {MAX_FRAME_BYTES} bytes of memory while they are made",
                               needed, "ask for fewer at a time")
         exposure_s, seed = header.get("exposure_s"), header.get("seed", 0)
+        options = {"products": products, "max_error": header.get("max_error"), "samples": header.get("samples"),
+                   "allow_slow": checked_allow_slow(header.get("allow_slow", False)), "on_progress": self._progress}
+        fields: dict[str, Any] = {"unit": _UNITS[output]}
         if output == "dn":
-            if camera.model is None:
-                raise ConfigError("output", f"camera {camera.name!r} has no optics and detector", output,
-                                  "give it a `model` in the scene, or ask for 'irradiance'")
-            if exposure_s not in (None, "auto"):
-                exposure_s = positive("exposure_s", exposure_s)
             seed = integer("seed", seed, 0, 2**64 - 1)
+            capture = self._drawn(take_frame, state, camera.name, seed=seed, exposure_s=exposure_s, **options)
+            frame, pixels = capture.frame, capture.frame.dn
+            fields |= {"exposure_s": frame.exposure_s, "seed": seed, "n_saturated_px": int(frame.saturated.sum())}
+            if "auto" in (exposure_s, camera.model.exposure_s):
+                # The memory of an onboard loop is the client's: sent back, the same request gives the same bytes.
+                fields["next_exposure_s"] = camera.model.auto_exposure.after(frame, camera.model.detector)
         elif "exposure_s" in header or "seed" in header:
             raise ProtocolError("exposure_s" if "exposure_s" in header else "seed",
                                 "belongs to output 'dn'", output)
-        options = self._opengl_options(output == "dn", header.get("allow_slow", False))
-        image = self._drawn(state, camera.name, max_error=header.get("max_error"), samples=header.get("samples"),
-                            products=products, **options)
-        timings = dict(image.timings_ms)
-        fields: dict[str, Any] = {"unit": _UNITS[output]}
-        pixels = image.irradiance_W_m2
-        if output == "dn":
-            exposed = time.perf_counter()
-            frame = camera.expose(pixels, seed, exposure_s=exposure_s, roi=image.roi)
-            timings["camera"] = 1e3 * (time.perf_counter() - exposed)
-            pixels = frame.dn
-            fields |= {"exposure_s": frame.exposure_s, "seed": seed, "stages": frame.stages,
-                       "n_saturated_px": int(frame.saturated.sum())}
+        else:
+            capture = self._drawn(draw_still, state, camera.name, **options)
+            pixels = capture.irradiance_W_m2
+        fields["stages"] = capture.stages
+        timings = dict(capture.timings_ms)
         arrays = {"image": (pixels, _UNITS[output])}
-        arrays |= {name: (array, _UNITS[name]) for name, array in image.products.items()}
+        arrays |= {name: (array, _UNITS[name]) for name, array in capture.products.items()}
         timings["total"] = 1e3 * (time.perf_counter() - began)
         self.last_timings_ms = timings
         return codec.pack({**echo(header), "ok": True, "t_s": state.t_s, "camera": camera.name, "output": output,
-                           "plan": image.plan.to_dict(), "timings_ms": timings, **fields}, arrays, order)
+                           "plan": capture.plan.to_dict(), "timings_ms": timings, **fields}, arrays, order)
 
     def _range(self, header: Mapping[str, Any]) -> list[Any]:
         known_keys("", header, (*ENVELOPE, *_RANGE_KEYS), required=("state", "directions_camera"))
@@ -162,23 +179,16 @@ class Operations:
         return codec.pack({**echo(header), "ok": True, "t_s": state.t_s, "camera": camera.name,
                            "timings_ms": self.last_timings_ms}, arrays)
 
-    def _opengl_options(self, after_psf: bool, allow_slow: Any) -> dict[str, Any]:
-        """What only `Renderer.render` takes."""
-        allow_slow = checked_allow_slow(allow_slow)
-        if self._backend not in OPENGL_BACKENDS:
-            return {}
-        return {"after_psf": after_psf, "allow_slow": allow_slow, "on_progress": self._progress}
-
     def _progress(self, share: float) -> None:
         log.debug("slow frame: %.0f %%", 100.0 * share)
         self.on_progress(share)
 
-    def _drawn(self, state: State, camera: str, **options) -> Image:
-        """The image; a context that was lost is made anew, once."""
+    def _drawn(self, draw: Callable[..., Capture], state: State, camera: str, **options) -> Capture:
+        """What `draw` makes; a context that was lost is made anew, once."""
         try:
-            return self._renderer.render(state, camera, **options)
+            return draw(self._renderer, state, camera, **options)
         except DeviceError as error:
             log.warning("OpenGL failed, a new context is made: %s", error)
             self._renderer.close()
             self._renderer = open_renderer(self.scene, self._backend)
-            return self._renderer.render(state, camera, **options)
+            return draw(self._renderer, state, camera, **options)

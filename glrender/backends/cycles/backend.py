@@ -79,7 +79,7 @@ class Cycles:
         version = "" if self._blender is None else self._blender.version
         return {"backend": "cycles", "gl_renderer": f"Cycles (Blender {version})", "gl_version": ""}
 
-    def render(self, state: State, camera: str | None = None, *, max_error: float | None = None,
+    def render(self, state: State, camera: str | PinholeCamera | None = None, *, max_error: float | None = None,
                products: Iterable[str] = ("irradiance",), samples: int | None = None, seed: int = 0,
                bounces: int | None = None, on_progress: Callable[[float], None] | None = None) -> Image:
         """Draw one frame until the standard error of its pixels is below the budget.
@@ -111,7 +111,7 @@ class Cycles:
             Blender failed, died or overran the deadline; the next frame starts another.
         """
         began = time.perf_counter()
-        pinhole = self.scene.camera(camera)
+        pinhole = self.scene.drawn_camera(camera)
         wanted = checked_products(products)
         budget = self.scene.max_error if max_error is None else checked_max_error(max_error)
         samples = None if samples is None else integer("samples", samples, 1, 128)

@@ -1,0 +1,121 @@
+"""What moves during an exposure: how far in the image, and at which times to draw it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from glrender_camera import PinholeCamera
+
+from . import frames
+from .background import Place
+from .hull import Hull
+from .scene import Scene
+from .state import Pose, State
+from .view import BodyView, view_bodies
+
+# Light is linear in time between poses: half a pixel apart they widen a blurred edge by 0.04 px2.
+_STEP_PX = 0.5
+MAX_POSES = 65
+"""Of one frame: 32 pixels of motion at half a pixel; what moves farther is drawn in longer steps, and told."""
+# A frame that moves by less stands still: the blur of 0.05 px adds 2e-4 px2 to any point spread function.
+_STILL_PX = 0.05
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Motion:
+    """Times (N,) [s] of the poses to draw, after the state's; N odd, 0 in the middle. And what they are, in words."""
+
+    times_s: np.ndarray
+    text: str
+    exposure_s: float = 0.0
+    row_s: float = 0.0
+
+    @property
+    def is_still(self) -> bool:
+        """Whether one pose is enough."""
+        return len(self.times_s) == 1
+
+
+STILL = Motion(times_s=np.zeros(1), text="skipped: the state has no rates")
+
+
+def plan_motion(scene: Scene, state: State, camera: PinholeCamera, exposure_s: float, row_s: float,
+                margin_px: int) -> Motion:
+    """How many poses a frame needs.
+
+    Parameters
+    ----------
+    scene : Scene
+    state : State
+        At the middle of the frame's exposure: of all its rows, where the shutter rolls.
+    camera : PinholeCamera
+        One of the scene's, without its margin.
+    exposure_s : float [s]
+    row_s : float [s]
+        Delay from row to row.
+    margin_px : int [px]
+        Rows that are drawn beyond the frame.
+    """
+    half_s = 0.5 * (exposure_s + abs(row_s) * (camera.height_px - 1 + 2 * margin_px))
+    path_px = motion_px(scene, state, camera, half_s)
+    if path_px < _STILL_PX:
+        return Motion(times_s=np.zeros(1), text=f"skipped: {path_px:.2g} px of motion")
+    # An odd number: the middle one is the state itself.
+    n_poses = min(2 * math.ceil(0.5 * path_px / _STEP_PX) + 1, MAX_POSES)
+    step_px = path_px / (n_poses - 1)
+    bounded = "" if step_px <= _STEP_PX else f", at most {MAX_POSES} are drawn: {step_px:.2g} px from pose to pose"
+    times = np.linspace(-half_s, half_s, n_poses)
+    times[n_poses // 2] = 0.0
+    return Motion(times_s=times, text=f"{n_poses} poses, {path_px:.3g} px in {2.0 * half_s:.3g} s{bounded}",
+                  exposure_s=exposure_s, row_s=row_s)
+
+
+def motion_px(scene: Scene, state: State, camera: PinholeCamera, half_s: float) -> float:
+    """Longest path [px] in the image, from so long [s] before the state to so long after it, of bodies and sky."""
+    states = [state.after(dt) for dt in (-half_s, 0.0, half_s)]
+    places = [Place.of(each, camera) for each in states]
+    corners = np.array([[x, y] for x in (0, camera.width_px - 1) for y in (0, camera.height_px - 1)])
+    rays = camera.directions(corners)
+    longest = 0.0
+    if scene.stars is not None:
+        sky = rays @ places[1].camera_from_inertial
+        longest = _path_px(camera, [sky @ place.camera_from_inertial.T for place in places])
+    pinhole = camera if camera.distortion is None else replace(camera, distortion=None)
+    views = view_bodies(state, pinhole, {body.name: body.hull for body in scene.bodies})
+    for view, body in zip(views, scene.bodies, strict=True):
+        if view.bounds_px is not None and view.is_visible:
+            longest = max(longest, _path_px(camera, [_in_camera(each.bodies[body.name], place, body.hull.points_m)
+                                                     for each, place in zip(states, places, strict=True)]))
+        elif view.is_visible:
+            longest = max(longest, _bound_px_s(state, camera, view, body.hull, rays[:, 2].min()) * 2.0 * half_s)
+    return longest
+
+
+def _path_px(camera: PinholeCamera, tracks: list[np.ndarray]) -> float:
+    """Longest of the paths [px] of points (N, 3) in `camera` at three times that are near the frame in between."""
+    xy = []
+    for points in tracks:
+        depth = np.where(points[:, 2:] > 0.0, points[:, 2:], np.nan)
+        xy.append(camera.focal_length_px * points[:, :2] / depth + np.array(camera.principal_point_px))
+    size = np.array([camera.width_px, camera.height_px])
+    path = sum(np.hypot(*(b - a).T) for a, b in pairwise(xy))[((xy[1] > -size) & (xy[1] < 2 * size)).all(axis=1)]
+    # What comes from behind the camera, or goes there, crosses all of the frame.
+    return float(np.nan_to_num(path, nan=float(np.hypot(*size))).max(initial=0.0))
+
+
+def _bound_px_s(state: State, camera: PinholeCamera, view: BodyView, hull: Hull, least_cosine: float) -> float:
+    """Speed [px/s] that nothing on a body exceeds that reaches beside or behind the camera."""
+    rate = lambda value: np.zeros(3) if value is None else value  # noqa: E731
+    body, craft = state.bodies[view.name], state.spacecraft
+    speed = np.linalg.norm(rate(body.v_inertial_m_s) - rate(craft.v_inertial_m_s))
+    speed += np.linalg.norm(rate(body.angular_velocity_rad_s)) * view.range_m
+    turn = np.linalg.norm(rate(craft.angular_velocity_rad_s))
+    return float(camera.focal_length_px * (speed / hull.distance_m(view.r_camera_body_m) + turn) / least_cosine**2)
+
+
+def _in_camera(pose: Pose, place: Place, points_body_m: np.ndarray) -> np.ndarray:
+    inertial = points_body_m @ frames.dcm(pose.q_from_inertial) + pose.r_inertial_m
+    return (inertial - place.r_inertial_m) @ place.camera_from_inertial.T
