@@ -4,29 +4,26 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from glrender import ConfigError, DeviceError, GlrenderError, Image, ProtocolError, Scene, State, open_renderer
+import numpy as np
+from glrender import ConfigError, DeviceError, GlrenderError, Image, Scene, State, open_renderer
 from glrender.errors import error_path
-from glrender.image import peak_bytes
 from glrender.ranging import RangeNoise, laser_ranges
-from glrender_camera.validate import integer, known_keys, one_of, positive
+from glrender_camera.validate import known_keys, one_of
 
 from . import codec
 from .envelope import ENVELOPE, echo, refusal
+from .frame import FRAME_KEYS, FrameRequest, frames_asked
 
 log = logging.getLogger(__name__)
 
 OPERATIONS = ("render", "range", "load_scene")
 """Those that are served here; the dispatcher answers the others."""
-OUTPUTS = ("irradiance", "dn")
 MAX_IMAGE_PIXELS = 2**26
 """Largest image of a scene that came over the wire, 67 megapixels."""
-MAX_FRAME_BYTES = 4 * 1024**3
-"""Most memory that one request's image and products may take while they are made."""
-_RENDER_KEYS = ("state", "camera", "output", "exposure_s", "seed", "max_error", "samples", "products", "order")
 _RANGE_KEYS = ("state", "camera", "directions_camera", "noise")
 _UNITS = {"irradiance": "W/m2", "dn": "DN", "range": "m", "r_body": "m", "body_id": "1", "facet_id": "1",
           "incidence": "rad", "emission": "rad", "phase": "rad", "sunlit": "1"}
@@ -93,49 +90,44 @@ class Operations:
         return codec.pack({**echo(header), "ok": True, **self.described})
 
     def _render(self, header: Mapping[str, Any]) -> list[Any]:
-        known_keys("", header, (*ENVELOPE, *_RENDER_KEYS), required=("state",))
+        known_keys("", header, (*ENVELOPE, "state", "order", "frames", *FRAME_KEYS), required=("state",))
         began = time.perf_counter()
         state = State.from_dict(header["state"])
-        camera = self.scene.camera(header.get("camera"))
-        output = one_of("output", header.get("output", "irradiance"), OUTPUTS)
         order = one_of("order", header.get("order", "C"), ("C", "F"))
-        products = header.get("products", [])
-        if not isinstance(products, list):
-            raise ProtocolError("products", "must be a list of names", products)
-        needed = peak_bytes(camera.width_px * camera.height_px, products)
-        if needed > MAX_FRAME_BYTES:
-            raise ConfigError("products", f"must take at most {MAX_FRAME_BYTES} bytes of memory while they are made",
-                              needed, "ask for fewer at a time")
-        exposure_s, seed = header.get("exposure_s"), header.get("seed", 0)
-        if output == "dn":
-            if camera.model is None:
-                raise ConfigError("output", f"camera {camera.name!r} has no optics and detector", output,
-                                  "give it a `model` in the scene, or ask for 'irradiance'")
-            if exposure_s not in (None, "auto"):
-                exposure_s = positive("exposure_s", exposure_s)
-            seed = integer("seed", seed, 0, 2**64 - 1)
-        elif "exposure_s" in header or "seed" in header:
-            raise ProtocolError("exposure_s" if "exposure_s" in header else "seed",
-                                "belongs to output 'dn'", output)
-        options = {"after_psf": True} if output == "dn" and self._backend in ("auto", "egl", "osmesa") else {}
-        image = self._drawn(state, camera.name, max_error=header.get("max_error"), samples=header.get("samples"),
-                            products=products, **options)
+        made, arrays = [], []
+        for frame in frames_asked(header, self.scene):
+            with frame.named_errors():
+                fields, of_frame = self._frame(state, frame)
+            made.append(fields)
+            arrays.append(of_frame)
+        if "frames" in header:
+            fields = {"frames": made, "timings_ms": _summed(frame["timings_ms"] for frame in made)}
+        else:
+            arrays, fields = arrays[0], made[0]
+        # What making the frames left behind is freed by now: that is part of their time.
+        fields["timings_ms"]["total"] = 1e3 * (time.perf_counter() - began)
+        self.last_timings_ms = fields["timings_ms"]
+        return codec.pack({**echo(header), "ok": True, "t_s": state.t_s, **fields}, arrays, order)
+
+    def _frame(self, state: State, asked: FrameRequest) -> tuple[dict[str, Any], dict[str, tuple[np.ndarray, str]]]:
+        """What the reply says of one frame, and its arrays with their units."""
+        camera = asked.camera
+        options = ({"after_psf": True} if asked.output == "dn" and self._backend in ("auto", "egl", "osmesa") else {})
+        image = self._drawn(state, camera.name, max_error=asked.max_error, samples=asked.samples,
+                            products=asked.products, **options)
         timings = dict(image.timings_ms)
-        fields: dict[str, Any] = {"unit": _UNITS[output]}
-        pixels = image.irradiance_W_m2
-        if output == "dn":
+        pixels, fields = image.irradiance_W_m2, {}
+        if asked.output == "dn":
             exposed = time.perf_counter()
-            frame = camera.expose(pixels, seed, exposure_s=exposure_s, roi=image.roi)
+            frame = camera.expose(pixels, asked.seed, exposure_s=asked.exposure_s, roi=image.roi)
             timings["camera"] = 1e3 * (time.perf_counter() - exposed)
             pixels = frame.dn
-            fields |= {"exposure_s": frame.exposure_s, "seed": seed, "stages": frame.stages,
-                       "n_saturated_px": int(frame.saturated.sum())}
-        arrays = {"image": (pixels, _UNITS[output])}
-        arrays |= {name: (array, _UNITS[name]) for name, array in image.products.items()}
-        timings["total"] = 1e3 * (time.perf_counter() - began)
-        self.last_timings_ms = timings
-        return codec.pack({**echo(header), "ok": True, "t_s": state.t_s, "camera": camera.name, "output": output,
-                           "plan": image.plan.to_dict(), "timings_ms": timings, **fields}, arrays, order)
+            fields = {"exposure_s": frame.exposure_s, "seed": asked.seed, "stages": frame.stages,
+                      "n_saturated_px": int(asked.cut(frame.saturated).sum())}
+        arrays = {"image": (asked.cut(pixels), _UNITS[asked.output])}
+        arrays |= {name: (asked.cut(array), _UNITS[name]) for name, array in image.products.items()}
+        return {"camera": camera.name, "output": asked.output, "plan": image.plan.to_dict(), "timings_ms": timings,
+                "unit": _UNITS[asked.output], **fields, **({"roi": asked.roi} if asked.roi else {})}, arrays
 
     def _range(self, header: Mapping[str, Any]) -> list[Any]:
         known_keys("", header, (*ENVELOPE, *_RANGE_KEYS), required=("state", "directions_camera"))
@@ -162,3 +154,12 @@ class Operations:
             self._renderer.close()
             self._renderer = open_renderer(self.scene, self._backend)
             return self._renderer.render(state, camera, **options)
+
+
+def _summed(timings_ms: Iterable[Mapping[str, float]]) -> dict[str, float]:
+    """The time of each stage over all frames."""
+    total: dict[str, float] = {}
+    for of_frame in timings_ms:
+        for stage, milliseconds in of_frame.items():
+            total[stage] = total.get(stage, 0.0) + milliseconds
+    return total
