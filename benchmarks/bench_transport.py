@@ -102,7 +102,7 @@ def native_clients(folder: Path, record: dict) -> dict:
     found = {}
     compiler, octave = shutil.which("cc"), shutil.which("octave-cli")
     if compiler:
-        library = [SIMULINK / f"glr_{part}.c" for part in ("client", "socket", "wire")]
+        library = sorted(SIMULINK.glob("glr_*.c"))
         subprocess.run([compiler, "-std=c99", "-O2", f"-I{SIMULINK}", REPOSITORY / "benchmarks" / "transport_client.c",
                         *library, "-o", folder / "client"], check=True)
         pose = lambda p: [*p["r_inertial_m"], *p["q_from_inertial"]]  # noqa: E731

@@ -3,7 +3,7 @@ function build_glrender_library(folder)
 %   Camera             Level-2 MATLAB S-function: needs nothing but MATLAB and Simulink
 %   Camera System      MATLAB System block: the same, for those who prefer it
 %   Camera C           C S-function, for Rapid Accelerator; build it first:
-%                      mex sfun_glrender_c.c glr_client.c glr_socket.c glr_wire.c
+%                      mex sfun_glrender_c.c glr_client.c glr_request.c glr_reply.c glr_socket.c glr_wire.c
 %   folder: where to save (default: beside this file).
   if nargin < 1
     folder = fileparts(mfilename('fullpath'));
@@ -24,7 +24,7 @@ function build_glrender_library(folder)
     set_param(block, 'FunctionName', blocks{k, 3});
     set_param(block, 'Parameters', strjoin(names.', ','));
     if strcmp(blocks{k, 3}, 'sfun_glrender_c')
-      set_param(block, 'SFunctionModules', '''glr_client glr_socket glr_wire''');
+      set_param(block, 'SFunctionModules', '''glr_client glr_request glr_reply glr_socket glr_wire''');
     end
     add_mask(block, defaults, names);
   end
