@@ -2,8 +2,7 @@ function build_glrender_library(folder)
 %BUILD_GLRENDER_LIBRARY  Make glrender_library.slx: three blocks that give a camera's frame.
 %   Camera             Level-2 MATLAB S-function: needs nothing but MATLAB and Simulink
 %   Camera System      MATLAB System block: the same, for those who prefer it
-%   Camera C           C S-function, for Rapid Accelerator; build it first:
-%                      mex sfun_glrender_c.c glr_client.c glr_request.c glr_reply.c glr_socket.c glr_wire.c
+%   Camera C           C S-function, for Rapid Accelerator; build_glrender_mex compiles it
 %   folder: where to save (default: beside this file).
   if nargin < 1
     folder = fileparts(mfilename('fullpath'));
