@@ -2,8 +2,8 @@
 
 The time of a request at its client, less the time that the server spent on the frame. The reach, on two quiet
 cores: Python, 4 MiB, 1.5 ms over tcp, 0.8 ms over ipc or shared memory; C 3 ms; Octave 5 ms for 1 MiB, 12 ms for 4 MiB.
-Beside it, in the same run, the floor: as many bytes from a bare Python socket. Prints one JSON line; clients that
-cannot run here are named under `not_run`.
+Beside it, in the same run, the floor: as many bytes from a bare socket (tcp; ipc) of a process that, like a renderer,
+was busy for 4 ms before. Prints one JSON line; clients that cannot run here are named under `not_run`.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ exposure_s = 0.01
 optics = { aperture_diameter_m = 0.01, psf_sigma_px = 0.5 }
 detector = { quantum_efficiency = 0.5, full_well_electrons = 30000.0, gain_DN_per_electron = 0.006, bit_depth = 8 }
 """
+RENDER_S = 0.004
 # Camera: (size in pixels, output, bytes).
 CAMERAS = {"small": (64, "irradiance", 64**2 * 4), "u8_1024": (1024, "dn", 1024**2),
            "f4_1024": (1024, "irradiance", 1024**2 * 4), "u8_2048": (2048, "dn", 2048**2)}
@@ -53,8 +54,9 @@ STATE = {"t_s": 0.0, "r_sun_inertial_m": [1e11, 0.0, -1.1e11],
 def main() -> None:
     record = {"benchmark": "transport", "frames": N_FRAMES, "load_average": os.getloadavg()[0], "added_ms": {},
               "floor_ms": {}, "not_run": []}
-    for name, (_, _, n_bytes) in CAMERAS.items():
-        record["floor_ms"][name] = percentiles(floor_ms(n_bytes))
+    for family in ("tcp", "ipc"):
+        record["floor_ms"][family] = {name: percentiles(floor_ms(n_bytes, family))
+                                      for name, (_, _, n_bytes) in CAMERAS.items()}
     with tempfile.TemporaryDirectory() as folder:
         folder = Path(folder)
         (folder / "scene.toml").write_text(SCENE)
@@ -102,7 +104,7 @@ def native_clients(folder: Path, record: dict) -> dict:
     found = {}
     compiler, octave = shutil.which("cc"), shutil.which("octave-cli")
     if compiler:
-        library = [SIMULINK / f"glr_{part}.c" for part in ("client", "socket", "wire")]
+        library = sorted(SIMULINK.glob("glr_*.c"))
         subprocess.run([compiler, "-std=c99", "-O2", f"-I{SIMULINK}", REPOSITORY / "benchmarks" / "transport_client.c",
                         *library, "-o", folder / "client"], check=True)
         pose = lambda p: [*p["r_inertial_m"], *p["q_from_inertial"]]  # noqa: E731
@@ -110,11 +112,20 @@ def native_clients(folder: Path, record: dict) -> dict:
         found["c"] = lambda host, port, camera, output: run(
             [folder / "client", host, port, camera, int(output == "dn"), N_FRAMES + N_WARM_UP], numbers.tobytes())
     if octave:
-        found["octave"] = lambda host, port, camera, output: run(
-            [octave, "-q", "--no-history", "--path", SIMULINK, REPOSITORY / "benchmarks" / "transport_client.m", host,
-             port, camera, output, N_FRAMES + N_WARM_UP, folder / "state.json"])
-    record["not_run"] += [who for who in ("c", "octave") if who not in found]
+        found["octave"] = octave_client(octave, folder, "class")
+    if octave and shutil.which("mkoctfile"):
+        subprocess.run([octave, "-q", "--no-history", "--path", SIMULINK, "--eval", f"build_glrender_mex('{folder}')"],
+                       check=True, capture_output=True)
+        found["octave mex"] = octave_client(octave, folder, "mex")
+    record["not_run"] += [who for who in ("c", "octave", "octave mex") if who not in found]
     return found
+
+
+def octave_client(octave: str, folder: Path, kind: str):
+    return lambda host, port, camera, output: run(
+        [octave, "-q", "--no-history", "--path", SIMULINK, "--path", folder,
+         REPOSITORY / "benchmarks" / "transport_client.m", host, port, camera, output, N_FRAMES + N_WARM_UP,
+         folder / "state.json", kind])
 
 
 def run(command: list, data: bytes = b"") -> list[float]:
@@ -122,13 +133,17 @@ def run(command: list, data: bytes = b"") -> list[float]:
     return [float(line) for line in done.stdout.split()]
 
 
-def floor_ms(n_bytes: int) -> list[float]:
-    """Round trips of 512 bytes against `n_bytes` over a bare loopback socket, from another process."""
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        process = get_context("spawn").Process(target=serve_bytes, args=(listener.getsockname(), n_bytes), daemon=True)
+def floor_ms(n_bytes: int, family: str) -> list[float]:
+    """Round trips of 512 bytes against `n_bytes` over a bare loopback or Unix socket, less the other side's work."""
+    kind = {"tcp": socket.AF_INET, "ipc": socket.AF_UNIX}[family]
+    with socket.socket(kind) as listener:
+        listener.bind(("127.0.0.1", 0) if family == "tcp" else "")
+        listener.listen(1)
+        process = get_context("spawn").Process(target=serve_bytes, args=(kind, listener.getsockname(), n_bytes),
+                                               daemon=True)
         process.start()
         peer, _ = listener.accept()
-        milliseconds, buffer = [], bytearray(n_bytes)
+        milliseconds, buffer = [], bytearray(8 + n_bytes)
         with peer:
             for _ in range(N_FRAMES + N_WARM_UP):
                 began = time.perf_counter()
@@ -136,16 +151,24 @@ def floor_ms(n_bytes: int) -> list[float]:
                 view = memoryview(buffer)
                 while view:
                     view = view[peer.recv_into(view):]
-                milliseconds.append(1e3 * (time.perf_counter() - began))
+                milliseconds.append(1e3 * (time.perf_counter() - began - np.frombuffer(buffer, float, 1)[0]))
         process.join()
     return milliseconds
 
 
-def serve_bytes(address: tuple[str, int], n_bytes: int) -> None:
-    data = bytes(n_bytes)
-    with socket.create_connection(address) as peer:
-        peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+def serve_bytes(kind: int, address: tuple[str, int] | bytes, n_bytes: int) -> None:
+    data = np.zeros(n_bytes, np.uint8)
+    with socket.socket(kind) as peer:
+        # As the server's own: see LOOPBACK_BUFFER in front.py.
+        peer.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 18 if kind == socket.AF_INET else 1 << 22)
+        peer.connect(address)
+        if kind == socket.AF_INET:
+            peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         while peer.recv(512, socket.MSG_WAITALL):
+            began = time.perf_counter()
+            while time.perf_counter() - began < RENDER_S:
+                data[:] += 1
+            peer.sendall(np.float64(time.perf_counter() - began).tobytes())
             peer.sendall(data)
 
 
@@ -156,7 +179,8 @@ def percentiles(milliseconds) -> dict[str, float]:
 
 def note(record: dict, who: str, camera: str, added) -> None:
     found = percentiles(added)
-    found["p50_over_floor"] = round(found["p50"] / record["floor_ms"][camera]["p50"], 2)
+    floor = record["floor_ms"]["tcp" if "tcp" in who else "ipc"][camera]["p50"]
+    found["p50_over_floor"] = round(found["p50"] / floor, 2)
     record["added_ms"].setdefault(who, {})[camera] = found
 
 

@@ -1,11 +1,18 @@
-% Milliseconds of each frame through GlRenderClient. Arguments: host, port, camera, output, count, JSON state.
+% Milliseconds of each frame in Octave. Arguments: host, port, camera, output, count, JSON state, 'class' or 'mex'.
 given = argv();
-[camera, output, count] = deal(given{end - 3}, given{end - 2}, str2double(given{end - 1}));
-state = jsondecode(fileread(given{end}));
-client = GlRenderClient(given{end - 5}, str2double(given{end - 4}), 'Timeout', 60);
+[host, port, camera, output] = deal(given{end - 6}, str2double(given{end - 5}), given{end - 4}, given{end - 3});
+[count, state] = deal(str2double(given{end - 2}), jsondecode(fileread(given{end - 1})));
+if strcmp(given{end}, 'mex')
+  handle = glrender_mex('open', host, port, 60);
+  options = struct('camera', camera, 'output', output);
+  ask = @(state) glrender_mex('render', handle, state, options);
+else
+  client = GlRenderClient(host, port, 'Timeout', 60);
+  ask = @(state) client.render(state, 'camera', camera, 'output', output);
+end
 for k = 1:count
   state.t_s = k;
   began = tic();
-  reply = client.render(state, 'camera', camera, 'output', output);
+  reply = ask(state);
   fprintf('%.4f\n', 1e3 * toc(began));
 end

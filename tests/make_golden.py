@@ -16,12 +16,24 @@ REQUESTS = {
     "hello": {**ENVELOPE, "op": "hello"},
     "render": {**ENVELOPE, "op": "render", "state": STATE, "camera": "navcam", "output": "dn", "exposure_s": 0.1,
                "seed": 7, "products": ["range"], "order": "F"},
+    "region": {**ENVELOPE, "op": "render", "state": STATE, "camera": "navcam", "output": "irradiance",
+               "roi": [2, 1, 5, 3]},
+    "frames": {**ENVELOPE, "op": "render", "state": STATE, "order": "F", "frames": [
+        {"camera": "navcam", "output": "dn", "exposure_s": 0.1, "seed": 7, "products": ["range"]},
+        {"camera": "wac", "output": "irradiance", "roi": [8, 4, 11, 6]}]},
     "refused": {**ENVELOPE, "op": "render", "state": {**STATE, "gamma": 2.2}},
 }
 IMAGE = np.arange(6, dtype=np.uint16).reshape(2, 3) * 1000
 RANGE = np.linspace(1999.0, 2001.0, 6).reshape(2, 3)
 REPLY = {**ENVELOPE, "op": "render", "ok": True, "t_s": 12.5, "camera": "navcam", "output": "dn", "unit": "DN",
          "exposure_s": 0.1, "seed": 7}
+
+REGION = np.float32([[0.5, 0.25, 0.125], [1.0, 2.0, 4.0]])
+FRAMES_REPLY = {**ENVELOPE, "op": "render", "ok": True, "t_s": 12.5, "frames": [
+    {"camera": "navcam", "output": "dn", "unit": "DN", "exposure_s": 0.1, "seed": 7},
+    {"camera": "wac", "output": "irradiance", "unit": "W/m2", "roi": [8, 4, 11, 6]}]}
+REGION_REPLY = {**ENVELOPE, "op": "render", "ok": True, "t_s": 12.5, "camera": "navcam", "output": "irradiance",
+                "unit": "W/m2", "roi": [2, 1, 5, 3]}
 
 
 def golden() -> dict[str, list[str]]:
@@ -31,9 +43,12 @@ def golden() -> dict[str, list[str]]:
     messages = {f"request_{name}": [msgpack.packb(header)] for name, header in REQUESTS.items()}
     for order in ("C", "F"):
         messages[f"reply_frame_{order}"] = codec.pack(REPLY, {"image": (IMAGE, "DN"), "range": (RANGE, "m")}, order)
+        messages[f"reply_frames_{order}"] = codec.pack(
+            FRAMES_REPLY, [{"image": (IMAGE, "DN"), "range": (RANGE, "m")}, {"image": (REGION, "W/m2")}], order)
+    messages["reply_region"] = codec.pack(REGION_REPLY, {"image": (REGION, "W/m2")})
     messages["reply_error"] = codec.pack({**ENVELOPE, "op": "render", "ok": False, "error": {
         "code": "config", "path": "state.gamma", "message": "state.gamma: unknown key"}})
-    for name in ("request_render", "reply_frame_F"):
+    for name in ("request_render", "reply_frame_F", "request_frames", "reply_frames_F"):
         messages[f"tcp_{name}"] = [b"".join(framing.framed(messages[name]))]
     return {name: [bytes(part).hex() for part in parts] for name, parts in messages.items()}
 

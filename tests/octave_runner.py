@@ -34,7 +34,7 @@ def _octave():
     return octave if probe.returncode == 0 else None
 
 
-def octave(script, *arguments, timeout=120, paths=()):
+def octave(script, *arguments, timeout=120, paths=(), environment=()):
     """Run tests/octave/<script>; it must end with rc 0 and say its mark. Returns what it said."""
     program = _octave()
     if program is None:
@@ -43,9 +43,15 @@ def octave(script, *arguments, timeout=120, paths=()):
     run = subprocess.run([program, "-q", "--no-history", "--no-init-file",
                           *(word for folder in folders for word in ("--path", str(folder))),
                           str(REPOSITORY / "tests" / "octave" / script), *map(str, arguments)],
-                         capture_output=True, text=True, timeout=timeout)
+                         capture_output=True, text=True, timeout=timeout, env={**os.environ, **dict(environment)})
     assert run.returncode == 0 and MARK in run.stdout, f"rc {run.returncode}\n{run.stdout}\n{run.stderr}"
     return run.stdout
+
+
+def mkoctfile():
+    """Octave's compiler of MEX functions."""
+    if shutil.which("mkoctfile") is None:
+        missing("OCTAVE'S MKOCTFILE (octave-dev)")
 
 
 def compiler():

@@ -26,7 +26,7 @@ HERE = Path(__file__).parent / "c"
 @pytest.fixture(scope="module")
 def build(tmp_path_factory):
     folder = tmp_path_factory.mktemp("c")
-    library = [SIMULINK / name for name in ("glr_client.c", "glr_socket.c", "glr_wire.c")]
+    library = sorted(SIMULINK.glob("glr_*.c"))
     flags = ["-std=c99", "-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-Wall", "-Wextra",
              "-Wno-unused-function", "-Werror", f"-I{SIMULINK}", f"-I{HERE}", "-DMATLAB_MEX_FILE"]
 
@@ -137,9 +137,9 @@ class FakeServer:
                 pass
 
 
-def run_many(program, port, count, timeout_s=5.0):
-    run = subprocess.run([program, "127.0.0.1", str(port), str(timeout_s), str(count)], capture_output=True, text=True,
-                         errors="replace", timeout=120)
+def run_many(program, port, count, *more, timeout_s=5.0):
+    run = subprocess.run([program, "127.0.0.1", str(port), str(timeout_s), str(count), *map(str, more)],
+                         capture_output=True, text=True, errors="replace", timeout=120)
     assert run.returncode == 0, run.stderr
     return run.stdout.splitlines()
 
@@ -157,6 +157,45 @@ def test_the_c_client_reads_and_writes_the_golden_messages(build):
     assert fake.requests[6] == {**golden, "client": fake.requests[6]["client"]}
 
 
+WAC = ("wac", "range", 8, 4, 11, 6)
+"""Second camera, product of the first and region of the second of the golden request for two frames."""
+
+
+def test_the_c_client_reads_and_writes_the_golden_messages_of_two_frames(build, tmp_path):
+    early = serving.Framed.frame(GOLDEN["reply_error"][0].replace(b"\xa2id\x07", b"\xa2id\x00"))
+    with FakeServer(lambda r: (early if r["id"] < 7 else GOLDEN["tcp_reply_frames_F"][0], True)) as fake:
+        said = run_many(build(HERE / "render_frames.c"), fake.port, 7, *WAC, tmp_path / "out")
+    assert said[0] == "error config: state.gamma: unknown key"
+    image, ranges, region = GOLDEN["reply_frames_F"][1:]
+    assert said[6] == (f"images | 0 image 2 3 1 uint16 {sum(image)} | 0 range 2 3 1 float64 {sum(ranges)} | "
+                       f"1 image 2 3 1 float32 {sum(region)}")
+    assert (tmp_path / "out").read_bytes() == image + ranges + region
+    assert fake.requests[6] == {**msgpack.unpackb(GOLDEN["request_frames"][0]), "client": fake.requests[6]["client"]}
+
+
+@pytest.mark.parametrize("product", ["range", "r_body", "facet_id", "sunlit"])
+def test_two_cameras_products_and_a_region_are_pythons_pixels(build, live, tmp_path, product):
+    endpoint, (_, port) = live
+    state = {**msgpack.unpackb(GOLDEN["request_render"][0])["state"]}
+    said = run_many(build(HERE / "render_frames.c"), port, 1, "byte", product, 10, 12, 37, 29, tmp_path / "out",
+                    timeout_s=30.0)
+    assert said[0].startswith("images | 0 image 64 96 1 uint16"), said
+    with Client(endpoint) as client:
+        whole = client.render(state, "navcam", output="dn", exposure_s=0.1, seed=7, products=[product])
+        part = client.render(state, "byte").pixels[12:29, 10:37]
+    assert part.max() > part.min()
+    expected = [whole.pixels, whole.arrays[product], part]
+    assert (tmp_path / "out").read_bytes() == b"".join(array.tobytes("F") for array in expected)
+
+
+def test_a_refused_frame_is_named(build, live, tmp_path):
+    program = build(HERE / "render_frames.c")
+    said = run_many(program, live[1][1], 2, "wac", "range", 0, 0, 1, 1, tmp_path / "out", timeout_s=30.0)
+    assert len(said) == 2 and said[1].startswith("error scene: frames[1].camera: unknown camera, got 'wac'")
+    said = run_many(program, live[1][1], 1, "byte", "range", 0, 0, 99, 1, tmp_path / "out", timeout_s=30.0)
+    assert said[0].startswith("error config: frames[1].roi[2]: must be an integer between 0 and 48, got 99")
+
+
 def test_a_lost_connection_is_made_anew_once_with_the_same_request(build):
     frame = GOLDEN["tcp_reply_frame_F"][0].replace(b"\xa2id\x07", b"\xa2id\x00")
     answers = iter([(b"GLR1\x01", False), (frame, True), (b"", False), (b"", False), (frame, True)])
@@ -167,9 +206,11 @@ def test_a_lost_connection_is_made_anew_once_with_the_same_request(build):
     assert [r["id"] for r in fake.requests] == [1, 1, 2, 2, 3]
 
 
-def test_hostile_replies_are_refused_and_never_read_beyond(build, rng):
+@pytest.mark.parametrize("name, program, more", [("tcp_reply_frame_F", "render_many.c", ()),
+                                                 ("tcp_reply_frames_F", "render_frames.c", (*WAC, "/dev/null"))])
+def test_hostile_replies_are_refused_and_never_read_beyond(build, rng, name, program, more):
     """Golden replies with bytes changed, cut or added: a typed error or a sound image, and no sanitizer's word."""
-    golden = GOLDEN["tcp_reply_frame_F"][0].replace(b"\xa2id\x07", b"\xa2id\x00")
+    golden = GOLDEN[name][0].replace(b"\xa2id\x07", b"\xa2id\x00")
 
     def mutated(request):
         data = bytearray(golden)
@@ -180,7 +221,7 @@ def test_hostile_replies_are_refused_and_never_read_beyond(build, rng):
         return bytes(data), False
 
     with FakeServer(mutated) as fake:
-        said = run_many(build(HERE / "render_many.c"), fake.port, 300, timeout_s=2.0)
+        said = run_many(build(HERE / program), fake.port, 300, *more, timeout_s=2.0)
     kinds = [next((kind for kind in ("image", "error connection", "error protocol") if line.startswith(kind)), "other")
              for line in said]
     assert len(said) >= 300 and min(map(kinds.count, ("image", "error connection", "error protocol"))) > 10

@@ -31,7 +31,8 @@ ROOMS = {
     "glrender": {"numpy", "scipy", "cv2", "trimesh", "pyrr", "PIL", "glrender", "glrender_camera"},
     "server/glrender_server": {"numpy", "zmq", "msgpack", "glrender", "glrender_camera"},
     "server/glrender_server/codec.py": {"numpy", "cv2", "msgpack", "glrender"},
-    # The demo and its plots are an application on top of everything: they also drive the client.
+    # The demo, its plots and `top` are applications on top of everything: they also drive the client.
+    "server/glrender_server/top.py": {"glrender", "glrender_camera", "glrender_client"},
     "server/glrender_server/demo.py": {"numpy", "tqdm", "glrender", "glrender_camera", "glrender_client"},
     "server/glrender_server/demo_plots.py": {"numpy", "matplotlib"},
     "server/glrender_server/cli.py": {"numpy", "PIL", "glrender", "glrender_camera"},

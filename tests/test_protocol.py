@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from glrender import ProtocolError
 from glrender_client import ServerError
-from glrender_client.wire import Packer, read_header, read_reply, render_fields
+from glrender_client.wire import Packer, frames_fields, read_header, read_reply, render_fields
 from glrender_server import codec, framing
 
 GOLDEN = {name: [bytes.fromhex(part) for part in parts] for name, parts in json.loads(
@@ -37,6 +37,36 @@ def test_the_client_reads_the_golden_frames(order):
     assert arrays["image"].dtype == np.uint16
 
 
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_the_client_reads_the_golden_frames_of_two_cameras(order):
+    parts = GOLDEN[f"reply_frames_{order}"]
+
+    reply = read_reply(read_header(parts[0]), parts)
+    first, second = reply.frames
+    assert reply.arrays == {} and (first.header["camera"], second.header["camera"]) == ("navcam", "wac")
+    assert second.header["roi"] == [8, 4, 11, 6] and second.header["t_s"] == 12.5
+    np.testing.assert_array_equal(first.arrays["image"], make_golden.IMAGE)
+    np.testing.assert_array_equal(first.arrays["range"], make_golden.RANGE)
+    np.testing.assert_array_equal(second.arrays["image"], make_golden.REGION)
+    assert second.arrays.keys() == {"image"} and second.pixels.dtype == np.float32
+
+
+def test_the_client_reads_the_golden_region_and_writes_its_request():
+    parts = GOLDEN["reply_region"]
+
+    np.testing.assert_array_equal(read_reply(read_header(parts[0]), parts).pixels, make_golden.REGION)
+    fields = {name: value for name, value in make_golden.REQUESTS["region"].items()
+              if name not in make_golden.ENVELOPE | {"op": ""}}
+    header = msgpack.unpackb(Packer()("render", render_fields(**fields))[1])
+    assert header == {**make_golden.REQUESTS["region"], "order": "C", "id": 1, "client": header["client"]}
+
+
+def test_the_client_writes_the_golden_request_for_two_cameras():
+    golden = make_golden.REQUESTS["frames"]
+    header = msgpack.unpackb(Packer()("render", frames_fields(golden["state"], golden["frames"], golden["order"]))[1])
+    assert header == {**golden, "id": 1, "client": header["client"]}
+
+
 def test_the_client_reads_the_golden_error_and_writes_the_golden_request():
     parts = GOLDEN["reply_error"]
     with pytest.raises(ServerError) as caught:
@@ -49,7 +79,7 @@ def test_the_client_reads_the_golden_error_and_writes_the_golden_request():
     assert header == {**make_golden.REQUESTS["render"], "id": 1, "client": header["client"]}
 
 
-@pytest.mark.parametrize("name", ["request_render", "reply_frame_F"])
+@pytest.mark.parametrize("name", ["request_render", "reply_frame_F", "request_frames", "reply_frames_F"])
 def test_a_message_on_tcp_is_the_parts_behind_their_sizes(name):
     (stream,), parts = GOLDEN[f"tcp_{name}"], GOLDEN[name]
     sizes = np.array([len(part) for part in parts], "<u4").tobytes()

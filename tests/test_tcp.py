@@ -228,6 +228,28 @@ def test_a_message_begun_and_never_ended_is_given_up(monkeypatch):
     theirs.close()
 
 
+def test_what_the_system_did_not_take_wakes_the_loop():
+    """Not after the loop's next look, ten milliseconds later: as soon as there is room."""
+    front, poller = tcp_front.TcpFront("127.0.0.1:0"), zmq.Poller()
+    front.start(poller)
+    host, port = front.endpoint.split(":")
+    try:
+        with Framed((host, int(port)), receive_buffer=65536) as framed:
+            front.take_in(dict(poller.poll(5000)))
+            framed.send(hello())
+            (request,) = front.take_in(dict(poller.poll(5000)))
+            (watched,) = [entry for entry in poller.sockets if entry[0] != front._listener.fileno()]
+            assert watched[1] == zmq.POLLIN
+            request.answer([b"header", bytes(1 << 23)])
+            assert not front.is_idle and (watched[0], zmq.POLLIN | zmq.POLLOUT) in poller.sockets
+            framed.socket.settimeout(1.0)
+            room = (dict(poller.poll(100)).get(watched[0], 0) & zmq.POLLOUT for _ in iter(
+                lambda: framed.socket.recv(65536), b""))
+            assert any(room), "woken while the reply is on its way"
+    finally:
+        front.close()
+
+
 def test_a_vanished_peer_is_probed_for(live):
     """Half-open connections: keep-alive is on, on the server's side of each."""
     _, address, process = live

@@ -92,16 +92,36 @@ classdef GlRenderClient < handle
     function reply = render(self, state, varargin)
       %RENDER  One frame.
       %   reply = client.render(state, NAME, VALUE, ...) with the names of docs/protocol.md: camera, output
-      %   ('irradiance' or 'dn'), exposure_s, seed, max_error, samples, products (cell of names).
+      %   ('irradiance' or 'dn'), exposure_s, seed, max_error, samples, products (cell of names), roi ([x0 y0 x1 y1],
+      %   pixels from 0, one past the last: whole(y0 + 1:y1, x0 + 1:x1)).
       %   The result is a GlRenderReply: reply.pixels, reply.arrays.PRODUCT, reply.header.
       fields = struct('state', state, 'order', 'F');
-      fields = GlRenderClient.with_options(fields, varargin, ...
-          {'camera', 'output', 'exposure_s', 'seed', 'max_error', 'samples', 'products'});
-      if isfield(fields, 'products') && ischar(fields.products)
-        fields.products = {fields.products};
+      fields = GlRenderClient.with_options(fields, varargin, GlRenderClient.frame_options());
+      [arrays, header_bytes] = self.ask('render', GlRenderClient.with_list(fields));
+      reply = GlRenderReply(arrays{1}, header_bytes);
+    end
+
+    function replies = render_frames(self, state, frames)
+      %RENDER_FRAMES  Several frames of one state in one request; a cell of GlRenderReply, in their order.
+      %   frames: cell of structs with the options of `render`: {struct('camera', 'navcam'), struct('camera', 'wac')}.
+      %   15 images and products in all; one frame that is refused refuses all.
+      if ~iscell(frames) || ~all(cellfun(@(frame) isstruct(frame) && isscalar(frame), frames))
+        error('glrender:argument', 'frames must be a cell of structs');
       end
+      for k = 1:numel(frames)
+        wrong = setdiff(fieldnames(frames{k}), GlRenderClient.frame_options());
+        if ~isempty(wrong)
+          error('glrender:argument', 'frames{%d}: unknown option %s', k, wrong{1});
+        end
+        frames{k} = GlRenderClient.with_list(frames{k});
+      end
+      fields = struct('state', state, 'order', 'F');
+      fields.frames = reshape(frames, 1, []);
       [arrays, header_bytes] = self.ask('render', fields);
-      reply = GlRenderReply(arrays, header_bytes);
+      replies = cell(1, numel(frames));
+      for k = 1:numel(frames)
+        replies{k} = GlRenderReply(arrays{k}, header_bytes, k);
+      end
     end
 
     function reply = range(self, state, directions_camera, varargin)
@@ -111,7 +131,7 @@ classdef GlRenderClient < handle
       fields = struct('state', state, 'directions_camera', directions_camera);
       fields = GlRenderClient.with_options(fields, varargin, {'camera', 'noise'});
       [arrays, header_bytes] = self.ask('range', fields);
-      reply = GlRenderReply(arrays, header_bytes);
+      reply = GlRenderReply(arrays{1}, header_bytes);
     end
   end
 
@@ -168,10 +188,14 @@ classdef GlRenderClient < handle
         problem = glr_unpack(header_bytes).error;
         error(['glrender:', problem.code], '%s', problem.message);
       end
-      arrays = struct();
+      arrays = {struct()};
       for k = 1:numel(header.arrays)
         entry = header.arrays{k};
-        arrays.(entry.name) = glr_array(entry, parts{entry.part});
+        frame = 1;
+        if isfield(entry, 'frame')
+          frame = entry.frame + 1;
+        end
+        arrays{frame}.(entry.name) = glr_array(entry, parts{entry.part});
       end
     end
 
@@ -243,6 +267,16 @@ classdef GlRenderClient < handle
   end
 
   methods (Static, Access = private)
+    function names = frame_options()
+      names = {'camera', 'output', 'exposure_s', 'seed', 'max_error', 'samples', 'products', 'roi'};
+    end
+
+    function fields = with_list(fields)
+      if isfield(fields, 'products') && ischar(fields.products)
+        fields.products = {fields.products};
+      end
+    end
+
     function options = with_options(options, pairs, known)
       if mod(numel(pairs), 2)
         error('glrender:argument', 'options come in pairs: name, value');

@@ -15,13 +15,18 @@ classdef GlRenderReply < handle
 
   properties (Access = private)
     Bytes
+    Index  % of the frame in a request for several; 0 where there is one
     Header = []
   end
 
   methods
-    function self = GlRenderReply(arrays, header_bytes)
+    function self = GlRenderReply(arrays, header_bytes, index)
       self.arrays = arrays;
       self.Bytes = header_bytes;
+      self.Index = 0;
+      if nargin > 2
+        self.Index = index;
+      end
     end
 
     function pixels = get.pixels(self)
@@ -31,6 +36,13 @@ classdef GlRenderReply < handle
     function header = get.header(self)
       if isempty(self.Header)
         self.Header = glr_unpack(self.Bytes);
+        if self.Index
+          own = self.Header.frames{self.Index};
+          self.Header = rmfield(self.Header, 'frames');
+          for name = fieldnames(own).'
+            self.Header.(name{1}) = own.(name{1});
+          end
+        end
       end
       header = self.Header;
     end

@@ -2,8 +2,7 @@ function build_glrender_library(folder)
 %BUILD_GLRENDER_LIBRARY  Make glrender_library.slx: three blocks that give a camera's frame.
 %   Camera             Level-2 MATLAB S-function: needs nothing but MATLAB and Simulink
 %   Camera System      MATLAB System block: the same, for those who prefer it
-%   Camera C           C S-function, for Rapid Accelerator; build it first:
-%                      mex sfun_glrender_c.c glr_client.c glr_socket.c glr_wire.c
+%   Camera C           C S-function, for Rapid Accelerator; build_glrender_mex compiles it
 %   folder: where to save (default: beside this file).
   if nargin < 1
     folder = fileparts(mfilename('fullpath'));
@@ -24,7 +23,7 @@ function build_glrender_library(folder)
     set_param(block, 'FunctionName', blocks{k, 3});
     set_param(block, 'Parameters', strjoin(names.', ','));
     if strcmp(blocks{k, 3}, 'sfun_glrender_c')
-      set_param(block, 'SFunctionModules', '''glr_client glr_socket glr_wire''');
+      set_param(block, 'SFunctionModules', '''glr_client glr_request glr_reply glr_socket glr_wire''');
     end
     add_mask(block, defaults, names);
   end

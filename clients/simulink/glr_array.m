@@ -11,7 +11,10 @@ function value = glr_array(entry, bytes)
     error('glrender:protocol', 'array %s: %d bytes are no %s of %s', entry.name, numel(bytes), mat2str(shape), ...
           entry.dtype);
   end
-  flat = typecast(bytes, classes{which});
+  flat = bytes;
+  if which > 1
+    flat = typecast(bytes, classes{which});  % a copy, also where it changes nothing
+  end
   if numel(shape) == 1
     value = reshape(flat, [], 1);
   elseif entry.order == 'F'

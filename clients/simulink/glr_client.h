@@ -13,6 +13,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#define GLR_MAX_IMAGES 15 /* images and products of one reply */
+
 typedef struct glr_client glr_client;
 
 typedef struct {
@@ -29,29 +31,47 @@ typedef struct {
     const glr_pose *bodies;
 } glr_state;
 
-/* Zero-initialise: then the scene's only camera, its irradiance, row-major. */
+/* Zero-initialise: then the scene's only camera, its irradiance, row-major, nothing beside it. */
 typedef struct {
     const char *camera; /* NULL: the scene's only one */
     int is_dn;          /* digital numbers instead of irradiance [W/m2 per pixel] */
-    double exposure_s;  /* of digital numbers; 0: the camera's */
+    double exposure_s;  /* of digital numbers; 0: the camera's; below 0: automatic */
     uint64_t seed;      /* of the noise of digital numbers */
     double max_error;   /* 0: the scene's */
     int is_column_major;
+    uint32_t samples; /* along a pixel's side; 0: the planner's choice */
+    uint32_t n_products;
+    const char *const *products; /* "range", "body_id", "facet_id", "incidence", "emission", "phase", ... */
+    uint32_t roi[4];             /* region of interest [px]: x0, y0, x1, y1, one past the last; 0, 0, 0, 0: the whole */
 } glr_options;
 
+/* The image or a product of a frame. */
 typedef struct {
-    const void *pixels; /* the client's, until its next call */
+    char name[24];          /* "image", or the product's */
+    char dtype[16];         /* "uint8", "uint16", "int32", "float32", "float64" */
+    uint32_t frame;         /* index of its frame in the request */
+    uint32_t height, width; /* pixels */
+    uint32_t depth;         /* numbers per pixel: 1, or 3 */
+    const void *pixels;     /* the client's, until its next call */
     size_t n_bytes;
-    uint32_t height, width;
-    char dtype[16]; /* "uint8", "uint16", "float32" */
 } glr_image;
+
+typedef struct {
+    uint32_t n_images;
+    glr_image images[GLR_MAX_IMAGES];
+} glr_reply;
 
 /* A client, connected at its first request; NULL when memory is out.
  * timeout_s [s]: of each try of a request; there are two, the second over a new connection. */
 glr_client *glr_open(const char *host, int port, double timeout_s);
 
-/* 0, or -1: then the error below says why, and the client may be used on. */
+/* One frame; its products are left out. 0, or -1: then the error below says why, and the client may be used on. */
 int glr_render(glr_client *client, const glr_state *state, const glr_options *options, glr_image *image);
+
+/* Several frames of one state in one request, with their products; `is_column_major` of the first holds for all.
+ * The images come in the order of the frames, each frame's image before its products. */
+int glr_render_frames(glr_client *client, const glr_state *state, const glr_options *frames, uint32_t n_frames,
+                      glr_reply *reply);
 
 /* Code of the last error: those of docs/protocol.md, or "timeout", "connection", "protocol", "memory".
  * The message names field, rule and value. Both are the client's, until its next call. NULL client: "memory". */

@@ -95,7 +95,20 @@ function [value, at, is_whole] = map(bytes, at, count, last_key)
         error('glrender:protocol', 'a map must have text keys');
       end
     end
-    [entry, at] = item(bytes, at);
+    % The commonest values here, not by a call of their own: calls are what the time goes into.
+    code = double(bytes(at));
+    if code < 128
+      entry = code;
+      at = at + 1;
+    elseif code == 203
+      entry = typecast(bytes(at + 8:-1:at + 1), 'double');
+      at = at + 9;
+    elseif code >= 160 && code < 192 && all(bytes(at + 1:at + code - 160) < 128)
+      entry = char(bytes(at + 1:at + code - 160));
+      at = at + code - 159;
+    else
+      [entry, at] = item(bytes, at);
+    end
     if ~isvarname(name)
       name = field_name(name);
     end
@@ -117,6 +130,11 @@ end
 function [value, at] = list(bytes, at, count)
   if count > numel(bytes) - at + 1
     error('glrender:protocol', 'a list of %d entries in %d bytes', count, numel(bytes));
+  end
+  if count > 0 && all(bytes(at:at + count - 1) < 128)
+    value = double(bytes(at:at + count - 1));
+    at = at + count;
+    return
   end
   value = cell(1, count);
   is_numbers = count > 0;

@@ -1,6 +1,6 @@
 /* Simulink block in C: a frame per sample time. Works where MATLAB code does not: Rapid Accelerator.
  *
- *     mex sfun_glrender_c.c glr_client.c glr_socket.c glr_wire.c          (Windows: add -lws2_32)
+ *     mex sfun_glrender_c.c glr_client.c glr_request.c glr_reply.c glr_socket.c glr_wire.c     (Windows: add -lws2_32)
  *
  * Inputs: r_sun_inertial_m (3); spacecraft (7): r_inertial_m, q_from_inertial; bodies (7 x n): the same for each.
  * Output: the image, height x width. Parameters as in sfun_glrender.m.

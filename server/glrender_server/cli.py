@@ -1,4 +1,4 @@
-"""`glrender`: info, render, demo, keygen."""
+"""`glrender`: info, render, demo, top, keygen."""
 
 from __future__ import annotations
 
@@ -60,6 +60,12 @@ def main(argv: list[str] | None = None) -> int:
 
     add_arguments(demo)
     demo.set_defaults(run=run_demo)
+
+    top = commands.add_parser("top", help="how a running server does, on one screen")
+    from . import top as top_command
+
+    top_command.add_arguments(top)
+    top.set_defaults(run=top_command.run_top)
 
     keygen = commands.add_parser("keygen", help="make CURVE keys: the server's, and one pair for each client")
     keygen.add_argument("folder", type=Path)

@@ -16,16 +16,20 @@ _FIRST = ("v", "op", "id", "client", "ok")
 _DTYPES = ("uint8", "uint16", "int32", "float32", "float64")
 
 
-def pack(header: Mapping[str, Any], arrays: Mapping[str, tuple[np.ndarray, str]] | None = None,
-         order: str = "C") -> list[Any]:
-    """Message parts of a header and named arrays with their units.
+Arrays = Mapping[str, tuple[np.ndarray, str]]
+"""Named arrays with their units."""
+
+
+def pack(header: Mapping[str, Any], arrays: Arrays | Sequence[Arrays] = (), order: str = "C") -> list[Any]:
+    """Message parts of a header and arrays.
 
     Parameters
     ----------
     header : mapping
         Plain data.
-    arrays : mapping of str to (array, unit), optional
-        Each becomes a part; the header's ``arrays`` describes them in order.
+    arrays : mapping of str to (array, unit), or a sequence of them
+        Each array becomes a part; the header's ``arrays`` describes them in order, with the index of their
+        mapping as ``frame`` where there is a sequence.
     order : "C" or "F"
         Row-major, or column-major for MATLAB.
 
@@ -35,14 +39,16 @@ def pack(header: Mapping[str, Any], arrays: Mapping[str, tuple[np.ndarray, str]]
         The arrays' parts are views of contiguous memory and must not be written to while in flight.
     """
     described, parts = [], []
-    for index, (name, (array, unit)) in enumerate((arrays or {}).items()):
-        if array.dtype.name not in _DTYPES:
-            raise TypeError(f"{name}: dtype {array.dtype} has no place in the protocol")
-        little = array.astype(array.dtype.newbyteorder("<"), copy=False)
-        flat = np.ascontiguousarray(little if order == "C" else _transposed(little))
-        described.append({"name": name, "dtype": array.dtype.name, "shape": list(array.shape), "order": order,
-                          "unit": unit, "part": index + 1})
-        parts.append(flat.reshape(-1).view(np.uint8).data)
+    of_frames = [({}, arrays)] if isinstance(arrays, Mapping) else [({"frame": k}, a) for k, a in enumerate(arrays)]
+    for frame, named in of_frames:
+        for name, (array, unit) in named.items():
+            if array.dtype.name not in _DTYPES:
+                raise TypeError(f"{name}: dtype {array.dtype} has no place in the protocol")
+            little = array.astype(array.dtype.newbyteorder("<"), copy=False)
+            flat = np.ascontiguousarray(little if order == "C" else _transposed(little))
+            parts.append(flat.reshape(-1).view(np.uint8).data)
+            described.append({"name": name, "dtype": array.dtype.name, "shape": list(array.shape), "order": order,
+                              "unit": unit, "part": len(parts), **frame})
     # What says how to read the parts comes first, so that a slow interpreter may leave the rest unread.
     first = {name: header[name] for name in _FIRST if name in header}
     return [msgpack.packb({**first, "arrays": described, **header}, default=_plain), *parts]

@@ -22,6 +22,7 @@ from glrender_camera.validate import known_keys
 
 from . import codec, operations
 from .envelope import ENVELOPE, checked_envelope, echo, refusal
+from .frame import MAX_ARRAYS, MAX_FRAME_BYTES, OUTPUTS
 from .front import Answer, FairQueue, Request
 from .job import Done, Job
 from .metrics import Histogram, counter, escaped, gauge
@@ -185,10 +186,11 @@ class Dispatcher:
         known_keys("", header, ENVELOPE)
         return codec.pack({
             **echo(header), "ok": True, "protocol": [codec.VERSION], "server": f"glrender {glrender.__version__}",
-            "operations": list(OPERATIONS), "outputs": list(operations.OUTPUTS), "products": list(PRODUCTS),
+            "operations": list(OPERATIONS), "outputs": list(OUTPUTS), "products": list(PRODUCTS),
             **self._engine.described,
             "limits": {"max_header_bytes": codec.MAX_HEADER_BYTES, "max_image_pixels": operations.MAX_IMAGE_PIXELS,
-                       "max_frame_bytes": operations.MAX_FRAME_BYTES, "max_directions": MAX_DIRECTIONS}})
+                       "max_frame_bytes": MAX_FRAME_BYTES, "max_arrays": MAX_ARRAYS,
+                       "max_directions": MAX_DIRECTIONS}})
 
     def _status(self, header: Mapping[str, Any]) -> list[Any]:
         known_keys("", header, ENVELOPE)

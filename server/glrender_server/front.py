@@ -8,6 +8,9 @@ from typing import Any, NamedTuple, Protocol
 
 import zmq
 
+LOOPBACK_BUFFER = 1 << 18
+"""What the system may hold of a reply on loopback [bytes]: 4 MiB that are read while they are still in the cache take
+half as long. A network's round trips want the system's own choice."""
 Answer = Callable[[Sequence[Any]], None]
 """Sends the one reply of one request; called once, in the loop's thread."""
 

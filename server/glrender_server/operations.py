@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from glrender import (
     Capture,
     ConfigError,
     DeviceError,
     GlrenderError,
-    ProtocolError,
     Scene,
     State,
     draw_still,
@@ -23,28 +23,23 @@ from glrender import (
 )
 from glrender.drawing import drawn_pixels, prepare
 from glrender.errors import error_path
-from glrender.image import peak_bytes
 from glrender.ranging import RangeNoise, laser_ranges
 from glrender.slow import checked_allow_slow
 from glrender_camera import MosaicModel
-from glrender_camera.validate import integer, known_keys, one_of
+from glrender_camera.validate import known_keys, one_of
 
 from . import codec
 from .envelope import ENVELOPE, echo, refusal
+from .frame import FRAME_KEYS, FrameRequest, frames_asked
 
 log = logging.getLogger(__name__)
 
 OPERATIONS = ("render", "range", "load_scene")
 """Those that are served here; the dispatcher answers the others."""
-OUTPUTS = ("irradiance", "dn")
 MAX_IMAGE_PIXELS = 2**26
 """Largest image of a scene that came over the wire, 67 megapixels."""
 MAX_DRAWN_PIXELS = 2 * MAX_IMAGE_PIXELS
 """Of such a scene: what is drawn of a camera's frame with its margin, in the cells of its distortion."""
-MAX_FRAME_BYTES = 4 * 1024**3
-"""Most memory that one request's image and products may take while they are made."""
-_RENDER_KEYS = ("state", "camera", "output", "exposure_s", "seed", "max_error", "samples", "products", "order",
-                "allow_slow")
 _RANGE_KEYS = ("state", "camera", "directions_camera", "noise")
 _UNITS = {"irradiance": "W/m2", "dn": "DN", "range": "m", "r_body": "m", "body_id": "1", "facet_id": "1",
           "incidence": "rad", "emission": "rad", "phase": "rad", "sunlit": "1"}
@@ -123,45 +118,48 @@ class Operations:
         return codec.pack({**echo(header), "ok": True, **self.described})
 
     def _render(self, header: Mapping[str, Any]) -> list[Any]:
-        known_keys("", header, (*ENVELOPE, *_RENDER_KEYS), required=("state",))
+        known_keys("", header, (*ENVELOPE, "state", "order", "allow_slow", "frames", *FRAME_KEYS), required=("state",))
         began = time.perf_counter()
         state = State.from_dict(header["state"])
-        camera = self.scene.camera(header.get("camera"))
-        output = one_of("output", header.get("output", "irradiance"), OUTPUTS)
         order = one_of("order", header.get("order", "C"), ("C", "F"))
-        products = header.get("products", [])
-        if not isinstance(products, list):
-            raise ProtocolError("products", "must be a list of names", products)
-        needed = peak_bytes(drawn_pixels(camera), products)
-        if needed > MAX_FRAME_BYTES:
-            raise ConfigError("products", f"must take at most {MAX_FRAME_BYTES} bytes of memory while they are made",
-                              needed, "ask for fewer at a time")
-        exposure_s, seed = header.get("exposure_s"), header.get("seed", 0)
-        options = {"products": products, "max_error": header.get("max_error"), "samples": header.get("samples"),
-                   "allow_slow": checked_allow_slow(header.get("allow_slow", False)), "on_progress": self._progress}
-        fields: dict[str, Any] = {"unit": _UNITS[output]}
-        if output == "dn":
-            seed = integer("seed", seed, 0, 2**64 - 1)
-            capture = self._drawn(take_frame, state, camera.name, seed=seed, exposure_s=exposure_s, **options)
+        slow = {"allow_slow": checked_allow_slow(header.get("allow_slow", False)), "on_progress": self._progress}
+        made, arrays = [], []
+        for frame in frames_asked(header, self.scene):
+            with frame.named_errors():
+                fields, of_frame = self._frame(state, frame, slow)
+            made.append(fields)
+            arrays.append(of_frame)
+        if "frames" in header:
+            fields = {"frames": made, "timings_ms": _summed(frame["timings_ms"] for frame in made)}
+        else:
+            arrays, fields = arrays[0], made[0]
+        # What making the frames left behind is freed by now: that is part of their time.
+        fields["timings_ms"]["total"] = 1e3 * (time.perf_counter() - began)
+        self.last_timings_ms = fields["timings_ms"]
+        return codec.pack({**echo(header), "ok": True, "t_s": state.t_s, **fields}, arrays, order)
+
+    def _frame(self, state: State, asked: FrameRequest,
+               slow: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, tuple[np.ndarray, str]]]:
+        """What the reply says of one frame, and its arrays with their units."""
+        camera, fields = asked.camera, {}
+        options = {"products": asked.products, "max_error": asked.max_error, "samples": asked.samples, **slow}
+        if asked.output == "dn":
+            options |= {"seed": asked.seed, "exposure_s": asked.exposure_s}
+            capture = self._drawn(take_frame, state, camera.name, **options)
             frame, pixels = capture.frame, capture.frame.dn
-            fields |= {"exposure_s": frame.exposure_s, "seed": seed, "n_saturated_px": int(frame.saturated.sum())}
-            if "auto" in (exposure_s, camera.model.exposure_s):
+            fields = {"exposure_s": frame.exposure_s, "seed": asked.seed,
+                      "n_saturated_px": int(asked.cut(frame.saturated).sum())}
+            if "auto" in (asked.exposure_s, camera.model.exposure_s):
                 # The memory of an onboard loop is the client's: sent back, the same request gives the same bytes.
                 fields["next_exposure_s"] = camera.model.auto_exposure.after(frame, camera.model.detector)
-        elif "exposure_s" in header or "seed" in header:
-            raise ProtocolError("exposure_s" if "exposure_s" in header else "seed",
-                                "belongs to output 'dn'", output)
         else:
             capture = self._drawn(draw_still, state, camera.name, **options)
             pixels = capture.irradiance_W_m2
-        fields["stages"] = capture.stages
-        timings = dict(capture.timings_ms)
-        arrays = {"image": (pixels, _UNITS[output])}
-        arrays |= {name: (array, _UNITS[name]) for name, array in capture.products.items()}
-        timings["total"] = 1e3 * (time.perf_counter() - began)
-        self.last_timings_ms = timings
-        return codec.pack({**echo(header), "ok": True, "t_s": state.t_s, "camera": camera.name, "output": output,
-                           "plan": capture.plan.to_dict(), "timings_ms": timings, **fields}, arrays, order)
+        arrays = {"image": (asked.cut(pixels), _UNITS[asked.output])}
+        arrays |= {name: (asked.cut(array), _UNITS[name]) for name, array in capture.products.items()}
+        return {"camera": camera.name, "output": asked.output, "plan": capture.plan.to_dict(),
+                "timings_ms": dict(capture.timings_ms), "stages": capture.stages, "unit": _UNITS[asked.output],
+                **fields, **({"roi": asked.roi} if asked.roi else {})}, arrays
 
     def _range(self, header: Mapping[str, Any]) -> list[Any]:
         known_keys("", header, (*ENVELOPE, *_RANGE_KEYS), required=("state", "directions_camera"))
@@ -192,3 +190,12 @@ class Operations:
             self._renderer.close()
             self._renderer = open_renderer(self.scene, self._backend)
             return draw(self._renderer, state, camera, **options)
+
+
+def _summed(timings_ms: Iterable[Mapping[str, float]]) -> dict[str, float]:
+    """The time of each stage over all frames."""
+    total: dict[str, float] = {}
+    for of_frame in timings_ms:
+        for stage, milliseconds in of_frame.items():
+            total[stage] = total.get(stage, 0.0) + milliseconds
+    return total

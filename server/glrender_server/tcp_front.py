@@ -8,7 +8,7 @@ import logging
 import socket
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import zmq
@@ -16,7 +16,7 @@ from glrender import ProtocolError
 
 from .envelope import refusal
 from .framing import Decoder, framed
-from .front import Request
+from .front import LOOPBACK_BUFFER, Request
 
 log = logging.getLogger(__name__)
 
@@ -72,7 +72,10 @@ class TcpFront:
         requests = []
         for number, connection in list(self._connections.items()):
             requests += connection.turn(ready.get(number, 0))
-            self._watch(number, connection)
+            if connection.is_done:
+                self._forget(connection)
+            else:
+                self._watch(connection)
         return requests
 
     @property
@@ -102,31 +105,35 @@ class TcpFront:
                 log.warning("%s: refused, %d connections are open", address, len(self._connections))
                 _refuse(peer)
                 continue
-            self._connections[peer.fileno()] = _Connection(peer)
-            self._poller.register(peer.fileno(), zmq.POLLIN)
+            self._connections[peer.fileno()] = connection = _Connection(peer, self._watch)
+            self._watch(connection)
 
-    def _watch(self, number: int, connection: _Connection) -> None:
-        if connection.is_done:
-            if number in self._poller:
-                self._poller.unregister(number)
-            connection.close()
-            del self._connections[number]
-        else:
-            self._poller.register(number, (zmq.POLLIN if connection.wants_input else 0)
-                                  | (zmq.POLLOUT if connection.has_output else 0))
+    def _watch(self, connection: _Connection) -> None:
+        """Let the loop wake for what a connection waits for now."""
+        self._poller.register(connection.number, (zmq.POLLIN if connection.wants_input else 0)
+                              | (zmq.POLLOUT if connection.has_output else 0))
+
+    def _forget(self, connection: _Connection) -> None:
+        if connection.number in self._poller:
+            self._poller.unregister(connection.number)
+        connection.close()
+        del self._connections[connection.number]
 
 
 class _Connection:
     """One client: bytes that came, requests it is owed replies to, and bytes that it has to take."""
 
-    def __init__(self, peer: socket.socket):
+    def __init__(self, peer: socket.socket, on_answer: Callable[[_Connection], None] = lambda connection: None):
         peer.setblocking(False)
         peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         peer.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        if peer.getsockname()[0] in ("127.0.0.1", "::1"):
+            peer.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, LOOPBACK_BUFFER)
         for name, value in _KEEP_ALIVE:
             if hasattr(socket, name):
                 peer.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
-        self._peer, self._decoder = peer, Decoder()
+        self._peer, self._decoder, self._on_answer = peer, Decoder(), on_answer
+        self.number = peer.fileno()
         self._output: deque[memoryview] = deque()
         self._owed, self._is_open, self._has_ended, self._is_lost = 0, True, False, False
         self._moved, self._hang_up_at, self._error = time.monotonic(), None, None
@@ -180,6 +187,8 @@ class _Connection:
         self._output += framed(reply)
         self._write()
         self._break_off()
+        # What the system did not take must not wait for the loop's next turn.
+        self._on_answer(self)
 
     def _read(self) -> None:
         try:

@@ -8,7 +8,7 @@ int main(int argc, char **argv) {
     const char *names[] = {"body"};
     glr_pose body = {{0, 0, 0}, {0.6, 0, 0, 0.8}};
     glr_state state = {12.5, {1.5e11, 0, 0}, {{0, 0, -2000}, {1, 0, 0, 0}}, 1, names, &body};
-    glr_options options = {"navcam", 1, 0.1, 7, 0, 1};
+    glr_options options = {.camera = "navcam", .is_dn = 1, .exposure_s = 0.1, .seed = 7, .is_column_major = 1};
     glr_client *client;
     int k;
     if (argc != 5)

@@ -26,6 +26,24 @@ reply = client.render(state, 'camera', 'byte', 'output', 'dn', 'seed', 3, 'produ
 check(isa(reply.pixels, 'uint8') && isfield(reply.arrays, 'range'), 'uint8');
 keep(folder, 'byte', reply.pixels);
 
+% A region of interest, and several cameras in one request.
+region = client.render(state, 'camera', 'navcam', 'output', 'dn', 'exposure_s', 0.02, 'seed', 7, 'roi', [30 20 71 45]);
+check(isequal(size(region.pixels), [25 41]) && isequal(region.header.roi, [30 20 71 45]), 'roi');
+keep(folder, 'region', region.pixels);
+frames = {struct('camera', 'byte', 'output', 'dn', 'seed', 3), ...
+          struct('camera', 'navcam', 'products', 'r_body', 'roi', [30 20 71 45]), struct('camera', 'bare')};
+replies = client.render_frames(state, frames);
+check(numel(replies) == 3 && strcmp(replies{2}.header.camera, 'navcam') && ~isfield(replies{2}.header, 'frames'), 'frames');
+check(replies{3}.header.t_s == state.t_s && replies{1}.header.seed == 3 && isa(replies{1}.pixels, 'uint8'), 'headers');
+keep(folder, 'frames_byte', replies{1}.pixels);
+keep(folder, 'frames_r_body', replies{2}.arrays.r_body);
+keep(folder, 'frames_bare', replies{3}.pixels);
+expect_error('glrender:scene', 'frames\[1\].camera', @() client.render_frames(state, {struct('camera', 'bare'), struct('camera', 'wac')}));
+expect_error('glrender:config', 'roi\[2\]', @() client.render(state, 'camera', 'bare', 'roi', [0 0 33 1]));
+expect_error('glrender:argument', 'frames\{1\}: unknown option kamera', ...
+             @() client.render_frames(state, {struct('kamera', 'wac')}));
+expect_error('glrender:argument', 'cell of structs', @() client.render_frames(state, 'navcam'));
+
 % Laser ranges, one ray and several.
 directions = [0 0 1; 0.01 0 sqrt(1 - 1e-4); 1 0 0];
 reply = client.range(state, directions, 'camera', 'navcam');

@@ -21,6 +21,21 @@ check(isequal(glr_frame(glr_pack(request)), from_hex(golden.tcp_request_render{1
 hello = struct('v', uint8(1), 'id', uint64(7), 'client', 'golden', 'op', 'hello');
 check(isequal(glr_pack(hello), from_hex(golden.request_hello{1})), 'request_hello differs');
 
+region = struct('v', uint8(1), 'id', uint64(7), 'client', 'golden', 'op', 'render');
+region.state = state;
+region.camera = 'navcam';
+region.output = 'irradiance';
+region.roi = uint8([2 1 5 3]);
+check(isequal(glr_pack(region), from_hex(golden.request_region{1})), 'request_region differs');
+several = struct('v', uint8(1), 'id', uint64(7), 'client', 'golden', 'op', 'render');
+several.state = state;
+several.order = 'F';
+first = struct('camera', 'navcam', 'output', 'dn', 'exposure_s', 0.1, 'seed', uint64(7));
+first.products = {'range'};
+several.frames = {first, struct('camera', 'wac', 'output', 'irradiance', 'roi', uint8([8 4 11 6]))};
+check(isequal(glr_pack(several), from_hex(golden.request_frames{1})), 'request_frames differs');
+check(isequal(glr_frame(glr_pack(several)), from_hex(golden.tcp_request_frames{1})), 'tcp_request_frames differs');
+
 % Replies: header and arrays, in both orders.
 image = uint16([0 1000 2000; 3000 4000 5000]);
 range = reshape(linspace(1999, 2001, 6), 3, 2).';
@@ -37,6 +52,21 @@ for order = 'CF'
   check(isequal(first, image) && isa(first, 'uint16'), 'image, order %s', order);
   check(max(abs(second(:) - range(:))) < 1e-12 && isa(second, 'double'), 'range, order %s', order);
 end
+for order = 'CF'
+  parts = golden.(['reply_frames_', order]);
+  header = glr_unpack(from_hex(parts{1}));
+  check(isequal(cellfun(@(entry) entry.frame, header.arrays), [0 0 1]), 'frames of the arrays, order %s', order);
+  check(strcmp(header.frames{2}.camera, 'wac') && isequal(header.frames{2}.roi, [8 4 11 6]), 'frames');
+  second = glr_array(header.arrays{2}, from_hex(parts{3}));
+  third = glr_array(header.arrays{3}, from_hex(parts{4}));
+  check(isequal(glr_array(header.arrays{1}, from_hex(parts{2})), image), 'image of the first, order %s', order);
+  check(max(abs(second(:) - range(:))) < 1e-12, 'range of the first, order %s', order);
+  check(isequal(third, single([0.5 0.25 0.125; 1 2 4])), 'image of the second, order %s', order);
+end
+parts = golden.reply_region;
+header = glr_unpack(from_hex(parts{1}));
+check(isequal(header.roi, [2 1 5 3]) && ~isfield(header.arrays{1}, 'frame'), 'region');
+check(isequal(glr_array(header.arrays{1}, from_hex(parts{2})), single([0.5 0.25 0.125; 1 2 4])), 'pixels of the region');
 header = glr_unpack(from_hex(golden.reply_error{1}));
 check(~header.ok && strcmp(header.error.code, 'config') && strcmp(header.error.path, 'state.gamma'), 'error reply');
 

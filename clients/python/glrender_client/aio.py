@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ import zmq.asyncio
 
 from .curve import curve_keys, set_curve
 from .errors import GlrenderClientError, RequestTimeout
-from .wire import Packer, Reply, range_fields, read_header, read_reply, render_fields
+from .wire import Packer, Reply, frames_fields, range_fields, read_header, read_reply, render_fields
 
 
 class AsyncClient:
@@ -74,6 +74,11 @@ class AsyncClient:
     async def render(self, state: Mapping[str, Any], camera: str | None = None, **options: Any) -> Reply:
         """One frame; arguments and errors are those of `Client.render`."""
         return await self._ask("render", render_fields(state, camera, **options))
+
+    async def render_frames(self, state: Mapping[str, Any], frames: Iterable[Mapping[str, Any]], *,
+                            order: str = "C") -> tuple[Reply, ...]:
+        """Several frames of one state; as `Client.render_frames`."""
+        return (await self._ask("render", frames_fields(state, frames, order))).frames
 
     async def range(self, state: Mapping[str, Any], directions_camera: Any, camera: str | None = None, *,
                     noise: Mapping[str, Any] | None = None) -> Reply:

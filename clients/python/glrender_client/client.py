@@ -13,7 +13,7 @@ from .curve import curve_keys, set_curve
 from .errors import GlrenderClientError, RequestTimeout
 from .pipeline import in_order
 from .recording import Recorder
-from .wire import Packer, Reply, range_fields, read_header, read_reply, render_fields
+from .wire import Packer, Reply, frames_fields, range_fields, read_header, read_reply, render_fields
 
 # Requests above this size are held against the server's limit first: ZeroMQ drops what exceeds it unanswered.
 _SURELY_TAKEN_BYTES = 65536
@@ -91,8 +91,8 @@ class Client:
 
     def render(self, state: Mapping[str, Any], camera: str | None = None, *, output: str = "irradiance",
                exposure_s: float | str | None = None, seed: int | None = None, max_error: float | None = None,
-               samples: int | None = None, products: Sequence[str] = (), order: str = "C",
-               allow_slow: bool | str = False) -> Reply:
+               samples: int | None = None, products: Sequence[str] = (), roi: Sequence[int] | None = None,
+               order: str = "C", allow_slow: bool | str = False) -> Reply:
         """One frame.
 
         Parameters
@@ -113,6 +113,8 @@ class Client:
             Samples along a pixel's side instead of the planner's choice.
         products : sequence of str
             ``range``, ``body_id``, ``facet_id``, ``incidence``, ``emission``, ``phase``, ``r_body``, ``sunlit``.
+        roi : four int [px], optional
+            Region of interest x0, y0, x1, y1, one past the last: that part of the very frame, and no more, is sent.
         order : "C" or "F"
             Order of the bytes on the wire; the arrays are (height, width) either way.
         allow_slow : bool, "raytrace" or "cycles"
@@ -127,7 +129,32 @@ class Client:
         """
         return self._ask("render", render_fields(
             state, camera, output=output, exposure_s=exposure_s, seed=seed, max_error=max_error, samples=samples,
-            products=products, order=order, allow_slow=allow_slow))
+            products=products, roi=roi, order=order, allow_slow=allow_slow))
+
+    def render_frames(self, state: Mapping[str, Any], frames: Iterable[Mapping[str, Any]], *,
+                      order: str = "C", allow_slow: bool | str = False) -> tuple[Reply, ...]:
+        """Several frames of one state in one request: of several cameras, or of one with several settings.
+
+        Parameters
+        ----------
+        state : mapping
+        frames : iterable of mappings
+            Each the keyword arguments of `render` but `state` and `order`; 15 images and products in all.
+        order : "C" or "F"
+        allow_slow : bool, "raytrace" or "cycles"
+
+        Returns
+        -------
+        tuple of Reply
+            In the order of `frames`.
+
+        Raises
+        ------
+        ServerError
+            One frame that is refused refuses all; the path names it, e.g. ``frames[1].camera``.
+        RequestTimeout
+        """
+        return self._ask("render", frames_fields(state, frames, order, allow_slow)).frames
 
     def range(self, state: Mapping[str, Any], directions_camera: Any, camera: str | None = None, *,
               noise: Mapping[str, Any] | None = None) -> Reply:

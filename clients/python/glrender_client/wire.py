@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import uuid
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,10 +27,13 @@ class Reply:
     arrays : dict of str to array
         ``image`` and the products asked for; of ranges ``range``, ``body_id``, ``facet_id``,
         ``beam_incidence``. Read-only, without a copy of what came.
+    frames : tuple of Reply
+        Of a request for several: one for each, in their order; this reply itself has no arrays then.
     """
 
     header: dict[str, Any]
     arrays: dict[str, np.ndarray]
+    frames: tuple[Reply, ...] = ()
 
     @property
     def pixels(self) -> np.ndarray:
@@ -61,15 +64,29 @@ class Packer:
                                      default=_plain)
 
 
-def render_fields(state: Mapping[str, Any], camera: str | None = None, *, output: str = "irradiance",
-                  exposure_s: float | str | None = None, seed: int | None = None, max_error: float | None = None,
-                  samples: int | None = None, products: Sequence[str] = (), order: str = "C",
-                  allow_slow: bool | str = False) -> dict[str, Any]:
-    """The fields of a `render` request; the arguments are those of `Client.render`."""
+def frame_fields(camera: str | None = None, *, output: str = "irradiance", exposure_s: float | str | None = None,
+                 seed: int | None = None, max_error: float | None = None, samples: int | None = None,
+                 products: Sequence[str] = (), roi: Sequence[int] | None = None) -> dict[str, Any]:
+    """The fields of one frame; the arguments are those of `Client.render`."""
     optional = {"camera": camera, "exposure_s": exposure_s, "seed": seed, "max_error": max_error, "samples": samples,
-                "allow_slow": allow_slow or None}
-    return {"state": state, "output": output, "products": list(products), "order": order,
-            **{name: value for name, value in optional.items() if value is not None}}
+                "products": list(products) or None, "roi": None if roi is None else list(roi)}
+    return {"output": output, **{name: value for name, value in optional.items() if value is not None}}
+
+
+def render_fields(state: Mapping[str, Any], camera: str | None = None, *, order: str = "C",
+                  allow_slow: bool | str = False, **options: Any) -> dict[str, Any]:
+    """The fields of a `render` request; the arguments are those of `Client.render`."""
+    return {"state": state, "order": order, **_slow(allow_slow), **frame_fields(camera, **options)}
+
+
+def frames_fields(state: Mapping[str, Any], frames: Iterable[Mapping[str, Any]], order: str = "C",
+                  allow_slow: bool | str = False) -> dict[str, Any]:
+    """The fields of a `render` request for several frames; the arguments are those of `Client.render_frames`."""
+    return {"state": state, "order": order, **_slow(allow_slow), "frames": [frame_fields(**frame) for frame in frames]}
+
+
+def _slow(allow_slow: bool | str) -> dict[str, bool | str]:
+    return {"allow_slow": allow_slow} if allow_slow else {}
 
 
 def range_fields(state: Mapping[str, Any], directions_camera: Any, camera: str | None = None,
@@ -97,11 +114,14 @@ def read_reply(header: dict[str, Any], parts: Sequence[Any]) -> Reply:
         error = header.get("error", {})
         kind = Busy if error.get("code") == "busy" else ServerError
         raise kind(error.get("code", ""), error.get("path", ""), error.get("message", ""))
-    arrays = {}
+    own, of_frames = {}, [{} for _ in header.get("frames", ())]
     for entry in header.get("arrays", []):
         flat = np.frombuffer(parts[entry["part"]], np.dtype(entry["dtype"]).newbyteorder("<"))
+        arrays = of_frames[entry["frame"]] if "frame" in entry else own
         arrays[entry["name"]] = flat.reshape(entry["shape"], order=entry["order"])
-    return Reply(header, arrays)
+    common = {name: value for name, value in header.items() if name not in ("frames", "arrays")}
+    return Reply(header, own, tuple(Reply({**common, **fields}, arrays) for fields, arrays in zip(
+        header.get("frames", ()), of_frames, strict=True)))
 
 
 def _plain(value: object) -> object:

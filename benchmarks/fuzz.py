@@ -1,0 +1,282 @@
+"""Bad messages without end: does the server die, hang, stumble, or keep a good request waiting?
+
+    python benchmarks/fuzz.py --messages 250000 --seed 1               # codec, framing and dispatcher in this process
+    python benchmarks/fuzz.py --messages 20000 --sockets               # a server behind ZeroMQ and TCP
+    python benchmarks/fuzz.py --messages 20000 --sockets --workers 2
+
+Random bytes; golden requests with bytes changed, cut or added, or a value wrong; TCP frames changed, cut short, in odd
+pieces; connections that stay half open, are reset, or ask and do not read. Each message must be answered once (or its
+connection closed), never `internal`; every thousandth is a good request, which must give the very pixels within
+its deadline. Prints one JSON line; exit code 1 if anything was amiss.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import socket
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from pathlib import Path
+
+import msgpack
+import numpy as np
+import zmq
+from fuzz_messages import LOAD, SCENE, STATE, Mutator, frame
+from glrender import generate, load_scene
+from glrender_client import Client
+from glrender_server.dispatcher import Dispatcher
+from glrender_server.framing import Decoder
+from glrender_server.front import Request
+from glrender_server.job import LocalEngine
+from glrender_server.operations import Operations
+
+DEADLINE_S = 5.0
+GOOD_EVERY = 1000
+MAX_HELD_OPEN = 60
+ALLOWED = {"protocol", "config", "scene", "shape", "busy"}
+class Tally:
+    """What was answered, and what was amiss."""
+
+    def __init__(self):
+        self.answers, self.faults, self.longest_s = Counter(), [], 0.0
+
+    def take(self, header_bytes: bytes) -> None:
+        """Count one reply."""
+        header = msgpack.unpackb(header_bytes)
+        code = "ok" if header["ok"] else header["error"]["code"]
+        self.answers[code] += 1
+        if code != "ok" and code not in ALLOWED:
+            self.fault(f"{code}: {header['error']['message']}")
+
+    def fault(self, text: str) -> None:
+        """Something that must not be."""
+        if len(self.faults) < 20:
+            self.faults.append(text[:300])
+
+    def waited(self, seconds: float) -> None:
+        """How long a good request took."""
+        self.longest_s = max(self.longest_s, seconds)
+        if seconds > DEADLINE_S:
+            self.fault(f"a good request took {seconds:.1f} s")
+
+
+def in_process(folder: Path, n_messages: int, seed: int) -> Tally:
+    """Through decoder, codec and dispatcher, as a ROUTER and a TCP front would hand them over, without sockets."""
+    mutator, tally = Mutator(seed), Tally()
+    rng = mutator.rng
+    engine = LocalEngine(Operations(load_scene(folder / "scene.toml"), shape_dir=folder))
+    dispatcher, decoder, truth, count = Dispatcher(engine), Decoder(), None, 0
+
+    def ask(messages: list[list[bytes]]) -> list[bytes]:
+        answers = [[] for _ in messages]
+        for parts, answer in zip(messages, answers, strict=True):
+            dispatcher.submit(Request(rng.randrange(8), parts, answer.append))
+        while dispatcher.can_work:
+            dispatcher.work()
+        for parts, answer in zip(messages, answers, strict=True):
+            if len(answer) != 1:
+                tally.fault(f"{len(answer)} replies to {parts!r}")
+            for reply in answer:
+                tally.take(reply[0])
+        return [answer[0] for answer in answers if answer]
+
+    while count < n_messages:
+        burst = mutator.burst()
+        began, count = time.monotonic(), count + len(burst)
+        if rng.random() < 0.5:
+            ask(burst)
+        else:
+            stream = b"".join(map(frame, burst))
+            if rng.random() < 0.5:
+                stream = mutator.spoilt(stream, 1)
+            if rng.random() < 0.2:
+                stream = stream[:rng.randrange(len(stream))]
+            while stream:
+                size = rng.choice([1, 7, 100, 5000])
+                decoder.feed(stream[:size])
+                stream = stream[size:]
+                try:
+                    ask(list(decoder.messages()))
+                except Exception as error:
+                    if type(error).__name__ != "ProtocolError":
+                        tally.fault(f"decoder: {error!r}")
+                    stream, decoder = b"", Decoder()
+                    tally.answers["lost framing"] += 1
+            if rng.random() < 0.1:
+                decoder = Decoder()  # the client is gone within a message
+        if time.monotonic() - began > DEADLINE_S:
+            tally.fault(f"{len(burst)} messages took {time.monotonic() - began:.1f} s")
+        if count // GOOD_EVERY != (count - len(burst)) // GOOD_EVERY or truth is None:
+            began = time.monotonic()
+            pixels = [bytes(part) for reply in ask(good_requests(count)) for part in reply[1:]]
+            tally.waited(time.monotonic() - began)
+            truth = truth or pixels
+            if pixels != truth or len(pixels) != 1:
+                tally.fault("a good request gave other pixels")
+    dispatcher.close()
+    engine.close()
+    return tally
+
+
+def good_requests(count: int) -> list[list[bytes]]:
+    """The scene restored, and a frame of it."""
+    envelope = {"v": 1, "client": "good", "id": count}
+    return [[msgpack.packb({**LOAD, **envelope})],
+            [msgpack.packb({**envelope, "op": "render", "state": STATE, "camera": "navcam"})]]
+
+
+def through_sockets(folder: Path, n_messages: int, seed: int, workers: int) -> Tally:
+    """To a server of its own, over ZeroMQ and TCP in turn."""
+    mutator, tally = Mutator(seed), Tally()
+    rng = mutator.rng
+    with open(folder / "log", "w+") as log:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "glrender_server", str(folder / "scene.toml"), "--zmq", "tcp://127.0.0.1:*", "--tcp",
+             "127.0.0.1:0", "--workers", str(workers), "--shape-dir", str(folder)], stdout=subprocess.PIPE, stderr=log,
+            text=True)
+        try:
+            words = process.stdout.readline().split()
+            host, _, port = words[5].rpartition(":")
+            with Peer(words[3], (host, int(port)), mutator, tally) as peer, \
+                    Client(words[3], timeout_s=DEADLINE_S, retries=0) as client:
+                truth, count = None, 0
+                while count < n_messages:
+                    burst = mutator.burst()
+                    before, count = count, count + len(burst)
+                    peer.by_zmq(burst) if rng.random() < 0.5 else peer.by_tcp(burst)
+                    if count // 100 != before // 100:
+                        peer.hold_one_open()
+                    if count // GOOD_EVERY != before // GOOD_EVERY or truth is None:
+                        began = time.monotonic()
+                        client.load_scene(LOAD["scene"])
+                        pixels = client.render(STATE, "navcam").pixels
+                        tally.waited(time.monotonic() - began)
+                        truth = pixels if truth is None else truth
+                        if not np.array_equal(pixels, truth):
+                            tally.fault("a good request gave other pixels")
+            if process.poll() is not None:
+                tally.fault(f"the server ended with {process.returncode}")
+        finally:
+            process.terminate()
+            if process.wait(timeout=60.0):
+                tally.fault(f"on SIGTERM the server ended with {process.returncode}")
+        log.seek(0)
+        if "Traceback" in (text := log.read()):
+            tally.fault(text[text.index("Traceback"):])
+    return tally
+
+
+class Peer:
+    """A client that means ill, on both transports."""
+
+    def __init__(self, endpoint: str, address: tuple[str, int], mutator: Mutator, tally: Tally):
+        self._address, self._mutator, self._tally = address, mutator, tally
+        self._context = zmq.Context()
+        self._zmq = self._context.socket(zmq.DEALER)
+        self._zmq.set(zmq.LINGER, 0)
+        self._zmq.connect(endpoint)
+        self._tcp: socket.socket | None = None
+        self._held: list[socket.socket] = []
+
+    def __enter__(self) -> Peer:
+        return self
+
+    def __exit__(self, *exception) -> None:
+        for peer in [*self._held, *([self._tcp] if self._tcp else [])]:
+            peer.close()
+        self._context.destroy(0)
+
+    def by_zmq(self, burst: list[list[bytes]]) -> None:
+        """One reply to each."""
+        for parts in burst:
+            self._zmq.send_multipart(parts)
+        for parts in burst:
+            if not self._zmq.poll(int(1e3 * DEADLINE_S)):
+                self._tally.fault(f"no reply to one of {parts!r} and its like")
+                return
+            reply = self._zmq.recv_multipart()
+            # What begins with an empty part is a REQ socket's, and so is its reply.
+            self._tally.take(reply[1] if reply[0] == b"" else reply[0])
+
+    def by_tcp(self, burst: list[list[bytes]]) -> None:
+        """One reply to each sound frame; a stream that is spoilt or cut may end with its connection."""
+        rng = self._mutator.rng
+        stream, kind = b"".join(map(frame, burst)), rng.random()
+        if self._tcp is None:
+            self._tcp = self._connect()
+        if kind < 0.6:
+            self._tcp.sendall(stream)
+            for _ in burst:
+                self._tally.take(self._receive())
+            return
+        try:
+            self._tcp.sendall(self._mutator.spoilt(stream[:12], 1) + stream[12:] if kind < 0.8
+                              else stream[:rng.randrange(len(stream))])
+        except OSError:
+            pass  # hung up on, as it should be
+        if rng.random() < 0.5:
+            self._tcp.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        self._tcp.close()
+        self._tcp = None
+        self._tally.answers["connection closed"] += len(burst)
+
+    def hold_one_open(self) -> None:
+        """Half a message and silence; or a request whose reply is not read."""
+        rng = self._mutator.rng
+        whole = frame([msgpack.packb({"v": 1, "op": "render", "id": 1, "client": f"slow{rng.random()}", "state": STATE,
+                                      "camera": "navcam", "products": ["r_body", "range"]})])
+        slow = self._connect(receive_buffer=2048)
+        slow.sendall(whole * 4 if rng.random() < 0.5 else whole[:rng.randrange(1, len(whole))])
+        self._held.append(slow)
+        while len(self._held) > MAX_HELD_OPEN:
+            self._held.pop(0).close()
+
+    def _connect(self, receive_buffer: int = 0) -> socket.socket:
+        peer = socket.socket()
+        if receive_buffer:
+            peer.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
+        peer.settimeout(DEADLINE_S)
+        peer.connect(self._address)
+        return peer
+
+    def _receive(self) -> bytes:
+        """The header of the next reply."""
+        exactly = lambda size: self._tcp.recv(size, socket.MSG_WAITALL) if size else b""  # noqa: E731
+        _, n_parts, _ = struct.unpack("<4sHH", exactly(8))
+        header, *rest = [exactly(size) for size in struct.unpack(f"<{n_parts}I", exactly(4 * n_parts))]
+        return header
+
+
+def main(argv: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--messages", type=int, default=10_000)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--sockets", action="store_true", help="to a server in its own process")
+    parser.add_argument("--workers", type=int, default=1)
+    arguments = parser.parse_args(argv)
+    began = time.monotonic()
+    with tempfile.TemporaryDirectory() as folder:
+        folder = Path(folder)
+        generate.icosphere(radius_m=100.0, subdivisions=2).to_file(folder / "body.obj")
+        (folder / "scene.toml").write_text(SCENE)
+        if arguments.sockets:
+            tally = through_sockets(folder, arguments.messages, arguments.seed, arguments.workers)
+        else:
+            tally = in_process(folder, arguments.messages, arguments.seed)
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    sys.stdout.write(json.dumps({
+        "benchmark": "fuzz", "messages": arguments.messages, "seed": arguments.seed, "sockets": arguments.sockets,
+        "workers": arguments.workers, "seconds": round(time.monotonic() - began, 1), "answers": dict(tally.answers),
+        "longest_good_s": round(tally.longest_s, 3), "faults": tally.faults,
+        "rss_MiB": round(pages * os.sysconf("SC_PAGE_SIZE") / 2**20, 1), "passed": not tally.faults}) + "\n")
+    return int(bool(tally.faults))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,132 @@
+#include "glr_message.h"
+
+#include <string.h>
+
+static glr_reader header_of(const glr_message *message) {
+    glr_reader in = {NULL, NULL, 0};
+    in.at = message->parts[0];
+    in.end = in.at + message->sizes[0];
+    return in;
+}
+
+int glr_read_id(const glr_message *message, uint64_t *id) {
+    glr_reader in = header_of(message);
+    uint32_t n_pairs = glr_get_map(&in), k;
+    *id = 0;
+    for (k = 0; k < n_pairs && !in.failed; k++) {
+        if (glr_text_is(glr_get_text(&in), "id")) {
+            *id = glr_get_uint(&in);
+            break;
+        }
+        glr_skip(&in);
+    }
+    return !in.failed;
+}
+
+static void read_error(glr_reader *in, glr_error *error) {
+    uint32_t n_pairs = glr_get_map(in), k;
+    for (k = 0; k < n_pairs && !in->failed; k++) {
+        glr_text key = glr_get_text(in);
+        if (glr_text_is(key, "code"))
+            glr_copy_text(error->code, sizeof error->code, glr_get_text(in));
+        else if (glr_text_is(key, "message"))
+            glr_copy_text(error->message, sizeof error->message, glr_get_text(in));
+        else
+            glr_skip(in);
+    }
+}
+
+/* {name, dtype, shape, order, unit, part, frame}; the number of the part. */
+static uint64_t read_image(glr_reader *in, glr_image *image) {
+    uint32_t n_pairs = glr_get_map(in), n_axes, k;
+    uint64_t part = 0;
+    image->depth = 1;
+    for (k = 0; k < n_pairs && !in->failed; k++) {
+        glr_text key = glr_get_text(in);
+        if (glr_text_is(key, "name")) {
+            glr_copy_text(image->name, sizeof image->name, glr_get_text(in));
+        } else if (glr_text_is(key, "dtype")) {
+            glr_copy_text(image->dtype, sizeof image->dtype, glr_get_text(in));
+        } else if (glr_text_is(key, "shape")) {
+            n_axes = glr_get_list(in);
+            if (n_axes != 2 && n_axes != 3)
+                in->failed = 1;
+            image->height = (uint32_t)glr_get_uint(in);
+            image->width = (uint32_t)glr_get_uint(in);
+            if (n_axes == 3)
+                image->depth = (uint32_t)glr_get_uint(in);
+        } else if (glr_text_is(key, "part")) {
+            part = glr_get_uint(in);
+        } else if (glr_text_is(key, "frame")) {
+            image->frame = (uint32_t)glr_get_uint(in);
+        } else {
+            glr_skip(in);
+        }
+    }
+    return part;
+}
+
+static size_t width_of(const char *dtype) {
+    static const struct {
+        const char *dtype;
+        size_t width;
+    } known[] = {{"uint8", 1}, {"uint16", 2}, {"int32", 4}, {"float32", 4}, {"float64", 8}};
+    size_t k;
+    for (k = 0; k < sizeof known / sizeof known[0]; k++)
+        if (!strcmp(dtype, known[k].dtype))
+            return known[k].width;
+    return 0;
+}
+
+/* The list of images; each must be what its part holds. */
+static int read_images(glr_reader *in, const glr_message *message, glr_reply *reply, glr_error *error) {
+    uint32_t count = glr_get_list(in), k;
+    if (count > GLR_MAX_IMAGES)
+        in->failed = 1;
+    for (k = 0; k < count && !in->failed; k++) {
+        glr_image *image = &reply->images[k];
+        uint64_t part = read_image(in, image), needed;
+        if (in->failed)
+            break;
+        if (part < 1 || part >= message->n_parts)
+            return glr_fail(error, "protocol", "image %u is part %llu of %u", (unsigned)k, (unsigned long long)part,
+                            (unsigned)message->n_parts);
+        image->pixels = message->parts[part];
+        image->n_bytes = message->sizes[part];
+        /* In steps that cannot overflow: each side is below 2^32, the rest at most 24. */
+        needed = (uint64_t)image->height * image->width;
+        if (image->depth < 1 || image->depth > 3 || needed > UINT32_MAX
+            || needed * image->depth * width_of(image->dtype) != image->n_bytes || !image->n_bytes)
+            return glr_fail(error, "protocol", "%llu bytes are no image of %u x %u x %u %s",
+                            (unsigned long long)image->n_bytes, (unsigned)image->width, (unsigned)image->height,
+                            (unsigned)image->depth, image->dtype);
+        reply->n_images = k + 1;
+    }
+    return 0;
+}
+
+int glr_read_render(const glr_message *message, glr_reply *reply, glr_error *error) {
+    glr_reader in = header_of(message);
+    uint32_t n_pairs = glr_get_map(&in), k;
+    int ok = 0;
+    memset(reply, 0, sizeof *reply);
+    for (k = 0; k < n_pairs && !in.failed; k++) {
+        glr_text key = glr_get_text(&in);
+        if (glr_text_is(key, "ok"))
+            ok = glr_get_bool(&in);
+        else if (glr_text_is(key, "error"))
+            read_error(&in, error);
+        else if (glr_text_is(key, "arrays")) {
+            if (read_images(&in, message, reply, error))
+                return -1;
+        } else
+            glr_skip(&in);
+    }
+    if (in.failed)
+        return glr_fail(error, "protocol", "a reply's header cannot be read");
+    if (!ok)
+        return error->code[0] ? -1 : glr_fail(error, "protocol", "a refusal without a code");
+    if (!reply->n_images)
+        return glr_fail(error, "protocol", "a reply without an image");
+    return 0;
+}

@@ -1,0 +1,136 @@
+"""The frames that a `render` request asks for: their fields, checked before anything is drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from glrender import ConfigError, PinholeCamera, ProtocolError, Scene
+from glrender.drawing import drawn_pixels
+from glrender.image import peak_bytes
+from glrender_camera.validate import integer, known_keys, one_of, positive
+
+OUTPUTS = ("irradiance", "dn")
+FRAME_KEYS = ("camera", "output", "exposure_s", "seed", "max_error", "samples", "products", "roi")
+"""Fields of a frame: of the request itself, or of an entry of its `frames`."""
+MAX_FRAME_BYTES = 4 * 1024**3
+"""Most memory that one request's images and products may take while they are made."""
+MAX_ARRAYS = 15
+"""Images and products of one reply: a message has at most 16 parts, and the first is the header."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameRequest:
+    """What one camera shall see, and how.
+
+    `max_error` and `samples` are the renderer's to check. `path` leads to the fields in the request; it is empty where
+    they are the request's own. `peak_bytes` is the memory that the frame takes at its largest.
+    """
+
+    path: str
+    camera: PinholeCamera
+    output: str
+    exposure_s: float | str | None
+    seed: int
+    max_error: Any
+    samples: Any
+    products: list[Any]
+    roi: tuple[int, int, int, int] | None
+    peak_bytes: int
+
+    @classmethod
+    def from_dict(cls, table: Mapping[str, Any], scene: Scene, path: str = "") -> FrameRequest:
+        """A frame of the fields `FRAME_KEYS` of a map; others are the caller's to refuse.
+
+        Raises
+        ------
+        ConfigError
+        """
+        camera = scene.camera(table.get("camera"))
+        output = one_of("output", table.get("output", "irradiance"), OUTPUTS)
+        products = table.get("products", [])
+        if not isinstance(products, list):
+            raise ProtocolError("products", "must be a list of names", products)
+        exposure_s, seed = table.get("exposure_s"), table.get("seed", 0)
+        if output == "dn":
+            if camera.model is None:
+                raise ConfigError("output", f"camera {camera.name!r} has no optics and detector", output,
+                                  "give it a `model` in the scene, or ask for 'irradiance'")
+            if exposure_s not in (None, "auto"):
+                exposure_s = positive("exposure_s", exposure_s)
+            seed = integer("seed", seed, 0, 2**64 - 1)
+        elif "exposure_s" in table or "seed" in table:
+            raise ProtocolError("exposure_s" if "exposure_s" in table else "seed",
+                                "belongs to output 'dn'", output)
+        roi = _region(table["roi"], camera) if "roi" in table else None
+        return cls(path=path, camera=camera, output=output, exposure_s=exposure_s, seed=seed,
+                   max_error=table.get("max_error"), samples=table.get("samples"), products=products, roi=roi,
+                   peak_bytes=peak_bytes(drawn_pixels(camera), products))
+
+    @contextmanager
+    def named_errors(self) -> Iterator[None]:
+        """Errors raised inside tell the field's place in the request; the state is not this frame's own."""
+        with _named(self.path):
+            yield
+
+    def cut(self, array: np.ndarray) -> np.ndarray:
+        """The region of interest of a (height, width[, 3]) array."""
+        if self.roi is None:
+            return array
+        x0, y0, x1, y1 = self.roi
+        return array[y0:y1, x0:x1]
+
+
+def frames_asked(header: Mapping[str, Any], scene: Scene) -> list[FrameRequest]:
+    """The frames of a request: its `frames`, or the one that its own fields describe.
+
+    Raises
+    ------
+    ConfigError
+        With the path of the field, e.g. ``frames[1].roi[2]``; or all together take too much memory.
+    """
+    if "frames" not in header:
+        asked = [FrameRequest.from_dict(header, scene)]
+    else:
+        for key in FRAME_KEYS:
+            if key in header:
+                raise ProtocolError(key, "belongs into the entries of `frames`")
+        if not isinstance(header["frames"], list) or not header["frames"]:
+            raise ProtocolError("frames", "must be a list of maps that is not empty", header["frames"])
+        asked = []
+        for index, table in enumerate(header["frames"]):
+            path = f"frames[{index}]"
+            known_keys(path, table, FRAME_KEYS)
+            with _named(path):
+                asked.append(FrameRequest.from_dict(table, scene, path))
+    n_arrays = sum(1 + len(frame.products) for frame in asked)
+    if n_arrays > MAX_ARRAYS:
+        raise ProtocolError("frames", f"must have at most {MAX_ARRAYS} images and products together", n_arrays)
+    needed = sum(frame.peak_bytes for frame in asked)
+    if needed > MAX_FRAME_BYTES:
+        raise ConfigError("frames" if "frames" in header else "products", f"must take at most {MAX_FRAME_BYTES} bytes "
+                          "of memory while they are made", needed, "ask for fewer at a time")
+    return asked
+
+
+@contextmanager
+def _named(path: str) -> Iterator[None]:
+    try:
+        yield
+    except ConfigError as error:
+        if path and not error.path.startswith("state"):
+            error.path = f"{path}.{error.path}"
+        raise
+
+
+def _region(value: object, camera: PinholeCamera) -> tuple[int, int, int, int]:
+    if not isinstance(value, list) or len(value) != 4:
+        raise ConfigError("roi", "must be four integers: x0, y0, x1, y1, one past the last", value)
+    x0, y0, x1, y1 = (integer(f"roi[{k}]", number, 0, limit) for k, (number, limit) in enumerate(
+        zip(value, 2 * (camera.width_px, camera.height_px), strict=True)))
+    if not (x0 < x1 and y0 < y1):
+        raise ConfigError("roi", "must have x0 < x1 and y0 < y1", value)
+    return x0, y0, x1, y1
