@@ -108,7 +108,8 @@ class RayTracer:
                 arrays[name] = np.full((*irradiance.shape, *values.shape[1:]), BESIDE[name], values.dtype)
                 arrays[name][y, x] = values
         frame_plan = RenderPlan(
-            camera=pinhole.name, max_error=budget, roi=roi, windows=(), predicted_error=reached, left_out=(),
+            camera=pinhole.name, max_error=budget, roi=roi, windows=(), predicted_error=reached,
+            left_out=tuple(f"light around {each.body}: rays draw surfaces only" for each in self.scene.emission),
             bodies=tuple(BodyPlan(
                 name=v.name, is_visible=v.is_visible, n_facets=len(self.scene.bodies[k].shape.facets),
                 level=0, law=self.scene.bodies[k].brdf.glsl, shadow_map_px=None, shadow_map_reused=False,
