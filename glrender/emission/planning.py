@@ -13,9 +13,9 @@ from .measuring import NODE_ANGLES, STEPS, FieldErrors
 PIXELS_PER_NODE = (1, 2, 4, 8, 16, 32)
 # Of the budget, what steps and nodes may take; float32 and the light's map have the rest.
 _SHARE = 0.6
-# A few rays miss the worst places between nodes: a vent, an edge. On 67P's jets and facets the truth is up to that
-# much above what they tell (docs/coma.md).
-_NODES_MARGIN = 1.6
+# Some hundred rays miss the worst places: a vent, an edge of the body. On 67P the truth is up to that much above
+# what they tell of steps, of nodes beside the body and of nodes before it (docs/coma.md).
+_MARGINS = (1.4, 1.6, 3.0)
 # With a shadow: least steps, and what its edges between nodes leave, times the root of the nodes' angle from the
 # origin at the body (4.3 and 5.2 % of an even coma at 0.1 and 0.2 rad; 0.24 % with a node a pixel).
 _SHADOW_STEPS, _SHADOW_ERROR = 96, 0.14
@@ -78,8 +78,8 @@ def choose(errors: FieldErrors, footprint_m: float, body_m: float, image_px: flo
             continue
         of_steps = image(errors.steps_m[index, zone])
         for node, front in product(PIXELS_PER_NODE, PIXELS_PER_NODE):
-            predicted = math.hypot(of_steps, _VIEW_ERROR * node * pixel_rad, _NODES_MARGIN * beside[node],
-                                   _NODES_MARGIN * before[front], edges[max(node, front)])
+            terms = [margin * x for margin, x in zip(_MARGINS, (of_steps, beside[node], before[front]), strict=True)]
+            predicted = math.hypot(*terms, _VIEW_ERROR * node * pixel_rad, edges[max(node, front)])
             made = Sampling(steps=steps, pixels_per_node=node, front_pixels_per_node=front, predicted_error=predicted)
             # A ray that ends at the body takes a third of the half circle.
             cost = (steps + _NODE_STEPS) / node**2 + share * (steps / 3.0 + _NODE_STEPS) / front**2
