@@ -23,8 +23,8 @@ from .measuring import REACH_RAD
 from .planning import Sampling, choose
 
 _TILE_PX = 2048
-# The mean of 1/rho over a pixel is taken that many pixels around a nucleus that is smaller than some pixels.
-_POINT_PX = 8
+# Radius below which a nucleus is a point in its coma.
+_POINT_PX = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +86,7 @@ class ComaDrawing(ExitStack):
             self._volumes[index] = (layer, volume)
             sampling = choose(layer.errors, footprint_m, self._layers.radius_m,
                               0.5 * max(frame.camera.width_px, frame.camera.height_px), frame.max_error,
-                              self._coma.has_shadow)
+                              self._coma.has_shadow, 1.0 / frame.camera.focal_length_px)
             made.append(_Drawn(layer, volume, layer.field_from_body(body_from_inertial, view.sun_direction_body),
                                sampling))
         return made
@@ -96,22 +96,26 @@ class ComaDrawing(ExitStack):
         """Columns (rows, columns) [1] of sunlit dust and of all dust in a tile."""
         x0, y0, x1, y1 = box
         width, height = x1 - x0, y1 - y0
+        view, has_shadow = frame.views[self._coma.body], self._coma.has_shadow
+        # A nucleus below a pixel covers little of the pixel whose middle may see it: the light's sum is put right.
+        is_point = self._layers.radius_m < _POINT_PX * view.range_m / frame.camera.focal_length_px
         body = _cut([(a - x0, b - y0, c - x0, d - y0) for a, b, c, d in frame.rois], width, height)
+        if is_point and len(frame.views) == 1:
+            body = None
         if body is not None:
             left, top, right, bottom = body
             frame.draw_surfaces(self._surface, "coma/surface.frag.glsl",
                                 (x0 + left - 0.5, y0 + top - 0.5, x0 + right - 0.5, y0 + bottom - 0.5),
                                 (right - left, bottom - top))
-        view, has_shadow = frame.views[self._coma.body], self._coma.has_shadow
-        column = self._sum(box, frame, drawn, body, has_shadow)
+        column = self._sum(box, frame, drawn, body, has_shadow, is_point)
         needs_all = has_shadow and self._coma.dust.extinction_efficiency > 0.0
-        hidden = self._sum(box, frame, drawn, body, False) if needs_all else column
-        if self._layers.radius_m < _POINT_PX * view.range_m / frame.camera.focal_length_px:
-            point_correction(column, frame.camera, view, self._layers.least_m, box, _POINT_PX)
+        hidden = self._sum(box, frame, drawn, body, False, is_point) if needs_all else column
+        if is_point:
+            point_correction(column, frame.camera, view, 1e-3 * self._layers.least_m, self._layers.radius_m, box)
         return column, hidden
 
     def _sum(self, box: tuple[int, int, int, int], frame: EmissionFrame, drawn: list[_Drawn],
-             body: tuple[int, int, int, int] | None, has_shadow: bool) -> np.ndarray:
+             body: tuple[int, int, int, int] | None, has_shadow: bool, is_point: bool) -> np.ndarray:
         x0, y0, x1, y1 = box
         width, height = x1 - x0, y1 - y0
         view = frame.views[self._coma.body]
@@ -123,6 +127,8 @@ class ComaDrawing(ExitStack):
                 "shadow_from_field": shadow_from_body @ frames.transform(each.field_from_body.T, np.zeros(3)),
                 "pixels_per_node": each.sampling.pixels_per_node, "steps": each.sampling.steps,
                 "pixels_per_front_node": each.sampling.front_pixels_per_node, "nodes_reach_rad": REACH_RAD,
+                # Rays through a nucleus that ends none of them: there `a` must be rho.
+                "least_m": (1e-3 if is_point else 1.0) * self._layers.least_m,
                 "body_px": (0, 0, 0, 0) if body is None else body}
             self._pass.add(each.volume, values, (width, height), body, self._surface, shadow_map)
         return self._pass.read()

@@ -18,7 +18,8 @@ REACH_RAD = 0.1
 """Angle between the surfaces of a pixel and a node up to which the node speaks for the pixel."""
 # Rays past the origin in each zone, steps that are the truth, and steps that tell of nodes.
 _RAYS, _FINE_STEPS, _MIDDLE_STEPS = 96, 768, 128
-_ZONES = (0.0, 1.0, 1.4, 2.5, 6.0)
+# Where zones begin: in least distances of the surface, that one, and in typical ones.
+_LEAST, _ZONES = 0.1, (1.0, 1.4, 2.5, 6.0)
 
 Hits = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """Places (N, 3) [m] of rays and directions (N, 3) to the distance (N,) [m] from there, of either sign, or infinity."""
@@ -59,7 +60,7 @@ def measured_errors(field: Field, radii_m: tuple[float, float, float], hits: Hit
         Where rays first meet the body.
     """
     nearest, typical, far = radii_m
-    edges = np.array([nearest, *(x * typical for x in _ZONES[1:] if nearest < x * typical < far)])
+    edges = np.array([_LEAST * nearest, nearest, *(x * typical for x in _ZONES if nearest < x * typical < far)])
     rng = np.random.default_rng(seed)
     zones = [_zone(field, low, high, far, hits, rng)
              for low, high in zip(edges, (*edges[1:], far), strict=True)]
@@ -110,7 +111,7 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
 
 def _integrals(field: Field, closest: np.ndarray, direction: np.ndarray, a: np.ndarray, along: np.ndarray, steps: int,
                end_m: np.ndarray | float) -> np.ndarray:
-    """Integrals of K over theta (N,) [m], all steps of a ray at once; `steps` as the shader counts them."""
+    """Integrals of K over theta (N,) [m], all steps of a ray at once, as the shader: for all ends, or for none."""
     low, high = angles(field, closest, direction, a, along, end_m - along)
     count = np.maximum(np.ceil(steps * (high - low) / np.pi), 2.0)
     index = np.arange(steps)
@@ -120,5 +121,7 @@ def _integrals(field: Field, closest: np.ndarray, direction: np.ndarray, a: np.n
     s = a[:, None] * np.tan(np.where(valid, theta, low[:, None]))
     r = closest[:, None] + s[..., None] * direction[:, None]
     squared = np.sum(closest**2, axis=1)[:, None] + s**2
-    value = field.weight(r) * (a[:, None] ** 2 + s**2) / np.maximum(squared, a[:, None] ** 2)
+    value = field.weight(r)
+    if not np.isscalar(end_m):
+        value = value * (a[:, None] ** 2 + s**2) / np.maximum(squared, a[:, None] ** 2)
     return np.sum(value * valid, axis=1) * (high - low) / count

@@ -13,11 +13,15 @@ from .measuring import NODE_ANGLES, STEPS, FieldErrors
 PIXELS_PER_NODE = (1, 2, 4, 8, 16, 32)
 # Of the budget, what steps and nodes may take; float32 and the light's map have the rest.
 _SHARE = 0.6
-# A few rays miss the worst places between nodes: a vent, an edge. On 67P's jets and facets the truth is up to that
-# much above what they tell (docs/coma.md).
-_NODES_MARGIN = 1.6
-# With a shadow: its edges fall between steps and between nodes.
-_SHADOW_STEPS, _SHADOW_PIXELS_PER_NODE = 96, 2
+# Some hundred rays miss the worst places: a vent, an edge of the body. On 67P the truth is up to that much above
+# what they tell of steps, of nodes beside the body and of nodes before it (docs/coma.md).
+_MARGINS = (1.4, 1.6, 3.0)
+# With a shadow: least steps, and what its edges between nodes leave, times the root of the nodes' angle from the
+# origin at the body (4.3 and 5.2 % of an even coma at 0.1 and 0.2 rad; 0.24 % with a node a pixel).
+_SHADOW_STEPS, _SHADOW_ERROR = 96, 0.14
+# A ray that starts at a camera off the nucleus by an angle lacks that share of the half circle, which has a kink
+# at the nucleus: of the light there, angle / pi at most.
+_VIEW_ERROR = 0.15
 # A node's cost whatever its steps, in steps.
 _NODE_STEPS = 6.0
 
@@ -33,7 +37,7 @@ class Sampling:
 
 
 def choose(errors: FieldErrors, footprint_m: float, body_m: float, image_px: float, budget: float,
-           has_shadow: bool = False) -> Sampling:
+           has_shadow: bool = False, pixel_rad: float = 0.0) -> Sampling:
     """The cheapest steps and nodes that take their share of the budget, or the finest there are.
 
     Parameters
@@ -48,10 +52,12 @@ def choose(errors: FieldErrors, footprint_m: float, body_m: float, image_px: flo
     budget : float [1]
     has_shadow : bool
         Whether the body's shadow, whose edges no table of errors knows, is drawn too.
+    pixel_rad : float [rad]
+        Angle of a pixel.
     """
     # Rings of the image: the column is the sum over rho, and nodes subtend less farther out.
     outer = max(image_px * footprint_m, 1.5 * body_m, footprint_m)
-    rho = np.geomspace(max(0.3 * body_m, 0.3 * footprint_m), outer, 64)
+    rho = np.geomspace(max(min(errors.edges_m[0], 0.3 * body_m), 0.3 * footprint_m), outer, 64)
     is_front, ring = rho < body_m, rho**2 / np.sum(rho**2)
     zone = np.clip(np.searchsorted(errors.edges_m, rho) - 1, 0, len(errors.level_m) - 1)
     mean = float(np.sum(ring * errors.level_m[zone] / rho))
@@ -65,15 +71,15 @@ def choose(errors: FieldErrors, footprint_m: float, body_m: float, image_px: flo
     beside, before = spread(errors.nodes_m, ~is_front), spread(errors.fronts_m, is_front)
     share = float(np.sum(ring[is_front]))
     best, finest = None, None
-    coarsest = _SHADOW_PIXELS_PER_NODE if has_shadow else PIXELS_PER_NODE[-1]
+    edges = {n: _SHADOW_ERROR * math.sqrt(n * footprint_m / body_m) if has_shadow and n > 1 else 0.0
+             for n in PIXELS_PER_NODE}
     for index, steps in enumerate(STEPS):
         if has_shadow and steps < _SHADOW_STEPS:
             continue
         of_steps = image(errors.steps_m[index, zone])
         for node, front in product(PIXELS_PER_NODE, PIXELS_PER_NODE):
-            if max(node, front) > coarsest:
-                continue
-            predicted = math.hypot(of_steps, _NODES_MARGIN * beside[node], _NODES_MARGIN * before[front])
+            terms = [margin * x for margin, x in zip(_MARGINS, (of_steps, beside[node], before[front]), strict=True)]
+            predicted = math.hypot(*terms, _VIEW_ERROR * node * pixel_rad, edges[max(node, front)])
             made = Sampling(steps=steps, pixels_per_node=node, front_pixels_per_node=front, predicted_error=predicted)
             # A ray that ends at the body takes a third of the half circle.
             cost = (steps + _NODE_STEPS) / node**2 + share * (steps / 3.0 + _NODE_STEPS) / front**2

@@ -116,7 +116,9 @@ class ComaPass(ResourceOwner):
                     "surface": surface.texture() if body is not None else None,
                     "shadow_map": None if shadow_map is None else shadow_map.texture}
         draw = partial(self._draw, textures, values)
-        draw("coma/nodes.frag.glsl", {**defines, "TO_SURFACE": 0}, self._nodes.all_rays, (0, 0, *nodes))
+        ends = {**defines, "ENDS_AT_SURFACE": 1}
+        draw("coma/nodes.frag.glsl", {**defines, "TO_SURFACE": 0, "ENDS_AT_SURFACE": 0}, self._nodes.all_rays,
+             (0, 0, *nodes))
         columns = self._columns.framebuffer
         if body is None:
             draw("coma/column.frag.glsl", {**defines, "HAS_SURFACE": 0, "HAS_FRONT": 0}, columns, (0, 0, *size))
@@ -128,11 +130,11 @@ class ComaPass(ResourceOwner):
         if has_front:
             around = (x0 // per_front, y0 // per_front, min(x1 // per_front + 2, fronts[0]),
                       min(y1 // per_front + 2, fronts[1]))
-            draw("coma/nodes.frag.glsl", {**defines, "TO_SURFACE": 1}, self._nodes.to_surface, around)
+            draw("coma/nodes.frag.glsl", {**ends, "TO_SURFACE": 1}, self._nodes.to_surface, around)
         width, height = size
         for box in ((0, 0, width, y0), (0, y1, width, height), (0, y0, x0, y1), (x1, y0, width, y1)):
             draw("coma/column.frag.glsl", {**defines, "HAS_SURFACE": 0, "HAS_FRONT": 0}, columns, box)
-        draw("coma/column.frag.glsl", {**defines, "HAS_SURFACE": 1, "HAS_FRONT": has_front}, columns, body)
+        draw("coma/column.frag.glsl", {**ends, "HAS_SURFACE": 1, "HAS_FRONT": has_front}, columns, body)
         self._fields += 1
 
     def read(self) -> np.ndarray:

@@ -74,9 +74,9 @@ class Jet:
         return self._axis_weight() * self.profile(angle) * squared / distance**2 * fade
 
     def _axis_weight(self) -> float:
-        # Beyond eight half widths a Gaussian has 5e-20 of its axis; what is left is smooth.
+        # Beyond eight half widths a Gaussian has 5e-20 of its axis; behind the vent is none.
         nodes, weights = np.polynomial.legendre.leggauss(64)
-        half = 0.5 * min(math.pi, 8.0 * math.radians(self.half_width_deg))
+        half = 0.5 * min(0.5 * math.pi, 8.0 * math.radians(self.half_width_deg))
         angle = half * (nodes + 1.0)
         return self.weight_m * 2.0 / float(np.sum(half * weights * self.profile(angle) * np.sin(angle)))
 

@@ -67,10 +67,11 @@ def propagate(r_m: np.ndarray, v_m_s: np.ndarray, gm_m3_s2: np.ndarray,
         step = s + missing / _radius(s, r0, eta, alpha, gm_m3_s2)
         inside = (step - low) * (step - high) <= 0.0
         new = np.where(inside, step, 0.5 * (low + high))
-        if np.all(np.abs(new - s) <= 1e-15 * np.abs(new)):
-            s = new
-            break
+        # One more step from 1e-9 squares that: below round-off.
+        is_found = np.all(np.abs(new - s) <= 1e-9 * np.abs(new))
         s = new
+        if is_found:
+            break
     g0, g1, g2, g3 = _g(s, alpha)
     r = r0 * g0 + eta * g1 + gm_m3_s2 * g2
     f, g = 1.0 - gm_m3_s2 / r0 * g2, r0 * g1 + eta * g2

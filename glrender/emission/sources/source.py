@@ -32,10 +32,5 @@ class Source(Protocol):
         """Activity (C,) [1] of the components."""
 
 
-def weight_m(source: Source, r_m: np.ndarray, sun_direction_body: np.ndarray) -> np.ndarray:
-    """K (N,) [m] of a source at points (N, 3) [m]."""
-    return source.activity(sun_direction_body) @ source.components(r_m)
-
-
 EVERYWHERE = math.inf
 """The reach of a source without an end."""

@@ -120,10 +120,8 @@ class Tail:
         if speed_m_s is not None:
             v_left = v_left + speed_m_s
         now, _ = propagate(r_left, v_left, (1.0 - beta) * SUN_GM_M3_S2, age)
-        # A beta of 0 comes back to the nucleus to round-off only when both ways are the same sum.
-        there, _ = propagate(r_left, v_left if speed_m_s is None else v_left - speed_m_s,
-                             np.full(len(age), SUN_GM_M3_S2), age)
-        return (now - there) @ self._tail_axes().T
+        # Metres of round-off in 1e11: far below a cell.
+        return (now - r) @ self._tail_axes().T
 
     def _comet(self) -> tuple[np.ndarray, np.ndarray]:
         return comet_state(self.perihelion_au * AU_M, self.eccentricity, math.radians(self.true_anomaly_deg))

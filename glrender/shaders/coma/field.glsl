@@ -24,7 +24,8 @@ float weight(vec3 r)
     return value;
 }
 
-// Integral of K dtheta between two angles, in steps of what the half circle has `steps` of.
+// Integral of K dtheta between two angles, in steps of what the half circle has `steps` of. A ray through the
+// body's inside is only seen by its neighbours: to them it stays smooth without what makes `a` up for rho.
 float integral(Ray ray, vec2 span)
 {
     float count = max(ceil(float(steps) * (span.y - span.x) / PI), 2.0);
@@ -37,7 +38,11 @@ float integral(Ray ray, vec2 span)
     for (int step = 0; step < last; ++step) {
         // Below 1e-7 float32 knows no cosine.
         float s = ray.a * sine / max(cosine, 1e-7);
-        total += weight(ray.closest + s * ray.direction) * (a2 + s * s) / max(rho2 + s * s, a2);
+        float value = weight(ray.closest + s * ray.direction);
+#if ENDS_AT_SURFACE
+        value *= (a2 + s * s) / max(rho2 + s * s, a2);
+#endif
+        total += value;
         float turned = sine * cosine_step + cosine * sine_step;
         cosine = cosine * cosine_step - sine * sine_step;
         sine = turned;

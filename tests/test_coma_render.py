@@ -1,0 +1,327 @@
+"""A coma in a frame: closed forms in W/m2, the shader against its float64 twin, surfaces, shadows, plan, errors."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from glrender import Body, PinholeCamera, Pose, Renderer, Scene, State, frames
+from glrender.brdf import Lambert
+from glrender.emission import Coma, Dust, drawing
+from glrender.emission.column import columns
+from glrender.emission.geometry import phase_rad, solid_angle_sr
+from glrender.emission.hits import body_hits
+from glrender.emission.phase_function import Isotropic
+from glrender.emission.sources.haser import Haser
+from glrender.emission.sources.jets import Jet, Jets
+from glrender.emission.sources.volume import Volume
+from glrender.errors import ConfigError
+from glrender.generate import contact_binary, icosphere
+from glrender.view import view_bodies
+from scipy.integrate import quad
+
+SUN_M = 1.5e11 * np.array([0.8, 0.3, -0.52])
+AU_M = 149_597_870_700.0
+SPHERE = Body(name="nucleus", shape=icosphere(radius_m=1000.0), brdf=Lambert(normal_albedo=0.05))
+LOBES = Body(name="nucleus", shape=contact_binary(radius_m=1000.0, seed=3), brdf=Lambert(normal_albedo=0.05))
+
+
+def camera(size=96, fov_rad=0.2):
+    return PinholeCamera(name="camera", width_px=size, height_px=size, focal_length_px=size / fov_rad)
+
+
+def state(r_spacecraft=(0.0, 0.0, -5e4), q=(1.0, 0.0, 0.0, 0.0), **others):
+    still = Pose(r_inertial_m=[0.0, 0.0, 0.0], q_from_inertial=[1.0, 0.0, 0.0, 0.0])
+    return State(t_s=0.0, r_sun_inertial_m=SUN_M, spacecraft=Pose(r_inertial_m=r_spacecraft, q_from_inertial=q),
+                 bodies={"nucleus": still, **others})
+
+
+def scene(*sources, body=SPHERE, pinhole=None, bodies=(), max_error=0.02, **coma):
+    emission = [Coma(body="nucleus", sources=sources, **coma)] if sources else []
+    return Scene(bodies=[body, *bodies], cameras=[pinhole or camera()], emission=emission, max_error=max_error)
+
+
+def three_jets():
+    made = []
+    for x, y, z, width in ((1.0, 0.2, -0.3, 12.0), (-0.5, 1.0, 0.2, 20.0), (-0.2, -1.0, -0.8, 16.0)):
+        axis = np.array([x, y, z]) / np.linalg.norm([x, y, z])
+        made.append(Jet(vent_m=800.0 * axis, normal=axis, axis=axis, weight_m=3.0, half_width_deg=width,
+                        vent_radius_m=150.0))
+    return Jets(jets=made)
+
+
+def grid():
+    """Jets and an even outflow in cells."""
+    n, half = 64, 6e3
+    middle = (np.arange(n) + 0.5) / n * 2.0 * half - half
+    r = np.stack(np.meshgrid(middle, middle, middle, indexing="ij"), axis=-1).reshape(-1, 3)
+    total = three_jets().components(r).sum(axis=0) + 2.0
+    return Volume(cross_section_per_m=(total / np.sum(r**2, axis=1)).reshape(n, n, n), low_m=[-half] * 3,
+                  high_m=[half] * 3)
+
+
+def drawn_columns(renderer, at, monkeypatch, **options):
+    """Columns of a frame, the image, and the layers that were drawn."""
+    taken, original = [], drawing.ComaDrawing._columns
+
+    def keep(self, *inputs):
+        made = original(self, *inputs)
+        taken.append((made[0].copy(), made[1].copy(), [layer for layer, _ in self._volumes.values()]))
+        return made
+
+    with monkeypatch.context() as patch:
+        patch.setattr(drawing.ComaDrawing, "_columns", keep)
+        image = renderer.render(at, **options)
+    return (*taken[0], image)
+
+
+def pixel_rays(pinhole):
+    y, x = np.mgrid[:pinhole.height_px, :pinhole.width_px]
+    return pinhole.directions(np.stack([x, y], axis=-1).reshape(-1, 2).astype(np.float64))
+
+
+def test_an_even_coma_has_the_irradiance_of_its_afrho():
+    """L = F phi A(0)frho / (8 pi rho) from far off, times the pixel's own solid angle."""
+    source, dust = Haser(weight_m=Dust().weight_m(2.0)), Dust()
+    with Renderer(scene(source, dust=dust, max_error=0.002)) as renderer, Renderer(scene()) as bare:
+        at, pinhole = state(), renderer.scene.cameras[0]
+        light = renderer.render(at, samples=1).irradiance_W_m2 - bare.render(at, samples=1).irradiance_W_m2
+    view = view_bodies(at, pinhole, {"nucleus": SPHERE.hull})[0]
+    y, x = np.mgrid[:96, :96]
+    pixel = np.stack([x, y], axis=-1).astype(np.float64)
+    off = np.arccos(pinhole.directions(pixel)[..., 2])
+    rho = 5e4 * np.sin(off)
+    solar = 1360.8 / (np.linalg.norm(SUN_M) / AU_M) ** 2
+    share = 1.0 - off / np.pi
+    exact = (solar * dust.phase_function(phase_rad(pinhole, view, pixel)) * 2.0 / (8.0 * np.pi * rho) * share
+             * solid_angle_sr(pinhole, pixel))
+    beside = rho > 1100.0
+    np.testing.assert_allclose(light[beside], exact[beside], rtol=1e-3)
+
+
+@pytest.mark.parametrize("source", ["haser", "jets", "grid"])
+@pytest.mark.parametrize("budget", [0.05, 0.01])
+def test_the_shader_equals_its_twin_within_the_plan(source, budget, monkeypatch):
+    """Against 1500 float64 steps of each pixel's ray to the surface that its middle sees."""
+    made = {"haser": Haser(weight_m=5.0), "jets": three_jets(), "grid": grid()}[source]
+    with Renderer(scene(made, body=LOBES, max_error=budget)) as renderer:
+        at, pinhole = state(), renderer.scene.cameras[0]
+        column, _, (layer,), image = drawn_columns(renderer, at, monkeypatch, products=["range"])
+    end = np.where(np.isnan(image.products["range"]), np.inf, image.products["range"]).ravel()
+    truth = columns(layer.field, np.array([0.0, 0.0, -5e4]), pixel_rays(pinhole), 1500, end).reshape(column.shape)
+    error = float(np.sqrt(np.mean((column - truth) ** 2)) / truth.mean())
+    told = image.plan.emission[0]
+    assert column.min() >= 0.0
+    assert error < budget
+    assert error < 1.5 * told.predicted_error + 1e-3
+    assert abs(column.sum() / truth.sum() - 1.0) < 0.1 * budget + 1e-3
+
+
+def test_without_economy_the_shader_is_its_twin_to_float32(monkeypatch):
+    """The same number of steps for each whole ray, a node for each pixel, nothing in the way."""
+    from glrender.emission.planning import Sampling
+
+    monkeypatch.setattr(drawing, "choose", lambda *_: Sampling(
+        steps=64, pixels_per_node=1, front_pixels_per_node=1, predicted_error=0.0))
+    at = state(r_spacecraft=(0.0, 3e3, -5e4))
+    with Renderer(scene(grid(), body=LOBES)) as renderer:
+        column, _, (layer,), image = drawn_columns(renderer, at, monkeypatch, products=["range"])
+        rays = pixel_rays(renderer.scene.cameras[0])
+    free = np.isnan(image.products["range"]).ravel()
+    low, high = _angles(layer.field, np.array([0.0, 3e3, -5e4]), rays)
+    count = np.maximum(np.ceil(np.float32(64) * (high - low) / np.pi), 2.0)
+    # Rays whose number of steps float32 could round another way are left out.
+    sure = free & (np.abs(64 * (high - low) / np.pi - np.round(64 * (high - low) / np.pi)) > 1e-3)
+    for steps in np.unique(count[sure]):
+        of = np.flatnonzero(sure & (count == steps))
+        truth = columns(layer.field, np.array([0.0, 3e3, -5e4]), rays[of], int(steps))
+        np.testing.assert_allclose(column.ravel()[of], truth, rtol=3e-4, atol=1e-6 * column.max())
+
+
+def _angles(field, r_camera, rays):
+    from glrender.emission.column import angles, ray_geometry
+
+    along, closest, a = ray_geometry(field, r_camera, rays)
+    return angles(field, closest, rays, a, along, np.inf)
+
+
+def test_bodies_hide_the_coma_behind_them_and_not_that_before_them(monkeypatch):
+    """A moon before the nucleus, and one far behind it."""
+    far = Body(name="far", shape=icosphere(radius_m=2000.0), brdf=Lambert(normal_albedo=0.05))
+    near = Body(name="near", shape=icosphere(radius_m=150.0), brdf=Lambert(normal_albedo=0.05))
+    q = [1.0, 0.0, 0.0, 0.0]
+    at = state(far=Pose(r_inertial_m=[-2.5e3, 0.0, 2e4], q_from_inertial=q),
+               near=Pose(r_inertial_m=[2.5e3, 0.0, -1e4], q_from_inertial=q))
+    with Renderer(scene(Haser(weight_m=5.0), bodies=[far, near])) as renderer:
+        column, _, (layer,), image = drawn_columns(renderer, at, monkeypatch, products=["range", "body_id"])
+        rays = pixel_rays(renderer.scene.cameras[0])
+    end = np.where(np.isnan(image.products["range"]), np.inf, image.products["range"]).ravel()
+    truth = columns(layer.field, np.array([0.0, 0.0, -5e4]), rays, 800, end).reshape(column.shape)
+    seen = image.products["body_id"]
+    for body in (0, 1, 2):
+        assert (seen == body).sum() > 10
+        np.testing.assert_allclose(column[seen == body], truth[seen == body], rtol=0.01)
+
+
+def test_the_camera_inside_the_volume_sees_what_is_ahead(monkeypatch):
+    """Away from the nucleus too: the origin is behind the camera, where nothing can be projected."""
+    for attitude, r in ((frames.look_at([0.0, 0.0, -4e3], [0.0, 0.0, 0.0]), (0.0, 0.0, -4e3)),
+                        (frames.look_at([0.0, 0.0, -4e3], [0.0, 0.0, -9e3]), (0.0, 0.0, -4e3)),
+                        (frames.look_at([0.0, 0.0, -4e3], [9e3, 0.0, -4e3]), (0.0, 0.0, -4e3))):
+        at = state(r_spacecraft=r, q=attitude)
+        with Renderer(scene(grid(), body=LOBES, pinhole=camera(fov_rad=1.0))) as renderer:
+            column, _, (layer,), image = drawn_columns(renderer, at, monkeypatch, products=["range"])
+            rays = pixel_rays(renderer.scene.cameras[0]) @ frames.dcm(attitude)
+        end = np.where(np.isnan(image.products["range"]), np.inf, image.products["range"]).ravel()
+        truth = columns(layer.field, np.array(r), rays, 1500, end).reshape(column.shape)
+        assert np.sqrt(np.mean((column - truth) ** 2)) / truth.mean() < 0.02
+
+
+def test_the_nucleus_casts_its_shadow_through_the_coma(monkeypatch):
+    """Against rays to the Sun from every step; the shadow map and nodes leave edges."""
+    with Renderer(scene(Haser(weight_m=5.0), body=LOBES, has_shadow=True)) as renderer:
+        column, _, (layer,), image = drawn_columns(renderer, state(), monkeypatch, products=["range"])
+        rays = pixel_rays(renderer.scene.cameras[0])
+    sun = SUN_M / np.linalg.norm(SUN_M)
+    hits = body_hits(LOBES.shape)
+
+    def lit(r_m):
+        # Behind the body as the Sun sees it, whatever lies between.
+        away = r_m - (r_m @ sun)[:, None] * sun
+        first = hits(away, np.broadcast_to(-sun, r_m.shape))
+        return np.where(-(r_m @ sun) > first + 1e-3, 0.0, 1.0)
+
+    end = np.where(np.isnan(image.products["range"]), np.inf, image.products["range"]).ravel()
+    every = np.arange(0, len(rays), 5)
+    truth = columns(layer.field, np.array([0.0, 0.0, -5e4]), rays[every], 400, end[every], lit)
+    unshadowed = columns(layer.field, np.array([0.0, 0.0, -5e4]), rays[every], 400, end[every])
+    assert (truth < 0.9 * unshadowed).mean() > 0.02
+    error = column.ravel()[every] - truth
+    assert np.sqrt(np.mean(error**2)) / truth.mean() < 0.02
+    assert abs(error.sum() / truth.sum()) < 0.003
+
+
+def test_extinction_dims_the_nucleus_and_never_more_than_all():
+    thick = Dust(extinction_efficiency=2.0, phase_function=Isotropic())
+    source = Haser(weight_m=300.0)
+    with Renderer(scene(source, dust=thick)) as renderer, Renderer(scene()) as bare:
+        image, plain = renderer.render(state()), bare.render(state()).irradiance_W_m2
+    told = image.plan.emission[0]
+    assert told.modelled["extinction"] and not any("extinction" in line for line in told.left_out)
+    # The middle of the disc: what comes through exp(-q K (1/R - 1/range)), and the dust before it.
+    column = 300.0 * (1.0 / 1000.0 - 1.0 / 5e4)
+    solar = 1360.8 / (np.linalg.norm(SUN_M) / AU_M) ** 2
+    dust = 0.05 / np.pi * solar * (1.0 - np.exp(-2.0 * column)) / 2.0 * (0.2 / 96) ** 2
+    middle = image.irradiance_W_m2[47:49, 47:49].mean()
+    np.testing.assert_allclose(middle, plain[47:49, 47:49].mean() * np.exp(-2.0 * column) + dust, rtol=0.02)
+
+
+def test_a_nucleus_below_a_pixel_has_the_aperture_sum_of_its_coma():
+    """Sum over pixels of an even coma is 2 pi^2 K rho / range^2 within a circle; here within a square, 3.5255."""
+    pinhole = camera(size=65, fov_rad=0.065)
+    at = state(r_spacecraft=(130.0, -70.0, -1e7))
+    source, dust = Haser(weight_m=5.0), Dust(phase_function=Isotropic())
+    with Renderer(scene(source, dust=dust, pinhole=pinhole)) as renderer, Renderer(scene(pinhole=pinhole)) as bare:
+        light = renderer.render(at).irradiance_W_m2.astype(np.float64) - bare.render(at).irradiance_W_m2
+    solar = 1360.8 / (np.linalg.norm(SUN_M) / AU_M) ** 2
+    # Mean of 1/rho over a square of side w is 3.5255 / w; before the disc the column is K asin(rho / R) / rho.
+    lost = quad(lambda rho: 2.0 * np.pi * 5.0 * (np.pi - np.arcsin(rho / 1e3)), 0.0, 1e3)[0]
+    for half in (0, 1, 4, 12):
+        side = (2 * half + 1) * 1e4
+        part = light[32 - half:33 + half, 32 - half:33 + half].sum()
+        exact = 0.05 / np.pi * solar * (np.pi * 5.0 * 3.52549 * side - lost) / 1e14
+        np.testing.assert_allclose(part, exact, rtol=0.01)
+
+
+def test_the_far_view_keeps_its_pixels():
+    """From 1e9 m, as from 1e6 m with a thousandth of the focal length: nothing cancels."""
+    made = []
+    for range_m, fov in ((1e6, 2e-2), (1e9, 2e-5)):
+        with Renderer(scene(Haser(weight_m=5.0, reach_m=2e4), pinhole=camera(fov_rad=fov))) as renderer, \
+                Renderer(scene(pinhole=camera(fov_rad=fov))) as bare:
+            at = state(r_spacecraft=(0.0, 0.0, -range_m))
+            made.append((renderer.render(at).irradiance_W_m2 - bare.render(at).irradiance_W_m2)
+                        / (fov / 96.0) ** 2)
+    np.testing.assert_allclose(made[1], made[0], rtol=0.01, atol=1e-3 * made[0].max())
+
+
+def test_the_plan_tells_what_was_modelled_and_left_out():
+    with Renderer(scene(Haser(weight_m=5.0))) as renderer, Renderer(scene()) as bare:
+        image, plain = renderer.render(state()), bare.render(state())
+    assert plain.plan.emission == () and plain.timings_ms.keys().isdisjoint({"emission"})
+    told = image.plan.to_dict()["emission"][0]
+    assert told["kind"] == "coma" and told["body"] == "nucleus" and told["milliseconds"] > 0.0
+    assert told["modelled"]["fields"][0]["models"] == ["haser"]
+    assert any("shadow" in line for line in told["left_out"])
+    assert image.plan.roi == (0, 0, 96, 96)
+
+
+def test_equal_requests_give_equal_bytes_whatever_came_between():
+    with Renderer(scene(three_jets(), body=LOBES)) as renderer:
+        first = renderer.render(state()).irradiance_W_m2.tobytes()
+        other = State(t_s=0.0, r_sun_inertial_m=-SUN_M, spacecraft=state().spacecraft, bodies=state().bodies)
+        assert renderer.render(other).irradiance_W_m2.tobytes() != first
+        assert renderer.render(state()).irradiance_W_m2.tobytes() == first
+
+
+TABLE = {
+    "bodies": [{"name": "nucleus", "generated": {"kind": "icosphere", "radius_m": 1000.0},
+                "brdf": {"law": "lambert", "normal_albedo": 0.05}}],
+    "cameras": [{"name": "camera", "width_px": 64, "height_px": 64, "focal_length_px": 320.0}],
+}
+
+
+def coma_table(**changes):
+    return {**TABLE, "emission": [{"kind": "coma", "body": "nucleus",
+                                   "sources": [{"model": "haser", "afrho_m": 1.0}], **changes}]}
+
+
+def test_a_scene_file_asks_for_every_model(tmp_path):
+    np.save(tmp_path / "strength.npy", np.ones(len(Scene.from_dict(TABLE).bodies[0].shape.facets)))
+    sources = [
+        {"model": "haser", "afrho_m": 1.0, "scale_length_m": 1e5},
+        {"model": "jets", "jets": [{"latitude_deg": 10.0, "longitude_deg": 20.0, "half_width_deg": 15.0,
+                                    "afrho_m": 0.5}]},
+        {"model": "facets", "afrho_m": 1.0, "table": "strength.npy", "activity": {"exponent": 0.5, "night": 0.1}},
+        {"model": "tail", "afrho_m": 1.0, "perihelion_au": 0.9, "eccentricity": 0.5, "true_anomaly_deg": 40.0,
+         "pole_inertial": [0.0, 0.0, 1.0], "oldest_s": 1e6, "length_m": 1e8, "particles": 5000, "cells": 32}]
+    table = coma_table(sources=sources, has_shadow=True,
+                       dust={"geometric_albedo": 0.04, "phase_function": {"kind": "henyey_greenstein", "forward": 0.8},
+                             "extinction_efficiency": 2.0})
+    with Renderer(Scene.from_dict(table, shape_dir=tmp_path)) as renderer:
+        image = renderer.render(state())
+    assert {model for field in image.plan.emission[0].modelled["fields"] for model in field["models"]} == {
+        "haser", "jets", "facets", "tail"}
+    assert np.isfinite(image.irradiance_W_m2).all() and image.irradiance_W_m2.min() > 0.0
+
+
+@pytest.mark.parametrize("changes, path", [
+    ({"kind": "gas"}, "scene.emission[0].kind"),
+    ({"body": "moon"}, "scene.emission[0].body"),
+    ({"colour": 1}, "scene.emission[0].colour"),
+    ({"sources": []}, "scene.emission[0].sources"),
+    ({"sources": [{"model": "smoke"}]}, "scene.emission[0].sources[0].model"),
+    ({"sources": [{"model": "haser"}]}, "scene.emission[0].sources[0].afrho_m"),
+    ({"sources": [{"model": "haser", "afrho_m": -1.0}]}, "scene.emission[0].sources[0].afrho_m"),
+    ({"sources": [{"model": "haser", "afrho_m": 1.0, "exponent": 1.0}]}, "scene.emission[0].sources[0].exponent"),
+    ({"sources": [{"model": "jets", "jets": [{"latitude_deg": 99.0, "longitude_deg": 0.0, "half_width_deg": 5.0,
+                                              "afrho_m": 1.0}]}]}, "scene.emission[0].sources[0].jets[0].latitude_deg"),
+    ({"sources": [{"model": "grid", "file": "none.npz", "cross_section_per_m": 1.0}]},
+     "scene.emission[0].sources[0].file"),
+    ({"sources": [{"model": "facets", "afrho_m": 1.0, "table": "none.npy"}]},
+     "scene.emission[0].sources[0].table"),
+    ({"dust": {"geometric_albedo": 2.0}}, "scene.emission[0].dust.geometric_albedo"),
+    ({"dust": {"phase_function": "blue"}}, "scene.emission[0].dust.phase_function.kind"),
+    ({"has_shadow": 1}, "scene.emission[0].has_shadow"),
+])
+def test_a_bad_table_is_told_by_its_field(changes, path, tmp_path):
+    table = coma_table()
+    table["emission"][0].update(changes)
+    with pytest.raises(ConfigError) as caught:
+        Scene.from_dict(table, shape_dir=tmp_path)
+    assert str(caught.value).startswith(path), str(caught.value)
+
+
+def test_over_the_wire_only_bare_names_lead_to_grids(tmp_path):
+    table = coma_table(sources=[{"model": "grid", "file": "../secret.npz", "cross_section_per_m": 1.0}])
+    with pytest.raises(ConfigError, match="bare file name"):
+        Scene.from_dict(table, shape_dir=tmp_path, restricted=True)
