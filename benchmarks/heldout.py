@@ -105,7 +105,7 @@ def draw_scatter(rows: list[dict], path: Path) -> None:
     panels[2].scatter(size, [row["fresh"] for row in rows], s=22, label="fresh shadow map")
     panels[2].scatter(size, [row["reused"] for row in rows], s=22, facecolors="none", edgecolors="C0", label="reused")
     panels[2].axhline(1.0, color="k", linewidth=1)
-    panels[2].set(xscale="log", yscale="log", xlabel="body [px]", ylabel="time of the plan / 4 x 4 samples")
+    panels[2].set(xscale="log", yscale="log", xlabel="body [px]", ylabel="time of the plan / full fidelity")
     panels[2].grid(True, which="both", alpha=0.25)
     panels[2].legend()
     figure.tight_layout()

@@ -12,11 +12,13 @@ from typing import Any
 import numpy as np
 from glrender_camera import PinholeCamera
 
+from .emission_frame import EmissionPlan
 from .error_model import (
     BodyTraits,
     LevelTraits,
     facets_per_px,
     flux_error,
+    leaked_flux,
     level_error,
     level_flux_error,
     noise_gain,
@@ -35,8 +37,8 @@ SHADOW_SIZES_PX = tuple(2**k for k in range(8, 17))
 """Texels across a body; float32 coordinates have 256 steps in the finest."""
 MAX_SHADOW_SIDE_PX = 4096
 """Most texels along a side of a shadow map."""
-# Of the budget, what the shadow map may take.
-_SHADOW_SHARE = 0.4
+# Of the budget, what the shadow map may take; and the RMS error of light that leaks, over that of the flux.
+_SHADOW_SHARE, _LEAK_RMS = 0.4, 2.0
 # A body that is smaller has a grid of its own.
 _SMALL_PX = 4.0
 # Error of its pixels over that of its flux, at most.
@@ -52,6 +54,8 @@ _TEXEL_COST = 0.1
 # Of the budget, what a guess may take that shall not need a second pass: where a pass costs more than its
 # samples, and where it costs less.
 _SURE, _LIKELY = 0.7, 0.85
+# Fewest samples along a pixel's side of a low Sun's slivers, where the budget would notice one that is missed.
+_SLIVER_SAMPLES, _SLIVER_PHASE_RAD, _SLIVER_BUDGET = 3, 1.4, 0.03
 # Nanoseconds of a call whatever it draws: of OpenGL, of rays in NumPy.
 _RASTER_CALL_NS, _RAYS_CALL_NS = 5e5, 1.5e6
 
@@ -165,6 +169,8 @@ class RenderPlan:
     left_out : tuple of str
     warnings : tuple of str
         What is used beyond its range.
+    emission : tuple of EmissionPlan
+        What plug-ins added to it.
     """
 
     camera: str
@@ -175,6 +181,7 @@ class RenderPlan:
     bodies: tuple[BodyPlan, ...]
     left_out: tuple[str, ...] = field(default=())
     warnings: tuple[str, ...] = field(default=())
+    emission: tuple[EmissionPlan, ...] = field(default=())
 
     @property
     def samples(self) -> int:
@@ -234,6 +241,7 @@ def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, has_cas
         shadow_px = plan_shadow(view, chosen, traits.is_convex, has_casters, budget, seen_share)
         if shadow_px is not None:
             squared += shadow_share(view, shadow_px) * sum(squared_errors(view, chosen))
+            squared += (_LEAK_RMS * leaked_flux(view, shadow_px)) ** 2
     return BodyPlan(
         name=view.name, is_visible=view.is_visible, n_facets=chosen.n_facets, level=used,
         law=traits.law, shadow_map_px=shadow_px, shadow_map_reused=False,
@@ -293,6 +301,7 @@ def _plan_window(members: list[BodyView], traits: dict[str, BodyTraits], plans: 
         margin = 0.02 * largest_px
         grid = tuple(max(math.ceil(across * side / largest_px), 8) for side in (right - left, bottom - top))
         is_rays = _RAYS_CALL_NS + grid[0] * grid[1] * costs.ray_ns < setup_ns + grid[0] * grid[1] * costs.sample_ns
+        is_rays |= floor > budget and math.isfinite(costs.ray_ns)
         floor = 0.0 if is_rays else floor
         sampling = _SMALL_PIXELS * max(flux_error(across, phase_rad),
                                        math.sqrt(sum(errors) * (largest_px / across) ** 3))
@@ -303,7 +312,9 @@ def _plan_window(members: list[BodyView], traits: dict[str, BodyTraits], plans: 
             predicted_error=error_gain * math.hypot(floor, sampling))
     box_px = (x1 - x0) * (y1 - y0)
     n_px = min(sum(0.6 * min(view.size_px, 1e5) ** 2 for view in members), box_px)
-    least = min(max(math.ceil(across / largest_px), 1), MAX_SAMPLES)
+    # Slivers of light between samples tell nothing of themselves.
+    slivers = _SLIVER_SAMPLES if phase_rad > _SLIVER_PHASE_RAD and budget < _SLIVER_BUDGET else 1
+    least = min(max(math.ceil(across / largest_px), slivers), MAX_SAMPLES)
     # OpenGL, with the levels of detail and the shadow maps that were planned.
     raster_budget = math.sqrt(max(budget**2 - floor**2, (0.3 * budget) ** 2))
     shown = [(traits[view.name].levels[plans[view.name].level], view) for view in members]
@@ -396,8 +407,7 @@ def plan_shadow(view: BodyView, level: LevelTraits, is_convex: bool, has_casters
             return None
         if _SHADOWED_PER_RAD * view.phase_rad < 0.1 * max_error:
             return None
-    low_sun = 1.9 * math.tan(min(0.5 * view.phase_rad, 1.5)) ** 1.57 * (0.02 / max_error)
-    texels = view.finest_px * max(1.0, low_sun)
+    texels = max(view.finest_px, leaked_flux(view, 1) / (_FLUX_SHARE * max_error))
     one_sample = sum(squared_errors(view, level))
     sizes = [size for size in SHADOW_SIZES_PX if size * seen_share <= MAX_SHADOW_SIDE_PX]
     return next((size for size in sizes if size >= texels

@@ -16,6 +16,7 @@ from glrender_camera.validate import integer
 
 from . import error_model, frames, grouping, plan
 from .brdf import Law
+from .emission_frame import EmissionFrame
 from .engine_costs import engine_costs
 from .error_model import BodyTraits, LevelTraits
 from .errors import ConfigError, DeviceError
@@ -39,6 +40,8 @@ from .view import BodyView, chunks_in_window, view_bodies
 _MAX_WINDOW_SAMPLES = 4096 * 4096
 # Of the budget: what is left then for samples would not do.
 _ALL_BUT = 0.9
+# Side of a shadow map that only a coma asks for.
+_EMISSION_SHADOW_PX = 512
 
 
 class Renderer:
@@ -84,6 +87,7 @@ class Renderer:
             self._products = stack.enter_context(Target(self._context, [4, 4, 4]))
             self._shadows = Shadows(self._context, self._hulls, self._meshes)
             stack.callback(self._shadows.close)
+            self._emission = [stack.enter_context(emission.open(self._context, scene)) for emission in scene.emission]
             self._stack = stack.pop_all()
         self._bodies = {body.name: (index, body) for index, body in enumerate(scene.bodies)}
 
@@ -171,6 +175,9 @@ class Renderer:
                                               clock)
                         for window in frame_plan.windows)
         frame_plan = plan.with_windows(frame_plan, windows)
+        if self._emission:
+            frame_plan = self._add_emission(irradiance, state, views, frame_plan, pinhole, shadows)
+            clock.lap("emission")
         arrays = {}
         if wanted:
             arrays = self._draw_products(wanted, views, frame_plan, pinhole)
@@ -351,6 +358,32 @@ class Renderer:
              "shadow_bias_per_texel": shadow.bias_per_texel,
              "body_id": self._bodies[view.name][0]},
             shadow.shadow_map, chosen)
+
+    def _add_emission(self, irradiance: np.ndarray, state: State, views: list[BodyView], frame_plan: RenderPlan,
+                      camera: PinholeCamera, shadows: dict[str, Shadow]) -> RenderPlan:
+        """Add what the scene's emission plug-ins draw; where their light falls is the whole image."""
+        names = tuple(view.name for view in views)
+
+        def draw_surfaces(target, stage, bounds_px, grid):
+            self._draw_window(target, stage, bounds_px, grid, names, views, frame_plan, camera, {})
+
+        def shadow_map(name):
+            view = next(view for view in views if view.name == name)
+            shadow = shadows.get(name)
+            # The shadow falls on dust far beside what the image shows of the body.
+            if shadow is None or not view.is_whole:
+                bodies = [replace(body, shadow_map_px=_EMISSION_SHADOW_PX if body.name == name else None)
+                          for body in frame_plan.bodies]
+                shadow = self._shadows.draw(views, bodies, camera, is_whole=True)[0][name]
+            return shadow.shadow_map, shadow.shadow_from_body
+
+        frame = EmissionFrame(
+            state=state, camera=camera, views={view.name: view for view in views}, max_error=frame_plan.max_error,
+            solar_irradiance_1au_W_m2=self.scene.solar_irradiance_of(camera),
+            rois=tuple(window.roi for window in frame_plan.windows),
+            draw_surfaces=draw_surfaces, shadow_map=shadow_map)
+        added = tuple(emission.add(irradiance, frame) for emission in self._emission)
+        return replace(frame_plan, emission=added, roi=(0, 0, camera.width_px, camera.height_px))
 
     def _draw_products(self, wanted: tuple[str, ...], views: list[BodyView], frame_plan: RenderPlan,
                        camera: PinholeCamera) -> dict[str, np.ndarray]:

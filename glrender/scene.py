@@ -19,11 +19,11 @@ from .brdf.presets import PRESETS
 from .constants import TOTAL_SOLAR_IRRADIANCE_W_M2
 from .errors import ConfigError, SceneError, ShapeError, error_path
 from .hull import Hull
-from .plugins import laws
+from .plugins import emissions, laws
 from .radiometry import Band
 from .shape import Shape, metres_per_unit
 
-_SCENE_KEYS = ("bodies", "cameras", "solar_irradiance_1au_W_m2", "max_error")
+_SCENE_KEYS = ("bodies", "cameras", "solar_irradiance_1au_W_m2", "max_error", "emission")
 _BODY_KEYS = ("name", "shape", "generated", "length_unit", "brdf", "albedo_texture", "albedo_texture_gain",
               "smooth_normals")
 _CAMERA_KEYS = ("name", "width_px", "height_px", "focal_length_px", "principal_point_px",
@@ -123,12 +123,15 @@ class Scene:
         (ASTM E490-00a), or the total solar irradiance, 1360.8 W/m2, of a camera without a model.
     max_error : float [1], 0..1
         Budget: RMS irradiance error over the mean of the lit pixels.
+    emission : sequence
+        Light that no surface scatters, as `emission_frame.Emission`: none unless asked for.
     """
 
     bodies: Sequence[Body]
     cameras: Sequence[PinholeCamera]
     solar_irradiance_1au_W_m2: float | None = None
     max_error: float = field(default=0.02)
+    emission: Sequence[Any] = ()
 
     def __post_init__(self):
         for label, kind in (("bodies", Body), ("cameras", PinholeCamera)):
@@ -150,6 +153,10 @@ class Scene:
             object.__setattr__(self, "solar_irradiance_1au_W_m2",
                                within("solar_irradiance_1au_W_m2", self.solar_irradiance_1au_W_m2, 1e-6, 1e9))
         object.__setattr__(self, "max_error", checked_max_error(self.max_error))
+        object.__setattr__(self, "emission", tuple(self.emission))
+        for index, emission in enumerate(self.emission):
+            if emission.body not in {body.name for body in self.bodies}:
+                raise ConfigError(f"emission[{index}].body", "must be a body of the scene", emission.body)
 
     def solar_irradiance_of(self, camera: PinholeCamera) -> float:
         """Solar irradiance in a camera's band at 1 au [W/m2]."""
@@ -193,6 +200,10 @@ class Scene:
         cameras = [_camera(entry, f"{path}.cameras[{i}]")
                    for i, entry in enumerate(_tables(f"{path}.cameras", table["cameras"]))]
         rest = {key: table[key] for key in ("solar_irradiance_1au_W_m2", "max_error") if key in table}
+        if "emission" in table:
+            named = {body.name: body for body in bodies}
+            rest["emission"] = [_emission(entry, f"{path}.emission[{i}]", files, named)
+                                for i, entry in enumerate(_tables(f"{path}.emission", table["emission"]))]
         with error_path(path):
             return cls(bodies=bodies, cameras=cameras, **rest)
 
@@ -303,6 +314,15 @@ def _law(table: object, path: str) -> Law:
                  for key, value in table.items() if key != "law"}
     with error_path(path):
         return _call(law, arguments)
+
+
+def _emission(table: object, path: str, files: _Files, bodies: Mapping[str, Body]) -> Any:
+    if not isinstance(table, Mapping) or table.get("kind") not in emissions():
+        kind = table.get("kind") if isinstance(table, Mapping) else table
+        raise ConfigError(f"{path}.kind", f"must be one of {', '.join(sorted(emissions()))}", kind)
+    arguments = {key: value for key, value in table.items() if key != "kind"}
+    with error_path(path):
+        return emissions()[table["kind"]].from_table(arguments, files.path, bodies)
 
 
 def _camera(table: Mapping[str, Any], path: str) -> PinholeCamera:

@@ -93,7 +93,7 @@ class Shadows:
         """Least and largest coordinates (3,) [m] of a body in frame `sun`, and of what is seen of it in sunlight."""
         points = self._hulls[view.name].points_m @ sun_from_body.T
         chunks, seen = self._meshes[view.name][level].chunks, None
-        if not view.is_within(camera.bounds_px):
+        if not view.is_whole:
             lit = (chunks_in_window(chunks, view, camera, camera.bounds_px)
                    & chunks.facing_point(view.r_camera_body_m) & chunks.facing_direction(sun_from_body[2]))
             # Where nothing is lit, no shadow is looked up.
@@ -101,8 +101,11 @@ class Shadows:
         return points.min(axis=0), points.max(axis=0), seen
 
     def draw(self, views: Sequence[BodyView], bodies: Sequence[BodyPlan],
-             camera: PinholeCamera) -> tuple[dict[str, Shadow], list[BodyPlan]]:
-        """Shadows of the bodies that need a map, by name; and the plans with what was done."""
+             camera: PinholeCamera, *, is_whole: bool = False) -> tuple[dict[str, Shadow], list[BodyPlan]]:
+        """Shadows of the bodies that need a map, by name; and the plans with what was done.
+
+        A map covers what the image shows of its body, or all of it where `is_whole`.
+        """
         shadows, done = {}, []
         levels = {body.name: body.level for body in bodies}
         for view, body_plan in zip(views, bodies, strict=True):
@@ -111,7 +114,8 @@ class Shadows:
                 done.append(body_plan)
                 continue
             sun_from_body = frames.sun_from_body(plan.snapped_sun(view.sun_direction_body, texels))
-            box = shadow_box(*self._bounds(view, sun_from_body, camera, levels[view.name]), texels)
+            low_m, high_m, seen = self._bounds(view, sun_from_body, camera, levels[view.name])
+            box = shadow_box(low_m, high_m, None if is_whole else seen, texels)
             centre = 0.5 * (box.low_m + box.high_m)
             half = 0.5 * (box.high_m - box.low_m)
             # However large the bias, a surface stays behind what casts from the near plane.

@@ -41,6 +41,8 @@ class BodyView:
         behind the camera, so that it may fill any of the image.
     is_visible : bool
         Whether any of it may be in the image.
+    is_whole : bool
+        Whether all of it is.
     """
 
     name: str
@@ -53,6 +55,7 @@ class BodyView:
     depth_m: tuple[float, float]
     bounds_px: np.ndarray | None
     is_visible: bool
+    is_whole: bool
 
     @property
     def size_px(self) -> float:
@@ -136,11 +139,10 @@ def _view(name: str, hull: Hull, state: State, camera: PinholeCamera, camera_fro
     points = (hull.points_m - r_camera) @ camera_from_body.T
     depth = points[:, 2]
     nearest, farthest = float(depth.min()), float(depth.max())
-    bounds = None
+    bounds, edge = None, np.array([camera.width_px, camera.height_px]) - 0.5
     if nearest > 0.0:
         pixel = points[:, :2] / depth[:, None] * camera.focal_length_px + np.array(camera.principal_point_px)
         bounds = np.concatenate([pixel.min(axis=0), pixel.max(axis=0)])
-        edge = np.array([camera.width_px, camera.height_px]) - 0.5
         is_visible = bool((bounds[:2] < edge).all() and (bounds[2:] > -0.5).all())
         if is_visible and not (bounds[2:] - bounds[:2]).max() > _MIN_SIZE_PX:
             raise SceneError("state.spacecraft.r_inertial_m", f"body {name!r} must be {_MIN_SIZE_PX:g} px across",
@@ -155,4 +157,5 @@ def _view(name: str, hull: Hull, state: State, camera: PinholeCamera, camera_fro
     return BodyView(
         name=name, camera_from_body=camera_from_body, r_camera_body_m=r_camera, sun_direction_body=sun_direction,
         sun_distance_au=sun_distance / AU_M, range_m=range_m, phase_rad=float(phase),
-        depth_m=(nearest, farthest), bounds_px=bounds, is_visible=is_visible)
+        depth_m=(nearest, farthest), bounds_px=bounds, is_visible=is_visible,
+        is_whole=bounds is not None and bool((bounds[:2] >= -0.5).all() and (bounds[2:] <= edge).all()))

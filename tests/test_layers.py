@@ -21,6 +21,7 @@ ROOMS = {
     "glrender/shaders": {"numpy", "glrender.constants", "glrender.errors"},
     "glrender/gl": {"numpy", "moderngl", "glrender.brdf", "glrender.chunks", "glrender.shaders", "glrender.errors",
                     "glrender.constants"},
+    "glrender/emission": {"numpy", "scipy", "cv2", "OpenEXR", "glrender", "glrender_camera"},
     "glrender/backends": {"numpy", "cv2", "glrender", "glrender_camera"},
     # What runs in Blender's process: its own Python, where glrender is not installed.
     "glrender/backends/cycles/inside": {"numpy", "bpy", "mathutils", "framing", "drawing"},

@@ -72,7 +72,7 @@ def test_the_flux_of_the_lost_relief_is_put_right(rough, law, phase_deg):
     assert np.std(right) < 2.5 * flux_ratios(scene.bodies[0], lod.levels_of_detail(rough))[-1].at(
         np.radians(phase_deg))[1] + 2e-3
     if phase_deg == 100.0:
-        assert abs(np.mean(raw)) > 0.03 and abs(np.mean(right)) < 0.2 * abs(np.mean(raw)), "the table puts it right"
+        assert abs(np.mean(raw)) > 0.025 and abs(np.mean(right)) < 0.2 * abs(np.mean(raw)), "the table puts it right"
 
 
 def test_a_level_draws_what_the_full_shape_does(rough):

@@ -19,7 +19,8 @@ def view(name="body", size_px=200.0, phase_deg=60.0, bounds_px=None, depth_m=(90
         bounds_px = np.array([100.0, 80.0, 100.0 + size_px, 80.0 + 0.8 * size_px])
     return BodyView(name=name, camera_from_body=np.eye(3), r_camera_body_m=np.array([0.0, 0.0, -1000.0]),
                     sun_direction_body=np.array([0.0, 0.0, -1.0]), sun_distance_au=1.0, range_m=1000.0,
-                    phase_rad=np.radians(phase_deg), depth_m=depth_m, bounds_px=bounds_px, is_visible=is_visible)
+                    phase_rad=np.radians(phase_deg), depth_m=depth_m, bounds_px=bounds_px, is_visible=is_visible,
+                    is_whole=bool(np.isfinite(size_px)))
 
 
 CAMERA = views.camera(1024, 1000.0)

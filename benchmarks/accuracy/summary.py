@@ -35,7 +35,7 @@ def lead_over_peers(rows: list[Row], slack: float = 1.02) -> dict[str, float]:
     return lead
 
 
-def planner_gain(rows: list[Row], budget: float, fixed: str = "4 x 4", shadow_map: str = "fresh") -> float:
+def planner_gain(rows: list[Row], budget: float, fixed: str = "8 x 8", shadow_map: str = "fresh") -> float:
     """Time of the fixed full-fidelity frame over that of the planner's at a budget."""
     time = {r["config"]: r["p50_ms"] for r in rows if r["map"] == shadow_map}
     return time[fixed] / time[f"plan {budget:g}"]

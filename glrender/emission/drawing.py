@@ -1,0 +1,156 @@
+"""Draws a coma into a frame: columns of its fields by the GPU, their light added to the irradiance."""
+
+from __future__ import annotations
+
+import math
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass
+
+import numpy as np
+
+from .. import frames
+from ..emission_frame import EmissionFrame, EmissionPlan
+from ..gl.coma_pass import ComaPass, ComaVolume, FloatTarget
+from ..gl.context import Context
+from ..scene import Scene
+from ..view import BodyView
+from .coma import Coma
+from .geometry import shader_values
+from .layers import Layer, Layers
+from .light import light_per_column, point_correction
+from .measuring import REACH_RAD
+from .planning import Sampling, choose
+
+_TILE_PX = 2048
+# The mean of 1/rho over a pixel is taken that many pixels around a nucleus that is smaller than some pixels.
+_POINT_PX = 8
+
+
+@dataclass(frozen=True, eq=False)
+class _Drawn:
+    """A layer as a frame draws it."""
+
+    layer: Layer
+    volume: ComaVolume
+    field_from_body: np.ndarray
+    sampling: Sampling
+
+
+class ComaDrawing(ExitStack):
+    """A coma's tables and textures in a context; see `emission_frame.EmissionPass`."""
+
+    def __init__(self, coma: Coma, context: Context, scene: Scene):
+        super().__init__()
+        self._coma, self._context = coma, context
+        body = next(body for body in scene.bodies if body.name == coma.body)
+        self._layers = Layers(coma.sources, body.shape)
+        self._pass = self.enter_context(ComaPass(context, len(scene.bodies)))
+        self._surface = self.enter_context(FloatTarget(context, [2]))
+        self._volumes: dict[int, tuple[Layer, ComaVolume]] = {}
+
+    def add(self, irradiance: np.ndarray, frame: EmissionFrame) -> EmissionPlan:
+        """Add the coma's light; where its dust hides what is behind it, dim that."""
+        began = time.perf_counter()
+        view, dust = frame.views[self._coma.body], self._coma.dust
+        drawn = self._plan(frame, view)
+        solar_irradiance = frame.solar_irradiance_1au_W_m2 / view.sun_distance_au**2
+        height, width = irradiance.shape
+        greatest = 0.0
+        for top in range(0, height, _TILE_PX):
+            for left in range(0, width, _TILE_PX):
+                box = (left, top, min(left + _TILE_PX, width), min(top + _TILE_PX, height))
+                column, hidden = self._columns(box, frame, drawn)
+                greatest = max(greatest, float(hidden.max()))
+                tile = irradiance[top:box[3], left:box[2]]
+                if dust.extinction_efficiency > 0.0:
+                    tile *= dust.transmission(hidden)
+                    # Of the dust that hides itself, the sunlit share shines.
+                    column = column * (dust.thin(hidden) / np.maximum(hidden, np.float32(1e-30)))
+                column *= light_per_column(frame.camera, view, dust, box, solar_irradiance)
+                tile += column
+        return self._told(drawn, greatest, 1e3 * (time.perf_counter() - began))
+
+    def _plan(self, frame: EmissionFrame, view: BodyView) -> list[_Drawn]:
+        body_from_inertial = frames.dcm(frame.state.bodies[view.name].q_from_inertial)
+        footprint_m = view.range_m / frame.camera.focal_length_px
+        made = []
+        for index, layer in enumerate(self._layers.at(view.sun_direction_body)):
+            known = self._volumes.get(index)
+            if known is None:
+                volume = self.enter_context(ComaVolume(self._context, layer.field.texels(), layer.is_spherical))
+            else:
+                volume = known[1]
+                if known[0] is not layer:
+                    volume.write(layer.field.texels())
+            self._volumes[index] = (layer, volume)
+            sampling = choose(layer.errors, footprint_m, self._layers.radius_m,
+                              0.5 * max(frame.camera.width_px, frame.camera.height_px), frame.max_error,
+                              self._coma.has_shadow)
+            made.append(_Drawn(layer, volume, layer.field_from_body(body_from_inertial, view.sun_direction_body),
+                               sampling))
+        return made
+
+    def _columns(self, box: tuple[int, int, int, int], frame: EmissionFrame,
+                 drawn: list[_Drawn]) -> tuple[np.ndarray, np.ndarray]:
+        """Columns (rows, columns) [1] of sunlit dust and of all dust in a tile."""
+        x0, y0, x1, y1 = box
+        width, height = x1 - x0, y1 - y0
+        body = _cut([(a - x0, b - y0, c - x0, d - y0) for a, b, c, d in frame.rois], width, height)
+        if body is not None:
+            left, top, right, bottom = body
+            frame.draw_surfaces(self._surface, "coma/surface.frag.glsl",
+                                (x0 + left - 0.5, y0 + top - 0.5, x0 + right - 0.5, y0 + bottom - 0.5),
+                                (right - left, bottom - top))
+        view, has_shadow = frame.views[self._coma.body], self._coma.has_shadow
+        column = self._sum(box, frame, drawn, body, has_shadow)
+        needs_all = has_shadow and self._coma.dust.extinction_efficiency > 0.0
+        hidden = self._sum(box, frame, drawn, body, False) if needs_all else column
+        if self._layers.radius_m < _POINT_PX * view.range_m / frame.camera.focal_length_px:
+            point_correction(column, frame.camera, view, self._layers.least_m, box, _POINT_PX)
+        return column, hidden
+
+    def _sum(self, box: tuple[int, int, int, int], frame: EmissionFrame, drawn: list[_Drawn],
+             body: tuple[int, int, int, int] | None, has_shadow: bool) -> np.ndarray:
+        x0, y0, x1, y1 = box
+        width, height = x1 - x0, y1 - y0
+        view = frame.views[self._coma.body]
+        shadow_map, shadow_from_body = frame.shadow_map(view.name) if has_shadow else (None, np.eye(4))
+        self._pass.begin(width, height)
+        for each in drawn:
+            values = shader_values(each.layer.field, frame.camera, view, frame.views, each.field_from_body, (x0, y0))
+            values |= {
+                "shadow_from_field": shadow_from_body @ frames.transform(each.field_from_body.T, np.zeros(3)),
+                "pixels_per_node": each.sampling.pixels_per_node, "steps": each.sampling.steps,
+                "pixels_per_front_node": each.sampling.front_pixels_per_node, "nodes_reach_rad": REACH_RAD,
+                "body_px": (0, 0, 0, 0) if body is None else body}
+            self._pass.add(each.volume, values, (width, height), body, self._surface, shadow_map)
+        return self._pass.read()
+
+    def _told(self, drawn: list[_Drawn], greatest: float, milliseconds: float) -> EmissionPlan:
+        left_out = ["sunlight that the dust takes out before it is scattered, and light scattered twice"]
+        if not self._coma.has_shadow:
+            left_out.append("the bodies' shadow in the coma")
+        if self._coma.dust.extinction_efficiency == 0.0:
+            left_out.append(f"extinction: columns up to {greatest:.2g} of cross-section over area")
+        if not drawn:
+            left_out.append("no source is active")
+        fields = [{"models": list(each.layer.models), "steps": each.sampling.steps,
+                   "pixels_per_node": each.sampling.pixels_per_node,
+                   "front_pixels_per_node": each.sampling.front_pixels_per_node,
+                   "texels": [int(n) for n in each.volume.texture.size]} for each in drawn]
+        return EmissionPlan(
+            kind="coma", body=self._coma.body, milliseconds=milliseconds, left_out=tuple(left_out),
+            modelled={"fields": fields, "shadow": self._coma.has_shadow,
+                      "extinction": self._coma.dust.extinction_efficiency > 0.0, "greatest_column": greatest},
+            predicted_error=math.hypot(*(each.sampling.predicted_error for each in drawn)) if drawn else 0.0)
+
+
+def _cut(boxes: list[tuple[int, int, int, int]], width: int, height: int) -> tuple[int, int, int, int] | None:
+    """The box around boxes, within a tile; None when they are beside it."""
+    boxes = [(max(a, 0), max(b, 0), min(c, width), min(d, height)) for a, b, c, d in boxes]
+    boxes = [box for box in boxes if box[2] > box[0] and box[3] > box[1]]
+    if not boxes:
+        return None
+    left, top, right, bottom = zip(*boxes, strict=True)
+    return (min(left), min(top), max(right), max(bottom))

@@ -1,0 +1,124 @@
+"""What steps and coarse nodes do to a field: measured on it when it is made, along some rays, in float64."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from .column import angles
+from .fields import Field
+
+STEPS = (8, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384)
+"""Steps along a ray, of the half circle that it makes around the origin."""
+NODE_ANGLES = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 0.64)
+"""Angles [rad] between nodes, as the body's origin sees them."""
+REACH_RAD = 0.1
+"""Angle between the surfaces of a pixel and a node up to which the node speaks for the pixel."""
+# Rays past the origin in each zone, steps that are the truth, and steps that tell of nodes.
+_RAYS, _FINE_STEPS, _MIDDLE_STEPS = 96, 768, 128
+_ZONES = (0.0, 1.0, 1.4, 2.5, 6.0)
+
+Hits = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""Places (N, 3) [m] of rays and directions (N, 3) to the distance (N,) [m] from there, of either sign, or infinity."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FieldErrors:
+    """RMS errors of a field's integrals of K over theta [m], by zones of the rays' distance from the origin.
+
+    Attributes
+    ----------
+    edges_m : (B,) float64 [m]
+        Where zones begin.
+    level_m : (B,) float64 [m]
+        Mean of the integrals.
+    steps_m : (S, B) float64 [m]
+        By `STEPS`.
+    nodes_m, fronts_m : (A, B) float64 [m]
+        Of what is between nodes, by `NODE_ANGLES`: beside the body, and before it.
+    """
+
+    edges_m: np.ndarray
+    level_m: np.ndarray
+    steps_m: np.ndarray
+    nodes_m: np.ndarray
+    fronts_m: np.ndarray
+
+
+def measured_errors(field: Field, radii_m: tuple[float, float, float], hits: Hits, seed: int = 0) -> FieldErrors:
+    """Errors of a field, from parallel rays in random directions.
+
+    Parameters
+    ----------
+    field : Field
+    radii_m : (float, float, float) [m]
+        Least and typical distance of the surface from the origin, and that up to which rays are measured.
+    hits : callable
+        Where rays first meet the body.
+    """
+    nearest, typical, far = radii_m
+    edges = np.array([nearest, *(x * typical for x in _ZONES[1:] if nearest < x * typical < far)])
+    rng = np.random.default_rng(seed)
+    zones = [_zone(field, low, high, far, hits, rng)
+             for low, high in zip(edges, (*edges[1:], far), strict=True)]
+    level, steps, nodes, fronts = (np.array(part) for part in zip(*zones, strict=True))
+    return FieldErrors(edges_m=edges, level_m=level, steps_m=steps.T, nodes_m=nodes.T, fronts_m=fronts.T)
+
+
+def _zone(field: Field, low_m: float, high_m: float, far_m: float, hits: Hits,
+          rng: np.random.Generator) -> tuple[float, list[float], list[float], list[float]]:
+    direction = _unit(rng.normal(size=(_RAYS, 3)))
+    aside = _unit(np.cross(direction, rng.normal(size=(_RAYS, 3))))
+    rho = np.exp(rng.uniform(np.log(low_m), np.log(high_m), _RAYS))[:, None]
+    turn = rng.uniform(0.0, 2.0 * np.pi, _RAYS)[:, None]
+    way = np.cos(turn) * aside + np.sin(turn) * np.cross(direction, aside)
+
+    def integrals(place_m: np.ndarray, steps: int, end_m: np.ndarray | float = np.inf) -> np.ndarray:
+        closest = place_m - np.einsum("ij,ij->i", place_m, direction)[:, None] * direction
+        a = np.maximum(np.linalg.norm(closest, axis=1), field.least_m)
+        return _integrals(field, closest, direction, a, np.full(_RAYS, -1e4 * far_m), steps, end_m)
+
+    rms = lambda x: float(np.sqrt(np.mean(np.square(x)))) if len(x) else 0.0  # noqa: E731
+    end = hits(rho * aside, direction)
+    truth = integrals(rho * aside, _FINE_STEPS, end)
+    steps = [rms(integrals(rho * aside, count, end) - truth) for count in STEPS]
+    middle, theta = integrals(rho * aside, _MIDDLE_STEPS), np.arctan(end / rho[:, 0])
+    middle_front = integrals(rho * aside, _MIDDLE_STEPS, end)
+    nodes, fronts = [], []
+    for angle in NODE_ANGLES:
+        through, front, near = [], [], np.isfinite(end)
+        for sign in (-1.0, 1.0):
+            place = rho * (aside + 0.5 * sign * angle * way)
+            ends = hits(place, direction)
+            seen = np.isfinite(ends)
+            apart = np.where(seen, theta - np.arctan(np.where(seen, ends, 0.0) / rho[:, 0]), np.inf)
+            through.append(integrals(place, _MIDDLE_STEPS))
+            k = field.weight(place + np.where(seen, ends, 0.0)[:, None] * direction)
+            near = near & (np.abs(apart) < REACH_RAD)
+            front.append(integrals(place, _MIDDLE_STEPS, ends) + k * np.where(near, apart, 0.0))
+        # A pixel beside the body lies between nodes whose rays may have gone through it.
+        nodes.append(rms((0.5 * (through[0] + through[1]) - middle)[np.isinf(end)]))
+        fronts.append(rms((0.5 * (front[0] + front[1]) - middle_front)[near]))
+    return float(np.mean(truth)), steps, nodes, fronts
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+
+
+def _integrals(field: Field, closest: np.ndarray, direction: np.ndarray, a: np.ndarray, along: np.ndarray, steps: int,
+               end_m: np.ndarray | float) -> np.ndarray:
+    """Integrals of K over theta (N,) [m], all steps of a ray at once; `steps` as the shader counts them."""
+    low, high = angles(field, closest, direction, a, along, end_m - along)
+    count = np.maximum(np.ceil(steps * (high - low) / np.pi), 2.0)
+    index = np.arange(steps)
+    # Rays that need fewer steps have theirs within the span; the rest counts for nothing.
+    valid = index < count[:, None]
+    theta = low[:, None] + (index + 0.5) * ((high - low) / count)[:, None]
+    s = a[:, None] * np.tan(np.where(valid, theta, low[:, None]))
+    r = closest[:, None] + s[..., None] * direction[:, None]
+    squared = np.sum(closest**2, axis=1)[:, None] + s**2
+    value = field.weight(r) * (a[:, None] ** 2 + s**2) / np.maximum(squared, a[:, None] ** 2)
+    return np.sum(value * valid, axis=1) * (high - low) / count

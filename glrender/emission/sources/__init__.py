@@ -1,0 +1,1 @@
+"""What puts dust around a body: one file each."""

@@ -1,0 +1,41 @@
+"""What every source of dust around a nucleus gives: weights K = k r^2 that add up, each times its activity."""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol
+
+import numpy as np
+
+
+class Source(Protocol):
+    """Dust that leaves a body, as a sum of components whose strengths follow the Sun.
+
+    Attributes
+    ----------
+    feature_rad : float [rad]
+        Smallest angle over which K changes; infinite for a source that is the same in all directions.
+    reach_m : float [m]
+        Distance beyond which there is none.
+    most_directions : int
+        Directions along a side of the octahedral map that are worth their time, at most.
+    """
+
+    feature_rad: float
+    reach_m: float
+    most_directions: int
+
+    def components(self, r_m: np.ndarray) -> np.ndarray:
+        """K (C, N) [m] of each component, fully active, at points (N, 3) [m], body-fixed."""
+
+    def activity(self, sun_direction_body: np.ndarray) -> np.ndarray:
+        """Activity (C,) [1] of the components."""
+
+
+def weight_m(source: Source, r_m: np.ndarray, sun_direction_body: np.ndarray) -> np.ndarray:
+    """K (N,) [m] of a source at points (N, 3) [m]."""
+    return source.activity(sun_direction_body) @ source.components(r_m)
+
+
+EVERYWHERE = math.inf
+"""The reach of a source without an end."""

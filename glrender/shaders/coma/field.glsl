@@ -1,0 +1,46 @@
+// The weights K = k r^2 of a field, and their integral over theta along a ray; twin: emission/column.py.
+uniform sampler3D weights;
+#if HAS_SHADOW
+uniform sampler2DShadow shadow_map;
+#endif
+
+float weight(vec3 r)
+{
+#if SPHERICAL
+    vec3 size = vec3(textureSize(weights, 0));
+    vec3 unit = r / (abs(r.x) + abs(r.y) + abs(r.z) + 1e-30);
+    vec2 side = vec2(unit.x < 0.0 ? -1.0 : 1.0, unit.y < 0.0 ? -1.0 : 1.0);
+    vec2 place = unit.z < 0.0 ? (1.0 - abs(unit.yx)) * side : unit.xy;
+    // The outermost texels are neighbours across the map's edges.
+    vec2 uv = ((place * 0.5 + 0.5) * (size.xy - 2.0) + 1.0) / size.xy;
+    float shell = log2(max(length(r), 1e-30) / inner_m) * shells_per_octave;
+    float value = texture(weights, vec3(uv, (shell + 0.5) / size.z)).r;
+#else
+    float value = texture(weights, (r - low_m) / (high_m - low_m)).r;
+#endif
+#if HAS_SHADOW
+    value *= texture(shadow_map, (shadow_from_field * vec4(r, 1.0)).xyz);
+#endif
+    return value;
+}
+
+// Integral of K dtheta between two angles, in steps of what the half circle has `steps` of.
+float integral(Ray ray, vec2 span)
+{
+    float count = max(ceil(float(steps) * (span.y - span.x) / PI), 2.0);
+    float width = (span.y - span.x) / count;
+    // Sine and cosine of theta are turned on from step to step, which costs less than a tangent.
+    float sine = sin(span.x + 0.5 * width), cosine = cos(span.x + 0.5 * width);
+    float sine_step = sin(width), cosine_step = cos(width);
+    float rho2 = ray.rho * ray.rho, a2 = ray.a * ray.a, total = 0.0;
+    int last = width > 0.0 ? int(count) : 0;
+    for (int step = 0; step < last; ++step) {
+        // Below 1e-7 float32 knows no cosine.
+        float s = ray.a * sine / max(cosine, 1e-7);
+        total += weight(ray.closest + s * ray.direction) * (a2 + s * s) / max(rho2 + s * s, a2);
+        float turned = sine * cosine_step + cosine * sine_step;
+        cosine = cosine * cosine_step - sine * sine_step;
+        sine = turned;
+    }
+    return total * width;
+}

@@ -1,0 +1,35 @@
+// The integral of K over theta along the rays of a coarse grid of pixels: of all that a ray meets, or up to the
+// surface. The column is that over a; the integral is what is smooth from ray to ray.
+#include "constants.glsl"
+#include "coma/ray.glsl"
+#include "coma/field.glsl"
+#if TO_SURFACE
+uniform sampler2D surface;
+layout(location = 0) out vec4 front; // integral, theta of the surface, K there, 1 where there is a surface
+#else
+layout(location = 0) out float total;
+#endif
+
+void main()
+{
+#if TO_SURFACE
+    vec2 pixel = (gl_FragCoord.xy - 0.5) * pixels_per_front_node;
+#else
+    vec2 pixel = (gl_FragCoord.xy - 0.5) * pixels_per_node;
+#endif
+    Ray ray = ray_of(pixel);
+    vec2 span = span_of(ray);
+#if TO_SURFACE
+    vec2 seen = seen_at(surface, pixel);
+    if (seen.y < 0.5) {
+        front = vec4(0.0);
+        return;
+    }
+    float theta = surface_angle(ray, seen);
+    span.y = clamp(theta, span.x, span.y);
+    float s = ray.a * tan(span.y);
+    front = vec4(integral(ray, span), span.y, weight(ray.closest + s * ray.direction), 1.0);
+#else
+    total = integral(ray, span);
+#endif
+}

@@ -1,0 +1,64 @@
+// The ray of a pixel, about the point of it that is closest to the body's origin; metres, the field's frame.
+struct Ray {
+    vec3 direction; // away from the camera
+    vec3 closest;
+    float rho;
+    float a;        // rho, but at least `least_m`: there is only the body
+    float camera;   // where the camera is along the ray, from the closest point
+};
+
+Ray ray_of(vec2 pixel)
+{
+    Ray ray;
+    vec3 closest;
+    if (is_ahead != 0) {
+        // Offsets from the origin's own pixel: nothing cancels, from any distance.
+        vec2 offset = (pixel - focus_px) / focal_length_px;
+        vec3 along = vec3(focus_slope + offset, 1.0);
+        float squared = dot(along, along);
+        closest = focus_depth_m * (vec3(offset, 0.0) - dot(offset, along.xy) / squared * along);
+        ray.direction = along * inversesqrt(squared);
+        ray.camera = -focus_depth_m * dot(vec3(focus_slope, 1.0), along) * inversesqrt(squared);
+    } else {
+        ray.direction = normalize(vec3((pixel - principal_point_px) / focal_length_px, 1.0));
+        ray.camera = -dot(r_focus_camera, ray.direction);
+        closest = -r_focus_camera - ray.camera * ray.direction;
+    }
+    // Before the turn into the field's frame: who needs only `a` is spared that.
+    ray.rho = length(closest);
+    ray.direction = mat3(field_from_camera) * ray.direction;
+    ray.closest = mat3(field_from_camera) * closest;
+    ray.a = max(ray.rho, least_m);
+    return ray;
+}
+
+// Where the dust of a ray begins and ends, as angles theta of s = a tan(theta); equal where there is none.
+vec2 span_of(Ray ray)
+{
+#if SPHERICAL
+    // A field without an end: a square beyond float32 would be infinite, and so would be the sum.
+    float leave = sqrt(max(high_m.x * high_m.x - ray.rho * ray.rho, 0.0));
+    float enter = -leave;
+#else
+    vec3 safe = mix(ray.direction, vec3(1e-12), lessThan(abs(ray.direction), vec3(1e-12)));
+    vec3 first = (low_m - ray.closest) / safe, second = (high_m - ray.closest) / safe;
+    vec3 near = min(first, second), far = max(first, second);
+    float enter = max(max(near.x, near.y), near.z), leave = min(min(far.x, far.y), far.z);
+#endif
+    enter = max(enter, ray.camera);
+    return atan(vec2(enter, max(leave, enter)) / ray.a);
+}
+
+// What the middle of a pixel sees, of the surface that was drawn in a box of the tile: nothing beside it.
+vec2 seen_at(sampler2D surface, vec2 pixel)
+{
+    if (any(lessThan(pixel, body_px.xy)) || any(greaterThanEqual(pixel, body_px.zw)))
+        return vec2(0.0);
+    return texelFetch(surface, ivec2(pixel - body_px.xy + 0.5), 0).rg;
+}
+
+// Angle theta of what a pixel's middle sees: how far along from the point closest to its body's origin, and which.
+float surface_angle(Ray ray, vec2 seen)
+{
+    return atan((seen.x + dot(ray.direction, r_body_m[int(seen.y) - 1].xyz)) / ray.a);
+}
