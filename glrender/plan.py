@@ -33,6 +33,8 @@ from .grouping import region, touching
 from .refine import SAMPLE_COUNTS
 from .view import BodyView
 
+EMISSION_LEFT_OUT = "emission around"
+"""How a plan begins to say that light which no surface scatters is not in the image."""
 MAX_SAMPLES = 16
 """Most samples along a pixel's side."""
 SHADOW_SIZES_PX = tuple(2**k for k in range(8, 17))

@@ -31,7 +31,7 @@ from .ray_engine import RayEngine
 from .refine import frame_error, pixel_errors, pixel_means, plan_refinement
 from .scene import Body, Scene, checked_max_error
 from .shadows import NO_SHADOW, Shadow, Shadows
-from .slow import SlowFrames, checked_allow_slow, misses_budget
+from .slow import SlowFrames, checked_allow_slow, misses_budget, with_emission
 from .state import State
 from .surface import Surface
 from .view import BodyView, chunks_in_window, view_bodies
@@ -175,6 +175,13 @@ class Renderer:
                                               clock)
                         for window in frame_plan.windows)
         frame_plan = plan.with_windows(frame_plan, windows)
+        slow = None
+        if may_be_slow and misses_budget(frame_plan):
+            fast = Image(irradiance_W_m2=irradiance, products={}, plan=frame_plan, timings_ms=clock.laps_ms)
+            slow = self._slow.instead_of(fast, allow_slow, state, pinhole, error_gain=gain,
+                                          on_progress=on_progress)
+            irradiance = slow.irradiance_W_m2
+            clock.lap("slow")
         if self._emission:
             frame_plan = self._add_emission(irradiance, state, views, frame_plan, pinhole, shadows)
             clock.lap("emission")
@@ -182,10 +189,8 @@ class Renderer:
         if wanted:
             arrays = self._draw_products(wanted, views, frame_plan, pinhole)
             clock.lap("products")
-        image = Image(irradiance_W_m2=irradiance, products=arrays, plan=frame_plan, timings_ms=clock.laps_ms)
-        if may_be_slow and misses_budget(frame_plan):
-            return self._slow.instead_of(image, allow_slow, state, pinhole, error_gain=gain, on_progress=on_progress)
-        return image
+        return Image(irradiance_W_m2=irradiance, products=arrays, timings_ms=clock.laps_ms,
+                     plan=frame_plan if slow is None else with_emission(slow.plan, frame_plan))
 
     def _plan(self, views: list[BodyView], camera: PinholeCamera, budget: float, samples: int | None,
               level: int | None, gain: float) -> RenderPlan:

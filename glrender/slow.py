@@ -11,7 +11,7 @@ from glrender_camera import PinholeCamera
 
 from .errors import ConfigError, DeviceError
 from .image import Image
-from .plan import RenderPlan
+from .plan import EMISSION_LEFT_OUT, RenderPlan
 from .plugins import open_renderer
 from .scene import Scene
 from .state import State
@@ -39,6 +39,14 @@ def misses_budget(plan: RenderPlan) -> bool:
     return plan.predicted_error > plan.max_error * (1.0 + 1e-6)
 
 
+def with_emission(slow: RenderPlan, fast: RenderPlan) -> RenderPlan:
+    """A slow frame's plan with the emission that OpenGL added to it."""
+    if not fast.emission:
+        return slow
+    left_out = tuple(told for told in slow.left_out if not told.startswith(EMISSION_LEFT_OUT))
+    return replace(slow, emission=fast.emission, roi=fast.roi, left_out=left_out)
+
+
 class SlowFrames:
     """The slow backends of a scene, each opened when it is first needed and kept.
 
@@ -59,12 +67,12 @@ class SlowFrames:
 
     def instead_of(self, fast: Image, allow_slow: bool | str, state: State, camera: PinholeCamera, *, error_gain: float,
                    on_progress: Callable[[float], None] | None) -> Image:
-        """The frame once more, by a backend that samples until its error is within the budget.
+        """The surfaces once more, by a backend that samples until their error is within the budget.
 
         Parameters
         ----------
         fast : Image
-            What OpenGL made of it; its products are kept.
+            What OpenGL made of them.
         allow_slow : bool or str
             True for the first backend that meets the budget, else its name.
         state : State
@@ -118,7 +126,5 @@ def _drawn(backend: Any, name: str, fast: Image, state: State, camera: PinholeCa
     reached = slow.plan.predicted_error * error_gain
     told = (f"drawn by {name}: OpenGL leaves an error of {plan.predicted_error:.2g}, above the budget of "
             f"{plan.max_error:g}",)
-    return replace(slow, products=fast.products,
-                   plan=replace(slow.plan, max_error=plan.max_error, predicted_error=reached,
-                                warnings=(*slow.plan.warnings, *told)),
-                   timings_ms={**fast.timings_ms, **slow.timings_ms})
+    return replace(slow, plan=replace(slow.plan, max_error=plan.max_error, predicted_error=reached,
+                                      warnings=(*slow.plan.warnings, *told)))

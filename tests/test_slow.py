@@ -12,6 +12,8 @@ import views
 from glrender import Body, ConfigError, Renderer, generate
 from glrender.backends.raytrace import RayTracer
 from glrender.brdf import Lambert
+from glrender.emission import Coma
+from glrender.emission.sources.haser import Haser
 from glrender.slow import SlowFrames
 from glrender_client import Client, ServerError
 
@@ -75,6 +77,24 @@ def test_a_backend_that_is_not_here_or_is_none(renderer, monkeypatch):
     for value in ("egl", 1, None):
         with pytest.raises(ConfigError, match="allow_slow: must be true, false, or one of raytrace, cycles"):
             renderer.render(STATE, allow_slow=value)
+
+
+@pytest.mark.usefixtures("blender")
+def test_a_slow_frame_has_the_coma_that_opengl_adds():
+    """The same light as without a coma, and what is more is the same as in OpenGL's frame."""
+    coma = Coma(body="body", sources=[Haser(weight_m=5.0)])
+    with Renderer(SCENE) as plain, Renderer(views.scene([BODY], SCENE.cameras, emission=[coma])) as renderer:
+        without = [plain.render(STATE, max_error=MISSED, allow_slow=slow) for slow in (False, "cycles")]
+        fast, slow = (renderer.render(STATE, max_error=MISSED, allow_slow=slow) for slow in (False, "cycles"))
+    assert drawn_by(slow) == ["drawn by cycles"] and slow.plan.emission
+    assert slow.plan.left_out == ("light between facets",)
+    added = [image.irradiance_W_m2.astype(float) - alone.irradiance_W_m2 for image, alone in
+             zip((fast, slow), without, strict=True)]
+    assert added[0].sum() > 0.0
+    np.testing.assert_allclose(added[1], added[0], atol=1e-3 * added[0].max())
+    assert slow.roi == fast.roi
+    with RayTracer(views.scene([BODY], SCENE.cameras, emission=[coma])) as tracer:
+        assert tracer.render(STATE, samples=1).plan.left_out == ("emission around body",)
 
 
 @pytest.mark.usefixtures("blender")

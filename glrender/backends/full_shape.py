@@ -6,7 +6,7 @@ import numpy as np
 from glrender_camera import PinholeCamera
 
 from ..grouping import region
-from ..plan import BodyPlan, RenderPlan
+from ..plan import EMISSION_LEFT_OUT, BodyPlan, RenderPlan
 from ..ray_engine import BESIDE, RayEngine
 from ..scene import Scene
 from ..view import BodyView
@@ -22,7 +22,7 @@ def full_shape_plan(scene: Scene, camera: PinholeCamera, views: list[BodyView], 
                     predicted_error: float, roi: tuple[int, int, int, int], left_out: tuple[str, ...] = (),
                     warnings: tuple[str, ...] = ()) -> RenderPlan:
     """The plan of a frame that leaves no facet out and needs no shadow map; what shines by itself is left out."""
-    left_out += tuple(f"emission around {emission.body}" for emission in getattr(scene, "emission", ()))
+    left_out += tuple(f"{EMISSION_LEFT_OUT} {emission.body}" for emission in scene.emission)
     return RenderPlan(
         camera=camera.name, max_error=max_error, roi=roi, windows=(), predicted_error=predicted_error,
         left_out=left_out, warnings=warnings,

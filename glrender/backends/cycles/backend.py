@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,13 +12,15 @@ from glrender_camera import PinholeCamera
 from glrender_camera.validate import integer, positive
 
 from ...brdf import Lambert
+from ...grouping import touching
 from ...image import Image, checked_products
 from ...ray_engine import RayEngine
 from ...scene import Scene, checked_max_error
 from ...state import State
-from ...view import BodyView, view_bodies
+from ...view import view_bodies
 from ..full_shape import full_shape_plan, traced_products, visible_region
-from .blender_terms import BlenderTerms, sun_warnings
+from .blender_terms import BlenderTerms, warnings_of
+from .lens import Lens
 from .process import BlenderProcess
 from .rounds import MAX_SAMPLES, Rounds
 
@@ -121,18 +124,21 @@ class Cycles:
         roi = visible_region(views, pinhole)
         irradiance = np.zeros((pinhole.height_px, pinhole.width_px), np.float32)
         reached, warnings = 0.0, ()
-        if roi != (0, 0, 0, 0):
-            main = max((view for view in views if view.is_visible), key=lambda view: min(view.size_px, 1e9))
-            asked = self._terms.view(main, views, pinhole, roi)
-            scale = self._irradiance_scale(main, pinhole, roi)
-            report = on_progress or (lambda share: None)
-            rounds = Rounds(lambda n, s, part: self._draw(asked, n, s, bounces, part) * scale, seed, report)
-            reached = rounds.fixed(samples**2) if samples is not None else rounds.until(budget)
-            x0, y0, x1, y1 = roi
+        groups = touching(views, pinhole)
+        for index, members in enumerate(groups):
+            main = max(members, key=lambda view: min(view.size_px, 1e9))
+            lens = Lens.of(members, pinhole)
+            asked = self._terms.view(main, members, views, lens)
+            solar = self.scene.solar_irradiance_of(pinhole) / main.sun_distance_au**2
+            draw = partial(self._pixels, asked, lens, solar, bounces)
+            rounds = Rounds(draw, seed, _part_of(on_progress, index, len(groups)))
+            error = rounds.fixed(samples**2) if samples is not None else rounds.until(budget)
+            x0, y0, x1, y1 = lens.roi
             irradiance[y0:y1, x0:x1] = rounds.mean
-            warnings = sun_warnings(main, views)
-            if samples is None and reached > budget:
-                warnings += (f"the budget of {budget:g} is not met: {reached:.2g} with {MAX_SAMPLES} samples",)
+            reached = max(reached, error)
+            warnings += tuple(told for told in warnings_of(main, views, lens, asked) if told not in warnings)
+        if samples is None and reached > budget:
+            warnings += (f"the budget of {budget:g} is not met: {reached:.2g} with {MAX_SAMPLES} samples",)
         arrays = {}
         if wanted:
             self._rays = self._rays or RayEngine(self.scene)
@@ -158,6 +164,12 @@ class Cycles:
             self._blender = None
             raise
 
+    def _pixels(self, asked: dict[str, Any], lens: Lens, solar: float, bounces: int, n_samples: int, seed: int,
+                on_progress: Callable[[float], None]) -> np.ndarray:
+        """Irradiance (rows, columns) [W/m2 per pixel] of a lens's pixels, for a Sun of `solar` W/m2."""
+        radiance = self._draw(asked, n_samples, seed, bounces, on_progress)
+        return lens.pixels(radiance * lens.solid_angles_sr()) * solar
+
     def _draw(self, asked: dict[str, Any], n_samples: int, seed: int, bounces: int,
               on_progress: Callable[[float], None]) -> np.ndarray:
         """Mean radiance (rows, columns) of the region [1/sr], for a Sun of 1 W/m2."""
@@ -180,10 +192,7 @@ class Cycles:
         between = draw(bounces, True, 0).astype(np.float64) - draw(0, True, 1)
         return draw(0, False, 2) + between
 
-    def _irradiance_scale(self, main: BodyView, camera: PinholeCamera, roi: tuple[int, int, int, int]) -> np.ndarray:
-        """Solar irradiance times the pixels' solid angles (rows, columns) [W sr/m2]."""
-        x0, y0, x1, y1 = roi
-        x, y = np.arange(x0, x1) - camera.principal_point_px[0], np.arange(y0, y1) - camera.principal_point_px[1]
-        tangent2 = (x[None, :] ** 2 + y[:, None] ** 2) / camera.focal_length_px**2
-        solar = self.scene.solar_irradiance_of(camera) / main.sun_distance_au**2
-        return solar / camera.focal_length_px**2 * (1.0 + tangent2) ** -1.5
+
+def _part_of(on_progress: Callable[[float], None] | None, index: int, count: int) -> Callable[[float], None]:
+    """What one of several equal parts reports of the whole."""
+    return lambda share: None if on_progress is None else on_progress((index + share) / count)

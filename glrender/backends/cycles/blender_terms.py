@@ -6,13 +6,13 @@ import math
 from typing import Any
 
 import numpy as np
-from glrender_camera import PinholeCamera
 
 from ... import frames
 from ...brdf import Lambert
 from ...constants import AU_M, SUN_RADIUS_M
 from ...scene import Body, Scene
 from ...view import BodyView
+from .lens import Lens
 from .osl import law_as_osl
 
 # Blender's y axis of the camera is up and its z axis is backwards.
@@ -21,7 +21,8 @@ _BLENDER_AXES = np.diag([1.0, -1.0, -1.0])
 _UNITS_PER_RADIUS = 50.0
 # Of the Sun's angular radius: a body whose Sun stands further off is told of.
 _MAX_SUN_DIFFERENCE = 0.1
-_FOCAL_LENGTH_PER_SIZE = 2000.0
+# Of a focal length: what Blender's float32 puts a ray beside its cell; and from where on that is told.
+_FLOAT32, _MAX_BESIDE_PX = 1e-7, 0.2
 
 
 class BlenderTerms:
@@ -48,10 +49,19 @@ class BlenderTerms:
                 arrays[f"{key}/{index}"] = array
         return told, arrays
 
-    def view(self, main: BodyView, views: list[BodyView], camera: PinholeCamera,
-             roi: tuple[int, int, int, int]) -> dict[str, Any]:
-        """What `drawing.Stage.draw` asks of a view: poses in the axes of the largest body in view, about its
-        middle, so that what never moves is built once."""
+    def view(self, main: BodyView, members: list[BodyView], views: list[BodyView], lens: Lens) -> dict[str, Any]:
+        """What `drawing.Stage.draw` asks of a view: poses in the axes of one body, about its middle, so that it is
+        built once.
+
+        Parameters
+        ----------
+        main : BodyView
+        members : list of BodyView
+            Bodies that the lens sees.
+        views : list of BodyView
+            All bodies: any may cast its shadow.
+        lens : Lens
+        """
         unit = self._unit_m
         middle = self._origin_m[main.name]
         main_from_camera = main.camera_from_body.T
@@ -61,40 +71,38 @@ class BlenderTerms:
             rotation = main_from_camera @ view.camera_from_body
             offset = main.r_camera_body_m - middle + rotation @ (self._origin_m[view.name] - view.r_camera_body_m)
             bodies.append(np.eye(4) if view is main else frames.transform(rotation, offset / unit))
-        visible = [view for view in views if view.is_visible]
-        share = _nearer(visible, camera)
-        r_camera, middle_camera = share * r_camera, main.camera_from_body @ -r_camera
-        focal_length_px, moved_m = share * camera.focal_length_px, (1.0 - share) * middle_camera[2]
-        near = min(view.depth_m[0] for view in visible) - moved_m
-        far = max(view.depth_m[1] for view in visible) - moved_m
-        corner = camera.directions(np.array([[x, y] for x in (-0.5, camera.width_px - 0.5)
-                                             for y in (-0.5, camera.height_px - 0.5)]))
-        # The body's middle stays in its place of the image.
-        cx, cy = np.array(camera.principal_point_px) + (
-            0.0 if share == 1.0 else (1.0 - share) * camera.focal_length_px * middle_camera[:2] / middle_camera[2])
-        width, height = camera.width_px, camera.height_px
+        middle_camera = main.camera_from_body @ -r_camera
+        near, far = min(view.depth_m[0] for view in members), max(view.depth_m[1] for view in members)
+        share = _share_of_range(lens, near, far, middle_camera[2])
+        r_camera, moved_m = share * r_camera, (1.0 - share) * middle_camera[2]
+        near, far = near - moved_m, far - moved_m
+        centre = lens.centre
+        if share < 1.0:
+            # The body's middle stays in its place of the image.
+            centre = centre + (1.0 - share) * lens.focal_length * middle_camera[:2] / middle_camera[2]
+        (width, height), (cx, cy) = lens.size, (float(c) for c in centre)
         return {
             "bodies_from": [matrix.tolist() for matrix in bodies],
             "camera_from": frames.transform(main_from_camera @ _BLENDER_AXES, r_camera / unit).tolist(),
             "sun_from": frames.transform(_axes_along(main.sun_direction_body), np.zeros(3)).tolist(),
             "sun_angle_rad": 2.0 * math.asin(SUN_RADIUS_M / (main.sun_distance_au * AU_M)),
-            "size_px": [width, height], "region_px": list(roi), "focal_length_px": focal_length_px,
+            "size": [width, height], "region": list(lens.region), "focal_length": share * lens.focal_length,
             "shift": [-(cx - 0.5 * (width - 1)) / width, (cy - 0.5 * (height - 1)) / width],
             # Clipping is by range in some versions and by depth in others.
-            "clip": [0.9 * near / unit, 1.1 * far / unit / float(corner[:, 2].min())]}
+            "clip": [0.9 * near / unit, 1.1 * far / unit / lens.min_cosine]}
 
 
-def _nearer(visible: list[BodyView], camera: PinholeCamera) -> float:
+def _share_of_range(lens: Lens, near_m: float, far_m: float, depth_m: float) -> float:
     """Share of its range at which the camera stands, with as much less focal length: 1 unless it is far away.
 
-    Blender's float32 puts rays 6e-8 focal lengths beside their pixels; from nearer, perspective puts the outline
-    of a body of s px off by (s / 2)^2 / f. Both are the same at f = 2000 s: 0.12 px for 1000 px.
+    Blender's float32 puts rays 1e-7 focal lengths beside their cells; from nearer, perspective puts the outline
+    of what is s cells across and as deep as d off by s / 2 d / range. The share makes both the same, which for a
+    sphere of 1000 cells is 0.16 cells; and the camera stays well before all that it sees.
     """
-    if any(view.bounds_px is None for view in visible):
+    if not np.isfinite(lens.extent):
         return 1.0
-    bounds = np.array([view.bounds_px for view in visible])
-    size_px = float((bounds[:, 2:].max(axis=0) - bounds[:, :2].min(axis=0)).max())
-    return min(1.0, _FOCAL_LENGTH_PER_SIZE * size_px / camera.focal_length_px)
+    depth = 0.5 * (far_m - near_m) / depth_m
+    return min(1.0, max((0.5 * lens.extent * depth / (_FLOAT32 * lens.focal_length)) ** 0.5, 10.0 * depth))
 
 
 def _described(body: Body) -> dict[str, Any]:
@@ -127,10 +135,13 @@ def _axes_along(direction: np.ndarray) -> np.ndarray:
     return np.stack([first, np.cross(direction, first), direction], axis=1)
 
 
-def sun_warnings(main: BodyView, views: list[BodyView]) -> tuple[str, ...]:
-    """Cycles has one Sun for all: a warning where that is not what a body sees."""
-    sun_rad = SUN_RADIUS_M / (main.sun_distance_au * AU_M)
+def warnings_of(main: BodyView, views: list[BodyView], lens: Lens, asked: dict[str, Any]) -> tuple[str, ...]:
+    """What a draw that was asked for gets wrong: one Sun for all bodies, Blender's float32 at long focal lengths."""
     warnings = []
+    beside_px = _FLOAT32 * asked["focal_length"] / lens.cells_per_px
+    if beside_px > _MAX_BESIDE_PX:
+        warnings.append(f"{main.name}: rays stand up to {beside_px:.2g} px beside their pixels, for Blender's float32")
+    sun_rad = SUN_RADIUS_M / (main.sun_distance_au * AU_M)
     for view in views:
         there = view.camera_from_body @ view.sun_direction_body - main.camera_from_body @ main.sun_direction_body
         if np.linalg.norm(there) > _MAX_SUN_DIFFERENCE * sun_rad:

@@ -55,8 +55,8 @@ class Stage:
         Parameters
         ----------
         head : dict
-            `bodies_from` (4 x 4 matrices), `camera_from`, `sun_from`, `sun_angle_rad` (across), `size_px`,
-            `region_px`, `focal_length_px`, `shift`, `clip`, `samples`, `seed`, `bounces`, `is_indirect`.
+            `bodies_from` (4 x 4 matrices), `camera_from`, `sun_from`, `sun_angle_rad` (across), `size`,
+            `region`, `focal_length`, `shift`, `clip`, `samples`, `seed`, `bounces`, `is_indirect`.
         progress : callable
             Called with the share done, 0..1.
         """
@@ -70,10 +70,10 @@ class Stage:
             if node.inputs["is_indirect"].default_value != int(head["is_indirect"]):
                 node.inputs["is_indirect"].default_value = int(head["is_indirect"])
             node.inputs["to_sun"].default_value = [row[2] for row in head["sun_from"][:3]]
-        (width, height), (x0, y0, x1, y1) = head["size_px"], head["region_px"]
+        (width, height), (x0, y0, x1, y1) = head["size"], head["region"]
         lens, render, cycles = self._lens, self._scene.render, self._scene.cycles
         # Blender takes lengths of 1 mm and more.
-        ratio = head["focal_length_px"] / width
+        ratio = head["focal_length"] / width
         lens.lens = max(36.0 * ratio, 1.0)
         lens.sensor_width = lens.lens / ratio
         lens.shift_x, lens.shift_y = head["shift"]
