@@ -241,7 +241,8 @@ class ShadowMap(ResourceOwner):
         self._context.make_current()
         self._framebuffer.use()
         self._framebuffer.viewport = (0, 0, *size_px)
-        self._framebuffer.clear(depth=1.0, viewport=self._framebuffer.viewport)
+        # All of the room: beside the box there is light, for a coma that asks.
+        self._framebuffer.clear(depth=1.0)
         gl.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
         gl.front_face = "ccw"
         for mesh, sun_clip_from_body in casters:
