@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import asyncio
 import threading
 import time
 
+import msgpack
 import numpy as np
 import pytest
 import serving
 import views
-from glrender import Body, ConfigError, Renderer, generate
+from glrender import Body, ConfigError, Renderer, generate, load_scene
 from glrender.backends.raytrace import RayTracer
 from glrender.brdf import Lambert
 from glrender.emission import Coma
 from glrender.emission.sources.haser import Haser
 from glrender.slow import SlowFrames
-from glrender_client import Client, ServerError
+from glrender_client import AsyncClient, Client, ServerError
+from glrender_server.operations import Operations
 
 BODY = Body(name="body", shape=generate.contact_binary(radius_m=100.0, seed=2), brdf=Lambert(normal_albedo=0.4))
 SCENE = views.scene([BODY], [views.camera(48, 200.0)])
@@ -122,3 +125,52 @@ def test_the_server_draws_slowly_tells_how_far_it_is_and_has_a_deadline_of_its_o
     assert any(warning.startswith("drawn by cycles") for warning in reply.header["plan"]["warnings"])
     assert reply.header["plan"]["predicted_error"] <= 2e-3
     assert seen == sorted(seen) and 0.0 <= seen[0] < seen[-1] <= 1.0
+
+
+FRAMES = [{"camera": "navcam", "output": "dn", "exposure_s": 0.02, "seed": 7, "max_error": 0.0017},
+          {"camera": "bare", "max_error": 0.0026, "roi": [3, 8, 30, 20]}, {"camera": "navcam", "max_error": 0.5}]
+
+
+@pytest.mark.usefixtures("blender")
+def test_several_slow_frames_of_one_request(tmp_path):
+    """Each is the frame of a request of its own; progress is that of the request."""
+    told = []
+    (tmp_path / "scene.toml").write_text(serving.SCENE)
+    served = Operations(load_scene(tmp_path / "scene.toml"))
+    served.on_progress = told.append
+    request = {"v": 1, "op": "render", "id": 1, "client": "slow", "state": views.state().to_dict(),
+               "allow_slow": "cycles"}
+    try:
+        (header, *parts), code = served.answer({**request, "frames": FRAMES})
+        header = msgpack.unpackb(header)
+        assert not code, header
+        assert told == sorted(told) and {1 / 3, 2 / 3} <= set(told) and told[-1] == 2 / 3, "the third is not slow"
+        alone = [np.frombuffer(served.answer({**request, **frame})[0][1], kind) for frame, kind in
+                 zip(FRAMES, ("<u2", "<f4", "<f4"), strict=True)]
+    finally:
+        served.close()
+    together = [np.frombuffer(part, one.dtype) for part, one in zip(parts, alone, strict=True)]
+    for one, other, places in zip(alone, together, (96 * 64, 27 * 12, 96 * 64), strict=True):
+        assert one.size == other.size == places
+        # Paths that Cycles draws anew differ in their noise.
+        np.testing.assert_allclose(one.sum(dtype=float), other.sum(dtype=float), rtol=0.01)
+    np.testing.assert_array_equal(together[2], alone[2])
+    assert [any("drawn by cycles" in warning for warning in frame["plan"]["warnings"])
+            for frame in header["frames"]] == [True, True, False]
+
+
+def test_a_backend_that_is_missing_is_the_requests_fault_not_a_frames(tmp_path, monkeypatch):
+    """Both clients send `allow_slow` with several frames."""
+    monkeypatch.setenv("GLRENDER_BLENDER", "/nowhere/blender")
+    state = views.state().to_dict()
+
+    async def fly():
+        async with AsyncClient(endpoint) as client:
+            return await client.render_frames(state, FRAMES, allow_slow="cycles")
+
+    with serving.server(tmp_path) as (endpoint, _), Client(endpoint) as client:
+        assert len(client.render_frames(state, FRAMES)) == 3
+        for ask in (lambda: client.render_frames(state, FRAMES, allow_slow="cycles"), lambda: asyncio.run(fly())):
+            with pytest.raises(ServerError, match="does not work here") as caught:
+                ask()
+            assert caught.value.path == "allow_slow"

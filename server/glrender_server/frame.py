@@ -20,6 +20,7 @@ MAX_FRAME_BYTES = 4 * 1024**3
 """Most memory that one request's images and products may take while they are made."""
 MAX_ARRAYS = 15
 """Images and products of one reply: a message has at most 16 parts, and the first is the header."""
+_OF_THE_REQUEST = ("state", "allow_slow")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,7 +73,7 @@ class FrameRequest:
 
     @contextmanager
     def named_errors(self) -> Iterator[None]:
-        """Errors raised inside tell the field's place in the request; the state is not this frame's own."""
+        """Errors raised inside tell the field's place in the request; what all frames share keeps its own."""
         with _named(self.path):
             yield
 
@@ -121,7 +122,7 @@ def _named(path: str) -> Iterator[None]:
     try:
         yield
     except ConfigError as error:
-        if path and not error.path.startswith("state"):
+        if path and error.path.split(".")[0] not in _OF_THE_REQUEST:
             error.path = f"{path}.{error.path}"
         raise
 

@@ -6,6 +6,7 @@ import logging
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -59,7 +60,7 @@ class Operations:
     Attributes
     ----------
     on_progress : callable
-        Called while a slow frame is drawn, with the share done.
+        Called while a slow frame is drawn, with the share done of the request's frames.
     """
 
     def __init__(self, scene: Scene, backend: str = "auto", shape_dir: Path | None = None):
@@ -122,11 +123,12 @@ class Operations:
         began = time.perf_counter()
         state = State.from_dict(header["state"])
         order = one_of("order", header.get("order", "C"), ("C", "F"))
-        slow = {"allow_slow": checked_allow_slow(header.get("allow_slow", False)), "on_progress": self._progress}
-        made, arrays = [], []
-        for frame in frames_asked(header, self.scene):
+        allow_slow = checked_allow_slow(header.get("allow_slow", False))
+        asked, made, arrays = frames_asked(header, self.scene), [], []
+        for index, frame in enumerate(asked):
+            progress = partial(self._progress, index, len(asked))
             with frame.named_errors():
-                fields, of_frame = self._frame(state, frame, slow)
+                fields, of_frame = self._frame(state, frame, {"allow_slow": allow_slow, "on_progress": progress})
             made.append(fields)
             arrays.append(of_frame)
         if "frames" in header:
@@ -177,8 +179,9 @@ class Operations:
         return codec.pack({**echo(header), "ok": True, "t_s": state.t_s, "camera": camera.name,
                            "timings_ms": self.last_timings_ms}, arrays)
 
-    def _progress(self, share: float) -> None:
-        log.debug("slow frame: %.0f %%", 100.0 * share)
+    def _progress(self, n_before: int, n_frames: int, share: float) -> None:
+        share = (n_before + share) / n_frames
+        log.debug("slow frames: %.0f %%", 100.0 * share)
         self.on_progress(share)
 
     def _drawn(self, draw: Callable[..., Capture], state: State, camera: str, **options) -> Capture:
