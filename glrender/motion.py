@@ -22,6 +22,8 @@ MAX_POSES = 65
 """Of one frame: 32 pixels of motion at half a pixel; what moves farther is drawn in longer steps, and told."""
 # A frame that moves by less stands still: the blur of 0.05 px adds 2e-4 px2 to any point spread function.
 _STILL_PX = 0.05
+# Turn between the instants at which a path is measured, about; and how many there are at most.
+_INSTANT_RAD, _MOST_INSTANTS = 0.8, 129
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,14 +77,24 @@ def plan_motion(scene: Scene, state: State, camera: PinholeCamera, exposure_s: f
 
 def motion_px(scene: Scene, state: State, camera: PinholeCamera, half_s: float) -> float:
     """Longest path [px] in the image, from so long [s] before the state to so long after it, of bodies and sky."""
-    states = [state.after(dt) for dt in (-half_s, 0.0, half_s)]
+    # A turn between two instants is a chord; of whole turns it would be nothing.
+    turn_rad = 2.0 * half_s * max(
+        0.0 if pose.angular_velocity_rad_s is None else float(np.linalg.norm(pose.angular_velocity_rad_s))
+        for pose in (state.spacecraft, *state.bodies.values()))
+    n_instants = min(2 * math.ceil(turn_rad / _INSTANT_RAD) + 3, _MOST_INSTANTS)
+    times = np.linspace(-half_s, half_s, n_instants)
+    times[n_instants // 2] = 0.0
+    states = [state.after(dt) for dt in times]
     places = [Place.of(each, camera) for each in states]
     corners = np.array([[x, y] for x in (0, camera.width_px - 1) for y in (0, camera.height_px - 1)])
     rays = camera.directions(corners)
     longest = 0.0
     if scene.stars is not None:
-        sky = rays @ places[1].camera_from_inertial
+        sky = rays @ places[n_instants // 2].camera_from_inertial
         longest = _path_px(camera, [sky @ place.camera_from_inertial.T for place in places])
+    if turn_rad > 2.0 * _INSTANT_RAD * _MOST_INSTANTS:
+        # Too fast to follow: all of the frame, each half turn.
+        longest = max(longest, turn_rad / math.pi * math.hypot(camera.width_px, camera.height_px))
     pinhole = camera if camera.distortion is None else replace(camera, distortion=None)
     views = view_bodies(state, pinhole, {body.name: body.hull for body in scene.bodies})
     for view, body in zip(views, scene.bodies, strict=True):
@@ -95,13 +107,14 @@ def motion_px(scene: Scene, state: State, camera: PinholeCamera, half_s: float) 
 
 
 def _path_px(camera: PinholeCamera, tracks: list[np.ndarray]) -> float:
-    """Longest of the paths [px] of points (N, 3) in `camera` at three times that are near the frame in between."""
+    """Longest path [px] of points (N, 3) in `camera` at an odd number of times, if near the frame in the middle."""
     xy = []
     for points in tracks:
         depth = np.where(points[:, 2:] > 0.0, points[:, 2:], np.nan)
         xy.append(camera.focal_length_px * points[:, :2] / depth + np.array(camera.principal_point_px))
-    size = np.array([camera.width_px, camera.height_px])
-    path = sum(np.hypot(*(b - a).T) for a, b in pairwise(xy))[((xy[1] > -size) & (xy[1] < 2 * size)).all(axis=1)]
+    size, middle = np.array([camera.width_px, camera.height_px]), len(xy) // 2
+    near = ((xy[middle] > -size) & (xy[middle] < 2 * size)).all(axis=1)
+    path = sum(np.hypot(*(b - a).T) for a, b in pairwise(xy))[near]
     # What comes from behind the camera, or goes there, crosses all of the frame.
     return float(np.nan_to_num(path, nan=float(np.hypot(*size))).max(initial=0.0))
 

@@ -192,7 +192,7 @@ def test_dark_current_doubles_with_warmth():
 
 @pytest.mark.parametrize("bit_depth, dtype", [(1, np.uint8), (8, np.uint8), (10, np.uint16), (16, np.uint16)])
 def test_type_of_the_numbers_follows_the_bit_depth(bit_depth, dtype):
-    model = camera_model(bit_depth=bit_depth, gain_DN_per_electron=1.0)
+    model = camera_model(bit_depth=bit_depth, gain_DN_per_electron=1.0, offset_DN=0.5)
     frame = model.expose(np.zeros((8, 8), np.float32), 1)
     assert frame.dn.dtype == dtype and frame.dn.max() <= 2**bit_depth - 1
 

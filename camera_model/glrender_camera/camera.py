@@ -17,7 +17,9 @@ from .optics import Optics
 from .points import PointSources
 from .presets import PRESETS
 from .spectrum import electrons_per_joule
-from .validate import integer, known_keys, one_of, positive
+from .validate import integer, known_keys, one_of, positive, within
+
+MAX_EXPOSURE_S = 1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,5 +249,7 @@ class CameraModel:
 
 
 def checked_exposure(name: str, value: object) -> float | str:
-    """An exposure [s] > 0, or "auto"."""
-    return value if isinstance(value, str) and value == "auto" else positive(name, value)
+    """An exposure [s] > 0, up to 1e6, or "auto"."""
+    if isinstance(value, str) and value == "auto":
+        return value
+    return within(name, positive(name, value), 0.0, MAX_EXPOSURE_S)

@@ -20,7 +20,7 @@ from .errors import ConfigError
 from .pattern import COSMIC, FRAME, FixedPattern, fixed_pattern, rows_of, stream
 from .spectrum import Curve, curve
 from .threads import Scratch, run
-from .validate import finite, integer, known_keys, positive, vector, within
+from .validate import integer, known_keys, positive, vector, within
 
 # Each block has its own stream, so that bytes do not depend on the number of threads. 2**17
 # pixels of float32 stay in a core's cache and make the calls long enough to run beside each other.
@@ -31,6 +31,8 @@ _MAX_FULL_WELLS = 100.0
 # Well inside 32 bits, whatever the read noise adds.
 _MAX_NUMBER = 1e9
 MAX_SEED = 2**64 - 1
+MAX_COSMIC_RAY_HITS = 100_000
+"""Of one frame: two seconds."""
 _scratch = Scratch()
 
 
@@ -117,9 +119,10 @@ class Detector:
     def __post_init__(self):
         put = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731 (frozen dataclass)
         put("quantum_efficiency", curve("quantum_efficiency", self.quantum_efficiency, 0.0, 1.0))
-        for name in ("full_well_electrons", "gain_DN_per_electron", "dark_reference_temperature_K",
-                     "temperature_K", "dark_doubling_K"):
-            put(name, positive(name, getattr(self, name)))
+        for name in ("full_well_electrons", "gain_DN_per_electron", "dark_doubling_K"):
+            put(name, within(name, positive(name, getattr(self, name)), 0.0, 1e15))
+        for name in ("dark_reference_temperature_K", "temperature_K"):
+            put(name, within(name, positive(name, getattr(self, name)), 0.0, 1000.0))
         for name in ("read_noise_electrons", "dark_current_electrons_per_s",
                      "dark_signal_nonuniformity_electrons", "hot_pixel_electrons_per_s",
                      "frame_transfer_row_s", "cosmic_ray_electrons_per_px"):
@@ -135,7 +138,9 @@ class Detector:
         if self.nonlinearity_DN is not None:
             put("nonlinearity_DN", _rising_pairs("nonlinearity_DN", self.nonlinearity_DN))
         put("bit_depth", integer("bit_depth", self.bit_depth, 1, 16))
-        put("offset_DN", finite("offset_DN", self.offset_DN))
+        # Full scale must be above it.
+        full_scale = 2.0**self.bit_depth - 1.0
+        put("offset_DN", within("offset_DN", self.offset_DN, -full_scale, 0.99 * full_scale))
         put("sensor_seed", integer("sensor_seed", self.sensor_seed, 0, MAX_SEED))
 
     @classmethod
@@ -209,7 +214,11 @@ class Detector:
         if self.cosmic_ray_hits_per_px_s == 0.0:
             return None
         rng = stream(seed, COSMIC)
-        n_hits = int(rng.poisson(self.cosmic_ray_hits_per_px_s * exposure_s * shape[0] * shape[1]))
+        expected = self.cosmic_ray_hits_per_px_s * exposure_s * shape[0] * shape[1]
+        if expected > MAX_COSMIC_RAY_HITS:
+            raise ConfigError("exposure_s", f"must leave at most {MAX_COSMIC_RAY_HITS} cosmic-ray hits in the frame",
+                              exposure_s, f"{expected:.3g} are expected at this rate")
+        n_hits = int(rng.poisson(expected))
         pixel, electrons = cosmic.tracks(rng, shape, n_hits, electrons_per_px=self.cosmic_ray_electrons_per_px,
                                          depth_px=self.cosmic_ray_depth_px)
         # Poisson numbers add: drawn apart, no other pixel's noise changes.

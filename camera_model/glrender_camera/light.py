@@ -57,9 +57,12 @@ def light_on_frame(optics: Optics, irradiance_W_m2: np.ndarray, *, roi: object =
         lit = np.s_[max(0, y0 - margin_y):min(signal.shape[0], y1 + margin_y),
                     max(0, x0 - margin_x):min(signal.shape[1], x1 + margin_x)]
         # A copy, so that the filter sees darkness around the box on every path.
-        light = np.maximum(irradiance[lit], 0.0)
+        # What was not in the region is dark, whatever it holds.
+        light = np.zeros((lit[0].stop - lit[0].start, lit[1].stop - lit[1].start), np.float32)
+        inner = np.s_[y0 - lit[0].start:y1 - lit[0].start, x0 - lit[1].start:x1 - lit[1].start]
+        np.maximum(irradiance[y0:y1, x0:x1], 0.0, out=light[inner])
         if relative_illumination is not None:
-            light *= relative_illumination[lit]
+            light[inner] *= _checked_illumination(relative_illumination[y0:y1, x0:x1])
         origin = lit[0].start - margin_px, lit[1].start - margin_px
         signal[lit] = optics.spread(light, origin, (height, width))
     if points is not None:
@@ -67,13 +70,21 @@ def light_on_frame(optics: Optics, irradiance_W_m2: np.ndarray, *, roi: object =
             points = points.dimmed(relative_illumination, margin_px)
         signal += points.image(optics, signal.shape, (-margin_px, -margin_px))
     if optics.stray_light is not None and (box is not None or points is not None):
-        signal = optics.stray_light.add(signal)
+        signal = optics.stray_light.add(signal, margin_px)
     if points is not None or (box is not None and optics.stray_light is not None):
         lit = np.s_[0:signal.shape[0], 0:signal.shape[1]]
     if margin_px:
         signal = np.ascontiguousarray(signal[margin_px:-margin_px, margin_px:-margin_px])
         lit = tuple(slice(max(0, part.start - margin_px), max(0, part.stop - margin_px)) for part in lit)
     return signal, lit
+
+
+def _checked_illumination(values: np.ndarray) -> np.ndarray:
+    if not (np.isfinite(values).all() and values.min(initial=0.0) >= 0.0):
+        bad = values[~(values >= 0.0) | ~np.isfinite(values)]
+        raise ConfigError("relative_illumination", "must be finite and >= 0", float(bad[0]),
+                          f"{bad.size} such pixel(s)")
+    return values
 
 
 def _region(roi: object, shape: tuple[int, int]) -> tuple[int, int, int, int]:

@@ -83,7 +83,8 @@ class Optics:
 
     def __post_init__(self):
         put = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731 (frozen dataclass)
-        put("aperture_diameter_m", positive("aperture_diameter_m", self.aperture_diameter_m))
+        put("aperture_diameter_m", within(
+            "aperture_diameter_m", positive("aperture_diameter_m", self.aperture_diameter_m), 0.0, 100.0))
         put("transmission", curve("transmission", self.transmission, 0.0, 1.0))
         put("band_nm", band("band_nm", self.band_nm))
         put("psf_sigma_px", within("psf_sigma_px", self.psf_sigma_px, 0.0, MAX_PSF_SIGMA_PX))

@@ -76,13 +76,15 @@ class StrayLight:
         parts = [wing] * (self.wing_fraction > 0.0) + [f"{self.veiling_glare:g} as a veil"] * (self.veiling_glare > 0.0)
         return ", ".join(parts)
 
-    def add(self, image: np.ndarray) -> np.ndarray:
+    def add(self, image: np.ndarray, margin_px: int = 0) -> np.ndarray:
         """A frame with its stray light.
 
         Parameters
         ----------
         image : (H, W) float32
-            The whole frame, after the point spread function; not changed.
+            The whole frame with its margin, after the point spread function; not changed.
+        margin_px : int [px]
+            Of it; the veil is shared out from the frame alone, whatever is drawn beside it.
 
         Returns
         -------
@@ -92,7 +94,8 @@ class StrayLight:
         if self.wing_fraction > 0.0:
             out += self._wing(image)
         if self.veiling_glare > 0.0:
-            out += np.float32(self.veiling_glare * image.mean(dtype=np.float64))
+            frame = image[margin_px:image.shape[0] - margin_px, margin_px:image.shape[1] - margin_px]
+            out += np.float32(self.veiling_glare * frame.mean(dtype=np.float64))
         return out
 
     def _wing(self, image: np.ndarray) -> np.ndarray:

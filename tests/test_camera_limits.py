@@ -1,0 +1,89 @@
+"""Limits of the camera model: what would not end, or would pass in silence, is refused by name."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import views
+from glrender import ConfigError, Pose, State, generate
+from glrender.body import Body
+from glrender.brdf import Lambert
+from glrender.motion import motion_px
+from glrender_camera import CameraModel
+
+
+def model(optics=(), **detector):
+    return CameraModel.from_dict({
+        "optics": {"aperture_diameter_m": 0.01, "psf_sigma_px": 0.7, **dict(optics)}, "exposure_s": 0.01,
+        "detector": {"quantum_efficiency": 0.5, "full_well_electrons": 1e5, "gain_DN_per_electron": 0.04,
+                     "bit_depth": 12, **detector}})
+
+
+@pytest.mark.parametrize("detector, path", [
+    ({"offset_DN": 5000.0}, "offset_DN"), ({"temperature_K": 1e5}, "temperature_K"),
+    ({"gain_DN_per_electron": 1e300}, "gain_DN_per_electron"), ({"full_well_electrons": 1e300}, "full_well_electrons"),
+])
+def test_a_detector_has_ranges(detector, path):
+    with pytest.raises(ConfigError, match=path):
+        model(**detector)
+
+
+def test_an_aperture_has_a_range():
+    with pytest.raises(ConfigError, match="aperture_diameter_m"):
+        model(optics={"aperture_diameter_m": 1e300})
+
+
+@pytest.mark.parametrize("exposure_s", [1e7, 1e30])
+def test_an_exposure_has_a_range(exposure_s):
+    with pytest.raises(ConfigError, match="exposure_s"):
+        model().expose(np.zeros((8, 8), np.float32), exposure_s=exposure_s)
+
+
+def test_so_many_cosmic_rays_are_refused_at_once():
+    """A million seconds at 1e-3 hits would take minutes, and a server with it."""
+    with pytest.raises(ConfigError, match="cosmic-ray hits"):
+        model(cosmic_ray_hits_per_px_s=1e-3).expose(np.zeros((96, 128), np.float32), exposure_s=1e6)
+    frame = model(cosmic_ray_hits_per_px_s=1e-3).expose(np.zeros((96, 128), np.float32), exposure_s=10.0)
+    assert frame.electrons.max() > 100.0
+
+
+def test_what_is_beside_the_region_is_dark_whatever_it_holds():
+    irradiance = np.full((64, 64), 1e-6, np.float32)
+    irradiance[19, 19] = np.nan
+    inside = np.zeros_like(irradiance)
+    inside[20:40, 20:40] = 1e-6
+    frame = model().expose(irradiance, 3, roi=(20, 20, 40, 40))
+    np.testing.assert_array_equal(frame.electrons, model().expose(inside, 3).electrons)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -1.0])
+def test_relative_illumination_is_checked(bad):
+    irradiance, falloff = np.full((16, 16), 1e-6, np.float32), np.ones((16, 16))
+    falloff[3, 4] = bad
+    with pytest.raises(ConfigError, match="relative_illumination"):
+        model().expose(irradiance, relative_illumination=falloff)
+
+
+def test_a_veil_does_not_depend_on_the_margin():
+    """The same frame, with darkness drawn beside it and without: a corner's mean is the same."""
+    camera = model(optics={"stray_light": {"veiling_glare": 0.05}})
+    frame = np.zeros((64, 64), np.float32)
+    frame[24:40, 24:40] = 1e-5
+    corner = [camera.expose(np.pad(frame, margin), 1, margin_px=margin).electrons[:16, :16].mean()
+              for margin in (0, 15)]
+    assert corner[0] > 100.0
+    np.testing.assert_allclose(corner[1], corner[0], rtol=0.01)
+
+
+@pytest.mark.parametrize("turns, least", [(0.5, 60.0), (1.0, 200.0), (2.0, 400.0), (4.0, 800.0), (150.0, 1e4)])
+def test_whole_turns_move(turns, least):
+    """A body that spins about the boresight: its rim goes round, however many whole turns end where they began."""
+    body = Body(name="body", shape=generate.contact_binary(radius_m=100.0, seed=1, subdivisions=3), brdf=Lambert(
+        normal_albedo=0.2))
+    camera = views.camera(256, 1000.0)
+    scene = views.scene([body], [camera])
+    state = State(r_sun_inertial_m=[1.5e11, 0.0, -1.5e11], spacecraft=Pose(r_inertial_m=[0.0, 0.0, -2000.0]),
+                  bodies={"body": Pose(r_inertial_m=np.zeros(3),
+                                       angular_velocity_rad_s=[0.0, 0.0, 2.0 * np.pi * turns])})
+    # A chord for each piece of arc: within 3 % of a circle of 45 px or more.
+    assert motion_px(scene, state, camera, 0.5) > least
