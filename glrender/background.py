@@ -127,7 +127,7 @@ def sunlight(renderer: Any, state: State, camera: PinholeCamera, box: tuple[int,
     r_sun = state.r_sun_inertial_m - place.r_inertial_m
     irradiance = renderer.scene.solar_irradiance_of(camera) * (AU_M**2 / float(r_sun @ r_sun))
     light = sun_in_view(fine, place.camera_from_inertial @ r_sun, irradiance)
-    if any(_overlap(view, x0, y0, x1, y1) for view in view_bodies(state, camera, _hulls(renderer.scene))):
+    if any(_overlap(view, x0, y0, x1, y1) for view in view_bodies(state, camera, renderer.scene.hulls)):
         covered = renderer.render(state, fine, samples=1, products=("body_id",)).products["body_id"] >= 0
         light[covered] = 0.0
     return light.reshape(y1 - y0, n, x1 - x0, n).sum(axis=(1, 3))
@@ -145,7 +145,7 @@ def _is_hidden(scene: Scene, state: State, camera: PinholeCamera, ray_camera: np
     hidden = np.zeros(len(ray_camera), bool)
     pinhole = camera if camera.distortion is None else replace(camera, distortion=None)
     xy = pinhole.project(ray_camera)
-    for view in view_bodies(state, pinhole, _hulls(scene)):
+    for view in view_bodies(state, pinhole, scene.hulls):
         if view.bounds_px is not None:
             hidden |= ((xy >= view.bounds_px[:2]) & (xy <= view.bounds_px[2:])).all(axis=1)
         elif view.depth_m[1] > 0.0:
@@ -156,10 +156,6 @@ def _is_hidden(scene: Scene, state: State, camera: PinholeCamera, ray_camera: np
         if len(part):
             hidden[part] = laser_ranges(scene, state, ray_camera[part], camera.name).body_id >= 0
     return hidden
-
-
-def _hulls(scene: Scene) -> dict:
-    return {body.name: body.hull for body in scene.bodies}
 
 
 @lru_cache(maxsize=16)

@@ -120,7 +120,7 @@ def margin_of(scene: Scene, state: State, camera: PinholeCamera) -> tuple[int, s
     if scene.emission or camera.distortion is not None or state.is_moving:
         return reach, text
     wide = camera.with_margin(reach)
-    boxes = [view.bounds_px for view in view_bodies(state, wide, {body.name: body.hull for body in scene.bodies})
+    boxes = [view.bounds_px for view in view_bodies(state, wide, scene.hulls)
              if view.is_visible]
     boxes.append(sun_box(state, wide) or (reach, reach, reach, reach))
     size = np.array([camera.width_px, camera.height_px])

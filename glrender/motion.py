@@ -96,7 +96,7 @@ def motion_px(scene: Scene, state: State, camera: PinholeCamera, half_s: float) 
         # Too fast to follow: all of the frame, each half turn.
         longest = max(longest, turn_rad / math.pi * math.hypot(camera.width_px, camera.height_px))
     pinhole = camera if camera.distortion is None else replace(camera, distortion=None)
-    views = view_bodies(state, pinhole, {body.name: body.hull for body in scene.bodies})
+    views = view_bodies(state, pinhole, scene.hulls)
     for view, body in zip(views, scene.bodies, strict=True):
         if view.bounds_px is not None and view.is_visible:
             longest = max(longest, _path_px(camera, [_in_camera(each.bodies[body.name], place, body.hull.points_m)

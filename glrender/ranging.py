@@ -15,6 +15,7 @@ from glrender_camera.validate import finite, integer, positive
 from .errors import ConfigError
 from .scene import Scene
 from .state import State
+from .triangles import intersect
 from .view import view_bodies
 
 MAX_DIRECTIONS = 10_000
@@ -22,8 +23,6 @@ MAX_DIRECTIONS = 10_000
 _UNIT_TOLERANCE = 1e-6
 # So many pairs of ray and facet are tested at once; more are halved first.
 _MAX_PAIRS = 30_000
-# A ray may pass this far outside a facet's edge, in its own barycentric coordinates: none slips between two.
-_EDGE_TOLERANCE = 1e-12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,7 +101,7 @@ def laser_ranges(scene: Scene, state: State, directions_camera: np.ndarray, came
     rays = checked_directions(directions_camera)
     nearest, body_id = np.full(len(rays), np.inf), np.full(len(rays), -1, np.int32)
     facet_id, incidence = np.full(len(rays), -1, np.int32), np.full(len(rays), np.nan)
-    views = view_bodies(state, pinhole, {body.name: body.hull for body in scene.bodies})
+    views = view_bodies(state, pinhole, scene.hulls)
     for index, (body, view) in enumerate(zip(scene.bodies, views, strict=True)):
         vertices = body.shape.vertices_m - view.r_camera_body_m
         ray_body = rays @ view.camera_from_body
@@ -210,25 +209,8 @@ def _halve(vertices: np.ndarray, facets: np.ndarray, rays: np.ndarray, distance:
         for half in np.array_split(order, 2):
             _halve(vertices, facets, rays, distance, facet, mine[half], place[half], candidates, low, high)
         return
-    t = _intersect(vertices[facets[candidates]], rays[mine])
+    t = intersect(vertices[facets[candidates]], rays[mine])
     best = np.argmin(t, axis=1)
     reached = t[np.arange(len(mine)), best]
     hit = reached < distance[mine]
     distance[mine[hit]], facet[mine[hit]] = reached[hit], candidates[best[hit]]
-
-
-def _intersect(corners: np.ndarray, rays: np.ndarray) -> np.ndarray:
-    """(N, K) distances of rays (N, 3) from the origin to triangles (K, 3, 3); infinite beside them.
-
-    Source: Moeller and Trumbore (1997), both sides of a facet.
-    """
-    a, edge1, edge2 = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    normal = np.cross(edge1, edge2)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        inverse = 1.0 / (rays @ normal.T)
-        # Scalar triple products with the origin as the rays' start.
-        u = (rays @ np.cross(edge2, a).T) * inverse
-        v = (rays @ np.cross(a, edge1).T) * inverse
-        t = np.einsum("ij,ij->i", a, normal) * inverse
-        inside = (u >= -_EDGE_TOLERANCE) & (v >= -_EDGE_TOLERANCE) & (u + v <= 1.0 + _EDGE_TOLERANCE) & (t > 0.0)
-    return np.where(inside, t, np.inf)

@@ -64,7 +64,7 @@ class Renderer:
         if not isinstance(scene, Scene):
             raise ConfigError("scene", "must be a Scene", scene)
         self.scene = scene
-        self._hulls = {body.name: body.hull for body in scene.bodies}
+        self._hulls = scene.hulls
         with ExitStack() as stack:
             self._context = stack.enter_context(Context(backend, device_index))
             self._meshes, self._traits = {}, {}
@@ -197,12 +197,13 @@ class Renderer:
         bodies = []
         for view in views:
             traits, chunks = self._traits[view.name], self._meshes[view.name][0].chunks
+            casters = self._shadows.casters(view, views)
             shown = chunks_in_window(chunks, view, camera, camera.bounds_px)
             bodies.append(plan.plan_body(
-                view, traits, camera, len(self._shadows.casters(view, views)) > 1, budget / gain, level,
+                view, traits, camera, len(casters) > 1, budget / gain, level,
                 shown_share=chunks.n_facets(shown) / traits.levels[0].n_facets,
                 seen_share=self._shadows.seen_share(view, camera),
-                penumbra=self._shadows.penumbra(view, views, camera) if self.scene.sun_disc else NO_PENUMBRA))
+                penumbra=self._shadows.penumbra(view, casters, camera) if self.scene.sun_disc else NO_PENUMBRA))
         # What is asked for by its level is drawn by OpenGL.
         costs = self._costs if level is None else replace(self._costs, ray_ns=math.inf)
         windows = plan.plan_windows(views, self._traits, bodies, camera, budget, gain, costs, samples)

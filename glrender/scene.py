@@ -5,7 +5,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from . import scene_tables
 from .body import Body
 from .constants import TOTAL_SOLAR_IRRADIANCE_W_M2
 from .errors import ConfigError, SceneError, error_path
+from .hull import Hull
 from .radiometry import Band
 from .sky import Stars
 
@@ -85,6 +86,11 @@ class Scene:
         for index, emission in enumerate(self.emission):
             if emission.body not in {body.name for body in self.bodies}:
                 raise ConfigError(f"emission[{index}].body", "must be a body of the scene", emission.body)
+
+    @cached_property
+    def hulls(self) -> dict[str, Hull]:
+        """Convex hulls of the bodies, by name, in the scene's order."""
+        return {body.name: body.hull for body in self.bodies}
 
     def solar_irradiance_of(self, camera: PinholeCamera) -> float:
         """Solar irradiance in a camera's band at 1 au [W/m2]; of a mosaic in that of its pattern's first letter.

@@ -82,11 +82,12 @@ class Shadows:
                 casters.append((other.name, frames.transform(rotation, offset)))
         return casters
 
-    def penumbra(self, receiver: BodyView, views: Sequence[BodyView], camera: PinholeCamera) -> Penumbra:
-        """What the Sun's disc does to the receiver's shadows."""
+    def penumbra(self, receiver: BodyView, casters: Sequence[tuple[str, np.ndarray]],
+                 camera: PinholeCamera) -> Penumbra:
+        """What the Sun's disc does to the receiver's shadows, of its `casters`."""
         hull = self._hulls[receiver.name]
         parts = [NO_PENUMBRA if hull.is_convex else own_penumbra(receiver)]
-        for name, receiver_from_caster in self.casters(receiver, views)[1:]:
+        for name, receiver_from_caster in casters[1:]:
             parts.append(eclipse_penumbra(
                 receiver, min(hull.radius_m, self._hulls[name].radius_m),
                 float(np.linalg.norm(receiver_from_caster[:3, 3])), receiver.depth_m[0] / camera.focal_length_px))
@@ -95,9 +96,9 @@ class Shadows:
 
     def seen_share(self, view: BodyView, camera: PinholeCamera) -> float:
         """Largest side of what is seen over that of the body, as the Sun sees both: what a map must cover."""
-        low, high, seen = self._bounds(view, frames.sun_from_body(view.sun_direction_body), camera, 0)
-        if seen is None:
+        if view.is_whole:
             return 1.0
+        low, high, seen = self._bounds(view, frames.sun_from_body(view.sun_direction_body), camera, 0)
         return min(float(np.max((seen[1] - seen[0])[:2] / (high - low)[:2])), 1.0)
 
     def _bounds(self, view: BodyView, sun_from_body: np.ndarray, camera: PinholeCamera, level: int

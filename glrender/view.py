@@ -70,9 +70,12 @@ class BodyView:
 
     def is_within(self, bounds_px: tuple[float, float, float, float]) -> bool:
         """Whether the whole outline is inside a window x0, y0, x1, y1 [px]."""
-        x0, y0, x1, y1 = bounds_px
-        box = self.bounds_px
-        return box is not None and bool(x0 <= box[0] and y0 <= box[1] and box[2] <= x1 and box[3] <= y1)
+        return _is_within(self.bounds_px, bounds_px)
+
+
+def _is_within(box: np.ndarray | None, bounds_px: tuple[float, float, float, float]) -> bool:
+    x0, y0, x1, y1 = bounds_px
+    return box is not None and bool(x0 <= box[0] and y0 <= box[1] and box[2] <= x1 and box[3] <= y1)
 
 
 def chunks_in_window(chunks: Chunks, view: BodyView, camera: PinholeCamera,
@@ -158,4 +161,4 @@ def _view(name: str, hull: Hull, state: State, camera: PinholeCamera, camera_fro
         name=name, camera_from_body=camera_from_body, r_camera_body_m=r_camera, sun_direction_body=sun_direction,
         sun_distance_au=sun_distance / AU_M, range_m=range_m, phase_rad=float(phase),
         depth_m=(nearest, farthest), bounds_px=bounds, is_visible=is_visible,
-        is_whole=bounds is not None and bool((bounds[:2] >= -0.5).all() and (bounds[2:] <= edge).all()))
+        is_whole=_is_within(bounds, camera.bounds_px))

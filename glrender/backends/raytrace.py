@@ -89,7 +89,7 @@ class RayTracer:
         budget = self.scene.max_error if max_error is None else checked_max_error(max_error)
         if samples is not None:
             samples = integer("samples", samples, 1, 256)
-        views = view_bodies(state, pinhole, {body.name: body.hull for body in self.scene.bodies})
+        views = view_bodies(state, pinhole, self.scene.hulls)
         roi = visible_region(views, pinhole)
         irradiance = np.zeros((pinhole.height_px, pinhole.width_px))
         x0, y0, x1, y1 = roi

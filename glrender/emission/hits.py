@@ -8,6 +8,7 @@ from ..errors import DeviceError
 from ..lod import levels_of_detail
 from ..rays import RayMesh
 from ..shape import Shape
+from ..triangles import intersect
 from .measuring import Hits
 
 
@@ -28,20 +29,7 @@ def body_hits(shape: Shape) -> Hits:
 
 
 def first_hits(place_m: np.ndarray, direction: np.ndarray, corners_m: np.ndarray) -> np.ndarray:
-    """Where rays (N, 3), from far before places (N, 3) [m], first meet facets (F, 3, 3) [m]: (N,) [m] or infinity.
-
-    Source: Moeller and Trumbore (1997).
-    """
-    a, u, v = corners_m[:, 0], corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0]
-    nearest = np.full(len(place_m), np.inf)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        for index, (place, ray) in enumerate(zip(place_m, direction, strict=True)):
-            p, offset = np.cross(ray, v), place - a
-            determinant = np.einsum("ij,ij->i", u, p)
-            first = np.einsum("ij,ij->i", offset, p) / determinant
-            q = np.cross(offset, u)
-            second = q @ ray / determinant
-            hit = (first >= 0.0) & (second >= 0.0) & (first + second <= 1.0)
-            if hit.any():
-                nearest[index] = (np.einsum("ij,ij->i", v, q) / determinant)[hit].min()
-    return nearest
+    """Where rays (N, 3), from far before places (N, 3) [m], first meet facets (F, 3, 3) [m]: (N,) [m] or infinity."""
+    back = 4.0 * float(np.linalg.norm(corners_m, axis=-1).max())
+    return np.array([intersect(corners_m - (place - back * ray), ray[None]).min() - back
+                     for place, ray in zip(place_m, direction, strict=True)])

@@ -54,7 +54,7 @@ class Cycles:
         self._bounces = integer("bounces", bounces, 0, MAX_BOUNCES)
         self._deadline_s = positive("deadline_s", deadline_s)
         self._n_threads = integer("n_threads", n_threads, 0, 1024)
-        self._hulls = {body.name: body.hull for body in scene.bodies}
+        self._hulls = scene.hulls
         self._terms = BlenderTerms(scene)
         self._is_lambert = all(type(body.brdf) is Lambert for body in scene.bodies)
         self._blender: BlenderProcess | None = None

@@ -97,18 +97,15 @@ class Facets:
 
 def _clusters(shape: Shape, strength: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Areas (C,) [m2], centres (C, 3) [m], normals (C, 3) and powers (C,) of facets close together, as one each."""
-    corner = shape.vertices_m[shape.facets]
-    normal = 0.5 * np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    area, centre = np.linalg.norm(normal, axis=1), corner.mean(axis=1)
+    area, centre = shape.facet_areas_m2, shape.vertices_m[shape.facets].mean(axis=1)
     power = strength * area
     cells = np.floor(centre / np.abs(shape.vertices_m).max() * _CLUSTERS).astype(np.int64) + _CLUSTERS + 1
     _, index = np.unique(cells @ np.array([1, 4096, 4096**2]), return_inverse=True)
     added = lambda values: np.bincount(index, weights=values)  # noqa: E731
     total = np.maximum(added(power), 1e-300)
     # Of a facet without strength the area would still shape the cluster: only what is sent does.
-    unit = normal / np.maximum(area, 1e-300)[:, None]
     mean = lambda vectors: np.stack([added(power * vectors[:, k]) for k in range(3)], axis=1) / total[:, None]  # noqa: E731
-    facing = mean(unit)
+    facing = mean(shape.facet_normals)
     length = np.linalg.norm(facing, axis=1, keepdims=True)
     kept = (added(power) > 0.0) & (length[:, 0] > 1e-9)
     return (added(area)[kept], mean(centre)[kept], (facing / np.maximum(length, 1e-9))[kept], added(power)[kept])

@@ -11,6 +11,7 @@ from glrender_camera.validate import positive, vector, within
 
 from ...errors import ConfigError
 from ...shape import Shape
+from ...triangles import intersect
 from .activity import Activity
 from .source import EVERYWHERE
 
@@ -120,19 +121,9 @@ def surface_point(shape: Shape, direction: np.ndarray) -> tuple[np.ndarray, np.n
     ConfigError
         Nothing is there.
     """
-    corner = shape.vertices_m[shape.facets]
-    a, u, v = corner[:, 0], corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
-    # Moeller and Trumbore (1997), for rays from the origin.
-    p = np.cross(direction, v)
-    determinant = np.einsum("ij,ij->i", u, p)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        first = -np.einsum("ij,ij->i", a, p) / determinant
-        q = np.cross(-a, u)
-        second = q @ direction / determinant
-        distance = np.einsum("ij,ij->i", v, q) / determinant
-        hit = (first >= -1e-12) & (second >= -1e-12) & (first + second <= 1.0 + 1e-12) & (distance > 0.0)
+    distance = intersect(shape.vertices_m[shape.facets], direction[None])[0]
+    hit = np.isfinite(distance)
     if not hit.any():
         raise ConfigError("longitude_deg", "no surface in this direction from the body's origin", direction.tolist())
     facet = int(np.argmax(np.where(hit, distance, -np.inf)))
-    normal = np.cross(u[facet], v[facet])
-    return distance[facet] * direction, normal / np.linalg.norm(normal)
+    return distance[facet] * direction, shape.facet_normals[facet]
