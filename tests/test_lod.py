@@ -91,7 +91,7 @@ def test_a_level_draws_what_the_full_shape_does(rough):
 
 
 def test_a_level_has_no_hole_where_it_reaches_beyond_the_hull():
-    """Of 20,480 facets as 5,120 with corners before the full shape's nearest point: none is cut off by the near plane."""
+    """81,920 facets as 5,120, with corners before the full shape's nearest point: the near plane cuts none off."""
     shape = generate.icosphere(radius_m=100.0, subdivisions=6)
     scene = views.scene([Body(name="body", shape=shape, brdf=GREY)], [views.camera(128, 1000.0)])
     _, coarse = lod.levels_of_detail(shape)
