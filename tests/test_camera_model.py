@@ -510,7 +510,7 @@ def test_a_star_keeps_in_its_pixel_what_navcams_description_says(name, low, high
     model = CameraModel.from_dict({"preset": name, "detector": {"gain_DN_per_electron": 0.04}})
     star = np.zeros((31, 31), np.float32)
     star[15, 15] = 1.0
-    assert low < model.optics.spread(star)[15, 15] < high
+    assert low < model.optics.spread(star, is_points=True)[15, 15] < high
 
 
 def test_navcams_attenuation_is_580_times():

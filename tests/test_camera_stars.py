@@ -235,7 +235,7 @@ def test_a_stars_kernel_in_a_varying_field_is_that_of_its_place():
     image = np.zeros((50, 60), np.float32)
     image[12, 50] = 1.0
     star = PointSources([[50.0, 12.0]], [1.0]).image(optics, image.shape)
-    np.testing.assert_allclose(star, optics.spread(image), atol=1e-3 * star.max())
+    np.testing.assert_allclose(star, optics.spread(image, is_points=True), atol=1e-3 * star.max())
     beyond = PointSources([[-2.2, 30.0]], [1.0]).image(optics, image.shape)
     assert 0.0 < beyond.sum() < 0.1 and beyond[:, 5:].max() == 0.0
     wide = PointSources([[50.0, 12.0]], [1.0]).image(optics, (60, 70), (-5, -5))

@@ -39,7 +39,8 @@ class PointSources:
             if values.ndim != len(shape) or values.shape[1:] != shape[1:] or len(values) != len(self.xy_px):
                 raise ConfigError(name, "must be (N, 2) places and (N,) irradiances", np.shape(values))
             if not np.isfinite(values).all() or (name == "irradiance_W_m2" and not (values >= 0.0).all()):
-                raise ConfigError(name, "must be finite, irradiances >= 0", values[~np.isfinite(values)][:3].tolist())
+                bad = ~np.isfinite(values) if name == "xy_px" else ~(np.isfinite(values) & (values >= 0.0))
+                raise ConfigError(name, "must be finite, irradiances >= 0", values[bad][:3].tolist())
             values.setflags(write=False)
             object.__setattr__(self, name, values)
 
@@ -95,7 +96,7 @@ class PointSources:
             for dy in (0, 1):
                 share = np.prod(np.abs(1.0 - np.array([dx, dy]) - (xy - corner)), axis=1)
                 np.add.at(light, (corner[:, 1] + dy + margin_y, corner[:, 0] + dx + margin_x), share * fluxes)
-        spread = optics.spread(light, (origin[0] - margin_y, origin[1] - margin_x), frame)
+        spread = optics.spread(light, (origin[0] - margin_y, origin[1] - margin_x), frame, is_points=True)
         return np.ascontiguousarray(spread[margin_y:-margin_y, margin_x:-margin_x])
 
 
