@@ -97,7 +97,7 @@ def test_random_lenses_fold_where_they_are_told_to(seed):
 
 @pytest.mark.parametrize("seed", range(20))
 def test_the_inverse_of_random_lenses_is_never_another_branch(seed):
-    """Forty each, 200 places up to 1e-7 of the fold: the place or NaN, and NaN only in the last per cent.
+    """Forty each, 200 places up to 1e-7 of the fold: the place or NaN, and NaN only in the last thousandth.
 
     1e-9 inside 99 % of the radius; beyond, where the residual of 1e-12 is a longer way, 3e-5.
     """
@@ -111,7 +111,8 @@ def test_the_inverse_of_random_lenses_is_never_another_branch(seed):
         found = lens.undistort(lens.distort(xy))
         error, near = np.hypot(*(found - xy).T), radius > 0.99 * reach
         assert (error[~near] < 1e-9).all()
-        assert (np.isnan(error[near]) | (error[near] < 3e-5)).all() and np.isnan(error).mean() < 0.02
+        assert (np.isnan(error[near]) | (error[near] < 3e-5)).all()
+        assert (radius[np.isnan(error)] > 0.999 * reach).all()
 
 
 def test_a_fold_of_tangential_terms_beside_a_radial_one():
