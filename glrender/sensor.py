@@ -1,0 +1,112 @@
+"""A camera's model behind images with a margin, in all of its bands, with the light that comes as points."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from glrender_camera import Frame, MosaicModel, PinholeCamera, PointSources
+
+from .background import merged, stars_behind
+from .scene import Scene, band_irradiances
+from .state import State
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PosePoints:
+    """What one pose of an exposure has beside its image.
+
+    Attributes
+    ----------
+    state : State
+    bodies : PointSources
+        Of small bodies, in the camera's band.
+    row_weights : (rows,) float or None
+        Of the pose in the image's rows; None where it is the only one.
+    """
+
+    state: State
+    bodies: PointSources
+    row_weights: np.ndarray | None = None
+
+
+class Sensor:
+    """Exposes images of one camera of a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+    camera : PinholeCamera
+        With a model.
+    margin_px : int [px]
+        Of the images.
+    """
+
+    def __init__(self, scene: Scene, camera: PinholeCamera, margin_px: int):
+        self._scene, self._camera, self._margin_px = scene, camera, margin_px
+        self._n_stars = 0
+
+    def stars(self, poses: Sequence[PosePoints]) -> dict[str, PointSources]:
+        """Of each band, in the mean over some poses."""
+        if self._scene.stars is None:
+            return {}
+        parts: dict[str, list] = {}
+        for pose in poses:
+            found = stars_behind(self._scene, pose.state, self._camera)
+            for letter, points in found.items():
+                parts.setdefault(letter, []).append((points, self._share(points, pose)))
+            # A star has a place of its own in each pose.
+            self._n_stars = max(len(points.xy_px) for points in found.values())
+        return {letter: merged(each) for letter, each in parts.items()}
+
+    def bodies(self, poses: Sequence[PosePoints]) -> PointSources:
+        """Of small bodies in the camera's band, in the mean over some poses."""
+        return merged([(pose.bodies, self._share(pose.bodies, pose)) for pose in poses])
+
+    def _share(self, points: PointSources, pose: PosePoints) -> np.ndarray:
+        if pose.row_weights is None:
+            return np.ones(len(points.xy_px))
+        row = np.rint(points.xy_px[:, 1]).astype(int) + self._margin_px
+        return pose.row_weights[np.clip(row, 0, len(pose.row_weights) - 1)]
+
+    def stars_text(self) -> str:
+        """The stage in words, of the last stars."""
+        stars = self._scene.stars
+        if stars is None:
+            return "skipped: the scene has none"
+        if not self._n_stars:
+            return "skipped: none is in view"
+        return f"{self._n_stars} to magnitude {stars.magnitude_limit:g}" + stars.aberration * ", aberrated"
+
+    def expose(self, irradiance: np.ndarray, seed: int, exposure_s: float | str, roi: tuple[int, int, int, int],
+               bodies: PointSources, stars: dict[str, PointSources]) -> Frame:
+        """The frame. The bodies are grey: a band's light is the drawn one times the Sun's irradiance in the band."""
+        model = self._camera.model
+        drawn = self._scene.solar_irradiance_of(self._camera)
+        is_mosaic = isinstance(model, MosaicModel)
+        shares = {letter: own / drawn for letter, own in band_irradiances(model).items()} if is_mosaic else {"": 1.0}
+        points = {letter: merged([(bodies, np.full(len(bodies.xy_px), share)),
+                                  *([(stars[letter], np.ones(len(stars[letter].xy_px)))] if letter in stars else [])])
+                  for letter, share in shares.items()}
+        has_points = any(len(each.xy_px) for each in points.values())
+        options = {"exposure_s": exposure_s, "roi": roi, "margin_px": self._margin_px}
+        if not is_mosaic:
+            return self._camera.expose(irradiance, seed, points=points[""] if has_points else None, **options)
+        images = {letter: irradiance * np.float32(share) for letter, share in shares.items()}
+        return self._camera.expose(images, seed, points=points if has_points else None, **options)
+
+    def told(self, frame: Frame, n_bodies: int) -> dict[str, str]:
+        """The frame's stages, with what the points are."""
+        text = f"{self._n_stars} stars, {n_bodies} bodies of a few pixels or less"
+        return {**frame.stages, **({"points": text} if self._n_stars + n_bodies else {})}
+
+
+def with_points(image: np.ndarray, points: PointSources) -> np.ndarray:
+    """An image (h, w) [W/m2] with the light of points, each in the pixel that holds it."""
+    column, row = np.rint(points.xy_px).astype(int).T
+    inside = (row >= 0) & (column >= 0) & (row < image.shape[0]) & (column < image.shape[1])
+    if inside.any():
+        image = image.copy()
+        np.add.at(image, (row[inside], column[inside]), points.irradiance_W_m2[inside].astype(np.float32))
+    return image
