@@ -17,6 +17,7 @@ from glrender_camera import Frame, time_average
 from glrender_camera.camera import checked_exposure
 from glrender_camera.shutter import row_weights
 
+from .beyond import light_beyond
 from .drawing import Drawing, Still, lens_margin, margin_of
 from .errors import ConfigError
 from .grouping import union
@@ -135,22 +136,24 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
     still, motion = drawing.still(state, products), STILL
     irradiance, roi = still.irradiance_W_m2, still.roi
     poses = [PosePoints(state=state, bodies=still.points)]
+    beyond, beyond_text = light_beyond(renderer, state, pinhole, margin_px)
     bodies, stars = sensor.bodies(poses), sensor.stars(poses)
     timings = _timings(still, began)
     if state.is_moving:
         moved = time.perf_counter()
         if exposure == "auto":
-            exposure = sensor.expose(irradiance, seed, exposure, roi, bodies, stars).exposure_s
+            exposure = sensor.expose(irradiance, seed, exposure, roi, [bodies, beyond], stars).exposure_s
         motion = plan_motion(scene, state, pinhole, exposure, model.detector.rolling_shutter_row_s, margin_px)
         if not motion.is_still:
             irradiance, roi, poses = _mean(drawing, state, still, motion)
             bodies, stars = sensor.bodies(poses), sensor.stars(poses)
         timings["motion_blur"] = 1e3 * (time.perf_counter() - moved)
     exposed = time.perf_counter()
-    frame = sensor.expose(irradiance, seed, exposure, roi, bodies, stars)
+    frame = sensor.expose(irradiance, seed, exposure, roi, [bodies, beyond], stars)
     timings["camera"] = 1e3 * (time.perf_counter() - exposed)
     stages = {"distortion": drawing.distortion_text, "margin": margin_text, "motion_blur": motion.text,
-              "sun": still.sun_text, "stars": sensor.stars_text(), **sensor.told(frame, still.n_small)}
+              "sun": still.sun_text, "stars": sensor.stars_text(), "beyond": beyond_text,
+              **sensor.told(frame, still.n_small)}
     return Capture(irradiance_W_m2=with_points(_without_margin(irradiance, margin_px), bodies), products=still.products,
                    frame=replace(frame, stages=stages), plan=still.plan, stages=stages, timings_ms=timings)
 

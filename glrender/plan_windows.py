@@ -28,8 +28,8 @@ MAX_SAMPLES = 16
 """Most samples along a pixel's side."""
 # A body that is smaller has a grid of its own.
 _SMALL_PX = 4.0
-# Samples along a pixel's side of a grid of its own, at least.
-_SMALL_SAMPLES = 4
+# Of the budget, what its pixels may take there: centres of light of 24 px within 0.01 px. Most samples across it.
+_OWN_SHARE, _MOST_ACROSS = 0.2, 512
 # Error of its pixels over that of its flux, at most.
 _SMALL_PIXELS = 4.0
 # Cost of a sample passed over, in samples that are shaded; and of a ray that meets nothing, in rays that do.
@@ -141,14 +141,15 @@ class _Window:
 
     def _own_grid(self, has_rays: bool) -> WindowPlan:
         (left, top, right, bottom), size = outline(self._members), self._outline_px
-        across = max(self._across, math.ceil(_SMALL_SAMPLES * size))
+        pixels = _SMALL_PIXELS * math.sqrt(sum(self._errors(self._levels)))
+        enough = math.ceil(size * (pixels / (_OWN_SHARE * self._budget)) ** (2.0 / 3.0))
+        across = max(self._across, min(enough, _MOST_ACROSS))
         grid = tuple(max(math.ceil(across * side / size), 8) for side in (right - left, bottom - top))
         setup_ns = _RASTER_CALL_NS + self._facets_ns + self._shadows_ns
         is_rays = (_RAYS_CALL_NS + math.prod(grid) * self._costs.ray_ns
                    < setup_ns + math.prod(grid) * self._costs.sample_ns) or (has_rays and self._floor > self._budget)
         floor = 0.0 if is_rays else self._floor
-        sampling = _SMALL_PIXELS * max(flux_error(across, self._phase_rad),
-                                       math.sqrt(sum(self._errors(self._levels)) * (size / across) ** 3))
+        sampling = max(_SMALL_PIXELS * flux_error(across, self._phase_rad), pixels * (size / across) ** 1.5)
         margin = 0.02 * size
         return self._plan("rays" if is_rays else "raster", samples=0, grid=grid,
                           bounds_px=(float(left - margin), float(top - margin), float(right + margin),

@@ -80,15 +80,18 @@ class Sensor:
         return f"{self._n_stars} to magnitude {stars.magnitude_limit:g}" + stars.aberration * ", aberrated"
 
     def expose(self, irradiance: np.ndarray, seed: int, exposure_s: float | str, roi: tuple[int, int, int, int],
-               bodies: PointSources, stars: dict[str, PointSources]) -> Frame:
-        """The frame. The bodies are grey: a band's light is the drawn one times the Sun's irradiance in the band."""
+               grey: Sequence[PointSources], stars: dict[str, PointSources]) -> Frame:
+        """The frame. What is grey is drawn once: a band's light is that times the Sun's irradiance in the band."""
         model = self._camera.model
         drawn = self._scene.solar_irradiance_of(self._camera)
         is_mosaic = isinstance(model, MosaicModel)
         shares = {letter: own / drawn for letter, own in band_irradiances(model).items()} if is_mosaic else {"": 1.0}
-        points = {letter: merged([(bodies, np.full(len(bodies.xy_px), share)),
-                                  *([(stars[letter], np.ones(len(stars[letter].xy_px)))] if letter in stars else [])])
-                  for letter, share in shares.items()}
+        points = {}
+        for letter, share in shares.items():
+            parts = [(each, np.full(len(each.xy_px), share)) for each in grey]
+            if letter in stars:
+                parts.append((stars[letter], np.ones(len(stars[letter].xy_px))))
+            points[letter] = merged(parts)
         has_points = any(len(each.xy_px) for each in points.values())
         options = {"exposure_s": exposure_s, "roi": roi, "margin_px": self._margin_px}
         if not is_mosaic:

@@ -194,7 +194,7 @@ def test_a_body_beyond_the_frame_shines_in(lens):
 
 def test_a_body_well_inside_has_no_margin_and_the_bytes_of_the_plain_chain():
     camera = views.camera(64, 400.0, model=soft())
-    scene = views.scene([views.sphere(GREY, 5, 10.0)], [camera], max_error=0.02)
+    scene = views.scene([views.sphere(GREY, 5, 40.0)], [camera], max_error=0.02)
     state = views.state(range_m=1000.0)
     with open_renderer(scene) as renderer:
         capture = take_frame(renderer, state, seed=5, products=["range"])

@@ -132,16 +132,17 @@ class MosaicModel:
                 if np.shape(irradiance_W_m2[letter]) != shape:
                     raise ConfigError("irradiance_W_m2", f"must have shape {shape}, as the others",
                                       np.shape(irradiance_W_m2[letter]))
-                light, lit = light_on_frame(model.optics, irradiance_W_m2[letter], roi=roi, margin_px=margin_px,
-                                            relative_illumination=relative_illumination, points=band_points)
+                found = light_on_frame(model.optics, irradiance_W_m2[letter], roi=roi, margin_px=margin_px,
+                                       relative_illumination=relative_illumination, points=band_points)
+            light = found.signal
             rate = np.zeros(light.shape, np.float32) if rate is None else rate
             scale = np.float32(model.optics.aperture_area_m2 * model.electrons_per_joule)
             for i, row in enumerate(self.pattern):
                 for j in (j for j, x in enumerate(row) if x == letter):
                     place = np.s_[i::len(self.pattern), j::len(row)]
                     rate[place] = light[place] * scale
-            own = model.stages(light[lit].size > 0, band_points)
-            stages |= {f"{name}_{letter}": own[name] for name in ("psf", "stray_light", "photo_electrons")}
+            own = model.stages(light[found.lit].size > 0, band_points, found.text)
+            stages |= {f"{name}_{letter}": own[name] for name in ("psf", "stray_light", "light", "photo_electrons")}
             stages |= {"mosaic": " ".join(self.pattern)} | {name: text for name, text in own.items()
                                                             if f"{name}_{letter}" not in stages}
         model = next(iter(self.bands.values()))

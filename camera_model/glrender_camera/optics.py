@@ -15,7 +15,7 @@ from .aberrations import Aberrations
 from .convolution import Convolution, FieldConvolution
 from .errors import ConfigError, error_path
 from .image_kernel import from_splines, gaussian_image_axis, spline_weights, without_pixel
-from .spectrum import Curve, band, curve, photon_weights
+from .spectrum import Curve, band, curve, photon_weights, require_overlap
 from .straylight import StrayLight
 from .validate import integer, known_keys, positive, within
 
@@ -88,6 +88,7 @@ class Optics:
             "aperture_diameter_m", positive("aperture_diameter_m", self.aperture_diameter_m), 0.0, 100.0))
         put("transmission", curve("transmission", self.transmission, 0.0, 1.0))
         put("band_nm", band("band_nm", self.band_nm))
+        require_overlap("transmission", self.transmission, self.band_nm)
         put("psf_sigma_px", within("psf_sigma_px", self.psf_sigma_px, 0.0, MAX_PSF_SIGMA_PX))
         put("central_obscuration", within("central_obscuration", self.central_obscuration, 0.0, 0.95))
         put("psf_radius_px", integer("psf_radius_px", self.psf_radius_px, 1, 255))

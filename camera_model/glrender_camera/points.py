@@ -94,6 +94,15 @@ class PointSources:
         place = np.clip(np.rint(self.xy_px + margin_px), 0, limits).astype(int)
         return PointSources(self.xy_px, self.irradiance_W_m2 * relative_illumination[place[:, 1], place[:, 0]])
 
+    def chosen(self, index: np.ndarray) -> PointSources:
+        """Some of the sources."""
+        return PointSources(self.xy_px[index], self.irradiance_W_m2[index])
+
+    def is_inside(self, shape: tuple[int, int], margin_px: int = 0) -> np.ndarray:
+        """(N,) bool: whether a source lies in a frame (H, W) [px], or within so many pixels of it."""
+        edge = 0.5 + margin_px
+        return ((self.xy_px >= -edge) & (self.xy_px < np.array(shape[::-1]) - 1.0 + edge)).all(axis=1)
+
     @staticmethod
     def _shared_out(optics, xy, fluxes, shape, origin, frame) -> np.ndarray:
         margin_y, margin_x = (m + 1 for m in optics.psf_margin_px)
