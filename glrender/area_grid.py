@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from glrender_camera import PointSources
 
-# A small body is a point for each cell of this side: light of a cell that is put in its centre is 0.012 px^2 narrower.
-_CELL_PX = 0.375
+CELL_PX = 0.375
+"""Side of the cells of a small body, each a point: light that is put in its middle is 0.012 px^2 narrower."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,7 +47,7 @@ class SmallBody:
         x, y = x0 + (np.arange(columns) + 0.5) * (x1 - x0) / columns, y0 + (np.arange(rows) + 0.5) * (y1 - y0) / rows
         light = samples.astype(np.float64) * ((x1 - x0) * (y1 - y0) / samples.size)
         # At least one sample a cell.
-        down, across = (np.arange(0, n, max(int(n * min(_CELL_PX / side, 1.0)), 1))
+        down, across = (np.arange(0, n, max(int(n * min(CELL_PX / side, 1.0)), 1))
                         for n, side in ((rows, y1 - y0), (columns, x1 - x0)))
         # Light, and its moments about the first corner: float64 places of far smaller bodies do not cancel.
         cells, moment_x, moment_y = (np.add.reduceat(np.add.reduceat(part, down, axis=0), across, axis=1)

@@ -8,7 +8,7 @@ What a scene does not need is skipped, and `stages` says so.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -21,7 +21,7 @@ from .beyond import light_beyond
 from .drawing import Drawing, Still, lens_margin, margin_of
 from .errors import ConfigError
 from .grouping import union
-from .motion import STILL, Motion, plan_motion
+from .motion import STILL, Motion, checked_sub_states, given_motion, plan_motion
 from .render_plan import RenderPlan
 from .scene import Scene
 from .sensor import PosePoints, Sensor, with_points
@@ -89,7 +89,7 @@ def draw_still(renderer: Any, state: State, camera: str | None = None, *, produc
 
 def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: int = 0,
                exposure_s: float | str | None = None, previous: Frame | None = None, products: Iterable[str] = (),
-               **options: Any) -> Capture:
+               sub_states: Sequence[State] = (), **options: Any) -> Capture:
     """The frame that a camera with a model sends.
 
     Parameters
@@ -108,6 +108,9 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
         This camera's last frame: an automatic exposure is then what that one asks for, as on board.
     products
         As of `Renderer.render`.
+    sub_states : sequence of State
+        Poses during the exposure, of rising `t_s` that spans it, around `state.t_s`: drawn instead of those that
+        rates would make; the light is linear in time between them.
     **options
         As of `draw_still`; the budget holds after the point spread function.
 
@@ -130,7 +133,9 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
     if exposure == "auto" and previous is not None:
         exposure = model.auto_exposure.after(previous, model.detector)
     began = time.perf_counter()
-    margin_px, margin_text = margin_of(scene, state, pinhole)
+    sub_states = checked_sub_states(sub_states)
+    is_moving = state.is_moving or bool(sub_states)
+    margin_px, margin_text = margin_of(scene, state, pinhole, is_moving)
     drawing = Drawing(renderer, pinhole, margin_px, True, **options)
     sensor = Sensor(scene, pinhole, margin_px)
     still, motion = drawing.still(state, products), STILL
@@ -139,11 +144,13 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
     beyond, beyond_text = light_beyond(renderer, state, pinhole, margin_px)
     bodies, stars = sensor.bodies(poses), sensor.stars(poses)
     timings = _timings(still, began)
-    if state.is_moving:
+    if is_moving:
         moved = time.perf_counter()
         if exposure == "auto":
             exposure = sensor.expose(irradiance, seed, exposure, roi, [bodies, beyond], stars).exposure_s
-        motion = plan_motion(scene, state, pinhole, exposure, model.detector.rolling_shutter_row_s, margin_px)
+        row_s = model.detector.rolling_shutter_row_s
+        motion = (given_motion(state, sub_states, exposure, row_s, len(irradiance)) if sub_states else
+                  plan_motion(scene, state, pinhole, exposure, row_s, margin_px))
         if not motion.is_still:
             irradiance, roi, poses = _mean(drawing, state, still, motion)
             bodies, stars = sensor.bodies(poses), sensor.stars(poses)
@@ -161,11 +168,11 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
 def _mean(drawing: Drawing, state: State, still: Still,
           motion: Motion) -> tuple[np.ndarray, tuple[int, int, int, int], list[PosePoints]]:
     """Mean irradiance over each row's exposure, its region, and what the poses have besides."""
-    regions, points = [], []
+    regions, points, states = [], [], motion.poses(state)
 
     def images() -> Iterator[np.ndarray]:
-        for dt in motion.times_s:
-            pose = still if dt == 0.0 else drawing.still(state.after(dt))
+        for dt, each in zip(motion.times_s, states, strict=True):
+            pose = still if dt == 0.0 and not motion.states else drawing.still(each)
             regions.append(pose.roi)
             points.append(pose.points)
             yield pose.irradiance_W_m2
@@ -176,8 +183,8 @@ def _mean(drawing: Drawing, state: State, still: Still,
     mean = time_average(images(), motion.times_s, start_s=start_s, exposure_s=motion.exposure_s,
                         line_time_s=motion.row_s)
     weights = row_weights(motion.times_s, start_s + motion.row_s * np.arange(n_rows), motion.exposure_s)
-    poses = [PosePoints(state=state.after(dt), bodies=each, row_weights=weight)
-             for dt, each, weight in zip(motion.times_s, points, weights.T, strict=True)]
+    poses = [PosePoints(state=pose, bodies=each, row_weights=weight)
+             for pose, each, weight in zip(states, points, weights.T, strict=True)]
     return mean, union([region for region in regions if region[0] < region[2]]), poses
 
 

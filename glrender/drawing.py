@@ -135,7 +135,7 @@ class Drawing:
         return PointSources(xy[seen], light[seen])
 
 
-def margin_of(scene: Scene, state: State, camera: PinholeCamera) -> tuple[int, str]:
+def margin_of(scene: Scene, state: State, camera: PinholeCamera, is_moving: bool) -> tuple[int, str]:
     """How far beyond the frame of a camera with a model to draw [px], and why."""
     reach = _largest_margin(camera)
     if not reach:
@@ -143,7 +143,7 @@ def margin_of(scene: Scene, state: State, camera: PinholeCamera) -> tuple[int, s
         return 0, f"skipped: {why}"
     text = f"{reach} px, as far as light is spread"
     # Comae have no edge; another margin would be another lens to prepare, or another size from pose to pose.
-    if scene.emission or camera.distortion is not None or state.is_moving:
+    if scene.emission or camera.distortion is not None or is_moving:
         return reach, text
     wide = camera.with_margin(reach)
     boxes = [view.bounds_px for view in view_bodies(state, wide, scene.hulls)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from glrender_camera import Frame, MosaicModel, PinholeCamera, PointSources
 
+from .area_grid import CELL_PX
 from .background import merged, stars_behind
 from .scene import Scene, band_irradiances
 from .state import State
@@ -106,10 +107,18 @@ class Sensor:
 
 
 def with_points(image: np.ndarray, points: PointSources) -> np.ndarray:
-    """An image (h, w) [W/m2] with the light of points, each in the pixel that holds it."""
-    column, row = np.rint(points.xy_px).astype(int).T
-    inside = (row >= 0) & (column >= 0) & (row < image.shape[0]) & (column < image.shape[1])
-    if inside.any():
-        image = image.copy()
-        np.add.at(image, (row[inside], column[inside]), points.irradiance_W_m2[inside].astype(np.float32))
+    """An image (h, w) [W/m2] with the light of small bodies' cells, in the pixels that they overlap."""
+    if not len(points.xy_px):
+        return image
+    image = image.copy()
+    # Where each cell begins, and its shares of that pixel and of the next.
+    start = points.xy_px - 0.5 * CELL_PX
+    first = np.rint(start).astype(int)
+    share = np.clip((first + 0.5 - start) / CELL_PX, 0.0, 1.0)
+    for right in (0, 1):
+        for down in (0, 1):
+            column, row = first[:, 0] + right, first[:, 1] + down
+            light = (points.irradiance_W_m2 * np.abs(right - share[:, 0]) * np.abs(down - share[:, 1]))
+            inside = (row >= 0) & (column >= 0) & (row < image.shape[0]) & (column < image.shape[1])
+            np.add.at(image, (row[inside], column[inside]), light[inside].astype(np.float32))
     return image

@@ -248,8 +248,9 @@ def test_light_from_beyond_the_frame_enters_through_the_margin():
     wide = np.zeros((72, 84), np.float32)
     wide[20:28, 30] = wide[40, 0:10] = 1e-9
     camera = model(wide.shape)
-    whole, _ = light_on_frame(camera.optics, wide)
-    cropped, lit = light_on_frame(camera.optics, wide, margin_px=12)
+    whole = light_on_frame(camera.optics, wide).signal
+    found = light_on_frame(camera.optics, wide, margin_px=12)
+    cropped, lit = found.signal, found.lit
     assert cropped.shape == (48, 60)
     np.testing.assert_allclose(cropped, whole[12:-12, 12:-12], atol=1e-6 * whole.max())
     inside = np.zeros_like(cropped)

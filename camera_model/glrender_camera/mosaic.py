@@ -15,7 +15,7 @@ from .exposure import AutoExposure
 from .light import light_on_frame
 from .optics import Optics
 from .points import PointSources
-from .validate import known_keys
+from .validate import known_keys, within
 
 BAYER = ("RG", "GB")
 
@@ -28,13 +28,15 @@ class MosaicModel:
     ----------
     optics : mapping of one letter to Optics
         Each with its `band_nm`, its filter in `transmission`, its own point spread function.
-        Lateral chromatic aberration is `DistortingLens(..., magnification=)`, one for each band's image.
     detector : Detector
     exposure_s : float [s] > 0, or "auto"
     pattern : sequence of str
         Rows of letters, repeated from the top-left pixel on; default RGGB.
     auto_exposure : AutoExposure
         Of the mosaic's pixels together.
+    magnification : mapping of letter to float [1], 0.9..1.1
+        Lateral chromatic aberration: how much larger than the camera's focal length has it a band's image is.
+        Letters that are left out have 1. `PinholeCamera.expose` applies it, about the principal point.
 
     Raises
     ------
@@ -46,6 +48,7 @@ class MosaicModel:
     exposure_s: float | str
     pattern: Sequence[str] = BAYER
     auto_exposure: AutoExposure = field(default_factory=AutoExposure)
+    magnification: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self):
         rows = tuple(self.pattern)
@@ -56,6 +59,9 @@ class MosaicModel:
             raise ConfigError("optics", "must be a table of each letter's optics", self.optics)
         letters = sorted(set("".join(rows)))
         known_keys("optics", self.optics, letters, required=letters)
+        known_keys("magnification", self.magnification, letters)
+        object.__setattr__(self, "magnification", {
+            letter: within(f"magnification.{letter}", value, 0.9, 1.1) for letter, value in self.magnification.items()})
         models = {}
         for letter, optics in self.optics.items():
             with error_path(f"optics.{letter}"):
@@ -70,7 +76,8 @@ class MosaicModel:
         Parameters
         ----------
         table : mapping
-            `pattern`, `optics` (a table of each letter's), `detector`, `exposure_s`, optionally `auto_exposure`.
+            `pattern`, `optics` (a table of each letter's), `detector`, `exposure_s`, optionally `auto_exposure`
+            and `magnification`.
 
         Raises
         ------

@@ -45,7 +45,7 @@ class StrayLight:
     veiling_glare_beyond : float [1], 0..0.5
         Share of the light of sources beyond the frame that falls on it as an even veil.
     baffle_deg : float [deg], 0..90
-        Field angle beyond which no light enters the optics.
+        Field angle beyond which no light enters the optics; a wing seen near a star does not hold farther out.
 
     Raises
     ------
@@ -59,7 +59,7 @@ class StrayLight:
     wing_exponent: float = 2.5
     veiling_glare: float = 0.0
     veiling_glare_beyond: float = 0.0
-    baffle_deg: float = 90.0
+    baffle_deg: float = 45.0
 
     def __post_init__(self):
         put = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731 (frozen dataclass)
