@@ -101,14 +101,32 @@ def light_on_frame(optics: Optics, irradiance_W_m2: np.ndarray, *, roi: object =
         # What their point spread function brings in has no second wing.
         rest = points.chosen(~drawn).image(optics, signal.shape, (-margin_px, -margin_px))
         signal += rest if stray is None else rest * np.float32(stray.direct_share)
-    if points is not None or (box is not None and stray is not None):
+    if stray is not None and (box is not None or points is not None):
         lit = np.s_[0:signal.shape[0], 0:signal.shape[1]]
+    elif points is not None:
+        lit = _around(lit, points.xy_px + margin_px, optics.psf_margin_px, signal.shape)
     if margin_px:
         signal = np.ascontiguousarray(signal[margin_px:-margin_px, margin_px:-margin_px])
         lit = tuple(slice(max(0, part.start - margin_px), max(0, part.stop - margin_px)) for part in lit)
     text = (f"{own:.6g} W/m2 from the frame's own sky, {beyond:.6g} from beyond it; "
             f"{float(signal[lit].sum(dtype=np.float64)):.6g} fall on the frame")
     return Light(signal=signal, lit=lit, text=text if own + beyond > 0.0 else "skipped: it is dark")
+
+
+def _around(lit: tuple[slice, slice], xy_px: np.ndarray, reach_px: tuple[int, int],
+            shape: tuple[int, int]) -> tuple[slice, slice]:
+    """The lit part of an image and what points at x, y [px] may reach."""
+    # A kernel is put around the nearest pixel, or shared out between two.
+    reach = np.array(reach_px[::-1]) + 2.0
+    near = xy_px[((xy_px > -reach) & (xy_px < np.array(shape[::-1]) + reach)).all(axis=1)]
+    if not len(near):
+        return lit
+    low = np.clip(near.min(axis=0) - reach, 0, shape[::-1]).astype(int)
+    high = np.clip(np.ceil(near.max(axis=0) + reach) + 1, 0, shape[::-1]).astype(int)
+    parts = [(int(low[1]), int(high[1])), (int(low[0]), int(high[0]))]
+    if all(part.stop > part.start for part in lit):
+        parts = [(min(a, part.start), max(b, part.stop)) for (a, b), part in zip(parts, lit, strict=True)]
+    return tuple(slice(*part) for part in parts)
 
 
 def _brightest(points: PointSources) -> PointSources:
