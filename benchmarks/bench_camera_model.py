@@ -25,6 +25,8 @@ MODEL = CameraModel(
                       bit_depth=12, offset_DN=50.0, read_noise_electrons=10.0,
                       dark_current_electrons_per_s=5.0, photo_response_nonuniformity=0.01),
     exposure_s=0.1)
+# Medians of one megapixel on two cores that do nothing else.
+LIMITS_MS = {"camera_model": 30.0, "optics": 10.0, "optics_diffraction_15_px": 10.0}
 DIFFRACTION = Optics(aperture_diameter_m=0.0151, transmission=0.8, f_number=8.0, pixel_pitch_m=5e-6, psf_radius_px=7)
 
 
@@ -86,6 +88,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--frames", type=int, default=30)
     parser.add_argument("--size", type=int, default=1024)
+    parser.add_argument("--check", action="store_true", help="fail where a median is above the limits")
     arguments = parser.parse_args()
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True,
                             cwd=Path(__file__).parent, check=False).stdout.strip()
@@ -93,6 +96,10 @@ def main() -> None:
             "processors": os.cpu_count(), "psf_kernel_px": MODEL.optics.psf_kernel.size,
             "ms": measure(arguments.size, arguments.frames)}
     sys.stdout.write(json.dumps(line) + "\n")
+    if arguments.check:
+        over = [f"{image}: {chain} {times[chain]['p50']} ms, above {limit}" for image, times in line["ms"].items()
+                for chain, limit in LIMITS_MS.items() if times[chain]["p50"] > limit]
+        sys.exit("\n".join(over) or 0)
 
 
 if __name__ == "__main__":

@@ -8,22 +8,23 @@ What a scene does not need is skipped, and `stages` says so.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from glrender_camera import Frame, MosaicModel, PinholeCamera, PointSources, time_average
+from glrender_camera import Frame, time_average
 from glrender_camera.camera import checked_exposure
 from glrender_camera.shutter import row_weights
 
-from .background import merged, stars_behind
+from .beyond import light_beyond
 from .drawing import Drawing, Still, lens_margin, margin_of
 from .errors import ConfigError
 from .grouping import union
-from .motion import STILL, Motion, plan_motion
+from .motion import STILL, Motion, checked_sub_states, given_motion, plan_motion
 from .render_plan import RenderPlan
-from .scene import Scene, band_irradiances
+from .scene import Scene
+from .sensor import PosePoints, Sensor, with_points
 from .state import State
 
 
@@ -88,7 +89,7 @@ def draw_still(renderer: Any, state: State, camera: str | None = None, *, produc
 
 def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: int = 0,
                exposure_s: float | str | None = None, previous: Frame | None = None, products: Iterable[str] = (),
-               **options: Any) -> Capture:
+               sub_states: Sequence[State] = (), **options: Any) -> Capture:
     """The frame that a camera with a model sends.
 
     Parameters
@@ -107,6 +108,9 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
         This camera's last frame: an automatic exposure is then what that one asks for, as on board.
     products
         As of `Renderer.render`.
+    sub_states : sequence of State
+        Poses during the exposure, of rising `t_s` that spans it, around `state.t_s`: drawn instead of those that
+        rates would make; the light is linear in time between them.
     **options
         As of `draw_still`; the budget holds after the point spread function.
 
@@ -129,82 +133,48 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
     if exposure == "auto" and previous is not None:
         exposure = model.auto_exposure.after(previous, model.detector)
     began = time.perf_counter()
-    margin_px, margin_text = margin_of(scene, state, pinhole)
+    sub_states = checked_sub_states(sub_states)
+    is_moving = state.is_moving or bool(sub_states)
+    margin_px, margin_text = margin_of(scene, state, pinhole, is_moving)
     drawing = Drawing(renderer, pinhole, margin_px, True, **options)
-    sensor = _Sensor(scene, pinhole, margin_px)
+    sensor = Sensor(scene, pinhole, margin_px)
     still, motion = drawing.still(state, products), STILL
-    irradiance, roi, points = still.irradiance_W_m2, still.roi, sensor.points([(state, None)])
+    irradiance, roi = still.irradiance_W_m2, still.roi
+    poses = [PosePoints(state=state, bodies=still.points)]
+    beyond, beyond_text = light_beyond(renderer, state, pinhole, margin_px)
+    bodies, stars = sensor.bodies(poses), sensor.stars(poses)
     timings = _timings(still, began)
-    if state.is_moving:
+    if is_moving:
         moved = time.perf_counter()
         if exposure == "auto":
-            exposure = sensor.expose(irradiance, seed, exposure, roi, points).exposure_s
-        motion = plan_motion(scene, state, pinhole, exposure, model.detector.rolling_shutter_row_s, margin_px)
+            exposure = sensor.expose(irradiance, seed, exposure, roi, [bodies, beyond], stars).exposure_s
+        row_s = model.detector.rolling_shutter_row_s
+        motion = (given_motion(state, sub_states, exposure, row_s, len(irradiance)) if sub_states else
+                  plan_motion(scene, state, pinhole, exposure, row_s, margin_px))
         if not motion.is_still:
-            irradiance, roi, weights = _mean(drawing, state, still, motion)
-            points = sensor.points([(state.after(dt), weight) for dt, weight in zip(motion.times_s, weights.T,
-                                                                                  strict=True)])
+            irradiance, roi, poses = _mean(drawing, state, still, motion)
+            bodies, stars = sensor.bodies(poses), sensor.stars(poses)
         timings["motion_blur"] = 1e3 * (time.perf_counter() - moved)
     exposed = time.perf_counter()
-    frame = sensor.expose(irradiance, seed, exposure, roi, points)
+    frame = sensor.expose(irradiance, seed, exposure, roi, [bodies, beyond], stars)
     timings["camera"] = 1e3 * (time.perf_counter() - exposed)
     stages = {"distortion": drawing.distortion_text, "margin": margin_text, "motion_blur": motion.text,
-              "sun": still.sun_text, "stars": sensor.stars_text(points), **frame.stages}
-    return Capture(irradiance_W_m2=_without_margin(irradiance, margin_px), products=still.products,
+              "sun": still.sun_text, "stars": sensor.stars_text(), "beyond": beyond_text,
+              **sensor.told(frame, still.n_small)}
+    return Capture(irradiance_W_m2=with_points(_without_margin(irradiance, margin_px), bodies), products=still.products,
                    frame=replace(frame, stages=stages), plan=still.plan, stages=stages, timings_ms=timings)
 
 
-class _Sensor:
-    """A camera's model behind images with a margin, in all of its bands."""
-
-    def __init__(self, scene: Scene, camera: PinholeCamera, margin_px: int):
-        self._scene, self._camera, self._margin_px = scene, camera, margin_px
-
-    def points(self, poses: list[tuple[State, np.ndarray | None]]) -> dict[str, PointSources] | None:
-        """Stars of some poses, each with its weights of the image's rows; None where there are none."""
-        if self._scene.stars is None:
-            return None
-        parts: dict[str, list] = {}
-        for state, weights in poses:
-            for letter, points in stars_behind(self._scene, state, self._camera).items():
-                if weights is None:
-                    share = np.ones(len(points.xy_px))
-                else:
-                    row = np.rint(points.xy_px[:, 1]).astype(int) + self._margin_px
-                    share = weights[np.clip(row, 0, len(weights) - 1)]
-                parts.setdefault(letter, []).append((points, share))
-        found = {letter: merged(each) for letter, each in parts.items()}
-        return found if any(len(points.xy_px) for points in found.values()) else None
-
-    def stars_text(self, points: dict[str, PointSources] | None) -> str:
-        """The stage in words."""
-        if self._scene.stars is None:
-            return "skipped: the scene has none"
-        if points is None:
-            return "skipped: none is in view"
-        return f"to magnitude {self._scene.stars.magnitude_limit:g}" + self._scene.stars.aberration * ", aberrated"
-
-    def expose(self, irradiance: np.ndarray, seed: int, exposure_s: float | str, roi: tuple[int, int, int, int],
-               points: dict[str, PointSources] | None) -> Frame:
-        """The frame. The bodies are grey: a band's image is the drawn one times the Sun's irradiance in the band."""
-        options = {"exposure_s": exposure_s, "roi": roi, "margin_px": self._margin_px}
-        if not isinstance(self._camera.model, MosaicModel):
-            return self._camera.expose(irradiance, seed, points=points and points[""], **options)
-        solar = band_irradiances(self._camera.model)
-        drawn = self._scene.solar_irradiance_of(self._camera)
-        images = {letter: irradiance * np.float32(own / drawn) for letter, own in solar.items()}
-        return self._camera.expose(images, seed, points=points, **options)
-
-
 def _mean(drawing: Drawing, state: State, still: Still,
-          motion: Motion) -> tuple[np.ndarray, tuple[int, int, int, int], np.ndarray]:
-    """Mean irradiance over each row's exposure, its region, and the weights (rows, poses) of the poses."""
-    regions = []
+          motion: Motion) -> tuple[np.ndarray, tuple[int, int, int, int], list[PosePoints]]:
+    """Mean irradiance over each row's exposure, its region, and what the poses have besides."""
+    regions, points, states = [], [], motion.poses(state)
 
     def images() -> Iterator[np.ndarray]:
-        for dt in motion.times_s:
-            pose = still if dt == 0.0 else drawing.still(state.after(dt))
+        for dt, each in zip(motion.times_s, states, strict=True):
+            pose = still if dt == 0.0 and not motion.states else drawing.still(each)
             regions.append(pose.roi)
+            points.append(pose.points)
             yield pose.irradiance_W_m2
 
     n_rows = len(still.irradiance_W_m2)
@@ -213,7 +183,9 @@ def _mean(drawing: Drawing, state: State, still: Still,
     mean = time_average(images(), motion.times_s, start_s=start_s, exposure_s=motion.exposure_s,
                         line_time_s=motion.row_s)
     weights = row_weights(motion.times_s, start_s + motion.row_s * np.arange(n_rows), motion.exposure_s)
-    return mean, union([region for region in regions if region[0] < region[2]]), weights
+    poses = [PosePoints(state=pose, bodies=each, row_weights=weight)
+             for pose, each, weight in zip(states, points, weights.T, strict=True)]
+    return mean, union([region for region in regions if region[0] < region[2]]), poses
 
 
 def _without_margin(image: np.ndarray, margin_px: int) -> np.ndarray:

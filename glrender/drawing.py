@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from glrender_camera import ConfigError, DistortingLens, PinholeCamera, lens_of
+from glrender_camera import ConfigError, DistortingLens, PinholeCamera, PointSources, lens_of
 from glrender_camera.projection import MAX_IMAGE_PX
 
 from .background import sun_box, sunlight
@@ -24,14 +24,21 @@ from .view import view_bodies
 # than so many footprints: a slope of 76 degrees.
 _SMOOTH = ("range", "r_body")
 _LARGEST_STEP = 4.0
+# Smaller bodies are spread as points: an image of pixels has lost their places, a crescent's of 8 px by 0.06 px.
+_APART_PX = 24.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Still:
-    """What stands still: irradiance (h, w) with the margin, its region `roi`, products (height, width) without it."""
+    """What stands still: irradiance (h, w) with the margin, its region `roi`, products (height, width) without it.
+
+    `points` is the light of `n_small` bodies of a few pixels or less, in the frame's `pixel`; it is not in the image.
+    """
 
     irradiance_W_m2: np.ndarray
     roi: tuple[int, int, int, int]
+    points: PointSources
+    n_small: int
     products: dict[str, np.ndarray]
     plan: RenderPlan
     sun_text: str
@@ -73,6 +80,8 @@ class Drawing:
         n = 1 if self.lens is None else self.lens.oversampling
         # Cells' errors are independent: their mean has 1 / n of them.
         self._share /= n
+        if is_for_detector and "apart_px" in taken:
+            self._options["apart_px"] = _APART_PX * n
         self._options["max_error"] = min(self._budget / self._share, 1.0)
         self._options["samples"] = -(-samples // n) if isinstance(samples, int) else samples
 
@@ -94,8 +103,11 @@ class Drawing:
         box = sun_box(state, self.source) if self._is_for_detector else None
         if box is not None:
             x0, y0, x1, y1 = box
-            light[y0:y1, x0:x1] += sunlight(self._renderer, state, self.source, box)
+            disc = sunlight(self._renderer, state, self.source, box)
+            light[y0:y1, x0:x1] += disc
             roi, sun_text = union([roi, box]) if any(roi) else box, "in view"
+            if not disc.any():
+                sun_text = "skipped: hidden by a body, or beside the image"
         plan, made = image.plan, image.products
         if self._share != 1.0:
             plan = replace(plan, max_error=self._budget, predicted_error=plan.predicted_error * self._share)
@@ -105,11 +117,25 @@ class Drawing:
         elif self._margin_px:
             inside = np.s_[self._margin_px:-self._margin_px, self._margin_px:-self._margin_px]
             made = {name: np.ascontiguousarray(values[inside]) for name, values in made.items()}
-        return Still(irradiance_W_m2=light, roi=roi, products=made, plan=plan, sun_text=sun_text,
-                     timings_ms=image.timings_ms)
+        small = [body.points for body in image.small_bodies if body.is_apart]
+        return Still(irradiance_W_m2=light, roi=roi, points=self._placed(small), n_small=len(small), products=made,
+                     plan=plan, sun_text=sun_text, timings_ms=image.timings_ms)
+
+    def _placed(self, kept: Sequence[PointSources]) -> PointSources:
+        """Points of the source's image in the frame."""
+        if not kept:
+            return PointSources([], [])
+        xy = np.concatenate([points.xy_px for points in kept])
+        if self.lens is None:
+            xy = xy - self._margin_px
+        else:
+            xy = self._camera.project(self.source.directions(xy))
+        light = np.concatenate([points.irradiance_W_m2 for points in kept])
+        seen = np.isfinite(xy).all(axis=1)
+        return PointSources(xy[seen], light[seen])
 
 
-def margin_of(scene: Scene, state: State, camera: PinholeCamera) -> tuple[int, str]:
+def margin_of(scene: Scene, state: State, camera: PinholeCamera, is_moving: bool) -> tuple[int, str]:
     """How far beyond the frame of a camera with a model to draw [px], and why."""
     reach = _largest_margin(camera)
     if not reach:
@@ -117,7 +143,7 @@ def margin_of(scene: Scene, state: State, camera: PinholeCamera) -> tuple[int, s
         return 0, f"skipped: {why}"
     text = f"{reach} px, as far as light is spread"
     # Comae have no edge; another margin would be another lens to prepare, or another size from pose to pose.
-    if scene.emission or camera.distortion is not None or state.is_moving:
+    if scene.emission or camera.distortion is not None or is_moving:
         return reach, text
     wide = camera.with_margin(reach)
     boxes = [view.bounds_px for view in view_bodies(state, wide, scene.hulls)

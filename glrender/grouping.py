@@ -20,6 +20,20 @@ def region(views: list[BodyView], camera: PinholeCamera) -> tuple[int, int, int,
     return tuple(int(x) for x in (*low, *high))
 
 
+def outline(views: list[BodyView]) -> tuple[float, float, float, float]:
+    """x0, y0, x1, y1 [px] around the outlines of bodies that are all before the camera."""
+    bounds = np.array([view.bounds_px for view in views])
+    return tuple(float(x) for x in (*bounds[:, :2].min(axis=0), *bounds[:, 2:].max(axis=0)))
+
+
+def outline_px(views: list[BodyView]) -> float:
+    """Larger side [px] of the box around the outlines of bodies; infinite where one has none."""
+    if any(view.bounds_px is None for view in views):
+        return float("inf")
+    x0, y0, x1, y1 = outline(views)
+    return max(x1 - x0, y1 - y0)
+
+
 def touching(views: list[BodyView], camera: PinholeCamera) -> list[list[BodyView]]:
     """Visible bodies in groups whose regions share no pixel."""
     groups: list[list[BodyView]] = []

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .area_grid import SmallBody
 from .errors import ConfigError
 from .render_plan import RenderPlan
 
@@ -33,12 +34,15 @@ class Image:
         float32 [m] (NaN beside), ``sunlit`` float32 (0 in a cast shadow or facing away, 1 in sunlight).
     plan : RenderPlan
     timings_ms : dict of str to float
+    small_bodies : tuple of SmallBody
+        Bodies of a few pixels or less: flux and centre of brightness, where OpenGL drew them alone.
     """
 
     irradiance_W_m2: np.ndarray
     products: dict[str, np.ndarray]
     plan: RenderPlan
     timings_ms: dict[str, float]
+    small_bodies: tuple[SmallBody, ...] = ()
 
     @property
     def roi(self) -> tuple[int, int, int, int]:

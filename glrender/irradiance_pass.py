@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from . import error_model
-from .area_grid import add_by_area
+from .area_grid import SmallBody, add_by_area
 from .clock import Clock
 from .gl.context import Context
 from .gl.passes import Target
@@ -47,8 +47,8 @@ class IrradiancePass:
     def __exit__(self, *exception) -> None:
         self._target.__exit__(*exception)
 
-    def draw(self, irradiance: np.ndarray, choice: WindowChoice, frame: Frame, error_gain: float,
-             clock: Clock) -> WindowPlan:
+    def draw(self, irradiance: np.ndarray, choice: WindowChoice, frame: Frame, error_gain: float, clock: Clock,
+             small: list[SmallBody], apart_px: float) -> WindowPlan:
         """Add a window to an image; its plan with what its samples told.
 
         Parameters
@@ -60,9 +60,14 @@ class IrradiancePass:
         error_gain : float [1]
             What the camera's PSF leaves of an error that is independent from pixel to pixel.
         clock : Clock
+        small : list of SmallBody
+            Gets the body that has a grid of its own.
+        apart_px : float [px]
+            A smaller one is told there alone, and not added to the image.
         """
         if not choice.first.samples:
-            return self._draw_own_grid(irradiance, choice.first, frame, clock)
+            small.append(self._draw_own_grid(irradiance, choice.first, frame, clock, apart_px))
+            return choice.first
         drawn = self._draw_sampled(choice.first, frame, error_gain, clock, may_give_up=choice.by_rays is not None)
         if drawn is None:
             drawn = self._draw_sampled(choice.by_rays, frame, error_gain, clock)
@@ -71,11 +76,14 @@ class IrradiancePass:
         irradiance[y0:y1, x0:x1] = mean
         return window
 
-    def _draw_own_grid(self, irradiance: np.ndarray, window: WindowPlan, frame: Frame, clock: Clock) -> WindowPlan:
+    def _draw_own_grid(self, irradiance: np.ndarray, window: WindowPlan, frame: Frame, clock: Clock,
+                       apart_px: float) -> SmallBody:
         samples = self._samples(window, frame, clock, window.bounds_px, window.grid)
-        add_by_area(irradiance, samples, window.bounds_px)
+        body = SmallBody.from_grid(window.bodies, samples, window.bounds_px, apart_px)
+        if not body.is_apart:
+            add_by_area(irradiance, samples, window.bounds_px)
         clock.lap("readback")
-        return window
+        return body
 
     def _draw_sampled(self, window: WindowPlan, frame: Frame, error_gain: float, clock: Clock,
                       may_give_up: bool = False) -> tuple[np.ndarray, WindowPlan] | None:

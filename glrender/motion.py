@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -11,6 +12,7 @@ from glrender_camera import PinholeCamera
 
 from . import frames
 from .background import Place
+from .errors import ConfigError
 from .hull import Hull
 from .scene import Scene
 from .state import Pose, State
@@ -20,6 +22,8 @@ from .view import BodyView, view_bodies
 _STEP_PX = 0.5
 MAX_POSES = 65
 """Of one frame: 32 pixels of motion at half a pixel; what moves farther is drawn in longer steps, and told."""
+MAX_GIVEN_POSES = 257
+"""Of one frame, where a request gives them."""
 # A frame that moves by less stands still: the blur of 0.05 px adds 2e-4 px2 to any point spread function.
 _STILL_PX = 0.05
 # Turn between the instants at which a path is measured, about; and how many there are at most.
@@ -28,12 +32,16 @@ _INSTANT_RAD, _MOST_INSTANTS = 0.8, 129
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Motion:
-    """Times (N,) [s] of the poses to draw, after the state's; N odd, 0 in the middle. And what they are, in words."""
+    """Times (N,) [s] of the poses to draw, after the state's; and what they are, in words.
+
+    `states` are those poses where they are given; otherwise the state's rates make them, N odd, 0 in the middle.
+    """
 
     times_s: np.ndarray
     text: str
     exposure_s: float = 0.0
     row_s: float = 0.0
+    states: tuple[State, ...] = ()
 
     @property
     def is_still(self) -> bool:
@@ -41,7 +49,58 @@ class Motion:
         return len(self.times_s) == 1
 
 
+    def poses(self, state: State) -> list[State]:
+        """The states to draw."""
+        return list(self.states) or [state.after(dt) for dt in self.times_s]
+
+
 STILL = Motion(times_s=np.zeros(1), text="skipped: the state has no rates")
+
+
+def checked_sub_states(value: object) -> tuple[State, ...]:
+    """None, or 2 to 257 states of rising `t_s`.
+
+    Raises
+    ------
+    ConfigError
+    """
+    if not isinstance(value, Sequence) or not all(isinstance(each, State) for each in value):
+        raise ConfigError("sub_states", "must be a list of State", value)
+    if len(value) == 1 or len(value) > MAX_GIVEN_POSES:
+        raise ConfigError("sub_states", f"must be 2 to {MAX_GIVEN_POSES} states, or none", len(value))
+    times = [each.t_s for each in value]
+    if any(not a < b for a, b in pairwise(times)):
+        raise ConfigError("sub_states", "t_s must rise", times[:8])
+    return tuple(value)
+
+
+def given_motion(state: State, sub_states: tuple[State, ...], exposure_s: float, row_s: float, n_rows: int) -> Motion:
+    """The poses of a simulation instead of rates: their light is linear in time between them.
+
+    Parameters
+    ----------
+    state : State
+        At the middle of all rows' exposures.
+    sub_states : tuple of State
+        Of `checked_sub_states`; must span the exposures of all rows.
+    exposure_s, row_s : float [s]
+    n_rows : int
+        Of the image with its margin.
+
+    Raises
+    ------
+    ConfigError
+    """
+    times = np.array([each.t_s - state.t_s for each in sub_states])
+    half_s = 0.5 * (exposure_s + abs(row_s) * (n_rows - 1))
+    # t_s may be seconds of decades: float64 then has 1e-7 s.
+    slack = 1e-9 * half_s + 4.0 * np.spacing(abs(state.t_s))
+    if times[0] > -half_s + slack or times[-1] < half_s - slack:
+        raise ConfigError("sub_states", f"t_s must span {state.t_s - half_s:.9g} to {state.t_s + half_s:.9g} s, the "
+                          "exposures of all rows", (sub_states[0].t_s, sub_states[-1].t_s))
+    times[0], times[-1] = min(times[0], -half_s), max(times[-1], half_s)
+    return Motion(times_s=times, text=f"{len(times)} poses as given, over {2.0 * half_s:.3g} s",
+                  exposure_s=exposure_s, row_s=row_s, states=sub_states)
 
 
 def plan_motion(scene: Scene, state: State, camera: PinholeCamera, exposure_s: float, row_s: float,

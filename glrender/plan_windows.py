@@ -19,7 +19,7 @@ from .error_model import (
     shadow_share,
     squared_errors,
 )
-from .grouping import region, touching
+from .grouping import outline, outline_px, region, touching
 from .refine import SAMPLE_COUNTS
 from .render_plan import BodyPlan, WindowPlan
 from .view import BodyView
@@ -32,6 +32,8 @@ FACING_SAMPLES = 3
 """Along a pixel's side of that image."""
 # A body that is smaller has a grid of its own.
 _SMALL_PX = 4.0
+# Of the budget, what its pixels may take there: centres of light of 24 px within 0.01 px. Most samples across it.
+_OWN_SHARE, _MOST_ACROSS = 0.2, 512
 # Error of its pixels over that of its flux, at most.
 _SMALL_PIXELS = 4.0
 # Cost of a sample passed over, in samples that are shaded; and of a ray that meets nothing, in rays that do.
@@ -78,7 +80,7 @@ class WindowChoice:
 
 def plan_windows(views: Sequence[BodyView], traits: Mapping[str, BodyTraits], bodies: Sequence[BodyPlan],
                  camera: PinholeCamera, max_error: float, error_gain: float, costs: EngineCosts,
-                 samples: int | None) -> list[WindowChoice]:
+                 samples: int | None, apart_px: float = 0.0) -> list[WindowChoice]:
     """Split the image into windows, each with the engine and the samples that its bodies need first.
 
     Bodies far apart in the image are drawn apart, so that the cost follows their pixels; a body
@@ -91,9 +93,12 @@ def plan_windows(views: Sequence[BodyView], traits: Mapping[str, BodyTraits], bo
     costs : EngineCosts
     samples : int or None
         Asked for instead of the planner's choice: drawn by OpenGL.
+    apart_px : float [px]
+        Bodies that are together smaller have a grid of their own in any case.
     """
     plans = {body.name: body for body in bodies}
-    return [_Window(members, traits, plans, camera, max_error / error_gain, error_gain, costs).choice(samples)
+    return [_Window(members, traits, plans, camera, max_error / error_gain, error_gain, costs,
+                    max(_SMALL_PX, apart_px)).choice(samples)
             for members in touching(views, camera)]
 
 
@@ -101,8 +106,9 @@ class _Window:
     """Bodies that are drawn together, and what each engine would make of them."""
 
     def __init__(self, members: Sequence[BodyView], traits: Mapping[str, BodyTraits], plans: Mapping[str, BodyPlan],
-                 camera: PinholeCamera, budget: float, error_gain: float, costs: EngineCosts):
+                 camera: PinholeCamera, budget: float, error_gain: float, costs: EngineCosts, small_px: float):
         self._members, self._budget, self._gain, self._costs = members, budget, error_gain, costs
+        self._small_px = small_px
         self._drawn = [plans[view.name] for view in members]
         self._levels = [traits[view.name].levels[body.level] for view, body in zip(members, self._drawn, strict=True)]
         self._full = [traits[view.name].levels[0] for view in members]
@@ -110,6 +116,7 @@ class _Window:
         self._box_px = (x1 - x0) * (y1 - y0)
         self._n_px = min(sum(0.6 * min(view.size_px, 1e5) ** 2 for view in members), self._box_px)
         self._largest_px = max(view.size_px for view in members)
+        self._outline_px = outline_px(members)
         self._phase_rad = max(view.phase_rad for view in members)
         self._across = samples_across(budget, self._phase_rad)
         # Slivers of light between samples tell nothing of themselves.
@@ -124,8 +131,9 @@ class _Window:
 
     def choice(self, samples: int | None) -> WindowChoice:
         has_rays = math.isfinite(self._costs.ray_ns)
-        is_small = self._largest_px < _SMALL_PX or self._across > MAX_SAMPLES * self._largest_px
-        if samples is None and len(self._members) == 1 and is_small:
+        is_small = self._outline_px < self._small_px or (
+            len(self._members) == 1 and self._across > MAX_SAMPLES * self._largest_px)
+        if samples is None and is_small:
             return WindowChoice(first=self._own_grid(has_rays))
         raster_ns, raster = self._raster(samples)
         if not has_rays or samples is not None:
@@ -136,14 +144,16 @@ class _Window:
         return WindowChoice(first=raster, by_rays=rays)
 
     def _own_grid(self, has_rays: bool) -> WindowPlan:
-        (left, top, right, bottom), size = self._members[0].bounds_px, self._largest_px
-        grid = tuple(max(math.ceil(self._across * side / size), 8) for side in (right - left, bottom - top))
+        (left, top, right, bottom), size = outline(self._members), self._outline_px
+        pixels = _SMALL_PIXELS * math.sqrt(sum(self._errors(self._levels)))
+        enough = math.ceil(size * (pixels / (_OWN_SHARE * self._budget)) ** (2.0 / 3.0))
+        across = max(self._across, min(enough, _MOST_ACROSS))
+        grid = tuple(max(math.ceil(across * side / size), 8) for side in (right - left, bottom - top))
         setup_ns = _RASTER_CALL_NS + self._facets_ns + self._shadows_ns
         is_rays = (_RAYS_CALL_NS + math.prod(grid) * self._costs.ray_ns
                    < setup_ns + math.prod(grid) * self._costs.sample_ns) or (has_rays and self._floor > self._budget)
         floor = 0.0 if is_rays else self._floor
-        sampling = _SMALL_PIXELS * max(flux_error(self._across, self._phase_rad),
-                                       math.sqrt(sum(self._errors(self._levels)) * (size / self._across) ** 3))
+        sampling = max(_SMALL_PIXELS * flux_error(across, self._phase_rad), pixels * (size / across) ** 1.5)
         margin = 0.02 * size
         return self._plan("rays" if is_rays else "raster", samples=0, grid=grid,
                           bounds_px=(float(left - margin), float(top - margin), float(right + margin),

@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 from glrender_camera import PinholeCamera
-from glrender_camera.validate import integer
+from glrender_camera.validate import integer, within
 
 from . import plan
+from .area_grid import SmallBody
 from .body_meshes import body_levels, body_meshes, body_traits
 from .brdf import Law
 from .clock import Clock
@@ -105,7 +106,7 @@ class Renderer:
 
     def render(self, state: State, camera: str | PinholeCamera | None = None, *, max_error: float | None = None,
                products: Iterable[str] = ("irradiance",), samples: int | None = None, level: int | None = None,
-               after_psf: bool = False, allow_slow: bool | str = False,
+               after_psf: bool = False, apart_px: float = 0.0, allow_slow: bool | str = False,
                on_progress: Callable[[float], None] | None = None) -> Image:
         """Draw one frame.
 
@@ -126,6 +127,9 @@ class Renderer:
             beyond a body's coarsest is its coarsest.
         after_psf : bool
             Whether the budget holds for the image after the camera's PSF.
+        apart_px : float [px], 0..256
+            Bodies that are smaller, and alone in their pixels, are told in `Image.small_bodies` instead of the
+            image: sub-pixel places that a point spread function can use.
         allow_slow : bool or {"raytrace", "cycles"}
             Whether another backend may draw the frame, in seconds or minutes, where OpenGL's error is above
             the budget and no `samples` or `level` is asked for; or which one.
@@ -153,13 +157,14 @@ class Renderer:
             level = 0
         if level is not None:
             level = integer("level", level, 0, 99)
+        apart_px = within("apart_px", apart_px, 0.0, 256.0)
         may_be_slow = checked_allow_slow(allow_slow) and level is None
         gain = pinhole.model.psf_noise_gain if after_psf and pinhole.model is not None else 1.0
         views = view_bodies(state, pinhole, self.scene.hulls)
         planned = self._plan_bodies(views, pinhole, budget / gain, level)
         # What is asked for by its level is drawn by OpenGL.
         costs = self._costs if level is None else replace(self._costs, ray_ns=math.inf)
-        choices = plan_windows(views, self._traits, planned, pinhole, budget, gain, costs, samples)
+        choices = plan_windows(views, self._traits, planned, pinhole, budget, gain, costs, samples, apart_px)
         bodies = plan.without_maps(planned, [choice.first for choice in choices])
         clock.lap("plan")
         self._context.make_current()
@@ -168,14 +173,16 @@ class Renderer:
         clock.lap("shadow")
         frame = Frame(camera=pinhole, views=views, bodies=bodies, shadows=shadows)
         irradiance = np.zeros((pinhole.height_px, pinhole.width_px), np.float32)
-        windows = [self._irradiance.draw(irradiance, choice, frame, gain, clock) for choice in choices]
+        small: list[SmallBody] = []
+        windows = [self._irradiance.draw(irradiance, choice, frame, gain, clock, small, apart_px)
+                   for choice in choices]
         frame_plan = plan.told_plan(pinhole, budget, views, self._traits, bodies, windows, self.scene.sun_disc)
         slow = None
         if may_be_slow and misses_budget(frame_plan):
             fast = Image(irradiance_W_m2=irradiance, products={}, plan=frame_plan, timings_ms=clock.laps_ms)
             slow = self._slow.instead_of(fast, allow_slow, state, pinhole, error_gain=gain,
                                           on_progress=on_progress)
-            irradiance = slow.irradiance_W_m2
+            irradiance, small = slow.irradiance_W_m2, []
             clock.lap("slow")
         if self._emission:
             frame_plan = self._add_emission(irradiance, state, frame, frame_plan)
@@ -187,7 +194,7 @@ class Renderer:
             shadows, _ = self._shadows.draw(views, bodies, pinhole) if "sunlit" in wanted else ({}, None)
             arrays = self._products.draw(wanted, replace(frame, bodies=bodies, shadows=shadows), windows)
             clock.lap("products")
-        return Image(irradiance_W_m2=irradiance, products=arrays, timings_ms=clock.laps_ms,
+        return Image(irradiance_W_m2=irradiance, products=arrays, timings_ms=clock.laps_ms, small_bodies=tuple(small),
                      plan=frame_plan if slow is None else with_emission(slow.plan, frame_plan))
 
     def _plan_bodies(self, views: list[BodyView], camera: PinholeCamera, budget: float,

@@ -62,12 +62,66 @@ def test_the_fold_is_found(coefficients, expected):
 
 
 def test_a_tangential_fold_is_found():
-    """Along y, p1 alone: d(y')/dy = 1 + 6 p1 y vanishes at y = -1 / (6 p1), 0.1 %."""
+    """Along y, p1 alone: d(y')/dy = 1 + 6 p1 y vanishes at y = -1 / (6 p1), 1e-9."""
     lens = BrownConrady(p1=0.05)
     angle = np.linspace(0.0, 2.0 * np.pi, 721)
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    np.testing.assert_allclose(lens.max_radius, 1.0 / (6.0 * 0.05), rtol=1e-3)
+    np.testing.assert_allclose(lens.max_radius, 1.0 / (6.0 * 0.05), rtol=1e-9)
     assert (np.linalg.det(lens.jacobian(0.999 * lens.max_radius * ring)) > 0.0).all()
+
+
+def random_lens(seed):
+    """Coefficients from 1e-3 to 2, most of them there, tangential ones a third of that."""
+    rng = np.random.default_rng(seed)
+    size = 10.0 ** rng.uniform(-3.0, 0.3, 8) * np.array([1, 1, 1, 1, 1, 1, 0.3, 0.3])
+    values = rng.normal(size=8) * size * (rng.random(8) < 0.6)
+    return BrownConrady(**dict(zip(("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"), values, strict=True)))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_random_lenses_fold_where_they_are_told_to(seed):
+    """Forty each: the Jacobian's determinant on 1000 x 73 places inside is > 0, just beyond it is not."""
+    angle = np.linspace(-np.pi, np.pi, 73)
+    for n in range(40):
+        lens = random_lens(1000 * seed + n)
+        ring = angle + np.arctan2(lens.p1, lens.p2)
+        ring = np.stack([np.cos(ring), np.sin(ring)], axis=-1)
+        radius = lens.max_radius * np.linspace(0.0, 1.0, 1001)[1:-1]
+        assert np.linalg.det(lens.jacobian(radius[:, None, None] * ring)).min() > 0.0
+        tangential = BrownConrady(**{name: getattr(lens, name) for name in ("k1", "k2", "k3", "k4", "k5", "k6")})
+        if lens.max_radius < tangential.max_radius:
+            ring = np.linspace(-np.pi, np.pi, 20001)
+            beyond = lens.max_radius * (1.0 + 1e-5) * np.stack([np.cos(ring), np.sin(ring)], axis=-1)
+            assert np.linalg.det(lens._map(beyond)[1]).min() < 0.0
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_inverse_of_random_lenses_is_never_another_branch(seed):
+    """Forty each, 200 places up to 1e-7 of the fold: the place or NaN, and NaN only in the last thousandth.
+
+    1e-9 inside 99 % of the radius; beyond, where the residual of 1e-12 is a longer way, 3e-5.
+    """
+    rng = np.random.default_rng(seed)
+    for n in range(40):
+        lens = random_lens(1000 * seed + n)
+        reach = min(lens.max_radius, 5.0)
+        radius = reach * np.concatenate([np.sqrt(rng.random(120)), 1.0 - 10.0 ** rng.uniform(-7.0, -1.0, 80)])
+        angle = rng.uniform(0.0, 2.0 * np.pi, 200)
+        xy = radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        found = lens.undistort(lens.distort(xy))
+        error, near = np.hypot(*(found - xy).T), radius > 0.99 * reach
+        assert (error[~near] < 1e-9).all()
+        assert (np.isnan(error[near]) | (error[near] < 3e-5)).all()
+        assert (radius[np.isnan(error)] > 0.999 * reach).all()
+
+
+def test_a_fold_of_tangential_terms_beside_a_radial_one():
+    """Its last per cent: a search in steps of 0.5 % went past it, and 1055 of 20,000 places came back elsewhere."""
+    lens = BrownConrady(k2=-0.44883113, k3=0.00528906, k4=-0.14675165, k5=-0.27052219, p2=-0.00495893)
+    radius, angle = np.random.default_rng(0).uniform([[0.99], [-np.pi]], [[0.99999], [np.pi]], (2, 5000))
+    xy = lens.max_radius * radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    np.testing.assert_allclose(lens.undistort(lens.distort(xy)), xy, atol=1e-8)
+    np.testing.assert_allclose(lens.max_radius, 1.0166313, atol=1e-7)
 
 
 def test_beyond_the_fold_nothing_is_imaged():

@@ -510,7 +510,7 @@ def test_a_star_keeps_in_its_pixel_what_navcams_description_says(name, low, high
     model = CameraModel.from_dict({"preset": name, "detector": {"gain_DN_per_electron": 0.04}})
     star = np.zeros((31, 31), np.float32)
     star[15, 15] = 1.0
-    assert low < model.optics.spread(star)[15, 15] < high
+    assert low < model.optics.spread(star, is_points=True)[15, 15] < high
 
 
 def test_navcams_attenuation_is_580_times():
@@ -543,3 +543,27 @@ def test_a_stars_centroid_survives_the_whole_chain():
     rows, columns = np.indices(light.shape)
     centroid = np.array([(light * rows).sum(), (light * columns).sum()]) / light.sum() + (y - 7, x - 7)
     np.testing.assert_allclose(centroid, [y + dy, x + dx], atol=0.01)
+
+
+@pytest.mark.parametrize("optics, detector, path, ranges", [
+    ({"transmission": [[1100.0, 0.5], [1700.0, 0.6]]}, {}, "transmission", ("450 to 950 nm", "1100 to 1700 nm")),
+    ({}, {"quantum_efficiency": [[200.0, 0.5], [400.0, 0.6]]}, "detector.quantum_efficiency",
+     ("450 to 950 nm", "200 to 400 nm")),
+    ({}, {"quantum_efficiency": [[0.45, 0.5], [0.95, 0.6]]}, "detector.quantum_efficiency",
+     ("450 to 950 nm", "0.45 to 0.95 nm")),
+    ({"transmission": [[400.0, 0.0], [1000.0, 0.0], [1100.0, 0.5]]}, {}, "transmission",
+     ("450 to 950 nm", "400 to 1100 nm"))])
+def test_a_curve_that_misses_the_band_is_refused_with_both_ranges(optics, detector, path, ranges):
+    """Also one in micrometres, and one that is zero in the band."""
+    with pytest.raises(ConfigError) as error:
+        CameraModel(optics=Optics(aperture_diameter_m=0.0151, **optics), detector=Detector(**(SIMPLE | detector)),
+                    exposure_s=0.1)
+    assert error.value.path == path
+    assert all(each in str(error.value) for each in ranges)
+
+
+def test_negative_irradiance_of_points_is_told():
+    with pytest.raises(ConfigError, match=r"irradiance_W_m2: must be finite, irradiances >= 0, got \[-1.0\]"):
+        PointSources([[0.0, 0.0], [1.0, 1.0]], [2.0, -1.0])
+    with pytest.raises(ConfigError, match=r"xy_px: must be finite"):
+        PointSources([[np.nan, 0.0]], [1.0])

@@ -13,7 +13,9 @@ from glrender_camera import (
     MosaicModel,
     Optics,
     PinholeCamera,
+    PointSources,
 )
+from glrender_camera.lateral import magnified
 
 DETECTOR = dict(quantum_efficiency=[[400.0, 0.4], [600.0, 0.6], [800.0, 0.5]], full_well_electrons=1e6,
                 gain_DN_per_electron=0.05, bit_depth=16)
@@ -98,3 +100,47 @@ def test_bad_light_is_refused_with_its_band():
         mosaic().expose(light, 1)
     with pytest.raises(ConfigError, match=r"irradiance_W_m2: must have shape"):
         mosaic().expose(scene() | {"R": np.zeros((3, 3), np.float32)}, 1)
+
+
+# Lateral colour
+
+
+@pytest.mark.parametrize("magnification", [1.01, 0.985, 1.0003])
+def test_a_bands_image_is_larger_about_the_principal_point(magnification):
+    """A smooth blob: centre of light scaled, 0.01 px; flux 1e-6; nothing negative; an even sky stays even."""
+    y, x = np.mgrid[:90, :110].astype(float)
+    image = np.exp(-0.5 * ((x - 80.3) ** 2 + (y - 20.6) ** 2) / 9.0).astype(np.float32)
+    middle = (50.0, 47.0)
+    larger = magnified(image, magnification, middle)
+    total = larger.sum(dtype=np.float64)
+    np.testing.assert_allclose(total, image.sum(dtype=np.float64), rtol=1e-6)
+    centre = np.array([(larger * x).sum(), (larger * y).sum()]) / total
+    expected = middle + (np.array([80.3, 20.6]) - middle) * magnification
+    np.testing.assert_allclose(centre, expected, atol=0.01)
+    assert larger.min() >= 0.0
+    even = magnified(np.ones((40, 40), np.float32), magnification, (19.5, 19.5))[5:-5, 5:-5]
+    np.testing.assert_allclose(even, magnification**-2, rtol=1e-5)
+
+
+def test_a_scene_file_tells_each_bands_magnification():
+    """Stars and images behind R lie farther out by its factor, behind G and B not; bad ones are refused by name."""
+    optics = {letter: {"aperture_diameter_m": 0.01, "band_nm": list(band), "psf_sigma_px": 1.2}
+              for letter, band, _ in BANDS}
+    table = {"pattern": ["RG", "GB"], "optics": optics, "exposure_s": 1.0, "magnification": {"R": 1.02},
+             "detector": {"quantum_efficiency": 0.5, "full_well_electrons": 1e12, "gain_DN_per_electron": 1e-8,
+                          "bit_depth": 16}}
+    camera = PinholeCamera(name="c", width_px=120, height_px=120, focal_length_px=3e4,
+                           model=MosaicModel.from_dict(table))
+    y, x = np.indices((120, 120)) - 59.5
+    blob = (1e-6 * np.exp(-0.5 * ((x - 30.0) ** 2 + (y - 10.0) ** 2) / 16.0)).astype(np.float32)
+    dark = {letter: 0.0 * blob for letter in "RGB"}
+    point = PointSources([[59.5 + 30.0, 59.5 + 10.0]], [1e-5])
+    for frame in (camera.expose(dict.fromkeys("RGB", blob)), camera.expose(dark, points=dict.fromkeys("RGB", point))):
+        for (i, j), factor in (((0, 0), 1.02), ((0, 1), 1.0), ((1, 1), 1.0)):
+            seen = frame.electrons[i::2, j::2].astype(np.float64)
+            centre = np.array([(seen * x[i::2, j::2]).sum(), (seen * y[i::2, j::2]).sum()]) / seen.sum()
+            np.testing.assert_allclose(centre, np.array([30.0, 10.0]) * factor, atol=0.03)
+    for bad, path in (({"R": 1.2}, "magnification.R"), ({"X": 1.0}, "magnification.X")):
+        with pytest.raises(ConfigError) as error:
+            MosaicModel.from_dict(table | {"magnification": bad})
+        assert error.value.path == path

@@ -149,10 +149,13 @@ def test_a_measured_kernel_keeps_its_orientation():
     optics = Optics(aperture_diameter_m=0.01, psf_measured=[[0, 0, 0], [0, 0.7, 0.2], [0, 0, 0.05]])
     image = np.zeros((9, 9), np.float32)
     image[4, 4] = 1.0
-    spread = optics.spread(image)
+    spread = optics.spread(image, is_points=True)
     np.testing.assert_allclose([spread[4, 4], spread[4, 5], spread[5, 5], spread[3, 3]], [0.7, 0.2, 0.05, 0.0],
                                atol=1e-7)
     np.testing.assert_allclose(optics.psf_energy_cut, 0.05, atol=1e-12)
+    spread = optics.spread(image)
+    assert spread[4, 4] > spread[4, 5] > spread[5, 5] > 0.0 and spread[3, 3] == 0.0
+    np.testing.assert_allclose(spread.sum(), 0.95, rtol=1e-6)
 
 
 def test_a_point_behind_diffraction_keeps_its_centroid():

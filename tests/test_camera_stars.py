@@ -23,6 +23,7 @@ from glrender_camera import (
     stars_in_view,
     sun_in_view,
 )
+from glrender_camera.light import light_on_frame
 from scipy.spatial.transform import Rotation
 
 SOLAR_450_950_W_M2 = 715.2
@@ -235,7 +236,7 @@ def test_a_stars_kernel_in_a_varying_field_is_that_of_its_place():
     image = np.zeros((50, 60), np.float32)
     image[12, 50] = 1.0
     star = PointSources([[50.0, 12.0]], [1.0]).image(optics, image.shape)
-    np.testing.assert_allclose(star, optics.spread(image), atol=1e-3 * star.max())
+    np.testing.assert_allclose(star, optics.spread(image, is_points=True), atol=1e-3 * star.max())
     beyond = PointSources([[-2.2, 30.0]], [1.0]).image(optics, image.shape)
     assert 0.0 < beyond.sum() < 0.1 and beyond[:, 5:].max() == 0.0
     wide = PointSources([[50.0, 12.0]], [1.0]).image(optics, (60, 70), (-5, -5))
@@ -311,3 +312,15 @@ def test_the_sun_in_the_field_saturates_and_does_not_crash():
     assert not sun_in_view(lens, [1.5e11, 0.0, 1.5e11], 700.0).any()
     with pytest.raises(ConfigError, match="r_sun_camera_m: must be farther than the Sun's radius"):
         sun_in_view(lens, [0.0, 0.0, 1e8], 700.0)
+
+
+@pytest.mark.parametrize("place", [(20.4, 30.2), (0.1, 59.6), (-1.2, 10.0)])
+@pytest.mark.parametrize("fields", [dict(psf_sigma_px=0.8), dict(psf_measured=[[0.05, 0.1, 0.05]] * 3),
+                                    dict(f_number=8.0, pixel_pitch_m=5e-6, psf_radius_px=5)])
+def test_the_lit_part_holds_all_that_points_reach(place, fields):
+    """Nothing of a lone star is beyond the part that the detector is told of, and that is small."""
+    light = light_on_frame(Optics(aperture_diameter_m=0.01, **fields), np.zeros((60, 200), np.float32),
+                           points=PointSources([place, [500.0, 10.0]], [1.0, 1.0]))
+    beside = light.signal.copy()
+    beside[light.lit] = 0.0
+    assert light.signal.any() and not beside.any() and light.signal[light.lit].size < 30 * 30

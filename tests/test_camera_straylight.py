@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from glrender_camera import CameraModel, ConfigError, Detector, Optics, StrayLight
+from glrender_camera import CameraModel, ConfigError, Detector, Optics, PointSources, StrayLight
 
 
 def star(shape, row, column):
@@ -83,3 +83,50 @@ def test_bad_stray_light_is_refused_by_name(table, path):
     with pytest.raises(ConfigError) as error:
         Optics.from_dict({"aperture_diameter_m": 0.01, "stray_light": table})
     assert error.value.path == f"stray_light.{path}"
+
+
+@pytest.mark.parametrize("row, column", [(-30.0, 60.0), (40.0, 400.0), (-3000.0, -2000.0)])
+def test_a_source_beyond_the_image_throws_its_wing_into_it(row, column):
+    """The wing's profile at each pixel's centre, 3 %; its own veil evenly."""
+    stray = StrayLight(wing_fraction=0.1, wing_core_px=20.0, wing_exponent=2.5)
+    light = np.zeros((128, 160), np.float32)
+    stray.add_from_beyond(light, [[column, row]], [2.0])
+    profile = 0.2 * 0.25 / (np.pi * 400.0) * (1.0 + distances(light.shape, row, column) ** 2 / 400.0) ** -1.25
+    np.testing.assert_allclose(light, profile, rtol=0.03)
+    veil = StrayLight(veiling_glare_beyond=0.01)
+    even = np.zeros((20, 30), np.float32)
+    veil.add_from_beyond(even, [[column, row]], [2.0], margin_px=5)
+    np.testing.assert_allclose(even, 0.02 / (10 * 20), rtol=1e-6)
+
+
+def test_a_source_that_leaves_the_image_keeps_its_wing():
+    """A star just inside the margin's edge, and just beyond: the wing's profile far from it, 8 % and 1 %."""
+    stray = StrayLight(wing_fraction=0.05, wing_core_px=12.0, wing_exponent=2.5)
+    model = CameraModel(optics=Optics(aperture_diameter_m=0.015, psf_sigma_px=0.7, stray_light=stray),
+                        detector=Detector(quantum_efficiency=0.5, full_well_electrons=1e9, gain_DN_per_electron=1e-4,
+                                          bit_depth=16), exposure_s=0.1)
+    frames = [model.expose(np.zeros((100, 120), np.float32), 1, margin_px=4, points=PointSources([[x, 40.0]], [1e-4]))
+              for x in (114.0, 116.0)]
+    per_W_m2 = model.optics.aperture_area_m2 * model.electrons_per_joule * 0.1
+    for frame, x, tolerance in zip(frames, (114.0, 116.0), (0.08, 0.01), strict=True):
+        profile = 0.05 * 0.25 / (np.pi * 144.0) * (1.0 + distances((92, 112), 40.0, x) ** 2 / 144.0) ** -1.25
+        np.testing.assert_allclose(frame.electrons[:, :90].sum(dtype=np.float64),
+                                   1e-4 * per_W_m2 * profile[:, :90].sum(), rtol=tolerance)
+    assert "0 W/m2 from the frame's own sky, 0.0001 from beyond it" in frames[1].stages["light"]
+
+
+def test_the_account_of_the_light_tells_what_is_cut_off():
+    """What fell on the frame is what came, less the kernel's cut and the wing beyond the frame: 1e-5."""
+    optics = Optics(aperture_diameter_m=0.015, f_number=8.0, pixel_pitch_m=5.5e-6, psf_radius_px=7,
+                    stray_light=StrayLight(wing_fraction=0.2, wing_core_px=8.0, wing_exponent=3.0))
+    model = CameraModel(optics=optics, detector=Detector(quantum_efficiency=0.5, full_well_electrons=1e9,
+                                                         gain_DN_per_electron=1e-4, bit_depth=16), exposure_s=0.1)
+    image = 1e-6 * star((129, 129), 64, 64)
+    text = model.expose(image, 1).stages["light"]
+    own, beyond, on_frame = (float(text.split()[i]) for i in (0, 7, 11))
+    spread = 1e-6 * (1.0 - optics.psf_energy_cut)
+    wing = optics.stray_light.add(star((129, 129), 64, 64)).sum(dtype=np.float64)
+    np.testing.assert_allclose([own, beyond], [1e-6, 0.0], rtol=1e-5)
+    np.testing.assert_allclose(on_frame, spread * wing, rtol=1e-3)
+    assert on_frame < 0.99 * own
+    assert model.expose(0.0 * image, 1).stages["light"] == "skipped: it is dark"

@@ -194,7 +194,7 @@ def test_a_body_beyond_the_frame_shines_in(lens):
 
 def test_a_body_well_inside_has_no_margin_and_the_bytes_of_the_plain_chain():
     camera = views.camera(64, 400.0, model=soft())
-    scene = views.scene([views.sphere(GREY, 5, 10.0)], [camera], max_error=0.02)
+    scene = views.scene([views.sphere(GREY, 5, 40.0)], [camera], max_error=0.02)
     state = views.state(range_m=1000.0)
     with open_renderer(scene) as renderer:
         capture = take_frame(renderer, state, seed=5, products=["range"])
@@ -412,3 +412,12 @@ def test_a_slow_frame_has_the_margin_and_the_lens_too(lens, monkeypatch):
     assert slow.irradiance_W_m2.shape == (48, 48) and slow.plan.predicted_error <= slow.plan.max_error == 0.02
     assert not slow.stages["margin"].startswith("skipped")
     np.testing.assert_allclose(slow.frame.electrons.sum(), fast.frame.electrons.sum(), rtol=0.01)
+
+
+def test_a_sun_that_a_body_covers_is_not_told_in_view():
+    camera = views.camera(128, 4000.0, model=QUIET)
+    scene, state = sunward(camera, 0.0, radius_px=40.0)
+    with open_renderer(scene) as renderer:
+        capture = take_frame(renderer, state)
+    assert capture.stages["sun"] == "skipped: hidden by a body, or beside the image"
+    assert not capture.frame.saturated.any()

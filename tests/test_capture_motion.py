@@ -176,3 +176,44 @@ def test_bad_rates_are_refused_by_field(field, value, message):
     table["bodies"]["body"][field] = value
     with pytest.raises(ConfigError, match=rf"state\.bodies\.body\.{field}: .*{message}"):
         State.from_dict(table)
+
+
+def turning_states(camera, exposure_s, n, t_s=0.0):
+    """A body that passes at one and the same speed, as poses without rates."""
+    base = views.state(range_m=1000.0)
+    right = frames.dcm(base.spacecraft.q_from_inertial)[0]
+    speed = 8.0 / camera.focal_length_px * 1000.0 / exposure_s
+    return [State(t_s=t_s + dt, r_sun_inertial_m=base.r_sun_inertial_m, spacecraft=base.spacecraft,
+                  bodies={"body": Pose(r_inertial_m=speed * dt * right)})
+            for dt in np.linspace(-0.5 * exposure_s, 0.5 * exposure_s, n)], speed * right
+
+
+def test_poses_of_a_simulation_blur_as_its_rates_do():
+    """Seventeen poses half a pixel apart, given or made of the velocity: the same light, 2 % of the brightest."""
+    camera = views.camera(96, 600.0, model=model())
+    states, velocity = turning_states(camera, 0.1, 17, t_s=50.0)
+    middle = states[8]
+    moving = State(t_s=50.0, r_sun_inertial_m=middle.r_sun_inertial_m, spacecraft=middle.spacecraft,
+                   bodies={"body": Pose(r_inertial_m=np.zeros(3), v_inertial_m_s=velocity)})
+    scene = views.scene([views.sphere(GREY, 4, 30.0)], [camera], max_error=0.02)
+    with open_renderer(scene) as renderer:
+        given = take_frame(renderer, middle, exposure_s=0.1, sub_states=states)
+        made = take_frame(renderer, moving, exposure_s=0.1)
+        still = take_frame(renderer, middle, exposure_s=0.1)
+    assert given.stages["motion_blur"] == "17 poses as given, over 0.1 s"
+    light = [capture.irradiance_W_m2 for capture in (given, made, still)]
+    np.testing.assert_allclose(light[0], light[1], atol=0.02 * light[1].max())
+    assert np.abs(light[2] - light[1]).max() > 0.1 * light[1].max()
+
+
+@pytest.mark.parametrize("chosen, rule", [
+    (slice(0, 9), "t_s must span -0.05 to 0.05 s"), (slice(0, 1), "must be 2 to 257 states"),
+    (slice(None, None, -1), "t_s must rise")])
+def test_poses_that_do_not_cover_the_exposure_are_refused(chosen, rule):
+    camera = views.camera(32, 200.0, model=model())
+    states, _ = turning_states(camera, 0.1, 17)
+    with open_renderer(views.scene([views.sphere(GREY, 2, 30.0)], [camera])) as renderer:
+        with pytest.raises(ConfigError, match=f"sub_states: {rule}"):
+            take_frame(renderer, states[8], exposure_s=0.1, sub_states=states[chosen])
+        with pytest.raises(ConfigError, match="sub_states: must be a list of State"):
+            take_frame(renderer, states[8], exposure_s=0.1, sub_states=[1])

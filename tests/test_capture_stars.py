@@ -92,7 +92,8 @@ def test_a_frame_with_stars_has_their_electrons():
     expected = (points.irradiance_W_m2 * cosine)[inside].sum() * (
         MODEL.optics.aperture_area_m2 * MODEL.electrons_per_joule)
     np.testing.assert_allclose(capture.frame.electrons.sum(dtype=np.float64), expected, rtol=0.01)
-    assert capture.stages["stars"] == "to magnitude 7" and "stars or unresolved" in capture.stages["points"]
+    assert capture.stages["stars"] == f"{len(points.xy_px)} to magnitude 7"
+    assert capture.stages["points"].startswith(f"{len(points.xy_px)} stars, 0 bodies")
     assert not capture.irradiance_W_m2.any()
 
 

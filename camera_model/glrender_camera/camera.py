@@ -16,7 +16,7 @@ from .light import light_on_frame
 from .optics import Optics
 from .points import PointSources
 from .presets import PRESETS
-from .spectrum import electrons_per_joule
+from .spectrum import electrons_per_joule, require_overlap
 from .validate import integer, known_keys, one_of, positive, within
 
 MAX_EXPOSURE_S = 1e6
@@ -74,6 +74,7 @@ class CameraModel:
         for name, kind in (("optics", Optics), ("detector", Detector), ("auto_exposure", AutoExposure)):
             if not isinstance(getattr(self, name), kind):
                 raise ConfigError(name, f"must be {kind.__name__}", getattr(self, name))
+        require_overlap("detector.quantum_efficiency", self.detector.quantum_efficiency, self.optics.band_nm)
         object.__setattr__(self, "exposure_s", checked_exposure("exposure_s", self.exposure_s))
 
     @classmethod
@@ -173,11 +174,11 @@ class CameraModel:
         ConfigError
             NaN, infinite or negative irradiance, with the pixel; a bad exposure, seed or region.
         """
-        signal, lit = light_on_frame(self.optics, irradiance_W_m2, roi=roi, margin_px=margin_px, points=points,
-                                     relative_illumination=relative_illumination)
+        light = light_on_frame(self.optics, irradiance_W_m2, roi=roi, margin_px=margin_px, points=points,
+                               relative_illumination=relative_illumination)
         rate = self.optics.aperture_area_m2 * self.electrons_per_joule
-        return self.read_out(signal, rate, seed, exposure_s, previous, lit=lit,
-                             stages=self.stages(signal[lit].size > 0, points))
+        stages = self.stages(light.signal[light.lit].size > 0, points, light.text)
+        return self.read_out(light.signal, rate, seed, exposure_s, previous, lit=light.lit, stages=stages)
 
     def read_out(self, signal: np.ndarray, rate: float, seed: int, exposure_s: float | str | None,
                  previous: Frame | None, *, lit: tuple[slice, slice] = np.s_[:, :], stages: dict[str, str]) -> Frame:
@@ -207,8 +208,9 @@ class CameraModel:
         dn, electrons, saturated = self.detector.read(signal, exposure, seed)
         return Frame(dn=dn, electrons=electrons, saturated=saturated, exposure_s=exposure, seed=seed, stages=stages)
 
-    def stages(self, is_lit: bool, points: PointSources | None = None) -> dict[str, str]:
-        """What is modelled and what is skipped, and why."""
+    def stages(self, is_lit: bool, points: PointSources | None = None,
+               light_text: str = "skipped: none") -> dict[str, str]:
+        """What is modelled and what is skipped, and why; with the account of the light."""
         optics, detector = self.optics, self.detector
         unlit = None if is_lit else "no pixel is lit"
 
@@ -221,6 +223,7 @@ class CameraModel:
             "psf": stage(optics.psf_text, optics.psf_text, True),
             "points": f"{len(points.xy_px)} stars or unresolved bodies" if points else "skipped: none given",
             "stray_light": stage(optics.stray_light, optics.stray_light and optics.stray_light.text, True),
+            "light": light_text,
             "photo_electrons": stage(1.0, f"{self.electrons_per_joule:.6g} e-/J", True),
             "photo_response_nonuniformity": stage(detector.photo_response_nonuniformity,
                                                   f"{detector.photo_response_nonuniformity:g}", True),

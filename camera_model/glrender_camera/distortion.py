@@ -91,27 +91,35 @@ class BrownConrady:
         """Undistorted radius r [1] below which the model does not fold over; at most 100.
 
         The radial part alone rises up to the first root of d(r q)/dr = 0 or of q's denominator,
-        both polynomials in r^2. The tangential part may fold earlier: the Jacobian's determinant
-        is then followed outwards along 180 directions.
+        both polynomials in r^2. The tangential part folds earlier, see `_tangential_folds`.
         """
         radius = self._radial_limit
-        if self.p1 == 0.0 and self.p2 == 0.0:
-            return radius
-        angle = np.arange(180) * (2.0 * math.pi / 180.0)
-        around = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        return min([radius, *self._tangential_folds(radius)])
 
-        def folds(r: float) -> bool:
-            return not (np.linalg.det(self._map(r * around)[1]) > 0.0).all()
+    def _tangential_folds(self, radius: float) -> list[float]:
+        """Radii [1] below `radius` where the Jacobian's determinant first vanishes somewhere on the circle.
 
-        previous = 0.0
-        for r in np.tan(np.linspace(0.0, math.atan(radius), 512, endpoint=False)):
-            if folds(r):
-                for _ in range(50):
-                    middle = 0.5 * (previous + r)
-                    previous, r = (previous, middle) if folds(middle) else (middle, r)
-                return float(previous)
-            previous = r
-        return radius
+        With P the length of (p2, p1), a = P cos(angle to it) and Q = d(r q)/dr, the determinant is
+
+            Q q - 4 r^2 P^2 + 2 r (Q + 3 q) a + 16 r^2 a^2.
+
+        Its least over the circle is (Q - 6 r P)(q - 2 r P), at a = -P, or that of the parabola where its bottom is
+        among the a. While q > 2 r P, circles become curves without crossings: inside the first fold no two
+        places are imaged to one.
+        """
+        length = math.hypot(self.p1, self.p2)
+        if length == 0.0:
+            return []
+        # In r / radius, whose roots of interest are below 1.
+        r = np.polynomial.Polynomial([0.0, radius])
+        top, bottom = (polynomial(r * r) for polynomial in self._polynomials)
+        slope = top * bottom + r * (top.deriv() * bottom - top * bottom.deriv()) / radius
+        square, ratio, shift = bottom * bottom, top * bottom, length * r
+        parabola = slope * ratio - (slope + 3.0 * ratio) ** 2 / 16.0 - 4.0 * (shift * square) ** 2
+        inside = 16.0 * shift * square - slope - 3.0 * ratio
+        roots = np.concatenate([_real_roots(slope - 6.0 * shift * square), _real_roots(top - 2.0 * shift * bottom),
+                                [root for root in _real_roots(parabola) if inside(root) >= 0.0]])
+        return (radius * roots[roots < 1.0]).tolist()
 
     @property
     def _radial_limit(self) -> float:
@@ -119,9 +127,7 @@ class BrownConrady:
         s = np.polynomial.Polynomial([0.0, 1.0])
         # With s = r^2: d(r n/d)/dr = (n d + 2 s (n' d - n d')) / d^2.
         slope = top * bottom + 2.0 * s * (top.deriv() * bottom - top * bottom.deriv())
-        roots = np.concatenate([p.trim().roots() for p in (slope, bottom)])
-        # A double root is an inflection that float64 splits into a complex pair of 1e-8.
-        real = roots.real[(np.abs(roots.imag) < 1e-7 * np.maximum(np.abs(roots), 1.0)) & (roots.real > 0.0)]
+        real = np.concatenate([_real_roots(slope), _real_roots(bottom)])
         return min(math.sqrt(real.min()), _MAX_RADIUS) if real.size else _MAX_RADIUS
 
     @property
@@ -260,6 +266,13 @@ class BrownConrady:
                 np.stack([q + xx * dq + 2.0 * self.p1 * y + 6.0 * self.p2 * x, cross], axis=-1),
                 np.stack([cross, q + yy * dq + 6.0 * self.p1 * y + 2.0 * self.p2 * x], axis=-1)], axis=-2)
         return place, matrix
+
+
+def _real_roots(polynomial: np.polynomial.Polynomial) -> np.ndarray:
+    """The positive ones."""
+    roots = polynomial.trim().roots()
+    # A double root is an inflection that float64 splits into a complex pair of 1e-8.
+    return roots.real[(np.abs(roots.imag) < 1e-7 * np.maximum(np.abs(roots), 1.0)) & (roots.real > 0.0)]
 
 
 def frame_border(width_px: int, height_px: int, rim_px: int = 0) -> np.ndarray:

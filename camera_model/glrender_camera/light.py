@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,24 +14,38 @@ from .validate import integer
 
 # A rounding error of the renderer below this fraction of the maximum is clipped, more is a fault.
 NEGATIVE_TOLERANCE = 1e-12
+# Of the light beyond an image, the brightest sources that have this share throw their wings.
+_BRIGHT_SHARE = 0.999
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Light:
+    """What the optics put on the frame.
+
+    Attributes
+    ----------
+    signal : (H, W) float32 [W/m2]
+        New, without the margin.
+    lit : (slice, slice)
+        The part outside which it is 0; empty in darkness.
+    text : str
+        Where the light came from and how much of it fell on the frame; the rest is beyond kernels, frame and wing.
+    """
+
+    signal: np.ndarray
+    lit: tuple[slice, slice]
+    text: str
 
 
 def light_on_frame(optics: Optics, irradiance_W_m2: np.ndarray, *, roi: object = None,
                    relative_illumination: np.ndarray | None = None, margin_px: int = 0,
-                   points: PointSources | None = None) -> tuple[np.ndarray, tuple[slice, slice]]:
+                   points: PointSources | None = None) -> Light:
     """Irradiance on the frame after the optics.
 
     Parameters
     ----------
     optics, irradiance_W_m2, roi, relative_illumination, margin_px, points
         As in `CameraModel.expose`.
-
-    Returns
-    -------
-    signal : (H, W) float32 [W/m2]
-        New, without the margin.
-    lit : (slice, slice)
-        The part outside which it is 0; empty in darkness.
 
     Raises
     ------
@@ -50,7 +65,7 @@ def light_on_frame(optics: Optics, irradiance_W_m2: np.ndarray, *, roi: object =
     margin_px = integer("margin_px", margin_px, 0, (min(irradiance.shape) - 1) // 2)
     height, width = (n - 2 * margin_px for n in irradiance.shape)
     signal = np.zeros(irradiance.shape, np.float32)
-    lit = np.s_[0:0, 0:0]
+    lit, own, beyond = np.s_[0:0, 0:0], 0.0, 0.0
     if box is not None:
         margin_y, margin_x = optics.psf_margin_px
         x0, y0, x1, y1 = box
@@ -64,19 +79,62 @@ def light_on_frame(optics: Optics, irradiance_W_m2: np.ndarray, *, roi: object =
         if relative_illumination is not None:
             light[inner] *= _checked_illumination(relative_illumination[y0:y1, x0:x1])
         origin = lit[0].start - margin_px, lit[1].start - margin_px
+        inside = light[max(0, -origin[0]):max(0, height - origin[0]), max(0, -origin[1]):max(0, width - origin[1])]
+        own = float(inside.sum(dtype=np.float64))
+        beyond = float(light.sum(dtype=np.float64)) - own
         signal[lit] = optics.spread(light, origin, (height, width))
     if points is not None:
         if relative_illumination is not None:
             points = points.dimmed(relative_illumination, margin_px)
-        signal += points.image(optics, signal.shape, (-margin_px, -margin_px))
-    if optics.stray_light is not None and (box is not None or points is not None):
-        signal = optics.stray_light.add(signal, margin_px)
-    if points is not None or (box is not None and optics.stray_light is not None):
+        drawn = points.is_inside((height, width), margin_px)
+        signal += points.chosen(drawn).image(optics, signal.shape, (-margin_px, -margin_px))
+        is_own = points.is_inside((height, width))
+        own += float(points.irradiance_W_m2[is_own].sum())
+        beyond += float(points.irradiance_W_m2[~is_own].sum())
+    stray = optics.stray_light
+    if stray is not None and (box is not None or points is not None):
+        signal = stray.add(signal, margin_px)
+        if points is not None:
+            far = _brightest(points.chosen(~drawn))
+            stray.add_from_beyond(signal, far.xy_px + margin_px, far.irradiance_W_m2, margin_px)
+    if points is not None and not drawn.all():
+        # What their point spread function brings in has no second wing.
+        rest = points.chosen(~drawn).image(optics, signal.shape, (-margin_px, -margin_px))
+        signal += rest if stray is None else rest * np.float32(stray.direct_share)
+    if stray is not None and (box is not None or points is not None):
         lit = np.s_[0:signal.shape[0], 0:signal.shape[1]]
+    elif points is not None:
+        lit = _around(lit, points.xy_px + margin_px, optics.psf_margin_px, signal.shape)
     if margin_px:
         signal = np.ascontiguousarray(signal[margin_px:-margin_px, margin_px:-margin_px])
         lit = tuple(slice(max(0, part.start - margin_px), max(0, part.stop - margin_px)) for part in lit)
-    return signal, lit
+    text = (f"{own:.6g} W/m2 from the frame's own sky, {beyond:.6g} from beyond it; "
+            f"{float(signal[lit].sum(dtype=np.float64)):.6g} fall on the frame")
+    return Light(signal=signal, lit=lit, text=text if own + beyond > 0.0 else "skipped: it is dark")
+
+
+def _around(lit: tuple[slice, slice], xy_px: np.ndarray, reach_px: tuple[int, int],
+            shape: tuple[int, int]) -> tuple[slice, slice]:
+    """The lit part of an image and what points at x, y [px] may reach."""
+    # A kernel is put around the nearest pixel, or shared out between two.
+    reach = np.array(reach_px[::-1]) + 2.0
+    near = xy_px[((xy_px > -reach) & (xy_px < np.array(shape[::-1]) + reach)).all(axis=1)]
+    if not len(near):
+        return lit
+    low = np.clip(near.min(axis=0) - reach, 0, shape[::-1]).astype(int)
+    high = np.clip(np.ceil(near.max(axis=0) + reach) + 1, 0, shape[::-1]).astype(int)
+    parts = [(int(low[1]), int(high[1])), (int(low[0]), int(high[0]))]
+    if all(part.stop > part.start for part in lit):
+        parts = [(min(a, part.start), max(b, part.stop)) for (a, b), part in zip(parts, lit, strict=True)]
+    return tuple(slice(*part) for part in parts)
+
+
+def _brightest(points: PointSources) -> PointSources:
+    """Those that have nearly all of their light."""
+    index = np.argsort(-points.irradiance_W_m2, kind="stable")
+    light = np.cumsum(points.irradiance_W_m2[index])
+    n = int(np.searchsorted(light, _BRIGHT_SHARE * light[-1])) + 1 if light.size else 0
+    return points.chosen(index[:n])
 
 
 def _checked_illumination(values: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from .exposure import AutoExposure
 from .light import light_on_frame
 from .optics import Optics
 from .points import PointSources
-from .validate import known_keys
+from .validate import known_keys, within
 
 BAYER = ("RG", "GB")
 
@@ -28,13 +28,15 @@ class MosaicModel:
     ----------
     optics : mapping of one letter to Optics
         Each with its `band_nm`, its filter in `transmission`, its own point spread function.
-        Lateral chromatic aberration is `DistortingLens(..., magnification=)`, one for each band's image.
     detector : Detector
     exposure_s : float [s] > 0, or "auto"
     pattern : sequence of str
         Rows of letters, repeated from the top-left pixel on; default RGGB.
     auto_exposure : AutoExposure
         Of the mosaic's pixels together.
+    magnification : mapping of letter to float [1], 0.9..1.1
+        Lateral chromatic aberration: how much larger than the camera's focal length has it a band's image is.
+        Letters that are left out have 1. `PinholeCamera.expose` applies it, about the principal point.
 
     Raises
     ------
@@ -46,6 +48,7 @@ class MosaicModel:
     exposure_s: float | str
     pattern: Sequence[str] = BAYER
     auto_exposure: AutoExposure = field(default_factory=AutoExposure)
+    magnification: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self):
         rows = tuple(self.pattern)
@@ -56,6 +59,9 @@ class MosaicModel:
             raise ConfigError("optics", "must be a table of each letter's optics", self.optics)
         letters = sorted(set("".join(rows)))
         known_keys("optics", self.optics, letters, required=letters)
+        known_keys("magnification", self.magnification, letters)
+        object.__setattr__(self, "magnification", {
+            letter: within(f"magnification.{letter}", value, 0.9, 1.1) for letter, value in self.magnification.items()})
         models = {}
         for letter, optics in self.optics.items():
             with error_path(f"optics.{letter}"):
@@ -70,7 +76,8 @@ class MosaicModel:
         Parameters
         ----------
         table : mapping
-            `pattern`, `optics` (a table of each letter's), `detector`, `exposure_s`, optionally `auto_exposure`.
+            `pattern`, `optics` (a table of each letter's), `detector`, `exposure_s`, optionally `auto_exposure`
+            and `magnification`.
 
         Raises
         ------
@@ -132,16 +139,17 @@ class MosaicModel:
                 if np.shape(irradiance_W_m2[letter]) != shape:
                     raise ConfigError("irradiance_W_m2", f"must have shape {shape}, as the others",
                                       np.shape(irradiance_W_m2[letter]))
-                light, lit = light_on_frame(model.optics, irradiance_W_m2[letter], roi=roi, margin_px=margin_px,
-                                            relative_illumination=relative_illumination, points=band_points)
+                found = light_on_frame(model.optics, irradiance_W_m2[letter], roi=roi, margin_px=margin_px,
+                                       relative_illumination=relative_illumination, points=band_points)
+            light = found.signal
             rate = np.zeros(light.shape, np.float32) if rate is None else rate
             scale = np.float32(model.optics.aperture_area_m2 * model.electrons_per_joule)
             for i, row in enumerate(self.pattern):
                 for j in (j for j, x in enumerate(row) if x == letter):
                     place = np.s_[i::len(self.pattern), j::len(row)]
                     rate[place] = light[place] * scale
-            own = model.stages(light[lit].size > 0, band_points)
-            stages |= {f"{name}_{letter}": own[name] for name in ("psf", "stray_light", "photo_electrons")}
+            own = model.stages(light[found.lit].size > 0, band_points, found.text)
+            stages |= {f"{name}_{letter}": own[name] for name in ("psf", "stray_light", "light", "photo_electrons")}
             stages |= {"mosaic": " ".join(self.pattern)} | {name: text for name, text in own.items()
                                                             if f"{name}_{letter}" not in stages}
         model = next(iter(self.bands.values()))

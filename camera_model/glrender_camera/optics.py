@@ -14,7 +14,8 @@ from . import psf
 from .aberrations import Aberrations
 from .convolution import Convolution, FieldConvolution
 from .errors import ConfigError, error_path
-from .spectrum import Curve, band, curve, photon_weights
+from .image_kernel import from_splines, gaussian_image_axis, spline_weights, without_pixel
+from .spectrum import Curve, band, curve, photon_weights, require_overlap
 from .straylight import StrayLight
 from .validate import integer, known_keys, positive, within
 
@@ -87,6 +88,7 @@ class Optics:
             "aperture_diameter_m", positive("aperture_diameter_m", self.aperture_diameter_m), 0.0, 100.0))
         put("transmission", curve("transmission", self.transmission, 0.0, 1.0))
         put("band_nm", band("band_nm", self.band_nm))
+        require_overlap("transmission", self.transmission, self.band_nm)
         put("psf_sigma_px", within("psf_sigma_px", self.psf_sigma_px, 0.0, MAX_PSF_SIGMA_PX))
         put("central_obscuration", within("central_obscuration", self.central_obscuration, 0.0, 0.95))
         put("psf_radius_px", integer("psf_radius_px", self.psf_radius_px, 1, 255))
@@ -133,7 +135,7 @@ class Optics:
         """Whether the pupil's diffraction is part of the point spread function."""
         return self.f_number is not None
 
-    @cached_property
+    @property
     def psf_kernel(self) -> np.ndarray:
         """Fraction of a point's light, at a pixel's centre, that falls into each pixel.
 
@@ -142,13 +144,30 @@ class Optics:
         (2 r + 1,), (n, m) or (rows, columns, n, m) float64 [1]
             One axis of a separable kernel, the whole, or a grid over the frame; not renormalised.
         """
+        return self._kernels[0]
+
+    @property
+    def image_kernel(self) -> np.ndarray:
+        """The same, of the same sum, for images whose pixels hold the mean over their area: `image_kernel.py`."""
+        return self._kernels[1]
+
+    @cached_property
+    def _kernels(self) -> tuple[np.ndarray, np.ndarray]:
+        """Of points and of images."""
         gaussian_px = math.ceil(_KERNEL_RADIUS_SIGMAS * self.psf_sigma_px)
         if self.psf_measured is not None:
             measured = np.array(self.psf_measured)
-            return psf.blurred(measured, self.psf_sigma_px, gaussian_px + 2) if self.psf_sigma_px > 0.0 else measured
+            kernels = measured, without_pixel(measured)
+            if self.psf_sigma_px > 0.0:
+                kernels = tuple(psf.blurred(kernel, self.psf_sigma_px, gaussian_px + 2) for kernel in kernels)
+            return kernels
         if not self.is_diffracted:
-            return psf.gaussian_axis(self.psf_sigma_px, gaussian_px)
-        return self._pupil_kernels(max(self.psf_radius_px, gaussian_px))
+            return (psf.gaussian_axis(self.psf_sigma_px, gaussian_px),
+                    gaussian_image_axis(self.psf_sigma_px, gaussian_px))
+        point, splines = np.moveaxis(self._pupil_kernels(max(self.psf_radius_px, gaussian_px)), -3, 0)
+        image = from_splines(splines)
+        # Beside the rim one holds a little more than the other.
+        return point, image * (point.sum(axis=(-2, -1)) / image.sum(axis=(-2, -1)))[..., None, None]
 
     @cached_property
     def psf_fine_kernel(self) -> np.ndarray:
@@ -160,23 +179,24 @@ class Optics:
             Its middle and every fifth place from there are `psf_kernel`; n = 5 (2 r + 2) + 1.
         """
         radius_px = self.psf_margin_px[0]
-        fine = self._pupil_kernels(FINE * (radius_px + 1) + FINE // 2, FINE)
+        fine = self._pupil_kernels(FINE * (radius_px + 1) + FINE // 2, FINE)[..., 0, :, :]
         # The sum over 5 x 5 cells around each place.
         total = np.cumsum(np.cumsum(np.pad(fine, [(0, 0)] * (fine.ndim - 2) + [(1, 0)] * 2), axis=-1), axis=-2)
         rows = total[..., FINE:, :] - total[..., :-FINE, :]
         return rows[..., FINE:] - rows[..., :-FINE]
 
     def _pupil_kernels(self, radius: int, parts: int = 1) -> np.ndarray:
-        """Kernel, or grid of kernels, of so many cells to each side; a pixel has `parts` cells on an axis."""
+        """(..., windows, n, n): kernels, or a grid of them, of so many cells to each side, `parts` a pixel and axis."""
         relative_width = 2.0 * (self.band_nm[1] - self.band_nm[0]) / sum(self.band_nm)
         n_wavelengths = min(_N_WAVELENGTHS, math.ceil(_WAVELENGTHS_PER_RELATIVE_WIDTH * relative_width))
         wavelengths_m, weights = photon_weights(self.band_nm, self.transmission, n_wavelengths)
 
         def kernel(opd_m=None) -> np.ndarray:
-            return psf.diffraction_kernel(
+            return psf.diffraction_kernels(
                 wavelengths_m, weights, f_number=self.f_number, pixel_pitch_m=self.pixel_pitch_m / parts,
                 central_obscuration=self.central_obscuration, sigma_px=self.psf_sigma_px * parts,
-                radius_px=radius, opd_m=opd_m, n_nodes=8 if parts == 1 else 2)
+                radius_px=radius, opd_m=opd_m, n_nodes=8 if parts == 1 else 2,
+                windows=(psf.gaussian_weights, spline_weights) if parts == 1 else None)
 
         lens = self.aberrations
         if lens is None:
@@ -190,8 +210,8 @@ class Optics:
         # Without terms of their own direction the field is its own mirror image: a quadrant is enough.
         rows, columns = lens.grid
         top = np.array([[at(node) for node in row[:(columns + 1) // 2]] for row in nodes[:(rows + 1) // 2]])
-        left = np.concatenate([top, top[:rows // 2][::-1, :, ::-1]])
-        return np.concatenate([left, left[:, :columns // 2][:, ::-1, :, ::-1]], axis=1)
+        left = np.concatenate([top, top[:rows // 2][::-1, ..., ::-1, :]])
+        return np.concatenate([left, left[:, :columns // 2][:, ::-1, ..., ::-1]], axis=1)
 
     @property
     def psf_margin_px(self) -> tuple[int, int]:
@@ -209,7 +229,7 @@ class Optics:
     @cached_property
     def psf_noise_gain(self) -> float:
         """What is left of the RMS of errors independent from pixel to pixel: sqrt(sum k^2); of a grid, the most."""
-        kernel = self.psf_kernel
+        kernel = self.image_kernel
         return float((kernel**2).sum() if kernel.ndim == 1 else np.sqrt((kernel**2).sum(axis=(-2, -1)).max()))
 
     @property
@@ -232,29 +252,32 @@ class Optics:
         return f"{' and '.join(parts)}, kernel {rows} x {columns} px{over}, energy cut {self.psf_energy_cut:.2g}"
 
     def spread(self, image: np.ndarray, origin_px: tuple[int, int] = (0, 0),
-               frame_shape: tuple[int, int] | None = None) -> np.ndarray:
+               frame_shape: tuple[int, int] | None = None, *, is_points: bool = False) -> np.ndarray:
         """Convolve with the point spread function; darkness beyond the edges, no wrap-around.
 
         Parameters
         ----------
         image : (h, w) float32
-            The frame, or a part of it with darkness elsewhere.
+            The frame, or a part of it with darkness elsewhere; each pixel the light of its area.
         origin_px : (row, column) int [px]
             Of the part in the frame.
         frame_shape : (H, W) int [px], optional
             Default: the image is the frame.
+        is_points : bool
+            Whether the light is that of points at the pixels' centres instead.
 
         Returns
         -------
         (h, w) float32
         """
-        if self.psf_kernel.ndim == 4:
-            return self._convolution(image, origin_px, frame_shape or image.shape)
-        return image if self.psf_kernel.size == 1 and self.psf_kernel.sum() == 1.0 else self._convolution(image)
+        convolution = self._convolutions[0 if is_points else 1]
+        if isinstance(convolution, FieldConvolution):
+            return convolution(image, origin_px, frame_shape or image.shape)
+        return image if self.psf_kernel.size == 1 and self.psf_kernel.sum() == 1.0 else convolution(image)
 
     @cached_property
-    def _convolution(self) -> Convolution | FieldConvolution:
-        return (FieldConvolution if self.psf_kernel.ndim == 4 else Convolution)(self.psf_kernel)
+    def _convolutions(self) -> tuple[Convolution | FieldConvolution, ...]:
+        return tuple((FieldConvolution if kernel.ndim == 4 else Convolution)(kernel) for kernel in self._kernels)
 
 
 def _measured(value: object) -> tuple[tuple[float, ...], ...]:

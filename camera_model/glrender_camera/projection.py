@@ -15,6 +15,7 @@ import numpy as np
 from .camera import CameraModel, Frame
 from .distortion import BrownConrady, frame_border
 from .errors import ConfigError
+from .lateral import magnified, magnified_points
 from .mosaic import MosaicModel
 from .points import PointSources
 from .validate import integer, position, text, unit_quaternion, vector, within
@@ -220,6 +221,13 @@ class PinholeCamera:
             if np.shape(image) != (seen.height_px, seen.width_px):
                 raise ConfigError("irradiance_W_m2", f"must have shape ({seen.height_px}, {seen.width_px})",
                                   np.shape(image))
+        if isinstance(self.model, MosaicModel) and self.model.magnification:
+            sizes = self.model.magnification
+            irradiance_W_m2 = {letter: magnified(image, sizes[letter], seen.principal_point_px) if letter in sizes
+                               else image for letter, image in irradiance_W_m2.items()}
+            points = points and {letter: magnified_points(each, sizes[letter], self.principal_point_px)
+                                 if letter in sizes else each for letter, each in points.items()}
+            roi = None
         return self.model.expose(irradiance_W_m2, seed, exposure_s=exposure_s, roi=roi,
                                  relative_illumination=seen.cos_field_angle, previous=previous,
                                  margin_px=margin_px, points=points)

@@ -7,7 +7,8 @@ is not renormalised: what it misses is light that goes farther, and the caller i
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import convolve1d
@@ -61,11 +62,19 @@ def blurred(kernel: np.ndarray, sigma_px: float, radius_px: int) -> np.ndarray:
     return wide
 
 
-def diffraction_kernel(wavelengths_m: np.ndarray, weights: np.ndarray, *, f_number: float, pixel_pitch_m: float,
-                       central_obscuration: float, sigma_px: float, radius_px: int,
-                       opd_m: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
-                       n_nodes: int = _NODES) -> np.ndarray:
+def diffraction_kernel(wavelengths_m: np.ndarray, weights: np.ndarray, **options: Any) -> np.ndarray:
     """Diffraction of a round or annular pupil, blurred by a Gaussian and integrated over the pixels.
+
+    `diffraction_kernels` through `gaussian_weights` alone: (2 radius + 1, 2 radius + 1) float64 [1].
+    """
+    return diffraction_kernels(wavelengths_m, weights, **options)[0]
+
+
+def diffraction_kernels(wavelengths_m: np.ndarray, weights: np.ndarray, *, f_number: float, pixel_pitch_m: float,
+                        central_obscuration: float, sigma_px: float, radius_px: int,
+                        opd_m: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None, n_nodes: int = _NODES,
+                        windows: Sequence[Callable] | None = None) -> np.ndarray:
+    """Diffraction of a round or annular pupil, blurred by a Gaussian and gathered under each pixel's windows.
 
     Parameters
     ----------
@@ -83,10 +92,12 @@ def diffraction_kernel(wavelengths_m: np.ndarray, weights: np.ndarray, *, f_numb
         Optical path difference over the pupil; by default none: Airy's pattern.
     n_nodes : int
         Points per pixel and axis, even.
+    windows : functions of (x_px, sigma_px, radius_px), optional
+        Shares of the light at x for the pixels, as of `gaussian_weights`, the default.
 
     Returns
     -------
-    (2 radius + 1, 2 radius + 1) float64 [1]
+    (windows, 2 radius + 1, 2 radius + 1) float64 [1]
 
     Source: Born & Wolf, Principles of Optics, section 8.6.2 (annular aperture).
     """
@@ -107,8 +118,9 @@ def diffraction_kernel(wavelengths_m: np.ndarray, weights: np.ndarray, *, f_numb
         pattern = intensity(pixels, 0.5 * node, lambda_n_px=wavelengths_m * (f_number / pixel_pitch_m),
                             weights=weights, obscuration=central_obscuration,
                             phase=lambda px, py: 2.0 * math.pi / wavelengths_m[0] * opd_m(px, py))
-    blur = gaussian_weights(x, sigma_px, radius_px) * np.tile(0.5 * node_weight, pixels.size)
-    return blur @ pattern @ blur.T
+    blurs = [window(x, sigma_px, radius_px) * np.tile(0.5 * node_weight, pixels.size)
+             for window in windows or (gaussian_weights,)]
+    return np.array([blur @ pattern @ blur.T for blur in blurs])
 
 
 def _annular(r_px: np.ndarray, lambda_n_px: float, obscuration: float) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from numbers import Real
 
 import numpy as np
@@ -52,6 +53,24 @@ def band(name: str, value: object) -> tuple[float, float]:
     if not high > low:
         raise ConfigError(name, "must rise", value)
     return low, high
+
+
+def require_overlap(name: str, value: Curve, band_nm: tuple[float, float]) -> None:
+    """Refuse a curve none of whose light is in a band.
+
+    Raises
+    ------
+    ConfigError
+        Naming the curve's range and the band.
+    """
+    if isinstance(value, tuple):
+        wavelengths = [w for w, _ in value]
+        # Between two points of 0 there is no light either.
+        lit = [(a, b) for (a, va), (b, vb) in pairwise(value) if va > 0.0 or vb > 0.0]
+        if not any(a < band_nm[1] and b > band_nm[0] for a, b in lit):
+            raise ConfigError(name, f"must pass light in the band of {band_nm[0]:g} to {band_nm[1]:g} nm; its table of "
+                              f"{wavelengths[0]:g} to {wavelengths[-1]:g} nm passes none there",
+                              hint="wavelengths are in nanometres; beyond the table it is 0")
 
 
 def electrons_per_joule(band_nm: tuple[float, float], transmission: Curve, quantum_efficiency: Curve) -> float:
