@@ -119,11 +119,14 @@ class Operations:
         return codec.pack({**echo(header), "ok": True, **self.described})
 
     def _render(self, header: Mapping[str, Any]) -> list[Any]:
-        known_keys("", header, (*ENVELOPE, "state", "order", "allow_slow", "frames", *FRAME_KEYS), required=("state",))
+        known_keys("", header, (*ENVELOPE, "state", "order", "allow_slow", "shared", "frames", *FRAME_KEYS),
+                   required=("state",))
         began = time.perf_counter()
         state = State.from_dict(header["state"])
         order = one_of("order", header.get("order", "C"), ("C", "F"))
         allow_slow = checked_allow_slow(header.get("allow_slow", False))
+        if not isinstance(header.get("shared", False), bool):
+            raise ConfigError("shared", "must be true or false", header["shared"])
         asked, made, arrays = frames_asked(header, self.scene), [], []
         for index, frame in enumerate(asked):
             progress = partial(self._progress, index, len(asked))

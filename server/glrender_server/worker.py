@@ -7,12 +7,12 @@ from collections import OrderedDict
 from multiprocessing.connection import Connection
 from multiprocessing.shared_memory import SharedMemory
 from pathlib import Path
-from typing import Any
 
 from glrender import GlrenderError, Scene
 
 from . import codec, logs
 from .operations import Operations
+from .slots import offsets, write_parts
 
 _MAX_ATTACHED = 16
 
@@ -24,7 +24,7 @@ def work(connection: Connection, scene: Scene, backend: str, shape_dir: Path | N
     Said: ``("ready", described)`` or ``("failed", text)``; then for each ``("job", message, slot)``: ``("begun",)``,
     ``("progress", share)`` now and then from a slow frame,
     ``("need", n_bytes)`` where the slot is too small (answered by a slot's name), and ``("done", header, sizes,
-    code, timings_ms, described)``, the parts standing in the slot one behind the other.
+    code, timings_ms, described)``, the parts standing in the slot at their `offsets`.
 
     Parameters
     ----------
@@ -52,10 +52,11 @@ def work(connection: Connection, scene: Scene, backend: str, shape_dir: Path | N
             header = codec.unpack_request([message])
             (head, *parts), code = operations.answer(header)
             sizes = [len(part) for part in parts]
-            if sum(sizes) > _attached(slots, name).size:
-                connection.send(("need", sum(sizes)))
+            n_bytes = offsets(sizes)[-1]
+            if n_bytes > _attached(slots, name).size:
+                connection.send(("need", n_bytes))
                 name = connection.recv()
-            _write(_attached(slots, name), parts)
+            write_parts(_attached(slots, name), parts)
             described = operations.described if header["op"] == "load_scene" and not code else None
             connection.send(("done", bytes(head), sizes, code, {} if code else operations.last_timings_ms,
                              described))
@@ -65,13 +66,6 @@ def work(connection: Connection, scene: Scene, backend: str, shape_dir: Path | N
         operations.close()
         for slot in slots.values():
             slot.close()
-
-
-def _write(slot: SharedMemory, parts: list[Any]) -> None:
-    start = 0
-    for part in parts:
-        slot.buf[start:start + len(part)] = part
-        start += len(part)
 
 
 def _attached(slots: OrderedDict[str, SharedMemory], name: str) -> SharedMemory:
