@@ -1,7 +1,7 @@
 classdef GlRenderClient < handle
 %GLRENDERCLIENT  Asks a glrender server for frames, over framed TCP; needs no toolbox.
 %   client = GlRenderClient()                           127.0.0.1, port 5556 (glrender-server scene.toml --tcp ...)
-%   client = GlRenderClient(host, port, 'Timeout', 10, 'Retries', 1)
+%   client = GlRenderClient(host, port, 'Timeout', 10, 'Retries', 1, 'SharedMemory', true)
 %   reply = client.render(state, 'camera', 'navcam', 'output', 'dn', 'exposure_s', 0.1, 'seed', 7)
 %   reply.pixels                                        height x width, row 1 on top
 %   client.close()
@@ -19,6 +19,7 @@ classdef GlRenderClient < handle
     Timeout   % [s], of each try
     Retries   % further tries after a timeout or a lost connection, each over a new connection
     Name      % of this client; the server answers a repeated request from its last reply
+    SharedMemory  % whether frames are read in the memory of a server on this machine; by default on Linux
   end
 
   properties (Access = private)
@@ -40,13 +41,15 @@ classdef GlRenderClient < handle
       end
       self.Host = host;
       self.Port = port;
-      options = struct('Timeout', 10, 'Retries', 1);
+      is_here = strcmp(host, '127.0.0.1') && exist('/dev/shm', 'dir') == 7;
+      options = struct('Timeout', 10, 'Retries', 1, 'SharedMemory', is_here);
       options = GlRenderClient.with_options(options, varargin, fieldnames(options));
       if ~(options.Timeout > 0) || ~(options.Retries >= 0)
         error('glrender:argument', 'Timeout must be > 0 [s] and Retries >= 0');
       end
       self.Timeout = options.Timeout;
       self.Retries = options.Retries;
+      self.SharedMemory = logical(options.SharedMemory);
       self.Name = sprintf('matlab-%s', GlRenderClient.unique_text());
       if exist('OCTAVE_VERSION', 'builtin')
         pkg('load', 'instrument-control');
@@ -97,7 +100,7 @@ classdef GlRenderClient < handle
       %   The result is a GlRenderReply: reply.pixels, reply.arrays.PRODUCT, reply.header.
       fields = struct('state', state, 'order', 'F');
       fields = GlRenderClient.with_options(fields, varargin, GlRenderClient.frame_options());
-      [arrays, header_bytes] = self.ask('render', GlRenderClient.with_list(fields));
+      [arrays, header_bytes] = self.ask_frames(GlRenderClient.with_list(fields));
       reply = GlRenderReply(arrays{1}, header_bytes);
     end
 
@@ -117,7 +120,7 @@ classdef GlRenderClient < handle
       end
       fields = struct('state', state, 'order', 'F');
       fields.frames = reshape(frames, 1, []);
-      [arrays, header_bytes] = self.ask('render', fields);
+      [arrays, header_bytes] = self.ask_frames(fields);
       replies = cell(1, numel(frames));
       for k = 1:numel(frames)
         replies{k} = GlRenderReply(arrays{k}, header_bytes, k);
@@ -136,6 +139,17 @@ classdef GlRenderClient < handle
   end
 
   methods (Access = private)
+    function [arrays, header_bytes] = ask_frames(self, fields)
+      if self.SharedMemory
+        fields.shared = true;
+      end
+      [arrays, header_bytes] = self.ask('render', fields);
+      if isempty(arrays)
+        self.SharedMemory = false;  % that memory cannot be read from here
+        [arrays, header_bytes] = self.ask('render', rmfield(fields, 'shared'));
+      end
+    end
+
     function [arrays, header_bytes] = ask(self, op, fields)
       if self.IsClosed
         error('glrender:closed', 'this client is closed');
@@ -189,6 +203,13 @@ classdef GlRenderClient < handle
         error(['glrender:', problem.code], '%s', problem.message);
       end
       arrays = {struct()};
+      if isfield(header, 'shared')
+        parts = glr_shared(header.shared);
+        if isempty(parts)
+          arrays = {};
+          return
+        end
+      end
       for k = 1:numel(header.arrays)
         entry = header.arrays{k};
         frame = 1;

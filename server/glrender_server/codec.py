@@ -55,11 +55,11 @@ def pack(header: Mapping[str, Any], arrays: Arrays | Sequence[Arrays] = (), orde
 
 
 def with_field(packed: bytes, name: str, value: Any) -> bytes:
-    """A packed map with one more pair at its end, the others untouched."""
+    """A packed map with one more pair, its first, and the others untouched."""
     first = packed[0]
     count, start = (first & 15, 1) if first < 0x90 else (int.from_bytes(packed[1:3], "big"), 3)
     pair = msgpack.packb(name) + msgpack.packb(value)
-    return b"".join([b"\xde", (count + 1).to_bytes(2, "big"), packed[start:], pair])
+    return b"".join([b"\xde", (count + 1).to_bytes(2, "big"), pair, packed[start:]])
 
 
 def unpack_request(parts: Sequence[bytes]) -> dict[str, Any]:
