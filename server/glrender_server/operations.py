@@ -158,7 +158,7 @@ class Operations:
                 # The memory of an onboard loop is the client's: sent back, the same request gives the same bytes.
                 fields["next_exposure_s"] = camera.model.auto_exposure.after(frame, camera.model.detector)
         else:
-            capture = self._drawn(draw_still, state, camera.name, **options)
+            capture = self._drawn(draw_still, state, camera.name, roi=asked.roi, **options)
             pixels = capture.irradiance_W_m2
         arrays = {"image": (asked.cut(pixels), _UNITS[asked.output])}
         arrays |= {name: (asked.cut(array), _UNITS[name]) for name, array in capture.products.items()}
