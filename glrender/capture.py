@@ -73,8 +73,8 @@ def draw_still(renderer: Any, state: State, camera: str | None = None, *, produc
         The part that is asked for, one past the last: no other is drawn where there is neither a lens nor a coma, and
         the rest of the arrays is dark. The budget is held in it, with samples that the planner chose for it alone.
     **options
-        `max_error`, `samples`, `allow_slow`, `on_progress` of `Renderer.render`; those that another renderer does
-        not take are left out.
+        `max_error`, `samples`, `allow_slow`, `on_progress`, `out` of `Renderer.render`; those that another renderer
+        does not take are left out.
 
     Raises
     ------

@@ -15,8 +15,11 @@ from glrender_client import Client, shared
 from glrender_client.shared import NotShared, SharedFrames
 from glrender_server import slots
 from glrender_server.codec import pack, with_field
-from glrender_server.slots import SlotStore, offsets, write_parts
+from glrender_server.slots import SlotStore, offsets, room
 
+# Images above the size from which they are left in place.
+SCENE = serving.SCENE.replace("= 96", "= 256").replace("= 64", "= 192").replace("= 32\n", "= 160\n")
+ENOUGH = slots.MIN_SHARED_BYTES
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="shared memory for clients is Linux's")
 STATE = {"t_s": 0.0, "r_sun_inertial_m": [1e11, 0.0, -1.1e11],
          "spacecraft": {"r_inertial_m": [0.0, 0.0, -2000.0], "q_from_inertial": [1.0, 0.0, 0.0, 0.0]},
@@ -26,7 +29,7 @@ STATE = {"t_s": 0.0, "r_sun_inertial_m": [1e11, 0.0, -1.1e11],
 @pytest.fixture(scope="module", params=[(), ("--workers", "2")], ids=["in process", "workers"])
 def endpoint(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp("shared")
-    with serving.server(folder, "--zmq", f"ipc://{folder}/z", *request.param) as (endpoint, _):
+    with serving.server(folder, "--zmq", f"ipc://{folder}/z", *request.param, scene=SCENE) as (endpoint, _):
         yield endpoint
 
 
@@ -34,7 +37,8 @@ def lent(store, *parts):
     """Parts in a slot of a store: the store's own views, and the place."""
     sizes = [len(part) for part in parts]
     slot = store.take(offsets(sizes)[-1])
-    write_parts(slot, parts)
+    for place, part in zip(room(slot, sizes), parts, strict=True):
+        place[:] = part
     return store.lend(slot, sizes)
 
 
@@ -62,7 +66,7 @@ def test_frames_read_in_place_are_those_of_the_socket(endpoint):
 def test_a_frame_that_is_held_is_never_written_over(endpoint):
     with Client(endpoint) as client, Client(endpoint, shared_memory=False) as other:
         held = [client.render(STATE, "navcam", output="dn", seed=seed) for seed in range(12)]
-        assert len({reply.header["shared"]["name"] for reply in held}) == 12
+        assert len({reply.header["shared"]["name"] for reply in held}) == 12, "each has its own memory"
         for seed, reply in enumerate(held):
             np.testing.assert_array_equal(reply.pixels, other.render(STATE, "navcam", output="dn", seed=seed).pixels)
 
@@ -93,42 +97,43 @@ def test_what_is_not_true_or_false_is_refused(endpoint):
 
 
 def test_a_client_that_comes_too_late_sees_it(store):
-    views, place = lent(store, b"first" * 20)
+    views, place = lent(store, b"first" * ENOUGH)
     del views
-    views, again = lent(store, b"other" * 20)
+    views, again = lent(store, b"other" * ENOUGH)
     assert (again["name"], again["number"]) == (place["name"], place["number"] + 1)
     with pytest.raises(NotShared, match="holds another frame"):
         SharedFrames().parts(place)
-    assert bytes(SharedFrames().parts(again)[0]) == b"other" * 20
+    assert bytes(SharedFrames().parts(again)[0]) == b"other" * ENOUGH
 
 
 def test_memory_comes_back_with_the_last_array_and_from_the_dead(store):
     """A process that holds a frame and is killed: the system takes its lock away."""
-    views, place = lent(store, bytes(1000))
+    views, place = lent(store, bytes(ENOUGH))
     script = ("import sys, json, time; from glrender_client.shared import SharedFrames\n"
               "held = SharedFrames().parts(json.loads(sys.argv[1])); print('held', flush=True); time.sleep(60)")
     with subprocess.Popen([sys.executable, "-c", script, json.dumps(place)], stdout=subprocess.PIPE) as process:
         assert process.stdout.readline() == b"held\n"
         del views
-        assert store.take(1000).name != place["name"], "it is read"
+        assert store.take(ENOUGH).name != place["name"], "it is read"
         process.kill()
     deadline, taken = time.monotonic() + 5.0, ""
     while taken != place["name"] and time.monotonic() < deadline:
-        slot = store.take(1000)
+        slot = store.take(ENOUGH)
         taken = slot.name
         store.give_back(slot)
     assert taken == place["name"]
 
 
 def test_beyond_the_limit_frames_are_sent(store, monkeypatch):
-    views, place = lent(store, bytes(1000))
-    assert place is not None and bytes(views[0]) == bytes(1000)
+    views, place = lent(store, bytes(ENOUGH))
+    assert place is not None and bytes(views[0]) == bytes(ENOUGH)
+    assert lent(store, bytes(ENOUGH - 1))[1] is None, "small"
     monkeypatch.setattr(slots, "MAX_SHARED_BYTES", store.n_bytes - 1)
-    assert lent(store, bytes(1000))[1] is None
+    assert lent(store, bytes(ENOUGH))[1] is None
 
 
 def test_what_is_read_is_not_trimmed(store):
-    held = [SharedFrames().parts(lent(store, bytes(1000))[1]) for _ in range(12)]
+    held = [SharedFrames().parts(lent(store, bytes(ENOUGH))[1]) for _ in range(12)]
     before = store.n_bytes
     store.trim()
     assert store.n_bytes == before

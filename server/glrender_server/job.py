@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import zmq
 
 from .operations import Operations
-from .slots import SlotStore, offsets, write_parts
+from .slots import SlotStore, offsets, room
 
 
 class Done(NamedTuple):
@@ -46,15 +46,20 @@ class LocalEngine:
 
     def start(self, job: Job) -> None:
         """Render, and answer."""
-        reply, code = self._operations.answer(job.header)
+        slot, place = None, None
+
+        def memory(sizes: list[int]) -> list[memoryview]:
+            nonlocal slot
+            slot = self._slots.take(offsets(sizes)[-1])
+            return room(slot, sizes)
+
+        reply, code = self._operations.answer(job.header, memory if job.header.get("shared") is True else None)
         if job.header["op"] == "load_scene" and not code:
             self.described = self._operations.described
-        place = None
-        if job.header.get("shared") and len(reply) > 1:
-            sizes = [len(part) for part in reply[1:]]
-            slot = self._slots.take(offsets(sizes)[-1])
-            write_parts(slot, reply[1:])
-            reply[1:], place = self._slots.lend(slot, sizes)
+        if slot is not None and code:
+            self._slots.give_back(slot)
+        elif slot is not None:
+            reply[1:], place = self._slots.lend(slot, [len(part) for part in reply[1:]])
         job.done(Done(reply, code, {} if code else self._operations.last_timings_ms, place))
 
     def watch(self, poller: zmq.Poller) -> None:

@@ -16,6 +16,8 @@ import numpy as np
 
 MAX_SHARED_BYTES = 1 << 30
 """While as much is allocated, no further frame is left for a client to read in place."""
+MIN_SHARED_BYTES = 1 << 16
+"""Frames that are smaller come sooner over the socket."""
 _STEP_BYTES = 1 << 16
 _MAX_FREE = 8
 # Of a slot's parts: any pixel may stand there. The first place holds the slot's number.
@@ -32,10 +34,9 @@ def offsets(sizes: Iterable[int]) -> list[int]:
     return found
 
 
-def write_parts(slot: SharedMemory, parts: Sequence[Any]) -> None:
-    """Copy parts into a slot."""
-    for start, part in zip(offsets(map(len, parts)), parts, strict=False):
-        slot.buf[start:start + len(part)] = part
+def room(slot: SharedMemory, sizes: Sequence[int]) -> list[memoryview]:
+    """Where parts of these sizes [bytes] are written; let go of them before the slot is closed."""
+    return [slot.buf[start:start + size] for start, size in zip(offsets(sizes), sizes, strict=False)]
 
 
 class SlotStore:
@@ -76,13 +77,14 @@ class SlotStore:
     def lend(self, slot: SharedMemory, sizes: Sequence[int]) -> tuple[list[memoryview], dict[str, Any] | None]:
         """Views of the parts in a slot, which comes back when the last is gone; and where a client finds them.
 
-        The place is {name, number, offsets}, or None while `MAX_SHARED_BYTES` are allocated or where nothing locks.
+        The place is {name, number, offsets, sizes}; None where nothing locks, while `MAX_SHARED_BYTES` are allocated,
+        and for parts below `MIN_SHARED_BYTES`.
         """
         starts = offsets(sizes)
         whole = np.frombuffer(slot.buf, np.uint8, starts[-1] if sizes else 0)
         weakref.finalize(whole, self.give_back, slot).atexit = False
         views = [whole[start:start + size].data for start, size in zip(starts, sizes, strict=False)]
-        if not _CAN_LOCK or self.n_bytes > MAX_SHARED_BYTES:
+        if not _CAN_LOCK or self.n_bytes > MAX_SHARED_BYTES or sum(sizes) < MIN_SHARED_BYTES:
             return views, None
         return views, {"name": slot.name, "number": _number(slot), "offsets": starts[:-1], "sizes": list(sizes)}
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import signal
 from collections import OrderedDict
+from collections.abc import Sequence
+from functools import partial
 from multiprocessing.connection import Connection
 from multiprocessing.shared_memory import SharedMemory
 from pathlib import Path
@@ -12,7 +14,7 @@ from glrender import GlrenderError, Scene
 
 from . import codec, logs
 from .operations import Operations
-from .slots import offsets, write_parts
+from .slots import offsets, room
 
 _MAX_ATTACHED = 16
 
@@ -50,13 +52,9 @@ def work(connection: Connection, scene: Scene, backend: str, shape_dir: Path | N
             _, message, name = connection.recv()
             connection.send(("begun",))
             header = codec.unpack_request([message])
-            (head, *parts), code = operations.answer(header)
+            (head, *parts), code = operations.answer(header, partial(_room, connection, slots, name))
             sizes = [len(part) for part in parts]
-            n_bytes = offsets(sizes)[-1]
-            if n_bytes > _attached(slots, name).size:
-                connection.send(("need", n_bytes))
-                name = connection.recv()
-            write_parts(_attached(slots, name), parts)
+            del parts
             described = operations.described if header["op"] == "load_scene" and not code else None
             connection.send(("done", bytes(head), sizes, code, {} if code else operations.last_timings_ms,
                              described))
@@ -66,6 +64,15 @@ def work(connection: Connection, scene: Scene, backend: str, shape_dir: Path | N
         operations.close()
         for slot in slots.values():
             slot.close()
+
+
+def _room(connection: Connection, slots: OrderedDict[str, SharedMemory], name: str,
+          sizes: Sequence[int]) -> list[memoryview]:
+    n_bytes = offsets(sizes)[-1]
+    if n_bytes > _attached(slots, name).size:
+        connection.send(("need", n_bytes))
+        name = connection.recv()
+    return room(_attached(slots, name), sizes)
 
 
 def _attached(slots: OrderedDict[str, SharedMemory], name: str) -> SharedMemory:
