@@ -26,6 +26,7 @@ classdef GlRenderClient < handle
     Socket = []
     NextId = 1
     IsClosed = false
+    Progress = []  % of the request under way: called with the share done
   end
 
   methods
@@ -96,18 +97,22 @@ classdef GlRenderClient < handle
       %RENDER  One frame.
       %   reply = client.render(state, NAME, VALUE, ...) with the names of docs/protocol.md: camera, output
       %   ('irradiance' or 'dn'), exposure_s, seed, max_error, samples, products (cell of names), roi ([x0 y0 x1 y1],
-      %   pixels from 0, one past the last: whole(y0 + 1:y1, x0 + 1:x1)).
+      %   pixels from 0, one past the last: whole(y0 + 1:y1, x0 + 1:x1)), allow_slow (true, 'raytrace' or 'cycles': who
+      %   may draw in seconds or minutes what OpenGL cannot within max_error; give the client a Timeout as long).
+      %   'progress', @(share) fprintf('%.0f %%\n', 100 * share) is called about twice a second while a server with
+      %   worker processes draws slow frames.
       %   The result is a GlRenderReply: reply.pixels, reply.arrays.PRODUCT, reply.header.
       fields = struct('state', state, 'order', 'F');
-      fields = GlRenderClient.with_options(fields, varargin, GlRenderClient.frame_options());
+      names = [GlRenderClient.frame_options(), GlRenderClient.request_options()];
+      fields = GlRenderClient.with_options(fields, varargin, names);
       [arrays, header_bytes] = self.ask_frames(GlRenderClient.with_list(fields));
       reply = GlRenderReply(arrays{1}, header_bytes);
     end
 
-    function replies = render_frames(self, state, frames)
+    function replies = render_frames(self, state, frames, varargin)
       %RENDER_FRAMES  Several frames of one state in one request; a cell of GlRenderReply, in their order.
       %   frames: cell of structs with the options of `render`: {struct('camera', 'navcam'), struct('camera', 'wac')}.
-      %   15 images and products in all; one frame that is refused refuses all.
+      %   15 images and products in all; one frame that is refused refuses all. Then NAME, VALUE of allow_slow, progress.
       if ~iscell(frames) || ~all(cellfun(@(frame) isstruct(frame) && isscalar(frame), frames))
         error('glrender:argument', 'frames must be a cell of structs');
       end
@@ -120,6 +125,7 @@ classdef GlRenderClient < handle
       end
       fields = struct('state', state, 'order', 'F');
       fields.frames = reshape(frames, 1, []);
+      fields = GlRenderClient.with_options(fields, varargin, GlRenderClient.request_options());
       [arrays, header_bytes] = self.ask_frames(fields);
       replies = cell(1, numel(frames));
       for k = 1:numel(frames)
@@ -140,6 +146,11 @@ classdef GlRenderClient < handle
 
   methods (Access = private)
     function [arrays, header_bytes] = ask_frames(self, fields)
+      self.Progress = [];
+      if isfield(fields, 'progress')
+        self.Progress = fields.progress;
+        fields = rmfield(fields, 'progress');
+      end
       if self.SharedMemory
         fields.shared = true;
       end
@@ -190,6 +201,9 @@ classdef GlRenderClient < handle
       if exist('OCTAVE_VERSION', 'builtin') && written ~= numel(request.bytes)
         error('glrender:connection', 'the connection to %s:%d is closed', self.Host, self.Port);
       end
+      if ~isempty(self.Progress)
+        self.watch(self.Progress);
+      end
       while true
         [header_bytes, parts] = self.receive();
         header = glr_unpack(header_bytes, 'arrays');
@@ -217,6 +231,31 @@ classdef GlRenderClient < handle
           frame = entry.frame + 1;
         end
         arrays{frame}.(entry.name) = glr_array(entry, parts{entry.part});
+      end
+    end
+
+    function watch(self, progress)
+      % Tell how far slow frames are until the reply begins to come, asking by another connection.
+      began = tic();
+      due = 0.5;
+      other = [];
+      while toc(began) < self.Timeout && GlRenderClient.n_waiting(self.Socket) == 0
+        pause(0.02);
+        if toc(began) < due
+          continue
+        end
+        due = toc(began) + 0.5;
+        try
+          if isempty(other)
+            other = GlRenderClient(self.Host, self.Port, 'Timeout', self.Timeout, 'Retries', 0);
+          end
+          told = other.status();
+        catch
+          return  % what is wrong, the reply will tell
+        end
+        if isfield(told, 'slow_frames') && ~isempty(told.slow_frames)
+          progress(max(told.slow_frames));
+        end
       end
     end
 
@@ -288,6 +327,18 @@ classdef GlRenderClient < handle
   end
 
   methods (Static, Access = private)
+    function count = n_waiting(socket)
+      try
+        count = socket.NumBytesAvailable;
+      catch
+        count = socket.BytesAvailable;  % before R2020b
+      end
+    end
+
+    function names = request_options()
+      names = {'allow_slow', 'progress'};
+    end
+
     function names = frame_options()
       names = {'camera', 'output', 'exposure_s', 'seed', 'max_error', 'samples', 'products', 'roi'};
     end
