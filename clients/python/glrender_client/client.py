@@ -12,6 +12,7 @@ import zmq
 
 from .curve import curve_keys, set_curve
 from .errors import GlrenderClientError, RequestTimeout
+from .notebook import described
 from .pipeline import in_order
 from .recording import Recorder
 from .shared import NotShared, SharedFrames
@@ -59,7 +60,7 @@ class Client:
         self._shared = SharedFrames() if shared_memory else None
         self._context = zmq.Context()
         self._socket: zmq.Socket | None = None
-        self._max_header_bytes: int | None = None
+        self._hello: dict[str, Any] | None = None
 
     def __enter__(self) -> Client:
         return self
@@ -69,6 +70,10 @@ class Client:
 
     def __repr__(self) -> str:
         return f"<Client of {self._endpoint}{' (closed)' if self._context.closed else ''}>"
+
+    def _repr_html_(self) -> str:
+        """For notebooks: where it asks, and what `hello` told last."""
+        return described(repr(self)[1:-1], self._hello)
 
     def close(self) -> None:
         """Say goodbye, if the server listens, and close the connection."""
@@ -89,9 +94,8 @@ class Client:
 
     def hello(self) -> dict[str, Any]:
         """What the server is: protocol versions, cameras, bodies, products, limits, OpenGL."""
-        found = self._ask("hello", {}).header
-        self._max_header_bytes = found["limits"]["max_header_bytes"]
-        return found
+        self._hello = self._ask("hello", {}).header
+        return self._hello
 
     def status(self) -> dict[str, Any]:
         """How the server does: uptime, requests, errors by code, last timings."""
@@ -229,11 +233,10 @@ class Client:
             raise GlrenderClientError("this client is closed")
         number, message = self._pack(op, fields)
         if len(message) > _SURELY_TAKEN_BYTES:
-            if self._max_header_bytes is None:
-                self.hello()
-            if len(message) > self._max_header_bytes:
-                raise GlrenderClientError(f"a request must have at most {self._max_header_bytes} bytes, `{op}` has "
-                                          f"{len(message)}: shapes and textures are file names, not data")
+            most = (self._hello or self.hello())["limits"]["max_header_bytes"]
+            if len(message) > most:
+                raise GlrenderClientError(f"a request must have at most {most} bytes, `{op}` has {len(message)}: "
+                                          "shapes and textures are file names, not data")
         for _ in range(self._retries + 1):
             found = self._try_once(message, number, self._timeout_s)
             if found is not None:
