@@ -85,23 +85,25 @@ def with_server(folder: Path, kinds: dict[str, bool], arguments: list[str], nati
                 with Client(line.split()[3], timeout_s=60.0, shared_memory=shared) as client:
                     record["gl_renderer"] = client.hello()["gl_renderer"]
                     for name, (_, output, _) in CAMERAS.items():
-                        added = [python_frame(client, name, output, k) for k in range(N_FRAMES + N_WARM_UP)]
-                        note(record, f"python {kind}", name, added)
+                        told, rendered = zip(*(python_frame(client, name, output, k)
+                                               for k in range(N_FRAMES + N_WARM_UP)), strict=True)
+                        note(record, f"python {kind}", name, told, rendered)
             for who, command in native.items():
                 for name, (_, output, _) in CAMERAS.items():
                     told = command("127.0.0.1", port, name, output)
                     rendered = [entry["render_ms"] for entry in map(json.loads, log.read_text().splitlines())
                                 if entry["message"] == "request"][-len(told):]
-                    note(record, who, name, np.array(told) - rendered)
+                    note(record, who, name, told, rendered)
         finally:
             process.terminate()
             process.wait(timeout=20.0)
 
 
-def python_frame(client: Client, camera: str, output: str, k: int) -> float:
+def python_frame(client: Client, camera: str, output: str, k: int) -> tuple[float, float]:
+    """Milliseconds of a request, and of the server's work on its frame."""
     began = time.perf_counter()
     reply = client.render({**STATE, "t_s": float(k)}, camera, output=output)
-    return 1e3 * (time.perf_counter() - began) - reply.header["timings_ms"]["total"]
+    return 1e3 * (time.perf_counter() - began), reply.header["timings_ms"]["total"]
 
 
 def native_clients(folder: Path, record: dict) -> dict:
@@ -184,8 +186,10 @@ def percentiles(milliseconds) -> dict[str, float]:
     return {f"p{q}": round(float(np.percentile(kept, q)), 3) for q in (50, 95, 99)}
 
 
-def note(record: dict, who: str, camera: str, added) -> None:
-    found = percentiles(added)
+def note(record: dict, who: str, camera: str, told, rendered) -> None:
+    """The frame's own time beside what is added to it: where it is far above the shortest, others had the cores."""
+    found = percentiles(np.subtract(told, rendered))
+    found["render_p50"] = percentiles(rendered)["p50"]
     floor = record["floor_ms"]["ipc" if "ipc" in who else "tcp"][camera]["p50"]
     found["p50_over_floor"] = round(found["p50"] / floor, 2)
     record["added_ms"].setdefault(who, {})[camera] = found
