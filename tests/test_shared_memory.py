@@ -6,15 +6,19 @@ import json
 import subprocess
 import sys
 import time
+from functools import partial
+from multiprocessing.shared_memory import SharedMemory
 
 import msgpack
 import numpy as np
 import pytest
 import serving
+from glrender import load_scene
 from glrender_client import Client, shared
 from glrender_client.shared import NotShared, SharedFrames
 from glrender_server import slots
 from glrender_server.codec import pack, with_field
+from glrender_server.operations import Operations
 from glrender_server.slots import SlotStore, offsets, room
 
 # Images above the size from which they are left in place.
@@ -147,3 +151,19 @@ def test_a_header_takes_one_more_field(n_fields):
     header = {f"field_{k}": k for k in range(n_fields)}
     packed = with_field(pack(header)[0], "shared", {"name": "x"})
     assert msgpack.unpackb(packed) == {**header, "arrays": [], "shared": {"name": "x"}}
+
+
+def test_memory_that_was_lent_for_an_answer_can_be_closed_after_it(tmp_path):
+    """A worker that ends closes its slots: an image drawn in one must not keep it."""
+    (tmp_path / "scene.toml").write_text(SCENE)
+    operations = Operations(load_scene(tmp_path / "scene.toml"))
+    slot = SharedMemory(create=True, size=1 << 20)
+    try:
+        (_, *parts), code = operations.answer(
+            {"v": 1, "op": "render", "id": 1, "client": "a", "state": STATE, "camera": "bare"}, partial(room, slot))
+        assert not code and np.frombuffer(parts[0], np.float32).max() > 0.0
+        del parts
+        slot.close()
+    finally:
+        operations.close()
+        slot.unlink()

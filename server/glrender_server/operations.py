@@ -106,6 +106,8 @@ class Operations:
             log.exception("request %s failed", header.get("op"))
             return refusal(header, "internal", "", "the server failed on this request; its log has the "
                                                    "traceback"), "internal"
+        finally:
+            self._memory = None  # whoever lent it may close it now
 
     def _load_scene(self, header: Mapping[str, Any]) -> list[Any]:
         known_keys("", header, (*ENVELOPE, "scene"), required=("scene",))
