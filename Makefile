@@ -4,12 +4,12 @@ PYTHON ?= python3
 BIN    := $(VENV)/bin
 export PYTHONUNBUFFERED = 1
 
-.PHONY: demo test bench chart setup opengl octave blender lint clean
+.PHONY: demo test bench chart setup opengl octave blender mitsuba lint clean
 
 demo: setup
 	$(BIN)/glrender demo --out out/demo
 
-test: setup octave blender
+test: setup octave blender mitsuba
 	$(BIN)/ruff check .
 	$(BIN)/python -m pytest
 
@@ -44,6 +44,9 @@ octave:
 
 blender: $(VENV)/.ready
 	@sh tools/install_blender.sh $(BIN)/python
+
+mitsuba: $(VENV)/.ready
+	@sh tools/install_mitsuba.sh $(BIN)/python
 
 clean:
 	rm -rf $(VENV) out

@@ -62,13 +62,17 @@ def main() -> None:
         (folder / "scene.toml").write_text(SCENE)
         (folder / "state.json").write_text(json.dumps(STATE))
         native = native_clients(folder, record)
-        for kind, arguments in {"tcp": ["--zmq", "tcp://127.0.0.1:*"], "ipc": ["--zmq", f"ipc://{folder}/z"],
-                                "ipc, shared memory": ["--zmq", f"ipc://{folder}/s", "--workers", "2"]}.items():
-            with_server(folder, kind, arguments, native if kind == "tcp" else {}, record)
+        ways = {"ipc, shared memory": True, "ipc, socket": False}
+        for arguments, kinds in [
+                (["--zmq", "tcp://127.0.0.1:*"], {"tcp": False}), (["--zmq", f"ipc://{folder}/z"], ways),
+                (["--zmq", f"ipc://{folder}/w", "--workers", "2"],
+                 {f"{name}, two workers": shared for name, shared in ways.items()})]:
+            with_server(folder, kinds, arguments, native if "tcp" in kinds else {}, record)
     sys.stdout.write(json.dumps(record) + "\n")
 
 
-def with_server(folder: Path, kind: str, arguments: list[str], native: dict, record: dict) -> None:
+def with_server(folder: Path, kinds: dict[str, bool], arguments: list[str], native: dict, record: dict) -> None:
+    """Every client of a server; the Python client by each of `kinds`: with shared memory or without."""
     log = folder / "log"
     with open(log, "wb") as file:
         process = subprocess.Popen(
@@ -77,26 +81,29 @@ def with_server(folder: Path, kind: str, arguments: list[str], native: dict, rec
         try:
             line = process.stdout.readline()
             port = int(line.split(" and ")[1].split()[0].rpartition(":")[2])
-            with Client(line.split()[3], timeout_s=60.0) as client:
-                record["gl_renderer"] = client.hello()["gl_renderer"]
-                for name, (_, output, _) in CAMERAS.items():
-                    added = [python_frame(client, name, output, k) for k in range(N_FRAMES + N_WARM_UP)]
-                    note(record, f"python {kind}", name, added)
+            for kind, shared in kinds.items():
+                with Client(line.split()[3], timeout_s=60.0, shared_memory=shared) as client:
+                    record["gl_renderer"] = client.hello()["gl_renderer"]
+                    for name, (_, output, _) in CAMERAS.items():
+                        told, rendered = zip(*(python_frame(client, name, output, k)
+                                               for k in range(N_FRAMES + N_WARM_UP)), strict=True)
+                        note(record, f"python {kind}", name, told, rendered)
             for who, command in native.items():
                 for name, (_, output, _) in CAMERAS.items():
                     told = command("127.0.0.1", port, name, output)
                     rendered = [entry["render_ms"] for entry in map(json.loads, log.read_text().splitlines())
                                 if entry["message"] == "request"][-len(told):]
-                    note(record, f"{who} framed tcp", name, np.array(told) - rendered)
+                    note(record, who, name, told, rendered)
         finally:
             process.terminate()
             process.wait(timeout=20.0)
 
 
-def python_frame(client: Client, camera: str, output: str, k: int) -> float:
+def python_frame(client: Client, camera: str, output: str, k: int) -> tuple[float, float]:
+    """Milliseconds of a request, and of the server's work on its frame."""
     began = time.perf_counter()
     reply = client.render({**STATE, "t_s": float(k)}, camera, output=output)
-    return 1e3 * (time.perf_counter() - began) - reply.header["timings_ms"]["total"]
+    return 1e3 * (time.perf_counter() - began), reply.header["timings_ms"]["total"]
 
 
 def native_clients(folder: Path, record: dict) -> dict:
@@ -109,15 +116,17 @@ def native_clients(folder: Path, record: dict) -> dict:
                         *library, "-o", folder / "client"], check=True)
         pose = lambda p: [*p["r_inertial_m"], *p["q_from_inertial"]]  # noqa: E731
         numbers = np.array([*STATE["r_sun_inertial_m"], *pose(STATE["spacecraft"]), *pose(STATE["bodies"]["body"])])
-        found["c"] = lambda host, port, camera, output: run(
+        found["c framed tcp"] = lambda host, port, camera, output: run(
             [folder / "client", host, port, camera, int(output == "dn"), N_FRAMES + N_WARM_UP], numbers.tobytes())
     if octave:
-        found["octave"] = octave_client(octave, folder, "class")
+        found["octave shared memory"] = octave_client(octave, folder, "class")
+        found["octave framed tcp"] = octave_client(octave, folder, "class socket")
     if octave and shutil.which("mkoctfile"):
         subprocess.run([octave, "-q", "--no-history", "--path", SIMULINK, "--eval", f"build_glrender_mex('{folder}')"],
                        check=True, capture_output=True)
-        found["octave mex"] = octave_client(octave, folder, "mex")
-    record["not_run"] += [who for who in ("c", "octave", "octave mex") if who not in found]
+        found["octave mex framed tcp"] = octave_client(octave, folder, "mex")
+    record["not_run"] += [who for who in ("c framed tcp", "octave shared memory", "octave mex framed tcp")
+                          if who not in found]
     return found
 
 
@@ -177,9 +186,11 @@ def percentiles(milliseconds) -> dict[str, float]:
     return {f"p{q}": round(float(np.percentile(kept, q)), 3) for q in (50, 95, 99)}
 
 
-def note(record: dict, who: str, camera: str, added) -> None:
-    found = percentiles(added)
-    floor = record["floor_ms"]["tcp" if "tcp" in who else "ipc"][camera]["p50"]
+def note(record: dict, who: str, camera: str, told, rendered) -> None:
+    """The frame's own time beside what is added to it: where it is far above the shortest, others had the cores."""
+    found = percentiles(np.subtract(told, rendered))
+    found["render_p50"] = percentiles(rendered)["p50"]
+    floor = record["floor_ms"]["ipc" if "ipc" in who else "tcp"][camera]["p50"]
     found["p50_over_floor"] = round(found["p50"] / floor, 2)
     record["added_ms"].setdefault(who, {})[camera] = found
 

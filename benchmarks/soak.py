@@ -104,14 +104,16 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--kill-client-every", type=int, default=0, metavar="FRAMES")
     parser.add_argument("--kill-worker-every", type=int, default=0, metavar="FRAMES")
+    parser.add_argument("--ipc", action="store_true", help="larger frames, which clients read in shared memory")
     arguments = parser.parse_args(argv)
     if (arguments.frames is None) == (arguments.seconds is None):
         parser.error("say either --frames or --seconds")
     with tempfile.TemporaryDirectory() as folder:
         scene = Path(folder) / "scene.toml"
-        scene.write_text(SCENE)
+        scene.write_text(SCENE.replace("96", "160") if arguments.ipc else SCENE)
+        where = f"ipc://{folder}/z" if arguments.ipc else "tcp://127.0.0.1:*"
         with open(Path(folder) / "log", "wb") as log:
-            process = subprocess.Popen([sys.executable, "-m", "glrender_server", str(scene), "--zmq", "tcp://127.0.0.1:*",
+            process = subprocess.Popen([sys.executable, "-m", "glrender_server", str(scene), "--zmq", where,
                                         "--workers", str(arguments.workers), "--deadline", "30"],
                                        stdout=subprocess.PIPE, stderr=log, text=True)
         try:

@@ -58,7 +58,7 @@ class Capture:
 
 
 def draw_still(renderer: Any, state: State, camera: str | None = None, *, products: Iterable[str] = (),
-               **options: Any) -> Capture:
+               roi: tuple[int, int, int, int] | None = None, **options: Any) -> Capture:
     """The irradiance image of a camera, distorted as its lens does it.
 
     Parameters
@@ -70,9 +70,12 @@ def draw_still(renderer: Any, state: State, camera: str | None = None, *, produc
         Name; the scene's only camera by default.
     products
         As of `Renderer.render`.
+    roi : (x0, y0, x1, y1) int [px], optional
+        The part that is asked for, one past the last: no other is drawn where there is neither a lens nor a coma, and
+        the rest of the arrays is dark. The budget is held in it, with samples that the planner chose for it alone.
     **options
-        `max_error`, `samples`, `allow_slow`, `on_progress` of `Renderer.render`; those that another renderer does
-        not take are left out.
+        `max_error`, `samples`, `allow_slow`, `on_progress`, `out` of `Renderer.render`; those that another renderer
+        does not take are left out.
 
     Raises
     ------
@@ -80,10 +83,11 @@ def draw_still(renderer: Any, state: State, camera: str | None = None, *, produc
     """
     pinhole = renderer.scene.camera(camera)
     began, margin_px = time.perf_counter(), lens_margin(pinhole)
-    drawing = Drawing(renderer, pinhole, margin_px, False, **options)
+    drawing = Drawing(renderer, pinhole, margin_px, False, roi=None if renderer.scene.emission else roi, **options)
     still = drawing.still(state, products)
     return Capture(irradiance_W_m2=_without_margin(still.irradiance_W_m2, margin_px), products=still.products,
-                   frame=None, plan=still.plan, stages={"distortion": drawing.distortion_text},
+                   frame=None, plan=still.plan,
+                   stages={"distortion": drawing.distortion_text, "region": drawing.region_text},
                    timings_ms=_timings(still, began))
 
 

@@ -26,6 +26,8 @@ _SMOOTH = ("range", "r_body")
 _LARGEST_STEP = 4.0
 # Smaller bodies are spread as points: an image of pixels has lost their places, a crescent's of 8 px by 0.06 px.
 _APART_PX = 24.0
+# Of products beside the bodies, where it is not NaN.
+_BESIDE = {"body_id": -1, "facet_id": -1, "sunlit": 0}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,6 +59,9 @@ class Drawing:
     margin_px : int [px]
     is_for_detector : bool
         Whether the budget holds after the point spread function, and the Sun is drawn.
+    roi : (x0, y0, x1, y1) int [px], optional
+        The part of the image that is asked for: where no lens distorts no more is drawn, and the rest is dark,
+        without a body.
     max_error, samples
         As of `Renderer.render`.
     **options
@@ -64,12 +69,16 @@ class Drawing:
     """
 
     def __init__(self, renderer: Any, camera: PinholeCamera, margin_px: int, is_for_detector: bool, *,
-                 max_error: float | None = None, samples: int | None = None, **options: Any):
+                 roi: tuple[int, int, int, int] | None = None, max_error: float | None = None,
+                 samples: int | None = None, **options: Any):
         self._renderer, self._camera, self._margin_px = renderer, camera, margin_px
         self._is_for_detector = is_for_detector
         wide = camera.with_margin(margin_px)
         self.lens = lens_of(wide)
         self.source = wide if self.lens is None else self.lens.source
+        self._box = None
+        if roi is not None and self.lens is None:
+            self._box, self._shape, self.source = roi, (wide.height_px, wide.width_px), _part(wide, roi)
         taken = inspect.signature(renderer.render).parameters
         self._options = {name: value for name, value in options.items() if name in taken}
         self._budget = renderer.scene.max_error if max_error is None else checked_max_error(max_error)
@@ -94,6 +103,13 @@ class Drawing:
         return (f"{self.lens.distortion.text}; drawn as {self.source.width_px} x {self.source.height_px} cells, "
                 f"{n} x {n} a pixel")
 
+    @property
+    def region_text(self) -> str:
+        """The stage in words."""
+        if self._box is None:
+            return "skipped: the whole image is drawn"
+        return f"drawn alone: {list(self._box)} px"
+
     def still(self, state: State, products: Iterable[str] = ()) -> Still:
         """One pose."""
         wanted = checked_products(products)
@@ -109,6 +125,11 @@ class Drawing:
             if not disc.any():
                 sun_text = "skipped: hidden by a body, or beside the image"
         plan, made = image.plan, image.products
+        if self._box is not None:
+            x0, y0, _, _ = self._box
+            roi = (roi[0] + x0, roi[1] + y0, roi[2] + x0, roi[3] + y0) if any(roi) else roi
+            light = self._in_place(light, 0.0)
+            made = {name: self._in_place(values, _BESIDE.get(name, np.nan)) for name, values in made.items()}
         if self._share != 1.0:
             plan = replace(plan, max_error=self._budget, predicted_error=plan.predicted_error * self._share)
         if self.lens is not None:
@@ -133,6 +154,20 @@ class Drawing:
         light = np.concatenate([points.irradiance_W_m2 for points in kept])
         seen = np.isfinite(xy).all(axis=1)
         return PointSources(xy[seen], light[seen])
+
+    def _in_place(self, part: np.ndarray, beside: float) -> np.ndarray:
+        """The whole image, of which a part was drawn."""
+        whole = np.full((*self._shape, *part.shape[2:]), beside, part.dtype)
+        x0, y0, x1, y1 = self._box
+        whole[y0:y1, x0:x1] = part
+        return whole
+
+
+def _part(camera: PinholeCamera, box: tuple[int, int, int, int]) -> PinholeCamera:
+    """The camera that sees a part of another's image."""
+    x0, y0, x1, y1 = box
+    x, y = camera.principal_point_px
+    return replace(camera, width_px=x1 - x0, height_px=y1 - y0, principal_point_px=(x - x0, y - y0))
 
 
 def margin_of(scene: Scene, state: State, camera: PinholeCamera, is_moving: bool) -> tuple[int, str]:

@@ -107,7 +107,7 @@ class Renderer:
     def render(self, state: State, camera: str | PinholeCamera | None = None, *, max_error: float | None = None,
                products: Iterable[str] = ("irradiance",), samples: int | None = None, level: int | None = None,
                after_psf: bool = False, apart_px: float = 0.0, allow_slow: bool | str = False,
-               on_progress: Callable[[float], None] | None = None) -> Image:
+               on_progress: Callable[[float], None] | None = None, out: np.ndarray | None = None) -> Image:
         """Draw one frame.
 
         Parameters
@@ -135,6 +135,8 @@ class Renderer:
             the budget and no `samples` or `level` is asked for; or which one.
         on_progress : callable, optional
             Called by the slow backend with the share done, 0..1.
+        out : (height, width) float32 array, optional
+            Where the irradiance is drawn, instead of new memory; a slow backend brings its own.
 
         Returns
         -------
@@ -172,7 +174,7 @@ class Renderer:
         self._context.gl.finish()
         clock.lap("shadow")
         frame = Frame(camera=pinhole, views=views, bodies=bodies, shadows=shadows)
-        irradiance = np.zeros((pinhole.height_px, pinhole.width_px), np.float32)
+        irradiance = _blank((pinhole.height_px, pinhole.width_px), out)
         small: list[SmallBody] = []
         windows = [self._irradiance.draw(irradiance, choice, frame, gain, clock, small, apart_px)
                    for choice in choices]
@@ -238,3 +240,13 @@ class Renderer:
             draw_surfaces=draw_surfaces, shadow_map=shadow_map)
         added = tuple(emission.add(irradiance, given) for emission in self._emission)
         return replace(frame_plan, emission=added, roi=(0, 0, camera.width_px, camera.height_px))
+
+
+def _blank(shape: tuple[int, int], out: np.ndarray | None) -> np.ndarray:
+    """A dark image, in `out` if that is given."""
+    if out is None:
+        return np.zeros(shape, np.float32)
+    if out.shape != shape or out.dtype != np.float32:
+        raise ConfigError("out", f"must be float32 of shape {shape}", f"{out.dtype} of {out.shape}")
+    out.fill(0.0)
+    return out

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from missing import missing
 
 _REPOSITORY = Path(__file__).parent.parent
 
@@ -22,14 +23,14 @@ def shared() -> Path:
 
 @pytest.fixture(scope="session")
 def blender() -> str:
-    """The version of a Blender that starts; without one the tests of the backend cycles are skipped."""
+    """The version of a Blender that starts; without one the tests of the backend cycles cannot run."""
     from glrender import DeviceError
     from glrender.backends.cycles.process import BlenderProcess
 
     try:
         process = BlenderProcess()
     except DeviceError as error:
-        pytest.skip(f"SKIPPED FOR WANT OF BLENDER: {error}")
+        missing(f"BLENDER ({error})", "make blender")
     process.close()
     return process.version
 

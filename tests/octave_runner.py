@@ -8,19 +8,12 @@ import subprocess
 from functools import cache
 from pathlib import Path
 
-import pytest
+from missing import missing
 
 REPOSITORY = Path(__file__).parent.parent
 SIMULINK = REPOSITORY / "clients" / "simulink"
 MARK = "GLRENDER CHECKED"
-
-
-def missing(what):
-    """In CI a gap is a failure; elsewhere it is a loud skip."""
-    reason = f"{what} IS MISSING: sh tools/install_octave.sh brings it"
-    if os.environ.get("CI") == "true":
-        pytest.fail(reason)
-    pytest.skip(reason)
+REMEDY = "sh tools/install_octave.sh brings it"
 
 
 @cache
@@ -38,7 +31,7 @@ def octave(script, *arguments, timeout=120, paths=(), environment=()):
     """Run tests/octave/<script>; it must end with rc 0 and say its mark. Returns what it said."""
     program = _octave()
     if program is None:
-        missing("GNU OCTAVE WITH INSTRUMENT-CONTROL")
+        missing("GNU OCTAVE WITH INSTRUMENT-CONTROL", REMEDY)
     folders = [SIMULINK, REPOSITORY / "tests" / "octave", *paths]
     run = subprocess.run([program, "-q", "--no-history", "--no-init-file",
                           *(word for folder in folders for word in ("--path", str(folder))),
@@ -51,12 +44,12 @@ def octave(script, *arguments, timeout=120, paths=(), environment=()):
 def mkoctfile():
     """Octave's compiler of MEX functions."""
     if shutil.which("mkoctfile") is None:
-        missing("OCTAVE'S MKOCTFILE (octave-dev)")
+        missing("OCTAVE'S MKOCTFILE (octave-dev)", REMEDY)
 
 
 def compiler():
     """A C compiler with the address and undefined-behaviour sanitizers."""
     program = shutil.which("gcc") or shutil.which("clang") or shutil.which("cc")
     if program is None:
-        missing("A C COMPILER")
+        missing("A C COMPILER", REMEDY)
     return program

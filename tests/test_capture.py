@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 import views
-from glrender import ConfigError, Pose, Scene, State, draw_still, frames, open_renderer, take_frame
+from glrender import Body, ConfigError, Pose, Scene, State, draw_still, frames, generate, open_renderer, take_frame
 from glrender.brdf import Lambert
 from glrender.constants import AU_M, SUN_RADIUS_M
 from glrender.ranging import laser_ranges
@@ -154,6 +154,27 @@ def test_a_distorting_camera_projects_as_opencv_does_and_back():
     np.testing.assert_allclose(camera.solid_angle_sr()[97, 20], np.linalg.norm(np.cross(right, down)), rtol=1e-6)
 
 
+@pytest.mark.parametrize("roi", [(64, 64, 128, 128), (100, 40, 228, 200)])
+def test_a_region_is_drawn_alone_and_within_the_budget_of_its_own(roi):
+    """Against the ray tracer in float64, 64 samples a pixel; the shadows of what is beside the region fall into it."""
+    shape = generate.contact_binary(radius_m=100.0, seed=2, subdivisions=5)
+    scene = views.scene([Body(name="body", shape=shape, brdf=GREY)], [views.camera(256, 2000.0)], max_error=0.05)
+    state, (x0, y0, x1, y1) = views.state(), roi
+    with open_renderer(scene) as renderer:
+        capture = draw_still(renderer, state, roi=roi, products=["facet_id"])
+    with open_renderer(scene, "raytrace") as tracer:
+        truth = tracer.render(state, samples=8).irradiance_W_m2.astype(float)
+    beside = np.ones(truth.shape, bool)
+    beside[y0:y1, x0:x1] = False
+    assert not capture.irradiance_W_m2[beside].any() and (capture.products["facet_id"][beside] == -1).all()
+    drawn = capture.plan.roi
+    assert drawn[2] <= x1 - x0 and drawn[3] <= y1 - y0
+    truth = truth[y0:y1, x0:x1]
+    error = np.sqrt(np.mean((capture.irradiance_W_m2[y0:y1, x0:x1] - truth)[truth > 0] ** 2)) / truth[truth > 0].mean()
+    assert error < scene.max_error
+    assert error < 2.0 * capture.plan.predicted_error + 0.01
+
+
 def test_a_lens_without_coefficients_is_no_lens():
     camera = views.camera(64, 220.0, distortion=BrownConrady())
     scene, state, _, _ = off_axis(camera)
@@ -161,7 +182,8 @@ def test_a_lens_without_coefficients_is_no_lens():
     with open_renderer(scene) as renderer:
         capture = draw_still(renderer, state)
         np.testing.assert_array_equal(capture.irradiance_W_m2, renderer.render(state).irradiance_W_m2)
-    assert capture.stages == {"distortion": "skipped: the camera has none"}
+    assert capture.stages == {"distortion": "skipped: the camera has none",
+                              "region": "skipped: the whole image is drawn"}
 
 
 # Margins

@@ -23,5 +23,14 @@ def test_a_snippet_runs_alone(code, tmp_path, monkeypatch):
     exec(compile(code, "snippet", "exec", dont_inherit=True), {})
 
 
+def test_the_tests_that_the_services_page_names_are_there():
+    page = (ROOT / "docs" / "service_checks.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"test_\w+", page))
+    defined = {name for file in (ROOT / "tests").glob("test_*.py")
+               for name in re.findall(r"^def (test_\w+)", file.read_text(encoding="utf-8"), re.M)}
+    assert len(named) > 50 and named <= defined, named - defined
+    assert all((ROOT / "benchmarks" / file).is_file() for file in set(re.findall(r"\w+\.py", page)))
+
+
 def test_there_are_snippets():
     assert len(SNIPPETS) >= 4

@@ -20,10 +20,12 @@ REPOSITORY = Path(__file__).parent.parent
 STATE = views.state().to_dict()
 
 
-def test_killed_clients_and_workers_lose_no_request():
+@pytest.mark.parametrize("where", [[], ["--ipc"]], ids=["tcp", "shared memory"])
+def test_killed_clients_and_workers_lose_no_request(where):
     soak = str(REPOSITORY / "benchmarks" / "soak.py")
-    run = subprocess.run([sys.executable, soak, "--frames", "500", "--clients", "4", "--kill-client-every", "50",
-                          "--kill-worker-every", "150"], capture_output=True, text=True, timeout=300)
+    run = subprocess.run([sys.executable, soak, *where, "--frames", "500", "--clients", "4",
+                          "--kill-client-every", "50", "--kill-worker-every", "150"],
+                         capture_output=True, text=True, timeout=300)
     record = json.loads(run.stdout)
     assert record["is_sound"] and record["frames"] >= 500, run.stdout
     assert record["killed"]["clients"] >= 5 and record["restarts"] >= 1, run.stdout

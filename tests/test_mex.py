@@ -38,8 +38,15 @@ def test_the_mex_function_gets_the_pixels_that_python_gets(built, tmp_path):
                   "dn_auto": client.render(STATE, "navcam", output="dn", exposure_s="auto", seed=2**64 - 1).pixels,
                   "samples": client.render(STATE, "navcam", samples=3).pixels,
                   "fine": client.render(STATE, "navcam", max_error=0.001).pixels,
-                  "region": frame.pixels[20:45, 30:71]}
+                  "region": client.render(STATE, "navcam", products=["r_body"], roi=[30, 20, 71, 45]).pixels}
     assert len({array.tobytes() for array in arrays.values()}) == len(arrays)
     for name, array in arrays.items():
         kept = np.fromfile(tmp_path / name, array.dtype).reshape(array.shape, order="F")
         np.testing.assert_array_equal(kept, array, err_msg=name)
+
+
+def test_slow_frames_are_allowed_and_tell_how_far_they_are(built, tmp_path):
+    """By the class and the MEX function; `raytrace` draws what OpenGL's shadow maps cannot."""
+    (tmp_path / "state.json").write_text(json.dumps(STATE))
+    with serving.server(tmp_path, "--tcp", "127.0.0.1:0", "--workers", "1", "--deadline", "60") as (_, process):
+        octave("slow_script.m", *serving.tcp_address(process), tmp_path / "state.json", paths=[built])

@@ -51,7 +51,8 @@ def test_the_class_gets_the_pixels_that_python_gets(live, tmp_path):
                   "byte": client.render(STATE, "byte", output="dn", seed=3).pixels,
                   "region": client.render(STATE, "navcam", output="dn", exposure_s=0.02, seed=7).pixels[20:45, 30:71],
                   "frames_byte": client.render(STATE, "byte", output="dn", seed=3).pixels,
-                  "frames_r_body": frame.arrays["r_body"][20:45, 30:71],
+                  "frames_r_body": client.render(STATE, "navcam", products=["r_body"],
+                                                 roi=[30, 20, 71, 45]).arrays["r_body"],
                   "frames_bare": client.render(STATE, "bare").pixels,
                   "ranges": client.range(STATE, [[0, 0, 1], [0.01, 0, np.sqrt(1 - 1e-4)], [1, 0, 0]],
                                          "navcam").arrays["range"]}

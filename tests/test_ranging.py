@@ -10,6 +10,7 @@ from glrender import Body, ConfigError, Renderer, SceneError, generate
 from glrender.brdf import Lambert
 from glrender.ranging import RangeNoise, first_hits, laser_ranges
 from glrender_client import Client, ServerError
+from missing import needed_module
 
 LAW = Lambert(normal_albedo=0.2)
 
@@ -114,7 +115,7 @@ def test_pixels_and_rays_agree(two_bodies):
 
 
 def test_embree_agrees(two_bodies):
-    pytest.importorskip("embreex", reason="EMBREE IS MISSING: pip install 'glrender[raytrace]'")
+    needed_module("embreex", "pip install 'glrender[raytrace]'")
     from glrender import open_renderer
 
     scene, state = two_bodies

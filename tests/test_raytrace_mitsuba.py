@@ -11,18 +11,24 @@ import views
 from glrender import Body, generate
 from glrender.backends.raytrace import RayTracer
 from glrender.brdf import Lambert
+from missing import needed_module
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "benchmarks"))
 from peers.from_glrender import peer_scene
 from peers.mitsuba3 import prepare
 
-pytest.importorskip("mitsuba", reason="SKIPPED FOR WANT OF MITSUBA 3: pip install -e '.[peers]'")
 SAMPLES = 16
+
+
+@pytest.fixture(scope="module", autouse=True)
+def mitsuba():
+    return needed_module("mitsuba", "make mitsuba")
 
 
 def _both(body, phase_deg, range_m, focal_length_px):
     """Mitsuba's image (its scalar variant, which needs no LLVM) and ours: 256 samples a pixel each."""
-    scene = views.scene([body], [views.camera(96, focal_length_px)])
+    # Mitsuba's Sun is a point.
+    scene = views.scene([body], [views.camera(96, focal_length_px)], sun_disc=False)
     state = views.state(phase_deg=phase_deg, range_m=range_m)
     theirs = prepare(peer_scene(scene, state, scene.cameras[0]), "scalar_rgb")(SAMPLES)
     with RayTracer(scene) as tracer:

@@ -78,17 +78,35 @@ def test_both_transports_carry_the_same_bytes(live, order):
 
 
 @pytest.mark.parametrize("roi", [[0, 0, 96, 64], [0, 0, 1, 1], [95, 63, 96, 64], [30, 10, 70, 50], [0, 20, 96, 21]])
-@pytest.mark.parametrize("output", ["irradiance", "dn"])
-def test_a_region_is_that_part_of_the_very_frame(live, roi, output):
-    options = {"output": "dn", "seed": 3, "exposure_s": "auto"} if output == "dn" else {}
+@pytest.mark.parametrize("exposure_s", [0.01, "auto"])
+def test_a_region_of_digital_numbers_is_that_part_of_the_very_frame(live, roi, exposure_s):
+    options = {"output": "dn", "seed": 3, "exposure_s": exposure_s, "products": PRODUCTS}
     x0, y0, x1, y1 = roi
     with Client(live[0]) as client:
-        whole = client.render(STATE, "navcam", products=PRODUCTS, **options)
-        region = client.render(STATE, "navcam", products=PRODUCTS, roi=roi, **options)
+        whole, region = (client.render(STATE, "navcam", **options, **more) for more in ({}, {"roi": roi}))
     assert region.arrays.keys() == whole.arrays.keys() and region.header["roi"] == roi
-    assert region.header.get("exposure_s") == whole.header.get("exposure_s")
+    assert region.header["exposure_s"] == whole.header["exposure_s"]
     for name, array in region.arrays.items():
         np.testing.assert_array_equal(array, whole.arrays[name][y0:y1, x0:x1])
+
+
+@pytest.mark.parametrize("roi", [[0, 0, 96, 64], [0, 0, 1, 1], [95, 63, 96, 64], [30, 10, 70, 50]])
+def test_a_region_of_irradiance_is_drawn_alone_within_the_budget(live, roi):
+    """Products are those of the whole image but where a pixel's centre meets an edge; `sunlit` has its own map."""
+    x0, y0, x1, y1 = roi
+    with Client(live[0]) as client:
+        whole, region = (client.render(STATE, "navcam", products=PRODUCTS, **more) for more in ({}, {"roi": roi}))
+    assert region.arrays.keys() == whole.arrays.keys() and region.header["roi"] == roi
+    assert region.header["stages"]["region"] == f"drawn alone: {roi} px"
+    theirs = {name: array[y0:y1, x0:x1] for name, array in whole.arrays.items()}
+    same = theirs["facet_id"] == region.arrays["facet_id"]
+    assert same.mean() > 0.99
+    for name in set(theirs) - {"image", "sunlit"}:
+        np.testing.assert_allclose(region.arrays[name][same], theirs[name][same], rtol=1e-5, atol=1e-4)
+    light = theirs["image"].astype(float)
+    if light.any():
+        rms = np.sqrt(np.mean((region.pixels - light)[light > 0] ** 2))
+        assert rms < 0.1 * light[light > 0].mean(), "the scene's budget"
 
 
 def test_saturated_pixels_are_counted_in_the_region(live):

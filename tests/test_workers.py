@@ -253,8 +253,10 @@ def test_a_slot_comes_back_only_when_the_last_view_of_it_is_gone():
     try:
         slot = store.take(100_000)
         assert slot.size >= 100_000
-        slot.buf[:6] = b"abcdef"
-        first, second = store.lend(slot, [2, 4])
+        for place, text in zip(slots.room(slot, [2, 4]), (b"ab", b"cdef"), strict=True):
+            place[:] = text
+        place.release()
+        (first, second), _ = store.lend(slot, [2, 4])
         assert bytes(first) == b"ab" and bytes(second) == b"cdef"
         other = store.take(100_000)
         assert other.name != slot.name, "in flight: not to be written"

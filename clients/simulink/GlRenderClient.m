@@ -1,7 +1,7 @@
 classdef GlRenderClient < handle
 %GLRENDERCLIENT  Asks a glrender server for frames, over framed TCP; needs no toolbox.
 %   client = GlRenderClient()                           127.0.0.1, port 5556 (glrender-server scene.toml --tcp ...)
-%   client = GlRenderClient(host, port, 'Timeout', 10, 'Retries', 1)
+%   client = GlRenderClient(host, port, 'Timeout', 10, 'Retries', 1, 'SharedMemory', true)
 %   reply = client.render(state, 'camera', 'navcam', 'output', 'dn', 'exposure_s', 0.1, 'seed', 7)
 %   reply.pixels                                        height x width, row 1 on top
 %   client.close()
@@ -19,12 +19,14 @@ classdef GlRenderClient < handle
     Timeout   % [s], of each try
     Retries   % further tries after a timeout or a lost connection, each over a new connection
     Name      % of this client; the server answers a repeated request from its last reply
+    SharedMemory  % whether frames are read in the memory of a server on this machine; by default on Linux
   end
 
   properties (Access = private)
     Socket = []
     NextId = 1
     IsClosed = false
+    Progress = []  % of the request under way: called with the share done
   end
 
   methods
@@ -40,13 +42,15 @@ classdef GlRenderClient < handle
       end
       self.Host = host;
       self.Port = port;
-      options = struct('Timeout', 10, 'Retries', 1);
+      is_here = strcmp(host, '127.0.0.1') && exist('/dev/shm', 'dir') == 7;
+      options = struct('Timeout', 10, 'Retries', 1, 'SharedMemory', is_here);
       options = GlRenderClient.with_options(options, varargin, fieldnames(options));
       if ~(options.Timeout > 0) || ~(options.Retries >= 0)
         error('glrender:argument', 'Timeout must be > 0 [s] and Retries >= 0');
       end
       self.Timeout = options.Timeout;
       self.Retries = options.Retries;
+      self.SharedMemory = logical(options.SharedMemory);
       self.Name = sprintf('matlab-%s', GlRenderClient.unique_text());
       if exist('OCTAVE_VERSION', 'builtin')
         pkg('load', 'instrument-control');
@@ -93,18 +97,22 @@ classdef GlRenderClient < handle
       %RENDER  One frame.
       %   reply = client.render(state, NAME, VALUE, ...) with the names of docs/protocol.md: camera, output
       %   ('irradiance' or 'dn'), exposure_s, seed, max_error, samples, products (cell of names), roi ([x0 y0 x1 y1],
-      %   pixels from 0, one past the last: whole(y0 + 1:y1, x0 + 1:x1)).
+      %   pixels from 0, one past the last: whole(y0 + 1:y1, x0 + 1:x1)), allow_slow (true, 'raytrace' or 'cycles': who
+      %   may draw in seconds or minutes what OpenGL cannot within max_error; give the client a Timeout as long).
+      %   'progress', @(share) fprintf('%.0f %%\n', 100 * share) is called about twice a second while a server with
+      %   worker processes draws slow frames.
       %   The result is a GlRenderReply: reply.pixels, reply.arrays.PRODUCT, reply.header.
       fields = struct('state', state, 'order', 'F');
-      fields = GlRenderClient.with_options(fields, varargin, GlRenderClient.frame_options());
-      [arrays, header_bytes] = self.ask('render', GlRenderClient.with_list(fields));
+      names = [GlRenderClient.frame_options(), GlRenderClient.request_options()];
+      fields = GlRenderClient.with_options(fields, varargin, names);
+      [arrays, header_bytes] = self.ask_frames(GlRenderClient.with_list(fields));
       reply = GlRenderReply(arrays{1}, header_bytes);
     end
 
-    function replies = render_frames(self, state, frames)
+    function replies = render_frames(self, state, frames, varargin)
       %RENDER_FRAMES  Several frames of one state in one request; a cell of GlRenderReply, in their order.
       %   frames: cell of structs with the options of `render`: {struct('camera', 'navcam'), struct('camera', 'wac')}.
-      %   15 images and products in all; one frame that is refused refuses all.
+      %   15 images and products in all; one frame that is refused refuses all. Then NAME, VALUE of allow_slow, progress.
       if ~iscell(frames) || ~all(cellfun(@(frame) isstruct(frame) && isscalar(frame), frames))
         error('glrender:argument', 'frames must be a cell of structs');
       end
@@ -117,7 +125,8 @@ classdef GlRenderClient < handle
       end
       fields = struct('state', state, 'order', 'F');
       fields.frames = reshape(frames, 1, []);
-      [arrays, header_bytes] = self.ask('render', fields);
+      fields = GlRenderClient.with_options(fields, varargin, GlRenderClient.request_options());
+      [arrays, header_bytes] = self.ask_frames(fields);
       replies = cell(1, numel(frames));
       for k = 1:numel(frames)
         replies{k} = GlRenderReply(arrays{k}, header_bytes, k);
@@ -136,6 +145,22 @@ classdef GlRenderClient < handle
   end
 
   methods (Access = private)
+    function [arrays, header_bytes] = ask_frames(self, fields)
+      self.Progress = [];
+      if isfield(fields, 'progress')
+        self.Progress = fields.progress;
+        fields = rmfield(fields, 'progress');
+      end
+      if self.SharedMemory
+        fields.shared = true;
+      end
+      [arrays, header_bytes] = self.ask('render', fields);
+      if isempty(arrays)
+        self.SharedMemory = false;  % that memory cannot be read from here
+        [arrays, header_bytes] = self.ask('render', rmfield(fields, 'shared'));
+      end
+    end
+
     function [arrays, header_bytes] = ask(self, op, fields)
       if self.IsClosed
         error('glrender:closed', 'this client is closed');
@@ -176,6 +201,9 @@ classdef GlRenderClient < handle
       if exist('OCTAVE_VERSION', 'builtin') && written ~= numel(request.bytes)
         error('glrender:connection', 'the connection to %s:%d is closed', self.Host, self.Port);
       end
+      if ~isempty(self.Progress)
+        self.watch(self.Progress);
+      end
       while true
         [header_bytes, parts] = self.receive();
         header = glr_unpack(header_bytes, 'arrays');
@@ -189,6 +217,13 @@ classdef GlRenderClient < handle
         error(['glrender:', problem.code], '%s', problem.message);
       end
       arrays = {struct()};
+      if isfield(header, 'shared')
+        parts = glr_shared(header.shared);
+        if isempty(parts)
+          arrays = {};
+          return
+        end
+      end
       for k = 1:numel(header.arrays)
         entry = header.arrays{k};
         frame = 1;
@@ -196,6 +231,31 @@ classdef GlRenderClient < handle
           frame = entry.frame + 1;
         end
         arrays{frame}.(entry.name) = glr_array(entry, parts{entry.part});
+      end
+    end
+
+    function watch(self, progress)
+      % Tell how far slow frames are until the reply begins to come, asking by another connection.
+      began = tic();
+      due = 0.5;
+      other = [];
+      while toc(began) < self.Timeout && GlRenderClient.n_waiting(self.Socket) == 0
+        pause(0.02);
+        if toc(began) < due
+          continue
+        end
+        due = toc(began) + 0.5;
+        try
+          if isempty(other)
+            other = GlRenderClient(self.Host, self.Port, 'Timeout', self.Timeout, 'Retries', 0);
+          end
+          told = other.status();
+        catch
+          return  % what is wrong, the reply will tell
+        end
+        if isfield(told, 'slow_frames') && ~isempty(told.slow_frames)
+          progress(max(told.slow_frames));
+        end
       end
     end
 
@@ -267,6 +327,18 @@ classdef GlRenderClient < handle
   end
 
   methods (Static, Access = private)
+    function count = n_waiting(socket)
+      try
+        count = socket.NumBytesAvailable;
+      catch
+        count = socket.BytesAvailable;  % before R2020b
+      end
+    end
+
+    function names = request_options()
+      names = {'allow_slow', 'progress'};
+    end
+
     function names = frame_options()
       names = {'camera', 'output', 'exposure_s', 'seed', 'max_error', 'samples', 'products', 'roi'};
     end

@@ -42,6 +42,8 @@ typedef struct {
     uint32_t samples; /* along a pixel's side; 0: the planner's choice */
     uint32_t n_products;
     const char *const *products; /* "range", "body_id", "facet_id", "incidence", "emission", "phase", ... */
+    const char *allow_slow; /* who may draw slowly what OpenGL cannot within max_error: "any", "raytrace" or "cycles";
+                               NULL: nobody. Of the first frame, for all; open the client with a timeout as long */
     uint32_t roi[4];             /* region of interest [px]: x0, y0, x1, y1, one past the last; 0, 0, 0, 0: the whole */
 } glr_options;
 

@@ -20,7 +20,23 @@ function bytes = glr_pack(value)
       else
         chunks{2 * k - 1} = text_bytes(name);
       end
-      chunks{2 * k} = glr_pack(value.(name));
+      entry = value.(name);
+      count = numel(entry);
+      % The commonest values here, not by a call of their own: calls are what the time goes into.
+      if isa(entry, 'double') && count > 0 && count < 16 && count == max(size(entry)) && isreal(entry)
+        raw = zeros(9, count, 'uint8');
+        raw(1, :) = 203;
+        raw(9:-1:2, :) = reshape(typecast(entry(:), 'uint8'), 8, count);
+        if count > 1
+          chunks{2 * k} = [uint8(144 + count), raw(:).'];
+        else
+          chunks{2 * k} = raw.';
+        end
+      elseif ischar(entry) && count < 32 && count == size(entry, 2) && all(entry < 128)
+        chunks{2 * k} = [uint8(160 + count), uint8(entry)];
+      else
+        chunks{2 * k} = glr_pack(entry);
+      end
     end
     bytes = [head(128, 222, numel(names), 16), chunks{:}];
   elseif isa(value, 'containers.Map')

@@ -6,7 +6,8 @@
  *     glrender_mex('close', handle)
  *
  * state: as for GlRenderClient, `bodies` a struct. options: struct with any of camera, output, exposure_s, seed, max_error,
- * samples, products, roi (docs/protocol.md). Errors: glrender:CODE, glrender:argument.
+ * samples, products, roi, allow_slow (docs/protocol.md; the first struct's allow_slow holds for all).
+ * Errors: glrender:CODE, glrender:argument.
  */
 #include <stdarg.h>
 #include <stdio.h>
@@ -134,6 +135,11 @@ static void get_options(const mxArray *value, glr_options *options) {
             options->samples = (uint32_t)samples;
         } else if (!strcmp(name, "products")) {
             get_products(given, options);
+        } else if (!strcmp(name, "allow_slow")) {
+            if (mxIsLogicalScalar(given))
+                options->allow_slow = mxIsLogicalScalarTrue(given) ? "any" : NULL;
+            else
+                options->allow_slow = text_of(given, name);
         } else if (!strcmp(name, "roi")) {
             numbers_of(given, name, 4, roi);
             for (k = 0; k < 4; k++) {

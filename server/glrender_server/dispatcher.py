@@ -76,7 +76,7 @@ class Dispatcher:
         self._started = time.monotonic()
         self.requests: Counter[str] = Counter()
         self.errors: Counter[str] = Counter()
-        self._kept: OrderedDict[str, tuple[bytes, list]] = OrderedDict()
+        self._kept: OrderedDict[str, tuple[bytes, list, list]] = OrderedDict()
         self._under_way: dict[bytes, list[Answer]] = {}
         self._last_timings_ms: dict[str, float] = {}
         self._durations = Histogram("glrender_request_seconds", "op")
@@ -161,22 +161,26 @@ class Dispatcher:
         log.debug("request", extra={"op": header["op"], "client": header["client"], "id": header["id"],
                                     "code": done.code, "ms": 1e3 * seconds,
                                     "render_ms": done.timings_ms.get("total", 0.0)})
+        reply = done.reply
         if done.code:
             self.errors[done.code] += 1
         else:
-            self._keep(header["client"], digest, done.reply)
+            if header.get("shared") and done.place is not None:
+                reply = [codec.with_field(reply[0], "shared", done.place)]
+            self._keep(header["client"], digest, reply, done.reply[1:])
         self._last_timings_ms = done.timings_ms or self._last_timings_ms
         for answer in self._under_way.pop(digest):
-            answer(done.reply)
+            answer(reply)
 
     def _refuse(self, request: Request, header: Mapping[str, Any], code: str, path: str, message: str) -> None:
         self.errors[code] += 1
         request.answer(refusal(header, code, path, message))
 
-    def _keep(self, client: str, digest: bytes, reply: Sequence[Any]) -> None:
-        self._kept[client] = (digest, list(reply))
+    def _keep(self, client: str, digest: bytes, reply: Sequence[Any], pixels: Sequence[Any]) -> None:
+        """Keep a reply for retries; its pixels' memory is not used again while it is kept."""
+        self._kept[client] = (digest, list(reply), list(pixels))
         self._kept.move_to_end(client)
-        size = lambda: sum(len(part) for _, parts in self._kept.values() for part in parts)  # noqa: E731
+        size = lambda: sum(len(part) for _, _, pixels in self._kept.values() for part in pixels)  # noqa: E731
         while len(self._kept) > 1 and (len(self._kept) > _MAX_KEPT or size() > _MAX_KEPT_BYTES):
             self._kept.popitem(last=False)
 

@@ -20,7 +20,7 @@ MAX_FRAME_BYTES = 4 * 1024**3
 """Most memory that one request's images and products may take while they are made."""
 MAX_ARRAYS = 15
 """Images and products of one reply: a message has at most 16 parts, and the first is the header."""
-_OF_THE_REQUEST = ("state", "allow_slow")
+_OF_THE_REQUEST = ("state", "allow_slow", "shared")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,14 +8,17 @@ from typing import Any, NamedTuple
 import zmq
 
 from .operations import Operations
+from .slots import SlotStore, offsets, room
 
 
 class Done(NamedTuple):
-    """A finished job: reply parts, error code (empty if it went well), and where the time went."""
+    """A finished job: reply parts, error code (empty if it went well), where the time went, and where a client on
+    this machine finds the parts behind the first (`SlotStore.lend`)."""
 
     reply: list[Any]
     code: str
     timings_ms: dict[str, float]
+    place: dict[str, Any] | None = None
 
 
 class Job(NamedTuple):
@@ -38,22 +41,34 @@ class LocalEngine:
     has_room, is_idle, outage = True, True, ""
 
     def __init__(self, operations: Operations):
-        self._operations = operations
+        self._operations, self._slots = operations, SlotStore()
         self.described = operations.described
 
     def start(self, job: Job) -> None:
         """Render, and answer."""
-        reply, code = self._operations.answer(job.header)
+        slot, place = None, None
+
+        def memory(sizes: list[int]) -> list[memoryview]:
+            nonlocal slot
+            slot = self._slots.take(offsets(sizes)[-1])
+            return room(slot, sizes)
+
+        reply, code = self._operations.answer(job.header, memory if job.header.get("shared") is True else None)
         if job.header["op"] == "load_scene" and not code:
             self.described = self._operations.described
-        job.done(Done(reply, code, {} if code else self._operations.last_timings_ms))
+        if slot is not None and code:
+            self._slots.give_back(slot)
+        elif slot is not None:
+            reply[1:], place = self._slots.lend(slot, [len(part) for part in reply[1:]])
+        job.done(Done(reply, code, {} if code else self._operations.last_timings_ms, place))
 
     def watch(self, poller: zmq.Poller) -> None:
         """Nothing here wakes the loop."""
 
     def turn(self, ready: dict[Any, int]) -> None:
-        """Nothing here is left to do."""
+        self._slots.trim()
 
     def close(self) -> None:
-        """Release the renderer."""
+        """Release the renderer and the shared memory."""
         self._operations.close()
+        self._slots.close()

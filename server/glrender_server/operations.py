@@ -68,6 +68,7 @@ class Operations:
         prepare(scene)
         self.scene, self._renderer = scene, open_renderer(scene, backend)
         self.last_timings_ms: dict[str, float] = {}
+        self._memory: codec.Memory | None = None
         self.on_progress: Callable[[float], None] = lambda share: None
 
     def close(self) -> None:
@@ -89,12 +90,14 @@ class Operations:
             "max_error": self.scene.max_error,
             "stars": None if self.scene.stars is None else asdict(self.scene.stars), **self._renderer.info}
 
-    def answer(self, header: Mapping[str, Any]) -> tuple[list[Any], str]:
+    def answer(self, header: Mapping[str, Any], memory: codec.Memory | None = None) -> tuple[list[Any], str]:
         """The reply to one request and its error code, empty if it went well; raises nothing.
 
+        The arrays are written to `memory`, if it is given.
         What the caller did wrong is answered with `code`, `path` and `message`; anything else is a bug:
         logged with its traceback, answered `internal`, and survived.
         """
+        self._memory = memory
         try:
             return getattr(self, f"_{header['op']}")(header), ""
         except GlrenderError as error:
@@ -103,6 +106,8 @@ class Operations:
             log.exception("request %s failed", header.get("op"))
             return refusal(header, "internal", "", "the server failed on this request; its log has the "
                                                    "traceback"), "internal"
+        finally:
+            self._memory = None  # whoever lent it may close it now
 
     def _load_scene(self, header: Mapping[str, Any]) -> list[Any]:
         known_keys("", header, (*ENVELOPE, "scene"), required=("scene",))
@@ -119,16 +124,21 @@ class Operations:
         return codec.pack({**echo(header), "ok": True, **self.described})
 
     def _render(self, header: Mapping[str, Any]) -> list[Any]:
-        known_keys("", header, (*ENVELOPE, "state", "order", "allow_slow", "frames", *FRAME_KEYS), required=("state",))
+        known_keys("", header, (*ENVELOPE, "state", "order", "allow_slow", "shared", "frames", *FRAME_KEYS),
+                   required=("state",))
         began = time.perf_counter()
         state = State.from_dict(header["state"])
         order = one_of("order", header.get("order", "C"), ("C", "F"))
         allow_slow = checked_allow_slow(header.get("allow_slow", False))
+        if not isinstance(header.get("shared", False), bool):
+            raise ConfigError("shared", "must be true or false", header["shared"])
         asked, made, arrays = frames_asked(header, self.scene), [], []
+        place = self._place(asked[0]) if len(asked) == 1 and order == "C" else {}
         for index, frame in enumerate(asked):
             progress = partial(self._progress, index, len(asked))
             with frame.named_errors():
-                fields, of_frame = self._frame(state, frame, {"allow_slow": allow_slow, "on_progress": progress})
+                fields, of_frame = self._frame(state, frame, {
+                    "allow_slow": allow_slow, "on_progress": progress, **place})
             made.append(fields)
             arrays.append(of_frame)
         if "frames" in header:
@@ -138,7 +148,16 @@ class Operations:
         # What making the frames left behind is freed by now: that is part of their time.
         fields["timings_ms"]["total"] = 1e3 * (time.perf_counter() - began)
         self.last_timings_ms = fields["timings_ms"]
-        return codec.pack({**echo(header), "ok": True, "t_s": state.t_s, **fields}, arrays, order)
+        return codec.pack({**echo(header), "ok": True, "t_s": state.t_s, **fields}, arrays, order, self._memory)
+
+    def _place(self, asked: FrameRequest) -> dict[str, np.ndarray]:
+        """Where to draw a lone image, if it is sent from memory that we are given and as it is drawn."""
+        camera = asked.camera
+        if self._memory is None or asked.output != "irradiance" or asked.products or asked.roi or camera.distortion:
+            return {}
+        parts = self._memory([4 * camera.width_px * camera.height_px])
+        self._memory = lambda sizes: parts
+        return {"out": np.frombuffer(parts[0], np.float32).reshape(camera.height_px, camera.width_px)}
 
     def _frame(self, state: State, asked: FrameRequest,
                slow: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, tuple[np.ndarray, str]]]:
@@ -155,7 +174,7 @@ class Operations:
                 # The memory of an onboard loop is the client's: sent back, the same request gives the same bytes.
                 fields["next_exposure_s"] = camera.model.auto_exposure.after(frame, camera.model.detector)
         else:
-            capture = self._drawn(draw_still, state, camera.name, **options)
+            capture = self._drawn(draw_still, state, camera.name, roi=asked.roi, **options)
             pixels = capture.irradiance_W_m2
         arrays = {"image": (asked.cut(pixels), _UNITS[asked.output])}
         arrays |= {name: (asked.cut(array), _UNITS[name]) for name, array in capture.products.items()}
@@ -177,7 +196,7 @@ class Operations:
                   "beam_incidence": (found.beam_incidence, "rad")}
         self.last_timings_ms = {"total": 1e3 * (time.perf_counter() - began)}
         return codec.pack({**echo(header), "ok": True, "t_s": state.t_s, "camera": camera.name,
-                           "timings_ms": self.last_timings_ms}, arrays)
+                           "timings_ms": self.last_timings_ms}, arrays, memory=self._memory)
 
     def _progress(self, n_before: int, n_frames: int, share: float) -> None:
         share = (n_before + share) / n_frames

@@ -1,24 +1,56 @@
-"""Shared memory that workers write frames into and that is sent from without a copy."""
+"""Shared memory that frames are written into, sent from without a copy, and read in by clients on this machine."""
 
 from __future__ import annotations
 
 import contextlib
+import fcntl
+import os
+import struct
 import weakref
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from multiprocessing.shared_memory import SharedMemory
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-_SMALLEST_BYTES = 1 << 16
+MAX_SHARED_BYTES = 1 << 30
+"""While as much is allocated, no further frame is left for a client to read in place."""
+MIN_SHARED_BYTES = 1 << 16
+"""Frames that are smaller come sooner over the socket."""
+_STEP_BYTES = 1 << 16
 _MAX_FREE = 8
+# Of a slot's parts: any pixel may stand there. The first place holds the slot's number.
+_ALIGNMENT = 64
+_FOLDER = Path("/dev/shm")
+_CAN_LOCK = _FOLDER.is_dir()
+
+
+def offsets(sizes: Iterable[int]) -> list[int]:
+    """Where parts of these sizes [bytes] begin in a slot; the last is where the next would."""
+    found = [_ALIGNMENT]
+    for size in sizes:
+        found.append(found[-1] + -(-size // _ALIGNMENT) * _ALIGNMENT)
+    return found
+
+
+def room(slot: SharedMemory, sizes: Sequence[int]) -> list[memoryview]:
+    """Where parts of these sizes [bytes] are written; let go of them before the slot is closed."""
+    return [slot.buf[start:start + size] for start, size in zip(offsets(sizes), sizes, strict=False)]
 
 
 class SlotStore:
-    """Owns the shared memory of all frames; a slot comes back when the last view of it is gone."""
+    """Owns the shared memory of all frames; a slot is free when its last view here is gone and no client reads it.
+
+    A client that reads a slot holds a shared lock (flock) on its file, which the system takes away when the client
+    dies. Each time that a slot is taken its number goes up, under the exclusive lock: a client that comes too late
+    sees that, with its own lock in hand.
+    """
 
     def __init__(self):
         self._free: list[SharedMemory] = []
         self._all: dict[str, SharedMemory] = {}
+        self._locks: dict[str, int] = {}
 
     @property
     def n_bytes(self) -> int:
@@ -26,48 +58,71 @@ class SlotStore:
         return sum(slot.size for slot in self._all.values())
 
     def take(self, n_bytes: int) -> SharedMemory:
-        """A slot of at least this size that nobody reads."""
-        fitting = [slot for slot in self._free if slot.size >= n_bytes]
-        if fitting:
-            slot = min(fitting, key=lambda s: s.size)
-            self._free.remove(slot)
-            return slot
-        size = _SMALLEST_BYTES
-        while size < n_bytes:
-            size *= 2
-        slot = SharedMemory(create=True, size=size)
+        """A slot with room for this much that nobody reads."""
+        for slot in sorted(self._free, key=lambda free: free.size):
+            if slot.size >= n_bytes and self._claim(slot):
+                self._free.remove(slot)
+                return slot
+        slot = SharedMemory(create=True, size=max(1, -(-n_bytes // _STEP_BYTES)) * _STEP_BYTES)
         self._all[slot.name] = slot
+        if _CAN_LOCK:
+            self._locks[slot.name] = os.open(_FOLDER / slot.name, os.O_RDWR | os.O_CLOEXEC)
+        self._claim(slot)
         return slot
 
     def give_back(self, slot: SharedMemory) -> None:
-        """Nobody reads it any more; may be called from any thread."""
+        """Nobody here reads it any more; may be called from any thread."""
         self._free.append(slot)
 
-    def lend(self, slot: SharedMemory, sizes: Sequence[int]) -> list[memoryview]:
-        """Views of what stands in a slot, one behind the other; it comes back when the last is gone."""
-        whole = np.frombuffer(slot.buf, np.uint8, sum(sizes))
+    def lend(self, slot: SharedMemory, sizes: Sequence[int]) -> tuple[list[memoryview], dict[str, Any] | None]:
+        """Views of the parts in a slot, which comes back when the last is gone; and where a client finds them.
+
+        The place is {name, number, offsets, sizes}; None where nothing locks, while `MAX_SHARED_BYTES` are allocated,
+        and for parts below `MIN_SHARED_BYTES`.
+        """
+        starts = offsets(sizes)
+        whole = np.frombuffer(slot.buf, np.uint8, starts[-1] if sizes else 0)
         weakref.finalize(whole, self.give_back, slot).atexit = False
-        ends = np.cumsum(sizes)
-        return [whole[end - size:end].data for size, end in zip(sizes, ends, strict=True)]
+        views = [whole[start:start + size].data for start, size in zip(starts, sizes, strict=False)]
+        if not _CAN_LOCK or self.n_bytes > MAX_SHARED_BYTES or sum(sizes) < MIN_SHARED_BYTES:
+            return views, None
+        return views, {"name": slot.name, "number": _number(slot), "offsets": starts[:-1], "sizes": list(sizes)}
 
     def trim(self) -> None:
         """Release free slots beyond a few, the largest first."""
-        while len(self._free) > _MAX_FREE:
-            slot = max(self._free, key=lambda s: s.size)
-            self._free.remove(slot)
-            del self._all[slot.name]
-            _release(slot)
+        for slot in sorted(self._free, key=lambda free: -free.size)[:max(0, len(self._free) - _MAX_FREE)]:
+            if self._claim(slot):
+                self._free.remove(slot)
+                del self._all[slot.name]
+                self._release(slot)
 
     def close(self) -> None:
-        """Release every slot; what is still being sent stays readable until then."""
+        """Release every slot; what is still being sent or read stays readable until then."""
         for slot in self._all.values():
-            _release(slot)
+            self._release(slot)
         self._all.clear()
         self._free.clear()
 
+    def _claim(self, slot: SharedMemory) -> bool:
+        """Whether no client reads a slot; then it has a new number."""
+        if slot.name in self._locks:
+            lock = self._locks[slot.name]
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                return False
+            struct.pack_into("<Q", slot.buf, 0, _number(slot) + 1)
+            fcntl.flock(lock, fcntl.LOCK_UN)
+        return True
 
-def _release(slot: SharedMemory) -> None:
-    slot.unlink()
-    # A view that is still being sent keeps the mapping.
-    with contextlib.suppress(BufferError):
-        slot.close()
+    def _release(self, slot: SharedMemory) -> None:
+        if slot.name in self._locks:
+            os.close(self._locks.pop(slot.name))
+        slot.unlink()
+        # A view that is still being sent keeps the mapping.
+        with contextlib.suppress(BufferError):
+            slot.close()
+
+
+def _number(slot: SharedMemory) -> int:
+    return struct.unpack_from("<Q", slot.buf)[0]

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import signal
 from collections import OrderedDict
+from collections.abc import Sequence
+from functools import partial
 from multiprocessing.connection import Connection
 from multiprocessing.shared_memory import SharedMemory
 from pathlib import Path
-from typing import Any
 
 from glrender import GlrenderError, Scene
 
 from . import codec, logs
 from .operations import Operations
+from .slots import offsets, room
 
 _MAX_ATTACHED = 16
 
@@ -24,7 +26,7 @@ def work(connection: Connection, scene: Scene, backend: str, shape_dir: Path | N
     Said: ``("ready", described)`` or ``("failed", text)``; then for each ``("job", message, slot)``: ``("begun",)``,
     ``("progress", share)`` now and then from a slow frame,
     ``("need", n_bytes)`` where the slot is too small (answered by a slot's name), and ``("done", header, sizes,
-    code, timings_ms, described)``, the parts standing in the slot one behind the other.
+    code, timings_ms, described)``, the parts standing in the slot at their `offsets`.
 
     Parameters
     ----------
@@ -50,12 +52,9 @@ def work(connection: Connection, scene: Scene, backend: str, shape_dir: Path | N
             _, message, name = connection.recv()
             connection.send(("begun",))
             header = codec.unpack_request([message])
-            (head, *parts), code = operations.answer(header)
+            (head, *parts), code = operations.answer(header, partial(_room, connection, slots, name))
             sizes = [len(part) for part in parts]
-            if sum(sizes) > _attached(slots, name).size:
-                connection.send(("need", sum(sizes)))
-                name = connection.recv()
-            _write(_attached(slots, name), parts)
+            del parts
             described = operations.described if header["op"] == "load_scene" and not code else None
             connection.send(("done", bytes(head), sizes, code, {} if code else operations.last_timings_ms,
                              described))
@@ -67,11 +66,13 @@ def work(connection: Connection, scene: Scene, backend: str, shape_dir: Path | N
             slot.close()
 
 
-def _write(slot: SharedMemory, parts: list[Any]) -> None:
-    start = 0
-    for part in parts:
-        slot.buf[start:start + len(part)] = part
-        start += len(part)
+def _room(connection: Connection, slots: OrderedDict[str, SharedMemory], name: str,
+          sizes: Sequence[int]) -> list[memoryview]:
+    n_bytes = offsets(sizes)[-1]
+    if n_bytes > _attached(slots, name).size:
+        connection.send(("need", n_bytes))
+        name = connection.recv()
+    return room(_attached(slots, name), sizes)
 
 
 def _attached(slots: OrderedDict[str, SharedMemory], name: str) -> SharedMemory:

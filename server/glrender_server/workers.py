@@ -19,7 +19,7 @@ from glrender import DeviceError, Scene
 
 from .envelope import refusal
 from .job import Done, Job
-from .slots import SlotStore
+from .slots import SlotStore, offsets
 from .worker import work
 
 log = logging.getLogger(__name__)
@@ -221,17 +221,17 @@ class WorkerPool:
             return
         task, worker.task = worker.task, None
         worker.state, worker.failures, worker.deadline, worker.progress = "idle", 0, time.monotonic(), None
-        parts = []
+        parts, place = [], None
         if sizes:
             # The next frame is likely as large as the last.
-            self._frame_bytes = sum(sizes)
-            parts = self._slots.lend(worker.slot, sizes)
+            self._frame_bytes = offsets(sizes)[-1]
+            parts, place = self._slots.lend(worker.slot, sizes)
             worker.slot = None
         if described is not None:
             self._described, self._scene_message = described, task.job.message
             self._generation += 1
             worker.generation = self._generation
-        task.job.done(Done([head, *parts], code, timings_ms))
+        task.job.done(Done([head, *parts], code, timings_ms, place))
 
     def _start(self, worker: _Worker) -> None:
         ours, theirs = self._spawn.Pipe()

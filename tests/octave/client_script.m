@@ -26,6 +26,24 @@ reply = client.render(state, 'camera', 'byte', 'output', 'dn', 'seed', 3, 'produ
 check(isa(reply.pixels, 'uint8') && isfield(reply.arrays, 'range'), 'uint8');
 keep(folder, 'byte', reply.pixels);
 
+% The same frames over the socket, and out of shared memory that is not there.
+check(client.SharedMemory && ~isfield(reply.header, 'shared'), 'a small frame comes in the message');
+sent = GlRenderClient(host, port, 'Timeout', 30, 'SharedMemory', false);
+for roi = {[3 2 4 3], [30 10 71 63], [0 0 96 64]}
+  options = {'camera', 'navcam', 'products', products, 'roi', roi{1}};
+  here = client.render(state, options{:});
+  there = sent.render(state, options{:});
+  is_large = numel(here.pixels) > 1000;
+  check(isfield(here.header, 'shared') == is_large && ~isfield(there.header, 'shared'), 'where the pixels are');
+  check(isequaln(here.arrays, there.arrays), 'pixels');
+end
+sent.close();
+place = here.header.shared;
+check(numel(glr_shared(place)) == 1 + numel(products), 'still there');
+check(isempty(glr_shared(setfield(place, 'number', place.number + 1))), 'another frame');
+check(isempty(glr_shared(setfield(place, 'name', 'not_there'))), 'no such memory');
+check(isempty(glr_shared(setfield(place, 'name', '../shm/x'))), 'a path');
+
 % A region of interest, and several cameras in one request.
 region = client.render(state, 'camera', 'navcam', 'output', 'dn', 'exposure_s', 0.02, 'seed', 7, 'roi', [30 20 71 45]);
 check(isequal(size(region.pixels), [25 41]) && isequal(region.header.roi, [30 20 71 45]), 'roi');

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -11,8 +12,10 @@ import zmq
 
 from .curve import curve_keys, set_curve
 from .errors import GlrenderClientError, RequestTimeout
+from .notebook import described
 from .pipeline import in_order
 from .recording import Recorder
+from .shared import NotShared, SharedFrames
 from .wire import Packer, Reply, frames_fields, range_fields, read_header, read_reply, render_fields
 
 # Requests above this size are held against the server's limit first: ZeroMQ drops what exceeds it unanswered.
@@ -35,10 +38,15 @@ class Client:
         For a server with CURVE: this client's ``NAME.key_secret`` and the server's ``server.key``.
     record : path, optional
         A new file that keeps every request and its reply, for `replay`.
+    shared_memory : bool, optional
+        Whether frames of `render` and `render_frames` are read in place, in the memory that the server wrote them to;
+        by default over ``ipc`` on Linux, but for a recording. That memory is the server's again when the last of a
+        reply's arrays is gone. Where it cannot be read, frames come over the socket.
     """
 
     def __init__(self, endpoint: str = "tcp://127.0.0.1:5555", *, timeout_s: float = 10.0, retries: int = 2,
-                 key: Path | None = None, server_key: Path | None = None, record: Path | None = None):
+                 key: Path | None = None, server_key: Path | None = None, record: Path | None = None,
+                 shared_memory: bool | None = None):
         if not timeout_s > 0.0:
             raise ValueError(f"timeout_s must be > 0, got {timeout_s!r}")
         if retries < 0:
@@ -47,9 +55,12 @@ class Client:
         self._pack = Packer()
         self._keys = curve_keys(key, server_key)
         self._recorder = None if record is None else Recorder(record)
+        if shared_memory is None:
+            shared_memory = endpoint.startswith("ipc:") and sys.platform == "linux" and record is None
+        self._shared = SharedFrames() if shared_memory else None
         self._context = zmq.Context()
         self._socket: zmq.Socket | None = None
-        self._max_header_bytes: int | None = None
+        self._hello: dict[str, Any] | None = None
 
     def __enter__(self) -> Client:
         return self
@@ -59,6 +70,10 @@ class Client:
 
     def __repr__(self) -> str:
         return f"<Client of {self._endpoint}{' (closed)' if self._context.closed else ''}>"
+
+    def _repr_html_(self) -> str:
+        """For notebooks: where it asks, and what `hello` told last."""
+        return described(repr(self)[1:-1], self._hello)
 
     def close(self) -> None:
         """Say goodbye, if the server listens, and close the connection."""
@@ -72,14 +87,15 @@ class Client:
                 pass  # a server that is gone keeps nothing of ours
         self._disconnect()
         self._context.term()
+        if self._shared is not None:
+            self._shared.close()
         if self._recorder is not None:
             self._recorder.close()
 
     def hello(self) -> dict[str, Any]:
         """What the server is: protocol versions, cameras, bodies, products, limits, OpenGL."""
-        found = self._ask("hello", {}).header
-        self._max_header_bytes = found["limits"]["max_header_bytes"]
-        return found
+        self._hello = self._ask("hello", {}).header
+        return self._hello
 
     def status(self) -> dict[str, Any]:
         """How the server does: uptime, requests, errors by code, last timings."""
@@ -127,7 +143,7 @@ class Client:
             With `code`, `path` and `message`.
         RequestTimeout
         """
-        return self._ask("render", render_fields(
+        return self._ask_frames(render_fields(
             state, camera, output=output, exposure_s=exposure_s, seed=seed, max_error=max_error, samples=samples,
             products=products, roi=roi, order=order, allow_slow=allow_slow))
 
@@ -154,7 +170,7 @@ class Client:
             One frame that is refused refuses all; the path names it, e.g. ``frames[1].camera``.
         RequestTimeout
         """
-        return self._ask("render", frames_fields(state, frames, order, allow_slow)).frames
+        return self._ask_frames(frames_fields(state, frames, order, allow_slow)).frames
 
     def range(self, state: Mapping[str, Any], directions_camera: Any, camera: str | None = None, *,
               noise: Mapping[str, Any] | None = None) -> Reply:
@@ -204,16 +220,23 @@ class Client:
         packed = (self._pack("render", render_fields(**request)) for request in requests)
         return in_order(self, packed, in_flight)
 
+    def _ask_frames(self, fields: Mapping[str, Any]) -> Reply:
+        if self._shared is not None:
+            try:
+                return self._ask("render", {**fields, "shared": True})
+            except NotShared:
+                pass
+        return self._ask("render", fields)
+
     def _ask(self, op: str, fields: Mapping[str, Any]) -> Reply:
         if self._context.closed:
             raise GlrenderClientError("this client is closed")
         number, message = self._pack(op, fields)
         if len(message) > _SURELY_TAKEN_BYTES:
-            if self._max_header_bytes is None:
-                self.hello()
-            if len(message) > self._max_header_bytes:
-                raise GlrenderClientError(f"a request must have at most {self._max_header_bytes} bytes, `{op}` has "
-                                          f"{len(message)}: shapes and textures are file names, not data")
+            most = (self._hello or self.hello())["limits"]["max_header_bytes"]
+            if len(message) > most:
+                raise GlrenderClientError(f"a request must have at most {most} bytes, `{op}` has {len(message)}: "
+                                          "shapes and textures are file names, not data")
         for _ in range(self._retries + 1):
             found = self._try_once(message, number, self._timeout_s)
             if found is not None:
@@ -234,6 +257,8 @@ class Client:
             # Any other is the late reply to a request given up before.
             if header.get("id") in (number, 0):
                 self._keep(message, parts)
+                if "shared" in header:
+                    parts = [parts[0], *self._shared.parts(header["shared"])]
                 return read_reply(header, parts)
         return None
 

@@ -12,6 +12,7 @@ import msgpack
 import numpy as np
 
 from .errors import Busy, ServerError
+from .notebook import png
 
 PROTOCOL_VERSION = 1
 
@@ -49,6 +50,10 @@ class Reply:
         products = sorted(set(self.arrays) - {"image"})
         return (f"<Reply {header.get('camera')} t={header.get('t_s')} s: {image.shape[1]} x {image.shape[0]} "
                 f"{image.dtype} [{header.get('unit')}], {total:.1f} ms, products {products}>")
+
+    def _repr_png_(self) -> bytes | None:
+        """For notebooks: the image in grey."""
+        return png(self.pixels) if "image" in self.arrays else None
 
 
 class Packer:

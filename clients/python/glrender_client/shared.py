@@ -1,0 +1,73 @@
+"""Frames read in place, in the shared memory of a server on this machine."""
+
+from __future__ import annotations
+
+import contextlib
+import mmap
+import os
+import weakref
+from collections import OrderedDict
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+_FOLDER = Path("/dev/shm")
+_MAX_MAPPED = 16
+
+
+class NotShared(Exception):
+    """The frame is not there any more, or this server's memory cannot be read from here."""
+
+
+class SharedFrames:
+    """Maps the server's memory, read-only. While an array of a frame lives the server leaves that memory alone: a
+    shared lock (flock) on it says so, which ends with the array, or with this process.
+    """
+
+    def __init__(self):
+        self._mapped: OrderedDict[str, mmap.mmap] = OrderedDict()
+
+    def parts(self, place: Mapping[str, Any]) -> list[np.ndarray]:
+        """The pixels of a reply, each (n_bytes,) uint8, where its header's `shared` says.
+
+        Raises
+        ------
+        NotShared
+        """
+        import fcntl
+
+        name = place["name"]
+        if "/" in name:
+            raise NotShared(name)
+        try:
+            file = os.open(_FOLDER / name, os.O_RDONLY | os.O_CLOEXEC)
+        except OSError as error:
+            raise NotShared(str(error)) from None
+        with contextlib.ExitStack() as stack:
+            stack.callback(os.close, file)
+            try:
+                fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise NotShared(f"{name} is taken") from None
+            whole = np.frombuffer(self._mapping(name), np.uint8)
+            if int(whole[:8].view("<u8")[0]) != place["number"]:
+                raise NotShared(f"{name} holds another frame")
+            weakref.finalize(whole, os.close, file)
+            stack.pop_all()
+        return [whole[start:start + size] for start, size in zip(place["offsets"], place["sizes"], strict=True)]
+
+    def close(self) -> None:
+        """Forget what is mapped; arrays that live keep theirs."""
+        self._mapped.clear()
+
+    def _mapping(self, name: str) -> mmap.mmap:
+        if name not in self._mapped:
+            while len(self._mapped) >= _MAX_MAPPED:
+                self._mapped.popitem(last=False)
+            # Of a file of its own: a mapping keeps its file open, and so would keep the lock.
+            with open(_FOLDER / name, "rb") as file:
+                self._mapped[name] = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+        self._mapped.move_to_end(name)
+        return self._mapped[name]
