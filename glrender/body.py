@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -10,8 +11,10 @@ import numpy as np
 from glrender_camera.validate import positive, text
 
 from .brdf import Law
+from .detail import Detail
 from .errors import ConfigError, ShapeError, error_path
 from .hull import Hull
+from .relief import Relief
 from .shape import Shape
 
 
@@ -29,6 +32,8 @@ class Body:
         Factor on the law's albedo, row 0 on top; needs a shape with texture coordinates.
     smooth_normals : bool
         Interpolated normals; by default each facet has its own, as a shape model is a polyhedron.
+    detail : Detail, optional
+        Ground finer than the facets, made up: none unless asked for.
     """
 
     name: str
@@ -36,6 +41,7 @@ class Body:
     brdf: Law
     albedo_map: np.ndarray | None = None
     smooth_normals: bool = False
+    detail: Detail | None = None
 
     def __post_init__(self):
         text("name", self.name)
@@ -45,6 +51,10 @@ class Body:
             raise ConfigError("brdf", "must be a law of glrender.brdf", self.brdf)
         if not isinstance(self.smooth_normals, bool):
             raise ConfigError("smooth_normals", "must be true or false", self.smooth_normals)
+        if not isinstance(self.detail, Detail | None):
+            raise ConfigError("detail", "must be a glrender.Detail", self.detail)
+        with error_path("detail"):
+            _ = self.relief
         if self.albedo_map is not None:
             if self.shape.uv is None:
                 raise ConfigError("albedo_map", "needs a shape with texture coordinates")
@@ -89,6 +99,16 @@ class Body:
     def hull(self) -> Hull:
         """Convex hull of the shape."""
         return Hull(self.shape.vertices_m, self.shape.facets)
+
+    @cached_property
+    def relief(self) -> Relief | None:
+        """The ground that its detail makes."""
+        if self.detail is None:
+            return None
+        corner = self.shape.vertices_m[self.shape.facets]
+        area_m2 = 0.5 * np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
+        return Relief(self.detail, math.sqrt(area_m2.mean() * 4.0 / math.sqrt(3.0)),
+                      float(np.linalg.norm(self.shape.vertices_m, axis=1).max()))
 
 
 def read_texture(path: Path) -> np.ndarray:
