@@ -22,7 +22,7 @@ from .drawing import Drawing, Still, lens_margin, margin_of
 from .errors import ConfigError
 from .grouping import union
 from .motion import STILL, Motion, plan_motion
-from .plan import RenderPlan
+from .render_plan import RenderPlan
 from .scene import Scene, band_irradiances
 from .state import State
 

@@ -15,7 +15,7 @@ from glrender_camera.projection import MAX_IMAGE_PX
 from .background import sun_box, sunlight
 from .grouping import union
 from .image import checked_products
-from .plan import RenderPlan
+from .render_plan import RenderPlan
 from .scene import Scene, checked_max_error
 from .state import State
 from .view import view_bodies

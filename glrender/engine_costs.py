@@ -16,7 +16,7 @@ from .brdf import Lambert
 from .gl.context import Context
 from .gl.passes import Mesh, SurfaceVariant, Target
 from .lod import cached_arrays
-from .plan import EngineCosts
+from .plan_windows import EngineCosts
 from .ray_engine import RayEngine
 from .refine import pixel_errors
 from .scene import Body, Scene

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .errors import ConfigError
-from .plan import RenderPlan
+from .render_plan import RenderPlan
 
 PRODUCTS = ("irradiance", "range", "body_id", "facet_id", "incidence", "emission", "phase", "r_body", "sunlit")
 """What `Renderer.render` can return."""

@@ -9,12 +9,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from glrender_camera import PinholeCamera
 
-from . import frames, plan
+from . import frames
 from .error_model import NO_PENUMBRA, Penumbra, eclipse_penumbra, own_penumbra
 from .gl.context import Context
 from .gl.passes import Mesh, ShadowMap
 from .hull import Hull
-from .plan import BodyPlan
+from .render_plan import BodyPlan
 from .shadow_box import shadow_box
 from .view import BodyView, chunks_in_window
 
@@ -126,7 +126,7 @@ class Shadows:
             if texels is None:
                 done.append(body_plan)
                 continue
-            sun_from_body = frames.sun_from_body(plan.snapped_sun(view.sun_direction_body, texels))
+            sun_from_body = frames.sun_from_body(snapped_sun(view.sun_direction_body, texels))
             low_m, high_m, seen = self._bounds(view, sun_from_body, camera, levels[view.name])
             box = shadow_box(low_m, high_m, None if is_whole else seen, texels)
             centre = 0.5 * (box.low_m + box.high_m)
@@ -163,3 +163,21 @@ class Shadows:
         _, oldest = self._maps.popitem(last=False)
         oldest.close()
         return ShadowMap(self._context, size_px)
+
+
+def snapped_sun(sun_direction_body: np.ndarray, shadow_map_px: int) -> np.ndarray:
+    """The direction that a shadow map is drawn for: the nearest node of a grid finer than half a texel.
+
+    Drawing for the node, not for the first direction asked for, makes the reuse of a map
+    independent of history: the same request gives the same bytes.
+
+    Parameters
+    ----------
+    sun_direction_body : (3,) float64 [1]
+    shadow_map_px : int
+        A texel is 2 R / size; relief of up to R moves its shadow by half of that in 1 / size rad.
+    """
+    largest = np.argmax(np.abs(sun_direction_body))
+    face = sun_direction_body / abs(sun_direction_body[largest])
+    snapped = np.round(face * shadow_map_px) / shadow_map_px
+    return snapped / np.linalg.norm(snapped)

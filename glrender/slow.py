@@ -11,8 +11,8 @@ from glrender_camera import PinholeCamera
 
 from .errors import ConfigError, DeviceError
 from .image import Image
-from .plan import EMISSION_LEFT_OUT, RenderPlan
 from .plugins import open_renderer
+from .render_plan import EMISSION_LEFT_OUT, RenderPlan
 from .scene import Scene
 from .state import State
 

@@ -75,10 +75,13 @@ def test_an_eclipse_is_drawn_with_its_penumbra():
     scene = views.scene([moon, planet], [views.camera(160, 1200.0)])
     with Renderer(scene) as renderer, RayTracer(scene) as tracer:
         exact = tracer.render(state, samples=16).irradiance_W_m2.astype(float)
-        image = renderer.render(state, max_error=0.02)
+        image = renderer.render(state, max_error=0.02, products=["sunlit", "body_id"])
         hard = renderer.render(state, max_error=0.5)
         fixed = renderer.render(state, samples=8)
     assert [window.engine for window in image.plan.windows if "planet" in window.bodies] == ["rays"]
+    dark = exact < 1e-6 * exact.max()
+    umbra = (image.products["body_id"] == 1) & dark
+    assert umbra.sum() > 100 and not image.products["sunlit"][umbra].any(), "products have their shadows all the same"
     lit = exact > 0.0
     errors = [np.sqrt(np.mean((drawn.irradiance_W_m2 - exact)[lit] ** 2)) / exact[lit].mean()
               for drawn in (image, fixed)]

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import views
-from glrender import grouping, plan
+from glrender import grouping, plan, plan_windows, shadows
 from glrender.error_model import BodyTraits, LevelTraits
 from glrender.lod_flux import PHASES_RAD, FluxRatio
 from glrender.view import BodyView
@@ -39,13 +39,14 @@ def body(member, *levels, budget=0.02, level=None, is_convex=False, has_casters=
     return plan.plan_body(member, traits(*(levels or (FULL,)), is_convex=is_convex), CAMERA, has_casters, budget, level)
 
 
-RASTER = plan.EngineCosts(facet_ns=140.0, sample_ns=13.0, ray_ns=np.inf)
+RASTER = plan_windows.EngineCosts(facet_ns=140.0, sample_ns=13.0, ray_ns=np.inf)
 
 
 def windows(members, max_error=0.02, gain=1.0, samples=None, costs=RASTER):
     bodies = [body(member, budget=max_error / gain) for member in members]
-    return plan.plan_windows(members, {member.name: traits(FULL) for member in members}, bodies, CAMERA, max_error,
-                             gain, costs, samples)
+    known = {member.name: traits(FULL) for member in members}
+    choices = plan_windows.plan_windows(members, known, bodies, CAMERA, max_error, gain, costs, samples)
+    return tuple(choice.first for choice in choices)
 
 
 def test_a_tighter_budget_asks_for_more_samples():
@@ -84,8 +85,8 @@ def test_rays_are_cast_where_they_are_cheaper_or_a_shadow_map_is_too_coarse():
 
 def test_outlines_are_left_to_the_second_pass_and_creases_to_the_first():
     """Equal errors of one sample: where few pixels have it all, fewer samples everywhere."""
-    _, few = plan.first_samples(1e-2, 1e-9, 3.0, 200_000.0, 1.1e5, 0.15, 1, 0.01)
-    _, everywhere = plan.first_samples(1e-9, 1e-2, 3.0, 200_000.0, 1.1e5, 0.15, 1, 0.01)
+    _, few = plan_windows.first_samples(1e-2, 1e-9, 3.0, 200_000.0, 1.1e5, 0.15, 1, 0.01)
+    _, everywhere = plan_windows.first_samples(1e-9, 1e-2, 3.0, 200_000.0, 1.1e5, 0.15, 1, 0.01)
     assert few < everywhere
 
 
@@ -168,10 +169,10 @@ def test_the_snapped_sun_is_within_a_texels_shift(size, rng):
     """0.71 / size rad at the centre of a cube's face: half a texel of 2 R / size is R / size."""
     direction = rng.standard_normal((1000, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    snapped = np.array([plan.snapped_sun(d, size) for d in direction])
+    snapped = np.array([shadows.snapped_sun(d, size) for d in direction])
     np.testing.assert_allclose(np.linalg.norm(snapped, axis=1), 1.0, rtol=1e-14)
     assert np.linalg.norm(snapped - direction, axis=1).max() <= 0.7072 / size
-    again = np.array([plan.snapped_sun(d, size) for d in snapped])
+    again = np.array([shadows.snapped_sun(d, size) for d in snapped])
     np.testing.assert_allclose(again, snapped, atol=1e-15, err_msg="a node is its own node")
 
 

@@ -201,12 +201,12 @@ def test_depth_holds_from_a_thousandth_to_a_billion_radii(altitude_radii):
 
 def test_region_of_interest_changes_no_pixel(sphere_renderer, monkeypatch):
     """The region drawn holds all that is lit: drawing the whole frame gives the same image."""
-    from glrender import plan
+    from glrender import plan_windows
 
     state = views.state(phase_deg=50.0, target=(40.0, 30.0, -60.0))
     small = sphere_renderer.render(state, samples=2)
     assert small.roi != (0, 0, 256, 256)
-    monkeypatch.setattr(plan, "region", lambda views, camera: (0, 0, 256, 256))
+    monkeypatch.setattr(plan_windows, "region", lambda views, camera: (0, 0, 256, 256))
     whole = sphere_renderer.render(state, samples=2)
     difference = np.abs(whole.irradiance_W_m2 - small.irradiance_W_m2)
     # Another projection window rounds differently in float32: normals by 1e-4, and edges may take a

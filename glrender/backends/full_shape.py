@@ -6,8 +6,8 @@ import numpy as np
 from glrender_camera import PinholeCamera
 
 from ..grouping import region
-from ..plan import EMISSION_LEFT_OUT, BodyPlan, RenderPlan
 from ..ray_engine import BESIDE, RayEngine
+from ..render_plan import EMISSION_LEFT_OUT, BodyPlan, RenderPlan
 from ..scene import Scene
 from ..view import BodyView
 

@@ -1,0 +1,158 @@
+"""The irradiance of one window of an image: by triangles or rays, in tiles, with more samples where it asks."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from . import error_model
+from .area_grid import add_by_area
+from .clock import Clock
+from .gl.context import Context
+from .gl.passes import Target
+from .plan_windows import WindowChoice
+from .ray_engine import RayEngine
+from .refine import frame_error, pixel_errors, pixel_means, plan_refinement
+from .render_plan import WindowPlan
+from .surface_pass import Frame, SurfacePass
+
+# Samples drawn at once: 16 Mi samples of float32 and depth are 128 MiB.
+_MAX_WINDOW_SAMPLES = 4096 * 4096
+# Of the budget: what is left then for samples would not do.
+_ALL_BUT = 0.9
+
+
+class IrradiancePass:
+    """Draws windows.
+
+    Parameters
+    ----------
+    context : Context
+    surfaces : SurfacePass
+    rays : RayEngine or None
+    """
+
+    def __init__(self, context: Context, surfaces: SurfacePass, rays: RayEngine | None):
+        self._context, self._surfaces, self._rays = context, surfaces, rays
+        self._target = Target(context, [1])
+
+    def __enter__(self) -> IrradiancePass:
+        return self
+
+    def __exit__(self, *exception) -> None:
+        self._target.__exit__(*exception)
+
+    def draw(self, irradiance: np.ndarray, choice: WindowChoice, frame: Frame, error_gain: float,
+             clock: Clock) -> WindowPlan:
+        """Add a window to an image; its plan with what its samples told.
+
+        Parameters
+        ----------
+        irradiance : (height, width) float32 [W/m2]
+            Changed in place.
+        choice : WindowChoice
+        frame : Frame
+        error_gain : float [1]
+            What the camera's PSF leaves of an error that is independent from pixel to pixel.
+        clock : Clock
+        """
+        if not choice.first.samples:
+            return self._draw_own_grid(irradiance, choice.first, frame, clock)
+        drawn = self._draw_sampled(choice.first, frame, error_gain, clock, may_give_up=choice.by_rays is not None)
+        if drawn is None:
+            drawn = self._draw_sampled(choice.by_rays, frame, error_gain, clock)
+        mean, window = drawn
+        x0, y0, x1, y1 = window.roi
+        irradiance[y0:y1, x0:x1] = mean
+        return window
+
+    def _draw_own_grid(self, irradiance: np.ndarray, window: WindowPlan, frame: Frame, clock: Clock) -> WindowPlan:
+        samples = self._samples(window, frame, clock, window.bounds_px, window.grid)
+        add_by_area(irradiance, samples, window.bounds_px)
+        clock.lap("readback")
+        return window
+
+    def _draw_sampled(self, window: WindowPlan, frame: Frame, error_gain: float, clock: Clock,
+                      may_give_up: bool = False) -> tuple[np.ndarray, WindowPlan] | None:
+        """The window's pixels and its plan; None, if it may, where its shadows' edges alone cost the budget."""
+        x0, y0, x1, y1 = window.roi
+        mean, error = (np.zeros((y1 - y0, x1 - x0), np.float32) for _ in range(2))
+        draw = partial(self._draw_tile, window, frame, clock)
+        crease_rad, facets_per_px = window.noise
+        noise = error_model.noise_gain(crease_rad, facets_per_px / window.samples**2)
+        # Beside the bodies' outlines it is dark; beyond the frame, nobody knows.
+        sides = (y0 > 0, x0 > 0, y1 < frame.camera.height_px, x1 < frame.camera.width_px)
+        for tile in self._tiles(mean.shape, window.samples):
+            ends = (tile[0].start == 0, tile[1].start == 0, tile[0].stop == y1 - y0, tile[1].stop == x1 - x0)
+            dark = tuple(side and end for side, end in zip(sides, ends, strict=True))
+            mean[tile], error[tile] = pixel_errors(draw(tile, window.samples), window.samples, noise, dark)
+        now, power = frame_error(mean, error), error_model.noise_power(noise)
+        # Edges of shadows lie where the map's texels put them, however many samples see them.
+        floor = math.hypot(window.modelling_error, now * math.sqrt(window.shadow_share * window.samples**power))
+        if may_give_up and floor > _ALL_BUT * window.budget:
+            return None
+        budget = max(math.sqrt(max(window.budget**2 - floor**2, 0.0)), 0.3 * window.budget)
+        refinement = plan_refinement(mean, error, window.samples, budget, power) if math.isfinite(budget) else None
+        clock.lap("refine")
+        if refinement is None:
+            return mean, replace(window, predicted_error=error_gain * math.hypot(now, floor))
+        for tile in self._tiles(mean.shape, refinement.samples):
+            mask = refinement.mask[tile]
+            if mask.any():
+                pixels = pixel_means(draw(tile, refinement.samples, mask), refinement.samples)
+                np.copyto(mean[tile], pixels, where=mask.astype(bool))
+                clock.lap("readback")
+        return mean, replace(window, predicted_error=error_gain * math.hypot(refinement.predicted_error, floor),
+                             refined_samples=refinement.samples, refined_share=refinement.share)
+
+    def _tiles(self, shape: tuple[int, int], samples: int) -> Iterator[tuple[slice, slice]]:
+        """Parts of a window that fit a framebuffer, as rows and columns of pixels."""
+        limit = self._context.info["max_texture_px"]
+        columns = max(min(shape[1], limit // samples), 1)
+        rows = max(min(shape[0], limit // samples, _MAX_WINDOW_SAMPLES // (columns * samples**2)), 1)
+        for top in range(0, shape[0], rows):
+            for left in range(0, shape[1], columns):
+                yield (slice(top, min(top + rows, shape[0])), slice(left, min(left + columns, shape[1])))
+
+    def _draw_tile(self, window: WindowPlan, frame: Frame, clock: Clock, tile: tuple[slice, slice], samples: int,
+                   mask: np.ndarray | None = None) -> np.ndarray:
+        """Samples of a part of a window; zero beside the mask."""
+        rows, columns = tile
+        left, top = window.roi[0] + columns.start, window.roi[1] + rows.start
+        width, height = columns.stop - columns.start, rows.stop - rows.start
+        bounds_px = (left - 0.5, top - 0.5, left + width - 0.5, top + height - 0.5)
+        return self._samples(window, frame, clock, bounds_px, (width * samples, height * samples), mask)
+
+    def _samples(self, window: WindowPlan, frame: Frame, clock: Clock, bounds_px: tuple[float, float, float, float],
+                 grid: tuple[int, int], mask: np.ndarray | None = None) -> np.ndarray:
+        """Samples (rows, columns) float32 of a grid, by the window's engine; zero beside the mask."""
+        if window.engine == "rays":
+            samples = self._cast(window.bodies, frame, bounds_px, grid, mask)
+            clock.lap("surface")
+            return samples
+        self._surfaces.draw(frame, self._target, "surface.frag.glsl", bounds_px, grid, window.bodies, mask)
+        self._context.gl.finish()
+        clock.lap("surface")
+        samples = self._target.read()
+        clock.lap("readback")
+        return samples
+
+    def _cast(self, names: Sequence[str], frame: Frame, bounds_px: tuple[float, float, float, float],
+              grid: tuple[int, int], mask: np.ndarray | None) -> np.ndarray:
+        (columns, rows), (x0, y0, x1, y1) = grid, bounds_px
+        x = x0 + (np.arange(columns) + 0.5) * (x1 - x0) / columns
+        y = y0 + (np.arange(rows) + 0.5) * (y1 - y0) / rows
+        pixel = np.stack(np.broadcast_arrays(x, y[:, None]), axis=-1)
+        samples = np.zeros((rows, columns), np.float32)
+        count = 1 if mask is None else columns // mask.shape[1]
+        where = np.ones(samples.shape, bool) if mask is None else np.kron(mask, np.ones((count, count), bool)) > 0
+        # Others may still cast shadows here.
+        seen = [replace(view, is_visible=view.is_visible and view.name in names) for view in frame.views]
+        across = max(round(columns / (x1 - x0)), 1)
+        draw = (np.arange(rows) % across)[:, None] * across + np.arange(columns) % across
+        samples[where] = self._rays.irradiance(pixel[where], frame.camera, seen, draw[where])
+        return samples

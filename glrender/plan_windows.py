@@ -1,0 +1,234 @@
+"""The planner's choice for each part of an image: triangles or rays, and how many samples first. Pure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from glrender_camera import PinholeCamera
+
+from .error_model import (
+    BodyTraits,
+    LevelTraits,
+    facets_per_px,
+    flux_error,
+    noise_gain,
+    noise_power,
+    samples_across,
+    shadow_share,
+    squared_errors,
+)
+from .grouping import region, touching
+from .refine import SAMPLE_COUNTS
+from .render_plan import BodyPlan, WindowPlan
+from .view import BodyView
+
+MAX_SAMPLES = 16
+"""Most samples along a pixel's side."""
+# A body that is smaller has a grid of its own.
+_SMALL_PX = 4.0
+# Error of its pixels over that of its flux, at most.
+_SMALL_PIXELS = 4.0
+# Cost of a sample passed over, in samples that are shaded; and of a ray that meets nothing, in rays that do.
+_PASSED_OVER_COST, _MISS_COST = 0.45, 0.15
+# Cost of a texel of a shadow map, in samples (engine.md: 2.3 ns of 20).
+_TEXEL_COST = 0.1
+# Of the budget, what a guess may take that shall not need a second pass: where a pass costs more than its
+# samples, and where it costs less.
+_SURE, _LIKELY = 0.7, 0.85
+# Fewest samples along a pixel's side of a low Sun's slivers, where the budget would notice one that is missed.
+_SLIVER_SAMPLES, _SLIVER_PHASE_RAD, _SLIVER_BUDGET = 3, 1.4, 0.03
+# Penumbras by rays are noise: creases and facets that say so; and fewest samples along a pixel's side.
+_PENUMBRA_NOISE, _PENUMBRA_SAMPLES = (0.33, 1e4), 2
+# Nanoseconds of a call whatever it draws: of OpenGL, of rays in NumPy.
+_RASTER_CALL_NS, _RAYS_CALL_NS = 5e5, 1.5e6
+
+
+@dataclass(frozen=True, kw_only=True)
+class EngineCosts:
+    """Nanoseconds that drawing takes on a machine: measured by `engine_costs`.
+
+    Attributes
+    ----------
+    facet_ns : float
+        Of a facet in a pass of OpenGL, whether seen or not.
+    sample_ns : float
+        Of a sample that OpenGL shades.
+    ray_ns : float
+        Of a sample that meets a body, with its ray to the Sun; infinite without rays.
+    """
+
+    facet_ns: float
+    sample_ns: float
+    ray_ns: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class WindowChoice:
+    """How a window is drawn, and the rays that take over where its image tells that shadow maps are too coarse."""
+
+    first: WindowPlan
+    by_rays: WindowPlan | None = None
+
+
+def plan_windows(views: Sequence[BodyView], traits: Mapping[str, BodyTraits], bodies: Sequence[BodyPlan],
+                 camera: PinholeCamera, max_error: float, error_gain: float, costs: EngineCosts,
+                 samples: int | None) -> list[WindowChoice]:
+    """Split the image into windows, each with the engine and the samples that its bodies need first.
+
+    Bodies far apart in the image are drawn apart, so that the cost follows their pixels; a body
+    smaller than a few pixels is drawn on a grid of its own that fits its outline.
+
+    Parameters
+    ----------
+    error_gain : float [1]
+        What the camera's PSF leaves of an error that is independent from pixel to pixel.
+    costs : EngineCosts
+    samples : int or None
+        Asked for instead of the planner's choice: drawn by OpenGL.
+    """
+    plans = {body.name: body for body in bodies}
+    return [_Window(members, traits, plans, camera, max_error / error_gain, error_gain, costs).choice(samples)
+            for members in touching(views, camera)]
+
+
+class _Window:
+    """Bodies that are drawn together, and what each engine would make of them."""
+
+    def __init__(self, members: Sequence[BodyView], traits: Mapping[str, BodyTraits], plans: Mapping[str, BodyPlan],
+                 camera: PinholeCamera, budget: float, error_gain: float, costs: EngineCosts):
+        self._members, self._budget, self._gain, self._costs = members, budget, error_gain, costs
+        self._drawn = [plans[view.name] for view in members]
+        self._levels = [traits[view.name].levels[body.level] for view, body in zip(members, self._drawn, strict=True)]
+        self._full = [traits[view.name].levels[0] for view in members]
+        self._roi = x0, y0, x1, y1 = region(members, camera)
+        self._box_px = (x1 - x0) * (y1 - y0)
+        self._n_px = min(sum(0.6 * min(view.size_px, 1e5) ** 2 for view in members), self._box_px)
+        self._largest_px = max(view.size_px for view in members)
+        self._phase_rad = max(view.phase_rad for view in members)
+        self._across = samples_across(budget, self._phase_rad)
+        # Slivers of light between samples tell nothing of themselves.
+        slivers = _SLIVER_SAMPLES if self._phase_rad > _SLIVER_PHASE_RAD and budget < _SLIVER_BUDGET else 1
+        self._least = min(max(math.ceil(self._across / self._largest_px), slivers), MAX_SAMPLES)
+        # Of shadow maps and levels of detail: rays have neither.
+        self._floor = max(body.modelling_error for body in self._drawn)
+        self._facets_ns = sum(body.n_facets * body.shown_share for body in self._drawn) * costs.facet_ns
+        maps = [body for body in self._drawn if body.shadow_map_px is not None]
+        self._shadows_ns = sum(body.n_facets * body.shown_share * costs.facet_ns
+                               + math.prod(body.shadow_map_drawn_px) * _TEXEL_COST * costs.sample_ns for body in maps)
+
+    def choice(self, samples: int | None) -> WindowChoice:
+        has_rays = math.isfinite(self._costs.ray_ns)
+        is_small = self._largest_px < _SMALL_PX or self._across > MAX_SAMPLES * self._largest_px
+        if samples is None and len(self._members) == 1 and is_small:
+            return WindowChoice(first=self._own_grid(has_rays))
+        raster_ns, raster = self._raster(samples)
+        if not has_rays or samples is not None:
+            return WindowChoice(first=raster)
+        rays_ns, rays = self._rays()
+        if rays_ns < raster_ns or self._floor > self._budget:
+            return WindowChoice(first=rays)
+        return WindowChoice(first=raster, by_rays=rays)
+
+    def _own_grid(self, has_rays: bool) -> WindowPlan:
+        (left, top, right, bottom), size = self._members[0].bounds_px, self._largest_px
+        grid = tuple(max(math.ceil(self._across * side / size), 8) for side in (right - left, bottom - top))
+        setup_ns = _RASTER_CALL_NS + self._facets_ns + self._shadows_ns
+        is_rays = (_RAYS_CALL_NS + math.prod(grid) * self._costs.ray_ns
+                   < setup_ns + math.prod(grid) * self._costs.sample_ns) or (has_rays and self._floor > self._budget)
+        floor = 0.0 if is_rays else self._floor
+        sampling = _SMALL_PIXELS * max(flux_error(self._across, self._phase_rad),
+                                       math.sqrt(sum(self._errors(self._levels)) * (size / self._across) ** 3))
+        margin = 0.02 * size
+        return self._plan("rays" if is_rays else "raster", samples=0, grid=grid,
+                          bounds_px=(float(left - margin), float(top - margin), float(right + margin),
+                                     float(bottom + margin)),
+                          modelling_error=floor, predicted_error=math.hypot(floor, sampling))
+
+    def _raster(self, samples: int | None) -> tuple[float, WindowPlan]:
+        """By OpenGL, with the levels of detail and the shadow maps that were planned; its nanoseconds."""
+        budget = math.sqrt(max(self._budget**2 - self._floor**2, (0.3 * self._budget) ** 2))
+        errors, noise = self._errors(self._levels), self._noise(self._levels)
+        shade = max(0.0 if body.shadow_map_px is None else shadow_share(view, body.shadow_map_px)
+                    for view, body in zip(self._members, self._drawn, strict=True))
+        shaded, count = first_samples(*errors, noise_power(noise_gain(*noise)), self._n_px,
+                                      self._facets_ns / self._costs.sample_ns, _PASSED_OVER_COST, self._least, budget)
+        asked = {} if samples is None else {"budget": math.inf}
+        window = self._sampled("raster", count if samples is None else samples, errors, noise=noise,
+                               shadow_share=shade, modelling_error=self._floor, **asked)
+        return shaded * self._costs.sample_ns + _RASTER_CALL_NS + self._shadows_ns, window
+
+    def _rays(self) -> tuple[float, WindowPlan]:
+        """By rays, at the full shape; its nanoseconds."""
+        errors, noise, least = self._errors(self._full), self._noise(self._full), self._least
+        if max(body.penumbra_px for body in self._drawn) > 1.0:
+            # A ramp of many samples that are each lit or not.
+            noise, least = _PENUMBRA_NOISE, max(least, _PENUMBRA_SAMPLES)
+        cast, count = first_samples(*errors, noise_power(noise_gain(*noise)), self._n_px, 0.0, 0.0, least, self._budget)
+        cast += _MISS_COST * (self._box_px - self._n_px) * count**2
+        return cast * self._costs.ray_ns + _RAYS_CALL_NS, self._sampled("rays", count, errors, noise=noise)
+
+    def _sampled(self, engine: str, count: int, errors: tuple[float, float], **told) -> WindowPlan:
+        x0, y0, x1, y1 = self._roi
+        floor = told.get("modelling_error", 0.0)
+        return self._plan(engine, samples=count, bounds_px=(x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5),
+                          grid=((x1 - x0) * count, (y1 - y0) * count),
+                          predicted_error=math.hypot(floor, math.sqrt(sum(errors) * count**-3)), **told)
+
+    def _plan(self, engine: str, *, predicted_error: float, **told) -> WindowPlan:
+        told = {"budget": self._budget, "modelling_error": 0.0, "noise": (0.0, 0.0), "shadow_share": 0.0} | told
+        return WindowPlan(bodies=tuple(view.name for view in self._members), engine=engine, roi=self._roi,
+                          predicted_error=self._gain * predicted_error, **told)
+
+    def _errors(self, levels: Sequence[LevelTraits]) -> tuple[float, float]:
+        """Squared errors of one sample a pixel, of the worst body: of outlines, of creases."""
+        limb, creases = zip(*(squared_errors(view, level) for view, level in zip(self._members, levels, strict=True)),
+                            strict=True)
+        return max(limb), max(creases)
+
+    def _noise(self, levels: Sequence[LevelTraits]) -> tuple[float, float]:
+        return (max(level.crease_rad for level in levels),
+                max(facets_per_px(view, level.n_facets) for view, level in zip(self._members, levels, strict=True)))
+
+
+def first_samples(limb: float, creases: float, power: float, n_px: float, setup: float, passed_over: float, least: int,
+                  budget: float) -> tuple[float, int]:
+    """Cost of drawing, and samples along a pixel's side before the image itself tells where more are needed.
+
+    A second pass over few pixels cures outlines; creases are everywhere, and half of the pixels
+    have nearly all of their error. The cheapest pair of passes that should meet the budget decides.
+
+    Parameters
+    ----------
+    limb, creases : float [1]
+        Squared errors of one sample a pixel.
+    power : float
+        n x n samples have n^-power of the squared error of creases; of outlines, n^-3.
+    n_px : float [px]
+        Of the bodies.
+    setup, passed_over : float
+        Cost of a pass, and of a sample that a second pass leaves out, in samples.
+    least : int
+        Fewest samples along a pixel's side.
+    budget : float [1]
+        RMS.
+    """
+    best = (math.inf, MAX_SAMPLES)
+    edge_share = min(12.0 / math.sqrt(n_px), 1.0)
+    for first in range(least, MAX_SAMPLES + 1):
+        cost = setup + n_px * first**2
+        if cost > best[0]:
+            break
+        enough = budget * (_SURE if setup > n_px * first**2 else _LIKELY)
+        if limb / first**3 + creases / first**power <= enough**2 or first == MAX_SAMPLES:
+            best = min(best, (cost, first))
+            break
+        for second in SAMPLE_COUNTS:
+            room = budget**2 - limb / second**3
+            kept = min(room * first**power / creases, 1.0) if creases > 0.0 else 1.0
+            if second <= first or room <= 0.0 or kept < (first / second) ** power:
+                continue
+            share = min(edge_share + 0.5 * (1.0 - kept) ** 2, 1.0)
+            best = min(best, (cost + setup + n_px * second**2 * (share + passed_over), first))
+    return best

@@ -1,0 +1,125 @@
+"""What a frame models, what it leaves out, and the error that is expected of it: plain data."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from .emission_frame import EmissionPlan
+
+EMISSION_LEFT_OUT = "emission around"
+"""How a plan begins to say that light which no surface scatters is not in the image."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class BodyPlan:
+    """What is modelled of one body."""
+
+    name: str
+    is_visible: bool
+    n_facets: int
+    level: int
+    """Level of detail: 0 is the full shape."""
+    law: str
+    shadow_map_px: int | None
+    """Texels of the shadow map across the body; None where nothing can cast on it."""
+    shadow_map_reused: bool
+    relative_to_camera: bool
+    normal_lookup: bool
+    size_px: float
+    """Larger side of the outline's box [px]."""
+    flux_ratio: float = 1.0
+    """Of the full shape over the level: the level's irradiance is multiplied by it."""
+    modelling_error: float = 0.0
+    """RMS error that samples do not cure: of the level, of the shadow map's texels."""
+    penumbra_px: float = 0.0
+    """Width of the widest penumbra [px]: rays have them, shadow maps have hard edges."""
+    shown_share: float = 1.0
+    """Of the facets, those in chunks that are not out of view."""
+    shadow_map_drawn_px: tuple[int, int] = (0, 0)
+    """Texels that there are of the shadow map: of what is seen of the body, along x and y."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WindowPlan:
+    """One part of the image that is drawn at once: bodies whose outlines' boxes touch.
+
+    Attributes
+    ----------
+    bodies : tuple of str
+    engine : "raster" or "rays"
+        Triangles drawn by OpenGL, or rays cast at them: whichever is faster here.
+    roi : (int, int, int, int) [px]
+        Pixels that it touches: x0, y0, x1, y1, one past the last.
+    samples : int
+        Along each side of a pixel; 0 for a body so small that it has a grid of its own.
+    bounds_px : (float, float, float, float) [px]
+        What is drawn: the region's edges, or the small body's box.
+    grid : (int, int)
+        Samples across and down.
+    budget : float [1]
+        Error above which pixels are drawn again with more samples; infinite for never.
+    modelling_error : float [1]
+        What samples do not cure: levels of detail, texels of shadow maps.
+    shadow_share : float [1]
+        Of one sample's squared error, as the image tells it: left by the shadow maps' texels.
+    noise : (float, float) [rad], [1]
+        Angle of the creases between facets, and facets a pixel: arguments of `noise_gain`.
+    predicted_error : float [1]
+    """
+
+    bodies: tuple[str, ...]
+    engine: str
+    roi: tuple[int, int, int, int]
+    samples: int
+    bounds_px: tuple[float, float, float, float]
+    grid: tuple[int, int]
+    budget: float
+    modelling_error: float
+    noise: tuple[float, float]
+    shadow_share: float
+    predicted_error: float
+    refined_samples: int = 0
+    """Samples along the side of the pixels that were drawn again; 0 for none."""
+    refined_share: float = 0.0
+    """Of the region's pixels."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RenderPlan:
+    """What a frame models, what it leaves out, and the error that is expected of it.
+
+    Attributes
+    ----------
+    roi : (int, int, int, int) [px]
+        Region outside which the image is zero: x0, y0, x1, y1, one past the last; all zero when
+        nothing is in view.
+    windows : tuple of WindowPlan
+        What is drawn of it.
+    predicted_error : float [1]
+        RMS irradiance error over the mean of the lit pixels.
+    left_out : tuple of str
+    warnings : tuple of str
+        What is used beyond its range.
+    emission : tuple of EmissionPlan
+        What plug-ins added to it.
+    """
+
+    camera: str
+    max_error: float
+    roi: tuple[int, int, int, int]
+    windows: tuple[WindowPlan, ...]
+    predicted_error: float
+    bodies: tuple[BodyPlan, ...]
+    left_out: tuple[str, ...] = field(default=())
+    warnings: tuple[str, ...] = field(default=())
+    emission: tuple[EmissionPlan, ...] = field(default=())
+
+    @property
+    def samples(self) -> int:
+        """Most samples along a pixel's side in any window."""
+        return max((window.samples for window in self.windows), default=0)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, for the wire."""
+        return asdict(self)
