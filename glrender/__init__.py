@@ -19,8 +19,8 @@ from .state import Pose, State
 
 __version__ = "0.1.0"
 __all__ = ["Body", "Boulders", "Capture", "ConfigError", "Craters", "Detail", "DeviceError", "GlrenderError", "Image",
-           "Noise", "PinholeCamera", "Pose", "ProtocolError", "Renderer", "Scene", "SceneError", "Shape", "ShaderError", "ShapeError", "Stars", "State",
-           "draw_still", "load_scene", "open_renderer", "take_frame"]
+           "Noise", "PinholeCamera", "Pose", "ProtocolError", "Renderer", "Scene", "SceneError", "Shape", "ShaderError",
+           "ShapeError", "Stars", "State", "draw_still", "load_scene", "open_renderer", "take_frame"]
 
 
 def __getattr__(name: str):

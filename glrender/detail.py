@@ -1,4 +1,4 @@
-"""Surface detail that a shape model does not hold, as a scene asks for it: noise, craters, boulders. See docs/detail.md.
+"""Surface detail that a shape model does not hold, as a scene asks for it (docs/detail.md).
 
 Nothing here is seen of a body: what is asked for is a statistic, and the seed picks one of its cases.
 """

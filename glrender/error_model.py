@@ -6,10 +6,11 @@ Fitted to measurements against rays and kept above them (docs/planner.md); pure 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from .constants import AU_M, SUN_RADIUS_M
 from .lod_flux import FluxRatio
+from .relief import Relief
 from .view import BodyView
 
 # Squared error of one sample a pixel: limb and terminator, and creases between facets; as measured
@@ -63,6 +64,7 @@ class BodyTraits:
     law: str
     max_phase_rad: float
     levels: tuple[LevelTraits, ...]
+    relief: Relief | None = None
 
 
 def level_error(view: BodyView, level: LevelTraits, footprint_m: float) -> float:
@@ -96,6 +98,15 @@ def squared_errors(view: BodyView, level: LevelTraits) -> tuple[float, float]:
     tilt = (0.02 + min(math.tan(0.5 * view.phase_rad), 30.0) ** 2) ** 0.71
     return (_LIMB_ERROR / diameter * lit**-_LIT_POWER,
             _CREASE_ERROR * level.crease_rad**2 * crowding * tilt * noise)
+
+
+def with_detail(view: BodyView, level: LevelTraits, slope: float) -> LevelTraits:
+    """A level as sampling sees it with surface detail of an RMS slope: about a facet a pixel, tilted by it."""
+    if not slope:
+        return level
+    diameter = min(max(view.size_px, 1.0), 1e5)
+    return replace(level, crease_rad=math.hypot(level.crease_rad, slope),
+                   n_facets=max(level.n_facets, round(1.2 * diameter**2)))
 
 
 def noise_gain(crease_rad: float, facets_per_sample: float) -> float:

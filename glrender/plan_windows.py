@@ -18,6 +18,7 @@ from .error_model import (
     samples_across,
     shadow_share,
     squared_errors,
+    with_detail,
 )
 from .grouping import region, touching
 from .refine import SAMPLE_COUNTS
@@ -100,8 +101,9 @@ class _Window:
                  camera: PinholeCamera, budget: float, error_gain: float, costs: EngineCosts):
         self._members, self._budget, self._gain, self._costs = members, budget, error_gain, costs
         self._drawn = [plans[view.name] for view in members]
-        self._levels = [traits[view.name].levels[body.level] for view, body in zip(members, self._drawn, strict=True)]
-        self._full = [traits[view.name].levels[0] for view in members]
+        self._levels, self._full = ([with_detail(view, traits[view.name].levels[level], body.detail_slope)
+                                     for view, body, level in zip(members, self._drawn, levels, strict=True)]
+                                    for levels in ([body.level for body in self._drawn], [0] * len(members)))
         self._roi = x0, y0, x1, y1 = region(members, camera)
         self._box_px = (x1 - x0) * (y1 - y0)
         self._n_px = min(sum(0.6 * min(view.size_px, 1e5) ** 2 for view in members), self._box_px)

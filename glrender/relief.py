@@ -109,6 +109,7 @@ class Relief:
     def __init__(self, detail: Detail, facet_m: float, radius_m: float):
         self.facet_m = float(facet_m)
         self.layers = _layers(detail)
+        self._slopes = np.array([_rms_slope(layer) for layer in self.layers])
         finest_m = min(1.0 / np.linalg.norm(layer.lattice_from_body[0]) for layer in self.layers)
         if radius_m > _MOST_CELLS * finest_m:
             raise ConfigError("", f"must have no lattice finer than the radius / 2^22, {radius_m / _MOST_CELLS:g} m",
@@ -126,6 +127,14 @@ class Relief:
     def active(self, footprint_m: float) -> list[int]:
         """The layers that a pixel of this footprint resolves."""
         return [k for k, scale in enumerate(self.scales_m()) if scale > FADE[0] * footprint_m]
+
+    def slope_rms(self, footprint_m: float) -> float:
+        """RMS slope [1] of what pixels of a footprint resolve."""
+        return float(np.linalg.norm(self._weights(footprint_m) * self._slopes))
+
+    def _weights(self, footprint_m: float) -> np.ndarray:
+        t = np.clip((self.scales_m() / footprint_m - FADE[0]) / (FADE[1] - FADE[0]), 0.0, 1.0)
+        return t * t * (3.0 - 2.0 * t)
 
     def __call__(self, r_body_m: np.ndarray, footprint_m: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
         """Height (N,) [m] and its gradient (N, 3) [1] at points (N, 3) [m] of the body's surface.
@@ -170,8 +179,8 @@ class Relief:
         Parameters
         ----------
         r_origin_body_m : (3,) float64 [m]
-            Of the shader's coordinates: lattices are moved there in float64, so that float32 does from near what it does
-            from afar.
+            Of the shader's coordinates: lattices are moved there in float64, so that float32 does from near
+            what it does from afar.
         footprint_m : float [m]
             Least of the pixels.
         """
@@ -219,6 +228,14 @@ def _layers(detail: Detail) -> tuple[Layer, ...]:
         raise ConfigError("", f"must have at most {MAX_LAYERS} layers", len(made),
                           "fewer octaves of sizes, or less coverage: of craters 3 % of an octave is a layer")
     return tuple(made)
+
+
+def _rms_slope(layer: Layer) -> float:
+    """Along a surface: two thirds of the gradient's square, over some cubes."""
+    place = np.random.default_rng(0).uniform(0.0, 64.0, (2048, 3))
+    cell = np.floor(place)
+    slope = (_noise if layer.kind == NOISE else _feature)(layer, cell, place - cell)[1]
+    return layer.size * float(np.sqrt(2.0 / 3.0 * np.mean((slope * slope).sum(axis=1))))
 
 
 def _octaves(large: float, small: float) -> list[float]:
