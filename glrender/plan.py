@@ -74,7 +74,7 @@ def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, has_cas
         if shadow_px is not None:
             squared += shadow_share(view, shadow_px) * sum(squared_errors(view, chosen))
             squared += (_LEAK_RMS * leaked_flux(view, shadow_px)) ** 2 + penumbra.error**2
-    detail_m, detail_slope = None, 0.0
+    detail_m, active, detail_slope = None, [], 0.0
     if traits.relief is not None and view.is_visible and (active := traits.relief.active(footprint_m)):
         detail_m = float(max(traits.relief.scales_m()[active].min(), 2.0 * footprint_m))
         detail_slope = traits.relief.slope_rms(footprint_m)
@@ -85,7 +85,7 @@ def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, has_cas
         normal_lookup=footprint_m < 2e-4 * traits.radius_m, size_px=view.size_px, flux_ratio=ratio,
         modelling_error=math.sqrt(squared), penumbra_px=penumbra.width_px, shown_share=shown_share,
         shadow_map_drawn_px=(0, 0) if shadow_px is None else (math.ceil(shadow_px * seen_share),) * 2,
-        detail_m=detail_m, detail_slope=detail_slope)
+        detail_m=detail_m, detail_layers=len(active), detail_slope=detail_slope)
 
 
 def choose_level(view: BodyView, traits: BodyTraits, footprint_m: float, budget: float) -> int:

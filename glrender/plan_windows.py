@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from glrender_camera import PinholeCamera
 
@@ -35,6 +35,8 @@ _SMALL_PIXELS = 4.0
 _PASSED_OVER_COST, _MISS_COST = 0.45, 0.15
 # Cost of a texel of a shadow map, in samples (engine.md: 2.3 ns of 20).
 _TEXEL_COST = 0.1
+# Cost of a layer of surface detail, in samples; and nanoseconds of one by rays, in NumPy.
+_LAYER_COST, _LAYER_RAY_NS = 1.5, 200.0
 # Of the budget, what a guess may take that shall not need a second pass: where a pass costs more than its
 # samples, and where it costs less.
 _SURE, _LIKELY = 0.7, 0.85
@@ -99,8 +101,12 @@ class _Window:
 
     def __init__(self, members: Sequence[BodyView], traits: Mapping[str, BodyTraits], plans: Mapping[str, BodyPlan],
                  camera: PinholeCamera, budget: float, error_gain: float, costs: EngineCosts):
-        self._members, self._budget, self._gain, self._costs = members, budget, error_gain, costs
+        self._members, self._budget, self._gain = members, budget, error_gain
         self._drawn = [plans[view.name] for view in members]
+        texel_ns = _TEXEL_COST * costs.sample_ns
+        n_layers = max(body.detail_layers for body in self._drawn)
+        self._costs = costs = replace(costs, sample_ns=costs.sample_ns * (1.0 + _LAYER_COST * n_layers),
+                                      ray_ns=costs.ray_ns + _LAYER_RAY_NS * n_layers)
         self._levels, self._full = ([with_detail(view, traits[view.name].levels[level], body.detail_slope)
                                      for view, body, level in zip(members, self._drawn, levels, strict=True)]
                                     for levels in ([body.level for body in self._drawn], [0] * len(members)))
@@ -118,7 +124,7 @@ class _Window:
         self._facets_ns = sum(body.n_facets * body.shown_share for body in self._drawn) * costs.facet_ns
         maps = [body for body in self._drawn if body.shadow_map_px is not None]
         self._shadows_ns = sum(body.n_facets * body.shown_share * costs.facet_ns
-                               + math.prod(body.shadow_map_drawn_px) * _TEXEL_COST * costs.sample_ns for body in maps)
+                               + math.prod(body.shadow_map_drawn_px) * texel_ns for body in maps)
 
     def choice(self, samples: int | None) -> WindowChoice:
         has_rays = math.isfinite(self._costs.ray_ns)

@@ -29,8 +29,8 @@ FADE = (2.0, 4.0)
 NOISE, CRATER, BOULDER = range(3)
 # Radii of rims that a crater's ejecta reach; height of a rim over the crater's radius, of its depth.
 _REACH, _RIM = 1.6, 0.2
-# Of a cube, what the largest sphere of influence is: the rest lets its middle move.
-_SPHERE = 0.4
+# Of a cube's side, the radius of the largest sphere of influence; the middles of smaller ones move.
+_SPHERE = 0.5
 # Mean cube of sizes that are even between a half and one: of features over that of the largest.
 _MEAN_CUBE = 0.46875
 # Numbers of cubes are float32 in the shader, exact to 2^24.
@@ -272,7 +272,10 @@ def _noise(layer: Layer, cell: np.ndarray, place: np.ndarray) -> tuple[np.ndarra
 
 def _feature(layer: Layer, cell: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """A crater or boulder's height [m] and gradient [1], of a size of 1."""
+    value, slope = np.zeros(len(cell)), np.zeros((len(cell), 3))
     key = hashed_cell(cell, layer.seed)
+    here = np.flatnonzero((key >> np.uint32(8)).astype(np.float64) * 2.0**-24 < layer.share)
+    key, place = key[here], place[here]
     own = hashed(key + _ONE)
     byte = [((own >> np.uint32(8 * k)) & np.uint32(255)).astype(np.float64) / 255.0 for k in range(4)]
     radius = layer.radius * (0.5 + 0.5 * byte[3])
@@ -280,12 +283,11 @@ def _feature(layer: Layer, cell: np.ndarray, place: np.ndarray) -> tuple[np.ndar
     centre = 0.5 + (2.0 * np.stack(byte[:3], axis=1) - 1.0) * (0.5 - reach)[:, None]
     aside = (place - centre) / radius[:, None]
     t = (aside * aside).sum(axis=1)
-    is_here = (key >> np.uint32(8)).astype(np.float64) * 2.0**-24 < layer.share
-    value, rate = (_crater if layer.kind == CRATER else _boulder)(t)
-    value, rate = np.where(is_here, value, 0.0), np.where(is_here, rate, 0.0)
+    form, rate = (_crater if layer.kind == CRATER else _boulder)(t)
     cell_m = 1.0 / np.linalg.norm(layer.lattice_from_body[0])
-    slope = 2.0 * rate[:, None] * _product(layer.lattice_from_body.T, aside) * cell_m
-    return value * radius * cell_m, slope
+    slope[here] = 2.0 * rate[:, None] * _product(layer.lattice_from_body.T, aside) * cell_m
+    value[here] = form * radius * cell_m
+    return value, slope
 
 
 def _crater(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -40,6 +40,7 @@ class BodyPlan:
     """Texels that there are of the shadow map: of what is seen of the body, along x and y."""
     detail_m: float | None = None
     """Scale of the finest surface detail that is drawn [m]; None without any."""
+    detail_layers: int = 0
     detail_slope: float = 0.0
     """RMS slope of that detail."""
 

@@ -16,7 +16,7 @@ uint keyed(ivec3 cell, uint seed)
     return seed + uint(cell.x) * 0x8DA6B343u + uint(cell.y) * 0xD8163841u + uint(cell.z) * 0xCB1AB31Fu;
 }
 
-float number(uint key) { return float(hashed(key) >> 8) * 1.1920928955078125e-7 - 1.0; }
+float number(uint key) { return float(int(hashed(key) >> 8)) * 1.1920928955078125e-7 - 1.0; }
 
 // Where a point is on a layer's lattice: its cube, and its place within.
 vec3 on_lattice(int start, vec3 r, out ivec3 cell)
@@ -45,7 +45,7 @@ vec3 noise_slope(int start, vec3 r)
     ivec3 cell;
     vec3 t = on_lattice(start, r, cell);
     vec3 w = t * t * t * (t * (t * 6.0 - 15.0) + 10.0), rate = 30.0 * t * t * (t - 1.0) * (t - 1.0);
-    uint key = keyed(cell, uint(relief_layers[start + 3].w));
+    uint key = keyed(cell, uint(int(relief_layers[start + 3].w)));
     const uint X = 0x8DA6B343u, Y = 0xD8163841u, Z = 0xCB1AB31Fu;
     float a = number(key), b = number(key + X), c = number(key + Y), d = number(key + X + Y);
     float e = number(key + Z), f = number(key + X + Z), g = number(key + Y + Z), h = number(key + X + Y + Z);
@@ -71,15 +71,12 @@ vec3 feature_aside(int start, vec3 r, float reach, out float t)
     vec4 values = relief_layers[start + 4];
     ivec3 cell;
     vec3 place = on_lattice(start, r, cell);
-    uint key = hashed(keyed(cell, uint(relief_layers[start + 3].w)));
-    t = 1e6;
-    if (float(key >> 8) * 5.9604644775390625e-8 >= values.z)
-        return vec3(0.0);
+    uint key = hashed(keyed(cell, uint(int(relief_layers[start + 3].w))));
     uint own = hashed(key + 1u);
-    vec4 byte = vec4(own & 255u, (own >> 8) & 255u, (own >> 16) & 255u, own >> 24) / 255.0;
+    vec4 byte = vec4(ivec4(own & 255u, (own >> 8) & 255u, (own >> 16) & 255u, own >> 24)) / 255.0;
     float radius = values.w * (0.5 + 0.5 * byte.w);
     vec3 aside = (place - 0.5 - (2.0 * byte.xyz - 1.0) * (0.5 - radius * reach)) / radius;
-    t = dot(aside, aside);
+    t = float(int(key >> 8)) * 5.9604644775390625e-8 < values.z ? dot(aside, aside) : 1e6;
     vec3 row = relief_layers[start].xyz;
     return to_body(start, aside) * inversesqrt(dot(row, row));
 }
