@@ -105,9 +105,7 @@ class Body:
         """The ground that its detail makes."""
         if self.detail is None:
             return None
-        corner = self.shape.vertices_m[self.shape.facets]
-        area_m2 = 0.5 * np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
-        return Relief(self.detail, math.sqrt(area_m2.mean() * 4.0 / math.sqrt(3.0)),
+        return Relief(self.detail, math.sqrt(self.shape.facet_areas_m2.mean() * 4.0 / math.sqrt(3.0)),
                       float(np.linalg.norm(self.shape.vertices_m, axis=1).max()))
 
 

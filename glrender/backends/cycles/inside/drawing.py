@@ -38,9 +38,10 @@ class Stage:
         # Before the bodies: Blender compiles OSL for the engine that is set.
         self._set_up(any(told["law"] for told in head["bodies"]), head["threads"])
         self._script_nodes = []
+        self._told = head["bodies"]
         self._bodies = [self._body(told, {key: arrays.get(f"{key}/{index}") for key in
                                           ("vertices", "facets", "uv", "normals", "texture")})
-                        for index, told in enumerate(head["bodies"])]
+                        for index, told in enumerate(self._told)]
         self._light = bpy.data.lights.new("sun", "SUN")
         self._light.energy = 1.0
         self._lens = bpy.data.cameras.new("camera")
@@ -48,6 +49,15 @@ class Stage:
         self._sun, self._camera = (self._object(name, data) for name, data in
                                    (("sun", self._light), ("camera", self._lens)))
         self._scene.camera = self._camera
+
+    def reshape(self, index: int, arrays: dict) -> None:
+        """Give a body other vertices, facets, uv and normals."""
+        thing = self._bodies[index]
+        before = thing.data
+        thing.data = self._mesh(self._told[index], {key: arrays.get(key) for key in
+                                                    ("vertices", "facets", "uv", "normals")})
+        thing.data.materials.append(before.materials[0])
+        bpy.data.meshes.remove(before)
 
     def draw(self, head: dict, progress) -> np.ndarray:
         """Mean radiance (rows, columns) float32 of the region's pixels, top row first, for a Sun of 1 W/m2.
@@ -110,7 +120,7 @@ class Stage:
         self._scene.collection.objects.link(made)
         return made
 
-    def _body(self, told: dict, arrays: dict) -> bpy.types.Object:
+    def _mesh(self, told: dict, arrays: dict) -> bpy.types.Mesh:
         mesh = bpy.data.meshes.new(told["name"])
         vertices, facets = arrays["vertices"], arrays["facets"]
         mesh.vertices.add(len(vertices))
@@ -129,6 +139,10 @@ class Stage:
             if bpy.app.version < (4, 1):
                 mesh.use_auto_smooth = True
             mesh.normals_split_custom_set_from_vertices(arrays["normals"].tolist())
+        return mesh
+
+    def _body(self, told: dict, arrays: dict) -> bpy.types.Object:
+        mesh = self._mesh(told, arrays)
         mesh.materials.append(self._material(told, arrays["texture"]))
         made = self._object(told["name"], mesh)
         # Cycles moves shadows and normals of interpolated surfaces by default.
