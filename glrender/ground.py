@@ -31,17 +31,13 @@ def displaced(body: Body, view: BodyView, camera: PinholeCamera) -> Body:
     relief = body.relief
     if relief is None or not view.is_visible or not relief.active(view.depth_m[0] / camera.focal_length_px):
         return body
-    beside_px = _MARGIN * max(camera.width_px, camera.height_px)
+    sides = _inward_normals(camera, _MARGIN * max(camera.width_px, camera.height_px))
 
-    def footprint_m(r: np.ndarray) -> np.ndarray:
-        """Of a pixel there; infinite where the camera does not look."""
+    def footprint_m(r: np.ndarray, reach_m: np.ndarray | float = 0.0) -> np.ndarray:
+        """Of a pixel, the least within a reach; infinite where the camera sees none of that."""
         r = (r - view.r_camera_body_m) @ view.camera_from_body.T
-        depth = np.maximum(r[:, 2], 1e-300)
-        pixel = r[:, :2] / depth[:, None] * camera.focal_length_px + np.array(camera.principal_point_px)
-        x0, y0, x1, y1 = camera.bounds_px
-        is_in = ((r[:, 2] > 0.0) & (pixel[:, 0] > x0 - beside_px) & (pixel[:, 0] < x1 + beside_px)
-                 & (pixel[:, 1] > y0 - beside_px) & (pixel[:, 1] < y1 + beside_px))
-        return np.where(is_in, np.linalg.norm(r, axis=1) / camera.focal_length_px, np.inf)
+        is_in = ((r @ sides.T).min(axis=1) > -reach_m)
+        return np.where(is_in, np.maximum(np.linalg.norm(r, axis=1) - reach_m, 0.0) / camera.focal_length_px, np.inf)
 
     shape = body.shape
     middle = shape.vertices_m[shape.facets].mean(axis=1)
@@ -49,7 +45,7 @@ def displaced(body: Body, view: BodyView, camera: PinholeCamera) -> Body:
     cosine = np.einsum("ij,ij->i", shape.facet_normals, towards) / np.linalg.norm(towards, axis=1)
     edge_px = _EDGE_PX
     while True:
-        made = split(shape, lambda r, edge_px=edge_px: edge_px * footprint_m(r), cosine > _TURNED_AWAY)
+        made = split(shape, lambda *edge, edge_px=edge_px: edge_px * footprint_m(*edge), cosine > _TURNED_AWAY)
         if made is not None:
             break
         edge_px *= 1.25
@@ -63,7 +59,7 @@ def displaced(body: Body, view: BodyView, camera: PinholeCamera) -> Body:
     return replace(body, shape=ground, detail=None)
 
 
-def split(shape: Shape, limit_m: Callable[[np.ndarray], np.ndarray], is_split: np.ndarray
+def split(shape: Shape, limit_m: Callable[[np.ndarray, np.ndarray], np.ndarray], is_split: np.ndarray
           ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
     """Split edges in the middle until none is longer than the limit there; edges are split for both of their facets.
 
@@ -71,7 +67,7 @@ def split(shape: Shape, limit_m: Callable[[np.ndarray], np.ndarray], is_split: n
     ----------
     shape : Shape
     limit_m : callable
-        Points (N, 3) [m] to lengths (N,) [m].
+        Middles (N, 3) [m] and half lengths (N,) [m] of edges to the lengths (N,) [m] that they may have.
     is_split : (F,) bool
         Facets whose edges may be split.
 
@@ -90,7 +86,8 @@ def split(shape: Shape, limit_m: Callable[[np.ndarray], np.ndarray], is_split: n
         middle = 0.5 * (points[low] + points[high])
         may = np.zeros(len(key), bool)
         may[inverse.reshape(-1, 3)[is_split[source]].ravel()] = True
-        may[may] = (np.linalg.norm(points[high[may], :3] - points[low[may], :3], axis=1) > limit_m(middle[may, :3]))
+        half_m = 0.5 * np.linalg.norm(points[high[may], :3] - points[low[may], :3], axis=1)
+        may[may] = 2.0 * half_m > limit_m(middle[may, :3], half_m)
         if not may.any():
             return points[:, :3], points[:, 3:], facets.astype(np.int32), source
         number = np.where(may, len(points) + np.cumsum(may) - 1, -1)[inverse].reshape(-1, 3)
@@ -117,6 +114,15 @@ def _split_facets(facets: np.ndarray, source: np.ndarray, middles: np.ndarray) -
         made += [np.stack(part, axis=1) for part in parts]
         origin += [source[here]] * len(parts)
     return np.concatenate(made), np.concatenate(origin)
+
+
+def _inward_normals(camera: PinholeCamera, margin_px: float) -> np.ndarray:
+    """Of the planes through the camera and the frame's sides, moved outwards (4, 3), in its axes."""
+    x0, y0, x1, y1 = camera.bounds_px
+    f, (cx, cy) = camera.focal_length_px, camera.principal_point_px
+    normals = np.array([[f, 0.0, cx - x0 + margin_px], [-f, 0.0, x1 - cx + margin_px],
+                        [0.0, f, cy - y0 + margin_px], [0.0, -f, y1 - cy + margin_px]])
+    return normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
 
 def _uv(shape: Shape, vertices: np.ndarray, facets: np.ndarray, source: np.ndarray) -> np.ndarray:
