@@ -14,6 +14,7 @@ and would alias. So the function depends on the footprint, and on nothing else o
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -23,10 +24,13 @@ from .errors import ConfigError
 MAX_LAYERS = 64
 """Of a body: what the shader has room for."""
 TEXELS_PER_LAYER = 5
-"""vec4s of a layer in `Relief.table`."""
+"""vec4s of a layer in `Relief.uniforms`."""
 # Footprints of a pixel: below the first a scale is left out, from the second on it is whole.
 FADE = (2.0, 4.0)
 NOISE, CRATER, BOULDER = range(3)
+STEPS, LEAST_COSINE, LEAST_RISE = 2, 0.2, 0.125
+"""Towards the point of the ground that a line of sight meets; the least cosine of emission that it is moved by; and
+the least rise, in footprints, that moves it."""
 # Radii of rims that a crater's ejecta reach; height of a rim over the crater's radius, of its depth.
 _REACH, _RIM = 1.6, 0.2
 # Of a cube's side, the radius of the largest sphere of influence; the middles of smaller ones move.
@@ -133,27 +137,29 @@ class Relief:
         return float(np.linalg.norm(self._weights(footprint_m) * self._slopes))
 
     def _weights(self, footprint_m: float) -> np.ndarray:
-        t = np.clip((self.scales_m() / footprint_m - FADE[0]) / (FADE[1] - FADE[0]), 0.0, 1.0)
-        return t * t * (3.0 - 2.0 * t)
+        return _smoothstep(*FADE, self.scales_m() / footprint_m)
 
-    def __call__(self, r_body_m: np.ndarray, footprint_m: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
+    def __call__(self, r_body_m: np.ndarray, footprint_m: np.ndarray | float,
+                 least_m: np.ndarray | float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """Height (N,) [m] and its gradient (N, 3) [1] at points (N, 3) [m] of the body's surface.
 
         Parameters
         ----------
         footprint_m : (N,) float [m]
             Of a pixel there.
-
-        Twin: shaders/relief.glsl.
+        least_m : (N,) float [m]
+            Layers that rise less are left out, up to twice as much they fade in.
         """
         r, footprint = np.asarray(r_body_m, np.float64), np.broadcast_to(footprint_m, len(r_body_m))
+        least = np.broadcast_to(least_m, len(r))
         height, gradient = np.zeros(len(r)), np.zeros((len(r), 3))
         for layer, scale in zip(self.layers, self.scales_m(), strict=True):
-            here = np.flatnonzero(scale > FADE[0] * footprint)
+            here = np.flatnonzero((scale > FADE[0] * footprint) & (layer.bound_m > least))
             if not len(here):
                 continue
-            t = np.clip((scale / footprint[here] - FADE[0]) / (FADE[1] - FADE[0]), 0.0, 1.0)
-            weight = layer.size * t * t * (3.0 - 2.0 * t)
+            weight = layer.size * _smoothstep(*FADE, scale / footprint[here])
+            if least[here].any():
+                weight *= _smoothstep(1.0, 2.0, layer.bound_m / least[here])
             place = _product(layer.lattice_from_body, r[here])
             cell = np.floor(place)
             value, slope = (_noise if layer.kind == NOISE else _feature)(layer, cell, place - cell)
@@ -163,9 +169,20 @@ class Relief:
 
     def normals(self, normal: np.ndarray, r_body_m: np.ndarray, footprint_m: np.ndarray,
                 to_camera: np.ndarray) -> np.ndarray:
-        """Unit normals (N, 3) of the ground: facets' (N, 3), tilted by the slope; turned back where they would face
-        away from the camera (N, 3)."""
-        slope = self(r_body_m, footprint_m)[1]
+        """Unit normals (N, 3) of the ground that a camera sees where it looks at points (N, 3) [m] of facets.
+
+        The line of sight meets the ground where it rises beside that point: found in STEPS steps, exact where slopes
+        are less than the line's. There the facet's normal (N, 3) is tilted by the slope, and turned back where it would
+        face away from the camera (N, 3).
+
+        Twin: shaders/relief.glsl.
+        """
+        cosine = np.einsum("ij,ij->i", normal, to_camera)[:, None]
+        per_height = (to_camera - cosine * normal) / np.maximum(cosine, LEAST_COSINE)
+        r = r_body_m
+        for _ in range(STEPS):
+            r = r_body_m + per_height * self(r, footprint_m, LEAST_RISE * footprint_m)[0][:, None]
+        slope = self(r, footprint_m)[1]
         slope -= np.einsum("ij,ij->i", slope, normal)[:, None] * normal
         tilted = normal - slope
         tilted /= np.linalg.norm(tilted, axis=1, keepdims=True)
@@ -173,8 +190,8 @@ class Relief:
         tilted += excess[:, None] * to_camera
         return tilted / np.linalg.norm(tilted, axis=1, keepdims=True)
 
-    def table(self, r_origin_body_m: np.ndarray, footprint_m: float) -> tuple[np.ndarray, list[int]]:
-        """Layers for the shader (5 * MAX_LAYERS, 4) float64, and how many there are of each kind.
+    def uniforms(self, r_origin_body_m: np.ndarray, footprint_m: float) -> dict[str, Any]:
+        """What the shader reads: layers, how many there are of each kind, and how many of them move what is seen.
 
         Parameters
         ----------
@@ -184,18 +201,26 @@ class Relief:
         footprint_m : float [m]
             Least of the pixels.
         """
-        table, counts = np.zeros((TEXELS_PER_LAYER * MAX_LAYERS, 4)), [0, 0, 0]
+        table, counts, high = np.zeros((TEXELS_PER_LAYER * MAX_LAYERS, 4)), [0, 0, 0], [0, 0, 0]
         scales = self.scales_m()
         for row, k in enumerate(self.active(footprint_m)):
             layer = self.layers[k]
             counts[layer.kind] += 1
+            high[layer.kind] += layer.bound_m > LEAST_RISE * footprint_m
             place = _product(layer.lattice_from_body, r_origin_body_m[None])[0]
             cell = np.floor(place)
             start = TEXELS_PER_LAYER * row
             table[start:start + 3, :3], table[start:start + 3, 3] = layer.lattice_from_body, place - cell
             table[start + 3] = *cell, layer.seed
             table[start + 4] = layer.size, scales[k], layer.share, layer.radius
-        return table, counts
+        kinds = ("noise", "craters", "boulders")
+        return {"relief_layers": table, **{f"relief_{kind}": n for kind, n in zip(kinds, counts, strict=True)},
+                **{f"high_{kind}": n for kind, n in zip(kinds, high, strict=True)}}
+
+
+def _smoothstep(low: float, high: float, x: np.ndarray) -> np.ndarray:
+    t = np.clip((x - low) / (high - low), 0.0, 1.0)
+    return t * t * (3.0 - 2.0 * t)
 
 
 def _layers(detail: Detail) -> tuple[Layer, ...]:

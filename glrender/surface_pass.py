@@ -108,9 +108,8 @@ class SurfacePass:
         relief = None
         if body_plan.detail_m is not None and stage == "surface.frag.glsl":
             footprint_m = view.depth_m[0] / camera.focal_length_px
-            table, counts = self._reliefs[view.name].table(r_camera + offset, footprint_m)
-            relief = {"relief_layers": table, "relief_noise": counts[0], "relief_craters": counts[1],
-                      "relief_boulders": counts[2], "footprint_per_m": 1.0 / camera.focal_length_px}
+            relief = {**self._reliefs[view.name].uniforms(r_camera + offset, footprint_m),
+                      "footprint_per_m": 1.0 / camera.focal_length_px}
         high = r_camera.astype(np.float32)
         self._meshes[view.name][body_plan.level].draw_surface(
             stage,

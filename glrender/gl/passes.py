@@ -36,6 +36,9 @@ RELIEF_BLOCK = UniformBlock("Relief", {
     "relief_noise": "int",
     "relief_craters": "int",
     "relief_boulders": "int",
+    "high_noise": "int",
+    "high_craters": "int",
+    "high_boulders": "int",
     "footprint_per_m": "float",
 })
 _BODY_BINDING, _RELIEF_BINDING = 0, 1

@@ -34,13 +34,15 @@ vec3 to_body(int start, vec3 lattice)
         + lattice.z * relief_layers[start + 2].xyz;
 }
 
-float weight_of(int start, float footprint)
+// A layer's size as far as pixels of a footprint [m] resolve it, and as far as it rises [m] by more than least [m].
+float weight_of(int start, float footprint, float rise, float least)
 {
     vec4 values = relief_layers[start + 4];
-    return values.x * smoothstep(2.0, 4.0, values.y / footprint);
+    float weight = values.x * smoothstep(2.0, 4.0, values.y / footprint);
+    return least > 0.0 ? weight * smoothstep(1.0, 2.0, rise / least) : weight;
 }
 
-vec3 noise_slope(int start, vec3 r)
+vec4 noise(int start, vec3 r, float footprint, float least)
 {
     ivec3 cell;
     vec3 t = on_lattice(start, r, cell);
@@ -53,20 +55,27 @@ vec3 noise_slope(int start, vec3 r)
     float along_x = mix(mix(b - a, d - c, w.y), mix(f - e, h - g, w.y), w.z);
     float along_y = mix(mix(c - a, d - b, w.x), mix(g - e, h - f, w.x), w.z);
     float along_z = mix(mix(e - a, f - b, w.x), mix(g - c, h - d, w.x), w.y);
-    return to_body(start, rate * vec3(along_x, along_y, along_z));
+    float height = mix(mix(a, c, w.y), mix(e, g, w.y), w.z) + w.x * along_x;
+    return weight_of(start, footprint, relief_layers[start + 4].x, least)
+        * vec4(to_body(start, rate * vec3(along_x, along_y, along_z)), height);
 }
 
-float crater_rate(float t)
+// Height of a crater over its radius, and rate, by the square of the distance from its middle over its radius.
+vec2 crater(float t)
 {
     const float OUTSIDE = REACH * REACH - 1.0;
     float v = clamp((t - 1.0) / OUTSIDE, 0.0, 1.0);
-    return t < 1.0 ? (1.0 + RIM) * 6.0 * t * (1.0 - t) : -RIM * 6.0 * v * (1.0 - v) / OUTSIDE;
+    return t < 1.0 ? vec2((1.0 + RIM) * t * t * (3.0 - 2.0 * t) - 1.0, (1.0 + RIM) * 6.0 * t * (1.0 - t))
+                   : RIM * vec2(1.0 - v * v * (3.0 - 2.0 * v), -6.0 * v * (1.0 - v) / OUTSIDE);
 }
 
-float boulder_rate(float t) { return -2.0 * max(1.0 - t, 0.0); }
+vec2 boulder(float t)
+{
+    float u = max(1.0 - t, 0.0);
+    return vec2(u * u, -2.0 * u);
+}
 
-// The vector from a feature's middle in its radii, as body coordinates; zero where there is none.
-vec3 feature_aside(int start, vec3 r, float reach, out float t)
+vec4 feature(int start, vec3 r, float footprint, float least, const bool is_crater)
 {
     vec4 values = relief_layers[start + 4];
     ivec3 cell;
@@ -74,36 +83,37 @@ vec3 feature_aside(int start, vec3 r, float reach, out float t)
     uint key = hashed(keyed(cell, uint(int(relief_layers[start + 3].w))));
     uint own = hashed(key + 1u);
     vec4 byte = vec4(ivec4(own & 255u, (own >> 8) & 255u, (own >> 16) & 255u, own >> 24)) / 255.0;
-    float radius = values.w * (0.5 + 0.5 * byte.w);
-    vec3 aside = (place - 0.5 - (2.0 * byte.xyz - 1.0) * (0.5 - radius * reach)) / radius;
-    t = float(int(key >> 8)) * 5.9604644775390625e-8 < values.z ? dot(aside, aside) : 1e6;
+    float radius = values.w * (0.5 + 0.5 * byte.w), reach = is_crater ? REACH * radius : radius;
+    vec3 aside = (place - 0.5 - (2.0 * byte.xyz - 1.0) * (0.5 - reach)) / radius;
+    float t = float(int(key >> 8)) * 5.9604644775390625e-8 < values.z ? dot(aside, aside) : 1e6;
+    vec2 form = is_crater ? crater(t) : boulder(t);
     vec3 row = relief_layers[start].xyz;
-    return to_body(start, aside) * inversesqrt(dot(row, row));
+    float cell_m = inversesqrt(dot(row, row));
+    return weight_of(start, footprint, values.x * values.w * cell_m, least)
+        * vec4(2.0 * form.y * cell_m * to_body(start, aside), form.x * radius * cell_m);
 }
 
-// Gradient of the height at a point, for the footprint of a pixel there [m].
-vec3 relief_slope(vec3 r, float footprint)
+// Slope and height of the first layers of each kind, for the footprint of a pixel [m].
+vec4 relief(vec3 r, float footprint, float least, int n_noise, int n_craters, int n_boulders)
 {
-    vec3 slope = vec3(0.0);
-    int layer = 0;
-    float t;
-    for (; layer < relief_noise; layer++)
-        slope += weight_of(5 * layer, footprint) * noise_slope(5 * layer, r);
-    for (; layer < relief_noise + relief_craters; layer++) {
-        vec3 aside = feature_aside(5 * layer, r, REACH, t);
-        slope += weight_of(5 * layer, footprint) * 2.0 * crater_rate(t) * aside;
-    }
-    for (; layer < relief_noise + relief_craters + relief_boulders; layer++) {
-        vec3 aside = feature_aside(5 * layer, r, 1.0, t);
-        slope += weight_of(5 * layer, footprint) * 2.0 * boulder_rate(t) * aside;
-    }
-    return slope;
+    vec4 sum = vec4(0.0);
+    for (int k = 0; k < n_noise; k++)
+        sum += noise(5 * k, r, footprint, least);
+    for (int k = relief_noise; k < relief_noise + n_craters; k++)
+        sum += feature(5 * k, r, footprint, least, true);
+    for (int k = relief_noise + relief_craters; k < relief_noise + relief_craters + n_boulders; k++)
+        sum += feature(5 * k, r, footprint, least, false);
+    return sum;
 }
 
-// A facet's normal tilted by the slope; turned back where it would face away from the camera.
+// A facet's normal as the ground tilts it where a line of sight meets it.
 vec3 relief_normal(vec3 normal, vec3 r, float footprint, vec3 to_camera)
 {
-    vec3 slope = relief_slope(r, footprint);
+    float cosine = dot(normal, to_camera), height = 0.0;
+    vec3 per_height = (to_camera - cosine * normal) / max(cosine, 0.2);
+    for (int k = 0; k < 2; k++)
+        height = relief(r + per_height * height, footprint, 0.125 * footprint, high_noise, high_craters, high_boulders).w;
+    vec3 slope = relief(r + per_height * height, footprint, 0.0, relief_noise, relief_craters, relief_boulders).xyz;
     vec3 tilted = normalize(normal - slope + dot(slope, normal) * normal);
     float excess = 1e-3 - dot(tilted, to_camera);
     return excess > 0.0 ? normalize(tilted + excess * to_camera) : tilted;
