@@ -71,7 +71,7 @@ class Body:
     @classmethod
     def from_file(cls, path: str | Path, *, name: str, length_unit: str | float, brdf: Law,
                   albedo_texture: str | Path | None = None, albedo_texture_gain: float = 1.0,
-                  smooth_normals: bool = False) -> Body:
+                  smooth_normals: bool = False, detail: Detail | None = None) -> Body:
         """A body from a shape file.
 
         Parameters
@@ -93,7 +93,7 @@ class Body:
             with error_path("albedo_texture"):
                 albedo_map = read_texture(Path(albedo_texture)) * np.float32(gain)
         return cls(name=name, shape=Shape.from_file(path, length_unit=length_unit), brdf=brdf,
-                   albedo_map=albedo_map, smooth_normals=smooth_normals)
+                   albedo_map=albedo_map, smooth_normals=smooth_normals, detail=detail)
 
     @cached_property
     def hull(self) -> Hull:
