@@ -65,14 +65,36 @@ class Chunks:
             inside &= self._centre_m @ plane[:3] + plane[3] >= -self._radius_m * np.linalg.norm(plane[:3])
         return inside
 
+    def boxes_px(self, camera_from_body: np.ndarray, r_camera_body_m: np.ndarray, focal_length_px: float,
+                 principal_point_px: tuple[float, float]) -> np.ndarray:
+        """Boxes (C, 4) [px], x0, y0, x1, y1, that hold each chunk's sphere in the image; infinite beside the camera.
+
+        Parameters
+        ----------
+        camera_from_body : (3, 3) float64
+        r_camera_body_m : (3,) float64 [m]
+        focal_length_px : float [px]
+        principal_point_px : (float, float) [px]
+        """
+        x, y, z = camera_from_body @ (self._centre_m - r_camera_body_m).T
+        # (x + dx) / (z + dz) is within r (z + |x|) / (z (z - r)) of x / z.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            half = focal_length_px * self._radius_m / (z - self._radius_m)
+            place = [c / z * focal_length_px + p for c, p in zip((x, y), principal_point_px, strict=True)]
+            reach = [half * (1.0 + np.abs(c) / z) for c in (x, y)]
+        low, high = ([p + sign * r for p, r in zip(place, reach, strict=True)] for sign in (-1.0, 1.0))
+        boxes = np.stack([*low, *high], axis=1)
+        boxes[z <= self._radius_m] = (-np.inf, -np.inf, np.inf, np.inf)
+        return boxes
+
     def facing_point(self, point_m: np.ndarray) -> np.ndarray:
         """Chunks (C,) bool of which a point (3,) [m], body-fixed, may see a front."""
         away = self._centre_m - point_m
         return np.einsum("cx,cx->c", away, self._axis) < self._sin_cone * np.linalg.norm(away, axis=1) + self._radius_m
 
-    def facing_direction(self, direction: np.ndarray) -> np.ndarray:
-        """Chunks (C,) bool of which a far-off point in a direction (3,) may see a front."""
-        return -self._axis @ direction < self._sin_cone
+    def facing_direction(self, direction: np.ndarray, margin: float = 0.0) -> np.ndarray:
+        """Chunks (C,) bool of which a far-off point in a direction (3,), or within `margin` [rad], may see a front."""
+        return -self._axis @ direction < self._sin_cone + margin
 
     def n_facets(self, chosen: np.ndarray) -> int:
         """Facets of chunks (C,) bool."""

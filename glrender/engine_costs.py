@@ -41,7 +41,7 @@ def engine_costs(context: Context, with_rays: bool, cache: Path | None = None) -
         Whether rays can be cast; without, they cost infinitely much.
     """
     machine = f"{context.info['gl_renderer']} {context.info['gl_version']} {os.cpu_count()} {with_rays}"
-    name = f"costs2-{hashlib.sha256(machine.encode()).hexdigest()[:16]}"
+    name = f"costs3-{hashlib.sha256(machine.encode()).hexdigest()[:16]}"
     made = cached_arrays(name, ["ns"], lambda: {"ns": _measured(context, with_rays)}, cache)
     facet, sample, ray = (float(2.0 ** (np.round(2.0 * np.log2(x)) / 2.0)) for x in made["ns"])
     return EngineCosts(facet_ns=facet, sample_ns=sample, ray_ns=ray)

@@ -20,6 +20,8 @@ SAMPLE_COUNTS = (2, 3, 4, 6, 8, 12, 16)
 """Samples along a pixel's side that a refinement may take."""
 # Cost of a sample that is drawn, of one that is passed over, and of a pass, in that of a sample.
 _PASSED_OVER, _PASS = 0.45, 5e5
+# Pixels along the side of a block that is passed over whole where none of it is drawn again: about a chunk.
+_BLOCK_PX = 16
 _BINS = 256
 
 
@@ -127,6 +129,7 @@ def plan_refinement(mean: np.ndarray, error: np.ndarray, count: int, budget: flo
     # Refined are the bins from k on, for each k and each count of samples.
     above = np.cumsum(squared[::-1])[::-1]
     refined = np.cumsum(population[::-1])[::-1]
+    touched = np.cumsum(np.bincount(_block_maxima(index).ravel(), minlength=_BINS)[::-1])[::-1] * _BLOCK_PX**2
     choices = []
     for samples in SAMPLE_COUNTS:
         if samples <= count:
@@ -134,9 +137,15 @@ def plan_refinement(mean: np.ndarray, error: np.ndarray, count: int, budget: flo
         left = above[0] - above + above * (count / samples) ** power
         meets = np.flatnonzero(left <= budget**2)
         first = int(meets[-1]) if len(meets) else 1
-        cost = samples**2 * (refined[first] + _PASSED_OVER * mean.size) + _PASS
+        cost = samples**2 * (refined[first] + _PASSED_OVER * touched[first]) + _PASS
         choices.append((not len(meets), cost if len(meets) else -samples, samples, first, float(np.sqrt(left[first]))))
     if not choices:
         return None
     _, _, samples, first, reached = min(choices)
     return Refinement(samples=samples, mask=(index >= first).astype(np.uint8), predicted_error=reached)
+
+
+def _block_maxima(index: np.ndarray) -> np.ndarray:
+    """Largest value (rows, columns) of each block of (height, width) uint8."""
+    largest = cv2.dilate(index, np.ones((_BLOCK_PX, _BLOCK_PX), np.uint8), anchor=(0, 0), borderValue=0)
+    return largest[::_BLOCK_PX, ::_BLOCK_PX]

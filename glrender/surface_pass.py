@@ -8,13 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 from glrender_camera import PinholeCamera
 
-from . import frames, grouping
+from . import chunk_boxes, frames, grouping
 from .gl.context import Context
 from .gl.passes import Mesh, PixelMask, SurfaceVariant, Target
 from .render_plan import BodyPlan
 from .scene import Scene
 from .shadows import NO_SHADOW, Shadow
 from .view import BodyView, chunks_in_window
+
+IRRADIANCE_STAGE = "surface.frag.glsl"
+"""The fragment shader that draws light; others see what is dark too."""
+# Of a facet's normal in float32, by derivatives.
+_NORMAL_RAD = 2e-3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -85,18 +90,37 @@ class SurfacePass:
         target.begin(*grid, depth=1.0 if mask is None else 0.0)
         if mask is not None:
             self._mask.open(mask, grid[0] // mask.shape[1])
-        groups = grouping.depth_groups([view for view in frame.views if view.name in names])
-        for index, (near, far, members) in enumerate(groups):
+        members = [view for view in frame.views if view.name in names]
+        chosen = self._chosen(members, plans, camera, bounds_px, mask, is_light=stage == IRRADIANCE_STAGE)
+        groups = grouping.depth_groups(members)
+        for index, (near, far, group) in enumerate(groups):
             clip_from_camera = frames.clip_from_camera(
                 camera.focal_length_px, camera.principal_point_px, bounds_px, near * (1.0 - 1e-6), far * (1.0 + 1e-6))
             # Each group has its slice of the depth buffer: what is nearer covers what is farther.
             clip_from_camera = frames.depth_slice(index, len(groups)) @ clip_from_camera
-            for view in members:
-                chunks = self._meshes[view.name][plans[view.name].level].chunks
-                chosen = (chunks_in_window(chunks, view, camera, bounds_px)
-                          & chunks.facing_point(view.r_camera_body_m))
+            for view in group:
                 self._draw_body(stage, view, plans[view.name], clip_from_camera, camera,
-                                frame.shadows.get(view.name, NO_SHADOW), chosen)
+                                frame.shadows.get(view.name, NO_SHADOW), chosen[view.name])
+
+    def _chosen(self, views: Sequence[BodyView], plans: Mapping[str, BodyPlan], camera: PinholeCamera,
+                bounds_px: tuple[float, float, float, float], mask: np.ndarray | None,
+                is_light: bool) -> dict[str, np.ndarray]:
+        """Chunks (C,) bool of each body that may show in the window: on the mask, and lit or before what is lit."""
+        chosen, boxes, lit = {}, {}, {}
+        for view in views:
+            chunks = self._meshes[view.name][plans[view.name].level].chunks
+            seen = chunks_in_window(chunks, view, camera, bounds_px) & chunks.facing_point(view.r_camera_body_m)
+            box = chunks.boxes_px(view.camera_from_body, view.r_camera_body_m, camera.focal_length_px,
+                                  camera.principal_point_px)
+            if mask is not None:
+                seen &= chunk_boxes.on_mask(box, mask, bounds_px)
+            chosen[view.name], boxes[view.name] = seen, box
+            lit[view.name] = seen & chunks.facing_direction(view.sun_direction_body, _NORMAL_RAD)
+        if is_light:
+            light = np.concatenate([boxes[name][lit[name]] for name in chosen])
+            for name, seen in chosen.items():
+                seen &= lit[name] | chunk_boxes.on_boxes(boxes[name], light, bounds_px)
+        return chosen
 
     def _draw_body(self, stage: str, view: BodyView, body_plan: BodyPlan, clip_from_camera: np.ndarray,
                    camera: PinholeCamera, shadow: Shadow, chosen: np.ndarray) -> None:

@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 import sweeps
 import views
-from glrender import Body, Renderer, generate
+from glrender import Body, Renderer, chunk_boxes, frames, generate
 from glrender.backends.raytrace import RayTracer
 from glrender.chunks import Chunks
+from glrender.gl.passes import Mesh
+from glrender.plan_windows import EngineCosts
+from glrender.ray_engine import RayEngine
 from glrender.shadow_box import shadow_box
 
 SHAPE = generate.contact_binary(radius_m=100.0, seed=4, subdivisions=6)
@@ -29,7 +32,9 @@ def aimed(radii, off, phase_deg, seed):
 
 def everything(monkeypatch):
     for name in ("in_window", "facing_point", "facing_direction"):
-        monkeypatch.setattr(Chunks, name, lambda chunks, _: np.ones(len(chunks), bool))
+        monkeypatch.setattr(Chunks, name, lambda chunks, *_: np.ones(len(chunks), bool))
+    for name in ("on_mask", "on_boxes"):
+        monkeypatch.setattr(chunk_boxes, name, lambda boxes, *_: np.ones(len(boxes), bool))
 
 
 @pytest.mark.parametrize("radii, off", PLACES)
@@ -51,6 +56,87 @@ def test_what_is_left_out_would_have_drawn_nothing(monkeypatch, radii, off, leve
         np.testing.assert_array_equal(ours.irradiance_W_m2, full.irradiance_W_m2)
         for name in products:
             np.testing.assert_array_equal(ours.products[name], full.products[name])
+
+
+@pytest.mark.parametrize("phase_deg, max_error", [(70.0, 0.04), (120.0, 0.03), (150.0, 0.1)])
+def test_a_second_pass_and_a_night_side_draw_only_what_they_show(monkeypatch, phase_deg, max_error):
+    """Chunks beside the pixels that are drawn again; dark ones before nothing that is lit."""
+    drawn = []
+    monkeypatch.setattr(Mesh, "_draw", lambda mesh, program, chosen, draw=Mesh._draw: (
+        drawn.append(mesh.chunks.n_facets(chosen)), draw(mesh, program, chosen)))
+    state = views.state(phase_deg=phase_deg, direction=(0.1, 0.9, 0.3))
+    large = views.scene([Body(name="body", shape=SHAPE, brdf=sweeps.GREY)], [views.camera(256, 1500.0)])
+    with Renderer(large) as renderer:
+        monkeypatch.setattr(renderer, "_costs", EngineCosts(facet_ns=10.0, sample_ns=50.0, ray_ns=np.inf))
+        ours = renderer.render(state, max_error=max_error, level=0)
+        n_ours = sum(drawn)
+        everything(monkeypatch)
+        whole = renderer.render(state, max_error=max_error, level=0)
+    assert ours.plan.windows[0].refined_samples
+    assert n_ours < 0.85 * (sum(drawn) - n_ours)
+    np.testing.assert_array_equal(ours.irradiance_W_m2, whole.irradiance_W_m2)
+
+
+def test_boxes_hold_their_chunks():
+    """Every vertex in view is in its chunk's box; beside the camera a box has no end."""
+    chunks = Chunks(SHAPE.vertices_m, SHAPE.facets)
+    corners = SHAPE.vertices_m[SHAPE.facets][chunks.order]
+    rng = np.random.default_rng(3)
+    for radii in (0.3, 1.2, 2.0, 30.0):
+        place = radii * SHAPE.radius_m * rng.standard_normal(3)
+        camera_from_body = frames.dcm(frames.look_at(place, rng.standard_normal(3) * 30.0))
+        boxes = chunks.boxes_px(camera_from_body, place, 700.0, (90.0, 40.0))
+        point = (corners - place) @ camera_from_body.T
+        before = point[..., 2] > 1e-9
+        pixel = point[..., :2] / np.where(before, point[..., 2], 1.0)[..., None] * 700.0 + (90.0, 40.0)
+        each = np.repeat(np.arange(len(chunks)), [count for chunk in np.eye(len(chunks), dtype=bool)
+                                                  for _, count in chunks.runs(chunk)])
+        box = boxes[each][:, None]
+        inside = ((pixel >= box[..., :2] - 1e-6) & (pixel <= box[..., 2:] + 1e-6)).all(axis=-1)
+        assert (inside | ~before).all()
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_boxes_on_a_mask_and_on_one_another(seed):
+    """Against every pixel and every pair: none that touches is left out, and few more are kept."""
+    rng = np.random.default_rng(seed)
+    bounds = (9.5, -0.5, 209.5, 149.5)
+    low = rng.uniform(-50.0, 250.0, (400, 2))
+    boxes = np.concatenate([low, low + rng.uniform(0.0, 12.0, (400, 2))], axis=1)
+    boxes[0] = (-np.inf, -np.inf, np.inf, np.inf)
+    mask = (rng.random((150, 200)) < 1e-3).astype(np.uint8)
+    y, x = np.nonzero(mask)
+    x0, y0, x1, y1 = boxes.T[..., None]
+    touches = ((x0 < x + 10.5) & (x1 > x + 9.5) & (y0 < y + 0.5) & (y1 > y - 0.5)).any(axis=1)
+    kept = chunk_boxes.on_mask(boxes, mask, bounds)
+    np.testing.assert_array_equal(kept, touches)
+    others = boxes[1:20]
+    within = (others[:, 0] < 209.5) & (others[:, 2] > 9.5) & (others[:, 1] < 149.5) & (others[:, 3] > -0.5)
+    u0, v0, u1, v1 = others[within].T
+    meets = ((np.maximum(x0, u0) < np.minimum(x1, u1)) & (np.maximum(y0, v0) < np.minimum(y1, v1))
+             & (np.minimum(x1, u1) > 9.5) & (np.maximum(x0, u0) < 209.5)
+             & (np.minimum(y1, v1) > -0.5) & (np.maximum(y0, v0) < 149.5)).any(axis=1)
+    kept = chunk_boxes.on_boxes(boxes, others, bounds)
+    assert not (meets & ~kept).any() and np.count_nonzero(kept) < np.count_nonzero(meets) + 30
+
+
+def test_rays_leave_the_night_side_out(monkeypatch):
+    """At 150 deg rays are cast at what faces the Sun: the same image, for a part of the rays."""
+    state = views.state(phase_deg=150.0, direction=(0.1, 0.9, 0.3))
+    large = views.scene([Body(name="body", shape=SHAPE, brdf=sweeps.GREY)], [views.camera(256, 1500.0)])
+    cast = []
+    monkeypatch.setattr(RayEngine, "irradiance", lambda engine, pixel, *rest, trace=RayEngine.irradiance: (
+        cast.append(len(pixel)), trace(engine, pixel, *rest))[1])
+    with Renderer(large) as renderer:
+        image = renderer.render(state, max_error=0.01)
+        n_ours = sum(cast)
+        monkeypatch.setattr("glrender.irradiance_pass.MANY_RAYS", np.inf)
+        everywhere = renderer.render(state, max_error=0.01)
+    assert image.plan.windows[0].engine == everywhere.plan.windows[0].engine == "rays"
+    assert n_ours < 0.7 * (sum(cast) - n_ours)
+    lit = everywhere.irradiance_W_m2 > 0.0
+    difference = (image.irradiance_W_m2 - everywhere.irradiance_W_m2)[lit].astype(float)
+    assert np.sqrt(np.mean(difference**2)) < 1e-3 * everywhere.irradiance_W_m2[lit].mean()
 
 
 def test_close_up_few_facets_are_drawn():
