@@ -18,7 +18,6 @@ from .error_model import (
     samples_across,
     shadow_share,
     squared_errors,
-    with_detail,
 )
 from .grouping import region, touching
 from .refine import SAMPLE_COUNTS
@@ -111,7 +110,7 @@ class _Window:
         n_layers = max(body.detail_layers for body in self._drawn)
         self._costs = costs = replace(costs, sample_ns=costs.sample_ns * (1.0 + _LAYER_COST * n_layers),
                                       ray_ns=costs.ray_ns + _LAYER_RAY_NS * n_layers)
-        self._levels, self._full = ([with_detail(view, traits[view.name].levels[level], body.detail_slope)
+        self._levels, self._full = ([replace(traits[view.name].levels[level], detail_slope=body.detail_slope)
                                      for view, body, level in zip(members, self._drawn, levels, strict=True)]
                                     for levels in ([body.level for body in self._drawn], [0] * len(members)))
         self._roi = x0, y0, x1, y1 = region(members, camera)
