@@ -38,8 +38,8 @@ _SMALL_PIXELS = 4.0
 _PASSED_OVER_COST, _MISS_COST = 0.45, 0.15
 # Cost of a texel of a shadow map, in samples (engine.md: 2.3 ns of 20).
 _TEXEL_COST = 0.1
-# Cost of a layer of surface detail, in samples; and nanoseconds of one by rays, in NumPy.
-_LAYER_COST, _LAYER_RAY_NS = 1.5, 200.0
+# Cost of a layer of surface detail, in samples.
+_LAYER_COST = 1.5
 # Of the budget, what a guess may take that shall not need a second pass: where a pass costs more than its
 # samples, and where it costs less.
 _SURE, _LIKELY = 0.7, 0.85
@@ -108,8 +108,9 @@ class _Window:
         self._drawn = [plans[view.name] for view in members]
         texel_ns = _TEXEL_COST * costs.sample_ns
         n_layers = max(body.detail_layers for body in self._drawn)
+        # Surface detail is OpenGL's: by rays, in NumPy, it takes a minute a frame.
         self._costs = costs = replace(costs, sample_ns=costs.sample_ns * (1.0 + _LAYER_COST * n_layers),
-                                      ray_ns=costs.ray_ns + _LAYER_RAY_NS * n_layers)
+                                      ray_ns=math.inf if n_layers else costs.ray_ns)
         self._levels, self._full = ([replace(traits[view.name].levels[level], detail_slope=body.detail_slope)
                                      for view, body, level in zip(members, self._drawn, levels, strict=True)]
                                     for levels in ([body.level for body in self._drawn], [0] * len(members)))
