@@ -12,7 +12,7 @@ NOISE, CRATER, BOULDER = range(3)
 # Radii of rims that a crater's ejecta reach; height of a rim over the crater's radius, of its depth.
 _REACH, _RIM = 1.6, 0.2
 # Of a cube's side, the radius of the largest sphere of influence; the middles of smaller ones move.
-_SPHERE = 0.5
+_SPHERE = {CRATER: 0.5, BOULDER: 0.4}
 # Mean cube of sizes that are even between a half and one: of features over that of the largest.
 _MEAN_CUBE = 0.46875
 _X, _Y, _Z = (np.uint32(prime) for prime in (0x8DA6B343, 0xD8163841, 0xCB1AB31F))
@@ -137,7 +137,7 @@ def layers_of(detail: Detail) -> tuple[Layer, ...]:
         if asked is None or not asked.coverage:
             continue
         size = 2.0 * (asked.depth if kind == CRATER else asked.height)
-        radius = _SPHERE / reach
+        radius = _SPHERE[kind] / reach
         # What a plane cuts of spheres is their share of the volume.
         most = 4.0 / 3.0 * np.pi * radius**3 * _MEAN_CUBE
         n_lattices = int(np.ceil(asked.coverage / most))
