@@ -61,6 +61,9 @@ def summarise(rows: list[dict]) -> dict:
         "time_over_fixed_fresh": float(np.exp(mean(np.log(row["fresh"]) for row in good))),
         "time_over_fixed_reused": float(np.exp(mean(np.log(row["reused"]) for row in good))),
         "slower_than_fixed": mean(row["fresh"] > 1.05 for row in good),
+        # Where full fidelity misses the budget, it is no rival.
+        "slower_though_fixed_meets_the_budget": mean(row["fresh"] > 1.05 and row["fixed_rms"] <= row["max_error"]
+                                                     for row in good),
     }
 
 

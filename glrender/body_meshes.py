@@ -35,7 +35,7 @@ def body_meshes(context: Context, body: Body, levels: tuple[Level, ...]) -> Iter
     detail = np.concatenate([surface.normals(every), surface.albedo_scale(every)[:, None]], axis=1) if levels else None
     for level in levels:
         yield Mesh(context, level.vertices_m, level.facets, body.brdf,
-                   detail=detail.astype(np.float16)[level.source_facet])
+                   detail=detail.astype(np.float16)[level.source_facet], beyond_m=level.beyond_m)
 
 
 def body_traits(body: Body, levels: tuple[Level, ...], ratios: tuple[FluxRatio, ...]) -> BodyTraits:

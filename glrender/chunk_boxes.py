@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 # Cells across and down for boxes against boxes: some pixels each.
-_CELLS = 128
+_CELLS = 64
 
 
 def on_mask(boxes_px: np.ndarray, mask: np.ndarray, bounds_px: tuple[float, float, float, float]) -> np.ndarray:

@@ -21,7 +21,7 @@ from pathlib import Path
 from zipfile import BadZipFile
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import ConvexHull, cKDTree
 
 from .shape import Shape
 
@@ -37,7 +37,7 @@ _MOST_FACETS = 220_000
 _TEXELS_PER_FACET = 4
 _MOST_TEXELS = 8_000_000
 _MOST_TEXELS_PER_SIDE = 16
-_ARRAYS = ("vertices_m", "facets", "source_facet", "deviation_m")
+_ARRAYS = ("vertices_m", "facets", "source_facet", "deviation_m", "beyond_m")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,6 +55,8 @@ class Level:
         The full shape's facet whose normal a texel carries; `texel_barycentric` has their places.
     deviation_m : float [m]
         RMS distance of the full shape's facets from the level's surface.
+    beyond_m : float [m]
+        How far the level reaches beyond the full shape's convex hull, at most.
     """
 
     vertices_m: np.ndarray
@@ -62,6 +64,7 @@ class Level:
     texels_per_side: int
     source_facet: np.ndarray
     deviation_m: float
+    beyond_m: float = 0.0
 
 
 def texel_barycentric(texels_per_side: int) -> np.ndarray:
@@ -103,12 +106,12 @@ def levels_of_detail(shape: Shape, cache: Path | None = None) -> tuple[Level, ..
     while targets[-1] // _RATIO >= _FEWEST_FACETS:
         targets.append(targets[-1] // _RATIO)
     names = [f"{name}_{index}" for index in range(len(targets)) for name in _ARRAYS]
-    arrays = cached_arrays(f"lod1-{_key(shape, targets)}", names, lambda: _made(shape, targets), cache)
+    arrays = cached_arrays(f"lod2-{_key(shape, targets)}", names, lambda: _made(shape, targets), cache)
     levels = []
     for index in range(len(targets)):
-        vertices, facets, source, deviation = (arrays[f"{name}_{index}"] for name in _ARRAYS)
+        vertices, facets, source, deviation, beyond = (arrays[f"{name}_{index}"] for name in _ARRAYS)
         levels.append(Level(vertices_m=vertices, facets=facets, source_facet=source, deviation_m=float(deviation),
-                            texels_per_side=math.isqrt(source.shape[1])))
+                            beyond_m=float(beyond), texels_per_side=math.isqrt(source.shape[1])))
     return tuple(levels)
 
 
@@ -123,7 +126,7 @@ def _made(shape: Shape, targets: list[int]) -> dict[str, np.ndarray]:
     from fast_simplification import simplify
 
     centre = shape.vertices_m[shape.facets].mean(axis=1)
-    tree = cKDTree(centre)
+    tree, planes = cKDTree(centre), ConvexHull(shape.vertices_m).equations
     # In units of the body, about its middle: the library has thresholds of its own.
     middle = shape.vertices_m.mean(axis=0)
     scale = np.abs(shape.vertices_m - middle).max()
@@ -134,7 +137,7 @@ def _made(shape: Shape, targets: list[int]) -> dict[str, np.ndarray]:
         facets = np.asarray(facets, np.int32)
         vertices = np.asarray(points, np.float64) * scale + middle
         kept = np.linalg.norm(_crosses(vertices, facets), axis=1) > 1e-12 * scale**2
-        made = _with_texels(shape, centre, tree, vertices, facets[kept])
+        made = (*_with_texels(shape, centre, tree, vertices, facets[kept]), _beyond_m(planes, vertices))
         arrays |= {f"{name}_{index}": array for name, array in zip(_ARRAYS, made, strict=True)}
     _log.info("levels of detail of %d facets made in %.1f s", shape.report.n_facets, time.perf_counter() - began)
     return arrays
@@ -153,6 +156,11 @@ def _with_texels(shape: Shape, centre: np.ndarray, tree: cKDTree, vertices: np.n
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     height = np.einsum("ftx,fx->ft", centre[source] - place, normal)
     return vertices, facets, source, np.sqrt(np.mean(height**2))
+
+
+def _beyond_m(planes: np.ndarray, vertices: np.ndarray) -> np.ndarray:
+    parts = np.array_split(vertices, max(len(vertices) // 4096, 1))
+    return np.array(max(0.0, *(float((part @ planes[:, :3].T + planes[:, 3]).max()) for part in parts)))
 
 
 def _crosses(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:

@@ -165,11 +165,12 @@ class _Window:
         shade = max(0.0 if body.shadow_map_px is None else shadow_share(view, body.shadow_map_px)
                     for view, body in zip(self._members, self._drawn, strict=True))
         shaded, count = first_samples(*errors, noise_power(noise_gain(*noise)), self._n_px,
-                                      self._facets_ns / self._costs.sample_ns, _PASSED_OVER_COST, self._least, budget)
+                                      (self._facets_ns + _RASTER_CALL_NS) / self._costs.sample_ns, _PASSED_OVER_COST,
+                                      self._least, budget)
         asked = {} if samples is None else {"budget": math.inf}
         window = self._sampled("raster", count if samples is None else samples, errors, noise=noise,
                                shadow_share=shade, modelling_error=self._floor, **asked)
-        return shaded * self._costs.sample_ns + _RASTER_CALL_NS + self._shadows_ns, window
+        return shaded * self._costs.sample_ns + self._shadows_ns, window
 
     def _rays(self) -> tuple[float, WindowPlan]:
         """By rays, at the full shape; its nanoseconds."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from glrender_camera import PinholeCamera
@@ -92,7 +92,8 @@ class SurfacePass:
             self._mask.open(mask, grid[0] // mask.shape[1])
         members = [view for view in frame.views if view.name in names]
         chosen = self._chosen(members, plans, camera, bounds_px, mask, is_light=stage == IRRADIANCE_STAGE)
-        groups = grouping.depth_groups(members)
+        groups = grouping.depth_groups([_with_room(view, self._meshes[view.name][plans[view.name].level].beyond_m)
+                                        for view in members])
         for index, (near, far, group) in enumerate(groups):
             clip_from_camera = frames.clip_from_camera(
                 camera.focal_length_px, camera.principal_point_px, bounds_px, near * (1.0 - 1e-6), far * (1.0 + 1e-6))
@@ -146,3 +147,9 @@ class SurfacePass:
              "shadow_bias_per_texel": shadow.bias_per_texel,
              "body_id": self._ids[view.name]},
             shadow.shadow_map, chosen, relief)
+
+
+def _with_room(view: BodyView, beyond_m: float) -> BodyView:
+    """The view with depths for a level of detail that reaches beyond the hull."""
+    near, far = view.depth_m
+    return replace(view, depth_m=(max(near - beyond_m, 0.5 * near), far + beyond_m)) if beyond_m else view

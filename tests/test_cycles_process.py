@@ -50,10 +50,10 @@ def test_one_process_draws_all_frames_and_ends_with_the_renderer():
 
 @pytest.mark.usefixtures("blender")
 def test_equal_requests_give_equal_bytes_whatever_came_between():
-    """Cycles keeps tables of samples for the most that were asked for: they are as large as they get from the start."""
-    scene, state = views.scene([views.sphere(GREY, 4)], [views.camera(64, 640.0)]), views.state()
-    with Cycles(scene, bounces=0) as cycles:
-        drawn = [cycles.render(state, samples=samples).irradiance_W_m2.tobytes() for samples in (8, 32, 8, 64, 32, 8)]
+    """Cycles keeps its tables of samples: they are as large as they get from the start."""
+    with Cycles(SCENE, bounces=0) as cycles:
+        drawn = [cycles.render(views.state(), samples=samples).irradiance_W_m2.tobytes()
+                 for samples in (8, 32, 8, 64, 32, 8)]
     assert drawn[0] == drawn[2] == drawn[5] != drawn[1] == drawn[4]
 
 

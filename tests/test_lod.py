@@ -90,6 +90,21 @@ def test_a_level_draws_what_the_full_shape_does(rough):
     assert error <= image.plan.predicted_error <= 0.15
 
 
+def test_a_level_has_no_hole_where_it_reaches_beyond_the_hull():
+    """81,920 facets as 5,120, with corners before the full shape's nearest point: the near plane cuts none off."""
+    shape = generate.icosphere(radius_m=100.0, subdivisions=6)
+    scene = views.scene([Body(name="body", shape=shape, brdf=GREY)], [views.camera(128, 1000.0)])
+    _, coarse = lod.levels_of_detail(shape)
+    beyond = np.linalg.norm(coarse.vertices_m, axis=1) - np.linalg.norm(shape.vertices_m, axis=1).max()
+    assert 0.0 < beyond.max() < 1.5 * coarse.beyond_m
+    corners = coarse.vertices_m[np.argsort(beyond)[-5:]]
+    with Renderer(scene) as renderer:
+        for direction in corners:
+            light = renderer.render(views.state(phase_deg=5.0, direction=direction, range_m=1800.0), samples=2,
+                                    level=2).irradiance_W_m2
+            assert light[30:98, 30:98].min() > 0.5 * light.max()
+
+
 def test_products_are_told_of_the_full_shape(rough):
     scene = views.scene([Body(name="body", shape=rough, brdf=GREY)], [views.camera(64, 300.0)])
     with Renderer(scene) as renderer:
@@ -103,7 +118,7 @@ def test_products_are_told_of_the_full_shape(rough):
 
 def test_levels_are_kept_and_a_broken_file_is_made_again(tmp_path, rough, monkeypatch):
     made = lod.levels_of_detail(rough, tmp_path)
-    file, = tmp_path.glob("lod1-*.npz")
+    file, = tmp_path.glob("lod2-*.npz")
     monkeypatch.setattr(lod, "_made", lambda *_: pytest.fail("made again"))
     kept = lod.levels_of_detail(rough, tmp_path)
     for a, b in zip(made, kept, strict=True):

@@ -81,13 +81,15 @@ class Mesh(ResourceOwner):
         Factor on the law's albedo, row 0 on top.
     detail : (F, n * n, 4) float, optional
         Of a level of detail: normal and albedo factor of each facet's texels (`lod.texel_barycentric`).
+    beyond_m : float [m], optional
+        How far it reaches beyond the body's hull.
     """
 
     def __init__(self, context: Context, vertices_m: np.ndarray, facets: np.ndarray, law: Law, *,
                  vertex_normals: np.ndarray | None = None, uv: np.ndarray | None = None,
-                 albedo_map: np.ndarray | None = None, detail: np.ndarray | None = None):
+                 albedo_map: np.ndarray | None = None, detail: np.ndarray | None = None, beyond_m: float = 0.0):
         super().__init__(context)
-        self.law, self.n_facets = law, len(facets)
+        self.law, self.n_facets, self.beyond_m = law, len(facets), beyond_m
         self.smooth_normals = vertex_normals is not None
         self.chunks = Chunks(vertices_m, facets)
         facets = facets[self.chunks.order]

@@ -144,8 +144,9 @@ def _render(arguments: argparse.Namespace) -> int:
     else:
         write_picture(arguments.out, pixels.astype(np.float32) - np.float32(dark))
     milliseconds = sum(capture.timings_ms.values())
-    sys.stdout.write(f"{arguments.out}: {camera.width_px} x {camera.height_px}, {capture.plan.samples} x "
-                     f"{capture.plan.samples} samples, {milliseconds:.1f} ms with start-up\n")
+    sys.stdout.write(f"{arguments.out}: {camera.width_px} x {camera.height_px}, error "
+                     f"{capture.plan.predicted_error:.2g} of {capture.plan.max_error:g} allowed, "
+                     f"{milliseconds:.1f} ms with start-up\n")
     return 0
 
 

@@ -56,11 +56,12 @@ class Stage:
         self._fill_tables()
 
     def _fill_tables(self) -> None:
-        """Have Cycles make its tables of samples as large as they get: they are kept, and smaller ones give other bytes."""
+        """Make Cycles' tables of samples as large as they get: it keeps them, and smaller ones give other bytes."""
         axes = np.eye(4).tolist()
-        self.draw({"bodies_from": [axes] * len(self._bodies), "camera_from": axes, "sun_from": axes, "sun_angle_rad": 0.01,
-                   "size": [4, 4], "region": [0, 0, 4, 4], "focal_length": 1.0, "shift": [0.0, 0.0],
-                   "clip": [1.0, 2.0], "samples": _MOST_TABLED, "seed": 0, "bounces": 0, "is_indirect": False},
+        self.draw({"bodies_from": [axes] * len(self._bodies), "camera_from": axes, "sun_from": axes,
+                   "sun_angle_rad": 0.01, "size": [4, 4], "region": [0, 0, 4, 4], "focal_length": 1.0,
+                   "shift": [0.0, 0.0], "clip": [1.0, 2.0], "samples": _MOST_TABLED, "seed": 0, "bounces": 0,
+                   "is_indirect": False},
                   lambda share: None)
 
     def reshape(self, index: int, arrays: dict) -> None:
