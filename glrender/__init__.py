@@ -8,6 +8,7 @@ from __future__ import annotations
 from glrender_camera import PinholeCamera
 
 from .capture import Capture, draw_still, take_frame
+from .detail import Boulders, Craters, Detail, Noise
 from .errors import ConfigError, DeviceError, GlrenderError, ProtocolError, SceneError, ShaderError, ShapeError
 from .image import Image
 from .plugins import open_renderer
@@ -17,9 +18,9 @@ from .sky import Stars
 from .state import Pose, State
 
 __version__ = "0.1.0"
-__all__ = ["Body", "Capture", "ConfigError", "DeviceError", "GlrenderError", "Image", "PinholeCamera", "Pose",
-           "ProtocolError", "Renderer", "Scene", "SceneError", "Shape", "ShaderError", "ShapeError", "Stars", "State",
-           "draw_still", "load_scene", "open_renderer", "take_frame"]
+__all__ = ["Body", "Boulders", "Capture", "ConfigError", "Craters", "Detail", "DeviceError", "GlrenderError", "Image",
+           "Noise", "PinholeCamera", "Pose", "ProtocolError", "Renderer", "Scene", "SceneError", "Shape", "ShaderError",
+           "ShapeError", "Stars", "State", "draw_still", "load_scene", "open_renderer", "take_frame"]
 
 
 def __getattr__(name: str):

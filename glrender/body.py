@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -10,8 +11,10 @@ import numpy as np
 from glrender_camera.validate import positive, text
 
 from .brdf import Law
+from .detail import Detail
 from .errors import ConfigError, ShapeError, error_path
 from .hull import Hull
+from .relief import Relief
 from .shape import Shape
 
 
@@ -29,6 +32,8 @@ class Body:
         Factor on the law's albedo, row 0 on top; needs a shape with texture coordinates.
     smooth_normals : bool
         Interpolated normals; by default each facet has its own, as a shape model is a polyhedron.
+    detail : Detail, optional
+        Ground finer than the facets, made up: none unless asked for.
     """
 
     name: str
@@ -36,6 +41,7 @@ class Body:
     brdf: Law
     albedo_map: np.ndarray | None = None
     smooth_normals: bool = False
+    detail: Detail | None = None
 
     def __post_init__(self):
         text("name", self.name)
@@ -45,6 +51,10 @@ class Body:
             raise ConfigError("brdf", "must be a law of glrender.brdf", self.brdf)
         if not isinstance(self.smooth_normals, bool):
             raise ConfigError("smooth_normals", "must be true or false", self.smooth_normals)
+        if not isinstance(self.detail, Detail | None):
+            raise ConfigError("detail", "must be a glrender.Detail", self.detail)
+        with error_path("detail"):
+            _ = self.relief
         if self.albedo_map is not None:
             if self.shape.uv is None:
                 raise ConfigError("albedo_map", "needs a shape with texture coordinates")
@@ -61,7 +71,7 @@ class Body:
     @classmethod
     def from_file(cls, path: str | Path, *, name: str, length_unit: str | float, brdf: Law,
                   albedo_texture: str | Path | None = None, albedo_texture_gain: float = 1.0,
-                  smooth_normals: bool = False) -> Body:
+                  smooth_normals: bool = False, detail: Detail | None = None) -> Body:
         """A body from a shape file.
 
         Parameters
@@ -83,12 +93,20 @@ class Body:
             with error_path("albedo_texture"):
                 albedo_map = read_texture(Path(albedo_texture)) * np.float32(gain)
         return cls(name=name, shape=Shape.from_file(path, length_unit=length_unit), brdf=brdf,
-                   albedo_map=albedo_map, smooth_normals=smooth_normals)
+                   albedo_map=albedo_map, smooth_normals=smooth_normals, detail=detail)
 
     @cached_property
     def hull(self) -> Hull:
         """Convex hull of the shape."""
         return Hull(self.shape.vertices_m, self.shape.facets)
+
+    @cached_property
+    def relief(self) -> Relief | None:
+        """The ground that its detail makes."""
+        if self.detail is None:
+            return None
+        return Relief(self.detail, math.sqrt(self.shape.facet_areas_m2.mean() * 4.0 / math.sqrt(3.0)),
+                      float(np.linalg.norm(self.shape.vertices_m, axis=1).max()))
 
 
 def read_texture(path: Path) -> np.ndarray:

@@ -44,7 +44,7 @@ def body_traits(body: Body, levels: tuple[Level, ...], ratios: tuple[FluxRatio, 
     full = LevelTraits(n_facets=len(shape.facets), crease_rad=shape.crease_rad)
     return BodyTraits(
         radius_m=body.hull.radius_m, is_convex=body.hull.is_convex, law=body.brdf.glsl,
-        max_phase_rad=body.brdf.max_phase,
+        max_phase_rad=body.brdf.max_phase, relief=body.relief,
         levels=(full, *(LevelTraits(n_facets=len(level.facets), crease_rad=shape.crease_rad,
                                     deviation_m=level.deviation_m, flux_ratio=ratio)
                         for level, ratio in zip(levels, ratios, strict=True))))

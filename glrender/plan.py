@@ -74,13 +74,18 @@ def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, has_cas
         if shadow_px is not None:
             squared += shadow_share(view, shadow_px) * sum(squared_errors(view, chosen))
             squared += (_LEAK_RMS * leaked_flux(view, shadow_px)) ** 2 + penumbra.error**2
+    detail_m, active, detail_slope = None, [], 0.0
+    if traits.relief is not None and view.is_visible and (active := traits.relief.active(footprint_m)):
+        detail_m = float(max(traits.relief.scales_m()[active].min(), 2.0 * footprint_m))
+        detail_slope = traits.relief.slope_rms(footprint_m)
     return BodyPlan(
         name=view.name, is_visible=view.is_visible, n_facets=chosen.n_facets, level=used,
         law=traits.law, shadow_map_px=shadow_px, shadow_map_reused=False,
         relative_to_camera=is_close(view, traits.radius_m, footprint_m),
         normal_lookup=footprint_m < 2e-4 * traits.radius_m, size_px=view.size_px, flux_ratio=ratio,
         modelling_error=math.sqrt(squared), penumbra_px=penumbra.width_px, shown_share=shown_share,
-        shadow_map_drawn_px=(0, 0) if shadow_px is None else (math.ceil(shadow_px * seen_share),) * 2)
+        shadow_map_drawn_px=(0, 0) if shadow_px is None else (math.ceil(shadow_px * seen_share),) * 2,
+        detail_m=detail_m, detail_layers=len(active), detail_slope=detail_slope)
 
 
 def choose_level(view: BodyView, traits: BodyTraits, footprint_m: float, budget: float) -> int:
@@ -144,6 +149,8 @@ def told_plan(camera: PinholeCamera, max_error: float, views: Sequence[BodyView]
             left_out.append(f"{view.name}: the Sun's disc: shadows have hard edges")
         if body.shadow_map_px is None and view.name not in by_rays:
             left_out.append(f"shadows on {view.name}: nothing can cast on what is seen")
+        if known.relief is not None:
+            left_out.append(_detail_left_out(body, known))
         if body.level:
             left_out.append(f"{view.name}: {known.levels[body.level].n_facets} of {known.levels[0].n_facets} facets")
     predicted = max((window.predicted_error for window in windows), default=0.0)
@@ -153,3 +160,10 @@ def told_plan(camera: PinholeCamera, max_error: float, views: Sequence[BodyView]
     return RenderPlan(camera=camera.name, max_error=max_error, roi=grouping.union([w.roi for w in windows]),
                       windows=tuple(windows), bodies=tuple(done), left_out=tuple(left_out),
                       warnings=tuple(warnings), predicted_error=predicted)
+
+
+def _detail_left_out(body: BodyPlan, traits: BodyTraits) -> str:
+    if body.detail_m is None:
+        return f"{body.name}: surface detail: no pixel resolves it"
+    finer = "" if body.detail_m <= traits.relief.scales_m().min() else f" below {body.detail_m:.3g} m, and"
+    return f"{body.name}: of surface detail what is{finer} its shadows"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from glrender_camera import PinholeCamera
 
@@ -40,6 +40,8 @@ _SMALL_PIXELS = 4.0
 _PASSED_OVER_COST, _MISS_COST = 0.45, 0.15
 # Cost of a texel of a shadow map, in samples (engine.md: 2.3 ns of 20).
 _TEXEL_COST = 0.1
+# Cost of a layer of surface detail, in samples.
+_LAYER_COST = 1.5
 # Of the budget, what a guess may take that shall not need a second pass: where a pass costs more than its
 # samples, and where it costs less.
 _SURE, _LIKELY = 0.7, 0.85
@@ -107,11 +109,16 @@ class _Window:
 
     def __init__(self, members: Sequence[BodyView], traits: Mapping[str, BodyTraits], plans: Mapping[str, BodyPlan],
                  camera: PinholeCamera, budget: float, error_gain: float, costs: EngineCosts, small_px: float):
-        self._members, self._budget, self._gain, self._costs = members, budget, error_gain, costs
-        self._small_px = small_px
+        self._members, self._budget, self._gain, self._small_px = members, budget, error_gain, small_px
         self._drawn = [plans[view.name] for view in members]
-        self._levels = [traits[view.name].levels[body.level] for view, body in zip(members, self._drawn, strict=True)]
-        self._full = [traits[view.name].levels[0] for view in members]
+        texel_ns = _TEXEL_COST * costs.sample_ns
+        n_layers = max(body.detail_layers for body in self._drawn)
+        # Surface detail is OpenGL's: by rays, in NumPy, it takes a minute a frame.
+        self._costs = costs = replace(costs, sample_ns=costs.sample_ns * (1.0 + _LAYER_COST * n_layers),
+                                      ray_ns=math.inf if n_layers else costs.ray_ns)
+        self._levels, self._full = ([replace(traits[view.name].levels[level], detail_slope=body.detail_slope)
+                                     for view, body, level in zip(members, self._drawn, levels, strict=True)]
+                                    for levels in ([body.level for body in self._drawn], [0] * len(members)))
         self._roi = x0, y0, x1, y1 = region(members, camera)
         self._box_px = (x1 - x0) * (y1 - y0)
         self._n_px = min(sum(0.6 * min(view.size_px, 1e5) ** 2 for view in members), self._box_px)
@@ -127,7 +134,7 @@ class _Window:
         self._facets_ns = sum(body.n_facets * body.shown_share for body in self._drawn) * costs.facet_ns
         maps = [body for body in self._drawn if body.shadow_map_px is not None]
         self._shadows_ns = sum(body.n_facets * body.shown_share * costs.facet_ns
-                               + math.prod(body.shadow_map_drawn_px) * _TEXEL_COST * costs.sample_ns for body in maps)
+                               + math.prod(body.shadow_map_drawn_px) * texel_ns for body in maps)
 
     def choice(self, samples: int | None) -> WindowChoice:
         has_rays = math.isfinite(self._costs.ray_ns)

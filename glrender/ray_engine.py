@@ -114,6 +114,8 @@ class RayEngine:
             surface, shaded = solid.surface, facet[lit]
             weights = surface.weights(shaded, r_body) if solid.needs_weights else None
             normal = surface.normals(shaded, weights, -ray)
+            if (relief := surface.body.relief) is not None:
+                normal = relief.normals(normal, r_body, nearest[lit] / camera.focal_length_px, -ray)
             brdf = surface.brdf(view.sun_direction_body, -ray, normal, surface.albedo_scale(shaded, weights))
             value[lit] = brdf * np.maximum(normal @ view.sun_direction_body, 0.0) / view.sun_distance_au**2
         # A pixel's solid angle falls off as cos^3 of its angle from the boresight.

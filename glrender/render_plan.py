@@ -38,6 +38,11 @@ class BodyPlan:
     """Of the facets, those in chunks that are not out of view."""
     shadow_map_drawn_px: tuple[int, int] = (0, 0)
     """Texels that there are of the shadow map: of what is seen of the body, along x and y."""
+    detail_m: float | None = None
+    """Scale of the finest surface detail that is drawn [m]; None without any."""
+    detail_layers: int = 0
+    detail_slope: float = 0.0
+    """RMS slope of that detail."""
 
 
 @dataclass(frozen=True, kw_only=True)

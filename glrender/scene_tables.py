@@ -15,13 +15,14 @@ from . import generate
 from .body import Body, read_texture
 from .brdf import Law
 from .brdf.presets import PRESETS
+from .detail import Detail
 from .errors import ConfigError, error_path
 from .plugins import emissions, laws
 from .shape import Shape, metres_per_unit
 from .sky import Stars
 
 _BODY_KEYS = ("name", "shape", "generated", "length_unit", "brdf", "albedo_texture", "albedo_texture_gain",
-              "smooth_normals")
+              "smooth_normals", "detail")
 _CAMERA_KEYS = ("name", "width_px", "height_px", "focal_length_px", "principal_point_px",
                 "q_camera_from_spacecraft", "r_camera_spacecraft_m", "model", "distortion")
 # Of one name on all file systems in use.
@@ -81,8 +82,12 @@ def body(table: Mapping[str, Any], path: str, files: Files) -> Body:
         with error_path(f"{path}.albedo_texture"):
             albedo_map = read_texture(files.path("", table["albedo_texture"])) * np.float32(gain)
     law = _law(table["brdf"], f"{path}.brdf")
+    detail = None
+    if "detail" in table:
+        with error_path(f"{path}.detail"):
+            detail = Detail.from_table(table["detail"])
     with error_path(path):
-        return Body(name=table["name"], shape=shape, brdf=law, albedo_map=albedo_map,
+        return Body(name=table["name"], shape=shape, brdf=law, albedo_map=albedo_map, detail=detail,
                     smooth_normals=table.get("smooth_normals", False))
 
 

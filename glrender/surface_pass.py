@@ -57,6 +57,7 @@ class SurfacePass:
     def __init__(self, context: Context, scene: Scene, meshes: Mapping[str, Sequence[Mesh]]):
         self._scene, self._meshes = scene, meshes
         self._ids = {body.name: index for index, body in enumerate(scene.bodies)}
+        self._reliefs = {body.name: body.relief for body in scene.bodies}
         self._mask = PixelMask(context)
 
     def __enter__(self) -> SurfacePass:
@@ -129,18 +130,23 @@ class SurfacePass:
         clip_from_surface = clip_from_camera @ frames.transform(
             view.camera_from_body, view.camera_from_body @ offset)
         solar_irradiance = self._scene.solar_irradiance_of(camera) / view.sun_distance_au**2 * body_plan.flux_ratio
+        relief = None
+        if body_plan.detail_m is not None and stage == "surface.frag.glsl":
+            footprint_m = view.depth_m[0] / camera.focal_length_px
+            relief = {**self._reliefs[view.name].uniforms(r_camera + offset, footprint_m),
+                      "footprint_per_m": 1.0 / camera.focal_length_px}
         high = r_camera.astype(np.float32)
         self._meshes[view.name][body_plan.level].draw_surface(
             stage,
             SurfaceVariant(relative_to_camera=body_plan.relative_to_camera, normal_lookup=body_plan.normal_lookup,
-                           shadows=shadow.shadow_map is not None),
+                           shadows=shadow.shadow_map is not None, relief=relief is not None),
             {"clip_from_surface": clip_from_surface, "shadow_from_body": shadow.shadow_from_body,
              "r_camera_body": high, "r_camera_body_low": r_camera - high,
              "sun_direction_body": view.sun_direction_body, "boresight_body": view.camera_from_body[2],
              "irradiance_scale": solar_irradiance / camera.focal_length_px**2,
              "shadow_bias_per_texel": shadow.bias_per_texel,
              "body_id": self._ids[view.name]},
-            shadow.shadow_map, chosen)
+            shadow.shadow_map, chosen, relief)
 
 
 def _with_room(view: BodyView, beyond_m: float) -> BodyView:

@@ -49,6 +49,14 @@ def test_one_process_draws_all_frames_and_ends_with_the_renderer():
 
 
 @pytest.mark.usefixtures("blender")
+def test_equal_requests_give_equal_bytes_whatever_came_between():
+    """Cycles keeps its tables of samples: they are as large as they get from the start."""
+    with Cycles(SCENE, bounces=0) as cycles:
+        drawn = [cycles.render(views.state(), samples=samples).irradiance_W_m2.tobytes()
+                 for samples in (8, 32, 8, 64, 32, 8)]
+    assert drawn[0] == drawn[2] == drawn[5] != drawn[1] == drawn[4]
+
+
 def test_progress_rises_to_the_end():
     told = []
     with Cycles(SCENE) as cycles:

@@ -31,7 +31,17 @@ SURFACE_BLOCK = UniformBlock("Surface", {
     "shadow_bias_per_texel": "float",
     "body_id": "int",
 })
-_BODY_BINDING = 0
+RELIEF_BLOCK = UniformBlock("Relief", {
+    "relief_layers": f"vec4[{5 * 64}]",
+    "relief_noise": "int",
+    "relief_craters": "int",
+    "relief_boulders": "int",
+    "high_noise": "int",
+    "high_craters": "int",
+    "high_boulders": "int",
+    "footprint_per_m": "float",
+})
+_BODY_BINDING, _RELIEF_BINDING = 0, 1
 _SHADOW_UNIT, _ALBEDO_UNIT, _NORMAL_UNIT, _DETAIL_UNIT = 0, 1, 2, 3
 _TEXELS_PER_ROW = 4096
 
@@ -43,11 +53,13 @@ class SurfaceVariant:
     relative_to_camera: bool = False
     normal_lookup: bool = False
     shadows: bool = True
+    relief: bool = False
 
     def defines(self, mesh: Mesh) -> dict[str, int]:
         return {"RELATIVE_TO_CAMERA": int(self.relative_to_camera), "NORMAL_LOOKUP": int(self.normal_lookup),
                 "SMOOTH_NORMALS": int(mesh.smooth_normals), "TEXELS_PER_SIDE": mesh.texels_per_side,
-                "HAS_SHADOWS": int(self.shadows), "HAS_ALBEDO_TEXTURE": int(mesh.has_albedo)}
+                "HAS_SHADOWS": int(self.shadows), "HAS_RELIEF": int(self.relief),
+                "HAS_ALBEDO_TEXTURE": int(mesh.has_albedo)}
 
 
 class Mesh(ResourceOwner):
@@ -123,6 +135,7 @@ class Mesh(ResourceOwner):
         self.law_constants = ConstantBlock(law.uniform_fields, law.uniforms())
         self._shadow_uniforms = self.own(gl.buffer(reserve=SHADOW_BLOCK.dtype.itemsize))
         self._surface_uniforms = self.own(gl.buffer(reserve=SURFACE_BLOCK.dtype.itemsize))
+        self._relief_uniforms = None
         self._vertex_arrays: dict[Any, moderngl.VertexArray] = {}
 
     def _vertex_array(self, program: moderngl.Program) -> moderngl.VertexArray:
@@ -148,7 +161,7 @@ class Mesh(ResourceOwner):
         self._draw(program, chosen)
 
     def draw_surface(self, stage: str, variant: SurfaceVariant, values: Mapping[str, Any],
-                     shadow_map: ShadowMap | None, chosen: np.ndarray) -> None:
+                     shadow_map: ShadowMap | None, chosen: np.ndarray, relief: Mapping[str, Any] | None = None) -> None:
         """Draw chosen chunks (C,) bool into the bound framebuffer with `surface.frag.glsl` or `products.frag.glsl`."""
         context = self._context
         if variant.relative_to_camera and self._position_low is None:
@@ -156,6 +169,11 @@ class Mesh(ResourceOwner):
         program = _surface_program(context, stage, variant, self)
         self._surface_uniforms.write(SURFACE_BLOCK.pack(values))
         self._surface_uniforms.bind_to_uniform_block(_BODY_BINDING)
+        if variant.relief:
+            if self._relief_uniforms is None:
+                self._relief_uniforms = self.own(context.gl.buffer(reserve=RELIEF_BLOCK.dtype.itemsize))
+            self._relief_uniforms.write(RELIEF_BLOCK.pack(relief))
+            self._relief_uniforms.bind_to_uniform_block(_RELIEF_BINDING)
         if variant.shadows:
             shadow_map.texture.use(_SHADOW_UNIT)
         if self.albedo_texture is not None:
@@ -200,8 +218,11 @@ def _surface_program(context: Context, stage: str, variant: SurfaceVariant, mesh
     if key not in context.surface_programs:
         program = context.program(
             compose("surface.vert.glsl", blocks=[SURFACE_BLOCK], defines=defines),
-            compose(stage, brdf=law.glsl, blocks=[SURFACE_BLOCK, mesh.law_constants], defines=defines))
+            compose(stage, brdf=law.glsl, defines=defines,
+                    blocks=[SURFACE_BLOCK, mesh.law_constants, *([RELIEF_BLOCK] if variant.relief else [])]))
         program["Surface"].binding = _BODY_BINDING
+        if variant.relief:
+            program["Relief"].binding = _RELIEF_BINDING
         for sampler, unit in (("shadow_map", _SHADOW_UNIT), ("albedo_texture", _ALBEDO_UNIT),
                               ("facet_normals", _NORMAL_UNIT), ("detail", _DETAIL_UNIT)):
             if sampler in program:

@@ -2,6 +2,9 @@
 #include "constants.glsl"
 #include "surface.glsl"
 #include "brdf"
+#if HAS_RELIEF
+#include "relief.glsl"
+#endif
 #if HAS_ALBEDO_TEXTURE && !TEXELS_PER_SIDE
 in vec2 uv;
 uniform sampler2D albedo_texture;
@@ -28,6 +31,9 @@ void main()
 #if HAS_ALBEDO_TEXTURE
     albedo_scale = texture(albedo_texture, uv).r;
 #endif
+#endif
+#if HAS_RELIEF
+    normal = relief_normal(normal, r_surface, length(camera_offset()) * footprint_per_m, to_camera);
 #endif
     float value = brdf(sun_direction_body, to_camera, normal, albedo_scale);
     // A pixel's solid angle falls off as cos^3 of its angle from the boresight.

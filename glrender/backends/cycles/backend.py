@@ -12,12 +12,13 @@ from glrender_camera import PinholeCamera
 from glrender_camera.validate import integer, positive
 
 from ...brdf import Lambert
+from ...ground import displaced
 from ...grouping import touching
 from ...image import Image, checked_products
 from ...ray_engine import RayEngine
 from ...scene import Scene, checked_max_error
 from ...state import State
-from ...view import view_bodies
+from ...view import BodyView, view_bodies
 from ..full_shape import full_shape_plan, traced_products, visible_region
 from .blender_terms import BlenderTerms, warnings_of
 from .lens import Lens
@@ -130,6 +131,7 @@ class Cycles:
             lens = Lens.of(members, pinhole)
             asked = self._terms.view(main, members, views, lens)
             solar = self.scene.solar_irradiance_of(pinhole) / main.sun_distance_au**2
+            self._shape_ground(members, pinhole)
             draw = partial(self._pixels, asked, lens, solar, bounces)
             rounds = Rounds(draw, seed, _part_of(on_progress, index, len(groups)))
             error = rounds.fixed(samples**2) if samples is not None else rounds.until(budget)
@@ -151,8 +153,22 @@ class Cycles:
 
     def _start(self) -> None:
         self._blender = BlenderProcess()
+        self._displaced: set[int] = set()
         told, arrays = self._terms.bodies()
         self._ask({"op": "load", "bodies": told, "threads": self._n_threads}, arrays)
+
+    def _shape_ground(self, members: list[BodyView], camera: PinholeCamera) -> None:
+        """Give Blender the ground that the camera resolves of bodies with detail."""
+        for index, body in enumerate(self.scene.bodies):
+            view = next((view for view in members if view.name == body.name), None)
+            if body.relief is None or view is None:
+                continue
+            made = displaced(body, view, camera)
+            if made is not body or index in self._displaced:
+                if self._blender is None:
+                    self._start()
+                self._ask({"op": "shape", "index": index}, self._terms.arrays(made))
+                self._displaced.add(index)
 
     def _ask(self, head: dict[str, Any], arrays: dict[str, np.ndarray] | None = None,
              on_progress: Callable[[float], None] | None = None) -> dict[str, np.ndarray]:

@@ -45,9 +45,13 @@ class BlenderTerms:
         told, arrays = [], {}
         for index, body in enumerate(self._scene.bodies):
             told.append(_described(body))
-            for key, array in _arrays(body, self._origin_m[body.name], self._unit_m).items():
+            for key, array in self.arrays(body).items():
                 arrays[f"{key}/{index}"] = array
         return told, arrays
+
+    def arrays(self, body: Body) -> dict[str, np.ndarray]:
+        """The geometry of a body, for `drawing.Stage`."""
+        return _arrays(body, self._origin_m[body.name], self._unit_m)
 
     def view(self, main: BodyView, members: list[BodyView], views: list[BodyView], lens: Lens) -> dict[str, Any]:
         """What `drawing.Stage.draw` asks of a view: poses in the axes of one body, about its middle, so that it is

@@ -17,6 +17,10 @@ sys.path += glob.glob(os.path.join(bpy.utils.resource_path("LOCAL"), "python", "
 warnings.simplefilter("ignore", DeprecationWarning)
 
 
+# Samples beyond which Cycles' tables grow no more.
+_MOST_TABLED = 8192
+
+
 class Stage:
     """Bodies, a Sun and a camera.
 
@@ -38,9 +42,10 @@ class Stage:
         # Before the bodies: Blender compiles OSL for the engine that is set.
         self._set_up(any(told["law"] for told in head["bodies"]), head["threads"])
         self._script_nodes = []
+        self._told = head["bodies"]
         self._bodies = [self._body(told, {key: arrays.get(f"{key}/{index}") for key in
                                           ("vertices", "facets", "uv", "normals", "texture")})
-                        for index, told in enumerate(head["bodies"])]
+                        for index, told in enumerate(self._told)]
         self._light = bpy.data.lights.new("sun", "SUN")
         self._light.energy = 1.0
         self._lens = bpy.data.cameras.new("camera")
@@ -48,6 +53,25 @@ class Stage:
         self._sun, self._camera = (self._object(name, data) for name, data in
                                    (("sun", self._light), ("camera", self._lens)))
         self._scene.camera = self._camera
+        self._fill_tables()
+
+    def _fill_tables(self) -> None:
+        """Make Cycles' tables of samples as large as they get: it keeps them, and smaller ones give other bytes."""
+        axes = np.eye(4).tolist()
+        self.draw({"bodies_from": [axes] * len(self._bodies), "camera_from": axes, "sun_from": axes,
+                   "sun_angle_rad": 0.01, "size": [4, 4], "region": [0, 0, 4, 4], "focal_length": 1.0,
+                   "shift": [0.0, 0.0], "clip": [1.0, 2.0], "samples": _MOST_TABLED, "seed": 0, "bounces": 0,
+                   "is_indirect": False},
+                  lambda share: None)
+
+    def reshape(self, index: int, arrays: dict) -> None:
+        """Give a body other vertices, facets, uv and normals."""
+        thing = self._bodies[index]
+        before = thing.data
+        thing.data = self._mesh(self._told[index], {key: arrays.get(key) for key in
+                                                    ("vertices", "facets", "uv", "normals")})
+        thing.data.materials.append(before.materials[0])
+        bpy.data.meshes.remove(before)
 
     def draw(self, head: dict, progress) -> np.ndarray:
         """Mean radiance (rows, columns) float32 of the region's pixels, top row first, for a Sun of 1 W/m2.
@@ -110,7 +134,7 @@ class Stage:
         self._scene.collection.objects.link(made)
         return made
 
-    def _body(self, told: dict, arrays: dict) -> bpy.types.Object:
+    def _mesh(self, told: dict, arrays: dict) -> bpy.types.Mesh:
         mesh = bpy.data.meshes.new(told["name"])
         vertices, facets = arrays["vertices"], arrays["facets"]
         mesh.vertices.add(len(vertices))
@@ -129,6 +153,10 @@ class Stage:
             if bpy.app.version < (4, 1):
                 mesh.use_auto_smooth = True
             mesh.normals_split_custom_set_from_vertices(arrays["normals"].tolist())
+        return mesh
+
+    def _body(self, told: dict, arrays: dict) -> bpy.types.Object:
+        mesh = self._mesh(told, arrays)
         mesh.materials.append(self._material(told, arrays["texture"]))
         made = self._object(told["name"], mesh)
         # Cycles moves shadows and normals of interpolated surfaces by default.

@@ -42,6 +42,9 @@ def main() -> None:
             if head["op"] == "load":
                 stage = drawing.Stage(head, arrays)
                 framing.send(link, {"done": "load"})
+            elif head["op"] == "shape":
+                stage.reshape(head["index"], arrays)
+                framing.send(link, {"done": "shape"})
             else:
                 pixels = stage.draw(head, lambda share: framing.send(link, {"progress": share}))
                 framing.send(link, {"done": "draw"}, {"pixels": pixels})
