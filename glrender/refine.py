@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 
 # Error of a sample's area over the contrast within 3 x 3 samples: 0.18 as measured against rays
-# (docs/planner.md), and a fifth more, so that the truth is within.
-_ERROR_PER_CONTRAST = 0.216
+# (docs/planner.md), and 0.3 of it more, so that the truth is within.
+_ERROR_PER_CONTRAST = 0.235
 SAMPLE_COUNTS = (2, 3, 4, 6, 8, 12, 16)
 """Samples along a pixel's side that a refinement may take."""
 # Cost of a sample that is drawn, of one that is passed over, and of a pass, in that of a sample.
