@@ -73,7 +73,7 @@ def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, has_cas
         shadow_px = plan_shadow(view, chosen, traits.is_convex, has_casters, budget, seen_share)
         if shadow_px is not None:
             squared += shadow_share(view, shadow_px) * sum(squared_errors(view, chosen))
-            squared += (_LEAK_RMS * leaked_flux(view, shadow_px)) ** 2 + penumbra.error**2
+            squared += (_LEAK_RMS * leaked_flux(view, chosen, shadow_px)) ** 2 + penumbra.error**2
     detail_m, active, detail_slope = None, [], 0.0
     if traits.relief is not None and view.is_visible and (active := traits.relief.active(footprint_m)):
         detail_m = float(max(traits.relief.scales_m()[active].min(), 2.0 * footprint_m))
@@ -110,7 +110,7 @@ def plan_shadow(view: BodyView, level: LevelTraits, is_convex: bool, has_casters
             return None
         if _SHADOWED_PER_RAD * view.phase_rad < 0.1 * max_error:
             return None
-    texels = max(view.finest_px, leaked_flux(view, 1) / (_FLUX_SHARE * max_error))
+    texels = max(view.finest_px, leaked_flux(view, level, 1) / (_FLUX_SHARE * max_error))
     one_sample = sum(squared_errors(view, level))
     sizes = [size for size in SHADOW_SIZES_PX if size * seen_share <= MAX_SHADOW_SIDE_PX]
     return next((size for size in sizes if size >= texels
