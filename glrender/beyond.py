@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
 from dataclasses import replace
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 from glrender_camera import PinholeCamera, PointSources, StrayLight
 
 from . import frames
-from .background import Place, merged, sun_box
+from .background import Place, merged
 from .constants import AU_M, SUN_RADIUS_M
 from .ranging import laser_ranges
 from .state import State
@@ -20,9 +21,12 @@ _BODY_PX, _BODY_SOURCES = 32, 8
 _WIDEST_RAD = 1.0
 # Rays to the Sun's disc: its middle, and rings around it.
 _RINGS, _PLACES = (0, 1, 2), (1, 6, 12)
+# Of the field angle, at a baffle of 90 degrees.
+_LEAST_COSINE = 1e-3
 
 
-def light_beyond(renderer: Any, state: State, camera: PinholeCamera, margin_px: int) -> tuple[PointSources, str]:
+def light_beyond(renderer: Any, state: State, camera: PinholeCamera, margin_px: int,
+                 apart: Container[str] = ()) -> tuple[PointSources, str]:
     """Sources beyond an image, and what they are in words.
 
     Parameters
@@ -34,23 +38,27 @@ def light_beyond(renderer: Any, state: State, camera: PinholeCamera, margin_px: 
         One of the scene's, with a model.
     margin_px : int [px]
         Of the image.
+    apart
+        Names of bodies whose light, all of it, is told as points already.
 
     Returns
     -------
     points : PointSources
-        In the frame's `pixel` were there no distortion; irradiance in the camera's band.
+        In the frame's `pixel`; what the lens images nowhere lies as much farther out as the fold in its direction.
     text : str
     """
     stray = [band.optics.stray_light for band in camera.model.bands.values() if band.optics.stray_light is not None]
     nothing = PointSources([], [])
     if not stray:
         return nothing, "skipped: the optics have no stray light"
-    wide = replace(camera, distortion=None).with_margin(margin_px)
-    parts = {"the Sun": _sun(renderer, state, wide, stray)}
-    for index, view in enumerate(view_bodies(state, wide, renderer.scene.hulls)):
-        if not view.is_whole:
-            parts[view.name] = _body(renderer, state, wide, view, index)
-    found = {name: _kept(points, wide, stray, margin_px) for name, points in parts.items() if points is not None}
+    plain = replace(camera, distortion=None).with_margin(margin_px)
+    parts = {"the Sun": _sun(renderer, state, plain)}
+    for index, view in enumerate(view_bodies(state, plain, renderer.scene.hulls)):
+        # What a distorting lens leaves of the image, nobody knows beforehand.
+        if view.name not in apart and not (view.is_whole and camera.distortion is None):
+            parts[view.name] = _body(renderer, state, plain, view, index)
+    found = {name: _kept(*part, camera.with_margin(margin_px), stray, margin_px)
+             for name, part in parts.items() if part is not None}
     found = {name: points for name, points in found.items() if points.irradiance_W_m2.any()}
     if not found:
         return nothing, "skipped: there is none that the baffle lets in"
@@ -58,27 +66,37 @@ def light_beyond(renderer: Any, state: State, camera: PinholeCamera, margin_px: 
     return points, f"{', '.join(found)}: {points.irradiance_W_m2.sum():.3g} W/m2"
 
 
-def _kept(points: PointSources, wide: PinholeCamera, stray: list[StrayLight], margin_px: int) -> PointSources:
-    """What is beside the image and before the baffle's edge, in the frame's pixels."""
+def _kept(rays: np.ndarray, light: np.ndarray, wide: PinholeCamera, stray: list[StrayLight],
+          margin_px: int) -> PointSources:
+    """Of light (N,) from unit vectors (N, 3), what is beside the image and before the baffle's edge, in the frame."""
+    chosen = rays[:, 2] > max(_LEAST_COSINE, np.cos(np.radians(max(each.baffle_deg for each in stray))))
+    rays, light = rays[chosen], light[chosen]
+    xy, cosine = _place_px(rays, wide), rays[:, 2]
     x0, y0, x1, y1 = wide.bounds_px
-    x, y = points.xy_px.T
+    x, y = xy.T
     beside = (x < x0) | (y < y0) | (x >= x1) | (y >= y1)
-    cosine = wide.directions(points.xy_px)[:, 2]
-    beside &= cosine > np.cos(np.radians(max(each.baffle_deg for each in stray)))
     # The exposure dims what lies beside the image as its nearest pixel; the aperture is foreshortened more.
-    nearest = np.clip(points.xy_px, 0.0, np.array([wide.width_px, wide.height_px]) - 1.0)
-    light = points.irradiance_W_m2 * cosine / wide.directions(nearest)[:, 2]
-    return PointSources(points.xy_px[beside] - margin_px, light[beside])
+    nearest = np.clip(xy, 0.0, np.array([wide.width_px, wide.height_px]) - 1.0)
+    light = light * cosine / wide.directions(nearest)[:, 2]
+    return PointSources(xy[beside] - margin_px, light[beside])
 
 
-def _sun(renderer: Any, state: State, wide: PinholeCamera, stray: list[StrayLight]) -> PointSources | None:
-    if sun_box(state, wide) is not None:
-        return None
+def _place_px(rays: np.ndarray, wide: PinholeCamera) -> np.ndarray:
+    """Where a lens images rays (N, 3); beyond its fold as much farther out as they are from it."""
+    lens, ratio = wide.distortion, rays[:, :2] / rays[:, 2:]
+    if lens is not None:
+        times = np.maximum(np.hypot(*ratio.T) / (lens.max_radius * (1.0 - 1e-9)), 1.0)[:, None]
+        ratio = lens.distort(ratio / times) * times
+    return wide.focal_length_px * ratio + np.array(wide.principal_point_px)
+
+
+def _sun(renderer: Any, state: State, wide: PinholeCamera) -> tuple[np.ndarray, np.ndarray] | None:
+    """Rays to the Sun's disc that no body stops, each with its share of the light."""
     place = Place.of(state, wide)
     r_sun = place.camera_from_inertial @ (state.r_sun_inertial_m - place.r_inertial_m)
     distance_m = float(np.linalg.norm(r_sun))
     direction = r_sun / distance_m
-    if not direction[2] > np.cos(np.radians(max(each.baffle_deg for each in stray))):
+    if not direction[2] > 0.0:
         return None
     across = np.linalg.svd(direction[None, :])[2][1:]
     ring = np.repeat(_RINGS, _PLACES)
@@ -86,12 +104,13 @@ def _sun(renderer: Any, state: State, wide: PinholeCamera, stray: list[StrayLigh
     angle = np.concatenate([np.arange(n) * (2.0 * np.pi / n) for n in _PLACES])
     rays = direction + radius[:, None] * (np.stack([np.cos(angle), np.sin(angle)], axis=1) @ across)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    seen = float((laser_ranges(renderer.scene, state, rays, wide.name).body_id < 0).mean())
-    irradiance = renderer.scene.solar_irradiance_of(wide) * (AU_M / distance_m) ** 2 * seen
-    return PointSources(wide.project(direction)[None, :], [irradiance])
+    is_seen = laser_ranges(renderer.scene, state, rays, wide.name).body_id < 0
+    irradiance = renderer.scene.solar_irradiance_of(wide) * (AU_M / distance_m) ** 2
+    return rays, is_seen * (irradiance / len(rays))
 
 
-def _body(renderer: Any, state: State, wide: PinholeCamera, view: BodyView, index: int) -> PointSources | None:
+def _body(renderer: Any, state: State, wide: PinholeCamera, view: BodyView,
+          index: int) -> tuple[np.ndarray, np.ndarray] | None:
     """A body by a camera of its own that looks at it: what is beside the image is what lies there."""
     towards = -view.camera_from_body @ view.r_camera_body_m
     range_m = float(np.linalg.norm(towards))
@@ -109,7 +128,7 @@ def _body(renderer: Any, state: State, wide: PinholeCamera, view: BodyView, inde
     light[(body_id >= 0) & (body_id != index)] = 0.0
     y, x = np.indices(light.shape)
     rays = aimed.directions(np.stack([x, y], axis=-1)) @ aimed_from_camera
-    ahead = rays[..., 2] > 1e-3
+    ahead = rays[..., 2] > _LEAST_COSINE
     if not (light[ahead] > 0.0).any():
         return None
     size = _BODY_PX // _BODY_SOURCES
@@ -118,4 +137,4 @@ def _body(renderer: Any, state: State, wide: PinholeCamera, view: BodyView, inde
     lit = total > 0.0
     mean = np.stack([np.bincount(cell[ahead], light[ahead] * rays[ahead][:, axis], _BODY_SOURCES**2)[lit]
                      for axis in range(3)], axis=1)
-    return PointSources(wide.project(mean), total[lit])
+    return mean / np.linalg.norm(mean, axis=1, keepdims=True), total[lit]

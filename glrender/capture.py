@@ -145,7 +145,7 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
     still, motion = drawing.still(state, products), STILL
     irradiance, roi = still.irradiance_W_m2, still.roi
     poses = [PosePoints(state=state, bodies=still.points)]
-    beyond, beyond_text = light_beyond(renderer, state, pinhole, margin_px)
+    beyond, beyond_text = light_beyond(renderer, state, pinhole, margin_px, still.apart)
     bodies, stars = sensor.bodies(poses), sensor.stars(poses)
     timings = _timings(still, began)
     if is_moving:

@@ -34,13 +34,15 @@ _BESIDE = {"body_id": -1, "facet_id": -1, "sunlit": 0}
 class Still:
     """What stands still: irradiance (h, w) with the margin, its region `roi`, products (height, width) without it.
 
-    `points` is the light of `n_small` bodies of a few pixels or less, in the frame's `pixel`; it is not in the image.
+    `points` is the light of `n_small` bodies, or groups, of a few pixels or less, in the frame's `pixel`; it is not in
+    the image. `apart` are these bodies' names.
     """
 
     irradiance_W_m2: np.ndarray
     roi: tuple[int, int, int, int]
     points: PointSources
     n_small: int
+    apart: frozenset[str]
     products: dict[str, np.ndarray]
     plan: RenderPlan
     sun_text: str
@@ -138,9 +140,10 @@ class Drawing:
         elif self._margin_px:
             inside = np.s_[self._margin_px:-self._margin_px, self._margin_px:-self._margin_px]
             made = {name: np.ascontiguousarray(values[inside]) for name, values in made.items()}
-        small = [body.points for body in image.small_bodies if body.is_apart]
-        return Still(irradiance_W_m2=light, roi=roi, points=self._placed(small), n_small=len(small), products=made,
-                     plan=plan, sun_text=sun_text, timings_ms=image.timings_ms)
+        small = [body for body in image.small_bodies if body.is_apart]
+        return Still(irradiance_W_m2=light, roi=roi, points=self._placed([body.points for body in small]),
+                     n_small=len(small), apart=frozenset(name for body in small for name in body.names),
+                     products=made, plan=plan, sun_text=sun_text, timings_ms=image.timings_ms)
 
     def _placed(self, kept: Sequence[PointSources]) -> PointSources:
         """Points of the source's image in the frame."""

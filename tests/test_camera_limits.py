@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
+from dataclasses import MISSING, fields
+
 import numpy as np
 import pytest
 import views
-from glrender import ConfigError, Pose, State, generate
+from glrender import ConfigError, Pose, Scene, State, generate
 from glrender.body import Body
 from glrender.brdf import Lambert
 from glrender.motion import motion_px
-from glrender_camera import CameraModel
+from glrender_camera import AutoExposure, BrownConrady, CameraModel, Detector
 
 
 def model(optics=(), **detector):
@@ -26,6 +29,55 @@ def model(optics=(), **detector):
 def test_a_detector_has_ranges(detector, path):
     with pytest.raises(ConfigError, match=path):
         model(**detector)
+
+
+DETECTOR = {f.name: f.default for f in fields(Detector) if f.default is not MISSING and f.default is not None}
+MODEL = {
+    "exposure_s": "auto", "auto_exposure": {f.name: f.default for f in fields(AutoExposure)},
+    "optics": {
+        "aperture_diameter_m": 0.0151, "transmission": 0.8, "band_nm": [600.0, 650.0], "psf_sigma_px": 0.7,
+        "f_number": 10.0, "pixel_pitch_m": 10e-6, "central_obscuration": 0.1, "psf_radius_px": 5,
+        "aberrations": {"defocus_nm": 30.0, "spherical_nm": 1.0, "zernike_nm": [[6, 20.0]], "coma_nm": 60.0,
+                        "tangential_nm": 120.0, "sagittal_nm": -40.0, "aspect": 1.0, "grid": [3, 3]},
+        "stray_light": {"wing_fraction": 0.01, "wing_core_px": 20.0, "wing_exponent": 2.5, "veiling_glare": 0.002,
+                        "veiling_glare_beyond": 1e-6, "baffle_deg": 40.0}},
+    "detector": {"quantum_efficiency": 0.5, "full_well_electrons": 1e5, "gain_DN_per_electron": 0.04,
+                 "bit_depth": 12, **DETECTOR}}
+TABLES = {"distortion": {f.name: 1e-4 for f in fields(BrownConrady)}, "model": MODEL}
+# What one number cannot be blamed for alone: the field of view, the rule of two fields.
+SHARED = {"distortion": "distortion", "pixel_pitch_m": "f_number"}
+
+
+def places(table, path=()):
+    for key, value in table.items():
+        yield (*path, key)
+        if isinstance(value, dict):
+            yield from places(value, (*path, key))
+
+
+def loaded(path=None, value=None):
+    """The scene with one value replaced."""
+    tables = deepcopy(TABLES)
+    if path:
+        table = tables
+        for key in path[:-1]:
+            table = table[key]
+        table[path[-1]] = value
+    return Scene.from_dict({
+        "bodies": [{"name": "moonlet", "generated": {"kind": "icosphere", "radius_m": 50.0, "subdivisions": 0},
+                    "brdf": {"law": "lambert", "normal_albedo": 0.2}}],
+        "cameras": [{"name": "wide", "width_px": 16, "height_px": 16, "focal_length_px": 120.0, **tables}]})
+
+
+@pytest.mark.parametrize("path", [*places(TABLES)], ids=".".join)
+def test_every_documented_field_refuses_what_is_wrong_by_name(path):
+    """NaN, infinity, 1e300, -1e300, text, truth, an empty list's list: the path of the field in the message."""
+    assert loaded().cameras[0].model is not None
+    for value in (float("nan"), float("inf"), 1e300, -1e300, "no", True, [[]], [1.0, "x"]):
+        with pytest.raises(ConfigError) as told:
+            loaded(path, value)
+        named = {path[-1], SHARED.get(path[-1]), SHARED.get(path[0])} - {None}
+        assert any(name in str(told.value).split(": ")[0] for name in named), (path, value, str(told.value))
 
 
 def test_an_aperture_has_a_range():

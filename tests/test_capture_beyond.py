@@ -8,7 +8,7 @@ import views
 from glrender import Pose, State, open_renderer, take_frame
 from glrender.brdf import Lambert
 from glrender.constants import AU_M
-from glrender_camera import CameraModel, Detector, Optics, StrayLight
+from glrender_camera import BrownConrady, CameraModel, Detector, Optics, StrayLight
 
 GREY = Lambert(normal_albedo=0.3)
 
@@ -85,3 +85,50 @@ def test_without_stray_light_nothing_comes_from_beyond():
     with open_renderer(views.scene([views.sphere(GREY, 2)], [camera])) as renderer:
         capture = take_frame(renderer, sun_state(20.0))
     assert capture.stages["beyond"] == "skipped: the optics have no stray light" and not capture.frame.dn.any()
+
+
+def account(capture):
+    """Light [W/m2] that came from the frame's own sky and from beyond it."""
+    text = capture.stages["light"]
+    return sum(float(part.split()[0]) for part in (text, text.split("sky, ")[1]))
+
+
+@pytest.mark.parametrize("x_px", [-10.0, -8.0, -6.0])
+def test_a_small_body_that_the_edge_cuts_throws_its_wing_in_once(x_px):
+    """12 px across, told as points: once in the account, 1e-3; a wider camera's crop, 7 %.
+
+    What the point spread function carries out of the image there has no wing: its bright limb is on the edge.
+    """
+    optics, focal = dict(wing_fraction=0.1, wing_core_px=5.0, wing_exponent=2.5), 120.0
+    narrow = views.camera(64, focal, name="narrow", model=model(**optics), principal_point_px=(x_px, 30.0))
+    wide = views.camera(64 + 2 * 96, focal, name="wide", model=model(**optics),
+                        principal_point_px=(x_px + 96.0, 126.0))
+    with open_renderer(views.scene([views.sphere(GREY, 4)], [narrow, wide], max_error=0.02)) as renderer:
+        got, true = (take_frame(renderer, views.state(range_m=2000.0), name) for name in ("narrow", "wide"))
+    assert got.stages["points"].startswith("0 stars, 1 bod")
+    np.testing.assert_allclose(got.frame.electrons.sum(dtype=np.float64),
+                               true.frame.electrons[96:-96, 96:-96].sum(dtype=np.float64), rtol=0.07)
+    np.testing.assert_allclose(account(got), account(true), rtol=1e-3)
+
+
+@pytest.mark.parametrize("k1, angle_deg, is_beyond", [(-0.2, 27.0, False), (-0.2, 32.0, True), (0.4, 25.0, True),
+                                                      (0.4, 19.0, False), (-0.2, 40.0, True)])
+def test_a_lens_decides_whether_the_sun_is_in_the_image(k1, angle_deg, is_beyond):
+    """Its light comes once: from the frame's own sky or from beyond it; `cv2`'s r (1 + k1 r2) against the edge."""
+    camera = views.camera(128, 138.0, model=model(veiling_glare_beyond=1e-4), distortion=BrownConrady(k1=k1))
+    r = np.tan(np.radians(angle_deg))
+    margin = 5
+    assert (138.0 * r * (1.0 + k1 * r * r) > 64.0 + margin) == is_beyond
+    with open_renderer(views.scene([views.sphere(GREY, 2)], [camera])) as renderer:
+        capture = take_frame(renderer, sun_state(angle_deg))
+    assert capture.stages["beyond"].startswith("the Sun") == is_beyond
+    np.testing.assert_allclose(account(capture), views.SOLAR_IRRADIANCE_W_M2 * np.cos(np.radians(angle_deg)), rtol=0.01)
+
+
+def test_the_suns_light_is_whole_while_it_leaves_the_image():
+    """Its disc, 93 px wide, cut by the edge: what the image lacks comes from beyond it, 5 %."""
+    camera = views.camera(64, 1e4, model=model(veiling_glare_beyond=1e-4), principal_point_px=(32.0, 32.0))
+    with open_renderer(views.scene([views.sphere(GREY, 2)], [camera])) as renderer:
+        for x_px in (60.0, 68.0, 100.0, 130.0):
+            capture = take_frame(renderer, sun_state(np.degrees(np.arctan(x_px / 1e4))))
+            np.testing.assert_allclose(account(capture), views.SOLAR_IRRADIANCE_W_M2, rtol=0.05, err_msg=str(x_px))

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from pathlib import Path
 
 import pytest
-from glrender import generate
+from glrender import Scene, generate
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "camera_model" / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -23,13 +24,38 @@ def test_a_snippet_runs_alone(code, tmp_path, monkeypatch):
     exec(compile(code, "snippet", "exec", dont_inherit=True), {})
 
 
-def test_the_tests_that_the_services_page_names_are_there():
-    page = (ROOT / "docs" / "service_checks.md").read_text(encoding="utf-8")
+@pytest.mark.parametrize("name", ["service_checks.md", "camera_checks.md"])
+def test_the_tests_that_a_page_of_checks_names_are_there(name):
+    page = (ROOT / "docs" / name).read_text(encoding="utf-8")
     named = set(re.findall(r"test_\w+", page))
     defined = {name for file in (ROOT / "tests").glob("test_*.py")
                for name in re.findall(r"^def (test_\w+)", file.read_text(encoding="utf-8"), re.M)}
     assert len(named) > 50 and named <= defined, named - defined
     assert all((ROOT / "benchmarks" / file).is_file() for file in set(re.findall(r"\w+\.py", page)))
+
+
+CAMERA = """solar_irradiance_1au_W_m2 = 700.0
+[[bodies]]
+name = "moonlet"
+generated = {kind = "icosphere", radius_m = 50.0, subdivisions = 2}
+brdf = {law = "lambert", normal_albedo = 0.2}
+[[cameras]]
+name = "wide"
+width_px = 64
+height_px = 64
+focal_length_px = 300.0
+"""
+
+
+@pytest.mark.parametrize("index", [0, 1])
+def test_the_scene_files_of_the_camera_models_page_load(index):
+    """Its tables, behind a body and a camera."""
+    page = (ROOT / "docs" / "camera_model.md").read_text(encoding="utf-8")
+    text = re.findall(r"```toml\n(.*?)```", page, re.S)[index]
+    # A mosaic's bands have their own irradiance.
+    table = tomllib.loads(CAMERA[CAMERA.index("[["):] + text if "pattern" in text else CAMERA + text)
+    camera = Scene.from_dict(table).cameras[0]
+    assert camera.model is not None and (camera.distortion is None) == ("distortion" not in text)
 
 
 def test_there_are_snippets():

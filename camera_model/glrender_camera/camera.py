@@ -11,15 +11,13 @@ import numpy as np
 
 from .detector import MAX_SEED, Detector
 from .errors import ConfigError, error_path
-from .exposure import AutoExposure
+from .exposure import MAX_EXPOSURE_S, AutoExposure
 from .light import light_on_frame
 from .optics import Optics
 from .points import PointSources
 from .presets import PRESETS
 from .spectrum import electrons_per_joule, require_overlap
 from .validate import integer, known_keys, one_of, positive, within
-
-MAX_EXPOSURE_S = 1e6
 
 
 @dataclass(frozen=True, eq=False)

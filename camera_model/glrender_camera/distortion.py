@@ -16,10 +16,12 @@ from typing import Any
 import numpy as np
 
 from .errors import ConfigError
-from .validate import finite, known_keys
+from .validate import known_keys, within
 
 # Where the search for a fold ends: 89.4 degrees off axis, as no rectilinear camera sees farther.
 _MAX_RADIUS = 100.0
+# A field of a degree has k3 of 1e8 at most; beyond, the polynomials' products overflow.
+_MAX_COEFFICIENT = 1e9
 _NEWTON_STEPS = 50
 # Of the distorted coordinates; at a focal length of 1e4 px this is 1e-8 px.
 _TOLERANCE = 1e-12
@@ -37,7 +39,7 @@ class BrownConrady:
 
     Parameters
     ----------
-    k1, k2, k3, k4, k5, k6, p1, p2 : float [1]
+    k1, k2, k3, k4, k5, k6, p1, p2 : float [1], -1e9..1e9
         OpenCV's names. Its coefficient vector is ordered k1, k2, p1, p2, k3, k4, k5, k6: see
         `from_opencv`.
 
@@ -59,7 +61,7 @@ class BrownConrady:
 
     def __post_init__(self):
         for f in fields(self):
-            object.__setattr__(self, f.name, finite(f.name, getattr(self, f.name)))
+            object.__setattr__(self, f.name, within(f.name, getattr(self, f.name), -_MAX_COEFFICIENT, _MAX_COEFFICIENT))
 
     @classmethod
     def from_dict(cls, table: Mapping[str, Any]) -> BrownConrady:

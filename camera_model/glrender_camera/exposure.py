@@ -10,11 +10,12 @@ import numpy as np
 
 from .detector import Detector
 from .errors import ConfigError
-from .validate import finite, known_keys, positive, within
+from .validate import known_keys, positive, within
 
 if TYPE_CHECKING:
     from .camera import Frame
 
+MAX_EXPOSURE_S, _MAX_STEP = 1e6, 1e6
 # Auto-exposure looks at no more pixels than this: a percentile of 65,536 is good to 0.2 %.
 _MAX_METERED_PX = 2**16
 # The dimmest pixel that counts as lit for the metering, as a fraction of the brightest.
@@ -34,9 +35,9 @@ class AutoExposure:
     target : float [1], 0..1
         Fraction of full scale (the lower of full well and the largest digital number) where
         the percentile is put.
-    min_s, max_s : float [s], > 0
+    min_s, max_s : float [s], > 0, up to 1e6
         Limits; `max_s` is what a frame without light gets.
-    max_step : float [1], > 1
+    max_step : float [1], > 1, up to 1e6
         Largest ratio of the exposures of two frames, where the last frame is told.
     """
 
@@ -50,10 +51,10 @@ class AutoExposure:
         within("percentile", self.percentile, 0.0, 100.0)
         if not 0.0 < within("target", self.target, 0.0, 1.0):
             raise ConfigError("target", "must be > 0", self.target)
-        positive("min_s", self.min_s)
-        if not positive("max_s", self.max_s) >= self.min_s:
+        within("min_s", positive("min_s", self.min_s), 0.0, MAX_EXPOSURE_S)
+        if not within("max_s", self.max_s, 0.0, MAX_EXPOSURE_S) >= self.min_s:
             raise ConfigError("max_s", "must be >= min_s", self.max_s)
-        if not finite("max_step", self.max_step) > 1.0:
+        if not within("max_step", self.max_step, 0.0, _MAX_STEP) > 1.0:
             raise ConfigError("max_step", "must be > 1", self.max_step)
 
     @classmethod

@@ -22,6 +22,7 @@ from .validate import integer, known_keys, positive, within
 # Energy beyond 5.5 sigma is 4e-8 an axis: below float32's own rounding of the sum.
 _KERNEL_RADIUS_SIGMAS = 5.5
 MAX_PSF_SIGMA_PX = 100.0
+_MAX_F_NUMBER = 1000.0
 # Averaging diffraction over a band of 450-950 nm: 9 against 33 wavelengths differ by 1e-4; a narrower
 # band needs fewer.
 _N_WAVELENGTHS = 9
@@ -47,10 +48,10 @@ class Optics:
         The wavelengths that the irradiance image spans.
     psf_sigma_px : float [px], 0..100
         Standard deviation of a Gaussian spread before integration over the pixel; 0 is none.
-    f_number : float [1], optional
+    f_number : float [1], > 0, up to 1000, optional
         Focal length over aperture diameter: adds the pupil's diffraction, averaged over the
         band's photons. Needs `pixel_pitch_m`.
-    pixel_pitch_m : float [m], optional
+    pixel_pitch_m : float [m], > 0, optional
     central_obscuration : float [1], 0..0.95
         Inner over outer diameter of an annular pupil, for diffraction and for the area.
     psf_radius_px : int [px], 1..255
@@ -96,7 +97,7 @@ class Optics:
             missing = "f_number" if self.f_number is None else "pixel_pitch_m"
             raise ConfigError(missing, "missing: diffraction needs both f_number and pixel_pitch_m")
         if self.is_diffracted:
-            put("f_number", positive("f_number", self.f_number))
+            put("f_number", within("f_number", positive("f_number", self.f_number), 0.0, _MAX_F_NUMBER))
             put("pixel_pitch_m", positive("pixel_pitch_m", self.pixel_pitch_m))
             lambda_n_px = self.band_nm[0] * 1e-9 * self.f_number / self.pixel_pitch_m
             if not lambda_n_px >= psf.MIN_LAMBDA_N_PX:

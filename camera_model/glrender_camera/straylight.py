@@ -12,11 +12,12 @@ import numpy as np
 from scipy import fft
 
 from .errors import ConfigError
-from .validate import finite, known_keys, positive, within
+from .validate import known_keys, positive, within
 
 # The wing is spread on cells of a quarter of its core or less: 1 % where it bends most.
 _CELLS_IN_CORE = 4
 _MAX_CELL_PX = 16
+_MAX_CORE_PX = 1e5
 # Gauss-Legendre nodes on one cell and axis of the wing.
 _NODES = 4
 
@@ -36,7 +37,7 @@ class StrayLight:
     Parameters
     ----------
     wing_fraction : float [1], 0..0.5
-    wing_core_px : float [px], > 0
+    wing_core_px : float [px], > 0, up to 1e5
         a: where the wing bends.
     wing_exponent : float [1], 2.05..6
         s: the power with which the wing falls; polished surfaces scatter with 2 to 3.
@@ -66,7 +67,7 @@ class StrayLight:
         put("baffle_deg", within("baffle_deg", self.baffle_deg, 0.0, 90.0))
         for name in ("wing_fraction", "veiling_glare", "veiling_glare_beyond"):
             put(name, within(name, getattr(self, name), 0.0, 0.5))
-        put("wing_core_px", positive("wing_core_px", finite("wing_core_px", self.wing_core_px)))
+        put("wing_core_px", within("wing_core_px", positive("wing_core_px", self.wing_core_px), 0.0, _MAX_CORE_PX))
         put("wing_exponent", within("wing_exponent", self.wing_exponent, 2.05, 6.0))
         if self.wing_fraction + self.veiling_glare + self.veiling_glare_beyond == 0.0:
             raise ConfigError("wing_fraction", "must be > 0, or veiling_glare", self.wing_fraction)
