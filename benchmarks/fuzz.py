@@ -30,6 +30,8 @@ import zmq
 from fuzz_messages import LOAD, SCENE, STATE, Mutator, frame
 from glrender import generate, load_scene
 from glrender_client import Client
+from glrender_client.shared import SharedFrames
+from glrender_server import slots
 from glrender_server.dispatcher import Dispatcher
 from glrender_server.framing import Decoder
 from glrender_server.front import Request
@@ -51,6 +53,7 @@ class Tally:
         header = msgpack.unpackb(header_bytes)
         code = "ok" if header["ok"] else header["error"]["code"]
         self.answers[code] += 1
+        self.answers["in shared memory"] += "shared" in header
         if code != "ok" and code not in ALLOWED:
             self.fault(f"{code}: {header['error']['message']}")
 
@@ -70,6 +73,7 @@ def in_process(folder: Path, n_messages: int, seed: int) -> Tally:
     """Through decoder, codec and dispatcher, as a ROUTER and a TCP front would hand them over, without sockets."""
     mutator, tally = Mutator(seed), Tally()
     rng = mutator.rng
+    slots.MIN_SHARED_BYTES = 1  # else none of these small frames would be left in shared memory
     engine = LocalEngine(Operations(load_scene(folder / "scene.toml"), shape_dir=folder))
     dispatcher, decoder, truth, count = Dispatcher(engine), Decoder(), None, 0
 
@@ -114,21 +118,27 @@ def in_process(folder: Path, n_messages: int, seed: int) -> Tally:
             tally.fault(f"{len(burst)} messages took {time.monotonic() - began:.1f} s")
         if count // GOOD_EVERY != (count - len(burst)) // GOOD_EVERY or truth is None:
             began = time.monotonic()
-            pixels = [bytes(part) for reply in ask(good_requests(count)) for part in reply[1:]]
+            pixels = [bytes(part) for reply in ask(good_requests(count)) for part in in_full(reply)]
             tally.waited(time.monotonic() - began)
             truth = truth or pixels
-            if pixels != truth or len(pixels) != 1:
+            if pixels != truth or len(pixels) != 2 or pixels[0] != pixels[1]:
                 tally.fault("a good request gave other pixels")
     dispatcher.close()
     engine.close()
     return tally
 
 
+def in_full(reply: list) -> list:
+    """The pixels of a reply, wherever they are."""
+    place = msgpack.unpackb(reply[0]).get("shared")
+    return reply[1:] if place is None else SharedFrames().parts(place)
+
+
 def good_requests(count: int) -> list[list[bytes]]:
-    """The scene restored, and a frame of it."""
+    """The scene restored, and a frame of it, over the socket and in shared memory."""
     envelope = {"v": 1, "client": "good", "id": count}
-    return [[msgpack.packb({**LOAD, **envelope})],
-            [msgpack.packb({**envelope, "op": "render", "state": STATE, "camera": "navcam"})]]
+    render = {**envelope, "op": "render", "state": STATE, "camera": "navcam"}
+    return [[msgpack.packb(header)] for header in ({**LOAD, **envelope}, render, {**render, "shared": True})]
 
 
 def through_sockets(folder: Path, n_messages: int, seed: int, workers: int) -> Tally:

@@ -21,6 +21,8 @@ REQUESTS = {
     "frames": {**ENVELOPE, "op": "render", "state": STATE, "order": "F", "frames": [
         {"camera": "navcam", "output": "dn", "exposure_s": 0.1, "seed": 7, "products": ["range"]},
         {"camera": "wac", "output": "irradiance", "roi": [8, 4, 11, 6]}]},
+    "shared": {**ENVELOPE, "op": "render", "shared": True, "state": STATE, "camera": "navcam", "output": "dn",
+               "exposure_s": 0.1, "seed": 7, "products": ["range"], "order": "F"},
     "refused": {**ENVELOPE, "op": "render", "state": {**STATE, "gamma": 2.2}},
 }
 IMAGE = np.arange(6, dtype=np.uint16).reshape(2, 3) * 1000
@@ -34,6 +36,8 @@ FRAMES_REPLY = {**ENVELOPE, "op": "render", "ok": True, "t_s": 12.5, "frames": [
     {"camera": "wac", "output": "irradiance", "unit": "W/m2", "roi": [8, 4, 11, 6]}]}
 REGION_REPLY = {**ENVELOPE, "op": "render", "ok": True, "t_s": 12.5, "camera": "navcam", "output": "irradiance",
                 "unit": "W/m2", "roi": [2, 1, 5, 3]}
+PLACE = {"name": "glrender-slot-golden", "number": 300, "offsets": [64, 128], "sizes": [12, 48]}
+"""Where the parts of `reply_shared` stand: in `slot_shared`, the file's bytes."""
 
 
 def golden() -> dict[str, list[str]]:
@@ -46,9 +50,14 @@ def golden() -> dict[str, list[str]]:
         messages[f"reply_frames_{order}"] = codec.pack(
             FRAMES_REPLY, [{"image": (IMAGE, "DN"), "range": (RANGE, "m")}, {"image": (REGION, "W/m2")}], order)
     messages["reply_region"] = codec.pack(REGION_REPLY, {"image": (REGION, "W/m2")})
+    header, image, distances = messages["reply_frame_F"]
+    messages["reply_shared"] = [codec.with_field(header, "shared", PLACE)]
+    messages["slot_shared"] = [b"".join(bytes(part).ljust(64, b"\0") for part in (
+        PLACE["number"].to_bytes(8, "little"), image, distances))]
     messages["reply_error"] = codec.pack({**ENVELOPE, "op": "render", "ok": False, "error": {
         "code": "config", "path": "state.gamma", "message": "state.gamma: unknown key"}})
-    for name in ("request_render", "reply_frame_F", "request_frames", "reply_frames_F"):
+    for name in ("request_render", "reply_frame_F", "request_frames", "reply_frames_F",
+                 "reply_shared"):
         messages[f"tcp_{name}"] = [b"".join(framing.framed(messages[name]))]
     return {name: [bytes(part).hex() for part in parts] for name, parts in messages.items()}
 

@@ -157,6 +157,15 @@ def test_the_c_client_reads_and_writes_the_golden_messages(build):
     assert fake.requests[6] == {**golden, "client": fake.requests[6]["client"]}
 
 
+def test_a_golden_frame_in_shared_memory_is_no_reply_for_the_c_client(build):
+    """It never asks for one: an error, not a frame without pixels."""
+    reply = GOLDEN["tcp_reply_shared"][0].replace(b"\xa2id\x07", b"\xa2id\x00")
+    with FakeServer(lambda r: (reply, True)) as fake:
+        said = run_many(build(HERE / "render_many.c"), fake.port, 1)
+    assert said[0].startswith("error protocol"), said
+    assert "shared" not in fake.requests[0]
+
+
 WAC = ("wac", "range", 8, 4, 11, 6)
 """Second camera, product of the first and region of the second of the golden request for two frames."""
 

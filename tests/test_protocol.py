@@ -10,7 +10,7 @@ import msgpack
 import numpy as np
 import pytest
 from glrender import ProtocolError
-from glrender_client import ServerError
+from glrender_client import Client, ServerError, shared
 from glrender_client.wire import Packer, frames_fields, read_header, read_reply, render_fields
 from glrender_server import codec, framing
 
@@ -35,6 +35,31 @@ def test_the_client_reads_the_golden_frames(order):
     np.testing.assert_array_equal(arrays["image"], make_golden.IMAGE)
     np.testing.assert_array_equal(arrays["range"], make_golden.RANGE)
     assert arrays["image"].dtype == np.uint16
+
+
+def test_the_client_reads_the_golden_frame_in_shared_memory(monkeypatch, tmp_path):
+    monkeypatch.setattr(shared, "_FOLDER", tmp_path)
+    header, frames = read_header(GOLDEN["reply_shared"][0]), shared.SharedFrames()
+    assert header["shared"] == make_golden.PLACE
+    with pytest.raises(shared.NotShared):
+        frames.parts(header["shared"])
+    (tmp_path / header["shared"]["name"]).write_bytes(GOLDEN["slot_shared"][0])
+    arrays = read_reply(header, [b"", *frames.parts(header["shared"])]).arrays
+    np.testing.assert_array_equal(arrays["image"], make_golden.IMAGE)
+    np.testing.assert_array_equal(arrays["range"], make_golden.RANGE)
+    with pytest.raises(shared.NotShared, match="another frame"):
+        frames.parts({**header["shared"], "number": 301})
+
+
+def test_the_client_writes_the_golden_request_for_shared_memory(monkeypatch):
+    asked = []
+    golden = make_golden.REQUESTS["shared"]
+    fields = {name: value for name, value in golden.items() if name not in (*make_golden.ENVELOPE, "op", "shared")}
+    with Client("ipc:///nowhere") as client:
+        monkeypatch.setattr(client, "_ask", lambda op, fields: asked.append(Packer()(op, fields)[1]))
+        client.render(**fields)
+    (header,) = map(msgpack.unpackb, asked)
+    assert header == {**golden, "id": 1, "client": header["client"]}
 
 
 @pytest.mark.parametrize("order", ["C", "F"])

@@ -217,16 +217,17 @@ def test_a_new_scene_reaches_every_worker_and_those_that_come_later(tmp_path):
 
 
 def test_nothing_is_left_in_shared_memory_and_no_process_behind(tmp_path):
-    before = set(os.listdir("/dev/shm"))
     with serving.server(tmp_path, "--workers", "2") as (endpoint, process):
         with Client(endpoint) as client:
             for k in range(10):
                 client.render(STATE, "navcam", output="dn", seed=k)
         numbers = children(process)
-        assert len(numbers) == 2 and set(os.listdir("/dev/shm")) - before
+        files = [Path(os.readlink(path)) for path in Path(f"/proc/{process.pid}/fd").iterdir()]
+        files = {path for path in files if path.parent == Path("/dev/shm") and path.name.startswith("glrender-slot-")}
+        assert len(numbers) == 2 and len(files) > 1 and all(path.exists() for path in files)
         process.send_signal(signal.SIGTERM)
         assert process.wait(20.0) == 0
-    assert set(os.listdir("/dev/shm")) <= before
+    assert not any(path.exists() for path in files)
     assert not any(Path(f"/proc/{number}").exists() for number in numbers)
     assert "leaked" not in (tmp_path / "server.log").read_text()
 

@@ -24,9 +24,10 @@ classdef GlRenderClient < handle
 
   properties (Access = private)
     Socket = []
-    NextId = 1
+    NextId = 256  % the width of an id on the wire is the same for long
     IsClosed = false
     Progress = []  % of the request under way: called with the share done
+    Known = []     % the last reply's first fields, and their bytes before and after its id
   end
 
   methods
@@ -206,7 +207,7 @@ classdef GlRenderClient < handle
       end
       while true
         [header_bytes, parts] = self.receive();
-        header = glr_unpack(header_bytes, 'arrays');
+        header = self.first_of(header_bytes);
         if header.id == request.id || header.id == 0
           break
         end
@@ -231,6 +232,38 @@ classdef GlRenderClient < handle
           frame = entry.frame + 1;
         end
         arrays{frame}.(entry.name) = glr_array(entry, parts{entry.part});
+      end
+    end
+
+    function header = first_of(self, bytes)
+      % A header up to `arrays`. Those of like requests differ in `id` and `shared` alone: read are only these then.
+      at = 2 + 2 * (bytes(1) == 222);
+      place = [];
+      if numel(bytes) > at + 6 && isequal(bytes(at:at + 6), [uint8(166), uint8('shared')])
+        [place, at] = glr_unpack(bytes, 'shared');
+      end
+      known = self.Known;
+      if ~isempty(known)
+        from = at + numel(known.before);
+        to = from + numel(known.after) + 2;
+        % Three bytes of an id, from 256 to 65535; others are read at length.
+        if numel(bytes) >= to && bytes(from) == 205 && all(bytes(at:from - 1) == known.before) ...
+            && all(bytes(from + 3:to) == known.after)
+          header = known.header;
+          header.id = 256 * double(bytes(from + 1)) + double(bytes(from + 2));
+          if ~isempty(place)
+            header.shared = place.shared;
+          end
+          return
+        end
+      end
+      [header, last] = glr_unpack(bytes, 'arrays');
+      from = at + 16;  % behind v, op, and the key of id
+      if last > from + 3 && strcmp(header.op, 'render') && bytes(from) == 205
+        self.Known = struct('before', bytes(at:from - 1), 'after', bytes(from + 3:last - 1), 'header', header);
+        if ~isempty(place)
+          self.Known.header = rmfield(header, 'shared');
+        end
       end
     end
 

@@ -1,9 +1,9 @@
-function value = glr_unpack(bytes, last_key)
+function [value, last] = glr_unpack(bytes, last_key)
 %GLR_UNPACK  The MATLAB value of MessagePack bytes (uint8 row).
 %   A map becomes a struct (a key that is no MATLAB name is made one: other characters to '_', 'x' before a
 %   leading digit), a list of numbers a row vector, any other list a cell row, an integer a double, or
 %   int64/uint64 beyond 2^53; nil becomes [], binary a uint8 row.
-%   glr_unpack(bytes, KEY) reads an outermost map up to this key and leaves the rest unread.
+%   [value, next] = glr_unpack(bytes, KEY) reads an outermost map up to this key; what begins at `next` is left unread.
 %   Errors: glrender:protocol, for bytes that are no message or more than one.
   count = numel(bytes);
   try

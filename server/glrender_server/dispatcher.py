@@ -68,10 +68,16 @@ class Dispatcher:
     Parameters
     ----------
     engine : Engine
+
+    Attributes
+    ----------
+    is_ending : bool
+        Whether the server is about to close, its shared memory with it.
     """
 
     def __init__(self, engine: Engine):
         self._engine = engine
+        self.is_ending = False
         self._queue = FairQueue(QUEUE_LENGTH)
         self._started = time.monotonic()
         self.requests: Counter[str] = Counter()
@@ -165,7 +171,8 @@ class Dispatcher:
         if done.code:
             self.errors[done.code] += 1
         else:
-            if header.get("shared") and done.place is not None:
+            # Shared memory ends with the server: what a client would come for too late goes over the socket.
+            if header.get("shared") and done.place is not None and not self.is_ending:
                 reply = [codec.with_field(reply[0], "shared", done.place)]
             self._keep(header["client"], digest, reply, done.reply[1:])
         self._last_timings_ms = done.timings_ms or self._last_timings_ms

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -9,6 +10,8 @@ import zmq
 
 from .operations import Operations
 from .slots import SlotStore, offsets, room
+
+log = logging.getLogger(__name__)
 
 
 class Done(NamedTuple):
@@ -50,7 +53,11 @@ class LocalEngine:
 
         def memory(sizes: list[int]) -> list[memoryview]:
             nonlocal slot
-            slot = self._slots.take(offsets(sizes)[-1])
+            try:
+                slot = self._slots.take(offsets(sizes)[-1])
+            except OSError as error:
+                log.warning("a frame goes over the socket, there is no shared memory: %s", error)
+                return [memoryview(bytearray(size)) for size in sizes]
             return room(slot, sizes)
 
         reply, code = self._operations.answer(job.header, memory if job.header.get("shared") is True else None)

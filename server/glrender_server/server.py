@@ -37,7 +37,7 @@ class Server:
 
     def stop(self, *_) -> None:
         """Ask the loop to end; may be called from a signal handler."""
-        self._stopping = True
+        self._stopping = self._dispatcher.is_ending = True
 
     def serve(self, on_ready: Callable[[], None] = lambda: None) -> None:
         """Answer requests until `stop`, SIGTERM or SIGINT."""

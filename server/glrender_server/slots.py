@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import os
+import secrets
 import struct
 import weakref
 from collections.abc import Iterable, Sequence
@@ -16,14 +17,17 @@ import numpy as np
 
 MAX_SHARED_BYTES = 1 << 30
 """While as much is allocated, no further frame is left for a client to read in place."""
+MAX_SHARED_SLOTS = 128
+"""Likewise, while there are more slots: each takes three file descriptors."""
 MIN_SHARED_BYTES = 1 << 16
 """Frames that are smaller come sooner over the socket."""
 _STEP_BYTES = 1 << 16
-_MAX_FREE = 8
+_MAX_FREE, _MAX_FREE_WHEN_FULL = 8, 2
 # Of a slot's parts: any pixel may stand there. The first place holds the slot's number.
 _ALIGNMENT = 64
 _FOLDER = Path("/dev/shm")
 _CAN_LOCK = _FOLDER.is_dir()
+_PREFIX = "glrender-slot-"
 
 
 def offsets(sizes: Iterable[int]) -> list[int]:
@@ -44,29 +48,56 @@ class SlotStore:
 
     A client that reads a slot holds a shared lock (flock) on its file, which the system takes away when the client
     dies. Each time that a slot is taken its number goes up, under the exclusive lock: a client that comes too late
-    sees that, with its own lock in hand.
+    sees that, with its own lock in hand. A lock on a file of the store's own tells that it lives: what stores left
+    that were killed is removed by the next.
     """
 
     def __init__(self):
         self._free: list[SharedMemory] = []
         self._all: dict[str, SharedMemory] = {}
         self._locks: dict[str, int] = {}
+        self._name = _PREFIX + secrets.token_hex(6)
+        self._owner, self._room_bytes = -1, MAX_SHARED_BYTES
+        if _CAN_LOCK:
+            _remove_what_the_dead_left()
+            self._owner = os.open(_FOLDER / self._name, os.O_CREAT | os.O_EXCL | os.O_RDWR | os.O_CLOEXEC, 0o600)
+            fcntl.flock(self._owner, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            system = os.statvfs(_FOLDER)
+            # The other half is for frames on their way: a container may have no more than 64 MiB.
+            self._room_bytes = system.f_frsize * system.f_blocks // 2
 
     @property
     def n_bytes(self) -> int:
         """All that is allocated."""
         return sum(slot.size for slot in self._all.values())
 
+    @property
+    def _is_full(self) -> bool:
+        return self.n_bytes > min(MAX_SHARED_BYTES, self._room_bytes) or len(self._all) > MAX_SHARED_SLOTS
+
     def take(self, n_bytes: int) -> SharedMemory:
-        """A slot with room for this much that nobody reads."""
+        """A slot with room for this much that nobody reads.
+
+        Raises
+        ------
+        OSError
+            The system has no memory or no file descriptor for one.
+        """
         for slot in sorted(self._free, key=lambda free: free.size):
             if slot.size >= n_bytes and self._claim(slot):
                 self._free.remove(slot)
                 return slot
-        slot = SharedMemory(create=True, size=max(1, -(-n_bytes // _STEP_BYTES)) * _STEP_BYTES)
+        slot = SharedMemory(f"{self._name}-{secrets.token_hex(4)}", create=True,
+                            size=max(1, -(-n_bytes // _STEP_BYTES)) * _STEP_BYTES)
+        try:
+            if _CAN_LOCK:
+                self._locks[slot.name] = lock = os.open(_FOLDER / slot.name, os.O_RDWR | os.O_CLOEXEC)
+                # Memory that the system does not have is told now; else whoever writes there would be killed (SIGBUS).
+                os.posix_fallocate(lock, 0, slot.size)
+        except OSError:
+            self._release(slot)
+            raise
         self._all[slot.name] = slot
-        if _CAN_LOCK:
-            self._locks[slot.name] = os.open(_FOLDER / slot.name, os.O_RDWR | os.O_CLOEXEC)
         self._claim(slot)
         return slot
 
@@ -77,20 +108,21 @@ class SlotStore:
     def lend(self, slot: SharedMemory, sizes: Sequence[int]) -> tuple[list[memoryview], dict[str, Any] | None]:
         """Views of the parts in a slot, which comes back when the last is gone; and where a client finds them.
 
-        The place is {name, number, offsets, sizes}; None where nothing locks, while `MAX_SHARED_BYTES` are allocated,
-        and for parts below `MIN_SHARED_BYTES`.
+        The place is {name, number, offsets, sizes}; None where nothing locks, while `MAX_SHARED_BYTES`, half of what
+        the system has for this, or `MAX_SHARED_SLOTS` are in use, and for parts below `MIN_SHARED_BYTES`.
         """
         starts = offsets(sizes)
         whole = np.frombuffer(slot.buf, np.uint8, starts[-1] if sizes else 0)
         weakref.finalize(whole, self.give_back, slot).atexit = False
         views = [whole[start:start + size].data for start, size in zip(starts, sizes, strict=False)]
-        if not _CAN_LOCK or self.n_bytes > MAX_SHARED_BYTES or sum(sizes) < MIN_SHARED_BYTES:
+        if not _CAN_LOCK or self._is_full or sum(sizes) < MIN_SHARED_BYTES:
             return views, None
         return views, {"name": slot.name, "number": _number(slot), "offsets": starts[:-1], "sizes": list(sizes)}
 
     def trim(self) -> None:
         """Release free slots beyond a few, the largest first."""
-        for slot in sorted(self._free, key=lambda free: -free.size)[:max(0, len(self._free) - _MAX_FREE)]:
+        n_kept = _MAX_FREE_WHEN_FULL if self._is_full else _MAX_FREE
+        for slot in sorted(self._free, key=lambda free: -free.size)[:max(0, len(self._free) - n_kept)]:
             if self._claim(slot):
                 self._free.remove(slot)
                 del self._all[slot.name]
@@ -102,6 +134,11 @@ class SlotStore:
             self._release(slot)
         self._all.clear()
         self._free.clear()
+        if self._owner >= 0:
+            with contextlib.suppress(FileNotFoundError):
+                os.unlink(_FOLDER / self._name)
+            os.close(self._owner)
+            self._owner = -1
 
     def _claim(self, slot: SharedMemory) -> bool:
         """Whether no client reads a slot; then it has a new number."""
@@ -122,6 +159,15 @@ class SlotStore:
         # A view that is still being sent keeps the mapping.
         with contextlib.suppress(BufferError):
             slot.close()
+
+
+def _remove_what_the_dead_left() -> None:
+    """Slots whose store's own file nobody locks: the server was killed, with all that would have tidied up."""
+    for owner in _FOLDER.glob(f"{_PREFIX}{'?' * 12}"):
+        with contextlib.suppress(OSError), open(owner, "rb") as file:  # another user's, or just gone
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            for path in (*_FOLDER.glob(f"{owner.name}-*"), owner):
+                path.unlink()
 
 
 def _number(slot: SharedMemory) -> int:

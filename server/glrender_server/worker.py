@@ -10,7 +10,7 @@ from multiprocessing.connection import Connection
 from multiprocessing.shared_memory import SharedMemory
 from pathlib import Path
 
-from glrender import GlrenderError, Scene
+from glrender import DeviceError, GlrenderError, Scene
 
 from . import codec, logs
 from .operations import Operations
@@ -25,8 +25,8 @@ def work(connection: Connection, scene: Scene, backend: str, shape_dir: Path | N
 
     Said: ``("ready", described)`` or ``("failed", text)``; then for each ``("job", message, slot)``: ``("begun",)``,
     ``("progress", share)`` now and then from a slow frame,
-    ``("need", n_bytes)`` where the slot is too small (answered by a slot's name), and ``("done", header, sizes,
-    code, timings_ms, described)``, the parts standing in the slot at their `offsets`.
+    ``("need", n_bytes)`` where the slot is too small (answered by a slot's name, empty if there is none), and
+    ``("done", header, sizes, code, timings_ms, described)``, the parts standing in the slot at their `offsets`.
 
     Parameters
     ----------
@@ -69,9 +69,11 @@ def work(connection: Connection, scene: Scene, backend: str, shape_dir: Path | N
 def _room(connection: Connection, slots: OrderedDict[str, SharedMemory], name: str,
           sizes: Sequence[int]) -> list[memoryview]:
     n_bytes = offsets(sizes)[-1]
-    if n_bytes > _attached(slots, name).size:
+    if not name or n_bytes > _attached(slots, name).size:
         connection.send(("need", n_bytes))
         name = connection.recv()
+        if not name:
+            raise DeviceError(f"the system has no shared memory for the {n_bytes} bytes of this reply")
     return room(_attached(slots, name), sizes)
 
 

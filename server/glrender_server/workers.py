@@ -167,11 +167,18 @@ class WorkerPool:
 
     def _send(self, worker: _Worker, message: bytes) -> None:
         worker.has_begun, worker.progress = False, None
-        worker.slot = worker.slot or self._slots.take(self._frame_bytes)
+        worker.slot = worker.slot or self._take(self._frame_bytes)
         worker.deadline = time.monotonic() + worker.deadline_s
         # A dead worker is found by the next turn.
         with contextlib.suppress(OSError):
-            worker.connection.send(("job", message, worker.slot.name))
+            worker.connection.send(("job", message, worker.slot.name if worker.slot else ""))
+
+    def _take(self, n_bytes: int) -> SharedMemory | None:
+        try:
+            return self._slots.take(n_bytes)
+        except OSError as error:
+            log.warning("a worker has no shared memory: %s", error)
+            return None
 
     def _turn_all(self) -> None:
         now = time.monotonic()
@@ -207,9 +214,10 @@ class WorkerPool:
         elif kind == "progress":
             worker.progress = rest[0]
         elif kind == "need":
-            self._slots.give_back(worker.slot)
-            worker.slot = self._slots.take(rest[0])
-            worker.connection.send(worker.slot.name)
+            if worker.slot is not None:
+                self._slots.give_back(worker.slot)
+            worker.slot = self._take(rest[0])
+            worker.connection.send(worker.slot.name if worker.slot else "")
         else:
             self._done(worker, *rest)
 

@@ -37,12 +37,24 @@ for roi = {[3 2 4 3], [30 10 71 63], [0 0 96 64]}
   check(isfield(here.header, 'shared') == is_large && ~isfield(there.header, 'shared'), 'where the pixels are');
   check(isequaln(here.arrays, there.arrays), 'pixels');
 end
-sent.close();
 place = here.header.shared;
 check(numel(glr_shared(place)) == 1 + numel(products), 'still there');
 check(isempty(glr_shared(setfield(place, 'number', place.number + 1))), 'another frame');
 check(isempty(glr_shared(setfield(place, 'name', 'not_there'))), 'no such memory');
 check(isempty(glr_shared(setfield(place, 'name', '../shm/x'))), 'a path');
+
+% Replies that begin as the last one did, and others, in memory and in the message, with an error in between.
+large = sent.render(state, 'camera', 'navcam', 'products', 'range').arrays;
+small = sent.render(state, 'camera', 'byte', 'output', 'dn', 'seed', 3).pixels;
+for k = [1 1 2 1 2 2 2 1 1]
+  if k == 1
+    check(isequaln(client.render(state, 'camera', 'navcam', 'products', 'range').arrays, large), 'large after %d', k);
+  else
+    check(isequal(client.render(state, 'camera', 'byte', 'output', 'dn', 'seed', 3).pixels, small), 'small');
+    expect_error('glrender:scene', 'unknown camera', @() client.render(state, 'camera', 'wac'));
+  end
+end
+sent.close();
 
 % A region of interest, and several cameras in one request.
 region = client.render(state, 'camera', 'navcam', 'output', 'dn', 'exposure_s', 0.02, 'seed', 7, 'roi', [30 20 71 45]);

@@ -67,6 +67,27 @@ parts = golden.reply_region;
 header = glr_unpack(from_hex(parts{1}));
 check(isequal(header.roi, [2 1 5 3]) && ~isfield(header.arrays{1}, 'frame'), 'region');
 check(isequal(glr_array(header.arrays{1}, from_hex(parts{2})), single([0.5 0.25 0.125; 1 2 4])), 'pixels of the region');
+shared = struct('v', uint8(1), 'id', uint64(7), 'client', 'golden', 'op', 'render', 'shared', true);
+for name = {'state', 'camera', 'output', 'exposure_s', 'seed', 'products', 'order'}
+  shared.(name{1}) = request.(name{1});
+end
+check(isequal(glr_pack(shared), from_hex(golden.request_shared{1})), 'request_shared differs');
+% Its pixels, in a file as a server writes it, but under a name of this process.
+header = glr_unpack(from_hex(golden.reply_shared{1}), 'arrays');
+check(isequal(header.shared.name, 'glrender-slot-golden') && header.shared.number == 300, 'shared');
+[~, unique] = fileparts(tempname());
+header.shared.name = ['glrender-golden-', unique];
+file = fopen(['/dev/shm/', header.shared.name], 'w');
+fwrite(file, from_hex(golden.slot_shared{1}), 'uint8');
+fclose(file);
+parts = glr_shared(header.shared);
+check(isequal(glr_array(header.arrays{1}, parts{1}), image), 'image in shared memory');
+check(max(abs(glr_array(header.arrays{2}, parts{2})(:) - range(:))) < 1e-12, 'range in shared memory');
+header.shared.number = 301;
+check(isempty(glr_shared(header.shared)), 'another frame is none');
+delete(['/dev/shm/', header.shared.name]);
+header.shared.number = 300;
+check(isempty(glr_shared(header.shared)), 'what is gone is none');
 header = glr_unpack(from_hex(golden.reply_error{1}));
 check(~header.ok && strcmp(header.error.code, 'config') && strcmp(header.error.path, 'state.gamma'), 'error reply');
 

@@ -20,6 +20,8 @@ from .wire import Packer, Reply, frames_fields, range_fields, read_header, read_
 
 # Requests above this size are held against the server's limit first: ZeroMQ drops what exceeds it unanswered.
 _SURELY_TAKEN_BYTES = 65536
+# Frames in a row that could not be read in place; each was drawn twice.
+_MAX_NOT_SHARED = 2
 
 
 class Client:
@@ -41,7 +43,7 @@ class Client:
     shared_memory : bool, optional
         Whether frames of `render` and `render_frames` are read in place, in the memory that the server wrote them to;
         by default over ``ipc`` on Linux, but for a recording. That memory is the server's again when the last of a
-        reply's arrays is gone. Where it cannot be read, frames come over the socket.
+        reply's arrays is gone. Where it cannot be read, frames come over the socket; after two such in a row, all do.
     """
 
     def __init__(self, endpoint: str = "tcp://127.0.0.1:5555", *, timeout_s: float = 10.0, retries: int = 2,
@@ -51,13 +53,15 @@ class Client:
             raise ValueError(f"timeout_s must be > 0, got {timeout_s!r}")
         if retries < 0:
             raise ValueError(f"retries must be >= 0, got {retries!r}")
+        if shared_memory and record is not None:
+            raise ValueError("shared_memory must not be True with `record`: a recording holds the pixels")
         self._endpoint, self._timeout_s, self._retries = endpoint, timeout_s, retries
         self._pack = Packer()
         self._keys = curve_keys(key, server_key)
         self._recorder = None if record is None else Recorder(record)
         if shared_memory is None:
             shared_memory = endpoint.startswith("ipc:") and sys.platform == "linux" and record is None
-        self._shared = SharedFrames() if shared_memory else None
+        self._shared, self._n_not_shared = (SharedFrames() if shared_memory else None), 0
         self._context = zmq.Context()
         self._socket: zmq.Socket | None = None
         self._hello: dict[str, Any] | None = None
@@ -221,11 +225,13 @@ class Client:
         return in_order(self, packed, in_flight)
 
     def _ask_frames(self, fields: Mapping[str, Any]) -> Reply:
-        if self._shared is not None:
+        if self._shared is not None and self._n_not_shared < _MAX_NOT_SHARED:
             try:
-                return self._ask("render", {**fields, "shared": True})
+                reply = self._ask("render", {**fields, "shared": True})
+                self._n_not_shared = 0
+                return reply
             except NotShared:
-                pass
+                self._n_not_shared += 1
         return self._ask("render", fields)
 
     def _ask(self, op: str, fields: Mapping[str, Any]) -> Reply:
