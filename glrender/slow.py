@@ -12,7 +12,7 @@ from glrender_camera import PinholeCamera
 from .errors import ConfigError, DeviceError
 from .image import Image
 from .plugins import open_renderer
-from .render_plan import EMISSION_LEFT_OUT, RenderPlan
+from .render_plan import RenderPlan
 from .scene import Scene
 from .state import State
 
@@ -43,8 +43,7 @@ def with_emission(slow: RenderPlan, fast: RenderPlan) -> RenderPlan:
     """A slow frame's plan with the emission that OpenGL added to it."""
     if not fast.emission:
         return slow
-    left_out = tuple(told for told in slow.left_out if not told.startswith(EMISSION_LEFT_OUT))
-    return replace(slow, emission=fast.emission, roi=fast.roi, left_out=left_out)
+    return replace(slow, emission=fast.emission, roi=fast.roi)
 
 
 class SlowFrames:
@@ -56,7 +55,8 @@ class SlowFrames:
     """
 
     def __init__(self, scene: Scene):
-        self._scene = scene
+        # To a slow frame OpenGL adds the emission itself.
+        self._scene = replace(scene, emission=())
         self._opened: dict[str, Any] = {}
 
     def close(self) -> None:
