@@ -12,6 +12,7 @@ from glrender_camera import PinholeCamera
 from .errors import ConfigError, DeviceError
 from .image import Image
 from .plugins import open_renderer
+from .progress import Progress
 from .render_plan import RenderPlan
 from .scene import Scene
 from .state import State
@@ -81,7 +82,7 @@ class SlowFrames:
         error_gain : float [1]
             What the camera's PSF leaves of the error.
         on_progress : callable, optional
-            Called with the share done, 0..1.
+            Called with the share done, 0..1, of all the backends that may draw: it rises to 1 when one is enough.
 
         Returns
         -------
@@ -95,8 +96,9 @@ class SlowFrames:
         DeviceError
             It failed.
         """
-        best, reasons = fast, []
-        for name in SLOW_BACKENDS if allow_slow is True else (allow_slow,):
+        best, reasons, progress = fast, [], Progress(on_progress)
+        names = SLOW_BACKENDS if allow_slow is True else (allow_slow,)
+        for index, name in enumerate(names):
             try:
                 backend = self._open(name)
             except DeviceError as error:
@@ -104,11 +106,14 @@ class SlowFrames:
                     raise ConfigError("allow_slow", f"backend {name!r} does not work here: {error}", name) from error
                 reasons.append(f"{name} does not work here: {error}")
                 continue
-            slow = _drawn(backend, name, fast, state, camera, error_gain, on_progress)
+            slow = _drawn(backend, name, fast, state, camera, error_gain,
+                          progress.part(index / len(names), (index + 1) / len(names)))
             best = min(best, slow, key=lambda image: image.plan.predicted_error)
             if not misses_budget(slow.plan):
+                progress.finish()
                 return slow
             reasons.append(f"{name} leaves {slow.plan.predicted_error:.2g}")
+        progress.finish()
         return replace(best, plan=replace(best.plan, warnings=(*best.plan.warnings, *reasons)))
 
     def _open(self, name: str) -> Any:
@@ -118,7 +123,7 @@ class SlowFrames:
 
 
 def _drawn(backend: Any, name: str, fast: Image, state: State, camera: PinholeCamera, error_gain: float,
-           on_progress: Callable[[float], None] | None) -> Image:
+           on_progress: Callable[[float], None]) -> Image:
     plan = fast.plan
     takes_progress = "on_progress" in inspect.signature(backend.render).parameters
     slow = backend.render(state, camera, max_error=min(plan.max_error / error_gain, 1.0),

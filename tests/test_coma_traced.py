@@ -32,22 +32,22 @@ def beside_edges(range_m):
 @pytest.mark.parametrize("source", ["haser", "jets", "grid"])
 @pytest.mark.parametrize("has_shadow", [False, True])
 def test_rays_and_opengl_draw_the_same_coma(source, has_shadow):
-    """Away from edges within the budget by which OpenGL chose its nodes, 1 %; the sum within a tenth of that.
+    """Away from edges 0.5 % RMS, half the budget of steps and nodes (0.13 to 0.25 % measured); the sum within 0.15 %.
 
-    OpenGL's shadow map has texels where rays have edges: 2 % RMS with a shadow (test_coma_render has the truth).
+    At edges rays take the pixel's mean and OpenGL its middle: over all pixels within what OpenGL's plan tells.
     """
     made = {"haser": Haser(weight_m=5.0), "jets": coma.three_jets(), "grid": coma.grid()}[source]
-    budget = 0.02 if has_shadow else 0.01
-    scene = coma.scene(made, body=coma.LOBES, max_error=budget, has_shadow=has_shadow)
-    drawn, _ = light_of(Renderer, scene, coma.state(), samples=1)
+    scene = coma.scene(made, body=coma.LOBES, max_error=0.01, has_shadow=has_shadow)
+    drawn, fast = light_of(Renderer, scene, coma.state(), samples=1)
     traced, image = light_of(RayTracer, scene, coma.state(), samples=1, products=["range"])
     inner = beside_edges(image.products["range"])
     assert traced.min() > -1e-6 * traced.max() and inner.sum() > 8000
-    assert np.sqrt(np.mean((drawn - traced)[inner] ** 2)) / traced.mean() < budget
-    np.testing.assert_allclose(drawn[inner].sum(), traced[inner].sum(), rtol=0.1 * budget + 1e-3)
-    np.testing.assert_allclose(drawn.sum(), traced.sum(), rtol=0.003)
+    rms = lambda error: np.sqrt(np.mean(error**2)) / traced.mean()  # noqa: E731
+    assert rms((drawn - traced)[inner]) < 0.005
+    assert rms(drawn - traced) < 1.1 * fast.plan.emission[0].predicted_error
+    np.testing.assert_allclose(drawn.sum(), traced.sum(), rtol=1.5e-3)
     told = image.plan.emission[0]
-    assert told.predicted_error < budget and told.modelled["shadow"] == has_shadow
+    assert told.predicted_error < 0.01 and told.modelled["shadow"] == has_shadow
     assert told.modelled["fields"][0]["pixels_per_node"] == 1 and image.roi == (0, 0, 96, 96)
     assert not any("emission" in line for line in image.plan.left_out)
 
@@ -63,15 +63,17 @@ def test_cycles_has_the_coma_that_rays_have():
 
 
 def test_pixels_at_the_edge_are_means_over_their_area():
-    """An image of four times the pixels, summed by 4 x 4: RMS over all pixels 1 %, where pixels' middles miss 4 %."""
+    """An image of four times the pixels, summed by 4 x 4: RMS over all pixels 1 %. OpenGL's middles miss it by 6 %,
+    and its plan says so."""
     scene, fine = (coma.scene(Haser(weight_m=5.0), body=coma.SPHERE, pinhole=coma.camera(size))
                    for size in (48, 192))
     (light, _), (truth, _) = (light_of(RayTracer, each, coma.state(), samples=1) for each in (scene, fine))
     truth = truth.reshape(48, 4, 48, 4).sum(axis=(1, 3))
     error = np.sqrt(np.mean((light - truth) ** 2)) / truth.mean()
     assert error < 0.01
-    drawn, _ = light_of(Renderer, scene, coma.state(), samples=1)
-    assert np.sqrt(np.mean((drawn - truth) ** 2)) / truth.mean() > 2.0 * error
+    drawn, image = light_of(Renderer, scene, coma.state(), samples=1)
+    missed = np.sqrt(np.mean((drawn - truth) ** 2)) / truth.mean()
+    assert 2.0 * error < missed < image.plan.emission[0].predicted_error < 2.0 * missed
 
 
 def test_a_moon_hides_what_is_behind_it_and_not_what_is_before_it():

@@ -19,7 +19,7 @@ from .geometry import shader_values
 from .layers import Layer, Layers
 from .light import add_light, is_point, point_correction
 from .measuring import REACH_RAD
-from .planning import Sampling, choose
+from .planning import Sampling, choose, edge_error
 from .telling import told
 
 _TILE_PX = 2048
@@ -62,8 +62,10 @@ class ComaDrawing(ExitStack):
                 greatest = max(greatest, float(hidden.max()))
                 add_light(irradiance[top:box[3], left:box[2]], column, hidden, frame.camera, view, dust, box,
                           solar_irradiance)
+        has_edges = view.is_visible and not is_point(self._layers.radius_m, view, frame.camera)
+        at_edges = edge_error(view.range_m / frame.camera.focal_length_px, self._layers.radius_m) if has_edges else 0.0
         return told(self._coma, [(each.layer, each.sampling) for each in drawn], greatest,
-                    1e3 * (time.perf_counter() - began))
+                    1e3 * (time.perf_counter() - began), at_edges)
 
     def _plan(self, frame: EmissionFrame, view: BodyView) -> list[_Drawn]:
         body_from_inertial = frames.dcm(frame.state.bodies[view.name].q_from_inertial)

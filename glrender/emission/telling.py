@@ -12,7 +12,8 @@ from .layers import Layer
 from .planning import Sampling
 
 
-def told(coma: Coma, drawn: Sequence[tuple[Layer, Sampling]], greatest: float, milliseconds: float) -> EmissionPlan:
+def told(coma: Coma, drawn: Sequence[tuple[Layer, Sampling]], greatest: float, milliseconds: float,
+         at_edges: float = 0.0) -> EmissionPlan:
     """The plan of a coma.
 
     Parameters
@@ -22,6 +23,8 @@ def told(coma: Coma, drawn: Sequence[tuple[Layer, Sampling]], greatest: float, m
     greatest : float [1]
         Largest column.
     milliseconds : float [ms]
+    at_edges : float [1]
+        Error that pixels at the bodies' edges leave.
     """
     left_out = ["sunlight that the dust takes out before it is scattered, and light scattered twice"]
     if not coma.has_shadow:
@@ -30,6 +33,8 @@ def told(coma: Coma, drawn: Sequence[tuple[Layer, Sampling]], greatest: float, m
         left_out.append(f"extinction: columns up to {greatest:.2g} of cross-section over area")
     if not drawn:
         left_out.append("no source is active")
+    if at_edges > 0.0:
+        left_out.append(f"the mean over a pixel at the bodies' edges: an error of {at_edges:.2g}")
     fields: list[dict[str, Any]] = [
         {"models": list(layer.models), "steps": sampling.steps, "pixels_per_node": sampling.pixels_per_node,
          "front_pixels_per_node": sampling.front_pixels_per_node, "texels": list(layer.field.texel_counts)}
@@ -38,4 +43,4 @@ def told(coma: Coma, drawn: Sequence[tuple[Layer, Sampling]], greatest: float, m
         kind="coma", body=coma.body, milliseconds=milliseconds, left_out=tuple(left_out),
         modelled={"fields": fields, "shadow": coma.has_shadow,
                   "extinction": coma.dust.extinction_efficiency > 0.0, "greatest_column": greatest},
-        predicted_error=math.hypot(*(sampling.predicted_error for _, sampling in drawn)) if drawn else 0.0)
+        predicted_error=math.hypot(at_edges, *(sampling.predicted_error for _, sampling in drawn)) if drawn else 0.0)
