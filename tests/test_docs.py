@@ -23,8 +23,9 @@ def test_a_snippet_runs_alone(code, tmp_path, monkeypatch):
     exec(compile(code, "snippet", "exec", dont_inherit=True), {})
 
 
-def test_the_tests_that_the_services_page_names_are_there():
-    page = (ROOT / "docs" / "service_checks.md").read_text(encoding="utf-8")
+@pytest.mark.parametrize("name", ["service_checks.md", "plugins_checks.md"])
+def test_the_tests_that_a_page_of_checks_names_are_there(name):
+    page = (ROOT / "docs" / name).read_text(encoding="utf-8")
     named = set(re.findall(r"test_\w+", page))
     defined = {name for file in (ROOT / "tests").glob("test_*.py")
                for name in re.findall(r"^def (test_\w+)", file.read_text(encoding="utf-8"), re.M)}
