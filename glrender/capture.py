@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -142,7 +143,14 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
     margin_px, margin_text = margin_of(scene, state, pinhole, is_moving)
     drawing = Drawing(renderer, pinhole, margin_px, True, **options)
     sensor = Sensor(scene, pinhole, margin_px)
-    still, motion = drawing.still(state, products), STILL
+    n_rows, row_s = pinhole.height_px + 2 * margin_px, model.detector.rolling_shutter_row_s
+    planned = lambda exposure_s: (  # noqa: E731
+        given_motion(state, sub_states, exposure_s, row_s, n_rows) if sub_states else
+        plan_motion(scene, state, pinhole, exposure_s, row_s, margin_px))
+    motion = planned(exposure) if is_moving and exposure != "auto" else STILL
+    # How many poses an exposure takes that is metered first is not known: then the first is told as half of all.
+    first = 0.5 if is_moving and exposure == "auto" else 1.0 / _n_drawn(motion)
+    still = drawing.still(state, products, (0.0, first))
     irradiance, roi = still.irradiance_W_m2, still.roi
     poses = [PosePoints(state=state, bodies=still.points)]
     beyond, beyond_text = light_beyond(renderer, state, pinhole, margin_px, still.apart)
@@ -152,13 +160,12 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
         moved = time.perf_counter()
         if exposure == "auto":
             exposure = sensor.expose(irradiance, seed, exposure, roi, [bodies, beyond], stars).exposure_s
-        row_s = model.detector.rolling_shutter_row_s
-        motion = (given_motion(state, sub_states, exposure, row_s, len(irradiance)) if sub_states else
-                  plan_motion(scene, state, pinhole, exposure, row_s, margin_px))
+            motion = planned(exposure)
         if not motion.is_still:
-            irradiance, roi, poses = _mean(drawing, state, still, motion)
+            irradiance, roi, poses = _mean(drawing, state, still, motion, first)
             bodies, stars = sensor.bodies(poses), sensor.stars(poses)
         timings["motion_blur"] = 1e3 * (time.perf_counter() - moved)
+    drawing.progress.finish()
     exposed = time.perf_counter()
     frame = sensor.expose(irradiance, seed, exposure, roi, [bodies, beyond], stars)
     timings["camera"] = 1e3 * (time.perf_counter() - exposed)
@@ -169,14 +176,20 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
                    frame=replace(frame, stages=stages), plan=still.plan, stages=stages, timings_ms=timings)
 
 
-def _mean(drawing: Drawing, state: State, still: Still,
-          motion: Motion) -> tuple[np.ndarray, tuple[int, int, int, int], list[PosePoints]]:
-    """Mean irradiance over each row's exposure, its region, and what the poses have besides."""
+def _n_drawn(motion: Motion) -> int:
+    """Poses that are drawn, the state's own among them."""
+    return len(motion.times_s) + (1 if motion.states else 0)
+
+
+def _mean(drawing: Drawing, state: State, still: Still, motion: Motion,
+          done: float) -> tuple[np.ndarray, tuple[int, int, int, int], list[PosePoints]]:
+    """Mean irradiance over each row's exposure, its region, and what the poses have besides; `done` of it is."""
     regions, points, states = [], [], motion.poses(state)
+    shares = pairwise(np.linspace(done, 1.0, _n_drawn(motion)).tolist())
 
     def images() -> Iterator[np.ndarray]:
         for dt, each in zip(motion.times_s, states, strict=True):
-            pose = still if dt == 0.0 and not motion.states else drawing.still(each)
+            pose = still if dt == 0.0 and not motion.states else drawing.still(each, part=next(shares))
             regions.append(pose.roi)
             points.append(pose.points)
             yield pose.irradiance_W_m2

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -15,6 +15,7 @@ from glrender_camera.projection import MAX_IMAGE_PX
 from .background import sun_box, sunlight
 from .grouping import union
 from .image import checked_products
+from .progress import Progress
 from .render_plan import RenderPlan
 from .scene import Scene, checked_max_error
 from .state import State
@@ -66,13 +67,17 @@ class Drawing:
         without a body.
     max_error, samples
         As of `Renderer.render`.
+    on_progress : callable, optional
+        Called with the share done, 0..1, of all poses: it never falls.
     **options
         Of the renderer; those that it does not take are left out.
     """
 
     def __init__(self, renderer: Any, camera: PinholeCamera, margin_px: int, is_for_detector: bool, *,
                  roi: tuple[int, int, int, int] | None = None, max_error: float | None = None,
-                 samples: int | None = None, **options: Any):
+                 samples: int | None = None,
+                 on_progress: Callable[[float], None] | None = None, **options: Any):
+        self.progress = Progress(on_progress)
         self._renderer, self._camera, self._margin_px = renderer, camera, margin_px
         self._is_for_detector = is_for_detector
         wide = camera.with_margin(margin_px)
@@ -83,6 +88,7 @@ class Drawing:
             self._box, self._shape, self.source = roi, (wide.height_px, wide.width_px), _part(wide, roi)
         taken = inspect.signature(renderer.render).parameters
         self._options = {name: value for name, value in options.items() if name in taken}
+        self._tells = on_progress is not None and "on_progress" in taken
         self._budget = renderer.scene.max_error if max_error is None else checked_max_error(max_error)
         # What the frame keeps of the drawn image's error, where the renderer does not know.
         self._share = camera.model.psf_noise_gain if is_for_detector else 1.0
@@ -112,11 +118,12 @@ class Drawing:
             return "skipped: the whole image is drawn"
         return f"drawn alone: {list(self._box)} px"
 
-    def still(self, state: State, products: Iterable[str] = ()) -> Still:
-        """One pose."""
+    def still(self, state: State, products: Iterable[str] = (), part: tuple[float, float] = (0.0, 1.0)) -> Still:
+        """One pose, which is `part` of what `on_progress` is told of: from one share of the whole to another."""
         wanted = checked_products(products)
         asked = wanted if self.lens is None or not set(wanted) & set(_SMOOTH) else {*wanted, *_SMOOTH, "body_id"}
-        image = self._renderer.render(state, self.source, products=asked, **self._options)
+        told = {"on_progress": self.progress.part(*part)} if self._tells else {}
+        image = self._renderer.render(state, self.source, products=asked, **told, **self._options)
         light, roi, sun_text = image.irradiance_W_m2, image.roi, "skipped: out of view"
         box = sun_box(state, self.source) if self._is_for_detector else None
         if box is not None:

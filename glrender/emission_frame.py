@@ -2,12 +2,13 @@
 
 A plug-in is a class with `from_table(table, resolve, bodies)`, which reads a `[[emission]]` table of a scene: of
 that come objects with `body`, the name of the body that the light is around, and `open(context, scene)`, which
-gives a context manager with `add(irradiance, frame)`.
+gives a context manager with `add(irradiance, frame)`. They may also have `trace(scene)`, which gives something with
+`add` for the frames of backends that trace rays; those leave out what has none, and say so.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -75,6 +76,36 @@ class EmissionFrame:
     rois: tuple[tuple[int, int, int, int], ...]
     draw_surfaces: Callable[[Target, str, tuple[float, float, float, float], tuple[int, int]], None]
     shadow_map: Callable[[str], tuple[ShadowMap, np.ndarray]]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TracedFrame:
+    """A frame whose surfaces were drawn by a backend that traces rays, in float64.
+
+    Attributes
+    ----------
+    state, camera, views, max_error, solar_irradiance_1au_W_m2
+        As of `EmissionFrame`.
+    ranges : callable
+        (places (N, 2) [px], names of bodies) gives the distance (N,) float64 [m] of the first surface, or infinity.
+    sunlit : callable
+        (points (N, 3) [m] in a body's frame, its name) gives whether each has a free line (N,) to the Sun's middle.
+    """
+
+    state: State
+    camera: PinholeCamera
+    views: Mapping[str, BodyView]
+    max_error: float
+    solar_irradiance_1au_W_m2: float
+    ranges: Callable[[np.ndarray, Iterable[str]], np.ndarray]
+    sunlit: Callable[[np.ndarray, str], np.ndarray]
+
+
+class TracedEmission(Protocol):
+    """An emission for backends that trace rays."""
+
+    def add(self, irradiance: np.ndarray, frame: TracedFrame) -> EmissionPlan:
+        """As `EmissionPass.add`."""
 
 
 class EmissionPass(Protocol):

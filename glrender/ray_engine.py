@@ -6,6 +6,7 @@ the OpenGL passes.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -65,6 +66,14 @@ class RayEngine:
         return np.concatenate([np.zeros(0)] + [self._trace(part, camera, views, draw)[0]
                                                for part, draw in zip(_parts(pixel), draws, strict=True)])
 
+    def ranges(self, pixel: np.ndarray, camera: PinholeCamera, views: Iterable[BodyView]) -> np.ndarray:
+        """Distances (N,) float64 [m] of the first surface at places in the image (N, 2) [px], or infinity."""
+        return self._first(camera.directions(pixel), views)[2]
+
+    def sunlit(self, r_body_m: np.ndarray, view: BodyView, views: list[BodyView]) -> np.ndarray:
+        """Whether points (N, 3) [m] in a body's frame have a free line (N,) bool to the Sun's middle."""
+        return self._sees_sun(r_body_m, view.sun_direction_body, view, views)
+
     def products(self, pixel: np.ndarray, camera: PinholeCamera, views: list[BodyView]) -> dict[str, np.ndarray]:
         """What places in the image (N, 2) [px] see, by the names of `BESIDE`."""
         made = {name: np.full((len(pixel), *np.shape(value)), value, _DTYPES[name]) for name, value in BESIDE.items()}
@@ -89,13 +98,7 @@ class RayEngine:
                draw: np.ndarray | None = None) -> tuple[np.ndarray, ...]:
         """Irradiance, body or -1, facet, distance [m], and whether in sunlight, of places (N, 2) [px]."""
         ray_camera = camera.directions(pixel)
-        nearest = np.full(len(pixel), np.inf)
-        body, facet = np.full(len(pixel), -1), np.full(len(pixel), -1)
-        for index, view in enumerate(views):
-            if view.is_visible:
-                which, distance = self._solids[view.name].hit(view.r_camera_body_m, ray_camera @ view.camera_from_body)
-                nearer = distance < nearest
-                nearest[nearer], body[nearer], facet[nearer] = distance[nearer], index, which[nearer]
+        body, facet, nearest = self._first(ray_camera, views)
         value, sunlit = np.zeros(len(pixel)), np.zeros(len(pixel))
         for index, view in enumerate(views):
             solid = self._solids[view.name]
@@ -121,6 +124,17 @@ class RayEngine:
         # A pixel's solid angle falls off as cos^3 of its angle from the boresight.
         value *= self.scene.solar_irradiance_of(camera) * ray_camera[:, 2] ** 3 / camera.focal_length_px**2
         return value, body, facet, nearest, sunlit
+
+    def _first(self, ray_camera: np.ndarray, views: Iterable[BodyView]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Body or -1, facet and distance [m] that rays (N, 3) from the camera meet first."""
+        nearest = np.full(len(ray_camera), np.inf)
+        body, facet = np.full(len(ray_camera), -1), np.full(len(ray_camera), -1)
+        for index, view in enumerate(views):
+            if view.is_visible:
+                which, distance = self._solids[view.name].hit(view.r_camera_body_m, ray_camera @ view.camera_from_body)
+                nearer = distance < nearest
+                nearest[nearer], body[nearer], facet[nearer] = distance[nearer], index, which[nearer]
+        return body, facet, nearest
 
     def _sees_sun(self, start: np.ndarray, towards: np.ndarray, view: BodyView, views: list[BodyView]) -> np.ndarray:
         """Whether points (N, 3) [m] of a body have a free line towards the Sun (3,), or a place on it each (N, 3)."""

@@ -12,7 +12,8 @@ from glrender_camera import PinholeCamera
 from .errors import ConfigError, DeviceError
 from .image import Image
 from .plugins import open_renderer
-from .render_plan import EMISSION_LEFT_OUT, RenderPlan
+from .progress import Progress
+from .render_plan import RenderPlan
 from .scene import Scene
 from .state import State
 
@@ -43,8 +44,7 @@ def with_emission(slow: RenderPlan, fast: RenderPlan) -> RenderPlan:
     """A slow frame's plan with the emission that OpenGL added to it."""
     if not fast.emission:
         return slow
-    left_out = tuple(told for told in slow.left_out if not told.startswith(EMISSION_LEFT_OUT))
-    return replace(slow, emission=fast.emission, roi=fast.roi, left_out=left_out)
+    return replace(slow, emission=fast.emission, roi=fast.roi)
 
 
 class SlowFrames:
@@ -56,7 +56,8 @@ class SlowFrames:
     """
 
     def __init__(self, scene: Scene):
-        self._scene = scene
+        # To a slow frame OpenGL adds the emission itself.
+        self._scene = replace(scene, emission=())
         self._opened: dict[str, Any] = {}
 
     def close(self) -> None:
@@ -81,7 +82,7 @@ class SlowFrames:
         error_gain : float [1]
             What the camera's PSF leaves of the error.
         on_progress : callable, optional
-            Called with the share done, 0..1.
+            Called with the share done, 0..1, of all the backends that may draw: it rises to 1 when one is enough.
 
         Returns
         -------
@@ -95,8 +96,9 @@ class SlowFrames:
         DeviceError
             It failed.
         """
-        best, reasons = fast, []
-        for name in SLOW_BACKENDS if allow_slow is True else (allow_slow,):
+        best, reasons, progress = fast, [], Progress(on_progress)
+        names = SLOW_BACKENDS if allow_slow is True else (allow_slow,)
+        for index, name in enumerate(names):
             try:
                 backend = self._open(name)
             except DeviceError as error:
@@ -104,11 +106,14 @@ class SlowFrames:
                     raise ConfigError("allow_slow", f"backend {name!r} does not work here: {error}", name) from error
                 reasons.append(f"{name} does not work here: {error}")
                 continue
-            slow = _drawn(backend, name, fast, state, camera, error_gain, on_progress)
+            slow = _drawn(backend, name, fast, state, camera, error_gain,
+                          progress.part(index / len(names), (index + 1) / len(names)))
             best = min(best, slow, key=lambda image: image.plan.predicted_error)
             if not misses_budget(slow.plan):
+                progress.finish()
                 return slow
             reasons.append(f"{name} leaves {slow.plan.predicted_error:.2g}")
+        progress.finish()
         return replace(best, plan=replace(best.plan, warnings=(*best.plan.warnings, *reasons)))
 
     def _open(self, name: str) -> Any:
@@ -118,7 +123,7 @@ class SlowFrames:
 
 
 def _drawn(backend: Any, name: str, fast: Image, state: State, camera: PinholeCamera, error_gain: float,
-           on_progress: Callable[[float], None] | None) -> Image:
+           on_progress: Callable[[float], None]) -> Image:
     plan = fast.plan
     takes_progress = "on_progress" in inspect.signature(backend.render).parameters
     slow = backend.render(state, camera, max_error=min(plan.max_error / error_gain, 1.0),

@@ -47,20 +47,33 @@ def test_a_sphere_of_each_law_is_as_opengl_draws_it(law):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("phase_deg", [30.0, 60.0])
-def test_itokawa(shared, phase_deg):
-    """Away from edges within 1 % RMS of OpenGL, flux within 0.3 %; of rays within 0.4 % and 0.02 %."""
+@pytest.mark.parametrize("phase_deg, n_inner, rms, flux", [(30.0, 5000, 4e-3, 2e-4), (60.0, 5000, 4e-3, 2e-4),
+                                                          (100.0, 500, 9e-3, 1e-3)])
+def test_itokawa(shared, phase_deg, n_inner, rms, flux):
+    """Away from edges within 1 % RMS of OpenGL, flux within 0.3 %; of rays as Cycles' own noise allows."""
     body = Body.from_file(shared / "itokawa" / "itokawa_64q_49152_uv.obj", name="body", length_unit="km", brdf=GREY)
     scene, state = views.scene([body], [views.camera(160, 1250.0)]), views.state(phase_deg=phase_deg, range_m=3000.0)
     with Cycles(scene, bounces=0) as cycles, Renderer(scene) as renderer, RayTracer(scene) as tracer:
         image, truth = (pixels(engine.render(state, samples=16)) for engine in (cycles, tracer))
         drawn = renderer.render(state, samples=16, products=["sunlit"])
     inner = cv2.erode((drawn.products["sunlit"] > 0.0).astype(np.uint8), np.ones((3, 3))) > 0
-    assert inner.sum() > 5000
+    assert inner.sum() > n_inner
     assert relative_rms(image, pixels(drawn), inner) < 0.01
     np.testing.assert_allclose(image.sum(), pixels(drawn).sum(), rtol=3e-3)
-    assert relative_rms(image, truth, inner) < 4e-3
-    np.testing.assert_allclose(image.sum(), truth.sum(), rtol=2e-4)
+    assert relative_rms(image, truth, inner) < rms
+    np.testing.assert_allclose(image.sum(), truth.sum(), rtol=flux)
+
+
+@pytest.mark.parametrize("phase_deg", [0.0, 60.0, 120.0])
+def test_a_lambert_sphere(phase_deg):
+    """Away from edges 0.2 % RMS of OpenGL, flux within 0.01 %, at one grid of 16 x 16 samples (asked for: 1, 0.3 %)."""
+    scene = views.scene([views.sphere(Lambert(normal_albedo=0.3), 5)], [views.camera(128, 1088.0)])
+    state = views.state(phase_deg=phase_deg)
+    with Cycles(scene, bounces=0) as cycles, Renderer(scene) as renderer:
+        image, drawn = cycles.render(state, samples=16), renderer.render(state, samples=16, products=["sunlit"])
+    inner = cv2.erode((drawn.products["sunlit"] > 0.0).astype(np.uint8), np.ones((3, 3))) > 0
+    assert relative_rms(pixels(image), pixels(drawn), inner) < 2e-3
+    np.testing.assert_allclose(pixels(image).sum(), pixels(drawn).sum(), rtol=1e-4)
 
 
 def test_the_limb_is_where_opengl_puts_it():

@@ -24,7 +24,7 @@ def test_a_snippet_runs_alone(code, tmp_path, monkeypatch):
     exec(compile(code, "snippet", "exec", dont_inherit=True), {})
 
 
-@pytest.mark.parametrize("name", ["service_checks.md", "camera_checks.md"])
+@pytest.mark.parametrize("name", ["service_checks.md", "camera_checks.md", "plugins_checks.md"])
 def test_the_tests_that_a_page_of_checks_names_are_there(name):
     page = (ROOT / "docs" / name).read_text(encoding="utf-8")
     named = set(re.findall(r"test_\w+", page))

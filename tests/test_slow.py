@@ -5,18 +5,20 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
+from dataclasses import replace
 
 import msgpack
 import numpy as np
 import pytest
 import serving
 import views
-from glrender import Body, ConfigError, Renderer, generate, load_scene
+from glrender import Body, ConfigError, Renderer, generate, load_scene, take_frame
 from glrender.backends.raytrace import RayTracer
 from glrender.brdf import Lambert
 from glrender.emission import Coma
 from glrender.emission.sources.haser import Haser
 from glrender.slow import SlowFrames
+from glrender_camera import CameraModel, Detector, Optics
 from glrender_client import AsyncClient, Client, ServerError
 from glrender_server.operations import Operations
 
@@ -60,6 +62,47 @@ def test_the_first_that_meets_the_budget_draws(renderer):
     assert error < 1.3 * MISSED
 
 
+def test_progress_rises_through_backends_and_poses(monkeypatch):
+    """To 1, in steps that a frame's poses share, whether its exposure is given, metered, or its poses are."""
+    monkeypatch.setattr("glrender.renderer.misses_budget", lambda plan: True)
+    model = CameraModel(optics=Optics(aperture_diameter_m=0.01), exposure_s=0.1,
+                        detector=Detector(quantum_efficiency=0.5, full_well_electrons=1e6, bit_depth=12,
+                                          gain_DN_per_electron=4e-3))
+    scene = views.scene([BODY], [views.camera(48, 200.0, model=model)])
+    spinning = replace(STATE, bodies={"body": replace(STATE.bodies["body"], angular_velocity_rad_s=(0.0, 0.0, 1.5))})
+    given = tuple(replace(spinning.after(dt), t_s=dt) for dt in (-0.05, 0.0, 0.05))
+    with Renderer(scene) as renderer:
+        for options, steps in (({"exposure_s": 0.1}, 3), ({"exposure_s": "auto"}, 2),
+                               ({"exposure_s": 0.1, "sub_states": given}, 4)):
+            told = []
+            capture = take_frame(renderer, spinning, max_error=0.05, allow_slow="raytrace", on_progress=told.append,
+                                 **options)
+            assert ("poses" in capture.stages["motion_blur"]) == (steps > 2), "metered, the exposure is short"
+            assert drawn_by(capture) == ["drawn by raytrace"]
+            assert told == sorted(set(told)) and told[-1] == 1.0 and 0.0 < told[0] <= 0.5 and len(told) >= steps
+
+
+def test_the_second_backend_goes_on_where_the_first_ended(monkeypatch):
+    class Slow:
+        def __init__(self, error):
+            self.error = error
+
+        def render(self, state, camera, *, max_error, on_progress=None):
+            for share in (0.25, 1.0):
+                on_progress(share)
+            return replace(fast, plan=replace(fast.plan, predicted_error=self.error))
+
+        def close(self):
+            pass
+
+    with Renderer(SCENE) as renderer:
+        fast = renderer.render(STATE, max_error=MISSED)
+    slow, told = SlowFrames(SCENE), []
+    monkeypatch.setattr(slow, "_open", lambda name: Slow({"raytrace": 0.5, "cycles": 1e-4}[name]))
+    slow.instead_of(fast, True, STATE, SCENE.cameras[0], error_gain=1.0, on_progress=told.append)
+    assert told == [0.125, 0.5, 0.625, 1.0]
+
+
 @pytest.mark.usefixtures("blender")
 def test_the_one_that_is_named_draws(renderer):
     assert drawn_by(renderer.render(STATE, max_error=MISSED, allow_slow="cycles")) == ["drawn by cycles"]
@@ -96,8 +139,6 @@ def test_a_slow_frame_has_the_coma_that_opengl_adds():
     assert added[0].sum() > 0.0
     np.testing.assert_allclose(added[1], added[0], atol=1e-3 * added[0].max())
     assert slow.roi == fast.roi
-    with RayTracer(views.scene([BODY], SCENE.cameras, emission=[coma])) as tracer:
-        assert tracer.render(STATE, samples=1).plan.left_out == ("emission around body",)
 
 
 @pytest.mark.usefixtures("blender")

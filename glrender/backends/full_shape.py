@@ -7,7 +7,7 @@ from glrender_camera import PinholeCamera
 
 from ..grouping import region
 from ..ray_engine import BESIDE, RayEngine
-from ..render_plan import EMISSION_LEFT_OUT, BodyPlan, RenderPlan
+from ..render_plan import BodyPlan, RenderPlan
 from ..scene import Scene
 from ..view import BodyView
 
@@ -21,8 +21,7 @@ def visible_region(views: list[BodyView], camera: PinholeCamera) -> tuple[int, i
 def full_shape_plan(scene: Scene, camera: PinholeCamera, views: list[BodyView], *, max_error: float,
                     predicted_error: float, roi: tuple[int, int, int, int], left_out: tuple[str, ...] = (),
                     warnings: tuple[str, ...] = ()) -> RenderPlan:
-    """The plan of a frame that leaves no facet out and needs no shadow map; what shines by itself is left out."""
-    left_out += tuple(f"{EMISSION_LEFT_OUT} {emission.body}" for emission in scene.emission)
+    """The plan of a frame that leaves no facet out and needs no shadow map."""
     return RenderPlan(
         camera=camera.name, max_error=max_error, roi=roi, windows=(), predicted_error=predicted_error,
         left_out=left_out, warnings=warnings,

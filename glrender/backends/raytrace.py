@@ -20,6 +20,7 @@ from ..ray_engine import RayEngine
 from ..scene import Scene, checked_max_error
 from ..state import State
 from ..view import view_bodies
+from .emitted import Emitted
 from .full_shape import full_shape_plan, traced_products, visible_region
 
 # Rounds before a pixel's scatter is believed, and at which even the worst pixel is given up.
@@ -44,6 +45,7 @@ class RayTracer:
     def __init__(self, scene: Scene):
         self.scene = scene
         self._engine = RayEngine(scene)
+        self._emitted = Emitted(scene, lambda: self._engine)
 
     def __enter__(self) -> RayTracer:
         return self
@@ -105,9 +107,11 @@ class RayTracer:
             mean, reached = _adapt(shoot, pixel, (y1 - y0, x1 - x0), budget, np.random.default_rng(seed),
                                    on_progress or (lambda share: None))
         irradiance[y, x] = mean
+        irradiance = irradiance.astype(np.float32)
         arrays = traced_products(self._engine, wanted, pinhole, views, roi)
         frame_plan = full_shape_plan(self.scene, pinhole, views, max_error=budget, predicted_error=reached, roi=roi)
-        return Image(irradiance_W_m2=irradiance.astype(np.float32), products=arrays, plan=frame_plan,
+        frame_plan = self._emitted.add(irradiance, state, pinhole, views, frame_plan)
+        return Image(irradiance_W_m2=irradiance, products=arrays, plan=frame_plan,
                      timings_ms={"trace": 1e3 * (time.perf_counter() - began)})
 
 

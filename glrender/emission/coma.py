@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from ..gl.context import Context
     from ..scene import Body, Scene
     from .drawing import ComaDrawing
+    from .tracing import ComaTracing
 
 _KEYS = ("body", "dust", "has_shadow", "sources")
 _DUST_KEYS = ("geometric_albedo", "phase_function", "extinction_efficiency")
@@ -85,6 +86,12 @@ class Coma:
                 rest = {key: value for key, value in entry.items() if key != "model"}
                 made.append(MODELS[entry["model"]](rest, bodies[name], dust, resolve))
         return cls(body=name, sources=made, dust=dust, has_shadow=table.get("has_shadow", False))
+
+    def trace(self, scene: Scene) -> ComaTracing:
+        """Its tables for a backend that traces rays."""
+        from .tracing import ComaTracing
+
+        return ComaTracing(self, scene)
 
     def open(self, context: Context, scene: Scene) -> ComaDrawing:
         """Its tables and textures in a context."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -18,13 +17,12 @@ from ..view import BodyView
 from .coma import Coma
 from .geometry import shader_values
 from .layers import Layer, Layers
-from .light import light_per_column, point_correction
+from .light import add_light, is_point, point_correction
 from .measuring import REACH_RAD
-from .planning import Sampling, choose
+from .planning import Sampling, choose, edge_error
+from .telling import told
 
 _TILE_PX = 2048
-# Radius below which a nucleus is a point in its coma.
-_POINT_PX = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,14 +60,12 @@ class ComaDrawing(ExitStack):
                 box = (left, top, min(left + _TILE_PX, width), min(top + _TILE_PX, height))
                 column, hidden = self._columns(box, frame, drawn)
                 greatest = max(greatest, float(hidden.max()))
-                tile = irradiance[top:box[3], left:box[2]]
-                if dust.extinction_efficiency > 0.0:
-                    tile *= dust.transmission(hidden)
-                    # Of the dust that hides itself, the sunlit share shines.
-                    column = column * (dust.thin(hidden) / np.maximum(hidden, np.float32(1e-30)))
-                column *= light_per_column(frame.camera, view, dust, box, solar_irradiance)
-                tile += column
-        return self._told(drawn, greatest, 1e3 * (time.perf_counter() - began))
+                add_light(irradiance[top:box[3], left:box[2]], column, hidden, frame.camera, view, dust, box,
+                          solar_irradiance)
+        has_edges = view.is_visible and not is_point(self._layers.radius_m, view, frame.camera)
+        at_edges = edge_error(view.range_m / frame.camera.focal_length_px, self._layers.radius_m) if has_edges else 0.0
+        return told(self._coma, [(each.layer, each.sampling) for each in drawn], greatest,
+                    1e3 * (time.perf_counter() - began), at_edges)
 
     def _plan(self, frame: EmissionFrame, view: BodyView) -> list[_Drawn]:
         body_from_inertial = frames.dcm(frame.state.bodies[view.name].q_from_inertial)
@@ -97,25 +93,24 @@ class ComaDrawing(ExitStack):
         x0, y0, x1, y1 = box
         width, height = x1 - x0, y1 - y0
         view, has_shadow = frame.views[self._coma.body], self._coma.has_shadow
-        # A nucleus below a pixel covers little of the pixel whose middle may see it: the light's sum is put right.
-        is_point = self._layers.radius_m < _POINT_PX * view.range_m / frame.camera.focal_length_px
+        as_point = is_point(self._layers.radius_m, view, frame.camera)
         body = _cut([(a - x0, b - y0, c - x0, d - y0) for a, b, c, d in frame.rois], width, height)
-        if is_point and len(frame.views) == 1:
+        if as_point and len(frame.views) == 1:
             body = None
         if body is not None:
             left, top, right, bottom = body
             frame.draw_surfaces(self._surface, "coma/surface.frag.glsl",
                                 (x0 + left - 0.5, y0 + top - 0.5, x0 + right - 0.5, y0 + bottom - 0.5),
                                 (right - left, bottom - top))
-        column = self._sum(box, frame, drawn, body, has_shadow, is_point)
+        column = self._sum(box, frame, drawn, body, has_shadow, as_point)
         needs_all = has_shadow and self._coma.dust.extinction_efficiency > 0.0
-        hidden = self._sum(box, frame, drawn, body, False, is_point) if needs_all else column
-        if is_point:
+        hidden = self._sum(box, frame, drawn, body, False, as_point) if needs_all else column
+        if as_point:
             point_correction(column, frame.camera, view, 1e-3 * self._layers.least_m, self._layers.radius_m, box)
         return column, hidden
 
     def _sum(self, box: tuple[int, int, int, int], frame: EmissionFrame, drawn: list[_Drawn],
-             body: tuple[int, int, int, int] | None, has_shadow: bool, is_point: bool) -> np.ndarray:
+             body: tuple[int, int, int, int] | None, has_shadow: bool, as_point: bool) -> np.ndarray:
         x0, y0, x1, y1 = box
         width, height = x1 - x0, y1 - y0
         view = frame.views[self._coma.body]
@@ -128,28 +123,10 @@ class ComaDrawing(ExitStack):
                 "pixels_per_node": each.sampling.pixels_per_node, "steps": each.sampling.steps,
                 "pixels_per_front_node": each.sampling.front_pixels_per_node, "nodes_reach_rad": REACH_RAD,
                 # Rays through a nucleus that ends none of them: there `a` must be rho.
-                "least_m": (1e-3 if is_point else 1.0) * self._layers.least_m,
+                "least_m": (1e-3 if as_point else 1.0) * self._layers.least_m,
                 "body_px": (0, 0, 0, 0) if body is None else body}
             self._pass.add(each.volume, values, (width, height), body, self._surface, shadow_map)
         return self._pass.read()
-
-    def _told(self, drawn: list[_Drawn], greatest: float, milliseconds: float) -> EmissionPlan:
-        left_out = ["sunlight that the dust takes out before it is scattered, and light scattered twice"]
-        if not self._coma.has_shadow:
-            left_out.append("the bodies' shadow in the coma")
-        if self._coma.dust.extinction_efficiency == 0.0:
-            left_out.append(f"extinction: columns up to {greatest:.2g} of cross-section over area")
-        if not drawn:
-            left_out.append("no source is active")
-        fields = [{"models": list(each.layer.models), "steps": each.sampling.steps,
-                   "pixels_per_node": each.sampling.pixels_per_node,
-                   "front_pixels_per_node": each.sampling.front_pixels_per_node,
-                   "texels": [int(n) for n in each.volume.texture.size]} for each in drawn]
-        return EmissionPlan(
-            kind="coma", body=self._coma.body, milliseconds=milliseconds, left_out=tuple(left_out),
-            modelled={"fields": fields, "shadow": self._coma.has_shadow,
-                      "extinction": self._coma.dust.extinction_efficiency > 0.0, "greatest_column": greatest},
-            predicted_error=math.hypot(*(each.sampling.predicted_error for each in drawn)) if drawn else 0.0)
 
 
 def _cut(boxes: list[tuple[int, int, int, int]], width: int, height: int) -> tuple[int, int, int, int] | None:

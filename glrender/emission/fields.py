@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -59,13 +60,23 @@ class SphericalField:
         padded[:, 0, -1], padded[:, -1, 0] = self.values_m[:, -1, 0], self.values_m[:, 0, -1]
         return padded
 
+    @property
+    def texel_counts(self) -> tuple[int, int, int]:
+        """Of the texture, x first."""
+        n_r, n, _ = self.values_m.shape
+        return n + 2, n + 2, n_r
+
+    @cached_property
+    def _padded(self) -> np.ndarray:
+        return self.texels()
+
     def weight(self, r_m: np.ndarray) -> np.ndarray:
         """K (...) float64 [m] at points (..., 3) [m]."""
         distance = np.maximum(np.linalg.norm(r_m, axis=-1), 1e-9 * self.inner_m)
         n_r, n, _ = self.values_m.shape
         shell = np.clip(np.log2(distance / self.inner_m) * self.shells_per_octave, 0.0, n_r - 1.0)
         place = octahedral_from_direction(r_m) * n + 0.5
-        value = trilinear(self.texels(), np.stack([shell, place[..., 1], place[..., 0]], axis=-1))
+        value = trilinear(self._padded, np.stack([shell, place[..., 1], place[..., 0]], axis=-1))
         return np.where(distance <= self.radius_m, value, 0.0)
 
     def span(self, closest_m: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -102,6 +113,11 @@ class CartesianField:
     def cell_m(self) -> np.ndarray:
         """(3,) float64 [m] sides of a cell."""
         return (self.high_m - self.low_m) / self.values_m.shape
+
+    @property
+    def texel_counts(self) -> tuple[int, int, int]:
+        """Of the texture, x first."""
+        return self.values_m.shape
 
     def texels(self) -> np.ndarray:
         """(n_z, n_y, n_x) float32: x varies fastest, as a texture has it."""

@@ -15,6 +15,34 @@ _NODE_RAD = 0.008
 _MOST_PX = 64
 # Pixels around a nucleus whose mean of 1/rho is not that of their middle: 3e-4 apart at the last.
 _POINT_REACH_PX = 11
+# Radius below which a nucleus is a point in its coma.
+_POINT_PX = 0.5
+
+
+def is_point(radius_m: float, view: BodyView, camera: PinholeCamera) -> bool:
+    """Whether a nucleus covers little of the pixel whose middle may see it: the light's sum is then put right."""
+    return radius_m < _POINT_PX * view.range_m / camera.focal_length_px
+
+
+def add_light(irradiance: np.ndarray, column: np.ndarray, hidden: np.ndarray, camera: PinholeCamera, view: BodyView,
+              dust: Dust, box: tuple[int, int, int, int], solar_irradiance_W_m2: float) -> None:
+    """Add a coma's light to an image, in place, and dim what is behind it.
+
+    Parameters
+    ----------
+    irradiance : (rows, columns) float32 [W/m2]
+        Of a box x0, y0, x1, y1 [px] of the image.
+    column, hidden : (rows, columns) float32 [1]
+        Of sunlit dust, and of all dust.
+    camera, view, dust, box
+    solar_irradiance_W_m2 : float [W/m2]
+        At the body.
+    """
+    if dust.extinction_efficiency > 0.0:
+        irradiance *= dust.transmission(hidden)
+        # Of the dust that hides itself, the sunlit share shines.
+        column = column * (dust.thin(hidden) / np.maximum(hidden, np.float32(1e-30)))
+    irradiance += column * light_per_column(camera, view, dust, box, solar_irradiance_W_m2)
 
 
 def light_per_column(camera: PinholeCamera, view: BodyView, dust: Dust,

@@ -19,6 +19,7 @@ from ...ray_engine import RayEngine
 from ...scene import Scene, checked_max_error
 from ...state import State
 from ...view import BodyView, view_bodies
+from ..emitted import Emitted
 from ..full_shape import full_shape_plan, traced_products, visible_region
 from .blender_terms import BlenderTerms, warnings_of
 from .lens import Lens
@@ -60,6 +61,7 @@ class Cycles:
         self._is_lambert = all(type(body.brdf) is Lambert for body in scene.bodies)
         self._blender: BlenderProcess | None = None
         self._rays: RayEngine | None = None
+        self._emitted = Emitted(scene, self._ray_engine)
         self._start()
 
     def __enter__(self) -> Cycles:
@@ -143,13 +145,18 @@ class Cycles:
             warnings += (f"the budget of {budget:g} is not met: {reached:.2g} with {MAX_SAMPLES} samples",)
         arrays = {}
         if wanted:
-            self._rays = self._rays or RayEngine(self.scene)
-            arrays = traced_products(self._rays, wanted, pinhole, views, roi)
+            arrays = traced_products(self._ray_engine(), wanted, pinhole, views, roi)
         left_out = ("light between facets",) if bounces == 0 else ()
         frame_plan = full_shape_plan(self.scene, pinhole, views, max_error=budget, predicted_error=reached, roi=roi,
                                      warnings=warnings, left_out=left_out)
+        frame_plan = self._emitted.add(irradiance, state, pinhole, views, frame_plan)
         return Image(irradiance_W_m2=irradiance, products=arrays, plan=frame_plan,
                      timings_ms={"trace": 1e3 * (time.perf_counter() - began)})
+
+    def _ray_engine(self) -> RayEngine:
+        if self._rays is None:
+            self._rays = RayEngine(self.scene)
+        return self._rays
 
     def _start(self) -> None:
         self._blender = BlenderProcess()

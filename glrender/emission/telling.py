@@ -1,0 +1,46 @@
+"""What a frame says of its coma, whoever drew it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from ..emission_frame import EmissionPlan
+from .coma import Coma
+from .layers import Layer
+from .planning import Sampling
+
+
+def told(coma: Coma, drawn: Sequence[tuple[Layer, Sampling]], greatest: float, milliseconds: float,
+         at_edges: float = 0.0) -> EmissionPlan:
+    """The plan of a coma.
+
+    Parameters
+    ----------
+    coma : Coma
+    drawn : sequence of (Layer, Sampling)
+    greatest : float [1]
+        Largest column.
+    milliseconds : float [ms]
+    at_edges : float [1]
+        Error that pixels at the bodies' edges leave.
+    """
+    left_out = ["sunlight that the dust takes out before it is scattered, and light scattered twice"]
+    if not coma.has_shadow:
+        left_out.append("the bodies' shadow in the coma")
+    if coma.dust.extinction_efficiency == 0.0:
+        left_out.append(f"extinction: columns up to {greatest:.2g} of cross-section over area")
+    if not drawn:
+        left_out.append("no source is active")
+    if at_edges > 0.0:
+        left_out.append(f"the mean over a pixel at the bodies' edges: an error of {at_edges:.2g}")
+    fields: list[dict[str, Any]] = [
+        {"models": list(layer.models), "steps": sampling.steps, "pixels_per_node": sampling.pixels_per_node,
+         "front_pixels_per_node": sampling.front_pixels_per_node, "texels": list(layer.field.texel_counts)}
+        for layer, sampling in drawn]
+    return EmissionPlan(
+        kind="coma", body=coma.body, milliseconds=milliseconds, left_out=tuple(left_out),
+        modelled={"fields": fields, "shadow": coma.has_shadow,
+                  "extinction": coma.dust.extinction_efficiency > 0.0, "greatest_column": greatest},
+        predicted_error=math.hypot(at_edges, *(sampling.predicted_error for _, sampling in drawn)) if drawn else 0.0)
