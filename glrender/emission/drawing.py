@@ -23,6 +23,8 @@ from .planning import Sampling, choose, edge_error
 from .telling import told
 
 _TILE_PX = 2048
+# A body that is smaller is cheap to draw with 4 x 4 samples.
+_SMALL_PX = 256.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +65,8 @@ class ComaDrawing(ExitStack):
                 add_light(irradiance[top:box[3], left:box[2]], column, hidden, frame.camera, view, dust, box,
                           solar_irradiance)
         has_edges = view.is_visible and not is_point(self._layers.radius_m, view, frame.camera)
-        at_edges = edge_error(view.range_m / frame.camera.focal_length_px, self._layers.radius_m) if has_edges else 0.0
+        footprint_m = view.range_m / frame.camera.focal_length_px
+        at_edges = edge_error(footprint_m, self._layers.radius_m, _surface_samples(view)) if has_edges else 0.0
         return told(self._coma, [(each.layer, each.sampling) for each in drawn], greatest,
                     1e3 * (time.perf_counter() - began), at_edges)
 
@@ -98,10 +101,10 @@ class ComaDrawing(ExitStack):
         if as_point and len(frame.views) == 1:
             body = None
         if body is not None:
-            left, top, right, bottom = body
+            (left, top, right, bottom), samples = body, _surface_samples(view)
             frame.draw_surfaces(self._surface, "coma/surface.frag.glsl",
                                 (x0 + left - 0.5, y0 + top - 0.5, x0 + right - 0.5, y0 + bottom - 0.5),
-                                (right - left, bottom - top))
+                                (samples * (right - left), samples * (bottom - top)))
         column = self._sum(box, frame, drawn, body, has_shadow, as_point)
         needs_all = has_shadow and self._coma.dust.extinction_efficiency > 0.0
         hidden = self._sum(box, frame, drawn, body, False, as_point) if needs_all else column
@@ -122,11 +125,17 @@ class ComaDrawing(ExitStack):
                 "shadow_from_field": shadow_from_body @ frames.transform(each.field_from_body.T, np.zeros(3)),
                 "pixels_per_node": each.sampling.pixels_per_node, "steps": each.sampling.steps,
                 "pixels_per_front_node": each.sampling.front_pixels_per_node, "nodes_reach_rad": REACH_RAD,
+                "surface_samples": _surface_samples(view),
                 # Rays through a nucleus that ends none of them: there `a` must be rho.
                 "least_m": (1e-3 if as_point else 1.0) * self._layers.least_m,
                 "body_px": (0, 0, 0, 0) if body is None else body}
             self._pass.add(each.volume, values, (width, height), body, self._surface, shadow_map)
         return self._pass.read()
+
+
+def _surface_samples(view: BodyView) -> int:
+    """Along a pixel's side: the smaller the body, the more of the image are the pixels at its edge."""
+    return 4 if view.size_px < _SMALL_PX else 2 if view.size_px < _TILE_PX else 1
 
 
 def _cut(boxes: list[tuple[int, int, int, int]], width: int, height: int) -> tuple[int, int, int, int] | None:

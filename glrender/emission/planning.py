@@ -94,14 +94,15 @@ def choose(errors: FieldErrors, footprint_m: float, body_m: float, image_px: flo
     return finest if best is None else best[1]
 
 
-def edge_error(footprint_m: float, body_m: float) -> float:
-    """Error of the image [1] where pixels at the body's edge have the column that their middle sees.
+def edge_error(footprint_m: float, body_m: float, samples: int) -> float:
+    """Error of the image [1] where pixels at the body's edge have the columns that n x n samples see.
 
     Around an even coma of column pi K / rho, 8 R pixels (R px the body's radius) see half of pi K / R more or less,
     and middles miss the mean by the root of 1/12 of that: 0.116 / sqrt(R) of the image's mean. Outlines that are
-    no circles have more edge: up to 1.4 times as much on a contact binary.
+    no circles have more edge: up to 1.4 times as much on a contact binary. Samples leave 1 / n of it (jets; an even
+    coma less).
     """
-    return 0.16 * math.sqrt(footprint_m / body_m)
+    return 0.16 * math.sqrt(footprint_m / body_m) / samples
 
 
 def _between(table_m: np.ndarray, zone: np.ndarray, angle_rad: np.ndarray) -> np.ndarray:

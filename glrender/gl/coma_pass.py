@@ -26,7 +26,7 @@ def coma_block(n_bodies: int) -> UniformBlock:
         "r_focus_camera": "vec3", "low_m": "vec3", "high_m": "vec3",
         "focus_depth_m": "float", "focal_length_px": "float", "least_m": "float", "inner_m": "float",
         "shells_per_octave": "float", "pixels_per_node": "float", "pixels_per_front_node": "float",
-        "nodes_reach_rad": "float", "is_ahead": "int",
+        "nodes_reach_rad": "float", "is_ahead": "int", "surface_samples": "int",
         "steps": "int",
         "r_body_m": f"vec4[{n_bodies}]"})
 
@@ -102,7 +102,7 @@ class ComaPass(ResourceOwner):
             Of the tile.
         body : (int, int, int, int) [px] or None
             The box x0, y0, x1, y1 of the tile, `body_px`, where `surface`, drawn there with
-            `coma/surface.frag.glsl`, ends rays.
+            `coma/surface.frag.glsl` and `surface_samples` along a pixel's side, ends rays.
         shadow_map : ShadowMap, optional
             Takes `shadow_from_field`.
         """

@@ -1,4 +1,4 @@
-// The column of dust of each pixel, from the coarse grid: up to the surface that its middle sees.
+// The column of dust of each pixel, from the coarse grid: up to the surface, over the share of it that has one.
 #include "constants.glsl"
 #include "coma/ray.glsl"
 uniform sampler2D total;
@@ -17,10 +17,11 @@ void main()
     Ray ray = ray_of(pixel);
     float sum = texture(total, (pixel / pixels_per_node + 0.5) / vec2(textureSize(total, 0))).r;
 #if HAS_SURFACE
-    vec2 seen = seen_at(surface, pixel);
+    vec2 seen = seen_at(surface, pixel, ray);
     vec2 span = span_of(ray);
-    if (seen.y > 0.5) {
-        span.y = clamp(surface_angle(ray, seen), span.x, span.y);
+    float beside = sum;
+    if (seen.y > 0.0) {
+        span.y = clamp(atan(seen.x / ray.a), span.x, span.y);
         sum = 0.0;
 #if HAS_FRONT
         // Nodes count that saw a surface at nearly the same angle, each brought to this pixel's with its K.
@@ -46,7 +47,7 @@ void main()
     } else {
         span.x = span.y;
     }
-    sum += integral(ray, span);
+    sum = mix(beside, sum + integral(ray, span), seen.y);
 #endif
     column = max(sum, 0.0) / ray.a;
 }

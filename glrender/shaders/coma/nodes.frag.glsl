@@ -20,13 +20,12 @@ void main()
     Ray ray = ray_of(pixel);
     vec2 span = span_of(ray);
 #if TO_SURFACE
-    vec2 seen = seen_at(surface, pixel);
-    if (seen.y < 0.5) {
+    vec2 seen = seen_at(surface, pixel, ray);
+    if (seen.y == 0.0) {
         front = vec4(0.0);
         return;
     }
-    float theta = surface_angle(ray, seen);
-    span.y = clamp(theta, span.x, span.y);
+    span.y = clamp(atan(seen.x / ray.a), span.x, span.y);
     float s = ray.a * tan(span.y);
     front = vec4(integral(ray, span), span.y, weight(ray.closest + s * ray.direction), 1.0);
 #else
