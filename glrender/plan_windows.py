@@ -104,6 +104,19 @@ def plan_windows(views: Sequence[BodyView], traits: Mapping[str, BodyTraits], bo
             for members in touching(views, camera)]
 
 
+def apart_limit(views: Sequence[BodyView], apart_px: float) -> float:
+    """Size [px] below which bodies are apart, so that together they cover no more than one body of `apart_px`.
+
+    A body has a point for each 0.4 px: what spreads them is to cost as much for many bodies as for one.
+    """
+    covered = 0.0
+    for size_px in sorted(view.size_px for view in views if view.is_visible and view.size_px < apart_px):
+        covered += size_px**2
+        if covered > apart_px**2:
+            return size_px
+    return apart_px
+
+
 class _Window:
     """Bodies that are drawn together, and what each engine would make of them."""
 

@@ -25,7 +25,7 @@ from .gl.context import Context
 from .gl.evaluate import BrdfEvaluator
 from .image import Image, checked_products
 from .irradiance_pass import IrradiancePass
-from .plan_windows import MAX_SAMPLES, plan_windows
+from .plan_windows import MAX_SAMPLES, apart_limit, plan_windows
 from .product_pass import ProductPass
 from .ray_engine import RayEngine
 from .render_plan import BodyPlan, RenderPlan
@@ -129,7 +129,8 @@ class Renderer:
             Whether the budget holds for the image after the camera's PSF.
         apart_px : float [px], 0..256
             Bodies that are smaller, and alone in their pixels, are told in `Image.small_bodies` instead of the
-            image: sub-pixel places that a point spread function can use.
+            image: sub-pixel places that a point spread function can use. Of several the smallest, as many as
+            together cover no more than one body of this size.
         allow_slow : bool or {"raytrace", "cycles"}
             Whether another backend may draw the frame, in seconds or minutes, where OpenGL's error is above
             the budget and no `samples` or `level` is asked for; or which one.
@@ -163,6 +164,7 @@ class Renderer:
         may_be_slow = checked_allow_slow(allow_slow) and level is None
         gain = pinhole.model.psf_noise_gain if after_psf and pinhole.model is not None else 1.0
         views = view_bodies(state, pinhole, self.scene.hulls)
+        apart_px = apart_limit(views, apart_px)
         planned = self._plan_bodies(views, pinhole, budget / gain, level)
         # What is asked for by its level is drawn by OpenGL.
         costs = self._costs if level is None else replace(self._costs, ray_ns=math.inf)

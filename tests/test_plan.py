@@ -59,6 +59,16 @@ def test_a_tighter_budget_asks_for_more_samples():
     assert costs[0] == 1 and costs[-1] > 2
 
 
+def test_bodies_apart_cover_no_more_than_one():
+    """Eight of 20 px would cost eight times what one does: none is apart; of small ones all are."""
+    one, eight = [view(size_px=20.0)], [view(f"{k}", size_px=20.0) for k in range(8)]
+    assert plan_windows.apart_limit(one, 24.0) == plan_windows.apart_limit([], 24.0) == 24.0
+    assert plan_windows.apart_limit(eight, 24.0) == 20.0
+    assert plan_windows.apart_limit([view(f"{k}", size_px=8.0) for k in range(8)], 24.0) == 24.0
+    assert plan_windows.apart_limit([*eight, view("moon", size_px=3.0)], 24.0) == 20.0
+    assert plan_windows.apart_limit(eight, 0.0) == 0.0
+
+
 def test_a_psf_that_smooths_the_error_saves_samples():
     sharp, = windows([view()], 0.01)
     smooth, = windows([view()], 0.01, gain=0.3)
