@@ -127,13 +127,13 @@ class IrradiancePass:
         """
         if window.engine != "rays" or math.prod(window.grid) < MANY_RAYS:
             return None
-        x0, y0, x1, y1 = window.roi
+        (x0, y0, x1, y1), count = window.roi, max(FACING_SAMPLES, window.samples)
         facing = np.zeros((y1 - y0, x1 - x0), np.uint8)
         without_shadows = replace(frame, shadows={}, bodies=[replace(body, level=0) for body in frame.bodies])
         drawn = replace(window, engine="raster")
-        for tile in self._tiles(facing.shape, FACING_SAMPLES):
-            samples = self._draw_tile(drawn, without_shadows, clock, tile, FACING_SAMPLES)
-            facing[tile] = pixel_means(samples, FACING_SAMPLES) > 0.0
+        for tile in self._tiles(facing.shape, count):
+            samples = self._draw_tile(drawn, without_shadows, clock, tile, count)
+            facing[tile] = pixel_means(samples, count) > 0.0
         return cv2.dilate(facing, np.ones((5, 5), np.uint8))
 
     def _tiles(self, shape: tuple[int, int], samples: int) -> Iterator[tuple[slice, slice]]:

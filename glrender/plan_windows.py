@@ -29,7 +29,7 @@ MAX_SAMPLES = 16
 MANY_RAYS = 100_000
 """Rays that cost more than an image of what faces the Sun: more are cast at that only."""
 FACING_SAMPLES = 3
-"""Along a pixel's side of that image."""
+"""Fewest along a pixel's side of that image; it has as many as the rays."""
 # A body that is smaller has a grid of its own.
 _SMALL_PX = 4.0
 # Of the budget, what its pixels may take there: centres of light of 24 px within 0.01 px. Most samples across it.
@@ -208,7 +208,7 @@ class _Window:
             cast *= (self._n_px + _MISS_COST * (self._box_px - self._n_px)) / n_lit
             first_ns = 0.0
         else:
-            first_ns = self._facets_ns + FACING_SAMPLES**2 * self._n_px * self._costs.sample_ns
+            first_ns = self._facets_ns + max(FACING_SAMPLES, count) ** 2 * self._n_px * self._costs.sample_ns
         return cast * self._costs.ray_ns + _RAYS_CALL_NS + first_ns, self._sampled("rays", count, errors, noise=noise)
 
     def _sampled(self, engine: str, count: int, errors: tuple[float, float], **told) -> WindowPlan:
