@@ -38,7 +38,8 @@ def fuzzed(*arguments):
     record = json.loads(run.stdout)
     assert run.returncode == 0 and record["passed"] and not record["faults"], run.stdout + run.stderr
     # It is no fuzzer that hits only one wall.
-    assert {"ok", "protocol", "config", "scene", "busy"} <= record["answers"].keys(), run.stdout
+    # Whether one is told `busy` is the weather's: test_many_waiting_requests_are_answered_each_once_or_told_busy.
+    assert {"ok", "protocol", "config", "scene"} <= record["answers"].keys(), run.stdout
     return record
 
 
