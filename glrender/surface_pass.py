@@ -111,11 +111,14 @@ class SurfacePass:
         for view in views:
             chunks = self._meshes[view.name][plans[view.name].level].chunks
             seen = chunks_in_window(chunks, view, camera, bounds_px) & chunks.facing_point(view.r_camera_body_m)
+            chosen[view.name] = seen
+            if mask is None and not is_light:
+                continue
             box = chunks.boxes_px(view.camera_from_body, view.r_camera_body_m, camera.focal_length_px,
                                   camera.principal_point_px)
             if mask is not None:
                 seen &= chunk_boxes.on_mask(box, mask, bounds_px)
-            chosen[view.name], boxes[view.name] = seen, box
+            boxes[view.name] = box
             lit[view.name] = seen & chunks.facing_direction(view.sun_direction_body, _NORMAL_RAD)
         if is_light:
             light = np.concatenate([boxes[name][lit[name]] for name in chosen])
@@ -131,7 +134,7 @@ class SurfacePass:
             view.camera_from_body, view.camera_from_body @ offset)
         solar_irradiance = self._scene.solar_irradiance_of(camera) / view.sun_distance_au**2 * body_plan.flux_ratio
         relief = None
-        if body_plan.detail_m is not None and stage == "surface.frag.glsl":
+        if body_plan.detail_m is not None and stage == IRRADIANCE_STAGE:
             footprint_m = view.depth_m[0] / camera.focal_length_px
             relief = {**self._reliefs[view.name].uniforms(r_camera + offset, footprint_m),
                       "footprint_per_m": 1.0 / camera.focal_length_px}
