@@ -75,8 +75,8 @@ def stars_behind(scene: Scene, state: State, camera: PinholeCamera) -> dict[str,
             for letter, irradiance in irradiances.items()}
 
 
-def merged(parts: list[tuple[PointSources, np.ndarray]]) -> PointSources:
-    """All of several sources, each with its weights (N,) [1] on the irradiance."""
+def merged(parts: list[tuple[PointSources, np.ndarray | float]]) -> PointSources:
+    """All of several sources, each with its weights (N,) [1], or one, on the irradiance."""
     return PointSources(np.concatenate([points.xy_px for points, _ in parts]),
                         np.concatenate([points.irradiance_W_m2 * weight for points, weight in parts]))
 

@@ -62,7 +62,7 @@ def light_beyond(renderer: Any, state: State, camera: PinholeCamera, margin_px: 
     found = {name: points for name, points in found.items() if points.irradiance_W_m2.any()}
     if not found:
         return nothing, "skipped: there is none that the baffle lets in"
-    points = merged([(each, np.ones(len(each.xy_px))) for each in found.values()])
+    points = merged([(each, 1.0) for each in found.values()])
     return points, f"{', '.join(found)}: {points.irradiance_W_m2.sum():.3g} W/m2"
 
 

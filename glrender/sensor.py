@@ -65,9 +65,9 @@ class Sensor:
         """Of small bodies in the camera's band, in the mean over some poses."""
         return merged([(pose.bodies, self._share(pose.bodies, pose)) for pose in poses])
 
-    def _share(self, points: PointSources, pose: PosePoints) -> np.ndarray:
+    def _share(self, points: PointSources, pose: PosePoints) -> np.ndarray | float:
         if pose.row_weights is None:
-            return np.ones(len(points.xy_px))
+            return 1.0
         row = np.rint(points.xy_px[:, 1]).astype(int) + self._margin_px
         return pose.row_weights[np.clip(row, 0, len(pose.row_weights) - 1)]
 
@@ -89,9 +89,9 @@ class Sensor:
         shares = {letter: own / drawn for letter, own in band_irradiances(model).items()} if is_mosaic else {"": 1.0}
         points = {}
         for letter, share in shares.items():
-            parts = [(each, np.full(len(each.xy_px), share)) for each in grey]
+            parts = [(each, share) for each in grey]
             if letter in stars:
-                parts.append((stars[letter], np.ones(len(stars[letter].xy_px))))
+                parts.append((stars[letter], 1.0))
             points[letter] = merged(parts)
         has_points = any(len(each.xy_px) for each in points.values())
         options = {"exposure_s": exposure_s, "roi": roi, "margin_px": self._margin_px}
