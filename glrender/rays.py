@@ -43,7 +43,8 @@ class RayMesh:
         along = -np.einsum("ij,ij->i", ray, origin_m)
         nearest = origin_m + ray * along[:, None]
         # What passes the bounding sphere meets nothing: float32 has no room for a start far off, and would.
-        near = np.flatnonzero((np.linalg.norm(nearest, axis=1) < 1.01 * self.radius_m) & (along > -1.01 * self.radius_m))
+        reach_m = 1.01 * self.radius_m
+        near = np.flatnonzero((np.linalg.norm(nearest, axis=1) < reach_m) & (along > -reach_m))
         # Float32 rays start close by: on the bounding sphere where the origin is beyond it.
         start = nearest[near] - ray[near] * np.minimum(along[near], 1.5 * self.radius_m)[:, None]
         facet = np.full(len(ray), -1)
