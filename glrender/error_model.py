@@ -133,8 +133,17 @@ def facets_per_px(view: BodyView, n_facets: int) -> float:
 def shadow_share(view: BodyView, shadow_map_px: int) -> float:
     """Share of one sample's squared error that the texels of a shadow map leave at the edges of shadows."""
     # Of a part of a body, its edges of shadows may be all that there is.
-    edges = min(_SHADOW_EDGES_PER_RAD * view.phase_rad, _MOST_SHADOW_EDGES) if view.is_whole else 1.0
-    return edges * (view.finest_px / shadow_map_px) ** 3
+    return (usual_edges(view) if view.is_whole else 1.0) * texel_share(view, shadow_map_px)
+
+
+def usual_edges(view: BodyView) -> float:
+    """Share of one sample's squared error at the edges of cast shadows, of a whole body."""
+    return min(_SHADOW_EDGES_PER_RAD * view.phase_rad, _MOST_SHADOW_EDGES)
+
+
+def texel_share(view: BodyView, shadow_map_px: int) -> float:
+    """Squared error at the edges of shadows, with the texels of a shadow map over one sample a pixel."""
+    return (view.finest_px / shadow_map_px) ** 3
 
 
 def leaked_flux(view: BodyView, level: LevelTraits, shadow_map_px: int) -> float:

@@ -25,6 +25,8 @@ from .surface_pass import IRRADIANCE_STAGE, Frame, SurfacePass
 _MAX_WINDOW_SAMPLES = 4096 * 4096
 # Of the budget: what is left then for samples would not do.
 _ALL_BUT = 0.9
+# Of a pixel's light, what it lacks that has a shadow: rounding lacks less.
+_SHADED = 1e-3
 
 
 class IrradiancePass:
@@ -103,7 +105,12 @@ class IrradiancePass:
             mean[tile], error[tile] = pixel_errors(samples, window.samples, noise, dark)
         now, power = frame_error(mean, error), error_model.noise_power(noise)
         # Edges of shadows lie where the map's texels put them, however many samples see them.
-        floor = math.hypot(window.modelling_error, now * math.sqrt(window.shadow_share * window.samples**power))
+        told = now * window.samples**(0.5 * power)
+        floor = math.hypot(window.modelling_error, told * math.sqrt(window.shadow_share))
+        if may_give_up and floor > _ALL_BUT * window.budget > window.modelling_error:
+            # Dear as rays are, the image without shadows tells first how much of its error is at such edges.
+            edges = self._edge_share(window, frame, clock, mean, error)
+            floor = math.hypot(window.modelling_error, told * math.sqrt(window.texel_share * edges))
         if may_give_up and floor > _ALL_BUT * window.budget:
             return None
         budget = max(math.sqrt(max(window.budget**2 - floor**2, 0.0)), 0.3 * window.budget)
@@ -119,6 +126,17 @@ class IrradiancePass:
                 clock.lap("readback")
         return mean, replace(window, predicted_error=error_gain * math.hypot(refinement.predicted_error, floor),
                              refined_samples=refinement.samples, refined_share=refinement.share)
+
+    def _edge_share(self, window: WindowPlan, frame: Frame, clock: Clock, mean: np.ndarray, error: np.ndarray) -> float:
+        """Of the squared error of pixels (height, width), the share beside the edges of cast shadows."""
+        bare = np.zeros_like(mean)
+        for tile in self._tiles(mean.shape, window.samples):
+            bare[tile] = pixel_means(self._draw_tile(window, replace(frame, shadows={}), clock, tile, window.samples),
+                                     window.samples)
+        around = np.ones((3, 3), np.uint8)
+        edges = [cv2.dilate(part.astype(np.uint8), around) for part in (mean < (1.0 - _SHADED) * bare, mean > 0.0)]
+        squared = np.square(error, dtype=np.float64)
+        return float(squared[(edges[0] & edges[1]) > 0].sum() / max(squared.sum(), 1e-300))
 
     def _sunward(self, window: WindowPlan, frame: Frame, clock: Clock) -> np.ndarray | None:
         """Pixels (rows, columns) uint8 that see what faces the Sun, or are near one, where many rays would be cast.

@@ -65,9 +65,11 @@ class WindowPlan:
     budget : float [1]
         Error above which pixels are drawn again with more samples; infinite for never.
     modelling_error : float [1]
-        What samples do not cure: levels of detail, texels of shadow maps.
+        What samples do not cure, but for the edges of shadows: levels of detail, light that leaks, penumbras.
     shadow_share : float [1]
         Of one sample's squared error, as the image tells it: left by the shadow maps' texels.
+    texel_share : float [1]
+        The same of what of it sits at the edges of shadows.
     noise : (float, float) [rad], [1]
         Angle of the creases between facets, and facets a pixel: arguments of `noise_gain`.
     predicted_error : float [1]
@@ -83,6 +85,7 @@ class WindowPlan:
     modelling_error: float
     noise: tuple[float, float]
     shadow_share: float
+    texel_share: float
     predicted_error: float
     refined_samples: int = 0
     """Samples along the side of the pixels that were drawn again; 0 for none."""

@@ -88,7 +88,7 @@ def test_rays_are_cast_where_they_are_cheaper_or_a_shadow_map_is_too_coarse():
     assert windows([view(size_px=15.0)], 0.05, costs=rays, samples=4)[0].engine == "raster", "as it was asked for"
     inside = view(bounds_px=None, size_px=np.inf)
     coarse, = windows([inside], 0.01)
-    assert coarse.modelling_error > 0.01
+    assert coarse.predicted_error > 0.01
     exact, = windows([inside], 0.01, costs=rays)
     assert exact.engine == "rays" and exact.modelling_error == 0.0
 
