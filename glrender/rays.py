@@ -39,19 +39,22 @@ class RayMesh:
 
     def hit(self, origin_m: np.ndarray, ray: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Facet (N,) or -1, and distance (N,) float64 [m] or infinity, of rays (N, 3) from a point or points."""
+        origin_m = np.broadcast_to(origin_m, ray.shape)
+        along = -np.einsum("ij,ij->i", ray, origin_m)
+        nearest = origin_m + ray * along[:, None]
+        # What passes the bounding sphere meets nothing: float32 has no room for a start far off, and would.
+        reach_m = 1.01 * self.radius_m
+        near = np.flatnonzero((np.linalg.norm(nearest, axis=1) < reach_m) & (along > -reach_m))
         # Float32 rays start close by: on the bounding sphere where the origin is beyond it.
-        along = -np.einsum("ij,ij->i", ray, np.broadcast_to(origin_m, ray.shape))
-        away = np.sqrt(np.maximum(np.sum(np.square(origin_m), axis=-1) - along**2, 0.0))
-        advance = np.where((along > 1.5 * self.radius_m) & (away < 1.01 * self.radius_m), along - 1.5 * self.radius_m,
-                           0.0)
-        start = origin_m + ray * advance[:, None]
-        facet = self._scene.run(np.ascontiguousarray(start / self.radius_m, np.float32),
-                                np.ascontiguousarray(ray, np.float32))
+        start = nearest[near] - ray[near] * np.minimum(along[near], 1.5 * self.radius_m)[:, None]
+        facet = np.full(len(ray), -1)
+        if len(near):
+            facet[near] = self._scene.run(np.ascontiguousarray(start / self.radius_m, np.float32),
+                                          np.ascontiguousarray(ray[near], np.float32))
         distance = np.full(len(ray), np.inf)
         found = np.flatnonzero(facet >= 0)
         normal = self.normals[facet[found]]
-        origin = np.broadcast_to(origin_m, ray.shape)[found]
-        distance[found] = (np.einsum("ij,ij->i", self._corner[facet[found]] - origin, normal)
+        distance[found] = (np.einsum("ij,ij->i", self._corner[facet[found]] - origin_m[found], normal)
                            / np.einsum("ij,ij->i", ray[found], normal))
         return facet, distance
 

@@ -26,6 +26,23 @@ def test_flux_of_a_sphere(phase_deg):
     np.testing.assert_allclose(image.irradiance_W_m2.sum(dtype=np.float64), expected, rtol=2e-3)
 
 
+@pytest.mark.parametrize("range_m", [2e6, 2e7, 2e9, 2e11])
+def test_a_body_is_no_larger_from_far(range_m):
+    """Rays that pass a sphere by more than 1 % meet nothing, from 2e9 radii; light at 150 deg as in closed form, 0.3 %.
+
+    Rays that started there in float32 met it: a crescent was 9 % too bright from 2e5 radii.
+    """
+    camera = views.camera(112, 80.0 * range_m / 200.0)
+    with RayTracer(views.scene([views.sphere(GREY, 6)], [camera])) as tracer:
+        image = tracer.render(views.state(phase_deg=150.0, range_m=range_m), samples=8, products=["body_id"])
+    row, column = np.nonzero(image.products["body_id"] >= 0)
+    assert np.hypot(row - 55.5, column - 55.5).max() < 40.0
+    expected = views.SOLAR_IRRADIANCE_W_M2 * (100.0 / range_m) ** 2 * 0.4 * 2 / 3 * phi_lambert(np.radians(150.0))
+    if range_m < 1e9:
+        # From farther the Sun stands in another direction than from the body's place.
+        np.testing.assert_allclose(image.irradiance_W_m2.sum(dtype=np.float64), expected, rtol=3e-3)
+
+
 @pytest.mark.parametrize("phase_deg", [20.0, 60.0, 110.0, 150.0, 170.0])
 def test_a_pillar_shades_and_hides_as_much_as_it_must(phase_deg):
     """A slab seen against the Sun, incidence = emission; the pillar's two strips within 1 % of their area."""

@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.ndimage import convolve, convolve1d, spline_filter1d
+from scipy.ndimage import convolve, convolve1d, shift, spline_filter1d
 from scipy.special import erf
 
 # From here on a Gaussian and the spline through its samples are the same within 4e-6 of its sum.
@@ -74,6 +74,64 @@ def without_pixel(kernel: np.ndarray) -> np.ndarray:
         # Reflected at the rim: no light leaves the kernel.
         kernel = convolve1d(kernel, np.array([-1.0, 26.0, -1.0]) / 24.0, axis=axis, mode="reflect")
     return non_negative(kernel)
+
+
+def measured_between(kernel: np.ndarray, parts: int) -> np.ndarray:
+    """A measured kernel, known for points at pixel centres, at places so many a pixel and axis; for points anywhere.
+
+    A cubic spline through it; what that undershoots is cut off, and sum and centre of light are put right.
+
+    Parameters
+    ----------
+    kernel : (..., n, m) float64, >= 0
+    parts : int
+        Odd.
+
+    Returns
+    -------
+    (..., parts (n + 3) + 1, parts (m + 3) + 1) float64
+        The place k is k / parts - 2 px from the kernel's first pixel; a point between pixels has every
+        `parts`-th.
+    """
+    leading, (n, m) = kernel.shape[:-2], kernel.shape[-2:]
+    fine = np.zeros((*leading, parts * (n + 3) + 1, parts * (m + 3) + 1))
+    steps = np.arange(-(parts // 2), parts // 2 + 1)
+    for node in np.ndindex(leading):
+        room = np.pad(kernel[node], _SPLINE_REACH_PX)
+        splines = spline_filter1d(spline_filter1d(room, 3, axis=0, mode="mirror"), 3, axis=1, mode="mirror")
+        for i in steps:
+            for j in steps:
+                seen = shift(splines, (i / parts, j / parts), order=3, mode="constant", prefilter=False)
+                rim = _SPLINE_REACH_PX - 1
+                fine[node][parts - i::parts, parts - j::parts][:n + 2, :m + 2] = _put_right(
+                    seen[rim:-rim, rim:-rim], kernel[node], (i / parts, j / parts))
+    return fine
+
+
+def _put_right(seen: np.ndarray, kernel: np.ndarray, offset_px: tuple[float, float]) -> np.ndarray:
+    """A kernel (n + 2, m + 2) of a point at an offset: none below 0, with the sum and the place of one (n, m)."""
+    # A point's light reaches a pixel farther on its side alone.
+    rows, columns = (slice(int(offset >= 0.0), n - (offset <= 0.0)) for offset, n in
+                     zip(offset_px, seen.shape, strict=True))
+    kept = np.zeros_like(seen)
+    kept[rows, columns] = np.maximum(seen[rows, columns], 0.0)
+    kept *= kernel.sum() / kept.sum()
+    for axis, offset in enumerate(offset_px):
+        lines = np.moveaxis(kept[rows, columns], axis, 0)
+        light = lines.sum(axis=1)
+        first = 1 - (rows, columns)[axis].start
+        wanted = first + offset + _centre(np.moveaxis(kernel, axis, 0).sum(axis=1))
+        step = (wanted - _centre(light)) * light.sum()
+        back, on = (np.s_[:-1], np.s_[1:]) if step > 0.0 else (np.s_[1:], np.s_[:-1])
+        if light[back].sum() > abs(step) > 0.0:
+            moved = lines[back] * (abs(step) / light[back].sum())
+            lines[back] -= moved
+            lines[on] += moved
+    return kept
+
+
+def _centre(light: np.ndarray) -> float:
+    return float(light @ np.arange(len(light)) / light.sum())
 
 
 def non_negative(kernel: np.ndarray) -> np.ndarray:

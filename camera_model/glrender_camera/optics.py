@@ -14,7 +14,7 @@ from . import psf
 from .aberrations import Aberrations
 from .convolution import Convolution, FieldConvolution
 from .errors import ConfigError, error_path
-from .image_kernel import from_splines, gaussian_image_axis, spline_weights, without_pixel
+from .image_kernel import from_splines, gaussian_image_axis, measured_between, spline_weights, without_pixel
 from .spectrum import Curve, band, curve, photon_weights, require_overlap
 from .straylight import StrayLight
 from .validate import integer, known_keys, positive, within
@@ -172,13 +172,16 @@ class Optics:
 
     @cached_property
     def psf_fine_kernel(self) -> np.ndarray:
-        """The pupil's kernel at places a fifth of a pixel apart, each the light of a whole pixel around it.
+        """A pupil's or a measured kernel at places a fifth of a pixel apart, each the light of a whole pixel around it.
 
         Returns
         -------
-        (n, n) or (rows, columns, n, n) float64 [1]
-            Its middle and every fifth place from there are `psf_kernel`; n = 5 (2 r + 2) + 1.
+        (n, m) or (rows, columns, n, m) float64 [1]
+            Its middle and every fifth place from there are `psf_kernel`, of a pupil; n = 5 (2 r + 2) + 1. A measured
+            one is a pixel wider on each side, r + 1 for r, so that its rim may be light.
         """
+        if self.psf_measured is not None:
+            return measured_between(self.psf_kernel, FINE)
         radius_px = self.psf_margin_px[0]
         fine = self._pupil_kernels(FINE * (radius_px + 1) + FINE // 2, FINE)[..., 0, :, :]
         # The sum over 5 x 5 cells around each place.
