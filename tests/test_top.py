@@ -29,6 +29,12 @@ CLEAR = b"\x1b[H\x1b[J"
 GLRENDER = str(Path(sys.executable).with_name("glrender"))
 
 
+@pytest.fixture(scope="module")
+def live(tmp_path_factory):
+    with serving.server(tmp_path_factory.mktemp("top")) as (endpoint, _):
+        yield endpoint
+
+
 def test_once_is_one_screen_for_scripts(tmp_path):
     with serving.server(tmp_path, "--workers", "2") as (endpoint, _), Client(endpoint) as client:
         for _ in range(3):
@@ -120,24 +126,22 @@ def on_a_terminal(columns, lines, *arguments):
 
 
 @pytest.mark.parametrize("columns, lines", [(120, 40), (20, 40), (80, 4), (1, 2)])
-def test_a_screen_fits_its_terminal(tmp_path, columns, lines):
+def test_a_screen_fits_its_terminal(live, columns, lines):
     """A line that is broken in two, or one too many, would leave what is above it standing."""
-    with serving.server(tmp_path) as (endpoint, _):
-        screens, code = on_a_terminal(columns, lines, endpoint, "--interval", "0.1")
+    screens, code = on_a_terminal(columns, lines, live, "--interval", "0.1")
     assert code == 0 and len(screens) > 3
     for one in screens:
         shown = one.decode().replace("\r", "").splitlines()
         assert len(shown) == min(8, lines - 1) and max(map(len, shown)) <= columns
-        assert shown[0] == f"{endpoint}  up"[:columns] + shown[0][len(f"{endpoint}  up"):]
+        assert shown[0] == f"{live}  up"[:columns] + shown[0][len(f"{live}  up"):]
 
 
-def test_who_reads_one_line_hears_no_complaint(tmp_path):
-    with serving.server(tmp_path) as (endpoint, _):
-        with subprocess.Popen([GLRENDER, "top", endpoint, "--interval", "0.1"], text=True, stdout=subprocess.PIPE,
-                              stderr=subprocess.PIPE) as watcher:
-            assert watcher.stdout.readline().startswith(endpoint)
-            watcher.stdout.close()
-            assert watcher.wait(10.0) == 0 and watcher.stderr.read() == ""
+def test_who_reads_one_line_hears_no_complaint(live):
+    with subprocess.Popen([GLRENDER, "top", live, "--interval", "0.1"], text=True, stdout=subprocess.PIPE,
+                          stderr=subprocess.PIPE) as watcher:
+        assert watcher.stdout.readline().startswith(live)
+        watcher.stdout.close()
+        assert watcher.wait(10.0) == 0 and watcher.stderr.read() == ""
 
 
 def test_a_server_that_is_closing_is_shown_and_waited_for(monkeypatch, capsys):
