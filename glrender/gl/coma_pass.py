@@ -12,7 +12,7 @@ import numpy as np
 from ..shaders import UniformBlock, compose
 from .context import Context
 from .owner import ResourceOwner
-from .passes import ShadowMap, Target
+from .targets import ShadowMap, Target
 
 _BINDING = 0
 _UNITS = {"weights": 0, "total": 1, "front": 2, "surface": 3, "shadow_map": 4}
