@@ -25,7 +25,7 @@ classdef GlRenderClient < handle
   properties (Access = private)
     Where        % 'host:port'
     Socket = []
-    NextId = 256  % the width of an id on the wire is the same for long
+    NextId = 256
     IsClosed = false
     Packed = []  % of the last request, for the next like it: see glr_request
     Read = []    % of the last reply, likewise: see glr_header
@@ -193,7 +193,7 @@ classdef GlRenderClient < handle
 
     function request = packed(self, op, pairs, state)
       request.id = self.NextId;
-      self.NextId = request.id + 1;
+      self.NextId = 256 + mod(request.id - 255, 65280);  % three bytes of MessagePack: see glr_header
       pairs = [{'op', op, 'client', self.Name}, pairs];
       [request.bytes, self.Packed] = glr_request(self.Packed, request.id, pairs, state);
     end
@@ -211,7 +211,7 @@ classdef GlRenderClient < handle
         error('glrender:connection', 'the connection to %s is closed', self.Where);
       end
       if ~isempty(progress)
-        self.watch(progress);
+        glr_watch(self.Socket, self.Host, self.Port, self.Timeout, progress);
       end
       while true
         [header_bytes, parts] = glr_receive(self.Socket, self.Timeout, self.Where);
@@ -240,31 +240,6 @@ classdef GlRenderClient < handle
           frame = entry.frame + 1;
         end
         arrays{frame}.(entry.name) = glr_array(entry, parts{entry.part});
-      end
-    end
-
-    function watch(self, progress)
-      % Tell how far slow frames are until the reply begins to come, asking by another connection.
-      began = tic();
-      due = 0.5;
-      other = [];
-      while toc(began) < self.Timeout && GlRenderClient.n_waiting(self.Socket) == 0
-        pause(0.02);
-        if toc(began) < due
-          continue
-        end
-        due = toc(began) + 0.5;
-        try
-          if isempty(other)
-            other = GlRenderClient(self.Host, self.Port, 'Timeout', self.Timeout, 'Retries', 0);
-          end
-          told = other.status();
-        catch
-          return  % what is wrong, the reply will tell
-        end
-        if isfield(told, 'slow_frames') && ~isempty(told.slow_frames)
-          progress(max(told.slow_frames));
-        end
       end
     end
 
@@ -299,14 +274,6 @@ classdef GlRenderClient < handle
   end
 
   methods (Static, Access = private)
-    function count = n_waiting(socket)
-      try
-        count = socket.NumBytesAvailable;
-      catch
-        count = socket.BytesAvailable;  % before R2020b
-      end
-    end
-
     function names = request_options()
       names = {'allow_slow', 'progress'};
     end

@@ -98,6 +98,8 @@ class AsyncClient:
                     return future.result()
         finally:
             del self._waiting[number]
+            if not future.cancel() and not future.cancelled():
+                future.exception()  # of a request given up when its answer was there: nobody else asks
         raise RequestTimeout(f"{self._endpoint} did not answer `{op}` within {self._timeout_s:g} s, "
                              f"{self._retries + 1} times; is glrender-server running there?")
 

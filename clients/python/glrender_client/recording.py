@@ -121,6 +121,8 @@ def _ask(socket: zmq.Socket, request: bytes, timeout_s: float) -> list[bytes]:
 
 def _difference(recorded: list[bytes], again: list[bytes]) -> str:
     before, after = _lasting(msgpack.unpackb(recorded[0])), _lasting(msgpack.unpackb(again[0]))
+    if "shared" in before:
+        return f"pixels of {before['arrays'][0]['name']} were left in shared memory, and not recorded"
     for name in {**before, **after}:
         if before.get(name) != after.get(name):
             return f"{name}: {before.get(name)!r}, now {after.get(name)!r}"
