@@ -11,6 +11,8 @@ import views
 from glrender import Body, Pose, Renderer, State, frames, generate, take_frame
 from glrender.backends.raytrace import RayTracer
 from glrender.brdf import Lambert
+from glrender.emission import Coma, Dust
+from glrender.emission.sources.haser import Haser
 from glrender_camera import BrownConrady, CameraModel, ConfigError, Detector, Optics, PointSources
 
 GREY = Lambert(normal_albedo=0.3)
@@ -164,3 +166,26 @@ def test_the_renderer_tells_flux_and_centre_of_small_bodies():
     assert not inside.small_bodies[0].is_apart and apart.small_bodies[0].is_apart
     assert not apart.irradiance_W_m2.any()
     np.testing.assert_allclose(inside.irradiance_W_m2.sum(dtype=np.float64), flux, rtol=0.005)
+
+
+def test_dust_that_dims_a_small_nucleus_dims_its_points():
+    """Eight pixels in a thick coma: what the image has behind the same optics, 1 %; as points it was 65 % brighter."""
+    each, nucleus = camera("c", 8.0, (0.2, 0.1), 0.7), views.sphere(GREY, 4)
+    coma = Coma(body="body", sources=[Haser(weight_m=30.0)], dust=Dust(extinction_efficiency=2.0))
+    state = views.state(phase_deg=40.0, range_m=RANGE_M)
+    with Renderer(views.scene([nucleus], [each], max_error=0.02, emission=[coma])) as renderer:
+        frame, image = take_frame(renderer, state).frame, renderer.render(state)
+    expected = each.expose(image.irradiance_W_m2).electrons
+    np.testing.assert_allclose(frame.electrons, expected, atol=0.01 * expected.max())
+    with Renderer(views.scene([nucleus], [each], max_error=0.02)) as renderer:
+        assert take_frame(renderer, state).frame.electrons.max() > 1.5 * expected.max()
+
+
+@pytest.mark.parametrize("option, message", [
+    ({"roi": (20, 20, 40, 40)}, "roi: is of draw_still alone"), ({"out": np.zeros((64, 64), np.float32)}, "out: is of"),
+    ({"max_eror": 0.1}, "max_eror: is no option, got 0.1; there are max_error, samples")])
+def test_options_that_a_frame_does_not_have_are_refused(option, message):
+    """A region moved small bodies by its corner; memory lent was shared by all poses of a motion."""
+    with Renderer(views.scene([binary()], [camera("c", 6.0, (0.0, 0.0), 0.7)])) as renderer:
+        with pytest.raises(ConfigError, match=message):
+            take_frame(renderer, views.state(range_m=RANGE_M), **option)
