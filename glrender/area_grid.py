@@ -40,9 +40,9 @@ class SmallBody:
     points: PointSources
 
     @classmethod
-    def from_grid(cls, names: tuple[str, ...], samples: np.ndarray, bounds_px: tuple[float, float, float, float],
-                  apart_px: float) -> SmallBody:
-        """From a grid of samples (rows, columns) [W/m2 per pixel] over x0, y0, x1, y1 [px]; apart if less across."""
+    def from_grid(cls, names: tuple[str, ...], samples: np.ndarray, bounds_px: tuple[float, float, float, float], *,
+                  size_px: float, is_apart: bool) -> SmallBody:
+        """From a grid of samples (rows, columns) [W/m2 per pixel] over x0, y0, x1, y1 [px]."""
         x0, y0, x1, y1 = bounds_px
         rows, columns = samples.shape
         x, y = x0 + (np.arange(columns) + 0.5) * (x1 - x0) / columns, y0 + (np.arange(rows) + 0.5) * (y1 - y0) / rows
@@ -57,8 +57,7 @@ class SmallBody:
         places = np.stack([moment_x[lit], moment_y[lit]], axis=1)
         total = float(cells.sum())
         centre = places.sum(axis=0) / total if total > 0.0 else 0.5 * np.array([x1 - x0, y1 - y0])
-        size_px = max(x1 - x0, y1 - y0)
-        return cls(names=names, size_px=size_px, is_apart=size_px < apart_px, irradiance_W_m2=total,
+        return cls(names=names, size_px=size_px, is_apart=is_apart, irradiance_W_m2=total,
                    xy_px=centre + (x0, y0), points=PointSources(places / cells[lit][:, None] + (x0, y0), cells[lit]))
 
 

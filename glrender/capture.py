@@ -117,7 +117,8 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
         Poses during the exposure, of rising `t_s` that spans it, around `state.t_s`: drawn instead of those that
         rates would make; the light is linear in time between them.
     **options
-        As of `draw_still`; the budget holds after the point spread function.
+        `max_error`, `samples`, `allow_slow`, `on_progress`, as of `draw_still`; the budget holds after the point
+        spread function. A frame is that of the whole detector: there is no `roi`, and each pose has its own image.
 
     Returns
     -------
@@ -134,6 +135,9 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
     if model is None:
         raise ConfigError("output", f"camera {pinhole.name!r} has no optics and detector", "dn",
                           "give it a `model` in the scene, or ask for 'irradiance'")
+    for name in ("roi", "out"):
+        if name in options:
+            raise ConfigError(name, "is of draw_still alone: light is spread over the whole frame", options[name])
     exposure = checked_exposure("exposure_s", model.exposure_s if exposure_s is None else exposure_s)
     if exposure == "auto" and previous is not None:
         exposure = model.auto_exposure.after(previous, model.detector)

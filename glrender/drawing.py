@@ -27,6 +27,8 @@ _SMOOTH = ("range", "r_body")
 _LARGEST_STEP = 4.0
 # Smaller bodies are spread as points: an image of pixels has lost their places, a crescent's of 8 px by 0.06 px.
 _APART_PX = 24.0
+# Options that a renderer may take, besides those that all do.
+_OPTIONS = ("allow_slow", "on_progress", "out")
 # Of products beside the bodies, where it is not NaN.
 _BESIDE = {"body_id": -1, "facet_id": -1, "sunlit": 0}
 
@@ -70,7 +72,12 @@ class Drawing:
     on_progress : callable, optional
         Called with the share done, 0..1, of all poses: it never falls.
     **options
-        Of the renderer; those that it does not take are left out.
+        Of the renderer; those of `Renderer.render` that it does not take are left out.
+
+    Raises
+    ------
+    ConfigError
+        Of an option that is none.
     """
 
     def __init__(self, renderer: Any, camera: PinholeCamera, margin_px: int, is_for_detector: bool, *,
@@ -87,6 +94,9 @@ class Drawing:
         if roi is not None and self.lens is None:
             self._box, self._shape, self.source = roi, (wide.height_px, wide.width_px), _part(wide, roi)
         taken = inspect.signature(renderer.render).parameters
+        for name, value in options.items():
+            if name not in (*taken, *_OPTIONS):
+                raise ConfigError(name, "is no option", value, f"there are max_error, samples, {', '.join(_OPTIONS)}")
         self._options = {name: value for name, value in options.items() if name in taken}
         self._tells = on_progress is not None and "on_progress" in taken
         self._budget = renderer.scene.max_error if max_error is None else checked_max_error(max_error)

@@ -3,7 +3,8 @@
 A plug-in is a class with `from_table(table, resolve, bodies)`, which reads a `[[emission]]` table of a scene: of
 that come objects with `body`, the name of the body that the light is around, and `open(context, scene)`, which
 gives a context manager with `add(irradiance, frame)`. They may also have `trace(scene)`, which gives something with
-`add` for the frames of backends that trace rays; those leave out what has none, and say so.
+`add` for the frames of backends that trace rays; those leave out what has none, and say so. One with `dims` false
+never dims the surfaces: small bodies in it may then be told as points, beside the image.
 """
 
 from __future__ import annotations

@@ -16,7 +16,8 @@ from .clock import Clock
 from .gl.context import Context
 from .gl.mesh import IRRADIANCE_STAGE
 from .gl.targets import Target
-from .plan_windows import FACING_SAMPLES, MANY_RAYS, WindowChoice
+from .grouping import outline_px
+from .plan_windows import FACING_SAMPLES, MANY_RAYS, WindowChoice, apart_size_px
 from .ray_engine import RayEngine
 from .refine import frame_error, pixel_errors, pixel_means, plan_refinement
 from .render_plan import WindowPlan
@@ -66,7 +67,7 @@ class IrradiancePass:
         small : list of SmallBody
             Gets the body that has a grid of its own.
         apart_px : float [px]
-            A smaller one is told there alone, and not added to the image.
+            One of a smaller `apart_size_px` is told there alone, and not added to the image.
         """
         if not choice.first.samples:
             small.append(self._draw_own_grid(irradiance, choice.first, frame, clock, apart_px))
@@ -82,7 +83,9 @@ class IrradiancePass:
     def _draw_own_grid(self, irradiance: np.ndarray, window: WindowPlan, frame: Frame, clock: Clock,
                        apart_px: float) -> SmallBody:
         samples = self._samples(window, frame, clock, window.bounds_px, window.grid)
-        body = SmallBody.from_grid(window.bodies, samples, window.bounds_px, apart_px)
+        members = [view for view in frame.views if view.name in window.bodies]
+        body = SmallBody.from_grid(window.bodies, samples, window.bounds_px, size_px=outline_px(members),
+                                   is_apart=apart_size_px(members) < apart_px)
         if not body.is_apart:
             add_by_area(irradiance, samples, window.bounds_px)
         clock.lap("readback")

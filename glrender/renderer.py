@@ -129,8 +129,9 @@ class Renderer:
             Whether the budget holds for the image after the camera's PSF.
         apart_px : float [px], 0..256
             Bodies that are smaller, and alone in their pixels, are told in `Image.small_bodies` instead of the
-            image: sub-pixel places that a point spread function can use. Of several the smallest, as many as
-            together cover no more than one body of this size.
+            image: sub-pixel places that a point spread function can use. At a phase angle g those up to 1 / cos(g / 2)
+            as large are, at most 4 times. Of several the smallest, as many as together cover no more than one body of
+            this size; none in an emission that dims.
         allow_slow : bool or {"raytrace", "cycles"}
             Whether another backend may draw the frame, in seconds or minutes, where OpenGL's error is above
             the budget and no `samples` or `level` is asked for; or which one.
@@ -164,6 +165,9 @@ class Renderer:
         may_be_slow = checked_allow_slow(allow_slow) and level is None
         gain = pinhole.model.psf_noise_gain if after_psf and pinhole.model is not None else 1.0
         views = view_bodies(state, pinhole, self.scene.hulls)
+        if any(getattr(emission, "dims", True) for emission in self.scene.emission):
+            # What dims the image does not reach points beside it.
+            apart_px = 0.0
         apart_px = apart_limit(views, apart_px)
         planned = self._plan_bodies(views, pinhole, budget / gain, level)
         # What is asked for by its level is drawn by OpenGL.

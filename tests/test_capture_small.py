@@ -11,11 +11,14 @@ import views
 from glrender import Body, Pose, Renderer, State, frames, generate, take_frame
 from glrender.backends.raytrace import RayTracer
 from glrender.brdf import Lambert
+from glrender.emission import Coma, Dust
+from glrender.emission.sources.haser import Haser
 from glrender_camera import BrownConrady, CameraModel, ConfigError, Detector, Optics, PointSources
+from scipy.special import ndtr
 
 GREY = Lambert(normal_albedo=0.3)
 RANGE_M, RADIUS_M = 2e7, 100.0
-SIZES_PX = (0.01, 0.1, 0.4, 1.0, 2.0, 3.0, 4.5, 8.0, 12.0, 20.0, 23.0, 26.0)
+SIZES_PX = (0.01, 0.1, 0.4, 1.0, 2.0, 3.0, 4.5, 8.0, 12.0, 20.0, 23.0, 36.0)
 OFFSETS_PX = ((0.0, 0.0), (0.37, -0.21), (-0.5, 0.49))
 SIGMAS_PX = (0.5, 0.7, 1.0)
 EXPOSURE_S, SIDE_PX = 1.0, 64
@@ -64,7 +67,10 @@ def captures(phase_deg):
 
 @pytest.mark.parametrize("phase_deg", [20.0, 70.0])
 def test_a_body_keeps_flux_and_place_from_a_hundredth_of_a_pixel_to_twenty(phase_deg):
-    """Electrons of the frame: flux 1 %, centre 0.01 px, at three places in a pixel behind three optics."""
+    """Electrons of the frame: flux 1 %, centre 0.01 px, at three places in a pixel behind three optics.
+
+    Of one that is in the image, 0.02 px.
+    """
     flux, direction = true_light(phase_deg)
     for (size, offset, sigma), each, capture in captures(phase_deg):
         per_W_m2 = each.model.optics.aperture_area_m2 * each.model.electrons_per_joule * EXPOSURE_S
@@ -72,9 +78,35 @@ def test_a_body_keeps_flux_and_place_from_a_hundredth_of_a_pixel_to_twenty(phase
         told = f"{size} px at {offset}, sigma {sigma}"
         np.testing.assert_allclose(capture.frame.electrons.sum(dtype=np.float64) / per_W_m2, flux, rtol=0.01,
                                    err_msg=told)
-        np.testing.assert_allclose(views.centroid_px(capture.frame.electrons), expected, atol=0.01, err_msg=told)
+        np.testing.assert_allclose(views.centroid_px(capture.frame.electrons), expected, err_msg=told,
+                                   atol=0.01 if size < 24.0 else 0.02)
         np.testing.assert_allclose(capture.irradiance_W_m2.sum(dtype=np.float64), flux, rtol=0.01, err_msg=told)
         assert capture.stages["points"].startswith("0 stars, 1 bod") == (size < 24.0), told
+
+
+@pytest.mark.parametrize("phase_deg, size_px, is_apart, rms", [
+    (20.0, 23.5, True, 0.003), (20.0, 25.5, False, 0.006), (110.0, 38.0, True, 0.007), (110.0, 45.0, False, 0.02),
+    (150.0, 30.0, True, 0.015), (150.0, 88.0, True, 0.02), (150.0, 98.0, False, 0.035)])
+def test_crescents_are_points_while_an_image_would_lose_them(phase_deg, size_px, is_apart, rms):
+    """Lit pixels of the frame over their mean, against rays on 12 x 12 cells a pixel behind the continuous optics.
+
+    With all bodies from 24 px on in the image the error was 7 % at 150 deg.
+    """
+    n, side, place = 12, int(size_px) + 14, 0.5 * (int(size_px) + 13) + np.array([0.2, -0.3])
+    each = views.camera(side, focal_length_px(size_px), name="c", principal_point_px=tuple(place), model=model(0.7))
+    fine = views.camera(n * side, n * each.focal_length_px, principal_point_px=tuple(n * place + 0.5 * (n - 1)))
+    body, state = views.sphere(GREY, 5), views.state(phase_deg=phase_deg, range_m=RANGE_M)
+    with RayTracer(views.scene([body], [fine])) as tracer:
+        light = tracer.render(state, samples=2).irradiance_W_m2.astype(np.float64)
+    edges = (np.arange(side + 1)[:, None] - 0.5 - ((np.arange(n * side) + 0.5) / n - 0.5)) / 0.7
+    share = np.diff(ndtr(edges), axis=0)
+    true = share @ light @ share.T
+    with Renderer(views.scene([body], [each], max_error=0.02)) as renderer:
+        capture = take_frame(renderer, state)
+    seen = capture.frame.electrons / (each.model.optics.aperture_area_m2 * each.model.electrons_per_joule)
+    lit = true > 0.01 * true.max()
+    assert np.sqrt(np.mean((seen - true)[lit] ** 2)) < rms * true[lit].mean()
+    assert capture.stages["points"].startswith("0 stars, 1 bod") == is_apart
 
 
 def test_a_sphere_of_a_pixel_is_a_star_of_its_light():
@@ -164,3 +196,26 @@ def test_the_renderer_tells_flux_and_centre_of_small_bodies():
     assert not inside.small_bodies[0].is_apart and apart.small_bodies[0].is_apart
     assert not apart.irradiance_W_m2.any()
     np.testing.assert_allclose(inside.irradiance_W_m2.sum(dtype=np.float64), flux, rtol=0.005)
+
+
+def test_dust_that_dims_a_small_nucleus_dims_its_points():
+    """Eight pixels in a thick coma: what the image has behind the same optics, 1 %; as points it was 65 % brighter."""
+    each, nucleus = camera("c", 8.0, (0.2, 0.1), 0.7), views.sphere(GREY, 4)
+    coma = Coma(body="body", sources=[Haser(weight_m=30.0)], dust=Dust(extinction_efficiency=2.0))
+    state = views.state(phase_deg=40.0, range_m=RANGE_M)
+    with Renderer(views.scene([nucleus], [each], max_error=0.02, emission=[coma])) as renderer:
+        frame, image = take_frame(renderer, state).frame, renderer.render(state)
+    expected = each.expose(image.irradiance_W_m2).electrons
+    np.testing.assert_allclose(frame.electrons, expected, atol=0.01 * expected.max())
+    with Renderer(views.scene([nucleus], [each], max_error=0.02)) as renderer:
+        assert take_frame(renderer, state).frame.electrons.max() > 1.5 * expected.max()
+
+
+@pytest.mark.parametrize("option, message", [
+    ({"roi": (20, 20, 40, 40)}, "roi: is of draw_still alone"), ({"out": np.zeros((64, 64), np.float32)}, "out: is of"),
+    ({"max_eror": 0.1}, "max_eror: is no option, got 0.1; there are max_error, samples")])
+def test_options_that_a_frame_does_not_have_are_refused(option, message):
+    """A region moved small bodies by its corner; memory lent was shared by all poses of a motion."""
+    with Renderer(views.scene([binary()], [camera("c", 6.0, (0.0, 0.0), 0.7)])) as renderer:
+        with pytest.raises(ConfigError, match=message):
+            take_frame(renderer, views.state(range_m=RANGE_M), **option)

@@ -61,12 +61,22 @@ def test_a_tighter_budget_asks_for_more_samples():
 
 def test_bodies_apart_cover_no_more_than_one():
     """Eight of 20 px would cost eight times what one does: none is apart; of small ones all are."""
-    one, eight = [view(size_px=20.0)], [view(f"{k}", size_px=20.0) for k in range(8)]
+    one, eight = [view(size_px=20.0, phase_deg=0.0)], [view(f"{k}", size_px=20.0, phase_deg=0.0) for k in range(8)]
     assert plan_windows.apart_limit(one, 24.0) == plan_windows.apart_limit([], 24.0) == 24.0
     assert plan_windows.apart_limit(eight, 24.0) == 20.0
     assert plan_windows.apart_limit([view(f"{k}", size_px=8.0) for k in range(8)], 24.0) == 24.0
     assert plan_windows.apart_limit([*eight, view("moon", size_px=3.0)], 24.0) == 20.0
     assert plan_windows.apart_limit(eight, 0.0) == 0.0
+
+
+@pytest.mark.parametrize("phase_deg, size_px", [(0.0, 24.0), (60.0, 27.7), (110.0, 41.8), (150.0, 92.7), (175.0, 96.0)])
+def test_crescents_are_apart_while_they_have_no_more_pixels_than_a_disc(phase_deg, size_px):
+    """24 px / cos(g / 2), at most 96: closed form; two that touch are as large as both, at the fuller one's phase."""
+    sizes = [plan_windows.apart_size_px([view(size_px=size_px + d, phase_deg=phase_deg)]) for d in (-0.1, 0.1)]
+    assert sizes[0] < 24.0 < sizes[1]
+    both = [view(size_px=10.0, phase_deg=170.0), view(size_px=20.0, phase_deg=phase_deg)]
+    np.testing.assert_allclose(plan_windows.apart_size_px(both), plan_windows.apart_size_px(both[1:]))
+    assert np.isinf(plan_windows.apart_size_px([view(size_px=np.inf)]))
 
 
 def test_a_psf_that_smooths_the_error_saves_samples():

@@ -87,6 +87,11 @@ class Coma:
                 made.append(MODELS[entry["model"]](rest, bodies[name], dust, resolve))
         return cls(body=name, sources=made, dust=dust, has_shadow=table.get("has_shadow", False))
 
+    @property
+    def dims(self) -> bool:
+        """Whether what stands behind or in it loses light."""
+        return self.dust.extinction_efficiency > 0.0
+
     def trace(self, scene: Scene) -> ComaTracing:
         """Its tables for a backend that traces rays."""
         from .tracing import ComaTracing
