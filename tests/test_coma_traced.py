@@ -32,7 +32,7 @@ def beside_edges(range_m):
 @pytest.fixture
 def middles(monkeypatch):
     """OpenGL's pixels have the columns that their middles see, as those of rays that do not see an edge."""
-    monkeypatch.setattr("glrender.emission.drawing._surface_samples", lambda view: 1)
+    monkeypatch.setattr("glrender.emission.drawing.surface_samples", lambda *_: 1)
 
 
 @pytest.mark.usefixtures("middles")
@@ -82,7 +82,7 @@ def test_pixels_at_the_edge_are_means_over_their_area():
 
 
 def test_without_samples_a_pixel_at_the_edge_is_told_to_miss_its_mean(monkeypatch):
-    monkeypatch.setattr("glrender.emission.drawing._surface_samples", lambda view: 1)
+    monkeypatch.setattr("glrender.emission.drawing.surface_samples", lambda *_: 1)
     scene, fine = (coma.scene(Haser(weight_m=5.0), body=coma.SPHERE, pinhole=coma.camera(size))
                    for size in (48, 192))
     truth, _ = light_of(RayTracer, fine, coma.state(), samples=1)

@@ -113,7 +113,7 @@ def _integrals(field: Field, closest: np.ndarray, direction: np.ndarray, a: np.n
                end_m: np.ndarray | float) -> np.ndarray:
     """Integrals of K over theta (N,) [m], all steps of a ray at once, as the shader: for all ends, or for none."""
     low, high = angles(field, closest, direction, a, along, end_m - along)
-    count = np.maximum(np.ceil(steps * (high - low) / np.pi), 2.0)
+    count = np.maximum(np.ceil(steps * (high - low) / np.pi), steps / 4.0)
     index = np.arange(steps)
     # Rays that need fewer steps have theirs within the span; the rest counts for nothing.
     valid = index < count[:, None]
