@@ -157,7 +157,7 @@ def test_bodies_hide_the_coma_behind_them_and_not_that_before_them(monkeypatch):
     q = [1.0, 0.0, 0.0, 0.0]
     at = state(far=Pose(r_inertial_m=[-2.5e3, 0.0, 2e4], q_from_inertial=q),
                near=Pose(r_inertial_m=[2.5e3, 0.0, -1e4], q_from_inertial=q))
-    with Renderer(scene(Haser(weight_m=5.0), bodies=[far, near])) as renderer:
+    with Renderer(scene(Haser(weight_m=5.0), bodies=[far, near], max_error=0.01)) as renderer:
         column, _, (layer,), image = drawn_columns(renderer, at, monkeypatch, products=["range", "body_id"])
         rays = pixel_rays(renderer.scene.cameras[0])
     end = np.where(np.isnan(image.products["range"]), np.inf, image.products["range"]).ravel()

@@ -21,7 +21,7 @@ NEAR_RADII = 1.5
 _SHARE = 0.6
 # Some hundred rays miss the worst places: a vent, an edge of the body. On 67P the truth is up to that much above
 # what they tell of steps, of nodes beside the body and of nodes before it (docs/coma.md).
-_MARGINS = (2.6, 1.6, 3.0)
+_MARGINS = (1.4, 1.6, 2.0)
 # And what pixels at edges may take. Bodies that are smaller are cheap to draw; so are so many samples across one.
 _EDGE_SHARE, _SMALL_PX, _MOST_SAMPLES = 0.7, 256.0, 2048.0
 # With a shadow: least steps, and what its edges between nodes leave, times the root of the nodes' angle from the
@@ -71,7 +71,7 @@ def choose(errors: FieldErrors, footprint_m: float, body_m: float, image_px: flo
     # Rings of the image: the column is the sum over rho, and nodes subtend less farther out.
     outer = max(image_px * footprint_m, 1.5 * body_m, footprint_m)
     rho = np.geomspace(max(min(errors.edges_m[0], 0.3 * body_m), 0.3 * footprint_m), outer, 64)
-    is_front, ring = rho < body_m, rho**2 / np.sum(rho**2)
+    ring = rho**2 / np.sum(rho**2)
     zone = np.clip(np.searchsorted(errors.edges_m, rho) - 1, 0, len(errors.level_m) - 1)
     mean = float(np.sum(ring * errors.level_m[zone] / rho))
     if not mean > 0.0:
@@ -85,10 +85,10 @@ def choose(errors: FieldErrors, footprint_m: float, body_m: float, image_px: flo
     between = lambda table, n: np.where(  # noqa: E731
         n[:, None] > 1, _between(table, zone, np.maximum(n, 1)[:, None] * footprint_m / rho), 0.0)
     curved = (far[:, None] * footprint_m / rho) ** 2 / 12.0 * errors.level_m[zone]
-    of_steps = [errors.steps_m[:, zone] ** 2 @ np.where(part, weight, 0.0) for part in (~is_front, is_front)]
-    of_nodes = between(errors.nodes_m, node) ** 2 @ np.where(is_near & ~is_front, weight, 0.0).T
+    of_steps = [table[:, zone] ** 2 @ weight for table in (errors.steps_m, errors.front_steps_m)]
+    of_nodes = between(errors.nodes_m, node) ** 2 @ np.where(is_near, weight, 0.0).T
     of_far = np.where(is_near, 0.0, between(errors.nodes_m, far) ** 2 + curved**2) @ weight
-    of_front = between(errors.fronts_m, node) ** 2 @ np.where(is_front, weight, 0.0)
+    of_front = between(errors.fronts_m, node) ** 2 @ weight
     steps = np.array(STEPS)
     # Along axes: steps beside the body and before it, nodes beside it, before it and far from it.
     s, t, n, f, g = np.ix_(*(np.arange(len(axis)) for axis in (steps, steps, node, node, far)))
