@@ -217,3 +217,24 @@ def test_a_surface_has_no_more_samples_than_its_budget_needs():
     assert [surface_samples(440.0, 11.4, 1750.0, budget) for budget in (0.1, 0.02, 0.01, 0.002)] == [1, 2, 2, 4]
     assert surface_samples(100.0, 50.0, 1750.0, 0.1) == 4
     assert surface_samples(1500.0, 3.0, 1750.0, 1e-4) == 1
+
+
+@pytest.mark.parametrize("to_m", [(0.0, 0.0, -9e3), (300.0, 0.0, -9e3)])
+def test_straight_away_from_the_nucleus_columns_are_smooth(to_m):
+    """Where the nucleus is right behind the camera, rho is 0 and nothing is: within the budget of rays' image."""
+    at = coma.state(r_spacecraft=(0.0, 0.0, -3e3), q=frames.look_at([0.0, 0.0, -3e3], to_m))
+    scene = coma.scene(Haser(weight_m=5.0), body=coma.LOBES, pinhole=coma.camera(fov_rad=1.0))
+    (drawn, image), (traced, _) = (light_of(make, scene, at, samples=1) for make in (Renderer, RayTracer))
+    assert image.plan.emission[0].modelled["fields"][0]["pixels_per_node"] > 1
+    np.testing.assert_allclose(drawn, traced, rtol=0.02)
+
+
+def test_shadows_of_other_bodies_beside_the_nucleus_are_told_to_be_missing():
+    moon = coma.Body(name="moon", shape=coma.icosphere(radius_m=400.0), brdf=coma.Lambert(normal_albedo=0.05))
+    at = coma.state(moon=Pose(r_inertial_m=[3e3, 5e2, 0.0]))
+    scene = coma.scene(Haser(weight_m=5.0), bodies=[moon], has_shadow=True)
+    told = []
+    for make in (Renderer, RayTracer):
+        with make(scene) as renderer:
+            told.append(" ".join(renderer.render(at, samples=1).plan.emission[0].left_out))
+    assert "other bodies" in told[0] and "other bodies" not in told[1]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -67,7 +67,8 @@ class ComaDrawing(ExitStack):
         footprint_m = view.range_m / frame.camera.focal_length_px
         at_edges = edge_error(footprint_m, self._layers.radius_m, self._samples(frame)) if has_edges else 0.0
         return told(self._coma, [(each.layer, each.sampling) for each in drawn], greatest,
-                    1e3 * (time.perf_counter() - began), at_edges)
+                    1e3 * (time.perf_counter() - began), at_edges,
+                    other_shadows=self._coma.has_shadow and len(frame.views) > 1)
 
     def _plan(self, frame: EmissionFrame, view: BodyView) -> list[_Drawn]:
         body_from_inertial = frames.dcm(frame.state.bodies[view.name].q_from_inertial)
@@ -85,6 +86,9 @@ class ComaDrawing(ExitStack):
             sampling = choose(layer.errors, footprint_m, self._layers.radius_m,
                               0.5 * max(frame.camera.width_px, frame.camera.height_px), frame.max_error,
                               self._coma.has_shadow, 1.0 / frame.camera.focal_length_px)
+            if not is_ahead(-view.camera_from_body @ view.r_camera_body_m):
+                # Nodes that ended at surfaces keep integrals, which are not smooth there.
+                sampling = replace(sampling, front_pixels_per_node=1)
             made.append(_Drawn(layer, volume, layer.field_from_body(body_from_inertial, view.sun_direction_body),
                                sampling))
         return made

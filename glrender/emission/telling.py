@@ -13,7 +13,7 @@ from .planning import Sampling
 
 
 def told(coma: Coma, drawn: Sequence[tuple[Layer, Sampling]], greatest: float, milliseconds: float,
-         at_edges: float = 0.0) -> EmissionPlan:
+         at_edges: float = 0.0, other_shadows: bool = False) -> EmissionPlan:
     """The plan of a coma.
 
     Parameters
@@ -25,10 +25,14 @@ def told(coma: Coma, drawn: Sequence[tuple[Layer, Sampling]], greatest: float, m
     milliseconds : float [ms]
     at_edges : float [1]
         Error that pixels at the bodies' edges leave.
+    other_shadows : bool
+        Whether bodies cast shadows past the coma's own that are not drawn.
     """
     left_out = ["sunlight that the dust takes out before it is scattered, and light scattered twice"]
     if not coma.has_shadow:
         left_out.append("the bodies' shadow in the coma")
+    if other_shadows:
+        left_out.append(f"shadows in the coma that other bodies cast beside {coma.body}")
     if coma.dust.extinction_efficiency == 0.0:
         left_out.append(f"extinction: columns up to {greatest:.2g} of cross-section over area")
     if not drawn:

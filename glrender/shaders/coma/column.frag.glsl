@@ -15,7 +15,8 @@ void main()
 {
     vec2 pixel = near_px + gl_FragCoord.xy - 0.5;
     Ray ray = ray_of(pixel);
-    float sum = texture(total, ((pixel - first_node_px) / pixels_per_node + 0.5) / vec2(textureSize(total, 0))).r;
+    float sum = texture(total, ((pixel - first_node_px) / pixels_per_node + 0.5) / vec2(textureSize(total, 0))).r
+        * (is_ahead != 0 ? 1.0 : ray.a);
 #if HAS_SURFACE
     vec2 seen = seen_at(surface, pixel, ray);
     vec2 span = span_of(ray);

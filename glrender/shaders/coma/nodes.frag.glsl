@@ -25,6 +25,7 @@ void main()
     float s = ray.a * tan(span.y);
     front = vec4(integral(ray, span), span.y, weight(ray.closest + s * ray.direction), 1.0);
 #else
-    total = integral(ray, span);
+    // Away from the origin it is the column that is smooth: a goes through zero where the origin is straight behind.
+    total = integral(ray, span) / (is_ahead != 0 ? 1.0 : ray.a);
 #endif
 }
