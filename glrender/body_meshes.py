@@ -9,7 +9,7 @@ import numpy as np
 from .error_model import BodyTraits, LevelTraits
 from .errors import DeviceError
 from .gl.context import Context
-from .gl.passes import Mesh
+from .gl.mesh import Mesh
 from .lod import Level, levels_of_detail
 from .lod_flux import FluxRatio, flux_ratios
 from .scene import Body

@@ -19,7 +19,7 @@ from glrender_camera import PinholeCamera
 
 if TYPE_CHECKING:
     from .gl.context import Context
-    from .gl.passes import ShadowMap, Target
+    from .gl.targets import ShadowMap, Target
     from .scene import Body, Scene
     from .state import State
     from .view import BodyView

@@ -14,7 +14,8 @@ from glrender_camera import PinholeCamera
 from . import frames, generate
 from .brdf import Lambert
 from .gl.context import Context
-from .gl.passes import Mesh, SurfaceVariant, Target
+from .gl.mesh import IRRADIANCE_STAGE, Mesh, SurfaceVariant
+from .gl.targets import Target
 from .lod import cached_arrays
 from .plan_windows import EngineCosts
 from .ray_engine import RayEngine
@@ -75,7 +76,7 @@ def _draw(context: Context, target: Target, mesh: Mesh, size_px: int) -> np.ndar
     target.begin(size_px, size_px)
     clip = frames.clip_from_camera(4.97 * size_px, (0.5 * size_px - 0.5,) * 2,
                                    (-0.5, -0.5, size_px - 0.5, size_px - 0.5), 8.0, 12.0)
-    mesh.draw_surface("surface.frag.glsl", SurfaceVariant(shadows=False), {
+    mesh.draw_surface(IRRADIANCE_STAGE, SurfaceVariant(shadows=False), {
         "clip_from_surface": clip @ frames.transform(np.eye(3), np.array([0.0, 0.0, 10.0])),
         "shadow_from_body": np.eye(4), "r_camera_body": np.array([0.0, 0.0, -10.0]),
         "r_camera_body_low": np.zeros(3), "sun_direction_body": np.array([0.6, 0.0, -0.8]),

@@ -14,13 +14,14 @@ from . import error_model
 from .area_grid import SmallBody, add_by_area
 from .clock import Clock
 from .gl.context import Context
-from .gl.passes import Target
+from .gl.mesh import IRRADIANCE_STAGE
+from .gl.targets import Target
 from .grouping import outline_px
 from .plan_windows import FACING_SAMPLES, MANY_RAYS, WindowChoice, apart_size_px
 from .ray_engine import RayEngine
 from .refine import frame_error, pixel_errors, pixel_means, plan_refinement
 from .render_plan import WindowPlan
-from .surface_pass import IRRADIANCE_STAGE, Frame, SurfacePass
+from .surface_pass import Frame, SurfacePass
 
 # Samples drawn at once: 16 Mi samples of float32 and depth are 128 MiB.
 _MAX_WINDOW_SAMPLES = 4096 * 4096

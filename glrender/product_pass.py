@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from .gl.context import Context
-from .gl.passes import Mesh, Target
+from .gl.mesh import Mesh
+from .gl.targets import Target
 from .render_plan import WindowPlan
 from .surface_pass import Frame, SurfacePass
 

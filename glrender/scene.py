@@ -180,11 +180,11 @@ def load_scene(path: str | Path) -> Scene:
 
 
 def checked_max_error(value: float, name: str = "max_error") -> float:
-    """An error budget in (0, 1]."""
+    """An error budget in (0, 1], at least 1e-15: float64 tells no more, and the quotients of a planner stay finite."""
     number = finite(name, value)
     if not 0.0 < number <= 1.0:
         raise ConfigError(name, "must be > 0 and <= 1", value)
-    return number
+    return within(name, value, 1e-15, 1.0)
 
 
 def band_irradiances(model: CameraModel | MosaicModel) -> dict[str, float]:

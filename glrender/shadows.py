@@ -12,7 +12,8 @@ from glrender_camera import PinholeCamera
 from . import frames
 from .error_model import NO_PENUMBRA, Penumbra, eclipse_penumbra, own_penumbra
 from .gl.context import Context
-from .gl.passes import Mesh, ShadowMap
+from .gl.mesh import Mesh
+from .gl.targets import ShadowMap
 from .hull import Hull
 from .render_plan import BodyPlan
 from .shadow_box import shadow_box

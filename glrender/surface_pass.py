@@ -10,14 +10,13 @@ from glrender_camera import PinholeCamera
 
 from . import chunk_boxes, frames, grouping
 from .gl.context import Context
-from .gl.passes import Mesh, PixelMask, SurfaceVariant, Target
+from .gl.mesh import IRRADIANCE_STAGE, Mesh, SurfaceVariant
+from .gl.targets import PixelMask, Target
 from .render_plan import BodyPlan
 from .scene import Scene
 from .shadows import NO_SHADOW, Shadow
 from .view import BodyView, chunks_in_window
 
-IRRADIANCE_STAGE = "surface.frag.glsl"
-"""The fragment shader that draws light; others see what is dark too."""
 # Of a facet's normal in float32, by derivatives.
 _NORMAL_RAD = 2e-3
 
@@ -149,7 +148,7 @@ class SurfacePass:
              "irradiance_scale": solar_irradiance / camera.focal_length_px**2,
              "shadow_bias_per_texel": shadow.bias_per_texel,
              "body_id": self._ids[view.name]},
-            shadow.shadow_map, chosen, relief)
+            shadow.shadow_map and shadow.shadow_map.texture, chosen, relief)
 
 
 def _with_room(view: BodyView, beyond_m: float) -> BodyView:

@@ -104,9 +104,10 @@ def test_unknown_camera_product_and_arguments(renderer):
         renderer.render(state, camera="wac")
     with pytest.raises(ConfigError, match=r"products\[1\]: must be one of .*, got 'depth'"):
         renderer.render(state, products=["range", "depth"])
-    for value in (0.0, -1.0, 2.0, float("nan"), "low"):
+    for value in (0.0, -1.0, 2.0, float("nan"), "low", 1e-308, 5e-324):
         with pytest.raises(ConfigError, match="max_error"):
             renderer.render(state, max_error=value)
+    assert renderer.render(state, max_error=1e-15).plan.predicted_error > 1e-15
     for value in (0, 17, 1.5):
         with pytest.raises(ConfigError, match="samples: must be an integer between 1 and 16"):
             renderer.render(state, samples=value)

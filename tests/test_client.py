@@ -284,3 +284,24 @@ def test_a_recording_cut_short_says_so(recording, tmp_path, rng):
         list(read_recording(tmp_path / "none"))
     assert main([str(tmp_path / "none")]) == 1
 
+
+
+@pytest.mark.parametrize("address", ["nonsense", "", "tcp://127.0.0.1", "tcp://127.0.0.1:port"])
+def test_what_is_no_address_is_refused_at_once(address, tmp_path):
+    """A socket that is connected to nothing would block whoever sends, and the end of the program."""
+    with Client(address, retries=0) as client, pytest.raises(GlrenderClientError, match="endpoint must be tcp://HOST"):
+        client.hello()
+
+    async def ask():
+        async with AsyncClient(address) as client:
+            await client.hello()
+
+    with pytest.raises(GlrenderClientError, match="endpoint must be tcp://HOST"):
+        asyncio.run(ask())
+    with pytest.raises(GlrenderClientError, match="endpoint must be tcp://HOST"):
+        list(replay(tmp_path / "none", address))
+
+
+def test_a_very_long_time_is_allowed(endpoint):
+    with Client(endpoint, timeout_s=1e300) as client:
+        assert client.hello()["ok"]

@@ -6,10 +6,13 @@ import cv2
 import numpy as np
 import pytest
 import test_coma_render as coma
-from glrender import DeviceError, Pose, Renderer, open_renderer
+from glrender import DeviceError, Pose, Renderer, frames, open_renderer
 from glrender.backends.raytrace import RayTracer
-from glrender.emission import Dust
+from glrender.emission import Dust, drawing
+from glrender.emission.column import columns
+from glrender.emission.layers import Layers
 from glrender.emission.phase_function import Isotropic
+from glrender.emission.planning import Sampling, surface_samples
 from glrender.emission.sources.haser import Haser
 from glrender.rays import RayMesh
 
@@ -32,7 +35,7 @@ def beside_edges(range_m):
 @pytest.fixture
 def middles(monkeypatch):
     """OpenGL's pixels have the columns that their middles see, as those of rays that do not see an edge."""
-    monkeypatch.setattr("glrender.emission.drawing._surface_samples", lambda view: 1)
+    monkeypatch.setattr("glrender.emission.drawing.surface_samples", lambda *_: 1)
 
 
 @pytest.mark.usefixtures("middles")
@@ -82,7 +85,7 @@ def test_pixels_at_the_edge_are_means_over_their_area():
 
 
 def test_without_samples_a_pixel_at_the_edge_is_told_to_miss_its_mean(monkeypatch):
-    monkeypatch.setattr("glrender.emission.drawing._surface_samples", lambda view: 1)
+    monkeypatch.setattr("glrender.emission.drawing.surface_samples", lambda *_: 1)
     scene, fine = (coma.scene(Haser(weight_m=5.0), body=coma.SPHERE, pinhole=coma.camera(size))
                    for size in (48, 192))
     truth, _ = light_of(RayTracer, fine, coma.state(), samples=1)
@@ -150,3 +153,67 @@ def test_without_embree_cycles_leaves_it_out_and_says_why(monkeypatch):
         monkeypatch.setattr(RayMesh, "__init__", missing)
         image = cycles.render(coma.state(), samples=1)
     assert "emission around nucleus: rays need embreex" in image.plan.left_out
+
+
+ASIDE_M = 5e4 * np.array([0.3, -0.5, -0.812])
+
+
+def area_means(source, pinhole, body, q, every, samples):
+    """Columns averaged over pixels' areas in float64, nothing of OpenGL: (y, x, mean, is at an edge) of some pixels."""
+    mesh, turn = RayMesh(body.shape.vertices_m, body.shape.facets), frames.dcm(q)
+    field = Layers([source], body.shape).at(coma.SUN_M / np.linalg.norm(coma.SUN_M))[0].field
+    ranges = lambda pixel: mesh.hit(ASIDE_M, pinhole.directions(pixel) @ turn)[1]  # noqa: E731
+    y, x = (axis.ravel() for axis in np.mgrid[:pinhole.height_px, :pinhole.width_px])
+    pixel = np.stack([x, y], axis=1).astype(np.float64)
+    edge = ~beside_edges(np.minimum(ranges(pixel), 1e6).reshape(pinhole.height_px, pinhole.width_px)).ravel()
+    parts = []
+    for is_in, step, n in zip((edge, ~edge), every, samples, strict=True):
+        chosen = np.flatnonzero(is_in)[::step]
+        offsets = (np.arange(n) + 0.5) / n - 0.5
+        places = [pixel[chosen] + (dx, dy) for dy in offsets for dx in offsets]
+        mean = sum(columns(field, ASIDE_M, pinhole.directions(p) @ turn, 400, ranges(p)) for p in places) / n**2
+        parts.append((y[chosen], x[chosen], mean, np.full(len(chosen), is_in.sum() / len(chosen))))
+    return tuple(np.concatenate(part) for part in zip(*parts, strict=True))
+
+
+@pytest.mark.parametrize("name", ["jets", "grid"])
+def test_the_error_of_a_large_nucleus_is_below_its_budget_and_the_one_told(name, monkeypatch):
+    """Against area means: 1 % of the mean over all pixels, edges among them, which middles alone miss by more."""
+    source, q = {"jets": coma.three_jets(), "grid": coma.grid()}[name], frames.look_at(ASIDE_M, np.zeros(3))
+    pinhole = coma.camera(size=384, fov_rad=0.12)
+    y, x, mean, weight = area_means(source, pinhole, coma.LOBES, q, (8, 131), (8, 2))
+    scene, at = coma.scene(source, body=coma.LOBES, pinhole=pinhole, max_error=0.01), coma.state(ASIDE_M, q)
+
+    def error():
+        with Renderer(scene) as renderer:
+            column, _, _, image = coma.drawn_columns(renderer, at, monkeypatch)
+        missed = np.sum(weight * (column[y, x] - mean) ** 2) / weight.sum()
+        return np.sqrt(missed) / (np.sum(weight * mean) / weight.sum()), image.plan.emission[0]
+
+    reached, told = error()
+    assert reached < 1.1 * told.predicted_error < 0.011
+    assert told.modelled["fields"][0]["steps"] < 128
+    monkeypatch.setattr("glrender.emission.drawing.surface_samples", lambda *_: 1)
+    assert error()[0] > 1.5 * reached
+
+
+@pytest.mark.parametrize("at", [(0.0, 0.0, -5e4), (2.5e3, 1.5e3, -5e4), (9e3, 0.0, -5e4)],
+                         ids=["middle", "aside", "out of view"])
+def test_what_is_far_has_no_seam(at, monkeypatch):
+    """Linear between far nodes or each pixel by itself: within 0.2 % everywhere, the nucleus in view or not."""
+    scene = coma.scene(Haser(weight_m=5.0), pinhole=coma.camera(size=320, fov_rad=0.2))
+    made = []
+    for far in (8, 0):
+        sampling = Sampling(steps=128, front_steps=128, pixels_per_node=2, front_pixels_per_node=1,
+                            far_pixels_per_node=far, predicted_error=0.0)
+        with monkeypatch.context() as patch, Renderer(scene) as renderer:
+            patch.setattr(drawing, "choose", lambda *_, sampling=sampling: sampling)
+            made.append(coma.drawn_columns(renderer, coma.state(r_spacecraft=at), monkeypatch)[0])
+    np.testing.assert_allclose(made[0], made[1], rtol=2e-3)
+    assert (made[0] != made[1]).any()
+
+
+def test_a_surface_has_no_more_samples_than_its_budget_needs():
+    assert [surface_samples(440.0, 11.4, 1750.0, budget) for budget in (0.1, 0.02, 0.01, 0.002)] == [1, 2, 2, 4]
+    assert surface_samples(100.0, 50.0, 1750.0, 0.1) == 4
+    assert surface_samples(1500.0, 3.0, 1750.0, 1e-4) == 1

@@ -94,7 +94,7 @@ def test_a_thousand_contexts_leak_no_more_than_mesa_itself(backend):
     run = _python(f"""
 import os
 from glrender.gl.context import Context
-from glrender.gl.passes import Target
+from glrender.gl.targets import Target
 def cycle():
     with Context({backend!r}) as context, Target(context, [1, 4]) as target:
         target.begin(64, 64)

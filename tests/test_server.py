@@ -21,6 +21,8 @@ from glrender import Renderer, State, load_scene
 from glrender.brdf import Lambert
 from glrender.image import peak_bytes
 from glrender_client import Busy, Client, GlrenderClientError, RequestTimeout, ServerError
+from glrender_server.dispatcher import Dispatcher
+from glrender_server.front import FairQueue, Request
 from glrender_server.operations import Operations
 
 STATE = views.state().to_dict()
@@ -235,6 +237,41 @@ def test_many_waiting_requests_are_answered_each_once_or_told_busy(endpoint):
         assert len(seen) == 300
         assert set(seen.values()) == {"ok", "busy"}
         assert raw.socket.poll(200) == 0
+
+
+class Occupied:
+    """An engine that is busy for ever."""
+
+    described, outage, has_room, is_idle = {}, "", False, False
+
+
+def test_one_that_fills_the_queue_keeps_nobody_out():
+    dispatcher, told = Dispatcher(Occupied()), []
+
+    def submit(sender, number):
+        parts = [msgpack.packb({"v": 1, "op": "render", "id": number, "client": sender, "state": STATE})]
+        dispatcher.submit(Request(sender, parts, lambda reply: told.append(msgpack.unpackb(reply[0]))))
+
+    for number in range(40):
+        submit("greedy", number)
+    assert [reply["id"] for reply in told] == list(range(32, 40)), "its own further ones"
+    told.clear()
+    for number in range(3):
+        submit("other", number)
+    submit("greedy", 31)  # again: its last was not kept
+    assert [(reply["client"], reply["id"], reply["error"]["code"]) for reply in told] == [
+        ("greedy", 31, "busy"), ("greedy", 30, "busy"), ("greedy", 29, "busy"), ("greedy", 31, "busy")]
+    assert dispatcher.requests["render"] == 35 and dispatcher.errors["busy"] == 12
+
+
+def test_a_full_queue_refuses_the_newest_of_who_has_most_waiting():
+    queue = FairQueue(6)
+    assert [queue.put("a", k) for k in range(5)] == 5 * [None] and queue.put("b", 10) is None
+    assert queue.put("a", 5) == 5, "its own, who has most already"
+    assert queue.put("b", 11) == 4 and queue.put("c", 20) == 3
+    assert queue.put("b", 12) == 12, "three of a, two of b: it would only turn round"
+    assert queue.put("c", 21) == 2 and queue.put("c", 22) == 22 and len(queue) == 6
+    assert [queue.get() for _ in range(6)] == [0, 10, 20, 1, 11, 21] and len(queue) == 0
 
 
 def test_clients_do_not_get_each_others_frames(endpoint):

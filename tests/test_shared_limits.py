@@ -125,7 +125,7 @@ def test_a_server_that_ends_sends_its_pixels(local):
     assert "shared" not in header and len(image) == 4 * 160**2
 
 
-@pytest.mark.parametrize("options", [(), ("--workers", "1")], ids=["in process", "workers"])
+@pytest.mark.parametrize("options", [(), ("--workers", "1", "--deadline", "50")], ids=["in process", "workers"])
 def test_sigterm_sends_the_pixels_of_what_is_under_way(tmp_path, options):
     with serving.server(tmp_path, *options, scene=SCENE) as (endpoint, process), zmq.Context() as context, \
             context.socket(zmq.DEALER) as socket:

@@ -58,6 +58,18 @@ def test_the_plan_tells_what_was_drawn_where_rays_took_over():
     assert plan.windows[0].engine == "rays" and plan.bodies[0].shadow_map_px is None and plan.left_out == ()
 
 
+def test_the_image_tells_whether_a_coarse_map_has_edges_to_blur():
+    """Close up, a map of 4096 texels is too coarse for 1 % if edges of shadows are all that there is; they are not."""
+    place = np.array([60.0, -280.0, 80.0])
+    base = views.state(phase_deg=60.0, direction=place)
+    scene = views.scene([Body(name="body", shape=generate.contact_binary(radius_m=100.0, seed=1, subdivisions=6),
+                              brdf=sweeps.GREY)], [views.camera(256, 3500.0)], sun_disc=False)
+    state = State(r_sun_inertial_m=base.r_sun_inertial_m, bodies=base.bodies,
+                  spacecraft=Pose(r_inertial_m=place, q_from_inertial=frames.look_at(place, np.zeros(3))))
+    plan = _agrees_with_rays(scene, state, max_error=0.01)
+    assert plan.bodies[0].modelling_error > 0.01 and plan.windows[0].engine == "raster"
+
+
 @pytest.mark.parametrize("q, sun", [
     ((1.0, 0.0, 0.0, 0.0), (0.5, 0.1, -0.86)), ((1.0, 0.0, 0.0, 0.0), (0.36, 0.12, -0.92)),
     ((0.0, 0.0, 1.0, 0.0), (0.5, 0.1, 0.2)),
@@ -82,3 +94,4 @@ def _agrees_with_rays(scene, state, max_error=0.02):
     rms = np.sqrt(np.mean((image.irradiance_W_m2 - exact)[lit] ** 2)) / exact[lit].mean()
     assert rms < image.plan.predicted_error < max_error
     np.testing.assert_allclose(image.irradiance_W_m2.sum(dtype=np.float64), exact.sum(), rtol=0.1 * max_error)
+    return image.plan

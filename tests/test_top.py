@@ -2,21 +2,37 @@
 
 from __future__ import annotations
 
+import fcntl
+import os
+import pty
 import re
+import select
 import signal
+import struct
 import subprocess
 import sys
+import termios
 import threading
+import time
 from pathlib import Path
 
+import glrender_client
 import pytest
 import serving
 import views
 from glrender_client import Client, ServerError
 from glrender_server import top
+from glrender_server.cli import main
 
 STATE = views.state().to_dict()
+CLEAR = b"\x1b[H\x1b[J"
 GLRENDER = str(Path(sys.executable).with_name("glrender"))
+
+
+@pytest.fixture(scope="module")
+def live(tmp_path_factory):
+    with serving.server(tmp_path_factory.mktemp("top")) as (endpoint, _):
+        yield endpoint
 
 
 def test_once_is_one_screen_for_scripts(tmp_path):
@@ -66,13 +82,85 @@ def test_it_says_how_often_the_server_is_asked_and_outlives_it(tmp_path):
 
 
 @pytest.mark.parametrize("arguments, message", [
-    (["--interval", "0"], "--interval: must be > 0"),
+    (["--interval", "0"], "--interval: must be between 0.001 and 86400"),
+    (["--interval", "1e300"], "--interval: must be between 0.001 and 86400"),
     (["--timeout", "nan"], "--timeout: must be a finite number"),
+    (["--timeout", "1e300"], "--timeout: must be between 0.001 and 86400"),
     (["--key", "k"], "key and server_key belong together"),
 ])
 def test_wrong_options_are_told_in_one_line(arguments, message):
     run = subprocess.run([GLRENDER, "top", "--once", *arguments], capture_output=True, text=True, timeout=60)
     assert run.returncode == 1 and message in run.stderr and run.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("address", ["nonsense", "", "tcp://127.0.0.1", "tcp://127.0.0.1:port", "ipc://" + "x" * 200])
+def test_what_is_no_address_is_told_in_one_line(address):
+    run = subprocess.run([GLRENDER, "top", address, "--once"], capture_output=True, text=True, timeout=30)
+    assert run.returncode == 1 and run.stderr.count("\n") == 1
+    assert f"endpoint must be tcp://HOST:PORT or ipc://PATH, got {address!r}" in run.stderr
+
+
+def on_a_terminal(columns, lines, *arguments):
+    """Some screens of `glrender top` on a terminal of this size, and its exit code after Ctrl-C."""
+    ours, theirs = pty.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", lines, columns, 0, 0))
+    environment = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES")}
+    process = subprocess.Popen([GLRENDER, "top", *arguments], stdout=theirs, stderr=theirs, env=environment)
+    os.close(theirs)
+    written, deadline, is_told = b"", time.monotonic() + 60.0, False
+    try:
+        while time.monotonic() < deadline:
+            if written.count(CLEAR) > 4 and not is_told:
+                process.send_signal(signal.SIGINT)
+                is_told = True
+            if select.select([ours], [], [], 0.1)[0]:
+                try:
+                    written += os.read(ours, 65536)
+                except OSError:  # the other end is closed
+                    break
+        return written.split(CLEAR)[1:-1], process.wait(10.0)
+    finally:
+        process.kill()
+        process.wait()
+        os.close(ours)
+
+
+@pytest.mark.parametrize("columns, lines", [(120, 40), (20, 40), (80, 4), (1, 2)])
+def test_a_screen_fits_its_terminal(live, columns, lines):
+    """A line that is broken in two, or one too many, would leave what is above it standing."""
+    screens, code = on_a_terminal(columns, lines, live, "--interval", "0.1")
+    assert code == 0 and len(screens) > 3
+    for one in screens:
+        shown = one.decode().replace("\r", "").splitlines()
+        assert len(shown) == min(8, lines - 1) and max(map(len, shown)) <= columns
+        assert shown[0] == f"{live}  up"[:columns] + shown[0][len(f"{live}  up"):]
+
+
+def test_who_reads_one_line_hears_no_complaint(live):
+    with subprocess.Popen([GLRENDER, "top", live, "--interval", "0.1"], text=True, stdout=subprocess.PIPE,
+                          stderr=subprocess.PIPE) as watcher:
+        assert watcher.stdout.readline().startswith(live)
+        watcher.stdout.close()
+        assert watcher.wait(10.0) == 0 and watcher.stderr.read() == ""
+
+
+def test_a_server_that_is_closing_is_shown_and_waited_for(monkeypatch, capsys):
+    class Closing:
+        def __init__(self, *arguments, **options):
+            self.count = 0
+
+        __enter__ = lambda self: self  # noqa: E731
+        __exit__ = lambda self, *exception: None  # noqa: E731
+
+        def status(self):
+            self.count += 1
+            if self.count < 3:
+                raise ServerError("closing", "", "the server is shutting down")
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(glrender_client, "Client", Closing)
+    assert main(["top", "--interval", "0.01"]) == 0
+    assert capsys.readouterr().out == 2 * "[closing] the server is shutting down\n"
 
 
 def test_a_status_without_workers_and_without_a_frame():

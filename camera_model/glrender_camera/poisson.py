@@ -90,6 +90,8 @@ def draw(rng: np.random.Generator, mean: np.ndarray, common_mean: float = 0.0) -
     n_large = np.count_nonzero(large)
     if n_common == mean.size:
         return _same(rng, float(common_mean), n_common)
+    if not n_common and not n_large:
+        return _small(rng, mean)
     out = np.zeros(mean.shape, np.float32)
     if n_common and common_mean > 0.0 and not common_mean >= _SMALL:
         out[common] = _same(rng, float(common_mean), n_common)

@@ -23,11 +23,12 @@ classdef GlRenderClient < handle
   end
 
   properties (Access = private)
+    Where        % 'host:port'
     Socket = []
-    NextId = 256  % the width of an id on the wire is the same for long
+    NextId = 256
     IsClosed = false
-    Progress = []  % of the request under way: called with the share done
-    Known = []     % the last reply's first fields, and their bytes before and after its id
+    Packed = []  % of the last request, for the next like it: see glr_request
+    Read = []    % of the last reply, likewise: see glr_header
   end
 
   methods
@@ -43,9 +44,13 @@ classdef GlRenderClient < handle
       end
       self.Host = host;
       self.Port = port;
+      self.Where = sprintf('%s:%d', host, port);
       is_here = strcmp(host, '127.0.0.1') && exist('/dev/shm', 'dir') == 7;
       options = struct('Timeout', 10, 'Retries', 1, 'SharedMemory', is_here);
-      options = GlRenderClient.with_options(options, varargin, fieldnames(options));
+      given = GlRenderClient.checked(varargin, fieldnames(options));
+      for k = 1:2:numel(given)
+        options.(given{k}) = given{k + 1};
+      end
       if ~(options.Timeout > 0) || ~(options.Retries >= 0)
         error('glrender:argument', 'Timeout must be > 0 [s] and Retries >= 0');
       end
@@ -54,7 +59,7 @@ classdef GlRenderClient < handle
       self.SharedMemory = logical(options.SharedMemory);
       self.Name = sprintf('matlab-%s', GlRenderClient.unique_text());
       if exist('OCTAVE_VERSION', 'builtin')
-        pkg('load', 'instrument-control');
+        glr_octave();
       end
       self.connect();
     end
@@ -67,7 +72,7 @@ classdef GlRenderClient < handle
       %CLOSE  Say goodbye and hang up.
       if ~self.IsClosed && ~isempty(self.Socket)
         try
-          self.once(self.packed('close', struct()));
+          self.once(self.packed('close', {}, []), []);
         catch
           % A server that is gone keeps nothing of ours.
         end
@@ -78,19 +83,19 @@ classdef GlRenderClient < handle
 
     function header = hello(self)
       %HELLO  What the server is: protocol versions, cameras, bodies, products, limits, OpenGL.
-      [~, bytes] = self.ask('hello', struct());
+      [~, bytes] = self.ask('hello', {}, []);
       header = glr_unpack(bytes);
     end
 
     function header = status(self)
       %STATUS  How the server does: uptime_s, requests, errors by code, last_timings_ms.
-      [~, bytes] = self.ask('status', struct());
+      [~, bytes] = self.ask('status', {}, []);
       header = glr_unpack(bytes);
     end
 
     function header = load_scene(self, scene)
       %LOAD_SCENE  Replace the server's scene, for every client: the struct of a scene file (docs/scene.md).
-      [~, bytes] = self.ask('load_scene', struct('scene', scene));
+      [~, bytes] = self.ask('load_scene', {'scene', scene}, []);
       header = glr_unpack(bytes);
     end
 
@@ -103,10 +108,11 @@ classdef GlRenderClient < handle
       %   'progress', @(share) fprintf('%.0f %%\n', 100 * share) is called about twice a second while a server with
       %   worker processes draws slow frames.
       %   The result is a GlRenderReply: reply.pixels, reply.arrays.PRODUCT, reply.header.
-      fields = struct('state', state, 'order', 'F');
-      names = [GlRenderClient.frame_options(), GlRenderClient.request_options()];
-      fields = GlRenderClient.with_options(fields, varargin, names);
-      [arrays, header_bytes] = self.ask_frames(GlRenderClient.with_list(fields));
+      pairs = GlRenderClient.checked(varargin, [GlRenderClient.frame_options(), GlRenderClient.request_options()]);
+      for k = 2 * find(strcmp(pairs(1:2:end), 'products'))
+        pairs{k} = GlRenderClient.list(pairs{k});
+      end
+      [arrays, header_bytes] = self.ask_frames(pairs, state);
       reply = GlRenderReply(arrays{1}, header_bytes);
     end
 
@@ -122,12 +128,12 @@ classdef GlRenderClient < handle
         if ~isempty(wrong)
           error('glrender:argument', 'frames{%d}: unknown option %s', k, wrong{1});
         end
-        frames{k} = GlRenderClient.with_list(frames{k});
+        if isfield(frames{k}, 'products')
+          frames{k}.products = GlRenderClient.list(frames{k}.products);
+        end
       end
-      fields = struct('state', state, 'order', 'F');
-      fields.frames = reshape(frames, 1, []);
-      fields = GlRenderClient.with_options(fields, varargin, GlRenderClient.request_options());
-      [arrays, header_bytes] = self.ask_frames(fields);
+      pairs = GlRenderClient.checked(varargin, GlRenderClient.request_options());
+      [arrays, header_bytes] = self.ask_frames([pairs, {'frames', reshape(frames, 1, [])}], state);
       replies = cell(1, numel(frames));
       for k = 1:numel(frames)
         replies{k} = GlRenderReply(arrays{k}, header_bytes, k);
@@ -138,38 +144,42 @@ classdef GlRenderClient < handle
       %RANGE  Laser ranges along directions (N x 3 unit vectors in the camera's frame), exact against the facets.
       %   reply = client.range(state, directions, 'camera', 'navcam', 'noise', struct('sigma_m', 0.1, 'seed', 1))
       %   reply.arrays: range [m], body_id, facet_id, beam_incidence [rad], N x 1; NaN and -1 where nothing returns.
-      fields = struct('state', state, 'directions_camera', directions_camera);
-      fields = GlRenderClient.with_options(fields, varargin, {'camera', 'noise'});
-      [arrays, header_bytes] = self.ask('range', fields);
+      pairs = GlRenderClient.checked(varargin, {'camera', 'noise'});
+      [arrays, header_bytes] = self.ask('range', [pairs, {'directions_camera', directions_camera}], state);
       reply = GlRenderReply(arrays{1}, header_bytes);
     end
   end
 
   methods (Access = private)
-    function [arrays, header_bytes] = ask_frames(self, fields)
-      self.Progress = [];
-      if isfield(fields, 'progress')
-        self.Progress = fields.progress;
-        fields = rmfield(fields, 'progress');
+    function [arrays, header_bytes] = ask_frames(self, pairs, state)
+      progress = [];
+      at = find(strcmp(pairs(1:2:end), 'progress'));
+      if ~isempty(at)
+        progress = pairs{2 * at(end)};
+        pairs([2 * at - 1, 2 * at]) = [];
       end
+      pairs = [{'order', 'F'}, pairs];
       if self.SharedMemory
-        fields.shared = true;
-      end
-      [arrays, header_bytes] = self.ask('render', fields);
-      if isempty(arrays)
+        [arrays, header_bytes] = self.ask('render', [{'shared', true}, pairs], state, progress);
+        if ~isempty(arrays)
+          return
+        end
         self.SharedMemory = false;  % that memory cannot be read from here
-        [arrays, header_bytes] = self.ask('render', rmfield(fields, 'shared'));
       end
+      [arrays, header_bytes] = self.ask('render', pairs, state, progress);
     end
 
-    function [arrays, header_bytes] = ask(self, op, fields)
+    function [arrays, header_bytes] = ask(self, op, pairs, state, progress)
       if self.IsClosed
         error('glrender:closed', 'this client is closed');
       end
-      request = self.packed(op, fields);
+      if nargin < 5
+        progress = [];
+      end
+      request = self.packed(op, pairs, state);
       for attempt = 0:self.Retries
         try
-          [arrays, header_bytes] = self.once(request);
+          [arrays, header_bytes] = self.once(request, progress);
           return
         catch problem
           is_ours = any(strcmp(problem.identifier, {'glrender:timeout', 'glrender:connection'}));
@@ -181,16 +191,14 @@ classdef GlRenderClient < handle
       end
     end
 
-    function request = packed(self, op, fields)
-      fields.v = uint8(1);
-      fields.op = op;
-      fields.id = uint64(self.NextId);
-      fields.client = self.Name;
-      self.NextId = self.NextId + 1;
-      request = struct('id', double(fields.id), 'bytes', glr_frame(glr_pack(fields)));
+    function request = packed(self, op, pairs, state)
+      request.id = self.NextId;
+      self.NextId = 256 + mod(request.id - 255, 65280);  % three bytes of MessagePack: see glr_header
+      pairs = [{'op', op, 'client', self.Name}, pairs];
+      [request.bytes, self.Packed] = glr_request(self.Packed, request.id, pairs, state);
     end
 
-    function [arrays, header_bytes] = once(self, request)
+    function [arrays, header_bytes] = once(self, request, progress)
       if isempty(self.Socket)
         self.connect();
       end
@@ -200,14 +208,14 @@ classdef GlRenderClient < handle
         error('glrender:connection', 'the request was not sent: %s', problem.message);
       end
       if exist('OCTAVE_VERSION', 'builtin') && written ~= numel(request.bytes)
-        error('glrender:connection', 'the connection to %s:%d is closed', self.Host, self.Port);
+        error('glrender:connection', 'the connection to %s is closed', self.Where);
       end
-      if ~isempty(self.Progress)
-        self.watch(self.Progress);
+      if ~isempty(progress)
+        glr_watch(self.Socket, self.Host, self.Port, self.Timeout, progress);
       end
       while true
-        [header_bytes, parts] = self.receive();
-        header = self.first_of(header_bytes);
+        [header_bytes, parts] = glr_receive(self.Socket, self.Timeout, self.Where);
+        [header, self.Read] = glr_header(header_bytes, self.Read);
         if header.id == request.id || header.id == 0
           break
         end
@@ -235,100 +243,6 @@ classdef GlRenderClient < handle
       end
     end
 
-    function header = first_of(self, bytes)
-      % A header up to `arrays`. Those of like requests differ in `id` and `shared` alone: read are only these then.
-      at = 2 + 2 * (bytes(1) == 222);
-      place = [];
-      if numel(bytes) > at + 6 && isequal(bytes(at:at + 6), [uint8(166), uint8('shared')])
-        [place, at] = glr_unpack(bytes, 'shared');
-      end
-      known = self.Known;
-      if ~isempty(known)
-        from = at + numel(known.before);
-        to = from + numel(known.after) + 2;
-        % Three bytes of an id, from 256 to 65535; others are read at length.
-        if numel(bytes) >= to && bytes(from) == 205 && all(bytes(at:from - 1) == known.before) ...
-            && all(bytes(from + 3:to) == known.after)
-          header = known.header;
-          header.id = 256 * double(bytes(from + 1)) + double(bytes(from + 2));
-          if ~isempty(place)
-            header.shared = place.shared;
-          end
-          return
-        end
-      end
-      [header, last] = glr_unpack(bytes, 'arrays');
-      from = at + 16;  % behind v, op, and the key of id
-      if last > from + 3 && strcmp(header.op, 'render') && bytes(from) == 205
-        self.Known = struct('before', bytes(at:from - 1), 'after', bytes(from + 3:last - 1), 'header', header);
-        if ~isempty(place)
-          self.Known.header = rmfield(header, 'shared');
-        end
-      end
-    end
-
-    function watch(self, progress)
-      % Tell how far slow frames are until the reply begins to come, asking by another connection.
-      began = tic();
-      due = 0.5;
-      other = [];
-      while toc(began) < self.Timeout && GlRenderClient.n_waiting(self.Socket) == 0
-        pause(0.02);
-        if toc(began) < due
-          continue
-        end
-        due = toc(began) + 0.5;
-        try
-          if isempty(other)
-            other = GlRenderClient(self.Host, self.Port, 'Timeout', self.Timeout, 'Retries', 0);
-          end
-          told = other.status();
-        catch
-          return  % what is wrong, the reply will tell
-        end
-        if isfield(told, 'slow_frames') && ~isempty(told.slow_frames)
-          progress(max(told.slow_frames));
-        end
-      end
-    end
-
-    function [header_bytes, parts] = receive(self)
-      prefix = self.exactly(12);  % with the first part's size: every message has one
-      n_parts = double(typecast(prefix(5:6), 'uint16'));
-      if ~isequal(char(prefix(1:4)), 'GLR1') || n_parts < 1
-        error('glrender:protocol', 'the server at %s:%d does not speak GLR1', self.Host, self.Port);
-      end
-      rest = 4 * (n_parts - 1);
-      bytes = self.exactly(rest + double(typecast(prefix(9:12), 'uint32')));
-      sizes = double(typecast(bytes(1:rest), 'uint32'));
-      header_bytes = bytes(rest + 1:end);
-      parts = cell(1, n_parts - 1);
-      for k = 1:n_parts - 1
-        parts{k} = self.exactly(sizes(k));
-      end
-    end
-
-    function bytes = exactly(self, count)
-      % One read each: chunks of 64 KiB cost three times as much. MATLAB's read gives doubles, hence uint8().
-      if count == 0
-        bytes = zeros(1, 0, 'uint8');
-        return
-      end
-      try
-        bytes = reshape(uint8(read(self.Socket, count, 'uint8')), 1, []);
-      catch problem
-        if ~isempty(regexpi([problem.identifier, ' ', problem.message], 'time-?out|timed out', 'once'))
-          bytes = zeros(1, 0, 'uint8');  % MATLAB may raise what Octave tells by a short result
-        else
-          error('glrender:connection', 'the connection to %s:%d is lost: %s', self.Host, self.Port, ...
-                problem.message);
-        end
-      end
-      if numel(bytes) ~= count
-        error('glrender:timeout', '%s:%d did not answer within %g s', self.Host, self.Port, self.Timeout);
-      end
-    end
-
     function connect(self)
       try
         if exist('OCTAVE_VERSION', 'builtin')
@@ -341,8 +255,8 @@ classdef GlRenderClient < handle
           end
         end
       catch problem
-        error('glrender:connection', ['no server at %s:%d (%s); start one with: glrender-server scene.toml ', ...
-              '--tcp %s:%d'], self.Host, self.Port, problem.message, self.Host, self.Port);
+        error('glrender:connection', 'no server at %s (%s); start one with: glrender-server scene.toml --tcp %s', ...
+              self.Where, problem.message, self.Where);
       end
     end
 
@@ -360,14 +274,6 @@ classdef GlRenderClient < handle
   end
 
   methods (Static, Access = private)
-    function count = n_waiting(socket)
-      try
-        count = socket.NumBytesAvailable;
-      catch
-        count = socket.BytesAvailable;  % before R2020b
-      end
-    end
-
     function names = request_options()
       names = {'allow_slow', 'progress'};
     end
@@ -376,13 +282,13 @@ classdef GlRenderClient < handle
       names = {'camera', 'output', 'exposure_s', 'seed', 'max_error', 'samples', 'products', 'roi'};
     end
 
-    function fields = with_list(fields)
-      if isfield(fields, 'products') && ischar(fields.products)
-        fields.products = {fields.products};
+    function names = list(names)
+      if ischar(names)
+        names = {names};
       end
     end
 
-    function options = with_options(options, pairs, known)
+    function pairs = checked(pairs, known)
       if mod(numel(pairs), 2)
         error('glrender:argument', 'options come in pairs: name, value');
       end
@@ -390,7 +296,6 @@ classdef GlRenderClient < handle
         if ~ischar(pairs{k}) || ~any(strcmp(pairs{k}, known))
           error('glrender:argument', 'unknown option; known are %s', strjoin(known(:).', ', '));
         end
-        options.(pairs{k}) = pairs{k + 1};
       end
     end
 

@@ -28,7 +28,7 @@ function parts = glr_shared(place)
     number = fread(file, 1, '*uint64');
     fclose(file);
   end
-  if ~isequal(number, uint64(place.number))
+  if numel(number) ~= 1 || number ~= uint64(place.number)
     parts = {};
   end
 end

@@ -6,9 +6,16 @@ function state = glr_state(names, t_s, r_sun_inertial_m, spacecraft, bodies)
   if size(bodies, 2) ~= numel(names)
     error('glrender:argument', '%d bodies are named, %d poses given', numel(names), size(bodies, 2));
   end
-  poses = containers.Map();
-  for k = 1:numel(names)
-    poses(names{k}) = pose(bodies(:, k));
+  if all(cellfun(@isvarname, names))
+    poses = struct();
+    for k = 1:numel(names)
+      poses.(names{k}) = pose(bodies(:, k));
+    end
+  else
+    poses = containers.Map();
+    for k = 1:numel(names)
+      poses(names{k}) = pose(bodies(:, k));
+    end
   end
   state = struct('t_s', double(t_s), 'r_sun_inertial_m', reshape(double(r_sun_inertial_m), 1, 3), ...
                  'spacecraft', pose(spacecraft), 'bodies', poses);

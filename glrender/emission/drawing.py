@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -10,21 +11,19 @@ import numpy as np
 
 from .. import frames
 from ..emission_frame import EmissionFrame, EmissionPlan
-from ..gl.coma_pass import ComaPass, ComaVolume, FloatTarget
+from ..gl.coma_pass import ComaPass, ComaVolume, FloatTarget, Grid
 from ..gl.context import Context
 from ..scene import Scene
 from ..view import BodyView
 from .coma import Coma
-from .geometry import shader_values
+from .geometry import is_ahead, passing_m, shader_values
 from .layers import Layer, Layers
-from .light import add_light, is_point, point_correction
+from .light import add_light, cell_middles, is_point, point_correction, spread
 from .measuring import REACH_RAD
-from .planning import Sampling, choose, edge_error
+from .planning import NEAR_NODES, NEAR_RADII, Sampling, choose, edge_error, surface_samples
 from .telling import told
 
 _TILE_PX = 2048
-# A body that is smaller is cheap to draw with 4 x 4 samples.
-_SMALL_PX = 256.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +65,7 @@ class ComaDrawing(ExitStack):
                           solar_irradiance)
         has_edges = view.is_visible and not is_point(self._layers.radius_m, view, frame.camera)
         footprint_m = view.range_m / frame.camera.focal_length_px
-        at_edges = edge_error(footprint_m, self._layers.radius_m, _surface_samples(view)) if has_edges else 0.0
+        at_edges = edge_error(footprint_m, self._layers.radius_m, self._samples(frame)) if has_edges else 0.0
         return told(self._coma, [(each.layer, each.sampling) for each in drawn], greatest,
                     1e3 * (time.perf_counter() - began), at_edges)
 
@@ -101,41 +100,68 @@ class ComaDrawing(ExitStack):
         if as_point and len(frame.views) == 1:
             body = None
         if body is not None:
-            (left, top, right, bottom), samples = body, _surface_samples(view)
+            (left, top, right, bottom), samples = body, self._samples(frame)
             frame.draw_surfaces(self._surface, "coma/surface.frag.glsl",
                                 (x0 + left - 0.5, y0 + top - 0.5, x0 + right - 0.5, y0 + bottom - 0.5),
                                 (samples * (right - left), samples * (bottom - top)))
-        column = self._sum(box, frame, drawn, body, has_shadow, as_point)
+        near = self._near(box, frame, drawn, body)
+        column = self._sum(box, frame, drawn, body, near, has_shadow, as_point)
         needs_all = has_shadow and self._coma.dust.extinction_efficiency > 0.0
-        hidden = self._sum(box, frame, drawn, body, False, as_point) if needs_all else column
+        hidden = self._sum(box, frame, drawn, body, near, False, as_point) if needs_all else column
         if as_point:
             point_correction(column, frame.camera, view, 1e-3 * self._layers.least_m, self._layers.radius_m, box)
         return column, hidden
 
+    def _samples(self, frame: EmissionFrame) -> int:
+        view = frame.views[self._coma.body]
+        return surface_samples(view.size_px, view.range_m / frame.camera.focal_length_px, self._layers.radius_m,
+                               frame.max_error)
+
+    def _near(self, box: tuple[int, int, int, int], frame: EmissionFrame, drawn: list[_Drawn],
+              body: tuple[int, int, int, int] | None) -> tuple[int, int, int, int]:
+        """The box of a tile beyond which columns are linear between nodes: all of it where a field has none far."""
+        whole = (0, 0, box[2] - box[0], box[3] - box[1])
+        view, camera = frame.views[self._coma.body], frame.camera
+        focus = -view.camera_from_body @ view.r_camera_body_m
+        if not drawn or not is_ahead(focus) or not all(each.sampling.far_pixels_per_node for each in drawn):
+            return whole
+        half = max(NEAR_RADII * self._layers.radius_m * camera.focal_length_px / view.range_m,
+                   *(NEAR_NODES * each.sampling.far_pixels_per_node for each in drawn))
+        x, y = focus[:2] / focus[2] * camera.focal_length_px + np.array(camera.principal_point_px) - box[:2]
+        around = (math.floor(x - half), math.floor(y - half), math.ceil(x + half), math.ceil(y + half))
+        return _cut([around] + ([] if body is None else [body]), *whole[2:]) or (0, 0, 0, 0)
+
     def _sum(self, box: tuple[int, int, int, int], frame: EmissionFrame, drawn: list[_Drawn],
-             body: tuple[int, int, int, int] | None, has_shadow: bool, as_point: bool) -> np.ndarray:
-        x0, y0, x1, y1 = box
-        width, height = x1 - x0, y1 - y0
+             body: tuple[int, int, int, int] | None, near: tuple[int, int, int, int], has_shadow: bool,
+             as_point: bool) -> np.ndarray:
+        size = (box[2] - box[0], box[3] - box[1])
         view = frame.views[self._coma.body]
         shadow_map, shadow_from_body = frame.shadow_map(view.name) if has_shadow else (None, np.eye(4))
-        self._pass.begin(width, height)
+        least_m = (1e-3 if as_point else 1.0) * self._layers.least_m
+        parts, has_near = [], near[2] > near[0]
+        if has_near:
+            self._pass.begin(near)
         for each in drawn:
-            values = shader_values(each.layer.field, frame.camera, view, frame.views, each.field_from_body, (x0, y0))
+            values = shader_values(each.layer.field, frame.camera, view, frame.views, each.field_from_body, box[:2])
             values |= {
                 "shadow_from_field": shadow_from_body @ frames.transform(each.field_from_body.T, np.zeros(3)),
-                "pixels_per_node": each.sampling.pixels_per_node, "steps": each.sampling.steps,
-                "pixels_per_front_node": each.sampling.front_pixels_per_node, "nodes_reach_rad": REACH_RAD,
-                "surface_samples": _surface_samples(view),
                 # Rays through a nucleus that ends none of them: there `a` must be rho.
-                "least_m": (1e-3 if as_point else 1.0) * self._layers.least_m,
-                "body_px": (0, 0, 0, 0) if body is None else body}
-            self._pass.add(each.volume, values, (width, height), body, self._surface, shadow_map)
-        return self._pass.read()
-
-
-def _surface_samples(view: BodyView) -> int:
-    """Along a pixel's side: the smaller the body, the more of the image are the pixels at its edge."""
-    return 4 if view.size_px < _SMALL_PX else 2 if view.size_px < _TILE_PX else 1
+                "least_m": least_m,
+                "nodes_reach_rad": REACH_RAD}
+            sampling = each.sampling
+            if near != (0, 0, *size):
+                step, far = sampling.far_pixels_per_node, {**values, "steps": sampling.steps}
+                total = self._pass.totals(each.volume, far, Grid.around(*size, step), shadow_map)
+                passing = passing_m(frame.camera, view, cell_middles(size, step) + box[:2])
+                parts.append(spread(np.maximum(total, 0.0) / np.maximum(passing, least_m), size, step))
+            if has_near:
+                self._pass.add(each.volume, values, (sampling.steps, sampling.front_steps),
+                               (sampling.pixels_per_node, sampling.front_pixels_per_node), body, self._surface,
+                               self._samples(frame), shadow_map)
+        column = sum(parts[1:], parts[0]) if parts else np.zeros(size[::-1], np.float32)
+        if has_near:
+            column[near[1]:near[3], near[0]:near[2]] = self._pass.read()
+        return column
 
 
 def _cut(boxes: list[tuple[int, int, int, int]], width: int, height: int) -> tuple[int, int, int, int] | None:

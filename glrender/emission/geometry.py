@@ -19,7 +19,7 @@ _AHEAD = 0.05
 
 def shader_values(field: Field, camera: PinholeCamera, view: BodyView, views: Mapping[str, BodyView],
                   field_from_body: np.ndarray, corner_px: tuple[int, int]) -> dict[str, Any]:
-    """Members of `gl.coma_pass.coma_block` but those of resolution and shadow.
+    """Members of `gl.coma_pass.coma_block` but those of resolution, shadow and least distances.
 
     Parameters
     ----------
@@ -35,8 +35,8 @@ def shader_values(field: Field, camera: PinholeCamera, view: BodyView, views: Ma
     """
     focus = -view.camera_from_body @ view.r_camera_body_m
     depth = float(focus[2])
-    is_ahead = depth > _AHEAD * float(np.linalg.norm(focus))
-    slope = focus[:2] / depth if is_ahead else np.zeros(2)
+    ahead = is_ahead(focus)
+    slope = focus[:2] / depth if ahead else np.zeros(2)
     principal = np.array(camera.principal_point_px) - corner_px
     field_from_camera = np.eye(4)
     field_from_camera[:3, :3] = field_from_body @ view.camera_from_body.T
@@ -52,8 +52,19 @@ def shader_values(field: Field, camera: PinholeCamera, view: BodyView, views: Ma
         bounds = {"low_m": field.low_m, "high_m": field.high_m, "inner_m": 0.0, "shells_per_octave": 0.0}
     return {**bounds, "field_from_camera": field_from_camera, "focus_px": principal + slope * camera.focal_length_px,
             "focus_slope": slope, "principal_point_px": principal, "r_focus_camera": focus, "focus_depth_m": depth,
-            "focal_length_px": camera.focal_length_px, "least_m": field.least_m, "is_ahead": int(is_ahead),
+            "focal_length_px": camera.focal_length_px, "is_ahead": int(ahead),
             "r_body_m": others}
+
+
+def is_ahead(r_focus_camera_m: np.ndarray) -> bool:
+    """Whether a point (3,) [m] is so far ahead of the camera that its pixel means something."""
+    return bool(r_focus_camera_m[2] > _AHEAD * np.linalg.norm(r_focus_camera_m))
+
+
+def passing_m(camera: PinholeCamera, view: BodyView, pixel: np.ndarray) -> np.ndarray:
+    """Distances (...) float64 [m] at which the rays of places (..., 2) [px] pass a body's origin."""
+    focus = -view.camera_from_body @ view.r_camera_body_m
+    return np.linalg.norm(np.cross(camera.directions(pixel), focus), axis=-1)
 
 
 def phase_rad(camera: PinholeCamera, view: BodyView, pixel: np.ndarray) -> np.ndarray:

@@ -42,7 +42,8 @@ def add_light(irradiance: np.ndarray, column: np.ndarray, hidden: np.ndarray, ca
         irradiance *= dust.transmission(hidden)
         # Of the dust that hides itself, the sunlit share shines.
         column = column * (dust.thin(hidden) / np.maximum(hidden, np.float32(1e-30)))
-    irradiance += column * light_per_column(camera, view, dust, box, solar_irradiance_W_m2)
+    light = light_per_column(camera, view, dust, box, solar_irradiance_W_m2)
+    cv2.accumulateProduct(column, light, irradiance)
 
 
 def light_per_column(camera: PinholeCamera, view: BodyView, dust: Dust,
@@ -53,14 +54,22 @@ def light_per_column(camera: PinholeCamera, view: BodyView, dust: Dust,
     """
     x0, y0, x1, y1 = box
     step = int(min(max(_NODE_RAD * camera.focal_length_px, 1.0), _MOST_PX))
-    across, down = -(-(x1 - x0) // step) + 2, -(-(y1 - y0) // step) + 2
-    # cv2 takes nodes for the middles of cells of `step` pixels; one cell more on each side.
-    x, y = (first + step * (np.arange(count) - 0.5) - 0.5 for first, count in ((x0, across), (y0, down)))
-    pixel = np.stack(np.broadcast_arrays(x, y[:, None]), axis=-1)
+    pixel = cell_middles((x1 - x0, y1 - y0), step) + (x0, y0)
     light = dust.radiance_per_column(phase_rad(camera, view, pixel)) * solid_angle_sr(camera, pixel)
-    light *= solar_irradiance_W_m2
-    fine = cv2.resize(light.astype(np.float32), (across * step, down * step), interpolation=cv2.INTER_LINEAR)
-    return fine[step:step + y1 - y0, step:step + x1 - x0]
+    return spread(light * solar_irradiance_W_m2, (x1 - x0, y1 - y0), step)
+
+
+def cell_middles(size: tuple[int, int], step: int) -> np.ndarray:
+    """Places (down, across, 2) [px] of the middles of cells of `step` pixels, one more cell on each side."""
+    x, y = (step * (np.arange(-(-side // step) + 2) - 0.5) - 0.5 for side in size)
+    return np.stack(np.broadcast_arrays(x, y[:, None]), axis=-1)
+
+
+def spread(values: np.ndarray, size: tuple[int, int], step: int) -> np.ndarray:
+    """Values (down, across) at `cell_middles` to pixels (height, width) float32, bilinear between them."""
+    down, across = values.shape
+    fine = cv2.resize(values.astype(np.float32), (across * step, down * step), interpolation=cv2.INTER_LINEAR)
+    return fine[step:step + size[1], step:step + size[0]]
 
 
 def point_correction(column: np.ndarray, camera: PinholeCamera, view: BodyView, least_m: float, radius_m: float,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .column import angles
-from .fields import Field
+from .fields import CartesianField, Field
 
 STEPS = (8, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384)
 """Steps along a ray, of the half circle that it makes around the origin."""
@@ -35,8 +35,8 @@ class FieldErrors:
         Where zones begin.
     level_m : (B,) float64 [m]
         Mean of the integrals.
-    steps_m : (S, B) float64 [m]
-        By `STEPS`.
+    steps_m, front_steps_m : (S, B) float64 [m]
+        By `STEPS`: of rays beside the body, and of those that it ends. As all here, RMS over all rays of the zone.
     nodes_m, fronts_m : (A, B) float64 [m]
         Of what is between nodes, by `NODE_ANGLES`: beside the body, and before it.
     """
@@ -44,6 +44,7 @@ class FieldErrors:
     edges_m: np.ndarray
     level_m: np.ndarray
     steps_m: np.ndarray
+    front_steps_m: np.ndarray
     nodes_m: np.ndarray
     fronts_m: np.ndarray
 
@@ -60,17 +61,22 @@ def measured_errors(field: Field, radii_m: tuple[float, float, float], hits: Hit
         Where rays first meet the body.
     """
     nearest, typical, far = radii_m
-    edges = np.array([_LEAST * nearest, nearest, *(x * typical for x in _ZONES if nearest < x * typical < far)])
+    inner = nearest * (typical / nearest) ** np.array([0.0, 0.5, 0.8])
+    edges = np.array([_LEAST * nearest, *inner, *(x * typical for x in _ZONES if nearest < x * typical < far)])
     rng = np.random.default_rng(seed)
     zones = [_zone(field, low, high, far, hits, rng)
              for low, high in zip(edges, (*edges[1:], far), strict=True)]
-    level, steps, nodes, fronts = (np.array(part) for part in zip(*zones, strict=True))
-    return FieldErrors(edges_m=edges, level_m=level, steps_m=steps.T, nodes_m=nodes.T, fronts_m=fronts.T)
+    level, *tables = (np.array(part).T for part in zip(*zones, strict=True))
+    return FieldErrors(edges_m=edges, level_m=level, **dict(zip(
+        ("steps_m", "front_steps_m", "nodes_m", "fronts_m"), tables, strict=True)))
 
 
 def _zone(field: Field, low_m: float, high_m: float, far_m: float, hits: Hits,
-          rng: np.random.Generator) -> tuple[float, list[float], list[float], list[float]]:
+          rng: np.random.Generator) -> tuple[float, list[float], list[float], list[float], list[float]]:
     direction = _unit(rng.normal(size=(_RAYS, 3)))
+    if isinstance(field, CartesianField):
+        # Seen along an axis, cells' faces are edge-on: lines across the image between which integrals are linear.
+        direction[::2] = np.sign(direction[::2]) * (np.abs(direction[::2]) == np.abs(direction[::2]).max(1)[:, None])
     aside = _unit(np.cross(direction, rng.normal(size=(_RAYS, 3))))
     rho = np.exp(rng.uniform(np.log(low_m), np.log(high_m), _RAYS))[:, None]
     turn = rng.uniform(0.0, 2.0 * np.pi, _RAYS)[:, None]
@@ -81,10 +87,11 @@ def _zone(field: Field, low_m: float, high_m: float, far_m: float, hits: Hits,
         a = np.maximum(np.linalg.norm(closest, axis=1), field.least_m)
         return _integrals(field, closest, direction, a, np.full(_RAYS, -1e4 * far_m), steps, end_m)
 
-    rms = lambda x: float(np.sqrt(np.mean(np.square(x)))) if len(x) else 0.0  # noqa: E731
+    rms = lambda x: float(np.sqrt(np.sum(np.square(x)) / _RAYS))  # noqa: E731
     end = hits(rho * aside, direction)
-    truth = integrals(rho * aside, _FINE_STEPS, end)
-    steps = [rms(integrals(rho * aside, count, end) - truth) for count in STEPS]
+    truth, is_free = integrals(rho * aside, _FINE_STEPS, end), np.isinf(end)
+    of_steps = [integrals(rho * aside, count, end) - truth for count in STEPS]
+    steps, front_steps = ([rms(error[part]) for error in of_steps] for part in (is_free, ~is_free))
     middle, theta = integrals(rho * aside, _MIDDLE_STEPS), np.arctan(end / rho[:, 0])
     middle_front = integrals(rho * aside, _MIDDLE_STEPS, end)
     nodes, fronts = [], []
@@ -100,9 +107,9 @@ def _zone(field: Field, low_m: float, high_m: float, far_m: float, hits: Hits,
             near = near & (np.abs(apart) < REACH_RAD)
             front.append(integrals(place, _MIDDLE_STEPS, ends) + k * np.where(near, apart, 0.0))
         # A pixel beside the body lies between nodes whose rays may have gone through it.
-        nodes.append(rms((0.5 * (through[0] + through[1]) - middle)[np.isinf(end)]))
+        nodes.append(rms((0.5 * (through[0] + through[1]) - middle)[is_free]))
         fronts.append(rms((0.5 * (front[0] + front[1]) - middle_front)[near]))
-    return float(np.mean(truth)), steps, nodes, fronts
+    return float(np.mean(truth)), steps, front_steps, nodes, fronts
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:
@@ -113,7 +120,7 @@ def _integrals(field: Field, closest: np.ndarray, direction: np.ndarray, a: np.n
                end_m: np.ndarray | float) -> np.ndarray:
     """Integrals of K over theta (N,) [m], all steps of a ray at once, as the shader: for all ends, or for none."""
     low, high = angles(field, closest, direction, a, along, end_m - along)
-    count = np.maximum(np.ceil(steps * (high - low) / np.pi), 2.0)
+    count = np.maximum(np.ceil(steps * (high - low) / np.pi), steps / 4.0)
     index = np.arange(steps)
     # Rays that need fewer steps have theirs within the span; the rest counts for nothing.
     valid = index < count[:, None]

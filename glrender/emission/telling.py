@@ -36,8 +36,10 @@ def told(coma: Coma, drawn: Sequence[tuple[Layer, Sampling]], greatest: float, m
     if at_edges > 0.0:
         left_out.append(f"the mean over a pixel at the bodies' edges: an error of {at_edges:.2g}")
     fields: list[dict[str, Any]] = [
-        {"models": list(layer.models), "steps": sampling.steps, "pixels_per_node": sampling.pixels_per_node,
-         "front_pixels_per_node": sampling.front_pixels_per_node, "texels": list(layer.field.texel_counts)}
+        {"models": list(layer.models), "steps": sampling.steps, "front_steps": sampling.front_steps,
+         "pixels_per_node": sampling.pixels_per_node,
+         "front_pixels_per_node": sampling.front_pixels_per_node,
+         "far_pixels_per_node": sampling.far_pixels_per_node, "texels": list(layer.field.texel_counts)}
         for layer, sampling in drawn]
     return EmissionPlan(
         kind="coma", body=coma.body, milliseconds=milliseconds, left_out=tuple(left_out),

@@ -42,7 +42,7 @@ class ComaTracing:
         body_from_inertial = frames.dcm(frame.state.bodies[view.name].q_from_inertial)
         drawn = [(layer, choose(layer.errors, view.range_m / camera.focal_length_px, self._layers.radius_m,
                                 0.5 * max(camera.width_px, camera.height_px), frame.max_error, has_shadow,
-                                1.0 / camera.focal_length_px, per_node=(1,)))
+                                1.0 / camera.focal_length_px, per_node=(1,), per_far=()))
                  for layer in self._layers.at(view.sun_direction_body)]
         rotations = [layer.field_from_body(body_from_inertial, view.sun_direction_body) for layer, _ in drawn]
         rays = _Rays(frame, self._coma.body, drawn, rotations, is_point(self._layers.radius_m, view, camera))
@@ -69,7 +69,8 @@ class _Rays:
         self._frame, self._view = frame, frame.views[body]
         self._bodies = tuple(name for name in frame.views if not (is_point and name == body))
         least = 1e-3 if is_point else 1.0
-        self._fields = [(replace(layer.field, least_m=least * layer.field.least_m), sampling.steps, rotation)
+        self._fields = [(replace(layer.field, least_m=least * layer.field.least_m),
+                         max(sampling.steps, sampling.front_steps), rotation)
                         for (layer, sampling), rotation in zip(drawn, rotations, strict=True)]
 
     def image(self, edge_m: float, has_shadow: bool) -> np.ndarray:

@@ -134,17 +134,26 @@ class Dispatcher:
             elif header["op"] not in operations.OPERATIONS:
                 self.requests[header["op"]] += 1
                 request.answer(getattr(self, f"_{header['op']}")(header))
-            elif self._queue.put(request.sender, (header, digest, request, time.monotonic())):
-                self.requests[header["op"]] += 1
-                self._under_way[digest] = [request.answer]
             else:
-                self._refuse(request, header, "busy", "", f"{len(self._queue)} requests are waiting; try again")
+                self._enqueue(header, digest, request)
         except GlrenderError as error:
             self._refuse(request, header, error.code, getattr(error, "path", ""), str(error))
         except Exception:
             log.exception("request %s failed", header.get("op"))
             self._refuse(request, header, "internal", "", "the server failed on this request; its log has the "
                                                           "traceback")
+
+    def _enqueue(self, header: dict[str, Any], digest: bytes, request: Request) -> None:
+        self._under_way[digest] = [request.answer]
+        refused = self._queue.put(request.sender, (header, digest, request, time.monotonic()))
+        if refused is None or refused[1] != digest:
+            self.requests[header["op"]] += 1
+        if refused is not None:
+            header, digest, _, _ = refused
+            self.errors["busy"] += 1
+            reply = refusal(header, "busy", "", f"{len(self._queue)} requests are waiting; try again")
+            for answer in self._under_way.pop(digest):
+                answer(reply)
 
     def work(self) -> None:
         """Begin the next job, if the engine has room for it."""

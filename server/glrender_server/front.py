@@ -58,13 +58,21 @@ class FairQueue:
     def __len__(self) -> int:
         return self._size
 
-    def put(self, sender: Hashable, item: Any) -> bool:
-        """Whether there was room."""
+    def put(self, sender: Hashable, item: Any) -> Any | None:
+        """Add an item; the one that found no place, if the queue was full.
+
+        That is the newest of whoever has most waiting: nobody keeps the others out.
+        """
+        refused = None
         if self._size >= self._length:
-            return False
+            greediest = max(self._waiting.values(), key=len)
+            if len(greediest) <= len(self._waiting.get(sender, ())) + 1:
+                return item
+            refused = greediest.pop()
+            self._size -= 1
         self._waiting.setdefault(sender, deque()).append(item)
         self._size += 1
-        return True
+        return refused
 
     def get(self) -> Any:
         """The oldest item of the sender who has waited longest for a turn."""

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import os
+import shutil
 import sys
 import time
 from collections.abc import Iterator, Mapping
@@ -11,9 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from glrender import GlrenderError
-from glrender_camera.validate import positive
+from glrender_camera.validate import within
 
 _HOME_AND_CLEAR = "\x1b[H\x1b[J"
+_SECONDS = (0.001, 86400.0)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,11 +33,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run_top(arguments: argparse.Namespace) -> int:
     """Show the server's status until Ctrl-C, or once."""
     try:
-        from glrender_client import Client, GlrenderClientError, RequestTimeout
+        from glrender_client import Client, GlrenderClientError, RequestTimeout, ServerError
     except ImportError as error:
         raise GlrenderError("`top` needs the Python client: `pip install ./clients/python`") from error
-    interval_s = positive("--interval", arguments.interval)
-    timeout_s = positive("--timeout", arguments.timeout)
+    interval_s = within("--interval", arguments.interval, *_SECONDS)
+    timeout_s = within("--timeout", arguments.timeout, *_SECONDS)
     before: tuple[float, Mapping[str, Any]] | None = None
     try:
         with Client(arguments.endpoint, timeout_s=timeout_s, retries=0, key=arguments.key,
@@ -43,18 +46,21 @@ def run_top(arguments: argparse.Namespace) -> int:
                 try:
                     now, status = time.monotonic(), client.status()
                     rate = None if before is None else _n_requests(status, before[1]) / (now - before[0])
-                    text = "\n".join(screen(arguments.endpoint, status, rate)) + "\n"
+                    lines = list(screen(arguments.endpoint, status, rate))
                     before = now, status
-                except RequestTimeout as error:
+                except (RequestTimeout, ServerError) as error:  # gone, or about to
                     if arguments.once:
                         raise
-                    text, before = f"{error}\n", None
-                sys.stdout.write(_HOME_AND_CLEAR + text if sys.stdout.isatty() else text)
-                sys.stdout.flush()
+                    lines, before = [str(error)], None
+                _show(lines)
                 if arguments.once:
                     return 0
                 time.sleep(interval_s)
     except KeyboardInterrupt:
+        return 0
+    except BrokenPipeError:
+        # Whoever read has seen enough; Python would flush once more at its end.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except (GlrenderClientError, ValueError) as error:
         sys.stderr.write(f"glrender top: {error}\n")
@@ -86,6 +92,16 @@ def screen(endpoint: str, status: Mapping[str, Any], rate: float | None = None) 
     yield "last [ms]  " + (", ".join(f"{stage} {value:.2f}" for stage, value in timings.items()) or "nothing rendered")
     yield "cameras    " + ", ".join(f"{c['name']} {c['width_px']} x {c['height_px']}" for c in status["cameras"])
     yield "bodies     " + ", ".join(f"{b['name']} {b['n_facets']} facets" for b in status["bodies"])
+
+
+def _show(lines: list[str]) -> None:
+    """Write a screen; on a terminal in the place of the last, and no more of it than fits."""
+    begin = ""
+    if sys.stdout.isatty():
+        size = shutil.get_terminal_size()
+        begin, lines = _HOME_AND_CLEAR, [line[:size.columns] for line in lines[:max(1, size.lines - 1)]]
+    sys.stdout.write(begin + "\n".join(lines) + "\n")
+    sys.stdout.flush()
 
 
 def _n_requests(status: Mapping[str, Any], before: Mapping[str, Any]) -> int:

@@ -119,4 +119,49 @@ state.bodies = bodies;
 check(client.render(state, 'camera', 'bare').header.ok, 'bodies as a Map');
 client.close();
 client.close();
+
+% Requests packed like the one before, whatever is changed between them: the server must see what was meant.
+client = GlRenderClient(host, port, 'Timeout', 30);
+state.bodies = struct('body', bodies('body'));
+fresh = @(varargin) GlRenderClient(host, port, 'Timeout', 30).render(varargin{:});
+turned = orderfields(state, fliplr(1:4));
+turned.spacecraft.q_from_inertial = turned.spacecraft.q_from_inertial.';
+moving = state;
+moving.spacecraft.v_inertial_m_s = [0 0 1];
+for given = {state, turned, moving, state}
+  for options = {{'camera', 'bare'}, {'camera', 'navcam', 'output', 'dn', 'seed', 3}, {'camera', 'navcam', 'output', 'dn', 'seed', 4}}
+    given{1}.t_s = given{1}.t_s + 0.5;
+    given{1}.spacecraft.r_inertial_m(1) = given{1}.spacecraft.r_inertial_m(1) + 10;
+    reply = client.render(given{1}, options{1}{:});
+    check(reply.header.t_s == given{1}.t_s, 'its own state');
+    check(isequal(reply.pixels, fresh(given{1}, options{1}{:}).pixels), 'pixels of a client that packs it first');
+  end
+end
+bad = state;
+bad.spacecraft = rmfield(bad.spacecraft, 'q_from_inertial');
+expect_error('glrender:config', 'spacecraft.q_from_inertial', @() client.render(bad, 'camera', 'bare'));
+bad = state;
+bad.gamma = 1;
+expect_error('glrender:config', 'state.gamma', @() client.render(bad, 'camera', 'bare'));
+bad = state;
+bad.spacecraft.r_inertial_m = [0 0 -1000 0];
+bad.spacecraft.q_from_inertial = [1 0 0];
+expect_error('glrender:config', 'spacecraft', @() client.render(bad, 'camera', 'bare'));
+
+% As in MATLAB, or in an Octave whose tcpclient has another inside: by `read` alone.
+options = {'camera', 'navcam', 'products', {'range'}};
+direct = client.render(state, options{:});
+inside = autoload();
+inside = inside(strcmp({inside.function}, '__tcpclient_read__'));
+check(isscalar(inside), 'what tcpclient reads by');
+autoload(inside.function, inside.file, 'remove');
+clear glr_receive
+expect_error('glrender:connection', '.', @() GlRenderClient(host, port, 'Retries', 0).hello());
+autoload(inside.function, inside.file);
+for shared = [true false]
+  plain = GlRenderClient(host, port, 'Timeout', 30, 'SharedMemory', shared);
+  check(isequaln(plain.render(state, options{:}).arrays, direct.arrays), 'by read');
+end
+quick = GlRenderClient(host, mute_port, 'Timeout', 0.3, 'Retries', 0);
+expect_error('glrender:timeout', 'did not answer within 0.3 s', @() quick.hello());
 fprintf('GLRENDER CHECKED\n');

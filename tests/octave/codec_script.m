@@ -121,6 +121,92 @@ check(isequal(size(glr_unpack(uint8([220 0 2 1 2]))), [1 2]), 'array 16');
 long = glr_pack(num2cell(zeros(1, 70000)));
 check(numel(glr_unpack(long)) == 70000, 'array 32');
 
+% States packed like the one before, and whatever breaks the likeness: always what glr_pack gives.
+form = [];
+other = state;
+other.spacecraft.r_inertial_m = [NaN; -Inf; -0];
+moving = other;
+moving.spacecraft.v_inertial_m_s = [1 2 3];
+single_state = state;
+single_state.t_s = single(2);
+flag = state;
+flag.t_s = true;
+swapped = state;
+swapped.spacecraft = struct('r_inertial_m', [1 0 0 0], 'q_from_inertial', [0 0 -2000]);
+square = state;
+square.spacecraft.q_from_inertial = eye(2);
+nobody = state;
+nobody.bodies = struct();
+emptied = state;
+emptied.r_sun_inertial_m = [];
+mapped = state;
+mapped.bodies = containers.Map();
+mapped.bodies('67P') = state.bodies.body;
+twice = repmat(state, 1, 2);
+for value = {state, other, state, moving, moving, other, single_state, state, flag, state, swapped, state, square, ...
+             square, state, nobody, nobody, emptied, state, mapped, mapped, other}
+  [bytes, form] = glr_pack_like(value{1}, form);
+  check(isequal(bytes, glr_pack(value{1})), 'not what glr_pack gives');
+end
+[bytes, ~] = glr_pack_like(orderfields(other, [4 3 2 1]), form);
+check(isequal(bytes, glr_pack(other)), 'in the order of the first');
+expect_error('glrender:pack', '.', @() glr_pack_like(twice, form));
+kept = [];
+for k = 1:20
+  value = state;
+  value.t_s = k;
+  pairs = {'client', 'golden', 'op', 'render', 'camera', repmat('c', 1, mod(k, 3) + 1), 'seed', uint64(floor(k / 4))};
+  if mod(k, 5) == 0
+    pairs = pairs(1:6);
+    value = [];
+  end
+  [bytes, kept] = glr_request(kept, 250 + k, pairs, value);
+  read = glr_unpack(bytes(13:end));
+  check(isequal(bytes(1:8), [uint8('GLR1') 1 0 0 0]) && typecast(bytes(9:12), 'uint32') == numel(bytes) - 12, 'frame');
+  check(read.v == 1 && read.id == 250 + k && strcmp(read.camera, pairs{6}) && strcmp(read.client, 'golden'), 'fields');
+  check(isfield(read, 'seed') == (numel(pairs) > 6) && isfield(read, 'state') == ~isempty(value), 'no other fields');
+  check(isempty(value) || (isequal(read.state, glr_unpack(glr_pack(value))) && read.seed == floor(k / 4)), 'state');
+end
+
+% Headers read like the one before: always what glr_unpack gives.
+kept = [];
+given = {};
+for name = {'reply_frame_F', 'reply_shared', 'reply_frame_C', 'reply_frames_F', 'reply_error', 'reply_hello'}
+  if isfield(golden, name{1})
+    given{end + 1} = from_hex(golden.(name{1}){1});
+  end
+end
+check(numel(given) > 4, 'golden replies');
+rest = {'client', 'golden', 'ok', true, 'arrays', {struct('name', 'image', 'part', uint8(1))}, 't_s', 2};
+rest = cellfun(@glr_pack, rest, 'UniformOutput', false);
+for number = [0 127 128 255 256 300 65535 65536 2 ^ 32 - 1 2 ^ 32 2 ^ 40]
+  for id = [7 255 256 300 65535 65536]
+    own = [glr_pack('v'), uint8(1), glr_pack('op'), glr_pack('render'), glr_pack('id'), minimal(id), rest{:}];
+    for slot = {'glrender-slot-golden', 'glrender-slot-another', repmat('x', 1, 40), repmat('y', 1, 40)}
+      pairs = {[glr_pack('name'), glr_pack(slot{1})], [glr_pack('number'), minimal(number)], ...
+               [glr_pack('offsets'), uint8([146 64 204 128])], [glr_pack('sizes'), uint8([146 12 48])]};
+      if slot{1}(1) == 'y'
+        pairs = pairs([2 1 3 4]);
+        given{end + 1} = [uint8(135), own];
+      end
+      given{end + 1} = [uint8([222 0 8]), glr_pack('shared'), uint8(132), pairs{:}, own];
+    end
+  end
+end
+for k = [1:numel(given), numel(given):-1:1, repmat([1 2], 1, 5)]
+  [header, kept] = glr_header(given{k}, kept);
+  check(isequal(header, glr_unpack(given{k}, 'arrays')), 'header %d', k);
+end
+% Both were by the short way, or they were for nothing.
+form.bytes(1) = 0;
+check(glr_pack_like(other, form)(1) == 0, 'packed anew');
+[~, kept] = glr_header(given{end - 9}, kept);
+kept.header.op = 'kept';
+kept.place.place.sizes = 5;
+header = glr_header(given{end - 9}, kept);
+check(strcmp(header.op, 'kept') && header.id == 65535 && header.shared.sizes == 5, 'read anew');
+check(header.shared.number == 2 ^ 40 && strcmp(header.shared.name, 'glrender-slot-golden'), 'where it is now');
+
 % What is no message.
 whole = from_hex(golden.request_render{1});
 for count = 0:numel(whole) - 1

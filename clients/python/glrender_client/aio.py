@@ -11,7 +11,8 @@ from typing import Any
 import zmq
 import zmq.asyncio
 
-from .curve import curve_keys, set_curve
+from .connection import connected
+from .curve import curve_keys
 from .errors import GlrenderClientError, RequestTimeout
 from .wire import Packer, Reply, frames_fields, range_fields, read_header, read_reply, render_fields
 
@@ -40,11 +41,9 @@ class AsyncClient:
         self._waiting: dict[int, asyncio.Future[Reply]] = {}
 
     async def __aenter__(self) -> AsyncClient:
-        self._context = zmq.asyncio.Context()
-        self._socket = self._context.socket(zmq.DEALER)
-        self._socket.set(zmq.LINGER, 0)
-        set_curve(self._socket, self._keys)
-        self._socket.connect(self._endpoint)
+        context = zmq.asyncio.Context()
+        self._socket = connected(context, self._endpoint, self._keys)
+        self._context = context
         self._reader = asyncio.create_task(self._read())
         return self
 
@@ -99,6 +98,8 @@ class AsyncClient:
                     return future.result()
         finally:
             del self._waiting[number]
+            if not future.cancel() and not future.cancelled():
+                future.exception()  # of a request given up when its answer was there: nobody else asks
         raise RequestTimeout(f"{self._endpoint} did not answer `{op}` within {self._timeout_s:g} s, "
                              f"{self._retries + 1} times; is glrender-server running there?")
 

@@ -10,7 +10,8 @@ from typing import Any
 
 import zmq
 
-from .curve import curve_keys, set_curve
+from .connection import MAX_POLL_MS, connected
+from .curve import curve_keys
 from .errors import GlrenderClientError, RequestTimeout
 from .notebook import described
 from .pipeline import in_order
@@ -270,16 +271,13 @@ class Client:
 
     def _send(self, message: bytes) -> None:
         if self._socket is None:
-            self._socket = self._context.socket(zmq.DEALER)
-            self._socket.set(zmq.LINGER, 0)
-            set_curve(self._socket, self._keys)
-            self._socket.connect(self._endpoint)
+            self._socket = connected(self._context, self._endpoint, self._keys)
         self._socket.send(message)
 
     def _receive(self, deadline: float) -> tuple[dict[str, Any], list[Any]] | None:
         """The next reply, whosever it is, or None when the time is over."""
         left = deadline - time.monotonic()
-        if left <= 0.0 or not self._socket.poll(max(1, int(1e3 * left))):
+        if left <= 0.0 or not self._socket.poll(max(1, int(min(1e3 * left, MAX_POLL_MS)))):
             return None
         parts = [frame.buffer for frame in self._socket.recv_multipart(copy=False)]
         return read_header(parts[0]), parts

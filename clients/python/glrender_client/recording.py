@@ -18,7 +18,8 @@ from typing import Any, BinaryIO, NamedTuple
 import msgpack
 import zmq
 
-from .curve import curve_keys, set_curve
+from .connection import MAX_POLL_MS, connected
+from .curve import curve_keys
 from .errors import GlrenderClientError, RequestTimeout
 
 _PREFIX = struct.Struct("<4sHH")
@@ -97,12 +98,9 @@ def replay(path: Path, endpoint: str = "tcp://127.0.0.1:5555", *, timeout_s: flo
     GlrenderClientError
         The recording cannot be read.
     """
-    context = zmq.Context()
-    socket = context.socket(zmq.DEALER)
-    socket.set(zmq.LINGER, 0)
+    keys, context = curve_keys(key, server_key), zmq.Context()
+    socket = connected(context, endpoint, keys)
     try:
-        set_curve(socket, curve_keys(key, server_key))
-        socket.connect(endpoint)
         for index, (request, recorded) in enumerate(read_recording(path)):
             header = msgpack.unpackb(request)
             # The server must draw anew, not answer from what it keeps of this client.
@@ -116,13 +114,15 @@ def replay(path: Path, endpoint: str = "tcp://127.0.0.1:5555", *, timeout_s: flo
 
 def _ask(socket: zmq.Socket, request: bytes, timeout_s: float) -> list[bytes]:
     socket.send(request)
-    if not socket.poll(int(1e3 * timeout_s)):
+    if not socket.poll(int(min(1e3 * timeout_s, MAX_POLL_MS))):
         raise RequestTimeout(f"no reply within {timeout_s:g} s; is glrender-server running there?")
     return socket.recv_multipart()
 
 
 def _difference(recorded: list[bytes], again: list[bytes]) -> str:
     before, after = _lasting(msgpack.unpackb(recorded[0])), _lasting(msgpack.unpackb(again[0]))
+    if "shared" in before:
+        return f"pixels of {before['arrays'][0]['name']} were left in shared memory, and not recorded"
     for name in {**before, **after}:
         if before.get(name) != after.get(name):
             return f"{name}: {before.get(name)!r}, now {after.get(name)!r}"

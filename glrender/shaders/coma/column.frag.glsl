@@ -13,9 +13,9 @@ layout(location = 0) out float column;
 
 void main()
 {
-    vec2 pixel = gl_FragCoord.xy - 0.5;
+    vec2 pixel = near_px + gl_FragCoord.xy - 0.5;
     Ray ray = ray_of(pixel);
-    float sum = texture(total, (pixel / pixels_per_node + 0.5) / vec2(textureSize(total, 0))).r;
+    float sum = texture(total, ((pixel - first_node_px) / pixels_per_node + 0.5) / vec2(textureSize(total, 0))).r;
 #if HAS_SURFACE
     vec2 seen = seen_at(surface, pixel, ray);
     vec2 span = span_of(ray);
@@ -25,13 +25,13 @@ void main()
         sum = 0.0;
 #if HAS_FRONT
         // Nodes count that saw a surface at nearly the same angle, each brought to this pixel's with its K.
-        vec2 place = pixel / pixels_per_front_node;
-        ivec2 first = ivec2(place), most = textureSize(front, 0) - 1;
+        vec2 place = (pixel - first_front_px) / pixels_per_front_node;
+        ivec2 first = ivec2(place);
         vec2 part = place - vec2(first);
         float shares = 0.0, values = 0.0;
         for (int corner = 0; corner < 4; ++corner) {
             ivec2 step = ivec2(corner & 1, corner >> 1);
-            vec4 near = texelFetch(front, min(first + step, most), 0);
+            vec4 near = texelFetch(front, first + step, 0);
             vec2 along = mix(1.0 - part, part, vec2(step));
             float apart = span.y - near.y;
             float share = along.x * along.y * near.w * max(1.0 - abs(apart) / nodes_reach_rad, 0.0);

@@ -24,11 +24,12 @@ float weight(vec3 r)
     return value;
 }
 
-// Integral of K dtheta between two angles, in steps of what the half circle has `steps` of. A ray through the
-// body's inside is only seen by its neighbours: to them it stays smooth without what makes `a` up for rho.
+// Integral of K dtheta between two angles, in steps of what the half circle has `steps` of, and no fewer than a quarter
+// of them: straight before a nucleus all distances are within some degrees. A ray through the body's inside is only
+// seen by its neighbours: to them it stays smooth without what makes `a` up for rho.
 float integral(Ray ray, vec2 span)
 {
-    float count = max(ceil(float(steps) * (span.y - span.x) / PI), 2.0);
+    float count = max(ceil(float(steps) * (span.y - span.x) / PI), 0.25 * float(steps));
     float width = (span.y - span.x) / count;
     // Sine and cosine of theta are turned on from step to step, which costs less than a tangent.
     float sine = sin(span.x + 0.5 * width), cosine = cos(span.x + 0.5 * width);

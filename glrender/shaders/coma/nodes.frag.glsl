@@ -3,7 +3,7 @@
 #include "constants.glsl"
 #include "coma/ray.glsl"
 #include "coma/field.glsl"
-#if TO_SURFACE
+#if HAS_SURFACE
 uniform sampler2D surface;
 layout(location = 0) out vec4 front; // integral, theta of the surface, K there, 1 where there is a surface
 #else
@@ -12,14 +12,10 @@ layout(location = 0) out float total;
 
 void main()
 {
-#if TO_SURFACE
-    vec2 pixel = (gl_FragCoord.xy - 0.5) * pixels_per_front_node;
-#else
-    vec2 pixel = (gl_FragCoord.xy - 0.5) * pixels_per_node;
-#endif
+    vec2 pixel = first_node_px + (gl_FragCoord.xy - 0.5) * pixels_per_node;
     Ray ray = ray_of(pixel);
     vec2 span = span_of(ray);
-#if TO_SURFACE
+#if HAS_SURFACE
     vec2 seen = seen_at(surface, pixel, ray);
     if (seen.y == 0.0) {
         front = vec4(0.0);

@@ -49,21 +49,27 @@ vec2 span_of(Ray ray)
     return atan(vec2(enter, max(leave, enter)) / ray.a);
 }
 
+#if HAS_SURFACE
 // What a pixel sees of the surface that was drawn in a box of the tile: how far along its ray the mean of it is, and
 // what share of the pixel it covers. Nothing beside the box.
 vec2 seen_at(sampler2D surface, vec2 pixel, Ray ray)
 {
     if (any(lessThan(pixel, body_px.xy)) || any(greaterThanEqual(pixel, body_px.zw)))
         return vec2(0.0);
-    ivec2 first = ivec2(pixel - body_px.xy + 0.5) * surface_samples;
+    ivec2 first = ivec2(pixel - body_px.xy + 0.5) * SURFACE_SAMPLES;
     float along = 0.0, hits = 0.0;
-    for (int sample_ = 0; sample_ < surface_samples * surface_samples; ++sample_) {
-        // From the point of the ray closest to the origin of the body that it meets, and which.
-        vec2 seen = texelFetch(surface, first + ivec2(sample_ % surface_samples, sample_ / surface_samples), 0).rg;
-        if (seen.y > 0.5) {
-            along += seen.x + dot(ray.direction, r_body_m[int(seen.y) - 1].xyz);
-            hits += 1.0;
+    for (int y = 0; y < SURFACE_SAMPLES; ++y)
+        for (int x = 0; x < SURFACE_SAMPLES; ++x) {
+            // From the point of the ray closest to the origin of the body that it meets, and which.
+            vec2 seen = texelFetch(surface, first + ivec2(x, y), 0).rg;
+            if (seen.y > 0.5) {
+                along += seen.x;
+#if SEVERAL_BODIES
+                along += dot(ray.direction, r_body_m[int(seen.y) - 1].xyz);
+#endif
+                hits += 1.0;
+            }
         }
-    }
-    return hits > 0.0 ? vec2(along / hits, hits / float(surface_samples * surface_samples)) : vec2(0.0);
+    return hits > 0.0 ? vec2(along / hits, hits / float(SURFACE_SAMPLES * SURFACE_SAMPLES)) : vec2(0.0);
 }
+#endif

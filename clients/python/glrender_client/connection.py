@@ -1,0 +1,31 @@
+"""The socket of a client."""
+
+from __future__ import annotations
+
+import zmq
+
+from .curve import Keys, set_curve
+from .errors import GlrenderClientError
+
+MAX_POLL_MS = 2**31 - 1
+"""Longer than this ZeroMQ cannot wait."""
+
+
+def connected(context: zmq.Context, endpoint: str, keys: Keys | None) -> zmq.Socket:
+    """A socket that talks to a server, or waits until there is one.
+
+    Raises
+    ------
+    GlrenderClientError
+        No such address. The socket is closed: one that never connects would hold up whoever sends, and the exit.
+    """
+    socket = context.socket(zmq.DEALER)
+    try:
+        socket.set(zmq.LINGER, 0)
+        set_curve(socket, keys)
+        socket.connect(endpoint)
+    except zmq.ZMQError as error:
+        socket.close()
+        raise GlrenderClientError(f"endpoint must be tcp://HOST:PORT or ipc://PATH, got {endpoint!r}: "
+                                  f"{error.strerror}") from None
+    return socket
