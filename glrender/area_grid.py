@@ -44,15 +44,20 @@ class SmallBody:
                   size_px: float, is_apart: bool) -> SmallBody:
         """From a grid of samples (rows, columns) [W/m2 per pixel] over x0, y0, x1, y1 [px]."""
         x0, y0, x1, y1 = bounds_px
-        rows, columns = samples.shape
-        x, y = x0 + (np.arange(columns) + 0.5) * (x1 - x0) / columns, y0 + (np.arange(rows) + 0.5) * (y1 - y0) / rows
-        light = samples.astype(np.float64) * ((x1 - x0) * (y1 - y0) / samples.size)
+        n_y, n_x = samples.shape
         # At least one sample a cell.
-        down, across = (np.arange(0, n, max(int(n * min(CELL_PX / side, 1.0)), 1))
-                        for n, side in ((rows, y1 - y0), (columns, x1 - x0)))
+        each_y, each_x = (max(int(n * min(CELL_PX / side, 1.0)), 1) for n, side in ((n_y, y1 - y0), (n_x, x1 - x0)))
+        rows, columns = -(-n_y // each_y), -(-n_x // each_x)
+        light = np.zeros((rows * each_y, columns * each_x))
+        light[:n_y, :n_x] = samples
+        light *= (x1 - x0) * (y1 - y0) / samples.size
         # Light, and its moments about the first corner: float64 places of far smaller bodies do not cancel.
-        cells, moment_x, moment_y = (np.add.reduceat(np.add.reduceat(part, down, axis=0), across, axis=1)
-                                     for part in (light, light * (x - x0), light * (y - y0)[:, None]))
+        x, y = ((np.arange(n) + 0.5) * side for n, side in ((light.shape[1], (x1 - x0) / n_x),
+                                                            (light.shape[0], (y1 - y0) / n_y)))
+        light = light.reshape(rows, each_y, -1)
+        light, light_y = light.sum(axis=1), np.einsum("ijk,ij->ik", light, y.reshape(rows, each_y))
+        cells, moment_x, moment_y = (part.reshape(rows, columns, each_x).sum(axis=2)
+                                     for part in (light, light * x, light_y))
         lit = cells > 0.0
         places = np.stack([moment_x[lit], moment_y[lit]], axis=1)
         total = float(cells.sum())

@@ -65,21 +65,26 @@ def light_on_frame(optics: Optics, irradiance_W_m2: np.ndarray, *, roi: object =
     box = _lit_box(irradiance, _region(roi, irradiance.shape))
     margin_px = integer("margin_px", margin_px, 0, (min(irradiance.shape) - 1) // 2)
     height, width = (n - 2 * margin_px for n in irradiance.shape)
-    signal = np.zeros(irradiance.shape, np.float32)
+    stray = optics.stray_light
+    # What the point spread function carries out of the image throws its wing from there.
+    room_px = max(optics.psf_margin_px) if stray is not None and stray.wing_fraction > 0.0 else 0
+    edge_px = margin_px + room_px
+    signal = np.zeros((height + 2 * edge_px, width + 2 * edge_px), np.float32)
     lit, own, beyond = np.s_[0:0, 0:0], 0.0, 0.0
     if box is not None:
         margin_y, margin_x = optics.psf_margin_px
-        x0, y0, x1, y1 = box
+        drawn = np.s_[box[1]:box[3], box[0]:box[2]]
+        x0, y0, x1, y1 = (side + room_px for side in box)
         lit = np.s_[max(0, y0 - margin_y):min(signal.shape[0], y1 + margin_y),
                     max(0, x0 - margin_x):min(signal.shape[1], x1 + margin_x)]
         # A copy, so that the filter sees darkness around the box on every path.
         # What was not in the region is dark, whatever it holds.
         light = np.zeros((lit[0].stop - lit[0].start, lit[1].stop - lit[1].start), np.float32)
         inner = np.s_[y0 - lit[0].start:y1 - lit[0].start, x0 - lit[1].start:x1 - lit[1].start]
-        np.maximum(irradiance[y0:y1, x0:x1], 0.0, out=light[inner])
+        np.maximum(irradiance[drawn], 0.0, out=light[inner])
         if relative_illumination is not None:
-            light[inner] *= _checked_illumination(relative_illumination[y0:y1, x0:x1])
-        origin = lit[0].start - margin_px, lit[1].start - margin_px
+            light[inner] *= _checked_illumination(relative_illumination[drawn])
+        origin = lit[0].start - edge_px, lit[1].start - edge_px
         inside = light[max(0, -origin[0]):max(0, height - origin[0]), max(0, -origin[1]):max(0, width - origin[1])]
         own = _total(inside)
         beyond = _total(light) - own if inside.size < light.size else 0.0
@@ -87,28 +92,27 @@ def light_on_frame(optics: Optics, irradiance_W_m2: np.ndarray, *, roi: object =
     if points is not None:
         if relative_illumination is not None:
             points = points.dimmed(relative_illumination, margin_px)
-        drawn = points.is_inside((height, width), margin_px)
-        signal += points.chosen(drawn).image(optics, signal.shape, (-margin_px, -margin_px))
+        is_drawn = points.is_inside((height, width), margin_px)
+        signal += points.chosen(is_drawn).image(optics, signal.shape, (-edge_px, -edge_px))
         is_own = points.is_inside((height, width))
         own += float(points.irradiance_W_m2[is_own].sum())
         beyond += float(points.irradiance_W_m2[~is_own].sum())
-    stray = optics.stray_light
     if stray is not None and (box is not None or points is not None):
-        signal = stray.add(signal, margin_px)
+        signal = stray.add(signal, edge_px)
         if points is not None:
-            far = _brightest(points.chosen(~drawn))
-            stray.add_from_beyond(signal, far.xy_px + margin_px, far.irradiance_W_m2, margin_px)
-    if points is not None and not drawn.all():
+            far = _brightest(points.chosen(~is_drawn))
+            stray.add_from_beyond(signal, far.xy_px + edge_px, far.irradiance_W_m2, edge_px)
+    if points is not None and not is_drawn.all():
         # What their point spread function brings in has no second wing.
-        rest = points.chosen(~drawn).image(optics, signal.shape, (-margin_px, -margin_px))
+        rest = points.chosen(~is_drawn).image(optics, signal.shape, (-edge_px, -edge_px))
         signal += rest if stray is None else rest * np.float32(stray.direct_share)
     if stray is not None and (box is not None or points is not None):
         lit = np.s_[0:signal.shape[0], 0:signal.shape[1]]
     elif points is not None:
-        lit = _around(lit, points.xy_px + margin_px, optics.psf_margin_px, signal.shape)
-    if margin_px:
-        signal = np.ascontiguousarray(signal[margin_px:-margin_px, margin_px:-margin_px])
-        lit = tuple(slice(max(0, part.start - margin_px), max(0, part.stop - margin_px)) for part in lit)
+        lit = _around(lit, points.xy_px + edge_px, optics.psf_margin_px, signal.shape)
+    if edge_px:
+        signal = np.ascontiguousarray(signal[edge_px:-edge_px, edge_px:-edge_px])
+        lit = tuple(slice(max(0, part.start - edge_px), max(0, part.stop - edge_px)) for part in lit)
     text = (f"{own:.6g} W/m2 from the frame's own sky, {beyond:.6g} from beyond it; "
             f"{_total(signal[lit]):.6g} fall on the frame")
     return Light(signal=signal, lit=lit, text=text if own + beyond > 0.0 else "skipped: it is dark")

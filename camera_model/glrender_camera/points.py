@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.signal import fftconvolve
+from scipy.sparse import csr_array
 
 from . import psf
 from .convolution import hats
@@ -204,15 +205,14 @@ def _add_gaussian_crowd(out: np.ndarray, xy: np.ndarray, fluxes: np.ndarray, opt
     lattice, radius_px = _Lattice(xy), optics.psf_margin_px[0] + 1
     weights = psf.gaussian_weights((np.arange(FINE) - FINE // 2) / FINE, optics.psf_sigma_px, radius_px)
 
-    def seen(n: int) -> np.ndarray:
+    def seen(n: int) -> csr_array:
         """(n + 2 radius, FINE n): shares of each place's light in each pixel."""
-        share = np.zeros((n + 2 * radius_px, FINE * n))
-        for place in range(FINE):
-            share[np.arange(n)[:, None] + np.arange(2 * radius_px + 1), FINE * np.arange(n)[:, None] + place] = (
-                weights[:, place])
-        return share
+        place = np.arange(FINE * n)
+        pixel = place // FINE + np.arange(2 * radius_px + 1)[:, None]
+        row_column = pixel.ravel(), np.broadcast_to(place, pixel.shape).ravel()
+        return csr_array((weights[:, place % FINE].ravel(), row_column))
 
-    lattice.add_to(out, seen(lattice.rows) @ lattice.light(fluxes) @ seen(lattice.columns).T)
+    lattice.add_to(out, (seen(lattice.columns) @ (seen(lattice.rows) @ lattice.light(fluxes)).T).T)
 
 
 def _add_gaussians(out: np.ndarray, xy: np.ndarray, fluxes: np.ndarray, sigma_px: float, radius_px: int) -> None:
