@@ -8,7 +8,7 @@ state. Prints one JSON line; exit code 1 if a request was lost, a reply crossed 
 by more than 2 %, or (when nobody is killed) the slowest client got less than 80 % of the fastest's frames. Both are
 measured with all clients flying, as the median of some moments: a client that was killed is a descriptor for a while.
 The server keeps the last reply of 64 clients: memory is flat only after as many
-have come, so give it 220 deaths of clients or none.
+have come, so give it 220 deaths of clients, 300 with --ipc (each reply three descriptors), or none.
 """
 
 from __future__ import annotations
