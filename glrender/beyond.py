@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container
+from collections.abc import Container, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -25,21 +25,20 @@ _RINGS, _PLACES = (0, 1, 2), (1, 6, 12)
 _LEAST_COSINE = 1e-3
 
 
-def light_beyond(renderer: Any, state: State, camera: PinholeCamera, margin_px: int,
-                 apart: Container[str] = ()) -> tuple[PointSources, str]:
-    """Sources beyond an image, and what they are in words.
+def light_beyond(renderer: Any, camera: PinholeCamera, margin_px: int,
+                 poses: Sequence[tuple[State, Container[str], float]]) -> tuple[PointSources, str]:
+    """Sources beyond an image in the mean over some poses, and what they are in words.
 
     Parameters
     ----------
     renderer
         Of `glrender.open_renderer`.
-    state : State
     camera : PinholeCamera
         One of the scene's, with a model.
     margin_px : int [px]
         Of the image.
-    apart
-        Names of bodies whose light, all of it, is told as points already.
+    poses : sequence of (State, names, float)
+        With the names of bodies whose light, all of it, is told as points already, and a pose's weight.
 
     Returns
     -------
@@ -52,18 +51,22 @@ def light_beyond(renderer: Any, state: State, camera: PinholeCamera, margin_px: 
     if not stray:
         return nothing, "skipped: the optics have no stray light"
     plain = replace(camera, distortion=None).with_margin(margin_px)
-    parts = {"the Sun": _sun(renderer, state, plain)}
-    for index, view in enumerate(view_bodies(state, plain, renderer.scene.hulls)):
-        # What a distorting lens leaves of the image, nobody knows beforehand.
-        if view.name not in apart and not (view.is_whole and camera.distortion is None):
-            parts[view.name] = _body(renderer, state, plain, view, index)
-    found = {name: _kept(*part, camera.with_margin(margin_px), stray, margin_px)
-             for name, part in parts.items() if part is not None}
-    found = {name: points for name, points in found.items() if points.irradiance_W_m2.any()}
+    found: dict[str, list[tuple[PointSources, float]]] = {}
+    for state, apart, weight in poses:
+        parts = {"the Sun": _sun(renderer, state, plain)}
+        for index, view in enumerate(view_bodies(state, plain, renderer.scene.hulls)):
+            # What a distorting lens leaves of the image, nobody knows beforehand.
+            if view.name not in apart and not (view.is_whole and camera.distortion is None):
+                parts[view.name] = _body(renderer, state, plain, view, index)
+        for name, part in parts.items():
+            if part is not None and (points := _kept(*part, camera.with_margin(margin_px), stray,
+                                                     margin_px)).irradiance_W_m2.any():
+                found.setdefault(name, []).append((points, weight))
     if not found:
         return nothing, "skipped: there is none that the baffle lets in"
-    points = merged([(each, 1.0) for each in found.values()])
-    return points, f"{', '.join(found)}: {points.irradiance_W_m2.sum():.3g} W/m2"
+    points = merged([each for parts in found.values() for each in parts])
+    text = f"{', '.join(found)}: {points.irradiance_W_m2.sum():.3g} W/m2"
+    return points, text if len(poses) == 1 else f"{text}, mean of {len(poses)} poses"
 
 
 def _kept(rays: np.ndarray, light: np.ndarray, wide: PinholeCamera, stray: list[StrayLight],

@@ -28,6 +28,9 @@ from .scene import Scene
 from .sensor import PosePoints, Sensor, with_points
 from .state import State
 
+# Of what moves, poses whose light from beyond the image is followed: a wing is wide.
+_BEYOND_POSES = 9
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Capture:
@@ -157,7 +160,7 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
     still = drawing.still(state, products, (0.0, first))
     irradiance, roi = still.irradiance_W_m2, still.roi
     poses = [PosePoints(state=state, bodies=still.points)]
-    beyond, beyond_text = light_beyond(renderer, state, pinhole, margin_px, still.apart)
+    beyond, beyond_text = light_beyond(renderer, pinhole, margin_px, [(state, still.apart, 1.0)])
     bodies, stars = sensor.bodies(poses), sensor.stars(poses)
     timings = _timings(still, began)
     if is_moving:
@@ -166,7 +169,8 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
             exposure = sensor.expose(irradiance, seed, exposure, roi, [bodies, beyond], stars).exposure_s
             motion = planned(exposure)
         if not motion.is_still:
-            irradiance, roi, poses = _mean(drawing, state, still, motion, first)
+            irradiance, roi, poses, apart = _mean(drawing, state, still, motion, first)
+            beyond, beyond_text = light_beyond(renderer, pinhole, margin_px, _some(poses, apart))
             bodies, stars = sensor.bodies(poses), sensor.stars(poses)
         timings["motion_blur"] = 1e3 * (time.perf_counter() - moved)
     drawing.progress.finish()
@@ -186,9 +190,9 @@ def _n_drawn(motion: Motion) -> int:
 
 
 def _mean(drawing: Drawing, state: State, still: Still, motion: Motion,
-          done: float) -> tuple[np.ndarray, tuple[int, int, int, int], list[PosePoints]]:
+          done: float) -> tuple[np.ndarray, tuple[int, int, int, int], list[PosePoints], list[frozenset[str]]]:
     """Mean irradiance over each row's exposure, its region, and what the poses have besides; `done` of it is."""
-    regions, points, states = [], [], motion.poses(state)
+    regions, points, apart, states = [], [], [], motion.poses(state)
     shares = pairwise(np.linspace(done, 1.0, _n_drawn(motion)).tolist())
 
     def images() -> Iterator[np.ndarray]:
@@ -196,6 +200,7 @@ def _mean(drawing: Drawing, state: State, still: Still, motion: Motion,
             pose = still if dt == 0.0 and not motion.states else drawing.still(each, part=next(shares))
             regions.append(pose.roi)
             points.append(pose.points)
+            apart.append(pose.apart)
             yield pose.irradiance_W_m2
 
     n_rows = len(still.irradiance_W_m2)
@@ -206,7 +211,16 @@ def _mean(drawing: Drawing, state: State, still: Still, motion: Motion,
     weights = row_weights(motion.times_s, start_s + motion.row_s * np.arange(n_rows), motion.exposure_s)
     poses = [PosePoints(state=pose, bodies=each, row_weights=weight)
              for pose, each, weight in zip(states, points, weights.T, strict=True)]
-    return mean, union([region for region in regions if region[0] < region[2]]), poses
+    return mean, union([region for region in regions if region[0] < region[2]]), poses, apart
+
+
+def _some(poses: Sequence[PosePoints], apart: Sequence[frozenset[str]]) -> list[tuple[State, frozenset[str], float]]:
+    """A few of the poses, each with the weight of those nearest to it in the mean over the image's rows."""
+    weight = np.array([pose.row_weights.mean() for pose in poses])
+    chosen = np.unique(np.rint(np.linspace(0, len(poses) - 1, min(len(poses), _BEYOND_POSES))).astype(int))
+    nearest = np.abs(np.arange(len(poses))[:, None] - chosen).argmin(axis=1)
+    shares = np.bincount(nearest, weight, len(chosen)).tolist()
+    return [(poses[k].state, apart[k], share) for k, share in zip(chosen, shares, strict=True)]
 
 
 def _without_margin(image: np.ndarray, margin_px: int) -> np.ndarray:

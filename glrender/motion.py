@@ -113,7 +113,7 @@ def plan_motion(scene: Scene, state: State, camera: PinholeCamera, exposure_s: f
     state : State
         At the middle of the frame's exposure: of all its rows, where the shutter rolls.
     camera : PinholeCamera
-        One of the scene's, without its margin.
+        One of the scene's.
     exposure_s : float [s]
     row_s : float [s]
         Delay from row to row.
@@ -121,7 +121,7 @@ def plan_motion(scene: Scene, state: State, camera: PinholeCamera, exposure_s: f
         Rows that are drawn beyond the frame.
     """
     half_s = 0.5 * (exposure_s + abs(row_s) * (camera.height_px - 1 + 2 * margin_px))
-    path_px = motion_px(scene, state, camera, half_s)
+    path_px = motion_px(scene, state, camera.with_margin(margin_px), half_s)
     if path_px < _STILL_PX:
         return Motion(times_s=np.zeros(1), text=f"skipped: {path_px:.2g} px of motion")
     # An odd number: the middle one is the state itself.
@@ -157,22 +157,42 @@ def motion_px(scene: Scene, state: State, camera: PinholeCamera, half_s: float) 
     pinhole = camera if camera.distortion is None else replace(camera, distortion=None)
     views = view_bodies(state, pinhole, scene.hulls)
     for view, body in zip(views, scene.bodies, strict=True):
-        if view.bounds_px is not None and view.is_visible:
-            longest = max(longest, _path_px(camera, [_in_camera(each.bodies[body.name], place, body.hull.points_m)
-                                                     for each, place in zip(states, places, strict=True)]))
-        elif view.is_visible:
+        tracks = [_in_camera(each.bodies[body.name], place, body.hull.points_m)
+                  for each, place in zip(states, places, strict=True)]
+        if view.bounds_px is None and view.is_visible:
             longest = max(longest, _bound_px_s(state, camera, view, body.hull, rays[:, 2].min()) * 2.0 * half_s)
+        elif view.is_visible or _may_cross(pinhole, tracks):
+            longest = max(longest, _path_px(camera, tracks))
     return longest
 
 
+def _may_cross(camera: PinholeCamera, tracks: list[np.ndarray]) -> bool:
+    """Whether a body of points (N, 3) in `camera` at several times may be in the image at or between two of them."""
+    x0, y0, x1, y1 = camera.bounds_px
+    boxes = []
+    for points in tracks:
+        ahead = camera.project(points[points[:, 2] > 0.0])
+        is_whole = len(ahead) == len(points)
+        boxes.append((ahead.min(axis=0), ahead.max(axis=0)) if is_whole else None)
+    for a, b in pairwise(boxes):
+        if a is None and b is None:
+            continue
+        # What comes from beside the camera crosses all that is between.
+        low, high = (np.array([-np.inf] * 2), np.array([np.inf] * 2)) if a is None or b is None else (
+            np.minimum(a[0], b[0]), np.maximum(a[1], b[1]))
+        if (low < (x1, y1)).all() and (high > (x0, y0)).all():
+            return True
+    return False
+
+
 def _path_px(camera: PinholeCamera, tracks: list[np.ndarray]) -> float:
-    """Longest path [px] of points (N, 3) in `camera` at an odd number of times, if near the frame in the middle."""
+    """Longest path [px] of points (N, 3) in `camera` at an odd number of times, of those that pass near the frame."""
     xy = []
     for points in tracks:
         depth = np.where(points[:, 2:] > 0.0, points[:, 2:], np.nan)
         xy.append(camera.focal_length_px * points[:, :2] / depth + np.array(camera.principal_point_px))
-    size, middle = np.array([camera.width_px, camera.height_px]), len(xy) // 2
-    near = ((xy[middle] > -size) & (xy[middle] < 2 * size)).all(axis=1)
+    size = np.array([camera.width_px, camera.height_px])
+    near = np.any([((np.fmax(a, b) > -size) & (np.fmin(a, b) < 2 * size)).all(axis=1) for a, b in pairwise(xy)], axis=0)
     path = sum(np.hypot(*(b - a).T) for a, b in pairwise(xy))[near]
     # What comes from behind the camera, or goes there, crosses all of the frame.
     return float(np.nan_to_num(path, nan=float(np.hypot(*size))).max(initial=0.0))

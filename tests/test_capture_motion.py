@@ -9,7 +9,7 @@ from glrender import ConfigError, Pose, State, frames, open_renderer, take_frame
 from glrender.brdf import Lambert
 from glrender.motion import MAX_POSES
 from glrender.sky import Stars
-from glrender_camera import BrownConrady, CameraModel, Detector, Optics
+from glrender_camera import BrownConrady, CameraModel, Detector, Optics, StrayLight
 
 GREY = Lambert(normal_albedo=0.4)
 ROW_S = 2e-3
@@ -217,3 +217,44 @@ def test_poses_that_do_not_cover_the_exposure_are_refused(chosen, rule):
             take_frame(renderer, states[8], exposure_s=0.1, sub_states=states[chosen])
         with pytest.raises(ConfigError, match="sub_states: must be a list of State"):
             take_frame(renderer, states[8], exposure_s=0.1, sub_states=[1])
+
+
+@pytest.mark.parametrize("size_px, x_px", [(6.0, -10.0), (6.0, 0.0), (40.0, -30.0)])
+def test_a_body_that_enters_or_leaves_while_the_shutter_is_open(size_px, x_px):
+    """40 px of motion across the frame's edge: the light of a wider camera's crop, 2 %; its wing on the far side, 3 %.
+
+    What was outside in the middle of the exposure was not drawn at all; its wing was counted twice, or not.
+    """
+    stray = StrayLight(wing_fraction=0.1, wing_core_px=5.0, wing_exponent=2.5)
+    model = CameraModel(optics=Optics(aperture_diameter_m=1.0, psf_sigma_px=0.7, stray_light=stray), exposure_s=1.0,
+                        detector=Detector(quantum_efficiency=1.0, full_well_electrons=1e15, gain_DN_per_electron=1e-10,
+                                          bit_depth=16))
+    focal = 10.0 * size_px
+    cameras = [views.camera(64 + 2 * room, focal, name=name, model=model, principal_point_px=(x_px + room, 30.0 + room))
+               for name, room in (("narrow", 0), ("wide", 96))]
+    base = views.state(range_m=2000.0)
+    right = frames.dcm(base.spacecraft.q_from_inertial)[0]
+    state = State(r_sun_inertial_m=base.r_sun_inertial_m, spacecraft=base.spacecraft, bodies={
+        "body": Pose(r_inertial_m=np.zeros(3), v_inertial_m_s=40.0 * 2000.0 / focal * right)})
+    with open_renderer(views.scene([views.sphere(GREY, 4)], cameras, max_error=0.02)) as renderer:
+        got, wide = (take_frame(renderer, state, name) for name in ("narrow", "wide"))
+    true = wide.frame.electrons[96:-96, 96:-96]
+    for part, tolerance in ((np.s_[:, :], 0.02), (np.s_[:, 32:], 0.03)):
+        np.testing.assert_allclose(got.frame.electrons[part].sum(dtype=np.float64), true[part].sum(dtype=np.float64),
+                                   rtol=tolerance)
+    assert got.stages["beyond"].startswith("body") and got.stages["beyond"].endswith("mean of 9 poses")
+
+
+def test_a_body_that_crosses_the_frame_between_two_instants_is_drawn():
+    """Out of view at both ends and in the middle of the exposure: its light for its time in the frame, 10 %."""
+    cameras = [views.camera(64, 6000.0, name=name, model=model(), principal_point_px=(x_px, 30.0))
+               for name, x_px in (("beside", -60.0), ("middle", 32.0))]
+    base = views.state(range_m=2e5)
+    right = frames.dcm(base.spacecraft.q_from_inertial)[0]
+    state = State(r_sun_inertial_m=base.r_sun_inertial_m, spacecraft=base.spacecraft, bodies={
+        "body": Pose(r_inertial_m=np.zeros(3), v_inertial_m_s=400.0 * 2e5 / 6000.0 * right)})
+    with open_renderer(views.scene([views.sphere(GREY, 4)], cameras, max_error=0.02)) as renderer:
+        still = take_frame(renderer, base, "middle").irradiance_W_m2.sum(dtype=np.float64)
+        capture = take_frame(renderer, state, "beside", exposure_s=1.0)
+    assert capture.stages["motion_blur"].startswith("65 poses, 4")
+    np.testing.assert_allclose(capture.irradiance_W_m2.sum(dtype=np.float64), still * 64.0 / 400.0, rtol=0.1)
