@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import fftconvolve
 from scipy.sparse import csr_array
 
 from . import psf
@@ -180,6 +179,8 @@ class _Lattice:
 def _add_crowd(out: np.ndarray, xy: np.ndarray, fluxes: np.ndarray, optics: Optics, origin: tuple[int, int],
                frame: tuple[int, int]) -> None:
     """Sources near each other, as `_between` has each: all light of one place in the pixel at once."""
+    from scipy.signal import fftconvolve  # 24 MiB of memory that few scenes need
+
     fine, lattice = optics.psf_fine_kernel, _Lattice(xy)
     (n, m), middle = _sides(fine), FINE // 2
     pixel = np.rint(xy).astype(int)
