@@ -12,7 +12,7 @@ from .measuring import NODE_ANGLES, STEPS, FieldErrors
 
 PIXELS_PER_NODE = (1, 2, 4, 8, 16, 32)
 FAR_PIXELS_PER_NODE = (4, 8, 16, 32)
-NEAR_NODES = 16
+NEAR_NODES = 12
 """Far nodes from the origin's pixel within which each pixel has its own 1/rho: beyond, columns themselves are linear
 between nodes, which leaves (n / rho)^2 / 12 of 1/rho."""
 NEAR_RADII = 1.5
