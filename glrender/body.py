@@ -60,7 +60,7 @@ class Body:
                 raise ConfigError("albedo_map", "needs a shape with texture coordinates")
             try:
                 albedo_map = np.array(self.albedo_map, dtype=np.float32)
-            except (TypeError, ValueError):
+            except (TypeError, ValueError, OverflowError):
                 raise ConfigError("albedo_map", "must be a 2-D array of numbers", self.albedo_map) from None
             fits = albedo_map.ndim == 2 and albedo_map.size
             if not fits or not np.isfinite(albedo_map).all() or albedo_map.min() < 0.0:

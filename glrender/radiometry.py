@@ -60,7 +60,7 @@ class Band:
         for name in ("wavelength_nm", "transmission"):
             try:
                 array = np.array(getattr(self, name), dtype=np.float64)
-            except (TypeError, ValueError):
+            except (TypeError, ValueError, OverflowError):
                 raise ConfigError(name, "must be a list of numbers", getattr(self, name)) from None
             if array.ndim != 1 or len(array) < 2 or not np.isfinite(array).all():
                 raise ConfigError(name, "must be 2 finite numbers or more", getattr(self, name))

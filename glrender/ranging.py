@@ -135,7 +135,7 @@ def checked_directions(value: object) -> np.ndarray:
     path = "directions_camera"
     try:
         rays = np.array(value, np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ConfigError(path, "must be a list of unit vectors of 3 numbers") from None
     if rays.shape == (3,):
         rays = rays[None]

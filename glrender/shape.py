@@ -126,7 +126,7 @@ class Shape:
         try:
             vertices, facets = np.asarray(vertices_m, np.float64), np.asarray(facets)
             uv = None if uv is None else np.asarray(uv, np.float32)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise ShapeError("", "needs arrays of numbers") from None
         if vertices.ndim != 2 or vertices.shape[1] != 3 or facets.ndim != 2 or facets.shape[1] != 3 or not len(facets):
             raise ShapeError("", "needs vertices (V, 3) and facets (F, 3)", (vertices.shape, facets.shape))

@@ -287,7 +287,7 @@ class Optics:
 def _measured(value: object) -> tuple[tuple[float, ...], ...]:
     try:
         kernel = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         kernel = np.empty(0)
     if kernel.ndim not in (2, 4) or kernel.size == 0 or kernel.shape[-2] % 2 == 0 or kernel.shape[-1] % 2 == 0:
         raise ConfigError("psf_measured", "must be a table of numbers, or a grid of tables, with odd numbers of "

@@ -23,9 +23,14 @@ MAX_DISTANCE_M = 1e16
 
 def finite(name: str, value: object) -> float:
     """A finite real number as float."""
-    if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
+    try:
+        # An integer of any size is a number; one beyond 1.8e308 is none here.
+        number = float(value) if isinstance(value, Real) and not isinstance(value, bool) else math.nan
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
         raise ConfigError(name, "must be a finite number", value)
-    return float(value)
+    return number
 
 
 def positive(name: str, value: object) -> float:
@@ -75,7 +80,7 @@ def vector(name: str, value: object, length: int = 3) -> np.ndarray:
         if any(isinstance(entry, (bool, np.bool_, str, bytes)) for entry in value):
             raise TypeError
         array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ConfigError(name, f"must be {length} numbers", value) from None
     if array.shape != (length,):
         raise ConfigError(name, f"must have shape ({length},)", value)

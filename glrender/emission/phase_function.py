@@ -70,7 +70,7 @@ class PhaseTable:
         for name in ("phase_deg", "value"):
             try:
                 numbers = tuple(float(x) for x in getattr(self, name))
-            except (TypeError, ValueError):
+            except (TypeError, ValueError, OverflowError):
                 raise ConfigError(name, "must be numbers", getattr(self, name)) from None
             object.__setattr__(self, name, numbers)
         angles, values = np.array(self.phase_deg), np.array(self.value)

@@ -19,7 +19,7 @@ def checked_vectors(name: str, value: object) -> np.ndarray:
     """(N, 3) float32 of finite numbers."""
     try:
         array = np.asarray(value, np.float32)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ConfigError(name, "must be (N, 3) numbers", value) from None
     if array.ndim != 2 or array.shape[1] != 3 or not np.isfinite(array).all():
         raise ConfigError(name, "must be (N, 3) finite numbers", array)
