@@ -220,15 +220,15 @@ def drawn_pixels(camera: PinholeCamera) -> int:
 
 
 def prepare(scene: Scene) -> None:
-    """Do now what first frames would wait for: kernels, the sensors' patterns, the moves of lenses, stars' kernels."""
+    """Do now what first frames would wait for: kernels, the sensors' patterns, the moves of lenses."""
     for camera in scene.cameras:
         wide = camera.with_margin(lens_margin(camera))
         if camera.model is not None:
             camera.with_margin(_largest_margin(camera)).cos_field_angle  # noqa: B018 (a cached property)
             camera.model.detector.fixed_pattern((camera.height_px, camera.width_px))
             for band in camera.model.bands.values():
-                if scene.stars is not None and band.optics.is_diffracted:
-                    band.optics.psf_fine_kernel  # noqa: B018 (a cached property)
+                if band.optics.is_diffracted or band.optics.psf_measured is not None:
+                    band.optics.psf_fine_kernel  # noqa: B018 (a cached property: of stars and of small bodies)
         if (lens := lens_of(wide)) is not None:
             lens.prepare()
 
