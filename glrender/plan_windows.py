@@ -163,17 +163,21 @@ class _Window:
         self._least = min(math.ceil(max(self._across / self._largest_px, slivers)), MAX_SAMPLES)
         # Of shadow maps and levels of detail: rays have neither. And without the edges of shadows, or with usual ones.
         self._floor = max(body.modelling_error for body in self._drawn)
-        maps = [(view, body) for view, body in zip(members, self._drawn, strict=True) if body.shadow_map_px is not None]
+        maps = [(view, body, sum(squared_errors(view, level)))
+                for view, body, level in zip(members, self._drawn, self._levels, strict=True)
+                if body.shadow_map_px is not None]
         self._shadow_share, self._texel_share = (
-            max((share(view, body.shadow_map_px) for view, body in maps), default=0.0)
+            max((share(view, body.shadow_map_px) for view, body, _ in maps), default=0.0)
             for share in (shadow_share, texel_share))
-        one_sample = sum(self._errors(self._levels))
-        self._smooth_floor = math.sqrt(max(self._floor**2 - self._shadow_share * one_sample, 0.0))
-        edges = max((usual_edges(view) for view, _ in maps), default=0.0)
-        self._least_floor = math.hypot(self._smooth_floor, math.sqrt(edges * self._texel_share * one_sample))
+        smooth = max([body.modelling_error**2 for body in self._drawn if body.shadow_map_px is None] + [
+            body.modelling_error**2 - shadow_share(view, body.shadow_map_px) * errors for view, body, errors in maps])
+        self._smooth_floor = math.sqrt(max(smooth, 0.0))
+        edges = max((usual_edges(view) * texel_share(view, body.shadow_map_px) * errors for view, body, errors in maps),
+                    default=0.0)
+        self._least_floor = math.hypot(self._smooth_floor, math.sqrt(edges))
         self._facets_ns = sum(body.n_facets * body.shown_share for body in self._drawn) * costs.facet_ns
         self._shadows_ns = sum(body.n_facets * body.shown_share * costs.facet_ns
-                               + math.prod(body.shadow_map_drawn_px) * texel_ns for _, body in maps)
+                               + math.prod(body.shadow_map_drawn_px) * texel_ns for _, body, _ in maps)
 
     def choice(self, samples: int | None) -> WindowChoice:
         has_rays = math.isfinite(self._costs.ray_ns)

@@ -60,6 +60,8 @@ class Shadows:
     def __init__(self, context: Context, hulls: Mapping[str, Hull], meshes: Mapping[str, Sequence[Mesh]]):
         self._context, self._hulls, self._meshes = context, hulls, meshes
         self._maps: OrderedDict[tuple, ShadowMap] = OrderedDict()
+        # Of the frame that is drawn: at most two for each body.
+        self._needed: set[tuple] = set()
 
     def close(self) -> None:
         """Draw every shadow map anew when next it is needed; no image changes."""
@@ -118,9 +120,12 @@ class Shadows:
              camera: PinholeCamera, *, is_whole: bool = False) -> tuple[dict[str, Shadow], list[BodyPlan]]:
         """Shadows of the bodies that need a map, by name; and the plans with what was done.
 
-        A map covers what the image shows of its body, or all of it where `is_whole`.
+        A map covers what the image shows of its body, or all of it where `is_whole`: these come besides the frame's
+        others, which stay until it is called without.
         """
         shadows, done = {}, []
+        if not is_whole:
+            self._needed.clear()
         levels = {body.name: body.level for body in bodies}
         for view, body_plan in zip(views, bodies, strict=True):
             texels = body_plan.shadow_map_px
@@ -140,6 +145,7 @@ class Shadows:
             key = (view.name, box.size_px, clip.tobytes(),
                    *((name, level, matrix.tobytes()) for name, level, matrix in casters))
             is_kept = key in self._maps
+            self._needed.add(key)
             if is_kept:
                 self._maps.move_to_end(key)
             else:
@@ -155,14 +161,14 @@ class Shadows:
         return shadows, done
 
     def _map_to_fill(self, size_px: tuple[int, int]) -> ShadowMap:
-        """The map with room that nobody needed for longest, or a new one."""
+        """The map with room that nobody needed for longest, or a new one; never one that this frame needs."""
         if len(self._maps) < max(_MAPS_KEPT, 2 * len(self._meshes)):
             return ShadowMap(self._context, size_px)
-        for key, shadow_map in self._maps.items():
-            if all(room >= side for room, side in zip(shadow_map.room_px, size_px, strict=True)):
+        idle = [key for key in self._maps if key not in self._needed]
+        for key in idle:
+            if all(room >= side for room, side in zip(self._maps[key].room_px, size_px, strict=True)):
                 return self._maps.pop(key)
-        _, oldest = self._maps.popitem(last=False)
-        oldest.close()
+        self._maps.pop(idle[0]).close()
         return ShadowMap(self._context, size_px)
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import raytracer
 import views
-from glrender import Body, Renderer, frames, generate
+from glrender import Body, Pose, Renderer, frames, generate
 from glrender.brdf import Hapke, Lambert, LommelSeeliger, LunarLambert
 from test_context import WORKING, backend_or_skip
 
@@ -186,6 +188,26 @@ def test_the_shadow_map_is_reused_while_it_is_valid():
         reused = [renderer.render(views.state(phase_deg=g)).plan.bodies[0].shadow_map_reused
                   for g in (70.0, 70.001, 75.0, 70.0)]
     assert reused == [False, True, False, True]
+
+
+def test_maps_of_one_frame_do_not_take_each_others_place():
+    """Two bodies, after eight small maps: the second's large one was drawn over the first's, at 21 % of the flux."""
+    bodies = [Body(name=name, shape=generate.contact_binary(radius_m=100.0, seed=seed), brdf=Lambert(normal_albedo=0.2))
+              for seed, name in enumerate(("first", "second"))]
+    q = np.array([1.0, 0.0, 0.0, 0.0])
+    moon = {"second": Pose(r_inertial_m=np.array([230.0, 40.0, 60.0]), q_from_inertial=q)}
+    states = [views.state(phase_deg=g) for g in (70.0, 60.0, 50.0, 40.0)]
+    states = [replace(state, bodies={"first": state.bodies["body"], **moon}) for state in states]
+    scene = views.scene(bodies, [views.camera(128, 300.0)])
+    with Renderer(scene) as renderer:
+        for state in states:
+            small = renderer.render(state, samples=1, max_error=0.3)
+        after = renderer.render(states[0], samples=1, max_error=0.01)
+        sizes = [max(body.shadow_map_px for body in image.plan.bodies) for image in (small, after)]
+        assert all(body.shadow_map_px == sizes[1] > sizes[0] for body in after.plan.bodies)
+        renderer.forget_shadow_maps()
+        fresh = renderer.render(states[0], samples=1, max_error=0.01)
+    assert after.irradiance_W_m2.tobytes() == fresh.irradiance_W_m2.tobytes()
 
 
 def test_egl_and_osmesa_draw_the_same_image():
