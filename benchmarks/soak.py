@@ -14,6 +14,7 @@ have come, so give it 220 deaths of clients, 300 with --ipc (each reply three de
 from __future__ import annotations
 
 import argparse
+import faulthandler
 import hashlib
 import json
 import os
@@ -42,6 +43,8 @@ height_px = 96
 focal_length_px = 300.0
 """
 N_PHASES, WARM_UP = 4, 0.3
+# Longer than a client waits for a frame, shorter than the test does for the run.
+_STALLED_S = 90.0
 
 
 def state(phase: int, t_s: float) -> dict:
@@ -116,9 +119,15 @@ def main(argv: list[str] | None = None) -> int:
             process = subprocess.Popen([sys.executable, "-m", "glrender_server", str(scene), "--zmq", where,
                                         "--workers", str(arguments.workers), "--deadline", "30"],
                                        stdout=subprocess.PIPE, stderr=log, text=True)
+        # Where it hangs before its first frames or after its last, its stacks tell where.
+        faulthandler.dump_traceback_later(2.0 * _STALLED_S, exit=True)
         try:
             record = soak(process, process.stdout.readline().split()[3], arguments)
+        except TimeoutError:
+            sys.stderr.write((Path(folder) / "log").read_text()[-4000:])
+            raise
         finally:
+            faulthandler.cancel_dump_traceback_later()
             process.terminate()
             process.wait(timeout=60.0)
     sys.stdout.write(json.dumps(record) + "\n")
@@ -144,11 +153,18 @@ def soak(process: subprocess.Popen, endpoint: str, arguments: argparse.Namespace
         if time.monotonic() > deadline:
             raise TimeoutError("a client got no frame within 60 s")
         time.sleep(0.05)
+    faulthandler.cancel_dump_traceback_later()
     first, began, before = list(counts), time.monotonic(), None
     killed = {"clients": 0, "workers": 0}
+    most, moved = 0, began
     while True:
         time.sleep(0.02)
         done, elapsed = sum(counts) - sum(first), time.monotonic() - began
+        if done > most:
+            most, moved = done, time.monotonic()
+        elif time.monotonic() - moved > _STALLED_S:
+            raise TimeoutError(f"no frame for {_STALLED_S:g} s after {done}; faults: "
+                               f"{ {kind: list(values) for kind, values in faults.items()} }")
         share = done / arguments.frames if arguments.frames else elapsed / arguments.seconds
         if before is None and share >= WARM_UP:
             before = usage(process)
@@ -164,6 +180,7 @@ def soak(process: subprocess.Popen, endpoint: str, arguments: argparse.Namespace
             for number in rng.sample(found, 1) if (found := workers_of(process)) else []:
                 os.kill(number, signal.SIGKILL)
                 killed["workers"] += 1
+    faulthandler.dump_traceback_later(2.0 * _STALLED_S, exit=True)
     last, after = list(counts), usage(process)
     for flyer in flyers:
         flyer.kill()

@@ -26,6 +26,7 @@ def test_killed_clients_and_workers_lose_no_request(where):
     run = subprocess.run([sys.executable, soak, *where, "--frames", "500", "--clients", "4",
                           "--kill-client-every", "50", "--kill-worker-every", "150"],
                          capture_output=True, text=True, timeout=300)
+    assert run.stdout, run.stderr
     record = json.loads(run.stdout)
     assert record["is_sound"] and record["frames"] >= 500, run.stdout
     assert record["killed"]["clients"] >= 5 and record["restarts"] >= 1, run.stdout
