@@ -133,10 +133,7 @@ class IrradiancePass:
 
     def _edge_share(self, window: WindowPlan, frame: Frame, clock: Clock, mean: np.ndarray, error: np.ndarray) -> float:
         """Of the squared error of pixels (height, width), the share beside the edges of cast shadows."""
-        bare = np.zeros_like(mean)
-        for tile in self._tiles(mean.shape, window.samples):
-            bare[tile] = pixel_means(self._draw_tile(window, replace(frame, shadows={}), clock, tile, window.samples),
-                                     window.samples)
+        bare = self._without_shadows(window, frame, clock, window.samples)
         around = np.ones((3, 3), np.uint8)
         edges = [cv2.dilate(part.astype(np.uint8), around) for part in (mean < (1.0 - _SHADED) * bare, mean > 0.0)]
         squared = np.square(error, dtype=np.float64)
@@ -149,14 +146,18 @@ class IrradiancePass:
         """
         if window.engine != "rays" or math.prod(window.grid) < MANY_RAYS:
             return None
-        (x0, y0, x1, y1), count = window.roi, max(FACING_SAMPLES, window.samples)
-        facing = np.zeros((y1 - y0, x1 - x0), np.uint8)
-        without_shadows = replace(frame, shadows={}, bodies=[replace(body, level=0) for body in frame.bodies])
-        drawn = replace(window, engine="raster")
-        for tile in self._tiles(facing.shape, count):
-            samples = self._draw_tile(drawn, without_shadows, clock, tile, count)
-            facing[tile] = pixel_means(samples, count) > 0.0
+        full = replace(frame, bodies=[replace(body, level=0) for body in frame.bodies])
+        count = max(FACING_SAMPLES, window.samples)
+        facing = (self._without_shadows(replace(window, engine="raster"), full, clock, count) > 0.0).astype(np.uint8)
         return cv2.dilate(facing, np.ones((5, 5), np.uint8))
+
+    def _without_shadows(self, window: WindowPlan, frame: Frame, clock: Clock, count: int) -> np.ndarray:
+        """Means (height, width) float32 of count x count samples a pixel, as if nothing cast a shadow."""
+        x0, y0, x1, y1 = window.roi
+        mean, bare = np.zeros((y1 - y0, x1 - x0), np.float32), replace(frame, shadows={})
+        for tile in self._tiles(mean.shape, count):
+            mean[tile] = pixel_means(self._draw_tile(window, bare, clock, tile, count), count)
+        return mean
 
     def _tiles(self, shape: tuple[int, int], samples: int) -> Iterator[tuple[slice, slice]]:
         """Parts of a window that fit a framebuffer, as rows and columns of pixels."""
