@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import gc
 import os
+import pickle
 import signal
 import threading
 import time
+from multiprocessing import popen_spawn_posix as spawn_popen
 from pathlib import Path
+from unittest import mock
 
 import msgpack
 import numpy as np
 import pytest
 import serving
 import views
-from glrender import DeviceError
+from glrender import DeviceError, load_scene
 from glrender_client import Client, ServerError
 from glrender_server import slots, workers
 from serving import Framed
@@ -241,12 +244,74 @@ def test_workers_end_when_the_server_is_killed(tmp_path):
 
 
 def test_a_pool_that_cannot_start_says_why(tmp_path, monkeypatch):
-    from glrender import load_scene
-
     (tmp_path / "scene.toml").write_text(serving.SCENE)
     # The spawned process cannot make a context of a backend that is none.
     with pytest.raises(DeviceError, match="a worker did not start: backend: must be one of"):
         workers.WorkerPool(load_scene(tmp_path / "scene.toml"), "vulkan", n_workers=2, deadline_s=5.0)
+
+
+@pytest.fixture
+def pool(tmp_path):
+    """One worker with a scene that no pipe holds."""
+    (tmp_path / "scene.toml").write_text(serving.SCENE.replace("subdivisions = 4", "subdivisions = 5"))
+    scene = load_scene(tmp_path / "scene.toml")
+    assert len(pickle.dumps(scene)) > 2**17
+    made = workers.WorkerPool(scene, n_workers=1, deadline_s=5.0)
+    yield made
+    made.close()
+
+
+def turn_until_ready(pool, restarts):
+    def is_ready():
+        pool.turn({})
+        return pool.restarts >= restarts and pool.described["workers"]["ready"] == 1
+
+    # In a thread: a turn that waits for ever is no condition.
+    thread = threading.Thread(target=until, args=(is_ready,), daemon=True)
+    thread.start()
+    thread.join(40.0)
+    assert not thread.is_alive() and pool.restarts == restarts and pool.described["workers"]["ready"] == 1
+
+
+def test_a_worker_that_is_killed_before_it_reads_its_scene_holds_nobody_up(pool, monkeypatch):
+    """The server waited for ever: the pipe to the dead one was full, and the server held its other end itself."""
+    spawn, spared = spawn_popen.util.spawnv_passfds, []
+
+    def spawn_and_kill(*arguments):
+        number = spawn(*arguments)
+        if len(spared) < 2:
+            os.kill(number, signal.SIGKILL)
+        spared.append(number)
+        return number
+
+    monkeypatch.setattr(spawn_popen.util, "spawnv_passfds", spawn_and_kill)
+    pool._workers[0].process.kill()
+    turn_until_ready(pool, restarts=3)
+    assert len(spared) == 3
+
+
+def test_the_server_does_not_wait_while_a_worker_starts(pool):
+    pool._workers[0].process.kill()
+    longest, began = 0.0, time.monotonic()
+    while pool.restarts < 1 or not pool.described["workers"]["ready"]:
+        assert time.monotonic() < began + 60.0
+        before = time.monotonic()
+        pool.turn({})
+        longest = max(longest, time.monotonic() - before)
+        time.sleep(0.01)
+    assert longest < 0.5 * (time.monotonic() - began)
+
+
+def test_a_system_without_room_for_a_worker_is_asked_again(pool, monkeypatch):
+    pool._workers[0].process.kill()
+    with monkeypatch.context() as patch:
+        patch.setattr(pool._spawn, "Pipe", mock.Mock(side_effect=OSError(24, "Too many open files")))
+        until(lambda: pool.turn({}) or pool.restarts == 2)
+        assert not pool.outage
+        until(lambda: pool.turn({}) or pool.restarts == 3)
+        assert pool.outage
+    turn_until_ready(pool, restarts=3)
+    assert not pool.outage
 
 
 def test_a_slot_comes_back_only_when_the_last_view_of_it_is_gone():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import signal
 from collections import OrderedDict
 from collections.abc import Sequence
@@ -10,7 +11,7 @@ from multiprocessing.connection import Connection
 from multiprocessing.shared_memory import SharedMemory
 from pathlib import Path
 
-from glrender import DeviceError, GlrenderError, Scene
+from glrender import DeviceError, GlrenderError
 
 from . import codec, logs
 from .operations import Operations
@@ -19,24 +20,24 @@ from .slots import offsets, room
 _MAX_ATTACHED = 16
 
 
-def work(connection: Connection, scene: Scene, backend: str, shape_dir: Path | None, scene_message: bytes | None,
-         log_level: int, log_format: str) -> None:
+def work(connection: Connection, backend: str, shape_dir: Path | None, log_level: int, log_format: str) -> None:
     """Serve jobs until the pipe closes.
 
-    Said: ``("ready", described)`` or ``("failed", text)``; then for each ``("job", message, slot)``: ``("begun",)``,
+    Said: ``("awake",)``, answered by the pickled scene and by the `load_scene` request that replaced it since, or
+    None; ``("ready", described)`` or ``("failed", text)``; then for each ``("job", message, slot)``: ``("begun",)``,
     ``("progress", share)`` now and then from a slow frame,
     ``("need", n_bytes)`` where the slot is too small (answered by a slot's name, empty if there is none), and
     ``("done", header, sizes, code, timings_ms, described)``, the parts standing in the slot at their `offsets`.
-
-    Parameters
-    ----------
-    scene_message : bytes, optional
-        The `load_scene` request that replaced the scene since.
     """
     # The server drains on a signal to the group; then the pipe closes.
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, signal.SIG_IGN)
     logs.set_up(log_level, log_format)
+    try:
+        connection.send(("awake",))
+        scene, scene_message = pickle.loads(connection.recv_bytes()), connection.recv()
+    except (EOFError, OSError):
+        return  # the server is gone
     try:
         operations = Operations(scene, backend, shape_dir)
         operations.on_progress = lambda share: connection.send(("progress", share))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import pickle
 import time
 from collections import deque
 from dataclasses import dataclass
@@ -79,7 +80,7 @@ class WorkerPool:
 
     def __init__(self, scene: Scene, backend: str = "auto", shape_dir: Path | None = None, *, n_workers: int,
                  deadline_s: float, slow_deadline_s: float = SLOW_DEADLINE_S, log_format: str = "text"):
-        self._arguments = (scene, backend, shape_dir)
+        self._scene_pickle, self._arguments = pickle.dumps(scene), (backend, shape_dir)
         self._deadline_s, self._slow_deadline_s, self._log_format = deadline_s, slow_deadline_s, log_format
         self._spawn = get_context("spawn")
         self._slots, self._frame_bytes = SlotStore(), 0
@@ -202,7 +203,12 @@ class WorkerPool:
 
     def _hear(self, worker: _Worker, said: tuple) -> None:
         kind, *rest = said
-        if kind == "ready":
+        if kind == "awake":
+            # Not before: what a pipe cannot hold waits for its reader, and one that died unread would be waited for.
+            worker.connection.send_bytes(self._scene_pickle)
+            worker.connection.send(self._scene_message)
+            worker.generation = self._generation
+        elif kind == "ready":
             worker.state, self.outage = "idle", ""
             self._described = rest[0]
         elif kind == "failed":
@@ -242,17 +248,20 @@ class WorkerPool:
         task.job.done(Done([head, *parts], code, timings_ms, place))
 
     def _start(self, worker: _Worker) -> None:
-        ours, theirs = self._spawn.Pipe()
-        scene, backend, shape_dir = self._arguments
-        worker.process = self._spawn.Process(
-            target=work, name="glrender-worker", daemon=True,
-            args=(theirs, scene, backend, shape_dir, self._scene_message, log.getEffectiveLevel(), self._log_format))
-        worker.process.start()
-        theirs.close()
-        worker.connection, worker.state, worker.overran = ours, "starting", False
-        worker.generation, worker.deadline = self._generation, time.monotonic() + START_S
+        worker.state, worker.overran, worker.deadline = "starting", False, time.monotonic() + START_S
+        try:
+            worker.connection, theirs = self._spawn.Pipe()
+            with theirs:
+                arguments = theirs, *self._arguments, log.getEffectiveLevel(), self._log_format
+                process = self._spawn.Process(target=work, name="glrender-worker", daemon=True, args=arguments)
+                process.start()
+        except OSError as error:
+            log.error("the system has no room for a worker: %s", error)
+            self._bury(worker)
+            return
+        worker.process = process
         if self._poller is not None:
-            self._poller.register(ours.fileno(), zmq.POLLIN)
+            self._poller.register(worker.connection.fileno(), zmq.POLLIN)
 
     def _bury(self, worker: _Worker) -> None:
         """Another in the place of a worker that died, after a while that doubles; its task again, once."""
@@ -264,7 +273,8 @@ class WorkerPool:
         back_off = min(_FIRST_BACK_OFF_S * 2**worker.failures, _MAX_BACK_OFF_S)
         worker.failures, worker.start_at = worker.failures + 1, time.monotonic() + back_off
         self.restarts += 1
-        if was_starting and not self.outage:
+        # Another may start in a moment: requests wait for that.
+        if was_starting and (worker.overran or worker.failures > _MAX_TRIES) and not self.outage:
             self.outage = "a worker did not start; the server's log may say why"
         log.warning("a worker %s; the next starts in %g s", how, back_off)
         task, worker.task = worker.task, None
