@@ -78,6 +78,10 @@ def random_lens(seed):
     return BrownConrady(**dict(zip(("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"), values, strict=True)))
 
 
+def determinant(matrix):
+    return matrix[..., 0, 0] * matrix[..., 1, 1] - matrix[..., 0, 1] * matrix[..., 1, 0]
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_random_lenses_fold_where_they_are_told_to(seed):
     """Forty each: the Jacobian's determinant on 1000 x 73 places inside is > 0, just beyond it is not."""
@@ -87,12 +91,12 @@ def test_random_lenses_fold_where_they_are_told_to(seed):
         ring = angle + np.arctan2(lens.p1, lens.p2)
         ring = np.stack([np.cos(ring), np.sin(ring)], axis=-1)
         radius = lens.max_radius * np.linspace(0.0, 1.0, 1001)[1:-1]
-        assert np.linalg.det(lens.jacobian(radius[:, None, None] * ring)).min() > 0.0
+        assert determinant(lens.jacobian(radius[:, None, None] * ring)).min() > 0.0
         tangential = BrownConrady(**{name: getattr(lens, name) for name in ("k1", "k2", "k3", "k4", "k5", "k6")})
         if lens.max_radius < tangential.max_radius:
             ring = np.linspace(-np.pi, np.pi, 20001)
             beyond = lens.max_radius * (1.0 + 1e-5) * np.stack([np.cos(ring), np.sin(ring)], axis=-1)
-            assert np.linalg.det(lens._map(beyond)[1]).min() < 0.0
+            assert determinant(lens._map(beyond)[1]).min() < 0.0
 
 
 @pytest.mark.parametrize("seed", range(20))
