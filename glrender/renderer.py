@@ -176,6 +176,7 @@ class Renderer:
         bodies = plan.without_maps(planned, [choice.first for choice in choices])
         clock.lap("plan")
         self._context.make_current()
+        self._shadows.begin_frame()
         shadows, bodies = self._shadows.draw(views, bodies, pinhole)
         self._context.gl.finish()
         clock.lap("shadow")

@@ -60,7 +60,7 @@ class Shadows:
     def __init__(self, context: Context, hulls: Mapping[str, Hull], meshes: Mapping[str, Sequence[Mesh]]):
         self._context, self._hulls, self._meshes = context, hulls, meshes
         self._maps: OrderedDict[tuple, ShadowMap] = OrderedDict()
-        # Of the frame that is drawn: at most two for each body.
+        # Of the frame that is drawn.
         self._needed: set[tuple] = set()
 
     def close(self) -> None:
@@ -68,6 +68,10 @@ class Shadows:
         for shadow_map in self._maps.values():
             shadow_map.close()
         self._maps.clear()
+
+    def begin_frame(self) -> None:
+        """From here on no map of the frame before is needed any more."""
+        self._needed.clear()
 
     def casters(self, receiver: BodyView, views: Sequence[BodyView]) -> list[tuple[str, np.ndarray]]:
         """Bodies whose shadow may fall on the receiver: (name, receiver_from_caster as (4, 4))."""
@@ -120,12 +124,10 @@ class Shadows:
              camera: PinholeCamera, *, is_whole: bool = False) -> tuple[dict[str, Shadow], list[BodyPlan]]:
         """Shadows of the bodies that need a map, by name; and the plans with what was done.
 
-        A map covers what the image shows of its body, or all of it where `is_whole`: these come besides the frame's
-        others, which stay until it is called without.
+        A map covers what the image shows of its body, or all of it where `is_whole`. It stays until the next frame
+        begins.
         """
         shadows, done = {}, []
-        if not is_whole:
-            self._needed.clear()
         levels = {body.name: body.level for body in bodies}
         for view, body_plan in zip(views, bodies, strict=True):
             texels = body_plan.shadow_map_px
@@ -162,9 +164,9 @@ class Shadows:
 
     def _map_to_fill(self, size_px: tuple[int, int]) -> ShadowMap:
         """The map with room that nobody needed for longest, or a new one; never one that this frame needs."""
-        if len(self._maps) < max(_MAPS_KEPT, 2 * len(self._meshes)):
-            return ShadowMap(self._context, size_px)
         idle = [key for key in self._maps if key not in self._needed]
+        if len(self._maps) < _MAPS_KEPT or not idle:
+            return ShadowMap(self._context, size_px)
         for key in idle:
             if all(room >= side for room, side in zip(self._maps[key].room_px, size_px, strict=True)):
                 return self._maps.pop(key)
