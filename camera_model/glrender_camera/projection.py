@@ -132,8 +132,13 @@ class PinholeCamera:
         (..., 3) float64 [1]
         """
         offset = self.normalised(pixel)
-        ray = np.concatenate([offset, np.ones_like(offset[..., :1])], axis=-1)
-        return ray / np.linalg.norm(ray, axis=-1, keepdims=True)
+        x, y = offset[..., 0], offset[..., 1]
+        # Columns: NumPy works along them several times as fast.
+        ray = np.empty((3, *x.shape))
+        np.divide(1.0, np.sqrt(x * x + y * y + 1.0), out=ray[2])
+        np.multiply(x, ray[2], out=ray[0])
+        np.multiply(y, ray[2], out=ray[1])
+        return np.moveaxis(ray, 0, -1)
 
     def normalised(self, pixel: np.ndarray) -> np.ndarray:
         """X / Z, Y / Z in `camera` (..., 2) float64 [1] of what is seen at pixel coordinates (..., 2) [px].
