@@ -6,6 +6,7 @@ the OpenGL passes.
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
@@ -21,8 +22,8 @@ from .scene import Body, Scene
 from .surface import Surface
 from .view import BodyView
 
-# What a batch needs stays in a core's cache.
-_RAYS_AT_ONCE = 1 << 14
+RAYS_AT_ONCE = 1 << 13
+"""Most rays of a part, which one thread casts: what it needs stays in a core's cache."""
 # A shadow ray starts this far off the surface, in radii of the bounding sphere: ten float32 steps.
 _LIFT = 6e-7
 _R2, _HASH = np.array([0.7548776662466927, 0.5698402909980532]), np.array([[12.9898, 39.3461], [78.233, 11.1353]])
@@ -105,7 +106,7 @@ class RayEngine:
 
     def _in_parts(self, work: Callable[[slice], None], n_rays: int) -> None:
         """Rays in parts that depend on their number alone, whatever the number of threads."""
-        n_parts = -(-n_rays // _RAYS_AT_ONCE)
+        n_parts = 1 if n_rays <= RAYS_AT_ONCE else 2 * math.ceil(n_rays / (2 * RAYS_AT_ONCE))
         parts = [slice(n_rays * k // n_parts, n_rays * (k + 1) // n_parts) for k in range(n_parts)]
         n_threads = _n_threads()
         if min(n_parts, n_threads) < 2:
