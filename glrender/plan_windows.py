@@ -41,8 +41,8 @@ _MOST_LARGER = 4.0
 _OWN_SHARE, _MOST_ACROSS = 0.2, 512
 # Error of its pixels over that of its flux, at most.
 _SMALL_PIXELS = 4.0
-# Cost of a sample passed over, in samples that are shaded; and of a ray that meets nothing, in rays that do.
-_PASSED_OVER_COST, _MISS_COST = 0.45, 0.15
+# Cost of a sample passed over, in samples that are shaded; and of a ray that meets no lit facet, in rays that do.
+_PASSED_OVER_COST, _UNLIT_COST = 0.45, 0.35
 # Cost of a texel of a shadow map, in samples (engine.md: 2.3 ns of 20).
 _TEXEL_COST = 0.1
 # Cost of a layer of surface detail, in samples.
@@ -214,7 +214,7 @@ class _Window:
         n_lit = max(0.5 * (1.0 + math.cos(self._phase_rad)), 0.05) * self._n_px
         cast, count = first_samples(*errors, power, n_lit, 0.0, 0.0, least, self._budget)
         if self._box_px * count**2 < MANY_RAYS:
-            cast *= (self._n_px + _MISS_COST * (self._box_px - self._n_px)) / n_lit
+            cast *= 1.0 + _UNLIT_COST * (self._box_px / n_lit - 1.0)
             first_ns = 0.0
         else:
             first_ns = self._facets_ns + max(FACING_SAMPLES, count) ** 2 * self._n_px * self._costs.sample_ns
