@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import os
 import time
 from collections.abc import Callable
@@ -13,12 +14,12 @@ from glrender_camera import PinholeCamera
 
 from . import frames, generate
 from .brdf import Lambert
+from .costs import EngineCosts
 from .gl.context import Context
 from .gl.mesh import IRRADIANCE_STAGE, Mesh, SurfaceVariant
 from .gl.targets import Target
 from .lod import cached_arrays
-from .plan_windows import EngineCosts
-from .ray_engine import RayEngine
+from .ray_engine import RAYS_AT_ONCE, RayEngine
 from .refine import pixel_errors
 from .scene import Body, Scene
 from .state import Pose, State
@@ -27,6 +28,8 @@ from .view import view_bodies
 _FRAMES = 15
 _SUBDIVISIONS = 6
 _SIZE_PX, _SAMPLES = 1024, 4
+# Rays along the side of a square that keeps all threads busy.
+_MANY_SIDE = 256
 
 
 def engine_costs(context: Context, with_rays: bool, cache: Path | None = None) -> EngineCosts:
@@ -42,10 +45,10 @@ def engine_costs(context: Context, with_rays: bool, cache: Path | None = None) -
         Whether rays can be cast; without, they cost infinitely much.
     """
     machine = f"{context.info['gl_renderer']} {context.info['gl_version']} {os.cpu_count()} {with_rays}"
-    name = f"costs3-{hashlib.sha256(machine.encode()).hexdigest()[:16]}"
+    name = f"costs4-{hashlib.sha256(machine.encode()).hexdigest()[:16]}"
     made = cached_arrays(name, ["ns"], lambda: {"ns": _measured(context, with_rays)}, cache)
-    facet, sample, ray = (float(2.0 ** (np.round(2.0 * np.log2(x)) / 2.0)) for x in made["ns"])
-    return EngineCosts(facet_ns=facet, sample_ns=sample, ray_ns=ray)
+    facet, sample, ray, lone_ray = (float(2.0 ** (np.round(2.0 * np.log2(x)) / 2.0)) for x in made["ns"])
+    return EngineCosts(facet_ns=facet, sample_ns=sample, ray_ns=ray, lone_ray_ns=lone_ray)
 
 
 def _measured(context: Context, with_rays: bool) -> np.ndarray:
@@ -58,17 +61,19 @@ def _measured(context: Context, with_rays: bool) -> np.ndarray:
         facets_s = _fastest(lambda: _draw(context, target, mesh, 16))
         # With what comes after: reading it back, and what it tells of its own error.
         samples_s = _fastest(lambda: pixel_errors(_draw(context, target, mesh, _SIZE_PX), _SAMPLES)) - facets_s
-    ray_s = np.inf
+    ray_s = [np.inf, np.inf]
     if with_rays:
         scene = Scene(bodies=[Body(name="sphere", shape=sphere, brdf=law)], cameras=[camera])
         engine = RayEngine(scene)
         views = view_bodies(state, camera, {"sphere": scene.bodies[0].hull})
-        x, y = (axis.ravel().astype(np.float64) for axis in np.meshgrid(np.arange(128), np.arange(128)))
-        pixel = np.stack([x, y], axis=1)
-        n_hit = np.count_nonzero(engine.products(pixel, camera, views)["body_id"] == 0)
-        ray_s = _fastest(lambda: engine.irradiance(pixel, camera, views)) / n_hit
+        for k, side in enumerate((_MANY_SIDE, math.isqrt(RAYS_AT_ONCE))):
+            place = (np.arange(side) + 0.5) * (camera.width_px / side) - 0.5
+            pixel = np.stack([np.tile(place, side), np.repeat(place, side)]).T
+            n_hit = np.count_nonzero(np.isfinite(engine.ranges(pixel, camera, views)))
+            ray_s[k] = _fastest(lambda pixel=pixel: engine.irradiance(pixel, camera, views)) / n_hit
+        engine.close()
     # The sphere fills 0.78 of the square that it is drawn in.
-    return 1e9 * np.array([facets_s / len(sphere.facets), max(samples_s, 1e-6) / (0.78 * _SIZE_PX**2), ray_s])
+    return 1e9 * np.array([facets_s / len(sphere.facets), max(samples_s, 1e-6) / (0.78 * _SIZE_PX**2), *ray_s])
 
 
 def _draw(context: Context, target: Target, mesh: Mesh, size_px: int) -> np.ndarray:

@@ -196,13 +196,15 @@ class IrradiancePass:
         (columns, rows), (x0, y0, x1, y1) = grid, bounds_px
         x = x0 + (np.arange(columns) + 0.5) * (x1 - x0) / columns
         y = y0 + (np.arange(rows) + 0.5) * (y1 - y0) / rows
-        pixel = np.stack(np.broadcast_arrays(x, y[:, None]), axis=-1)
-        samples = np.zeros((rows, columns), np.float32)
-        count = 1 if mask is None else columns // mask.shape[1]
-        where = np.ones(samples.shape, bool) if mask is None else np.kron(mask, np.ones((count, count), bool)) > 0
+        pixel = np.stack([np.tile(x, rows), np.repeat(y, columns)])
         # Others may still cast shadows here.
         seen = [replace(view, is_visible=view.is_visible and view.name in names) for view in frame.views]
         across = max(round(columns / (x1 - x0)), 1)
-        draw = (np.arange(rows) % across)[:, None] * across + np.arange(columns) % across
-        samples[where] = self._rays.irradiance(pixel[where], frame.camera, seen, draw[where])
-        return samples
+        draw = ((np.arange(rows) % across)[:, None] * across + np.arange(columns) % across).ravel()
+        if mask is None:
+            samples = self._rays.irradiance(pixel.T, frame.camera, seen, draw).astype(np.float32)
+        else:
+            count, samples = columns // mask.shape[1], np.zeros(rows * columns, np.float32)
+            where = np.flatnonzero(mask.repeat(count, axis=0).repeat(count, axis=1))
+            samples[where] = self._rays.irradiance(pixel.take(where, axis=1).T, frame.camera, seen, draw.take(where))
+        return samples.reshape(rows, columns)

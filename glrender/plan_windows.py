@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 from glrender_camera import PinholeCamera
 
+from .costs import CALL_NS, EngineCosts
 from .error_model import (
     BodyTraits,
     LevelTraits,
@@ -40,8 +41,8 @@ _MOST_LARGER = 4.0
 _OWN_SHARE, _MOST_ACROSS = 0.2, 512
 # Error of its pixels over that of its flux, at most.
 _SMALL_PIXELS = 4.0
-# Cost of a sample passed over, in samples that are shaded; and of a ray that meets nothing, in rays that do.
-_PASSED_OVER_COST, _MISS_COST = 0.45, 0.15
+# Cost of a sample passed over, in samples that are shaded; and of a ray that meets no lit facet, in rays that do.
+_PASSED_OVER_COST, _UNLIT_COST = 0.45, 0.35
 # Cost of a texel of a shadow map, in samples (engine.md: 2.3 ns of 20).
 _TEXEL_COST = 0.1
 # Cost of a layer of surface detail, in samples.
@@ -57,27 +58,6 @@ _SLIVER_SAMPLES, _SLIVER_PHASE_RAD, _SLIVER_BUDGET = 3.0, 1.4, 0.03
 _THIN_SAMPLES_PER_RAD, _THIN_PHASE_RAD = 4.0, 2.15
 # Penumbras by rays are noise: creases and facets that say so; and fewest samples along a pixel's side.
 _PENUMBRA_NOISE, _PENUMBRA_SAMPLES = (0.33, 1e4), 2
-# Nanoseconds of a call whatever it draws: of OpenGL, of rays in NumPy.
-_RASTER_CALL_NS, _RAYS_CALL_NS = 5e5, 1.5e6
-
-
-@dataclass(frozen=True, kw_only=True)
-class EngineCosts:
-    """Nanoseconds that drawing takes on a machine: measured by `engine_costs`.
-
-    Attributes
-    ----------
-    facet_ns : float
-        Of a facet in a pass of OpenGL, whether seen or not.
-    sample_ns : float
-        Of a sample that OpenGL shades.
-    ray_ns : float
-        Of a sample that meets a body, with its ray to the Sun; infinite without rays.
-    """
-
-    facet_ns: float
-    sample_ns: float
-    ray_ns: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -199,8 +179,8 @@ class _Window:
         enough = math.ceil(size * (pixels / (_OWN_SHARE * self._budget)) ** (2.0 / 3.0))
         across = max(self._across, min(enough, _MOST_ACROSS))
         grid = tuple(max(math.ceil(across * side / size), 8) for side in (right - left, bottom - top))
-        setup_ns = _RASTER_CALL_NS + self._facets_ns + self._shadows_ns
-        is_rays = (_RAYS_CALL_NS + math.prod(grid) * self._costs.ray_ns
+        setup_ns = CALL_NS + self._facets_ns + self._shadows_ns
+        is_rays = (self._costs.rays_ns(math.prod(grid))
                    < setup_ns + math.prod(grid) * self._costs.sample_ns) or (has_rays and self._floor > self._budget)
         floor = 0.0 if is_rays else self._floor
         sampling = max(_SMALL_PIXELS * flux_error(across, self._phase_rad), pixels * (size / across) ** 1.5)
@@ -215,7 +195,7 @@ class _Window:
         budget = math.sqrt(max(self._budget**2 - self._floor**2, (0.3 * self._budget) ** 2))
         errors, noise = self._errors(self._levels), self._noise(self._levels)
         shaded, count = first_samples(*errors, noise_power(noise_gain(*noise)), self._n_px,
-                                      (self._facets_ns + _RASTER_CALL_NS) / self._costs.sample_ns, _PASSED_OVER_COST,
+                                      (self._facets_ns + CALL_NS) / self._costs.sample_ns, _PASSED_OVER_COST,
                                       self._least, budget)
         asked = {} if samples is None else {"budget": math.inf}
         window = self._sampled("raster", count if samples is None else samples, errors, self._floor, noise=noise,
@@ -234,11 +214,11 @@ class _Window:
         n_lit = max(0.5 * (1.0 + math.cos(self._phase_rad)), 0.05) * self._n_px
         cast, count = first_samples(*errors, power, n_lit, 0.0, 0.0, least, self._budget)
         if self._box_px * count**2 < MANY_RAYS:
-            cast *= (self._n_px + _MISS_COST * (self._box_px - self._n_px)) / n_lit
+            cast *= 1.0 + _UNLIT_COST * (self._box_px / n_lit - 1.0)
             first_ns = 0.0
         else:
             first_ns = self._facets_ns + max(FACING_SAMPLES, count) ** 2 * self._n_px * self._costs.sample_ns
-        return cast * self._costs.ray_ns + _RAYS_CALL_NS + first_ns, self._sampled("rays", count, errors, noise=noise)
+        return self._costs.rays_ns(cast) + first_ns, self._sampled("rays", count, errors, noise=noise)
 
     def _sampled(self, engine: str, count: int, errors: tuple[float, float], floor: float = 0.0,
                  **told) -> WindowPlan:

@@ -6,7 +6,10 @@ the OpenGL passes.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
+import os
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -14,13 +17,13 @@ from glrender_camera import PinholeCamera
 
 from .constants import AU_M, SUN_RADIUS_M
 from .frames import sun_from_body
-from .rays import RayMesh
+from .rays import Hits, RayMesh, dot
 from .scene import Body, Scene
 from .surface import Surface
 from .view import BodyView
 
-# What a batch needs stays in a core's cache: 2.8 times as fast as 2^19.
-_RAYS_AT_ONCE = 1 << 15
+RAYS_AT_ONCE = 1 << 13
+"""Most rays of a part, which one thread casts: what it needs stays in a core's cache."""
 # A shadow ray starts this far off the surface, in radii of the bounding sphere: ten float32 steps.
 _LIFT = 6e-7
 _R2, _HASH = np.array([0.7548776662466927, 0.5698402909980532]), np.array([[12.9898, 39.3461], [78.233, 11.1353]])
@@ -32,7 +35,7 @@ _DTYPES = {name: np.int32 if name.endswith("_id") else np.float64 for name in BE
 
 
 class RayEngine:
-    """A scene's acceleration structures.
+    """A scene's acceleration structures, and the threads that cast rays at them: one for each core that is allowed.
 
     Parameters
     ----------
@@ -47,10 +50,14 @@ class RayEngine:
     def __init__(self, scene: Scene):
         self.scene = scene
         self._solids = {body.name: _Solid(body) for body in scene.bodies}
+        self._threads: ThreadPoolExecutor | None = None
 
     def close(self) -> None:
-        """Release the acceleration structures."""
+        """Release the acceleration structures and the threads."""
         self._solids.clear()
+        if self._threads is not None:
+            self._threads.shutdown()
+            self._threads = None
 
     def irradiance(self, pixel: np.ndarray, camera: PinholeCamera, views: list[BodyView],
                    draw: np.ndarray | int = 0) -> np.ndarray:
@@ -59,92 +66,121 @@ class RayEngine:
         If the scene's Sun has a disc, each place is lit by one point of it, the `draw`-th (N,) of its pixel: the mean
         of a pixel's draws 0, 1, 2, ... has penumbras.
         """
-        if not self.scene.sun_disc:
-            draws = [None] * len(_parts(pixel))
-        else:
-            draws = _parts(np.broadcast_to(draw, len(pixel)))
-        return np.concatenate([np.zeros(0)] + [self._trace(part, camera, views, draw)[0]
-                                               for part, draw in zip(_parts(pixel), draws, strict=True)])
+        value = np.zeros(len(pixel))
+        draws = np.broadcast_to(draw, len(pixel)) if self.scene.sun_disc else None
+
+        def trace(part: slice) -> None:
+            self._trace(value[part], pixel[part], camera, views, None if draws is None else draws[part])
+
+        self._in_parts(trace, len(pixel))
+        return value
 
     def ranges(self, pixel: np.ndarray, camera: PinholeCamera, views: Iterable[BodyView]) -> np.ndarray:
         """Distances (N,) float64 [m] of the first surface at places in the image (N, 2) [px], or infinity."""
-        return self._first(camera.directions(pixel), views)[2]
+        distance_m = np.full(len(pixel), np.inf)
+        for _, hits in self._first(camera.directions(pixel).T, views):
+            distance_m[hits.place] = hits.distance_m
+        return distance_m
 
     def sunlit(self, r_body_m: np.ndarray, view: BodyView, views: list[BodyView]) -> np.ndarray:
         """Whether points (N, 3) [m] in a body's frame have a free line (N,) bool to the Sun's middle."""
-        return self._sees_sun(r_body_m, view.sun_direction_body, view, views)
+        return self._sees_sun(r_body_m.T, view.sun_direction_body, view, views)
 
     def products(self, pixel: np.ndarray, camera: PinholeCamera, views: list[BodyView]) -> dict[str, np.ndarray]:
         """What places in the image (N, 2) [px] see, by the names of `BESIDE`."""
         made = {name: np.full((len(pixel), *np.shape(value)), value, _DTYPES[name]) for name, value in BESIDE.items()}
-        done = 0
-        for part in _parts(pixel):
-            _, body, facet, distance, sunlit = self._trace(part, camera, views)
-            ray_camera = camera.directions(part)
-            for index, view in enumerate(views):
-                here = np.flatnonzero(body == index)
-                ray = ray_camera[here] @ view.camera_from_body
-                normal = self._solids[view.name].normals[facet[here]]
-                values = {"range": distance[here], "body_id": index, "facet_id": facet[here],
+
+        def look(part: slice) -> None:
+            for index, hits in self._first(camera.directions(pixel[part]).T, views):
+                view, normal, ray = views[index], hits.normal.T, hits.ray.T
+                facing, _, is_lit = self._facing(hits, view, views)
+                made["sunlit"][part][facing.place] = is_lit
+                values = {"range": hits.distance_m, "body_id": index, "facet_id": hits.facet,
                           "incidence": _angle(normal, view.sun_direction_body), "emission": _angle(normal, -ray),
-                          "phase": _angle(-ray, view.sun_direction_body),
-                          "r_body": view.r_camera_body_m + ray * distance[here, None], "sunlit": sunlit[here]}
+                          "phase": _angle(-ray, view.sun_direction_body), "r_body": _points(hits, view).T}
                 for name, value in values.items():
-                    made[name][done + here] = value
-            done += len(part)
+                    made[name][part][hits.place] = value
+
+        self._in_parts(look, len(pixel))
         return made
 
-    def _trace(self, pixel: np.ndarray, camera: PinholeCamera, views: list[BodyView],
-               draw: np.ndarray | None = None) -> tuple[np.ndarray, ...]:
-        """Irradiance, body or -1, facet, distance [m], and whether in sunlight, of places (N, 2) [px]."""
-        ray_camera = camera.directions(pixel)
-        body, facet, nearest = self._first(ray_camera, views)
-        value, sunlit = np.zeros(len(pixel)), np.zeros(len(pixel))
-        for index, view in enumerate(views):
-            solid = self._solids[view.name]
-            here = np.flatnonzero(body == index)
-            here = here[solid.normals[facet[here]] @ view.sun_direction_body > 0.0]
-            ray = ray_camera[here] @ view.camera_from_body
-            r_body = view.r_camera_body_m + ray * nearest[here, None]
-            towards = view.sun_direction_body
-            if draw is not None:
-                radius = SUN_RADIUS_M / (view.sun_distance_au * AU_M)
-                towards = towards + radius * _disc(pixel[here], draw[here], towards)
-            above = r_body + solid.normals[facet[here]] * (_LIFT * solid.radius_m)
-            is_lit = self._sees_sun(above, towards, view, views)
-            lit, ray, r_body = here[is_lit], ray[is_lit], r_body[is_lit]
-            sunlit[lit] = 1.0
-            surface, shaded = solid.surface, facet[lit]
-            weights = surface.weights(shaded, r_body) if solid.needs_weights else None
-            normal = surface.normals(shaded, weights, -ray)
-            if (relief := surface.body.relief) is not None:
-                normal = relief.normals(normal, r_body, nearest[lit] / camera.focal_length_px, -ray)
-            brdf = surface.brdf(view.sun_direction_body, -ray, normal, surface.albedo_scale(shaded, weights))
-            value[lit] = brdf * np.maximum(normal @ view.sun_direction_body, 0.0) / view.sun_distance_au**2
-        # A pixel's solid angle falls off as cos^3 of its angle from the boresight.
-        value *= self.scene.solar_irradiance_of(camera) * ray_camera[:, 2] ** 3 / camera.focal_length_px**2
-        return value, body, facet, nearest, sunlit
+    def _in_parts(self, work: Callable[[slice], None], n_rays: int) -> None:
+        """Rays in parts that depend on their number alone, whatever the number of threads."""
+        n_parts = 1 if n_rays <= RAYS_AT_ONCE else 2 * math.ceil(n_rays / (2 * RAYS_AT_ONCE))
+        parts = [slice(n_rays * k // n_parts, n_rays * (k + 1) // n_parts) for k in range(n_parts)]
+        n_threads = _n_threads()
+        if min(n_parts, n_threads) < 2:
+            for part in parts:
+                work(part)
+            return
+        if self._threads is None:
+            self._threads = ThreadPoolExecutor(n_threads, "glrender-rays")
+        for _ in self._threads.map(work, parts):
+            pass
 
-    def _first(self, ray_camera: np.ndarray, views: Iterable[BodyView]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Body or -1, facet and distance [m] that rays (N, 3) from the camera meet first."""
-        nearest = np.full(len(ray_camera), np.inf)
-        body, facet = np.full(len(ray_camera), -1), np.full(len(ray_camera), -1)
-        for index, view in enumerate(views):
-            if view.is_visible:
-                which, distance = self._solids[view.name].hit(view.r_camera_body_m, ray_camera @ view.camera_from_body)
-                nearer = distance < nearest
-                nearest[nearer], body[nearer], facet[nearer] = distance[nearer], index, which[nearer]
-        return body, facet, nearest
+    def _trace(self, value: np.ndarray, pixel: np.ndarray, camera: PinholeCamera, views: list[BodyView],
+               draw: np.ndarray | None) -> None:
+        """Write the irradiance (N,) of places (N, 2) [px]."""
+        ray = camera.directions(pixel).T
+        # A pixel's solid angle falls off as cos^3 of its angle from the boresight.
+        scale = self.scene.solar_irradiance_of(camera) / camera.focal_length_px**2
+        for index, hits in self._first(ray, views):
+            view, solid = views[index], self._solids[views[index].name]
+            # What stands in shadow is shaded too: it is less than leaving it out would cost.
+            hits, r_body, is_lit = self._facing(hits, view, views, pixel, draw)
+            surface, to_camera, normal = solid.surface, -hits.ray.T, hits.normal.T
+            weights = surface.weights(hits.facet, r_body.T) if solid.needs_weights else None
+            if surface.body.smooth_normals:
+                normal = surface.normals(hits.facet, weights, to_camera)
+            if (relief := surface.body.relief) is not None:
+                normal = relief.normals(normal, r_body.T, hits.distance_m / camera.focal_length_px, to_camera)
+            brdf = surface.brdf(view.sun_direction_body, to_camera, normal, surface.albedo_scale(hits.facet, weights))
+            cos_incidence = np.maximum(dot(normal.T, view.sun_direction_body), 0.0)
+            off_axis = ray[2].take(hits.place)
+            value[hits.place] = (is_lit * brdf * cos_incidence * (scale / view.sun_distance_au**2)
+                                 * (off_axis * off_axis * off_axis))
+
+    def _facing(self, hits: Hits, view: BodyView, views: list[BodyView], pixel: np.ndarray | None = None,
+                draw: np.ndarray | None = None) -> tuple[Hits, np.ndarray, np.ndarray]:
+        """Hits that face the Sun, their points (3, K) [m] on the body, and whether (K,) bool they are in its light.
+
+        That of a place on its disc for each, by the draws (N,) at places (N, 2) [px], or of its middle.
+        """
+        towards = view.sun_direction_body
+        facing = hits.at(np.flatnonzero(dot(hits.normal, towards) > 0.0))
+        r_body = _points(facing, view)
+        above = r_body + facing.normal * (_LIFT * self._solids[view.name].radius_m)
+        if draw is not None:
+            radius = SUN_RADIUS_M / (view.sun_distance_au * AU_M)
+            towards = towards[:, None] + radius * _disc(pixel.take(facing.place, axis=0), draw.take(facing.place),
+                                                        towards)
+        return facing, r_body, self._sees_sun(above, towards, view, views)
+
+    def _first(self, ray_camera: np.ndarray, views: Iterable[BodyView]) -> list[tuple[int, Hits]]:
+        """What rays (3, N) from the camera meet first: of each body, by its number, what no other hides."""
+        met = [(index, self._solids[view.name].first(view.r_camera_body_m, view.camera_from_body.T @ ray_camera))
+               for index, view in enumerate(views) if view.is_visible]
+        if len(met) < 2:
+            return met
+        nearest, body = np.full(ray_camera.shape[1], np.inf), np.full(ray_camera.shape[1], -1)
+        for index, hits in met:
+            nearer = hits.distance_m < nearest[hits.place]
+            place = hits.place[nearer]
+            nearest[place], body[place] = hits.distance_m[nearer], index
+        return [(index, hits.at(np.flatnonzero(body[hits.place] == index))) for index, hits in met]
 
     def _sees_sun(self, start: np.ndarray, towards: np.ndarray, view: BodyView, views: list[BodyView]) -> np.ndarray:
-        """Whether points (N, 3) [m] of a body have a free line towards the Sun (3,), or a place on it each (N, 3)."""
-        is_free = np.ones(len(start), bool)
+        """Whether points (3, N) [m] of a body have a free line towards the Sun (3,), or a place on it each (3, N)."""
+        is_free = np.ones(start.shape[1], bool)
         for other in views:
+            if other is view and len(views) == 1:
+                return ~self._solids[view.name].blocks(start.T, towards.T)
             rotation = other.camera_from_body.T @ view.camera_from_body
             offset = other.r_camera_body_m - rotation @ view.r_camera_body_m
             rest = np.flatnonzero(is_free)
-            direction = towards if towards.ndim == 1 else towards[rest]
-            is_free[rest] = ~self._solids[other.name].blocks(start[rest] @ rotation.T + offset, direction @ rotation.T)
+            direction = towards if towards.ndim == 1 else towards.take(rest, axis=1)
+            is_free[rest] = ~self._solids[other.name].blocks(
+                (rotation @ start.take(rest, axis=1) + offset[:, None]).T, (rotation @ direction).T)
         return is_free
 
 
@@ -157,17 +193,22 @@ class _Solid(RayMesh):
         self.needs_weights = body.smooth_normals or body.albedo_map is not None
 
 
-def _parts(pixel: np.ndarray) -> list[np.ndarray]:
-    return [pixel[start:start + _RAYS_AT_ONCE] for start in range(0, len(pixel), _RAYS_AT_ONCE)]
+def _n_threads() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _points(hits: Hits, view: BodyView) -> np.ndarray:
+    """Where rays from the camera meet a body (3, K) [m], in its frame."""
+    return view.r_camera_body_m[:, None] + hits.ray * hits.distance_m
 
 
 def _disc(pixel: np.ndarray, draw: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Points (N, 3) of a disc of radius 1 across an axis (3,): Roberts' R2 sequence, shifted from pixel to pixel."""
-    shift = np.sin(np.rint(pixel) @ _HASH) * 43758.5453
-    u, v = ((shift + draw[:, None] * _R2) % 1.0).T
-    radius, angle = np.sqrt(u), 2.0 * np.pi * v
-    x, y, _ = sun_from_body(axis)
-    return np.outer(radius * np.cos(angle), x) + np.outer(radius * np.sin(angle), y)
+    """Points (3, N) of a disc of radius 1 across an axis (3,): Roberts' R2 sequence, shifted from pixel to pixel."""
+    shift = np.sin(np.rint(pixel) @ _HASH).T * 43758.5453 + _R2[:, None] * draw
+    # Embree takes float32 anyway, and its sines are ten times as fast.
+    u, v = (shift - np.floor(shift)).astype(np.float32)
+    radius, angle = np.sqrt(u), np.float32(2.0 * np.pi) * v
+    return sun_from_body(axis)[:2].T @ np.stack([radius * np.cos(angle), radius * np.sin(angle)])
 
 
 def _angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
+from functools import cached_property
 
 import numpy as np
 
+from .brdf.geometry import dot
 from .scene import Body
 
 # A law is worked out at this many factors on its albedo and interpolated between: to 1e-4.
@@ -23,15 +25,26 @@ class Surface:
     def __init__(self, body: Body):
         self.body = body
 
+    @cached_property
+    def _facets(self) -> np.ndarray:
+        return np.ascontiguousarray(self.body.shape.facets.T, np.intp)
+
+    @cached_property
+    def _vertices_m(self) -> np.ndarray:
+        return np.ascontiguousarray(self.body.shape.vertices_m.T)
+
+    @cached_property
+    def _vertex_normals(self) -> np.ndarray:
+        return np.ascontiguousarray(self.body.shape.vertex_normals.T)
+
     def weights(self, facet: np.ndarray, r_m: np.ndarray) -> np.ndarray:
         """Barycentric weights (N, 3) of points (N, 3) [m] in facets (N,)."""
-        corner = self.body.shape.vertices_m[self.body.shape.facets[facet]]
-        u, v, w = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0], r_m - corner[:, 0]
-        uu, uv, vv = (np.einsum("ij,ij->i", *pair) for pair in ((u, u), (u, v), (v, v)))
-        wu, wv = np.einsum("ij,ij->i", w, u), np.einsum("ij,ij->i", w, v)
-        determinant = uu * vv - uv**2
+        a, b, c = (self._vertices_m.take(vertex, axis=1).T for vertex in self._facets.take(facet, axis=1))
+        u, v, w = b - a, c - a, r_m - a
+        uu, uv, vv, wu, wv = dot(u, u), dot(u, v), dot(v, v), dot(w, u), dot(w, v)
+        determinant = uu * vv - uv * uv
         second, third = (vv * wu - uv * wv) / determinant, (uu * wv - uv * wu) / determinant
-        return np.clip(np.stack([1.0 - second - third, second, third], axis=1), 0.0, 1.0)
+        return np.clip([1.0 - second - third, second, third], 0.0, 1.0).T
 
     def normals(self, facet: np.ndarray, weights: np.ndarray | None = None,
                 to_camera: np.ndarray | None = None) -> np.ndarray:
@@ -45,16 +58,16 @@ class Surface:
         to_camera : (N, 3) float64, optional
             A smooth normal that turns away from it is turned back, as in `surface.glsl`.
         """
-        shape = self.body.shape
         if not self.body.smooth_normals:
-            return shape.facet_normals[facet]
-        corner = shape.vertex_normals[shape.facets[facet]]
-        normal = corner.sum(axis=1) if weights is None else np.einsum("ij,ijk->ik", weights, corner)
-        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+            return self.body.shape.facet_normals[facet]
+        a, b, c = (self._vertex_normals.take(vertex, axis=1) for vertex in self._facets.take(facet, axis=1))
+        p, q, r = (1.0, 1.0, 1.0) if weights is None else weights.T
+        normal = (p * a + q * b + r * c).T
+        normal /= np.sqrt(dot(normal, normal))[:, None]
         if to_camera is not None:
-            excess = np.maximum(1e-3 - np.einsum("ij,ij->i", normal, to_camera), 0.0)
+            excess = np.maximum(1e-3 - dot(normal, to_camera), 0.0)
             normal += excess[:, None] * to_camera
-            normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+            normal /= np.sqrt(dot(normal, normal))[:, None]
         return normal
 
     def albedo_scale(self, facet: np.ndarray, weights: np.ndarray | None = None) -> np.ndarray:

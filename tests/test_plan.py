@@ -11,6 +11,7 @@ import views
 from glrender import grouping, plan, plan_windows, shadows
 from glrender.error_model import BodyTraits, LevelTraits
 from glrender.lod_flux import PHASES_RAD, FluxRatio
+from glrender.ray_engine import RAYS_AT_ONCE
 from glrender.view import BodyView
 
 
@@ -101,6 +102,16 @@ def test_rays_are_cast_where_they_are_cheaper_or_a_shadow_map_is_too_coarse():
     assert coarse.predicted_error > 0.01
     exact, = windows([inside], 0.01, costs=rays)
     assert exact.engine == "rays" and exact.modelling_error == 0.0
+
+
+def test_few_rays_have_one_thread_and_many_have_all():
+    """Eight threads: up to a part's rays what one takes, then no more until all are as fast."""
+    costs = replace(RASTER, ray_ns=100.0, lone_ray_ns=800.0)
+    part = RAYS_AT_ONCE * 800.0
+    assert costs.rays_ns(0) > 0.0
+    np.testing.assert_allclose([costs.rays_ns(n) - costs.rays_ns(0) for n in (1000, RAYS_AT_ONCE, 4 * RAYS_AT_ONCE)],
+                               [8e5, part, part])
+    np.testing.assert_allclose(costs.rays_ns(80 * RAYS_AT_ONCE) - costs.rays_ns(0), 10.0 * part)
 
 
 def test_outlines_are_left_to_the_second_pass_and_creases_to_the_first():

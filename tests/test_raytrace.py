@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import raytracer
@@ -12,6 +14,9 @@ from glrender.backends.raytrace import RayTracer
 from glrender.brdf import Hapke, Lambert
 from glrender.constants import AU_M
 from glrender.plugins import open_renderer
+from glrender.ray_engine import RAYS_AT_ONCE
+from glrender.rays import RayMesh
+from glrender.triangles import intersect
 from test_renderer_photometry import phi_lambert
 
 GREY = Lambert(normal_albedo=0.4)
@@ -99,6 +104,50 @@ def test_the_same_seed_gives_the_same_bytes():
     with RayTracer(views.scene([views.sphere(GREY, 3)], [views.camera(64, 500.0)])) as tracer:
         first, again = (tracer.render(views.state(), seed=3).irradiance_W_m2.tobytes() for _ in range(2))
     assert first == again
+
+
+@pytest.mark.parametrize("has_disc", [False, True])
+def test_threads_change_no_byte(monkeypatch, has_disc):
+    """Two bodies, one before the other: by one thread, two and five."""
+    bodies = [views.sphere(GREY, 4, 60.0, "moon"), views.sphere(GREY, 4, 100.0, "planet")]
+    scene = replace(views.scene(bodies, [views.camera(200, 1800.0)]), sun_disc=has_disc)
+    base = views.state(phase_deg=60.0, bodies=("moon", "planet"))
+    state = State(r_sun_inertial_m=base.r_sun_inertial_m, spacecraft=base.spacecraft,
+                  bodies={**base.bodies, "moon": Pose(r_inertial_m=(120.0, 30.0, -80.0))})
+    made = []
+    for n_threads in (1, 2, 5):
+        monkeypatch.setattr("glrender.ray_engine._n_threads", lambda n=n_threads: n)
+        with RayTracer(scene) as tracer:
+            image = tracer.render(state, samples=2, products=["range", "facet_id", "sunlit", "phase"])
+        made.append([image.irradiance_W_m2.tobytes()] + [image.products[name].tobytes() for name in image.products])
+    assert made[0] == made[1] == made[2]
+    assert np.count_nonzero(image.irradiance_W_m2) > 2 * RAYS_AT_ONCE
+
+
+def test_hits_are_those_of_float64_triangles():
+    """From one point, and from a point each, near and far: facet, distance and shadow by Moeller and Trumbore."""
+    shape = generate.contact_binary(radius_m=100.0, seed=2, subdivisions=3)
+    mesh, corners = RayMesh(shape.vertices_m, shape.facets), shape.vertices_m[shape.facets]
+    rng = np.random.default_rng(5)
+    aim = rng.uniform(-110.0, 110.0, (400, 3))
+    for far_m in (150.0, 3000.0, 1e6):
+        origin = far_m * np.array([0.6, -0.64, 0.48]) + rng.uniform(-20.0, 20.0, (400, 3))
+        for start in (origin[0], origin):
+            ray = aim - start
+            ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+            exact = np.array([intersect(corners - a, b[None])[0]
+                              for a, b in zip(np.broadcast_to(start, ray.shape), ray, strict=True)])
+            facet, distance = mesh.hit(start, ray)
+            # An edge may go to either side, the outline to neither.
+            assert (facet != np.where(np.isfinite(exact.min(axis=1)), exact.argmin(axis=1), -1)).sum() <= 2
+            both = (facet >= 0) & np.isfinite(exact.min(axis=1))
+            assert 100 < both.sum() < 400
+            np.testing.assert_allclose(distance[both], exact.min(axis=1)[both], atol=2e-4)
+            points = np.broadcast_to(start, ray.shape)
+            assert (mesh.blocks(points, ray) != np.isfinite(exact.min(axis=1))).sum() <= 2
+            assert not mesh.blocks(points, -ray).any()
+    assert not mesh.blocks(np.zeros((0, 3)), ray[0]).size
+    assert (mesh.blocks(aim[:50], ray[0]) == mesh.blocks(aim[:50], np.tile(ray[0], (50, 1)))).all()
 
 
 def test_several_bodies_hide_and_shade_each_other_as_in_opengl():

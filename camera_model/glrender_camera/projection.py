@@ -132,16 +132,23 @@ class PinholeCamera:
         (..., 3) float64 [1]
         """
         offset = self.normalised(pixel)
-        ray = np.concatenate([offset, np.ones_like(offset[..., :1])], axis=-1)
-        return ray / np.linalg.norm(ray, axis=-1, keepdims=True)
+        x, y = offset[..., 0], offset[..., 1]
+        # Columns: NumPy works along them several times as fast.
+        ray = np.empty((3, *x.shape))
+        np.divide(1.0, np.sqrt(x * x + y * y + 1.0), out=ray[2])
+        np.multiply(x, ray[2], out=ray[0])
+        np.multiply(y, ray[2], out=ray[1])
+        return ray.transpose(*range(1, ray.ndim), 0)
 
     def normalised(self, pixel: np.ndarray) -> np.ndarray:
         """X / Z, Y / Z in `camera` (..., 2) float64 [1] of what is seen at pixel coordinates (..., 2) [px].
 
         NaN where a distortion images no direction.
         """
-        offset = np.asarray(pixel, dtype=np.float64) - np.array(self.principal_point_px)
-        offset /= self.focal_length_px
+        pixel = np.asarray(pixel, dtype=np.float64)
+        columns = np.array([(pixel[..., k] - middle) / self.focal_length_px
+                            for k, middle in enumerate(self.principal_point_px)])
+        offset = columns.transpose(*range(1, columns.ndim), 0)
         return offset if self.distortion is None else self.distortion.undistort(offset)
 
     @cached_property

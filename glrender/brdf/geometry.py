@@ -8,8 +8,21 @@ from functools import cached_property
 import numpy as np
 
 
+def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Scalar products (...) of vectors (..., 3)."""
+    # By component: five times as fast as a sum over three where vectors are a transposed (3, N).
+    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
+
+
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Vector products (..., 3) of vectors (..., 3), one component after the other in memory."""
+    ax, ay, az, bx, by, bz = (vector[..., k] for vector in (a, b) for k in range(3))
+    columns = np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+    return columns.transpose(*range(1, columns.ndim), 0)
+
+
 def _length(vector: np.ndarray) -> np.ndarray:
-    return np.sqrt(np.sum(vector * vector, axis=-1))
+    return np.sqrt(dot(vector, vector))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +61,7 @@ class Geometry:
         """(...) tan(phase / 2) [1]."""
         return self.distance / np.maximum(self.bisector, 1e-300)
 
-    @property
+    @cached_property
     def phase(self) -> np.ndarray:
         """(...) Phase angle [rad], 0..pi."""
         return 2.0 * np.arctan2(self.distance, self.bisector)
@@ -61,9 +74,9 @@ class Geometry:
     @cached_property
     def sun_side(self) -> np.ndarray:
         """(..., 3) normal x to_sun: length sin(incidence), turned a quarter from the Sun's azimuth [1]."""
-        return np.cross(self.normal, self.to_sun)
+        return cross(self.normal, self.to_sun)
 
     @cached_property
     def camera_side(self) -> np.ndarray:
         """(..., 3) normal x to_camera: length sin(emission) [1]."""
-        return np.cross(self.normal, self.to_camera)
+        return cross(self.normal, self.to_camera)

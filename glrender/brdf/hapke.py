@@ -12,6 +12,7 @@ import numpy as np
 from glrender_camera.validate import finite, one_of, within
 
 from ..errors import ConfigError
+from .geometry import cross, dot
 from .law import Law
 
 MAX_FILLING_FACTOR = 0.752
@@ -222,24 +223,24 @@ class Hapke(Law):
         cos_small = np.maximum(geometry.cos_incidence, geometry.cos_emission)
         cos_large = np.minimum(geometry.cos_incidence, geometry.cos_emission)
         side, camera_side = geometry.sun_side, geometry.camera_side
-        sin_i = np.sqrt(np.sum(side * side, axis=-1))
-        sin_e = np.sqrt(np.sum(camera_side * camera_side, axis=-1))
+        sin_i, sin_e = np.sqrt(dot(side, side)), np.sqrt(dot(camera_side, camera_side))
         sin_small, sin_large = np.minimum(sin_i, sin_e), np.maximum(sin_i, sin_e)
         # At the zenith the azimuth means nothing and every term with it is 0.
         sines = np.maximum(sin_i * sin_e, 1e-300)
-        x = np.sum(side * camera_side, axis=-1) / sines
-        y = np.abs(np.sum(geometry.normal * np.cross(geometry.to_sun, geometry.to_camera), axis=-1)) / sines
+        x = dot(side, camera_side) / sines
+        y = np.abs(dot(geometry.normal, cross(geometry.to_sun, geometry.to_camera))) / sines
         azimuth = np.arctan2(y, x)
-        sin2_half = np.sin(0.5 * azimuth) ** 2
-        # tan(azimuth / 2) is infinite at pi: f is 0 there.
-        with np.errstate(divide="ignore", over="ignore"):
-            f = np.exp(-2.0 * np.abs(np.tan(0.5 * azimuth)))
+        # 1.6e16 at most, at pi: f is 0 there. The other functions of the azimuth by it cost a tenth of theirs.
+        tan_half = np.tan(0.5 * azimuth)
+        f = np.exp(-2.0 * tan_half)
+        cos2_half = 1.0 / (1.0 + tan_half * tan_half)
+        sin2_half = tan_half * tan_half * cos2_half
         e1_small, e2_small = self._slope_terms(cos_small, sin_small)
         e1_large, e2_large = self._slope_terms(cos_large, sin_large)
         # Floors for 0/0 where Sun and camera graze from opposite sides.
         denominator = np.maximum(2.0 - e1_large - azimuth / np.pi * e1_small, 1e-14)
         mu_small = np.maximum(cos_small + sin_small * tan_slope * (
-            np.cos(azimuth) * e2_large + sin2_half * e2_small) / denominator, 1e-14)
+            (cos2_half - sin2_half) * e2_large + sin2_half * e2_small) / denominator, 1e-14)
         mu_large = np.maximum(
             cos_large + sin_large * tan_slope * (e2_large - sin2_half * e2_small) / denominator, 1e-14)
         eta_small = cos_small + sin_small * tan_slope * e2_small / (2.0 - e1_small)

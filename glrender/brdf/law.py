@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..errors import ConfigError
-from .geometry import Geometry
+from .geometry import Geometry, dot
 
 MIN_COSINE = 1e-6
 """Cosines of incidence and emission are held at this (89.99994 deg): a BRDF may grow as 1 / (mu0 + mu)
@@ -84,8 +84,7 @@ class Law(ABC):
             Lit points at phase angles beyond `max_phase`.
         """
         to_sun, to_camera, normal = (np.asarray(v, dtype=np.float64) for v in (to_sun, to_camera, normal))
-        cos_incidence = np.sum(normal * to_sun, axis=-1)
-        cos_emission = np.sum(normal * to_camera, axis=-1)
+        cos_incidence, cos_emission = dot(normal, to_sun), dot(normal, to_camera)
         lit = (cos_incidence > 0.0) & (cos_emission > 0.0)
         geometry = Geometry(to_sun=to_sun, to_camera=to_camera, normal=normal,
                             cos_incidence=np.where(lit, np.maximum(cos_incidence, MIN_COSINE), 1.0),
