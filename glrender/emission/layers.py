@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import ConfigError
 from ..shape import Shape
 from .bake import SphericalBake
 from .fields import CartesianField, Field, SphericalField
@@ -18,6 +19,8 @@ from .measuring import FieldErrors, measured_errors, worst
 _SUN_NODES = 64
 # Where the Sun stands when errors are measured: what a frame uses depends on no frame before it.
 _HALF_AXES = np.vstack([np.eye(3), -np.eye(3)])
+# Of weights, beyond any comet by 1e15: their columns stay far within float32.
+_GREATEST_M = 1e20
 # How far out errors are measured, in body radii, where a field has no end.
 _FAR_RADII = 100.0
 
@@ -84,6 +87,9 @@ class Layers:
         return made
 
     def _errors(self, field: Field) -> tuple[FieldErrors, ...]:
+        if not (np.isfinite(field.values_m).all() and field.values_m.max() <= _GREATEST_M):
+            raise ConfigError("emission", f"dust must have k r^2 of at most {_GREATEST_M:g} m",
+                              float(field.values_m.max()), "see the sources' strengths")
         return measured_errors(field, (self._nearest_m, self.radius_m, self._far(field)), self._hits)
 
     def _far(self, field: Field) -> float:
