@@ -13,7 +13,7 @@ from . import frames
 from .error_model import NO_PENUMBRA, Penumbra, eclipse_penumbra, own_penumbra
 from .gl.context import Context
 from .gl.mesh import Mesh
-from .gl.targets import ShadowMap
+from .gl.targets import ShadowMap, rounded_room
 from .hull import Hull
 from .render_plan import BodyPlan
 from .shadow_box import shadow_box
@@ -168,7 +168,8 @@ class Shadows:
         if len(self._maps) < _MAPS_KEPT or not idle:
             return ShadowMap(self._context, size_px)
         for key in idle:
-            if all(room >= side for room, side in zip(self._maps[key].room_px, size_px, strict=True)):
+            # Not one with more room: its texels' coordinates round otherwise, and the bytes would tell who came before.
+            if self._maps[key].room_px == rounded_room(size_px):
                 return self._maps.pop(key)
         self._maps.pop(idle[0]).close()
         return ShadowMap(self._context, size_px)

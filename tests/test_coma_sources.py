@@ -162,7 +162,7 @@ def test_a_tile_sheet_is_cut_as_comacreator_laid_it_out(tmp_path):
     np.testing.assert_array_equal(read_grid(tmp_path / "coma.json", "gas").density, 2.0 * cube)
     write_tile_sheet(tmp_path / "own.json", cube, np.full(3, 2e4))
     np.testing.assert_allclose(read_grid(tmp_path / "own.json").density, cube / cube.max(), rtol=1e-6)
-    np.testing.assert_array_equal(read_exr(tmp_path / "coma.exr", "G"), sheet)
+    np.testing.assert_array_equal(read_exr(tmp_path / "coma.exr", "G", sheet.shape), sheet)
 
 
 @pytest.mark.parametrize("change, field", [

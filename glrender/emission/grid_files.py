@@ -23,7 +23,9 @@ from glrender_camera.validate import integer, one_of, positive, vector
 from ..errors import ConfigError, DeviceError
 
 MAX_CELLS = 256**3
-_CHANNELS = {"dust": "G", "gas": "B"}
+# Of float64, and the array's header.
+_MAX_ARRAY_BYTES = 8 * MAX_CELLS + 4096
+CHANNELS = {"dust": "G", "gas": "B"}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,7 +71,13 @@ def write_grid(path: Path, grid: Grid) -> None:
 def _read_npz(path: Path) -> Grid:
     try:
         with np.load(path, allow_pickle=False) as file:
+            # A few bytes may unpack to any number of them.
+            unpacked = max((member.file_size for member in file.zip.infolist()), default=0)
+            if unpacked > _MAX_ARRAY_BYTES:
+                raise ConfigError("density", f"must be at most {MAX_CELLS} cells", hint=f"{unpacked} bytes: {path}")
             arrays = {name: file[name] for name in ("density", "low_m", "high_m")}
+    except ConfigError:
+        raise
     except KeyError as error:
         raise ConfigError("", f"lacks the array {error.args[0].split()[0]}", str(path)) from None
     except (OSError, ValueError, EOFError) as error:
@@ -84,10 +92,10 @@ def _read_npz(path: Path) -> Grid:
 
 
 def _read_tile_sheet(path: Path, channel: str, locate: Callable[[str], Path]) -> Grid:
-    one_of("channel", channel, _CHANNELS)
+    one_of("channel", channel, CHANNELS)
     try:
         about = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise ConfigError("", f"is no readable JSON: {error}", str(path)) from None
     if not isinstance(about, dict):
         raise ConfigError("", "must be a JSON object", str(path))
@@ -105,9 +113,7 @@ def _read_tile_sheet(path: Path, channel: str, locate: Callable[[str], Path]) ->
     if not isinstance(name, str) or not name:
         raise ConfigError("tiles_file", "must be a file name", name)
     # Only the name: the folder is that of whoever wrote it.
-    sheet = read_exr(locate(Path(name.replace("\\", "/")).name), _CHANNELS[channel])
-    if sheet.shape != (n * down, n * across):
-        raise ConfigError("tiles_file", f"must be an image of {n * across} x {n * down} pixels", sheet.shape[::-1])
+    sheet = read_exr(locate(Path(name.replace("\\", "/")).name), CHANNELS[channel], (n * down, n * across))
     cells = sheet.reshape(down, n, across, n).transpose(0, 2, 1, 3).reshape(down * across, n, n)[:n]
     return Grid(density=np.ascontiguousarray(cells, np.float32), low_m=-500.0 * sides, high_m=500.0 * sides)
 
@@ -129,19 +135,30 @@ def write_tile_sheet(path: Path, density: np.ndarray, sides_m: np.ndarray) -> No
         "tiles_y": across, "tiles_file": image.name}, indent=2), encoding="utf-8")
 
 
-def read_exr(path: Path, channel: str) -> np.ndarray:
-    """One channel (height, width) float32 of an OpenEXR image."""
+def read_exr(path: Path, channel: str, shape: tuple[int, int]) -> np.ndarray:
+    """One channel float32 of an OpenEXR image, which must have the shape (height, width)."""
     file = _openexr().File
     if not path.is_file():
         raise ConfigError("tiles_file", "no such file", str(path))
     try:
+        # Its size first: a small file may unpack to any.
+        with file(str(path), header_only=True) as image:
+            low, high = image.header()["dataWindow"]
+            found = (int(high[1] - low[1]) + 1, int(high[0] - low[0]) + 1)
+        if found != shape:
+            raise ConfigError("tiles_file", f"must be an image of {shape[1]} x {shape[0]} pixels", found[::-1])
         with file(str(path), separate_channels=True) as image:
             channels = image.channels()
             if channel not in channels:
                 raise ConfigError("tiles_file", f"must have a channel {channel}", sorted(channels))
-            return np.array(channels[channel].pixels, np.float32)
-    except RuntimeError as error:
+            pixels = np.array(channels[channel].pixels, np.float32)
+    except ConfigError:
+        raise
+    except Exception as error:  # a broken image raises whatever its library makes of it
         raise ConfigError("tiles_file", f"is no readable OpenEXR image: {error}", str(path)) from None
+    if pixels.shape != shape:
+        raise ConfigError("tiles_file", "must have a value of the channel in each pixel", pixels.shape[::-1])
+    return pixels
 
 
 def write_exr(path: Path, channels: dict[str, np.ndarray]) -> None:

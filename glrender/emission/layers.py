@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from ..errors import ConfigError
 from ..shape import Shape
 from .bake import SphericalBake
 from .fields import CartesianField, Field, SphericalField
 from .hits import body_hits
-from .measuring import FieldErrors, measured_errors
+from .measuring import FieldErrors, measured_errors, worst
 
 # Activity is that of the Sun's nearest node: half a degree at most away, cos(incidence) within 1 % of its largest.
 _SUN_NODES = 64
+# Where the Sun stands when errors are measured: what a frame uses depends on no frame before it.
+_HALF_AXES = np.vstack([np.eye(3), -np.eye(3)])
+# Of weights, beyond any comet by 1e15: their columns stay far within float32.
+_GREATEST_M = 1e20
 # How far out errors are measured, in body radii, where a field has no end.
 _FAR_RADII = 100.0
 
@@ -60,16 +65,31 @@ class Layers:
         around = [source for source in sources if not hasattr(source, "field")]
         self._bake = SphericalBake(around, body_radius_m)
         self.least_m = self._bake.least_m
-        self._spherical_errors: dict[tuple[str, ...], FieldErrors] = {}
+        self._measured = self._measured_by_axis()
         self._fixed = tuple(self._fixed_layer(volume) for volume in volumes)
         self._sun, self._around = None, ()
 
     def _fixed_layer(self, volume: Any) -> Layer:
         field = volume.field(self.least_m)
         return Layer(field=field, models=(type(volume).__name__.lower(),), volume=volume,
-                     errors=self._errors(field))
+                     errors=self._errors(field)[0])
 
-    def _errors(self, field: Field) -> FieldErrors:
+    def _measured_by_axis(self) -> list[tuple[FieldErrors, ...]]:
+        """Of each field around the body, its errors with the Sun on each half axis."""
+        by_axis = [[field for field, _ in self._bake.fields(axis)] for axis in _HALF_AXES]
+        made = []
+        for fields in zip(*by_axis, strict=True):
+            values = [field.values_m for field in fields]
+            if all(np.array_equal(other, values[0]) for other in values):
+                made.append(self._errors(fields[0]) * len(fields))
+            else:
+                made.append(self._errors(replace(fields[0], values_m=np.stack(values, axis=-1))))
+        return made
+
+    def _errors(self, field: Field) -> tuple[FieldErrors, ...]:
+        if not (np.isfinite(field.values_m).all() and field.values_m.max() <= _GREATEST_M):
+            raise ConfigError("emission", f"dust must have k r^2 of at most {_GREATEST_M:g} m",
+                              float(field.values_m.max()), "see the sources' strengths")
         return measured_errors(field, (self._nearest_m, self.radius_m, self._far(field)), self._hits)
 
     def _far(self, field: Field) -> float:
@@ -85,12 +105,12 @@ class Layers:
         sun = np.round(face * _SUN_NODES) / _SUN_NODES
         if self._sun is None or not np.array_equal(sun, self._sun):
             self._sun = sun
-            self._around = tuple(self._layer(field, models)
-                                 for field, models in self._bake.fields(sun / np.linalg.norm(sun)))
+            around = self._bake.fields(sun / np.linalg.norm(sun))
+            self._around = tuple(Layer(field=field, models=models, errors=self._errors_beside(sun, by_axis))
+                                 for (field, models), by_axis in zip(around, self._measured, strict=True))
         return (*self._around, *self._fixed)
 
-    def _layer(self, field: SphericalField, models: tuple[str, ...]) -> Layer:
-        # What the Sun changes is how strong components are, not how fine.
-        if models not in self._spherical_errors:
-            self._spherical_errors[models] = self._errors(field)
-        return Layer(field=field, models=models, errors=self._spherical_errors[models])
+    @staticmethod
+    def _errors_beside(sun: np.ndarray, by_axis: Sequence[FieldErrors]) -> FieldErrors:
+        """The worst with the Sun on one of the half axes around it: what any of them lights is all that it lights."""
+        return worst([errors for axis, errors in zip(_HALF_AXES, by_axis, strict=True) if axis @ sun > 0.0])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,8 +49,9 @@ class FieldErrors:
     fronts_m: np.ndarray
 
 
-def measured_errors(field: Field, radii_m: tuple[float, float, float], hits: Hits, seed: int = 0) -> FieldErrors:
-    """Errors of a field, from parallel rays in random directions.
+def measured_errors(field: Field, radii_m: tuple[float, float, float], hits: Hits,
+                    seed: int = 0) -> tuple[FieldErrors, ...]:
+    """Errors of a field, from parallel rays in random directions; one for each of the fields that it holds.
 
     Parameters
     ----------
@@ -66,13 +67,28 @@ def measured_errors(field: Field, radii_m: tuple[float, float, float], hits: Hit
     rng = np.random.default_rng(seed)
     zones = [_zone(field, low, high, far, hits, rng)
              for low, high in zip(edges, (*edges[1:], far), strict=True)]
-    level, *tables = (np.array(part).T for part in zip(*zones, strict=True))
-    return FieldErrors(edges_m=edges, level_m=level, **dict(zip(
-        ("steps_m", "front_steps_m", "nodes_m", "fronts_m"), tables, strict=True)))
+    # (B, F), then four of (A, B, F): by angle or steps, by zone, by field.
+    level, *tables = (np.stack(part, axis=-2) for part in zip(*zones, strict=True))
+    names = ("steps_m", "front_steps_m", "nodes_m", "fronts_m")
+    return tuple(FieldErrors(edges_m=edges, level_m=level[:, k],
+                             **{name: table[..., k] for name, table in zip(names, tables, strict=True)})
+                 for k in range(level.shape[1]))
+
+
+def worst(errors: Sequence[FieldErrors]) -> FieldErrors:
+    """Errors over levels that are at least those of each: of fields of one geometry, dark ones left out."""
+    # An image's mean is mostly of what passes far from the origin.
+    scales = [float(np.average(each.level_m, weights=each.edges_m)) for each in errors]
+    lit = [(each, scale) for each, scale in zip(errors, scales, strict=True) if scale > 0.0]
+    if not lit:
+        return errors[0]
+    of = lambda name, choice: choice([getattr(each, name) / scale for each, scale in lit], axis=0)  # noqa: E731
+    return FieldErrors(edges_m=errors[0].edges_m, level_m=of("level_m", np.min), **{
+        name: of(name, np.max) for name in ("steps_m", "front_steps_m", "nodes_m", "fronts_m")})
 
 
 def _zone(field: Field, low_m: float, high_m: float, far_m: float, hits: Hits,
-          rng: np.random.Generator) -> tuple[float, list[float], list[float], list[float], list[float]]:
+          rng: np.random.Generator) -> tuple[np.ndarray, ...]:
     direction = _unit(rng.normal(size=(_RAYS, 3)))
     if isinstance(field, CartesianField):
         # Seen along an axis, cells' faces are edge-on: lines across the image between which integrals are linear.
@@ -82,34 +98,41 @@ def _zone(field: Field, low_m: float, high_m: float, far_m: float, hits: Hits,
     turn = rng.uniform(0.0, 2.0 * np.pi, _RAYS)[:, None]
     way = np.cos(turn) * aside + np.sin(turn) * np.cross(direction, aside)
 
-    def integrals(place_m: np.ndarray, steps: int, end_m: np.ndarray | float = np.inf) -> np.ndarray:
-        closest = place_m - np.einsum("ij,ij->i", place_m, direction)[:, None] * direction
+    def integrals(place_m: np.ndarray, steps: int, end_m: np.ndarray, of: np.ndarray) -> np.ndarray:
+        place, way = place_m[of], direction[of]
+        closest = place - np.einsum("ij,ij->i", place, way)[:, None] * way
         a = np.maximum(np.linalg.norm(closest, axis=1), field.least_m)
-        return _integrals(field, closest, direction, a, np.full(_RAYS, -1e4 * far_m), steps, end_m)
+        return _integrals(field, closest, way, a, np.full(len(place), -1e4 * far_m), steps, end_m[of])
 
-    rms = lambda x: float(np.sqrt(np.sum(np.square(x)) / _RAYS))  # noqa: E731
+    rms = lambda x: np.sqrt(np.sum(np.square(x), axis=0) / _RAYS)  # noqa: E731
     end = hits(rho * aside, direction)
-    truth, is_free = integrals(rho * aside, _FINE_STEPS, end), np.isinf(end)
-    of_steps = [integrals(rho * aside, count, end) - truth for count in STEPS]
+    every, is_free = np.ones(_RAYS, bool), np.isinf(end)
+    truth = integrals(rho * aside, _FINE_STEPS, end, every)
+    of_steps = [integrals(rho * aside, count, end, every) - truth for count in STEPS]
     steps, front_steps = ([rms(error[part]) for error in of_steps] for part in (is_free, ~is_free))
-    middle, theta = integrals(rho * aside, _MIDDLE_STEPS), np.arctan(end / rho[:, 0])
-    middle_front = integrals(rho * aside, _MIDDLE_STEPS, end)
-    nodes, fronts = [], []
+    middle, theta = integrals(rho * aside, _MIDDLE_STEPS, end, every), np.arctan(end / rho[:, 0])
+    nodes, fronts, endless = [], [], np.full(_RAYS, np.inf)
     for angle in NODE_ANGLES:
-        through, front, near = [], [], np.isfinite(end)
-        for sign in (-1.0, 1.0):
-            place = rho * (aside + 0.5 * sign * angle * way)
-            ends = hits(place, direction)
-            seen = np.isfinite(ends)
-            apart = np.where(seen, theta - np.arctan(np.where(seen, ends, 0.0) / rho[:, 0]), np.inf)
-            through.append(integrals(place, _MIDDLE_STEPS))
-            k = field.weight(place + np.where(seen, ends, 0.0)[:, None] * direction)
-            near = near & (np.abs(apart) < REACH_RAD)
-            front.append(integrals(place, _MIDDLE_STEPS, ends) + k * np.where(near, apart, 0.0))
+        places = [rho * (aside + 0.5 * sign * angle * way) for sign in (-1.0, 1.0)]
+        ends = [hits(place, direction) for place in places]
+        apart = [np.where(np.isfinite(at), theta - np.arctan(np.where(np.isfinite(at), at, 0.0) / rho[:, 0]), np.inf)
+                 for at in ends]
         # A pixel beside the body lies between nodes whose rays may have gone through it.
-        nodes.append(rms((0.5 * (through[0] + through[1]) - middle)[is_free]))
-        fronts.append(rms((0.5 * (front[0] + front[1]) - middle_front)[near]))
-    return float(np.mean(truth)), steps, front_steps, nodes, fronts
+        through = sum(integrals(place, _MIDDLE_STEPS, endless, is_free) for place in places)
+        nodes.append(rms(0.5 * through - middle[is_free]))
+        near = ~is_free & (np.abs(apart) < REACH_RAD).all(axis=0)
+        k = [_weights(field, place[near] + at[near, None] * direction[near])
+             for place, at in zip(places, ends, strict=True)]
+        front = sum(integrals(place, _MIDDLE_STEPS, at, near) + k_end * apart_rad[near, None]
+                    for place, at, k_end, apart_rad in zip(places, ends, k, apart, strict=True))
+        fronts.append(rms(0.5 * front - middle[near]))
+    return np.mean(truth, axis=0), *(np.array(table) for table in (steps, front_steps, nodes, fronts))
+
+
+def _weights(field: Field, r_m: np.ndarray) -> np.ndarray:
+    """K (..., F) [m] at points (..., 3) [m]."""
+    weight = field.weight(r_m)
+    return weight if weight.ndim == r_m.ndim else weight[..., None]
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:
@@ -117,8 +140,8 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
 
 
 def _integrals(field: Field, closest: np.ndarray, direction: np.ndarray, a: np.ndarray, along: np.ndarray, steps: int,
-               end_m: np.ndarray | float) -> np.ndarray:
-    """Integrals of K over theta (N,) [m], all steps of a ray at once, as the shader: for all ends, or for none."""
+               end_m: np.ndarray) -> np.ndarray:
+    """Integrals of K over theta (N, F) [m], all steps of a ray at once, as the shader."""
     low, high = angles(field, closest, direction, a, along, end_m - along)
     count = np.maximum(np.ceil(steps * (high - low) / np.pi), steps / 4.0)
     index = np.arange(steps)
@@ -128,7 +151,5 @@ def _integrals(field: Field, closest: np.ndarray, direction: np.ndarray, a: np.n
     s = a[:, None] * np.tan(np.where(valid, theta, low[:, None]))
     r = closest[:, None] + s[..., None] * direction[:, None]
     squared = np.sum(closest**2, axis=1)[:, None] + s**2
-    value = field.weight(r)
-    if not np.isscalar(end_m):
-        value = value * (a[:, None] ** 2 + s**2) / np.maximum(squared, a[:, None] ** 2)
-    return np.sum(value * valid, axis=1) * (high - low) / count
+    share = valid * (a[:, None] ** 2 + s**2) / np.maximum(squared, a[:, None] ** 2)
+    return np.einsum("ijk,ij->ik", _weights(field, r), share) * ((high - low) / count)[:, None]

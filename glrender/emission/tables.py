@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from glrender_camera.validate import finite, integer, known_keys, positive, text, vector, within
+from glrender_camera.validate import finite, integer, known_keys, one_of, positive, vector, within
 
 from ..errors import ConfigError, error_path
 from ..scene import Body
 from .dust import Dust
-from .grid_files import read_grid
+from .grid_files import CHANNELS, read_grid
 from .sources.activity import Activity
 from .sources.facets import Facets, noise_strength
 from .sources.haser import Haser
@@ -120,11 +120,13 @@ def _grid(table: Mapping[str, Any], body: Body, dust: Dust, resolve: Resolve) ->
                required=("file",))
     if ("particle_cross_section_m2" in table) == ("cross_section_per_m" in table):
         raise ConfigError("particle_cross_section_m2", "give it for densities in 1/m3, or else cross_section_per_m")
+    if "channel" in table:
+        one_of("channel", table["channel"], CHANNELS)
     name = "particle_cross_section_m2" if "particle_cross_section_m2" in table else "cross_section_per_m"
     scale = positive(name, table[name])
     path = resolve("file", table["file"])
     with error_path("file"):
-        grid = read_grid(path, text("channel", table.get("channel", "dust")), partial(resolve, "tiles_file"))
+        grid = read_grid(path, table.get("channel", "dust"), partial(resolve, "tiles_file"))
     return Volume(cross_section_per_m=grid.density.astype(np.float64) * scale, low_m=grid.low_m, high_m=grid.high_m,
                   frame=table.get("frame", "body"), refine=integer("refine", table.get("refine", 1), 1, 8))
 

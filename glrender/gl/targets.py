@@ -25,8 +25,7 @@ class ShadowMap(ResourceOwner):
 
     def __init__(self, context: Context, room_px: tuple[int, int]):
         super().__init__(context)
-        # Rounded up: as a body turns its box changes, and the next one may fit.
-        self.room_px = tuple(-(-side // 256) * 256 for side in room_px)
+        self.room_px = rounded_room(room_px)
         context.make_current()
         self.texture = self.own(context.gl.depth_texture(self.room_px))
         self.texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
@@ -55,6 +54,11 @@ class ShadowMap(ResourceOwner):
             to_sun = -sun_clip_from_body[2, :3] / np.linalg.norm(sun_clip_from_body[2, :3])
             mesh.draw_shadow(sun_clip_from_body,
                              mesh.chunks.in_window(sun_clip_from_body) & mesh.chunks.facing_direction(to_sun))
+
+
+def rounded_room(size_px: tuple[int, int]) -> tuple[int, int]:
+    """Texels of a map for so many: as a body turns its box changes, and the next one may need no other map."""
+    return tuple(-(-side // 256) * 256 for side in size_px)
 
 
 class PixelMask(ResourceOwner):

@@ -28,7 +28,7 @@ class Facets:
     ----------
     shape : Shape
     strength : (F,) float [1], >= 0
-        S of each facet, of any scale.
+        S of each facet, of any scale; kept over the greatest.
     weight_m : float [m], > 0
         Mean of K over all directions, far off, when all is fully active.
     spread : float [1], 1..20
@@ -55,6 +55,7 @@ class Facets:
             raise ConfigError("strength", f"must have one number for each of the {count} facets", strength.shape)
         if not (np.isfinite(strength).all() and strength.min() >= 0.0 and strength.max() > 0.0):
             raise ConfigError("strength", "must be finite and >= 0, and > 0 somewhere")
+        strength = strength / strength.max()
         object.__setattr__(self, "strength", strength)
         put = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731 (frozen dataclass)
         area, centre, normal, power = _clusters(self.shape, strength)

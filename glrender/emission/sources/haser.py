@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from glrender_camera.validate import positive, within
+from glrender_camera.validate import MAX_DISTANCE_M, positive, within
 
 from ...errors import ConfigError
 from .source import EVERYWHERE
@@ -56,7 +56,7 @@ class Haser:
             if getattr(self, name) is not None:
                 positive(name, getattr(self, name))
         if self.reach_m != EVERYWHERE:
-            positive("reach_m", self.reach_m)
+            within("reach_m", positive("reach_m", self.reach_m), 0.0, MAX_DISTANCE_M)
         if None not in (self.scale_length_m, self.parent_length_m) and self.parent_length_m >= self.scale_length_m:
             raise ConfigError("parent_length_m", "must be below scale_length_m", self.parent_length_m)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from glrender_camera.validate import integer, one_of, vector
+from glrender_camera.validate import integer, one_of, position
 
 from ...errors import ConfigError
 from ..fields import CartesianField
@@ -47,7 +47,7 @@ class Volume:
             raise ConfigError("grid", "must hold some dust: all of its cells are 0")
         object.__setattr__(self, "cross_section_per_m", values)
         for name in ("low_m", "high_m"):
-            object.__setattr__(self, name, vector(name, getattr(self, name)))
+            object.__setattr__(self, name, position(name, getattr(self, name)))
         if not (self.high_m > self.low_m).all():
             raise ConfigError("high_m", "must be above low_m on each axis", self.high_m.tolist())
         one_of("frame", self.frame, ("body", "inertial"))
