@@ -14,21 +14,17 @@ from .error_model import (
     LevelTraits,
     facets_per_px,
     flux_error,
-    noise_gain,
-    noise_power,
     samples_across,
     shadow_share,
     squared_errors,
     texel_share,
     usual_edges,
 )
+from .first_samples import MAX_SAMPLES, Expected, first_samples
 from .grouping import outline, outline_px, region, touching
-from .refine import SAMPLE_COUNTS
 from .render_plan import BodyPlan, WindowPlan
 from .view import BodyView
 
-MAX_SAMPLES = 16
-"""Most samples along a pixel's side."""
 MANY_RAYS = 100_000
 """Rays that cost more than an image of what faces the Sun: more are cast at that only."""
 FACING_SAMPLES = 3
@@ -47,16 +43,11 @@ _PASSED_OVER_COST, _UNLIT_COST = 0.45, 0.35
 _TEXEL_COST = 0.1
 # Cost of a layer of surface detail, in samples.
 _LAYER_COST = 1.5
-# What an image tells of its squared error over what was guessed before, times a power of its pixels: median of 106
-# random scenes with 1 to 8 samples (1.6 of the error at 25 px, 0.85 at 1000); and scatter of the error's logarithm.
-_TOLD, _TOLD_POWER, _GUESS_SCATTER = 9.5, 0.2, 0.4
-# A second pass that was not foreseen has so many more samples along a pixel's side.
-_MORE = 1.5
 # Fewest samples along a pixel's side of a low Sun's slivers, where the budget would notice one that is missed: from one
 # phase on, and more per radian beyond another.
 _SLIVER_SAMPLES, _SLIVER_PHASE_RAD, _SLIVER_BUDGET = 3.0, 1.4, 0.03
 _THIN_SAMPLES_PER_RAD, _THIN_PHASE_RAD = 4.0, 2.15
-# Penumbras by rays are noise: creases and facets that say so; and fewest samples along a pixel's side.
+# Penumbras by rays are noise: creases and facets a pixel that say so; and fewest samples along a pixel's side.
 _PENUMBRA_NOISE, _PENUMBRA_SAMPLES = (0.33, 1e4), 2
 
 
@@ -194,9 +185,9 @@ class _Window:
         """By OpenGL, with the levels of detail and the shadow maps that were planned; its nanoseconds."""
         budget = math.sqrt(max(self._budget**2 - self._floor**2, (0.3 * self._budget) ** 2))
         errors, noise = self._errors(self._levels), self._noise(self._levels)
-        shaded, count = first_samples(*errors, noise_power(noise_gain(*noise)), self._n_px,
-                                      (self._facets_ns + CALL_NS) / self._costs.sample_ns, _PASSED_OVER_COST,
-                                      self._least, budget)
+        shaded, count = first_samples(
+            self._expected(self._levels), self._n_px, (self._facets_ns + CALL_NS) / self._costs.sample_ns,
+            _PASSED_OVER_COST, self._least, budget)
         asked = {} if samples is None else {"budget": math.inf}
         window = self._sampled("raster", count if samples is None else samples, errors, self._floor, noise=noise,
                                shadow_share=self._shadow_share, texel_share=self._texel_share,
@@ -206,13 +197,14 @@ class _Window:
     def _rays(self) -> tuple[float, WindowPlan]:
         """By rays, at the full shape; its nanoseconds."""
         errors, noise, least = self._errors(self._full), self._noise(self._full), self._least
+        expected = self._expected(self._full)
         if max(body.penumbra_px for body in self._drawn) > 1.0:
             # A ramp of many samples that are each lit or not.
             noise, least = _PENUMBRA_NOISE, max(least, _PENUMBRA_SAMPLES)
-        power = noise_power(noise_gain(*noise))
+            expected = replace(expected, facets_per_px=_PENUMBRA_NOISE[1])
         # Lit is a share of a sphere's disc.
         n_lit = max(0.5 * (1.0 + math.cos(self._phase_rad)), 0.05) * self._n_px
-        cast, count = first_samples(*errors, power, n_lit, 0.0, 0.0, least, self._budget)
+        cast, count = first_samples(expected, n_lit, 0.0, 0.0, least, self._budget)
         if self._box_px * count**2 < MANY_RAYS:
             cast *= 1.0 + _UNLIT_COST * (self._box_px / n_lit - 1.0)
             first_ns = 0.0
@@ -239,61 +231,9 @@ class _Window:
                             strict=True)
         return max(limb), max(creases)
 
+    def _expected(self, levels: Sequence[LevelTraits]) -> Expected:
+        return Expected.worst(Expected.of(view, level) for view, level in zip(self._members, levels, strict=True))
+
     def _noise(self, levels: Sequence[LevelTraits]) -> tuple[float, float]:
         return (max(level.crease_rad for level in levels),
                 max(facets_per_px(view, level.n_facets) for view, level in zip(self._members, levels, strict=True)))
-
-
-def first_samples(limb: float, creases: float, power: float, n_px: float, setup: float, passed_over: float, least: int,
-                  budget: float) -> tuple[float, int]:
-    """Cost of drawing, and samples along a pixel's side before the image itself tells where more are needed.
-
-    A second pass over few pixels cures outlines; creases are everywhere, and half of the pixels
-    have nearly all of their error. The cheapest pair of passes that should meet the budget decides, or one pass, with
-    what a second costs where the guess may fail.
-
-    Parameters
-    ----------
-    limb, creases : float [1]
-        Squared errors of one sample a pixel.
-    power : float
-        n x n samples have n^-power of the squared error of creases; of outlines, n^-3.
-    n_px : float [px]
-        Of the bodies.
-    setup, passed_over : float
-        Cost of a pass, and of a sample that a second pass leaves out, in samples: where chunks of facets have a
-        pixel that is drawn, in about 0.3 + 1.2 sqrt(share) of them.
-    least : int
-        Fewest samples along a pixel's side.
-    budget : float [1]
-        RMS.
-    """
-    best = (math.inf, MAX_SAMPLES)
-    told = _TOLD * n_px**-_TOLD_POWER
-    limb, creases = told * limb, told * creases
-    edge_share = min(12.0 / math.sqrt(n_px), 1.0)
-
-    def second_pass(samples: float, share: float) -> float:
-        beside = min(0.3 + 1.2 * math.sqrt(share), 1.0)
-        return setup + n_px * samples**2 * (share + passed_over * beside)
-
-    for first in range(least, MAX_SAMPLES + 1):
-        cost = setup + n_px * first**2
-        if cost > best[0]:
-            break
-        guess = math.sqrt(limb / first**3 + creases / first**power)
-        if guess <= budget:
-            # The image may tell that it was not enough.
-            risk = 0.5 * math.erfc(math.log(budget / guess) / (_GUESS_SCATTER * math.sqrt(2.0))) if guess > 0.0 else 0.0
-            best = min(best, (cost + risk * second_pass(_MORE * first, edge_share), first))
-            continue
-        if first == MAX_SAMPLES:
-            best = min(best, (cost, first))
-        for second in SAMPLE_COUNTS:
-            room = budget**2 - limb / second**3
-            kept = min(room * first**power / creases, 1.0) if creases > 0.0 else 1.0
-            if second <= first or room <= 0.0 or kept < (first / second) ** power:
-                continue
-            share = min(edge_share + 0.5 * (1.0 - kept) ** 2, 1.0)
-            best = min(best, (cost + second_pass(second, share), first))
-    return best
