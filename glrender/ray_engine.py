@@ -173,10 +173,10 @@ class RayEngine:
 
     def _sees_sun(self, start: np.ndarray, towards: np.ndarray, view: BodyView, views: list[BodyView]) -> np.ndarray:
         """Whether points (3, N) [m] of a body have a free line towards the Sun (3,), or a place on it each (3, N)."""
+        if len(views) == 1:
+            return ~self._solids[view.name].blocks(start.T, towards.T)
         is_free = np.ones(start.shape[1], bool)
         for other in views:
-            if other is view and len(views) == 1:
-                return ~self._solids[view.name].blocks(start.T, towards.T)
             rotation = other.camera_from_body.T @ view.camera_from_body
             offset = other.r_camera_body_m - rotation @ view.r_camera_body_m
             rest = np.flatnonzero(is_free)
