@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from .ray_engine import RAYS_AT_ONCE
 
-CALL_NS = 5e5
-"""Nanoseconds of a pass whatever it draws, by OpenGL or by rays."""
+RASTER_CALL_NS, RAYS_CALL_NS = 1.2e6, 4e5
+"""Nanoseconds whatever is drawn, of a pass of OpenGL (an image, a shadow map) or of rays."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,4 +33,4 @@ class EngineCosts:
 
     def rays_ns(self, n_rays: float) -> float:
         """Of a window with so many samples that meet a body."""
-        return CALL_NS + max(n_rays * self.ray_ns, min(n_rays, RAYS_AT_ONCE) * self.lone_ray_ns)
+        return RAYS_CALL_NS + max(n_rays * self.ray_ns, min(n_rays, RAYS_AT_ONCE) * self.lone_ray_ns)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from glrender_camera import PinholeCamera
 
-from .costs import CALL_NS, EngineCosts
+from .costs import RASTER_CALL_NS, EngineCosts
 from .error_model import (
     BodyTraits,
     LevelTraits,
@@ -48,7 +48,7 @@ _LAYER_COST = 1.5
 _SLIVER_SAMPLES, _SLIVER_PHASE_RAD, _SLIVER_BUDGET = 3.0, 1.4, 0.03
 _THIN_SAMPLES_PER_RAD, _THIN_PHASE_RAD = 4.0, 2.15
 # Penumbras by rays are noise: creases and facets a pixel that say so; and fewest samples along a pixel's side.
-_PENUMBRA_NOISE, _PENUMBRA_SAMPLES = (0.33, 1e4), 2
+_PENUMBRA_NOISE, _PENUMBRA_SAMPLES = (0.4, 1e4), 2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,7 +147,7 @@ class _Window:
                     default=0.0)
         self._least_floor = math.hypot(self._smooth_floor, math.sqrt(edges))
         self._facets_ns = sum(body.n_facets * body.shown_share for body in self._drawn) * costs.facet_ns
-        self._shadows_ns = sum(body.n_facets * body.shown_share * costs.facet_ns
+        self._shadows_ns = sum(RASTER_CALL_NS + body.n_facets * body.shown_share * costs.facet_ns
                                + math.prod(body.shadow_map_drawn_px) * texel_ns for _, body, _ in maps)
 
     def choice(self, samples: int | None) -> WindowChoice:
@@ -170,7 +170,7 @@ class _Window:
         enough = math.ceil(size * (pixels / (_OWN_SHARE * self._budget)) ** (2.0 / 3.0))
         across = max(self._across, min(enough, _MOST_ACROSS))
         grid = tuple(max(math.ceil(across * side / size), 8) for side in (right - left, bottom - top))
-        setup_ns = CALL_NS + self._facets_ns + self._shadows_ns
+        setup_ns = RASTER_CALL_NS + self._facets_ns + self._shadows_ns
         is_rays = (self._costs.rays_ns(math.prod(grid))
                    < setup_ns + math.prod(grid) * self._costs.sample_ns) or (has_rays and self._floor > self._budget)
         floor = 0.0 if is_rays else self._floor
@@ -186,7 +186,7 @@ class _Window:
         budget = math.sqrt(max(self._budget**2 - self._floor**2, (0.3 * self._budget) ** 2))
         errors, noise = self._errors(self._levels), self._noise(self._levels)
         shaded, count = first_samples(
-            self._expected(self._levels), self._n_px, (self._facets_ns + CALL_NS) / self._costs.sample_ns,
+            self._expected(self._levels), self._n_px, (self._facets_ns + RASTER_CALL_NS) / self._costs.sample_ns,
             _PASSED_OVER_COST, self._least, budget)
         asked = {} if samples is None else {"budget": math.inf}
         window = self._sampled("raster", count if samples is None else samples, errors, self._floor, noise=noise,

@@ -10,6 +10,7 @@ import math
 import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,8 @@ RAYS_AT_ONCE = 1 << 13
 """Most rays of a part, which one thread casts: what it needs stays in a core's cache."""
 # A shadow ray starts this far off the surface, in radii of the bounding sphere: ten float32 steps.
 _LIFT = 6e-7
-_R2, _HASH = np.array([0.7548776662466927, 0.5698402909980532]), np.array([[12.9898, 39.3461], [78.233, 11.1353]])
+# Roberts' sequence, and the factor of a congruential generator.
+_R2, _FACTOR = np.array([0.7548776662466927, 0.5698402909980532]), 1664525
 
 BESIDE: dict[str, Any] = {"range": np.nan, "body_id": -1, "facet_id": -1, "incidence": np.nan, "emission": np.nan,
                           "phase": np.nan, "r_body": np.full(3, np.nan), "sunlit": 0.0}
@@ -122,12 +124,13 @@ class RayEngine:
                draw: np.ndarray | None) -> None:
         """Write the irradiance (N,) of places (N, 2) [px]."""
         ray = camera.directions(pixel).T
+        on_disc = None if draw is None else partial(_on_disc, pixel, camera.principal_point_px, draw)
         # A pixel's solid angle falls off as cos^3 of its angle from the boresight.
         scale = self.scene.solar_irradiance_of(camera) / camera.focal_length_px**2
         for index, hits in self._first(ray, views):
             view, solid = views[index], self._solids[views[index].name]
             # What stands in shadow is shaded too: it is less than leaving it out would cost.
-            hits, r_body, is_lit = self._facing(hits, view, views, pixel, draw)
+            hits, r_body, is_lit = self._facing(hits, view, views, on_disc)
             surface, to_camera, normal = solid.surface, -hits.ray.T, hits.normal.T
             weights = surface.weights(hits.facet, r_body.T) if solid.needs_weights else None
             if surface.body.smooth_normals:
@@ -140,20 +143,19 @@ class RayEngine:
             value[hits.place] = (is_lit * brdf * cos_incidence * (scale / view.sun_distance_au**2)
                                  * (off_axis * off_axis * off_axis))
 
-    def _facing(self, hits: Hits, view: BodyView, views: list[BodyView], pixel: np.ndarray | None = None,
-                draw: np.ndarray | None = None) -> tuple[Hits, np.ndarray, np.ndarray]:
+    def _facing(self, hits: Hits, view: BodyView, views: list[BodyView],
+                on_disc: Callable[[np.ndarray], np.ndarray] | None = None) -> tuple[Hits, np.ndarray, np.ndarray]:
         """Hits that face the Sun, their points (3, K) [m] on the body, and whether (K,) bool they are in its light.
 
-        That of a place on its disc for each, by the draws (N,) at places (N, 2) [px], or of its middle.
+        That of its middle, or of a place on its disc for each, which `on_disc` tells of the rays' numbers.
         """
         towards = view.sun_direction_body
         facing = hits.at(np.flatnonzero(dot(hits.normal, towards) > 0.0))
         r_body = _points(facing, view)
         above = r_body + facing.normal * (_LIFT * self._solids[view.name].radius_m)
-        if draw is not None:
+        if on_disc is not None:
             radius = SUN_RADIUS_M / (view.sun_distance_au * AU_M)
-            towards = towards[:, None] + radius * _disc(pixel.take(facing.place, axis=0), draw.take(facing.place),
-                                                        towards)
+            towards = towards[:, None] + radius * (sun_from_body(towards)[:2].T @ on_disc(facing.place))
         return facing, r_body, self._sees_sun(above, towards, view, views)
 
     def _first(self, ray_camera: np.ndarray, views: Iterable[BodyView]) -> list[tuple[int, Hits]]:
@@ -171,10 +173,10 @@ class RayEngine:
 
     def _sees_sun(self, start: np.ndarray, towards: np.ndarray, view: BodyView, views: list[BodyView]) -> np.ndarray:
         """Whether points (3, N) [m] of a body have a free line towards the Sun (3,), or a place on it each (3, N)."""
+        if len(views) == 1:
+            return ~self._solids[view.name].blocks(start.T, towards.T)
         is_free = np.ones(start.shape[1], bool)
         for other in views:
-            if other is view and len(views) == 1:
-                return ~self._solids[view.name].blocks(start.T, towards.T)
             rotation = other.camera_from_body.T @ view.camera_from_body
             offset = other.r_camera_body_m - rotation @ view.r_camera_body_m
             rest = np.flatnonzero(is_free)
@@ -202,13 +204,23 @@ def _points(hits: Hits, view: BodyView) -> np.ndarray:
     return view.r_camera_body_m[:, None] + hits.ray * hits.distance_m
 
 
-def _disc(pixel: np.ndarray, draw: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Points (3, N) of a disc of radius 1 across an axis (3,): Roberts' R2 sequence, shifted from pixel to pixel."""
-    shift = np.sin(np.rint(pixel) @ _HASH).T * 43758.5453 + _R2[:, None] * draw
+def _on_disc(pixel: np.ndarray, middle_px: tuple[float, float], draw: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Points (2, K) of a disc of radius 1, for some of the places (N, 2) [px]: Roberts' R2 sequence by draws (N,).
+
+    It is shifted from pixel to pixel: by a hash of the pixel's distance from the principal point, so that a part of a
+    frame has the whole frame's. Source: pcg2d of Jarzynski and Olano (2020), with another increment.
+    """
+    x, y = shift = np.array([(np.rint(pixel[:, k].take(place)) - math.floor(middle_px[k])).astype(np.int64)
+                             for k in range(2)]).astype(np.uint32) * _FACTOR + 1
+    for _ in range(2):
+        x += y * _FACTOR
+        y += x * _FACTOR
+        shift ^= shift >> 16
+    shift = shift * 2.0**-32 + _R2[:, None] * draw.take(place)
     # Embree takes float32 anyway, and its sines are ten times as fast.
     u, v = (shift - np.floor(shift)).astype(np.float32)
     radius, angle = np.sqrt(u), np.float32(2.0 * np.pi) * v
-    return sun_from_body(axis)[:2].T @ np.stack([radius * np.cos(angle), radius * np.sin(angle)])
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle)])
 
 
 def _angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:

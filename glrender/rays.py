@@ -76,6 +76,8 @@ class RayMesh:
         self._corner, self._normal = (np.ascontiguousarray(rows.T) for rows in (corners[:, 0], normals))
         self._scene = rtcore_scene.EmbreeScene()
         TriangleMesh(self._scene, (corners / self.radius_m).astype(np.float32))
+        # Embree builds its tree at the first call: here, before two threads could ask for it.
+        self._scene.run(*np.zeros((2, 0, 3), np.float32))
 
     @property
     def normals(self) -> np.ndarray:
