@@ -26,6 +26,7 @@ from .gl.evaluate import BrdfEvaluator
 from .image import Image, checked_products
 from .irradiance_pass import IrradiancePass
 from .plan_windows import MAX_SAMPLES, apart_limit, plan_windows
+from .plugin_trial import blamed_on, check_light, try_twin
 from .product_pass import ProductPass
 from .ray_engine import RayEngine
 from .render_plan import BodyPlan, RenderPlan
@@ -82,7 +83,12 @@ class Renderer:
             self._surfaces = stack.enter_context(SurfacePass(self._context, scene, self._meshes))
             self._irradiance = stack.enter_context(IrradiancePass(self._context, self._surfaces, rays))
             self._products = stack.enter_context(ProductPass(self._context, self._surfaces, self._meshes))
-            self._emission = [stack.enter_context(emission.open(self._context, scene)) for emission in scene.emission]
+            for law in {id(body.brdf): body.brdf for body in scene.bodies}.values():
+                try_twin(law, self.evaluate_brdf)
+            self._emission = []
+            for emission in scene.emission:
+                with blamed_on(type(emission)):
+                    self._emission.append(stack.enter_context(emission.open(self._context, scene)))
             self._stack = stack.pop_all()
 
     def __enter__(self) -> Renderer:
@@ -245,8 +251,12 @@ class Renderer:
             solar_irradiance_1au_W_m2=self.scene.solar_irradiance_of(camera),
             rois=tuple(window.roi for window in frame_plan.windows),
             draw_surfaces=draw_surfaces, shadow_map=shadow_map)
-        added = tuple(emission.add(irradiance, given) for emission in self._emission)
-        return replace(frame_plan, emission=added, roi=(0, 0, camera.width_px, camera.height_px))
+        added = []
+        for emission, opened in zip(self.scene.emission, self._emission, strict=True):
+            with blamed_on(type(emission)):
+                added.append(opened.add(irradiance, given))
+            check_light(emission, irradiance, added[-1])
+        return replace(frame_plan, emission=tuple(added), roi=(0, 0, camera.width_px, camera.height_px))
 
 
 def _blank(shape: tuple[int, int], out: np.ndarray | None) -> np.ndarray:

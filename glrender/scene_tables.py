@@ -16,7 +16,8 @@ from .body import Body, read_texture
 from .brdf import Law
 from .brdf.presets import PRESETS
 from .detail import Detail
-from .errors import ConfigError, error_path
+from .errors import ConfigError, PluginError, error_path
+from .plugin_trial import blamed_on, is_foreign, named, try_law
 from .plugins import emissions, laws
 from .shape import Shape, metres_per_unit
 from .sky import Stars
@@ -109,8 +110,10 @@ def _law(table: object, path: str) -> Law:
     law = laws()[one_of(f"{path}.law", table["law"], sorted(laws()))]
     arguments = {key: tuple(value) if isinstance(value, list) else value
                  for key, value in table.items() if key != "law"}
-    with error_path(path):
-        return _call(law, arguments)
+    with error_path(path), blamed_on(law):
+        made = _call(law, arguments)
+    try_law(made)
+    return made
 
 
 def emission(table: object, path: str, files: Files, bodies: Mapping[str, Body]) -> Any:
@@ -119,8 +122,12 @@ def emission(table: object, path: str, files: Files, bodies: Mapping[str, Body])
         kind = table.get("kind") if isinstance(table, Mapping) else table
         raise ConfigError(f"{path}.kind", f"must be one of {', '.join(sorted(emissions()))}", kind)
     arguments = {key: value for key, value in table.items() if key != "kind"}
-    with error_path(path):
-        return emissions()[table["kind"]].from_table(arguments, files.path, bodies)
+    kind = emissions()[table["kind"]]
+    with error_path(path), blamed_on(kind):
+        made = kind.from_table(arguments, files.path, bodies)
+    if is_foreign(kind) and not (hasattr(made, "body") and hasattr(made, "open")):
+        raise PluginError(named(kind), "must return something with body and open from from_table", made)
+    return made
 
 
 def camera(table: Mapping[str, Any], path: str) -> PinholeCamera:

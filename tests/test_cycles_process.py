@@ -17,6 +17,7 @@ from glrender import Body, DeviceError
 from glrender.backends.cycles import Cycles
 from glrender.backends.cycles.inside import framing
 from glrender.backends.cycles.process import BlenderProcess
+from glrender.backends.cycles.rounds import MAX_SAMPLES, Rounds
 from glrender.brdf import GlslText, Lambert, LommelSeeliger
 
 SCENE = views.scene([views.sphere(Lambert(normal_albedo=0.4), 3)], [views.camera(48, 300.0)])
@@ -182,3 +183,18 @@ def test_framing_refuses_arrays_that_cannot_be(told):
     ours.sendall(framing.MAGIC + struct.pack("<I", len(text)) + text)
     with pytest.raises(framing.FramingError):
         framing.receive(theirs)
+
+
+@pytest.mark.parametrize("budget, most", [(1e-9, 8), (3e-4, 8), (5e-3, MAX_SAMPLES), (0.02, 4000)])
+def test_a_budget_out_of_reach_is_not_paid_for(budget, most):
+    """1e-12 had 16384 samples drawn: over the wire two workers killed at their deadline, and `poison`."""
+    drawn = []
+
+    def draw(n, seed, tell):
+        drawn.append(n)
+        return 1.0 + np.random.default_rng(seed).normal(size=(40, 40)) / np.sqrt(n)
+
+    rounds = Rounds(draw, 0, lambda share: None)
+    error = rounds.until(budget)
+    assert rounds.n_samples == sum(drawn) <= most
+    assert error <= budget or budget < 1.0 / np.sqrt(MAX_SAMPLES)

@@ -29,7 +29,8 @@ def test_a_map_has_the_room_that_its_own_texels_ask_for(monkeypatch):
     asked, original = [], ShadowMap.texture_from_clip
     monkeypatch.setattr(ShadowMap, "texture_from_clip",
                         lambda self, size_px: asked.append((self.room_px, size_px)) or original(self, size_px))
-    body = Body(name="body", shape=generate.three_lobes(subdivisions=4), brdf=Lambert(normal_albedo=0.2))
+    shape = generate.three_lobes(radius_m=100.0, subdivisions=4)
+    body = Body(name="body", shape=shape, brdf=Lambert(normal_albedo=0.2))
     with Renderer(views.scene([body], [views.camera()])) as renderer:
         for budget in (0.01, 0.3):
             for phase_deg in range(40, 80, 4):

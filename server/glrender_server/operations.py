@@ -208,7 +208,7 @@ class Operations:
         try:
             return draw(self._renderer, state, camera, **options)
         except DeviceError as error:
-            log.warning("OpenGL failed, a new context is made: %s", error)
+            log.warning("OpenGL or a slow backend failed, the renderer is made anew: %s", error)
             self._renderer.close()
             self._renderer = open_renderer(self.scene, self._backend)
             return draw(self._renderer, state, camera, **options)

@@ -126,7 +126,7 @@ class Cycles:
         views = view_bodies(state, pinhole, self._hulls)
         roi = visible_region(views, pinhole)
         irradiance = np.zeros((pinhole.height_px, pinhole.width_px), np.float32)
-        reached, warnings = 0.0, ()
+        reached, most, warnings = 0.0, 0, ()
         groups = touching(views, pinhole)
         for index, members in enumerate(groups):
             main = max(members, key=lambda view: min(view.size_px, 1e9))
@@ -137,12 +137,14 @@ class Cycles:
             draw = partial(self._pixels, asked, lens, solar, bounces)
             rounds = Rounds(draw, seed, _part_of(on_progress, index, len(groups)))
             error = rounds.fixed(samples**2) if samples is not None else rounds.until(budget)
+            most = max(most, rounds.n_samples)
             x0, y0, x1, y1 = lens.roi
             irradiance[y0:y1, x0:x1] = rounds.mean
             reached = max(reached, error)
             warnings += tuple(told for told in warnings_of(main, views, lens, asked) if told not in warnings)
         if samples is None and reached > budget:
-            warnings += (f"the budget of {budget:g} is not met: {reached:.2g} with {MAX_SAMPLES} samples",)
+            warnings += (f"the budget of {budget:g} is not met: {reached:.2g} with {most} samples, and out of reach "
+                         f"with {MAX_SAMPLES}",)
         arrays = {}
         if wanted:
             arrays = traced_products(self._ray_engine(), wanted, pinhole, views, roi)

@@ -10,6 +10,8 @@ import numpy as np
 _FIRST_SAMPLES = 8
 MAX_SAMPLES = 1 << 14
 """Most samples of a pixel."""
+# The error of eight samples may be told too large by that much of its square.
+_HOPELESS = 4.0
 # A round has at most this many times the samples of all before it.
 _GROWTH = 4
 
@@ -25,6 +27,8 @@ class Rounds:
     report : callable
         Called with the share done.
     """
+
+    n_samples = property(lambda self: self._n_samples, doc="Drawn so far, of each pixel.")
 
     def __init__(self, draw, seed: int, report: Callable[[float], None]):
         self._draw, self._seed, self._tell, self._told = draw, 2048 * seed, report, 0.0
@@ -44,12 +48,14 @@ class Rounds:
         return self._round(n_samples // 2, n_samples - n_samples // 2, 0.0, 1.0)
 
     def until(self, budget: float) -> float:
-        """Draw until the error is below the budget, or for MAX_SAMPLES; the error."""
+        """Draw until the error is below the budget, or known to stay above it by MAX_SAMPLES; the error."""
         n, done = _FIRST_SAMPLES, 0.0
         while True:
             # Of all the work, at the pace of n^-1/2, were this round the last.
             error = self._round(n // 2, n // 2, done, 0.5 * (1.0 + done))
-            if error <= budget or self._n_samples >= MAX_SAMPLES:
+            # A budget out of reach is not paid for: the samples that it needs go with the error's square.
+            is_hopeless = self._n_samples * (error / budget) ** 2 > _HOPELESS * MAX_SAMPLES
+            if error <= budget or is_hopeless or self._n_samples >= MAX_SAMPLES:
                 self._report(1.0)
                 return error
             done = min((budget / error) ** 2, 0.95)
