@@ -34,6 +34,8 @@ _LEVEL_ERROR, _OUTLINE_ERROR, _FLUX_SCATTERS = 0.5, 1.2, 2.5
 # Flux of N samples across a body at full phase is within this times N^-1.5 (engine.md).
 _FLUX_SCATTER = 2.0
 _LEAST_ACROSS, _MOST_ACROSS = 64, 512
+# What slivers between samples add to the error that an image tells, per radian beyond a phase angle.
+_SLIVERS_PER_RAD, _SLIVERS_FROM_RAD = 2.5, 2.55
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,6 +124,14 @@ def noise_gain(crease_rad: float, facets_per_sample: float) -> float:
 def noise_power(gain: float) -> float:
     """Power of the samples along a pixel's side that divides the squared error: 3 for edges, 2 for noise."""
     return 3.0 - (gain - 1.0) / _NOISE_GAIN
+
+
+def sliver_gain(phase_rad: float) -> float:
+    """Error over what an image tells of itself: thin crescents have light between samples that nothing tells.
+
+    Of 24 crescents at 136 to 162 deg, 40 to 300 px, those beyond 150 deg had up to 1.5 times the error that was told.
+    """
+    return 1.0 + _SLIVERS_PER_RAD * max(phase_rad - _SLIVERS_FROM_RAD, 0.0)
 
 
 def facets_per_px(view: BodyView, n_facets: int) -> float:

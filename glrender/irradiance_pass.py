@@ -100,13 +100,14 @@ class IrradiancePass:
         sunward = self._sunward(window, frame, clock)
         crease_rad, facets_per_px = window.noise
         noise = error_model.noise_gain(crease_rad, facets_per_px / window.samples**2)
+        slivers = error_model.sliver_gain(max(view.phase_rad for view in frame.views if view.name in window.bodies))
         # Beside the bodies' outlines it is dark; beyond the frame, nobody knows.
         sides = (y0 > 0, x0 > 0, y1 < frame.camera.height_px, x1 < frame.camera.width_px)
         for tile in self._tiles(mean.shape, window.samples):
             ends = (tile[0].start == 0, tile[1].start == 0, tile[0].stop == y1 - y0, tile[1].stop == x1 - x0)
             dark = tuple(side and end for side, end in zip(sides, ends, strict=True))
             samples = draw(tile, window.samples, None if sunward is None else sunward[tile])
-            mean[tile], error[tile] = pixel_errors(samples, window.samples, noise, dark)
+            mean[tile], error[tile] = pixel_errors(samples, window.samples, noise * slivers, dark)
         now, power = frame_error(mean, error), error_model.noise_power(noise)
         # Edges of shadows lie where the map's texels put them, however many samples see them.
         told = now * window.samples**(0.5 * power)
@@ -196,15 +197,17 @@ class IrradiancePass:
         (columns, rows), (x0, y0, x1, y1) = grid, bounds_px
         x = x0 + (np.arange(columns) + 0.5) * (x1 - x0) / columns
         y = y0 + (np.arange(rows) + 0.5) * (y1 - y0) / rows
-        pixel = np.stack([np.tile(x, rows), np.repeat(y, columns)])
         # Others may still cast shadows here.
         seen = [replace(view, is_visible=view.is_visible and view.name in names) for view in frame.views]
-        across = max(round(columns / (x1 - x0)), 1)
-        draw = ((np.arange(rows) % across)[:, None] * across + np.arange(columns) % across).ravel()
+        samples = np.zeros((rows, columns), np.float32)
         if mask is None:
-            samples = self._rays.irradiance(pixel.T, frame.camera, seen, draw).astype(np.float32)
+            row, column = (axis.ravel() for axis in np.indices(samples.shape))
         else:
-            count, samples = columns // mask.shape[1], np.zeros(rows * columns, np.float32)
-            where = np.flatnonzero(mask.repeat(count, axis=0).repeat(count, axis=1))
-            samples[where] = self._rays.irradiance(pixel.take(where, axis=1).T, frame.camera, seen, draw.take(where))
-        return samples.reshape(rows, columns)
+            count = columns // mask.shape[1]
+            top, left = (count * axis[:, None, None] for axis in np.nonzero(mask))
+            within = np.arange(count)
+            row, column = (axis.ravel() for axis in np.broadcast_arrays(top + within[:, None], left + within))
+        across = max(round(columns / (x1 - x0)), 1)
+        samples[row, column] = self._rays.irradiance(np.stack([x.take(column), y.take(row)]).T, frame.camera, seen,
+                                                     row % across * across + column % across)
+        return samples
