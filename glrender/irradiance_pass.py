@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 
@@ -182,7 +182,7 @@ class IrradiancePass:
                  grid: tuple[int, int], mask: np.ndarray | None = None) -> np.ndarray:
         """Samples (rows, columns) float32 of a grid, by the window's engine; zero beside the mask."""
         if window.engine == "rays":
-            samples = self._cast(window.bodies, frame, bounds_px, grid, mask)
+            samples = self._cast(window, frame, bounds_px, grid, mask)
             clock.lap("surface")
             return samples
         self._surfaces.draw(frame, self._target, IRRADIANCE_STAGE, bounds_px, grid, window.bodies, mask)
@@ -192,13 +192,13 @@ class IrradiancePass:
         clock.lap("readback")
         return samples
 
-    def _cast(self, names: Sequence[str], frame: Frame, bounds_px: tuple[float, float, float, float],
+    def _cast(self, window: WindowPlan, frame: Frame, bounds_px: tuple[float, float, float, float],
               grid: tuple[int, int], mask: np.ndarray | None) -> np.ndarray:
         (columns, rows), (x0, y0, x1, y1) = grid, bounds_px
         x = x0 + (np.arange(columns) + 0.5) * (x1 - x0) / columns
         y = y0 + (np.arange(rows) + 0.5) * (y1 - y0) / rows
         # Others may still cast shadows here.
-        seen = [replace(view, is_visible=view.is_visible and view.name in names) for view in frame.views]
+        seen = [replace(view, is_visible=view.is_visible and view.name in window.bodies) for view in frame.views]
         samples = np.zeros((rows, columns), np.float32)
         if mask is None:
             row, column = (axis.ravel() for axis in np.indices(samples.shape))
@@ -207,7 +207,8 @@ class IrradiancePass:
             top, left = (count * axis[:, None, None] for axis in np.nonzero(mask))
             within = np.arange(count)
             row, column = (axis.ravel() for axis in np.broadcast_arrays(top + within[:, None], left + within))
-        across = max(round(columns / (x1 - x0)), 1)
+        # Each pixel has the Sun's disc to itself; a grid of a body's own has it once.
+        across = round(columns / (x1 - x0)) if window.samples else columns
         samples[row, column] = self._rays.irradiance(np.stack([x.take(column), y.take(row)]).T, frame.camera, seen,
                                                      row % across * across + column % across)
         return samples

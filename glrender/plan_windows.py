@@ -47,6 +47,8 @@ _LAYER_COST = 1.5
 # phase on, and more per radian beyond another.
 _SLIVER_SAMPLES, _SLIVER_PHASE_RAD, _SLIVER_BUDGET = 3.0, 1.4, 0.03
 _THIN_SAMPLES_PER_RAD, _THIN_PHASE_RAD = 4.0, 2.15
+# Rays across a body times the budget: its centre of light is within the budget in pixels, where RMS alone asks for few.
+_CENTRE = 2.0
 # Penumbras by rays are noise: creases and facets a pixel that say so; and fewest samples along a pixel's side.
 _PENUMBRA_NOISE, _PENUMBRA_SAMPLES = (0.4, 1e4), 2
 
@@ -196,7 +198,8 @@ class _Window:
 
     def _rays(self) -> tuple[float, WindowPlan]:
         """By rays, at the full shape; its nanoseconds."""
-        errors, noise, least = self._errors(self._full), self._noise(self._full), self._least
+        errors, noise = self._errors(self._full), self._noise(self._full)
+        least = max(self._least, math.ceil(min(_CENTRE / (self._budget * self._gain * self._largest_px), MAX_SAMPLES)))
         expected = self._expected(self._full)
         if max(body.penumbra_px for body in self._drawn) > 1.0:
             # A ramp of many samples that are each lit or not.
