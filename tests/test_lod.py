@@ -8,6 +8,7 @@ import views
 from glrender import Body, Renderer, generate, lod
 from glrender.backends.raytrace import RayTracer
 from glrender.brdf import Lambert, LommelSeeliger
+from glrender.costs import EngineCosts
 from glrender.lod_flux import flux_ratios
 
 GREY = Lambert(normal_albedo=0.3)
@@ -75,11 +76,12 @@ def test_the_flux_of_the_lost_relief_is_put_right(rough, law, phase_deg):
         assert abs(np.mean(raw)) > 0.025 and abs(np.mean(right)) < 0.2 * abs(np.mean(raw)), "the table puts it right"
 
 
-def test_a_level_draws_what_the_full_shape_does(rough):
-    """The planner's choice at a loose budget is a level, and its error against rays is within the plan's."""
+def test_a_level_draws_what_the_full_shape_does(monkeypatch, rough):
+    """OpenGL's choice at a loose budget is a level, and its error against rays is within the plan's."""
     scene = views.scene([Body(name="body", shape=rough, brdf=GREY)], [views.camera(64, 200.0)])
     state = views.state(phase_deg=40.0)
     with Renderer(scene) as renderer, RayTracer(scene) as tracer:
+        monkeypatch.setattr(renderer, "_costs", EngineCosts(facet_ns=100.0, sample_ns=20.0, ray_ns=np.inf))
         truth = tracer.render(state, samples=8).irradiance_W_m2
         image = renderer.render(state, max_error=0.15)
     body, = image.plan.bodies

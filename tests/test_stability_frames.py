@@ -7,7 +7,9 @@ import pytest
 import sweeps
 import views
 from glrender import Body, Pose, Renderer, State, frames, generate
+from glrender import renderer as renderer_module
 from glrender.backends.raytrace import RayTracer
+from glrender.costs import EngineCosts
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -58,8 +60,10 @@ def test_the_plan_tells_what_was_drawn_where_rays_took_over():
     assert plan.windows[0].engine == "rays" and plan.bodies[0].shadow_map_px is None and plan.left_out == ()
 
 
-def test_the_image_tells_whether_a_coarse_map_has_edges_to_blur():
+def test_the_image_tells_whether_a_coarse_map_has_edges_to_blur(monkeypatch):
     """Close up, a map of 4096 texels is too coarse for 1 % if edges of shadows are all that there is; they are not."""
+    dear = EngineCosts(facet_ns=100.0, sample_ns=20.0, ray_ns=1e4, lone_ray_ns=1e4)
+    monkeypatch.setattr(renderer_module, "engine_costs", lambda *_: dear)
     place = np.array([60.0, -280.0, 80.0])
     base = views.state(phase_deg=60.0, direction=place)
     scene = views.scene([Body(name="body", shape=generate.contact_binary(radius_m=100.0, seed=1, subdivisions=6),
