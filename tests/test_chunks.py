@@ -9,8 +9,8 @@ import views
 from glrender import Body, Renderer, chunk_boxes, frames, generate
 from glrender.backends.raytrace import RayTracer
 from glrender.chunks import Chunks
-from glrender.gl.mesh import Mesh
 from glrender.costs import EngineCosts
+from glrender.gl.mesh import Mesh
 from glrender.ray_engine import RayEngine
 from glrender.shadow_box import shadow_box
 

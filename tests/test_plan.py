@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import views
 from glrender import grouping, plan, plan_windows, shadows
+from glrender.costs import EngineCosts
 from glrender.error_model import BodyTraits, LevelTraits
 from glrender.first_samples import Expected, first_samples
 from glrender.lod_flux import PHASES_RAD, FluxRatio
@@ -41,7 +42,7 @@ def body(member, *levels, budget=0.02, level=None, is_convex=False, has_casters=
     return plan.plan_body(member, traits(*(levels or (FULL,)), is_convex=is_convex), CAMERA, has_casters, budget, level)
 
 
-RASTER = plan_windows.EngineCosts(facet_ns=140.0, sample_ns=13.0, ray_ns=np.inf)
+RASTER = EngineCosts(facet_ns=140.0, sample_ns=13.0, ray_ns=np.inf)
 
 
 def windows(members, max_error=0.02, gain=1.0, samples=None, costs=RASTER):
