@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from .error_model import LevelTraits, facets_per_px
+from .error_model import NOISE_FACETS, LevelTraits, facets_per_px
 from .refine import SAMPLE_COUNTS
 from .view import BodyView
 
@@ -14,12 +14,12 @@ MAX_SAMPLES = 16
 """Most samples along a pixel's side."""
 # Squared error of one sample a pixel, cast shadows included: outlines and terminator, and creases between facets, which
 # grow no more where they are sharp. Fourteen shapes at 50 to 400 px and 30 to 155 deg (docs/planner.md).
-_LIMB, _LIMB_POWER, _LIT_POWER = 0.97, 1.39, 2.16
-_CREASES, _SHARP_RAD, _TILT_POWER = 1.17, 0.57, 0.88
+_LIMB, _LIMB_POWER, _LIT_POWER = 0.236, 1.12, 2.17
+_CREASES, _SHARP_RAD, _TILT_POWER = 3.98, 0.58, 0.88
 # Of surface detail's slope, which no layer has finer than two pixels.
 _DETAIL = 0.044
 # What an image tells of its squared error over that, and scatter of the logarithm of the error.
-_TOLD, _SCATTER = 1.7, 0.4
+_TOLD, _SCATTER = 1.7, 0.35
 # A second pass that was not foreseen has so many more samples along a pixel's side.
 _MORE = 1.5
 
@@ -31,7 +31,7 @@ class Expected:
     Attributes
     ----------
     limb, creases : float [1]
-        Of outlines, and of facets that are larger than a pixel.
+        Of outlines, and of facets much smaller than a pixel.
     facets_per_px : float
     """
 
@@ -61,8 +61,8 @@ class Expected:
         return self.limb / samples**3
 
     def creases_at(self, samples: int) -> float:
-        """Of creases: samples larger than facets are noise, smaller ones meet edges."""
-        return self.creases * min(math.sqrt(self.facets_per_px) / samples, 1.0) / samples**2
+        """Of creases: samples much larger than facets are noise, others meet edges."""
+        return self.creases * min(math.sqrt(self.facets_per_px / NOISE_FACETS) / samples, 1.0) / samples**2
 
 
 def first_samples(expected: Expected, n_px: float, setup: float, passed_over: float, least: int,

@@ -10,7 +10,7 @@ import pytest
 import views
 from glrender import grouping, plan, plan_windows, shadows
 from glrender.costs import EngineCosts
-from glrender.error_model import BodyTraits, LevelTraits
+from glrender.error_model import NOISE_FACETS, BodyTraits, LevelTraits
 from glrender.first_samples import Expected, first_samples
 from glrender.lod_flux import PHASES_RAD, FluxRatio
 from glrender.ray_engine import RAYS_AT_ONCE
@@ -118,7 +118,7 @@ def test_few_rays_have_one_thread_and_many_have_all():
 
 def test_outlines_are_left_to_the_second_pass_and_creases_to_the_first():
     """Equal errors of one sample: where few pixels have it all, fewer samples everywhere."""
-    outlines, creases = (Expected(limb=limb, creases=creases, facets_per_px=1.0)
+    outlines, creases = (Expected(limb=limb, creases=creases, facets_per_px=NOISE_FACETS)
                          for limb, creases in ((1e-2, 1e-9), (1e-9, 1e-2)))
     _, few = first_samples(outlines, 200_000.0, 1.1e5, 0.15, 1, 0.01)
     _, everywhere = first_samples(creases, 200_000.0, 1.1e5, 0.15, 1, 0.01)
