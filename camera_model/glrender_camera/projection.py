@@ -135,10 +135,9 @@ class PinholeCamera:
         x, y = offset[..., 0], offset[..., 1]
         # Columns: NumPy works along them several times as fast.
         ray = np.empty((3, *x.shape))
-        np.divide(1.0, np.sqrt(x * x + y * y + 1.0), out=ray[2])
-        np.multiply(x, ray[2], out=ray[0])
-        np.multiply(y, ray[2], out=ray[1])
-        return ray.transpose(*range(1, ray.ndim), 0)
+        ray[2] = 1.0 / np.sqrt(x * x + y * y + 1.0)
+        ray[0], ray[1] = x * ray[2], y * ray[2]
+        return np.moveaxis(ray, 0, -1)
 
     def normalised(self, pixel: np.ndarray) -> np.ndarray:
         """X / Z, Y / Z in `camera` (..., 2) float64 [1] of what is seen at pixel coordinates (..., 2) [px].
