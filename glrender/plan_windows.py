@@ -47,8 +47,8 @@ _LAYER_COST = 1.5
 # phase on, and more per radian beyond another.
 _SLIVER_SAMPLES, _SLIVER_PHASE_RAD, _SLIVER_BUDGET = 3.0, 1.4, 0.03
 _THIN_SAMPLES_PER_RAD, _THIN_PHASE_RAD = 4.0, 2.15
-# Rays across a body times the budget: its centre of light is within the budget in pixels, where RMS alone asks for few.
-_CENTRE = 2.0
+# Samples across a body times the budget: its centre of light is within that in pixels, where RMS alone asks for few.
+_CENTRE = 2.2
 # Penumbras by rays are noise: creases and facets a pixel that say so; and fewest samples along a pixel's side.
 _PENUMBRA_NOISE, _PENUMBRA_SAMPLES = (0.4, 1e4), 2
 
@@ -133,7 +133,8 @@ class _Window:
         slivers = 1.0
         if self._phase_rad > _SLIVER_PHASE_RAD and budget < _SLIVER_BUDGET:
             slivers = _SLIVER_SAMPLES + _THIN_SAMPLES_PER_RAD * max(self._phase_rad - _THIN_PHASE_RAD, 0.0)
-        self._least = min(math.ceil(max(self._across / self._largest_px, slivers)), MAX_SAMPLES)
+        centre = _CENTRE / (budget * error_gain * self._largest_px)
+        self._least = math.ceil(min(max(self._across / self._largest_px, slivers, centre), MAX_SAMPLES))
         # Of shadow maps and levels of detail: rays have neither. And without the edges of shadows, or with usual ones.
         self._floor = max(body.modelling_error for body in self._drawn)
         maps = [(view, body, sum(squared_errors(view, level)))
@@ -198,8 +199,7 @@ class _Window:
 
     def _rays(self) -> tuple[float, WindowPlan]:
         """By rays, at the full shape; its nanoseconds."""
-        errors, noise = self._errors(self._full), self._noise(self._full)
-        least = max(self._least, math.ceil(min(_CENTRE / (self._budget * self._gain * self._largest_px), MAX_SAMPLES)))
+        errors, noise, least = self._errors(self._full), self._noise(self._full), self._least
         expected = self._expected(self._full)
         if max(body.penumbra_px for body in self._drawn) > 1.0:
             # A ramp of many samples that are each lit or not.
