@@ -36,7 +36,7 @@ def test_the_mex_function_gets_the_pixels_that_python_gets(built, tmp_path):
         arrays = {**frame.arrays, "dn": client.render(STATE, "navcam", **dn, seed=7).pixels,
                   "dn_largest_seed": client.render(STATE, "navcam", **dn, seed=2**64 - 1).pixels,
                   "dn_auto": client.render(STATE, "navcam", output="dn", exposure_s="auto", seed=2**64 - 1).pixels,
-                  "samples": client.render(STATE, "navcam", samples=5).pixels,
+                  "samples": client.render(STATE, "navcam", samples=11).pixels,
                   "fine": client.render(STATE, "navcam", max_error=0.001).pixels,
                   "region": client.render(STATE, "navcam", products=["r_body"], roi=[30, 20, 71, 45]).pixels}
     assert len({array.tobytes() for array in arrays.values()}) == len(arrays)

@@ -22,7 +22,7 @@ options.seed = intmax('uint64');
 keep(folder, 'dn_largest_seed', glrender_mex('render', handle, state, options).image);
 options.exposure_s = 'auto';
 keep(folder, 'dn_auto', glrender_mex('render', handle, state, options).image);
-keep(folder, 'samples', glrender_mex('render', handle, state, struct('camera', 'navcam', 'samples', 5)).image);
+keep(folder, 'samples', glrender_mex('render', handle, state, struct('camera', 'navcam', 'samples', 11)).image);
 fine = struct('camera', 'navcam', 'max_error', 0.001);
 keep(folder, 'fine', glrender_mex('render', handle, state, fine).image);
 
