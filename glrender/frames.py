@@ -15,8 +15,6 @@ import numpy as np
 from pyrr import matrix44
 from scipy.spatial.transform import Rotation
 
-from .brdf.geometry import cross
-
 EYE_FROM_CAMERA = np.diag([1.0, -1.0, -1.0])
 """The one function that turns camera axes into GL's."""
 
@@ -107,9 +105,9 @@ def clip_from_sun(half_width: float, half_height: float, near: float, far: float
 def sun_from_body(sun_direction_body: np.ndarray) -> np.ndarray:
     """(3, 3) float64 rotation into frame `sun`: +Z towards the Sun, X and Y any."""
     z = np.asarray(sun_direction_body, float)
-    x = cross(np.eye(3)[np.argmin(np.abs(z))], z)
+    x = np.cross(np.eye(3)[np.argmin(np.abs(z))], z)
     x = x / np.linalg.norm(x)
-    return np.stack([x, cross(z, x), z])
+    return np.stack([x, np.cross(z, x), z])
 
 
 def transform(rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:

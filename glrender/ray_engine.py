@@ -7,14 +7,12 @@ the OpenGL passes.
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
 import numpy as np
-from glrender_camera import PinholeCamera
+from glrender_camera import PinholeCamera, threads
 
 from .constants import AU_M, SUN_RADIUS_M
 from .frames import sun_from_body
@@ -37,7 +35,7 @@ _DTYPES = {name: np.int32 if name.endswith("_id") else np.float64 for name in BE
 
 
 class RayEngine:
-    """A scene's acceleration structures, and the threads that cast rays at them: one for each core that is allowed.
+    """A scene's acceleration structures; rays are cast at them by a thread for each core that is allowed.
 
     Parameters
     ----------
@@ -52,14 +50,10 @@ class RayEngine:
     def __init__(self, scene: Scene):
         self.scene = scene
         self._solids = {body.name: _Solid(body) for body in scene.bodies}
-        self._threads: ThreadPoolExecutor | None = None
 
     def close(self) -> None:
-        """Release the acceleration structures and the threads."""
+        """Release the acceleration structures."""
         self._solids.clear()
-        if self._threads is not None:
-            self._threads.shutdown()
-            self._threads = None
 
     def irradiance(self, pixel: np.ndarray, camera: PinholeCamera, views: list[BodyView],
                    draw: np.ndarray | int = 0) -> np.ndarray:
@@ -109,16 +103,8 @@ class RayEngine:
     def _in_parts(self, work: Callable[[slice], None], n_rays: int) -> None:
         """Rays in parts that depend on their number alone, whatever the number of threads."""
         n_parts = 1 if n_rays <= RAYS_AT_ONCE else 2 * math.ceil(n_rays / (2 * RAYS_AT_ONCE))
-        parts = [slice(n_rays * k // n_parts, n_rays * (k + 1) // n_parts) for k in range(n_parts)]
-        n_threads = _n_threads()
-        if min(n_parts, n_threads) < 2:
-            for part in parts:
-                work(part)
-            return
-        if self._threads is None:
-            self._threads = ThreadPoolExecutor(n_threads, "glrender-rays")
-        for _ in self._threads.map(work, parts):
-            pass
+        threads.run(lambda k: work(slice(n_rays * k // n_parts, n_rays * (k + 1) // n_parts)), range(n_parts),
+                    threads.N_CORES)
 
     def _trace(self, value: np.ndarray, pixel: np.ndarray, camera: PinholeCamera, views: list[BodyView],
                draw: np.ndarray | None) -> None:
@@ -193,10 +179,6 @@ class _Solid(RayMesh):
         super().__init__(body.shape.vertices_m, body.shape.facets)
         self.surface = Surface(body)
         self.needs_weights = body.smooth_normals or body.albedo_map is not None
-
-
-def _n_threads() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _points(hits: Hits, view: BodyView) -> np.ndarray:

@@ -116,7 +116,7 @@ def test_threads_change_no_byte(monkeypatch, has_disc):
                   bodies={**base.bodies, "moon": Pose(r_inertial_m=(120.0, 30.0, -80.0))})
     made = []
     for n_threads in (1, 2, 5):
-        monkeypatch.setattr("glrender.ray_engine._n_threads", lambda n=n_threads: n)
+        monkeypatch.setattr("glrender_camera.threads.N_CORES", n_threads)
         with RayTracer(scene) as tracer:
             image = tracer.render(state, samples=2, products=["range", "facet_id", "sunlit", "phase"])
         made.append([image.irradiance_W_m2.tobytes()] + [image.products[name].tobytes() for name in image.products])

@@ -147,7 +147,7 @@ class PinholeCamera:
         pixel = np.asarray(pixel, dtype=np.float64)
         columns = np.array([(pixel[..., k] - middle) / self.focal_length_px
                             for k, middle in enumerate(self.principal_point_px)])
-        offset = columns.transpose(*range(1, columns.ndim), 0)
+        offset = np.moveaxis(columns, 0, -1)
         return offset if self.distortion is None else self.distortion.undistort(offset)
 
     @cached_property

@@ -1,4 +1,4 @@
-"""The camera model's threads."""
+"""Threads that share the work of one image."""
 
 from __future__ import annotations
 
@@ -11,12 +11,16 @@ from functools import cache
 
 import numpy as np
 
+N_CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+"""That this process is allowed."""
 N_THREADS = min(4, os.cpu_count() or 1)
-"""At most: more gain nothing on a megapixel."""
+"""Of the camera model, at most: more gain nothing on a megapixel."""
+# Of all that run at a time; they are made when they are needed.
+_MOST_THREADS = 64
 
 
-def run(task: Callable[[int], None], items: Iterable[int]) -> None:
-    """Do a task for each item, beside each other; errors are raised here. Not from inside a task.
+def run(task: Callable[[int], None], items: Iterable[int], n_threads: int = N_THREADS) -> None:
+    """Do a task for each item, on so many threads at most; errors are raised here. Not from inside a task.
 
     The caller works as well: a thread that only waits has to be woken, and sends another to sleep.
     """
@@ -30,7 +34,7 @@ def run(task: Callable[[int], None], items: Iterable[int]) -> None:
                 return
             task(item)
 
-    helpers = [_pool().submit(work) for _ in range(min(N_THREADS, len(left)) - 1)]
+    helpers = [_pool().submit(work) for _ in range(min(n_threads, len(left)) - 1)]
     try:
         work()
     finally:
@@ -40,7 +44,7 @@ def run(task: Callable[[int], None], items: Iterable[int]) -> None:
 
 @cache
 def _pool() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(max(N_THREADS - 1, 1), thread_name_prefix="glrender-camera")
+    return ThreadPoolExecutor(_MOST_THREADS, thread_name_prefix="glrender")
 
 
 class Scratch(threading.local):

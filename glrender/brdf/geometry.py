@@ -17,8 +17,7 @@ def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Vector products (..., 3) of vectors (..., 3), one component after the other in memory."""
     ax, ay, az, bx, by, bz = (vector[..., k] for vector in (a, b) for k in range(3))
-    columns = np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
-    return columns.transpose(*range(1, columns.ndim), 0)
+    return np.moveaxis(np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx]), 0, -1)
 
 
 def _length(vector: np.ndarray) -> np.ndarray:

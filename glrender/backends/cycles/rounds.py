@@ -28,12 +28,10 @@ class Rounds:
         Called with the share done.
     """
 
-    n_samples = property(lambda self: self._n_samples, doc="Drawn so far, of each pixel.")
-
     def __init__(self, draw, seed: int, report: Callable[[float], None]):
         self._draw, self._seed, self._tell, self._told = draw, 2048 * seed, report, 0.0
         self._halves: list[Any] = [0.0, 0.0]
-        self._n_samples, self._n_rounds = 0, 0
+        self.n_samples, self._n_rounds = 0, 0
 
     @property
     def mean(self) -> np.ndarray:
@@ -54,13 +52,13 @@ class Rounds:
             # Of all the work, at the pace of n^-1/2, were this round the last.
             error = self._round(n // 2, n // 2, done, 0.5 * (1.0 + done))
             # A budget out of reach is not paid for: the samples that it needs go with the error's square.
-            is_hopeless = self._n_samples * (error / budget) ** 2 > _HOPELESS * MAX_SAMPLES
-            if error <= budget or is_hopeless or self._n_samples >= MAX_SAMPLES:
+            is_hopeless = self.n_samples * (error / budget) ** 2 > _HOPELESS * MAX_SAMPLES
+            if error <= budget or is_hopeless or self.n_samples >= MAX_SAMPLES:
                 self._report(1.0)
                 return error
             done = min((budget / error) ** 2, 0.95)
-            more = self._n_samples * ((error / budget) ** 2 - 1.0)
-            n = int(min(max(more, 8.0), _GROWTH * self._n_samples, MAX_SAMPLES - self._n_samples)) // 2 * 2
+            more = self.n_samples * ((error / budget) ** 2 - 1.0)
+            n = int(min(max(more, 8.0), _GROWTH * self.n_samples, MAX_SAMPLES - self.n_samples)) // 2 * 2
             if n < 2:
                 return error
 
@@ -70,14 +68,14 @@ class Rounds:
         self._tell(self._told)
 
     def _round(self, first: int, second: int, begin: float, end: float) -> float:
-        n_before = 0.5 * self._n_samples
+        n_before = 0.5 * self.n_samples
         for half, n in enumerate((first, second)):
             low, high = begin + 0.5 * half * (end - begin), begin + 0.5 * (half + 1) * (end - begin)
             drawn = self._draw(n, self._seed + 2 * self._n_rounds + half,
                                lambda share, low=low, high=high: self._report(low + share * (high - low)))
             before = n_before / (n_before + n)
             self._halves[half] = before * self._halves[half] + (1.0 - before) * drawn
-        self._n_samples, self._n_rounds = self._n_samples + first + second, self._n_rounds + 1
+        self.n_samples, self._n_rounds = self.n_samples + first + second, self._n_rounds + 1
         lit = self.mean > 0.0
         if not lit.any():
             return 0.0
