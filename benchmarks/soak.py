@@ -134,6 +134,11 @@ def main(argv: list[str] | None = None) -> int:
     return int(not record["passed"])
 
 
+def is_due(n_frames: int, n_killed: int, every: int) -> bool:
+    """Whether one more is to be killed: one for every so many frames, none where that is zero."""
+    return every > 0 and n_frames >= (n_killed + 1) * every
+
+
 def soak(process: subprocess.Popen, endpoint: str, arguments: argparse.Namespace) -> dict:
     spawn, rng = get_context("spawn"), random.Random(1)
     # Without locks, each client its own place: one killed within would hold a lock for ever.
@@ -168,15 +173,19 @@ def soak(process: subprocess.Popen, endpoint: str, arguments: argparse.Namespace
         share = done / arguments.frames if arguments.frames else elapsed / arguments.seconds
         if before is None and share >= WARM_UP:
             before = usage(process)
-        if share >= 1.0:
+        # Deaths come one a round, and a fast server gives hundreds of frames in one: it ends when none is due.
+        counted = min(done, arguments.frames or done)
+        is_client_due = is_due(counted, killed["clients"], arguments.kill_client_every)
+        is_worker_due = is_due(counted, killed["workers"], arguments.kill_worker_every)
+        if share >= 1.0 and not (is_client_due or is_worker_due):
             break
-        if arguments.kill_client_every and done >= (killed["clients"] + 1) * arguments.kill_client_every:
+        if is_client_due:
             index = rng.randrange(arguments.clients)
             flyers[index].kill()
             flyers[index].join()
             flyers[index] = start(index)
             killed["clients"] += 1
-        if arguments.kill_worker_every and done >= (killed["workers"] + 1) * arguments.kill_worker_every:
+        if is_worker_due:
             for number in rng.sample(found, 1) if (found := workers_of(process)) else []:
                 os.kill(number, signal.SIGKILL)
                 killed["workers"] += 1
