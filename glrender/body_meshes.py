@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -41,10 +42,12 @@ def body_meshes(context: Context, body: Body, levels: tuple[Level, ...]) -> Iter
 def body_traits(body: Body, levels: tuple[Level, ...], ratios: tuple[FluxRatio, ...]) -> BodyTraits:
     """What the planner knows of a body."""
     shape = body.shape
+    areas = shape.facet_areas_m2
     full = LevelTraits(n_facets=len(shape.facets), crease_rad=shape.crease_rad)
     return BodyTraits(
         radius_m=body.hull.radius_m, is_convex=body.hull.is_convex, law=body.brdf.glsl,
         max_phase_rad=body.brdf.max_phase, relief=body.relief,
+        even_facet_m=math.sqrt(float(areas @ areas) / float(areas.sum())) if Surface(body).is_even else math.inf,
         levels=(full, *(LevelTraits(n_facets=len(level.facets), crease_rad=shape.crease_rad,
                                     deviation_m=level.deviation_m, flux_ratio=ratio)
                         for level, ratio in zip(levels, ratios, strict=True))))

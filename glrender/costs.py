@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import astuple, dataclass
 
 from .ray_engine import RAYS_AT_ONCE
 
-RASTER_CALL_NS, RAYS_CALL_NS = 1.2e6, 4e5
-"""Nanoseconds whatever is drawn, of a pass of OpenGL (an image, a shadow map) or of rays."""
+RASTER_CALL_NS, RAYS_CALL_NS, AREAS_CALL_NS = 1.2e6, 4e5, 5e5
+"""Nanoseconds whatever is drawn, of a pass of OpenGL (an image, a shadow map), of rays or of areas."""
+# Of areas, in those of a facet that faces both camera and Sun: each facet, a pixel along its sides, a pixel of the
+# body, and the edges of shadows at a budget of 1 and 90 deg of phase, by the cube of the angle between facets [rad].
+_ANY_FACET, _LINE, _PIXEL, _EDGES, _MOST_EDGES = 0.52, 1.13, 0.115, 19.0, 20.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,13 +28,42 @@ class EngineCosts:
         Of a sample that meets a body, with its ray to the Sun, by all threads; infinite without rays.
     lone_ray_ns : float
         Of one among few, which a single thread casts.
+    area_ns : float
+        Of a facet that faces the camera and the Sun, drawn by its area; infinite without rays.
     """
 
     facet_ns: float
     sample_ns: float
     ray_ns: float
     lone_ray_ns: float = 0.0
+    area_ns: float = math.inf
+
+    @property
+    def text(self) -> str:
+        """The five in this order, as $GLRENDER_ENGINE_COSTS takes them."""
+        return " ".join(f"{ns:.6g}" for ns in astuple(self))
 
     def rays_ns(self, n_rays: float) -> float:
         """Of a window with so many samples that meet a body."""
         return RAYS_CALL_NS + max(n_rays * self.ray_ns, min(n_rays, RAYS_AT_ONCE) * self.lone_ray_ns)
+
+    def areas_ns(self, n_facets: float, n_facing: float, n_px: float, facet_px: float, crease_rad: float,
+                 phase_rad: float, budget: float) -> float:
+        """Of a window by areas.
+
+        Parameters
+        ----------
+        n_facets, n_facing : float
+            Of the bodies, and those in the window that face both camera and Sun.
+        n_px : float [px]
+            Of the bodies.
+        facet_px : float [px]
+            Side of the facets that face both, in the image.
+        crease_rad : float [rad]
+            Between neighbours.
+        phase_rad : float [rad]
+        budget : float [1]
+        """
+        edges = min(_EDGES * crease_rad**3 * math.tan(0.5 * phase_rad) / budget, _MOST_EDGES)
+        each = 1.0 + _LINE * facet_px + edges
+        return AREAS_CALL_NS + (_ANY_FACET * n_facets + _PIXEL * n_px + each * n_facing) * self.area_ns

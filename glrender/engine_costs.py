@@ -1,4 +1,4 @@
-"""What drawing costs on this machine: a facet, a sample, a ray, measured once and kept."""
+"""What drawing costs on this machine: a facet, a sample, a ray, an area, measured once and kept."""
 
 from __future__ import annotations
 
@@ -7,14 +7,17 @@ import math
 import os
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from glrender_camera import PinholeCamera
 
 from . import frames, generate
+from .area_engine import AreaEngine
 from .brdf import Lambert
-from .costs import EngineCosts
+from .costs import AREAS_CALL_NS, EngineCosts
+from .errors import ConfigError
 from .gl.context import Context
 from .gl.mesh import IRRADIANCE_STAGE, Mesh, SurfaceVariant
 from .gl.targets import Target
@@ -22,12 +25,15 @@ from .lod import cached_arrays
 from .ray_engine import RAYS_AT_ONCE, RayEngine
 from .refine import pixel_errors
 from .scene import Body, Scene
+from .shape import Shape
 from .state import Pose, State
 from .view import view_bodies
 
 _FRAMES = 15
 _SUBDIVISIONS = 6
 _SIZE_PX, _SAMPLES = 1024, 4
+# Pixels of the sphere by areas; what real bodies, whose horizons are high, take more by them.
+_SPHERE_PX, _REAL_AREAS = 8600.0, 1.45
 # Rays along the side of a square that keeps all threads busy.
 _MANY_SIDE = 256
 
@@ -36,19 +42,39 @@ def engine_costs(context: Context, with_rays: bool, cache: Path | None = None) -
     """Costs of this OpenGL and this processor, from the fastest of fifteen frames of each kind.
 
     They are kept by the names of both and rounded to half powers of two: a plan must not change
-    from run to run with the weather.
+    from run to run with the weather. Where $GLRENDER_ENGINE_COSTS gives them, as `EngineCosts.text`
+    writes them, nothing is measured: the same plans on every machine.
 
     Parameters
     ----------
     context : Context
     with_rays : bool
         Whether rays can be cast; without, they cost infinitely much.
+
+    Raises
+    ------
+    ConfigError
+        If $GLRENDER_ENGINE_COSTS is not five positive numbers.
     """
+    if "GLRENDER_ENGINE_COSTS" in os.environ:
+        given = _given(os.environ["GLRENDER_ENGINE_COSTS"])
+        return given if with_rays else replace(given, ray_ns=math.inf, lone_ray_ns=math.inf, area_ns=math.inf)
     machine = f"{context.info['gl_renderer']} {context.info['gl_version']} {os.cpu_count()} {with_rays}"
-    name = f"costs4-{hashlib.sha256(machine.encode()).hexdigest()[:16]}"
+    name = f"costs7-{hashlib.sha256(machine.encode()).hexdigest()[:16]}"
     made = cached_arrays(name, ["ns"], lambda: {"ns": _measured(context, with_rays)}, cache)
-    facet, sample, ray, lone_ray = (float(2.0 ** (np.round(2.0 * np.log2(x)) / 2.0)) for x in made["ns"])
-    return EngineCosts(facet_ns=facet, sample_ns=sample, ray_ns=ray, lone_ray_ns=lone_ray)
+    facet, sample, ray, lone_ray, area = (float(2.0 ** (np.round(2.0 * np.log2(x)) / 2.0)) for x in made["ns"])
+    return EngineCosts(facet_ns=facet, sample_ns=sample, ray_ns=ray, lone_ray_ns=lone_ray, area_ns=area)
+
+
+def _given(text: str) -> EngineCosts:
+    try:
+        facet, sample, ray, lone_ray, area = numbers = [float(word) for word in text.split()]
+    except ValueError:
+        numbers = [math.nan]
+    if not all(ns > 0.0 for ns in numbers):
+        raise ConfigError("GLRENDER_ENGINE_COSTS",
+                          "must be five positive numbers [ns]: facet, sample, ray, lone ray, area", text)
+    return EngineCosts(facet_ns=facet, sample_ns=sample, ray_ns=ray, lone_ray_ns=lone_ray, area_ns=area)
 
 
 def _measured(context: Context, with_rays: bool) -> np.ndarray:
@@ -61,7 +87,7 @@ def _measured(context: Context, with_rays: bool) -> np.ndarray:
         facets_s = _fastest(lambda: _draw(context, target, mesh, 16))
         # With what comes after: reading it back, and what it tells of its own error.
         samples_s = _fastest(lambda: pixel_errors(_draw(context, target, mesh, _SIZE_PX), _SAMPLES)) - facets_s
-    ray_s = [np.inf, np.inf]
+    ray_s, area_s = [np.inf, np.inf], np.inf
     if with_rays:
         scene = Scene(bodies=[Body(name="sphere", shape=sphere, brdf=law)], cameras=[camera])
         engine = RayEngine(scene)
@@ -72,8 +98,24 @@ def _measured(context: Context, with_rays: bool) -> np.ndarray:
             n_hit = np.count_nonzero(np.isfinite(engine.ranges(pixel, camera, views)))
             ray_s[k] = _fastest(lambda pixel=pixel: engine.irradiance(pixel, camera, views)) / n_hit
         engine.close()
+        # Of a convex body no ray would be cast.
+        vertices_m = sphere.vertices_m.copy()
+        vertices_m[0] *= 0.9
+        dented = Body(name="sphere", shape=Shape.from_arrays(vertices_m, sphere.facets), brdf=law)
+        scene = Scene(bodies=[dented], cameras=[camera])
+        engine = RayEngine(scene)
+        areas, size = AreaEngine(scene, engine), (camera.width_px, camera.height_px)
+        made_s = _fastest(lambda: areas.draw(("sphere",), camera, views, camera.bounds_px, size, 0.1))
+        # The Sun and the camera are 39 deg apart.
+        unit = EngineCosts(facet_ns=0.0, sample_ns=0.0, ray_ns=0.0, area_ns=1.0)
+        n_facets = len(sphere.facets)
+        area_s = _REAL_AREAS * max(made_s - 1e-9 * AREAS_CALL_NS, 1e-6) / (
+            unit.areas_ns(n_facets, 0.39 * n_facets, _SPHERE_PX, math.sqrt(2.0 * _SPHERE_PX / n_facets), 0.0, 0.7, 0.1)
+            - AREAS_CALL_NS)
+        areas.close()
+        engine.close()
     # The sphere fills 0.78 of the square that it is drawn in.
-    return 1e9 * np.array([facets_s / len(sphere.facets), max(samples_s, 1e-6) / (0.78 * _SIZE_PX**2), *ray_s])
+    return 1e9 * np.array([facets_s / len(sphere.facets), max(samples_s, 1e-6) / (0.78 * _SIZE_PX**2), *ray_s, area_s])
 
 
 def _draw(context: Context, target: Target, mesh: Mesh, size_px: int) -> np.ndarray:

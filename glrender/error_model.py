@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from .constants import AU_M, SUN_RADIUS_M
 from .lod_flux import FluxRatio
 from .relief import Relief
 from .view import BodyView
@@ -25,6 +24,7 @@ _NOISE_GAIN, NOISE_FACETS = 0.85, 20.0
 _SHADOW_EDGES_PER_RAD, _MOST_SHADOW_EDGES = 0.1, 0.2
 # Of shadows without penumbras, at a phase of 1 rad and 1 au.
 _PENUMBRA_ERROR, _PENUMBRA_POWER, _PENUMBRA_PX = 0.006, 1.2, 300.0
+_THIN_PENUMBRA = 75.0
 # Width over the body's size: the Sun's angle times a tenth of it.
 _PENUMBRA_WIDTH = 1e-3
 # Leaked flux times texels, at 90 deg.
@@ -34,6 +34,7 @@ _LEVEL_ERROR, _OUTLINE_ERROR, _FLUX_SCATTERS = 0.5, 1.2, 2.5
 # Flux of N samples across a body at full phase is within this times N^-1.5 (engine.md).
 _FLUX_SCATTER = 2.0
 _LEAST_ACROSS, _MOST_ACROSS = 64, 512
+_SCATTERED, _SCATTERED_RAD = 0.6, (1.2, 1.7)
 # What slivers between samples add to the error that an image tells, per radian beyond a phase angle.
 _SLIVERS_PER_RAD, _SLIVERS_FROM_RAD = 2.5, 2.55
 
@@ -72,6 +73,8 @@ class BodyTraits:
     max_phase_rad: float
     levels: tuple[LevelTraits, ...]
     relief: Relief | None = None
+    even_facet_m: float = math.inf
+    """Side of facets, each as bright everywhere, by their areas; infinite with a texture, smooth normals or detail."""
 
 
 def level_error(view: BodyView, level: LevelTraits, footprint_m: float) -> float:
@@ -178,10 +181,13 @@ class Penumbra:
         RMS error of hard edges in its place.
     width_px : float [px]
         Of the widest.
+    eclipse_error : float [1]
+        The part of the error in shadows that other bodies cast.
     """
 
     error: float
     width_px: float
+    eclipse_error: float = 0.0
 
 
 NO_PENUMBRA = Penumbra(error=0.0, width_px=0.0)
@@ -199,6 +205,15 @@ def own_penumbra(view: BodyView) -> Penumbra:
     return Penumbra(error=error, width_px=_PENUMBRA_WIDTH * view.finest_px / view.sun_distance_au)
 
 
+def thin_penumbra(view: BodyView) -> float:
+    """Ten times the relative flux error of hard edges on a thin crescent, where the Sun is as low as it is wide.
+
+    A rough binary at 172, 175, 177 deg: 0.6, 3, 6 % of the flux.
+    """
+    angle = view.sun_radius_rad
+    return _THIN_PENUMBRA * (angle / max(math.pi - view.phase_rad, angle)) ** 2
+
+
 def eclipse_penumbra(view: BodyView, caster_radius_m: float, gap_m: float, footprint_m: float) -> Penumbra:
     """Of another body's shadow: a ramp along the shadow's outline, as wide as the Sun's angle times the gap.
 
@@ -211,20 +226,31 @@ def eclipse_penumbra(view: BodyView, caster_radius_m: float, gap_m: float, footp
     footprint_m : float [m]
         Of a pixel.
     """
-    wide_px = 2.0 * SUN_RADIUS_M / (view.sun_distance_au * AU_M) * gap_m / footprint_m
+    wide_px = 2.0 * view.sun_radius_rad * gap_m / footprint_m
     outline_px = 2.0 * math.pi * caster_radius_m / footprint_m
     lit_px = 0.6 * min(max(view.size_px, 1.0), 1e5) ** 2
     error = math.sqrt(min(outline_px * wide_px * min(wide_px, 1.0) / 6.0 / lit_px, 1.0))
-    return Penumbra(error=error, width_px=wide_px)
+    return Penumbra(error=error, width_px=wide_px, eclipse_error=error)
 
 
 def samples_across(budget: float, phase_rad: float) -> int:
     """Samples across a small body that keep its flux within a tenth of a budget."""
-    wanted = (flux_error(1, phase_rad) / (0.1 * budget)) ** (2.0 / 3.0)
+    regular, scattered = _flux_errors(1, phase_rad)
+    wanted = max((regular / (0.1 * budget)) ** (2.0 / 3.0), scattered / (0.1 * budget))
     return math.ceil(min(max(wanted, _LEAST_ACROSS), _MOST_ACROSS))
 
 
 def flux_error(across: int, phase_rad: float) -> float:
-    """Relative error of the flux of a body with so many samples across: 2 N^-1.5 of what it sends at full phase."""
+    """Relative error of the flux of a body with so many samples across."""
+    return max(_flux_errors(across, phase_rad))
+
+
+def _flux_errors(across: int, phase_rad: float) -> tuple[float, float]:
+    """Of a regular lattice, 2 N^-1.5 of what is sent at full phase, and of light that is scattered in single samples.
+
+    Of the latter 0.6 n^-1/2 with n lit ones: three rough bodies of 3 to 7 px at 98 to 147 deg (docs/planner.md).
+    """
     share = (math.sin(phase_rad) + (math.pi - phase_rad) * math.cos(phase_rad)) / math.pi
-    return _FLUX_SCATTER * across**-1.5 / max(share, 1e-6)
+    scattered = min(max((phase_rad - _SCATTERED_RAD[0]) / (_SCATTERED_RAD[1] - _SCATTERED_RAD[0]), 0.0), 1.0)
+    lit = max(0.25 * (1.0 + math.cos(phase_rad)), 1e-4)
+    return (_FLUX_SCATTER * across**-1.5 / max(share, 1e-6), _SCATTERED * scattered / (across * math.sqrt(lit)))

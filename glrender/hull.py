@@ -12,6 +12,8 @@ from .errors import ShapeError
 
 # An outline or volume this close to the hull's is convex to float32 round-off of a shape file.
 _CONVEX_VOLUME_RTOL = 1e-6
+# So is its area: shells that overlap may have the hull's volume by chance.
+_CONVEX_AREA_RTOL = 1e-4
 
 
 class Hull:
@@ -42,7 +44,9 @@ class Hull:
         centre = self.points_m.mean(axis=0)
         a, b, c = (vertices_m[facets[:, k]] - centre for k in range(3))
         volume = float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
-        self.is_convex = bool(abs(volume - hull.volume) <= _CONVEX_VOLUME_RTOL * hull.volume)
+        area = 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+        self.is_convex = bool(abs(volume - hull.volume) <= _CONVEX_VOLUME_RTOL * hull.volume
+                              and abs(area - hull.area) <= _CONVEX_AREA_RTOL * hull.area)
 
     def is_outside(self, point_m: np.ndarray) -> bool:
         """Whether a point (3,) [m] is outside the surface."""

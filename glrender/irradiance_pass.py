@@ -1,4 +1,4 @@
-"""The irradiance of one window of an image: by triangles or rays, in tiles, with more samples where it asks."""
+"""The irradiance of one window of an image: by triangles, rays or areas, with more samples where it asks."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from . import error_model
+from .area_engine import AreaEngine
 from .area_grid import SmallBody, add_by_area
 from .clock import Clock
 from .gl.context import Context
@@ -39,10 +40,12 @@ class IrradiancePass:
     context : Context
     surfaces : SurfacePass
     rays : RayEngine or None
+    areas : AreaEngine or None
+        With rays.
     """
 
-    def __init__(self, context: Context, surfaces: SurfacePass, rays: RayEngine | None):
-        self._context, self._surfaces, self._rays = context, surfaces, rays
+    def __init__(self, context: Context, surfaces: SurfacePass, rays: RayEngine | None, areas: AreaEngine | None):
+        self._context, self._surfaces, self._rays, self._areas = context, surfaces, rays, areas
         self._target = Target(context, [1])
 
     def __enter__(self) -> IrradiancePass:
@@ -69,30 +72,50 @@ class IrradiancePass:
         apart_px : float [px]
             One of a smaller `apart_size_px` is told there alone, and not added to the image.
         """
-        if not choice.first.samples:
-            small.append(self._draw_own_grid(irradiance, choice.first, frame, clock, apart_px))
-            return choice.first
-        drawn = self._draw_sampled(choice.first, frame, error_gain, clock, may_give_up=choice.by_rays is not None)
+        drawn = self._draw_window(choice.first, frame, error_gain, clock, may_give_up=choice.by_rays is not None)
         if drawn is None:
-            drawn = self._draw_sampled(choice.by_rays, frame, error_gain, clock)
+            drawn = self._draw_window(choice.by_rays, frame, error_gain, clock)
         mean, window = drawn
-        x0, y0, x1, y1 = window.roi
-        irradiance[y0:y1, x0:x1] = mean
+        if window.samples:
+            x0, y0, x1, y1 = window.roi
+            irradiance[y0:y1, x0:x1] = mean
+        else:
+            small.append(self._add_small(irradiance, mean, window, frame, apart_px))
+        clock.lap("readback")
         return window
 
-    def _draw_own_grid(self, irradiance: np.ndarray, window: WindowPlan, frame: Frame, clock: Clock,
-                       apart_px: float) -> SmallBody:
-        samples = self._samples(window, frame, clock, window.bounds_px, window.grid)
+    def _draw_window(self, window: WindowPlan, frame: Frame, error_gain: float, clock: Clock,
+                     may_give_up: bool = False) -> tuple[np.ndarray, WindowPlan] | None:
+        """The window's pixels, or a small body's own cells, and its plan; None, if it may, where rays take over."""
+        if window.engine == "areas":
+            return self._draw_areas(window, frame, error_gain, clock, may_give_up)
+        if window.samples:
+            return self._draw_sampled(window, frame, error_gain, clock, may_give_up)
+        return self._samples(window, frame, clock, window.bounds_px, window.grid), window
+
+    def _add_small(self, irradiance: np.ndarray, samples: np.ndarray, window: WindowPlan, frame: Frame,
+                   apart_px: float) -> SmallBody:
+        """A body of the samples of its own grid; in the image as well if it is not kept apart."""
         members = [view for view in frame.views if view.name in window.bodies]
         body = SmallBody.from_grid(window.bodies, samples, window.bounds_px, size_px=outline_px(members),
                                    is_apart=apart_size_px(members) < apart_px)
         if not body.is_apart:
             add_by_area(irradiance, samples, window.bounds_px)
-        clock.lap("readback")
         return body
 
+    def _draw_areas(self, window: WindowPlan, frame: Frame, error_gain: float, clock: Clock,
+                    may_give_up: bool) -> tuple[np.ndarray, WindowPlan] | None:
+        """Means of the window's cells and its plan; None, if it may, where their error is above the budget."""
+        left = math.sqrt(max(window.budget**2 - window.modelling_error**2, 0.0))
+        means, told = self._areas.draw(window.bodies, frame.camera, frame.views, window.bounds_px, window.grid, left)
+        clock.lap("surface")
+        predicted = math.hypot(told, window.modelling_error)
+        if may_give_up and predicted > window.budget:
+            return None
+        return means.astype(np.float32), replace(window, predicted_error=error_gain * predicted)
+
     def _draw_sampled(self, window: WindowPlan, frame: Frame, error_gain: float, clock: Clock,
-                      may_give_up: bool = False) -> tuple[np.ndarray, WindowPlan] | None:
+                      may_give_up: bool) -> tuple[np.ndarray, WindowPlan] | None:
         """The window's pixels and its plan; None, if it may, where its shadows' edges alone cost the budget."""
         x0, y0, x1, y1 = window.roi
         mean, error = (np.zeros((y1 - y0, x1 - x0), np.float32) for _ in range(2))

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from .lod import Level, cached_arrays
-from .rays import RayMesh
+from .rays import LIFT, RayMesh
 from .scene import Body
 from .surface import Surface
 
@@ -22,8 +22,6 @@ PHASES_RAD = np.radians([0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0, 105.0, 120.0, 
 _ASPECTS = 16
 # Rays across the body's bounding sphere: the scatter of one ratio is then about 0.1 %.
 _RAYS_ACROSS = 128
-# A shadow ray starts this far off the surface, in radii: ten float32 steps.
-_LIFT = 6e-7
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -81,7 +79,7 @@ def _measured(body: Body, levels: tuple[Level, ...]) -> dict[str, np.ndarray]:
             facet, distance = mesh.hit(grid, np.broadcast_to(-to_camera, grid.shape))
             seen = np.flatnonzero(facet >= 0)
             geometric = mesh.normals[facet[seen]]
-            start = grid[seen] - to_camera * distance[seen, None] + geometric * (_LIFT * mesh.radius_m)
+            start = grid[seen] - to_camera * distance[seen, None] + geometric * (LIFT * mesh.radius_m)
             source = facet[seen]
             if which:
                 texels = levels[which - 1].source_facet

@@ -83,7 +83,9 @@ def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, has_cas
         law=traits.law, shadow_map_px=shadow_px, shadow_map_reused=False,
         relative_to_camera=is_close(view, traits.radius_m, footprint_m),
         normal_lookup=footprint_m < 2e-4 * traits.radius_m, size_px=view.size_px, flux_ratio=ratio,
-        modelling_error=math.sqrt(squared), penumbra_px=penumbra.width_px, shown_share=shown_share,
+        modelling_error=math.sqrt(squared), penumbra_px=penumbra.width_px,
+        penumbra_error=penumbra.error if shadow_px is not None else 0.0,
+        eclipse_error=penumbra.eclipse_error if shadow_px is not None else 0.0, shown_share=shown_share,
         shadow_map_drawn_px=(0, 0) if shadow_px is None else (math.ceil(shadow_px * seen_share),) * 2,
         detail_m=detail_m, detail_layers=len(active), detail_slope=detail_slope)
 
@@ -124,8 +126,8 @@ def is_close(view: BodyView, radius_m: float, footprint_m: float) -> bool:
 
 
 def without_maps(bodies: Sequence[BodyPlan], windows: Sequence[WindowPlan]) -> list[BodyPlan]:
-    """Bodies as their windows draw them: rays see the full shape, and need no shadow map."""
-    by_rays = {name for window in windows if window.engine == "rays" for name in window.bodies}
+    """Bodies as their windows draw them: rays and areas are those of the full shape, and need no shadow map."""
+    by_rays = {name for window in windows if window.engine != "raster" for name in window.bodies}
     return [replace(body, level=0, shadow_map_px=None, shadow_map_drawn_px=(0, 0), shadow_map_reused=False,
                     flux_ratio=1.0, modelling_error=0.0) if body.name in by_rays else body for body in bodies]
 
@@ -133,7 +135,7 @@ def without_maps(bodies: Sequence[BodyPlan], windows: Sequence[WindowPlan]) -> l
 def told_plan(camera: PinholeCamera, max_error: float, views: Sequence[BodyView], traits: Mapping[str, BodyTraits],
               bodies: Sequence[BodyPlan], windows: Sequence[WindowPlan], has_sun_disc: bool) -> RenderPlan:
     """The frame's plan as its windows were drawn: what was left out, and where the budget was not met."""
-    by_rays = {name for window in windows if window.engine == "rays" for name in window.bodies}
+    engines = {name: window.engine for window in windows for name in window.bodies}
     done, left_out, warnings = [], [], []
     for view, body in zip(views, without_maps(bodies, windows), strict=True):
         known = traits[view.name]
@@ -145,9 +147,10 @@ def told_plan(camera: PinholeCamera, max_error: float, views: Sequence[BodyView]
             phase_deg, limit_deg = np.degrees([view.phase_rad, known.max_phase_rad])
             warnings.append(f"{known.law} of {view.name} at a phase of {phase_deg:.1f} deg: "
                             f"it holds to {limit_deg:.1f} deg")
-        if body.shadow_map_px is not None and has_sun_disc:
+        engine = engines.get(view.name, "raster")
+        if has_sun_disc and (body.shadow_map_px is not None or engine == "areas"):
             left_out.append(f"{view.name}: the Sun's disc: shadows have hard edges")
-        if body.shadow_map_px is None and view.name not in by_rays:
+        if body.shadow_map_px is None and engine == "raster":
             left_out.append(f"shadows on {view.name}: nothing can cast on what is seen")
         if known.relief is not None:
             left_out.append(_detail_left_out(body, known))

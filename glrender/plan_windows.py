@@ -1,4 +1,4 @@
-"""The planner's choice for each part of an image: triangles or rays, and how many samples first. Pure."""
+"""The planner's choice for each part of an image: triangles, rays or areas, and how many samples first. Pure."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 from glrender_camera import PinholeCamera
 
+from .area_grid import CELL_PX
 from .costs import RASTER_CALL_NS, EngineCosts
 from .error_model import (
     BodyTraits,
@@ -18,6 +19,7 @@ from .error_model import (
     shadow_share,
     squared_errors,
     texel_share,
+    thin_penumbra,
     usual_edges,
 )
 from .first_samples import MAX_SAMPLES, Expected, first_samples
@@ -49,13 +51,20 @@ _SLIVER_SAMPLES, _SLIVER_PHASE_RAD, _SLIVER_BUDGET = 3.0, 1.4, 0.03
 _THIN_SAMPLES_PER_RAD, _THIN_PHASE_RAD = 4.0, 2.15
 # Samples across a body times the budget: its centre of light is within that in pixels, where RMS alone asks for few.
 _CENTRE = 2.2
+# Of the budget, what penumbras may cost areas; what a facet's light varies by where it is seen from, over its angle,
+# and a pixel's solid angle within it, over its angle.
+_AREAS_FLOOR, _UNEVEN, _PIXEL_ERROR = 0.7, 0.3, 0.3
+# What steps leave of an eclipse's penumbra, before anything is drawn: areas tell it themselves.
+_ECLIPSE_STEPS = 0.25
+# Of a small body that is added to the image, error of cells of a pixel's width; and of the budget, what they may take.
+_CELL_ERROR, _CELL_SHARE = 0.25, 0.3
 # Penumbras by rays are noise: creases and facets a pixel that say so; and fewest samples along a pixel's side.
 _PENUMBRA_NOISE, _PENUMBRA_SAMPLES = (0.4, 1e4), 2
 
 
 @dataclass(frozen=True, kw_only=True)
 class WindowChoice:
-    """How a window is drawn, and the rays that take over where its image tells that shadow maps are too coarse."""
+    """How a window is drawn, and the rays that take over where its image tells that it is too coarse."""
 
     first: WindowPlan
     by_rays: WindowPlan | None = None
@@ -135,6 +144,12 @@ class _Window:
             slivers = _SLIVER_SAMPLES + _THIN_SAMPLES_PER_RAD * max(self._phase_rad - _THIN_PHASE_RAD, 0.0)
         centre = _CENTRE / (budget * error_gain * self._largest_px)
         self._least = math.ceil(min(max(self._across / self._largest_px, slivers, centre), MAX_SAMPLES))
+        self._has_areas = all(view.bounds_px is not None for view in members)
+        self._areas_floor = max(
+            math.hypot(thin_penumbra(view) if body.penumbra_error else 0.0,
+                       _PIXEL_ERROR * (1.0 + 3.0 * _off_axis(view, camera)) / camera.focal_length_px,
+                       _UNEVEN * traits[view.name].even_facet_m / view.depth_m[0])
+            for view, body in zip(members, self._drawn, strict=True))
         # Of shadow maps and levels of detail: rays have neither. And without the edges of shadows, or with usual ones.
         self._floor = max(body.modelling_error for body in self._drawn)
         maps = [(view, body, sum(squared_errors(view, level)))
@@ -157,32 +172,75 @@ class _Window:
         has_rays = math.isfinite(self._costs.ray_ns)
         is_small = self._outline_px < _SMALL_PX or apart_size_px(self._members) < self._apart_px or (
             len(self._members) == 1 and self._across > MAX_SAMPLES * self._largest_px)
+        areas_ns = self._areas_ns() if has_rays and samples is None else math.inf
         if samples is None and is_small:
-            return WindowChoice(first=self._own_grid(has_rays))
+            grid_ns, grid = self._own_grid(has_rays)
+            is_enough = grid.predicted_error <= self._gain * self._budget or math.isinf(areas_ns)
+            if grid_ns < areas_ns and is_enough:
+                return WindowChoice(first=grid)
+            # Areas have no lattice to err in the flux: they need cells of their own only for what is apart or tiny.
+            has_own = self._outline_px < _SMALL_PX or apart_size_px(self._members) < self._apart_px
+            return WindowChoice(first=self._small_areas() if has_own else self._areas(),
+                                by_rays=self._own_grid(has_rays, has_raster=False)[1])
         raster_ns, raster = self._raster(samples)
         if not has_rays or samples is not None:
             return WindowChoice(first=raster)
         rays_ns, rays = self._rays()
+        if areas_ns < min(raster_ns, rays_ns):
+            return WindowChoice(first=self._areas(), by_rays=rays)
         if rays_ns < raster_ns or self._least_floor > self._budget:
             return WindowChoice(first=rays)
         return WindowChoice(first=raster, by_rays=rays)
 
-    def _own_grid(self, has_rays: bool) -> WindowPlan:
-        (left, top, right, bottom), size = outline(self._members), self._outline_px
+    def _areas_ns(self) -> float:
+        """Nanoseconds by areas; infinite where facets are not as bright everywhere, or penumbras are wide."""
+        floor = max(self._areas_floor, _ECLIPSE_STEPS * max(body.eclipse_error for body in self._drawn))
+        if not self._has_areas or floor > _AREAS_FLOOR * self._budget:
+            return math.inf
+        n_facets = sum(level.n_facets for level in self._full)
+        share = (math.pi - self._phase_rad) / (2.0 * math.pi)
+        n_facing = max(n_facets * share * min(self._box_px / (0.8 * min(self._largest_px, 1e5)**2), 1.0), 1.0)
+        facet_px = math.sqrt(2.0 * share * self._n_px / n_facing)
+        return self._costs.areas_ns(n_facets, n_facing, self._n_px, facet_px,
+                                    max(level.crease_rad for level in self._full), self._phase_rad, self._budget)
+
+    def _areas(self) -> WindowPlan:
+        x0, y0, x1, y1 = self._roi
+        return self._plan("areas", samples=1, bounds_px=(x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5),
+                          grid=(x1 - x0, y1 - y0), modelling_error=self._areas_floor, predicted_error=self._budget)
+
+    def _small_areas(self) -> WindowPlan:
+        bounds, sides = self._own_bounds()
+        cell_px = CELL_PX
+        if apart_size_px(self._members) >= self._apart_px:
+            cell_px = max(min(cell_px, _CELL_SHARE * self._budget / _CELL_ERROR), self._outline_px / _MOST_ACROSS)
+        grid = tuple(max(math.ceil(side / cell_px), 8) for side in sides)
+        return self._plan("areas", samples=0, grid=grid, bounds_px=bounds, modelling_error=self._areas_floor,
+                          predicted_error=self._budget)
+
+    def _own_bounds(self) -> tuple[tuple[float, float, float, float], tuple[float, float]]:
+        """Box of a small body's own grid [px], with a margin, and its sides."""
+        left, top, right, bottom = outline(self._members)
+        margin = 0.02 * self._outline_px
+        return ((float(left - margin), float(top - margin), float(right + margin), float(bottom + margin)),
+                (right - left, bottom - top))
+
+    def _own_grid(self, has_rays: bool, has_raster: bool = True) -> tuple[float, WindowPlan]:
+        bounds, sides = self._own_bounds()
+        size = self._outline_px
         pixels = _SMALL_PIXELS * math.sqrt(sum(self._errors(self._levels)))
         enough = math.ceil(size * (pixels / (_OWN_SHARE * self._budget)) ** (2.0 / 3.0))
         across = max(self._across, min(enough, _MOST_ACROSS))
-        grid = tuple(max(math.ceil(across * side / size), 8) for side in (right - left, bottom - top))
-        setup_ns = RASTER_CALL_NS + self._facets_ns + self._shadows_ns
-        is_rays = (self._costs.rays_ns(math.prod(grid))
-                   < setup_ns + math.prod(grid) * self._costs.sample_ns) or (has_rays and self._floor > self._budget)
+        grid = tuple(max(math.ceil(across * side / size), 8) for side in sides)
+        raster_ns = (RASTER_CALL_NS + self._facets_ns + self._shadows_ns
+                     + math.prod(grid) * self._costs.sample_ns)
+        rays_ns = self._costs.rays_ns(math.prod(grid))
+        is_rays = not has_raster or rays_ns < raster_ns or (has_rays and self._floor > self._budget)
         floor = 0.0 if is_rays else self._floor
         sampling = max(_SMALL_PIXELS * flux_error(across, self._phase_rad), pixels * (size / across) ** 1.5)
-        margin = 0.02 * size
-        return self._plan("rays" if is_rays else "raster", samples=0, grid=grid,
-                          bounds_px=(float(left - margin), float(top - margin), float(right + margin),
-                                     float(bottom + margin)),
-                          modelling_error=floor, predicted_error=math.hypot(floor, sampling))
+        return rays_ns if is_rays else raster_ns, self._plan(
+            "rays" if is_rays else "raster", samples=0, grid=grid, bounds_px=bounds, modelling_error=floor,
+            predicted_error=math.hypot(floor, sampling))
 
     def _raster(self, samples: int | None) -> tuple[float, WindowPlan]:
         """By OpenGL, with the levels of detail and the shadow maps that were planned; its nanoseconds."""
@@ -240,3 +298,11 @@ class _Window:
     def _noise(self, levels: Sequence[LevelTraits]) -> tuple[float, float]:
         return (max(level.crease_rad for level in levels),
                 max(facets_per_px(view, level.n_facets) for view, level in zip(self._members, levels, strict=True)))
+
+
+def _off_axis(view: BodyView, camera: PinholeCamera) -> float:
+    """Tangent of the angle between the boresight and the farthest corner of a body's box."""
+    if view.bounds_px is None:
+        return math.inf
+    return max(math.hypot(x - camera.principal_point_px[0], y - camera.principal_point_px[1])
+               for x in view.bounds_px[::2] for y in view.bounds_px[1::2]) / camera.focal_length_px

@@ -14,17 +14,16 @@ from typing import Any
 import numpy as np
 from glrender_camera import PinholeCamera, threads
 
-from .constants import AU_M, SUN_RADIUS_M
 from .frames import sun_from_body
-from .rays import Hits, RayMesh, dot
+from .rays import LIFT, Hits, RayMesh, dot
 from .scene import Body, Scene
 from .surface import Surface
 from .view import BodyView
 
 RAYS_AT_ONCE = 1 << 13
 """Most rays of a part, which one thread casts: what it needs stays in a core's cache."""
-# A shadow ray starts this far off the surface, in radii of the bounding sphere: ten float32 steps.
-_LIFT = 6e-7
+# Of lines that are only free or not.
+_LINES_AT_ONCE = 1 << 13
 # Roberts' sequence, and the factor of a congruential generator.
 _R2, _FACTOR = np.array([0.7548776662466927, 0.5698402909980532]), 1664525
 
@@ -68,7 +67,7 @@ class RayEngine:
         def trace(part: slice) -> None:
             self._trace(value[part], pixel[part], camera, views, None if draws is None else draws[part])
 
-        self._in_parts(trace, len(pixel))
+        threads.run_in_parts(trace, len(pixel), RAYS_AT_ONCE)
         return value
 
     def ranges(self, pixel: np.ndarray, camera: PinholeCamera, views: Iterable[BodyView]) -> np.ndarray:
@@ -80,7 +79,55 @@ class RayEngine:
 
     def sunlit(self, r_body_m: np.ndarray, view: BodyView, views: list[BodyView]) -> np.ndarray:
         """Whether points (N, 3) [m] in a body's frame have a free line (N,) bool to the Sun's middle."""
-        return self._sees_sun(r_body_m.T, view.sun_direction_body, view, views)
+        return self._has_free_line(r_body_m.T, view.sun_direction_body, view, views)
+
+    def in_light(self, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView, views: list[BodyView],
+                 is_asked: np.ndarray, is_open: np.ndarray | None = None) -> np.ndarray:
+        """Whether points (3, N) [m] of a body's facets (N,) see the Sun's middle, (N,) bool; only what is asked for.
+
+        Of some it may be known that nothing of their own body hides it, (N,) bool.
+        """
+        return self._free(r_body_m, facet, view, views, is_asked, is_open, view.sun_direction_body, False)
+
+    def in_view(self, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView, views: list[BodyView],
+                is_asked: np.ndarray, is_open: np.ndarray | None = None) -> np.ndarray:
+        """Whether the camera sees points (3, N) [m] of a body's facets (N,), (N,) bool; only what is asked for.
+
+        Of some it may be known that nothing of their own body hides them, (N,) bool.
+        """
+        return self._free(r_body_m, facet, view, views, is_asked, is_open, view.r_camera_body_m, True)
+
+    def _free(self, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView, views: list[BodyView],
+              is_asked: np.ndarray, is_open: np.ndarray | None, towards: np.ndarray, is_place: bool) -> np.ndarray:
+        own = self._solids[view.name]
+
+        def keep(solid: _Solid, turn: np.ndarray, shift_m: np.ndarray, is_free: np.ndarray) -> None:
+            def ask(part: slice) -> None:
+                solid.keep_free(turn, shift_m, r_body_m[:, part], facet[part], own.normals.T, LIFT * own.radius_m,
+                                towards, is_place, is_free[part])
+
+            threads.run_in_parts(ask, len(facet), _LINES_AT_ONCE)
+
+        is_free = is_asked.copy() if is_open is None else is_asked & ~is_open
+        keep(own, *_between(view, view), is_free)
+        if is_open is not None:
+            is_free |= is_asked & is_open
+        for other in views:
+            if other is not view:
+                keep(self._solids[other.name], *_between(view, other), is_free)
+        return is_free
+
+    def shade_ranges(self, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView, views: list[BodyView]
+                     ) -> np.ndarray:
+        """Distances (N,) [m] from points (3, N) [m] of a body's facets (N,) to what hides the Sun, or infinity."""
+        own, found = self._solids[view.name], np.full(len(facet), np.inf)
+        start = r_body_m + LIFT * own.radius_m * own.normals.T.take(facet, axis=1)
+        for other in views:
+            turn, shift_m = _between(view, other)
+            towards = np.broadcast_to((turn @ view.sun_direction_body)[:, None], start.shape)
+            hits = self._solids[other.name].first(turn @ start + shift_m[:, None], towards)
+            found[hits.place] = np.minimum(found[hits.place], hits.distance_m)
+        return found
 
     def products(self, pixel: np.ndarray, camera: PinholeCamera, views: list[BodyView]) -> dict[str, np.ndarray]:
         """What places in the image (N, 2) [px] see, by the names of `BESIDE`."""
@@ -97,14 +144,8 @@ class RayEngine:
                 for name, value in values.items():
                     made[name][part][hits.place] = value
 
-        self._in_parts(look, len(pixel))
+        threads.run_in_parts(look, len(pixel), RAYS_AT_ONCE)
         return made
-
-    def _in_parts(self, work: Callable[[slice], None], n_rays: int) -> None:
-        """Rays in parts that depend on their number alone, whatever the number of threads."""
-        n_parts = 1 if n_rays <= RAYS_AT_ONCE else 2 * math.ceil(n_rays / (2 * RAYS_AT_ONCE))
-        threads.run(lambda k: work(slice(n_rays * k // n_parts, n_rays * (k + 1) // n_parts)), range(n_parts),
-                    threads.N_CORES)
 
     def _trace(self, value: np.ndarray, pixel: np.ndarray, camera: PinholeCamera, views: list[BodyView],
                draw: np.ndarray | None) -> None:
@@ -138,11 +179,10 @@ class RayEngine:
         towards = view.sun_direction_body
         facing = hits.at(np.flatnonzero(dot(hits.normal, towards) > 0.0))
         r_body = _points(facing, view)
-        above = r_body + facing.normal * (_LIFT * self._solids[view.name].radius_m)
+        above = r_body + facing.normal * (LIFT * self._solids[view.name].radius_m)
         if on_disc is not None:
-            radius = SUN_RADIUS_M / (view.sun_distance_au * AU_M)
-            towards = towards[:, None] + radius * (sun_from_body(towards)[:2].T @ on_disc(facing.place))
-        return facing, r_body, self._sees_sun(above, towards, view, views)
+            towards = towards[:, None] + view.sun_radius_rad * (sun_from_body(towards)[:2].T @ on_disc(facing.place))
+        return facing, r_body, self._has_free_line(above, towards, view, views)
 
     def _first(self, ray_camera: np.ndarray, views: Iterable[BodyView]) -> list[tuple[int, Hits]]:
         """What rays (3, N) from the camera meet first: of each body, by its number, what no other hides."""
@@ -157,14 +197,14 @@ class RayEngine:
             nearest[place], body[place] = hits.distance_m[nearer], index
         return [(index, hits.at(np.flatnonzero(body[hits.place] == index))) for index, hits in met]
 
-    def _sees_sun(self, start: np.ndarray, towards: np.ndarray, view: BodyView, views: list[BodyView]) -> np.ndarray:
-        """Whether points (3, N) [m] of a body have a free line towards the Sun (3,), or a place on it each (3, N)."""
+    def _has_free_line(self, start: np.ndarray, towards: np.ndarray, view: BodyView, views: list[BodyView]
+                       ) -> np.ndarray:
+        """Whether points (3, N) [m] of a body have a free line in a direction (3,), or in one each (3, N)."""
         if len(views) == 1:
             return ~self._solids[view.name].blocks(start.T, towards.T)
         is_free = np.ones(start.shape[1], bool)
         for other in views:
-            rotation = other.camera_from_body.T @ view.camera_from_body
-            offset = other.r_camera_body_m - rotation @ view.r_camera_body_m
+            rotation, offset = _between(view, other)
             rest = np.flatnonzero(is_free)
             direction = towards if towards.ndim == 1 else towards.take(rest, axis=1)
             is_free[rest] = ~self._solids[other.name].blocks(
@@ -179,6 +219,14 @@ class _Solid(RayMesh):
         super().__init__(body.shape.vertices_m, body.shape.facets)
         self.surface = Surface(body)
         self.needs_weights = body.smooth_normals or body.albedo_map is not None
+
+
+def _between(view: BodyView, other: BodyView) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation (3, 3) and shift (3,) [m] from a body's frame to another's."""
+    if other is view:
+        return np.eye(3), np.zeros(3)
+    rotation = other.camera_from_body.T @ view.camera_from_body
+    return rotation, other.r_camera_body_m - rotation @ view.r_camera_body_m
 
 
 def _points(hits: Hits, view: BodyView) -> np.ndarray:

@@ -9,12 +9,11 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from .embree import EmbreeMesh
 from .errors import DeviceError
 
-# Of the bounding sphere, in radii: what passes beyond meets nothing, and float32 has no room for a start far off.
-_REACH = 1.01
-# Float32 rays start no farther than this from where they pass the middle, in radii.
-_NEARBY = 1.5
+LIFT = 6e-7
+"""A ray from a surface starts this far off it, in radii of the bounding sphere: ten float32 steps."""
 
 
 def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -59,25 +58,24 @@ class RayMesh:
     Raises
     ------
     DeviceError
-        embreex is not installed.
+        embreex or numba is not installed.
     """
 
     def __init__(self, vertices_m: np.ndarray, facets: np.ndarray):
         try:
-            from embreex import rtcore_scene
-            from embreex.mesh_construction import TriangleMesh
+            # Not before there is a mesh: it takes a third of a second.
+            from . import ray_loops
         except ImportError as error:
-            raise DeviceError("rays need embreex: pip install 'glrender[raytrace]'") from error
+            raise DeviceError(f"rays need embreex and numba: pip install 'glrender[raytrace]' ({error})") from error
+        self._loops = ray_loops
         self.facets = facets
         self.radius_m = float(np.linalg.norm(vertices_m, axis=1).max())
         corners = vertices_m[facets]
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        self._corner, self._normal = (np.ascontiguousarray(rows.T) for rows in (corners[:, 0], normals))
-        self._scene = rtcore_scene.EmbreeScene()
-        TriangleMesh(self._scene, (corners / self.radius_m).astype(np.float32))
-        # Embree builds its tree at the first call: here, before two threads could ask for it.
-        self._scene.run(*np.zeros((2, 0, 3), np.float32))
+        self._normal = np.ascontiguousarray(normals.T)
+        self._offset_m = dot(self._normal, corners[:, 0].T)
+        self._mesh = EmbreeMesh(vertices_m / self.radius_m, facets)
 
     @property
     def normals(self) -> np.ndarray:
@@ -93,33 +91,36 @@ class RayMesh:
 
     def first(self, origin_m: np.ndarray, ray: np.ndarray) -> Hits:
         """What rays (3, N) from a point (3,) [m], or from points (3, N), meet first."""
-        origin_m = origin_m.reshape(3, -1)
-        origin = origin_m / self.radius_m
-        along = -dot(ray, origin)
-        # On the bounding sphere, about, where the origin is beyond it.
-        ahead = np.maximum(along - _NEARBY, 0.0)
-        start = origin + ray * ahead
-        near = np.flatnonzero((dot(start, start) - (along - ahead) ** 2 < _REACH**2) & (along > -_REACH))
-        facet = self._scene.run(*(columns.take(near, axis=1).astype(np.float32).T for columns in (start, ray)))
-        found = np.flatnonzero(facet >= 0)
-        place, facet = near.take(found), facet.take(found).astype(np.intp)
-        ray, normal = ray.take(place, axis=1), self._normal.take(facet, axis=1)
-        from_m = origin_m if origin_m.shape[1] == 1 else origin_m.take(place, axis=1)
-        distance_m = dot(self._corner.take(facet, axis=1) - from_m, normal) / dot(ray, normal)
+        place, facet, distance_m, ray, normal = self._loops.find_first(
+            self._mesh.scene, origin_m.reshape(3, -1), ray, self.radius_m, self._normal, self._offset_m)
         return Hits(place=place, facet=facet, distance_m=distance_m, ray=ray, normal=normal)
 
     def blocks(self, start_m: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """Whether rays from points (N, 3) [m] towards one direction (3,), or one each (N, 3), meet the shape."""
-        start, direction = start_m.T / self.radius_m, np.transpose(direction).reshape(3, -1)
-        result = np.zeros(start.shape[1], bool)
-        near = np.arange(len(result))
-        if (dot(start, start) > _REACH**2).any():
-            # Far sunward or beside the bounding sphere there is nothing to meet.
-            along = dot(start, direction)
-            beside = start - along * direction
-            near = np.flatnonzero((dot(beside, beside) < _REACH**2) & (along < _REACH))
-            direction = direction if direction.shape[1] == 1 else direction.take(near, axis=1)
-            start = start.take(near, axis=1) + direction * np.maximum(-along.take(near) - _NEARBY, 0.0)
-        result[near] = self._scene.run(start.astype(np.float32).T, direction.astype(np.float32).T,
-                                       query="OCCLUDED") >= 0
-        return result
+        is_blocked = np.zeros(len(start_m), bool)
+        self._loops.find_blocked(self._mesh.scene, start_m.T, np.transpose(direction).reshape(3, -1), self.radius_m,
+                                 is_blocked)
+        return is_blocked
+
+    def keep_free(self, turn: np.ndarray, shift_m: np.ndarray, r_body_m: np.ndarray, facet: np.ndarray,
+                  normals: np.ndarray, lift_m: float, towards: np.ndarray, is_place: bool, is_free: np.ndarray) -> None:
+        """Of points of another shape's surface that are free, find those that this one hides something from.
+
+        Parameters
+        ----------
+        turn, shift_m : (3, 3), (3,) float64 [1], [m]
+            To this shape's frame from the other's.
+        r_body_m : (3, N) float64 [m]
+            In the other's frame, on its facets.
+        facet : (N,) int
+        normals : (3, F) float64
+            Of all its facets: points are lifted along them.
+        lift_m : float [m]
+        towards : (3,) float64
+            In the other's frame: a unit vector, or a place [m].
+        is_place : bool
+        is_free : (N,) bool
+            Only those that are true are asked for, and false is written.
+        """
+        self._loops.keep_free(self._mesh.scene, self.radius_m, turn, shift_m, r_body_m, facet, normals, lift_m,
+                              towards, is_place, is_free)

@@ -33,7 +33,11 @@ class BodyPlan:
     modelling_error: float = 0.0
     """RMS error that samples do not cure: of the level, of the shadow map's texels."""
     penumbra_px: float = 0.0
-    """Width of the widest penumbra [px]: rays have them, shadow maps have hard edges."""
+    """Width of the widest penumbra [px]: rays have them, shadow maps and areas have hard edges."""
+    penumbra_error: float = 0.0
+    """RMS error of hard edges in its place, before anything is drawn: areas tell better."""
+    eclipse_error: float = 0.0
+    """The part of it in shadows that other bodies cast."""
     shown_share: float = 1.0
     """Of the facets, those in chunks that are not out of view."""
     shadow_map_drawn_px: tuple[int, int] = (0, 0)
@@ -52,12 +56,14 @@ class WindowPlan:
     Attributes
     ----------
     bodies : tuple of str
-    engine : "raster" or "rays"
-        Triangles drawn by OpenGL, or rays cast at them: whichever is faster here.
+    engine : "raster", "rays" or "areas"
+        Triangles drawn by OpenGL, rays cast at them, or their sunlit areas shared among the pixels: whichever is
+        fastest here.
     roi : (int, int, int, int) [px]
         Pixels that it touches: x0, y0, x1, y1, one past the last.
     samples : int
-        Along each side of a pixel; 0 for a body so small that it has a grid of its own.
+        Along each side of a pixel, 1 of areas, which take each pixel as a whole; 0 for a body so small that it has a
+        grid of its own.
     bounds_px : (float, float, float, float) [px]
         What is drawn: the region's edges, or the small body's box.
     grid : (int, int)

@@ -13,6 +13,7 @@ from glrender_camera import PinholeCamera
 from glrender_camera.validate import integer, within
 
 from . import plan
+from .area_engine import AreaEngine
 from .area_grid import SmallBody
 from .body_meshes import body_levels, body_meshes, body_traits
 from .brdf import Law
@@ -71,17 +72,19 @@ class Renderer:
                 self._traits[body.name] = body_traits(body, levels, ratios)
             self._slow = SlowFrames(scene)
             stack.callback(self._slow.close)
-            rays = None
+            rays = areas = None
             try:
                 rays = RayEngine(scene)
                 stack.callback(rays.close)
+                areas = AreaEngine(scene, rays)
+                stack.callback(areas.close)
             except DeviceError:
                 pass  # embreex is optional
             self._costs = engine_costs(self._context, rays is not None)
             self._shadows = Shadows(self._context, scene.hulls, self._meshes)
             stack.callback(self._shadows.close)
             self._surfaces = stack.enter_context(SurfacePass(self._context, scene, self._meshes))
-            self._irradiance = stack.enter_context(IrradiancePass(self._context, self._surfaces, rays))
+            self._irradiance = stack.enter_context(IrradiancePass(self._context, self._surfaces, rays, areas))
             self._products = stack.enter_context(ProductPass(self._context, self._surfaces, self._meshes))
             for law in {id(body.brdf): body.brdf for body in scene.bodies}.values():
                 try_twin(law, self.evaluate_brdf)
@@ -103,8 +106,8 @@ class Renderer:
 
     @property
     def info(self) -> dict[str, Any]:
-        """The OpenGL that was found: backend, gl_renderer, gl_version, limits."""
-        return dict(self._context.info)
+        """The OpenGL that was found: backend, gl_renderer, gl_version, limits; and the costs that plans reckon with."""
+        return {**self._context.info, "engine_costs_ns": self._costs.text}
 
     def evaluate_brdf(self, law: Law, to_sun: np.ndarray, to_camera: np.ndarray, normal: np.ndarray) -> np.ndarray:
         """BRDF [1/sr] of (N, 3) unit vectors, (N,) float32, by the very GLSL function that draws."""

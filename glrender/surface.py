@@ -25,6 +25,11 @@ class Surface:
     def __init__(self, body: Body):
         self.body = body
 
+    @property
+    def is_even(self) -> bool:
+        """Whether a facet in sunlight is as bright all over, where no surface detail is drawn."""
+        return not self.body.smooth_normals and self.body.albedo_map is None
+
     @cached_property
     def _facets(self) -> np.ndarray:
         return np.ascontiguousarray(self.body.shape.facets.T, np.intp)

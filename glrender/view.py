@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from glrender_camera import PinholeCamera
@@ -57,10 +58,15 @@ class BodyView:
     is_visible: bool
     is_whole: bool
 
-    @property
+    @cached_property
     def size_px(self) -> float:
         """Larger side of the outline's box [px]; infinite when it has none."""
         return np.inf if self.bounds_px is None else float(np.max(self.bounds_px[2:] - self.bounds_px[:2]))
+
+    @property
+    def sun_radius_rad(self) -> float:
+        """Angular radius of the Sun: its sine, from which it differs by 4e-6 of itself at 1 au."""
+        return SUN_RADIUS_M / (self.sun_distance_au * AU_M)
 
     @property
     def finest_px(self) -> float:

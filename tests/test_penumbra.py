@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import solids
@@ -106,3 +108,37 @@ def test_hard_edges_cost_less_than_predicted(phase_deg):
     view = view_bodies(state, scene.cameras[0], {"body": scene.bodies[0].hull})[0]
     assert 1e-4 < error < error_model.own_penumbra(view).error
     np.testing.assert_allclose(hard.sum(), disc.sum(), rtol=1e-3)
+
+
+@pytest.mark.parametrize("phase_deg", [45.0, 95.0, 120.0])
+def test_areas_tell_what_hard_edges_cost(phase_deg, monkeypatch):
+    """A rough binary at 1 %: by areas with the point Sun's edges, within the budget of rays with the disc."""
+    monkeypatch.setenv("GLRENDER_ENGINE_COSTS", "1e4 1e3 1e4 1e4 1")
+    scene = views.scene([sweeps._binary(6)], [views.camera(240, 2000.0)])
+    state = views.state(phase_deg=phase_deg)
+    with Renderer(scene) as renderer, RayTracer(scene) as tracer:
+        image, tight = (renderer.render(state, max_error=budget) for budget in (0.01, 0.0007))
+        exact = tracer.render(state, samples=16).irradiance_W_m2.astype(float)
+    assert [window.engine for window in image.plan.windows] == ["areas"]
+    assert [window.engine for window in tight.plan.windows] == ["rays"], "hard edges cost more than that"
+    lit = exact > 0.0
+    error = np.sqrt(np.mean((image.irradiance_W_m2 - exact)[lit] ** 2)) / exact[lit].mean()
+    assert error < image.plan.predicted_error < 0.01
+    np.testing.assert_allclose(image.irradiance_W_m2.sum(), exact.sum(), rtol=1e-3)
+
+
+def test_an_eclipse_s_penumbra_is_not_drawn_with_hard_edges(monkeypatch):
+    """A moon 1.5 radii sunward: hard edges cost less than the budget; 30 radii: planned for rays at once."""
+    monkeypatch.setenv("GLRENDER_ENGINE_COSTS", "1e4 1e3 1e4 1e4 1")
+    moon, planet = views.sphere(WHITE, 4, 30.0, "moon"), views.sphere(WHITE, 5, 100.0, "planet")
+    base = views.state(phase_deg=30.0, range_m=2000.0, bodies=("moon", "planet"))
+    sun = base.r_sun_inertial_m / np.linalg.norm(base.r_sun_inertial_m)
+    scene = views.scene([moon, planet], [views.camera(160, 1200.0)])
+    engines = []
+    with Renderer(scene) as renderer:
+        for far in (150.0, 3000.0):
+            state = replace(base, bodies={"planet": base.bodies["planet"], "moon": Pose(r_inertial_m=far * sun)})
+            plan = renderer.render(state, max_error=0.02).plan
+            engines.append(next(window.engine for window in plan.windows if "planet" in window.bodies))
+            assert plan.predicted_error <= 0.02
+    assert engines == ["areas", "rays"]

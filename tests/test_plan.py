@@ -106,6 +106,52 @@ def test_rays_are_cast_where_they_are_cheaper_or_a_shadow_map_is_too_coarse():
     assert exact.engine == "rays" and exact.modelling_error == 0.0
 
 
+AREAS = replace(RASTER, ray_ns=400.0, area_ns=160.0)
+
+
+def area_choice(members, max_error=0.02, samples=None, costs=AREAS, apart_px=0.0, even_facet_m=0.3, **changed):
+    bodies = [replace(body(member, budget=max_error), **changed) for member in members]
+    known = {member.name: replace(traits(FULL), even_facet_m=even_facet_m) for member in members}
+    return plan_windows.plan_windows(members, known, bodies, CAMERA, max_error, 1.0, costs, samples, apart_px)
+
+
+def test_areas_are_drawn_where_they_are_cheapest_and_rays_stand_by():
+    """50,000 facets of 4 px: 15 ms at any budget; 2 x 2 samples are as dear, 8 x 8 are ten times."""
+    choice, = area_choice([view(size_px=500.0)])
+    assert choice.first.engine == "areas" and choice.by_rays.engine == "rays"
+    assert choice.first.grid == tuple(choice.first.roi[k + 2] - choice.first.roi[k] for k in (0, 1))
+    assert choice.first.samples == 1 and choice.first.predicted_error <= 0.02
+    dear, = area_choice([view(size_px=500.0)], costs=replace(AREAS, area_ns=40_000.0))
+    assert dear.first.engine == "raster"
+    gpu, = area_choice([view(size_px=500.0)], costs=replace(AREAS, facet_ns=1.0, sample_ns=0.05))
+    assert gpu.first.engine == "raster"
+
+
+def test_areas_are_not_drawn_of_what_they_do_not_hold():
+    """Texture, smooth normals, detail, a wide penumbra, a body that reaches behind the camera, what is asked for."""
+    near = [view(size_px=500.0)]
+    uneven = plan_windows.plan_windows(near, {"body": traits(FULL)}, [body(near[0])], CAMERA, 0.02, 1.0, AREAS, None)
+    assert uneven[0].first.engine != "areas"
+    assert area_choice(near, even_facet_m=300.0)[0].first.engine != "areas"
+    assert area_choice(near, eclipse_error=0.06)[0].first.engine != "areas"
+    assert area_choice(near, samples=2)[0].first.engine == "raster"
+    assert area_choice(near, costs=replace(AREAS, ray_ns=np.inf))[0].first.engine == "raster"
+    assert area_choice([view(bounds_px=None, size_px=np.inf)])[0].first.engine != "areas"
+
+
+def test_a_small_body_has_cells_of_its_own_by_area():
+    """A lattice of 512 samples across is dearer than 50,000 facets, and errs: rays are what stands by."""
+    choice, = area_choice([view(size_px=3.0, phase_deg=140.0)], 0.005, costs=replace(AREAS, sample_ns=100.0))
+    assert choice.first.engine == "areas" and choice.first.samples == 0
+    assert choice.by_rays.engine == "rays" and choice.by_rays.samples == 0
+    x0, _, x1, _ = choice.first.bounds_px
+    assert (x1 - x0) / choice.first.grid[0] <= 0.4
+    tight, = area_choice([view(size_px=3.0, phase_deg=140.0)], 0.0015, costs=replace(AREAS, area_ns=1e5))
+    assert tight.first.engine == "areas", "dearer, but no lattice meets this budget"
+    apart, = area_choice([view(size_px=20.0)], 0.005, costs=replace(AREAS, sample_ns=100.0), apart_px=24.0)
+    assert apart.first.engine == "areas" and apart.first.samples == 0
+
+
 def test_few_rays_have_one_thread_and_many_have_all():
     """Eight threads: up to a part's rays what one takes, then no more until all are as fast."""
     costs = replace(RASTER, ray_ns=100.0, lone_ray_ns=800.0)

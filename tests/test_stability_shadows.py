@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 import sweeps
 import views
 from glrender import Body, Renderer, generate
 from glrender.brdf import Lambert
+from glrender.costs import EngineCosts
 from glrender.gl.targets import ShadowMap
 
 
@@ -32,6 +34,7 @@ def test_a_map_has_the_room_that_its_own_texels_ask_for(monkeypatch):
     shape = generate.three_lobes(radius_m=100.0, subdivisions=4)
     body = Body(name="body", shape=shape, brdf=Lambert(normal_albedo=0.2))
     with Renderer(views.scene([body], [views.camera()])) as renderer:
+        monkeypatch.setattr(renderer, "_costs", EngineCosts(facet_ns=100.0, sample_ns=20.0, ray_ns=np.inf))
         for budget in (0.01, 0.3):
             for phase_deg in range(40, 80, 4):
                 renderer.render(views.state(phase_deg=float(phase_deg)), max_error=budget)

@@ -15,3 +15,5 @@ if ! "$python" -m venv --clear "$venv" 2>/dev/null; then
     "$python" -m venv --clear "$venv"
 fi
 "$venv/bin/python" -m pip install --quiet --disable-pip-version-check -e '.[test]' -e clients/python
+# Loops are compiled now, not at the first start.
+"$venv/bin/python" -c 'from glrender import coverage, facet_loops, horizon_loops, ray_loops' || echo "rays and areas are not here (above)" >&2

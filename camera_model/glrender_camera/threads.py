@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import threading
 from collections import deque
@@ -40,6 +41,15 @@ def run(task: Callable[[int], None], items: Iterable[int], n_threads: int = N_TH
     finally:
         for helper in helpers:
             helper.result()
+
+
+def run_in_parts(task: Callable[[slice], None], n_items: int, at_once: int) -> None:
+    """Do a task for each part of some items, on all cores; parts depend on the items' number alone.
+
+    So many items at once are one part, more are an even number of parts.
+    """
+    n_parts = 1 if n_items <= at_once else 2 * math.ceil(n_items / (2 * at_once))
+    run(lambda k: task(slice(n_items * k // n_parts, n_items * (k + 1) // n_parts)), range(n_parts), N_CORES)
 
 
 @cache

@@ -9,7 +9,6 @@ import numpy as np
 
 from ... import frames
 from ...brdf import Lambert
-from ...constants import AU_M, SUN_RADIUS_M
 from ...scene import Body, Scene
 from ...view import BodyView
 from .lens import Lens
@@ -89,7 +88,7 @@ class BlenderTerms:
             "bodies_from": [matrix.tolist() for matrix in bodies],
             "camera_from": frames.transform(main_from_camera @ _BLENDER_AXES, r_camera / unit).tolist(),
             "sun_from": frames.transform(_axes_along(main.sun_direction_body), np.zeros(3)).tolist(),
-            "sun_angle_rad": 2.0 * math.asin(SUN_RADIUS_M / (main.sun_distance_au * AU_M)),
+            "sun_angle_rad": 2.0 * math.asin(main.sun_radius_rad),
             "size": [width, height], "region": list(lens.region), "focal_length": share * lens.focal_length,
             "shift": [-(cx - 0.5 * (width - 1)) / width, (cy - 0.5 * (height - 1)) / width],
             # Clipping is by range in some versions and by depth in others.
@@ -145,7 +144,7 @@ def warnings_of(main: BodyView, views: list[BodyView], lens: Lens, asked: dict[s
     beside_px = _FLOAT32 * asked["focal_length"] / lens.cells_per_px
     if beside_px > _MAX_BESIDE_PX:
         warnings.append(f"{main.name}: rays stand up to {beside_px:.2g} px beside their pixels, for Blender's float32")
-    sun_rad = SUN_RADIUS_M / (main.sun_distance_au * AU_M)
+    sun_rad = main.sun_radius_rad
     for view in views:
         there = view.camera_from_body @ view.sun_direction_body - main.camera_from_body @ main.sun_direction_body
         if np.linalg.norm(there) > _MAX_SUN_DIFFERENCE * sun_rad:

@@ -1,0 +1,164 @@
+"""Exact area sampling: the sunlit areas of facets, each pixel's share of them by area.
+
+Source: Catmull (1978), A hidden-surface algorithm with anti-aliasing, which clips polygons by pixels; what hides and
+shades them is found by rays here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from glrender_camera import PinholeCamera
+
+from .error_model import sliver_gain
+from .facet_tables import FacetTables, longest_sides_m
+from .frames import sun_from_body
+from .ray_engine import RayEngine
+from .scene import Scene
+from .surface import Surface
+from .view import BodyView
+
+# Share of the budget for pixels over that for the flux.
+_FLUX = 10.0
+# Share of a cell that must be covered twice to be seen; and of its light, the error that is left.
+_OVERLAP, _HALF = 1e-3, 0.5
+# Cells that a facet covers where it is far smaller than one.
+_FINE = 0.15
+# Of the squared budget, what is left for areas that turn out to be covered twice.
+_AIM = 0.9
+# And what penumbras may cost of the budget.
+_PENUMBRA = 0.7
+# Points of the Sun's disc, and what steps of so many leave of the error.
+_STEPS = ((4, 0.4), (8, 0.25))
+# Longest side of a facet, in those of the scene's smallest, from which it is coarse.
+_COARSE = 2.0
+# Least error that is told: a facet's light at its middle for all of it, and rays in float32.
+_LEAST = 5e-4
+
+
+class AreaEngine:
+    """Draws a scene's bodies by the areas of their facets, in float64.
+
+    Parameters
+    ----------
+    scene : Scene
+    rays : RayEngine
+        Of the same scene.
+    """
+
+    def __init__(self, scene: Scene, rays: RayEngine):
+        # Not before there is a scene: their loops are compiled, or read, at the first import.
+        from . import coverage, sunlit_areas
+
+        self._coverage, self._sunlit_areas = coverage, sunlit_areas
+        self._scene, self._rays = scene, rays
+        sides_m = {body.name: longest_sides_m(body.shape) for body in scene.bodies}
+        smallest_m = min(each[each > 0.0].min() for each in sides_m.values())
+        self._facets = {body.name: FacetTables(body, sides_m[body.name] > _COARSE * smallest_m)
+                        for body in scene.bodies if Surface(body).is_even}
+
+    def close(self) -> None:
+        """Release the tables."""
+        self._facets.clear()
+
+    def draw(self, names: Sequence[str], camera: PinholeCamera, views: list[BodyView],
+             bounds_px: tuple[float, float, float, float], grid: tuple[int, int],
+             budget: float) -> tuple[np.ndarray, float]:
+        """Means over the cells of a grid (rows, columns) float64 [W/m2 per pixel], and their expected error.
+
+        Nothing is drawn, and the error is infinite, where rays have to look: no corner is lit of facets that may be, or
+        hard edges in place of penumbras cost more than the budget allows.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Bodies that are drawn, all of each before the camera; others may cast shadows.
+        camera : PinholeCamera
+        views : list of BodyView
+            Of all bodies.
+        bounds_px : (float, float, float, float) [px]
+            Of the grid: x0, y0, x1, y1.
+        grid : (int, int)
+            Columns and rows.
+        budget : float [1]
+            RMS error of pixels over the mean of the lit ones.
+        """
+        def made(views: list[BodyView], budget: float, has_disc: bool) -> tuple[np.ndarray, float, float]:
+            return self._drawn(names, camera, views, bounds_px, grid, budget, has_disc)
+
+        means, told, penumbra = made(views, budget, self._scene.sun_disc)
+        if penumbra <= _PENUMBRA * budget:
+            return means, told
+        # Steps in place of a ramp: by points of the Sun's disc, each with hard edges.
+        for n_points, share in _STEPS:
+            if share * penumbra <= _PENUMBRA * budget:
+                left = math.sqrt(budget**2 - (share * penumbra) ** 2)
+                drawn = [made(_lit_from(views, point), left, False) for point in _on_disc(n_points)]
+                return (np.mean([means for means, _, _ in drawn], axis=0),
+                        math.hypot(float(np.mean([told for _, told, _ in drawn])), share * penumbra))
+        return means, math.inf
+
+    def _drawn(self, names: Sequence[str], camera: PinholeCamera, views: list[BodyView],
+               bounds_px: tuple[float, float, float, float], grid: tuple[int, int], budget: float,
+               has_disc: bool) -> tuple[np.ndarray, float, float]:
+        """The same with hard edges of shadows, and what they cost if the Sun has a disc.
+
+        Nothing is drawn if that is too much.
+        """
+        corner, far = np.reshape(np.array(bounds_px, float), (2, 2))
+        per_px = np.array(grid) / (far - corner)
+        areas = [self._sunlit_areas.SunlitAreas(self._facets[view.name], view, views, camera, bounds_px, self._rays)
+                 for view in views if view.name in names and view.is_visible]
+        light, n_px = sum(body.light for body in areas), sum(body.area_px for body in areas)
+        if not light > 0.0:
+            # Light between corners that are all dark is for others to find.
+            return np.zeros(grid[::-1]), math.inf if any(body.has_facing for body in areas) else 0.0, 0.0
+        # Of the root of a sum of squares: RMS over the lit pixels over their mean, or ten times the flux.
+        slivers = sliver_gain(max(view.phase_rad for view in views if view.name in names))
+        per_root = slivers * max(math.sqrt(n_px), _FLUX) / light
+        most = max(budget**2 - _LEAST**2, 0.0) / per_root**2
+        penumbras = sum(body.penumbra() for body in areas) if has_disc else 0.0
+        penumbra = per_root * math.sqrt(penumbras)
+        if penumbra > _PENUMBRA * budget:
+            return np.zeros(grid[::-1]), math.inf, penumbra
+        squared = penumbras + sum(body.refine(_AIM * (most - penumbras) / len(areas)) for body in areas)
+        # A pixel's solid angle falls off as cos^3 of its angle from the boresight: told of facets that are far smaller.
+        is_fine = n_px * per_px.prod() < _FINE * sum(body.n_areas for body in areas)
+        changes = self._coverage.no_changes(grid[::-1])
+        for body in areas:
+            body.add_to(changes, corner, per_px, 3.0 if is_fine else 0.0)
+        means, cover = self._coverage.means(changes)
+        # Where areas overlap, one that is hidden was taken to be seen: which of them is not known.
+        over = np.flatnonzero(cover > 1.0 + _OVERLAP)
+        kept = means.flat[over] / cover.flat[over]
+        squared += float(np.square(_HALF * (means.flat[over] - kept)).sum()) / per_px.prod() ** 2
+        means.flat[over] = kept
+        focal_px = camera.focal_length_px
+        means *= self._scene.solar_irradiance_of(camera) / focal_px**2
+        if not is_fine:
+            x, y = ((corner[k] + (np.arange(grid[k]) + 0.5) / per_px[k] - camera.principal_point_px[k]) / focal_px
+                    for k in range(2))
+            slant = 1.0 + x * x + (y * y)[:, None]
+            means /= slant * np.sqrt(slant)
+        return means, math.hypot(per_root * math.sqrt(squared), _LEAST), penumbra
+
+
+def _on_disc(n_points: int) -> np.ndarray:
+    """Points (K, 2) of a disc of radius 1: Vogel's spiral (1979), about its own middle."""
+    k = np.arange(n_points)
+    turn = k * np.pi * (3.0 - math.sqrt(5.0))
+    points = np.sqrt((k + 0.5) / n_points) * np.array([np.cos(turn), np.sin(turn)])
+    return (points - points.mean(axis=1, keepdims=True)).T
+
+
+def _lit_from(views: list[BodyView], point: np.ndarray) -> list[BodyView]:
+    """Views that are lit from a point (2,) of the Sun's disc of radius 1."""
+    across = sun_from_body(views[0].camera_from_body @ views[0].sun_direction_body)[:2].T @ point
+    lit = []
+    for view in views:
+        towards = view.sun_direction_body + view.camera_from_body.T @ across * view.sun_radius_rad
+        lit.append(replace(view, sun_direction_body=towards / np.linalg.norm(towards)))
+    return lit

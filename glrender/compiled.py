@@ -1,0 +1,42 @@
+"""How loops are compiled: by Numba, when their file is imported, and kept beside it or in the user's cache folder.
+
+Numba tells from a file's text whether what it kept is old, and from nothing else: a loop calls none of another file.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from typing import Any
+
+from numba import njit, types
+
+_log = logging.getLogger(__name__)
+
+
+def compiled(signature: Any) -> Callable[[Callable], Callable]:
+    """Decorator: a first frame does not wait for a compiler, and other threads run meanwhile.
+
+    Where machine code cannot be kept, or what was kept cannot be read, every start costs the time to make it again.
+    """
+    def decorate(function: Callable) -> Callable:
+        made = {"nogil": True, "error_model": "numpy"}
+        try:
+            return njit(signature, cache=True, **made)(function)
+        # No folder, a full disk, half a file, in which a pickle fails in any way: of what the loop is to blame for,
+        # the second time tells.
+        except Exception as error:
+            _log.warning("machine code of %s is not kept: %s: %s", function.__name__, type(error).__name__, error)
+            return njit(signature, **made)(function)
+
+    return decorate
+
+
+def read(dtype: types.Type, n_dimensions: int, layout: str = "C") -> types.Array:
+    """An array that is only read, of a layout: `C`, or `A` for any."""
+    return types.Array(dtype, n_dimensions, layout, readonly=True)
+
+
+def write(dtype: types.Type, n_dimensions: int, layout: str = "C") -> types.Array:
+    """An array that is written or returned."""
+    return types.Array(dtype, n_dimensions, layout)

@@ -1,0 +1,139 @@
+"""Means over an image's cells of what is constant between straight lines: exact, and by the lines alone.
+
+Green's theorem, as in the signed-area rasterisers of outline fonts: a line changes what lies to its right in its
+row of cells, so that sums along the rows are the image. The cost is that of the cells that lines cross.
+
+Compiled by Numba when this is imported, once on a machine. Values are complex, of two quantities at once. A line's
+step is what has larger x over what has smaller x beside a line that goes towards larger y; below, beside one that
+goes towards smaller y. Lines around a value are closed.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba.types import UniTuple, complex128, float64, int32, intp, void
+
+from .compiled import compiled, read, write
+
+# Of the largest mean, what rounding leaves in cells that are dark.
+_ROUNDING = 1e-12
+# Cells.
+_FARTHEST = 1e12
+_CHANGES, _NUMBERS, _VALUES, _VECTOR = write(complex128, 2), read(intp, 1), read(complex128, 1), read(float64, 1, "A")
+
+
+def no_changes(shape: tuple[int, int]) -> np.ndarray:
+    """Changes from cell to cell of an image of (rows, columns) that is dark: with two columns for what is beyond."""
+    return np.zeros((shape[0], shape[1] + 2), complex)
+
+
+def cell_means(start: np.ndarray, end: np.ndarray, steps: np.ndarray, shape: tuple[int, int]
+               ) -> tuple[np.ndarray, np.ndarray]:
+    """Means (rows, columns) float64 over the cells of an image: of the real part, and of the imaginary one.
+
+    Parameters
+    ----------
+    start, end : (2, E) float64
+        Ends of lines, x to the right and y down: the cell of row r and column c is c..c + 1, r..r + 1.
+    steps : (E,) complex128
+        Across the lines.
+    shape : (int, int)
+    """
+    changes = no_changes(shape)
+    for (x0, y0), (x1, y1), step in zip(start.T, end.T, steps, strict=True):
+        add_line(changes, x0, y0, x1, y1, step)
+    return means(changes)
+
+
+@compiled(UniTuple(write(float64, 2), 2)(_CHANGES))
+def means(changes):
+    """Means (rows, columns) of the changes (rows, columns + 2): their real part and their imaginary one."""
+    rows, columns = changes.shape[0], changes.shape[1] - 2
+    found = np.empty((2, rows, columns))
+    largest = np.zeros(2)
+    for row in range(rows):
+        here = 0.0j
+        for column in range(columns):
+            here += changes[row, column]
+            found[0, row, column], found[1, row, column] = here.real, here.imag
+            largest[0], largest[1] = max(largest[0], here.real), max(largest[1], here.imag)
+    for part in range(2):
+        least = _ROUNDING * largest[part]
+        for row in range(rows):
+            for column in range(columns):
+                if found[part, row, column] < least:
+                    found[part, row, column] = 0.0
+    return found[0], found[1]
+
+
+@compiled(void(_CHANGES, intp, intp, float64, complex128))
+def _add_in_cell(changes, row, column, middle, change):
+    """Add a change to the right of a middle within a cell, and to all cells beyond."""
+    beyond = change * (middle - column)
+    changes[row, column] += change - beyond
+    changes[row, column + 1] += beyond
+
+
+@compiled(void(_CHANGES, float64, float64, float64, float64, complex128))
+def add_line(changes, x0, y0, x1, y1, step):
+    """Add the changes that a line from (x0, y0) to (x1, y1) makes."""
+    rows, columns = changes.shape[0], changes.shape[1] - 2
+    if y1 < y0:
+        x0, y0, x1, y1, step = x1, y1, x0, y0, -step
+    top, bottom = max(y0, 0.0), min(y1, float(rows))
+    # What is no number, or too large for a count of cells, is nowhere.
+    if not top < bottom or min(x0, x1) >= columns or not abs(x0) + abs(x1) + y1 - y0 < _FARTHEST:
+        return
+    slope = (x1 - x0) / (y1 - y0)
+    x_top = x0 + (top - y0) * slope
+    for row in range(int(top), math.ceil(bottom)):
+        low = min(row + 1.0, bottom)
+        x_low = x0 + (low - y0) * slope
+        left, right, height = min(x_top, x_low), max(x_top, x_low), low - top
+        top, x_top = low, x_low
+        if left >= columns:
+            continue
+        # All that is left of the image is in its first column.
+        if right <= 0.0:
+            changes[row, 0] += step * height
+            continue
+        first, last = math.floor(max(left, 0.0)), math.ceil(min(right, float(columns)))
+        if last - first <= 1 and left >= 0.0 and right <= columns:
+            _add_in_cell(changes, row, first, 0.5 * (left + right), step * height)
+            continue
+        per_column = step * (height / (right - left))
+        if left < 0.0:
+            changes[row, 0] -= per_column * left
+        for column in range(first, last):
+            begins, ends = max(left, float(column)), min(right, column + 1.0)
+            _add_in_cell(changes, row, column, 0.5 * (begins + ends), per_column * (ends - begins))
+
+
+@compiled(void(_CHANGES, read(float64, 2), read(intp, 2), read(int32, 2), _NUMBERS, _VALUES, _VECTOR, _VECTOR))
+def add_facets(changes, xy, corners, neighbours, facets, shown, origin, per_px):
+    """Add what lines around facets (N,) change in cells; one line for two that share it.
+
+    `shown` (F,) are the values of all facets: 0 of those that are not drawn.
+    """
+    for i in range(len(facets)):
+        facet = facets[i]
+        for side in range(3):
+            across = neighbours[side, facet]
+            there = shown[across] if across >= 0 else 0.0j
+            if there == 0.0j or facet < across:
+                a, b = corners[side, facet], corners[(side + 1) % 3, facet]
+                add_line(changes, (xy[0, a] - origin[0]) * per_px[0], (xy[1, a] - origin[1]) * per_px[1],
+                         (xy[0, b] - origin[0]) * per_px[0], (xy[1, b] - origin[1]) * per_px[1], shown[facet] - there)
+
+
+@compiled(void(_CHANGES, read(float64, 3), _VALUES, _VECTOR, _VECTOR))
+def add_polygons(changes, xy, values, origin, per_px):
+    """Add what lines around polygons of corners (K, 2, N) [px] and values (N,) change in cells."""
+    n_corners = len(xy)
+    for i in range(len(values)):
+        for k in range(n_corners):
+            a, b = xy[k], xy[(k + 1) % n_corners]
+            add_line(changes, (a[0, i] - origin[0]) * per_px[0], (a[1, i] - origin[1]) * per_px[1],
+                     (b[0, i] - origin[0]) * per_px[0], (b[1, i] - origin[1]) * per_px[1], values[i])

@@ -1,0 +1,83 @@
+"""Loops over facets, compiled by Numba when this is imported, once on a machine. Vectors are in columns."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba.types import Tuple, float64, intp
+
+from .compiled import compiled, read, write
+
+_TABLE, _CORNERS, _NUMBERS = read(float64, 2), read(intp, 2), read(intp, 1)
+_VECTOR, _POINTS = read(float64, 1, "A"), read(float64, 2, "A")
+
+
+@compiled(Tuple((write(intp, 1), write(float64, 1)))(_TABLE, read(float64, 1), _VECTOR, _VECTOR))
+def facing(normal, offset_m, to_sun, r_camera_m):
+    """Facets (N,) that face Sun and camera, and the cosines (N,) of the Sun's incidence."""
+    n_facets = normal.shape[1]
+    found, cosines, n = np.empty(n_facets, np.intp), np.empty(n_facets), 0
+    for facet in range(n_facets):
+        x, y, z = normal[0, facet], normal[1, facet], normal[2, facet]
+        cosine = x * to_sun[0] + y * to_sun[1] + z * to_sun[2]
+        if cosine > 0.0 and x * r_camera_m[0] + y * r_camera_m[1] + z * r_camera_m[2] > offset_m[facet]:
+            found[n], cosines[n] = facet, cosine
+            n += 1
+    return found[:n].copy(), cosines[:n].copy()
+
+
+@compiled(Tuple((write(intp, 1), write(intp, 1), write(intp, 2)))(_CORNERS, _NUMBERS, intp))
+def vertices_of(corners, facets, n_vertices):
+    """Vertices (M,) of facets (N,), one facet (M,) of each, and which of them (3, N) the facets' corners are."""
+    number = np.full(n_vertices, -1, np.intp)
+    vertices, of = np.empty(n_vertices, np.intp), np.empty(n_vertices, np.intp)
+    places = np.empty((3, len(facets)), np.intp)
+    n = 0
+    for i in range(len(facets)):
+        for corner in range(3):
+            vertex = corners[corner, facets[i]]
+            if number[vertex] < 0:
+                number[vertex], vertices[n], of[n] = n, vertex, facets[i]
+                n += 1
+            places[corner, i] = number[vertex]
+    return vertices[:n].copy(), of[:n].copy(), places
+
+
+@compiled(write(float64, 2)(_POINTS, _POINTS, _VECTOR, float64, _VECTOR))
+def projected(r_body_m, camera_from_body, r_camera_m, focal_length_px, principal_point_px):
+    """Places (2, N) [px] of points (3, N) [m]."""
+    places, turn = np.empty((2, r_body_m.shape[1])), camera_from_body
+    for i in range(r_body_m.shape[1]):
+        a, b, c = r_body_m[0, i] - r_camera_m[0], r_body_m[1, i] - r_camera_m[1], r_body_m[2, i] - r_camera_m[2]
+        across = focal_length_px / (turn[2, 0] * a + turn[2, 1] * b + turn[2, 2] * c)
+        for axis in range(2):
+            places[axis, i] = principal_point_px[axis] + across * (
+                turn[axis, 0] * a + turn[axis, 1] * b + turn[axis, 2] * c)
+    return places
+
+
+@compiled(write(float64, 1)(_TABLE, _CORNERS, _NUMBERS))
+def areas(xy, corners, facets):
+    """Areas (N,) in the image of facets (N,) whose vertices are at places (2, V)."""
+    found = np.empty(len(facets))
+    for i in range(len(facets)):
+        a, b, c = corners[0, facets[i]], corners[1, facets[i]], corners[2, facets[i]]
+        found[i] = 0.5 * abs((xy[0, b] - xy[0, a]) * (xy[1, c] - xy[1, a])
+                             - (xy[0, c] - xy[0, a]) * (xy[1, b] - xy[1, a]))
+    return found
+
+
+@compiled(write(float64, 2)(_TABLE, _CORNERS, _NUMBERS, _VECTOR))
+def to_camera(vertices_m, corners, facets, r_camera_m):
+    """Unit vectors (3, N) from the middles of facets (N,)."""
+    found = np.empty((3, len(facets)))
+    for i in range(len(facets)):
+        a, b, c = corners[0, facets[i]], corners[1, facets[i]], corners[2, facets[i]]
+        squared = 0.0
+        for axis in range(3):
+            found[axis, i] = r_camera_m[axis] - (vertices_m[axis, a] + vertices_m[axis, b] + vertices_m[axis, c]) / 3.0
+            squared += found[axis, i] ** 2
+        for axis in range(3):
+            found[axis, i] /= math.sqrt(squared)
+    return found

@@ -1,0 +1,100 @@
+"""A body's facets in columns: corners, normals, and which share edges."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .horizons import Horizons
+from .rays import dot
+from .scene import Body
+from .shape import Shape
+from .surface import Surface
+
+# Angle between facets from which a shape is rough, and by which it is so once more.
+_ROUGH_RAD, _ROUGHER_RAD = 0.15, 0.3
+# Of the radius, how far a facet may rise above its neighbour's plane on a body that is convex.
+_FLAT = 1e-7
+# Vertices of which a table of horizons is made.
+_MOST_HORIZONS = 200_000
+
+
+class FacetTables:
+    """What does not change of a body's facets; vectors in columns.
+
+    Parameters
+    ----------
+    body : Body
+    is_coarse : (F,) bool
+        Whether a facet is far larger than the smallest of the scene, so that there are things that it does not know of.
+
+    Attributes
+    ----------
+    surface : Surface
+    n_facets : int
+    is_convex : bool
+        Without a dip: the hull's word is good to a thousandth of its volume.
+    horizons : Horizons or None
+        Of the vertices of a body that is not, and not too large: a table takes longer to make than it is worth.
+    vertices_m : (3, V) float64 [m]
+    corners : (3, F) int
+        Vertices, counter-clockwise from outside.
+    normal : (3, F) float64
+        Outward unit vectors.
+    offset_m : (F,) float64 [m]
+        Of the facets' planes from the body's origin, along the normal.
+    neighbours : (3, F) int32
+        Facets across the edges from each corner to the next, or -1.
+    rises : (3, F) bool
+        Whether the facet across an edge rises above the plane of this one.
+    roughness : float
+        1 of shapes whose neighbouring facets are 0.15 rad apart or less, 2 at 0.45 rad, and so on.
+    """
+
+    def __init__(self, body: Body, is_coarse: np.ndarray):
+        shape, self.is_coarse = body.shape, is_coarse
+        self.surface = Surface(body)
+        self.roughness = 1.0 + max(shape.crease_rad - _ROUGH_RAD, 0.0) / _ROUGHER_RAD
+        self.n_facets = len(shape.facets)
+        self.vertices_m = np.ascontiguousarray(shape.vertices_m.T)
+        self.corners = np.ascontiguousarray(shape.facets.T, np.intp)
+        self.normal = np.ascontiguousarray(shape.facet_normals.T)
+        self.offset_m = dot(self.normal, self.vertices_m.take(self.corners[0], axis=1))
+        # Now: a first frame that had to wait for them would be late.
+        self.neighbours = neighbours(self.corners, self.vertices_m.shape[1])
+        middle_m = self.corner_m(slice(None)).mean(axis=0)
+        height_m = np.stack([dot(self.normal, middle_m.take(across, axis=1)) - self.offset_m
+                             for across in self.neighbours])
+        self.rises = height_m > 0.0
+        self.is_convex = body.hull.is_convex and float(height_m.max()) <= _FLAT * body.hull.radius_m
+        self.horizons = None if self.is_convex or len(shape.vertices_m) > _MOST_HORIZONS else Horizons(shape)
+
+    def corner_m(self, facet: np.ndarray) -> np.ndarray:
+        """Corners (3, 3, N) [m] of facets (N,): corner, axis, facet."""
+        return np.stack([self.vertices_m.take(corner[facet], axis=1) for corner in self.corners])
+
+
+def longest_sides_m(shape: Shape) -> np.ndarray:
+    """Longest sides (F,) of facets [m]."""
+    corners_m = shape.vertices_m[shape.facets]
+    return np.linalg.norm(corners_m - corners_m[:, [1, 2, 0]], axis=2).max(axis=1)
+
+
+def neighbours(corners: np.ndarray, n_vertices: int) -> np.ndarray:
+    """Facets (3, F) int32 across the edges of facets, from each of their corners (3, F) to the next.
+
+    -1 where an edge has not exactly two facets that run along it in opposite directions.
+    """
+    following = corners[[1, 2, 0]]
+    key = (np.minimum(corners, following) * n_vertices + np.maximum(corners, following)).ravel()
+    order = np.argsort(key, kind="stable")
+    key = key[order]
+    is_new = np.concatenate([[True], key[1:] != key[:-1]])
+    first = np.flatnonzero(is_new)
+    pairs = first[np.diff(np.append(first, len(key))) == 2]
+    one, other = order[pairs], order[pairs + 1]
+    goes_up = (corners < following).ravel()
+    opposite = goes_up[one] != goes_up[other]
+    one, other = one[opposite], other[opposite]
+    found = np.full(len(key), -1, np.int32)
+    found[one], found[other] = other % corners.shape[1], one % corners.shape[1]
+    return found.reshape(3, -1)

@@ -1,0 +1,200 @@
+"""Loops over horizons, compiled by Numba when this is imported, once on a machine. Vectors are in columns."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba.types import UniTuple, boolean, float64, intp, uint8, void
+
+from .compiled import compiled, read, write
+
+N_AZIMUTHS = 16
+# Levels of a tree that a stack has room for.
+_DEEPEST = 64
+# Of 255 parts of a sine: rays start a little off the surface, and in float32.
+_MARGIN = 1.0
+# Sine that a horizon has at least: it leaves out what is far and level.
+_LEAST = 0.05
+# Sine of the angle that a box takes up, about, below which what is in it is not looked at.
+_SMALL = 0.2
+_TABLE, _VECTOR, _HEIGHTS = read(float64, 2), read(float64, 1, "A"), write(float64, 1)
+_PLACE, _TURN = UniTuple(float64, 3), UniTuple(float64, 9)
+
+
+@compiled(UniTuple(float64, 6)(float64, float64, float64))
+def _across(x, y, z):
+    """Two unit vectors across a third. Source: Duff et al. (2017), Building an orthonormal basis, revisited."""
+    sign = math.copysign(1.0, z)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    return 1.0 + sign * x * x * a, sign * b, -sign * x, b, sign + y * y * a, -y
+
+
+@compiled(intp(float64, float64))
+def _sector(s, t):
+    """Which sector of azimuth a direction is in: by its place on a square around, which needs no angle."""
+    around = abs(s) + abs(t)
+    if not around > 0.0:
+        return 0
+    if t >= 0.0:
+        place = t / around if s >= 0.0 else 1.0 - s / around
+    else:
+        place = 2.0 - t / around if s < 0.0 else 3.0 + s / around
+    return int(place * (N_AZIMUTHS / 4)) % N_AZIMUTHS
+
+
+@compiled(boolean(_HEIGHTS, float64, float64, float64, float64, float64, boolean))
+def _is_above(heights, s, t, u, v, sine, raises):
+    """Whether a sine is above the heights of sectors from (s, t) counter-clockwise to (u, v); they may be raised."""
+    first = _sector(s, t)
+    is_above = False
+    for k in range((_sector(u, v) - first) % N_AZIMUTHS + 1):
+        sector = (first + k) % N_AZIMUTHS
+        is_above |= heights[sector] < sine
+        if raises:
+            heights[sector] = max(heights[sector], sine)
+    return is_above
+
+
+@compiled(_PLACE(_TABLE, intp, float64, float64, float64, _TURN))
+def _turned(points_m, k, x, y, z, turn):
+    """Where one of some points (3, N) [m] is from (x, y, z): across the normal twice, and along it."""
+    u, v, w = points_m[0, k] - x, points_m[1, k] - y, points_m[2, k] - z
+    return (u * turn[0] + v * turn[1] + w * turn[2], u * turn[3] + v * turn[4] + w * turn[5],
+            u * turn[6] + v * turn[7] + w * turn[8])
+
+
+@compiled(float64(_PLACE))
+def _sine(place):
+    return place[2] / math.sqrt(place[0] * place[0] + place[1] * place[1] + place[2] * place[2])
+
+
+@compiled(boolean(_HEIGHTS, float64, float64, float64, float64, float64))
+def _may_rise(heights, s, t, height, half, radius):
+    """Whether a box may rise above heights: its middle at (s, t) over the plane and so high, and half as high itself.
+
+    It is in a ball of a radius around. If that looks small, the heights are raised over all of it instead.
+    """
+    top, flat = height + half, s * s + t * t
+    squared = flat + height * height
+    if squared <= radius * radius:
+        return top > 0.0
+    distance = math.sqrt(squared)
+    sine, of_ball = height / distance, radius / distance
+    cosine = math.sqrt(1.0 - of_ball * of_ball)
+    highest = 1.0 if sine >= cosine else sine * cosine + math.sqrt(max(1.0 - sine * sine, 0.0)) * of_ball
+    highest = min(highest, top / (distance - radius))
+    if highest <= _LEAST:
+        return False
+    if flat <= radius * radius:
+        return heights.min() < highest
+    turn = radius / math.sqrt(flat)
+    straight = math.sqrt(1.0 - turn * turn)
+    is_small = of_ball < _SMALL
+    return _is_above(heights, s * straight + t * turn, t * straight - s * turn, s * straight - t * turn,
+                     t * straight + s * turn, highest, is_small) and not is_small
+
+
+@compiled(float64(_PLACE, _PLACE))
+def _highest(a, b):
+    """Largest sine of the elevation along a line between two places: across the normal twice, and along it."""
+    here, there = a[0] * a[0] + a[1] * a[1] + a[2] * a[2], b[0] * b[0] + b[1] * b[1] + b[2] * b[2]
+    if not (here > 0.0 and there > 0.0):
+        # One is where this is looked from.
+        return max(a[2], b[2]) / math.sqrt(max(here, there))
+    highest = max(a[2] / math.sqrt(here), b[2] / math.sqrt(there))
+    x, y, z = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    along, length = a[0] * x + a[1] * y + a[2] * z, x * x + y * y + z * z
+    rise = z * along - a[2] * length
+    part = (a[2] * along - z * here) / rise
+    if 0.0 < part < 1.0:
+        s, t, h = a[0] + part * x, a[1] + part * y, a[2] + part * z
+        highest = max(highest, h / math.sqrt(s * s + t * t + h * h))
+    return highest
+
+
+@compiled(void(_HEIGHTS, float64, float64, float64, float64, float64))
+def _raise_between(heights, s, t, u, v, sine):
+    """Raise heights from (s, t) to (u, v), the shorter way."""
+    if s * v - t * u >= 0.0:
+        _is_above(heights, s, t, u, v, sine, True)
+    else:
+        _is_above(heights, u, v, s, t, sine, True)
+
+
+@compiled(void(_HEIGHTS, _PLACE, _PLACE, _PLACE))
+def _raise_over(heights, a, b, c):
+    """Raise heights over a facet, of corners across the normal twice, and along it: none of them on the normal."""
+    highest = max(_highest(a, b), _highest(b, c), _highest(c, a))
+    if highest <= _LEAST:
+        return
+    of_a, of_b, of_c = b[0] * c[1] - b[1] * c[0], c[0] * a[1] - c[1] * a[0], a[0] * b[1] - a[1] * b[0]
+    if (of_a >= 0.0 and of_b >= 0.0 and of_c >= 0.0) or (of_a <= 0.0 and of_b <= 0.0 and of_c <= 0.0):
+        if a[0] == a[1] == a[2] == 0.0:
+            _raise_between(heights, b[0], b[1], c[0], c[1], highest)
+        elif b[0] == b[1] == b[2] == 0.0:
+            _raise_between(heights, c[0], c[1], a[0], a[1], highest)
+        elif c[0] == c[1] == c[2] == 0.0:
+            _raise_between(heights, a[0], a[1], b[0], b[1], highest)
+        else:
+            # It is around the normal.
+            heights[:] = 1.0
+        return
+    _raise_between(heights, a[0], a[1], b[0], b[1], highest)
+    _raise_between(heights, b[0], b[1], c[0], c[1], highest)
+    _raise_between(heights, c[0], c[1], a[0], a[1], highest)
+
+
+@compiled(void(_TABLE, _TABLE, read(intp, 2), _TABLE, _TABLE, read(float64, 1), read(intp, 1), intp, intp,
+               write(uint8, 2)))
+def find_horizons(vertices_m, normals, corners, middles_m, halves_m, radii_m, begins, first, last, found):
+    """Write how high a mesh stands around vertices first to last, over the plane across their normals (3, V).
+
+    (V, sectors) uint8: 255 times the sine, rounded up, with a margin. The mesh is in a binary tree of boxes: `tree`.
+    """
+    n_leaves = len(begins) - 1
+    heights, stack = np.empty(N_AZIMUTHS), np.empty(_DEEPEST, np.intp)
+    for vertex in range(first, last):
+        a, b, c = normals[0, vertex], normals[1, vertex], normals[2, vertex]
+        turn = (*_across(a, b, c), a, b, c)
+        x, y, z = vertices_m[0, vertex], vertices_m[1, vertex], vertices_m[2, vertex]
+        heights[:] = _LEAST
+        stack[0], n = 1, 1
+        while n:
+            n -= 1
+            node = stack[n]
+            s, t, height = _turned(middles_m, node, x, y, z, turn)
+            half = abs(a) * halves_m[0, node] + abs(b) * halves_m[1, node] + abs(c) * halves_m[2, node]
+            if not _may_rise(heights, s, t, height, half, radii_m[node]):
+                continue
+            if node < n_leaves:
+                # The higher one first: it hides more.
+                one, other = 2 * node, 2 * node + 1
+                if _sine(_turned(middles_m, one, x, y, z, turn)) > _sine(_turned(middles_m, other, x, y, z, turn)):
+                    one, other = other, one
+                stack[n], stack[n + 1] = one, other
+                n += 2
+                continue
+            for facet in range(begins[node - n_leaves], begins[node - n_leaves + 1]):
+                i, j, k = corners[0, facet], corners[1, facet], corners[2, facet]
+                _raise_over(heights, _turned(vertices_m, i, x, y, z, turn), _turned(vertices_m, j, x, y, z, turn),
+                            _turned(vertices_m, k, x, y, z, turn))
+        for k in range(N_AZIMUTHS):
+            found[vertex, k] = min(math.ceil(255.0 * heights[k] + _MARGIN), 255.0)
+
+
+@compiled(void(_TABLE, _TABLE, read(uint8, 2), read(intp, 1), _VECTOR, boolean, write(boolean, 1)))
+def find_open(vertices_m, normals, horizons, vertices, towards, is_place, is_open):
+    """Whether vertices (N,) see a direction or a place [m] (3,) above their horizons for certain."""
+    u, v, w = towards[0], towards[1], towards[2]
+    for i in range(len(vertices)):
+        k = vertices[i]
+        if is_place:
+            u, v, w = towards[0] - vertices_m[0, k], towards[1] - vertices_m[1, k], towards[2] - vertices_m[2, k]
+            length = math.sqrt(u * u + v * v + w * w)
+            u, v, w = u / length, v / length, w / length
+        a, b, c = normals[0, k], normals[1, k], normals[2, k]
+        ax, ay, az, bx, by, bz = _across(a, b, c)
+        sector = _sector(u * ax + v * ay + w * az, u * bx + v * by + w * bz)
+        is_open[i] = 255.0 * min(u * a + v * b + w * c, 1.0) > horizons[k, sector]

@@ -1,0 +1,227 @@
+"""Areas of facets against closed forms and against rays, from whole bodies to bodies of a pixel."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import cv2
+import numpy as np
+import pytest
+import solids
+import views
+from glrender import Body, Shape, frames, generate
+from glrender.area_engine import AreaEngine
+from glrender.brdf import Hapke, Lambert, LommelSeeliger
+from glrender.facet_tables import neighbours
+from glrender.grouping import region
+from glrender.ray_engine import RayEngine
+from glrender.view import view_bodies
+from glrender_camera import threads
+
+LAW = Lambert(normal_albedo=0.3)
+BUDGETS = (0.1, 0.03, 0.01)
+
+
+@cache
+def rough(subdivisions=5, seed=3):
+    return generate.contact_binary(radius_m=100.0, seed=seed, subdivisions=subdivisions)
+
+
+def drawn(bodies, state, camera, budget=0.02, names=None):
+    """Means of the bodies' region by areas, the told error, the region, and the rays of the same scene."""
+    scene = views.scene(bodies, [camera], sun_disc=False)
+    seen = view_bodies(state, camera, scene.hulls)
+    rays = RayEngine(scene)
+    x0, y0, x1, y1 = roi = region([view for view in seen if view.is_visible], camera)
+    image, told = AreaEngine(scene, rays).draw(
+        names or [body.name for body in bodies], camera, seen, (x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5),
+        (x1 - x0, y1 - y0), budget)
+    return image, told, roi, (rays, seen)
+
+
+def traced(camera, roi, rays, n):
+    """Means of n x n rays a pixel: of all pixels, by every second, then of those that n // 4 x n // 4 say are lit."""
+    engine, seen = rays
+    x0, y0, x1, y1 = roi
+    y, x = np.mgrid[y0:y1, x0:x1]
+    pixel = np.stack([x.ravel(), y.ravel()], axis=1).astype(float)
+
+    def mean(pixel, n):
+        offset = (np.arange(n) + 0.5) / n - 0.5
+        return sum(engine.irradiance(pixel + (dx, dy), camera, seen) for dx in offset for dy in offset) / n**2
+
+    coarse = (mean(pixel, max(n // 4, 3)) > 0.0).reshape(x.shape).astype(np.uint8)
+    near = np.flatnonzero(cv2.dilate(coarse, np.ones((3, 3), np.uint8)))
+    image = np.zeros(x.shape)
+    image.flat[near] = mean(pixel[near], n)
+    return image
+
+
+def rms(image, truth):
+    lit = (truth > 0.0) | (image > 0.0)
+    return float(np.sqrt(np.mean((image - truth)[lit] ** 2)) / truth[truth > 0.0].mean())
+
+
+@pytest.mark.parametrize("law", [
+    LAW, LommelSeeliger(single_scattering_albedo=0.3),
+    Hapke(single_scattering_albedo=0.4, b=0.3, c=0.5, roughness_deg=20.0)], ids=lambda law: law.glsl)
+@pytest.mark.parametrize("phase_deg", [0.0, 70.0, 160.0])
+def test_a_convex_body_sends_the_sum_of_its_facets(law, phase_deg):
+    """Nothing hides or shades: a facet's solid angle times its radiance is all its light, to the last digits."""
+    state, camera = views.state(phase_deg=phase_deg, range_m=60_000.0), views.camera(64, 8000.0)
+    body = views.sphere(law, subdivisions=4)
+    image, _, _, (_, (view,)) = drawn([body], state, camera)
+    shape = body.shape
+    middle = shape.vertices_m[shape.facets].mean(axis=1)
+    away = view.r_camera_body_m - middle
+    distance = np.linalg.norm(away, axis=1)
+    mu = np.einsum("ij,ij->i", away, shape.facet_normals) / distance
+    mu0 = shape.facet_normals @ view.sun_direction_body
+    facing = np.flatnonzero((mu > 0.0) & (mu0 > 0.0))
+    brdf = law.brdf(view.sun_direction_body, (away / distance[:, None])[facing], shape.facet_normals[facing])
+    solid_angle = (shape.facet_areas_m2 * mu / distance**2)[facing]
+    expected = views.SOLAR_IRRADIANCE_W_M2 / view.sun_distance_au**2 * float(brdf * mu0[facing] @ solid_angle)
+    np.testing.assert_allclose(image.sum(), expected, rtol=3e-5)
+
+
+@pytest.mark.parametrize("phase_deg, size_px", [(30.0, 150.0), (90.0, 150.0), (130.0, 200.0), (60.0, 12.0)])
+def test_a_rough_body_is_within_what_is_told(phase_deg, size_px):
+    state, camera = views.state(phase_deg=phase_deg, range_m=50_000.0), views.camera(256, 250.0 * size_px)
+    bodies = [Body(name="body", shape=rough(), brdf=LAW)]
+    truth, errors = None, []
+    for budget in BUDGETS:
+        image, told, roi, rays = drawn(bodies, state, camera, budget)
+        truth = traced(camera, roi, rays, 25) if truth is None else truth
+        errors.append(rms(image, truth))
+        assert errors[-1] <= told <= budget, (errors, told)
+        assert abs(image.sum() / truth.sum() - 1.0) < 0.1 * budget
+    assert errors == sorted(errors, reverse=True)
+
+
+@pytest.mark.parametrize("phase_deg", [98.0, 120.0, 147.0])
+@pytest.mark.parametrize("size_px", [3.0, 6.6])
+def test_a_rough_body_of_a_few_pixels_keeps_its_flux(phase_deg, size_px):
+    """Light in single cells of a lattice erred by 1.8 % where 0.9 % was asked for: areas have no lattice."""
+    bodies = [Body(name="body", shape=rough(), brdf=LAW)]
+    near, far = views.camera(300, 50_000.0), views.camera(64, 250.0 * size_px)
+    state = views.state(phase_deg=phase_deg, range_m=50_000.0)
+    image, _, _, _ = drawn(bodies, state, far, 0.01)
+    _, _, roi, rays = drawn(bodies, state, near, 0.1)
+    truth = traced(near, roi, rays, 9).sum()
+    np.testing.assert_allclose(image.sum(), truth, rtol=1e-3)
+
+
+def test_bodies_hide_and_eclipse_each_other():
+    """A moon before the limb of a planet, whose shadow falls on it."""
+    planet = views.sphere(LAW, 5, 100.0, "planet")
+    moon = Body(name="moon", shape=generate.contact_binary(radius_m=30.0, seed=5, subdivisions=4), brdf=LAW)
+    state = views.state(phase_deg=50.0, bodies=("planet", "moon"))
+    direction = state.spacecraft.r_inertial_m / np.linalg.norm(state.spacecraft.r_inertial_m)
+    sun = state.r_sun_inertial_m / np.linalg.norm(state.r_sun_inertial_m)
+    place = 150.0 * (0.55 * direction + 0.45 * sun) + 30.0 * frames.dcm(state.spacecraft.q_from_inertial)[0]
+    state = replace(state, bodies={**state.bodies, "moon": replace(state.bodies["moon"], r_inertial_m=place)})
+    camera = views.camera(256, 1800.0)
+    image, told, roi, rays = drawn([planet, moon], state, camera, 0.01)
+    truth = traced(camera, roi, rays, 21)
+    alone, _, _, _ = drawn([planet], replace(state, bodies={"planet": state.bodies["planet"]}), camera)
+    assert image.sum() < 0.97 * alone.sum(), "the moon is before the planet, or its shadow on it"
+    assert rms(image, truth) <= 0.01 and told <= 0.01
+
+
+def several(*boxes):
+    """Boxes in one shape."""
+    made = [solids.box(*ends) for ends in boxes]
+    return Shape.from_arrays(np.concatenate([vertices for vertices, _ in made]),
+                             np.concatenate([facets + 8 * k for k, (_, facets) in enumerate(made)]))
+
+
+@pytest.mark.parametrize("phase_deg", [20.0, 60.0])
+@pytest.mark.parametrize("shape", [
+    several(((-100, -100, -20), (100, 100, 0)), ((-10, -10, 40), (10, 10, 60))),
+    several(((-50, -50, -50), (50, 50, 50)), ((20, -50, -20), (80, 30, 20)))], ids=["above a facet", "flush with one"])
+def test_what_falls_between_a_facet_s_corners_is_found_or_told(shape, phase_deg):
+    """A shadow in the middle of a slab, whose corners are all lit; and facets in one plane, which each other hides."""
+    state, camera = views.state(phase_deg=phase_deg, direction=(0.3, -0.6, 0.6)), views.camera(128, 900.0)
+    image, told, roi, rays = drawn([Body(name="body", shape=shape, brdf=LAW)], state, camera, 0.02)
+    assert rms(image, traced(camera, roi, rays, 21)) <= told
+
+
+@pytest.mark.parametrize("subdivisions", [1, 3])
+def test_a_moon_before_the_middle_of_a_facet_hides_it(subdivisions):
+    planet, moon = views.sphere(LAW, subdivisions, 100.0, "planet"), views.sphere(LAW, 3, 2.0, "moon")
+    state, camera = views.state(phase_deg=30.0, bodies=("planet", "moon")), views.camera(128, 900.0)
+    place = 0.065 * state.spacecraft.r_inertial_m + 3.0
+    state = replace(state, bodies={**state.bodies, "moon": replace(state.bodies["moon"], r_inertial_m=place)})
+    image, told, roi, rays = drawn([planet, moon], state, camera, 0.02)
+    assert rms(image, traced(camera, roi, rays, 21)) <= told
+
+
+def test_a_moon_of_few_facets_hides_what_is_between_the_corners_of_others():
+    """Its facets have half the sides of the planet's, and all of it is as large as one of those."""
+    planet, moon = views.sphere(LAW, 3, 100.0, "planet"), views.sphere(LAW, 0, 7.0, "moon")
+    state, camera = views.state(phase_deg=30.0, bodies=("planet", "moon")), views.camera(128, 900.0)
+    place = 110.0 * state.r_sun_inertial_m / np.linalg.norm(state.r_sun_inertial_m) + 3.0
+    state = replace(state, bodies={**state.bodies, "moon": replace(state.bodies["moon"], r_inertial_m=place)})
+    image, told, roi, rays = drawn([planet, moon], state, camera, 0.05)
+    assert rms(image, traced(camera, roi, rays, 21)) <= told <= 0.05
+
+
+def test_of_facets_larger_than_the_frame_the_error_is_that_of_the_frame():
+    """The shadow of a small box fills much of a frame that sees a thousandth of what is lit."""
+    shape = several(((-1000, -1000, -20), (1000, 1000, 0)), ((-5, -5, 20), (5, 5, 30)))
+    state, camera = views.state(phase_deg=40.0, direction=(0.3, -0.6, 0.6)), views.camera(64, 2000.0)
+    image, told, roi, rays = drawn([Body(name="body", shape=shape, brdf=LAW)], state, camera, 0.02)
+    assert rms(image, traced(camera, roi, rays, 21)) <= told
+
+
+def test_what_is_beside_the_frame_casts_shadows_and_takes_no_part():
+    state, camera = views.state(phase_deg=60.0), views.camera(64, 2500.0)
+    image, told, roi, rays = drawn([Body(name="body", shape=rough(), brdf=LAW)], state, camera, 0.01)
+    assert roi == (0, 0, 64, 64)
+    assert rms(image, traced(camera, roi, rays, 21)) <= told <= 0.01
+
+
+def test_the_image_does_not_depend_on_threads_or_on_what_was_drawn_before(monkeypatch):
+    state, camera = views.state(phase_deg=110.0), views.camera(256, 1500.0)
+    bodies = [Body(name="body", shape=rough(), brdf=LAW)]
+    first = drawn(bodies, state, camera, 0.005)[0]
+    monkeypatch.setattr(threads, "N_CORES", 1)
+    np.testing.assert_array_equal(drawn(bodies, state, camera, 0.005)[0], first)
+
+
+def test_the_image_does_not_depend_on_the_inertial_frame():
+    camera, bodies = views.camera(128, 900.0), [Body(name="body", shape=rough(), brdf=LAW)]
+    state = views.state(phase_deg=75.0)
+    image = drawn(bodies, state, camera, 0.01)[0]
+    rng = np.random.default_rng(4)
+    q = rng.standard_normal(4)
+    turn = frames.dcm(q / np.linalg.norm(q))
+    turned = replace(
+        state, r_sun_inertial_m=turn.T @ state.r_sun_inertial_m,
+        spacecraft=replace(state.spacecraft, r_inertial_m=turn.T @ state.spacecraft.r_inertial_m,
+                           q_from_inertial=frames.quaternion(frames.dcm(state.spacecraft.q_from_inertial) @ turn)),
+        bodies={"body": replace(state.bodies["body"], q_from_inertial=frames.quaternion(turn))})
+    assert rms(drawn(bodies, turned, camera, 0.01)[0], image) < 1e-3
+
+
+def test_an_open_shell_has_its_rim():
+    """Half a sphere: edges with one facet."""
+    shape = generate.icosphere(radius_m=100.0, subdivisions=4)
+    kept = shape.facets[shape.vertices_m[shape.facets].mean(axis=1)[:, 1] < 20.0]
+    half = Shape.from_arrays(shape.vertices_m, kept)
+    assert half.report.n_open_edges > 0
+    state, camera = views.state(phase_deg=40.0), views.camera(128, 900.0)
+    image, told, roi, rays = drawn([Body(name="body", shape=half, brdf=LAW)], state, camera, 0.01)
+    assert rms(image, traced(camera, roi, rays, 21)) <= max(told, 0.01)
+
+
+def test_neighbours_are_found_across_every_edge_and_not_across_others():
+    corners = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]]).T
+    np.testing.assert_array_equal(neighbours(corners, 4), [[2, 0, 1, 2], [3, 3, 3, 1], [1, 2, 0, 0]])
+    open_shell = neighbours(corners[:, :3], 4)
+    np.testing.assert_array_equal(open_shell, [[2, 0, 1], [-1, -1, -1], [1, 2, 0]])
+    # A third facet along an edge, and one that runs along it the same way: neither has a neighbour there.
+    twice = neighbours(np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4]]).T, 5)
+    assert (twice[0] == -1).all()
+    assert (neighbours(np.array([[0, 1, 2], [0, 1, 3]]).T, 4) == -1).all()
