@@ -32,8 +32,8 @@ from .view import view_bodies
 _FRAMES = 15
 _SUBDIVISIONS = 6
 _SIZE_PX, _SAMPLES = 1024, 4
-# Pixels of the sphere by areas; what real bodies, whose horizons are high, take more by them.
-_SPHERE_PX, _REAL_AREAS = 8600.0, 1.45
+# Pixels of the sphere by areas; what real bodies take more, whose horizons are high and whose facets cover samples.
+_SPHERE_PX, _REAL_AREAS, _REAL_FACETS = 8600.0, 1.45, 1.8
 # Rays along the side of a square that keeps all threads busy.
 _MANY_SIDE = 256
 
@@ -60,7 +60,7 @@ def engine_costs(context: Context, with_rays: bool, cache: Path | None = None) -
         given = _given(os.environ["GLRENDER_ENGINE_COSTS"])
         return given if with_rays else replace(given, ray_ns=math.inf, lone_ray_ns=math.inf, area_ns=math.inf)
     machine = f"{context.info['gl_renderer']} {context.info['gl_version']} {os.cpu_count()} {with_rays}"
-    name = f"costs7-{hashlib.sha256(machine.encode()).hexdigest()[:16]}"
+    name = f"costs8-{hashlib.sha256(machine.encode()).hexdigest()[:16]}"
     made = cached_arrays(name, ["ns"], lambda: {"ns": _measured(context, with_rays)}, cache)
     facet, sample, ray, lone_ray, area = (float(2.0 ** (np.round(2.0 * np.log2(x)) / 2.0)) for x in made["ns"])
     return EngineCosts(facet_ns=facet, sample_ns=sample, ray_ns=ray, lone_ray_ns=lone_ray, area_ns=area)
@@ -115,7 +115,8 @@ def _measured(context: Context, with_rays: bool) -> np.ndarray:
         areas.close()
         engine.close()
     # The sphere fills 0.78 of the square that it is drawn in.
-    return 1e9 * np.array([facets_s / len(sphere.facets), max(samples_s, 1e-6) / (0.78 * _SIZE_PX**2), *ray_s, area_s])
+    facet_s, sample_s = _REAL_FACETS * facets_s / len(sphere.facets), max(samples_s, 1e-6) / (0.78 * _SIZE_PX**2)
+    return 1e9 * np.array([facet_s, sample_s, *ray_s, area_s])
 
 
 def _draw(context: Context, target: Target, mesh: Mesh, size_px: int) -> np.ndarray:

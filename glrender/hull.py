@@ -25,6 +25,15 @@ class Hull:
     facets : (F, 3) int
         Counter-clockwise from outside.
 
+    Attributes
+    ----------
+    points_m : (3, H) float64 [m]
+        Its corners.
+    radius_m : float [m]
+        Of the farthest from the origin.
+    is_convex : bool
+        Whether the surface is its hull, to a millionth of its volume.
+
     Raises
     ------
     ShapeError
@@ -36,12 +45,13 @@ class Hull:
             hull = ConvexHull(vertices_m)
         except QhullError as error:
             raise ShapeError("shape", f"has no convex hull: {str(error).splitlines()[0]}") from None
-        self.points_m = np.ascontiguousarray(vertices_m[hull.vertices])
-        self.radius_m = float(np.linalg.norm(self.points_m, axis=1).max())
+        points_m = vertices_m[hull.vertices]
+        self.points_m = np.ascontiguousarray(points_m.T)
+        self.radius_m = float(np.linalg.norm(points_m, axis=1).max())
         self._planes = hull.equations
         self._corners = (vertices_m, facets)
         # Volumes relative to the hull's own centre, or a far-off origin would cancel digits.
-        centre = self.points_m.mean(axis=0)
+        centre = points_m.mean(axis=0)
         a, b, c = (vertices_m[facets[:, k]] - centre for k in range(3))
         volume = float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
         area = 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
@@ -50,7 +60,7 @@ class Hull:
 
     def is_outside(self, point_m: np.ndarray) -> bool:
         """Whether a point (3,) [m] is outside the surface."""
-        if self._hull_distance(point_m) > 0.0:
+        if np.linalg.norm(point_m) > self.radius_m or self._hull_distance(point_m) > 0.0:
             return True
         return not self.is_convex and abs(winding_number(*self._corners, point_m)) < 0.5
 

@@ -45,6 +45,9 @@ _PASSED_OVER_COST, _UNLIT_COST = 0.45, 0.35
 _TEXEL_COST = 0.1
 # Cost of a layer of surface detail, in samples.
 _LAYER_COST = 1.5
+# Cost of a facet and of a sample of a level of detail, which has texels with normals and vertices for each facet, over
+# one of the full shape.
+_LEVEL_FACET, _LEVEL_SAMPLE = 2.6, 1.5
 # Fewest samples along a pixel's side of a low Sun's slivers, where the budget would notice one that is missed: from one
 # phase on, and more per radian beyond another.
 _SLIVER_SAMPLES, _SLIVER_PHASE_RAD, _SLIVER_BUDGET = 3.0, 1.4, 0.03
@@ -123,11 +126,11 @@ class _Window:
                  camera: PinholeCamera, budget: float, error_gain: float, costs: EngineCosts, apart_px: float):
         self._members, self._budget, self._gain, self._apart_px = members, budget, error_gain, apart_px
         self._drawn = [plans[view.name] for view in members]
-        texel_ns = _TEXEL_COST * costs.sample_ns
         n_layers = max(body.detail_layers for body in self._drawn)
+        of_level = _LEVEL_SAMPLE if any(body.level for body in self._drawn) else 1.0
+        self._sample_ns = costs.sample_ns * (of_level + _LAYER_COST * n_layers)
         # Surface detail is OpenGL's: by rays, in NumPy, it takes a minute a frame.
-        self._costs = costs = replace(costs, sample_ns=costs.sample_ns * (1.0 + _LAYER_COST * n_layers),
-                                      ray_ns=math.inf if n_layers else costs.ray_ns)
+        self._costs = costs = replace(costs, ray_ns=math.inf) if n_layers else costs
         self._levels, self._full = ([replace(traits[view.name].levels[level], detail_slope=body.detail_slope)
                                      for view, body, level in zip(members, self._drawn, levels, strict=True)]
                                     for levels in ([body.level for body in self._drawn], [0] * len(members)))
@@ -164,9 +167,11 @@ class _Window:
         edges = max((usual_edges(view) * texel_share(view, body.shadow_map_px) * errors for view, body, errors in maps),
                     default=0.0)
         self._least_floor = math.hypot(self._smooth_floor, math.sqrt(edges))
-        self._facets_ns = sum(body.n_facets * body.shown_share for body in self._drawn) * costs.facet_ns
+        self._facets_ns = costs.facet_ns * sum(
+            body.n_facets * body.shown_share * (_LEVEL_FACET if body.level else 1.0) for body in self._drawn)
         self._shadows_ns = sum(RASTER_CALL_NS + body.n_facets * body.shown_share * costs.facet_ns
-                               + math.prod(body.shadow_map_drawn_px) * texel_ns for _, body, _ in maps)
+                               + math.prod(body.shadow_map_drawn_px) * _TEXEL_COST * costs.sample_ns
+                               for _, body, _ in maps)
 
     def choice(self, samples: int | None) -> WindowChoice:
         has_rays = math.isfinite(self._costs.ray_ns)
@@ -233,7 +238,7 @@ class _Window:
         across = max(self._across, min(enough, _MOST_ACROSS))
         grid = tuple(max(math.ceil(across * side / size), 8) for side in sides)
         raster_ns = (RASTER_CALL_NS + self._facets_ns + self._shadows_ns
-                     + math.prod(grid) * self._costs.sample_ns)
+                     + math.prod(grid) * self._sample_ns)
         rays_ns = self._costs.rays_ns(math.prod(grid))
         is_rays = not has_raster or rays_ns < raster_ns or (has_rays and self._floor > self._budget)
         floor = 0.0 if is_rays else self._floor
@@ -247,13 +252,13 @@ class _Window:
         budget = math.sqrt(max(self._budget**2 - self._floor**2, (0.3 * self._budget) ** 2))
         errors, noise = self._errors(self._levels), self._noise(self._levels)
         shaded, count = first_samples(
-            self._expected(self._levels), self._n_px, (self._facets_ns + RASTER_CALL_NS) / self._costs.sample_ns,
+            self._expected(self._levels), self._n_px, (self._facets_ns + RASTER_CALL_NS) / self._sample_ns,
             _PASSED_OVER_COST, self._least, budget)
         asked = {} if samples is None else {"budget": math.inf}
         window = self._sampled("raster", count if samples is None else samples, errors, self._floor, noise=noise,
                                shadow_share=self._shadow_share, texel_share=self._texel_share,
                                modelling_error=self._smooth_floor, **asked)
-        return shaded * self._costs.sample_ns + self._shadows_ns, window
+        return shaded * self._sample_ns + self._shadows_ns, window
 
     def _rays(self) -> tuple[float, WindowPlan]:
         """By rays, at the full shape; its nanoseconds."""
@@ -270,7 +275,10 @@ class _Window:
             cast *= 1.0 + _UNLIT_COST * (self._box_px / n_lit - 1.0)
             first_ns = 0.0
         else:
-            first_ns = self._facets_ns + max(FACING_SAMPLES, count) ** 2 * self._n_px * self._costs.sample_ns
+            n_facets = sum(level.n_facets * body.shown_share
+                           for level, body in zip(self._full, self._drawn, strict=True))
+            first_ns = (n_facets * self._costs.facet_ns
+                        + max(FACING_SAMPLES, count) ** 2 * self._n_px * self._costs.sample_ns)
         return self._costs.rays_ns(cast) + first_ns, self._sampled("rays", count, errors, noise=noise)
 
     def _sampled(self, engine: str, count: int, errors: tuple[float, float], floor: float = 0.0,

@@ -112,14 +112,14 @@ class Shadows:
     def _bounds(self, view: BodyView, sun_from_body: np.ndarray, camera: PinholeCamera, level: int
                 ) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray] | None]:
         """Least and largest coordinates (3,) [m] of a body in frame `sun`, and of what is seen of it in sunlight."""
-        points = self._hulls[view.name].points_m @ sun_from_body.T
+        points = sun_from_body @ self._hulls[view.name].points_m
         chunks, seen = self._meshes[view.name][level].chunks, None
         if not view.is_whole:
             lit = (chunks_in_window(chunks, view, camera, camera.bounds_px)
                    & chunks.facing_point(view.r_camera_body_m) & chunks.facing_direction(sun_from_body[2]))
             # Where nothing is lit, no shadow is looked up.
-            seen = chunks.bounds_m(lit, sun_from_body) if lit.any() else (points[0], points[0])
-        return points.min(axis=0), points.max(axis=0), seen
+            seen = chunks.bounds_m(lit, sun_from_body) if lit.any() else (points[:, 0], points[:, 0])
+        return points.min(axis=1), points.max(axis=1), seen
 
     def draw(self, views: Sequence[BodyView], bodies: Sequence[BodyPlan],
              camera: PinholeCamera, *, is_whole: bool = False) -> tuple[dict[str, Shadow], list[BodyPlan]]:

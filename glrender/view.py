@@ -145,13 +145,14 @@ def _view(name: str, hull: Hull, state: State, camera: PinholeCamera, camera_fro
                          state.spacecraft.r_inertial_m.tolist(), f"it is {range_m:.6g} m from the body's origin")
     sun_direction = r_sun / sun_distance
     camera_from_body = camera_from_inertial @ body_from_inertial.T
-    points = (hull.points_m - r_camera) @ camera_from_body.T
-    depth = points[:, 2]
+    points = camera_from_body @ (hull.points_m - r_camera[:, None])
+    depth = points[2]
     nearest, farthest = float(depth.min()), float(depth.max())
     bounds, edge = None, np.array([camera.width_px, camera.height_px]) - 0.5
     if nearest > 0.0:
-        pixel = points[:, :2] / depth[:, None] * camera.focal_length_px + np.array(camera.principal_point_px)
-        bounds = np.concatenate([pixel.min(axis=0), pixel.max(axis=0)])
+        across = points[:2] / depth
+        bounds = np.concatenate([edges * camera.focal_length_px + np.array(camera.principal_point_px)
+                                 for edges in (across.min(axis=1), across.max(axis=1))])
         is_visible = bool((bounds[:2] < edge).all() and (bounds[2:] > -0.5).all())
         if is_visible and not (bounds[2:] - bounds[:2]).max() > _MIN_SIZE_PX:
             raise SceneError("state.spacecraft.r_inertial_m", f"body {name!r} must be {_MIN_SIZE_PX:g} px across",

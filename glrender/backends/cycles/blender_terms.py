@@ -35,7 +35,7 @@ class BlenderTerms:
     def __init__(self, scene: Scene):
         self._scene = scene
         hulls = scene.hulls
-        self._origin_m = {name: 0.5 * (hull.points_m.min(axis=0) + hull.points_m.max(axis=0))
+        self._origin_m = {name: 0.5 * (hull.points_m.min(axis=1) + hull.points_m.max(axis=1))
                           for name, hull in hulls.items()}
         self._unit_m = max(hull.radius_m for hull in hulls.values()) / _UNITS_PER_RADIUS
 
