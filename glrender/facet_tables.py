@@ -1,10 +1,11 @@
-"""A body's facets in columns: corners, normals, and which share edges."""
+"""A body's facets in columns: corners, normals, and which share edges. Neighbours are neighbours in memory."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from .horizons import Horizons
+from .morton import morton_order
 from .rays import dot
 from .scene import Body
 from .shape import Shape
@@ -19,18 +20,25 @@ _MOST_HORIZONS = 200_000
 
 
 class FacetTables:
-    """What does not change of a body's facets; vectors in columns.
+    """What does not change of a body's facets; vectors in columns, facets and vertices in an order of their own.
+
+    Of 786k facets in the order of their file a frame takes 1.3 times as long.
 
     Parameters
     ----------
     body : Body
     is_coarse : (F,) bool
-        Whether a facet is far larger than the smallest of the scene, so that there are things that it does not know of.
+        Of the shape's facets: whether one is far larger than the smallest of the scene, so that there are things that
+        it does not know of.
 
     Attributes
     ----------
     surface : Surface
+    number, vertex_number : (F,) int, (V,) int
+        Of facets and vertices, in the shape.
     n_facets : int
+    is_coarse : (F,) bool
+        As it was given.
     is_convex : bool
         Without a dip: the hull's word is good to a thousandth of its volume.
     horizons : Horizons or None
@@ -51,13 +59,20 @@ class FacetTables:
     """
 
     def __init__(self, body: Body, is_coarse: np.ndarray):
-        shape, self.is_coarse = body.shape, is_coarse
+        shape = body.shape
         self.surface = Surface(body)
         self.roughness = 1.0 + max(shape.crease_rad - _ROUGH_RAD, 0.0) / _ROUGHER_RAD
         self.n_facets = len(shape.facets)
-        self.vertices_m = np.ascontiguousarray(shape.vertices_m.T)
-        self.corners = np.ascontiguousarray(shape.facets.T, np.intp)
-        self.normal = np.ascontiguousarray(shape.facet_normals.T)
+        self.number = morton_order(shape.vertices_m[shape.facets].mean(axis=1))
+        corners = shape.facets[self.number]
+        # Vertices as facets come to them.
+        vertices, first, places = np.unique(corners, return_index=True, return_inverse=True)
+        order = np.argsort(first)
+        self.vertex_number = vertices[order].astype(np.intp)
+        self.vertices_m = np.ascontiguousarray(shape.vertices_m[self.vertex_number].T)
+        self.corners = np.ascontiguousarray(np.argsort(order)[places.reshape(corners.shape)].T, np.intp)
+        self.normal = np.ascontiguousarray(shape.facet_normals[self.number].T)
+        self.is_coarse = is_coarse[self.number]
         self.offset_m = dot(self.normal, self.vertices_m.take(self.corners[0], axis=1))
         # Now: a first frame that had to wait for them would be late.
         self.neighbours = neighbours(self.corners, self.vertices_m.shape[1])

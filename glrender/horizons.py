@@ -12,12 +12,13 @@ import numpy as np
 from glrender_camera import threads
 
 from .lod import cached_arrays
+from .morton import morton_order
 from .shape import Shape
 
 # Of vertices that a thread looks at in a turn.
 _PART = 1 << 12
-# Most facets of a leaf; and along an axis, cells that order them, in bits.
-_LEAF, _BITS = 4, 20
+# Most facets of a leaf.
+_LEAF = 4
 
 
 class Horizons:
@@ -76,15 +77,7 @@ def tree(shape: Shape) -> tuple[np.ndarray, ...]:
     (N,) [m]; and where each leaf's facets begin (L + 1,).
     """
     corners_m = shape.vertices_m[shape.facets]
-    # Morton's order: bits of the three axes by turns.
-    middle = corners_m.mean(axis=1)
-    low = middle.min(axis=0)
-    cells = ((middle - low) / max(float(np.ptp(middle, axis=0).max()), 1e-300) * (2**_BITS - 1)).astype(np.int64)
-    key = np.zeros(len(cells), np.int64)
-    for bit in range(_BITS):
-        for axis in range(3):
-            key |= (cells[:, axis] >> bit & 1) << (3 * bit + axis)
-    order = np.argsort(key, kind="stable")
+    order = morton_order(corners_m.mean(axis=1))
     n_leaves = 1 << max(math.ceil(math.log2(len(order) / _LEAF)), 0)
     begins = np.arange(n_leaves + 1) * len(order) // n_leaves
     ends_m = [np.minimum.reduceat(corners_m[order].min(axis=1), begins[:-1]),

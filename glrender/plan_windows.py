@@ -41,8 +41,8 @@ _OWN_SHARE, _MOST_ACROSS = 0.2, 512
 _SMALL_PIXELS = 4.0
 # Cost of a sample passed over, in samples that are shaded; and of a ray that meets no lit facet, in rays that do.
 _PASSED_OVER_COST, _UNLIT_COST = 0.45, 0.35
-# Cost of a texel of a shadow map, in samples (engine.md: 2.3 ns of 20).
-_TEXEL_COST = 0.1
+# Cost of a texel of a shadow map, in samples: of 108 maps of 256 to 1024 texels.
+_TEXEL_COST = 0.15
 # Cost of a layer of surface detail, in samples.
 _LAYER_COST = 1.5
 # Cost of a facet and of a sample of a level of detail, which has texels with normals and vertices for each facet, over

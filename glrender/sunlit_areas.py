@@ -126,7 +126,7 @@ class SunlitAreas:
         chosen = np.flatnonzero(is_dark.any(axis=0))
         corner = np.argmax(is_dark[:, chosen], axis=0)
         r_body_m, facet = mixed.corner_m[corner, :, chosen].T, mixed.facet.take(chosen)
-        range_m = self._rays.shade_ranges(r_body_m, facet, view, self._views)
+        range_m = self._rays.shade_ranges(r_body_m, self._facets.number.take(facet), view, self._views)
         depth_m = dot(view.camera_from_body[2], r_body_m - view.r_camera_body_m[:, None])
         angle = 2.0 * view.sun_radius_rad
         wide_px = (np.where(np.isfinite(range_m), range_m.clip(0.0), 0.0) * angle * self._camera.focal_length_px
@@ -273,13 +273,14 @@ class SunlitAreas:
         if self._facets.is_convex:
             is_open = [np.ones(len(facet), bool)] * 2
         elif vertex is not None and horizons is not None:
-            is_open = [horizons.are_open(vertex, view.r_camera_body_m, True),
-                       horizons.are_open(vertex, view.sun_direction_body, False)]
-        is_asked = np.ones(len(facet), bool) if is_seen is None else ~is_seen
-        seen = self._rays.in_view(r_body_m, facet, view, self._views, is_asked, is_open[0])
+            number = self._facets.vertex_number.take(vertex)
+            is_open = [horizons.are_open(number, view.r_camera_body_m, True),
+                       horizons.are_open(number, view.sun_direction_body, False)]
+        is_asked, number = np.ones(len(facet), bool) if is_seen is None else ~is_seen, self._facets.number.take(facet)
+        seen = self._rays.in_view(r_body_m, number, view, self._views, is_asked, is_open[0])
         if is_seen is not None:
             seen |= is_seen
-        return seen, self._rays.in_light(r_body_m, facet, view, self._views, seen, is_open[1])
+        return seen, self._rays.in_light(r_body_m, number, view, self._views, seen, is_open[1])
 
     def _shade(self, facet: np.ndarray) -> None:
         """Work out radiance at the middles of facets (N,): in 1/sr of the Sun's irradiance at 1 au."""
@@ -289,7 +290,7 @@ class SunlitAreas:
             some = facet[part]
             to_camera = facet_loops.to_camera(facets.vertices_m, facets.corners, some, view.r_camera_body_m)
             brdf = surface.brdf(view.sun_direction_body, to_camera.T, facets.normal.take(some, axis=1).T,
-                                surface.albedo_scale(some))
+                                surface.albedo_scale(facets.number.take(some)))
             self._radiance[some] = brdf * self._cos_incidence.take(some) / view.sun_distance_au**2
             self._off_axis[some] = -dot(view.camera_from_body[2], to_camera)
 
