@@ -11,7 +11,7 @@ from .refine import SAMPLE_COUNTS
 from .view import BodyView
 
 MAX_SAMPLES = 16
-"""Most samples along a pixel's side."""
+"""Most samples along a pixel's side, but of rays at small bodies."""
 # Squared error of one sample a pixel, cast shadows included: outlines and terminator, and creases between facets, which
 # grow no more where they are sharp. Fourteen shapes at 50 to 400 px and 30 to 155 deg (docs/planner.md).
 _LIMB, _LIMB_POWER, _LIT_POWER = 0.236, 1.12, 2.17
@@ -66,7 +66,7 @@ class Expected:
 
 
 def first_samples(expected: Expected, n_px: float, setup: float, passed_over: float, least: int,
-                  budget: float) -> tuple[float, int]:
+                  budget: float, most: int = MAX_SAMPLES) -> tuple[float, int]:
     """Cost of drawing, and samples along a pixel's side before the image itself tells where more are needed.
 
     A second pass over few pixels cures outlines; creases are everywhere, and half of the pixels
@@ -81,19 +81,19 @@ def first_samples(expected: Expected, n_px: float, setup: float, passed_over: fl
     setup, passed_over : float
         Cost of a pass, and of a sample that a second pass leaves out, in samples: where chunks of facets have a
         pixel that is drawn, in about 0.3 + 1.2 sqrt(share) of them.
-    least : int
-        Fewest samples along a pixel's side.
+    least, most : int
+        Fewest and most samples along a pixel's side.
     budget : float [1]
         RMS.
     """
-    best = (math.inf, MAX_SAMPLES)
+    best = (math.inf, most)
     edge_share = min(12.0 / math.sqrt(n_px), 1.0)
 
     def second_pass(samples: float, share: float) -> float:
         beside = min(0.3 + 1.2 * math.sqrt(share), 1.0)
         return setup + n_px * samples**2 * (share + passed_over * beside)
 
-    for first in range(least, MAX_SAMPLES + 1):
+    for first in range(least, most + 1):
         cost = setup + n_px * first**2
         if cost > best[0]:
             break
@@ -104,7 +104,7 @@ def first_samples(expected: Expected, n_px: float, setup: float, passed_over: fl
             risk = 0.5 * math.erfc(math.log(budget / guess) / (_SCATTER * math.sqrt(2.0))) if guess > 0.0 else 0.0
             best = min(best, (cost + risk * second_pass(_MORE * first, edge_share), first))
             continue
-        if first == MAX_SAMPLES:
+        if first == most:
             best = min(best, (cost, first))
         for second in SAMPLE_COUNTS:
             room = budget**2 - expected.limb_at(second)

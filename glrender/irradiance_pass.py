@@ -18,7 +18,7 @@ from .gl.context import Context
 from .gl.mesh import IRRADIANCE_STAGE
 from .gl.targets import Target
 from .grouping import outline_px
-from .plan_windows import FACING_SAMPLES, MANY_RAYS, WindowChoice, apart_size_px
+from .plan_windows import FACING_SAMPLES, WindowChoice, apart_size_px
 from .ray_engine import RayEngine
 from .refine import frame_error, pixel_errors, pixel_means, plan_refinement
 from .render_plan import WindowPlan
@@ -164,11 +164,11 @@ class IrradiancePass:
         return float(squared[(edges[0] & edges[1]) > 0].sum() / max(squared.sum(), 1e-300))
 
     def _sunward(self, window: WindowPlan, frame: Frame, clock: Clock) -> np.ndarray | None:
-        """Pixels (rows, columns) uint8 that see what faces the Sun, or are near one, where many rays would be cast.
+        """Pixels (rows, columns) uint8 that see what faces the Sun, or are near one, if rays are cast only there.
 
         Of a rough body's crescent at 150 deg this leaves one pixel in twelve, and no light out.
         """
-        if window.engine != "rays" or math.prod(window.grid) < MANY_RAYS:
+        if not window.rays_at_facing:
             return None
         full = replace(frame, bodies=[replace(body, level=0) for body in frame.bodies])
         count = max(FACING_SAMPLES, window.samples)

@@ -24,7 +24,6 @@ from .error_model import (
     shadow_share,
     squared_errors,
 )
-from .plan_windows import MAX_SAMPLES
 from .render_plan import BodyPlan, RenderPlan, WindowPlan
 from .view import BodyView
 
@@ -158,8 +157,8 @@ def told_plan(camera: PinholeCamera, max_error: float, views: Sequence[BodyView]
             left_out.append(f"{view.name}: {known.levels[body.level].n_facets} of {known.levels[0].n_facets} facets")
     predicted = max((window.predicted_error for window in windows), default=0.0)
     if predicted > max_error * (1.0 + 1e-6) and any(math.isfinite(window.budget) for window in windows):
-        warnings.append(f"the budget of {max_error:g} is not met: {predicted:.2g} with {MAX_SAMPLES} x "
-                        f"{MAX_SAMPLES} samples; allow_slow has a slow backend draw it")
+        warnings.append(f"the budget of {max_error:g} is not met: {predicted:.2g} is expected; "
+                        f"allow_slow has a slow backend draw it")
     return RenderPlan(camera=camera.name, max_error=max_error, roi=grouping.union([w.roi for w in windows]),
                       windows=tuple(windows), bodies=tuple(done), left_out=tuple(left_out),
                       warnings=tuple(warnings), predicted_error=predicted)

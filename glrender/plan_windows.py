@@ -27,16 +27,19 @@ from .grouping import outline, outline_px, region, touching
 from .render_plan import BodyPlan, WindowPlan
 from .view import BodyView
 
-MANY_RAYS = 100_000
-"""Rays that cost more than an image of what faces the Sun: more are cast at that only."""
 FACING_SAMPLES = 3
 """Fewest along a pixel's side of that image; it has as many as the rays."""
+# Rays that cost less than an image of what faces the Sun, whatever its facets.
+_FEW_RAYS = 100_000
 # A body that is smaller has a grid of its own.
 _SMALL_PX = 4.0
 # A crescent that is apart is so many times as wide as a full disc, at most: its own grid has only so many samples.
 _MOST_LARGER = 4.0
 # Of the budget, what its pixels may take there: centres of light of 24 px within 0.01 px. Most samples across it.
 _OWN_SHARE, _MOST_ACROSS = 0.2, 512
+# Most rays across a body that is small, but not so small: of many rough facets 16 x 16 a pixel may not do. No second
+# pass has more than these, so that the first takes more than is expected to do.
+_MOST_RAYS_ACROSS, _NO_SECOND = 1024, 1.2
 # Error of its pixels over that of its flux, at most.
 _SMALL_PIXELS = 4.0
 # Cost of a sample passed over, in samples that are shaded; and of a ray that meets no lit facet, in rays that do.
@@ -270,16 +273,18 @@ class _Window:
             expected = replace(expected, facets_per_px=_PENUMBRA_NOISE[1])
         # Lit is a share of a sphere's disc.
         n_lit = max(0.5 * (1.0 + math.cos(self._phase_rad)), 0.05) * self._n_px
-        cast, count = first_samples(expected, n_lit, 0.0, 0.0, least, self._budget)
-        if self._box_px * count**2 < MANY_RAYS:
-            cast *= 1.0 + _UNLIT_COST * (self._box_px / n_lit - 1.0)
-            first_ns = 0.0
-        else:
-            n_facets = sum(level.n_facets * body.shown_share
-                           for level, body in zip(self._full, self._drawn, strict=True))
-            first_ns = (n_facets * self._costs.facet_ns
-                        + max(FACING_SAMPLES, count) ** 2 * self._n_px * self._costs.sample_ns)
-        return self._costs.rays_ns(cast) + first_ns, self._sampled("rays", count, errors, noise=noise)
+        most = max(int(_MOST_RAYS_ACROSS / self._largest_px), MAX_SAMPLES)
+        cast, count = first_samples(expected, n_lit, 0.0, 0.0, least, self._budget, most)
+        if count > MAX_SAMPLES:
+            few, count = count, min(math.ceil(_NO_SECOND * count), most)
+            cast *= (count / few) ** 2
+        n_facets = sum(level.n_facets * body.shown_share for level, body in zip(self._full, self._drawn, strict=True))
+        facing_ns = (self._costs.rays_ns(cast) + n_facets * self._costs.facet_ns
+                     + max(FACING_SAMPLES, count) ** 2 * self._n_px * self._costs.sample_ns)
+        all_ns = self._costs.rays_ns(cast * (1.0 + _UNLIT_COST * (self._box_px / n_lit - 1.0)))
+        is_facing = self._box_px * count**2 > _FEW_RAYS and facing_ns < all_ns
+        return facing_ns if is_facing else all_ns, self._sampled(
+            "rays", count, errors, noise=noise, rays_at_facing=is_facing)
 
     def _sampled(self, engine: str, count: int, errors: tuple[float, float], floor: float = 0.0,
                  **told) -> WindowPlan:

@@ -93,6 +93,8 @@ class WindowPlan:
     shadow_share: float
     texel_share: float
     predicted_error: float
+    rays_at_facing: bool = False
+    """Whether rays are cast only where an image without shadows sees something that faces the Sun."""
     refined_samples: int = 0
     """Samples along the side of the pixels that were drawn again; 0 for none."""
     refined_share: float = 0.0

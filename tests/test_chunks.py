@@ -130,7 +130,7 @@ def test_rays_leave_the_night_side_out(monkeypatch):
     with Renderer(large) as renderer:
         image = renderer.render(state, max_error=0.01)
         n_ours = sum(cast)
-        monkeypatch.setattr("glrender.irradiance_pass.MANY_RAYS", np.inf)
+        monkeypatch.setattr("glrender.plan_windows._FEW_RAYS", np.inf)
         everywhere = renderer.render(state, max_error=0.01)
     assert image.plan.windows[0].engine == everywhere.plan.windows[0].engine == "rays"
     assert n_ours < 0.7 * (sum(cast) - n_ours)

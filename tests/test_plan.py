@@ -264,3 +264,42 @@ def test_planning_takes_well_below_a_millisecond():
         windows(members)
         grouping.depth_groups(members)
     assert (time.process_time() - began) / 200 < 1e-3
+
+
+
+def rays_of(level, size_px, budget, phase_deg=60.0, sample_ns=200.0, ray_ns=50.0):
+    """The window of a body that rays draw."""
+    member = view(size_px=size_px, phase_deg=phase_deg)
+    costs = replace(RASTER, facet_ns=90.0, sample_ns=sample_ns, ray_ns=ray_ns, lone_ray_ns=2.0 * ray_ns)
+    drawn = [plan.plan_body(member, traits(level), CAMERA, False, budget, None)]
+    (choice,) = plan_windows.plan_windows([member], {"body": traits(level)}, drawn, CAMERA, budget, 1.0, costs, None)
+    assert choice.first.engine == "rays"
+    return choice.first
+
+
+def test_many_rough_facets_in_few_pixels_have_more_rays_than_16_x_16():
+    """At 20 px each sample is noise, and 16 x 16 of them err by 1.7 %; a hundred times as many pixels have no more."""
+    rough = LevelTraits(n_facets=3_000_000, crease_rad=0.35)
+    assert 16 < rays_of(rough, 20.0, 0.01).samples <= 52
+    assert rays_of(rough, 20.0, 0.05).samples <= 16 and rays_of(rough, 200.0, 0.01).samples <= 16
+
+
+def test_rays_go_where_something_faces_the_sun_if_the_image_that_tells_is_cheaper():
+    """Of few facets at a low Sun it is; of three million in 20 px it costs more than all rays."""
+    few, many = (LevelTraits(n_facets=n, crease_rad=0.35) for n in (200_000, 3_000_000))
+    assert rays_of(few, 300.0, 0.01, phase_deg=150.0, sample_ns=13.0, ray_ns=300.0).rays_at_facing
+    assert not rays_of(many, 20.0, 0.01).rays_at_facing
+
+
+def test_a_level_of_detail_costs_more_a_facet_and_a_sample():
+    """Areas at 4 ms are dearer than 12,000 facets of a full shape, and cheaper than those of a level."""
+    costs = replace(AREAS, facet_ns=90.0, sample_ns=20.0, area_ns=60.0)
+    member = view(size_px=100.0)
+    engines = []
+    for level in (replace(COARSE, deviation_m=0.0), COARSE):
+        known = {"body": replace(traits(FULL, level), even_facet_m=0.3)}
+        drawn = [plan.plan_body(member, known["body"], CAMERA, False, 0.1, 1)]
+        drawn = [replace(drawn[0], level=1 if level is COARSE else 0, shadow_map_px=None)]
+        choice, = plan_windows.plan_windows([member], known, drawn, CAMERA, 0.1, 1.0, costs, None)
+        engines.append(choice.first.engine)
+    assert engines == ["raster", "areas"]
