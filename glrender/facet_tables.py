@@ -11,8 +11,6 @@ from .scene import Body
 from .shape import Shape
 from .surface import Surface
 
-# Angle between facets from which a shape is rough, and by which it is so once more.
-_ROUGH_RAD, _ROUGHER_RAD = 0.15, 0.3
 # Of the radius, how far a facet may rise above its neighbour's plane on a body that is convex.
 _FLAT = 1e-7
 # Vertices of which a table of horizons is made.
@@ -54,14 +52,11 @@ class FacetTables:
         Facets across the edges from each corner to the next, or -1.
     rises : (3, F) bool
         Whether the facet across an edge rises above the plane of this one.
-    roughness : float
-        1 of shapes whose neighbouring facets are 0.15 rad apart or less, 2 at 0.45 rad, and so on.
     """
 
     def __init__(self, body: Body, is_coarse: np.ndarray):
         shape = body.shape
         self.surface = Surface(body)
-        self.roughness = 1.0 + max(shape.crease_rad - _ROUGH_RAD, 0.0) / _ROUGHER_RAD
         self.n_facets = len(shape.facets)
         self.number = morton_order(shape.vertices_m[shape.facets].mean(axis=1))
         corners = shape.facets[self.number]

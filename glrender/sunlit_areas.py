@@ -7,6 +7,8 @@ that bisection finds.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from glrender_camera import PinholeCamera, threads
 
@@ -20,8 +22,12 @@ from .view import BodyView
 # Squared error of what 1, 2, 3 bisections cut off a triangle, over its light squared: times its area in pixels, or the
 # square of it, and of a crowd of small ones, which err together, more.
 _CUT_ERRORS, _CROWD = (0.085, 0.032, 0.018), 0.2
+# All that is told is times: a least, and one over the root of the number of mixed facets, as the sum of few scatters;
+# at most; and more from a phase angle on, over so many radians, where edges pass between corners that agree.
+_SPREAD, _SPREAD_OF_FEW, _MOST_SPREAD = 0.5, 10.0, 3.0
+_LOW_SPREAD, _LOW_SPREAD_RAD, _OVER_RAD = 0.5, 1.75, 0.52
 # Error of edges that pass between corners that agree: over that of three bisections; and where they are asked for, over
-# that and over what was found, at first and at last; times the shape's roughness.
+# that and over what was found, at first and at last.
 _MISSED, _STILL_MISSED, _OF_FOUND, _OF_EARLIER, _WHOLE_ERROR = 0.6, 0.1, 0.6, 0.4, 0.1
 # Squared light of a facet over the squared error that is allowed for all, from which it is divided first: of one that
 # has more than a share of all light, and of others.
@@ -75,6 +81,9 @@ class SunlitAreas:
         self._facing, self._is_seen, self._is_lit = facing, is_seen, is_lit
         n_lit = is_lit.sum(axis=0)
         mixed = np.flatnonzero((n_lit > 0) & (n_lit < 3))
+        low = min(max((view.phase_rad - _LOW_SPREAD_RAD) / _OVER_RAD, 0.0), 1.0)
+        self._spread = (1.0 + _LOW_SPREAD * low) * min(
+            _SPREAD + _SPREAD_OF_FEW / math.sqrt(max(len(mixed), 1)), _MOST_SPREAD)
         self._whole = facing[n_lit == 3]
         self._shade(facing[n_lit > 0])
         self._mixed = self._of_facets(mixed)
@@ -253,7 +262,7 @@ class SunlitAreas:
             area = self._facet_px(facet) / 4.0**look
             looked = _OF_EARLIER**2 * looked + _WHOLE_ERROR * float(
                 (self._radiance[facet] ** 2 * area * np.minimum(area, 1.0)).sum())
-            missed = told + (_OF_FOUND * facets.roughness) ** 2 * looked
+            missed = told + (_OF_FOUND * self._spread) ** 2 * looked
             parts = parts.at(np.flatnonzero(~of_hit))
             if len(parts.facet) > (_FEW if missed <= _ENOUGH * most_squared else _MANY):
                 break
@@ -300,7 +309,7 @@ class SunlitAreas:
         """Squared errors (N,) that cuts leave, in units of radiance squared."""
         area = triangles.area_px
         crowd = _CROWD * min(float(area.sum()) / max(self.area_px, 1e-300), 1.0)
-        return (_CUT_ERRORS[n_bisections - 1] * (self._facets.roughness * self._radiance.take(triangles.facet)) ** 2
+        return (_CUT_ERRORS[n_bisections - 1] * (self._spread * self._radiance.take(triangles.facet)) ** 2
                 * area * np.clip(area, crowd, 1.0))
 
     def _of_facets(self, chosen: np.ndarray) -> FacetParts:
