@@ -10,8 +10,9 @@ from .ray_engine import RAYS_AT_ONCE
 RASTER_CALL_NS, RAYS_CALL_NS, AREAS_CALL_NS = 1.2e6, 4e5, 5e5
 """Nanoseconds whatever is drawn, of a pass of OpenGL (an image, a shadow map), of rays or of areas."""
 # Of areas, in those of a facet that faces both camera and Sun: each facet, a pixel along its sides, a pixel of the
-# body, and the edges of shadows at a budget of 1 and 90 deg of phase, by the cube of the angle between facets [rad].
-_ANY_FACET, _LINE, _PIXEL, _EDGES, _MOST_EDGES = 0.52, 1.13, 0.115, 19.0, 20.0
+# body, and the edges of shadows at a budget of 1 and 90 deg of phase, by the angle between facets [rad], over a power of
+# the budget.
+_ANY_FACET, _LINE, _PIXEL, _EDGES, _EDGES_POWER, _MOST_EDGES = 0.45, 0.75, 0.115, 1.5, 0.75, 100.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,6 +65,6 @@ class EngineCosts:
         phase_rad : float [rad]
         budget : float [1]
         """
-        edges = min(_EDGES * crease_rad**3 * math.tan(0.5 * phase_rad) / budget, _MOST_EDGES)
+        edges = min(_EDGES * crease_rad * math.tan(0.5 * phase_rad) / budget**_EDGES_POWER, _MOST_EDGES)
         each = 1.0 + _LINE * facet_px + edges
         return AREAS_CALL_NS + (_ANY_FACET * n_facets + _PIXEL * n_px + each * n_facing) * self.area_ns
