@@ -24,7 +24,7 @@ from .view import BodyView
 _CUT_ERRORS, _CROWD = (0.085, 0.032, 0.018), 0.2
 # All that is told is times: a least, and one over the root of the number of mixed facets, as the sum of few scatters;
 # at most; and more from a phase angle on, over so many radians, where edges pass between corners that agree.
-_SPREAD, _SPREAD_OF_FEW, _MOST_SPREAD = 0.5, 10.0, 3.0
+_SPREAD, _SPREAD_OF_FEW, _MOST_SPREAD = 0.5, 12.0, 3.0
 _LOW_SPREAD, _LOW_SPREAD_RAD, _OVER_RAD = 0.5, 1.75, 0.52
 # Error of edges that pass between corners that agree: over that of three bisections; and where they are asked for, over
 # that and over what was found, at first and at last.
