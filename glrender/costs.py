@@ -10,8 +10,8 @@ from .ray_engine import RAYS_AT_ONCE
 RASTER_CALL_NS, RAYS_CALL_NS, AREAS_CALL_NS = 1.2e6, 4e5, 5e5
 """Nanoseconds whatever is drawn, of a pass of OpenGL (an image, a shadow map), of rays or of areas."""
 # Of areas, in those of a facet that faces both camera and Sun: each facet, a pixel along its sides, a pixel of the
-# body, and the edges of shadows at a budget of 1 and 90 deg of phase, by the angle between facets [rad], over a power of
-# the budget.
+# body, and the edges of shadows at a budget of 1 and 90 deg of phase, by the angle between facets [rad], over a power
+# of the budget.
 _ANY_FACET, _LINE, _PIXEL, _EDGES, _EDGES_POWER, _MOST_EDGES = 0.45, 0.75, 0.115, 1.5, 0.75, 100.0
 
 

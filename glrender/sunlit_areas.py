@@ -22,10 +22,10 @@ from .view import BodyView
 # Squared error of what 1, 2, 3 bisections cut off a triangle, over its light squared: times its area in pixels, or the
 # square of it, and of a crowd of small ones, which err together, more.
 _CUT_ERRORS, _CROWD = (0.085, 0.032, 0.018), 0.2
-# All that is told is times: a least, and one over the root of the number of mixed facets, as the sum of few scatters;
-# at most; and more from a phase angle on, over so many radians, where edges pass between corners that agree.
-_SPREAD, _SPREAD_OF_FEW, _MOST_SPREAD = 0.5, 12.0, 3.0
-_LOW_SPREAD, _LOW_SPREAD_RAD, _OVER_RAD = 0.5, 1.75, 0.52
+# All that is told is times: a least, and one over the root of the number of facets that bring the error, as the sum of
+# few scatters; at most; and more from a phase angle on, over so many radians: edges pass between corners that agree.
+_SPREAD, _SPREAD_OF_FEW, _MOST_SPREAD = 0.5, 7.0, 3.0
+_LOW_SPREAD, _LOW_SPREAD_RAD, _OVER_RAD = 0.5, 2.0, 0.52
 # Error of edges that pass between corners that agree: over that of three bisections; and where they are asked for, over
 # that and over what was found, at first and at last.
 _MISSED, _STILL_MISSED, _OF_FOUND, _OF_EARLIER, _WHOLE_ERROR = 0.6, 0.1, 0.6, 0.4, 0.1
@@ -81,9 +81,6 @@ class SunlitAreas:
         self._facing, self._is_seen, self._is_lit = facing, is_seen, is_lit
         n_lit = is_lit.sum(axis=0)
         mixed = np.flatnonzero((n_lit > 0) & (n_lit < 3))
-        low = min(max((view.phase_rad - _LOW_SPREAD_RAD) / _OVER_RAD, 0.0), 1.0)
-        self._spread = (1.0 + _LOW_SPREAD * low) * min(
-            _SPREAD + _SPREAD_OF_FEW / math.sqrt(max(len(mixed), 1)), _MOST_SPREAD)
         self._whole = facing[n_lit == 3]
         self._shade(facing[n_lit > 0])
         self._mixed = self._of_facets(mixed)
@@ -93,6 +90,8 @@ class SunlitAreas:
         self.area_px, self.n_areas, self.has_facing = float(area_px.sum()), len(area_px), len(facing) > 0
         # No product of matrices here: BLAS keeps threads of its own spinning, which takes the time of others' frames.
         self.light = float((area_px * self._radiance[facet]).sum())
+        self._spread = 1.0
+        self._spread = self._spread_of(self._squared(self._mixed, 1))
 
     def refine(self, most_squared: float) -> float:
         """Cut, and look closer and divide before, until the pixels' squared errors are below this, if they can be.
@@ -304,6 +303,12 @@ class SunlitAreas:
             self._off_axis[some] = -dot(view.camera_from_body[2], to_camera)
 
         threads.run_in_parts(work, len(facet), _SHADED_AT_ONCE)
+
+    def _spread_of(self, squared: np.ndarray) -> float:
+        """Error over what is told by squared errors (N,): they are as good as they are many."""
+        n = float(squared.sum()) ** 2 / max(float((squared * squared).sum()), 1e-300)
+        low = min(max((self._view.phase_rad - _LOW_SPREAD_RAD) / _OVER_RAD, 0.0), 1.0)
+        return (1.0 + _LOW_SPREAD * low) * min(_SPREAD + _SPREAD_OF_FEW / math.sqrt(max(n, 1.0)), _MOST_SPREAD)
 
     def _squared(self, triangles: FacetParts, n_bisections: int) -> np.ndarray:
         """Squared errors (N,) that cuts leave, in units of radiance squared."""

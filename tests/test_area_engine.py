@@ -167,6 +167,27 @@ def test_a_moon_of_few_facets_hides_what_is_between_the_corners_of_others():
     assert rms(image, traced(camera, roi, rays, 21)) <= told <= 0.05
 
 
+def boulders_on_a_coarse_body():
+    """80 facets with two rough boulders of 20,000 each on them."""
+    ground = generate.icosphere(radius_m=100.0, subdivisions=1)
+    vertices, facets = [ground.vertices_m], [ground.facets]
+    for seed, place in ((1, (0.2, -0.97, 0.1)), (2, (-0.3, -0.9, -0.3))):
+        boulder = generate.gaussian_random_sphere(radius_m=18.0, sigma=0.3, correlation_deg=10.0, seed=seed,
+                                                  subdivisions=5)
+        facets.append(boulder.facets + sum(map(len, vertices)))
+        vertices.append(boulder.vertices_m + 100.0 * np.array(place))
+    return Shape.from_arrays(np.concatenate(vertices), np.concatenate(facets))
+
+
+@pytest.mark.parametrize("phase_deg, budget", [(60.0, 0.05), (90.0, 0.05), (90.0, 0.03)])
+def test_few_facets_with_most_of_the_error_are_not_hidden_by_many_with_little(phase_deg, budget):
+    """The boulders' shadows end in a dozen large facets, and a thousand small ones are mixed."""
+    state, camera = views.state(phase_deg=phase_deg, direction=(0.1, -1.0, 0.2)), views.camera(256, 1400.0)
+    body = Body(name="body", shape=boulders_on_a_coarse_body(), brdf=LAW)
+    image, told, roi, rays = drawn([body], state, camera, budget)
+    assert rms(image, traced(camera, roi, rays, 13)) <= told <= budget
+
+
 def test_of_facets_larger_than_the_frame_the_error_is_that_of_the_frame():
     """The shadow of a small box fills much of a frame that sees a thousandth of what is lit."""
     shape = several(((-1000, -1000, -20), (1000, 1000, 0)), ((-5, -5, 20), (5, 5, 30)))
