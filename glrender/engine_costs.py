@@ -89,7 +89,11 @@ def _measured(context: Context, with_rays: bool) -> np.ndarray:
         samples_s = _fastest(lambda: pixel_errors(_draw(context, target, mesh, _SIZE_PX), _SAMPLES)) - facets_s
     ray_s, area_s = [np.inf, np.inf], np.inf
     if with_rays:
-        scene = Scene(bodies=[Body(name="sphere", shape=sphere, brdf=law)], cameras=[camera])
+        # With a dent: by areas no ray would be cast at a convex body.
+        vertices_m = sphere.vertices_m.copy()
+        vertices_m[0] *= 0.9
+        dented = Body(name="sphere", shape=Shape.from_arrays(vertices_m, sphere.facets), brdf=law)
+        scene = Scene(bodies=[dented], cameras=[camera])
         engine = RayEngine(scene)
         views = view_bodies(state, camera, {"sphere": scene.bodies[0].hull})
         for k, side in enumerate((_MANY_SIDE, math.isqrt(RAYS_AT_ONCE))):
@@ -97,13 +101,6 @@ def _measured(context: Context, with_rays: bool) -> np.ndarray:
             pixel = np.stack([np.tile(place, side), np.repeat(place, side)]).T
             n_hit = np.count_nonzero(np.isfinite(engine.ranges(pixel, camera, views)))
             ray_s[k] = _fastest(lambda pixel=pixel: engine.irradiance(pixel, camera, views)) / n_hit
-        engine.close()
-        # Of a convex body no ray would be cast.
-        vertices_m = sphere.vertices_m.copy()
-        vertices_m[0] *= 0.9
-        dented = Body(name="sphere", shape=Shape.from_arrays(vertices_m, sphere.facets), brdf=law)
-        scene = Scene(bodies=[dented], cameras=[camera])
-        engine = RayEngine(scene)
         areas, size = AreaEngine(scene, engine), (camera.width_px, camera.height_px)
         made_s = _fastest(lambda: areas.draw(("sphere",), camera, views, camera.bounds_px, size, 0.1))
         # The Sun and the camera are 39 deg apart.

@@ -55,17 +55,17 @@ class FacetTables:
     """
 
     def __init__(self, body: Body, is_coarse: np.ndarray):
+        # Not before there is a body: its loops are compiled, or read, at the first import.
+        from . import facet_loops
+
         shape = body.shape
         self.surface = Surface(body)
         self.n_facets = len(shape.facets)
         self.number = morton_order(shape.vertices_m[shape.facets].mean(axis=1))
-        corners = shape.facets[self.number]
         # Vertices as facets come to them.
-        vertices, first, places = np.unique(corners, return_index=True, return_inverse=True)
-        order = np.argsort(first)
-        self.vertex_number = vertices[order].astype(np.intp)
+        self.vertex_number, _, self.corners = facet_loops.vertices_of(
+            np.ascontiguousarray(shape.facets.T, np.intp), self.number, len(shape.vertices_m))
         self.vertices_m = np.ascontiguousarray(shape.vertices_m[self.vertex_number].T)
-        self.corners = np.ascontiguousarray(np.argsort(order)[places.reshape(corners.shape)].T, np.intp)
         self.normal = np.ascontiguousarray(shape.facet_normals[self.number].T)
         self.is_coarse = is_coarse[self.number]
         self.offset_m = dot(self.normal, self.vertices_m.take(self.corners[0], axis=1))

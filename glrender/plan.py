@@ -158,7 +158,7 @@ def told_plan(camera: PinholeCamera, max_error: float, views: Sequence[BodyView]
     predicted = max((window.predicted_error for window in windows), default=0.0)
     if predicted > max_error * (1.0 + 1e-6) and any(math.isfinite(window.budget) for window in windows):
         warnings.append(f"the budget of {max_error:g} is not met: {predicted:.2g} is expected; "
-                        f"allow_slow has a slow backend draw it")
+                        "allow_slow has a slow backend draw it")
     return RenderPlan(camera=camera.name, max_error=max_error, roi=grouping.union([w.roi for w in windows]),
                       windows=tuple(windows), bodies=tuple(done), left_out=tuple(left_out),
                       warnings=tuple(warnings), predicted_error=predicted)

@@ -213,9 +213,8 @@ class _Window:
                                     max(level.crease_rad for level in self._full), self._phase_rad, self._budget)
 
     def _areas(self) -> WindowPlan:
-        x0, y0, x1, y1 = self._roi
-        return self._plan("areas", samples=1, bounds_px=(x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5),
-                          grid=(x1 - x0, y1 - y0), modelling_error=self._areas_floor, predicted_error=self._budget)
+        return self._plan("areas", samples=1, **self._whole(1), modelling_error=self._areas_floor,
+                          predicted_error=self._budget)
 
     def _small_areas(self) -> WindowPlan:
         bounds, sides = self._own_bounds()
@@ -288,10 +287,14 @@ class _Window:
 
     def _sampled(self, engine: str, count: int, errors: tuple[float, float], floor: float = 0.0,
                  **told) -> WindowPlan:
-        x0, y0, x1, y1 = self._roi
-        return self._plan(engine, samples=count, bounds_px=(x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5),
-                          grid=((x1 - x0) * count, (y1 - y0) * count),
+        return self._plan(engine, samples=count, **self._whole(count),
                           predicted_error=math.hypot(floor, math.sqrt(sum(errors) * count**-3)), **told)
+
+    def _whole(self, count: int) -> dict[str, tuple[float, ...]]:
+        """Bounds [px] and grid of the region with so many cells along a pixel's side."""
+        x0, y0, x1, y1 = self._roi
+        return {"bounds_px": (x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5),
+                "grid": ((x1 - x0) * count, (y1 - y0) * count)}
 
     def _plan(self, engine: str, *, predicted_error: float, **told) -> WindowPlan:
         told = {"budget": self._budget, "modelling_error": 0.0, "noise": (0.0, 0.0), "shadow_share": 0.0,

@@ -22,8 +22,6 @@ from .view import BodyView
 
 RAYS_AT_ONCE = 1 << 13
 """Most rays of a part, which one thread casts: what it needs stays in a core's cache."""
-# Of lines that are only free or not.
-_LINES_AT_ONCE = 1 << 13
 # Roberts' sequence, and the factor of a congruential generator.
 _R2, _FACTOR = np.array([0.7548776662466927, 0.5698402909980532]), 1664525
 
@@ -106,7 +104,7 @@ class RayEngine:
                 solid.keep_free(turn, shift_m, r_body_m[:, part], facet[part], own.normals.T, LIFT * own.radius_m,
                                 towards, is_place, is_free[part])
 
-            threads.run_in_parts(ask, len(facet), _LINES_AT_ONCE)
+            threads.run_in_parts(ask, len(facet), RAYS_AT_ONCE)
 
         is_free = is_asked.copy() if is_open is None else is_asked & ~is_open
         keep(own, *_between(view, view), is_free)

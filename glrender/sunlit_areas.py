@@ -90,8 +90,7 @@ class SunlitAreas:
         self.area_px, self.n_areas, self.has_facing = float(area_px.sum()), len(area_px), len(facing) > 0
         # No product of matrices here: BLAS keeps threads of its own spinning, which takes the time of others' frames.
         self.light = float((area_px * self._radiance[facet]).sum())
-        self._spread = 1.0
-        self._spread = self._spread_of(self._squared(self._mixed, 1))
+        self._spread = self._spread_of(self._light_squared(self._mixed))
 
     def refine(self, most_squared: float) -> float:
         """Cut, and look closer and divide before, until the pixels' squared errors are below this, if they can be.
@@ -233,7 +232,7 @@ class SunlitAreas:
         """
         facets, facing = self._facets, self._facing
         corners = facets.corners.take(facing, axis=1)
-        is_mixed = np.zeros(facets.normal.shape[1], bool)
+        is_mixed = np.zeros(facets.n_facets, bool)
         is_mixed[triangles.facet] = True
         touched = np.zeros(facets.vertices_m.shape[1], bool)
         touched[facets.corners[:, is_mixed]] = True
@@ -305,17 +304,20 @@ class SunlitAreas:
         threads.run_in_parts(work, len(facet), _SHADED_AT_ONCE)
 
     def _spread_of(self, squared: np.ndarray) -> float:
-        """Error over what is told by squared errors (N,): they are as good as they are many."""
+        """Error over what is told by squared errors (N,), in any unit: they are as good as they are many."""
         n = float(squared.sum()) ** 2 / max(float((squared * squared).sum()), 1e-300)
         low = min(max((self._view.phase_rad - _LOW_SPREAD_RAD) / _OVER_RAD, 0.0), 1.0)
         return (1.0 + _LOW_SPREAD * low) * min(_SPREAD + _SPREAD_OF_FEW / math.sqrt(max(n, 1.0)), _MOST_SPREAD)
 
     def _squared(self, triangles: FacetParts, n_bisections: int) -> np.ndarray:
         """Squared errors (N,) that cuts leave, in units of radiance squared."""
+        return _CUT_ERRORS[n_bisections - 1] * self._spread**2 * self._light_squared(triangles)
+
+    def _light_squared(self, triangles: FacetParts) -> np.ndarray:
+        """Squared light (N,) of triangles, of a pixel's share of each: what cuts' errors are in proportion to."""
         area = triangles.area_px
         crowd = _CROWD * min(float(area.sum()) / max(self.area_px, 1e-300), 1.0)
-        return (_CUT_ERRORS[n_bisections - 1] * (self._spread * self._radiance.take(triangles.facet)) ** 2
-                * area * np.clip(area, crowd, 1.0))
+        return self._radiance.take(triangles.facet) ** 2 * area * np.clip(area, crowd, 1.0)
 
     def _of_facets(self, chosen: np.ndarray) -> FacetParts:
         """Whole facets, by their numbers (N,) among those that face camera and Sun."""
