@@ -128,12 +128,12 @@ def add_facets(changes, xy, corners, neighbours, facets, shown, origin, per_px):
                          (xy[0, b] - origin[0]) * per_px[0], (xy[1, b] - origin[1]) * per_px[1], shown[facet] - there)
 
 
-@compiled(void(_CHANGES, read(float64, 3), _VALUES, _VECTOR, _VECTOR))
-def add_polygons(changes, xy, values, origin, per_px):
-    """Add what lines around polygons of corners (K, 2, N) [px] and values (N,) change in cells."""
-    n_corners = len(xy)
+@compiled(void(_CHANGES, read(float64, 2), read(intp, 2, "A"), _VALUES, _VECTOR, _VECTOR))
+def add_polygons(changes, xy, corners, values, origin, per_px):
+    """Add what lines around polygons change in cells: corners (K, N) at places (2, P) [px], values (N,)."""
+    n_corners = len(corners)
     for i in range(len(values)):
         for k in range(n_corners):
-            a, b = xy[k], xy[(k + 1) % n_corners]
-            add_line(changes, (a[0, i] - origin[0]) * per_px[0], (a[1, i] - origin[1]) * per_px[1],
-                     (b[0, i] - origin[0]) * per_px[0], (b[1, i] - origin[1]) * per_px[1], values[i])
+            a, b = corners[k, i], corners[(k + 1) % n_corners, i]
+            add_line(changes, (xy[0, a] - origin[0]) * per_px[0], (xy[1, a] - origin[1]) * per_px[1],
+                     (xy[0, b] - origin[0]) * per_px[0], (xy[1, b] - origin[1]) * per_px[1], values[i])

@@ -1,4 +1,4 @@
-"""Parts of facets, and what is known of their corners."""
+"""Parts of facets, and the points between which they are: parts that touch share them, and what is known of them."""
 
 from __future__ import annotations
 
@@ -7,17 +7,54 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 
-@dataclass(eq=False)
-class FacetParts:
-    """Triangles within facets; of each corner, whether it is seen, and in sunlight as well.
+class Points:
+    """Points of a surface that grow in number; of each, whether it is seen, and in sunlight as well.
 
-    Corners (3, 3, N) [m], facet (N,), is_seen and is_lit (3, N), area_px (N,).
+    Parameters
+    ----------
+    r_m : (3, N) float64 [m]
+    is_seen, is_lit : (N,) bool
     """
 
-    corner_m: np.ndarray
+    def __init__(self, r_m: np.ndarray, is_seen: np.ndarray, is_lit: np.ndarray):
+        self._n = len(is_seen)
+        self._r_m, self._is_seen, self._is_lit = r_m, is_seen, is_lit
+
+    @property
+    def r_m(self) -> np.ndarray:
+        """(3, N) float64 [m]."""
+        return self._r_m[:, :self._n]
+
+    @property
+    def is_seen(self) -> np.ndarray:
+        """(N,) bool."""
+        return self._is_seen[:self._n]
+
+    @property
+    def is_lit(self) -> np.ndarray:
+        """(N,) bool."""
+        return self._is_lit[:self._n]
+
+    def add(self, r_m: np.ndarray, is_seen: np.ndarray | bool, is_lit: np.ndarray | bool) -> np.ndarray:
+        """Add some (3, K); returns their numbers (K,)."""
+        begin, self._n = self._n, self._n + r_m.shape[1]
+        if self._n > len(self._is_seen):
+            room = 2 * self._n
+            for name in ("_r_m", "_is_seen", "_is_lit"):
+                had = getattr(self, name)
+                grown = np.empty((*had.shape[:-1], room), had.dtype)
+                grown[..., :begin] = had[..., :begin]
+                setattr(self, name, grown)
+        self.r_m[:, begin:], self.is_seen[begin:], self.is_lit[begin:] = r_m, is_seen, is_lit
+        return np.arange(begin, self._n)
+
+
+@dataclass(eq=False)
+class FacetParts:
+    """Triangles within facets: numbers of their corners among points (3, N), facet (N,), area_px (N,)."""
+
+    corner: np.ndarray
     facet: np.ndarray
-    is_seen: np.ndarray
-    is_lit: np.ndarray
     area_px: np.ndarray
 
     def at(self, chosen: np.ndarray) -> FacetParts:
@@ -28,13 +65,3 @@ class FacetParts:
     def joined(cls, several: list[FacetParts]) -> FacetParts:
         """All of them, one after the other."""
         return cls(*(np.concatenate([getattr(one, field.name) for one in several], axis=-1) for field in fields(cls)))
-
-    @property
-    def n_lit(self) -> np.ndarray:
-        """(N,) int: corners in sunlight that are seen."""
-        return self.is_lit.sum(axis=0)
-
-    @property
-    def is_mixed(self) -> np.ndarray:
-        """(N,) bool: whether the corners differ in that."""
-        return (self.is_lit != self.is_lit[0]).any(axis=0)

@@ -13,6 +13,7 @@ import numpy as np
 from glrender_camera import PinholeCamera, threads
 
 from . import coverage, facet_loops
+from .facet_cutter import FacetCutter
 from .facet_parts import FacetParts
 from .facet_tables import FacetTables
 from .ray_engine import RayEngine
@@ -26,9 +27,9 @@ _CUT_ERRORS, _CROWD = (0.085, 0.032, 0.018), 0.2
 # few scatters; at most; and more from a phase angle on, over so many radians: edges pass between corners that agree.
 _SPREAD, _SPREAD_OF_FEW, _MOST_SPREAD = 0.5, 7.0, 3.0
 _LOW_SPREAD, _LOW_SPREAD_RAD, _OVER_RAD = 0.5, 2.0, 0.52
-# Error of edges that pass between corners that agree: over that of three bisections; and where they are asked for, over
-# that and over what was found, at first and at last.
-_MISSED, _STILL_MISSED, _OF_FOUND, _OF_EARLIER, _WHOLE_ERROR = 0.6, 0.1, 0.6, 0.4, 0.1
+# Error of edges that pass between corners that agree: over that of three bisections; where they are looked for, over
+# that and over what was found, at first and at last, all of it less from look to look.
+_MISSED, _STILL_MISSED, _OF_FOUND, _OF_EARLIER, _OF_LOOK, _WHOLE_ERROR = 0.6, 0.1, 0.6, 0.4, 0.5, 0.1
 # Squared light of a facet over the squared error that is allowed for all, from which it is divided first: of one that
 # has more than a share of all light, and of others.
 _LARGE, _LARGE_SHARE, _OTHERS = 2.0, 2e-3, 60.0
@@ -36,11 +37,11 @@ _LARGE, _LARGE_SHARE, _OTHERS = 2.0, 2e-3, 60.0
 _UNDIVIDED, _LEAST_LEFT, _MOST_DIVISIONS = 0.25, 0.1, 6
 # Phase angle from which facets are looked at more closely everywhere: they are few, and light falls in slivers; and how
 # many are few, and too many to look again. Most looks, and of the budget, what may be missed without another.
-_LOW_SUN_RAD, _FEW, _MANY, _MOST_LOOKS, _ENOUGH = 1.5, 3000, 40_000, 4, 0.5
+_LOW_SUN_RAD, _FEW, _MANY, _MOST_LOOKS, _ENOUGH = 1.5, 3000, 120_000, 4, 0.5
 # What hard edges cost over a ramp's error, as measured (docs/planner.md).
 _PENUMBRA = 0.65
-# Facets that a thread shades in a turn.
-_SHADED_AT_ONCE = 1 << 14
+# Facets that a thread shades in a turn; and from which on two threads draw, on an image each.
+_SHADED_AT_ONCE, _TWO_IMAGES = 1 << 14, 40_000
 
 
 class SunlitAreas:
@@ -75,17 +76,17 @@ class SunlitAreas:
                 first, last = ends.min(axis=0), ends.max(axis=0)
                 shown[facing] *= (np.minimum(last, high) - np.maximum(first, low)).clip(0.0) / (last - first)
             facing = facing[shown.take(facing) > 0.0]
-        self._polygons: list[tuple[np.ndarray, np.ndarray]] = []
-        self._is_free = facets.is_convex and len(views) == 1
-        is_seen, is_lit = self._of_corners(facing)
-        self._facing, self._is_seen, self._is_lit = facing, is_seen, is_lit
-        n_lit = is_lit.sum(axis=0)
+        # Parts of large facets that are lit or dark as far as is known.
+        self._even = FacetParts(np.zeros((3, 0), np.intp), np.zeros(0, np.intp), np.zeros(0))
+        self._cutter = FacetCutter(facets, view, views, rays, facing)
+        self._facing, self._corner = facing, self._cutter.corner
+        n_lit = self._cutter.points.is_lit.take(self._corner).sum(axis=0)
         mixed = np.flatnonzero((n_lit > 0) & (n_lit < 3))
         self._whole = facing[n_lit == 3]
         self._shade(facing[n_lit > 0])
         self._mixed = self._of_facets(mixed)
         facet = np.concatenate([self._whole, self._mixed.facet])
-        area_px = np.concatenate([self._facet_px(self._whole), self._mixed.area_px * self._mixed.n_lit / 3.0])
+        area_px = np.concatenate([self._facet_px(self._whole), self._mixed.area_px * n_lit.take(mixed) / 3.0])
         area_px *= shown.take(facet)
         self.area_px, self.n_areas, self.has_facing = float(area_px.sum()), len(area_px), len(facing) > 0
         # No product of matrices here: BLAS keeps threads of its own spinning, which takes the time of others' frames.
@@ -98,13 +99,19 @@ class SunlitAreas:
         Returns what their sum is then, in units of radiance squared.
         """
         least = self._divide_large(most_squared)
+        told = self._cut(most_squared)
+        self._cutter.keep_lit(self._even)
+        return max(told, least)
+
+    def _cut(self, most_squared: float) -> float:
+        """Cut what is mixed, with what looking closer finds."""
         triangles = self._mixed
         errors = [float(self._squared(triangles, n).sum()) for n in (1, 2, 3)]
         for n, error in enumerate(errors, 1):
             missed = _MISSED**2 * errors[-1]
             if error + missed <= most_squared:
-                self._cut_off(triangles, n)
-                return max(error + missed, least)
+                self._cutter.cut_off(triangles, n)
+                return error + missed
         triangles, told = self._closer(triangles, _STILL_MISSED**2 * errors[-1], most_squared)
         left = []
         allowed = told if told > most_squared else max(most_squared - told, _LEAST_LEFT * most_squared)
@@ -117,10 +124,10 @@ class SunlitAreas:
             left.append(triangles.at(order[n:]))
             rest = float(squared[order[n:]].sum())
             told, allowed = told + rest, allowed - rest
-            triangles = self._mixed_of(self._quarters(triangles.at(order[:n])))
+            triangles = self._cutter.keep_even(self._cutter.quarters(triangles.at(order[:n])))
         told += float(self._squared(triangles, 3).sum())
-        self._cut_off(FacetParts.joined([*left, triangles]), 3)
-        return max(told, least)
+        self._cutter.cut_off(FacetParts.joined([*left, triangles]), 3)
+        return told
 
     def penumbra(self) -> float:
         """Squared error of hard edges of shadows in place of penumbras, in units of radiance squared.
@@ -128,11 +135,11 @@ class SunlitAreas:
         A ramp as wide as the Sun's angle times the distance of what shades, along the edges in facets whose corners
         differ; wider where the Sun is low. To be asked for before anything is cut.
         """
-        mixed, view = self._mixed, self._view
-        is_dark = mixed.is_seen & ~mixed.is_lit
+        mixed, view, points = self._mixed, self._view, self._cutter.points
+        is_dark = (points.is_seen & ~points.is_lit).take(mixed.corner)
         chosen = np.flatnonzero(is_dark.any(axis=0))
         corner = np.argmax(is_dark[:, chosen], axis=0)
-        r_body_m, facet = mixed.corner_m[corner, :, chosen].T, mixed.facet.take(chosen)
+        r_body_m, facet = points.r_m.take(mixed.corner[corner, chosen], axis=1), mixed.facet.take(chosen)
         range_m = self._rays.shade_ranges(r_body_m, self._facets.number.take(facet), view, self._views)
         depth_m = dot(view.camera_from_body[2], r_body_m - view.r_camera_body_m[:, None])
         angle = 2.0 * view.sun_radius_rad
@@ -166,28 +173,24 @@ class SunlitAreas:
         facets, whole = self._facets, self._whole
         shown = np.zeros(facets.n_facets, complex)
         shown[whole] = values(whole)
+        points_xy = self._project(self._cutter.points.r_m)
         # Two halves always, whatever the number of threads: the same bytes.
-        halves = [changes, np.zeros_like(changes)] if len(whole) > max(_MANY, changes.size) else [changes]
+        is_much = len(whole) > max(_TWO_IMAGES, changes.size)
+        halves = [changes, np.zeros_like(changes)] if is_much else [changes]
 
         def add(half: int) -> None:
-            part = slice(len(whole) * half // len(halves), len(whole) * (half + 1) // len(halves))
-            coverage.add_facets(halves[half], self._xy, facets.corners, facets.neighbours, whole[part], shown,
-                                origin_px, per_px)
+            def part(n: int) -> slice:
+                return slice(n * half // len(halves), n * (half + 1) // len(halves))
+
+            coverage.add_facets(halves[half], self._xy, facets.corners, facets.neighbours, whole[part(len(whole))],
+                                shown, origin_px, per_px)
+            for corner, facet in self._cutter.polygons:
+                some = part(len(facet))
+                coverage.add_polygons(halves[half], points_xy, corner[:, some], values(facet[some]), origin_px, per_px)
 
         threads.run(add, range(len(halves)), threads.N_CORES)
         for other in halves[1:]:
             changes += other
-        for corner_m, facet in self._polygons:
-            xy = np.stack([self._project(corner) for corner in corner_m])
-            coverage.add_polygons(changes, xy, values(facet), origin_px, per_px)
-
-    def _of_corners(self, facing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Whether the corners (3, N) of facets are seen, and in sunlight as well."""
-        vertices_m = self._facets.vertices_m
-        # Lifted off the surface by the normal of one of their facets.
-        vertex, of, corner = facet_loops.vertices_of(self._facets.corners, facing, vertices_m.shape[1])
-        is_seen, is_lit = self._told(vertices_m.take(vertex, axis=1), of, None, vertex)
-        return is_seen.take(corner), is_lit.take(corner)
 
     def _divide_large(self, most_squared: float) -> float:
         """Divide facets that have more light than may be missed, coarse ones sooner: small parts find what is between.
@@ -199,7 +202,7 @@ class SunlitAreas:
                 self._facet_px(facet) * radiance > _LARGE_SHARE * self.light)
             return radiance**2 * area_px * np.minimum(area_px, 1.0) / np.where(is_large, _LARGE, _OTHERS)
 
-        if self._is_free:
+        if self._cutter.is_free:
             return 0.0
         area_px = self._facet_px(self._facing)
         large = np.flatnonzero(squared(self._facing, area_px, float(self._radiance.max())) > most_squared)
@@ -210,84 +213,72 @@ class SunlitAreas:
             return 0.0
         is_large, parts = np.zeros(self._facets.n_facets, bool), self._of_facets(large)
         is_large[self._facing[large]] = True
-        mixed = [self._mixed.at(np.flatnonzero(~is_large.take(self._mixed.facet)))]
+        mixed = self._mixed.at(np.flatnonzero(~is_large.take(self._mixed.facet)))
         self._whole = self._whole[~is_large.take(self._whole)]
-        self._facing, self._is_seen, self._is_lit = (
-            np.delete(each, large, axis=-1) for each in (self._facing, self._is_seen, self._is_lit))
+        self._facing, self._corner = (np.delete(each, large, axis=-1) for each in (self._facing, self._corner))
+        small = []
         for _ in range(_MOST_DIVISIONS):
-            parts = self._quarters(parts, are_small=False)
+            parts = self._cutter.quarters(parts)
             is_small = squared(parts.facet, parts.area_px, self._radiance[parts.facet]) <= most_squared
-            mixed.append(self._mixed_of(parts.at(np.flatnonzero(is_small))))
+            small.append(parts.at(np.flatnonzero(is_small)))
             parts = parts.at(np.flatnonzero(~is_small))
             if not len(parts.facet):
                 break
-        self._mixed = FacetParts.joined([*mixed, self._mixed_of(parts)])
+        small = FacetParts.joined([*small, parts])
+        is_mixed = self._cutter.are_mixed(small)
+        self._mixed = FacetParts.joined([mixed, small.at(np.flatnonzero(is_mixed))])
+        self._even = small.at(np.flatnonzero(~is_mixed))
         return float(squared(parts.facet, parts.area_px, self._radiance[parts.facet]).max(initial=0.0))
 
     def _closer(self, triangles: FacetParts, told: float, most_squared: float) -> tuple[FacetParts, float]:
-        """Mixed parts of facets whose corners agree, with those of others; and what may be missed still, squared.
-
-        They are looked for beside mixed facets and below what rises over an edge and faces away, and everywhere where
-        facets are few or the Sun is low.
-        """
-        facets, facing = self._facets, self._facing
-        corners = facets.corners.take(facing, axis=1)
-        is_mixed = np.zeros(facets.n_facets, bool)
-        is_mixed[triangles.facet] = True
-        touched = np.zeros(facets.vertices_m.shape[1], bool)
-        touched[facets.corners[:, is_mixed]] = True
-        is_even, chosen = ~is_mixed.take(facing), True
-        if self._view.phase_rad < _LOW_SUN_RAD and len(facing) > _FEW:
-            faces = np.zeros(len(is_mixed) + 1, bool)
-            faces[facing] = True
-            below = facets.rises.take(facing, axis=1) & ~faces.take(facets.neighbours.take(facing, axis=1))
-            chosen = touched.take(corners).any(axis=0) | below.any(axis=0)
-        chosen = np.flatnonzero(is_even & chosen)
-        parts = self._of_facets(chosen)
-        was_lit = np.zeros(len(is_mixed), bool)
-        was_lit[self._whole] = True
+        """Mixed parts of what seemed to be even, with those of others; and what may be missed still, squared."""
+        whole = self._worth_a_look(triangles)
+        even = FacetParts.joined([whole, self._even])
+        was_lit = self._cutter.points.is_lit.take(even.corner[0])
+        # Of each part which of these it is within; and which of them were found to be mixed.
+        parts, within = even, np.arange(len(was_lit))
+        is_found = np.zeros(len(was_lit), bool)
         found, looked, missed = [triangles], 0.0, told
         for look in range(_MOST_LOOKS):
-            parts = self._quarters(parts)
-            differs = (parts.is_lit != was_lit.take(parts.facet)).any(axis=0)
-            hit = np.zeros(len(is_mixed), bool)
-            hit[parts.facet[differs]] = True
-            of_hit = hit.take(parts.facet)
-            facet = np.flatnonzero(hit)
-            self._shade(facet)
-            self._whole = self._whole[~hit.take(self._whole)]
-            found.append(self._mixed_of(parts.at(np.flatnonzero(of_hit))))
-            area = self._facet_px(facet) / 4.0**look
+            parts, within = self._cutter.quarters(parts), np.tile(within, 4)
+            is_new = np.zeros(len(was_lit), bool)
+            is_new[within[(self._cutter.are_lit(parts) != was_lit.take(within)).any(axis=0)]] = True
+            is_found |= is_new
+            of_new, new = is_new.take(within), even.at(np.flatnonzero(is_new))
+            self._shade(new.facet)
+            found.append(self._cutter.keep_even(parts.at(np.flatnonzero(of_new))))
+            area = new.area_px / 4.0**look
             looked = _OF_EARLIER**2 * looked + _WHOLE_ERROR * float(
-                (self._radiance[facet] ** 2 * area * np.minimum(area, 1.0)).sum())
-            missed = told + (_OF_FOUND * self._spread) ** 2 * looked
-            parts = parts.at(np.flatnonzero(~of_hit))
-            if len(parts.facet) > (_FEW if missed <= _ENOUGH * most_squared else _MANY):
+                (self._radiance[new.facet] ** 2 * area * np.minimum(area, 1.0)).sum())
+            missed = _OF_LOOK ** (2 * look) * (told + (_OF_FOUND * self._spread) ** 2 * looked)
+            rest = np.flatnonzero(~of_new)
+            parts, within = parts.at(rest), within.take(rest)
+            if len(rest) > (_FEW if missed <= _ENOUGH * most_squared else _MANY):
                 break
+        is_cut = np.zeros(self._facets.n_facets, bool)
+        is_cut[whole.facet[is_found[:len(whole.facet)]]] = True
+        self._whole = self._whole[~is_cut.take(self._whole)]
+        self._even = self._even.at(np.flatnonzero(~is_found[len(whole.facet):]))
         return FacetParts.joined(found), missed
 
-    def _told(self, r_body_m: np.ndarray, facet: np.ndarray, is_seen: np.ndarray | None = None,
-              vertex: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Whether points (3, N) [m] of facets (N,) are seen, and in sunlight as well.
+    def _worth_a_look(self, triangles: FacetParts) -> FacetParts:
+        """Facets, none of which has any of the mixed triangles, in which light may end all the same.
 
-        No ray is cast for those that are known to be seen (N,): between three that are; nor at vertices (N,) from which
-        the line is above the horizon.
+        Those beside mixed ones and below what rises over an edge and faces away; all where they are few or the Sun is
+        low.
         """
-        if self._is_free:
-            return np.ones((2, len(facet)), bool)
-        view, horizons = self._view, self._facets.horizons
-        is_open = [None, None]
-        if self._facets.is_convex:
-            is_open = [np.ones(len(facet), bool)] * 2
-        elif vertex is not None and horizons is not None:
-            number = self._facets.vertex_number.take(vertex)
-            is_open = [horizons.are_open(number, view.r_camera_body_m, True),
-                       horizons.are_open(number, view.sun_direction_body, False)]
-        is_asked, number = np.ones(len(facet), bool) if is_seen is None else ~is_seen, self._facets.number.take(facet)
-        seen = self._rays.in_view(r_body_m, number, view, self._views, is_asked, is_open[0])
-        if is_seen is not None:
-            seen |= is_seen
-        return seen, self._rays.in_light(r_body_m, number, view, self._views, seen, is_open[1])
+        facets, facing = self._facets, self._facing
+        is_mixed = np.zeros(facets.n_facets, bool)
+        is_mixed[triangles.facet] = True
+        chosen = ~is_mixed.take(facing)
+        if self._view.phase_rad < _LOW_SUN_RAD and len(facing) > _FEW:
+            touched = np.zeros(facets.vertices_m.shape[1], bool)
+            touched[facets.corners[:, is_mixed]] = True
+            faces = np.zeros(facets.n_facets + 1, bool)
+            faces[facing] = True
+            below = facets.rises.take(facing, axis=1) & ~faces.take(facets.neighbours.take(facing, axis=1))
+            chosen &= touched.take(facets.corners.take(facing, axis=1)).any(axis=0) | below.any(axis=0)
+        return self._of_facets(np.flatnonzero(chosen))
 
     def _shade(self, facet: np.ndarray) -> None:
         """Work out radiance at the middles of facets (N,): in 1/sr of the Sun's irradiance at 1 au."""
@@ -322,48 +313,7 @@ class SunlitAreas:
     def _of_facets(self, chosen: np.ndarray) -> FacetParts:
         """Whole facets, by their numbers (N,) among those that face camera and Sun."""
         facet = self._facing.take(chosen)
-        return FacetParts(self._facets.corner_m(facet), facet, self._is_seen.take(chosen, axis=1),
-                          self._is_lit.take(chosen, axis=1), self._facet_px(facet))
-
-    def _quarters(self, triangles: FacetParts, are_small: bool = True) -> FacetParts:
-        """Each divided in four between the middles of its sides; nothing hides a small one but not its corners."""
-        a, b, c = triangles.corner_m
-        between = 0.5 * np.stack([a + b, b + c, c + a])
-        known = np.tile(triangles.is_seen.all(axis=0) & are_small, 3)
-        told = self._told(np.concatenate(list(between), axis=1), np.tile(triangles.facet, 3), known)
-        # Corners 0, 1, 2; between them 3, 4, 5.
-        corner_m, is_seen, is_lit = (
-            np.concatenate([had, made.reshape(had.shape)]) for had, made in
-            zip((triangles.corner_m, triangles.is_seen, triangles.is_lit), (between, *told), strict=True))
-        return FacetParts.joined([
-            FacetParts(corner_m[three], triangles.facet, is_seen[three], is_lit[three], 0.25 * triangles.area_px)
-            for three in ([0, 3, 5], [3, 1, 4], [5, 4, 2], [4, 5, 3])])
-
-    def _mixed_of(self, triangles: FacetParts) -> FacetParts:
-        """Those that are mixed; the others are done."""
-        is_mixed = triangles.is_mixed
-        done = np.flatnonzero(~is_mixed & triangles.is_lit[0])
-        self._polygons.append((triangles.corner_m.take(done, axis=-1), triangles.facet.take(done)))
-        return triangles.at(np.flatnonzero(is_mixed))
-
-    def _cut_off(self, triangles: FacetParts, n_bisections: int) -> None:
-        """Cut triangles between the corner that differs and the two others."""
-        n = len(triangles.facet)
-        is_one = triangles.n_lit == 1
-        odd, every = np.argmax(triangles.is_lit == is_one, axis=0), np.arange(n)
-        first, *others = (triangles.corner_m[(odd + j) % 3, :, every].T for j in range(3))
-        known, facet = np.tile(triangles.is_seen.all(axis=0), 2), np.tile(triangles.facet, 2)
-        low, high = np.zeros((2, n)), np.ones((2, n))
-        ways = np.stack([other - first for other in others])
-        for _ in range(n_bisections):
-            places = first + 0.5 * (low + high)[:, None] * ways
-            _, lit = self._told(np.concatenate(list(places), axis=1), facet, known)
-            is_before = lit.reshape(2, n) == is_one
-            low, high = np.where(is_before, 0.5 * (low + high), low), np.where(is_before, high, 0.5 * (low + high))
-        ends = first + 0.5 * (low + high)[:, None] * ways
-        for chosen, corners in ((np.flatnonzero(is_one), [first, *ends]),
-                                (np.flatnonzero(~is_one), [ends[0], *others, ends[1]])):
-            self._polygons.append((np.stack(corners).take(chosen, axis=-1), triangles.facet.take(chosen)))
+        return FacetParts(self._corner.take(chosen, axis=1), facet, self._facet_px(facet))
 
     def _facet_px(self, facet: np.ndarray) -> np.ndarray:
         """Areas (N,) of facets in the image [px2]."""

@@ -1,0 +1,126 @@
+"""Triangles within facets, divided and cut by what rays tell of their corners."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from . import facet_loops
+from .facet_parts import FacetParts, Points
+from .facet_tables import FacetTables
+from .ray_engine import RayEngine
+from .view import BodyView
+
+
+class FacetCutter:
+    """Finds where light ends in the facets of one body.
+
+    Parameters
+    ----------
+    facets : FacetTables
+    view : BodyView
+        Of the body.
+    views : list of BodyView
+        Of all bodies.
+    rays : RayEngine
+    facing : (N,) int
+        Facets that face camera and Sun.
+
+    Attributes
+    ----------
+    points : Points
+        The facets' vertices first, then what divides and cuts them.
+    corner : (3, N) int
+        The facets' corners among the points.
+    polygons : list of ((K, M) int, (M,) int)
+        Lit ones that are done: corners among the points, and facets.
+    is_free : bool
+        Nothing hides or shades any of it.
+    """
+
+    def __init__(self, facets: FacetTables, view: BodyView, views: list[BodyView], rays: RayEngine,
+                 facing: np.ndarray):
+        self._facets, self._view, self._views, self._rays = facets, view, views, rays
+        self.is_free = facets.is_convex and len(views) == 1
+        # Lifted off the surface by the normal of one of their facets.
+        vertex, of, self.corner = facet_loops.vertices_of(facets.corners, facing, facets.vertices_m.shape[1])
+        r_m = facets.vertices_m.take(vertex, axis=1)
+        self.points = Points(r_m, *self._told(r_m, of, None, vertex))
+        self.polygons: list[tuple[np.ndarray, np.ndarray]] = []
+
+    def are_lit(self, triangles: FacetParts) -> np.ndarray:
+        """Whether the corners (3, N) of triangles are lit."""
+        return self.points.is_lit.take(triangles.corner)
+
+    def are_mixed(self, triangles: FacetParts) -> np.ndarray:
+        """Whether the corners of triangles (N,) differ in light."""
+        is_lit = self.are_lit(triangles)
+        return (is_lit != is_lit[0]).any(axis=0)
+
+    def keep_lit(self, triangles: FacetParts) -> None:
+        """Triangles that are not mixed are done."""
+        lit = np.flatnonzero(self.are_lit(triangles)[0])
+        self.polygons.append((triangles.corner.take(lit, axis=1), triangles.facet.take(lit)))
+
+    def keep_even(self, triangles: FacetParts) -> FacetParts:
+        """Those of some triangles that are not mixed are done; the mixed ones."""
+        is_mixed = self.are_mixed(triangles)
+        self.keep_lit(triangles.at(np.flatnonzero(~is_mixed)))
+        return triangles.at(np.flatnonzero(is_mixed))
+
+    def quarters(self, triangles: FacetParts) -> FacetParts:
+        """Each divided in four between the middles of its sides."""
+        points, corner = self.points, triangles.corner
+        ends, first, _, side = facet_loops.distinct_pairs(
+            corner.ravel(), corner[[1, 2, 0]].ravel(), np.zeros(corner.size, bool))
+        r_m = 0.5 * (points.r_m.take(ends[0], axis=1) + points.r_m.take(ends[1], axis=1))
+        made = points.add(r_m, *self._told(r_m, triangles.facet.take(first % max(len(triangles.facet), 1))))
+        # Corners 0, 1, 2; between them 3, 4, 5.
+        corner = np.concatenate([corner, made.take(side).reshape(3, -1)])
+        return FacetParts.joined([FacetParts(corner[three], triangles.facet, 0.25 * triangles.area_px)
+                                  for three in ([0, 3, 5], [3, 1, 4], [5, 4, 2], [4, 5, 3])])
+
+    def cut_off(self, triangles: FacetParts, n_bisections: int) -> None:
+        """Cut triangles between the corner that differs and the two others."""
+        points, n = self.points, len(triangles.facet)
+        is_lit = self.are_lit(triangles)
+        is_one = is_lit.sum(axis=0) == 1
+        odd, every = np.argmax(is_lit == is_one, axis=0), np.arange(n)
+        corner, *others = (triangles.corner[(odd + j) % 3, every] for j in range(3))
+        is_known = points.is_seen.take(triangles.corner).all(axis=0)
+        # From the lit end to the dark one.
+        (lit, dark), first, is_seen, side = facet_loops.distinct_pairs(
+            *(np.concatenate([np.where(is_one == is_from, corner, other) for other in others])
+              for is_from in (True, False)), np.tile(is_known, 2))
+        facet, begin_m = triangles.facet.take(first % max(n, 1)), points.r_m.take(lit, axis=1)
+        way_m = points.r_m.take(dark, axis=1) - begin_m
+        part = np.full(len(lit), 0.5)
+        for k in range(n_bisections):
+            _, is_lit = self._told(begin_m + part * way_m, facet, is_seen)
+            part += np.where(is_lit, 1.0, -1.0) * 0.5 ** (k + 2)
+        made = points.add(begin_m + part * way_m, True, True).take(side).reshape(2, n)
+        for chosen, corners in ((np.flatnonzero(is_one), [corner, *made]),
+                                (np.flatnonzero(~is_one), [made[0], *others, made[1]])):
+            self.polygons.append((np.stack(corners).take(chosen, axis=1), triangles.facet.take(chosen)))
+
+    def _told(self, r_body_m: np.ndarray, facet: np.ndarray, is_seen: np.ndarray | None = None,
+              vertex: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Whether points (3, N) [m] of facets (N,) are seen, and in sunlight as well.
+
+        No ray is cast for those that are known to be seen (N,): between three that are; nor at vertices (N,) from which
+        the line is above the horizon.
+        """
+        if self.is_free:
+            return np.ones((2, len(facet)), bool)
+        view, horizons = self._view, self._facets.horizons
+        is_open = [None, None]
+        if self._facets.is_convex:
+            is_open = [np.ones(len(facet), bool)] * 2
+        elif vertex is not None and horizons is not None:
+            number = self._facets.vertex_number.take(vertex)
+            is_open = [horizons.are_open(number, view.r_camera_body_m, True),
+                       horizons.are_open(number, view.sun_direction_body, False)]
+        is_asked, number = np.ones(len(facet), bool) if is_seen is None else ~is_seen, self._facets.number.take(facet)
+        seen = self._rays.in_view(r_body_m, number, view, self._views, is_asked, is_open[0])
+        if is_seen is not None:
+            seen |= is_seen
+        return seen, self._rays.in_light(r_body_m, number, view, self._views, seen, is_open[1])
