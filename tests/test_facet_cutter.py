@@ -1,0 +1,93 @@
+"""Parts of facets: what touches shares its points, and rays are asked of each once."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import solids
+import views
+from glrender import Body, Shape, facet_loops
+from glrender.brdf import Lambert
+from glrender.facet_cutter import FacetCutter
+from glrender.facet_parts import FacetParts, Points
+from glrender.facet_tables import FacetTables
+from glrender.ray_engine import RayEngine
+from glrender.view import view_bodies
+
+
+def cutter(*boxes):
+    """Of boxes in one shape, seen and lit from above: the cutter, and the facets of the top of the first."""
+    made = [solids.box(*ends) for ends in boxes]
+    shape = Shape.from_arrays(np.concatenate([vertices for vertices, _ in made]),
+                              np.concatenate([facets + 8 * k for k, (_, facets) in enumerate(made)]))
+    body = Body(name="body", shape=shape, brdf=Lambert(normal_albedo=0.3))
+    scene = views.scene([body], [views.camera(64, 1e5)], sun_disc=False)
+    (view,) = seen = view_bodies(views.state(phase_deg=0.0, direction=(0.0, 0.0, 1.0), range_m=1e5), scene.cameras[0],
+                                 scene.hulls)
+    tables = FacetTables(body, np.zeros(len(shape.facets), bool))
+    facing = facet_loops.facing(tables.normal, tables.offset_m, view.sun_direction_body, view.r_camera_body_m)[0]
+    top = facing[tables.corner_m(facing)[:, 2].max(axis=0) == boxes[0][1][2]]
+    return FacetCutter(tables, view, seen, RayEngine(scene), top), top
+
+
+def whole(cut, facets):
+    return FacetParts(cut.corner, facets, np.ones(len(facets)))
+
+
+@pytest.mark.parametrize("n_pairs", [0, 1, 7, 5000])
+def test_distinct_pairs_are_those_of_numpy(n_pairs):
+    rng = np.random.default_rng(1)
+    ones, others, is_known = rng.integers(0, 60, n_pairs), rng.integers(0, 60, n_pairs), rng.random(n_pairs) < 0.1
+    pairs, first, known, number = facet_loops.distinct_pairs(ones, others, is_known)
+    expected = {tuple(sorted(pair)) for pair in zip(ones.tolist(), others.tolist(), strict=True)}
+    assert sorted(tuple(sorted(pair)) for pair in pairs.T.tolist()) == sorted(expected)
+    np.testing.assert_array_equal(pairs, [ones[first], others[first]])
+    np.testing.assert_array_equal(np.sort(pairs[:, number], axis=0), np.sort([ones, others], axis=0))
+    for k in range(len(first)):
+        assert known[k] == is_known[number == k].any() and first[k] == np.flatnonzero(number == k)[0]
+
+
+def test_points_keep_what_was_before_as_they_grow():
+    rng = np.random.default_rng(2)
+    points, expected = Points(np.zeros((3, 0)), np.zeros(0, bool), np.zeros(0, bool)), np.zeros((5, 0))
+    for n in (1, 0, 3, 50, 2, 400):
+        r_m, is_seen, is_lit = rng.random((3, n)), rng.random(n) < 0.5, rng.random(n) < 0.5
+        np.testing.assert_array_equal(points.add(r_m, is_seen, is_lit), expected.shape[1] + np.arange(n))
+        expected = np.concatenate([expected, [*r_m, is_seen, is_lit]], axis=1)
+        np.testing.assert_array_equal([*points.r_m, points.is_seen, points.is_lit], expected)
+
+
+def test_parts_that_touch_share_their_points():
+    """Two facets of a square have four corners; divided in four, nine points; again, twenty-five."""
+    cut, top = cutter(((-100, -100, -20), (100, 100, 0)))
+    parts = whole(cut, top)
+    for n in (4, 9, 25):
+        assert len(cut.points.is_seen) == n == len(np.unique(parts.corner))
+        parts = cut.quarters(parts)
+    np.testing.assert_allclose(parts.area_px.sum(), 2.0)
+
+
+def test_what_hides_the_middle_of_a_side_is_seen_though_all_corners_are_free():
+    """A box above the middle of a slab: the corners of its two facets are seen, the middle of their diagonal is not."""
+    cut, top = cutter(((-100, -100, -20), (100, 100, 0)), ((-5, -5, 10), (5, 5, 20)))
+    assert cut.points.is_seen.all() and not cut.are_mixed(whole(cut, top)).any()
+    parts = cut.quarters(whole(cut, top))
+    middle = np.flatnonzero((np.abs(cut.points.r_m[:2]) < 1e-9).all(axis=0))
+    assert len(middle) == 1 and not cut.points.is_seen[middle[0]] and not cut.points.is_lit[middle[0]]
+    assert cut.are_mixed(parts).any()
+
+
+@pytest.mark.parametrize("n_bisections", [1, 2, 3, 8])
+def test_a_cut_ends_where_the_shadow_does(n_bisections):
+    """The lit rest of a square below a box that covers one half: within what so many bisections leave."""
+    cut, top = cutter(((-100, -100, -20), (100, 100, 0)), ((0, -200, 10), (200, 200, 20)))
+    triangles = cut.keep_even(cut.quarters(cut.quarters(whole(cut, top))))
+    assert len(triangles.facet)
+    cut.cut_off(triangles, n_bisections)
+    ends = np.concatenate([cut.points.r_m[0, corner].ravel() for corner, _ in cut.polygons])
+    assert -100.0 <= ends.min() and ends.max() <= 50.0 * 0.5 ** (n_bisections + 1)
+    r_m = cut.points.r_m.T
+    lit = sum(float(np.abs(np.cross(r_m[b] - r_m[a], r_m[c] - r_m[a])).sum()) / 2.0
+              for corner, _ in cut.polygons for a, b, c in
+              [(corner[0], corner[k], corner[k + 1]) for k in range(1, len(corner) - 1)])
+    assert abs(lit - 200.0 * 100.0) <= 200.0 * 50.0 * 0.5 ** (n_bisections + 1)
