@@ -69,8 +69,8 @@ class AreaEngine:
              budget: float) -> tuple[np.ndarray, float]:
         """Means over the cells of a grid (rows, columns) float64 [W/m2 per pixel], and their expected error.
 
-        Nothing is drawn, and the error is infinite, where rays have to look: no corner is lit of facets that may be, or
-        hard edges in place of penumbras cost more than the budget allows.
+        Nothing is drawn, and the error is infinite, where rays have to look: no corner is lit of facets that may be,
+        too few facets have too much of the light, or hard edges in place of penumbras cost more than the budget allows.
 
         Parameters
         ----------
@@ -125,6 +125,8 @@ class AreaEngine:
         if penumbra > _PENUMBRA * budget:
             return np.zeros(grid[::-1]), math.inf, penumbra
         squared = penumbras + sum(body.refine(_AIM * (most - penumbras) / len(areas)) for body in areas)
+        if math.isinf(squared):
+            return np.zeros(grid[::-1]), math.inf, penumbra
         # A pixel's solid angle falls off as cos^3 of its angle from the boresight: told of facets that are far smaller.
         is_fine = n_px * per_px.prod() < _FINE * sum(body.n_areas for body in areas)
         changes = self._coverage.no_changes(grid[::-1])

@@ -96,12 +96,14 @@ class SunlitAreas:
     def refine(self, most_squared: float) -> float:
         """Cut, and look closer and divide before, until the pixels' squared errors are below this, if they can be.
 
-        Returns what their sum is then, in units of radiance squared.
+        Returns what their sum is then, in units of radiance squared; infinite, and nothing is cut, if too much light is
+        in too few facets.
         """
-        least = self._divide_large(most_squared)
+        if not self._divide_large(most_squared):
+            return math.inf
         told = self._cut(most_squared)
         self._cutter.keep_lit(self._even)
-        return max(told, least)
+        return told
 
     def _cut(self, most_squared: float) -> float:
         """Cut what is mixed, with what looking closer finds."""
@@ -192,10 +194,10 @@ class SunlitAreas:
         for other in halves[1:]:
             changes += other
 
-    def _divide_large(self, most_squared: float) -> float:
+    def _divide_large(self, most_squared: float) -> bool:
         """Divide facets that have more light than may be missed, coarse ones sooner: small parts find what is between.
 
-        Returns the squared error of the largest part that is left, if it is too large.
+        Returns whether none is left.
         """
         def squared(facet: np.ndarray, area_px: np.ndarray, radiance: np.ndarray | float) -> np.ndarray:
             is_large = self._facets.is_coarse.take(facet) & (
@@ -203,14 +205,14 @@ class SunlitAreas:
             return radiance**2 * area_px * np.minimum(area_px, 1.0) / np.where(is_large, _LARGE, _OTHERS)
 
         if self._cutter.is_free:
-            return 0.0
+            return True
         area_px = self._facet_px(self._facing)
         large = np.flatnonzero(squared(self._facing, area_px, float(self._radiance.max())) > most_squared)
         facet = self._facing[large]
         self._shade(facet)
         large = large[squared(facet, area_px[large], self._radiance[facet]) > most_squared]
         if not len(large):
-            return 0.0
+            return True
         is_large, parts = np.zeros(self._facets.n_facets, bool), self._of_facets(large)
         is_large[self._facing[large]] = True
         mixed = self._mixed.at(np.flatnonzero(~is_large.take(self._mixed.facet)))
@@ -218,28 +220,36 @@ class SunlitAreas:
         self._facing, self._corner = (np.delete(each, large, axis=-1) for each in (self._facing, self._corner))
         small = []
         for _ in range(_MOST_DIVISIONS):
+            if len(parts.facet) > _MANY:
+                return False
             parts = self._cutter.quarters(parts)
             is_small = squared(parts.facet, parts.area_px, self._radiance[parts.facet]) <= most_squared
             small.append(parts.at(np.flatnonzero(is_small)))
             parts = parts.at(np.flatnonzero(~is_small))
             if not len(parts.facet):
                 break
-        small = FacetParts.joined([*small, parts])
+        else:
+            return False
+        small = FacetParts.joined(small)
         is_mixed = self._cutter.are_mixed(small)
         self._mixed = FacetParts.joined([mixed, small.at(np.flatnonzero(is_mixed))])
         self._even = small.at(np.flatnonzero(~is_mixed))
-        return float(squared(parts.facet, parts.area_px, self._radiance[parts.facet]).max(initial=0.0))
+        return True
 
     def _closer(self, triangles: FacetParts, told: float, most_squared: float) -> tuple[FacetParts, float]:
         """Mixed parts of what seemed to be even, with those of others; and what may be missed still, squared."""
         whole = self._worth_a_look(triangles)
-        even = FacetParts.joined([whole, self._even])
+        large, n_looks = self._even, _MOST_LOOKS
+        if len(whole.facet) + len(large.facet) > _MANY:
+            self._cutter.keep_lit(large)
+            large, n_looks = large.at(np.zeros(0, np.intp)), 1
+        even = FacetParts.joined([whole, large])
         was_lit = self._cutter.points.is_lit.take(even.corner[0])
         # Of each part which of these it is within; and which of them were found to be mixed.
         parts, within = even, np.arange(len(was_lit))
         is_found = np.zeros(len(was_lit), bool)
         found, looked, missed = [triangles], 0.0, told
-        for look in range(_MOST_LOOKS):
+        for look in range(n_looks):
             parts, within = self._cutter.quarters(parts), np.tile(within, 4)
             is_new = np.zeros(len(was_lit), bool)
             is_new[within[(self._cutter.are_lit(parts) != was_lit.take(within)).any(axis=0)]] = True
@@ -258,7 +268,7 @@ class SunlitAreas:
         is_cut = np.zeros(self._facets.n_facets, bool)
         is_cut[whole.facet[is_found[:len(whole.facet)]]] = True
         self._whole = self._whole[~is_cut.take(self._whole)]
-        self._even = self._even.at(np.flatnonzero(~is_found[len(whole.facet):]))
+        self._even = large.at(np.flatnonzero(~is_found[len(whole.facet):]))
         return FacetParts.joined(found), missed
 
     def _worth_a_look(self, triangles: FacetParts) -> FacetParts:
