@@ -124,7 +124,8 @@ class AreaEngine:
         penumbra = per_root * math.sqrt(penumbras)
         if penumbra > _PENUMBRA * budget:
             return np.zeros(grid[::-1]), math.inf, penumbra
-        squared = penumbras + sum(body.refine(_AIM * (most - penumbras) / len(areas)) for body in areas)
+        flux_weight = (_FLUX / (per_root * light)) ** 2
+        squared = penumbras + sum(body.refine(_AIM * (most - penumbras) / len(areas), flux_weight) for body in areas)
         if math.isinf(squared):
             return np.zeros(grid[::-1]), math.inf, penumbra
         # A pixel's solid angle falls off as cos^3 of its angle from the boresight: told of facets that are far smaller.

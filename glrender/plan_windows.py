@@ -143,6 +143,10 @@ class _Window:
         self._largest_px = max(view.size_px for view in members)
         self._outline_px = outline_px(members)
         self._phase_rad = max(view.phase_rad for view in members)
+        # Facets of the full shapes that face camera and Sun and are shown, about.
+        self._facing_share = (math.pi - self._phase_rad) / (2.0 * math.pi)
+        shown = min(self._box_px / (0.8 * min(self._largest_px, 1e5) ** 2), 1.0)
+        self._n_facing = max(sum(level.n_facets for level in self._full) * self._facing_share * shown, 1.0)
         self._across = samples_across(budget, self._phase_rad)
         # Slivers of light between samples tell nothing of themselves.
         slivers = 1.0
@@ -205,11 +209,8 @@ class _Window:
         floor = max(self._areas_floor, _ECLIPSE_STEPS * max(body.eclipse_error for body in self._drawn))
         if not self._has_areas or floor > _AREAS_FLOOR * self._budget:
             return math.inf
-        n_facets = sum(level.n_facets for level in self._full)
-        share = (math.pi - self._phase_rad) / (2.0 * math.pi)
-        n_facing = max(n_facets * share * min(self._box_px / (0.8 * min(self._largest_px, 1e5)**2), 1.0), 1.0)
-        facet_px = math.sqrt(2.0 * share * self._n_px / n_facing)
-        return self._costs.areas_ns(n_facets, n_facing, self._n_px, facet_px,
+        facet_px = math.sqrt(2.0 * self._facing_share * self._n_px / self._n_facing)
+        return self._costs.areas_ns(sum(level.n_facets for level in self._full), self._n_facing, self._n_px, facet_px,
                                     max(level.crease_rad for level in self._full), self._phase_rad, self._budget)
 
     def _areas(self) -> WindowPlan:
@@ -241,7 +242,7 @@ class _Window:
         grid = tuple(max(math.ceil(across * side / size), 8) for side in sides)
         raster_ns = (RASTER_CALL_NS + self._facets_ns + self._shadows_ns
                      + math.prod(grid) * self._sample_ns)
-        rays_ns = self._costs.rays_ns(math.prod(grid))
+        rays_ns = self._costs.rays_ns(math.prod(grid), self._n_facing)
         is_rays = not has_raster or rays_ns < raster_ns or (has_rays and self._floor > self._budget)
         floor = 0.0 if is_rays else self._floor
         sampling = max(_SMALL_PIXELS * flux_error(across, self._phase_rad), pixels * (size / across) ** 1.5)
@@ -278,9 +279,9 @@ class _Window:
             few, count = count, min(math.ceil(_NO_SECOND * count), most)
             cast *= (count / few) ** 2
         n_facets = sum(level.n_facets * body.shown_share for level, body in zip(self._full, self._drawn, strict=True))
-        facing_ns = (self._costs.rays_ns(cast) + n_facets * self._costs.facet_ns
+        facing_ns = (self._costs.rays_ns(cast, self._n_facing) + n_facets * self._costs.facet_ns
                      + max(FACING_SAMPLES, count) ** 2 * self._n_px * self._costs.sample_ns)
-        all_ns = self._costs.rays_ns(cast * (1.0 + _UNLIT_COST * (self._box_px / n_lit - 1.0)))
+        all_ns = self._costs.rays_ns(cast * (1.0 + _UNLIT_COST * (self._box_px / n_lit - 1.0)), self._n_facing)
         is_facing = self._box_px * count**2 > _FEW_RAYS and facing_ns < all_ns
         return facing_ns if is_facing else all_ns, self._sampled(
             "rays", count, errors, noise=noise, rays_at_facing=is_facing)
