@@ -69,6 +69,8 @@ class AreaEngine:
              budget: float) -> tuple[np.ndarray, float]:
         """Means over the cells of a grid (rows, columns) float64 [W/m2 per pixel], and their expected error.
 
+        Of facets as bright all over: what that costs close up is for the planner to know.
+
         Nothing is drawn, and the error is infinite, where rays have to look: no corner is lit of facets that may be,
         too few facets have too much of the light, or hard edges in place of penumbras cost more than the budget allows.
 
@@ -96,9 +98,14 @@ class AreaEngine:
         for n_points, share in _STEPS:
             if share * penumbra <= _PENUMBRA * budget:
                 left = math.sqrt(budget**2 - (share * penumbra) ** 2)
-                drawn = [made(_lit_from(views, point), left, False) for point in _on_disc(n_points)]
-                return (np.mean([means for means, _, _ in drawn], axis=0),
-                        math.hypot(float(np.mean([told for _, told, _ in drawn])), share * penumbra))
+                sums, total = np.zeros(grid[::-1]), 0.0
+                for point in _on_disc(n_points):
+                    means, told, _ = made(_lit_from(views, point), left, False)
+                    if math.isinf(told):
+                        return means, told
+                    sums += means
+                    total += told
+                return sums / n_points, math.hypot(total / n_points, share * penumbra)
         return means, math.inf
 
     def _drawn(self, names: Sequence[str], camera: PinholeCamera, views: list[BodyView],

@@ -13,8 +13,6 @@ RASTER_CALL_NS, RAYS_CALL_NS, AREAS_CALL_NS = 1.2e6, 4e5, 5e5
 # body, and the edges of shadows at a budget of 1 and 90 deg of phase, by the angle between facets [rad], over a power
 # of the budget.
 _ANY_FACET, _LINE, _PIXEL, _EDGES, _EDGES_POWER, _MOST_EDGES = 0.45, 0.75, 0.115, 1.5, 0.75, 100.0
-
-
 # What a ray costs more for each doubling of the facets over the rays: memory that the ray before did not need. Itokawa
 # with 49k to 3.1M facets at 20 to 2000 px.
 _APART = 0.45

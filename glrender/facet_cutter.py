@@ -106,8 +106,8 @@ class FacetCutter:
               vertex: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Whether points (3, N) [m] of facets (N,) are seen, and in sunlight as well.
 
-        No ray is cast for those that are known to be seen (N,): between three that are; nor at vertices (N,) from which
-        the line is above the horizon.
+        No ray is cast at a body that is convex by its own points; for those that are known to be seen (N,), between
+        three that are; nor at vertices (N,) from which the line is above the horizon.
         """
         if self.is_free:
             return np.ones((2, len(facet)), bool)

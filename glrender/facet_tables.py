@@ -37,6 +37,8 @@ class FacetTables:
     n_facets : int
     is_coarse : (F,) bool
         As it was given.
+    is_closed : bool
+        Every edge has two facets.
     is_convex : bool
         Without a dip: the hull's word is good to a thousandth of its volume.
     horizons : Horizons or None
@@ -72,10 +74,12 @@ class FacetTables:
         # Now: a first frame that had to wait for them would be late.
         self.neighbours = neighbours(self.corners, self.vertices_m.shape[1])
         middle_m = self.corner_m(slice(None)).mean(axis=0)
-        height_m = np.stack([dot(self.normal, middle_m.take(across, axis=1)) - self.offset_m
+        height_m = np.stack([np.where(across < 0, 0.0, dot(self.normal, middle_m.take(across, axis=1)) - self.offset_m)
                              for across in self.neighbours])
         self.rises = height_m > 0.0
-        self.is_convex = body.hull.is_convex and float(height_m.max()) <= _FLAT * body.hull.radius_m
+        self.is_closed = bool((self.neighbours >= 0).all())
+        is_flat = float(height_m.max()) <= _FLAT * body.hull.radius_m
+        self.is_convex = self.is_closed and body.hull.is_convex and is_flat
         self.horizons = None if self.is_convex or len(shape.vertices_m) > _MOST_HORIZONS else Horizons(shape)
 
     def corner_m(self, facet: np.ndarray) -> np.ndarray:

@@ -23,12 +23,16 @@ from .view import BodyView
 # Squared error of what 1, 2, 3 bisections cut off a triangle, over its light squared: times its area in pixels, or the
 # square of it, and of a crowd of small ones, which err together, more.
 _CUT_ERRORS, _CROWD = (0.085, 0.032, 0.018), 0.2
-# Of their light, what they are too dark by: more ridges than hollows are lit.
+# Of their light, what they are too dark by, since more ridges than hollows are lit: 162 images of rough shapes.
 _CUT_BIASES = (0.012, 0.003, 0.0)
+# Of the squared light of the largest facet, what another body may take between its corners unseen.
+_OF_LARGEST = 0.1
 # All that is told is times: a least, and one over the root of the number of facets that bring the error, as the sum of
 # few scatters; at most; and more from a phase angle on, over so many radians: edges pass between corners that agree.
 _SPREAD, _SPREAD_OF_FEW, _MOST_SPREAD = 0.5, 7.0, 3.0
 _LOW_SPREAD, _LOW_SPREAD_RAD, _OVER_RAD = 0.5, 2.0, 0.52
+# And where edges have one facet only: sheets and blades are thin.
+_OPEN_SPREAD = 2.0
 # Error of edges that pass between corners that agree: over that of three bisections; where they are looked for, over
 # that and over what was found, at first and at last, all of it less from look to look.
 _MISSED, _STILL_MISSED, _OF_FOUND, _OF_EARLIER, _OF_LOOK, _WHOLE_ERROR = 0.6, 0.1, 0.6, 0.4, 0.5, 0.1
@@ -112,8 +116,9 @@ class SunlitAreas:
         triangles = self._mixed
         light = float((self._radiance.take(triangles.facet) * triangles.area_px).sum())
         errors = [float(self._squared(triangles, n).sum()) for n in (1, 2, 3)]
+        unseen = _MISSED**2 * errors[-1] + self._behind_others()
         for n, (error, bias) in enumerate(zip(errors, _CUT_BIASES, strict=True), 1):
-            told = error + _MISSED**2 * errors[-1] + flux_weight * (bias * light) ** 2
+            told = error + unseen + flux_weight * (bias * light) ** 2
             if told <= most_squared:
                 self._cutter.cut_off(triangles, n)
                 return told
@@ -205,10 +210,12 @@ class SunlitAreas:
         def squared(facet: np.ndarray, area_px: np.ndarray, radiance: np.ndarray | float) -> np.ndarray:
             is_large = self._facets.is_coarse.take(facet) & (
                 self._facet_px(facet) * radiance > _LARGE_SHARE * self.light)
-            return radiance**2 * area_px * np.minimum(area_px, 1.0) / np.where(is_large, _LARGE, _OTHERS)
+            return radiance**2 * area_px * np.minimum(area_px, 1.0) / np.where(is_large | may_all, _LARGE, _OTHERS)
 
         if self._cutter.is_free:
             return True
+        # Another body may be before any of few facets.
+        may_all = len(self._views) > 1 and len(self._facing) < _FEW
         area_px = self._facet_px(self._facing)
         large = np.flatnonzero(squared(self._facing, area_px, float(self._radiance.max())) > most_squared)
         facet = self._facing[large]
@@ -251,6 +258,8 @@ class SunlitAreas:
         # Of each part which of these it is within; and which of them were found to be mixed.
         parts, within = even, np.arange(len(was_lit))
         is_found = np.zeros(len(was_lit), bool)
+        # What is thin, or another body, may pass between corners at every look.
+        of_look = _OF_LOOK if self._facets.is_closed and len(self._views) == 1 else 1.0
         found, looked, missed = [triangles], 0.0, told
         for look in range(n_looks):
             parts, within = self._cutter.quarters(parts), np.tile(within, 4)
@@ -263,7 +272,7 @@ class SunlitAreas:
             area = new.area_px / 4.0**look
             looked = _OF_EARLIER**2 * looked + _WHOLE_ERROR * float(
                 (self._radiance[new.facet] ** 2 * area * np.minimum(area, 1.0)).sum())
-            missed = _OF_LOOK ** (2 * look) * (told + (_OF_FOUND * self._spread) ** 2 * looked)
+            missed = of_look ** (2 * look) * (told + (_OF_FOUND * self._spread) ** 2 * looked)
             rest = np.flatnonzero(~of_new)
             parts, within = parts.at(rest), within.take(rest)
             if len(rest) > (_FEW if missed <= _ENOUGH * most_squared else _MANY):
@@ -273,6 +282,14 @@ class SunlitAreas:
         self._whole = self._whole[~is_cut.take(self._whole)]
         self._even = large.at(np.flatnonzero(~is_found[len(whole.facet):]))
         return FacetParts.joined(found), missed
+
+    def _behind_others(self) -> float:
+        """Squared error of what other bodies may hide or shade between corners that agree."""
+        if len(self._views) == 1:
+            return 0.0
+        facet = np.concatenate([self._whole, self._even.facet])
+        area = np.concatenate([self._facet_px(self._whole), self._even.area_px])
+        return _OF_LARGEST * float((self._radiance.take(facet) ** 2 * area * np.minimum(area, 1.0)).max(initial=0.0))
 
     def _worth_a_look(self, triangles: FacetParts) -> FacetParts:
         """Facets, none of which has any of the mixed triangles, in which light may end all the same.
@@ -311,7 +328,8 @@ class SunlitAreas:
         """Error over what is told by squared errors (N,), in any unit: they are as good as they are many."""
         n = float(squared.sum()) ** 2 / max(float((squared * squared).sum()), 1e-300)
         low = min(max((self._view.phase_rad - _LOW_SPREAD_RAD) / _OVER_RAD, 0.0), 1.0)
-        return (1.0 + _LOW_SPREAD * low) * min(_SPREAD + _SPREAD_OF_FEW / math.sqrt(max(n, 1.0)), _MOST_SPREAD)
+        return ((1.0 + _LOW_SPREAD * low) * (1.0 if self._facets.is_closed else _OPEN_SPREAD)
+                * min(_SPREAD + _SPREAD_OF_FEW / math.sqrt(max(n, 1.0)), _MOST_SPREAD))
 
     def _squared(self, triangles: FacetParts, n_bisections: int) -> np.ndarray:
         """Squared errors (N,) that cuts leave, in units of radiance squared."""

@@ -246,3 +246,20 @@ def test_neighbours_are_found_across_every_edge_and_not_across_others():
     twice = neighbours(np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4]]).T, 5)
     assert (twice[0] == -1).all()
     assert (neighbours(np.array([[0, 1, 2], [0, 1, 3]]).T, 4) == -1).all()
+
+
+@pytest.mark.parametrize("budget", [0.1, 0.03])
+def test_a_moon_before_the_middle_of_a_facet_is_found_or_told(budget):
+    """All corners of a planet of eighty facets agree: nothing is mixed, and nothing would be looked at."""
+    planet = views.sphere(LAW, 1, 100.0, "planet")
+    moon = views.sphere(LAW, 1, 9.0, "moon")
+    state = views.state(phase_deg=25.0, bodies=("planet", "moon"))
+    direction = state.spacecraft.r_inertial_m / np.linalg.norm(state.spacecraft.r_inertial_m)
+    middles = planet.shape.vertices_m[planet.shape.facets].mean(axis=1)
+    place = middles[np.argmax(middles @ direction)]
+    place = place * (140.0 / np.linalg.norm(place))
+    state = replace(state, bodies={**state.bodies, "moon": replace(state.bodies["moon"], r_inertial_m=place)})
+    camera = views.camera(64, 700.0)
+    image, told, roi, rays = drawn([planet, moon], state, camera, budget)
+    truth = traced(camera, roi, rays, 41)
+    assert rms(image, truth) <= told <= budget
