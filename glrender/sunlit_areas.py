@@ -84,6 +84,7 @@ class SunlitAreas:
             facing = facing[shown.take(facing) > 0.0]
         # Parts of large facets that are lit or dark as far as is known.
         self._even = FacetParts(np.zeros((3, 0), np.intp), np.zeros(0, np.intp), np.zeros(0))
+        self._is_alone = len(views) == 1
         self._cutter = FacetCutter(facets, view, views, rays, facing)
         self._facing, self._corner = facing, self._cutter.corner
         n_lit = self._cutter.points.is_lit.take(self._corner).sum(axis=0)
@@ -210,12 +211,12 @@ class SunlitAreas:
         def squared(facet: np.ndarray, area_px: np.ndarray, radiance: np.ndarray | float) -> np.ndarray:
             is_large = self._facets.is_coarse.take(facet) & (
                 self._facet_px(facet) * radiance > _LARGE_SHARE * self.light)
-            return radiance**2 * area_px * np.minimum(area_px, 1.0) / np.where(is_large | may_all, _LARGE, _OTHERS)
+            return _pixels_squared(radiance, area_px) / np.where(is_large | may_all, _LARGE, _OTHERS)
 
         if self._cutter.is_free:
             return True
         # Another body may be before any of few facets.
-        may_all = len(self._views) > 1 and len(self._facing) < _FEW
+        may_all = not self._is_alone and len(self._facing) < _FEW
         area_px = self._facet_px(self._facing)
         large = np.flatnonzero(squared(self._facing, area_px, float(self._radiance.max())) > most_squared)
         facet = self._facing[large]
@@ -259,7 +260,7 @@ class SunlitAreas:
         parts, within = even, np.arange(len(was_lit))
         is_found = np.zeros(len(was_lit), bool)
         # What is thin, or another body, may pass between corners at every look.
-        of_look = _OF_LOOK if self._facets.is_closed and len(self._views) == 1 else 1.0
+        of_look = _OF_LOOK if self._facets.is_closed and self._is_alone else 1.0
         found, looked, missed = [triangles], 0.0, told
         for look in range(n_looks):
             parts, within = self._cutter.quarters(parts), np.tile(within, 4)
@@ -269,9 +270,8 @@ class SunlitAreas:
             of_new, new = is_new.take(within), even.at(np.flatnonzero(is_new))
             self._shade(new.facet)
             found.append(self._cutter.keep_even(parts.at(np.flatnonzero(of_new))))
-            area = new.area_px / 4.0**look
             looked = _OF_EARLIER**2 * looked + _WHOLE_ERROR * float(
-                (self._radiance[new.facet] ** 2 * area * np.minimum(area, 1.0)).sum())
+                _pixels_squared(self._radiance[new.facet], new.area_px / 4.0**look).sum())
             missed = of_look ** (2 * look) * (told + (_OF_FOUND * self._spread) ** 2 * looked)
             rest = np.flatnonzero(~of_new)
             parts, within = parts.at(rest), within.take(rest)
@@ -285,11 +285,11 @@ class SunlitAreas:
 
     def _behind_others(self) -> float:
         """Squared error of what other bodies may hide or shade between corners that agree."""
-        if len(self._views) == 1:
+        if self._is_alone:
             return 0.0
         facet = np.concatenate([self._whole, self._even.facet])
         area = np.concatenate([self._facet_px(self._whole), self._even.area_px])
-        return _OF_LARGEST * float((self._radiance.take(facet) ** 2 * area * np.minimum(area, 1.0)).max(initial=0.0))
+        return _OF_LARGEST * float(_pixels_squared(self._radiance.take(facet), area).max(initial=0.0))
 
     def _worth_a_look(self, triangles: FacetParts) -> FacetParts:
         """Facets, none of which has any of the mixed triangles, in which light may end all the same.
@@ -354,3 +354,8 @@ class SunlitAreas:
         """Places (2, N) [px] of points (3, N) [m]."""
         return facet_loops.projected(r_body_m, self._view.camera_from_body, self._view.r_camera_body_m,
                                      self._camera.focal_length_px, np.array(self._camera.principal_point_px, float))
+
+
+def _pixels_squared(radiance: np.ndarray | float, area_px: np.ndarray) -> np.ndarray:
+    """Squared light (N,) of areas (N,), of a pixel's share of each."""
+    return radiance**2 * area_px * np.minimum(area_px, 1.0)

@@ -15,6 +15,13 @@ def box(low, high):
     return low + corners * (high - low), facets
 
 
+def several(*boxes):
+    """Boxes between pairs of corners [m] in one shape."""
+    made = [box(*ends) for ends in boxes]
+    return Shape.from_arrays(np.concatenate([vertices for vertices, _ in made]),
+                             np.concatenate([facets + 8 * k for k, (_, facets) in enumerate(made)]))
+
+
 def slab(half_m=100.0, thickness_m=20.0, pillar_m=None):
     """A square slab, its top at z = 0, and on it a pillar of square base and height `pillar_m` = (side, height)."""
     vertices, facets = box((-half_m, -half_m, -thickness_m), (half_m, half_m, 0.0))

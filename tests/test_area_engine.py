@@ -129,17 +129,11 @@ def test_bodies_hide_and_eclipse_each_other():
     assert rms(image, truth) <= 0.01 and told <= 0.01
 
 
-def several(*boxes):
-    """Boxes in one shape."""
-    made = [solids.box(*ends) for ends in boxes]
-    return Shape.from_arrays(np.concatenate([vertices for vertices, _ in made]),
-                             np.concatenate([facets + 8 * k for k, (_, facets) in enumerate(made)]))
-
-
 @pytest.mark.parametrize("phase_deg", [20.0, 60.0])
 @pytest.mark.parametrize("shape", [
-    several(((-100, -100, -20), (100, 100, 0)), ((-10, -10, 40), (10, 10, 60))),
-    several(((-50, -50, -50), (50, 50, 50)), ((20, -50, -20), (80, 30, 20)))], ids=["above a facet", "flush with one"])
+    solids.several(((-100, -100, -20), (100, 100, 0)), ((-10, -10, 40), (10, 10, 60))),
+    solids.several(((-50, -50, -50), (50, 50, 50)), ((20, -50, -20), (80, 30, 20)))],
+    ids=["above a facet", "flush with one"])
 def test_what_falls_between_a_facet_s_corners_is_found_or_told(shape, phase_deg):
     """A shadow in the middle of a slab, whose corners are all lit; and facets in one plane, which each other hides."""
     state, camera = views.state(phase_deg=phase_deg, direction=(0.3, -0.6, 0.6)), views.camera(128, 900.0)
@@ -190,7 +184,7 @@ def test_few_facets_with_most_of_the_error_are_not_hidden_by_many_with_little(ph
 
 def test_of_facets_larger_than_the_frame_the_error_is_that_of_the_frame():
     """The shadow of a small box fills much of a frame that sees a thousandth of what is lit."""
-    shape = several(((-1000, -1000, -20), (1000, 1000, 0)), ((-5, -5, 20), (5, 5, 30)))
+    shape = solids.several(((-1000, -1000, -20), (1000, 1000, 0)), ((-5, -5, 20), (5, 5, 30)))
     state, camera = views.state(phase_deg=40.0, direction=(0.3, -0.6, 0.6)), views.camera(64, 2000.0)
     image, told, roi, rays = drawn([Body(name="body", shape=shape, brdf=LAW)], state, camera, 0.02)
     assert rms(image, traced(camera, roi, rays, 21)) <= told

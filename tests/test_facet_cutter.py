@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import solids
 import views
-from glrender import Body, Shape, facet_loops
+from glrender import Body, facet_loops
 from glrender.brdf import Lambert
 from glrender.facet_cutter import FacetCutter
 from glrender.facet_parts import FacetParts, Points
@@ -17,9 +17,7 @@ from glrender.view import view_bodies
 
 def cutter(*boxes):
     """Of boxes in one shape, seen and lit from above: the cutter, and the facets of the top of the first."""
-    made = [solids.box(*ends) for ends in boxes]
-    shape = Shape.from_arrays(np.concatenate([vertices for vertices, _ in made]),
-                              np.concatenate([facets + 8 * k for k, (_, facets) in enumerate(made)]))
+    shape = solids.several(*boxes)
     body = Body(name="body", shape=shape, brdf=Lambert(normal_albedo=0.3))
     scene = views.scene([body], [views.camera(64, 1e5)], sun_disc=False)
     (view,) = seen = view_bodies(views.state(phase_deg=0.0, direction=(0.0, 0.0, 1.0), range_m=1e5), scene.cameras[0],
