@@ -7,16 +7,20 @@ shades them is found by rays here.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 from glrender_camera import PinholeCamera
 
 from .error_model import sliver_gain
+from .facet_relief import LevelShape
 from .facet_tables import FacetTables, longest_sides_m
 from .frames import sun_from_body
 from .ray_engine import RayEngine
+from .rays import RayMesh
+from .render_plan import LevelPlan
 from .scene import Scene
 from .surface import Surface
 from .view import BodyView
@@ -47,9 +51,12 @@ class AreaEngine:
     scene : Scene
     rays : RayEngine
         Of the same scene.
+    levels : mapping of str to sequence of LevelShape, optional
+        Of bodies of the scene: levels of detail, finest first.
     """
 
-    def __init__(self, scene: Scene, rays: RayEngine):
+    def __init__(self, scene: Scene, rays: RayEngine,
+                 levels: Mapping[str, Sequence[LevelShape]] = MappingProxyType({})):
         # Not before there is a scene: their loops are compiled, or read, at the first import.
         from . import coverage, sunlit_areas
 
@@ -57,16 +64,24 @@ class AreaEngine:
         self._scene, self._rays = scene, rays
         sides_m = {body.name: longest_sides_m(body.shape) for body in scene.bodies}
         smallest_m = min(each[each > 0.0].min() for each in sides_m.values())
-        self._facets = {body.name: FacetTables(body, sides_m[body.name] > _COARSE * smallest_m)
+        # Of each body that can be drawn so: the full shape, and its levels of detail.
+        self._facets = {body.name: [FacetTables(body, sides_m[body.name] > _COARSE * smallest_m, rays.solid(body.name))]
                         for body in scene.bodies if Surface(body).is_even}
+        for body in scene.bodies:
+            # What a level of detail does not know of is measured.
+            self._facets.get(body.name, []).extend(
+                FacetTables(replace(body, shape=level.shape), np.zeros(len(level.shape.facets), bool),
+                            RayMesh(level.shape.vertices_m, level.shape.facets),
+                            is_closed=self._facets[body.name][0].is_closed, level=level)
+                for level in levels.get(body.name, ()))
 
     def close(self) -> None:
         """Release the tables."""
         self._facets.clear()
 
     def draw(self, names: Sequence[str], camera: PinholeCamera, views: list[BodyView],
-             bounds_px: tuple[float, float, float, float], grid: tuple[int, int],
-             budget: float) -> tuple[np.ndarray, float]:
+             bounds_px: tuple[float, float, float, float], grid: tuple[int, int], budget: float,
+             levels: Mapping[str, LevelPlan] = MappingProxyType({})) -> tuple[np.ndarray, float]:
         """Means over the cells of a grid (rows, columns) float64 [W/m2 per pixel], and their expected error.
 
         Of facets as bright all over: what that costs close up is for the planner to know.
@@ -86,10 +101,12 @@ class AreaEngine:
         grid : (int, int)
             Columns and rows.
         budget : float [1]
-            RMS error of pixels over the mean of the lit ones.
+            RMS error of pixels over the mean of the lit ones; that of levels of detail is not in it.
+        levels : mapping of str to LevelPlan, optional
+            What is drawn of bodies: the full shape of others.
         """
         def made(views: list[BodyView], budget: float, has_disc: bool) -> tuple[np.ndarray, float, float]:
-            return self._drawn(names, camera, views, bounds_px, grid, budget, has_disc)
+            return self._drawn(names, camera, views, bounds_px, grid, budget, levels, has_disc)
 
         means, told, penumbra = made(views, budget, self._scene.sun_disc)
         if penumbra <= _PENUMBRA * budget:
@@ -110,15 +127,19 @@ class AreaEngine:
 
     def _drawn(self, names: Sequence[str], camera: PinholeCamera, views: list[BodyView],
                bounds_px: tuple[float, float, float, float], grid: tuple[int, int], budget: float,
-               has_disc: bool) -> tuple[np.ndarray, float, float]:
+               levels: Mapping[str, LevelPlan], has_disc: bool) -> tuple[np.ndarray, float, float]:
         """The same with hard edges of shadows, and what they cost if the Sun has a disc.
 
         Nothing is drawn if that is too much.
         """
         corner, far = np.reshape(np.array(bounds_px, float), (2, 2))
         per_px = np.array(grid) / (far - corner)
-        areas = [self._sunlit_areas.SunlitAreas(self._facets[view.name], view, views, camera, bounds_px, self._rays)
-                 for view in views if view.name in names and view.is_visible]
+        areas = []
+        for view in views:
+            if view.name in names and view.is_visible:
+                level = levels.get(view.name, LevelPlan())
+                areas.append(self._sunlit_areas.SunlitAreas(self._facets[view.name][level.number], view, views, camera,
+                                                            bounds_px, self._rays, level))
         light, n_px = sum(body.light for body in areas), sum(body.area_px for body in areas)
         if not light > 0.0:
             # Light between corners that are all dark is for others to find.

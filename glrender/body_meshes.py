@@ -11,6 +11,7 @@ from .error_model import BodyTraits, LevelTraits
 from .errors import DeviceError
 from .gl.context import Context
 from .gl.mesh import Mesh
+from .level_tables import AreaLevel
 from .lod import Level, levels_of_detail
 from .lod_flux import FluxRatio, flux_ratios
 from .scene import Body
@@ -39,14 +40,15 @@ def body_meshes(context: Context, body: Body, levels: tuple[Level, ...]) -> Iter
                    detail=detail.astype(np.float16)[level.source_facet], beyond_m=level.beyond_m)
 
 
-def body_traits(body: Body, levels: tuple[Level, ...], ratios: tuple[FluxRatio, ...]) -> BodyTraits:
+def body_traits(body: Body, levels: tuple[Level, ...], ratios: tuple[FluxRatio, ...],
+                by_areas: tuple[AreaLevel, ...] = ()) -> BodyTraits:
     """What the planner knows of a body."""
     shape = body.shape
     areas = shape.facet_areas_m2
     full = LevelTraits(n_facets=len(shape.facets), crease_rad=shape.crease_rad)
     return BodyTraits(
         radius_m=body.hull.radius_m, is_convex=body.hull.is_convex, law=body.brdf.glsl,
-        max_phase_rad=body.brdf.max_phase, relief=body.relief,
+        max_phase_rad=body.brdf.max_phase, relief=body.relief, area_levels=by_areas,
         even_facet_m=math.sqrt(float(areas @ areas) / float(areas.sum())) if Surface(body).is_even else math.inf,
         levels=(full, *(LevelTraits(n_facets=len(level.facets), crease_rad=shape.crease_rad,
                                     deviation_m=level.deviation_m, flux_ratio=ratio)

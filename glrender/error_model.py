@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from .level_tables import AreaLevel
 from .lod_flux import FluxRatio
 from .relief import Relief
 from .view import BodyView
@@ -73,6 +74,8 @@ class BodyTraits:
     max_phase_rad: float
     levels: tuple[LevelTraits, ...]
     relief: Relief | None = None
+    area_levels: tuple[AreaLevel, ...] = ()
+    """Of the levels after the first, by areas: none where facets are not as bright everywhere."""
     even_facet_m: float = math.inf
     """Side of facets, each as bright everywhere, by their areas; infinite with a texture, smooth normals or detail."""
 

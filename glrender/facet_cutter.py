@@ -120,7 +120,7 @@ class FacetCutter:
             is_open = [horizons.are_open(number, view.r_camera_body_m, True),
                        horizons.are_open(number, view.sun_direction_body, False)]
         is_asked, number = np.ones(len(facet), bool) if is_seen is None else ~is_seen, self._facets.number.take(facet)
-        seen = self._rays.in_view(r_body_m, number, view, self._views, is_asked, is_open[0])
+        seen = self._rays.in_view(self._facets.solid, r_body_m, number, view, self._views, is_asked, is_open[0])
         if is_seen is not None:
             seen |= is_seen
-        return seen, self._rays.in_light(r_body_m, number, view, self._views, seen, is_open[1])
+        return seen, self._rays.in_light(self._facets.solid, r_body_m, number, view, self._views, seen, is_open[1])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba.types import Tuple, boolean, float64, intp
+from numba.types import Tuple, boolean, float32, float64, int16, int64, intp
 
 from .compiled import compiled, read, write
 
@@ -113,4 +113,37 @@ def to_camera(vertices_m, corners, facets, r_camera_m):
             squared += found[axis, i] ** 2
         for axis in range(3):
             found[axis, i] /= math.sqrt(squared)
+    return found
+
+
+@compiled(write(float64, 1)(read(int64, 1), read(int16, 2), read(float32, 1), _NUMBERS, _POINTS, _TABLE, _TABLE))
+def added_by_relief(begin, normals, weights, facets, flat, axes, table):
+    """What facets (N,) that stand for several normals have more than flat ones (3, N) have: in a table's unit.
+
+    The table is of the components of normals along two axes (2, 3), from 0 to 1 and from -1 to 1, in even steps.
+    """
+    found, steps = np.empty(len(facets)), table.shape[0] - 1
+    for i in range(len(facets)):
+        total, covered, own = 0.0, 0.0, 0.0
+        for j in range(begin[facets[i]], begin[facets[i] + 1] + 1):
+            is_flat = j == begin[facets[i] + 1]
+            if is_flat:
+                a, b, c = flat[0, i], flat[1, i], flat[2, i]
+            else:
+                a, b, c = normals[j, 0] / 32767.0, normals[j, 1] / 32767.0, normals[j, 2] / 32767.0
+            x = a * axes[0, 0] + b * axes[0, 1] + c * axes[0, 2]
+            if x <= 0.0:
+                continue
+            y = a * axes[1, 0] + b * axes[1, 1] + c * axes[1, 2]
+            u, v = min(x, 1.0) * steps, (min(max(y, -1.0), 1.0) + 1.0) * steps
+            k, m = min(int(u), steps - 1), min(int(v), 2 * steps - 1)
+            u, v = u - k, v - m
+            value = ((1.0 - u) * ((1.0 - v) * table[k, m] + v * table[k, m + 1])
+                     + u * ((1.0 - v) * table[k + 1, m] + v * table[k + 1, m + 1]))
+            if is_flat:
+                own = value
+            else:
+                total += weights[j] * x * value
+                covered += weights[j] * x
+        found[i] = total / covered - own if covered > 0.0 else 0.0
     return found

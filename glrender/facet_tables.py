@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from .facet_relief import LevelShape
 from .horizons import Horizons
 from .morton import morton_order
-from .rays import dot
+from .rays import RayMesh, dot
 from .scene import Body
 from .shape import Shape
 from .surface import Surface
@@ -28,6 +29,12 @@ class FacetTables:
     is_coarse : (F,) bool
         Of the shape's facets: whether one is far larger than the smallest of the scene, so that there are things that
         it does not know of.
+    solid : RayMesh
+        Of the same facets.
+    is_closed : bool
+        Known of a level of detail, where decimation may leave out a facet.
+    level : LevelShape, optional
+        Where the body's shape is one.
 
     Attributes
     ----------
@@ -36,9 +43,11 @@ class FacetTables:
         Of facets and vertices, in the shape.
     n_facets : int
     is_coarse : (F,) bool
-        As it was given.
+    solid : RayMesh
+    level : LevelShape or None
+        As they were given.
     is_closed : bool
-        Every edge has two facets.
+        Every edge has two facets, or is taken to have.
     is_convex : bool
         Without a dip: the hull's word is good to a thousandth of its volume.
     horizons : Horizons or None
@@ -56,7 +65,8 @@ class FacetTables:
         Whether the facet across an edge rises above the plane of this one.
     """
 
-    def __init__(self, body: Body, is_coarse: np.ndarray):
+    def __init__(self, body: Body, is_coarse: np.ndarray, solid: RayMesh, *, is_closed: bool = False,
+                 level: LevelShape | None = None):
         # Not before there is a body: its loops are compiled, or read, at the first import.
         from . import facet_loops
 
@@ -69,7 +79,7 @@ class FacetTables:
             np.ascontiguousarray(shape.facets.T, np.intp), self.number, len(shape.vertices_m))
         self.vertices_m = np.ascontiguousarray(shape.vertices_m[self.vertex_number].T)
         self.normal = np.ascontiguousarray(shape.facet_normals[self.number].T)
-        self.is_coarse = is_coarse[self.number]
+        self.is_coarse, self.solid, self.level = is_coarse[self.number], solid, level
         self.offset_m = dot(self.normal, self.vertices_m.take(self.corners[0], axis=1))
         # Now: a first frame that had to wait for them would be late.
         self.neighbours = neighbours(self.corners, self.vertices_m.shape[1])
@@ -77,7 +87,7 @@ class FacetTables:
         height_m = np.stack([np.where(across < 0, 0.0, dot(self.normal, middle_m.take(across, axis=1)) - self.offset_m)
                              for across in self.neighbours])
         self.rises = height_m > 0.0
-        self.is_closed = bool((self.neighbours >= 0).all())
+        self.is_closed = is_closed or bool((self.neighbours >= 0).all())
         is_flat = float(height_m.max()) <= _FLAT * body.hull.radius_m
         self.is_convex = self.is_closed and body.hull.is_convex and is_flat
         self.horizons = None if self.is_convex or len(shape.vertices_m) > _MOST_HORIZONS else Horizons(shape)

@@ -107,7 +107,8 @@ class IrradiancePass:
                     may_give_up: bool) -> tuple[np.ndarray, WindowPlan] | None:
         """Means of the window's cells and its plan; None, if it may, where their error is above the budget."""
         left = math.sqrt(max(window.budget**2 - window.modelling_error**2, 0.0))
-        means, told = self._areas.draw(window.bodies, frame.camera, frame.views, window.bounds_px, window.grid, left)
+        means, told = self._areas.draw(window.bodies, frame.camera, frame.views, window.bounds_px, window.grid, left,
+                                       dict(zip(window.bodies, window.levels, strict=True)))
         clock.lap("surface")
         predicted = math.hypot(told, window.modelling_error)
         if may_give_up and predicted > window.budget:

@@ -72,7 +72,7 @@ def _measured(body: Body, levels: tuple[Level, ...]) -> dict[str, np.ndarray]:
     rng = np.random.default_rng(0)
     flux = np.zeros((len(meshes), _ASPECTS, len(PHASES_RAD)))
     for aspect in range(_ASPECTS):
-        to_camera, aside = _directions(aspect)
+        to_camera, aside = aspect_directions(aspect, _ASPECTS)
         grid = _grid(to_camera, meshes[0].radius_m)
         suns = np.cos(PHASES_RAD)[:, None] * to_camera + np.sin(PHASES_RAD)[:, None] * aside
         for which, mesh in enumerate(meshes):
@@ -100,10 +100,10 @@ def _measured(body: Body, levels: tuple[Level, ...]) -> dict[str, np.ndarray]:
     return made
 
 
-def _directions(aspect: int) -> tuple[np.ndarray, np.ndarray]:
-    """A direction to the camera, evenly spread, and one at right angles to it."""
+def aspect_directions(aspect: int, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """A direction to the camera, one of `count` that are evenly spread, and one at right angles to it."""
     golden = np.pi * (3.0 - np.sqrt(5.0))
-    z = 1.0 - (2.0 * aspect + 1.0) / _ASPECTS
+    z = 1.0 - (2.0 * aspect + 1.0) / count
     to_camera = np.array([np.sqrt(1.0 - z * z) * np.cos(golden * aspect),
                           np.sqrt(1.0 - z * z) * np.sin(golden * aspect), z])
     first = np.cross(to_camera, np.eye(3)[np.argmin(np.abs(to_camera))])

@@ -125,7 +125,7 @@ def is_close(view: BodyView, radius_m: float, footprint_m: float) -> bool:
 
 
 def without_maps(bodies: Sequence[BodyPlan], windows: Sequence[WindowPlan]) -> list[BodyPlan]:
-    """Bodies as their windows draw them: rays and areas are those of the full shape, and need no shadow map."""
+    """Bodies as their windows draw them by OpenGL: rays and areas need no shadow map, and cast those of full shapes."""
     by_rays = {name for window in windows if window.engine != "raster" for name in window.bodies}
     return [replace(body, level=0, shadow_map_px=None, shadow_map_drawn_px=(0, 0), shadow_map_reused=False,
                     flux_ratio=1.0, modelling_error=0.0) if body.name in by_rays else body for body in bodies]
@@ -135,9 +135,13 @@ def told_plan(camera: PinholeCamera, max_error: float, views: Sequence[BodyView]
               bodies: Sequence[BodyPlan], windows: Sequence[WindowPlan], has_sun_disc: bool) -> RenderPlan:
     """The frame's plan as its windows were drawn: what was left out, and where the budget was not met."""
     engines = {name: window.engine for window in windows for name in window.bodies}
+    by_areas = {name: level for window in windows if window.levels
+                for name, level in zip(window.bodies, window.levels, strict=True)}
     done, left_out, warnings = [], [], []
     for view, body in zip(views, without_maps(bodies, windows), strict=True):
         known = traits[view.name]
+        if view.name in by_areas:
+            body = replace(body, level=by_areas[view.name].number, flux_ratio=by_areas[view.name].flux_ratio)
         done.append(replace(body, n_facets=known.levels[body.level].n_facets))
         if not view.is_visible:
             left_out.append(f"{view.name}: out of view")

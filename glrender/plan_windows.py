@@ -19,11 +19,11 @@ from .error_model import (
     shadow_share,
     squared_errors,
     texel_share,
-    thin_penumbra,
     usual_edges,
 )
 from .first_samples import MAX_SAMPLES, Expected, first_samples
 from .grouping import outline, outline_px, region, touching
+from .plan_areas import choose_areas
 from .render_plan import BodyPlan, WindowPlan
 from .view import BodyView
 
@@ -57,11 +57,6 @@ _SLIVER_SAMPLES, _SLIVER_PHASE_RAD, _SLIVER_BUDGET = 3.0, 1.4, 0.03
 _THIN_SAMPLES_PER_RAD, _THIN_PHASE_RAD = 4.0, 2.15
 # Samples across a body times the budget: its centre of light is within that in pixels, where RMS alone asks for few.
 _CENTRE = 2.2
-# Of the budget, what penumbras may cost areas; what a facet's light varies by where it is seen from, over its angle,
-# and a pixel's solid angle within it, over its angle.
-_AREAS_FLOOR, _UNEVEN, _PIXEL_ERROR = 0.7, 0.3, 0.3
-# What steps leave of an eclipse's penumbra, before anything is drawn: areas tell it themselves.
-_ECLIPSE_STEPS = 0.25
 # Of a small body that is added to the image, error of cells of a pixel's width; and of the budget, what they may take.
 _CELL_ERROR, _CELL_SHARE = 0.25, 0.3
 # Penumbras by rays are noise: creases and facets a pixel that say so; and fewest samples along a pixel's side.
@@ -144,9 +139,9 @@ class _Window:
         self._outline_px = outline_px(members)
         self._phase_rad = max(view.phase_rad for view in members)
         # Facets of the full shapes that face camera and Sun and are shown, about.
-        self._facing_share = (math.pi - self._phase_rad) / (2.0 * math.pi)
         shown = min(self._box_px / (0.8 * min(self._largest_px, 1e5) ** 2), 1.0)
-        self._n_facing = max(sum(level.n_facets for level in self._full) * self._facing_share * shown, 1.0)
+        facing = (math.pi - self._phase_rad) / (2.0 * math.pi)
+        self._n_facing = max(sum(level.n_facets for level in self._full) * facing * shown, 1.0)
         self._across = samples_across(budget, self._phase_rad)
         # Slivers of light between samples tell nothing of themselves.
         slivers = 1.0
@@ -154,12 +149,9 @@ class _Window:
             slivers = _SLIVER_SAMPLES + _THIN_SAMPLES_PER_RAD * max(self._phase_rad - _THIN_PHASE_RAD, 0.0)
         centre = _CENTRE / (budget * error_gain * self._largest_px)
         self._least = math.ceil(min(max(self._across / self._largest_px, slivers, centre), MAX_SAMPLES))
+        self._by_areas = choose_areas(members, traits, self._drawn, camera, budget, error_gain, costs,
+                                      n_px=self._n_px, shown_share=shown)
         self._has_areas = all(view.bounds_px is not None for view in members)
-        self._areas_floor = max(
-            math.hypot(thin_penumbra(view) if body.penumbra_error else 0.0,
-                       _PIXEL_ERROR * (1.0 + 3.0 * _off_axis(view, camera)) / camera.focal_length_px,
-                       _UNEVEN * traits[view.name].even_facet_m / view.depth_m[0])
-            for view, body in zip(members, self._drawn, strict=True))
         # Of shadow maps and levels of detail: rays have neither. And without the edges of shadows, or with usual ones.
         self._floor = max(body.modelling_error for body in self._drawn)
         maps = [(view, body, sum(squared_errors(view, level)))
@@ -184,7 +176,7 @@ class _Window:
         has_rays = math.isfinite(self._costs.ray_ns)
         is_small = self._outline_px < _SMALL_PX or apart_size_px(self._members) < self._apart_px or (
             len(self._members) == 1 and self._across > MAX_SAMPLES * self._largest_px)
-        areas_ns = self._areas_ns() if has_rays and samples is None else math.inf
+        areas_ns = self._by_areas.ns if has_rays and self._has_areas and samples is None else math.inf
         if samples is None and is_small:
             grid_ns, grid = self._own_grid(has_rays)
             is_enough = grid.predicted_error <= self._gain * self._budget or math.isinf(areas_ns)
@@ -204,18 +196,8 @@ class _Window:
             return WindowChoice(first=rays)
         return WindowChoice(first=raster, by_rays=rays)
 
-    def _areas_ns(self) -> float:
-        """Nanoseconds by areas; infinite where facets are not as bright everywhere, or penumbras are wide."""
-        floor = max(self._areas_floor, _ECLIPSE_STEPS * max(body.eclipse_error for body in self._drawn))
-        if not self._has_areas or floor > _AREAS_FLOOR * self._budget:
-            return math.inf
-        facet_px = math.sqrt(2.0 * self._facing_share * self._n_px / self._n_facing)
-        return self._costs.areas_ns(sum(level.n_facets for level in self._full), self._n_facing, self._n_px, facet_px,
-                                    max(level.crease_rad for level in self._full), self._phase_rad, self._budget)
-
     def _areas(self) -> WindowPlan:
-        return self._plan("areas", samples=1, **self._whole(1), modelling_error=self._areas_floor,
-                          predicted_error=self._budget)
+        return self._areas_plan(samples=1, **self._whole(1))
 
     def _small_areas(self) -> WindowPlan:
         bounds, sides = self._own_bounds()
@@ -223,8 +205,11 @@ class _Window:
         if apart_size_px(self._members) >= self._apart_px:
             cell_px = max(min(cell_px, _CELL_SHARE * self._budget / _CELL_ERROR), self._outline_px / _MOST_ACROSS)
         grid = tuple(max(math.ceil(side / cell_px), 8) for side in sides)
-        return self._plan("areas", samples=0, grid=grid, bounds_px=bounds, modelling_error=self._areas_floor,
-                          predicted_error=self._budget)
+        return self._areas_plan(samples=0, grid=grid, bounds_px=bounds)
+
+    def _areas_plan(self, **told) -> WindowPlan:
+        return self._plan("areas", modelling_error=self._by_areas.error, predicted_error=self._budget,
+                          levels=self._by_areas.levels, **told)
 
     def _own_bounds(self) -> tuple[tuple[float, float, float, float], tuple[float, float]]:
         """Box of a small body's own grid [px], with a margin, and its sides."""
@@ -315,11 +300,3 @@ class _Window:
     def _noise(self, levels: Sequence[LevelTraits]) -> tuple[float, float]:
         return (max(level.crease_rad for level in levels),
                 max(facets_per_px(view, level.n_facets) for view, level in zip(self._members, levels, strict=True)))
-
-
-def _off_axis(view: BodyView, camera: PinholeCamera) -> float:
-    """Tangent of the angle between the boresight and the farthest corner of a body's box."""
-    if view.bounds_px is None:
-        return math.inf
-    return max(math.hypot(x - camera.principal_point_px[0], y - camera.principal_point_px[1])
-               for x in view.bounds_px[::2] for y in view.bounds_px[1::2]) / camera.focal_length_px

@@ -48,6 +48,10 @@ class RayEngine:
         self.scene = scene
         self._solids = {body.name: _Solid(body) for body in scene.bodies}
 
+    def solid(self, name: str) -> RayMesh:
+        """A body's full shape."""
+        return self._solids[name]
+
     def close(self) -> None:
         """Release the acceleration structures."""
         self._solids.clear()
@@ -79,27 +83,26 @@ class RayEngine:
         """Whether points (N, 3) [m] in a body's frame have a free line (N,) bool to the Sun's middle."""
         return self._has_free_line(r_body_m.T, view.sun_direction_body, view, views)
 
-    def in_light(self, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView, views: list[BodyView],
+    def in_light(self, own: RayMesh, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView, views: list[BodyView],
                  is_asked: np.ndarray, is_open: np.ndarray | None = None) -> np.ndarray:
         """Whether points (3, N) [m] of a body's facets (N,) see the Sun's middle, (N,) bool; only what is asked for.
 
-        Of some it may be known that nothing of their own body hides it, (N,) bool.
+        The body is as in its `own` mesh, its full shape or a level of detail; others are in full. Of some points it may
+        be known that nothing of their own body hides it, (N,) bool.
         """
-        return self._free(r_body_m, facet, view, views, is_asked, is_open, view.sun_direction_body, False)
+        return self._free(own, r_body_m, facet, view, views, is_asked, is_open, view.sun_direction_body, False)
 
-    def in_view(self, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView, views: list[BodyView],
+    def in_view(self, own: RayMesh, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView, views: list[BodyView],
                 is_asked: np.ndarray, is_open: np.ndarray | None = None) -> np.ndarray:
         """Whether the camera sees points (3, N) [m] of a body's facets (N,), (N,) bool; only what is asked for.
 
-        Of some it may be known that nothing of their own body hides them, (N,) bool.
+        As of `in_light`.
         """
-        return self._free(r_body_m, facet, view, views, is_asked, is_open, view.r_camera_body_m, True)
+        return self._free(own, r_body_m, facet, view, views, is_asked, is_open, view.r_camera_body_m, True)
 
-    def _free(self, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView, views: list[BodyView],
+    def _free(self, own: RayMesh, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView, views: list[BodyView],
               is_asked: np.ndarray, is_open: np.ndarray | None, towards: np.ndarray, is_place: bool) -> np.ndarray:
-        own = self._solids[view.name]
-
-        def keep(solid: _Solid, turn: np.ndarray, shift_m: np.ndarray, is_free: np.ndarray) -> None:
+        def keep(solid: RayMesh, turn: np.ndarray, shift_m: np.ndarray, is_free: np.ndarray) -> None:
             def ask(part: slice) -> None:
                 solid.keep_free(turn, shift_m, r_body_m[:, part], facet[part], own.normals.T, LIFT * own.radius_m,
                                 towards, is_place, is_free[part])
@@ -115,15 +118,19 @@ class RayEngine:
                 keep(self._solids[other.name], *_between(view, other), is_free)
         return is_free
 
-    def shade_ranges(self, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView, views: list[BodyView]
-                     ) -> np.ndarray:
-        """Distances (N,) [m] from points (3, N) [m] of a body's facets (N,) to what hides the Sun, or infinity."""
-        own, found = self._solids[view.name], np.full(len(facet), np.inf)
+    def shade_ranges(self, own: RayMesh, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView,
+                     views: list[BodyView]) -> np.ndarray:
+        """Distances (N,) [m] from points (3, N) [m] of a body's facets (N,) to what hides the Sun, or infinity.
+
+        As of `in_light`.
+        """
+        found = np.full(len(facet), np.inf)
         start = r_body_m + LIFT * own.radius_m * own.normals.T.take(facet, axis=1)
         for other in views:
             turn, shift_m = _between(view, other)
             towards = np.broadcast_to((turn @ view.sun_direction_body)[:, None], start.shape)
-            hits = self._solids[other.name].first(turn @ start + shift_m[:, None], towards)
+            solid = own if other is view else self._solids[other.name]
+            hits = solid.first(turn @ start + shift_m[:, None], towards)
             found[hits.place] = np.minimum(found[hits.place], hits.distance_m)
         return found
 

@@ -50,6 +50,18 @@ class BodyPlan:
 
 
 @dataclass(frozen=True, kw_only=True)
+class LevelPlan:
+    """What areas draw of a body: its full shape, or a level of detail."""
+
+    number: int = 0
+    """0 is the full shape."""
+    has_relief: bool = False
+    """Whether its facets are as bright as what they stand for, or flat."""
+    flux_ratio: float = 1.0
+    """Of the full shape over the level: its light is multiplied by it."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class WindowPlan:
     """One part of the image that is drawn at once: bodies whose outlines' boxes touch.
 
@@ -79,6 +91,8 @@ class WindowPlan:
     noise : (float, float) [rad], [1]
         Angle of the creases between facets, and facets a pixel: arguments of `noise_gain`.
     predicted_error : float [1]
+    levels : tuple of LevelPlan
+        Of areas: what is drawn of each body; empty otherwise.
     """
 
     bodies: tuple[str, ...]
@@ -99,6 +113,7 @@ class WindowPlan:
     """Samples along the side of the pixels that were drawn again; 0 for none."""
     refined_share: float = 0.0
     """Of the region's pixels."""
+    levels: tuple[LevelPlan, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

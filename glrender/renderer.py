@@ -15,6 +15,7 @@ from glrender_camera.validate import integer, within
 from . import plan
 from .area_engine import AreaEngine
 from .area_grid import SmallBody
+from .area_levels import area_levels
 from .body_meshes import body_levels, body_meshes, body_traits
 from .brdf import Law
 from .clock import Clock
@@ -64,19 +65,20 @@ class Renderer:
         self.scene = scene
         with ExitStack() as stack:
             self._context = stack.enter_context(Context(backend, device_index))
-            self._meshes, self._traits = {}, {}
+            self._meshes, self._traits, shapes = {}, {}, {}
             for body in scene.bodies:
                 levels, ratios = body_levels(body)
                 self._meshes[body.name] = [stack.enter_context(mesh)
                                            for mesh in body_meshes(self._context, body, levels)]
-                self._traits[body.name] = body_traits(body, levels, ratios)
+                shapes[body.name], by_areas = area_levels(body, levels)
+                self._traits[body.name] = body_traits(body, levels, ratios, by_areas)
             self._slow = SlowFrames(scene)
             stack.callback(self._slow.close)
             rays = areas = None
             try:
                 rays = RayEngine(scene)
                 stack.callback(rays.close)
-                areas = AreaEngine(scene, rays)
+                areas = AreaEngine(scene, rays, shapes)
                 stack.callback(areas.close)
             except DeviceError:
                 pass  # embreex is optional

@@ -15,9 +15,11 @@ from glrender_camera import PinholeCamera, threads
 from . import coverage, facet_loops
 from .facet_cutter import FacetCutter
 from .facet_parts import FacetParts
+from .facet_relief import FacetRelief
 from .facet_tables import FacetTables
 from .ray_engine import RayEngine
 from .rays import dot
+from .render_plan import LevelPlan
 from .view import BodyView
 
 # Squared error of what 1, 2, 3 bisections cut off a triangle, over its light squared: times its area in pixels, or the
@@ -64,10 +66,16 @@ class SunlitAreas:
     bounds_px : (float, float, float, float) [px]
         Beside which nothing is wanted.
     rays : RayEngine
+    level : LevelPlan
+        What the facets are of the body.
     """
 
     def __init__(self, facets: FacetTables, view: BodyView, views: list[BodyView], camera: PinholeCamera,
-                 bounds_px: tuple[float, float, float, float], rays: RayEngine):
+                 bounds_px: tuple[float, float, float, float], rays: RayEngine, level: LevelPlan):
+        self._brightness, self._relief = level.flux_ratio, None
+        if level.has_relief:
+            middle = view.r_camera_body_m / np.linalg.norm(view.r_camera_body_m)
+            self._relief = FacetRelief(facets.level, facets.surface, view.sun_direction_body, middle)
         self._facets, self._view, self._views, self._camera, self._rays = facets, view, views, camera, rays
         self._xy = self._project(facets.vertices_m)
         facing, cos_incidence = facet_loops.facing(facets.normal, facets.offset_m, view.sun_direction_body,
@@ -151,7 +159,8 @@ class SunlitAreas:
         chosen = np.flatnonzero(is_dark.any(axis=0))
         corner = np.argmax(is_dark[:, chosen], axis=0)
         r_body_m, facet = points.r_m.take(mixed.corner[corner, chosen], axis=1), mixed.facet.take(chosen)
-        range_m = self._rays.shade_ranges(r_body_m, self._facets.number.take(facet), view, self._views)
+        range_m = self._rays.shade_ranges(self._facets.solid, r_body_m, self._facets.number.take(facet), view,
+                                          self._views)
         depth_m = dot(view.camera_from_body[2], r_body_m - view.r_camera_body_m[:, None])
         angle = 2.0 * view.sun_radius_rad
         wide_px = (np.where(np.isfinite(range_m), range_m.clip(0.0), 0.0) * angle * self._camera.focal_length_px
@@ -319,7 +328,11 @@ class SunlitAreas:
             to_camera = facet_loops.to_camera(facets.vertices_m, facets.corners, some, view.r_camera_body_m)
             brdf = surface.brdf(view.sun_direction_body, to_camera.T, facets.normal.take(some, axis=1).T,
                                 surface.albedo_scale(facets.number.take(some)))
-            self._radiance[some] = brdf * self._cos_incidence.take(some) / view.sun_distance_au**2
+            value = brdf * self._cos_incidence.take(some)
+            if self._relief is not None:
+                value += self._relief.added(facets.number.take(some), facets.normal.take(some, axis=1))
+                value = np.maximum(value, 0.0)
+            self._radiance[some] = value * (self._brightness / view.sun_distance_au**2)
             self._off_axis[some] = -dot(view.camera_from_body[2], to_camera)
 
         threads.run_in_parts(work, len(facet), _SHADED_AT_ONCE)

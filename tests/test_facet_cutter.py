@@ -22,10 +22,11 @@ def cutter(*boxes):
     scene = views.scene([body], [views.camera(64, 1e5)], sun_disc=False)
     (view,) = seen = view_bodies(views.state(phase_deg=0.0, direction=(0.0, 0.0, 1.0), range_m=1e5), scene.cameras[0],
                                  scene.hulls)
-    tables = FacetTables(body, np.zeros(len(shape.facets), bool))
+    rays = RayEngine(scene)
+    tables = FacetTables(body, np.zeros(len(shape.facets), bool), rays.solid("body"))
     facing = facet_loops.facing(tables.normal, tables.offset_m, view.sun_direction_body, view.r_camera_body_m)[0]
     top = facing[tables.corner_m(facing)[:, 2].max(axis=0) == boxes[0][1][2]]
-    return FacetCutter(tables, view, seen, RayEngine(scene), top), top
+    return FacetCutter(tables, view, seen, rays, top), top
 
 
 def whole(cut, facets):

@@ -1,0 +1,141 @@
+"""Levels of detail as areas draw them: flat facets, and how far they are from the full shape, measured on each.
+
+A level has the full shape's flux by a ratio, the mean over aspects. What is left depends on the shape's relief, so that
+it is told by tables of size and phase angle rather than by a formula.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import math
+import time
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from glrender_camera import PinholeCamera
+
+from .area_engine import AreaEngine
+from .constants import AU_M
+from .facet_relief import LevelShape
+from .frames import look_at
+from .level_tables import PHASES_RAD, SIZES_PX, AreaLevel
+from .lod import Level, cached_arrays
+from .lod_flux import aspect_directions
+from .ray_engine import RayEngine
+from .render_plan import LevelPlan
+from .scene import Body, Scene
+from .state import Pose, State
+from .surface import Surface
+from .view import view_bodies
+
+_log = logging.getLogger(__name__)
+
+_ASPECTS, _RANGE_RADII = 8, 50.0
+# Of both images that are compared.
+_BUDGET = 0.02
+# What is told where an image cannot be made.
+_UNKNOWN = 1e3
+# Arrays of an `AreaLevel`.
+_NAMES = ("error", "flux_ratio", "flux_scatter", "centre")
+
+
+def area_levels(body: Body, levels: Sequence[Level], cache: Path | None = None
+                ) -> tuple[tuple[LevelShape, ...], tuple[AreaLevel, ...]]:
+    """A body's levels of detail as shapes, and what each costs; kept in the cache with the levels.
+
+    None of a body that is not drawn by areas, as one with a texture.
+    """
+    if not levels or not Surface(body).is_even:
+        return (), ()
+    made = tuple(LevelShape.of(body.shape, level) for level in levels)
+    digest = hashlib.sha256(f"{body.shape.content_hash} {body.brdf!r} {[each.shape.content_hash for each in made]} "
+                            f"{_ASPECTS} {_RANGE_RADII} {_BUDGET} {SIZES_PX.tolist()} {PHASES_RAD.tolist()}".encode())
+    # Each flat, and with relief.
+    kinds = [LevelPlan(number=number, has_relief=has_relief) for number in range(1, 1 + len(made))
+             for has_relief in (False, True)]
+    names = [f"{name}_{k}" for k in range(len(kinds)) for name in _NAMES]
+    arrays = cached_arrays(f"areas1-{digest.hexdigest()[:32]}", names, lambda: _measured(body, made, kinds), cache)
+    return made, tuple(AreaLevel(number=kind.number, n_facets=len(each.shape.facets), crease_rad=each.shape.crease_rad,
+                                 n_normals=len(each.normal) if kind.has_relief else 0,
+                                 **{name: arrays[f"{name}_{k}"] for name in _NAMES})
+                       for k, kind in enumerate(kinds) for each in [made[kind.number - 1]])
+
+
+def _measured(body: Body, levels: Sequence[LevelShape], kinds: Sequence[LevelPlan]) -> dict[str, np.ndarray]:
+    began, side = time.perf_counter(), int(SIZES_PX[-1])
+    camera = PinholeCamera(name="far", width_px=side, height_px=side, focal_length_px=0.5 * side * _RANGE_RADII)
+    scene = Scene(bodies=[body], cameras=[camera], sun_disc=False)
+    rays = RayEngine(scene)
+    areas = AreaEngine(scene, rays, {body.name: levels})
+    # Of each shape, aspect and phase: the flux, its centre [px], and sums over the image at each size.
+    flux = np.full((1 + len(kinds), _ASPECTS, len(PHASES_RAD)), math.nan)
+    centre = np.zeros((*flux.shape, 2))
+    sums = np.zeros((len(kinds), _ASPECTS, len(PHASES_RAD), len(SIZES_PX), 4))
+    for aspect, phase in np.ndindex(flux.shape[1:]):
+        views = view_bodies(_state(body, aspect, PHASES_RAD[phase]), camera, scene.hulls)
+        full = None
+        for k, kind in enumerate((LevelPlan(), *kinds)):
+            with warnings.catch_warnings():
+                # Of laws beyond their phases.
+                warnings.simplefilter("ignore")
+                image, told = areas.draw((body.name,), camera, views, camera.bounds_px, (side, side), _BUDGET,
+                                         {body.name: kind})
+            if math.isinf(told):
+                continue
+            columns, rows, place = image.sum(axis=0), image.sum(axis=1), np.arange(side)
+            flux[k, aspect, phase] = total = columns.sum()
+            centre[k, aspect, phase] = columns @ place / total, rows @ place / total
+            if not k:
+                full = image
+            elif full is not None:
+                sums[k - 1, aspect, phase] = _compared(full, image)
+    areas.close()
+    rays.close()
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = flux[0] / flux[1:]
+        mean = ratio.mean(axis=1)
+        squared = sums[..., 0] - 2.0 * mean[:, None, :, None] * sums[..., 1] + mean[:, None, :, None]**2 * sums[..., 2]
+        errors = np.sqrt(np.mean(np.maximum(squared, 0.0) / sums[..., 3], axis=1))
+        shift = np.sqrt(np.mean(np.sum((centre[1:] - centre[0])**2, axis=-1), axis=1)) / side
+    made = {}
+    for k in range(len(kinds)):
+        known = np.isfinite(mean[k]) & (mean[k] > 0.0)
+        made |= {f"error_{k}": np.where(known[:, None], errors[k], _UNKNOWN),
+                 f"flux_ratio_{k}": np.where(known, mean[k], 1.0),
+                 f"flux_scatter_{k}": np.where(known, ratio[k].std(axis=0, ddof=1) / mean[k], _UNKNOWN),
+                 f"centre_{k}": np.where(known, shift[k], _UNKNOWN)}
+    _log.info("levels of detail of %d facets by areas measured in %.1f s", body.shape.report.n_facets,
+              time.perf_counter() - began)
+    return made
+
+
+def _state(body: Body, aspect: int, phase_rad: float) -> State:
+    to_camera, aside = aspect_directions(aspect, _ASPECTS)
+    place_m = _RANGE_RADII * body.hull.radius_m * to_camera
+    return State(r_sun_inertial_m=AU_M * (math.cos(phase_rad) * to_camera + math.sin(phase_rad) * aside),
+                 spacecraft=Pose(r_inertial_m=place_m, q_from_inertial=look_at(place_m, np.zeros(3))),
+                 bodies={body.name: Pose(r_inertial_m=np.zeros(3))})
+
+
+def _compared(full: np.ndarray, level: np.ndarray) -> np.ndarray:
+    """Of each size, finest last: sums (S, 4) of full^2, full * level, level^2, and what a squared error is divided by.
+
+    That is the number of lit pixels times the square of their mean in the full shape's image.
+    """
+    found = np.zeros((len(SIZES_PX), 4))
+    for k in reversed(range(len(SIZES_PX))):
+        lit = full > 0.0
+        n_lit = np.count_nonzero(lit)
+        found[k] = ((full * full).sum(), (full * level).sum(), (level * level).sum(),
+                    np.count_nonzero(lit | (level > 0.0)) * (full.sum() / max(n_lit, 1)) ** 2)
+        full, level = (_halved(image) for image in (full, level))
+    return found
+
+
+def _halved(image: np.ndarray) -> np.ndarray:
+    """Means of 2 x 2 pixels."""
+    rows = image[::2] + image[1::2]
+    return 0.25 * (rows[:, ::2] + rows[:, 1::2])

@@ -1,0 +1,63 @@
+"""What a level of detail costs an image by areas, in tables of size and phase angle: measured by `area_levels`."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+SIZES_PX = 2.0 ** np.arange(3, 10)
+"""Diameters of the bounding sphere in the image, at which errors are told."""
+PHASES_RAD = np.radians([2.0, 30.0, 60.0, 90.0, 120.0, 150.0])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AreaLevel:
+    """What a level of detail costs an image by areas; P phase angles, S sizes.
+
+    Attributes
+    ----------
+    number : int
+        Of the level, from 1.
+    n_facets : int
+    n_normals : int
+        Of the full shape, which its facets stand for; 0 where they are flat.
+    crease_rad : float [rad]
+        RMS angle between neighbouring facets.
+    error : (P, S) float64
+        RMS error over the mean of the lit pixels, over aspects.
+    flux_ratio : (P,) float64
+        Flux of the full shape over the level's, mean over aspects: images are multiplied by it.
+    flux_scatter : (P,) float64
+        Standard deviation of that from aspect to aspect, relative.
+    centre : (P,) float64
+        RMS distance of the centre of brightness from the full shape's, over the diameter.
+    """
+
+    number: int
+    n_facets: int
+    n_normals: int
+    crease_rad: float
+    error: np.ndarray
+    flux_ratio: np.ndarray
+    flux_scatter: np.ndarray
+    centre: np.ndarray
+
+    def error_at(self, phase_rad: float, size_px: float) -> float:
+        """RMS error; that of the smallest size below it, infinite beyond the largest and beyond the last phase."""
+        if phase_rad > PHASES_RAD[-1] or size_px > SIZES_PX[-1]:
+            return math.inf
+        place = math.log2(max(size_px, SIZES_PX[0]) / SIZES_PX[0])
+        k = min(int(place), len(SIZES_PX) - 2)
+        low, high = (float(np.interp(phase_rad, PHASES_RAD, self.error[:, k + step])) for step in (0, 1))
+        return low + (place - k) * (high - low)
+
+    def flux_at(self, phase_rad: float) -> tuple[float, float]:
+        """Mean and scatter of the flux's ratio."""
+        return (float(np.interp(phase_rad, PHASES_RAD, self.flux_ratio)),
+                float(np.interp(phase_rad, PHASES_RAD, self.flux_scatter)))
+
+    def centre_at(self, phase_rad: float) -> float:
+        """Distance of the centre of brightness from the full shape's, over the diameter."""
+        return float(np.interp(phase_rad, PHASES_RAD, self.centre))
