@@ -76,18 +76,18 @@ def _measured(body: Body, levels: Sequence[LevelShape], kinds: Sequence[LevelPla
     sums = np.zeros((len(kinds), _ASPECTS, len(PHASES_RAD), len(SIZES_PX), 4))
     for aspect, phase in np.ndindex(flux.shape[1:]):
         views = view_bodies(_state(body, aspect, PHASES_RAD[phase]), camera, scene.hulls)
-        full = None
+        (x0, y0, x1, y1), full = _box(views[0].bounds_px, side), None
         for k, kind in enumerate((LevelPlan(), *kinds)):
             with warnings.catch_warnings():
                 # Of laws beyond their phases.
                 warnings.simplefilter("ignore")
-                image, told = areas.draw((body.name,), camera, views, camera.bounds_px, (side, side), _BUDGET,
-                                         {body.name: kind})
+                image, told = areas.draw((body.name,), camera, views, (x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5),
+                                         (x1 - x0, y1 - y0), _BUDGET, {body.name: kind})
             if math.isinf(told):
                 continue
-            columns, rows, place = image.sum(axis=0), image.sum(axis=1), np.arange(side)
-            flux[k, aspect, phase] = total = columns.sum()
-            centre[k, aspect, phase] = columns @ place / total, rows @ place / total
+            flux[k, aspect, phase] = total = image.sum()
+            centre[k, aspect, phase] = [image.sum(axis=axis) @ np.arange(image.shape[1 - axis]) / total
+                                        for axis in range(2)]
             if not k:
                 full = image
             elif full is not None:
@@ -98,8 +98,8 @@ def _measured(body: Body, levels: Sequence[LevelShape], kinds: Sequence[LevelPla
         ratio = flux[0] / flux[1:]
         mean = ratio.mean(axis=1)
         squared = sums[..., 0] - 2.0 * mean[:, None, :, None] * sums[..., 1] + mean[:, None, :, None]**2 * sums[..., 2]
-        errors = np.sqrt(np.mean(np.maximum(squared, 0.0) / sums[..., 3], axis=1))
-        shift = np.sqrt(np.mean(np.sum((centre[1:] - centre[0])**2, axis=-1), axis=1)) / side
+        errors = np.sqrt(np.max(np.maximum(squared, 0.0) / sums[..., 3], axis=1))
+        shift = np.sqrt(np.max(np.sum((centre[1:] - centre[0])**2, axis=-1), axis=1)) / side
     made = {}
     for k in range(len(kinds)):
         known = np.isfinite(mean[k]) & (mean[k] > 0.0)
@@ -110,6 +110,13 @@ def _measured(body: Body, levels: Sequence[LevelShape], kinds: Sequence[LevelPla
     _log.info("levels of detail of %d facets by areas measured in %.1f s", body.shape.report.n_facets,
               time.perf_counter() - began)
     return made
+
+
+def _box(bounds_px: np.ndarray, side: int) -> tuple[int, int, int, int]:
+    """Pixels of an outline, in whole blocks of the coarsest size's pixels."""
+    block = side // int(SIZES_PX[0])
+    low, high = np.reshape((bounds_px + 0.5) / block, (2, 2))
+    return tuple(int(edge) for edge in np.clip([*np.floor(low), *np.ceil(high)], 0, side // block) * block)
 
 
 def _state(body: Body, aspect: int, phase_rad: float) -> State:
@@ -131,7 +138,8 @@ def _compared(full: np.ndarray, level: np.ndarray) -> np.ndarray:
         n_lit = np.count_nonzero(lit)
         found[k] = ((full * full).sum(), (full * level).sum(), (level * level).sum(),
                     np.count_nonzero(lit | (level > 0.0)) * (full.sum() / max(n_lit, 1)) ** 2)
-        full, level = (_halved(image) for image in (full, level))
+        if k:
+            full, level = (_halved(image) for image in (full, level))
     return found
 
 

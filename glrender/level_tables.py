@@ -26,13 +26,13 @@ class AreaLevel:
     crease_rad : float [rad]
         RMS angle between neighbouring facets.
     error : (P, S) float64
-        RMS error over the mean of the lit pixels, over aspects.
+        RMS error over the mean of the lit pixels, the largest of all aspects.
     flux_ratio : (P,) float64
         Flux of the full shape over the level's, mean over aspects: images are multiplied by it.
     flux_scatter : (P,) float64
         Standard deviation of that from aspect to aspect, relative.
     centre : (P,) float64
-        RMS distance of the centre of brightness from the full shape's, over the diameter.
+        Distance of the centre of brightness from the full shape's over the diameter, the largest of all aspects.
     """
 
     number: int
