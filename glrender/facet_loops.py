@@ -122,15 +122,15 @@ def added_by_relief(begin, normals, weights, facets, flat, axes, table):
 
     The table is of the components of normals along two axes (2, 3), from 0 to 1 and from -1 to 1, in even steps.
     """
-    found, steps = np.empty(len(facets)), table.shape[0] - 1
+    found, steps, axes = np.empty(len(facets)), table.shape[0] - 1, axes / 32767.0
     for i in range(len(facets)):
         total, covered, own = 0.0, 0.0, 0.0
         for j in range(begin[facets[i]], begin[facets[i] + 1] + 1):
             is_flat = j == begin[facets[i] + 1]
             if is_flat:
-                a, b, c = flat[0, i], flat[1, i], flat[2, i]
+                a, b, c = 32767.0 * flat[0, i], 32767.0 * flat[1, i], 32767.0 * flat[2, i]
             else:
-                a, b, c = normals[j, 0] / 32767.0, normals[j, 1] / 32767.0, normals[j, 2] / 32767.0
+                a, b, c = float(normals[j, 0]), float(normals[j, 1]), float(normals[j, 2])
             x = a * axes[0, 0] + b * axes[0, 1] + c * axes[0, 2]
             if x <= 0.0:
                 continue

@@ -8,6 +8,7 @@ level still loses is the parallax and the cast shadows of relief smaller than it
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import logging
 import math
@@ -15,7 +16,8 @@ import os
 import tempfile
 import time
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from zipfile import BadZipFile
@@ -175,14 +177,47 @@ def _key(shape: Shape, targets: list[int]) -> str:
 
 def cached_arrays(name: str, keys: list[str], make: Callable[[], dict[str, np.ndarray]],
                   cache: Path | None = None) -> dict[str, np.ndarray]:
-    """Arrays from the cache's file `name`, made and kept there when it lacks them."""
+    """Arrays from the cache's file `name`, made and kept there when it lacks them.
+
+    By one process at a time: others wait for it.
+    """
     folder = cache_folder() if cache is None else cache
     file = folder / f"{name}.npz"
+    kept = _kept(file, keys)
+    if kept is not None:
+        return kept
+    with _alone(folder / f"{name}.lock"):
+        kept = _kept(file, keys)
+        return _made_and_kept(file, make) if kept is None else kept
+
+
+def _kept(file: Path, keys: list[str]) -> dict[str, np.ndarray] | None:
     try:
         with np.load(file, allow_pickle=False) as stored:
             return {key: stored[key] for key in keys}
     except (OSError, ValueError, KeyError, EOFError, BadZipFile, zlib.error):
-        pass
+        return None
+
+
+@contextmanager
+def _alone(file: Path) -> Iterator[None]:
+    """Keep other processes out for a while; not where nothing can be written, nor beyond the life of this one."""
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        lock = file.open("a")
+    except OSError:
+        yield
+        return
+    with lock:
+        with suppress(OSError):
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+        # Who waits for it holds it open, and finds what was made.
+        file.unlink(missing_ok=True)
+
+
+def _made_and_kept(file: Path, make: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    folder = file.parent
     arrays = make()
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -191,5 +226,5 @@ def cached_arrays(name: str, keys: list[str], make: Callable[[], dict[str, np.nd
             np.savez(stream, **arrays)
         os.replace(stream.name, file)
     except OSError as error:
-        _log.warning("%s is not kept in %s: %s", name, folder, error)
+        _log.warning("%s is not kept in %s: %s", file.stem, folder, error)
     return arrays

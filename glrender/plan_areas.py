@@ -27,7 +27,7 @@ _LEVEL_SHARE, _FLUX_SHARE, _FLUX_SCATTERS, _CENTRE_PX = 0.8, 0.1, 2.0, 25.0
 _FEW, _OF_FEW = 3000, 2.5
 # Radii from the body from which levels are as they were measured, from afar; and the cost of a normal that a facet
 # stands for, in those of a facet.
-_LEAST_RANGE, _NORMAL = 8.0, 0.06
+_LEAST_RANGE, _NORMAL = 8.0, 0.1
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -48,8 +48,9 @@ _UNDIVIDED, _LEAST_LEFT, _MOST_DIVISIONS = 0.25, 0.1, 6
 _LOW_SUN_RAD, _FEW, _MANY, _MOST_LOOKS, _ENOUGH = 1.5, 3000, 120_000, 4, 0.5
 # What hard edges cost over a ramp's error, as measured (docs/planner.md).
 _PENUMBRA = 0.65
-# Facets that a thread shades in a turn; and from which on two threads draw, on an image each.
-_SHADED_AT_ONCE, _TWO_IMAGES = 1 << 14, 40_000
+# Facets that a thread shades in a turn, and of those that stand for many normals; and from which on two threads draw,
+# on an image each.
+_SHADED_AT_ONCE, _WITH_RELIEF_AT_ONCE, _TWO_IMAGES = 1 << 14, 1 << 10, 40_000
 
 
 class SunlitAreas:
@@ -335,7 +336,7 @@ class SunlitAreas:
             self._radiance[some] = value * (self._brightness / view.sun_distance_au**2)
             self._off_axis[some] = -dot(view.camera_from_body[2], to_camera)
 
-        threads.run_in_parts(work, len(facet), _SHADED_AT_ONCE)
+        threads.run_in_parts(work, len(facet), _SHADED_AT_ONCE if self._relief is None else _WITH_RELIEF_AT_ONCE)
 
     def _spread_of(self, squared: np.ndarray) -> float:
         """Error over what is told by squared errors (N,), in any unit: they are as good as they are many."""

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import time
+from multiprocessing import get_context
+
 import numpy as np
 import pytest
 import views
@@ -131,3 +134,28 @@ def test_levels_are_kept_and_a_broken_file_is_made_again(tmp_path, rough, monkey
     again = lod.levels_of_detail(rough, tmp_path)
     np.testing.assert_array_equal(again[0].vertices_m, made[0].vertices_m)
     assert lod.levels_of_detail(rough, file)[0].texels_per_side > 0, "no folder: made, not kept"
+
+
+def _cache(folder, log, barrier):
+    def make():
+        with open(log, "a") as stream:
+            stream.write("made\n")
+        time.sleep(0.5)
+        return {"a": np.arange(3)}
+
+    barrier.wait()
+    assert lod.cached_arrays("some", ["a"], make, folder)["a"].tolist() == [0, 1, 2]
+
+
+def test_of_processes_that_start_together_one_makes_what_is_kept(tmp_path):
+    """Two workers of a server on an empty cache do not both take minutes on two cores."""
+    spawn = get_context("spawn")
+    barrier = spawn.Barrier(3)
+    processes = [spawn.Process(target=_cache, args=(tmp_path / "cache", tmp_path / "log", barrier)) for _ in range(3)]
+    for process in processes:
+        process.start()
+    for process in processes:
+        process.join(60.0)
+    assert [process.exitcode for process in processes] == [0, 0, 0]
+    assert (tmp_path / "log").read_text() == "made\n"
+    assert [file.name for file in (tmp_path / "cache").iterdir()] == ["some.npz"], "no lock is left"

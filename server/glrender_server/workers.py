@@ -25,10 +25,10 @@ from .worker import work
 
 log = logging.getLogger(__name__)
 
-START_S = 120.0
-"""A worker that is not ready by then has failed."""
+START_S, START_S_PER_FACET = 120.0, 2e-4
+"""A worker that is not ready by then has failed: a new shape's levels of detail are made and measured once."""
 SLOW_DEADLINE_S = 600.0
-"""Of a request that allows slow frames."""
+"""Of a request that allows slow frames, or loads a scene."""
 _FIRST_BACK_OFF_S, _MAX_BACK_OFF_S = 0.1, 30.0
 _MAX_TRIES = 2
 
@@ -70,7 +70,7 @@ class WorkerPool:
         A worker that takes longer over one request is killed. The request is tried once more, then
         answered `poison`; so is one whose worker dies.
     slow_deadline_s : float [s]
-        Instead, for a request that allows slow frames.
+        Instead, for a request that allows slow frames or loads a scene.
 
     Raises
     ------
@@ -81,6 +81,7 @@ class WorkerPool:
     def __init__(self, scene: Scene, backend: str = "auto", shape_dir: Path | None = None, *, n_workers: int,
                  deadline_s: float, slow_deadline_s: float = SLOW_DEADLINE_S, log_format: str = "text"):
         self._scene_pickle, self._arguments = pickle.dumps(scene), (backend, shape_dir)
+        self._start_s = START_S + START_S_PER_FACET * sum(len(body.shape.facets) for body in scene.bodies)
         self._deadline_s, self._slow_deadline_s, self._log_format = deadline_s, slow_deadline_s, log_format
         self._spawn = get_context("spawn")
         self._slots, self._frame_bytes = SlotStore(), 0
@@ -155,7 +156,7 @@ class WorkerPool:
         worker = max(idle, key=lambda w: (w.generation, w.deadline))
         worker.task = task
         if worker.generation != self._generation:
-            worker.deadline_s = self._deadline_s
+            worker.deadline_s = self._slow_deadline_s
             self._send(worker, self._scene_message)
             worker.state = "catching up"
         else:
@@ -163,7 +164,9 @@ class WorkerPool:
 
     def _begin(self, worker: _Worker) -> None:
         worker.state = "busy"
-        worker.deadline_s = self._slow_deadline_s if worker.task.job.header.get("allow_slow") else self._deadline_s
+        header = worker.task.job.header
+        is_slow = header.get("allow_slow") or header["op"] == "load_scene"
+        worker.deadline_s = self._slow_deadline_s if is_slow else self._deadline_s
         self._send(worker, worker.task.job.message)
 
     def _send(self, worker: _Worker, message: bytes) -> None:
@@ -248,7 +251,7 @@ class WorkerPool:
         task.job.done(Done([head, *parts], code, timings_ms, place))
 
     def _start(self, worker: _Worker) -> None:
-        worker.state, worker.overran, worker.deadline = "starting", False, time.monotonic() + START_S
+        worker.state, worker.overran, worker.deadline = "starting", False, time.monotonic() + self._start_s
         try:
             worker.connection, theirs = self._spawn.Pipe()
             with theirs:

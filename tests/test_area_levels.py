@@ -1,0 +1,200 @@
+"""Levels of detail by areas: as wrong as was measured, as bright as what they stand for, chosen where they do."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import views
+from glrender import Body, Pose, Renderer, generate, lod
+from glrender.area_engine import AreaEngine
+from glrender.area_levels import area_levels
+from glrender.backends.raytrace import RayTracer
+from glrender.brdf import Lambert, LommelSeeliger
+from glrender.costs import EngineCosts
+from glrender.error_model import BodyTraits, LevelTraits
+from glrender.facet_relief import FacetRelief, LevelShape
+from glrender.grouping import region
+from glrender.level_tables import PHASES_RAD, SIZES_PX, AreaLevel
+from glrender.plan import plan_body
+from glrender.plan_areas import choose_areas
+from glrender.ray_engine import RayEngine
+from glrender.render_plan import LevelPlan
+from glrender.surface import Surface
+from glrender.view import view_bodies
+
+GREY = Lambert(normal_albedo=0.3)
+# A ray is dear.
+COSTS = EngineCosts(facet_ns=100.0, sample_ns=20.0, ray_ns=1e5, lone_ray_ns=1e5, area_ns=128.0)
+
+
+@pytest.fixture(scope="module")
+def rough():
+    """81,920 facets, slopes of some 20 degrees at the smallest scale; its levels, and what they cost."""
+    shape = generate.gaussian_random_sphere(radius_m=100.0, sigma=0.15, seed=4, subdivisions=4)
+    body = Body(name="body", shape=generate.subdivide_with_relief(shape, levels=2, relief=0.04, seed=1), brdf=GREY)
+    return body, *area_levels(body, lod.levels_of_detail(body.shape))
+
+
+def kind(level):
+    return LevelPlan(number=level.number, has_relief=level.n_normals > 0)
+
+
+def test_a_level_is_as_wrong_as_was_measured(rough):
+    """From twelve other sides, at other sizes and phases, beside the full shape: nine in ten within, and not by far."""
+    body, shapes, levels = rough
+    rng, ratios, fluxes, centres = np.random.default_rng(2), [], [], []
+    for _ in range(12):
+        size_px, phase_deg = 10.0 ** rng.uniform(0.9, 2.5), rng.uniform(5.0, 140.0)
+        camera = views.camera(512, 10.0 * size_px)
+        scene = views.scene([body], [camera], sun_disc=False)
+        state = views.state(phase_deg=phase_deg, direction=rng.standard_normal(3),
+                            range_m=20.0 * body.hull.radius_m, sun_in_image=rng.standard_normal(2))
+        seen, rays = view_bodies(state, camera, scene.hulls), RayEngine(scene)
+        areas = AreaEngine(scene, rays, {"body": shapes})
+        x0, y0, x1, y1 = region(seen, camera)
+
+        def draw(level, budget, areas=areas, camera=camera, seen=seen, box=(x0, y0, x1, y1)):
+            x0, y0, x1, y1 = box
+            return areas.draw(("body",), camera, seen, (x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5), (x1 - x0, y1 - y0),
+                              budget, {"body": level})[0]
+
+        truth = draw(LevelPlan(), 0.005)
+        for level in levels:
+            mean, scatter = level.flux_at(seen[0].phase_rad)
+            image = draw(replace(kind(level), flux_ratio=mean), 0.01)
+            lit = (truth > 0.0) | (image > 0.0)
+            error = np.sqrt(np.mean((image - truth)[lit] ** 2)) / truth[truth > 0.0].mean()
+            ratios.append(error / level.error_at(seen[0].phase_rad, size_px))
+            fluxes.append(abs(image.sum() / truth.sum() - 1.0) / (scatter + 5e-4))
+            places = [np.array([image.sum(axis=axis) @ np.arange(image.shape[1 - axis]) for axis in range(2)])
+                      / image.sum() for image in (image, truth)]
+            centres.append(np.linalg.norm(places[0] - places[1]) / size_px
+                           / (level.centre_at(seen[0].phase_rad) + 1e-4))
+    assert np.mean(np.array(ratios) <= 1.0) >= 0.9 and max(ratios) < 1.5, "of all that is told"
+    assert np.median(ratios) > 0.4, "it is not told far too much"
+    assert np.mean(np.array(fluxes) <= 2.0) >= 0.9 and np.mean(np.array(centres) <= 1.0) >= 0.9
+
+
+def test_relief_makes_levels_as_bright_as_what_they_stand_for(rough):
+    """From side to side the flux differs from the full shape's by half of a flat level's, and so does the image."""
+    _, _, levels = rough
+    flat, relief = ([level for level in levels if (level.n_normals > 0) == has_relief] for has_relief in (False, True))
+    assert [level.number for level in flat] == [level.number for level in relief] == [1, 2]
+    phase_rad = np.radians(60.0)
+    for one, other in zip(flat, relief, strict=True):
+        assert other.flux_at(phase_rad)[1] < 0.6 * one.flux_at(phase_rad)[1]
+        assert abs(other.flux_at(phase_rad)[0] - 1.0) < 0.5 * abs(one.flux_at(phase_rad)[0] - 1.0) + 2e-3
+        assert other.error_at(phase_rad, 16.0) < 0.9 * one.error_at(phase_rad, 16.0)
+        assert other.error_at(0.0, 16.0) < 0.4 * one.error_at(0.0, 16.0), "where there are no shadows"
+
+
+@pytest.mark.parametrize("law", [GREY, LommelSeeliger(single_scattering_albedo=0.3)], ids=lambda law: law.glsl)
+@pytest.mark.parametrize("phase_deg", [0.0, 40.0, 100.0])
+def test_relief_is_the_mean_over_what_the_camera_sees(law, phase_deg):
+    """A flat facet that stands for two ridges' sides, by the law itself: within the steps of the table."""
+    tilt, phase = np.radians(25.0), np.radians(phase_deg)
+    to_camera, to_sun = np.array([np.sin(0.3), 0.1, np.cos(0.3)]), None
+    to_camera = to_camera / np.linalg.norm(to_camera)
+    across = np.cross(to_camera, [0.2, 1.0, 0.1])
+    to_sun = np.cos(phase) * to_camera + np.sin(phase) * across / np.linalg.norm(across)
+    sides = np.array([[np.sin(tilt), 0.0, np.cos(tilt)], [-np.sin(tilt), 0.0, np.cos(tilt)]])
+    shape = generate.icosphere(radius_m=1.0, subdivisions=1)
+    level = LevelShape(shape=shape, begin=np.array([0, 2]), normal=np.rint(sides * 32767).astype(np.int16),
+                       weight=np.array([1.0, 3.0], np.float32))
+    relief = FacetRelief(level, Surface(Body(name="body", shape=shape, brdf=law)), to_sun, to_camera)
+    flat = np.array([[0.0], [0.0], [1.0]])
+
+    def radiance(normal):
+        return law.brdf(to_sun, to_camera, normal) * np.maximum(normal @ to_sun, 0.0)
+
+    shown = np.array([1.0, 3.0]) * np.maximum(sides @ to_camera, 0.0)
+    expected = shown @ radiance(sides) / shown.sum() - radiance(flat.T)[0]
+    assert relief.added(np.zeros(1, np.intp), flat)[0] == pytest.approx(expected, abs=0.004 * law.brdf(
+        to_camera, to_camera, to_camera))
+
+
+@pytest.mark.parametrize("budget", [0.1, 0.05])
+def test_a_frame_by_a_level_is_within_what_its_plan_tells(monkeypatch, rough, budget):
+    """Against rays: the image, and its flux within a tenth of the budget; the plan tells of the facets left out."""
+    body, _, _ = rough
+    scene = views.scene([body], [views.camera(64, 400.0)], sun_disc=False)
+    state = views.state(phase_deg=40.0, range_m=2000.0)
+    with Renderer(scene) as renderer, RayTracer(scene) as tracer:
+        monkeypatch.setattr(renderer, "_costs", COSTS)
+        image = renderer.render(state, max_error=budget)
+        again = renderer.render(state, max_error=budget)
+        truth = tracer.render(state, samples=32).irradiance_W_m2.astype(float)
+    window, (told,) = image.plan.windows[0], image.plan.bodies
+    assert window.engine == "areas" and window.levels[0].number == told.level > 0
+    assert told.n_facets < 25_000 and told.flux_ratio == window.levels[0].flux_ratio
+    assert any("facets" in line for line in image.plan.left_out)
+    assert image.irradiance_W_m2.tobytes() == again.irradiance_W_m2.tobytes()
+    assert image.plan.to_dict()["windows"][0]["levels"][0]["number"] == told.level
+    light = image.irradiance_W_m2.astype(float)
+    lit = (truth > 0.0) | (light > 0.0)
+    error = np.sqrt(np.mean((light - truth)[lit] ** 2)) / truth[truth > 0.0].mean()
+    assert error <= image.plan.predicted_error <= budget
+    assert light.sum() == pytest.approx(truth.sum(), rel=0.1 * budget)
+
+
+def test_a_body_that_is_not_drawn_by_areas_has_no_levels_of_them(rough):
+    body, _, _ = rough
+    smooth = replace(body, smooth_normals=True)
+    assert area_levels(smooth, lod.levels_of_detail(body.shape)) == ((), ())
+    assert area_levels(body, ()) == ((), ())
+
+
+def table(number, *, error=0.0, scatter=0.0, centre=0.0, n_facets=12_000, n_normals=0):
+    phases = np.ones(len(PHASES_RAD))
+    return AreaLevel(number=number, n_facets=n_facets, n_normals=n_normals, crease_rad=0.2,
+                     error=np.full((len(PHASES_RAD), len(SIZES_PX)), error), flux_ratio=1.01 * phases,
+                     flux_scatter=scatter * phases, centre=centre * phases)
+
+
+def chosen(levels, budget, *, n_bodies=1, range_m=2000.0, px=100.0):
+    """What is chosen of bodies of 49,000 facets beside each other, of a size in the image."""
+    shape = generate.icosphere(radius_m=100.0, subdivisions=1)
+    names = [f"body{k}" for k in range(n_bodies)]
+    camera = views.camera(512, px * range_m / 200.0)
+    scene = views.scene([Body(name=name, shape=shape, brdf=GREY) for name in names], [camera], sun_disc=False)
+    state = views.state(phase_deg=60.0, range_m=range_m, bodies=names)
+    state = replace(state, bodies={name: Pose(r_inertial_m=[250.0 * k, 0.0, 0.0]) for k, name in enumerate(names)})
+    seen = view_bodies(state, camera, scene.hulls)
+    known = {name: BodyTraits(radius_m=100.0, is_convex=False, law="lambert", max_phase_rad=np.pi,
+                              levels=(LevelTraits(n_facets=49_000, crease_rad=0.15),
+                                      *(LevelTraits(n_facets=each.n_facets, crease_rad=0.15) for each in levels)),
+                              area_levels=tuple(levels), even_facet_m=1.0) for name in names}
+    drawn = [plan_body(view, known[view.name], camera, False, budget, 0) for view in seen]
+    return choose_areas(seen, known, drawn, camera, budget, 1.0, COSTS, n_px=0.6 * px**2, shown_share=1.0)
+
+
+def test_the_cheapest_level_that_leaves_enough_of_the_budget_is_chosen():
+    fine, coarse = table(1, error=0.01), table(2, error=0.03, n_facets=3000)
+    assert [chosen([fine, coarse], budget).levels[0].number for budget in (0.1, 0.03, 0.012)] == [2, 1, 0]
+    whole, part = chosen([], 0.1), chosen([fine], 0.1)
+    assert part.ns < 0.5 * whole.ns and part.error >= 0.01 > whole.error
+    assert part.levels[0].flux_ratio == pytest.approx(1.01) and not part.levels[0].has_relief
+    assert whole.levels == (LevelPlan(),)
+
+
+@pytest.mark.parametrize("level, why", [
+    (table(1, scatter=0.0051), "its flux scatters by more than a tenth of the budget"),
+    (table(1, centre=0.07 / 100.0), "its centre is more than 0.0625 px off"),
+    (table(1, error=0.041), "it takes more than 0.8 of the budget"),
+    (table(1, n_normals=10_000_000), "its normals cost more than the facets that it saves")])
+def test_a_level_that_would_not_do_is_left(level, why):
+    assert chosen([level], 0.05).levels == (LevelPlan(),), why
+    assert chosen([table(1)], 0.05).levels[0].number == 1
+
+
+def test_levels_are_of_bodies_seen_from_afar_and_no_larger_than_was_measured():
+    assert chosen([table(1)], 0.05, range_m=790.0).levels[0].number == 0
+    assert chosen([table(1)], 0.05, range_m=810.0).levels[0].number == 1
+    assert chosen([table(1)], 0.05, px=530.0).levels[0].number == 0
+    assert chosen([table(1)], 0.05, px=500.0).levels[0].number == 1
+
+
+def test_each_of_several_bodies_has_its_level():
+    assert [level.number for level in chosen([table(1)], 0.05, n_bodies=2).levels] == [1, 1]
