@@ -19,6 +19,7 @@ from glrender_camera import PinholeCamera
 
 from .area_engine import AreaEngine
 from .constants import AU_M
+from .errors import DeviceError
 from .facet_relief import LevelShape
 from .frames import look_at
 from .level_tables import PHASES_RAD, SIZES_PX, AreaLevel
@@ -46,7 +47,7 @@ def area_levels(body: Body, levels: Sequence[Level], cache: Path | None = None
                 ) -> tuple[tuple[LevelShape, ...], tuple[AreaLevel, ...]]:
     """A body's levels of detail as shapes, and what each costs; kept in the cache with the levels.
 
-    None of a body that is not drawn by areas, as one with a texture.
+    None of a body that is not drawn by areas, as one with a texture, nor without rays.
     """
     if not levels or not Surface(body).is_even:
         return (), ()
@@ -57,7 +58,10 @@ def area_levels(body: Body, levels: Sequence[Level], cache: Path | None = None
     kinds = [LevelPlan(number=number, has_relief=has_relief) for number in range(1, 1 + len(made))
              for has_relief in (False, True)]
     names = [f"{name}_{k}" for k in range(len(kinds)) for name in _NAMES]
-    arrays = cached_arrays(f"areas1-{digest.hexdigest()[:32]}", names, lambda: _measured(body, made, kinds), cache)
+    try:
+        arrays = cached_arrays(f"areas1-{digest.hexdigest()[:32]}", names, lambda: _measured(body, made, kinds), cache)
+    except DeviceError:
+        return (), ()
     return made, tuple(AreaLevel(number=kind.number, n_facets=len(each.shape.facets), crease_rad=each.shape.crease_rad,
                                  n_normals=len(each.normal) if kind.has_relief else 0,
                                  **{name: arrays[f"{name}_{k}"] for name in _NAMES})
@@ -83,9 +87,10 @@ def _measured(body: Body, levels: Sequence[LevelShape], kinds: Sequence[LevelPla
                 warnings.simplefilter("ignore")
                 image, told = areas.draw((body.name,), camera, views, (x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5),
                                          (x1 - x0, y1 - y0), _BUDGET, {body.name: kind})
-            if math.isinf(told):
+            total = image.sum()
+            if math.isinf(told) or not total > 0.0:
                 continue
-            flux[k, aspect, phase] = total = image.sum()
+            flux[k, aspect, phase] = total
             centre[k, aspect, phase] = [image.sum(axis=axis) @ np.arange(image.shape[1 - axis]) / total
                                         for axis in range(2)]
             if not k:
@@ -100,12 +105,13 @@ def _measured(body: Body, levels: Sequence[LevelShape], kinds: Sequence[LevelPla
         squared = sums[..., 0] - 2.0 * mean[:, None, :, None] * sums[..., 1] + mean[:, None, :, None]**2 * sums[..., 2]
         errors = np.sqrt(np.max(np.maximum(squared, 0.0) / sums[..., 3], axis=1))
         shift = np.sqrt(np.max(np.sum((centre[1:] - centre[0])**2, axis=-1), axis=1)) / side
+        scatter = ratio.std(axis=1, ddof=1) / mean
     made = {}
     for k in range(len(kinds)):
-        known = np.isfinite(mean[k]) & (mean[k] > 0.0)
+        known = np.isfinite(mean[k]) & np.isfinite(errors[k]).all(axis=1)
         made |= {f"error_{k}": np.where(known[:, None], errors[k], _UNKNOWN),
                  f"flux_ratio_{k}": np.where(known, mean[k], 1.0),
-                 f"flux_scatter_{k}": np.where(known, ratio[k].std(axis=0, ddof=1) / mean[k], _UNKNOWN),
+                 f"flux_scatter_{k}": np.where(known, scatter[k], _UNKNOWN),
                  f"centre_{k}": np.where(known, shift[k], _UNKNOWN)}
     _log.info("levels of detail of %d facets by areas measured in %.1f s", body.shape.report.n_facets,
               time.perf_counter() - began)

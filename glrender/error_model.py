@@ -147,10 +147,11 @@ def facets_per_px(view: BodyView, n_facets: int) -> float:
     return 0.5 * n_facets / (0.6 * diameter**2)
 
 
-def shadow_share(view: BodyView, shadow_map_px: int) -> float:
+def shadow_share(view: BodyView, shadow_map_px: int, may_be_eclipsed: bool = False) -> float:
     """Share of one sample's squared error that the texels of a shadow map leave at the edges of shadows."""
-    # Of a part of a body, its edges of shadows may be all that there is.
-    return (usual_edges(view) if view.is_whole else 1.0) * texel_share(view, shadow_map_px)
+    # Of a part of a body, or of what another body's shadow leaves of it, its edges of shadows may be all that there is.
+    is_usual = view.is_whole and not may_be_eclipsed
+    return (usual_edges(view) if is_usual else 1.0) * texel_share(view, shadow_map_px)
 
 
 def usual_edges(view: BodyView) -> float:

@@ -71,7 +71,7 @@ def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, has_cas
     if view.is_visible:
         shadow_px = plan_shadow(view, chosen, traits.is_convex, has_casters, budget, seen_share)
         if shadow_px is not None:
-            squared += shadow_share(view, shadow_px) * sum(squared_errors(view, chosen))
+            squared += shadow_share(view, shadow_px, has_casters) * sum(squared_errors(view, chosen))
             squared += (_LEAK_RMS * leaked_flux(view, chosen, shadow_px)) ** 2 + penumbra.error**2
     detail_m, active, detail_slope = None, [], 0.0
     if traits.relief is not None and view.is_visible and (active := traits.relief.active(footprint_m)):
@@ -86,7 +86,8 @@ def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, has_cas
         penumbra_error=penumbra.error if shadow_px is not None else 0.0,
         eclipse_error=penumbra.eclipse_error if shadow_px is not None else 0.0, shown_share=shown_share,
         shadow_map_drawn_px=(0, 0) if shadow_px is None else (math.ceil(shadow_px * seen_share),) * 2,
-        detail_m=detail_m, detail_layers=len(active), detail_slope=detail_slope)
+        detail_m=detail_m, detail_layers=len(active), detail_slope=detail_slope,
+        may_be_eclipsed=has_casters)
 
 
 def choose_level(view: BodyView, traits: BodyTraits, footprint_m: float, budget: float) -> int:
@@ -115,7 +116,7 @@ def plan_shadow(view: BodyView, level: LevelTraits, is_convex: bool, has_casters
     one_sample = sum(squared_errors(view, level))
     sizes = [size for size in SHADOW_SIZES_PX if size * seen_share <= MAX_SHADOW_SIDE_PX]
     return next((size for size in sizes if size >= texels
-                 and shadow_share(view, size) * one_sample <= (_SHADOW_SHARE * max_error) ** 2), sizes[-1])
+                 and shadow_share(view, size, has_casters) * one_sample <= (_SHADOW_SHARE * max_error) ** 2), sizes[-1])
 
 
 def is_close(view: BodyView, radius_m: float, footprint_m: float) -> bool:

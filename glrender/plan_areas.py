@@ -98,7 +98,10 @@ class _Candidates:
         self._wide = math.hypot(thin_penumbra(view) if body.penumbra_error else 0.0,
                                 _PIXEL_ERROR * (1.0 + 3.0 * _off_axis(view, camera)) / camera.focal_length_px)
         told = budget * error_gain
-        self.fit = [] if view.range_m < _LEAST_RANGE * traits.radius_m else [
+        # They were measured of whole bodies: what is left of one in a shadow, or at the frame's edge, errs by more.
+        is_as_measured = (view.is_whole and not body.may_be_eclipsed
+                          and view.range_m >= _LEAST_RANGE * traits.radius_m)
+        self.fit = [] if not is_as_measured else [
             level for level in traits.area_levels
             if self.error(level) <= _LEVEL_SHARE * budget
             and _FLUX_SCATTERS * level.flux_at(view.phase_rad)[1] <= _FLUX_SHARE * told

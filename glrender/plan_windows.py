@@ -154,23 +154,21 @@ class _Window:
         self._has_areas = all(view.bounds_px is not None for view in members)
         # Of shadow maps and levels of detail: rays have neither. And without the edges of shadows, or with usual ones.
         self._floor = max(body.modelling_error for body in self._drawn)
-        maps = [(view, body, sum(squared_errors(view, level)))
+        maps = [(view, body, sum(squared_errors(view, level)), texel_share(view, body.shadow_map_px),
+                 shadow_share(view, body.shadow_map_px, body.may_be_eclipsed))
                 for view, body, level in zip(members, self._drawn, self._levels, strict=True)
                 if body.shadow_map_px is not None]
-        self._shadow_share, self._texel_share = (
-            max((share(view, body.shadow_map_px) for view, body, _ in maps), default=0.0)
-            for share in (shadow_share, texel_share))
+        self._texel_share, self._shadow_share = (max((each[k] for each in maps), default=0.0) for k in (3, 4))
         smooth = max([body.modelling_error**2 for body in self._drawn if body.shadow_map_px is None] + [
-            body.modelling_error**2 - shadow_share(view, body.shadow_map_px) * errors for view, body, errors in maps])
+            body.modelling_error**2 - share * errors for _, body, errors, _, share in maps])
         self._smooth_floor = math.sqrt(max(smooth, 0.0))
-        edges = max((usual_edges(view) * texel_share(view, body.shadow_map_px) * errors for view, body, errors in maps),
-                    default=0.0)
+        edges = max((usual_edges(view) * texels * errors for view, _, errors, texels, _ in maps), default=0.0)
         self._least_floor = math.hypot(self._smooth_floor, math.sqrt(edges))
         self._facets_ns = costs.facet_ns * sum(
             body.n_facets * body.shown_share * (_LEVEL_FACET if body.level else 1.0) for body in self._drawn)
         self._shadows_ns = sum(RASTER_CALL_NS + body.n_facets * body.shown_share * costs.facet_ns
                                + math.prod(body.shadow_map_drawn_px) * _TEXEL_COST * costs.sample_ns
-                               for _, body, _ in maps)
+                               for _, body, *_ in maps)
 
     def choice(self, samples: int | None) -> WindowChoice:
         has_rays = math.isfinite(self._costs.ray_ns)

@@ -144,7 +144,8 @@ class Shadows:
             half[2] += _DEPTH_MARGIN_TEXELS * box.texel_m.max()
             offset = frames.transform(np.eye(3), -centre) @ frames.transform(sun_from_body, np.zeros(3))
             clip = frames.clip_from_sun(half[0], half[1], -half[2], half[2]) @ offset
-            casters = [(name, levels[name], matrix) for name, matrix in self.casters(view, views)]
+            casters = [(name, levels[name], _moved(matrix, view.sun_direction_body, sun_from_body, box.texel_m))
+                       for name, matrix in self.casters(view, views)]
             key = (view.name, box.size_px, clip.tobytes(),
                    *((name, level, matrix.tobytes()) for name, level, matrix in casters))
             is_kept = key in self._maps
@@ -174,6 +175,19 @@ class Shadows:
                 return self._maps.pop(key)
         self._maps.pop(idle[0]).close()
         return ShadowMap(self._context, size_px)
+
+
+def _moved(matrix: np.ndarray, sun_direction_body: np.ndarray, sun_from_body: np.ndarray,
+           texel_m: np.ndarray) -> np.ndarray:
+    """A caster where its shadow by the Sun that a map is drawn for falls as that of the true one does.
+
+    From 30 radii away half a step of the grid moves it by 15 texels. In steps of a quarter of one, so that a map
+    serves on.
+    """
+    offset_m = matrix[:3, 3]
+    moved_m = (offset_m @ sun_direction_body) * (sun_from_body[2] - sun_direction_body)
+    steps = np.round((sun_from_body @ moved_m)[:2] / (0.25 * texel_m))
+    return frames.transform(np.eye(3), sun_from_body[:2].T @ (0.25 * texel_m * steps)) @ matrix
 
 
 def snapped_sun(sun_direction_body: np.ndarray, shadow_map_px: int) -> np.ndarray:
