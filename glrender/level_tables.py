@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 SIZES_PX = 2.0 ** np.arange(3, 10)
 """Diameters of the bounding sphere in the image, at which errors are told."""
 PHASES_RAD = np.radians([2.0, 30.0, 60.0, 90.0, 120.0, 150.0])
+_PHASES = PHASES_RAD.tolist()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -50,14 +52,20 @@ class AreaLevel:
             return math.inf
         place = math.log2(max(size_px, SIZES_PX[0]) / SIZES_PX[0])
         k = min(int(place), len(SIZES_PX) - 2)
-        low, high = (float(np.interp(phase_rad, PHASES_RAD, self.error[:, k + step])) for step in (0, 1))
+        low, high = (_at(self.error[:, k + step], phase_rad) for step in (0, 1))
         return low + (place - k) * (high - low)
 
     def flux_at(self, phase_rad: float) -> tuple[float, float]:
         """Mean and scatter of the flux's ratio."""
-        return (float(np.interp(phase_rad, PHASES_RAD, self.flux_ratio)),
-                float(np.interp(phase_rad, PHASES_RAD, self.flux_scatter)))
+        return _at(self.flux_ratio, phase_rad), _at(self.flux_scatter, phase_rad)
 
     def centre_at(self, phase_rad: float) -> float:
         """Distance of the centre of brightness from the full shape's, over the diameter."""
-        return float(np.interp(phase_rad, PHASES_RAD, self.centre))
+        return _at(self.centre, phase_rad)
+
+
+def _at(values: np.ndarray, phase_rad: float) -> float:
+    """Between values (P,) at the phases; NumPy's own takes three times as long for one."""
+    k = min(max(bisect_right(_PHASES, phase_rad) - 1, 0), len(_PHASES) - 2)
+    share = min(max((phase_rad - _PHASES[k]) / (_PHASES[k + 1] - _PHASES[k]), 0.0), 1.0)
+    return float(values[k]) + share * float(values[k + 1] - values[k])

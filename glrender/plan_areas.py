@@ -142,9 +142,10 @@ def _together(bodies: Sequence[_Candidates], chosen: Sequence[AreaLevel | None],
         crease_rad = max(body.crease_rad(level) for body, level in each)
         if any(chosen) and n_facing < _FEW:
             crease_rad *= _OF_FEW
-        n_normals = sum(level.n_normals for level in chosen if level) * facing_share * shown_share
-        ns = n_normals * _NORMAL * costs.area_ns + costs.areas_ns(
-            n_facets, n_facing, n_px, math.sqrt(2.0 * facing_share * n_px / n_facing), crease_rad, phase_rad, left)
+        ns = costs.areas_ns(n_facets, n_facing, n_px, math.sqrt(2.0 * facing_share * n_px / n_facing), crease_rad,
+                            phase_rad, left)
+        if n_normals := sum(level.n_normals for level in chosen if level):
+            ns += n_normals * facing_share * shown_share * _NORMAL * costs.area_ns
     return AreasChoice(ns=ns, error=math.hypot(floor, error), levels=tuple(body.plan(level) for body, level in each))
 
 
