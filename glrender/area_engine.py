@@ -65,15 +65,16 @@ class AreaEngine:
         sides_m = {body.name: longest_sides_m(body.shape) for body in scene.bodies}
         smallest_m = min(each[each > 0.0].min() for each in sides_m.values())
         # Of each body that can be drawn so: the full shape, and its levels of detail.
-        self._facets = {body.name: [FacetTables(body, sides_m[body.name] > _COARSE * smallest_m, rays.solid(body.name))]
-                        for body in scene.bodies if Surface(body).is_even}
+        self._facets = {}
         for body in scene.bodies:
-            # What a level of detail does not know of is measured.
-            self._facets.get(body.name, []).extend(
-                FacetTables(replace(body, shape=level.shape), np.zeros(len(level.shape.facets), bool),
-                            RayMesh(level.shape.vertices_m, level.shape.facets),
-                            is_closed=self._facets[body.name][0].is_closed, level=level)
-                for level in levels.get(body.name, ()))
+            if Surface(body).is_even:
+                full = FacetTables(body, sides_m[body.name] > _COARSE * smallest_m, rays.solid(body.name))
+                # What a level of detail does not know of is measured.
+                self._facets[body.name] = [full, *(
+                    FacetTables(replace(body, shape=level.shape), np.zeros(len(level.shape.facets), bool),
+                                RayMesh(level.shape.vertices_m, level.shape.facets), is_closed=full.is_closed,
+                                level=level)
+                    for level in levels.get(body.name, ()))]
 
     def close(self) -> None:
         """Release the tables."""

@@ -18,14 +18,16 @@ import numpy as np
 from glrender_camera import PinholeCamera
 
 from .area_engine import AreaEngine
+from .cache import cached_arrays
 from .constants import AU_M
 from .errors import DeviceError
 from .facet_relief import LevelShape
 from .frames import look_at
 from .level_tables import PHASES_RAD, SIZES_PX, AreaLevel
-from .lod import Level, cached_arrays
+from .lod import Level
 from .lod_flux import aspect_directions
 from .ray_engine import RayEngine
+from .refine import pixel_means
 from .render_plan import LevelPlan
 from .scene import Body, Scene
 from .state import Pose, State
@@ -58,10 +60,14 @@ def area_levels(body: Body, levels: Sequence[Level], cache: Path | None = None
     kinds = [LevelPlan(number=number, has_relief=has_relief) for number in range(1, 1 + len(made))
              for has_relief in (False, True)]
     names = [f"{name}_{k}" for k in range(len(kinds)) for name in _NAMES]
-    try:
-        arrays = cached_arrays(f"areas1-{digest.hexdigest()[:32]}", names, lambda: _measured(body, made, kinds), cache)
-    except DeviceError:
-        return (), ()
+    with warnings.catch_warnings():
+        # Of laws beyond their phases.
+        warnings.simplefilter("ignore", UserWarning)
+        try:
+            arrays = cached_arrays(f"areas1-{digest.hexdigest()[:32]}", names, lambda: _measured(body, made, kinds),
+                                   cache)
+        except DeviceError:
+            return (), ()
     return made, tuple(AreaLevel(number=kind.number, n_facets=len(each.shape.facets), crease_rad=each.shape.crease_rad,
                                  n_normals=len(each.normal) if kind.has_relief else 0,
                                  **{name: arrays[f"{name}_{k}"] for name in _NAMES})
@@ -82,11 +88,8 @@ def _measured(body: Body, levels: Sequence[LevelShape], kinds: Sequence[LevelPla
         views = view_bodies(_state(body, aspect, PHASES_RAD[phase]), camera, scene.hulls)
         (x0, y0, x1, y1), full = _box(views[0].bounds_px, side), None
         for k, kind in enumerate((LevelPlan(), *kinds)):
-            with warnings.catch_warnings():
-                # Of laws beyond their phases.
-                warnings.simplefilter("ignore")
-                image, told = areas.draw((body.name,), camera, views, (x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5),
-                                         (x1 - x0, y1 - y0), _BUDGET, {body.name: kind})
+            image, told = areas.draw((body.name,), camera, views, (x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5),
+                                     (x1 - x0, y1 - y0), _BUDGET, {body.name: kind})
             total = image.sum()
             if math.isinf(told) or not total > 0.0:
                 continue
@@ -145,11 +148,5 @@ def _compared(full: np.ndarray, level: np.ndarray) -> np.ndarray:
         found[k] = ((full * full).sum(), (full * level).sum(), (level * level).sum(),
                     np.count_nonzero(lit | (level > 0.0)) * (full.sum() / max(n_lit, 1)) ** 2)
         if k:
-            full, level = (_halved(image) for image in (full, level))
+            full, level = (pixel_means(image, 2) for image in (full, level))
     return found
-
-
-def _halved(image: np.ndarray) -> np.ndarray:
-    """Means of 2 x 2 pixels."""
-    rows = image[::2] + image[1::2]
-    return 0.25 * (rows[:, ::2] + rows[:, 1::2])

@@ -16,12 +16,12 @@ from glrender_camera import PinholeCamera
 from . import frames, generate
 from .area_engine import AreaEngine
 from .brdf import Lambert
+from .cache import cached_arrays
 from .costs import AREAS_CALL_NS, EngineCosts
 from .errors import ConfigError
 from .gl.context import Context
 from .gl.mesh import IRRADIANCE_STAGE, Mesh, SurfaceVariant
 from .gl.targets import Target
-from .lod import cached_arrays
 from .ray_engine import RAYS_AT_ONCE, RayEngine
 from .refine import pixel_errors
 from .scene import Body, Scene

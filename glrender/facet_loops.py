@@ -116,19 +116,21 @@ def to_camera(vertices_m, corners, facets, r_camera_m):
     return found
 
 
-@compiled(write(float64, 1)(read(int64, 1), read(int16, 2), read(float32, 1), _NUMBERS, _POINTS, _TABLE, _TABLE))
-def added_by_relief(begin, normals, weights, facets, flat, axes, table):
+@compiled(write(float64, 1)(read(int64, 1), read(int16, 2), read(float32, 1), _NUMBERS, _POINTS, float64, _TABLE,
+                            _TABLE))
+def added_by_relief(begin, normals, weights, facets, flat, unit, axes, table):
     """What facets (N,) that stand for several normals have more than flat ones (3, N) have: in a table's unit.
 
-    The table is of the components of normals along two axes (2, 3), from 0 to 1 and from -1 to 1, in even steps.
+    The several are so many times as long. The table is of the components of normals along two axes (2, 3), from 0 to 1
+    and from -1 to 1, in even steps.
     """
-    found, steps, axes = np.empty(len(facets)), table.shape[0] - 1, axes / 32767.0
+    found, steps, axes = np.empty(len(facets)), table.shape[0] - 1, axes / unit
     for i in range(len(facets)):
         total, covered, own = 0.0, 0.0, 0.0
         for j in range(begin[facets[i]], begin[facets[i] + 1] + 1):
             is_flat = j == begin[facets[i] + 1]
             if is_flat:
-                a, b, c = 32767.0 * flat[0, i], 32767.0 * flat[1, i], 32767.0 * flat[2, i]
+                a, b, c = unit * flat[0, i], unit * flat[1, i], unit * flat[2, i]
             else:
                 a, b, c = float(normals[j, 0]), float(normals[j, 1]), float(normals[j, 2])
             x = a * axes[0, 0] + b * axes[0, 1] + c * axes[0, 2]

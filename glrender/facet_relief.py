@@ -6,12 +6,13 @@ the camera counts for more.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
 
+from .brdf.geometry import dot
+from .frames import sun_from_body
 from .lod import Level
 from .shape import Shape
 from .surface import Surface
@@ -77,11 +78,9 @@ class FacetRelief:
 
         self._loops, self._level = facet_loops, level
         across = to_sun - (to_sun @ to_camera) * to_camera
-        length = math.sqrt(float(across @ across))
-        if length < 1e-6:
-            across = np.cross(np.eye(3)[np.argmin(np.abs(to_camera))], to_camera)
-            length = math.sqrt(float(across @ across))
-        across = across / length
+        length = np.linalg.norm(across)
+        # With the Sun behind the camera any will do.
+        across = across / length if length > 1e-6 else sun_from_body(to_camera)[0]
         self._axes = np.stack([to_camera, across])
         x, y = np.meshgrid(np.arange(_STEPS + 1) / _STEPS, np.arange(-_STEPS, _STEPS + 1) / _STEPS, indexing="ij")
         # Beyond the rim, what is on it.
@@ -90,11 +89,10 @@ class FacetRelief:
         z = np.sqrt(np.maximum(1.0 - x * x - y * y, 0.0))
         normal = (x[..., None] * to_camera + y[..., None] * across
                   + z[..., None] * np.cross(to_camera, across)).reshape(-1, 3)
-        cosine = normal @ to_sun
         brdf = surface.brdf(to_sun, to_camera[None], normal, np.ones(len(normal)))
-        self._table = (brdf * np.maximum(cosine, 0.0)).reshape(x.shape)
+        self._table = (brdf * np.maximum(dot(normal, to_sun), 0.0)).reshape(x.shape)
 
     def added(self, facet: np.ndarray, normal: np.ndarray) -> np.ndarray:
         """To the radiance of the level's facets (N,), of normals (3, N), in that of a BRDF times a cosine."""
         return self._loops.added_by_relief(self._level.begin, self._level.normal, self._level.weight, facet, normal,
-                                           self._axes, self._table)
+                                           _INT16, self._axes, self._table)

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from glrender_camera import threads
 
-from .lod import cached_arrays
+from .cache import cached_arrays
 from .morton import morton_order
 from .shape import Shape
 

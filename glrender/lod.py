@@ -8,23 +8,17 @@ level still loses is the parallax and the cast shadows of relief smaller than it
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import logging
 import math
-import os
-import tempfile
 import time
-import zlib
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 from scipy.spatial import ConvexHull, cKDTree
 
+from .cache import cached_arrays
 from .shape import Shape
 
 _log = logging.getLogger(__name__)
@@ -117,13 +111,6 @@ def levels_of_detail(shape: Shape, cache: Path | None = None) -> tuple[Level, ..
     return tuple(levels)
 
 
-def cache_folder() -> Path:
-    """$GLRENDER_CACHE, or `glrender` in the user's cache folder."""
-    if "GLRENDER_CACHE" in os.environ:
-        return Path(os.environ["GLRENDER_CACHE"])
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "glrender"
-
-
 def _made(shape: Shape, targets: list[int]) -> dict[str, np.ndarray]:
     from fast_simplification import simplify
 
@@ -173,58 +160,3 @@ def _crosses(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
 def _key(shape: Shape, targets: list[int]) -> str:
     parameters = f"{targets} {_TEXELS_PER_FACET} {_MOST_TEXELS} {_MOST_TEXELS_PER_SIDE}".encode()
     return hashlib.sha256(shape.content_hash.encode() + parameters).hexdigest()[:32]
-
-
-def cached_arrays(name: str, keys: list[str], make: Callable[[], dict[str, np.ndarray]],
-                  cache: Path | None = None) -> dict[str, np.ndarray]:
-    """Arrays from the cache's file `name`, made and kept there when it lacks them.
-
-    By one process at a time: others wait for it.
-    """
-    folder = cache_folder() if cache is None else cache
-    file = folder / f"{name}.npz"
-    kept = _kept(file, keys)
-    if kept is not None:
-        return kept
-    with _alone(folder / f"{name}.lock"):
-        kept = _kept(file, keys)
-        return _made_and_kept(file, make) if kept is None else kept
-
-
-def _kept(file: Path, keys: list[str]) -> dict[str, np.ndarray] | None:
-    try:
-        with np.load(file, allow_pickle=False) as stored:
-            return {key: stored[key] for key in keys}
-    except (OSError, ValueError, KeyError, EOFError, BadZipFile, zlib.error):
-        return None
-
-
-@contextmanager
-def _alone(file: Path) -> Iterator[None]:
-    """Keep other processes out for a while; not where nothing can be written, nor beyond the life of this one."""
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        lock = file.open("a")
-    except OSError:
-        yield
-        return
-    with lock:
-        with suppress(OSError):
-            fcntl.flock(lock, fcntl.LOCK_EX)
-        yield
-        # Who waits for it holds it open, and finds what was made.
-        file.unlink(missing_ok=True)
-
-
-def _made_and_kept(file: Path, make: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    folder = file.parent
-    arrays = make()
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        # Another process may read or write the same file: it sees all of it or none.
-        with tempfile.NamedTemporaryFile(dir=folder, suffix=".tmp", delete=False) as stream:
-            np.savez(stream, **arrays)
-        os.replace(stream.name, file)
-    except OSError as error:
-        _log.warning("%s is not kept in %s: %s", file.stem, folder, error)
-    return arrays

@@ -13,7 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from .lod import Level, cached_arrays
+from .cache import cached_arrays
+from .lod import Level
 from .rays import LIFT, RayMesh
 from .scene import Body
 from .surface import Surface

@@ -37,7 +37,7 @@ class AreasChoice:
     Attributes
     ----------
     ns : float [ns]
-        Infinite where facets are not as bright everywhere, or penumbras are wide.
+        Infinite where facets are not as bright everywhere, penumbras are wide, or not all is before the camera.
     error : float [1]
         What they do not tell of themselves.
     levels : tuple of LevelPlan
@@ -77,11 +77,18 @@ def choose_areas(members: Sequence[BodyView], traits: Mapping[str, BodyTraits], 
     def together(chosen: Sequence[AreaLevel | None]) -> AreasChoice:
         return _together(bodies, chosen, budget, costs, n_px, shown_share)
 
-    best = together([None] * len(bodies))
+    full = together([None] * len(bodies))
+    if not any(body.fit for body in bodies):
+        return full
     # Each body by itself: what is best of it.
     alone = [min((None, *body.fit), key=lambda level, body=body: _together(
         [body], [level], budget, costs, n_px, shown_share).ns) for body in bodies]
-    return min(best, together(alone), key=lambda choice: choice.ns) if any(alone) else best
+    return min(full, together(alone), key=lambda choice: choice.ns)
+
+
+def facing_share(phase_rad: float) -> float:
+    """Of a body's facets, those that face both camera and Sun, about."""
+    return (math.pi - phase_rad) / (2.0 * math.pi)
 
 
 class _Candidates:
@@ -136,16 +143,16 @@ def _together(bodies: Sequence[_Candidates], chosen: Sequence[AreaLevel | None],
     ns = math.inf
     if left and max(floor, _ECLIPSE_STEPS * max(body.eclipse_error for body in bodies)) <= _FLOOR * budget:
         phase_rad = max(body.view.phase_rad for body in bodies)
-        facing_share = (math.pi - phase_rad) / (2.0 * math.pi)
+        facing = facing_share(phase_rad)
         n_facets = sum(body.n_facets(level) for body, level in each)
-        n_facing = max(n_facets * facing_share * shown_share, 1.0)
+        n_facing = max(n_facets * facing * shown_share, 1.0)
         crease_rad = max(body.crease_rad(level) for body, level in each)
         if any(chosen) and n_facing < _FEW:
             crease_rad *= _OF_FEW
-        ns = costs.areas_ns(n_facets, n_facing, n_px, math.sqrt(2.0 * facing_share * n_px / n_facing), crease_rad,
+        ns = costs.areas_ns(n_facets, n_facing, n_px, math.sqrt(2.0 * facing * n_px / n_facing), crease_rad,
                             phase_rad, left)
         if n_normals := sum(level.n_normals for level in chosen if level):
-            ns += n_normals * facing_share * shown_share * _NORMAL * costs.area_ns
+            ns += n_normals * facing * shown_share * _NORMAL * costs.area_ns
     return AreasChoice(ns=ns, error=math.hypot(floor, error), levels=tuple(body.plan(level) for body, level in each))
 
 

@@ -23,7 +23,7 @@ from .error_model import (
 )
 from .first_samples import MAX_SAMPLES, Expected, first_samples
 from .grouping import outline, outline_px, region, touching
-from .plan_areas import choose_areas
+from .plan_areas import choose_areas, facing_share
 from .render_plan import BodyPlan, WindowPlan
 from .view import BodyView
 
@@ -140,8 +140,8 @@ class _Window:
         self._phase_rad = max(view.phase_rad for view in members)
         # Facets of the full shapes that face camera and Sun and are shown, about.
         shown = min(self._box_px / (0.8 * min(self._largest_px, 1e5) ** 2), 1.0)
-        facing = (math.pi - self._phase_rad) / (2.0 * math.pi)
-        self._n_facing = max(sum(level.n_facets for level in self._full) * facing * shown, 1.0)
+        self._n_facing = max(
+            sum(level.n_facets for level in self._full) * facing_share(self._phase_rad) * shown, 1.0)
         self._across = samples_across(budget, self._phase_rad)
         # Slivers of light between samples tell nothing of themselves.
         slivers = 1.0
@@ -151,14 +151,14 @@ class _Window:
         self._least = math.ceil(min(max(self._across / self._largest_px, slivers, centre), MAX_SAMPLES))
         self._by_areas = choose_areas(members, traits, self._drawn, camera, budget, error_gain, costs,
                                       n_px=self._n_px, shown_share=shown)
-        self._has_areas = all(view.bounds_px is not None for view in members)
         # Of shadow maps and levels of detail: rays have neither. And without the edges of shadows, or with usual ones.
         self._floor = max(body.modelling_error for body in self._drawn)
         maps = [(view, body, sum(squared_errors(view, level)), texel_share(view, body.shadow_map_px),
                  shadow_share(view, body.shadow_map_px, body.may_be_eclipsed))
                 for view, body, level in zip(members, self._drawn, self._levels, strict=True)
                 if body.shadow_map_px is not None]
-        self._texel_share, self._shadow_share = (max((each[k] for each in maps), default=0.0) for k in (3, 4))
+        self._texel_share = max((texels for _, _, _, texels, _ in maps), default=0.0)
+        self._shadow_share = max((share for *_, share in maps), default=0.0)
         smooth = max([body.modelling_error**2 for body in self._drawn if body.shadow_map_px is None] + [
             body.modelling_error**2 - share * errors for _, body, errors, _, share in maps])
         self._smooth_floor = math.sqrt(max(smooth, 0.0))
@@ -174,7 +174,7 @@ class _Window:
         has_rays = math.isfinite(self._costs.ray_ns)
         is_small = self._outline_px < _SMALL_PX or apart_size_px(self._members) < self._apart_px or (
             len(self._members) == 1 and self._across > MAX_SAMPLES * self._largest_px)
-        areas_ns = self._by_areas.ns if has_rays and self._has_areas and samples is None else math.inf
+        areas_ns = self._by_areas.ns if has_rays and samples is None else math.inf
         if samples is None and is_small:
             grid_ns, grid = self._own_grid(has_rays)
             is_enough = grid.predicted_error <= self._gain * self._budget or math.isinf(areas_ns)

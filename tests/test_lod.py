@@ -11,6 +11,7 @@ import views
 from glrender import Body, Renderer, generate, lod
 from glrender.backends.raytrace import RayTracer
 from glrender.brdf import Lambert, LommelSeeliger
+from glrender.cache import cached_arrays
 from glrender.costs import EngineCosts
 from glrender.lod_flux import flux_ratios
 
@@ -144,7 +145,7 @@ def _cache(folder, log, barrier):
         return {"a": np.arange(3)}
 
     barrier.wait()
-    assert lod.cached_arrays("some", ["a"], make, folder)["a"].tolist() == [0, 1, 2]
+    assert cached_arrays("some", ["a"], make, folder)["a"].tolist() == [0, 1, 2]
 
 
 def test_of_processes_that_start_together_one_makes_what_is_kept(tmp_path):

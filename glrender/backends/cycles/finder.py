@@ -8,8 +8,8 @@ import shutil
 import sys
 from pathlib import Path
 
+from ...cache import cache_folder
 from ...errors import DeviceError
-from ...lod import cache_folder
 
 SERVE = Path(__file__).parent / "inside" / "serve.py"
 _HINT = ("`make blender` brings it (PyPI's bpy, in an environment of its own), or `pip install 'glrender[cycles]'` "

@@ -1,0 +1,79 @@
+"""Arrays that take long to make, kept on disk from run to run."""
+
+from __future__ import annotations
+
+import fcntl
+import logging
+import os
+import tempfile
+import zlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from zipfile import BadZipFile
+
+import numpy as np
+
+_log = logging.getLogger(__name__)
+
+
+def cache_folder() -> Path:
+    """$GLRENDER_CACHE, or `glrender` in the user's cache folder."""
+    if "GLRENDER_CACHE" in os.environ:
+        return Path(os.environ["GLRENDER_CACHE"])
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "glrender"
+
+
+def cached_arrays(name: str, keys: list[str], make: Callable[[], dict[str, np.ndarray]],
+                  cache: Path | None = None) -> dict[str, np.ndarray]:
+    """Arrays from the cache's file `name`, made and kept there when it lacks them.
+
+    By one process at a time: others wait for it.
+    """
+    folder = cache_folder() if cache is None else cache
+    file = folder / f"{name}.npz"
+    kept = _kept(file, keys)
+    if kept is not None:
+        return kept
+    with _alone(folder / f"{name}.lock"):
+        kept = _kept(file, keys)
+        return _made_and_kept(file, make) if kept is None else kept
+
+
+def _kept(file: Path, keys: list[str]) -> dict[str, np.ndarray] | None:
+    try:
+        with np.load(file, allow_pickle=False) as stored:
+            return {key: stored[key] for key in keys}
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile, zlib.error):
+        return None
+
+
+@contextmanager
+def _alone(file: Path) -> Iterator[None]:
+    """Keep other processes out for a while; not where nothing can be written, nor beyond the life of this one."""
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        lock = file.open("a")
+    except OSError:
+        yield
+        return
+    with lock:
+        with suppress(OSError):
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+        # Who waits for it holds it open, and finds what was made.
+        file.unlink(missing_ok=True)
+
+
+def _made_and_kept(file: Path, make: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    folder = file.parent
+    arrays = make()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        # Another process may read or write the same file: it sees all of it or none.
+        with tempfile.NamedTemporaryFile(dir=folder, suffix=".tmp", delete=False) as stream:
+            np.savez(stream, **arrays)
+        os.replace(stream.name, file)
+    except OSError as error:
+        _log.warning("%s is not kept in %s: %s", file.stem, folder, error)
+    return arrays
