@@ -58,9 +58,9 @@ class AreaEngine:
     def __init__(self, scene: Scene, rays: RayEngine,
                  levels: Mapping[str, Sequence[LevelShape]] = MappingProxyType({})):
         # Not before there is a scene: their loops are compiled, or read, at the first import.
-        from . import coverage, sunlit_areas
+        from . import coverage, lit_middles, sunlit_areas
 
-        self._coverage, self._sunlit_areas = coverage, sunlit_areas
+        self._coverage, self._lit_middles, self._sunlit_areas = coverage, lit_middles, sunlit_areas
         self._scene, self._rays = scene, rays
         sides_m = {body.name: longest_sides_m(body.shape) for body in scene.bodies}
         smallest_m = min(each[each > 0.0].min() for each in sides_m.values())
@@ -106,6 +106,10 @@ class AreaEngine:
         levels : mapping of str to LevelPlan, optional
             What is drawn of bodies: the full shape of others.
         """
+        level = levels.get(names[0], LevelPlan())
+        if level.horizon_step:
+            return self._by_middles(names[0], camera, views, bounds_px, grid, level), 0.0
+
         def made(views: list[BodyView], budget: float, has_disc: bool) -> tuple[np.ndarray, float, float]:
             return self._drawn(names, camera, views, bounds_px, grid, budget, levels, has_disc)
 
@@ -126,6 +130,17 @@ class AreaEngine:
                 return sums / n_points, math.hypot(total / n_points, share * penumbra)
         return means, math.inf
 
+    def _by_middles(self, name: str, camera: PinholeCamera, views: list[BodyView],
+                    bounds_px: tuple[float, float, float, float], grid: tuple[int, int], level: LevelPlan) -> np.ndarray:
+        """Means over cells of a body by its facets' middles: what that costs is for the planner to know."""
+        view = next(view for view in views if view.name == name)
+        body = self._lit_middles.LitMiddles(self._facets[name][0], view, camera, self._rays, level)
+        changes, cells = self._coverage.no_changes(grid[::-1]), _Cells(camera, bounds_px, grid)
+        body.add_to(changes, cells.corner, cells.per_px)
+        means, cover = self._coverage.means(changes)
+        means /= np.maximum(cover, 1.0)
+        return means * (self._scene.solar_irradiance_of(camera) * cells.solid_angles)
+
     def _drawn(self, names: Sequence[str], camera: PinholeCamera, views: list[BodyView],
                bounds_px: tuple[float, float, float, float], grid: tuple[int, int], budget: float,
                levels: Mapping[str, LevelPlan], has_disc: bool) -> tuple[np.ndarray, float, float]:
@@ -133,9 +148,8 @@ class AreaEngine:
 
         Nothing is drawn if that is too much.
         """
-        corner, far = np.reshape(np.array(bounds_px, float), (2, 2))
-        per_px = np.array(grid) / (far - corner)
-        areas = []
+        cells = _Cells(camera, bounds_px, grid)
+        per_px, areas = cells.per_px, []
         for view in views:
             if view.name in names and view.is_visible:
                 level = levels.get(view.name, LevelPlan())
@@ -161,21 +175,34 @@ class AreaEngine:
         is_fine = n_px * per_px.prod() < _FINE * sum(body.n_areas for body in areas)
         changes = self._coverage.no_changes(grid[::-1])
         for body in areas:
-            body.add_to(changes, corner, per_px, 3.0 if is_fine else 0.0)
+            body.add_to(changes, cells.corner, per_px, 3.0 if is_fine else 0.0)
         means, cover = self._coverage.means(changes)
         # Where areas overlap, one that is hidden was taken to be seen: which of them is not known.
         over = np.flatnonzero(cover > 1.0 + _OVERLAP)
         kept = means.flat[over] / cover.flat[over]
         squared += float(np.square(_HALF * (means.flat[over] - kept)).sum()) / per_px.prod() ** 2
         means.flat[over] = kept
-        focal_px = camera.focal_length_px
-        means *= self._scene.solar_irradiance_of(camera) / focal_px**2
-        if not is_fine:
-            x, y = ((corner[k] + (np.arange(grid[k]) + 0.5) / per_px[k] - camera.principal_point_px[k]) / focal_px
-                    for k in range(2))
-            slant = 1.0 + x * x + (y * y)[:, None]
-            means /= slant * np.sqrt(slant)
+        means *= self._scene.solar_irradiance_of(camera) * (
+            1.0 / camera.focal_length_px**2 if is_fine else cells.solid_angles)
         return means, math.hypot(per_root * math.sqrt(squared), _LEAST), penumbra
+
+
+class _Cells:
+    """Cells of a grid in a camera's image: where the first one begins (2,) [px], and how many are in a pixel (2,)."""
+
+    def __init__(self, camera: PinholeCamera, bounds_px: tuple[float, float, float, float], grid: tuple[int, int]):
+        self._camera, self._grid = camera, grid
+        self.corner, far = np.reshape(np.array(bounds_px, float), (2, 2))
+        self.per_px = np.array(grid) / (far - self.corner)
+
+    @property
+    def solid_angles(self) -> np.ndarray:
+        """Of pixels (rows, columns) [sr] around the cells' middles."""
+        focal_px, principal_px = self._camera.focal_length_px, self._camera.principal_point_px
+        x, y = ((self.corner[k] + (np.arange(self._grid[k]) + 0.5) / self.per_px[k] - principal_px[k]) / focal_px
+                for k in range(2))
+        slant = 1.0 + x * x + (y * y)[:, None]
+        return 1.0 / (focal_px**2 * slant * np.sqrt(slant))
 
 
 def _on_disc(n_points: int) -> np.ndarray:

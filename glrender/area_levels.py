@@ -22,6 +22,7 @@ from .cache import cached_arrays
 from .constants import AU_M
 from .errors import DeviceError
 from .facet_relief import LevelShape
+from .facet_tables import has_middles
 from .frames import look_at
 from .level_tables import PHASES_RAD, SIZES_PX, AreaLevel
 from .lod import Level
@@ -36,6 +37,8 @@ from .view import view_bodies
 
 _log = logging.getLogger(__name__)
 
+# How far apart horizons may be without a ray, of facets as lit as their middles.
+_HORIZON_STEPS = (16, 64)
 _ASPECTS, _RANGE_RADII = 8, 50.0
 # Of both images that are compared.
 _BUDGET = 0.02
@@ -55,23 +58,27 @@ def area_levels(body: Body, levels: Sequence[Level], cache: Path | None = None
         return (), ()
     made = tuple(LevelShape.of(body.shape, level) for level in levels)
     digest = hashlib.sha256(f"{body.shape.content_hash} {body.brdf!r} {[each.shape.content_hash for each in made]} "
-                            f"{_ASPECTS} {_RANGE_RADII} {_BUDGET} {SIZES_PX.tolist()} {PHASES_RAD.tolist()}".encode())
+                            f"{_HORIZON_STEPS} {_ASPECTS} {_RANGE_RADII} {_BUDGET} {SIZES_PX.tolist()} {PHASES_RAD.tolist()}".encode())
     # Each flat, and with relief.
     kinds = [LevelPlan(number=number, has_relief=has_relief) for number in range(1, 1 + len(made))
              for has_relief in (False, True)]
+    if has_middles(body.shape):
+        kinds += [LevelPlan(horizon_step=step) for step in _HORIZON_STEPS]
     names = [f"{name}_{k}" for k in range(len(kinds)) for name in _NAMES]
     with warnings.catch_warnings():
         # Of laws beyond their phases.
         warnings.simplefilter("ignore", UserWarning)
         try:
-            arrays = cached_arrays(f"areas1-{digest.hexdigest()[:32]}", names, lambda: _measured(body, made, kinds),
+            arrays = cached_arrays(f"areas2-{digest.hexdigest()[:32]}", names, lambda: _measured(body, made, kinds),
                                    cache)
         except DeviceError:
             return (), ()
-    return made, tuple(AreaLevel(number=kind.number, n_facets=len(each.shape.facets), crease_rad=each.shape.crease_rad,
-                                 n_normals=len(each.normal) if kind.has_relief else 0,
+    shapes = [body.shape, *(level.shape for level in made)]
+    return made, tuple(AreaLevel(number=kind.number, n_facets=len(shapes[kind.number].facets),
+                                 crease_rad=shapes[kind.number].crease_rad, horizon_step=kind.horizon_step,
+                                 n_normals=len(made[kind.number - 1].normal) if kind.has_relief else 0,
                                  **{name: arrays[f"{name}_{k}"] for name in _NAMES})
-                       for k, kind in enumerate(kinds) for each in [made[kind.number - 1]])
+                       for k, kind in enumerate(kinds))
 
 
 def _measured(body: Body, levels: Sequence[LevelShape], kinds: Sequence[LevelPlan]) -> dict[str, np.ndarray]:

@@ -128,6 +128,25 @@ def add_facets(changes, xy, corners, neighbours, facets, shown, origin, per_px):
                          (xy[0, b] - origin[0]) * per_px[0], (xy[1, b] - origin[1]) * per_px[1], shown[facet] - there)
 
 
+@compiled(void(_CHANGES, read(float64, 2), read(intp, 2), read(int32, 2), read(float64, 1), intp, intp, intp, _VECTOR,
+               _VECTOR))
+def add_lit(changes, xy, corners, neighbours, radiance, first, block, every, origin, per_px):
+    """The same of all facets that have a radiance (F,): in blocks of so many from a first one on, so many apart."""
+    for begin in range(first, len(radiance), every):
+        for facet in range(begin, min(begin + block, len(radiance))):
+            here = radiance[facet]
+            if here == 0.0:
+                continue
+            for side in range(3):
+                across = neighbours[side, facet]
+                there = radiance[across] if across >= 0 else 0.0
+                if there == 0.0 or facet < across:
+                    a, b = corners[side, facet], corners[(side + 1) % 3, facet]
+                    step = complex(here - there, 1.0 if there == 0.0 else 0.0)
+                    add_line(changes, (xy[0, a] - origin[0]) * per_px[0], (xy[1, a] - origin[1]) * per_px[1],
+                             (xy[0, b] - origin[0]) * per_px[0], (xy[1, b] - origin[1]) * per_px[1], step)
+
+
 @compiled(void(_CHANGES, read(float64, 2), read(intp, 2, "A"), _VALUES, _VECTOR, _VECTOR))
 def add_polygons(changes, xy, corners, values, origin, per_px):
     """Add what lines around polygons change in cells: corners (K, N) at places (2, P) [px], values (N,)."""

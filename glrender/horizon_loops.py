@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba.types import UniTuple, boolean, float64, intp, uint8, void
+from numba.types import UniTuple, boolean, float32, float64, int8, intp, uint8, void
 
 from .compiled import compiled, read, write
 
@@ -18,7 +18,10 @@ _MARGIN = 1.0
 _LEAST = 0.05
 # Sine of the angle that a box takes up, about, below which what is in it is not looked at.
 _SMALL = 0.2
+# Sine of the phase angle below which a place around does not matter.
+_LEAST_SINE = 1e-4
 _TABLE, _VECTOR, _HEIGHTS = read(float64, 2), read(float64, 1, "A"), write(float64, 1)
+_POINTS, _RADIANCES = read(float64, 2, "A"), read(float64, 3)
 _PLACE, _TURN = UniTuple(float64, 3), UniTuple(float64, 9)
 
 
@@ -31,17 +34,23 @@ def _across(x, y, z):
     return 1.0 + sign * x * x * a, sign * b, -sign * x, b, sign + y * y * a, -y
 
 
-@compiled(intp(float64, float64))
-def _sector(s, t):
-    """Which sector of azimuth a direction is in: by its place on a square around, which needs no angle."""
+@compiled(float64(float64, float64))
+def _azimuth(s, t):
+    """Where a direction is around, in sectors: by its place on a square, which needs no angle."""
     around = abs(s) + abs(t)
     if not around > 0.0:
-        return 0
+        return 0.0
     if t >= 0.0:
         place = t / around if s >= 0.0 else 1.0 - s / around
     else:
         place = 2.0 - t / around if s < 0.0 else 3.0 + s / around
-    return int(place * (N_AZIMUTHS / 4)) % N_AZIMUTHS
+    return place * (N_AZIMUTHS / 4)
+
+
+@compiled(intp(float64, float64))
+def _sector(s, t):
+    """Which sector of azimuth a direction is in."""
+    return int(_azimuth(s, t)) % N_AZIMUTHS
 
 
 @compiled(boolean(_HEIGHTS, float64, float64, float64, float64, float64, boolean))
@@ -198,3 +207,95 @@ def find_open(vertices_m, normals, horizons, vertices, towards, is_place, is_ope
         ax, ay, az, bx, by, bz = _across(a, b, c)
         sector = _sector(u * ax + v * ay + w * az, u * bx + v * by + w * bz)
         is_open[i] = 255.0 * min(u * a + v * b + w * c, 1.0) > horizons[k, sector]
+
+
+@compiled(write(float64, 2)(_POINTS))
+def axes_across(normals):
+    """The axes (6, N) across normals (3, N) from which azimuths count: two unit vectors."""
+    found = np.empty((6, normals.shape[1]))
+    for i in range(normals.shape[1]):
+        axes = _across(normals[0, i], normals[1, i], normals[2, i])
+        for k in range(6):
+            found[k, i] = axes[k]
+    return found
+
+
+@compiled(int8(read(uint8, 2), intp, float64, float64, float64, float64))
+def _told(heights, facet, s, t, sine, most_apart):
+    """Whether a direction is above a facet's horizon: 1, below it: 0, or a ray has to be asked: -1.
+
+    Between two azimuths of different heights rays are asked, if those are more than so far apart.
+    """
+    place = _azimuth(s, t)
+    sector = int(place)
+    one, other = float(heights[facet, sector % N_AZIMUTHS]), float(heights[facet, (sector + 1) % N_AZIMUTHS])
+    # A ray is blocked at the height itself, and free a step above.
+    height = 255.0 * sine - 0.5
+    if height > max(one, other):
+        return 1
+    if height < min(one, other):
+        return 0
+    if abs(other - one) > most_apart:
+        return -1
+    return 1 if height > one + (place - sector) * (other - one) else 0
+
+
+@compiled(float64(_RADIANCES, float64, float64, float64))
+def _between(radiance, chord, around, out):
+    """What a table has at a place, in steps of each of its axes."""
+    i = min(max(int(chord), 0), radiance.shape[0] - 2)
+    j, k = min(int(around), radiance.shape[1] - 2), min(int(out), radiance.shape[2] - 2)
+    a, b, c = chord - i, around - j, out - k
+    found = 0.0
+    for step in range(2):
+        here = ((1.0 - b) * ((1.0 - c) * radiance[i + step, j, k] + c * radiance[i + step, j, k + 1])
+                + b * ((1.0 - c) * radiance[i + step, j + 1, k] + c * radiance[i + step, j + 1, k + 1]))
+        found += (a if step else 1.0 - a) * here
+    return found
+
+
+@compiled(intp(read(float32, 2), read(uint8, 2), intp, intp, _VECTOR, _VECTOR, float64, _RADIANCES, float64, float64,
+               write(float64, 1), write(intp, 1), write(boolean, 2)))
+def shade_middles(facets, heights, first, last, to_sun, r_camera_m, most_apart, radiance, least_chord, per_chord,
+                  found, asked, is_asked):
+    """Write the radiance of facets first to last, each as lit as its middle is: 0 of those that are dark or not seen.
+
+    Facets (F, 6) float32 have normals and middles [m], and heights (F, sectors) of the horizon. Their radiance is that
+    of a table (chords, 2 S + 1, S + 1): by the distance of the unit vectors to Sun and camera; by the normal's place
+    around a square in the plane of both, from -1 to 1; by its part in that plane, from 0 to 1.
+
+    Returns how many (N,) are `asked`, whether they are seen or lit `is_asked` (2, N): they are shaded as if they were.
+    """
+    n, half = 0, 0.5 * (radiance.shape[1] - 1)
+    for facet in range(first, last):
+        found[facet] = 0.0
+        a, b, c = float(facets[facet, 0]), float(facets[facet, 1]), float(facets[facet, 2])
+        incidence = a * to_sun[0] + b * to_sun[1] + c * to_sun[2]
+        if incidence <= 0.0:
+            continue
+        u, v, w = r_camera_m[0] - facets[facet, 3], r_camera_m[1] - facets[facet, 4], r_camera_m[2] - facets[facet, 5]
+        emission = a * u + b * v + c * w
+        if emission <= 0.0:
+            continue
+        length = math.sqrt(u * u + v * v + w * w)
+        u, v, w, emission = u / length, v / length, w / length, emission / length
+        ax, ay, az, bx, by, bz = _across(a, b, c)
+        seen = _told(heights, facet, u * ax + v * ay + w * az, u * bx + v * by + w * bz, emission, most_apart)
+        if seen == 0:
+            continue
+        lit = _told(heights, facet, to_sun[0] * ax + to_sun[1] * ay + to_sun[2] * az,
+                    to_sun[0] * bx + to_sun[1] * by + to_sun[2] * bz, incidence, most_apart)
+        if lit == 0:
+            continue
+        x, y, z = to_sun[0] - u, to_sun[1] - v, to_sun[2] - w
+        squared = x * x + y * y + z * z
+        cosine = 1.0 - 0.5 * squared
+        sine = math.sqrt(max(1.0 - cosine * cosine, _LEAST_SINE**2))
+        aside = (incidence - emission * cosine) / sine
+        found[facet] = _between(radiance, (math.sqrt(squared) - least_chord) * per_chord,
+                                (aside / (emission + abs(aside)) + 1.0) * half,
+                                min(math.sqrt(emission * emission + aside * aside), 1.0) * (radiance.shape[2] - 1))
+        if seen < 0 or lit < 0:
+            asked[first + n], is_asked[0, first + n], is_asked[1, first + n] = facet, seen < 0, lit < 0
+            n += 1
+    return n

@@ -21,10 +21,12 @@ class AreaLevel:
     Attributes
     ----------
     number : int
-        Of the level, from 1.
+        Of the level; 0 is the full shape.
     n_facets : int
     n_normals : int
         Of the full shape, which its facets stand for; 0 where they are flat.
+    horizon_step : int
+        As of `LevelPlan`.
     crease_rad : float [rad]
         RMS angle between neighbouring facets.
     error : (P, S) float64
@@ -40,6 +42,7 @@ class AreaLevel:
     number: int
     n_facets: int
     n_normals: int
+    horizon_step: int
     crease_rad: float
     error: np.ndarray
     flux_ratio: np.ndarray

@@ -8,7 +8,7 @@ import math
 import numpy as np
 from llvmlite import binding
 from numba import types
-from numba.types import Tuple, boolean, float32, float64, intp, uint32, uintp, void
+from numba.types import Tuple, boolean, float32, float64, intp, uint8, uint32, uintp, void
 
 from .compiled import compiled, read, write
 from .embree import library
@@ -99,6 +99,37 @@ def keep_free(scene, radius_m, turn, shift_m, points_m, facets, normals, lift_m,
             (turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z + shift_m[2]) / radius_m,
             turn[0, 0] * u + turn[0, 1] * v + turn[0, 2] * w, turn[1, 0] * u + turn[1, 1] * v + turn[1, 2] * w,
             turn[2, 0] * u + turn[2, 1] * v + turn[2, 2] * w, reach)
+
+
+@compiled(void(uintp, float64, _POINTS, _POINTS, _POINTS, float64, read(float64, 2), write(uint8, 2, "A")))
+def find_heights(scene, radius_m, points_m, normals, axes, lift_m, azimuths, found):
+    """Write how high a mesh stands around points (3, N) [m] of its surface, over the plane across their normals (3, N).
+
+    (N, K) uint8: the largest of 255 steps of the sine at which a ray is blocked, in each of the azimuths (2, K), unit
+    vectors along two axes across the normals (6, N). What is free below something, as under an arch, is not found.
+    """
+    ray, bits = _new_ray()
+    for i in range(points_m.shape[1]):
+        a, b, c = normals[0, i], normals[1, i], normals[2, i]
+        x, y, z = ((points_m[0, i] + lift_m * a) / radius_m, (points_m[1, i] + lift_m * b) / radius_m,
+                   (points_m[2, i] + lift_m * c) / radius_m)
+        for k in range(azimuths.shape[1]):
+            s, t = azimuths[0, k], azimuths[1, k]
+            u, v, w = (s * axes[0, i] + t * axes[3, i], s * axes[1, i] + t * axes[4, i],
+                       s * axes[2, i] + t * axes[5, i])
+            # Most horizons are low.
+            low, high, step = 0, 255, 1
+            while high - low > 1:
+                sine = step / 255.0
+                cosine = math.sqrt(1.0 - sine * sine)
+                if _is_blocked(scene, ray, bits, x, y, z, cosine * u + sine * a, cosine * v + sine * b,
+                               cosine * w + sine * c, _FAR):
+                    low = step
+                    step = 4 * step + 8 if high == 255 and step < 48 else (low + high) // 2
+                else:
+                    high = step
+                    step = (low + high) // 2
+            found[i, k] = low
 
 
 @compiled(Tuple((write(intp, 1), write(intp, 1), write(float64, 1), write(float64, 2), write(float64, 2)))(

@@ -1,0 +1,97 @@
+"""A body's facets as lit as their middles are: of facets far smaller than pixels, without looking where light ends."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from glrender_camera import PinholeCamera, threads
+
+from . import coverage, facet_loops
+from .brdf.geometry import dot
+from .facet_tables import FacetTables
+from .ray_engine import RayEngine
+from .render_plan import LevelPlan
+from .surface import Surface
+from .view import BodyView
+
+# Steps of a table of radiance by a normal's place out of the plane of Sun and camera; and by the distance of their unit
+# vectors, which is a phase angle [rad], about.
+_STEPS, _CHORD = 32, 0.04
+# Facets in a turn of each of the two images that are made at once.
+_BLOCK = 1 << 12
+
+
+class LitMiddles:
+    """The facets of one body that a frame shows, each all lit or all dark.
+
+    Parameters
+    ----------
+    facets : FacetTables
+        With horizons of their middles.
+    view : BodyView
+        Of the body: all of it is before the camera, and nothing else hides or shades it.
+    camera : PinholeCamera
+    rays : RayEngine
+    level : LevelPlan
+    """
+
+    def __init__(self, facets: FacetTables, view: BodyView, camera: PinholeCamera, rays: RayEngine, level: LevelPlan):
+        self._facets, self._view, self._camera = facets, view, camera
+        chords = _chords(view, facets.solid.radius_m)
+        table = radiance_table(facets.surface, chords) * (level.flux_ratio / view.sun_distance_au**2)
+        self._radiance, asked, (is_seen, is_lit) = facets.middles.shade(
+            view.sun_direction_body, view.r_camera_body_m, float(level.horizon_step), table, chords)
+        middle_m, number = facets.middles.facets[asked, 3:].T.astype(float), facets.number.take(asked)
+        # Where neither was in doubt, both are so.
+        sees = rays.in_view(facets.solid, middle_m, number, view, [view], is_seen) | ~is_seen
+        sees &= rays.in_light(facets.solid, middle_m, number, view, [view], is_lit & sees) | ~is_lit
+        self._radiance[asked[~sees]] = 0.0
+
+    def add_to(self, changes: np.ndarray, origin_px: np.ndarray, per_px: np.ndarray) -> None:
+        """Add what the facets change in the cells of an image, as of `SunlitAreas.add_to`.
+
+        Parameters
+        ----------
+        changes : (rows, columns + 2) complex128
+        origin_px : (2,) float64 [px]
+        per_px : (2,) float64 [1/px]
+        """
+        facets, view = self._facets, self._view
+        xy = facet_loops.projected(facets.vertices_m, view.camera_from_body, view.r_camera_body_m,
+                                   self._camera.focal_length_px, np.array(self._camera.principal_point_px, float))
+        # Two always, whatever the number of threads: the same bytes.
+        images = [changes, np.zeros_like(changes)]
+
+        def add(k: int) -> None:
+            coverage.add_lit(images[k], xy, facets.corners, facets.neighbours, self._radiance, k * _BLOCK, _BLOCK,
+                             len(images) * _BLOCK, origin_px, per_px)
+
+        threads.run(add, range(len(images)), threads.N_CORES)
+        changes += images[1]
+
+
+def radiance_table(surface: Surface, chords: np.ndarray) -> np.ndarray:
+    """Radiance of facets in 1/sr of the Sun's irradiance, as `horizon_loops.shade_middles` takes it.
+
+    By the distances (C,) of the unit vectors to Sun and camera, the places around a square in their plane, and the
+    parts of the normal in it.
+    """
+    around, part = np.meshgrid(np.arange(-_STEPS, _STEPS + 1) / _STEPS, np.arange(_STEPS + 1) / _STEPS, indexing="ij")
+    ahead = 1.0 - np.abs(around)
+    per_length = part / np.hypot(ahead, around)
+    normal = np.stack([ahead * per_length, around * per_length, np.sqrt(1.0 - part * part)], axis=-1).reshape(-1, 3)
+    to_camera, found = np.array([[1.0, 0.0, 0.0]]), []
+    for chord in chords:
+        phase_rad = 2.0 * math.asin(min(0.5 * chord, 1.0))
+        to_sun = np.array([math.cos(phase_rad), math.sin(phase_rad), 0.0])
+        brdf = surface.brdf(to_sun, to_camera, normal, np.ones(len(normal)))
+        found.append((brdf * np.maximum(dot(normal, to_sun), 0.0)).reshape(around.shape))
+    return np.stack(found)
+
+
+def _chords(view: BodyView, radius_m: float) -> np.ndarray:
+    """Distances of the unit vectors to Sun and camera, as seen from anywhere on the body, in even steps."""
+    aside = math.asin(min(radius_m / view.range_m, 1.0))
+    ends = [2.0 * math.sin(0.5 * min(max(view.phase_rad + turn, 0.0), math.pi)) for turn in (-aside, aside)]
+    return np.linspace(*ends, 2 + math.ceil((ends[1] - ends[0]) / _CHORD))
