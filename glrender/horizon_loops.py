@@ -277,8 +277,8 @@ def shade_middles(facets, heights, first, last, to_sun, r_camera_m, most_apart, 
         emission = a * u + b * v + c * w
         if emission <= 0.0:
             continue
-        length = math.sqrt(u * u + v * v + w * w)
-        u, v, w, emission = u / length, v / length, w / length, emission / length
+        per_length = 1.0 / math.sqrt(u * u + v * v + w * w)
+        u, v, w, emission = u * per_length, v * per_length, w * per_length, emission * per_length
         ax, ay, az, bx, by, bz = _across(a, b, c)
         seen = _told(heights, facet, u * ax + v * ay + w * az, u * bx + v * by + w * bz, emission, most_apart)
         if seen == 0:
@@ -290,8 +290,7 @@ def shade_middles(facets, heights, first, last, to_sun, r_camera_m, most_apart, 
         x, y, z = to_sun[0] - u, to_sun[1] - v, to_sun[2] - w
         squared = x * x + y * y + z * z
         cosine = 1.0 - 0.5 * squared
-        sine = math.sqrt(max(1.0 - cosine * cosine, _LEAST_SINE**2))
-        aside = (incidence - emission * cosine) / sine
+        aside = (incidence - emission * cosine) / math.sqrt(max(1.0 - cosine * cosine, _LEAST_SINE**2))
         found[facet] = _between(radiance, (math.sqrt(squared) - least_chord) * per_chord,
                                 (aside / (emission + abs(aside)) + 1.0) * half,
                                 min(math.sqrt(emission * emission + aside * aside), 1.0) * (radiance.shape[2] - 1))

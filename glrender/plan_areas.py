@@ -21,8 +21,11 @@ _FLOOR, _UNEVEN, _PIXEL_ERROR = 0.7, 0.3, 0.3
 _ECLIPSE_STEPS = 0.25
 # Of a level of detail: of the budget, what its image may take, and its flux's error, of which there may be so many
 # times the scatter between aspects; and pixels that its centre of brightness may be off, over the budget squared:
-# 0.01 px at a budget of 0.02.
+# 0.01 px at a budget of 0.02. Of budgets beyond that one, so much of what is beyond in diameters, if that is more.
 _LEVEL_SHARE, _FLUX_SHARE, _FLUX_SCATTERS, _CENTRE_PX = 0.8, 0.1, 2.0, 25.0
+_USUAL_BUDGET, _CENTRE_SIZES = 0.02, 0.02
+# The same of facets as lit as their middles, which leave nothing to be cut.
+_MIDDLES_SHARE = 0.9
 # Facets that face camera and Sun of which all are looked at closer, and what the edges of shadows cost more then.
 _FEW, _OF_FEW = 3000, 2.5
 # Radii from the body from which levels are as they were measured, from afar; and the cost of a normal that a facet
@@ -71,7 +74,7 @@ def choose_areas(members: Sequence[BodyView], traits: Mapping[str, BodyTraits], 
     shown_share : float [1]
         Of the bodies, what the image shows.
     """
-    bodies = [_Candidates(view, traits[view.name], body, camera, budget, error_gain)
+    bodies = [_Candidates(view, traits[view.name], body, camera, budget, error_gain, len(members) == 1)
               for view, body in zip(members, drawn, strict=True)]
 
     def together(chosen: Sequence[AreaLevel | None]) -> AreasChoice:
@@ -98,9 +101,9 @@ class _Candidates:
     """
 
     def __init__(self, view: BodyView, traits: BodyTraits, body: BodyPlan, camera: PinholeCamera, budget: float,
-                 error_gain: float):
+                 error_gain: float, is_alone: bool):
         self.view, self.traits = view, traits
-        self.eclipse_error = body.eclipse_error
+        self.eclipse_error, self._penumbra_error = body.eclipse_error, body.penumbra_error
         self._size_px = 2.0 * traits.radius_m * camera.focal_length_px / view.range_m
         self._wide = math.hypot(thin_penumbra(view) if body.penumbra_error else 0.0,
                                 _PIXEL_ERROR * (1.0 + 3.0 * _off_axis(view, camera)) / camera.focal_length_px)
@@ -110,9 +113,11 @@ class _Candidates:
                           and view.range_m >= _LEAST_RANGE * traits.radius_m)
         self.fit = [] if not is_as_measured else [
             level for level in traits.area_levels
-            if self.error(level) <= _LEVEL_SHARE * budget
+            if (is_alone or not level.horizon_step)
+            and self.error(level) <= (_MIDDLES_SHARE if level.horizon_step else _LEVEL_SHARE) * budget
             and _FLUX_SCATTERS * level.flux_at(view.phase_rad)[1] <= _FLUX_SHARE * told
-            and level.centre_at(view.phase_rad) * self._size_px <= _CENTRE_PX * told**2]
+            and level.centre_at(view.phase_rad) * self._size_px <= max(
+                _CENTRE_PX * told**2, _CENTRE_SIZES * (told - _USUAL_BUDGET) * self._size_px)]
 
     def n_facets(self, level: AreaLevel | None) -> int:
         return self.traits.levels[0].n_facets if level is None else level.n_facets
@@ -121,7 +126,11 @@ class _Candidates:
         return self.traits.levels[0].crease_rad if level is None else level.crease_rad
 
     def error(self, level: AreaLevel | None) -> float:
-        return 0.0 if level is None else level.error_at(self.view.phase_rad, self._size_px)
+        if level is None:
+            return 0.0
+        # Middles have hard edges of shadows, and do not tell of it.
+        return math.hypot(level.error_at(self.view.phase_rad, self._size_px),
+                          self._penumbra_error if level.horizon_step else 0.0)
 
     def floor(self, level: AreaLevel | None) -> float:
         """What areas do not tell of themselves, but for a level of detail."""
@@ -131,7 +140,7 @@ class _Candidates:
     def plan(self, level: AreaLevel | None) -> LevelPlan:
         if level is None:
             return LevelPlan()
-        return LevelPlan(number=level.number, has_relief=level.n_normals > 0,
+        return LevelPlan(number=level.number, has_relief=level.n_normals > 0, horizon_step=level.horizon_step,
                          flux_ratio=level.flux_at(self.view.phase_rad)[0])
 
 
@@ -149,8 +158,11 @@ def _together(bodies: Sequence[_Candidates], chosen: Sequence[AreaLevel | None],
         crease_rad = max(body.crease_rad(level) for body, level in each)
         if any(chosen) and n_facing < _FEW:
             crease_rad *= _OF_FEW
-        ns = costs.areas_ns(n_facets, n_facing, n_px, math.sqrt(2.0 * facing * n_px / n_facing), crease_rad,
-                            phase_rad, left)
+        facet_px = math.sqrt(2.0 * facing * n_px / n_facing)
+        if horizon_step := max(level.horizon_step for level in chosen if level) if any(chosen) else 0:
+            ns = costs.middles_ns(n_facets, n_facing, n_px, facet_px, horizon_step)
+        else:
+            ns = costs.areas_ns(n_facets, n_facing, n_px, facet_px, crease_rad, phase_rad, left)
         if n_normals := sum(level.n_normals for level in chosen if level):
             ns += n_normals * facing * shown_share * _NORMAL * costs.area_ns
     return AreasChoice(ns=ns, error=math.hypot(floor, error), levels=tuple(body.plan(level) for body, level in each))
