@@ -107,7 +107,7 @@ class AreaEngine:
             What is drawn of bodies: the full shape of others.
         """
         level = levels.get(names[0], LevelPlan())
-        if level.horizon_step:
+        if level.by_middles:
             return self._by_middles(names[0], camera, views, bounds_px, grid, level), 0.0
 
         def made(views: list[BodyView], budget: float, has_disc: bool) -> tuple[np.ndarray, float, float]:
@@ -131,10 +131,11 @@ class AreaEngine:
         return means, math.inf
 
     def _by_middles(self, name: str, camera: PinholeCamera, views: list[BodyView],
-                    bounds_px: tuple[float, float, float, float], grid: tuple[int, int], level: LevelPlan) -> np.ndarray:
+                    bounds_px: tuple[float, float, float, float], grid: tuple[int, int], level: LevelPlan
+                    ) -> np.ndarray:
         """Means over cells of a body by its facets' middles: what that costs is for the planner to know."""
         view = next(view for view in views if view.name == name)
-        body = self._lit_middles.LitMiddles(self._facets[name][0], view, camera, self._rays, level)
+        body = self._lit_middles.LitMiddles(self._facets[name][level.number], view, camera, self._rays, level)
         changes, cells = self._coverage.no_changes(grid[::-1]), _Cells(camera, bounds_px, grid)
         body.add_to(changes, cells.corner, cells.per_px)
         means, cover = self._coverage.means(changes)

@@ -37,8 +37,6 @@ from .view import view_bodies
 
 _log = logging.getLogger(__name__)
 
-# How far apart horizons may be without a ray, of facets as lit as their middles.
-_HORIZON_STEPS = (16, 64)
 _ASPECTS, _RANGE_RADII = 8, 50.0
 # Of both images that are compared.
 _BUDGET = 0.02
@@ -57,13 +55,14 @@ def area_levels(body: Body, levels: Sequence[Level], cache: Path | None = None
     if not levels or not Surface(body).is_even:
         return (), ()
     made = tuple(LevelShape.of(body.shape, level) for level in levels)
+    shapes = [body.shape, *(level.shape for level in made)]
+    # Each flat, and with relief; by areas, and by middles. The full shape by areas is the truth.
+    kinds = [LevelPlan(number=number, has_relief=has_relief, by_middles=by_middles)
+             for number, shape in enumerate(shapes) for has_relief in (False, True) for by_middles in (False, True)
+             if (by_middles or number) and (number or not has_relief) and (has_middles(shape) or not by_middles)]
     digest = hashlib.sha256(f"{body.shape.content_hash} {body.brdf!r} {[each.shape.content_hash for each in made]} "
-                            f"{_HORIZON_STEPS} {_ASPECTS} {_RANGE_RADII} {_BUDGET} {SIZES_PX.tolist()} {PHASES_RAD.tolist()}".encode())
-    # Each flat, and with relief.
-    kinds = [LevelPlan(number=number, has_relief=has_relief) for number in range(1, 1 + len(made))
-             for has_relief in (False, True)]
-    if has_middles(body.shape):
-        kinds += [LevelPlan(horizon_step=step) for step in _HORIZON_STEPS]
+                            f"{kinds} {_ASPECTS} {_RANGE_RADII} {_BUDGET} {SIZES_PX.tolist()} "
+                            f"{PHASES_RAD.tolist()}".encode())
     names = [f"{name}_{k}" for k in range(len(kinds)) for name in _NAMES]
     with warnings.catch_warnings():
         # Of laws beyond their phases.
@@ -73,9 +72,8 @@ def area_levels(body: Body, levels: Sequence[Level], cache: Path | None = None
                                    cache)
         except DeviceError:
             return (), ()
-    shapes = [body.shape, *(level.shape for level in made)]
-    return made, tuple(AreaLevel(number=kind.number, n_facets=len(shapes[kind.number].facets),
-                                 crease_rad=shapes[kind.number].crease_rad, horizon_step=kind.horizon_step,
+    return made, tuple(AreaLevel(kind=kind, n_facets=len(shapes[kind.number].facets),
+                                 crease_rad=shapes[kind.number].crease_rad,
                                  n_normals=len(made[kind.number - 1].normal) if kind.has_relief else 0,
                                  **{name: arrays[f"{name}_{k}"] for name in _NAMES})
                        for k, kind in enumerate(kinds))

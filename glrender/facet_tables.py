@@ -6,7 +6,7 @@ import numpy as np
 
 from .facet_relief import LevelShape
 from .horizons import Horizons
-from .middle_horizons import MiddleHorizons
+from .middle_horizons import Middles
 from .morton import morton_order
 from .rays import RayMesh, dot
 from .scene import Body
@@ -18,7 +18,7 @@ _FLAT = 1e-7
 # Vertices of which a table of horizons is made.
 _MOST_HORIZONS = 200_000
 # Facets from which there are tables of the horizons of their middles: fewer are soon drawn as they are.
-_FEWEST_MIDDLES = 150_000
+_FEWEST_MIDDLES = 10_000
 
 
 class FacetTables:
@@ -55,8 +55,8 @@ class FacetTables:
         Without a dip: the hull's word is good to a thousandth of its volume.
     horizons : Horizons or None
         Of the vertices of a body that is not, and not too large: a table takes longer to make than it is worth.
-    middles : MiddleHorizons or None
-        Of the facets of a full shape that is large.
+    middles : Middles or None
+        Of a shape that is large enough.
     vertices_m : (3, V) float64 [m]
     corners : (3, F) int
         Vertices, counter-clockwise from outside.
@@ -96,8 +96,7 @@ class FacetTables:
         is_flat = float(height_m.max()) <= _FLAT * body.hull.radius_m
         self.is_convex = self.is_closed and body.hull.is_convex and is_flat
         self.horizons = None if self.is_convex or len(shape.vertices_m) > _MOST_HORIZONS else Horizons(shape)
-        has_own = level is None and has_middles(shape)
-        self.middles = MiddleHorizons(shape.content_hash, middle_m, self.normal, solid) if has_own else None
+        self.middles = (Middles.of(shape.content_hash, middle_m, self.normal, solid) if has_middles(shape) else None)
 
     def corner_m(self, facet: np.ndarray) -> np.ndarray:
         """Corners (3, 3, N) [m] of facets (N,): corner, axis, facet."""
@@ -105,7 +104,7 @@ class FacetTables:
 
 
 def has_middles(shape: Shape) -> bool:
-    """Whether there are tables of the horizons of a full shape's facets."""
+    """Whether there are tables of the horizons of a shape's facets."""
     return len(shape.facets) >= _FEWEST_MIDDLES
 
 

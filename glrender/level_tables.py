@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .render_plan import LevelPlan
+
 SIZES_PX = 2.0 ** np.arange(3, 10)
 """Diameters of the bounding sphere in the image, at which errors are told."""
 PHASES_RAD = np.radians([2.0, 30.0, 60.0, 90.0, 120.0, 150.0])
@@ -20,13 +22,11 @@ class AreaLevel:
 
     Attributes
     ----------
-    number : int
-        Of the level; 0 is the full shape.
+    kind : LevelPlan
+        What is drawn.
     n_facets : int
     n_normals : int
         Of the full shape, which its facets stand for; 0 where they are flat.
-    horizon_step : int
-        As of `LevelPlan`.
     crease_rad : float [rad]
         RMS angle between neighbouring facets.
     error : (P, S) float64
@@ -39,10 +39,9 @@ class AreaLevel:
         Distance of the centre of brightness from the full shape's over the diameter, the largest of all aspects.
     """
 
-    number: int
+    kind: LevelPlan
     n_facets: int
     n_normals: int
-    horizon_step: int
     crease_rad: float
     error: np.ndarray
     flux_ratio: np.ndarray

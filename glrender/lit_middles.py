@@ -9,6 +9,7 @@ from glrender_camera import PinholeCamera, threads
 
 from . import coverage, facet_loops
 from .brdf.geometry import dot
+from .facet_relief import FacetRelief
 from .facet_tables import FacetTables
 from .ray_engine import RayEngine
 from .render_plan import LevelPlan
@@ -18,6 +19,9 @@ from .view import BodyView
 # Steps of a table of radiance by a normal's place out of the plane of Sun and camera; and by the distance of their unit
 # vectors, which is a phase angle [rad], about.
 _STEPS, _CHORD = 32, 0.04
+# How far two heights of a horizon may be apart, in 255 parts of a sine, where a direction is between them and no ray is
+# asked.
+_MOST_APART = 8.0
 # Facets in a turn of each of the two images that are made at once.
 _BLOCK = 1 << 12
 
@@ -39,14 +43,26 @@ class LitMiddles:
     def __init__(self, facets: FacetTables, view: BodyView, camera: PinholeCamera, rays: RayEngine, level: LevelPlan):
         self._facets, self._view, self._camera = facets, view, camera
         chords = _chords(view, facets.solid.radius_m)
-        table = radiance_table(facets.surface, chords) * (level.flux_ratio / view.sun_distance_au**2)
+        brightness = level.flux_ratio / view.sun_distance_au**2
+        table = brightness * radiance_table(facets.surface, chords)
         self._radiance, asked, (is_seen, is_lit) = facets.middles.shade(
-            view.sun_direction_body, view.r_camera_body_m, float(level.horizon_step), table, chords)
+            view.sun_direction_body, view.r_camera_body_m, _MOST_APART, table, chords)
         middle_m, number = facets.middles.facets[asked, 3:].T.astype(float), facets.number.take(asked)
         # Where neither was in doubt, both are so.
         sees = rays.in_view(facets.solid, middle_m, number, view, [view], is_seen) | ~is_seen
         sees &= rays.in_light(facets.solid, middle_m, number, view, [view], is_lit & sees) | ~is_lit
         self._radiance[asked[~sees]] = 0.0
+        if level.has_relief:
+            middle = view.r_camera_body_m / np.linalg.norm(view.r_camera_body_m)
+            relief = FacetRelief(facets.level, facets.surface, view.sun_direction_body, middle)
+            lit = np.flatnonzero(self._radiance)
+
+            def add(part: slice) -> None:
+                some = lit[part]
+                added = relief.added(facets.number.take(some), facets.normal.take(some, axis=1))
+                self._radiance[some] = np.maximum(self._radiance[some] + added * brightness, 0.0)
+
+            threads.run_in_parts(add, len(lit), _BLOCK)
 
     def add_to(self, changes: np.ndarray, origin_px: np.ndarray, per_px: np.ndarray) -> None:
         """Add what the facets change in the cells of an image, as of `SunlitAreas.add_to`.

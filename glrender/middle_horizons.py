@@ -6,6 +6,8 @@ matters little where within one light ends.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from glrender_camera import threads
 
@@ -16,17 +18,9 @@ from .rays import RayMesh
 _PART = 1 << 12
 
 
-class MiddleHorizons:
-    """The horizons of a shape's facets; made once by some hundred rays a facet, and kept on disk.
-
-    Parameters
-    ----------
-    content_hash : str
-        Of the shape.
-    middle_m : (3, F) float64 [m]
-    normal : (3, F) float64
-    solid : RayMesh
-        Of the same shape.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Middles:
+    """Facets with the horizons of their middles.
 
     Attributes
     ----------
@@ -36,16 +30,30 @@ class MiddleHorizons:
         Of the horizon, in azimuths around: 255 times the sine.
     """
 
-    def __init__(self, content_hash: str, middle_m: np.ndarray, normal: np.ndarray, solid: RayMesh):
-        from . import horizon_loops
+    facets: np.ndarray
+    heights: np.ndarray
 
-        self._loops = horizon_loops
-        self.facets = np.concatenate([normal, middle_m]).T.astype(np.float32, order="C")
-        name, size = f"middles1-{content_hash}", (normal.shape[1], horizon_loops.N_AZIMUTHS)
-        heights = cached_arrays(name, ["heights"], lambda: {"heights": self._made(middle_m, normal, solid)})["heights"]
+    @classmethod
+    def of(cls, content_hash: str, middle_m: np.ndarray, normal: np.ndarray, solid: RayMesh) -> Middles:
+        """Of a shape; made once by some hundred rays a facet, and kept on disk.
+
+        Parameters
+        ----------
+        content_hash : str
+            Of the shape.
+        middle_m : (3, F) float64 [m]
+        normal : (3, F) float64
+        solid : RayMesh
+            Of the same shape.
+        """
+        from .horizon_loops import N_AZIMUTHS
+
+        heights = cached_arrays(f"middles1-{content_hash}", ["heights"],
+                                lambda: {"heights": _heights(middle_m, normal, solid)})["heights"]
         # The loops look at no bounds.
-        is_known = heights.shape == size and heights.dtype == np.uint8
-        self.heights = heights if is_known else self._made(middle_m, normal, solid)
+        is_known = heights.shape == (normal.shape[1], N_AZIMUTHS) and heights.dtype == np.uint8
+        return cls(facets=np.concatenate([normal, middle_m]).T.astype(np.float32, order="C"),
+                   heights=heights if is_known else _heights(middle_m, normal, solid))
 
     def shade(self, to_sun: np.ndarray, r_camera_m: np.ndarray, most_apart: float, radiance: np.ndarray,
               chords: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -71,31 +79,33 @@ class MiddleHorizons:
         is_asked : (2, N) bool
             Whether of their being seen, and of their being lit.
         """
+        from .horizon_loops import shade_middles
+
         n_facets = len(self.facets)
         found, asked, is_asked = np.empty(n_facets), np.empty(n_facets, np.intp), np.empty((2, n_facets), bool)
         kept = []
 
         def look(part: slice) -> None:
-            n = self._loops.shade_middles(self.facets, self.heights, part.start, part.stop, to_sun, r_camera_m,
-                                          most_apart, radiance, chords[0], 1.0 / (chords[1] - chords[0]), found, asked,
-                                          is_asked)
+            n = shade_middles(self.facets, self.heights, part.start, part.stop, to_sun, r_camera_m, most_apart,
+                              radiance, chords[0], 1.0 / (chords[1] - chords[0]), found, asked, is_asked)
             kept.append((part.start, n))
 
         threads.run_in_parts(look, n_facets, _PART)
         places = np.concatenate([np.arange(first, first + n) for first, n in sorted(kept)])
         return found, asked[places], is_asked[:, places]
 
-    def _made(self, middle_m: np.ndarray, normal: np.ndarray, solid: RayMesh) -> np.ndarray:
-        found = np.empty((normal.shape[1], self._loops.N_AZIMUTHS), np.uint8)
-        # On a square around, as the loops count azimuths.
-        place = np.arange(self._loops.N_AZIMUTHS) * (4.0 / self._loops.N_AZIMUTHS)
-        azimuths = np.stack([np.abs(place - 2.0) - 1.0, 1.0 - np.abs(place - 1.0)])
-        azimuths[1] = np.where(place > 3.0, place - 4.0, azimuths[1])
-        azimuths /= np.linalg.norm(azimuths, axis=0)
 
-        def look(part: slice) -> None:
-            solid.heights(middle_m[:, part], normal[:, part], self._loops.axes_across(normal[:, part]), azimuths,
-                          found[part])
+def _heights(middle_m: np.ndarray, normal: np.ndarray, solid: RayMesh) -> np.ndarray:
+    from .horizon_loops import N_AZIMUTHS, axes_across
 
-        threads.run_in_parts(look, normal.shape[1], _PART)
-        return found
+    found = np.empty((normal.shape[1], N_AZIMUTHS), np.uint8)
+    # On a square around, as the loops count azimuths.
+    place = np.arange(N_AZIMUTHS) * (4.0 / N_AZIMUTHS)
+    azimuths = np.stack([np.abs(place - 2.0) - 1.0, np.where(place > 3.0, place - 4.0, 1.0 - np.abs(place - 1.0))])
+    azimuths /= np.linalg.norm(azimuths, axis=0)
+
+    def look(part: slice) -> None:
+        solid.heights(middle_m[:, part], normal[:, part], axes_across(normal[:, part]), azimuths, found[part])
+
+    threads.run_in_parts(look, normal.shape[1], _PART)
+    return found

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from glrender_camera import PinholeCamera
 
@@ -113,8 +113,8 @@ class _Candidates:
                           and view.range_m >= _LEAST_RANGE * traits.radius_m)
         self.fit = [] if not is_as_measured else [
             level for level in traits.area_levels
-            if (is_alone or not level.horizon_step)
-            and self.error(level) <= (_MIDDLES_SHARE if level.horizon_step else _LEVEL_SHARE) * budget
+            if (is_alone or not level.kind.by_middles)
+            and self.error(level) <= (_MIDDLES_SHARE if level.kind.by_middles else _LEVEL_SHARE) * budget
             and _FLUX_SCATTERS * level.flux_at(view.phase_rad)[1] <= _FLUX_SHARE * told
             and level.centre_at(view.phase_rad) * self._size_px <= max(
                 _CENTRE_PX * told**2, _CENTRE_SIZES * (told - _USUAL_BUDGET) * self._size_px)]
@@ -130,7 +130,7 @@ class _Candidates:
             return 0.0
         # Middles have hard edges of shadows, and do not tell of it.
         return math.hypot(level.error_at(self.view.phase_rad, self._size_px),
-                          self._penumbra_error if level.horizon_step else 0.0)
+                          self._penumbra_error if level.kind.by_middles else 0.0)
 
     def floor(self, level: AreaLevel | None) -> float:
         """What areas do not tell of themselves, but for a level of detail."""
@@ -140,8 +140,7 @@ class _Candidates:
     def plan(self, level: AreaLevel | None) -> LevelPlan:
         if level is None:
             return LevelPlan()
-        return LevelPlan(number=level.number, has_relief=level.n_normals > 0, horizon_step=level.horizon_step,
-                         flux_ratio=level.flux_at(self.view.phase_rad)[0])
+        return replace(level.kind, flux_ratio=level.flux_at(self.view.phase_rad)[0])
 
 
 def _together(bodies: Sequence[_Candidates], chosen: Sequence[AreaLevel | None], budget: float, costs: EngineCosts,
@@ -159,8 +158,8 @@ def _together(bodies: Sequence[_Candidates], chosen: Sequence[AreaLevel | None],
         if any(chosen) and n_facing < _FEW:
             crease_rad *= _OF_FEW
         facet_px = math.sqrt(2.0 * facing * n_px / n_facing)
-        if horizon_step := max(level.horizon_step for level in chosen if level) if any(chosen) else 0:
-            ns = costs.middles_ns(n_facets, n_facing, n_px, facet_px, horizon_step)
+        if chosen[0] is not None and chosen[0].kind.by_middles:
+            ns = costs.middles_ns(n_facets, n_facing, n_px, facet_px)
         else:
             ns = costs.areas_ns(n_facets, n_facing, n_px, facet_px, crease_rad, phase_rad, left)
         if n_normals := sum(level.n_normals for level in chosen if level):

@@ -59,9 +59,8 @@ class LevelPlan:
     """0 is the full shape."""
     has_relief: bool = False
     """Whether its facets are as bright as what they stand for, or flat."""
-    horizon_step: int = 0
-    """Where facets are as lit as their middles are: how far horizons around may differ, of 255 parts of a sine, without
-    a ray to tell more. 0 where facets are cut at the edges of light."""
+    by_middles: bool = False
+    """Whether facets are as lit as their middles are, or cut at the edges of light."""
     flux_ratio: float = 1.0
     """Of the full shape over the level: its light is multiplied by it."""
 

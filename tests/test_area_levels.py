@@ -37,10 +37,6 @@ def rough():
     return body, *area_levels(body, lod.levels_of_detail(body.shape))
 
 
-def kind(level):
-    return LevelPlan(number=level.number, has_relief=level.n_normals > 0)
-
-
 def test_a_level_is_as_wrong_as_was_measured(rough):
     """From twelve other sides, at other sizes and phases, beside the full shape: nine in ten within, and not by far."""
     body, shapes, levels = rough
@@ -63,7 +59,7 @@ def test_a_level_is_as_wrong_as_was_measured(rough):
         truth = draw(LevelPlan(), 0.005)
         for level in levels:
             mean, scatter = level.flux_at(seen[0].phase_rad)
-            image = draw(replace(kind(level), flux_ratio=mean), 0.01)
+            image = draw(replace(level.kind, flux_ratio=mean), 0.01)
             lit = (truth > 0.0) | (image > 0.0)
             error = np.sqrt(np.mean((image - truth)[lit] ** 2)) / truth[truth > 0.0].mean()
             ratios.append(error / level.error_at(seen[0].phase_rad, size_px))
@@ -81,7 +77,7 @@ def test_relief_makes_levels_as_bright_as_what_they_stand_for(rough):
     """From side to side the flux differs from the full shape's by half of a flat level's, and so does the image."""
     _, _, levels = rough
     flat, relief = ([level for level in levels if (level.n_normals > 0) == has_relief] for has_relief in (False, True))
-    assert [level.number for level in flat] == [level.number for level in relief] == [1, 2]
+    assert [level.kind.number for level in flat] == [level.kind.number for level in relief] == [1, 2]
     phase_rad = np.radians(60.0)
     for one, other in zip(flat, relief, strict=True):
         assert other.flux_at(phase_rad)[1] < 0.6 * one.flux_at(phase_rad)[1]
@@ -146,9 +142,10 @@ def test_a_body_that_is_not_drawn_by_areas_has_no_levels_of_them(rough):
     assert area_levels(body, ()) == ((), ())
 
 
-def table(number, *, error=0.0, scatter=0.0, centre=0.0, n_facets=12_000, n_normals=0):
+def table(number, *, error=0.0, scatter=0.0, centre=0.0, n_facets=12_000, n_normals=0, by_middles=False):
     phases = np.ones(len(PHASES_RAD))
-    return AreaLevel(number=number, n_facets=n_facets, n_normals=n_normals, crease_rad=0.2,
+    kind = LevelPlan(number=number, has_relief=n_normals > 0, by_middles=by_middles)
+    return AreaLevel(kind=kind, n_facets=n_facets, n_normals=n_normals, crease_rad=0.2,
                      error=np.full((len(PHASES_RAD), len(SIZES_PX)), error), flux_ratio=1.01 * phases,
                      flux_scatter=scatter * phases, centre=centre * phases)
 
