@@ -96,7 +96,7 @@ class FacetTables:
         is_flat = float(height_m.max()) <= _FLAT * body.hull.radius_m
         self.is_convex = self.is_closed and body.hull.is_convex and is_flat
         self.horizons = None if self.is_convex or len(shape.vertices_m) > _MOST_HORIZONS else Horizons(shape)
-        self.middles = (Middles.of(shape.content_hash, middle_m, self.normal, solid) if has_middles(shape) else None)
+        self.middles = Middles.of(middle_m, self.normal, solid) if has_middles(shape) else None
 
     def corner_m(self, facet: np.ndarray) -> np.ndarray:
         """Corners (3, 3, N) [m] of facets (N,): corner, axis, facet."""

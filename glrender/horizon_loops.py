@@ -21,7 +21,7 @@ _SMALL = 0.2
 # Sine of the phase angle below which a place around does not matter.
 _LEAST_SINE = 1e-4
 _TABLE, _VECTOR, _HEIGHTS = read(float64, 2), read(float64, 1, "A"), write(float64, 1)
-_POINTS, _RADIANCES = read(float64, 2, "A"), read(float64, 3)
+_POINTS, _TABLES = read(float64, 2, "A"), read(float64, 3)
 _PLACE, _TURN = UniTuple(float64, 3), UniTuple(float64, 9)
 
 
@@ -229,6 +229,8 @@ def _told(heights, facet, s, t, sine, most_apart):
     place = _azimuth(s, t)
     sector = int(place)
     one, other = float(heights[facet, sector % N_AZIMUTHS]), float(heights[facet, (sector + 1) % N_AZIMUTHS])
+    if one == 0.0 and other == 0.0:
+        return 1
     # A ray is blocked at the height itself, and free a step above.
     height = 255.0 * sine - 0.5
     if height > max(one, other):
@@ -240,33 +242,34 @@ def _told(heights, facet, s, t, sine, most_apart):
     return 1 if height > one + (place - sector) * (other - one) else 0
 
 
-@compiled(float64(_RADIANCES, float64, float64, float64))
-def _between(radiance, chord, around, out):
+@compiled(float64(_TABLES, float64, float64, float64))
+def _between(table, chord, around, out):
     """What a table has at a place, in steps of each of its axes."""
-    i = min(max(int(chord), 0), radiance.shape[0] - 2)
-    j, k = min(int(around), radiance.shape[1] - 2), min(int(out), radiance.shape[2] - 2)
+    i = min(max(int(chord), 0), table.shape[0] - 2)
+    j, k = min(int(around), table.shape[1] - 2), min(int(out), table.shape[2] - 2)
     a, b, c = chord - i, around - j, out - k
     found = 0.0
     for step in range(2):
-        here = ((1.0 - b) * ((1.0 - c) * radiance[i + step, j, k] + c * radiance[i + step, j, k + 1])
-                + b * ((1.0 - c) * radiance[i + step, j + 1, k] + c * radiance[i + step, j + 1, k + 1]))
+        here = ((1.0 - b) * ((1.0 - c) * table[i + step, j, k] + c * table[i + step, j, k + 1])
+                + b * ((1.0 - c) * table[i + step, j + 1, k] + c * table[i + step, j + 1, k + 1]))
         found += (a if step else 1.0 - a) * here
     return found
 
 
-@compiled(intp(read(float32, 2), read(uint8, 2), intp, intp, _VECTOR, _VECTOR, float64, _RADIANCES, float64, float64,
+@compiled(intp(read(float32, 2), read(uint8, 2), intp, intp, _VECTOR, _VECTOR, float64, _TABLES, float64, float64,
                write(float64, 1), write(intp, 1), write(boolean, 2)))
-def shade_middles(facets, heights, first, last, to_sun, r_camera_m, most_apart, radiance, least_chord, per_chord,
+def shade_middles(facets, heights, first, last, to_sun, r_camera_m, most_apart, brdf, least_chord, per_chord,
                   found, asked, is_asked):
     """Write the radiance of facets first to last, each as lit as its middle is: 0 of those that are dark or not seen.
 
-    Facets (F, 6) float32 have normals and middles [m], and heights (F, sectors) of the horizon. Their radiance is that
-    of a table (chords, 2 S + 1, S + 1): by the distance of the unit vectors to Sun and camera; by the normal's place
-    around a square in the plane of both, from -1 to 1; by its part in that plane, from 0 to 1.
+    Facets (F, 6) float32 have normals and middles [m], and heights (F, sectors) of the horizon. Their BRDF times the
+    sum of the cosines of incidence and emission, which is smooth at the limb, is in a table (chords, 2 S + 1, S + 1):
+    by the distance of the unit vectors to Sun and camera; by the normal's place around a square in the plane of both,
+    from -1 to 1; by its part in that plane, from 0 to 1.
 
     Returns how many (N,) are `asked`, whether they are seen or lit `is_asked` (2, N): they are shaded as if they were.
     """
-    n, half = 0, 0.5 * (radiance.shape[1] - 1)
+    n, half = 0, 0.5 * (brdf.shape[1] - 1)
     for facet in range(first, last):
         found[facet] = 0.0
         a, b, c = float(facets[facet, 0]), float(facets[facet, 1]), float(facets[facet, 2])
@@ -291,9 +294,9 @@ def shade_middles(facets, heights, first, last, to_sun, r_camera_m, most_apart, 
         squared = x * x + y * y + z * z
         cosine = 1.0 - 0.5 * squared
         aside = (incidence - emission * cosine) / math.sqrt(max(1.0 - cosine * cosine, _LEAST_SINE**2))
-        found[facet] = _between(radiance, (math.sqrt(squared) - least_chord) * per_chord,
-                                (aside / (emission + abs(aside)) + 1.0) * half,
-                                min(math.sqrt(emission * emission + aside * aside), 1.0) * (radiance.shape[2] - 1))
+        found[facet] = incidence / (incidence + emission) * _between(
+            brdf, (math.sqrt(squared) - least_chord) * per_chord, (aside / (emission + abs(aside)) + 1.0) * half,
+            min(math.sqrt(emission * emission + aside * aside), 1.0) * (brdf.shape[2] - 1))
         if seen < 0 or lit < 0:
             asked[first + n], is_asked[0, first + n], is_asked[1, first + n] = facet, seen < 0, lit < 0
             n += 1

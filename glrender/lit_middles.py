@@ -8,7 +8,6 @@ import numpy as np
 from glrender_camera import PinholeCamera, threads
 
 from . import coverage, facet_loops
-from .brdf.geometry import dot
 from .facet_relief import FacetRelief
 from .facet_tables import FacetTables
 from .ray_engine import RayEngine
@@ -16,9 +15,11 @@ from .render_plan import LevelPlan
 from .surface import Surface
 from .view import BodyView
 
-# Steps of a table of radiance by a normal's place out of the plane of Sun and camera; and by the distance of their unit
+# Steps of a table of BRDF by a normal's place out of the plane of Sun and camera; and by the distance of their unit
 # vectors, which is a phase angle [rad], about.
 _STEPS, _CHORD = 32, 0.04
+# Least angle off the limb and the terminator [rad], and least part of a normal.
+_EDGE_ON = 1e-6
 # How far two heights of a horizon may be apart, in 255 parts of a sine, where a direction is between them and no ray is
 # asked.
 _MOST_APART = 8.0
@@ -44,7 +45,7 @@ class LitMiddles:
         self._facets, self._view, self._camera = facets, view, camera
         chords = _chords(view, facets.solid.radius_m)
         brightness = level.flux_ratio / view.sun_distance_au**2
-        table = brightness * radiance_table(facets.surface, chords)
+        table = brightness * brdf_table(facets.surface, chords)
         self._radiance, asked, (is_seen, is_lit) = facets.middles.shade(
             view.sun_direction_body, view.r_camera_body_m, _MOST_APART, table, chords)
         middle_m, number = facets.middles.facets[asked, 3:].T.astype(float), facets.number.take(asked)
@@ -87,22 +88,22 @@ class LitMiddles:
         changes += images[1]
 
 
-def radiance_table(surface: Surface, chords: np.ndarray) -> np.ndarray:
-    """Radiance of facets in 1/sr of the Sun's irradiance, as `horizon_loops.shade_middles` takes it.
+def brdf_table(surface: Surface, chords: np.ndarray) -> np.ndarray:
+    """BRDF [1/sr] of facets times the cosines of incidence and emission, as `horizon_loops.shade_middles` takes it.
 
     By the distances (C,) of the unit vectors to Sun and camera, the places around a square in their plane, and the
-    parts of the normal in it.
+    parts of the normal in it. Beyond the terminator and the limb as on them.
     """
-    around, part = np.meshgrid(np.arange(-_STEPS, _STEPS + 1) / _STEPS, np.arange(_STEPS + 1) / _STEPS, indexing="ij")
-    ahead = 1.0 - np.abs(around)
-    per_length = part / np.hypot(ahead, around)
-    normal = np.stack([ahead * per_length, around * per_length, np.sqrt(1.0 - part * part)], axis=-1).reshape(-1, 3)
+    place, part = np.meshgrid(np.arange(-_STEPS, _STEPS + 1) / _STEPS, np.arange(_STEPS + 1) / _STEPS, indexing="ij")
+    angle, part = np.arctan2(place, 1.0 - np.abs(place)), np.maximum(part, _EDGE_ON)
     to_camera, found = np.array([[1.0, 0.0, 0.0]]), []
     for chord in chords:
         phase_rad = 2.0 * math.asin(min(0.5 * chord, 1.0))
         to_sun = np.array([math.cos(phase_rad), math.sin(phase_rad), 0.0])
-        brdf = surface.brdf(to_sun, to_camera, normal, np.ones(len(normal)))
-        found.append((brdf * np.maximum(dot(normal, to_sun), 0.0)).reshape(around.shape))
+        both = np.clip(angle, phase_rad - 0.5 * math.pi + _EDGE_ON, 0.5 * math.pi - _EDGE_ON)
+        normal = np.stack([part * np.cos(both), part * np.sin(both), np.sqrt(1.0 - part * part)], axis=-1)
+        brdf = surface.brdf(to_sun, to_camera, normal.reshape(-1, 3), np.ones(place.size)).reshape(place.shape)
+        found.append(brdf * (normal @ (to_sun + to_camera[0])))
     return np.stack(found)
 
 

@@ -6,6 +6,7 @@ matters little where within one light ends.
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,13 +35,11 @@ class Middles:
     heights: np.ndarray
 
     @classmethod
-    def of(cls, content_hash: str, middle_m: np.ndarray, normal: np.ndarray, solid: RayMesh) -> Middles:
+    def of(cls, middle_m: np.ndarray, normal: np.ndarray, solid: RayMesh) -> Middles:
         """Of a shape; made once by some hundred rays a facet, and kept on disk.
 
         Parameters
         ----------
-        content_hash : str
-            Of the shape.
         middle_m : (3, F) float64 [m]
         normal : (3, F) float64
         solid : RayMesh
@@ -48,16 +47,17 @@ class Middles:
         """
         from .horizon_loops import N_AZIMUTHS
 
-        heights = cached_arrays(f"middles1-{content_hash}", ["heights"],
+        facets = np.concatenate([normal, middle_m]).T.astype(np.float32, order="C")
+        # In the order in which they are: that of a shape's own file is another one.
+        heights = cached_arrays(f"middles2-{hashlib.sha256(facets.data).hexdigest()[:32]}", ["heights"],
                                 lambda: {"heights": _heights(middle_m, normal, solid)})["heights"]
         # The loops look at no bounds.
         is_known = heights.shape == (normal.shape[1], N_AZIMUTHS) and heights.dtype == np.uint8
-        return cls(facets=np.concatenate([normal, middle_m]).T.astype(np.float32, order="C"),
-                   heights=heights if is_known else _heights(middle_m, normal, solid))
+        return cls(facets=facets, heights=heights if is_known else _heights(middle_m, normal, solid))
 
-    def shade(self, to_sun: np.ndarray, r_camera_m: np.ndarray, most_apart: float, radiance: np.ndarray,
+    def shade(self, to_sun: np.ndarray, r_camera_m: np.ndarray, most_apart: float, brdf: np.ndarray,
               chords: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Radiance (F,) of the facets, in the unit of a table: 0 of those that are dark or not seen.
+        """Radiance (F,) of the facets, in the BRDF's unit: 0 of those that are dark or not seen.
 
         Parameters
         ----------
@@ -66,7 +66,7 @@ class Middles:
         r_camera_m : (3,) float64 [m]
         most_apart : float
             Of heights between which no ray is needed.
-        radiance : (C, 2 S + 1, S + 1) float64
+        brdf : (C, 2 S + 1, S + 1) float64
             As `horizon_loops.shade_middles` takes it.
         chords : (C,) float64
             Of the table, in even steps.
@@ -87,7 +87,7 @@ class Middles:
 
         def look(part: slice) -> None:
             n = shade_middles(self.facets, self.heights, part.start, part.stop, to_sun, r_camera_m, most_apart,
-                              radiance, chords[0], 1.0 / (chords[1] - chords[0]), found, asked, is_asked)
+                              brdf, chords[0], 1.0 / (chords[1] - chords[0]), found, asked, is_asked)
             kept.append((part.start, n))
 
         threads.run_in_parts(look, n_facets, _PART)

@@ -142,6 +142,8 @@ def told_plan(camera: PinholeCamera, max_error: float, views: Sequence[BodyView]
     for view, body in zip(views, without_maps(bodies, windows), strict=True):
         known = traits[view.name]
         if view.name in by_areas:
+            if by_areas[view.name].by_middles:
+                left_out.append(f"{view.name}: where light ends within facets: all of one is as lit as its middle")
             body = replace(body, level=by_areas[view.name].number, flux_ratio=by_areas[view.name].flux_ratio)
         done.append(replace(body, n_facets=known.levels[body.level].n_facets))
         if not view.is_visible:

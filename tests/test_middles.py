@@ -1,0 +1,184 @@
+"""Facets as lit as their middles: horizons by closed form, light by rays, radiance by the laws, frames by the truth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import solids
+import views
+from glrender import Body, Renderer, Shape, generate
+from glrender.area_engine import AreaEngine
+from glrender.backends.raytrace import RayTracer
+from glrender.brdf import Hapke, Lambert, LommelSeeliger
+from glrender.costs import EngineCosts
+from glrender.coverage import add_facets, add_lit, no_changes
+from glrender.facet_tables import FacetTables
+from glrender.grouping import region
+from glrender.lit_middles import _chords, brdf_table
+from glrender.middle_horizons import Middles
+from glrender.ray_engine import RayEngine
+from glrender.rays import RayMesh
+from glrender.render_plan import LevelPlan
+from glrender.surface import Surface
+from glrender.view import view_bodies
+
+GREY = Lambert(normal_albedo=0.3)
+# Triangles are dear.
+COSTS = EngineCosts(facet_ns=1e4, sample_ns=1e4, ray_ns=500.0, lone_ray_ns=500.0, area_ns=128.0)
+LAWS = [GREY, LommelSeeliger(single_scattering_albedo=0.3),
+        Hapke(single_scattering_albedo=0.1, b=0.3, c=0.5, shoe_amplitude=1.0, shoe_width=0.05,
+              roughness_deg=20.0)]
+
+
+@pytest.fixture(scope="module")
+def rough():
+    """81,920 facets, slopes of some 20 degrees at the smallest scale."""
+    shape = generate.gaussian_random_sphere(radius_m=100.0, sigma=0.15, seed=4, subdivisions=4)
+    return Body(name="body", shape=generate.subdivide_with_relief(shape, levels=2, relief=0.04, seed=1), brdf=GREY)
+
+
+def middles(shape):
+    """Middles (3, F), and what is told of them."""
+    middle_m = shape.vertices_m[shape.facets].mean(axis=1).T
+    return middle_m, Middles.of(middle_m, np.ascontiguousarray(shape.facet_normals.T),
+                                RayMesh(shape.vertices_m, shape.facets))
+
+
+def test_horizons_in_a_walled_yard_are_those_of_its_walls():
+    """A floor of two facets within walls 40 m high: the sine of the elevation of their tops, all around."""
+    walls = [solids.box(low, high) for low, high in (
+        ((-60, -60, 0), (-50, 60, 40)), ((50, -60, 0), (60, 60, 40)), ((-50, -60, 0), (50, -50, 40)),
+        ((-50, 50, 0), (50, 60, 40)))]
+    floor = solids.box((-50, -50, -10), (50, 50, 0))
+    first = np.cumsum([0, *(len(vertices) for vertices, _ in (floor, *walls))])
+    shape = Shape.from_arrays(np.concatenate([vertices for vertices, _ in (floor, *walls)]),
+                              np.concatenate([facets + k for k, (_, facets) in zip(first[:-1], (floor, *walls),
+                                                                                    strict=True)]))
+    middle_m, told = middles(shape)
+    flat = np.flatnonzero((shape.facet_normals[:, 2] > 0.99) & (np.abs(middle_m[2]) < 1e-9))
+    assert len(flat) == 2
+    for facet in flat:
+        x, y = middle_m[:2, facet]
+        # Around +z the axes are x and y; azimuths are even on a square around.
+        for k, height in enumerate(told.heights[facet]):
+            place = k / 4.0
+            s, t = ((1.0 - place, place) if place <= 1 else (1.0 - place, 2.0 - place) if place <= 2
+                    else (place - 3.0, 2.0 - place) if place <= 3 else (place - 3.0, place - 4.0))
+            ray = np.array([s, t]) / np.hypot(s, t)
+            away = min((50.0 * np.sign(r) - p) / r for r, p in zip(ray, (x, y), strict=True) if r)
+            assert height == pytest.approx(255.0 * 40.0 / np.hypot(40.0, away), abs=1.1), (facet, k)
+
+
+def test_an_open_plain_and_a_convex_body_have_no_horizon():
+    _, told = middles(generate.icosphere(radius_m=100.0, subdivisions=3))
+    assert (told.heights == 0).all()
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.glsl)
+@pytest.mark.parametrize("phase_deg", [0.0, 3.0, 60.0, 140.0])
+@pytest.mark.parametrize("range_m", [800.0, 1e5])
+def test_radiance_of_a_free_facet_is_that_of_its_law(law, phase_deg, range_m):
+    """Of each facet of a sphere, from where it is seen, by the area that it shows: to 1 %, 0.2 % on average."""
+    body = Body(name="body", shape=generate.icosphere(radius_m=100.0, subdivisions=4), brdf=law)
+    camera = views.camera(64, 10.0)
+    scene = views.scene([body], [camera], sun_disc=False)
+    view, = view_bodies(views.state(phase_deg=phase_deg, range_m=range_m), camera, scene.hulls)
+    middle_m, told = middles(body.shape)
+    surface, chords = Surface(body), _chords(view, 100.0)
+    found, asked, _ = told.shade(view.sun_direction_body, view.r_camera_body_m, 8.0, brdf_table(surface, chords),
+                                 chords)
+    to_camera = view.r_camera_body_m - middle_m.T
+    to_camera /= np.linalg.norm(to_camera, axis=1, keepdims=True)
+    normal, sun = body.shape.facet_normals, view.sun_direction_body
+    shown = np.einsum("ij,ij->i", normal, to_camera)
+    faces = (normal @ sun > 0.0) & (shown > 0.0)
+    expected = np.where(faces, law.brdf(sun, to_camera, normal) * (normal @ sun), 0.0) * shown
+    assert len(asked) == 0 and (found[~faces] == 0.0).all() and faces.sum() > 50
+    error = np.abs(found * shown - expected)
+    assert error.max() < 0.01 * expected.max() and error[faces].mean() < 2e-3 * expected[faces].mean()
+
+
+@pytest.mark.parametrize("phase_deg", [30.0, 100.0])
+def test_middles_are_lit_and_seen_where_rays_say_so(rough, phase_deg):
+    """Of rough facets: 2 % of those that face both differ, of few is asked; so it is for those that are asked."""
+    camera = views.camera(64, 400.0)
+    scene = views.scene([rough], [camera], sun_disc=False)
+    view, = view_bodies(views.state(phase_deg=phase_deg, range_m=2000.0), camera, scene.hulls)
+    middle_m, told = middles(rough.shape)
+    chords, normal = _chords(view, 100.0), rough.shape.facet_normals
+    found, asked, is_asked = told.shade(view.sun_direction_body, view.r_camera_body_m, 8.0,
+                                        brdf_table(Surface(rough), chords), chords)
+    rays, every = RayEngine(scene), np.arange(len(normal))
+    faces = (normal @ view.sun_direction_body > 1e-6) & (
+        np.einsum("ij,ij->i", normal, view.r_camera_body_m - middle_m.T) > 1e-6)
+    solid = rays.solid("body")
+    sees = rays.in_view(solid, middle_m, every, view, [view], faces)
+    free = rays.in_light(solid, middle_m, every, view, [view], sees)
+    known = np.ones(len(normal), bool)
+    known[asked] = False
+    assert np.mean((found > 0.0)[faces & known] != free[faces & known]) < 0.02
+    assert 0.0 < len(asked) < 0.12 * faces.sum() and is_asked.any(axis=0).all()
+    assert 0.2 < free[asked].mean() < 0.8, "it is worth asking"
+
+
+def test_blocks_of_facets_change_cells_as_all_at_once_do(rough):
+    """Every block once, neighbours' shared sides once: the cover of what has a radiance, and its light."""
+    camera = views.camera(64, 400.0)
+    scene = views.scene([rough], [camera], sun_disc=False)
+    rays = RayEngine(scene)
+    tables = FacetTables(rough, np.zeros(len(rough.shape.facets), bool), rays.solid("body"))
+    rng = np.random.default_rng(3)
+    radiance = np.where(rng.random(tables.n_facets) < 0.5, rng.random(tables.n_facets), 0.0)
+    xy = np.ascontiguousarray(tables.vertices_m[:2] * 0.25 + 32.0)
+    lit, where = np.flatnonzero(radiance), (np.zeros(2), np.ones(2))
+    expected, found = no_changes((64, 64)), no_changes((64, 64))
+    add_facets(expected, xy, tables.corners, tables.neighbours, lit, np.where(radiance > 0.0, radiance + 1j, 0.0),
+               *where)
+    for k in range(3):
+        add_lit(found, xy, tables.corners, tables.neighbours, radiance, k * 1000, 1000, 3000, *where)
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.glsl)
+@pytest.mark.parametrize("budget", [0.1, 0.07])
+def test_a_frame_by_middles_is_within_what_its_plan_tells(monkeypatch, law, budget, rough):
+    """Against rays: the image, its flux within a tenth of the budget; the same bytes again; the plan says so."""
+    scene = views.scene([replace(rough, brdf=law)], [views.camera(160, 1000.0)], sun_disc=False)
+    state = views.state(phase_deg=50.0, range_m=2000.0)
+    with Renderer(scene) as renderer, RayTracer(scene) as tracer:
+        monkeypatch.setattr(renderer, "_costs", COSTS)
+        image, again = (renderer.render(state, max_error=budget) for _ in range(2))
+        truth = tracer.render(state, samples=12).irradiance_W_m2.astype(float)
+    window, = image.plan.windows
+    assert window.engine == "areas" and window.levels[0].by_middles
+    assert any("middle" in line for line in image.plan.left_out)
+    assert image.irradiance_W_m2.tobytes() == again.irradiance_W_m2.tobytes()
+    light = image.irradiance_W_m2.astype(float)
+    lit = (truth > 0.0) | (light > 0.0)
+    error = np.sqrt(np.mean((light - truth)[lit] ** 2)) / truth[truth > 0.0].mean()
+    assert error <= image.plan.predicted_error <= budget
+    assert light.sum() == pytest.approx(truth.sum(), rel=0.1 * budget)
+
+
+def test_a_level_of_detail_by_middles_is_the_same_level_by_areas(rough):
+    """With relief and without: they differ by where light ends within facets, and by nothing else."""
+    from glrender.facet_relief import LevelShape
+    from glrender.lod import levels_of_detail
+
+    level = LevelShape.of(rough.shape, levels_of_detail(rough.shape)[0])
+    camera = views.camera(128, 500.0)
+    scene = views.scene([rough], [camera], sun_disc=False)
+    rays = RayEngine(scene)
+    areas = AreaEngine(scene, rays, {"body": [level]})
+    seen = view_bodies(views.state(phase_deg=30.0, range_m=1000.0), camera, scene.hulls)
+    x0, y0, x1, y1 = region(seen, camera)
+    for has_relief in (False, True):
+        by_areas, by_middles = (areas.draw(
+            ("body",), camera, seen, (x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5), (x1 - x0, y1 - y0), 0.01,
+            {"body": LevelPlan(number=1, has_relief=has_relief, by_middles=is_by, flux_ratio=1.1)})[0]
+            for is_by in (False, True))
+        lit = by_areas > 0.0
+        assert np.sqrt(np.mean((by_middles - by_areas)[lit] ** 2)) < 0.07 * by_areas[lit].mean()
+        assert by_middles.sum() == pytest.approx(by_areas.sum(), rel=5e-3)
