@@ -24,8 +24,6 @@ _ECLIPSE_STEPS = 0.25
 # 0.01 px at a budget of 0.02. Of budgets beyond that one, so much of what is beyond in diameters, if that is more.
 _LEVEL_SHARE, _FLUX_SHARE, _FLUX_SCATTERS, _CENTRE_PX = 0.8, 0.1, 2.0, 25.0
 _USUAL_BUDGET, _CENTRE_SIZES = 0.02, 0.02
-# The same of facets as lit as their middles, which leave nothing to be cut.
-_MIDDLES_SHARE = 0.9
 # Facets that face camera and Sun of which all are looked at closer, and what the edges of shadows cost more then.
 _FEW, _OF_FEW = 3000, 2.5
 # Radii from the body from which levels are as they were measured, from afar; and the cost of a normal that a facet
@@ -113,8 +111,7 @@ class _Candidates:
                           and view.range_m >= _LEAST_RANGE * traits.radius_m)
         self.fit = [] if not is_as_measured else [
             level for level in traits.area_levels
-            if (is_alone or not level.kind.by_middles)
-            and self.error(level) <= (_MIDDLES_SHARE if level.kind.by_middles else _LEVEL_SHARE) * budget
+            if (is_alone or not level.kind.by_middles) and self.error(level) <= _LEVEL_SHARE * budget
             and _FLUX_SCATTERS * level.flux_at(view.phase_rad)[1] <= _FLUX_SHARE * told
             and level.centre_at(view.phase_rad) * self._size_px <= max(
                 _CENTRE_PX * told**2, _CENTRE_SIZES * (told - _USUAL_BUDGET) * self._size_px)]
