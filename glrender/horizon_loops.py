@@ -18,6 +18,8 @@ _MARGIN = 1.0
 _LEAST = 0.05
 # Sine of the angle that a box takes up, about, below which what is in it is not looked at.
 _SMALL = 0.2
+# Of 255 parts of a sine: how near heights between azimuths are to those of both, about.
+_NEAR = 3.0
 # Sine of the phase angle below which a place around does not matter.
 _LEAST_SINE = 1e-4
 _TABLE, _VECTOR, _HEIGHTS = read(float64, 2), read(float64, 1, "A"), write(float64, 1)
@@ -220,26 +222,27 @@ def axes_across(normals):
     return found
 
 
-@compiled(int8(read(uint8, 2), intp, float64, float64, float64, float64))
-def _told(heights, facet, s, t, sine, most_apart):
+@compiled(int8(read(uint8, 2), intp, float64, float64, float64))
+def _told(heights, facet, s, t, sine):
     """Whether a direction is above a facet's horizon: 1, below it: 0, or a ray has to be asked: -1.
 
-    Between two azimuths of different heights rays are asked, if those are more than so far apart.
+    That is where it is between the heights of the azimuths on either side, or near them, or near where what rises
+    towards them from beyond would meet.
     """
-    place = _azimuth(s, t)
-    sector = int(place)
+    sector = int(_azimuth(s, t))
     one, other = float(heights[facet, sector % N_AZIMUTHS]), float(heights[facet, (sector + 1) % N_AZIMUTHS])
-    if one == 0.0 and other == 0.0:
+    highest = max(one, other)
+    if highest == 0.0:
         return 1
     # A ray is blocked at the height itself, and free a step above.
     height = 255.0 * sine - 0.5
-    if height > max(one, other):
-        return 1
-    if height < min(one, other):
+    if height < min(one, other) - _NEAR:
         return 0
-    if abs(other - one) > most_apart:
-        return -1
-    return 1 if height > one + (place - sector) * (other - one) else 0
+    rise = one - float(heights[facet, (sector - 1) % N_AZIMUTHS])
+    fall = other - float(heights[facet, (sector + 2) % N_AZIMUTHS])
+    if rise > 0.0 and fall > 0.0:
+        highest = max(highest, one + rise * min(max((other + fall - one) / (rise + fall), 0.0), 1.0))
+    return 1 if height > highest + _NEAR else -1
 
 
 @compiled(float64(_TABLES, float64, float64, float64))
@@ -256,16 +259,16 @@ def _between(table, chord, around, out):
     return found
 
 
-@compiled(intp(read(float32, 2), read(uint8, 2), intp, intp, _VECTOR, _VECTOR, float64, _TABLES, float64, float64,
+@compiled(intp(read(float32, 2), read(uint8, 2), intp, intp, _VECTOR, _VECTOR, _TABLES, float64, float64,
                write(float64, 1), write(intp, 1), write(boolean, 2)))
-def shade_middles(facets, heights, first, last, to_sun, r_camera_m, most_apart, brdf, least_chord, per_chord,
+def shade_middles(facets, heights, first, last, to_sun, r_camera_m, brdf, least_chord, per_chord,
                   found, asked, is_asked):
     """Write the radiance of facets first to last, each as lit as its middle is: 0 of those that are dark or not seen.
 
     Facets (F, 6) float32 have normals and middles [m], and heights (F, sectors) of the horizon. Their BRDF times the
     sum of the cosines of incidence and emission, which is smooth at the limb, is in a table (chords, 2 S + 1, S + 1):
-    by the distance of the unit vectors to Sun and camera; by the normal's place around a square in the plane of both,
-    from -1 to 1; by its part in that plane, from 0 to 1.
+    by the root of the distance of the unit vectors to Sun and camera; by the normal's place around a square in the plane
+    of both, from -1 to 1; by its part in that plane, from 0 to 1.
 
     Returns how many (N,) are `asked`, whether they are seen or lit `is_asked` (2, N): they are shaded as if they were.
     """
@@ -283,11 +286,11 @@ def shade_middles(facets, heights, first, last, to_sun, r_camera_m, most_apart, 
         per_length = 1.0 / math.sqrt(u * u + v * v + w * w)
         u, v, w, emission = u * per_length, v * per_length, w * per_length, emission * per_length
         ax, ay, az, bx, by, bz = _across(a, b, c)
-        seen = _told(heights, facet, u * ax + v * ay + w * az, u * bx + v * by + w * bz, emission, most_apart)
+        seen = _told(heights, facet, u * ax + v * ay + w * az, u * bx + v * by + w * bz, emission)
         if seen == 0:
             continue
         lit = _told(heights, facet, to_sun[0] * ax + to_sun[1] * ay + to_sun[2] * az,
-                    to_sun[0] * bx + to_sun[1] * by + to_sun[2] * bz, incidence, most_apart)
+                    to_sun[0] * bx + to_sun[1] * by + to_sun[2] * bz, incidence)
         if lit == 0:
             continue
         x, y, z = to_sun[0] - u, to_sun[1] - v, to_sun[2] - w
@@ -295,7 +298,7 @@ def shade_middles(facets, heights, first, last, to_sun, r_camera_m, most_apart, 
         cosine = 1.0 - 0.5 * squared
         aside = (incidence - emission * cosine) / math.sqrt(max(1.0 - cosine * cosine, _LEAST_SINE**2))
         found[facet] = incidence / (incidence + emission) * _between(
-            brdf, (math.sqrt(squared) - least_chord) * per_chord, (aside / (emission + abs(aside)) + 1.0) * half,
+            brdf, (squared**0.25 - least_chord) * per_chord, (aside / (emission + abs(aside)) + 1.0) * half,
             min(math.sqrt(emission * emission + aside * aside), 1.0) * (brdf.shape[2] - 1))
         if seen < 0 or lit < 0:
             asked[first + n], is_asked[0, first + n], is_asked[1, first + n] = facet, seen < 0, lit < 0

@@ -15,14 +15,11 @@ from .render_plan import LevelPlan
 from .surface import Surface
 from .view import BodyView
 
-# Steps of a table of BRDF by a normal's place out of the plane of Sun and camera; and by the distance of their unit
-# vectors, which is a phase angle [rad], about.
-_STEPS, _CHORD = 32, 0.04
+# Steps of a table of BRDF by a normal's place out of the plane of Sun and camera; and by the root of the distance of
+# their unit vectors, which is a phase angle [rad], about.
+_STEPS, _CHORD = 24, 0.03
 # Least angle off the limb and the terminator [rad], and least part of a normal.
 _EDGE_ON = 1e-6
-# How far two heights of a horizon may be apart, in 255 parts of a sine, where a direction is between them and no ray is
-# asked.
-_MOST_APART = 8.0
 # Facets in a turn of each of the two images that are made at once.
 _BLOCK = 1 << 12
 
@@ -47,7 +44,7 @@ class LitMiddles:
         brightness = level.flux_ratio / view.sun_distance_au**2
         table = brightness * brdf_table(facets.surface, chords)
         self._radiance, asked, (is_seen, is_lit) = facets.middles.shade(
-            view.sun_direction_body, view.r_camera_body_m, _MOST_APART, table, chords)
+            view.sun_direction_body, view.r_camera_body_m, table, chords)
         middle_m, number = facets.middles.facets[asked, 3:].T.astype(float), facets.number.take(asked)
         # Where neither was in doubt, both are so.
         sees = rays.in_view(facets.solid, middle_m, number, view, [view], is_seen) | ~is_seen
@@ -91,14 +88,14 @@ class LitMiddles:
 def brdf_table(surface: Surface, chords: np.ndarray) -> np.ndarray:
     """BRDF [1/sr] of facets times the cosines of incidence and emission, as `horizon_loops.shade_middles` takes it.
 
-    By the distances (C,) of the unit vectors to Sun and camera, the places around a square in their plane, and the
-    parts of the normal in it. Beyond the terminator and the limb as on them.
+    By the roots of distances (C,) of the unit vectors to Sun and camera, the places around a square in their plane, and
+    the parts of the normal in it. Beyond the terminator and the limb as on them.
     """
     place, part = np.meshgrid(np.arange(-_STEPS, _STEPS + 1) / _STEPS, np.arange(_STEPS + 1) / _STEPS, indexing="ij")
     angle, part = np.arctan2(place, 1.0 - np.abs(place)), np.maximum(part, _EDGE_ON)
     to_camera, found = np.array([[1.0, 0.0, 0.0]]), []
     for chord in chords:
-        phase_rad = 2.0 * math.asin(min(0.5 * chord, 1.0))
+        phase_rad = 2.0 * math.asin(min(0.5 * chord**2, 1.0))
         to_sun = np.array([math.cos(phase_rad), math.sin(phase_rad), 0.0])
         both = np.clip(angle, phase_rad - 0.5 * math.pi + _EDGE_ON, 0.5 * math.pi - _EDGE_ON)
         normal = np.stack([part * np.cos(both), part * np.sin(both), np.sqrt(1.0 - part * part)], axis=-1)
@@ -108,7 +105,10 @@ def brdf_table(surface: Surface, chords: np.ndarray) -> np.ndarray:
 
 
 def _chords(view: BodyView, radius_m: float) -> np.ndarray:
-    """Distances of the unit vectors to Sun and camera, as seen from anywhere on the body, in even steps."""
+    """Roots of distances of the unit vectors to Sun and camera, as seen from anywhere on the body, in even steps.
+
+    Close to 0 surfaces surge, and steps are small.
+    """
     aside = math.asin(min(radius_m / view.range_m, 1.0))
-    ends = [2.0 * math.sin(0.5 * min(max(view.phase_rad + turn, 0.0), math.pi)) for turn in (-aside, aside)]
+    ends = [math.sqrt(2.0 * math.sin(0.5 * min(max(view.phase_rad + turn, 0.0), math.pi))) for turn in (-aside, aside)]
     return np.linspace(*ends, 2 + math.ceil((ends[1] - ends[0]) / _CHORD))

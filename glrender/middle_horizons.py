@@ -55,7 +55,7 @@ class Middles:
         is_known = heights.shape == (normal.shape[1], N_AZIMUTHS) and heights.dtype == np.uint8
         return cls(facets=facets, heights=heights if is_known else _heights(middle_m, normal, solid))
 
-    def shade(self, to_sun: np.ndarray, r_camera_m: np.ndarray, most_apart: float, brdf: np.ndarray,
+    def shade(self, to_sun: np.ndarray, r_camera_m: np.ndarray, brdf: np.ndarray,
               chords: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Radiance (F,) of the facets, in the BRDF's unit: 0 of those that are dark or not seen.
 
@@ -64,8 +64,6 @@ class Middles:
         to_sun : (3,) float64
             Unit vector.
         r_camera_m : (3,) float64 [m]
-        most_apart : float
-            Of heights between which no ray is needed.
         brdf : (C, 2 S + 1, S + 1) float64
             As `horizon_loops.shade_middles` takes it.
         chords : (C,) float64
@@ -86,7 +84,7 @@ class Middles:
         kept = []
 
         def look(part: slice) -> None:
-            n = shade_middles(self.facets, self.heights, part.start, part.stop, to_sun, r_camera_m, most_apart,
+            n = shade_middles(self.facets, self.heights, part.start, part.stop, to_sun, r_camera_m,
                               brdf, chords[0], 1.0 / (chords[1] - chords[0]), found, asked, is_asked)
             kept.append((part.start, n))
 

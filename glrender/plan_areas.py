@@ -24,6 +24,10 @@ _ECLIPSE_STEPS = 0.25
 # 0.01 px at a budget of 0.02. Of budgets beyond that one, so much of what is beyond in diameters, if that is more.
 _LEVEL_SHARE, _FLUX_SHARE, _FLUX_SCATTERS, _CENTRE_PX = 0.8, 0.1, 2.0, 25.0
 _USUAL_BUDGET, _CENTRE_SIZES = 0.02, 0.02
+# Of facets as lit as their middles, what their errors are more from other sides than those that were measured.
+_OTHER_SIDES, _MIDDLES_SCATTERS = 1.3, 3.5
+# And the largest phase angle at which facets are drawn so.
+_MIDDLES_RAD = 2.15
 # Facets that face camera and Sun of which all are looked at closer, and what the edges of shadows cost more then.
 _FEW, _OF_FEW = 3000, 2.5
 # Radii from the body from which levels are as they were measured, from afar; and the cost of a normal that a facet
@@ -109,10 +113,13 @@ class _Candidates:
         # They were measured of whole bodies: what is left of one in a shadow, or at the frame's edge, errs by more.
         is_as_measured = (view.is_whole and not body.may_be_eclipsed
                           and view.range_m >= _LEAST_RANGE * traits.radius_m)
+        # What is farthest from the Sun as seen from the body is lit in slivers, of which facets have parts.
+        may_be_by_middles = is_alone and view.phase_rad + traits.radius_m / view.range_m <= _MIDDLES_RAD
         self.fit = [] if not is_as_measured else [
             level for level in traits.area_levels
-            if (is_alone or not level.kind.by_middles) and self.error(level) <= _LEVEL_SHARE * budget
-            and _FLUX_SCATTERS * level.flux_at(view.phase_rad)[1] <= _FLUX_SHARE * told
+            if (may_be_by_middles or not level.kind.by_middles) and self.error(level) <= _LEVEL_SHARE * budget
+            and (_MIDDLES_SCATTERS if level.kind.by_middles else _FLUX_SCATTERS) * level.flux_at(
+                view.phase_rad)[1] <= _FLUX_SHARE * told
             and level.centre_at(view.phase_rad) * self._size_px <= max(
                 _CENTRE_PX * told**2, _CENTRE_SIZES * (told - _USUAL_BUDGET) * self._size_px)]
 
@@ -125,9 +132,9 @@ class _Candidates:
     def error(self, level: AreaLevel | None) -> float:
         if level is None:
             return 0.0
+        error = level.error_at(self.view.phase_rad, self._size_px)
         # Middles have hard edges of shadows, and do not tell of it.
-        return math.hypot(level.error_at(self.view.phase_rad, self._size_px),
-                          self._penumbra_error if level.kind.by_middles else 0.0)
+        return math.hypot(_OTHER_SIDES * error, self._penumbra_error) if level.kind.by_middles else error
 
     def floor(self, level: AreaLevel | None) -> float:
         """What areas do not tell of themselves, but for a level of detail."""

@@ -193,7 +193,7 @@ def test_a_level_that_would_not_do_is_left(level, why):
 
 def test_middles_are_of_a_body_alone_and_have_hard_edges_of_shadows():
     """Those count, as middles do not tell of them; two bodies that are drawn together get none."""
-    told = table(0, error=0.038, n_facets=49_000, by_middles=True)
+    told = table(0, error=0.03, n_facets=49_000, by_middles=True)
     one = chosen([told], 0.05, costs=replace(COSTS, ray_ns=200.0, lone_ray_ns=400.0))
     assert one.levels[0].by_middles and one.levels[0].number == 0 and one.ns < 0.5 * chosen([], 0.05).ns
     assert chosen([told], 0.05, n_bodies=2).levels == (LevelPlan(), LevelPlan())
