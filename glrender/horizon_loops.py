@@ -267,8 +267,8 @@ def shade_middles(facets, heights, first, last, to_sun, r_camera_m, brdf, least_
 
     Facets (F, 6) float32 have normals and middles [m], and heights (F, sectors) of the horizon. Their BRDF times the
     sum of the cosines of incidence and emission, which is smooth at the limb, is in a table (chords, 2 S + 1, S + 1):
-    by the root of the distance of the unit vectors to Sun and camera; by the normal's place around a square in the plane
-    of both, from -1 to 1; by its part in that plane, from 0 to 1.
+    by the root of the distance of the unit vectors to Sun and camera; by the normal's place around a square in the
+    plane of both, from -1 to 1; by its part in that plane, from 0 to 1.
 
     Returns how many (N,) are `asked`, whether they are seen or lit `is_asked` (2, N): they are shaded as if they were.
     """
