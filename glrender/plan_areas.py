@@ -24,10 +24,9 @@ _ECLIPSE_STEPS = 0.25
 # 0.01 px at a budget of 0.02. Of budgets beyond that one, so much of what is beyond in diameters, if that is more.
 _LEVEL_SHARE, _FLUX_SHARE, _FLUX_SCATTERS, _CENTRE_PX = 0.8, 0.1, 2.0, 25.0
 _USUAL_BUDGET, _CENTRE_SIZES = 0.02, 0.02
-# Of facets as lit as their middles, what their errors are more from other sides than those that were measured.
-_OTHER_SIDES, _MIDDLES_SCATTERS = 1.3, 3.5
-# And the largest phase angle at which facets are drawn so.
-_MIDDLES_RAD = 2.15
+# Of facets as lit as their middles, what their errors are more from other sides than those that were measured; their
+# least; and the largest phase angle at which they are drawn so.
+_OTHER_SIDES, _MIDDLES_SCATTERS, _MIDDLES_LEAST, _MIDDLES_RAD = 1.3, 3.5, 0.003, 2.15
 # Facets that face camera and Sun of which all are looked at closer, and what the edges of shadows cost more then.
 _FEW, _OF_FEW = 3000, 2.5
 # Radii from the body from which levels are as they were measured, from afar; and the cost of a normal that a facet
@@ -134,7 +133,8 @@ class _Candidates:
             return 0.0
         error = level.error_at(self.view.phase_rad, self._size_px)
         # Middles have hard edges of shadows, and do not tell of it.
-        return math.hypot(_OTHER_SIDES * error, self._penumbra_error) if level.kind.by_middles else error
+        return (math.hypot(_OTHER_SIDES * error, _MIDDLES_LEAST, self._penumbra_error) if level.kind.by_middles
+                else error)
 
     def floor(self, level: AreaLevel | None) -> float:
         """What areas do not tell of themselves, but for a level of detail."""
