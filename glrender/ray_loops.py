@@ -105,8 +105,9 @@ def keep_free(scene, radius_m, turn, shift_m, points_m, facets, normals, lift_m,
 def find_heights(scene, radius_m, points_m, normals, axes, lift_m, azimuths, found):
     """Write how high a mesh stands around points (3, N) [m] of its surface, over the plane across their normals (3, N).
 
-    (N, K) uint8: the largest of 255 steps of the sine at which a ray is blocked, in each of the azimuths (2, K), unit
-    vectors along two axes across the normals (6, N). What is free below something, as under an arch, is not found.
+    (N, K) uint8: of 255 steps of the sine, one at which a ray is blocked and a step above which it is free, in each of
+    the azimuths (2, K), unit vectors along two axes across the normals (6, N); 0 where it is free at the first step.
+    What is above something free, as an arch, may not be found.
     """
     ray, bits = _new_ray()
     for i in range(points_m.shape[1]):
