@@ -68,13 +68,15 @@ class AreaEngine:
         self._facets = {}
         for body in scene.bodies:
             if Surface(body).is_even:
-                full = FacetTables(body, sides_m[body.name] > _COARSE * smallest_m, rays.solid(body.name))
+                made = levels.get(body.name, ())
+                full = FacetTables(body, sides_m[body.name] > _COARSE * smallest_m, rays.solid(body.name),
+                                   with_middles=bool(made))
                 # What a level of detail does not know of is measured.
                 self._facets[body.name] = [full, *(
                     FacetTables(replace(body, shape=level.shape), np.zeros(len(level.shape.facets), bool),
                                 RayMesh(level.shape.vertices_m, level.shape.facets), is_closed=full.is_closed,
-                                level=level)
-                    for level in levels.get(body.name, ()))]
+                                level=level, with_middles=True)
+                    for level in made)]
 
     def close(self) -> None:
         """Release the tables."""

@@ -16,6 +16,7 @@ from .frames import sun_from_body
 from .lod import Level
 from .shape import Shape
 from .surface import Surface
+from .view import BodyView
 
 # Steps of a table of radiance by the components of a normal, towards the camera and across; and the same in int16.
 _STEPS, _INT16 = 32, 32767
@@ -91,6 +92,12 @@ class FacetRelief:
                   + z[..., None] * np.cross(to_camera, across)).reshape(-1, 3)
         brdf = surface.brdf(to_sun, to_camera[None], normal, np.ones(len(normal)))
         self._table = (brdf * np.maximum(dot(normal, to_sun), 0.0)).reshape(x.shape)
+
+    @classmethod
+    def of(cls, level: LevelShape, surface: Surface, view: BodyView) -> FacetRelief:
+        """As a camera sees it."""
+        return cls(level, surface, view.sun_direction_body,
+                   view.r_camera_body_m / np.linalg.norm(view.r_camera_body_m))
 
     def added(self, facet: np.ndarray, normal: np.ndarray) -> np.ndarray:
         """To the radiance of the level's facets (N,), of normals (3, N), in that of a BRDF times a cosine."""

@@ -38,6 +38,8 @@ class FacetTables:
         Known of a level of detail, where decimation may leave out a facet.
     level : LevelShape, optional
         Where the body's shape is one.
+    with_middles : bool
+        Of a body whose levels of detail are measured.
 
     Attributes
     ----------
@@ -56,7 +58,7 @@ class FacetTables:
     horizons : Horizons or None
         Of the vertices of a body that is not, and not too large: a table takes longer to make than it is worth.
     middles : Middles or None
-        Of a shape that is large enough.
+        If they are asked for, of a shape that is large enough.
     vertices_m : (3, V) float64 [m]
     corners : (3, F) int
         Vertices, counter-clockwise from outside.
@@ -71,7 +73,7 @@ class FacetTables:
     """
 
     def __init__(self, body: Body, is_coarse: np.ndarray, solid: RayMesh, *, is_closed: bool = False,
-                 level: LevelShape | None = None):
+                 level: LevelShape | None = None, with_middles: bool = False):
         # Not before there is a body: its loops are compiled, or read, at the first import.
         from . import facet_loops
 
@@ -96,7 +98,7 @@ class FacetTables:
         is_flat = float(height_m.max()) <= _FLAT * body.hull.radius_m
         self.is_convex = self.is_closed and body.hull.is_convex and is_flat
         self.horizons = None if self.is_convex or len(shape.vertices_m) > _MOST_HORIZONS else Horizons(shape)
-        self.middles = Middles.of(middle_m, self.normal, solid) if has_middles(shape) else None
+        self.middles = Middles.of(middle_m, self.normal, solid) if with_middles and has_middles(shape) else None
 
     def corner_m(self, facet: np.ndarray) -> np.ndarray:
         """Corners (3, 3, N) [m] of facets (N,): corner, axis, facet."""

@@ -246,11 +246,11 @@ def _told(heights, facet, s, t, sine):
 
 
 @compiled(float64(_TABLES, float64, float64, float64))
-def _between(table, chord, around, out):
+def _between(table, root, around, out):
     """What a table has at a place, in steps of each of its axes."""
-    i = min(max(int(chord), 0), table.shape[0] - 2)
+    i = min(max(int(root), 0), table.shape[0] - 2)
     j, k = min(int(around), table.shape[1] - 2), min(int(out), table.shape[2] - 2)
-    a, b, c = chord - i, around - j, out - k
+    a, b, c = root - i, around - j, out - k
     found = 0.0
     for step in range(2):
         here = ((1.0 - b) * ((1.0 - c) * table[i + step, j, k] + c * table[i + step, j, k + 1])
@@ -261,12 +261,12 @@ def _between(table, chord, around, out):
 
 @compiled(intp(read(float32, 2), read(uint8, 2), intp, intp, _VECTOR, _VECTOR, _TABLES, float64, float64,
                write(float64, 1), write(intp, 1), write(boolean, 2)))
-def shade_middles(facets, heights, first, last, to_sun, r_camera_m, brdf, least_chord, per_chord,
+def shade_middles(facets, heights, first, last, to_sun, r_camera_m, brdf, least_root, per_root,
                   found, asked, is_asked):
     """Write the radiance of facets first to last, each as lit as its middle is: 0 of those that are dark or not seen.
 
     Facets (F, 6) float32 have normals and middles [m], and heights (F, sectors) of the horizon. Their BRDF times the
-    sum of the cosines of incidence and emission, which is smooth at the limb, is in a table (chords, 2 S + 1, S + 1):
+    sum of the cosines of incidence and emission, which is smooth at the limb, is in a table (C, 2 S + 1, S + 1):
     by the root of the distance of the unit vectors to Sun and camera; by the normal's place around a square in the
     plane of both, from -1 to 1; by its part in that plane, from 0 to 1.
 
@@ -298,7 +298,7 @@ def shade_middles(facets, heights, first, last, to_sun, r_camera_m, brdf, least_
         cosine = 1.0 - 0.5 * squared
         aside = (incidence - emission * cosine) / math.sqrt(max(1.0 - cosine * cosine, _LEAST_SINE**2))
         found[facet] = incidence / (incidence + emission) * _between(
-            brdf, (squared**0.25 - least_chord) * per_chord, (aside / (emission + abs(aside)) + 1.0) * half,
+            brdf, (squared**0.25 - least_root) * per_root, (aside / (emission + abs(aside)) + 1.0) * half,
             min(math.sqrt(emission * emission + aside * aside), 1.0) * (brdf.shape[2] - 1))
         if seen < 0 or lit < 0:
             asked[first + n], is_asked[0, first + n], is_asked[1, first + n] = facet, seen < 0, lit < 0

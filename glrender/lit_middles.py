@@ -40,19 +40,18 @@ class LitMiddles:
 
     def __init__(self, facets: FacetTables, view: BodyView, camera: PinholeCamera, rays: RayEngine, level: LevelPlan):
         self._facets, self._view, self._camera = facets, view, camera
-        chords = _chords(view, facets.solid.radius_m)
+        roots = chord_roots(view, facets.solid.radius_m)
         brightness = level.flux_ratio / view.sun_distance_au**2
-        table = brightness * brdf_table(facets.surface, chords)
+        table = brightness * brdf_table(facets.surface, roots)
         self._radiance, asked, (is_seen, is_lit) = facets.middles.shade(
-            view.sun_direction_body, view.r_camera_body_m, table, chords)
+            view.sun_direction_body, view.r_camera_body_m, table, roots)
         middle_m, number = facets.middles.facets[asked, 3:].T.astype(float), facets.number.take(asked)
         # Where neither was in doubt, both are so.
         sees = rays.in_view(facets.solid, middle_m, number, view, [view], is_seen) | ~is_seen
         sees &= rays.in_light(facets.solid, middle_m, number, view, [view], is_lit & sees) | ~is_lit
         self._radiance[asked[~sees]] = 0.0
         if level.has_relief:
-            middle = view.r_camera_body_m / np.linalg.norm(view.r_camera_body_m)
-            relief = FacetRelief(facets.level, facets.surface, view.sun_direction_body, middle)
+            relief = FacetRelief.of(facets.level, facets.surface, view)
             lit = np.flatnonzero(self._radiance)
 
             def add(part: slice) -> None:
@@ -85,7 +84,7 @@ class LitMiddles:
         changes += images[1]
 
 
-def brdf_table(surface: Surface, chords: np.ndarray) -> np.ndarray:
+def brdf_table(surface: Surface, roots: np.ndarray) -> np.ndarray:
     """BRDF [1/sr] of facets times the cosines of incidence and emission, as `horizon_loops.shade_middles` takes it.
 
     By the roots of distances (C,) of the unit vectors to Sun and camera, the places around a square in their plane, and
@@ -94,8 +93,8 @@ def brdf_table(surface: Surface, chords: np.ndarray) -> np.ndarray:
     place, part = np.meshgrid(np.arange(-_STEPS, _STEPS + 1) / _STEPS, np.arange(_STEPS + 1) / _STEPS, indexing="ij")
     angle, part = np.arctan2(place, 1.0 - np.abs(place)), np.maximum(part, _EDGE_ON)
     to_camera, found = np.array([[1.0, 0.0, 0.0]]), []
-    for chord in chords:
-        phase_rad = 2.0 * math.asin(min(0.5 * chord**2, 1.0))
+    for root in roots:
+        phase_rad = 2.0 * math.asin(min(0.5 * root**2, 1.0))
         to_sun = np.array([math.cos(phase_rad), math.sin(phase_rad), 0.0])
         both = np.clip(angle, phase_rad - 0.5 * math.pi + _EDGE_ON, 0.5 * math.pi - _EDGE_ON)
         normal = np.stack([part * np.cos(both), part * np.sin(both), np.sqrt(1.0 - part * part)], axis=-1)
@@ -104,7 +103,7 @@ def brdf_table(surface: Surface, chords: np.ndarray) -> np.ndarray:
     return np.stack(found)
 
 
-def _chords(view: BodyView, radius_m: float) -> np.ndarray:
+def chord_roots(view: BodyView, radius_m: float) -> np.ndarray:
     """Roots of distances of the unit vectors to Sun and camera, as seen from anywhere on the body, in even steps.
 
     Close to 0 surfaces surge, and steps are small.

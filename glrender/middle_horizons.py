@@ -56,7 +56,7 @@ class Middles:
         return cls(facets=facets, heights=heights if is_known else _heights(middle_m, normal, solid))
 
     def shade(self, to_sun: np.ndarray, r_camera_m: np.ndarray, brdf: np.ndarray,
-              chords: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+              roots: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Radiance (F,) of the facets, in the BRDF's unit: 0 of those that are dark or not seen.
 
         Parameters
@@ -66,8 +66,8 @@ class Middles:
         r_camera_m : (3,) float64 [m]
         brdf : (C, 2 S + 1, S + 1) float64
             As `horizon_loops.shade_middles` takes it.
-        chords : (C,) float64
-            Of the table, in even steps.
+        roots : (C,) float64
+            Of distances, of the table, in even steps.
 
         Returns
         -------
@@ -85,7 +85,7 @@ class Middles:
 
         def look(part: slice) -> None:
             n = shade_middles(self.facets, self.heights, part.start, part.stop, to_sun, r_camera_m,
-                              brdf, chords[0], 1.0 / (chords[1] - chords[0]), found, asked, is_asked)
+                              brdf, roots[0], 1.0 / (roots[1] - roots[0]), found, asked, is_asked)
             kept.append((part.start, n))
 
         threads.run_in_parts(look, n_facets, _PART)

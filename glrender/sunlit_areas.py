@@ -75,8 +75,7 @@ class SunlitAreas:
                  bounds_px: tuple[float, float, float, float], rays: RayEngine, level: LevelPlan):
         self._brightness, self._relief = level.flux_ratio, None
         if level.has_relief:
-            middle = view.r_camera_body_m / np.linalg.norm(view.r_camera_body_m)
-            self._relief = FacetRelief(facets.level, facets.surface, view.sun_direction_body, middle)
+            self._relief = FacetRelief.of(facets.level, facets.surface, view)
         self._facets, self._view, self._views, self._camera, self._rays = facets, view, views, camera, rays
         self._xy = self._project(facets.vertices_m)
         facing, cos_incidence = facet_loops.facing(facets.normal, facets.offset_m, view.sun_direction_body,

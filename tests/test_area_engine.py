@@ -58,11 +58,6 @@ def traced(camera, roi, rays, n):
     return image
 
 
-def rms(image, truth):
-    lit = (truth > 0.0) | (image > 0.0)
-    return float(np.sqrt(np.mean((image - truth)[lit] ** 2)) / truth[truth > 0.0].mean())
-
-
 @pytest.mark.parametrize("law", [
     LAW, LommelSeeliger(single_scattering_albedo=0.3),
     Hapke(single_scattering_albedo=0.4, b=0.3, c=0.5, roughness_deg=20.0)], ids=lambda law: law.glsl)
@@ -93,7 +88,7 @@ def test_a_rough_body_is_within_what_is_told(phase_deg, size_px):
     for budget in BUDGETS:
         image, told, roi, rays = drawn(bodies, state, camera, budget)
         truth = traced(camera, roi, rays, 25) if truth is None else truth
-        errors.append(rms(image, truth))
+        errors.append(views.relative_rms(image, truth))
         assert errors[-1] <= told <= budget, (errors, told)
         assert abs(image.sum() / truth.sum() - 1.0) < 0.1 * budget
     assert errors == sorted(errors, reverse=True)
@@ -126,7 +121,7 @@ def test_bodies_hide_and_eclipse_each_other():
     truth = traced(camera, roi, rays, 21)
     alone, _, _, _ = drawn([planet], replace(state, bodies={"planet": state.bodies["planet"]}), camera)
     assert image.sum() < 0.97 * alone.sum(), "the moon is before the planet, or its shadow on it"
-    assert rms(image, truth) <= 0.01 and told <= 0.01
+    assert views.relative_rms(image, truth) <= 0.01 and told <= 0.01
 
 
 @pytest.mark.parametrize("phase_deg", [20.0, 60.0])
@@ -138,7 +133,7 @@ def test_what_falls_between_a_facet_s_corners_is_found_or_told(shape, phase_deg)
     """A shadow in the middle of a slab, whose corners are all lit; and facets in one plane, which each other hides."""
     state, camera = views.state(phase_deg=phase_deg, direction=(0.3, -0.6, 0.6)), views.camera(128, 900.0)
     image, told, roi, rays = drawn([Body(name="body", shape=shape, brdf=LAW)], state, camera, 0.02)
-    assert rms(image, traced(camera, roi, rays, 21)) <= told
+    assert views.relative_rms(image, traced(camera, roi, rays, 21)) <= told
 
 
 @pytest.mark.parametrize("subdivisions", [1, 3])
@@ -148,7 +143,7 @@ def test_a_moon_before_the_middle_of_a_facet_hides_it(subdivisions):
     place = 0.065 * state.spacecraft.r_inertial_m + 3.0
     state = replace(state, bodies={**state.bodies, "moon": replace(state.bodies["moon"], r_inertial_m=place)})
     image, told, roi, rays = drawn([planet, moon], state, camera, 0.02)
-    assert rms(image, traced(camera, roi, rays, 21)) <= told
+    assert views.relative_rms(image, traced(camera, roi, rays, 21)) <= told
 
 
 def test_a_moon_of_few_facets_hides_what_is_between_the_corners_of_others():
@@ -158,7 +153,7 @@ def test_a_moon_of_few_facets_hides_what_is_between_the_corners_of_others():
     place = 110.0 * state.r_sun_inertial_m / np.linalg.norm(state.r_sun_inertial_m) + 3.0
     state = replace(state, bodies={**state.bodies, "moon": replace(state.bodies["moon"], r_inertial_m=place)})
     image, told, roi, rays = drawn([planet, moon], state, camera, 0.05)
-    assert rms(image, traced(camera, roi, rays, 21)) <= told <= 0.05
+    assert views.relative_rms(image, traced(camera, roi, rays, 21)) <= told <= 0.05
 
 
 def boulders_on_a_coarse_body():
@@ -179,7 +174,7 @@ def test_few_facets_with_most_of_the_error_are_not_hidden_by_many_with_little(ph
     state, camera = views.state(phase_deg=phase_deg, direction=(0.1, -1.0, 0.2)), views.camera(256, 1400.0)
     body = Body(name="body", shape=boulders_on_a_coarse_body(), brdf=LAW)
     image, told, roi, rays = drawn([body], state, camera, budget)
-    assert rms(image, traced(camera, roi, rays, 13)) <= told <= budget
+    assert views.relative_rms(image, traced(camera, roi, rays, 13)) <= told <= budget
 
 
 def test_of_facets_larger_than_the_frame_the_error_is_that_of_the_frame():
@@ -187,14 +182,14 @@ def test_of_facets_larger_than_the_frame_the_error_is_that_of_the_frame():
     shape = solids.several(((-1000, -1000, -20), (1000, 1000, 0)), ((-5, -5, 20), (5, 5, 30)))
     state, camera = views.state(phase_deg=40.0, direction=(0.3, -0.6, 0.6)), views.camera(64, 2000.0)
     image, told, roi, rays = drawn([Body(name="body", shape=shape, brdf=LAW)], state, camera, 0.02)
-    assert rms(image, traced(camera, roi, rays, 21)) <= told
+    assert views.relative_rms(image, traced(camera, roi, rays, 21)) <= told
 
 
 def test_what_is_beside_the_frame_casts_shadows_and_takes_no_part():
     state, camera = views.state(phase_deg=60.0), views.camera(64, 2500.0)
     image, told, roi, rays = drawn([Body(name="body", shape=rough(), brdf=LAW)], state, camera, 0.01)
     assert roi == (0, 0, 64, 64)
-    assert rms(image, traced(camera, roi, rays, 21)) <= told <= 0.01
+    assert views.relative_rms(image, traced(camera, roi, rays, 21)) <= told <= 0.01
 
 
 def test_the_image_does_not_depend_on_threads_or_on_what_was_drawn_before(monkeypatch):
@@ -217,7 +212,7 @@ def test_the_image_does_not_depend_on_the_inertial_frame():
         spacecraft=replace(state.spacecraft, r_inertial_m=turn.T @ state.spacecraft.r_inertial_m,
                            q_from_inertial=frames.quaternion(frames.dcm(state.spacecraft.q_from_inertial) @ turn)),
         bodies={"body": replace(state.bodies["body"], q_from_inertial=frames.quaternion(turn))})
-    assert rms(drawn(bodies, turned, camera, 0.01)[0], image) < 1e-3
+    assert views.relative_rms(drawn(bodies, turned, camera, 0.01)[0], image) < 1e-3
 
 
 def test_an_open_shell_has_its_rim():
@@ -228,7 +223,7 @@ def test_an_open_shell_has_its_rim():
     assert half.report.n_open_edges > 0
     state, camera = views.state(phase_deg=40.0), views.camera(128, 900.0)
     image, told, roi, rays = drawn([Body(name="body", shape=half, brdf=LAW)], state, camera, 0.01)
-    assert rms(image, traced(camera, roi, rays, 21)) <= max(told, 0.01)
+    assert views.relative_rms(image, traced(camera, roi, rays, 21)) <= max(told, 0.01)
 
 
 def test_neighbours_are_found_across_every_edge_and_not_across_others():
@@ -256,4 +251,4 @@ def test_a_moon_before_the_middle_of_a_facet_is_found_or_told(budget):
     camera = views.camera(64, 700.0)
     image, told, roi, rays = drawn([planet, moon], state, camera, budget)
     truth = traced(camera, roi, rays, 41)
-    assert rms(image, truth) <= told <= budget
+    assert views.relative_rms(image, truth) <= told <= budget

@@ -43,6 +43,18 @@ def state(phase_deg=60.0, range_m=2000.0, sun_in_image=(1.0, 0.0), bodies=("body
                  bodies={name: Pose(r_inertial_m=np.zeros(3), q_from_inertial=q_body) for name in bodies})
 
 
+def relative_rms(image, truth):
+    """RMS error of the pixels that either lights over the mean of those that the truth does [1]."""
+    lit = (truth > 0.0) | (image > 0.0)
+    return float(np.sqrt(np.mean((image - truth)[lit] ** 2)) / truth[truth > 0.0].mean())
+
+
+def rough_body(law):
+    """81,920 facets, slopes of some 20 degrees at the smallest scale."""
+    shape = generate.gaussian_random_sphere(radius_m=100.0, sigma=0.15, seed=4, subdivisions=4)
+    return Body(name="body", shape=generate.subdivide_with_relief(shape, levels=2, relief=0.04, seed=1), brdf=law)
+
+
 def centroid_px(image):
     """(x, y) centre of brightness [px]."""
     image = image.astype(np.float64)
