@@ -111,13 +111,6 @@ def add_line(changes, x0, y0, x1, y1, step):
             _add_in_cell(changes, row, column, 0.5 * (begins + ends), per_column * (ends - begins))
 
 
-@compiled(void(_CHANGES, read(float64, 2), intp, intp, _VECTOR, _VECTOR, complex128))
-def _add_between(changes, xy, a, b, origin, per_px, step):
-    """Add the changes that a line makes between two of some places (2, P) [px]."""
-    add_line(changes, (xy[0, a] - origin[0]) * per_px[0], (xy[1, a] - origin[1]) * per_px[1],
-             (xy[0, b] - origin[0]) * per_px[0], (xy[1, b] - origin[1]) * per_px[1], step)
-
-
 @compiled(void(_CHANGES, read(float64, 2), read(intp, 2), read(int32, 2), _NUMBERS, _VALUES, _VECTOR, _VECTOR))
 def add_facets(changes, xy, corners, neighbours, facets, shown, origin, per_px):
     """Add what lines around facets (N,) change in cells; one line for two that share it.
@@ -131,7 +124,8 @@ def add_facets(changes, xy, corners, neighbours, facets, shown, origin, per_px):
             there = shown[across] if across >= 0 else 0.0j
             if there == 0.0j or facet < across:
                 a, b = corners[side, facet], corners[(side + 1) % 3, facet]
-                _add_between(changes, xy, a, b, origin, per_px, shown[facet] - there)
+                add_line(changes, (xy[0, a] - origin[0]) * per_px[0], (xy[1, a] - origin[1]) * per_px[1],
+                         (xy[0, b] - origin[0]) * per_px[0], (xy[1, b] - origin[1]) * per_px[1], shown[facet] - there)
 
 
 @compiled(void(_CHANGES, read(float64, 2), read(intp, 2), read(int32, 2), read(float64, 1), intp, intp, intp, _VECTOR,
@@ -148,8 +142,9 @@ def add_lit(changes, xy, corners, neighbours, radiance, first, block, every, ori
                 there = radiance[across] if across >= 0 else 0.0
                 if there == 0.0 or facet < across:
                     a, b = corners[side, facet], corners[(side + 1) % 3, facet]
-                    _add_between(changes, xy, a, b, origin, per_px,
-                                 complex(here - there, 1.0 if there == 0.0 else 0.0))
+                    step = complex(here - there, 1.0 if there == 0.0 else 0.0)
+                    add_line(changes, (xy[0, a] - origin[0]) * per_px[0], (xy[1, a] - origin[1]) * per_px[1],
+                             (xy[0, b] - origin[0]) * per_px[0], (xy[1, b] - origin[1]) * per_px[1], step)
 
 
 @compiled(void(_CHANGES, read(float64, 2), read(intp, 2, "A"), _VALUES, _VECTOR, _VECTOR))
@@ -159,4 +154,5 @@ def add_polygons(changes, xy, corners, values, origin, per_px):
     for i in range(len(values)):
         for k in range(n_corners):
             a, b = corners[k, i], corners[(k + 1) % n_corners, i]
-            _add_between(changes, xy, a, b, origin, per_px, values[i])
+            add_line(changes, (xy[0, a] - origin[0]) * per_px[0], (xy[1, a] - origin[1]) * per_px[1],
+                     (xy[0, b] - origin[0]) * per_px[0], (xy[1, b] - origin[1]) * per_px[1], values[i])
