@@ -27,8 +27,8 @@ from .view import BodyView
 
 # Share of the budget for pixels over that for the flux.
 _FLUX = 10.0
-# Share of a cell that must be covered twice to be seen; and of its light, the error that is left.
-_OVERLAP, _HALF = 1e-3, 0.5
+# Share of a cell that must be covered twice to be seen.
+_OVERLAP = 1e-3
 # Cells that a facet covers where it is far smaller than one.
 _FINE = 0.15
 # Of the squared budget, what is left for areas that turn out to be covered twice.
@@ -140,9 +140,8 @@ class AreaEngine:
         body = self._lit_middles.LitMiddles(self._facets[name][level.number], view, camera, self._rays, level)
         changes, cells = self._coverage.no_changes(grid[::-1]), _Cells(camera, bounds_px, grid)
         body.add_to(changes, cells.corner, cells.per_px)
-        means, cover = self._coverage.means(changes)
-        means /= np.maximum(cover, 1.0)
-        return means * (self._scene.solar_irradiance_of(camera) * cells.solid_angles)
+        return self._coverage.sums(changes, self._scene.solar_irradiance_of(camera) / camera.focal_length_px**2,
+                                   *cells.squared, 1.0)[0]
 
     def _drawn(self, names: Sequence[str], camera: PinholeCamera, views: list[BodyView],
                bounds_px: tuple[float, float, float, float], grid: tuple[int, int], budget: float,
@@ -179,14 +178,11 @@ class AreaEngine:
         changes = self._coverage.no_changes(grid[::-1])
         for body in areas:
             body.add_to(changes, cells.corner, per_px, 3.0 if is_fine else 0.0)
-        means, cover = self._coverage.means(changes)
         # Where areas overlap, one that is hidden was taken to be seen: which of them is not known.
-        over = np.flatnonzero(cover > 1.0 + _OVERLAP)
-        kept = means.flat[over] / cover.flat[over]
-        squared += float(np.square(_HALF * (means.flat[over] - kept)).sum()) / per_px.prod() ** 2
-        means.flat[over] = kept
-        means *= self._scene.solar_irradiance_of(camera) * (
-            1.0 / camera.focal_length_px**2 if is_fine else cells.solid_angles)
+        means, unsure = self._coverage.sums(
+            changes, self._scene.solar_irradiance_of(camera) / camera.focal_length_px**2,
+            *(np.zeros_like(each) if is_fine else each for each in cells.squared), 1.0 + _OVERLAP)
+        squared += unsure / per_px.prod() ** 2
         return means, math.hypot(per_root * math.sqrt(squared), _LEAST), penumbra
 
 
@@ -199,13 +195,14 @@ class _Cells:
         self.per_px = np.array(grid) / (far - self.corner)
 
     @property
-    def solid_angles(self) -> np.ndarray:
-        """Of pixels (rows, columns) [sr] around the cells' middles."""
-        focal_px, principal_px = self._camera.focal_length_px, self._camera.principal_point_px
-        x, y = ((self.corner[k] + (np.arange(self._grid[k]) + 0.5) / self.per_px[k] - principal_px[k]) / focal_px
-                for k in range(2))
-        slant = 1.0 + x * x + (y * y)[:, None]
-        return 1.0 / (focal_px**2 * slant * np.sqrt(slant))
+    def squared(self) -> list[np.ndarray]:
+        """Squares of the tangents of angles off the boresight, of the cells' middles across (C,) and down (R,).
+
+        A pixel's solid angle is (1 + both)^-1.5 of that on the boresight.
+        """
+        camera = self._camera
+        return [np.square((self.corner[k] + (np.arange(self._grid[k]) + 0.5) / self.per_px[k]
+                           - camera.principal_point_px[k]) / camera.focal_length_px) for k in range(2)]
 
 
 def _on_disc(n_points: int) -> np.ndarray:

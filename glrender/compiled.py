@@ -13,6 +13,9 @@ from numba import njit, types
 
 _log = logging.getLogger(__name__)
 
+inlined = njit(inline="always", error_model="numpy")
+"""Decorator: of what becomes a part of the loops that call it, and is compiled with them."""
+
 
 def compiled(signature: Any) -> Callable[[Callable], Callable]:
     """Decorator: a first frame does not wait for a compiler, and other threads run meanwhile.

@@ -13,7 +13,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba.types import UniTuple, complex128, float64, int32, intp, void
+from glrender_camera import threads
+from numba.types import complex128, float64, int32, intp, void
 
 from .compiled import compiled, read, write
 
@@ -21,6 +22,8 @@ from .compiled import compiled, read, write
 _ROUNDING = 1e-12
 # Cells.
 _FARTHEST = 1e12
+# Rows that a thread sums in a turn.
+_ROWS = 64
 _CHANGES, _NUMBERS, _VALUES, _VECTOR = write(complex128, 2), read(intp, 1), read(complex128, 1), read(float64, 1, "A")
 
 
@@ -44,28 +47,61 @@ def cell_means(start: np.ndarray, end: np.ndarray, steps: np.ndarray, shape: tup
     changes = no_changes(shape)
     for (x0, y0), (x1, y1), step in zip(start.T, end.T, steps, strict=True):
         add_line(changes, x0, y0, x1, y1, step)
-    return means(changes)
-
-
-@compiled(UniTuple(write(float64, 2), 2)(_CHANGES))
-def means(changes):
-    """Means (rows, columns) of the changes (rows, columns + 2): their real part and their imaginary one."""
-    rows, columns = changes.shape[0], changes.shape[1] - 2
-    found = np.empty((2, rows, columns))
-    largest = np.zeros(2)
-    for row in range(rows):
-        here = 0.0j
-        for column in range(columns):
-            here += changes[row, column]
-            found[0, row, column], found[1, row, column] = here.real, here.imag
-            largest[0], largest[1] = max(largest[0], here.real), max(largest[1], here.imag)
-    for part in range(2):
-        least = _ROUNDING * largest[part]
-        for row in range(rows):
-            for column in range(columns):
-                if found[part, row, column] < least:
-                    found[part, row, column] = 0.0
+    found = np.empty((2, *shape))
+    means(changes, 0, shape[0], found[0], found[1])
     return found[0], found[1]
+
+
+def sums(changes: np.ndarray, scale: float, across: np.ndarray, down: np.ndarray, most: float
+         ) -> tuple[np.ndarray, float]:
+    """Light of an image's cells (rows, columns) float64, and what is unsure of it where areas overlap.
+
+    The means of the changes (rows, columns + 2), where there is more cover than `most` over the cover, times a scale
+    over (1 + x^2 + y^2)^1.5 by the squares `across` (columns,) and `down` (rows,). Unsure is a sum of squares, of half
+    of what was taken off the means.
+    """
+    image, unsure = np.empty((len(down), len(across))), []
+
+    def work(part: slice) -> None:
+        unsure.append((part.start, light(changes, part.start, part.stop, scale, across, down, most, image)))
+
+    threads.run_in_parts(work, len(down), _ROWS)
+    # In order: the same bytes.
+    return image, sum(squared for _, squared in sorted(unsure))
+
+
+@compiled(void(_CHANGES, intp, intp, write(float64, 2), write(float64, 2)))
+def means(changes, first, last, values, cover):
+    """Write the means of rows first to last of changes (rows, columns + 2): their real part and their imaginary one."""
+    for row in range(first, last):
+        here, largest, most = 0.0j, 0.0, 0.0
+        for column in range(values.shape[1]):
+            here += changes[row, column]
+            values[row, column], cover[row, column] = here.real, here.imag
+            largest, most = max(largest, here.real), max(most, here.imag)
+        for column in range(values.shape[1]):
+            if values[row, column] < _ROUNDING * largest:
+                values[row, column] = 0.0
+            if cover[row, column] < _ROUNDING * most:
+                cover[row, column] = 0.0
+
+
+@compiled(float64(_CHANGES, intp, intp, float64, read(float64, 1), read(float64, 1), float64, write(float64, 2)))
+def light(changes, first, last, scale, across, down, most, image):
+    """Write rows first to last of an image: what `sums` says."""
+    unsure, cover = 0.0, np.empty((1, image.shape[1]))
+    for row in range(first, last):
+        means(changes[row:row + 1], 0, 1, image[row:row + 1], cover)
+        for column in range(image.shape[1]):
+            value, covered = image[row, column], cover[0, column]
+            if value == 0.0:
+                continue
+            if covered > most:
+                unsure += (0.5 * value * (1.0 - 1.0 / covered)) ** 2
+                value /= covered
+            slant = 1.0 + across[column] + down[row]
+            image[row, column] = value * scale / (slant * math.sqrt(slant))
+    return unsure
 
 
 @compiled(void(_CHANGES, intp, intp, float64, complex128))
