@@ -12,7 +12,7 @@ from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
-from glrender_camera import PinholeCamera
+from glrender_camera import PinholeCamera, threads
 
 from .error_model import sliver_gain
 from .facet_relief import LevelShape
@@ -29,6 +29,8 @@ from .view import BodyView
 _FLUX = 10.0
 # Share of a cell that must be covered twice to be seen.
 _OVERLAP = 1e-3
+# Rows that a thread adds up in a turn.
+_ROWS = 64
 # Cells that a facet covers where it is far smaller than one.
 _FINE = 0.15
 # Of the squared budget, what is left for areas that turn out to be covered twice.
@@ -140,8 +142,7 @@ class AreaEngine:
         body = self._lit_middles.LitMiddles(self._facets[name][level.number], view, camera, self._rays, level)
         changes, cells = self._coverage.no_changes(grid[::-1]), _Cells(camera, bounds_px, grid)
         body.add_to(changes, cells.corner, cells.per_px)
-        return self._coverage.sums(changes, self._scene.solar_irradiance_of(camera) / camera.focal_length_px**2,
-                                   *cells.squared, 1.0)[0]
+        return self._added_up(changes, cells, camera, 1.0)[0]
 
     def _drawn(self, names: Sequence[str], camera: PinholeCamera, views: list[BodyView],
                bounds_px: tuple[float, float, float, float], grid: tuple[int, int], budget: float,
@@ -179,11 +180,27 @@ class AreaEngine:
         for body in areas:
             body.add_to(changes, cells.corner, per_px, 3.0 if is_fine else 0.0)
         # Where areas overlap, one that is hidden was taken to be seen: which of them is not known.
-        means, unsure = self._coverage.sums(
-            changes, self._scene.solar_irradiance_of(camera) / camera.focal_length_px**2,
-            *(np.zeros_like(each) if is_fine else each for each in cells.squared), 1.0 + _OVERLAP)
+        means, unsure = self._added_up(changes, cells, camera, 1.0 + _OVERLAP, is_even=is_fine)
         squared += unsure / per_px.prod() ** 2
         return means, math.hypot(per_root * math.sqrt(squared), _LEAST), penumbra
+
+    def _added_up(self, changes: np.ndarray, cells: _Cells, camera: PinholeCamera, most_cover: float,
+                  is_even: bool = False) -> tuple[np.ndarray, float]:
+        """Means over cells (rows, columns), and what is unsure where areas overlap: `coverage.add_up`.
+
+        Of changes in radiance, or, if pixels are taken to have even solid angles, times a power of the cosine.
+        """
+        image, unsure = np.empty((len(changes), changes.shape[1] - 2)), []
+        across, down = ((np.zeros_like(each) for each in cells.squared) if is_even else cells.squared)
+        scale = self._scene.solar_irradiance_of(camera) / camera.focal_length_px**2
+
+        def add_up(part: slice) -> None:
+            unsure.append((part.start, self._coverage.add_up(changes, part.start, part.stop, scale, across, down,
+                                                             most_cover, image)))
+
+        threads.run_in_parts(add_up, len(image), _ROWS)
+        # In order: the same bytes.
+        return image, sum(squared for _, squared in sorted(unsure))
 
 
 class _Cells:

@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from glrender_camera import threads
 from numba.types import complex128, float64, int32, intp, void
 
 from .compiled import compiled, read, write
@@ -22,8 +21,6 @@ from .compiled import compiled, read, write
 _ROUNDING = 1e-12
 # Cells.
 _FARTHEST = 1e12
-# Rows that a thread sums in a turn.
-_ROWS = 64
 _CHANGES, _NUMBERS, _VALUES, _VECTOR = write(complex128, 2), read(intp, 1), read(complex128, 1), read(float64, 1, "A")
 
 
@@ -52,24 +49,6 @@ def cell_means(start: np.ndarray, end: np.ndarray, steps: np.ndarray, shape: tup
     return found[0], found[1]
 
 
-def sums(changes: np.ndarray, scale: float, across: np.ndarray, down: np.ndarray, most: float
-         ) -> tuple[np.ndarray, float]:
-    """Light of an image's cells (rows, columns) float64, and what is unsure of it where areas overlap.
-
-    The means of the changes (rows, columns + 2), where there is more cover than `most` over the cover, times a scale
-    over (1 + x^2 + y^2)^1.5 by the squares `across` (columns,) and `down` (rows,). Unsure is a sum of squares, of half
-    of what was taken off the means.
-    """
-    image, unsure = np.empty((len(down), len(across))), []
-
-    def work(part: slice) -> None:
-        unsure.append((part.start, light(changes, part.start, part.stop, scale, across, down, most, image)))
-
-    threads.run_in_parts(work, len(down), _ROWS)
-    # In order: the same bytes.
-    return image, sum(squared for _, squared in sorted(unsure))
-
-
 @compiled(void(_CHANGES, intp, intp, write(float64, 2), write(float64, 2)))
 def means(changes, first, last, values, cover):
     """Write the means of rows first to last of changes (rows, columns + 2): their real part and their imaginary one."""
@@ -87,8 +66,13 @@ def means(changes, first, last, values, cover):
 
 
 @compiled(float64(_CHANGES, intp, intp, float64, read(float64, 1), read(float64, 1), float64, write(float64, 2)))
-def light(changes, first, last, scale, across, down, most, image):
-    """Write rows first to last of an image: what `sums` says."""
+def add_up(changes, first, last, scale, across, down, most, image):
+    """Write rows first to last of an image (R, C): the light of cells, of their changes (R, C + 2).
+
+    Means, where there is more cover than `most` over the cover, times a scale over (1 + x^2 + y^2)^1.5 by the squares
+    `across` (C,) and `down` (R,). Returns what is unsure where areas overlap: a sum of squares, of half of what was
+    taken off the means.
+    """
     unsure, cover = 0.0, np.empty((1, image.shape[1]))
     for row in range(first, last):
         means(changes[row:row + 1], 0, 1, image[row:row + 1], cover)

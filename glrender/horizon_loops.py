@@ -233,25 +233,22 @@ def _place(s, t):
 
 
 @inlined
-def _told(heights, facet, s, t, sine, is_sure):
-    """Whether a direction is above a facet's horizon: 1, below it: 0, or, to be sure, a ray has to be asked: -1.
+def _told(heights, facet, s, t, sine):
+    """Whether a direction is above a facet's horizon: 1, below it: 0, or a ray has to be asked: -1.
 
     That is where it is between the heights of the azimuths on either side, or near them, or near where what rises
-    towards them from beyond would meet. To be likely, a straight line between them is enough.
+    towards them from beyond would meet.
     """
-    place = _place(s, t)
-    sector = intp(place)
+    sector = intp(_place(s, t))
     one, other = float(heights[facet, sector & _LAST]), float(heights[facet, (sector + 1) & _LAST])
     # What `min` and `max` compile to takes 1.2 times as long.
     low, high = one if one < other else other, other if one < other else one
-    # A ray is blocked at the height itself, and free a step above.
-    height = 255.0 * sine - 0.5
-    if not is_sure:
-        return 1 if (high == 0.0) | (height > one + (place - sector) * (other - one)) else 0
     rise = one - float(heights[facet, (sector - 1) & _LAST])
     fall = other - float(heights[facet, (sector + 2) & _LAST])
     meet = one + rise * min(max((other + fall - one) / (rise + fall), 0.0), 1.0)
     top = meet if (rise > 0.0) & (fall > 0.0) & (meet > high) else high
+    # A ray is blocked at the height itself, and free a step above.
+    height = 255.0 * sine - 0.5
     is_below = (high > 0.0) & (height < low - _NEAR)
     return 0 if is_below else 1 if (high == 0.0) | (height > top + _NEAR) else -1
 
@@ -270,9 +267,17 @@ def _between(table, root, around, out):
     return found
 
 
-@inlined
-def _shade(facets, heights, first, last, to_sun, r_camera_m, brdf, least_root, per_root, found, asked, is_asked, is_sure):
-    """As `shade_middles`, to be sure or to be likely.
+@compiled(intp(read(float32, 2), read(uint8, 2), intp, intp, _VECTOR, _VECTOR, _TABLES, float64, float64,
+               write(float64, 1), write(intp, 1), write(boolean, 2)))
+def shade_middles(facets, heights, first, last, to_sun, r_camera_m, brdf, least_root, per_root, found, asked, is_asked):
+    """Write the radiance of facets first to last, each as lit as its middle is: 0 of those that are dark or not seen.
+
+    Facets (F, 6) float32 have normals and middles [m], and heights (F, sectors) of the horizon. Their BRDF times the
+    sum of the cosines of incidence and emission, which is smooth at the limb, is in a table (C, 2 S + 1, S + 1):
+    by the root of the distance of the unit vectors to Sun and camera; by the normal's place around a square in the
+    plane of both, from -1 to 1; by its part in that plane, from 0 to 1.
+
+    Returns how many (N,) are `asked`, whether they are seen or lit `is_asked` (2, N): they are shaded as if they were.
 
     In three turns, each over what is left, that have no branches: what a facet is would be guessed wrong half the time.
     """
@@ -293,9 +298,9 @@ def _shade(facets, heights, first, last, to_sun, r_camera_m, brdf, least_root, p
         u, v, w = u * per_length, v * per_length, w * per_length
         incidence, emission = a * to_sun[0] + b * to_sun[1] + c * to_sun[2], a * u + b * v + c * w
         ax, ay, az, bx, by, bz = _across(a, b, c)
-        seen = _told(heights, facet, u * ax + v * ay + w * az, u * bx + v * by + w * bz, emission, is_sure)
+        seen = _told(heights, facet, u * ax + v * ay + w * az, u * bx + v * by + w * bz, emission)
         lit = _told(heights, facet, to_sun[0] * ax + to_sun[1] * ay + to_sun[2] * az,
-                    to_sun[0] * bx + to_sun[1] * by + to_sun[2] * bz, incidence, is_sure)
+                    to_sun[0] * bx + to_sun[1] * by + to_sun[2] * bz, incidence)
         x, y, z = to_sun[0] - u, to_sun[1] - v, to_sun[2] - w
         left[n_shown], how[n_shown] = facet, (seen < 0) + 2 * (lit < 0)
         light[n_shown, 0], light[n_shown, 1], light[n_shown, 2] = incidence, emission, x * x + y * y + z * z
@@ -312,29 +317,3 @@ def _shade(facets, heights, first, last, to_sun, r_camera_m, brdf, least_root, p
         is_asked[0, first + n_asked], is_asked[1, first + n_asked] = how[i] & 1, how[i] & 2
         n_asked += how[i] != 0
     return n_asked
-
-
-_SHADING = intp(read(float32, 2), read(uint8, 2), intp, intp, _VECTOR, _VECTOR, _TABLES, float64, float64,
-                write(float64, 1), write(intp, 1), write(boolean, 2))
-
-
-@compiled(_SHADING)
-def shade_middles(facets, heights, first, last, to_sun, r_camera_m, brdf, least_root, per_root, found, asked, is_asked):
-    """Write the radiance of facets first to last, each as lit as its middle is: 0 of those that are dark or not seen.
-
-    Facets (F, 6) float32 have normals and middles [m], and heights (F, sectors) of the horizon. Their BRDF times the
-    sum of the cosines of incidence and emission, which is smooth at the limb, is in a table (C, 2 S + 1, S + 1):
-    by the root of the distance of the unit vectors to Sun and camera; by the normal's place around a square in the
-    plane of both, from -1 to 1; by its part in that plane, from 0 to 1.
-
-    Returns how many (N,) are `asked`, whether they are seen or lit `is_asked` (2, N): they are shaded as if they were.
-    """
-    return _shade(facets, heights, first, last, to_sun, r_camera_m, brdf, least_root, per_root, found, asked, is_asked,
-                  True)
-
-
-@compiled(_SHADING)
-def shade_likely(facets, heights, first, last, to_sun, r_camera_m, brdf, least_root, per_root, found, asked, is_asked):
-    """As `shade_middles`, with horizons that are straight between azimuths: nothing is asked."""
-    return _shade(facets, heights, first, last, to_sun, r_camera_m, brdf, least_root, per_root, found, asked, is_asked,
-                  False)

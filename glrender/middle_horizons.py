@@ -56,7 +56,7 @@ class Middles:
         return cls(facets=facets, heights=heights if is_known else _heights(middle_m, normal, solid))
 
     def shade(self, to_sun: np.ndarray, r_camera_m: np.ndarray, brdf: np.ndarray,
-              roots: np.ndarray, is_sure: bool = True) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+              roots: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Radiance (F,) of the facets, in the BRDF's unit: 0 of those that are dark or not seen.
 
         Parameters
@@ -77,15 +77,14 @@ class Middles:
         is_asked : (2, N) bool
             Whether of their being seen, and of their being lit.
         """
-        from .horizon_loops import shade_likely, shade_middles
+        from .horizon_loops import shade_middles
 
-        shade = shade_middles if is_sure else shade_likely
         n_facets = len(self.facets)
         found, asked, is_asked = np.empty(n_facets), np.empty(n_facets, np.intp), np.empty((2, n_facets), bool)
         kept = []
 
         def look(part: slice) -> None:
-            n = shade(self.facets, self.heights, part.start, part.stop, to_sun, r_camera_m,
+            n = shade_middles(self.facets, self.heights, part.start, part.stop, to_sun, r_camera_m,
                               brdf, roots[0], 1.0 / (roots[1] - roots[0]), found, asked, is_asked)
             kept.append((part.start, n))
 
