@@ -12,10 +12,10 @@ RASTER_CALL_NS, RAYS_CALL_NS, AREAS_CALL_NS = 1.2e6, 4e5, 5e5
 # Of areas, in those of a facet that faces both camera and Sun: each facet, a pixel along its sides, a pixel of the
 # body, and the edges of shadows at a budget of 1 and 90 deg of phase, by the angle between facets [rad], over a power
 # of the budget.
-_ANY_FACET, _LINE, _PIXEL, _EDGES, _EDGES_POWER, _MOST_EDGES = 0.45, 0.75, 0.115, 1.5, 0.75, 100.0
+_ANY_FACET, _LINE, _PIXEL, _EDGES, _EDGES_POWER, _MOST_EDGES = 0.45, 0.75, 0.08, 1.5, 0.75, 100.0
 # Of facets as lit as their middles, in the same unit: each facet, one that faces both, a pixel along its sides; and
 # rays for each of those.
-_ANY_MIDDLE, _MIDDLE, _MIDDLE_LINE, _MIDDLE_RAYS = 0.035, 0.4, 0.15, 0.09
+_ANY_MIDDLE, _MIDDLE, _MIDDLE_LINE, _MIDDLE_RAYS = 0.03, 0.3, 0.15, 0.08
 # What a ray costs more for each doubling of the facets over the rays: memory that the ray before did not need. Itokawa
 # with 49k to 3.1M facets at 20 to 2000 px.
 _APART = 0.45

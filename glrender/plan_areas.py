@@ -24,14 +24,15 @@ _ECLIPSE_STEPS = 0.25
 # 0.01 px at a budget of 0.02. Of budgets beyond that one, so much of what is beyond in diameters, if that is more.
 _LEVEL_SHARE, _FLUX_SHARE, _FLUX_SCATTERS, _CENTRE_PX = 0.8, 0.1, 2.0, 25.0
 _USUAL_BUDGET, _CENTRE_SIZES = 0.02, 0.02
-# Of facets as lit as their middles, what their errors are more from other sides than those that were measured; their
-# least; and the largest phase angle at which they are drawn so.
-_OTHER_SIDES, _MIDDLES_SCATTERS, _MIDDLES_LEAST, _MIDDLES_RAD = 1.3, 3.5, 0.003, 2.15
+# Of facets as lit as their middles, what their errors are more from other sides than those that were measured; the
+# same two of them, to which drawing adds nothing; their least; and the largest phase angle at which they are drawn so.
+_OTHER_SIDES, _MIDDLES_SHARE, _MIDDLES_SCATTERS, _MIDDLES_LEAST, _MIDDLES_RAD = 1.3, 0.9, 3.5, 0.003, 2.15
 # Facets that face camera and Sun of which all are looked at closer, and what the edges of shadows cost more then.
 _FEW, _OF_FEW = 3000, 2.5
-# Radii from the body from which levels are as they were measured, from afar; and the cost of a normal that a facet
-# stands for, in those of a facet.
-_LEAST_RANGE, _NORMAL = 8.0, 0.1
+# Radii from the body from which levels are as they were measured, from afar.
+_LEAST_RANGE = 8.0
+# The cost of a normal that a facet stands for, in those of a facet; and of any for a facet, in those of a normal.
+_NORMAL, _RELIEF = 0.12, 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,7 +117,8 @@ class _Candidates:
         may_be_by_middles = is_alone and view.phase_rad + traits.radius_m / view.range_m <= _MIDDLES_RAD
         self.fit = [] if not is_as_measured else [
             level for level in traits.area_levels
-            if (may_be_by_middles or not level.kind.by_middles) and self.error(level) <= _LEVEL_SHARE * budget
+            if (may_be_by_middles or not level.kind.by_middles) and self.error(level) <= budget * (
+                _MIDDLES_SHARE if level.kind.by_middles else _LEVEL_SHARE)
             and (_MIDDLES_SCATTERS if level.kind.by_middles else _FLUX_SCATTERS) * level.flux_at(
                 view.phase_rad)[1] <= _FLUX_SHARE * told
             and level.centre_at(view.phase_rad) * self._size_px <= max(
@@ -167,7 +169,7 @@ def _together(bodies: Sequence[_Candidates], chosen: Sequence[AreaLevel | None],
         else:
             ns = costs.areas_ns(n_facets, n_facing, n_px, facet_px, crease_rad, phase_rad, left)
         if n_normals := sum(level.n_normals for level in chosen if level):
-            ns += n_normals * facing * shown_share * _NORMAL * costs.area_ns
+            ns += (n_normals + _RELIEF * n_facets) * facing * shown_share * _NORMAL * costs.area_ns
     return AreasChoice(ns=ns, error=math.hypot(floor, error), levels=tuple(body.plan(level) for body, level in each))
 
 
