@@ -13,18 +13,28 @@ _TABLE, _CORNERS, _NUMBERS = read(float64, 2), read(intp, 2), read(intp, 1)
 _VECTOR, _POINTS = read(float64, 1, "A"), read(float64, 2, "A")
 
 
-@compiled(Tuple((write(intp, 1), write(float64, 1)))(_TABLE, read(float64, 1), _VECTOR, _VECTOR))
-def facing(normal, offset_m, to_sun, r_camera_m):
-    """Facets (N,) that face Sun and camera, and the cosines (N,) of the Sun's incidence."""
-    n_facets = normal.shape[1]
-    found, cosines, n = np.empty(n_facets, np.intp), np.empty(n_facets), 0
-    for facet in range(n_facets):
+@compiled(Tuple((write(intp, 1), write(float64, 1), write(float64, 1)))(
+    _TABLE, read(float64, 1), intp, intp, _VECTOR, _VECTOR, _TABLE, _CORNERS, _VECTOR))
+def facing(normal, offset_m, first, last, to_sun, r_camera_m, xy, corners, bounds):
+    """Facets (N,) out of first to last that face Sun and camera and are shown.
+
+    With the cosines (N,) of the Sun's incidence, and what is shown of their boxes (N,), by the places of their vertices
+    (2, V) and the edges x0, y0, x1, y1 of the image.
+    """
+    found, cosines, shown, n = np.empty(last - first, np.intp), np.empty(last - first), np.empty(last - first), 0
+    for facet in range(first, last):
         x, y, z = normal[0, facet], normal[1, facet], normal[2, facet]
         cosine = x * to_sun[0] + y * to_sun[1] + z * to_sun[2]
         if cosine > 0.0 and x * r_camera_m[0] + y * r_camera_m[1] + z * r_camera_m[2] > offset_m[facet]:
-            found[n], cosines[n] = facet, cosine
-            n += 1
-    return found[:n].copy(), cosines[:n].copy()
+            share, a, b, c = 1.0, corners[0, facet], corners[1, facet], corners[2, facet]
+            for axis in range(2):
+                low, high = min(xy[axis, a], xy[axis, b], xy[axis, c]), max(xy[axis, a], xy[axis, b], xy[axis, c])
+                if low < bounds[axis] or high > bounds[axis + 2]:
+                    share *= max(min(high, bounds[axis + 2]) - max(low, bounds[axis]), 0.0) / max(high - low, 1e-300)
+            if share > 0.0:
+                found[n], cosines[n], shown[n] = facet, cosine, share
+                n += 1
+    return found[:n].copy(), cosines[:n].copy(), shown[:n].copy()
 
 
 @compiled(Tuple((write(intp, 1), write(intp, 1), write(intp, 2)))(_CORNERS, _NUMBERS, intp))

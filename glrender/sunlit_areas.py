@@ -48,9 +48,9 @@ _UNDIVIDED, _LEAST_LEFT, _MOST_DIVISIONS = 0.25, 0.1, 6
 _LOW_SUN_RAD, _FEW, _MANY, _MOST_LOOKS, _ENOUGH = 1.5, 3000, 120_000, 4, 0.5
 # What hard edges cost over a ramp's error, as measured (docs/planner.md).
 _PENUMBRA = 0.65
-# Facets that a thread shades in a turn, and of those that stand for many normals; and from which on two threads draw,
-# on an image each.
-_SHADED_AT_ONCE, _WITH_RELIEF_AT_ONCE, _TWO_IMAGES = 1 << 14, 1 << 10, 40_000
+# Facets that a thread looks at in a turn, that it shades, and of those that stand for many normals; and from which on
+# two threads draw, on an image each: so many, and so many for each of its cells.
+_FOUND_AT_ONCE, _SHADED_AT_ONCE, _WITH_RELIEF_AT_ONCE, _TWO_IMAGES, _OF_CELLS = 1 << 16, 1 << 14, 1 << 10, 20_000, 0.125
 
 
 class SunlitAreas:
@@ -78,18 +78,9 @@ class SunlitAreas:
             self._relief = FacetRelief.of(facets.level, facets.surface, view)
         self._facets, self._view, self._views, self._camera, self._rays = facets, view, views, camera, rays
         self._xy = self._project(facets.vertices_m)
-        facing, cos_incidence = facet_loops.facing(facets.normal, facets.offset_m, view.sun_direction_body,
-                                                   view.r_camera_body_m)
+        facing, cos_incidence, shown = self._find_facing(np.array(bounds_px, float))
         self._radiance, self._off_axis, self._cos_incidence = np.zeros((3, facets.n_facets))
         self._cos_incidence[facing] = cos_incidence
-        # Of each facet that faces both, the share that the window shows, about.
-        shown = np.ones(facets.n_facets)
-        if not view.is_within(bounds_px):
-            for axis, low, high in zip(self._xy, bounds_px[:2], bounds_px[2:], strict=True):
-                ends = axis.take(facets.corners.take(facing, axis=1))
-                first, last = ends.min(axis=0), ends.max(axis=0)
-                shown[facing] *= (np.minimum(last, high) - np.maximum(first, low)).clip(0.0) / (last - first)
-            facing = facing[shown.take(facing) > 0.0]
         # Parts of large facets that are lit or dark as far as is known.
         self._even = FacetParts(np.zeros((3, 0), np.intp), np.zeros(0, np.intp), np.zeros(0))
         self._is_alone = len(views) == 1
@@ -97,12 +88,13 @@ class SunlitAreas:
         self._facing, self._corner = facing, self._cutter.corner
         n_lit = self._cutter.points.is_lit.take(self._corner).sum(axis=0)
         mixed = np.flatnonzero((n_lit > 0) & (n_lit < 3))
-        self._whole = facing[n_lit == 3]
+        whole = np.flatnonzero(n_lit == 3)
+        self._whole = facing[whole]
         self._shade(facing[n_lit > 0])
         self._mixed = self._of_facets(mixed)
         facet = np.concatenate([self._whole, self._mixed.facet])
         area_px = np.concatenate([self._facet_px(self._whole), self._mixed.area_px * n_lit.take(mixed) / 3.0])
-        area_px *= shown.take(facet)
+        area_px *= np.concatenate([shown.take(whole), shown.take(mixed)])
         self.area_px, self.n_areas, self.has_facing = float(area_px.sum()), len(area_px), len(facing) > 0
         # No product of matrices here: BLAS keeps threads of its own spinning, which takes the time of others' frames.
         self.light = float((area_px * self._radiance[facet]).sum())
@@ -119,6 +111,19 @@ class SunlitAreas:
         told = self._cut(most_squared, flux_weight)
         self._cutter.keep_lit(self._even)
         return told
+
+    def _find_facing(self, bounds_px: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Facets (N,) that face camera and Sun, cosines (N,) of incidence, and the share (N,) that is shown, about."""
+        facets, view, found = self._facets, self._view, []
+
+        def find(part: slice) -> None:
+            found.append((part.start, facet_loops.facing(
+                facets.normal, facets.offset_m, part.start, part.stop, view.sun_direction_body, view.r_camera_body_m,
+                self._xy, facets.corners, bounds_px)))
+
+        threads.run_in_parts(find, facets.n_facets, _FOUND_AT_ONCE)
+        found.sort(key=lambda one: one[0])
+        return tuple(np.concatenate(each) for each in zip(*(of for _, of in found), strict=True))
 
     def _cut(self, most_squared: float, flux_weight: float) -> float:
         """Cut what is mixed, with what looking closer finds."""
@@ -195,7 +200,7 @@ class SunlitAreas:
         shown[whole] = values(whole)
         points_xy = self._project(self._cutter.points.r_m)
         # Two halves always, whatever the number of threads: the same bytes.
-        is_much = len(whole) > max(_TWO_IMAGES, changes.size)
+        is_much = len(whole) > max(_TWO_IMAGES, _OF_CELLS * changes.size)
         halves = [changes, np.zeros_like(changes)] if is_much else [changes]
 
         def add(half: int) -> None:

@@ -24,7 +24,9 @@ def cutter(*boxes):
                                  scene.hulls)
     rays = RayEngine(scene)
     tables = FacetTables(body, np.zeros(len(shape.facets), bool), rays.solid("body"))
-    facing = facet_loops.facing(tables.normal, tables.offset_m, view.sun_direction_body, view.r_camera_body_m)[0]
+    facing = facet_loops.facing(
+        tables.normal, tables.offset_m, 0, tables.n_facets, view.sun_direction_body, view.r_camera_body_m,
+        np.zeros((2, tables.vertices_m.shape[1])), tables.corners, np.array([-1.0, -1.0, 1.0, 1.0]))[0]
     top = facing[tables.corner_m(facing)[:, 2].max(axis=0) == boxes[0][1][2]]
     return FacetCutter(tables, view, seen, rays, top), top
 
