@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from glrender.coverage import cell_means
+from glrender.coverage import add_line, add_up, cell_means, no_changes
 
 
 def clipped_area(polygon, row: int, column: int) -> float:
@@ -74,3 +74,21 @@ def test_what_is_dark_is_zero_and_many_lines_are_as_few():
 
 def test_no_lines_are_a_dark_image():
     assert not np.any(cell_means(np.zeros((2, 0)), np.zeros((2, 0)), np.zeros(0, complex), (3, 4)))
+
+
+def test_cells_are_added_up_over_their_cover_and_by_their_solid_angles():
+    """Of two squares of which one is over a part of the other: cover shares it, what is taken off is unsure."""
+    rows, columns = 6, 8
+    changes = no_changes((rows, columns))
+    for square, value in (([(1, 1), (5, 1), (5, 5), (1, 5)], 3.0), ([(3, 1), (7, 1), (7, 3), (3, 3)], 5.0)):
+        for (x0, y0), (x1, y1), _ in zip(*(each.T for each in lines_around(square, 1.0)), strict=True):
+            add_line(changes, x0, y0, x1, y1, value + 1.0j)
+    across, down = 0.1 * np.arange(columns), 0.2 * np.arange(rows)
+    image = np.full((rows, columns), np.nan)
+    unsure = [add_up(changes, first, last, 2.0, across, down, 1.001, image) for first, last in ((0, 2), (2, rows))]
+    expected = np.zeros((rows, columns))
+    expected[1:5, 1:5], expected[1:3, 3:7] = 3.0, 5.0
+    expected[1:3, 3:5] = 4.0
+    np.testing.assert_allclose(image, 2.0 * expected / (1.0 + across + down[:, None]) ** 1.5, rtol=1e-12)
+    # Two cells in each of two rows: half of 8 - 4.
+    np.testing.assert_allclose(unsure, [2 * 2.0**2, 2 * 2.0**2], rtol=1e-12)

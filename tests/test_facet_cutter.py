@@ -92,3 +92,24 @@ def test_a_cut_ends_where_the_shadow_does(n_bisections):
               for corner, _ in cut.polygons for a, b, c in
               [(corner[0], corner[k], corner[k + 1]) for k in range(1, len(corner) - 1)])
     assert abs(lit - 200.0 * 100.0) <= 200.0 * 50.0 * 0.5 ** (n_bisections + 1)
+
+
+def test_what_faces_both_is_found_in_parts_with_what_is_shown_of_it():
+    """Of random triangles, against NumPy: the share of their boxes in a window, none beside it, parts in order."""
+    rng = np.random.default_rng(4)
+    n_facets = 400
+    normal, offset_m = rng.standard_normal((3, n_facets)), rng.standard_normal(n_facets)
+    r_camera_m = np.array([3.0, 1.0, 2.0])
+    to_sun, xy = np.array([0.6, 0.0, 0.8]), rng.uniform(-10.0, 30.0, (2, 300))
+    corners, bounds = rng.integers(0, 300, (3, n_facets)), np.array([0.0, -5.0, 20.0, 12.0])
+    parts = [facet_loops.facing(normal, offset_m, first, last, to_sun, r_camera_m, xy, corners, bounds)
+             for first, last in ((0, 150), (150, 150), (150, n_facets))]
+    found, cosine, shown = (np.concatenate(each) for each in zip(*parts, strict=True))
+    low, high = (join(xy[:, corners], axis=1) for join in (np.min, np.max))
+    inside = np.minimum(high, bounds[2:, None]) - np.maximum(low, bounds[:2, None])
+    share = np.prod(np.maximum(inside, 0.0) / (high - low), axis=0)
+    faces = (to_sun @ normal > 0.0) & (r_camera_m @ normal > offset_m) & (share > 0.0)
+    np.testing.assert_array_equal(found, np.flatnonzero(faces))
+    np.testing.assert_allclose(cosine, (to_sun @ normal)[faces], rtol=1e-12)
+    np.testing.assert_allclose(shown, share[faces], rtol=1e-12)
+    assert 20 < (shown < 1.0).sum() < len(found)
