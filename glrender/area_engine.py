@@ -186,19 +186,25 @@ class AreaEngine:
 
     def _added_up(self, changes: np.ndarray, cells: _Cells, camera: PinholeCamera, most_cover: float,
                   is_even: bool = False) -> tuple[np.ndarray, float]:
-        """Means over cells (rows, columns), and what is unsure where areas overlap: `coverage.add_up`.
+        """Means over cells (rows, columns), and what is unsure where areas overlap: `coverage.settle`.
 
         Of changes in radiance, or, if pixels are taken to have even solid angles, times a power of the cosine.
         """
-        image, unsure = np.empty((len(changes), changes.shape[1] - 2)), []
+        coverage, largest, unsure = self._coverage, [], []
+        image, cover = np.empty((2, len(changes), changes.shape[1] - 2))
         across, down = ((np.zeros_like(each) for each in cells.squared) if is_even else cells.squared)
         scale = self._scene.solar_irradiance_of(camera) / camera.focal_length_px**2
 
         def add_up(part: slice) -> None:
-            unsure.append((part.start, self._coverage.add_up(changes, part.start, part.stop, scale, across, down,
-                                                             most_cover, image)))
+            largest.append(coverage.means(changes, part.start, part.stop, image, cover))
+
+        def settle(part: slice) -> None:
+            unsure.append((part.start, coverage.settle(image, cover, part.start, part.stop, least, scale, across, down,
+                                                       most_cover)))
 
         threads.run_in_parts(add_up, len(image), _ROWS)
+        least = coverage.ROUNDING * max(largest)
+        threads.run_in_parts(settle, len(image), _ROWS)
         # In order: the same bytes.
         return image, sum(squared for _, squared in sorted(unsure))
 

@@ -17,8 +17,8 @@ from numba.types import complex128, float64, int32, intp, void
 
 from .compiled import compiled, read, write
 
-# Of the largest mean, what rounding leaves in cells that are dark.
-_ROUNDING = 1e-12
+ROUNDING = 1e-12
+"""Of an image's largest mean, what rounding leaves in cells that are dark, at most."""
 # Cells.
 _FARTHEST = 1e12
 _CHANGES, _NUMBERS, _VALUES, _VECTOR = write(complex128, 2), read(intp, 1), read(complex128, 1), read(float64, 1, "A")
@@ -45,46 +45,47 @@ def cell_means(start: np.ndarray, end: np.ndarray, steps: np.ndarray, shape: tup
     for (x0, y0), (x1, y1), step in zip(start.T, end.T, steps, strict=True):
         add_line(changes, x0, y0, x1, y1, step)
     found = np.empty((2, *shape))
-    means(changes, 0, shape[0], found[0], found[1])
+    means(changes, 0, shape[0], *found)
+    for part in found:
+        part[part < ROUNDING * part.max(initial=0.0)] = 0.0
     return found[0], found[1]
 
 
-@compiled(void(_CHANGES, intp, intp, write(float64, 2), write(float64, 2)))
+@compiled(float64(_CHANGES, intp, intp, write(float64, 2), write(float64, 2)))
 def means(changes, first, last, values, cover):
-    """Write the means of rows first to last of changes (rows, columns + 2): their real part and their imaginary one."""
+    """Write the means of rows first to last of changes (R, C + 2): their real part and their imaginary one.
+
+    Returns the largest real one. Of what is dark, rounding is left: less than `ROUNDING` of the image's largest.
+    """
+    largest = 0.0
     for row in range(first, last):
-        here, largest, most = 0.0j, 0.0, 0.0
+        here = 0.0j
         for column in range(values.shape[1]):
             here += changes[row, column]
             values[row, column], cover[row, column] = here.real, here.imag
-            largest, most = max(largest, here.real), max(most, here.imag)
-        for column in range(values.shape[1]):
-            if values[row, column] < _ROUNDING * largest:
-                values[row, column] = 0.0
-            if cover[row, column] < _ROUNDING * most:
-                cover[row, column] = 0.0
+            largest = max(largest, here.real)
+    return largest
 
 
-@compiled(float64(_CHANGES, intp, intp, float64, read(float64, 1), read(float64, 1), float64, write(float64, 2)))
-def add_up(changes, first, last, scale, across, down, most, image):
-    """Write rows first to last of an image (R, C): the light of cells, of their changes (R, C + 2).
+@compiled(float64(write(float64, 2), write(float64, 2), intp, intp, float64, float64, read(float64, 1),
+                  read(float64, 1), float64))
+def settle(values, cover, first, last, least, scale, across, down, most):
+    """Turn means (R, C) of rows first to last into light: 0 of what is less than the least.
 
-    Means, where there is more cover than `most` over the cover, times a scale over (1 + x^2 + y^2)^1.5 by the squares
-    `across` (C,) and `down` (R,). Returns what is unsure where areas overlap: a sum of squares, of half of what was
-    taken off the means.
+    Over the cover where it is more than `most`, times a scale over (1 + x^2 + y^2)^1.5 by the squares `across` (C,) and
+    `down` (R,). Returns what is unsure where areas overlap: a sum of squares, of half of what was taken off.
     """
-    unsure, cover = 0.0, np.empty((1, image.shape[1]))
+    unsure = 0.0
     for row in range(first, last):
-        means(changes[row:row + 1], 0, 1, image[row:row + 1], cover)
-        for column in range(image.shape[1]):
-            value, covered = image[row, column], cover[0, column]
-            if value == 0.0:
-                continue
-            if covered > most:
+        for column in range(values.shape[1]):
+            value, covered = values[row, column], cover[row, column]
+            if value < least:
+                value = 0.0
+            elif covered > most:
                 unsure += (0.5 * value * (1.0 - 1.0 / covered)) ** 2
                 value /= covered
             slant = 1.0 + across[column] + down[row]
-            image[row, column] = value * scale / (slant * math.sqrt(slant))
+            values[row, column] = value * scale / (slant * math.sqrt(slant))
     return unsure
 
 

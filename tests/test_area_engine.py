@@ -192,6 +192,24 @@ def test_what_is_beside_the_frame_casts_shadows_and_takes_no_part():
     assert views.relative_rms(image, traced(camera, roi, rays, 21)) <= told <= 0.01
 
 
+@pytest.mark.parametrize("shape", [rough(4, 5), generate.icosphere(radius_m=100.0, subdivisions=5)],
+                         ids=["rough", "sphere"])
+def test_what_is_dark_beside_a_body_that_a_window_cuts_is_zero(shape):
+    """All that is left of a window is in its first column, and adds up to rounding where it is closed."""
+    camera = views.camera(512, 4000.0)
+    scene = views.scene([Body(name="body", shape=shape, brdf=LAW)], [camera], sun_disc=False)
+    areas, n_dark = AreaEngine(scene, RayEngine(scene)), 0
+    for phase_deg in (20.0, 80.0):
+        seen = view_bodies(views.state(phase_deg=phase_deg, sun_in_image=(0.8, 0.6)), camera, scene.hulls)
+        x0, y0, x1, y1 = region(seen, camera)
+        for left in range(x0 + (x1 - x0) // 2, x1, 7):
+            image, _ = areas.draw(["body"], camera, seen, (left - 0.5, y0 - 0.5, x1 + 19.5, y1 - 0.5),
+                                  (x1 + 20 - left, y1 - y0), 0.05)
+            assert not ((image != 0.0) & (image < 1e-10 * image.max())).any()
+            n_dark += np.count_nonzero((image == 0.0).all(axis=1))
+    assert n_dark > 100
+
+
 def test_the_image_does_not_depend_on_threads_or_on_what_was_drawn_before(monkeypatch):
     state, camera = views.state(phase_deg=110.0), views.camera(256, 1500.0)
     bodies = [Body(name="body", shape=rough(), brdf=LAW)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from glrender.coverage import add_line, add_up, cell_means, no_changes
+from glrender.coverage import add_line, cell_means, means, no_changes, settle
 
 
 def clipped_area(polygon, row: int, column: int) -> float:
@@ -84,8 +84,9 @@ def test_cells_are_added_up_over_their_cover_and_by_their_solid_angles():
         for (x0, y0), (x1, y1), _ in zip(*(each.T for each in lines_around(square, 1.0)), strict=True):
             add_line(changes, x0, y0, x1, y1, value + 1.0j)
     across, down = 0.1 * np.arange(columns), 0.2 * np.arange(rows)
-    image = np.full((rows, columns), np.nan)
-    unsure = [add_up(changes, first, last, 2.0, across, down, 1.001, image) for first, last in ((0, 2), (2, rows))]
+    image, cover = np.full((2, rows, columns), np.nan)
+    assert max(means(changes, first, last, image, cover) for first, last in ((0, 2), (2, rows))) == pytest.approx(8.0)
+    unsure = [settle(image, cover, first, last, 1e-12, 2.0, across, down, 1.001) for first, last in ((0, 2), (2, rows))]
     expected = np.zeros((rows, columns))
     expected[1:5, 1:5], expected[1:3, 3:7] = 3.0, 5.0
     expected[1:3, 3:5] = 4.0
