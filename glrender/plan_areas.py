@@ -32,7 +32,7 @@ _FEW, _OF_FEW = 3000, 2.5
 # Radii from the body from which levels are as they were measured, from afar.
 _LEAST_RANGE = 8.0
 # The cost of a normal that a facet stands for, in those of a facet; and of any for a facet, in those of a normal.
-_NORMAL, _RELIEF = 0.12, 2.0
+_NORMAL, _RELIEF = 0.06, 15.0
 
 
 @dataclass(frozen=True, kw_only=True)
