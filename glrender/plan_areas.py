@@ -24,8 +24,9 @@ _ECLIPSE_STEPS = 0.25
 # 0.01 px at a budget of 0.02. Of budgets beyond that one, so much of what is beyond in diameters, if that is more.
 _LEVEL_SHARE, _FLUX_SHARE, _FLUX_SCATTERS, _CENTRE_PX = 0.8, 0.1, 2.0, 25.0
 _USUAL_BUDGET, _CENTRE_SIZES = 0.02, 0.02
-# Of facets as lit as their middles, what their errors are more from other sides than those that were measured; the
-# same two of them, to which drawing adds nothing; their least; and the largest phase angle at which they are drawn so.
+# Of facets as lit as their middles: what their errors are more from other sides than those that were measured; what
+# their image may take of the budget, to which drawing adds nothing, and the scatters of the flux, as above; their least
+# error; and the largest phase angle at which they are drawn so.
 _OTHER_SIDES, _MIDDLES_SHARE, _MIDDLES_SCATTERS, _MIDDLES_LEAST, _MIDDLES_RAD = 1.3, 0.9, 4.0, 0.003, 2.15
 # Facets that face camera and Sun of which all are looked at closer, and what the edges of shadows cost more then.
 _FEW, _OF_FEW = 3000, 2.5
