@@ -190,23 +190,17 @@ class AreaEngine:
 
         Of changes in radiance, or, if pixels are taken to have even solid angles, times a power of the cosine.
         """
-        coverage, largest, unsure = self._coverage, [], []
+        coverage = self._coverage
         image, cover = np.empty((2, len(changes), changes.shape[1] - 2))
         across, down = ((np.zeros_like(each) for each in cells.squared) if is_even else cells.squared)
         scale = self._scene.solar_irradiance_of(camera) / camera.focal_length_px**2
 
-        def add_up(part: slice) -> None:
-            largest.append(coverage.means(changes, part.start, part.stop, image, cover))
-
-        def settle(part: slice) -> None:
-            unsure.append((part.start, coverage.settle(image, cover, part.start, part.stop, least, scale, across, down,
-                                                       most_cover)))
-
-        threads.run_in_parts(add_up, len(image), _ROWS)
-        least = coverage.ROUNDING * max(largest)
-        threads.run_in_parts(settle, len(image), _ROWS)
-        # In order: the same bytes.
-        return image, sum(squared for _, squared in sorted(unsure))
+        least = coverage.ROUNDING * max(threads.run_in_parts(
+            lambda part: coverage.means(changes, part.start, part.stop, image, cover), len(image), _ROWS))
+        unsure = threads.run_in_parts(
+            lambda part: coverage.settle(image, cover, part.start, part.stop, least, scale, across, down, most_cover),
+            len(image), _ROWS)
+        return image, sum(unsure)
 
 
 class _Cells:

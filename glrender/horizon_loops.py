@@ -37,17 +37,16 @@ def _across(x, y, z):
     return 1.0 + sign * x * x * a, sign * b, -sign * x, b, sign + y * y * a, -y
 
 
-@compiled(float64(float64, float64))
+@inlined
 def _azimuth(s, t):
-    """Where a direction is around, in sectors: by its place on a square, which needs no angle."""
+    """Where a direction is around, in sectors: by its place on a square, which needs no angle.
+
+    Without a branch: of many facets the next one's quarter is not known.
+    """
     around = abs(s) + abs(t)
-    if not around > 0.0:
-        return 0.0
-    if t >= 0.0:
-        place = t / around if s >= 0.0 else 1.0 - s / around
-    else:
-        place = 2.0 - t / around if s < 0.0 else 3.0 + s / around
-    return place * (N_AZIMUTHS / 4)
+    part = t / around if around > 0.0 else 0.0
+    ahead = part + 4.0 if t < 0.0 else part
+    return (ahead if s >= 0.0 else 2.0 - part) * (N_AZIMUTHS / 4)
 
 
 @compiled(intp(float64, float64))
@@ -224,22 +223,13 @@ def axes_across(normals):
 
 
 @inlined
-def _place(s, t):
-    """As `_azimuth`, without a branch: of many facets the next one's quarter is not known."""
-    around = abs(s) + abs(t)
-    part = t / around if around > 0.0 else 0.0
-    ahead = part + 4.0 if t < 0.0 else part
-    return (ahead if s >= 0.0 else 2.0 - part) * (N_AZIMUTHS / 4)
-
-
-@inlined
 def _told(heights, facet, s, t, sine):
     """Whether a direction is above a facet's horizon: 1, below it: 0, or a ray has to be asked: -1.
 
     That is where it is between the heights of the azimuths on either side, or near them, or near where what rises
     towards them from beyond would meet.
     """
-    sector = intp(_place(s, t))
+    sector = intp(_azimuth(s, t))
     one, other = float(heights[facet, sector & _LAST]), float(heights[facet, (sector + 1) & _LAST])
     # What `min` and `max` compile to takes 1.2 times as long.
     low, high = one if one < other else other, other if one < other else one

@@ -27,7 +27,7 @@ _log = logging.getLogger(__name__)
 _RATIO = 4
 # A full shape or a level with fewer facets than this is fast enough: a draw call costs as much.
 _FEWEST_FULL, _FEWEST_FACETS = 24_000, 1500
-# The finest level: more facets than this are as good as the full shape, and as slow.
+# The finest level: more facets than this are no faster than the full shape to speak of.
 _MOST_FACETS = 800_000
 # Texels of a level: four for each facet of the full shape tell where one ends, up to a memory of 64 MB.
 _TEXELS_PER_FACET = 4

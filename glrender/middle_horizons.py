@@ -81,15 +81,13 @@ class Middles:
 
         n_facets = len(self.facets)
         found, asked, is_asked = np.empty(n_facets), np.empty(n_facets, np.intp), np.empty((2, n_facets), bool)
-        kept = []
 
-        def look(part: slice) -> None:
+        def look(part: slice) -> np.ndarray:
             n = shade_middles(self.facets, self.heights, part.start, part.stop, to_sun, r_camera_m,
                               brdf, roots[0], 1.0 / (roots[1] - roots[0]), found, asked, is_asked)
-            kept.append((part.start, n))
+            return np.arange(part.start, part.start + n)
 
-        threads.run_in_parts(look, n_facets, _PART)
-        places = np.concatenate([np.arange(first, first + n) for first, n in sorted(kept)])
+        places = np.concatenate(threads.run_in_parts(look, n_facets, _PART))
         return found, asked[places], is_asked[:, places]
 
 

@@ -114,16 +114,11 @@ class SunlitAreas:
 
     def _find_facing(self, bounds_px: np.ndarray) -> tuple[np.ndarray, ...]:
         """Facets (N,) that face camera and Sun, cosines (N,) of incidence, and the share (N,) that is shown, about."""
-        facets, view, found = self._facets, self._view, []
-
-        def find(part: slice) -> None:
-            found.append((part.start, facet_loops.facing(
-                facets.normal, facets.offset_m, part.start, part.stop, view.sun_direction_body, view.r_camera_body_m,
-                self._xy, facets.corners, bounds_px)))
-
-        threads.run_in_parts(find, facets.n_facets, _FOUND_AT_ONCE)
-        found.sort(key=lambda one: one[0])
-        return tuple(np.concatenate(each) for each in zip(*(of for _, of in found), strict=True))
+        facets, view = self._facets, self._view
+        found = threads.run_in_parts(lambda part: facet_loops.facing(
+            facets.normal, facets.offset_m, part.start, part.stop, view.sun_direction_body, view.r_camera_body_m,
+            self._xy, facets.corners, bounds_px), facets.n_facets, _FOUND_AT_ONCE)
+        return tuple(np.concatenate(each) for each in zip(*found, strict=True))
 
     def _cut(self, most_squared: float, flux_weight: float) -> float:
         """Cut what is mixed, with what looking closer finds."""

@@ -9,6 +9,7 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -43,13 +44,19 @@ def run(task: Callable[[int], None], items: Iterable[int], n_threads: int = N_TH
             helper.result()
 
 
-def run_in_parts(task: Callable[[slice], None], n_items: int, at_once: int) -> None:
+def run_in_parts(task: Callable[[slice], Any], n_items: int, at_once: int) -> list[Any]:
     """Do a task for each part of some items, on all cores; parts depend on the items' number alone.
 
-    So many items at once are one part, more are an even number of parts.
+    So many items at once are one part, more are an even number of parts. Returns what the tasks do, in order of parts.
     """
     n_parts = 1 if n_items <= at_once else 2 * math.ceil(n_items / (2 * at_once))
-    run(lambda k: task(slice(n_items * k // n_parts, n_items * (k + 1) // n_parts)), range(n_parts), N_CORES)
+    done = [None] * n_parts
+
+    def work(k: int) -> None:
+        done[k] = task(slice(n_items * k // n_parts, n_items * (k + 1) // n_parts))
+
+    run(work, range(n_parts), N_CORES)
+    return done
 
 
 @cache
