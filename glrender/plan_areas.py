@@ -116,14 +116,17 @@ class _Candidates:
                           and view.range_m >= _LEAST_RANGE * traits.radius_m)
         # What is farthest from the Sun as seen from the body is lit in slivers, of which facets have parts.
         may_be_by_middles = is_alone and view.phase_rad + traits.radius_m / view.range_m <= _MIDDLES_RAD
-        self.fit = [] if not is_as_measured else [
-            level for level in traits.area_levels
-            if (may_be_by_middles or not level.kind.by_middles) and self.error(level) <= budget * (
-                _MIDDLES_SHARE if level.kind.by_middles else _LEVEL_SHARE)
-            and (_MIDDLES_SCATTERS if level.kind.by_middles else _FLUX_SCATTERS) * level.flux_at(
-                view.phase_rad)[1] <= _FLUX_SHARE * told
-            and level.centre_at(view.phase_rad) * self._size_px <= max(
-                _CENTRE_PX * told**2, _CENTRE_SIZES * (told - _USUAL_BUDGET) * self._size_px)]
+        self.fit = [level for level in traits.area_levels if is_as_measured and self._fits(level, budget, told)
+                    and (may_be_by_middles or not level.kind.by_middles)]
+
+    def _fits(self, level: AreaLevel, budget: float, told: float) -> bool:
+        """Whether a level leaves something of the budget, and of what is left of it for the flux and the centre."""
+        share, scatters = ((_MIDDLES_SHARE, _MIDDLES_SCATTERS) if level.kind.by_middles
+                           else (_LEVEL_SHARE, _FLUX_SCATTERS))
+        return (self.error(level) <= share * budget
+                and scatters * level.flux_at(self.view.phase_rad)[1] <= _FLUX_SHARE * told
+                and level.centre_at(self.view.phase_rad) * self._size_px <= max(
+                    _CENTRE_PX * told**2, _CENTRE_SIZES * (told - _USUAL_BUDGET) * self._size_px))
 
     def n_facets(self, level: AreaLevel | None) -> int:
         return self.traits.levels[0].n_facets if level is None else level.n_facets
