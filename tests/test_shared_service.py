@@ -152,7 +152,10 @@ def test_a_frame_that_is_held_outlives_its_server(tmp_path, truth):
 
 @pytest.mark.parametrize("options", [(), ("--workers", "2")], ids=["in process", "workers"])
 def test_requests_that_are_cancelled_disturb_nobody_who_shares(tmp_path, truth, options, caplog):
-    """What is cancelled is drawn nevertheless: six times fifty a second fill the server's queue."""
+    """What is cancelled is drawn nevertheless: six times fifty a second fill the server's queue.
+
+    However fast the machine is, as many are cancelled as the test is about.
+    """
     with serving.server(tmp_path, "--zmq", f"ipc://{tmp_path}/z", *options, scene=SCENE) as (endpoint, _), \
             Client(endpoint, timeout_s=60.0) as client:
         stop, n_cancelled = threading.Event(), 0
@@ -171,11 +174,12 @@ def test_requests_that_are_cancelled_disturb_nobody_who_shares(tmp_path, truth, 
         thread.start()
         try:
             held = [client.render(at(seed), "navcam", output="dn", seed=seed) for seed in range(12)]
+            until(lambda: n_cancelled > 40)
         finally:
             stop.set()
             thread.join()
         gc.collect()
-        assert n_cancelled > 40 and not caplog.records, "an answer that nobody fetched is no mishap"
+        assert not caplog.records, "an answer that nobody fetched is no mishap"
         for seed, reply in enumerate(held):
             assert "shared" in reply.header
             np.testing.assert_array_equal(reply.pixels, truth(seed))
