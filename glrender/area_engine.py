@@ -110,9 +110,8 @@ class AreaEngine:
         levels : mapping of str to LevelPlan, optional
             What is drawn of bodies: the full shape of others.
         """
-        level = levels.get(names[0], LevelPlan())
-        if level.by_middles:
-            return self._by_middles(names[0], camera, views, bounds_px, grid, level), 0.0
+        if levels.get(names[0], LevelPlan()).by_middles:
+            return self._by_middles(names, camera, views, bounds_px, grid, levels), 0.0
 
         def made(views: list[BodyView], budget: float, has_disc: bool) -> tuple[np.ndarray, float, float]:
             return self._drawn(names, camera, views, bounds_px, grid, budget, levels, has_disc)
@@ -134,15 +133,20 @@ class AreaEngine:
                 return sums / n_points, math.hypot(total / n_points, share * penumbra)
         return means, math.inf
 
-    def _by_middles(self, name: str, camera: PinholeCamera, views: list[BodyView],
-                    bounds_px: tuple[float, float, float, float], grid: tuple[int, int], level: LevelPlan
-                    ) -> np.ndarray:
-        """Means over cells of a body by its facets' middles: what that costs is for the planner to know."""
-        view = next(view for view in views if view.name == name)
-        body = self._lit_middles.LitMiddles(self._facets[name][level.number], view, camera, self._rays, level)
-        changes, cells = self._coverage.no_changes(grid[::-1]), _Cells(camera, bounds_px, grid)
-        body.add_to(changes, cells.corner, cells.per_px)
-        return self._added_up(changes, cells, camera, 1.0)[0]
+    def _by_middles(self, names: Sequence[str], camera: PinholeCamera, views: list[BodyView],
+                    bounds_px: tuple[float, float, float, float], grid: tuple[int, int],
+                    levels: Mapping[str, LevelPlan]) -> np.ndarray:
+        """Means over cells of bodies by their facets' middles: what that costs is for the planner to know."""
+        images = [self._coverage.no_changes(grid[::-1]) for _ in range(2)]
+        cells = _Cells(camera, bounds_px, grid)
+        for view in views:
+            if view.name in names:
+                level = levels[view.name]
+                body = self._lit_middles.LitMiddles(self._facets[view.name][level.number], view, views, camera,
+                                                    self._rays, level)
+                body.add_to(images, cells.corner, cells.per_px)
+        images[0] += images[1]
+        return self._added_up(images[0], cells, camera, 1.0)[0]
 
     def _drawn(self, names: Sequence[str], camera: PinholeCamera, views: list[BodyView],
                bounds_px: tuple[float, float, float, float], grid: tuple[int, int], budget: float,

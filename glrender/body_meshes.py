@@ -43,13 +43,16 @@ def body_meshes(context: Context, body: Body, levels: tuple[Level, ...]) -> Iter
 def body_traits(body: Body, levels: tuple[Level, ...], ratios: tuple[FluxRatio, ...],
                 by_areas: tuple[AreaLevel, ...] = ()) -> BodyTraits:
     """What the planner knows of a body."""
-    shape = body.shape
+    shape, surface = body.shape, Surface(body)
     areas = shape.facet_areas_m2
+    up, aside_rad = np.array([[0.0, 0.0, 1.0]]), math.radians(30.0)
+    to_sun = np.array([math.sin(aside_rad), 0.0, math.cos(aside_rad)])
     full = LevelTraits(n_facets=len(shape.facets), crease_rad=shape.crease_rad)
     return BodyTraits(
         radius_m=body.hull.radius_m, is_convex=body.hull.is_convex, law=body.brdf.glsl,
         max_phase_rad=body.brdf.max_phase, relief=body.relief, area_levels=by_areas,
-        even_facet_m=math.sqrt(float(areas @ areas) / float(areas.sum())) if Surface(body).is_even else math.inf,
+        even_facet_m=math.sqrt(float(areas @ areas) / float(areas.sum())) if surface.is_even else math.inf,
+        reflectance=float(surface.brdf(to_sun, up, up, np.ones(1))[0]),
         levels=(full, *(LevelTraits(n_facets=len(level.facets), crease_rad=shape.crease_rad,
                                     deviation_m=level.deviation_m, flux_ratio=ratio)
                         for level, ratio in zip(levels, ratios, strict=True))))

@@ -78,6 +78,8 @@ class BodyTraits:
     """Of the levels after the first, by areas: none where facets are not as bright everywhere."""
     even_facet_m: float = math.inf
     """Side of facets, each as bright everywhere, by their areas; infinite with a texture, smooth normals or detail."""
+    reflectance: float = 1.0
+    """BRDF [1/sr] with the Sun 30 deg off the camera overhead."""
 
 
 def level_error(view: BodyView, level: LevelTraits, footprint_m: float) -> float:

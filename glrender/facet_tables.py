@@ -47,6 +47,8 @@ class FacetTables:
     number, vertex_number : (F,) int, (V,) int
         Of facets and vertices, in the shape.
     n_facets : int
+    longest_side_m : float [m]
+        Of any facet.
     is_coarse : (F,) bool
     solid : RayMesh
     level : LevelShape or None
@@ -80,6 +82,7 @@ class FacetTables:
         shape = body.shape
         self.surface = Surface(body)
         self.n_facets = len(shape.facets)
+        self.longest_side_m = float(longest_sides_m(shape).max())
         self.number = morton_order(shape.vertices_m[shape.facets].mean(axis=1))
         # Vertices as facets come to them.
         self.vertex_number, _, self.corners = facet_loops.vertices_of(

@@ -39,7 +39,7 @@ _LEVEL_SHARE, _FLUX_SHARE = 0.7, 0.1
 _SHADOWED_PER_RAD = 0.34
 
 
-def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, has_casters: bool, budget: float,
+def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, casters: Sequence[str], budget: float,
               level: int | None, *, shown_share: float = 1.0, seen_share: float = 1.0,
               penumbra: Penumbra = NO_PENUMBRA) -> BodyPlan:
     """What is modelled of a body.
@@ -49,8 +49,8 @@ def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, has_cas
     view : BodyView
     traits : BodyTraits
     camera : PinholeCamera
-    has_casters : bool
-        Whether other bodies may cast on it.
+    casters : sequence of str
+        Other bodies that may cast a shadow on it.
     budget : float [1]
         RMS error over the mean of the lit pixels, before the camera's PSF.
     level : int or None
@@ -69,9 +69,9 @@ def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, has_cas
     squared = level_error(view, chosen, footprint_m) ** 2
     shadow_px = None
     if view.is_visible:
-        shadow_px = plan_shadow(view, chosen, traits.is_convex, has_casters, budget, seen_share)
+        shadow_px = plan_shadow(view, chosen, traits.is_convex, bool(casters), budget, seen_share)
         if shadow_px is not None:
-            squared += shadow_share(view, shadow_px, has_casters) * sum(squared_errors(view, chosen))
+            squared += shadow_share(view, shadow_px, bool(casters)) * sum(squared_errors(view, chosen))
             squared += (_LEAK_RMS * leaked_flux(view, chosen, shadow_px)) ** 2 + penumbra.error**2
     detail_m, active, detail_slope = None, [], 0.0
     if traits.relief is not None and view.is_visible and (active := traits.relief.active(footprint_m)):
@@ -87,7 +87,7 @@ def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, has_cas
         eclipse_error=penumbra.eclipse_error if shadow_px is not None else 0.0, shown_share=shown_share,
         shadow_map_drawn_px=(0, 0) if shadow_px is None else (math.ceil(shadow_px * seen_share),) * 2,
         detail_m=detail_m, detail_layers=len(active), detail_slope=detail_slope,
-        may_be_eclipsed=has_casters)
+        casters=tuple(casters))
 
 
 def choose_level(view: BodyView, traits: BodyTraits, footprint_m: float, budget: float) -> int:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from glrender_camera import PinholeCamera
 
-from .costs import EngineCosts
+from .costs import AREAS_CALL_NS, EngineCosts
 from .error_model import BodyTraits, thin_penumbra
 from .level_tables import AreaLevel
 from .render_plan import BodyPlan, LevelPlan
@@ -28,10 +28,17 @@ _USUAL_BUDGET, _CENTRE_SIZES = 0.02, 0.02
 # their image may take of the budget, to which drawing adds nothing, and the scatters of the flux, as above; their least
 # error; and the largest phase angle at which they are drawn so.
 _OTHER_SIDES, _MIDDLES_SHARE, _MIDDLES_SCATTERS, _MIDDLES_LEAST, _MIDDLES_RAD = 1.3, 0.9, 4.0, 0.003, 2.15
+# Squared error that is left along a pixel of an edge of another body, or of its shadow, over the area of the facets, or
+# of the largest parts, that are cut there [px2]; what cutting one costs, in those of a facet, and all of it, in calls.
+_EDGE_ERROR, _MOST_CUT_PX, _CUT, _CUT_CALLS = 0.01, 6.0, 40.0, 2.0
 # Facets that face camera and Sun of which all are looked at closer, and what the edges of shadows cost more then.
 _FEW, _OF_FEW = 3000, 2.5
 # Radii from the body from which levels are as they were measured, from afar.
 _LEAST_RANGE = 8.0
+# The cost of areas of several bodies together, over that of as many facets of one.
+_SEVERAL = 1.4
+# Of levels by middles that cost nearly as little, so many times the least, the one with the least error.
+_NEARLY = 1.2
 # The cost of a normal that a facet stands for, in those of a facet; and of any for a facet, in those of a normal.
 _NORMAL, _RELIEF = 0.06, 15.0
 
@@ -77,19 +84,26 @@ def choose_areas(members: Sequence[BodyView], traits: Mapping[str, BodyTraits], 
     shown_share : float [1]
         Of the bodies, what the image shows.
     """
-    bodies = [_Candidates(view, traits[view.name], body, camera, budget, error_gain, len(members) == 1)
+    bodies = [_Candidates(view, traits, body, members, camera, budget, error_gain)
               for view, body in zip(members, drawn, strict=True)]
 
     def together(chosen: Sequence[AreaLevel | None]) -> AreasChoice:
         return _together(bodies, chosen, budget, costs, n_px, shown_share)
 
-    full = together([None] * len(bodies))
-    if not any(body.fit for body in bodies):
-        return full
-    # Each body by itself: what is best of it.
-    alone = [min((None, *body.fit), key=lambda level, body=body: _together(
-        [body], [level], budget, costs, n_px, shown_share).ns) for body in bodies]
-    return min(full, together(alone), key=lambda choice: choice.ns)
+    def alone(body: _Candidates, level: AreaLevel | None) -> AreasChoice:
+        return _together([body], [level], budget, costs, n_px, shown_share)
+
+    def best_middles(body: _Candidates) -> AreaLevel:
+        choices = [(level, alone(body, level)) for level in body.middles]
+        most_ns = _NEARLY * min(choice.ns for _, choice in choices)
+        return min(choices, key=lambda pair: (pair[1].ns > most_ns, pair[1].error))[0]
+
+    options = [[None] * len(bodies)]
+    if any(body.fit for body in bodies):
+        options.append([min([None, *body.fit], key=lambda level, body=body: alone(body, level).ns) for body in bodies])
+    if all(body.middles for body in bodies):
+        options.append([best_middles(body) for body in bodies])
+    return min(map(together, options), key=lambda choice: choice.ns)
 
 
 def facing_share(phase_rad: float) -> float:
@@ -98,26 +112,36 @@ def facing_share(phase_rad: float) -> float:
 
 
 class _Candidates:
-    """A body, and the levels of detail that leave something of the budget.
+    """A body, and the levels of detail that leave something of the budget: `fit` by areas, `middles` by their middles.
 
     A point spread function averages pixels' errors, not that of the flux.
     """
 
-    def __init__(self, view: BodyView, traits: BodyTraits, body: BodyPlan, camera: PinholeCamera, budget: float,
-                 error_gain: float, is_alone: bool):
-        self.view, self.traits = view, traits
+    def __init__(self, view: BodyView, traits: Mapping[str, BodyTraits], body: BodyPlan, members: Sequence[BodyView],
+                 camera: PinholeCamera, budget: float, error_gain: float):
+        self.view, self.traits = view, traits[view.name]
         self.eclipse_error, self._penumbra_error = body.eclipse_error, body.penumbra_error
-        self._size_px = 2.0 * traits.radius_m * camera.focal_length_px / view.range_m
+        px_per_m = camera.focal_length_px / view.range_m
+        self._size_px = 2.0 * self.traits.radius_m * px_per_m
         self._wide = math.hypot(thin_penumbra(view) if body.penumbra_error else 0.0,
                                 _PIXEL_ERROR * (1.0 + 3.0 * _off_axis(view, camera)) / camera.focal_length_px)
+        # Of what casts shadows on it, and of what is before it: edges, and what is taken of its light, at most.
+        cast_px = [2.0 * traits[name].radius_m * px_per_m for name in body.casters]
+        before = [_overlap_px(view, other) for other in members if other.range_m < view.range_m]
+        self._edges_px = (math.pi * sum(min(other_px, self._size_px) for other_px in cast_px)
+                          + sum(2.0 * sum(sides) for sides in before))
+        taken = sum((other_px / self._size_px) ** 2 for other_px in cast_px) + sum(
+            math.prod(sides) / math.prod(_sides_px(view)) for sides in before)
+        self.lit_px = 0.3 * self._size_px**2 * (1.0 + math.cos(view.phase_rad))
+        self.left_px = self.lit_px * max(1.0 - taken, 0.0)
         told = budget * error_gain
         # They were measured of whole bodies: what is left of one in a shadow, or at the frame's edge, errs by more.
-        is_as_measured = (view.is_whole and not body.may_be_eclipsed
-                          and view.range_m >= _LEAST_RANGE * traits.radius_m)
+        is_as_measured = view.is_whole and view.range_m >= _LEAST_RANGE * self.traits.radius_m
         # What is farthest from the Sun as seen from the body is lit in slivers, of which facets have parts.
-        may_be_by_middles = is_alone and view.phase_rad + traits.radius_m / view.range_m <= _MIDDLES_RAD
-        self.fit = [level for level in traits.area_levels if is_as_measured and self._fits(level, budget, told)
-                    and (may_be_by_middles or not level.kind.by_middles)]
+        may_be_by_middles = view.phase_rad + self.traits.radius_m / view.range_m <= _MIDDLES_RAD
+        fit = [level for level in self.traits.area_levels if is_as_measured and self._fits(level, budget, told)]
+        self.fit = [level for level in fit if not (level.kind.by_middles or body.casters)]
+        self.middles = [level for level in fit if level.kind.by_middles and may_be_by_middles]
 
     def _fits(self, level: AreaLevel, budget: float, told: float) -> bool:
         """Whether a level leaves something of the budget, and of what is left of it for the flux and the centre."""
@@ -142,6 +166,22 @@ class _Candidates:
         return (math.hypot(_OTHER_SIDES * error, _MIDDLES_LEAST, self._penumbra_error) if level.kind.by_middles
                 else error)
 
+    def cutting_ns(self, level: AreaLevel, costs: EngineCosts) -> float:
+        """Of facets that edges of other bodies, and of their shadows, go through; large ones are divided before."""
+        if not self._edges_px:
+            return 0.0
+        facet_px = self._facet_px(level)
+        n_cut = self._edges_px * max(1.0 / facet_px, 2.0 * facet_px / _MOST_CUT_PX)
+        return _CUT_CALLS * AREAS_CALL_NS + _CUT * n_cut * costs.area_ns
+
+    def edges_squared(self, level: AreaLevel) -> float:
+        """Squared error that middles leave there, over that of their mean [px]."""
+        return _EDGE_ERROR * self._edges_px * min(self._facet_px(level) ** 2, _MOST_CUT_PX)
+
+    def _facet_px(self, level: AreaLevel) -> float:
+        """Side of its facets in the image."""
+        return self._size_px * math.sqrt(1.2 / level.n_facets)
+
     def floor(self, level: AreaLevel | None) -> float:
         """What areas do not tell of themselves, but for a level of detail."""
         facet_m = self.traits.even_facet_m * math.sqrt(self.n_facets(None) / self.n_facets(level))
@@ -157,9 +197,17 @@ def _together(bodies: Sequence[_Candidates], chosen: Sequence[AreaLevel | None],
               n_px: float, shown_share: float) -> AreasChoice:
     each = list(zip(bodies, chosen, strict=True))
     floor, error = (max(getattr(body, what)(level) for body, level in each) for what in ("floor", "error"))
+    error *= _unlike(bodies)
+    by_middles = chosen[0] is not None and chosen[0].kind.by_middles
+    if by_middles:
+        # What others hide and shade is left out of the mean, too.
+        lit_px, left_px = (sum(getattr(body, what) for body in bodies) for what in ("lit_px", "left_px"))
+        squared = error**2 * lit_px + sum(body.edges_squared(level) for body, level in each)
+        error = math.sqrt(squared / left_px) if left_px else math.inf
     left = math.sqrt(max(budget**2 - floor**2 - error**2, 0.0))
     ns = math.inf
-    if left and max(floor, _ECLIPSE_STEPS * max(body.eclipse_error for body in bodies)) <= _FLOOR * budget:
+    if (left and max(floor, _ECLIPSE_STEPS * max(body.eclipse_error for body in bodies)) <= _FLOOR * budget
+            and not (by_middles and error > _MIDDLES_SHARE * budget)):
         phase_rad = max(body.view.phase_rad for body in bodies)
         facing = facing_share(phase_rad)
         n_facets = sum(body.n_facets(level) for body, level in each)
@@ -168,13 +216,38 @@ def _together(bodies: Sequence[_Candidates], chosen: Sequence[AreaLevel | None],
         if any(chosen) and n_facing < _FEW:
             crease_rad *= _OF_FEW
         facet_px = math.sqrt(2.0 * facing * n_px / n_facing)
-        if chosen[0] is not None and chosen[0].kind.by_middles:
-            ns = costs.middles_ns(n_facets, n_facing, n_px, facet_px)
+        if by_middles:
+            ns = (costs.middles_ns(n_facets, n_facing, n_px, facet_px) + (len(bodies) - 1) * AREAS_CALL_NS
+                  + sum(body.cutting_ns(level, costs) for body, level in each))
         else:
-            ns = costs.areas_ns(n_facets, n_facing, n_px, facet_px, crease_rad, phase_rad, left)
+            ns = ((_SEVERAL if len(bodies) > 1 else 1.0)
+                  * costs.areas_ns(n_facets, n_facing, n_px, facet_px, crease_rad, phase_rad, left))
         if n_normals := sum(level.n_normals for level in chosen if level):
             ns += (n_normals + _RELIEF * n_facets) * facing * shown_share * _NORMAL * costs.area_ns
     return AreasChoice(ns=ns, error=math.hypot(floor, error), levels=tuple(body.plan(level) for body, level in each))
+
+
+def _unlike(bodies: Sequence[_Candidates]) -> float:
+    """What the errors of bright bodies are more, over the mean of them and of dark ones that are drawn together."""
+    n, light, squared = (sum(body.lit_px * body.traits.reflectance**power for body in bodies) for power in range(3))
+    return math.sqrt(n * squared) / light if light else 1.0
+
+
+def _sides_px(view: BodyView) -> tuple[float, float]:
+    """Of the outline's box: infinite where it has none."""
+    if view.bounds_px is None:
+        return math.inf, math.inf
+    x0, y0, x1, y1 = view.bounds_px.tolist()
+    return x1 - x0, y1 - y0
+
+
+def _overlap_px(view: BodyView, other: BodyView) -> tuple[float, float]:
+    """Sides of what two outlines' boxes share: of one that has none, all of the other."""
+    if view.bounds_px is None or other.bounds_px is None:
+        return _sides_px(other if view.bounds_px is None else view)
+    (a, b, c, d), (e, f, g, h) = view.bounds_px.tolist(), other.bounds_px.tolist()
+    across, down = min(c, g) - max(a, e), min(d, h) - max(b, f)
+    return (across, down) if across > 0.0 and down > 0.0 else (0.0, 0.0)
 
 
 def _off_axis(view: BodyView, camera: PinholeCamera) -> float:

@@ -154,7 +154,7 @@ class _Window:
         # Of shadow maps and levels of detail: rays have neither. And without the edges of shadows, or with usual ones.
         self._floor = max(body.modelling_error for body in self._drawn)
         maps = [(view, body, sum(squared_errors(view, level)), texel_share(view, body.shadow_map_px),
-                 shadow_share(view, body.shadow_map_px, body.may_be_eclipsed))
+                 shadow_share(view, body.shadow_map_px, bool(body.casters)))
                 for view, body, level in zip(members, self._drawn, self._levels, strict=True)
                 if body.shadow_map_px is not None]
         self._texel_share = max((texels for _, _, _, texels, _ in maps), default=0.0)

@@ -38,8 +38,8 @@ class BodyPlan:
     """RMS error of hard edges in its place, before anything is drawn: areas tell better."""
     eclipse_error: float = 0.0
     """The part of it in shadows that other bodies cast."""
-    may_be_eclipsed: bool = False
-    """Whether another body may cast a shadow on it."""
+    casters: tuple[str, ...] = ()
+    """Other bodies that may cast a shadow on it."""
     shown_share: float = 1.0
     """Of the facets, those in chunks that are not out of view."""
     shadow_map_drawn_px: tuple[int, int] = (0, 0)

@@ -27,6 +27,7 @@ from .gl.context import Context
 from .gl.evaluate import BrdfEvaluator
 from .image import Image, checked_products
 from .irradiance_pass import IrradiancePass
+from .memory import keep_freed
 from .plan_windows import MAX_SAMPLES, apart_limit, plan_windows
 from .plugin_trial import blamed_on, check_light, try_twin
 from .product_pass import ProductPass
@@ -62,6 +63,7 @@ class Renderer:
     def __init__(self, scene: Scene, backend: str = "auto", device_index: int | None = None):
         if not isinstance(scene, Scene):
             raise ConfigError("scene", "must be a Scene", scene)
+        keep_freed()
         self.scene = scene
         with ExitStack() as stack:
             self._context = stack.enter_context(Context(backend, device_index))
@@ -225,7 +227,7 @@ class Renderer:
             casters = self._shadows.casters(view, views)
             shown = chunks_in_window(chunks, view, camera, camera.bounds_px)
             bodies.append(plan.plan_body(
-                view, traits, camera, len(casters) > 1, budget, level,
+                view, traits, camera, [name for name, _ in casters[1:]], budget, level,
                 shown_share=chunks.n_facets(shown) / traits.levels[0].n_facets,
                 seen_share=self._shadows.seen_share(view, camera),
                 penumbra=self._shadows.penumbra(view, casters, camera) if self.scene.sun_disc else NO_PENUMBRA))

@@ -84,6 +84,11 @@ def _is_within(box: np.ndarray | None, bounds_px: tuple[float, float, float, flo
     return box is not None and bool(x0 <= box[0] and y0 <= box[1] and box[2] <= x1 and box[3] <= y1)
 
 
+def body_in(other: BodyView, view: BodyView) -> np.ndarray:
+    """Where another body's origin is (3,) [m], in a body's frame."""
+    return view.r_camera_body_m - view.camera_from_body.T @ (other.camera_from_body @ other.r_camera_body_m)
+
+
 def chunks_in_window(chunks: Chunks, view: BodyView, camera: PinholeCamera,
                      bounds_px: tuple[float, float, float, float]) -> np.ndarray:
     """Chunks (C,) bool of a body that may be in a window x0, y0, x1, y1 [px] of the image."""

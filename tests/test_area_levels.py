@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -27,6 +28,7 @@ from glrender.view import view_bodies
 GREY = Lambert(normal_albedo=0.3)
 # A ray is dear.
 COSTS = EngineCosts(facet_ns=100.0, sample_ns=20.0, ray_ns=1e5, lone_ray_ns=1e5, area_ns=128.0)
+CHEAP_RAYS = replace(COSTS, ray_ns=200.0, lone_ray_ns=400.0)
 
 
 @pytest.fixture(scope="module")
@@ -148,21 +150,23 @@ def table(number, *, error=0.0, scatter=0.0, centre=0.0, n_facets=12_000, n_norm
                      flux_scatter=scatter * phases, centre=centre * phases)
 
 
-def chosen(levels, budget, *, n_bodies=1, range_m=2000.0, px=100.0, may_be_eclipsed=False, frame_px=512, penumbra=0.0,
-           costs=COSTS):
-    """What is chosen of bodies of 49,000 facets beside each other, of a size in the image."""
+def chosen(levels, budget, *, n_bodies=1, range_m=2000.0, px=100.0, casters=(), frame_px=512, penumbra=0.0,
+           costs=COSTS, without=(), apart_m=250.0, moon_m=20.0, reflectance=(0.1, 0.1)):
+    """What is chosen of bodies of 49,000 facets beside each other, of a size in the image; some without levels."""
     shape = generate.icosphere(radius_m=100.0, subdivisions=1)
     names = [f"body{k}" for k in range(n_bodies)]
     camera = views.camera(frame_px, px * range_m / 200.0)
     scene = views.scene([Body(name=name, shape=shape, brdf=GREY) for name in names], [camera], sun_disc=False)
     state = views.state(phase_deg=60.0, range_m=range_m, bodies=names)
-    state = replace(state, bodies={name: Pose(r_inertial_m=[250.0 * k, 0.0, 0.0]) for k, name in enumerate(names)})
+    state = replace(state, bodies={name: Pose(r_inertial_m=[apart_m * k, 0.0, 0.0]) for k, name in enumerate(names)})
     seen = view_bodies(state, camera, scene.hulls)
     known = {name: BodyTraits(radius_m=100.0, is_convex=False, law="lambert", max_phase_rad=np.pi,
                               levels=(LevelTraits(n_facets=49_000, crease_rad=0.15),
                                       *(LevelTraits(n_facets=each.n_facets, crease_rad=0.15) for each in levels)),
-                              area_levels=tuple(levels), even_facet_m=1.0) for name in names}
-    drawn = [replace(plan_body(view, known[view.name], camera, may_be_eclipsed, budget, 0), penumbra_error=penumbra)
+                              area_levels=() if name in without else tuple(levels), even_facet_m=1.0,
+                              reflectance=each) for name, each in zip(names, reflectance, strict=False)}
+    known["moon"] = replace(known[names[0]], radius_m=moon_m)
+    drawn = [replace(plan_body(view, known[view.name], camera, casters, budget, 0), penumbra_error=penumbra)
              for view in seen]
     return choose_areas(seen, known, drawn, camera, budget, 1.0, costs, n_px=0.6 * px**2, shown_share=1.0)
 
@@ -186,13 +190,45 @@ def test_a_level_that_would_not_do_is_left(level, why):
     assert chosen([table(1)], 0.05).levels[0].number == 1
 
 
-def test_middles_are_of_a_body_alone_and_have_hard_edges_of_shadows():
-    """Those count, as middles do not tell of them; two bodies that are drawn together get none."""
+def test_middles_have_hard_edges_of_shadows():
+    """Those count, as middles do not tell of them."""
     told = table(0, error=0.03, n_facets=49_000, by_middles=True)
-    one = chosen([told], 0.05, costs=replace(COSTS, ray_ns=200.0, lone_ray_ns=400.0))
+    one = chosen([told], 0.05, costs=CHEAP_RAYS)
     assert one.levels[0].by_middles and one.levels[0].number == 0 and one.ns < 0.5 * chosen([], 0.05).ns
-    assert chosen([told], 0.05, n_bodies=2).levels == (LevelPlan(), LevelPlan())
     assert chosen([told], 0.05, penumbra=0.02).levels == (LevelPlan(),)
+
+
+def test_bodies_that_are_drawn_together_are_by_middles_all_or_none():
+    """What they hide of each other counts, by the facets' size: of 0.5 px little, of 11 px more than the budget."""
+    told = table(0, error=0.02, n_facets=49_000, by_middles=True)
+    apart, close = (chosen([told], 0.05, n_bodies=2, apart_m=apart_m, costs=CHEAP_RAYS) for apart_m in (250.0, 120.0))
+    assert all(level.by_middles for level in close.levels) and apart.error < close.error < 0.05 and apart.ns < close.ns
+    coarse = table(0, error=0.02, n_facets=100, by_middles=True)
+    assert chosen([coarse], 0.05, n_bodies=2, costs=CHEAP_RAYS).levels[0].by_middles
+    assert chosen([coarse], 0.05, n_bodies=2, apart_m=120.0, costs=CHEAP_RAYS).levels == (LevelPlan(), LevelPlan())
+    assert chosen([told], 0.05, n_bodies=2, without=("body1",), costs=CHEAP_RAYS).levels == (LevelPlan(), LevelPlan())
+
+
+def test_of_middles_that_cost_about_the_same_the_best_are_taken():
+    fine, coarse, cheap = (table(k, error=error, n_facets=n_facets, by_middles=True)
+                           for k, error, n_facets in ((0, 0.01, 49_000), (1, 0.03, 40_000), (2, 0.04, 10_000)))
+    assert chosen([fine, coarse], 0.1, costs=CHEAP_RAYS).levels[0].number == 0
+    assert chosen([fine, coarse, cheap], 0.1, costs=CHEAP_RAYS).levels[0].number == 2
+
+
+def test_middles_of_a_body_that_may_be_dark_are_left():
+    """In a large body's shadow there may be nothing left of the light that errors are told over."""
+    told = table(0, error=0.01, n_facets=49_000, by_middles=True)
+    small, large = (chosen([told], 0.05, casters=("moon",), moon_m=radius_m, costs=CHEAP_RAYS)
+                    for radius_m in (20.0, 100.0))
+    assert small.levels[0].by_middles and not large.levels[0].by_middles
+
+
+def test_bright_bodies_err_by_more_beside_dark_ones():
+    level = table(1, error=0.02)
+    alike, unlike = (chosen([level], 0.05, n_bodies=2, reflectance=each) for each in ((0.1, 0.1), (0.5, 0.02)))
+    assert [each.number for each in alike.levels] == [1, 1] and [each.number for each in unlike.levels] == [1, 1]
+    assert unlike.error == pytest.approx(math.sqrt(2.0) * alike.error, rel=0.1)
 
 
 def test_levels_are_of_bodies_seen_from_afar_and_no_larger_than_was_measured():
@@ -204,7 +240,7 @@ def test_levels_are_of_bodies_seen_from_afar_and_no_larger_than_was_measured():
 
 def test_what_is_left_of_a_body_in_a_shadow_or_beside_the_frame_is_not_as_was_measured():
     """40 px of Didymos that a shadow left had an RMS error of 0.21 by a level that was told to have 0.09."""
-    assert chosen([table(1)], 0.05, may_be_eclipsed=True).levels[0].number == 0
+    assert chosen([table(1)], 0.05, casters=("moon",)).levels[0].number == 0
     assert chosen([table(1)], 0.05, frame_px=90).levels[0].number == 0
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import solids
 import views
-from glrender import Body, Renderer, Shape, generate
+from glrender import Body, Pose, Renderer, Shape, generate
 from glrender.area_engine import AreaEngine
 from glrender.backends.raytrace import RayTracer
 from glrender.brdf import Hapke, Lambert, LommelSeeliger
@@ -177,3 +177,43 @@ def test_a_level_of_detail_by_middles_is_the_same_level_by_areas(rough):
         lit = by_areas > 0.0
         assert np.sqrt(np.mean((by_middles - by_areas)[lit] ** 2)) < 0.07 * by_areas[lit].mean()
         assert by_middles.sum() == pytest.approx(by_areas.sum(), rel=5e-3)
+
+
+@pytest.mark.parametrize("radius_m, place_m, most, effect", [
+    (20.0, (150.0, 0.0, 0.0), 0.01, 0.2), (20.0, (0.0, 150.0, 0.0), 0.01, 0.2), (20.0, (80.0, 80.0, 0.0), 0.02, 0.4),
+    (1.0, (150.0, 0.0, 0.0), 0.006, 0.009), (20.0, (-150.0, 0.0, 0.0), 0.01, 0.1),
+    (20.0, (0.0, -150.0, 95.0), 0.01, 0.1), (90.0, (0.0, 300.0, 0.0), 0.025, 0.5),
+], ids=["transit", "shadow", "both", "smaller than a facet", "hidden", "half in shadow", "of a large moon"])
+def test_what_bodies_hide_and_shade_of_each_other_is_cut_out(radius_m, place_m, most, effect):
+    """Two smooth spheres by middles against areas at a budget of 0.4 %; alone, a planet by middles errs by 0.5 %.
+
+    The moon stands so far from the planet's middle towards the camera, towards the Sun at 60 deg, and off the latter
+    line on the camera's side.
+    """
+    planet, moon = (views.sphere(GREY, subdivisions=5, radius_m=size_m, name=name)
+                    for name, size_m in (("planet", 100.0), ("moon", radius_m)))
+    camera = views.camera(400, 2000.0)
+    scene = views.scene([planet, moon], [camera], sun_disc=False)
+    state = views.state(phase_deg=60.0, range_m=2000.0, bodies=("planet", "moon"))
+    ahead, sunward = (each / np.linalg.norm(each) for each in (state.spacecraft.r_inertial_m, state.r_sun_inertial_m))
+    aside = ahead - (ahead @ sunward) * sunward
+    axes = np.array([ahead, sunward, aside / np.linalg.norm(aside)])
+    state = replace(state, bodies={"planet": Pose(r_inertial_m=np.zeros(3)),
+                                   "moon": Pose(r_inertial_m=np.array(place_m) @ axes)})
+    areas = AreaEngine(scene, rays := RayEngine(scene))
+    for body in (planet, moon):
+        areas._facets[body.name] = [FacetTables(body, np.zeros(len(body.shape.facets), bool), rays.solid(body.name),
+                                                with_middles=True)]
+    seen = view_bodies(state, camera, scene.hulls)
+    x0, y0, x1, y1 = region(seen, camera)
+
+    def drawn(views, levels=()):
+        names = tuple(view.name for view in views)
+        return areas.draw(names, camera, views, (x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5), (x1 - x0, y1 - y0), 0.004,
+                          {name: LevelPlan(by_middles=True) for name in levels})
+
+    (truth, told), (light, _) = drawn(seen), drawn(seen, ("planet", "moon"))
+    apart = sum(drawn([view])[0] for view in seen)
+    assert told < 0.01 and views.relative_rms(light, truth) < most
+    assert views.relative_rms(apart, truth) > effect, "each hides or shades the other"
+    assert light.sum() == pytest.approx(truth.sum(), rel=1e-3)

@@ -38,8 +38,8 @@ def traits(*levels, is_convex=False):
     return BodyTraits(radius_m=100.0, is_convex=is_convex, law="lambert", max_phase_rad=np.pi, levels=levels)
 
 
-def body(member, *levels, budget=0.02, level=None, is_convex=False, has_casters=False):
-    return plan.plan_body(member, traits(*(levels or (FULL,)), is_convex=is_convex), CAMERA, has_casters, budget, level)
+def body(member, *levels, budget=0.02, level=None, is_convex=False, casters=()):
+    return plan.plan_body(member, traits(*(levels or (FULL,)), is_convex=is_convex), CAMERA, casters, budget, level)
 
 
 RASTER = EngineCosts(facet_ns=140.0, sample_ns=13.0, ray_ns=np.inf)
@@ -219,12 +219,12 @@ def test_nothing_in_view_is_nothing_to_draw():
     assert grouping.union([]) == (0, 0, 0, 0)
 
 
-@pytest.mark.parametrize("phase_deg, is_convex, has_casters, expected", [
-    (60.0, False, False, True), (60.0, True, False, False), (60.0, True, True, True), (0.0, False, False, False),
-    (0.2, False, False, False), (5.0, False, False, True),
+@pytest.mark.parametrize("phase_deg, is_convex, casters, expected", [
+    (60.0, False, (), True), (60.0, True, (), False), (60.0, True, ("moon",), True), (0.0, False, (), False),
+    (0.2, False, (), False), (5.0, False, (), True),
 ])
-def test_shadows_only_where_something_can_cast(phase_deg, is_convex, has_casters, expected):
-    planned = body(view(phase_deg=phase_deg), is_convex=is_convex, has_casters=has_casters)
+def test_shadows_only_where_something_can_cast(phase_deg, is_convex, casters, expected):
+    planned = body(view(phase_deg=phase_deg), is_convex=is_convex, casters=casters)
     assert (planned.shadow_map_px is not None) == expected
 
 
@@ -271,7 +271,7 @@ def rays_of(level, size_px, budget, phase_deg=60.0, sample_ns=200.0, ray_ns=50.0
     """The window of a body that rays draw."""
     member = view(size_px=size_px, phase_deg=phase_deg)
     costs = replace(RASTER, facet_ns=90.0, sample_ns=sample_ns, ray_ns=ray_ns, lone_ray_ns=2.0 * ray_ns)
-    drawn = [plan.plan_body(member, traits(level), CAMERA, False, budget, None)]
+    drawn = [plan.plan_body(member, traits(level), CAMERA, (), budget, None)]
     (choice,) = plan_windows.plan_windows([member], {"body": traits(level)}, drawn, CAMERA, budget, 1.0, costs, None)
     assert choice.first.engine == "rays"
     return choice.first
@@ -298,7 +298,7 @@ def test_a_level_of_detail_costs_more_a_facet_and_a_sample():
     engines = []
     for level in (replace(COARSE, deviation_m=0.0), COARSE):
         known = {"body": replace(traits(FULL, level), even_facet_m=0.3)}
-        drawn = [plan.plan_body(member, known["body"], CAMERA, False, 0.1, 1)]
+        drawn = [plan.plan_body(member, known["body"], CAMERA, (), 0.1, 1)]
         drawn = [replace(drawn[0], level=1 if level is COARSE else 0, shadow_map_px=None)]
         choice, = plan_windows.plan_windows([member], known, drawn, CAMERA, 0.1, 1.0, costs, None)
         engines.append(choice.first.engine)
