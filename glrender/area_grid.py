@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from glrender_camera import PointSources
+from scipy.sparse import csr_array
 
 CELL_PX = 0.28
 """Side of the cells of a small body, each a point: light in its middle is 0.0065 px^2 narrower, and a crowd of points
@@ -81,7 +82,8 @@ def add_by_area(irradiance: np.ndarray, samples: np.ndarray, bounds_px: tuple[fl
     x0, y0, x1, y1 = bounds_px
     left, across = _overlaps(x0, x1, samples.shape[1], irradiance.shape[1])
     top, down = _overlaps(y0, y1, samples.shape[0], irradiance.shape[0])
-    light = down @ samples.astype(np.float64) @ across.T
+    # Most do not overlap; and BLAS keeps threads of its own spinning for a tenth of a second.
+    light = (csr_array(across) @ (csr_array(down) @ samples.astype(np.float64)).T).T
     irradiance[top:top + len(down), left:left + len(across)] += light.astype(np.float32)
 
 

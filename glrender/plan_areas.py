@@ -131,7 +131,7 @@ class _Candidates:
         self._edges_px = (math.pi * sum(min(other_px, self._size_px) for other_px in cast_px)
                           + sum(2.0 * sum(sides) for sides in before))
         taken = sum((other_px / self._size_px) ** 2 for other_px in cast_px) + sum(
-            math.prod(sides) / math.prod(_sides_px(view)) for sides in before)
+            math.prod(sides) / math.prod(_sides_px(view)) for sides in before if all(sides))
         self.lit_px = 0.3 * self._size_px**2 * (1.0 + math.cos(view.phase_rad))
         self.left_px = self.lit_px * max(1.0 - taken, 0.0)
         told = budget * error_gain

@@ -93,7 +93,8 @@ def frame_error(mean: np.ndarray, error: np.ndarray) -> float:
     n_lit, total = int(np.count_nonzero(mean > 0.0)), float(mean.sum(dtype=np.float64))
     if not total > 0.0:
         return 0.0
-    return float(np.linalg.norm(error.ravel().astype(np.float64))) * math.sqrt(n_lit) / total
+    # No product of vectors: BLAS keeps threads of its own spinning for a tenth of a second.
+    return math.sqrt(float(np.square(error, dtype=np.float64).sum())) * math.sqrt(n_lit) / total
 
 
 def plan_refinement(mean: np.ndarray, error: np.ndarray, count: int, budget: float,
