@@ -7,7 +7,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-
 # Times that a job runs in a row: a loop's frames follow each other, and so do peers' here.
 _ROW = 3
 
