@@ -137,16 +137,17 @@ class AreaEngine:
                     bounds_px: tuple[float, float, float, float], grid: tuple[int, int],
                     levels: Mapping[str, LevelPlan]) -> np.ndarray:
         """Means over cells of bodies by their facets' middles: what that costs is for the planner to know."""
-        images = [self._coverage.no_changes(grid[::-1]) for _ in range(2)]
-        cells = _Cells(camera, bounds_px, grid)
+        cells, total = _Cells(camera, bounds_px, grid), np.zeros(grid[::-1])
         for view in views:
             if view.name in names:
                 level = levels[view.name]
                 body = self._lit_middles.LitMiddles(self._facets[view.name][level.number], view, views, camera,
                                                     self._rays, level)
-                body.add_to(images, cells.corner, cells.per_px)
-        images[0] += images[1]
-        return self._added_up(images[0], cells, camera, 1.0)[0]
+                changes = self._coverage.no_changes(grid[::-1])
+                body.add_to(changes, cells.corner, cells.per_px)
+                # Each body's own cover: a bright one must not be dimmed by what is left of a dark one behind it.
+                total += self._added_up(changes, cells, camera, 1.0)[0]
+        return total
 
     def _drawn(self, names: Sequence[str], camera: PinholeCamera, views: list[BodyView],
                bounds_px: tuple[float, float, float, float], grid: tuple[int, int], budget: float,

@@ -26,9 +26,9 @@ _EDGE_ON = 1e-6
 _BLOCK = 1 << 12
 # Steps in which the edges of others are found along facets' sides.
 _BISECTIONS = 3
-# Areas of facets in which they are looked for anyway, over the squared radius of what may be there; largest parts that
-# are cut [px2], and most divisions.
-_LARGE, _PART_PX, _MOST_DIVISIONS = 0.06, 6.0, 5
+# Areas of facets in which they are looked for anyway, over the squared radius of what may be there, and least [px2];
+# largest parts that are cut [px2], and most divisions.
+_LARGE, _LEAST_PX, _PART_PX, _MOST_DIVISIONS = 0.06, 0.25, 6.0, 5
 
 
 class LitMiddles:
@@ -96,7 +96,8 @@ class LitMiddles:
         touched[0][corner[:, is_free]] = True
         touched[1][corner[:, ~is_free]] = True
         area_px = facet_loops.areas(self._xy, facets.corners, shown)
-        large_px = max(_PART_PX, _LARGE * (radii_m.min() * self._camera.focal_length_px / view.range_m) ** 2)
+        large_px = max(_LARGE * (radii_m.min() * self._camera.focal_length_px / view.range_m) ** 2, _LEAST_PX)
+        part_px = min(large_px, _PART_PX)
         chosen = touched.all(axis=0).take(corner).any(axis=0) | (area_px > large_px)
         edge, area_px = shown[chosen], area_px[chosen]
         light = self._radiance.take(edge)
@@ -106,35 +107,37 @@ class LitMiddles:
         cutter, parts = FacetCutter(facets, view, views, rays, edge), []
         rest = FacetParts(cutter.corner, edge, area_px)
         # What is within a facet that no corner tells of is looked for as well.
-        is_large = (area_px > _PART_PX) | ~cutter.are_mixed(rest) & (cutter.are_lit(rest)[0] != is_free[chosen])
+        is_large = (area_px > part_px) | ~cutter.are_mixed(rest) & (cutter.are_lit(rest)[0] != is_free[chosen])
         for _ in range(_MOST_DIVISIONS):
             parts.append(rest.at(np.flatnonzero(~is_large)))
             rest = cutter.quarters(rest.at(np.flatnonzero(is_large)))
-            is_large = rest.area_px > _PART_PX
+            is_large = rest.area_px > part_px
         cutter.cut_off(cutter.keep_even(FacetParts.joined([*parts, rest])), _BISECTIONS)
         self._points_m = cutter.points.r_m
         self._polygons = [(corner, light.take(np.searchsorted(edge, facet))) for corner, facet in cutter.polygons]
 
-    def add_to(self, images: list[np.ndarray], origin_px: np.ndarray, per_px: np.ndarray) -> None:
+    def add_to(self, changes: np.ndarray, origin_px: np.ndarray, per_px: np.ndarray) -> None:
         """Add what the facets change in the cells of an image, as of `SunlitAreas.add_to`.
 
         Parameters
         ----------
-        images : list of (rows, columns + 2) complex128
-            Whose sum it is: two always, whatever the number of threads, so that it has the same bytes.
+        changes : (rows, columns + 2) complex128
         origin_px : (2,) float64 [px]
         per_px : (2,) float64 [1/px]
         """
         facets = self._facets
+        # Two always, whatever the number of threads: the same bytes.
+        images = [changes, np.zeros_like(changes)]
 
         def add(k: int) -> None:
             coverage.add_lit(images[k], self._xy, facets.corners, facets.neighbours, self._radiance, k * _BLOCK, _BLOCK,
                              len(images) * _BLOCK, origin_px, per_px)
 
         threads.run(add, range(len(images)), threads.N_CORES)
+        changes += images[1]
         points_xy = self._project(self._points_m)
         for corner, radiance in self._polygons:
-            coverage.add_polygons(images[0], points_xy, corner, radiance + 1j, origin_px, per_px)
+            coverage.add_polygons(changes, points_xy, corner, radiance + 1j, origin_px, per_px)
 
     def _project(self, r_body_m: np.ndarray) -> np.ndarray:
         """Places (2, N) [px] of points (3, N) [m]."""

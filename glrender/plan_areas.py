@@ -134,6 +134,7 @@ class _Candidates:
             math.prod(sides) / math.prod(_sides_px(view)) for sides in before if all(sides))
         self.lit_px = 0.3 * self._size_px**2 * (1.0 + math.cos(view.phase_rad))
         self.left_px = self.lit_px * max(1.0 - taken, 0.0)
+        self.light = self.lit_px * self.traits.reflectance
         told = budget * error_gain
         # They were measured of whole bodies: what is left of one in a shadow, or at the frame's edge, errs by more.
         is_as_measured = view.is_whole and view.range_m >= _LEAST_RANGE * self.traits.radius_m
@@ -201,8 +202,10 @@ def _together(bodies: Sequence[_Candidates], chosen: Sequence[AreaLevel | None],
     by_middles = chosen[0] is not None and chosen[0].kind.by_middles
     if by_middles:
         # What others hide and shade is left out of the mean, too.
-        lit_px, left_px = (sum(getattr(body, what) for body in bodies) for what in ("lit_px", "left_px"))
-        squared = error**2 * lit_px + sum(body.edges_squared(level) for body, level in each)
+        lit_px, left_px, light = (sum(getattr(body, name) for body in bodies)
+                                  for name in ("lit_px", "left_px", "light"))
+        squared = error**2 * lit_px + (lit_px / light) ** 2 * sum(
+            body.traits.reflectance**2 * body.edges_squared(level) for body, level in each)
         error = math.sqrt(squared / left_px) if left_px else math.inf
     left = math.sqrt(max(budget**2 - floor**2 - error**2, 0.0))
     ns = math.inf
@@ -229,8 +232,8 @@ def _together(bodies: Sequence[_Candidates], chosen: Sequence[AreaLevel | None],
 
 def _unlike(bodies: Sequence[_Candidates]) -> float:
     """What the errors of bright bodies are more, over the mean of them and of dark ones that are drawn together."""
-    n, light, squared = (sum(body.lit_px * body.traits.reflectance**power for body in bodies) for power in range(3))
-    return math.sqrt(n * squared) / light if light else 1.0
+    lit_px, light = sum(body.lit_px for body in bodies), sum(body.light for body in bodies)
+    return math.sqrt(lit_px * sum(body.light**2 / body.lit_px for body in bodies)) / light if light else 1.0
 
 
 def _sides_px(view: BodyView) -> tuple[float, float]:
