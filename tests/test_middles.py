@@ -179,19 +179,25 @@ def test_a_level_of_detail_by_middles_is_the_same_level_by_areas(rough):
         assert by_middles.sum() == pytest.approx(by_areas.sum(), rel=5e-3)
 
 
-@pytest.mark.parametrize("radius_m, place_m, most, effect", [
-    (20.0, (150.0, 0.0, 0.0), 0.01, 0.2), (20.0, (0.0, 150.0, 0.0), 0.01, 0.2), (20.0, (80.0, 80.0, 0.0), 0.02, 0.4),
-    (1.0, (150.0, 0.0, 0.0), 0.006, 0.009), (20.0, (-150.0, 0.0, 0.0), 0.01, 0.1),
-    (20.0, (0.0, -150.0, 95.0), 0.01, 0.1), (90.0, (0.0, 300.0, 0.0), 0.025, 0.5),
-], ids=["transit", "shadow", "both", "smaller than a facet", "hidden", "half in shadow", "of a large moon"])
-def test_what_bodies_hide_and_shade_of_each_other_is_cut_out(radius_m, place_m, most, effect):
+# Albedos of a planet and its moon.
+ALIKE = (0.3, 0.3)
+
+
+@pytest.mark.parametrize("radius_m, place_m, most, effect, albedos", [
+    (20.0, (150.0, 0.0, 0.0), 0.01, 0.2, ALIKE), (20.0, (0.0, 150.0, 0.0), 0.01, 0.2, ALIKE),
+    (20.0, (80.0, 80.0, 0.0), 0.02, 0.4, ALIKE), (1.0, (150.0, 0.0, 0.0), 0.006, 0.009, ALIKE),
+    (20.0, (-150.0, 0.0, 0.0), 0.01, 0.1, ALIKE), (20.0, (0.0, -150.0, 95.0), 0.01, 0.1, ALIKE),
+    (90.0, (0.0, 300.0, 0.0), 0.025, 0.5, ALIKE), (2.0, (150.0, 0.0, 0.0), 0.01, 0.02, (0.03, 0.9)),
+], ids=["transit", "shadow", "both", "smaller than a facet", "hidden", "half in shadow", "of a large moon",
+        "bright before dark"])
+def test_what_bodies_hide_and_shade_of_each_other_is_cut_out(radius_m, place_m, most, effect, albedos):
     """Two smooth spheres by middles against areas at a budget of 0.4 %; alone, a planet by middles errs by 0.5 %.
 
     The moon stands so far from the planet's middle towards the camera, towards the Sun at 60 deg, and off the latter
     line on the camera's side.
     """
-    planet, moon = (views.sphere(GREY, subdivisions=5, radius_m=size_m, name=name)
-                    for name, size_m in (("planet", 100.0), ("moon", radius_m)))
+    planet, moon = (views.sphere(Lambert(normal_albedo=albedo), subdivisions=5, radius_m=size_m, name=name)
+                    for name, size_m, albedo in zip(("planet", "moon"), (100.0, radius_m), albedos, strict=True))
     camera = views.camera(400, 2000.0)
     scene = views.scene([planet, moon], [camera], sun_disc=False)
     state = views.state(phase_deg=60.0, range_m=2000.0, bodies=("planet", "moon"))
