@@ -21,13 +21,18 @@ AREAS = EngineCosts(facet_ns=1e9, sample_ns=1e9, ray_ns=1e4, lone_ray_ns=1e4, ar
 
 
 def spun_s(work):
-    """Seconds of processor time in a tenth of a second after some work, whose like was done before."""
-    work()
-    time.sleep(0.3)
-    work()
-    began = time.process_time()
-    time.sleep(0.1)
-    return time.process_time() - began
+    """Seconds of processor time in a tenth of a second after some work, whose like was done before; least of three."""
+    least = 1.0
+    for _ in range(3):
+        work()
+        time.sleep(0.2)
+        work()
+        began = time.process_time()
+        time.sleep(0.1)
+        least = min(least, time.process_time() - began)
+        if least < 0.02:
+            break
+    return least
 
 
 @pytest.fixture(scope="module")
