@@ -137,7 +137,7 @@ class AreaEngine:
                     bounds_px: tuple[float, float, float, float], grid: tuple[int, int],
                     levels: Mapping[str, LevelPlan]) -> np.ndarray:
         """Means over cells of bodies by their facets' middles: what that costs is for the planner to know."""
-        cells, total = _Cells(camera, bounds_px, grid), np.zeros(grid[::-1])
+        cells, images = _Cells(camera, bounds_px, grid), []
         for view in views:
             if view.name in names:
                 level = levels[view.name]
@@ -146,8 +146,8 @@ class AreaEngine:
                 changes = self._coverage.no_changes(grid[::-1])
                 body.add_to(changes, cells.corner, cells.per_px)
                 # Each body's own cover: a bright one must not be dimmed by what is left of a dark one behind it.
-                total += self._added_up(changes, cells, camera, 1.0)[0]
-        return total
+                images.append(self._added_up(changes, cells, camera, 1.0)[0])
+        return sum(images[1:], start=images[0])
 
     def _drawn(self, names: Sequence[str], camera: PinholeCamera, views: list[BodyView],
                bounds_px: tuple[float, float, float, float], grid: tuple[int, int], budget: float,

@@ -15,7 +15,7 @@ from .facet_tables import FacetTables
 from .ray_engine import RayEngine
 from .render_plan import LevelPlan
 from .surface import Surface
-from .view import BodyView, body_in
+from .view import BodyView, between
 
 # Steps of a table of BRDF by a normal's place out of the plane of Sun and camera; and by the root of the distance of
 # their unit vectors, which is a phase angle [rad], about.
@@ -83,7 +83,7 @@ class LitMiddles:
         radii_m = np.array([rays.solid(other.name).radius_m for other in others])
         shown = facet_loops.may_be_hidden(
             facets.middles.facets, self._radiance, view.sun_direction_body, view.r_camera_body_m,
-            np.stack([body_in(other, view) for other in others], axis=1),
+            np.stack([between(other, view)[1] for other in others], axis=1),
             facets.longest_side_m + radii_m)
         middle_m, number = facets.middles.facets[shown, 3:].T.astype(float), facets.number.take(shown)
         # Their own body was asked.

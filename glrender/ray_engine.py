@@ -18,7 +18,7 @@ from .frames import sun_from_body
 from .rays import LIFT, Hits, RayMesh, dot
 from .scene import Body, Scene
 from .surface import Surface
-from .view import BodyView
+from .view import BodyView, between
 
 RAYS_AT_ONCE = 1 << 13
 """Most rays of a part, which one thread casts: what it needs stays in a core's cache."""
@@ -110,12 +110,12 @@ class RayEngine:
             threads.run_in_parts(ask, len(facet), RAYS_AT_ONCE)
 
         is_free = is_asked.copy() if is_open is None else is_asked & ~is_open
-        keep(own, *_between(view, view), is_free)
+        keep(own, *between(view, view), is_free)
         if is_open is not None:
             is_free |= is_asked & is_open
         for other in views:
             if other is not view:
-                keep(self._solids[other.name], *_between(view, other), is_free)
+                keep(self._solids[other.name], *between(view, other), is_free)
         return is_free
 
     def shade_ranges(self, own: RayMesh, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView,
@@ -127,7 +127,7 @@ class RayEngine:
         found = np.full(len(facet), np.inf)
         start = r_body_m + LIFT * own.radius_m * own.normals.T.take(facet, axis=1)
         for other in views:
-            turn, shift_m = _between(view, other)
+            turn, shift_m = between(view, other)
             towards = np.broadcast_to((turn @ view.sun_direction_body)[:, None], start.shape)
             solid = own if other is view else self._solids[other.name]
             hits = solid.first(turn @ start + shift_m[:, None], towards)
@@ -209,7 +209,7 @@ class RayEngine:
             return ~self._solids[view.name].blocks(start.T, towards.T)
         is_free = np.ones(start.shape[1], bool)
         for other in views:
-            rotation, offset = _between(view, other)
+            rotation, offset = between(view, other)
             rest = np.flatnonzero(is_free)
             direction = towards if towards.ndim == 1 else towards.take(rest, axis=1)
             is_free[rest] = ~self._solids[other.name].blocks(
@@ -224,14 +224,6 @@ class _Solid(RayMesh):
         super().__init__(body.shape.vertices_m, body.shape.facets)
         self.surface = Surface(body)
         self.needs_weights = body.smooth_normals or body.albedo_map is not None
-
-
-def _between(view: BodyView, other: BodyView) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation (3, 3) and shift (3,) [m] from a body's frame to another's."""
-    if other is view:
-        return np.eye(3), np.zeros(3)
-    rotation = other.camera_from_body.T @ view.camera_from_body
-    return rotation, other.r_camera_body_m - rotation @ view.r_camera_body_m
 
 
 def _points(hits: Hits, view: BodyView) -> np.ndarray:

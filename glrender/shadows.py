@@ -17,7 +17,7 @@ from .gl.targets import ShadowMap, rounded_room
 from .hull import Hull
 from .render_plan import BodyPlan
 from .shadow_box import shadow_box
-from .view import BodyView, chunks_in_window
+from .view import BodyView, between, chunks_in_window
 
 _MAPS_KEPT = 8
 # The largest bias of surface.glsl is 20.2 texels.
@@ -80,8 +80,7 @@ class Shadows:
         for other in views:
             if other.name == receiver.name:
                 continue
-            rotation = receiver.camera_from_body.T @ other.camera_from_body
-            offset = receiver.r_camera_body_m - rotation @ other.r_camera_body_m
+            rotation, offset = between(other, receiver)
             sunward = float(offset @ receiver.sun_direction_body)
             aside = float(np.linalg.norm(offset - sunward * receiver.sun_direction_body))
             reach = radius + self._hulls[other.name].radius_m

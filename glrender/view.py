@@ -84,9 +84,12 @@ def _is_within(box: np.ndarray | None, bounds_px: tuple[float, float, float, flo
     return box is not None and bool(x0 <= box[0] and y0 <= box[1] and box[2] <= x1 and box[3] <= y1)
 
 
-def body_in(other: BodyView, view: BodyView) -> np.ndarray:
-    """Where another body's origin is (3,) [m], in a body's frame."""
-    return view.r_camera_body_m - view.camera_from_body.T @ (other.camera_from_body @ other.r_camera_body_m)
+def between(view: BodyView, other: BodyView) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation (3, 3) and shift (3,) [m] from a body's frame to another's."""
+    if other is view:
+        return np.eye(3), np.zeros(3)
+    rotation = other.camera_from_body.T @ view.camera_from_body
+    return rotation, other.r_camera_body_m - rotation @ view.r_camera_body_m
 
 
 def chunks_in_window(chunks: Chunks, view: BodyView, camera: PinholeCamera,
