@@ -60,10 +60,10 @@ class AreaEngine:
     def __init__(self, scene: Scene, rays: RayEngine,
                  levels: Mapping[str, Sequence[LevelShape]] = MappingProxyType({})):
         # Not before there is a scene: their loops are compiled, or read, at the first import.
-        from . import coverage, lit_middles, sunlit_areas
+        from . import coverage, kept_middles, lit_middles, sunlit_areas
 
         self._coverage, self._lit_middles, self._sunlit_areas = coverage, lit_middles, sunlit_areas
-        self._scene, self._rays = scene, rays
+        self._scene, self._rays, self._kept = scene, rays, kept_middles.KeptMiddles()
         sides_m = {body.name: longest_sides_m(body.shape) for body in scene.bodies}
         smallest_m = min(each[each > 0.0].min() for each in sides_m.values())
         # Of each body that can be drawn so: the full shape, and its levels of detail.
@@ -83,6 +83,11 @@ class AreaEngine:
     def close(self) -> None:
         """Release the tables."""
         self._facets.clear()
+        self.forget()
+
+    def forget(self) -> None:
+        """Look anew at what is kept of frames before; no image changes."""
+        self._kept.forget()
 
     def draw(self, names: Sequence[str], camera: PinholeCamera, views: list[BodyView],
              bounds_px: tuple[float, float, float, float], grid: tuple[int, int], budget: float,
@@ -142,7 +147,7 @@ class AreaEngine:
             if view.name in names:
                 level = levels[view.name]
                 body = self._lit_middles.LitMiddles(self._facets[view.name][level.number], view, views, camera,
-                                                    self._rays, level)
+                                                    self._rays, level, self._kept)
                 changes = self._coverage.no_changes(grid[::-1])
                 body.add_to(changes, cells.corner, cells.per_px)
                 # Each body's own cover: a bright one must not be dimmed by what is left of a dark one behind it.

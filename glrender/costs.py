@@ -14,8 +14,8 @@ RASTER_CALL_NS, RAYS_CALL_NS, AREAS_CALL_NS = 1.2e6, 4e5, 5e5
 # of the budget.
 _ANY_FACET, _LINE, _PIXEL, _EDGES, _EDGES_POWER, _MOST_EDGES = 0.45, 0.75, 0.08, 1.5, 0.75, 100.0
 # Of facets as lit as their middles, in the same unit: each facet, one that faces both, a pixel along its sides; and
-# rays for each of those.
-_ANY_MIDDLE, _MIDDLE, _MIDDLE_LINE, _MIDDLE_RAYS = 0.03, 0.3, 0.15, 0.08
+# rays for each of those. What drawing one of them takes of it.
+_ANY_MIDDLE, _MIDDLE, _MIDDLE_LINE, _MIDDLE_RAYS, _DRAWN = 0.03, 0.3, 0.15, 0.08, 0.12
 # What a ray costs more for each doubling of the facets over the rays: memory that the ray before did not need. Itokawa
 # with 49k to 3.1M facets at 20 to 2000 px.
 _APART = 0.45
@@ -76,8 +76,10 @@ class EngineCosts:
         each = 1.0 + _LINE * facet_px + edges
         return AREAS_CALL_NS + (_ANY_FACET * n_facets + _PIXEL * n_px + each * n_facing) * self.area_ns
 
-    def middles_ns(self, n_facets: float, n_facing: float, n_px: float, facet_px: float) -> float:
-        """The same of facets as lit as their middles."""
-        each = _MIDDLE + _MIDDLE_LINE * facet_px
-        return (AREAS_CALL_NS + (_ANY_MIDDLE * n_facets + _PIXEL * n_px + each * n_facing) * self.area_ns
-                + self.rays_ns(_MIDDLE_RAYS * n_facing, n_facets))
+    def middles_ns(self, n_facets: float, n_facing: float, n_px: float, facet_px: float,
+                   shaded_share: float = 1.0) -> float:
+        """The same of facets as lit as their middles: of a share of frames they are shaded anew."""
+        shaded = ((_ANY_MIDDLE * n_facets + (_MIDDLE - _DRAWN) * n_facing) * self.area_ns
+                  + self.rays_ns(_MIDDLE_RAYS * n_facing, n_facets))
+        drawn = (_PIXEL * n_px + (_DRAWN + _MIDDLE_LINE * facet_px) * n_facing) * self.area_ns
+        return AREAS_CALL_NS + drawn + shaded_share * shaded

@@ -15,12 +15,14 @@ import math
 import numpy as np
 from numba.types import complex128, float64, int32, intp, void
 
-from .compiled import compiled, read, write
+from .compiled import compiled, inlined, read, write
 
 ROUNDING = 1e-12
 """Of an image's largest mean, what rounding leaves in cells that are dark, at most."""
 # Cells.
 _FARTHEST = 1e12
+# What is divided by when there is nothing to divide.
+_TINY = 1e-300
 _CHANGES, _NUMBERS, _VALUES, _VECTOR = write(complex128, 2), read(intp, 1), read(complex128, 1), read(float64, 1, "A")
 
 
@@ -166,6 +168,84 @@ def add_lit(changes, xy, corners, neighbours, radiance, first, block, every, ori
                     step = complex(here - there, 1.0 if there == 0.0 else 0.0)
                     add_line(changes, (xy[0, a] - origin[0]) * per_px[0], (xy[1, a] - origin[1]) * per_px[1],
                              (xy[0, b] - origin[0]) * per_px[0], (xy[1, b] - origin[1]) * per_px[1], step)
+
+
+@inlined
+def _in_order(a, b, c):
+    """What `min` and `max` compile to has branches."""
+    low, high = (a, b) if a < b else (b, a)
+    middle, high = (c, high) if c < high else (high, c)
+    return (low, middle, high) if low < middle else (middle, low, high)
+
+
+@inlined
+def _part_below(low, middle, high, edge):
+    """Of a triangle between its corners' coordinates in order, the part below an edge that is between them, too."""
+    is_lower = edge <= middle
+    beyond, side = (edge - low, middle - low) if is_lower else (high - edge, high - middle)
+    part = beyond * beyond / (side * (high - low) + _TINY)
+    return part if is_lower else 1.0 - part
+
+
+@inlined
+def _twice_below(x0, below0, x1, below1, right):
+    """Twice the area between a line and an edge below it, as far as another edge to the right; of ends below it."""
+    across = x1 - x0
+    slope = (below1 - below0) / (across if across != 0.0 else 1.0)
+    beyond0, beyond1 = right - x0 if right < x0 else 0.0, right - x1 if right < x1 else 0.0
+    below0 += beyond0 * slope
+    below1 += beyond1 * slope
+    both = (below0 if below0 > 0.0 else 0.0) + (below1 if below1 > 0.0 else 0.0)
+    return (across + beyond1 - beyond0) * both * both / (abs(below0) + abs(below1) + _TINY)
+
+
+@compiled(void(_CHANGES, read(float64, 2), read(intp, 2), read(float64, 1), intp, intp, intp, _VECTOR, _VECTOR))
+def add_small(changes, xy, corners, radiance, first, block, every, origin, per_px):
+    """The same as `add_lit`, sooner where most facets have no more than two columns and two rows of cells.
+
+    By what of each is in which of the four, without a branch, which would be guessed wrong half the time.
+    """
+    rows, columns = changes.shape[0], changes.shape[1] - 2
+    for begin in range(first, len(radiance), every):
+        for facet in range(begin, min(begin + block, len(radiance))):
+            here = radiance[facet]
+            if here == 0.0:
+                continue
+            a, b, c = corners[0, facet], corners[1, facet], corners[2, facet]
+            ax, ay = (xy[0, a] - origin[0]) * per_px[0], (xy[1, a] - origin[1]) * per_px[1]
+            bx, by = (xy[0, b] - origin[0]) * per_px[0], (xy[1, b] - origin[1]) * per_px[1]
+            cx, cy = (xy[0, c] - origin[0]) * per_px[0], (xy[1, c] - origin[1]) * per_px[1]
+            x0, x1, x2 = _in_order(ax, bx, cx)
+            y0, y1, y2 = _in_order(ay, by, cy)
+            # What is no number is nowhere.
+            if not (x0 >= 0.0 and y0 >= 0.0 and x2 < columns and y2 < rows and x2 - x0 <= 2.0 and y2 - y0 <= 2.0):
+                x2 = y2 = _FARTHEST
+                x0 = y0 = 0.0
+            column, row = int(x0), int(y0)
+            right, bottom = column + 1.0, row + 1.0
+            if x2 > right + 1.0 or y2 > bottom + 1.0:
+                step = complex(here, 1.0)
+                add_line(changes, ax, ay, bx, by, step)
+                add_line(changes, bx, by, cx, cy, step)
+                add_line(changes, cx, cy, ax, ay, step)
+                continue
+            # Of one column or row all is in the first.
+            below = row + 1 if y2 > bottom else row
+            right, bottom = right if right < x2 else x2, bottom if bottom < y2 else y2
+            area = 0.5 * abs((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
+            left, top = area * _part_below(x0, x1, x2, right), area * _part_below(y0, y1, y2, bottom)
+            corner = 0.5 * abs(_twice_below(ax, bottom - ay, bx, bottom - by, right)
+                               + _twice_below(bx, bottom - by, cx, bottom - cy, right)
+                               + _twice_below(cx, bottom - cy, ax, bottom - ay, right))
+            value = complex(here, 1.0)
+            changes[row, column] += corner * value
+            changes[row, column + 1] += (top - 2.0 * corner) * value
+            changes[row, column + 2] -= (top - corner) * value
+            left -= corner
+            other = area - top - left
+            changes[below, column] += left * value
+            changes[below, column + 1] += (other - left) * value
+            changes[below, column + 2] -= other * value
 
 
 @compiled(void(_CHANGES, read(float64, 2), read(intp, 2, "A"), _VALUES, _VECTOR, _VECTOR))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba.types import Tuple, boolean, float32, float64, int16, int64, intp
+from numba.types import Tuple, boolean, float32, float64, int16, int32, int64, intp, void
 
 from .compiled import compiled, read, write
 
@@ -35,6 +35,23 @@ def facing(normal, offset_m, first, last, to_sun, r_camera_m, xy, corners, bound
                 found[n], cosines[n], shown[n] = facet, cosine, share
                 n += 1
     return found[:n].copy(), cosines[:n].copy(), shown[:n].copy()
+
+
+@compiled(void(read(float32, 2), read(int32, 1), read(float32, 1), intp, intp, _VECTOR, _VECTOR, float64,
+               write(float64, 1)))
+def light(facets, seen, brdf, first, last, to_sun, r_camera_m, gain, radiance):
+    """Write the radiance (F,) of facets first to last of those that are seen (N,), by their BRDF (N,) times a gain.
+
+    Facets (F, 6) float32 have normals and middles [m]; of what has turned from Sun or camera nothing is written.
+    """
+    for i in range(first, last):
+        facet = seen[i]
+        a, b, c = float(facets[facet, 0]), float(facets[facet, 1]), float(facets[facet, 2])
+        incidence = a * to_sun[0] + b * to_sun[1] + c * to_sun[2]
+        emission = (a * (r_camera_m[0] - facets[facet, 3]) + b * (r_camera_m[1] - facets[facet, 4])
+                    + c * (r_camera_m[2] - facets[facet, 5]))
+        if incidence > 0.0 and emission > 0.0:
+            radiance[facet] = gain * float(brdf[i]) * incidence
 
 
 @compiled(write(intp, 1)(read(float32, 2), read(float64, 1), _VECTOR, _VECTOR, _POINTS, read(float64, 1)))
@@ -113,17 +130,16 @@ def distinct_pairs(ones, others, is_known):
     return pairs[:, :n].copy(), first[:n].copy(), known[:n].copy(), number
 
 
-@compiled(write(float64, 2)(_POINTS, _POINTS, _VECTOR, float64, _VECTOR))
-def projected(r_body_m, camera_from_body, r_camera_m, focal_length_px, principal_point_px):
-    """Places (2, N) [px] of points (3, N) [m]."""
-    places, turn = np.empty((2, r_body_m.shape[1])), camera_from_body
-    for i in range(r_body_m.shape[1]):
+@compiled(void(_POINTS, intp, intp, _POINTS, _VECTOR, float64, _VECTOR, write(float64, 2)))
+def project(r_body_m, first, last, camera_from_body, r_camera_m, focal_length_px, principal_point_px, places):
+    """Write places (2, N) [px] of points first to last of some (3, N) [m]."""
+    turn = camera_from_body
+    for i in range(first, last):
         a, b, c = r_body_m[0, i] - r_camera_m[0], r_body_m[1, i] - r_camera_m[1], r_body_m[2, i] - r_camera_m[2]
         across = focal_length_px / (turn[2, 0] * a + turn[2, 1] * b + turn[2, 2] * c)
         for axis in range(2):
             places[axis, i] = principal_point_px[axis] + across * (
                 turn[axis, 0] * a + turn[axis, 1] * b + turn[axis, 2] * c)
-    return places
 
 
 @compiled(write(float64, 1)(_TABLE, _CORNERS, _NUMBERS))

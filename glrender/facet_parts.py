@@ -5,6 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 import numpy as np
+from glrender_camera import PinholeCamera, threads
+
+from .view import BodyView
+
+# Points that a thread projects in a turn.
+_AT_ONCE = 1 << 15
 
 
 class Points:
@@ -65,3 +71,17 @@ class FacetParts:
     def joined(cls, several: list[FacetParts]) -> FacetParts:
         """All of them, one after the other."""
         return cls(*(np.concatenate([getattr(one, field.name) for one in several], axis=-1) for field in fields(cls)))
+
+
+def projected(r_body_m: np.ndarray, view: BodyView, camera: PinholeCamera) -> np.ndarray:
+    """Places (2, N) [px] of points (3, N) [m] in the image."""
+    from . import facet_loops
+
+    found, middle_px = np.empty((2, r_body_m.shape[1])), np.array(camera.principal_point_px, float)
+
+    def project(part: slice) -> None:
+        facet_loops.project(r_body_m, part.start, part.stop, view.camera_from_body, view.r_camera_body_m,
+                            camera.focal_length_px, middle_px, found)
+
+    threads.run_in_parts(project, r_body_m.shape[1], _AT_ONCE)
+    return found

@@ -13,6 +13,8 @@ from .render_plan import LevelPlan
 SIZES_PX = 2.0 ** np.arange(3, 10)
 """Diameters of the bounding sphere in the image, at which errors are told."""
 PHASES_RAD = np.radians([2.0, 30.0, 60.0, 90.0, 120.0, 150.0])
+FEWEST_KEPT = 100_000
+"""Facets from which it is kept from frame to frame which of their middles are seen and lit."""
 _PHASES = PHASES_RAD.tolist()
 
 
@@ -47,6 +49,11 @@ class AreaLevel:
     flux_ratio: np.ndarray
     flux_scatter: np.ndarray
     centre: np.ndarray
+
+    @property
+    def is_kept(self) -> bool:
+        """Whether what takes longest is done anew in some frames only."""
+        return self.kind.by_middles and self.n_facets >= FEWEST_KEPT
 
     def error_at(self, phase_rad: float, size_px: float) -> float:
         """RMS error; that of the smallest size below it, infinite beyond the largest and beyond the last phase."""

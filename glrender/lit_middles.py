@@ -9,23 +9,19 @@ from glrender_camera import PinholeCamera, threads
 
 from . import coverage, facet_loops
 from .facet_cutter import FacetCutter
-from .facet_parts import FacetParts
-from .facet_relief import FacetRelief
+from .facet_parts import FacetParts, projected
 from .facet_tables import FacetTables
+from .kept_middles import KeptMiddles
 from .ray_engine import RayEngine
 from .render_plan import LevelPlan
-from .surface import Surface
 from .view import BodyView, between
 
-# Steps of a table of BRDF by a normal's place out of the plane of Sun and camera; and by the root of the distance of
-# their unit vectors, which is a phase angle [rad], about.
-_STEPS, _CHORD = 24, 0.03
-# Least angle off the limb and the terminator [rad], and least part of a normal.
-_EDGE_ON = 1e-6
 # Facets in a turn of each of the two images that are made at once.
 _BLOCK = 1 << 12
 # Steps in which the edges of others are found along facets' sides.
 _BISECTIONS = 3
+# Squared side of facets, times their number, over the squared diameter.
+_FACETS_SQUARED = 1.2
 # Areas of facets in which they are looked for anyway, over the squared radius of what may be there, and least [px2];
 # largest parts that are cut [px2], and most divisions.
 _LARGE, _LEAST_PX, _PART_PX, _MOST_DIVISIONS = 0.06, 0.25, 6.0, 5
@@ -45,32 +41,15 @@ class LitMiddles:
     camera : PinholeCamera
     rays : RayEngine
     level : LevelPlan
+    kept : KeptMiddles
     """
 
     def __init__(self, facets: FacetTables, view: BodyView, views: list[BodyView], camera: PinholeCamera,
-                 rays: RayEngine, level: LevelPlan):
+                 rays: RayEngine, level: LevelPlan, kept: KeptMiddles):
         self._facets, self._view, self._camera = facets, view, camera
-        roots = chord_roots(view, facets.solid.radius_m)
-        self._xy = self._project(facets.vertices_m)
-        brightness = level.flux_ratio / view.sun_distance_au**2
-        table = brightness * brdf_table(facets.surface, roots)
-        self._radiance, asked, (is_seen, is_lit) = facets.middles.shade(
-            view.sun_direction_body, view.r_camera_body_m, table, roots)
-        middle_m, number = facets.middles.facets[asked, 3:].T.astype(float), facets.number.take(asked)
-        # Where neither was in doubt, both are so.
-        sees = rays.in_view(facets.solid, middle_m, number, view, [view], is_seen) | ~is_seen
-        sees &= rays.in_light(facets.solid, middle_m, number, view, [view], is_lit & sees) | ~is_lit
-        self._radiance[asked[~sees]] = 0.0
-        if level.has_relief:
-            relief = FacetRelief.of(facets.level, facets.surface, view)
-            lit = np.flatnonzero(self._radiance)
-
-            def add(part: slice) -> None:
-                some = lit[part]
-                added = relief.added(facets.number.take(some), facets.normal.take(some, axis=1))
-                self._radiance[some] = np.maximum(self._radiance[some] + added * brightness, 0.0)
-
-            threads.run_in_parts(add, len(lit), _BLOCK)
+        self._xy = projected(facets.vertices_m, view, camera)
+        self._radiance = kept.radiance(facets, view, rays, has_relief=level.has_relief,
+                                       brightness=level.flux_ratio / view.sun_distance_au**2)
         # What others cut: points, and of each number of corners the polygons and their radiance.
         self._points_m, self._polygons = np.zeros((3, 0)), []
         if len(views) > 1:
@@ -128,47 +107,20 @@ class LitMiddles:
         facets = self._facets
         # Two always, whatever the number of threads: the same bytes.
         images = [changes, np.zeros_like(changes)]
+        # Large facets share lines; small ones are soon shared among the few cells that they have.
+        size_px = 2.0 * facets.solid.radius_m * self._camera.focal_length_px / self._view.range_m
+        is_small = size_px * math.sqrt(_FACETS_SQUARED * per_px.prod() / facets.n_facets) < 1.0
 
         def add(k: int) -> None:
-            coverage.add_lit(images[k], self._xy, facets.corners, facets.neighbours, self._radiance, k * _BLOCK, _BLOCK,
-                             len(images) * _BLOCK, origin_px, per_px)
+            turn = k * _BLOCK, _BLOCK, len(images) * _BLOCK
+            if is_small:
+                coverage.add_small(images[k], self._xy, facets.corners, self._radiance, *turn, origin_px, per_px)
+            else:
+                coverage.add_lit(images[k], self._xy, facets.corners, facets.neighbours, self._radiance, *turn,
+                                 origin_px, per_px)
 
         threads.run(add, range(len(images)), threads.N_CORES)
         changes += images[1]
-        points_xy = self._project(self._points_m)
+        points_xy = projected(self._points_m, self._view, self._camera)
         for corner, radiance in self._polygons:
             coverage.add_polygons(changes, points_xy, corner, radiance + 1j, origin_px, per_px)
-
-    def _project(self, r_body_m: np.ndarray) -> np.ndarray:
-        """Places (2, N) [px] of points (3, N) [m]."""
-        return facet_loops.projected(r_body_m, self._view.camera_from_body, self._view.r_camera_body_m,
-                                     self._camera.focal_length_px, np.array(self._camera.principal_point_px, float))
-
-
-def brdf_table(surface: Surface, roots: np.ndarray) -> np.ndarray:
-    """BRDF [1/sr] of facets times the cosines of incidence and emission, as `horizon_loops.shade_middles` takes it.
-
-    By the roots of distances (C,) of the unit vectors to Sun and camera, the places around a square in their plane, and
-    the parts of the normal in it. Beyond the terminator and the limb as on them.
-    """
-    place, part = np.meshgrid(np.arange(-_STEPS, _STEPS + 1) / _STEPS, np.arange(_STEPS + 1) / _STEPS, indexing="ij")
-    angle, part = np.arctan2(place, 1.0 - np.abs(place)), np.maximum(part, _EDGE_ON)
-    to_camera, found = np.array([[1.0, 0.0, 0.0]]), []
-    for root in roots:
-        phase_rad = 2.0 * math.asin(min(0.5 * root**2, 1.0))
-        to_sun = np.array([math.cos(phase_rad), math.sin(phase_rad), 0.0])
-        both = np.clip(angle, phase_rad - 0.5 * math.pi + _EDGE_ON, 0.5 * math.pi - _EDGE_ON)
-        normal = np.stack([part * np.cos(both), part * np.sin(both), np.sqrt(1.0 - part * part)], axis=-1)
-        brdf = surface.brdf(to_sun, to_camera, normal.reshape(-1, 3), np.ones(place.size)).reshape(place.shape)
-        found.append(brdf * (normal @ (to_sun + to_camera[0])))
-    return np.stack(found)
-
-
-def chord_roots(view: BodyView, radius_m: float) -> np.ndarray:
-    """Roots of distances of the unit vectors to Sun and camera, as seen from anywhere on the body, in even steps.
-
-    Close to 0 surfaces surge, and steps are small.
-    """
-    aside = math.asin(min(radius_m / view.range_m, 1.0))
-    ends = [math.sqrt(2.0 * math.sin(0.5 * min(max(view.phase_rad + turn, 0.0), math.pi))) for turn in (-aside, aside)]
-    return np.linspace(*ends, 2 + math.ceil((ends[1] - ends[0]) / _CHORD))

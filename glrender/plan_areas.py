@@ -37,6 +37,8 @@ _FEW, _OF_FEW = 3000, 2.5
 _LEAST_RANGE = 8.0
 # The cost of areas of several bodies together, over that of as many facets of one.
 _SEVERAL = 1.4
+# Frames in which large shapes are shaded anew: in others Sun and camera are still near the same nodes.
+_ANEW = 0.5
 # Of levels by middles that cost nearly as little, so many times the least, the one with the least error.
 _NEARLY = 1.2
 # The cost of a normal that a facet stands for, in those of a facet; and of any for a facet, in those of a normal.
@@ -219,14 +221,16 @@ def _together(bodies: Sequence[_Candidates], chosen: Sequence[AreaLevel | None],
         if any(chosen) and n_facing < _FEW:
             crease_rad *= _OF_FEW
         facet_px = math.sqrt(2.0 * facing * n_px / n_facing)
+        anew = _ANEW if all(level is not None and level.is_kept for level in chosen) else 1.0
         if by_middles:
-            ns = (costs.middles_ns(n_facets, n_facing, n_px, facet_px) + (len(bodies) - 1) * AREAS_CALL_NS
+            ns = (costs.middles_ns(n_facets, n_facing, n_px, facet_px, anew)
+                  + (len(bodies) - 1) * AREAS_CALL_NS
                   + sum(body.cutting_ns(level, costs) for body, level in each))
         else:
             ns = ((_SEVERAL if len(bodies) > 1 else 1.0)
                   * costs.areas_ns(n_facets, n_facing, n_px, facet_px, crease_rad, phase_rad, left))
         if n_normals := sum(level.n_normals for level in chosen if level):
-            ns += (n_normals + _RELIEF * n_facets) * facing * shown_share * _NORMAL * costs.area_ns
+            ns += anew * (n_normals + _RELIEF * n_facets) * facing * shown_share * _NORMAL * costs.area_ns
     return AreasChoice(ns=ns, error=math.hypot(floor, error), levels=tuple(body.plan(level) for body, level in each))
 
 

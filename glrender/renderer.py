@@ -84,6 +84,7 @@ class Renderer:
                 stack.callback(areas.close)
             except DeviceError:
                 pass  # embreex is optional
+            self._areas = areas
             self._costs = engine_costs(self._context, rays is not None)
             self._shadows = Shadows(self._context, scene.hulls, self._meshes)
             stack.callback(self._shadows.close)
@@ -234,8 +235,10 @@ class Renderer:
         return bodies
 
     def forget_shadow_maps(self) -> None:
-        """Draw every shadow map anew when next it is needed; no image changes."""
+        """Find all shadows anew when next they are needed; no image changes."""
         self._shadows.close()
+        if self._areas is not None:
+            self._areas.forget()
 
     def _add_emission(self, irradiance: np.ndarray, state: State, frame: Frame, frame_plan: RenderPlan) -> RenderPlan:
         """Add what the scene's emission plug-ins draw; where their light falls is the whole image."""

@@ -17,7 +17,7 @@ from .gl.targets import ShadowMap, rounded_room
 from .hull import Hull
 from .render_plan import BodyPlan
 from .shadow_box import shadow_box
-from .view import BodyView, between, chunks_in_window
+from .view import BodyView, between, chunks_in_window, snapped
 
 _MAPS_KEPT = 8
 # The largest bias of surface.glsl is 20.2 texels.
@@ -134,7 +134,7 @@ class Shadows:
             if texels is None:
                 done.append(body_plan)
                 continue
-            sun_from_body = frames.sun_from_body(snapped_sun(view.sun_direction_body, texels))
+            sun_from_body = frames.sun_from_body(snapped(view.sun_direction_body, texels))
             low_m, high_m, seen = self._bounds(view, sun_from_body, camera, levels[view.name])
             box = shadow_box(low_m, high_m, None if is_whole else seen, texels)
             centre = 0.5 * (box.low_m + box.high_m)
@@ -187,21 +187,3 @@ def _moved(matrix: np.ndarray, sun_direction_body: np.ndarray, sun_from_body: np
     moved_m = (offset_m @ sun_direction_body) * (sun_from_body[2] - sun_direction_body)
     steps = np.round((sun_from_body @ moved_m)[:2] / (0.25 * texel_m))
     return frames.transform(np.eye(3), sun_from_body[:2].T @ (0.25 * texel_m * steps)) @ matrix
-
-
-def snapped_sun(sun_direction_body: np.ndarray, shadow_map_px: int) -> np.ndarray:
-    """The direction that a shadow map is drawn for: the nearest node of a grid finer than half a texel.
-
-    Drawing for the node, not for the first direction asked for, makes the reuse of a map
-    independent of history: the same request gives the same bytes.
-
-    Parameters
-    ----------
-    sun_direction_body : (3,) float64 [1]
-    shadow_map_px : int
-        A texel is 2 R / size; relief of up to R moves its shadow by half of that in 1 / size rad.
-    """
-    largest = np.argmax(np.abs(sun_direction_body))
-    face = sun_direction_body / abs(sun_direction_body[largest])
-    snapped = np.round(face * shadow_map_px) / shadow_map_px
-    return snapped / np.linalg.norm(snapped)

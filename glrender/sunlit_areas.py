@@ -14,7 +14,7 @@ from glrender_camera import PinholeCamera, threads
 
 from . import coverage, facet_loops
 from .facet_cutter import FacetCutter
-from .facet_parts import FacetParts
+from .facet_parts import FacetParts, projected
 from .facet_relief import FacetRelief
 from .facet_tables import FacetTables
 from .ray_engine import RayEngine
@@ -77,7 +77,7 @@ class SunlitAreas:
         if level.has_relief:
             self._relief = FacetRelief.of(facets.level, facets.surface, view)
         self._facets, self._view, self._views, self._camera, self._rays = facets, view, views, camera, rays
-        self._xy = self._project(facets.vertices_m)
+        self._xy = projected(facets.vertices_m, view, camera)
         facing, cos_incidence, shown = self._find_facing(np.array(bounds_px, float))
         self._radiance, self._off_axis, self._cos_incidence = np.zeros((3, facets.n_facets))
         self._cos_incidence[facing] = cos_incidence
@@ -193,7 +193,7 @@ class SunlitAreas:
         facets, whole = self._facets, self._whole
         shown = np.zeros(facets.n_facets, complex)
         shown[whole] = values(whole)
-        points_xy = self._project(self._cutter.points.r_m)
+        points_xy = projected(self._cutter.points.r_m, self._view, self._camera)
         # Two halves always, whatever the number of threads: the same bytes.
         is_much = len(whole) > max(_TWO_IMAGES, _OF_CELLS * changes.size)
         halves = [changes, np.zeros_like(changes)] if is_much else [changes]
@@ -362,11 +362,6 @@ class SunlitAreas:
     def _facet_px(self, facet: np.ndarray) -> np.ndarray:
         """Areas (N,) of facets in the image [px2]."""
         return facet_loops.areas(self._xy, self._facets.corners, facet)
-
-    def _project(self, r_body_m: np.ndarray) -> np.ndarray:
-        """Places (2, N) [px] of points (3, N) [m]."""
-        return facet_loops.projected(r_body_m, self._view.camera_from_body, self._view.r_camera_body_m,
-                                     self._camera.focal_length_px, np.array(self._camera.principal_point_px, float))
 
 
 def _pixels_squared(radiance: np.ndarray | float, area_px: np.ndarray) -> np.ndarray:

@@ -92,6 +92,30 @@ def between(view: BodyView, other: BodyView) -> tuple[np.ndarray, np.ndarray]:
     return rotation, other.r_camera_body_m - rotation @ view.r_camera_body_m
 
 
+def phase_angle(to_sun: np.ndarray, to_camera: np.ndarray) -> float:
+    """Between two unit vectors (3,) [rad]: exact also where it is small, or nearly pi."""
+    return float(2.0 * np.arctan2(np.linalg.norm(to_sun - to_camera), np.linalg.norm(to_sun + to_camera)))
+
+
+def snapped(direction: np.ndarray, steps: int) -> np.ndarray:
+    """The nearest node of a grid of directions: what is kept of one node serves all that are near it.
+
+    Made for the node, not for the first direction asked for, it is independent of history: the same request gives the
+    same bytes.
+
+    Parameters
+    ----------
+    direction : (3,) float64 [1]
+    steps : int
+        They are at most 1 / steps rad long: for shadow maps that many texels, of 2 R / steps each, as relief of up to R
+        moves its shadow by half of one in 1 / steps rad.
+    """
+    largest = np.argmax(np.abs(direction))
+    face = direction / abs(direction[largest])
+    node = np.round(face * steps) / steps
+    return node / np.linalg.norm(node)
+
+
 def chunks_in_window(chunks: Chunks, view: BodyView, camera: PinholeCamera,
                      bounds_px: tuple[float, float, float, float]) -> np.ndarray:
     """Chunks (C,) bool of a body that may be in a window x0, y0, x1, y1 [px] of the image."""
@@ -171,9 +195,8 @@ def _view(name: str, hull: Hull, state: State, camera: PinholeCamera, camera_fro
         corner = np.array([[x, y] for x in (-0.5, camera.width_px - 0.5) for y in (-0.5, camera.height_px - 0.5)])
         nearest = hull.distance_m(r_camera) * float(camera.directions(corner)[:, 2].min())
     to_camera = r_camera / range_m if range_m > 0.0 else sun_direction
-    phase = 2.0 * np.arctan2(np.linalg.norm(sun_direction - to_camera), np.linalg.norm(sun_direction + to_camera))
     return BodyView(
         name=name, camera_from_body=camera_from_body, r_camera_body_m=r_camera, sun_direction_body=sun_direction,
-        sun_distance_au=sun_distance / AU_M, range_m=range_m, phase_rad=float(phase),
+        sun_distance_au=sun_distance / AU_M, range_m=range_m, phase_rad=phase_angle(sun_direction, to_camera),
         depth_m=(nearest, farthest), bounds_px=bounds, is_visible=is_visible,
         is_whole=_is_within(bounds, camera.bounds_px))

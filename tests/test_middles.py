@@ -16,7 +16,7 @@ from glrender.costs import EngineCosts
 from glrender.coverage import add_facets, add_lit, no_changes
 from glrender.facet_tables import FacetTables
 from glrender.grouping import region
-from glrender.lit_middles import brdf_table, chord_roots
+from glrender.kept_middles import brdf_table, chord_roots
 from glrender.middle_horizons import Middles
 from glrender.ray_engine import RayEngine
 from glrender.rays import RayMesh

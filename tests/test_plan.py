@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import views
-from glrender import grouping, plan, plan_windows, shadows
+from glrender import grouping, plan, plan_windows
 from glrender.costs import EngineCosts
 from glrender.error_model import NOISE_FACETS, BodyTraits, LevelTraits
 from glrender.first_samples import Expected, first_samples
 from glrender.lod_flux import PHASES_RAD, FluxRatio
 from glrender.ray_engine import RAYS_AT_ONCE
-from glrender.view import BodyView
+from glrender.view import BodyView, snapped
 
 
 def view(name="body", size_px=200.0, phase_deg=60.0, bounds_px=None, depth_m=(900.0, 1100.0), is_visible=True):
@@ -246,15 +246,15 @@ def test_depth_groups_are_disjoint_and_farthest_first():
 
 
 @pytest.mark.parametrize("size", plan.SHADOW_SIZES_PX)
-def test_the_snapped_sun_is_within_a_texels_shift(size, rng):
+def test_the_node_of_a_direction_is_within_a_texels_shift(size, rng):
     """0.71 / size rad at the centre of a cube's face: half a texel of 2 R / size is R / size."""
     direction = rng.standard_normal((1000, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    snapped = np.array([shadows.snapped_sun(d, size) for d in direction])
-    np.testing.assert_allclose(np.linalg.norm(snapped, axis=1), 1.0, rtol=1e-14)
-    assert np.linalg.norm(snapped - direction, axis=1).max() <= 0.7072 / size
-    again = np.array([shadows.snapped_sun(d, size) for d in snapped])
-    np.testing.assert_allclose(again, snapped, atol=1e-15, err_msg="a node is its own node")
+    nodes = np.array([snapped(d, size) for d in direction])
+    np.testing.assert_allclose(np.linalg.norm(nodes, axis=1), 1.0, rtol=1e-14)
+    assert np.linalg.norm(nodes - direction, axis=1).max() <= 0.7072 / size
+    again = np.array([snapped(d, size) for d in nodes])
+    np.testing.assert_allclose(again, nodes, atol=1e-15, err_msg="a node is its own node")
 
 
 def test_planning_takes_well_below_a_millisecond():
