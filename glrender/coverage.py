@@ -199,11 +199,19 @@ def _twice_below(x0, below0, x1, below1, right):
     return (across + beyond1 - beyond0) * both * both / (abs(below0) + abs(below1) + _TINY)
 
 
+@inlined
+def _corner(ax, ay, bx, by, cx, cy, right, bottom):
+    """Area of a triangle before an edge to the right and one below."""
+    return 0.5 * abs(_twice_below(ax, bottom - ay, bx, bottom - by, right)
+                     + _twice_below(bx, bottom - by, cx, bottom - cy, right)
+                     + _twice_below(cx, bottom - cy, ax, bottom - ay, right))
+
+
 @compiled(void(_CHANGES, read(float64, 2), read(intp, 2), read(float64, 1), intp, intp, intp, _VECTOR, _VECTOR))
 def add_small(changes, xy, corners, radiance, first, block, every, origin, per_px):
     """The same as `add_lit`, sooner where most facets have no more than two columns and two rows of cells.
 
-    By what of each is in which of the four, without a branch, which would be guessed wrong half the time.
+    By what of each is in which of the four. How many there are makes no branch: it would be guessed wrong too often.
     """
     rows, columns = changes.shape[0], changes.shape[1] - 2
     for begin in range(first, len(radiance), every):
@@ -217,35 +225,41 @@ def add_small(changes, xy, corners, radiance, first, block, every, origin, per_p
             cx, cy = (xy[0, c] - origin[0]) * per_px[0], (xy[1, c] - origin[1]) * per_px[1]
             x0, x1, x2 = _in_order(ax, bx, cx)
             y0, y1, y2 = _in_order(ay, by, cy)
-            # What is no number is nowhere.
-            if not (x0 >= 0.0 and y0 >= 0.0 and x2 < columns and y2 < rows and x2 - x0 <= 2.0 and y2 - y0 <= 2.0):
-                x2 = y2 = _FARTHEST
-                x0 = y0 = 0.0
-            column, row = int(x0), int(y0)
-            right, bottom = column + 1.0, row + 1.0
-            if x2 > right + 1.0 or y2 > bottom + 1.0:
-                step = complex(here, 1.0)
-                add_line(changes, ax, ay, bx, by, step)
-                add_line(changes, bx, by, cx, cy, step)
-                add_line(changes, cx, cy, ax, ay, step)
-                continue
-            # Of one column or row all is in the first.
-            below = row + 1 if y2 > bottom else row
-            right, bottom = right if right < x2 else x2, bottom if bottom < y2 else y2
-            area = 0.5 * abs((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
-            left, top = area * _part_below(x0, x1, x2, right), area * _part_below(y0, y1, y2, bottom)
-            corner = 0.5 * abs(_twice_below(ax, bottom - ay, bx, bottom - by, right)
-                               + _twice_below(bx, bottom - by, cx, bottom - cy, right)
-                               + _twice_below(cx, bottom - cy, ax, bottom - ay, right))
             value = complex(here, 1.0)
-            changes[row, column] += corner * value
-            changes[row, column + 1] += (top - 2.0 * corner) * value
-            changes[row, column + 2] -= (top - corner) * value
-            left -= corner
-            other = area - top - left
-            changes[below, column] += left * value
-            changes[below, column + 1] += (other - left) * value
-            changes[below, column + 2] -= other * value
+            # What is no number is nowhere.
+            is_within = (x0 >= 0.0) & (x1 >= x0) & (x2 < columns) & (y0 >= 0.0) & (y1 >= y0) & (y2 < rows)
+            column, row = int(x0) if is_within else 0, int(y0) if is_within else 0
+            right, bottom = column + 1.0, row + 1.0
+            if not (is_within and y2 <= bottom + 1.0):
+                add_line(changes, ax, ay, bx, by, value)
+                add_line(changes, bx, by, cx, cy, value)
+                add_line(changes, cx, cy, ax, ay, value)
+                continue
+            # Of one row or column all is in the first.
+            below, bottom = row + 1 if y2 > bottom else row, bottom if bottom < y2 else y2
+            area = 0.5 * abs((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
+            top = area * _part_below(y0, y1, y2, bottom)
+            before, before_below, left, corner = 0.0, 0.0, 0.0, 0.0
+            while x2 > right + 1.0:
+                next_left = area * _part_below(x0, x1, x2, right)
+                next_corner = _corner(ax, ay, bx, by, cx, cy, right, bottom)
+                this = next_corner - corner
+                this_below = next_left - left - this
+                changes[row, column] += (this - before) * value
+                changes[below, column] += (this_below - before_below) * value
+                before, before_below, left, corner = this, this_below, next_left, next_corner
+                column, right = column + 1, right + 1.0
+            right = right if right < x2 else x2
+            next_left = area * _part_below(x0, x1, x2, right)
+            next_corner = _corner(ax, ay, bx, by, cx, cy, right, bottom)
+            this, last = next_corner - corner, top - next_corner
+            changes[row, column] += (this - before) * value
+            changes[row, column + 1] += (last - this) * value
+            changes[row, column + 2] -= last * value
+            this, last = next_left - left - this, area - next_left - last
+            changes[below, column] += (this - before_below) * value
+            changes[below, column + 1] += (last - this) * value
+            changes[below, column + 2] -= last * value
 
 
 @compiled(void(_CHANGES, read(float64, 2), read(intp, 2, "A"), _VALUES, _VECTOR, _VECTOR))

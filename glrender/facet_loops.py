@@ -37,12 +37,13 @@ def facing(normal, offset_m, first, last, to_sun, r_camera_m, xy, corners, bound
     return found[:n].copy(), cosines[:n].copy(), shown[:n].copy()
 
 
-@compiled(void(read(float32, 2), read(int32, 1), read(float32, 1), intp, intp, _VECTOR, _VECTOR, float64,
+@compiled(void(read(float32, 2), read(int32, 1), read(float32, 1), intp, intp, _VECTOR, _VECTOR, float64, float64,
                write(float64, 1)))
-def light(facets, seen, brdf, first, last, to_sun, r_camera_m, gain, radiance):
-    """Write the radiance (F,) of facets first to last of those that are seen (N,), by their BRDF (N,) times a gain.
+def light(facets, seen, brightness, first, last, to_sun, r_camera_m, gain, beyond, radiance):
+    """Write the radiance (F,) of facets first to last of those that are seen (N,).
 
-    Facets (F, 6) float32 have normals and middles [m]; of what has turned from Sun or camera nothing is written.
+    That is their brightness (N,), times a gain, times the cosine of incidence and what is `beyond`. Facets (F, 6)
+    float32 have normals and middles [m]; of what has turned from Sun or camera nothing is written.
     """
     for i in range(first, last):
         facet = seen[i]
@@ -51,7 +52,7 @@ def light(facets, seen, brdf, first, last, to_sun, r_camera_m, gain, radiance):
         emission = (a * (r_camera_m[0] - facets[facet, 3]) + b * (r_camera_m[1] - facets[facet, 4])
                     + c * (r_camera_m[2] - facets[facet, 5]))
         if incidence > 0.0 and emission > 0.0:
-            radiance[facet] = gain * float(brdf[i]) * incidence
+            radiance[facet] = gain * float(brightness[i]) * (incidence + beyond)
 
 
 @compiled(write(intp, 1)(read(float32, 2), read(float64, 1), _VECTOR, _VECTOR, _POINTS, read(float64, 1)))

@@ -15,7 +15,7 @@ from glrender_camera import threads
 from . import facet_loops
 from .facet_relief import FacetRelief
 from .facet_tables import FacetTables
-from .level_tables import FEWEST_KEPT
+from .level_tables import is_kept
 from .ray_engine import RayEngine
 from .surface import Surface
 from .view import BodyView, phase_angle, snapped
@@ -25,6 +25,8 @@ from .view import BodyView, phase_angle, snapped
 _STEPS, _CHORD = 24, 0.03
 # Least angle off the limb and the terminator [rad], and least part of a normal.
 _EDGE_ON = 1e-6
+# Cosine beyond the terminator at which no light is left: relief has some on it.
+_BEYOND = 0.02
 # Facets in a turn.
 _BLOCK = 1 << 12
 # Steps of the grid of directions in 1 rad, and of ranges in a factor e: a shadow 100 px long moves by 0.07 px.
@@ -35,10 +37,13 @@ _MOST_KEPT = 8
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Seen:
-    """Facets (N,) int32 whose middles Sun and camera see, and their BRDF (N,) float32 [1/sr], at a phase angle."""
+    """Facets (N,) int32 whose middles Sun and camera see, and how bright (N,) float32, at a phase angle.
+
+    Radiance over the cosine of incidence and `_BEYOND`.
+    """
 
     facet: np.ndarray
-    brdf: np.ndarray
+    brightness: np.ndarray
     phase_rad: float
 
 
@@ -67,7 +72,7 @@ class KeptMiddles:
             Whether facets are as bright as what they stand for.
         brightness : float
         """
-        if facets.n_facets < FEWEST_KEPT:
+        if not is_kept(facets.n_facets, view, facets.solid.radius_m):
             return _radiance(facets, view, rays, has_relief, brightness)
         seen = self._seen(facets, _at_node(view, facets.solid.radius_m), rays, has_relief)
         found = np.zeros(facets.n_facets)
@@ -75,8 +80,8 @@ class KeptMiddles:
                              / _symmetric_brdf(facets.surface, seen.phase_rad))
 
         def light(part: slice) -> None:
-            facet_loops.light(facets.middles.facets, seen.facet, seen.brdf, part.start, part.stop,
-                              view.sun_direction_body, view.r_camera_body_m, gain, found)
+            facet_loops.light(facets.middles.facets, seen.facet, seen.brightness, part.start, part.stop,
+                              view.sun_direction_body, view.r_camera_body_m, gain, _BEYOND, found)
 
         threads.run_in_parts(light, len(seen.facet), _BLOCK)
         return found
@@ -87,8 +92,8 @@ class KeptMiddles:
             radiance = _radiance(facets, node, rays, has_relief, 1.0)
             facet = np.flatnonzero(radiance).astype(np.int32)
             cosine = facets.middles.facets[facet, :3] @ node.sun_direction_body.astype(np.float32)
-            brdf = (radiance[facet] / np.maximum(cosine, _EDGE_ON)).astype(np.float32)
-            self._kept[key] = _Seen(facet=facet, brdf=brdf, phase_rad=node.phase_rad)
+            self._kept[key] = _Seen(facet=facet, phase_rad=node.phase_rad,
+                                    brightness=(radiance[facet] / (cosine + _BEYOND)).astype(np.float32))
             if len(self._kept) > _MOST_KEPT:
                 self._kept.popitem(last=False)
         self._kept.move_to_end(key)

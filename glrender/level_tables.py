@@ -9,12 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from .render_plan import LevelPlan
+from .view import BodyView
 
 SIZES_PX = 2.0 ** np.arange(3, 10)
 """Diameters of the bounding sphere in the image, at which errors are told."""
 PHASES_RAD = np.radians([2.0, 30.0, 60.0, 90.0, 120.0, 150.0])
 FEWEST_KEPT = 100_000
 """Facets from which it is kept from frame to frame which of their middles are seen and lit."""
+# Least phase angle for that [rad], anywhere on the body: below it surfaces surge.
+_LEAST_KEPT_RAD = 0.17
 _PHASES = PHASES_RAD.tolist()
 
 
@@ -50,11 +53,6 @@ class AreaLevel:
     flux_scatter: np.ndarray
     centre: np.ndarray
 
-    @property
-    def is_kept(self) -> bool:
-        """Whether what takes longest is done anew in some frames only."""
-        return self.kind.by_middles and self.n_facets >= FEWEST_KEPT
-
     def error_at(self, phase_rad: float, size_px: float) -> float:
         """RMS error; that of the smallest size below it, infinite beyond the largest and beyond the last phase."""
         if phase_rad > PHASES_RAD[-1] or size_px > SIZES_PX[-1]:
@@ -78,3 +76,8 @@ def _at(values: np.ndarray, phase_rad: float) -> float:
     k = min(max(bisect_right(_PHASES, phase_rad) - 1, 0), len(_PHASES) - 2)
     share = min(max((phase_rad - _PHASES[k]) / (_PHASES[k + 1] - _PHASES[k]), 0.0), 1.0)
     return float(values[k]) + share * float(values[k + 1] - values[k])
+
+
+def is_kept(n_facets: int, view: BodyView, radius_m: float) -> bool:
+    """Whether it is kept which facets' middles are seen and lit."""
+    return n_facets >= FEWEST_KEPT and view.phase_rad - radius_m / view.range_m >= _LEAST_KEPT_RAD

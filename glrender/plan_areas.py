@@ -10,7 +10,7 @@ from glrender_camera import PinholeCamera
 
 from .costs import AREAS_CALL_NS, EngineCosts
 from .error_model import BodyTraits, thin_penumbra
-from .level_tables import AreaLevel
+from .level_tables import AreaLevel, is_kept
 from .render_plan import BodyPlan, LevelPlan
 from .view import BodyView
 
@@ -221,8 +221,10 @@ def _together(bodies: Sequence[_Candidates], chosen: Sequence[AreaLevel | None],
         if any(chosen) and n_facing < _FEW:
             crease_rad *= _OF_FEW
         facet_px = math.sqrt(2.0 * facing * n_px / n_facing)
-        anew = _ANEW if all(level is not None and level.is_kept for level in chosen) else 1.0
+        anew = 1.0
         if by_middles:
+            if all(is_kept(level.n_facets, body.view, body.traits.radius_m) for body, level in each):
+                anew = _ANEW
             ns = (costs.middles_ns(n_facets, n_facing, n_px, facet_px, anew)
                   + (len(bodies) - 1) * AREAS_CALL_NS
                   + sum(body.cutting_ns(level, costs) for body, level in each))

@@ -216,6 +216,13 @@ def test_of_middles_that_cost_about_the_same_the_best_are_taken():
     assert chosen([fine, coarse, cheap], 0.1, costs=CHEAP_RAYS).levels[0].number == 2
 
 
+def test_of_large_shapes_it_is_kept_what_is_lit():
+    """Just below 100,000 facets each frame is shaded anew, just above half of them."""
+    below, above = (chosen([table(0, error=0.01, n_facets=n_facets, by_middles=True)], 0.05, costs=CHEAP_RAYS)
+                    for n_facets in (99_000, 101_000))
+    assert above.levels[0].by_middles and above.ns < 0.95 * below.ns
+
+
 def test_middles_of_a_body_that_may_be_dark_are_left():
     """In a large body's shadow there may be nothing left of the light that errors are told over."""
     told = table(0, error=0.01, n_facets=49_000, by_middles=True)
