@@ -37,6 +37,22 @@ def facing(normal, offset_m, first, last, to_sun, r_camera_m, xy, corners, bound
     return found[:n].copy(), cosines[:n].copy(), shown[:n].copy()
 
 
+@compiled(Tuple((write(int32, 1), write(float32, 1)))(read(float32, 2), read(float64, 1), intp, intp, _VECTOR,
+                                                            float64))
+def seen(facets, radiance, first, last, to_sun, beyond):
+    """Of facets first to last those (N,) with radiance (F,), and that over the cosine of incidence and what is `beyond`.
+
+    As `light` takes them.
+    """
+    found, brightness, n = np.empty(last - first, np.int32), np.empty(last - first, np.float32), 0
+    for facet in range(first, last):
+        if radiance[facet] > 0.0:
+            incidence = facets[facet, 0] * to_sun[0] + facets[facet, 1] * to_sun[1] + facets[facet, 2] * to_sun[2]
+            found[n], brightness[n] = facet, radiance[facet] / (incidence + beyond)
+            n += 1
+    return found[:n].copy(), brightness[:n].copy()
+
+
 @compiled(void(read(float32, 2), read(int32, 1), read(float32, 1), intp, intp, _VECTOR, _VECTOR, float64, float64,
                write(float64, 1)))
 def light(facets, seen, brightness, first, last, to_sun, r_camera_m, gain, beyond, radiance):

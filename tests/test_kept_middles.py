@@ -18,6 +18,7 @@ from glrender.lod import levels_of_detail
 from glrender.ray_engine import RayEngine
 from glrender.render_plan import LevelPlan
 from glrender.view import view_bodies
+from test_spinning import spun_s
 
 GREY = Lambert(normal_albedo=0.3)
 SURGE = Hapke(single_scattering_albedo=0.1, b=0.3, c=0.5, shoe_amplitude=1.0, shoe_width=0.05, roughness_deg=20.0)
@@ -65,6 +66,16 @@ def test_what_is_kept_serves_frames_nearby_and_none_depends_on_those_before(monk
     assert drawn.n_anew == 13
     drawn.areas.forget()
     assert drawn(50.0).tobytes() == first.tobytes() and drawn.n_anew == 14
+
+
+def test_no_thread_works_on_after_a_frame_of_a_large_shape(monkeypatch):
+    drawn = Drawn(monkeypatch)
+
+    def anew():
+        drawn.areas.forget()
+        drawn(50.0)
+
+    assert spun_s(anew) < 0.02
 
 
 @pytest.mark.parametrize("law", [GREY, SURGE], ids=lambda law: law.glsl)
