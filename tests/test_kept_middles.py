@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import views
-from glrender import kept_middles, level_tables
+from glrender import Body, generate, kept_middles, level_tables
 from glrender.area_engine import AreaEngine
 from glrender.brdf import Hapke, Lambert
 from glrender.coverage import add_lit, add_small, no_changes
@@ -15,6 +15,7 @@ from glrender.facet_relief import LevelShape
 from glrender.facet_tables import FacetTables
 from glrender.grouping import region
 from glrender.lod import levels_of_detail
+from glrender.middle_horizons import Middles
 from glrender.ray_engine import RayEngine
 from glrender.render_plan import LevelPlan
 from glrender.view import view_bodies
@@ -68,14 +69,23 @@ def test_what_is_kept_serves_frames_nearby_and_none_depends_on_those_before(monk
     assert drawn(50.0).tobytes() == first.tobytes() and drawn.n_anew == 14
 
 
-def test_no_thread_works_on_after_a_frame_of_a_large_shape(monkeypatch):
-    drawn = Drawn(monkeypatch)
+def test_no_thread_works_on_after_large_shapes():
+    """A sphere of 1.3 million facets, without horizons: 0.1 s after a product of 180,000 rows by NumPy."""
+    body = Body(name="body", shape=generate.icosphere(radius_m=100.0, subdivisions=8), brdf=GREY)
+    camera = views.camera(64, 500.0)
+    scene = views.scene([body], [camera], sun_disc=False)
+    rays, kept = RayEngine(scene), kept_middles.KeptMiddles()
+    tables = FacetTables(body, np.zeros(len(body.shape.facets), bool), rays.solid("body"))
+    facets = np.concatenate([tables.normal, tables.corner_m(slice(None)).mean(axis=0)]).T
+    tables.middles = Middles(facets=facets.astype(np.float32, order="C"),
+                             heights=np.zeros((tables.n_facets, 16), np.uint8))
+    view, = view_bodies(views.state(phase_deg=50.0, range_m=5000.0), camera, scene.hulls)
 
     def anew():
-        drawn.areas.forget()
-        drawn(50.0)
+        kept.forget()
+        return kept.radiance(tables, view, rays, has_relief=False, brightness=1.0)
 
-    assert spun_s(anew) < 0.02
+    assert np.count_nonzero(anew()) > 400_000 and spun_s(anew) < 0.02
 
 
 @pytest.mark.parametrize("law", [GREY, SURGE], ids=lambda law: law.glsl)
