@@ -19,6 +19,8 @@ _FLAT = 1e-7
 _MOST_HORIZONS = 200_000
 # Facets from which there are tables of the horizons of their middles: fewer are soon drawn as they are.
 _FEWEST_MIDDLES = 10_000
+
+
 class FacetTables:
     """What does not change of a body's facets; vectors in columns, facets and vertices in an order of their own.
 
