@@ -38,7 +38,7 @@ def facing(normal, offset_m, first, last, to_sun, r_camera_m, xy, corners, bound
 
 
 @compiled(Tuple((write(int32, 1), write(float32, 1)))(read(float32, 2), read(float64, 1), intp, intp, _VECTOR,
-                                                            float64))
+                                                          float64))
 def seen(facets, radiance, first, last, to_sun, beyond):
     """Facets (N,) first to last with radiance (F,), and that over the cosine of incidence and what is `beyond`.
 

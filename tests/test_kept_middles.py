@@ -26,7 +26,7 @@ SURGE = Hapke(single_scattering_albedo=0.1, b=0.3, c=0.5, shoe_amplitude=1.0, sh
 
 
 class Drawn:
-    """A rough body of 20,000 facets as a large one: its frames by middles, and how often they were looked at anew."""
+    """A rough body of 82,000 facets as a large one: its frames by middles, and how often they were looked at anew."""
 
     def __init__(self, monkeypatch, law=GREY):
         monkeypatch.setattr(level_tables, "FEWEST_KEPT", 10_000)
