@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from types import MappingProxyType
 
 import numpy as np
@@ -17,7 +18,9 @@ from glrender_camera import PinholeCamera, threads
 from .error_model import sliver_gain
 from .facet_relief import LevelShape
 from .facet_tables import FacetTables, longest_sides_m
-from .frames import sun_from_body
+from .frames import dcm, look_at, sun_from_body
+from .kept_nodes import KeptAtNodes, at_node
+from .level_tables import is_kept
 from .ray_engine import RayEngine
 from .rays import RayMesh
 from .render_plan import LevelPlan
@@ -43,6 +46,10 @@ _STEPS = ((4, 0.4), (8, 0.25))
 _COARSE = 2.0
 # Least error that is told: a facet's light at its middle for all of it, and rays in float32.
 _LEAST = 5e-4
+# Of large shapes, steps of the grid of Sun and camera at which sunlit areas are kept: of directions in 1 rad, of ranges
+# in a factor e, and of budgets and the Sun's distance in a factor 2; what the farthest from a node errs by, the least
+# budget for it, and the largest phase angle [rad] anywhere on the body.
+_DIRECTIONS, _RANGES, _BUDGETS, _NODE_ERROR, _LEAST_KEPT, _KEPT_RAD = 8192, 1024, 8, 1.2e-3, 4e-3, 2.5
 
 
 class AreaEngine:
@@ -55,15 +62,19 @@ class AreaEngine:
         Of the same scene.
     levels : mapping of str to sequence of LevelShape, optional
         Of bodies of the scene: levels of detail, finest first.
+    keeps_areas : bool
+        Whether sunlit areas of large shapes are kept from frame to frame; of middles it always is.
     """
 
     def __init__(self, scene: Scene, rays: RayEngine,
-                 levels: Mapping[str, Sequence[LevelShape]] = MappingProxyType({})):
+                 levels: Mapping[str, Sequence[LevelShape]] = MappingProxyType({}), keeps_areas: bool = True):
         # Not before there is a scene: their loops are compiled, or read, at the first import.
-        from . import coverage, kept_middles, lit_middles, sunlit_areas
+        from . import coverage, kept_middles, lit_middles, lit_triangles, sunlit_areas
 
         self._coverage, self._lit_middles, self._sunlit_areas = coverage, lit_middles, sunlit_areas
-        self._scene, self._rays, self._kept = scene, rays, kept_middles.KeptMiddles()
+        self._lit_triangles = lit_triangles
+        self._scene, self._rays, self._kept_middles = scene, rays, kept_middles.KeptMiddles()
+        self._kept_cuts = KeptAtNodes() if keeps_areas else None
         sides_m = {body.name: longest_sides_m(body.shape) for body in scene.bodies}
         smallest_m = min(each[each > 0.0].min() for each in sides_m.values())
         # Of each body that can be drawn so: the full shape, and its levels of detail.
@@ -87,7 +98,9 @@ class AreaEngine:
 
     def forget(self) -> None:
         """Look anew at what is kept of frames before; no image changes."""
-        self._kept.forget()
+        self._kept_middles.forget()
+        if self._kept_cuts is not None:
+            self._kept_cuts.forget()
 
     def draw(self, names: Sequence[str], camera: PinholeCamera, views: list[BodyView],
              bounds_px: tuple[float, float, float, float], grid: tuple[int, int], budget: float,
@@ -147,7 +160,7 @@ class AreaEngine:
             if view.name in names:
                 level = levels[view.name]
                 body = self._lit_middles.LitMiddles(self._facets[view.name][level.number], view, views, camera,
-                                                    self._rays, level, self._kept)
+                                                    self._rays, level, self._kept_middles)
                 changes = self._coverage.no_changes(grid[::-1])
                 body.add_to(changes, cells.corner, cells.per_px)
                 # Each body's own cover: a bright one must not be dimmed by what is left of a dark one behind it.
@@ -162,37 +175,82 @@ class AreaEngine:
         Nothing is drawn if that is too much.
         """
         cells = _Cells(camera, bounds_px, grid)
-        per_px, areas = cells.per_px, []
-        for view in views:
-            if view.name in names and view.is_visible:
-                level = levels.get(view.name, LevelPlan())
-                areas.append(self._sunlit_areas.SunlitAreas(self._facets[view.name][level.number], view, views, camera,
-                                                            bounds_px, self._rays, level))
+        cut = self._cut_from_node(names, camera, views, budget, levels, has_disc)
+        if cut is None:
+            cut = self._cut([view for view in views if view.name in names and view.is_visible], camera, views,
+                            bounds_px, budget, levels, has_disc)
+        if not cut.parts:
+            return np.zeros(grid[::-1]), cut.squared, cut.penumbra
+        # A pixel's solid angle falls off as cos^3 of its angle from the boresight: told of facets that are far smaller.
+        is_fine = cut.n_px * cells.per_px.prod() < _FINE * cut.n_areas
+        changes = self._coverage.no_changes(grid[::-1])
+        for add_to in cut.parts:
+            add_to(changes, cells.corner, cells.per_px, 3.0 if is_fine else 0.0)
+        # Where areas overlap, one that is hidden was taken to be seen: which of them is not known.
+        means, unsure = self._added_up(changes, cells, camera, 1.0 + _OVERLAP, is_even=is_fine)
+        squared = cut.squared + unsure / cells.per_px.prod() ** 2
+        return means, math.hypot(cut.per_root * math.sqrt(squared), _LEAST), cut.penumbra
+
+    def _cut(self, members: Sequence[BodyView], camera: PinholeCamera, views: list[BodyView],
+             bounds_px: tuple[float, float, float, float], budget: float, levels: Mapping[str, LevelPlan],
+             has_disc: bool) -> _Cut:
+        """The sunlit areas of bodies, as far as the image shows them."""
+        areas = [self._sunlit_areas.SunlitAreas(self._facets[view.name][level.number], view, views, camera, bounds_px,
+                                                self._rays, level)
+                 for view, level in ((view, levels.get(view.name, LevelPlan())) for view in members)]
         light, n_px = sum(body.light for body in areas), sum(body.area_px for body in areas)
         if not light > 0.0:
             # Light between corners that are all dark is for others to find.
-            return np.zeros(grid[::-1]), math.inf if any(body.has_facing for body in areas) else 0.0, 0.0
+            return _Cut(squared=math.inf if any(body.has_facing for body in areas) else 0.0)
         # Of the root of a sum of squares: RMS over the lit pixels over their mean, or ten times the flux.
-        slivers = sliver_gain(max(view.phase_rad for view in views if view.name in names))
+        slivers = sliver_gain(max(view.phase_rad for view in members))
         per_root = slivers * max(math.sqrt(n_px), _FLUX) / light
         most = max(budget**2 - _LEAST**2, 0.0) / per_root**2
         penumbras = sum(body.penumbra() for body in areas) if has_disc else 0.0
         penumbra = per_root * math.sqrt(penumbras)
         if penumbra > _PENUMBRA * budget:
-            return np.zeros(grid[::-1]), math.inf, penumbra
+            return _Cut(squared=math.inf, penumbra=penumbra)
         flux_weight = (_FLUX / (per_root * light)) ** 2
         squared = penumbras + sum(body.refine(_AIM * (most - penumbras) / len(areas), flux_weight) for body in areas)
         if math.isinf(squared):
-            return np.zeros(grid[::-1]), math.inf, penumbra
-        # A pixel's solid angle falls off as cos^3 of its angle from the boresight: told of facets that are far smaller.
-        is_fine = n_px * per_px.prod() < _FINE * sum(body.n_areas for body in areas)
-        changes = self._coverage.no_changes(grid[::-1])
-        for body in areas:
-            body.add_to(changes, cells.corner, per_px, 3.0 if is_fine else 0.0)
-        # Where areas overlap, one that is hidden was taken to be seen: which of them is not known.
-        means, unsure = self._added_up(changes, cells, camera, 1.0 + _OVERLAP, is_even=is_fine)
-        squared += unsure / per_px.prod() ** 2
-        return means, math.hypot(per_root * math.sqrt(squared), _LEAST), penumbra
+            return _Cut(squared=squared, penumbra=penumbra)
+        return _Cut(squared=squared, penumbra=penumbra, per_root=per_root, n_px=n_px,
+                    n_areas=sum(body.n_areas for body in areas), bodies=tuple(areas),
+                    parts=tuple(body.add_to for body in areas))
+
+    def _cut_from_node(self, names: Sequence[str], camera: PinholeCamera, views: list[BodyView], budget: float,
+                       levels: Mapping[str, LevelPlan], has_disc: bool) -> _Cut | None:
+        """The same of a large shape that is alone, from the nearest node of Sun and camera; None of others."""
+        view, level = views[0], levels.get(names[0], LevelPlan())
+        facets = self._facets[names[0]][level.number]
+        radius_m = facets.solid.radius_m
+        is_alone = len(views) == 1 and view.is_whole and view.phase_rad + radius_m / view.range_m <= _KEPT_RAD
+        if (self._kept_cuts is None or not is_alone or budget < _LEAST_KEPT
+                or not is_kept(facets.n_facets, view, radius_m)):
+            return None
+        at_most = 2.0 ** (math.floor(math.log2(math.sqrt(budget**2 - _NODE_ERROR**2)) * _BUDGETS) / _BUDGETS)
+        node = at_node(view, radius_m, _DIRECTIONS, _RANGES)
+        # Whichever way the camera looks.
+        node = replace(node, camera_from_body=dcm(look_at(node.r_camera_body_m, np.zeros(3))),
+                       sun_distance_au=2.0 ** (round(math.log2(view.sun_distance_au) * _BUDGETS) / _BUDGETS))
+
+        def make() -> _Cut:
+            everywhere = -math.inf, -math.inf, math.inf, math.inf
+            cut = self._cut([node], camera, [node], everywhere, at_most, {names[0]: replace(level, flux_ratio=1.0)},
+                            has_disc)
+            return replace(cut, bodies=tuple(self._lit_triangles.LitTriangles(*body.triangles(), facets, node)
+                                             for body in cut.bodies), parts=())
+
+        cut = self._kept_cuts.at(node, (facets, level.has_relief, camera.focal_length_px, at_most, has_disc,
+                                        node.sun_distance_au), make)
+        # Wide for the budget that was asked, not for this one.
+        if _PENUMBRA * at_most < cut.penumbra <= _PENUMBRA * budget:
+            return None
+        if not cut.bodies:
+            return cut
+        brightness = level.flux_ratio * (node.sun_distance_au / view.sun_distance_au) ** 2
+        return replace(cut, squared=cut.squared + (_NODE_ERROR / cut.per_root) ** 2, n_areas=0,
+                       parts=tuple(partial(body.add_to, view, camera, brightness) for body in cut.bodies))
 
     def _added_up(self, changes: np.ndarray, cells: _Cells, camera: PinholeCamera, most_cover: float,
                   is_even: bool = False) -> tuple[np.ndarray, float]:
@@ -211,6 +269,39 @@ class AreaEngine:
             lambda part: coverage.settle(image, cover, part.start, part.stop, least, scale, across, down, most_cover),
             len(image), _ROWS)
         return image, sum(unsure)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Cut:
+    """Sunlit areas that are cut as a budget asks: none where nothing is lit, or where rays have to look.
+
+    Attributes
+    ----------
+    squared : float
+        Squared error of the pixels, in units of radiance squared; infinite where rays have to look.
+    penumbra : float [1]
+        What hard edges of shadows cost.
+    per_root : float
+        Error over the root of the squared one.
+    n_px, n_areas : float, int
+        What they cover [px2], and how many there are.
+    bodies : tuple
+        The areas of each body.
+    parts : tuple of callable
+        What add those to an image.
+    """
+
+    squared: float
+    penumbra: float = 0.0
+    per_root: float = 0.0
+    n_px: float = 0.0
+    n_areas: int = 0
+    bodies: tuple = ()
+    parts: tuple = ()
+
+    @property
+    def n_bytes(self) -> int:
+        return sum(body.n_bytes for body in self.bodies)
 
 
 class _Cells:

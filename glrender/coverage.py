@@ -23,6 +23,8 @@ ROUNDING = 1e-12
 _FARTHEST = 1e12
 # What is divided by when there is nothing to divide.
 _TINY = 1e-300
+# Small facets whose shares are worked out at once.
+_AT_ONCE = 256
 _CHANGES, _NUMBERS, _VALUES, _VECTOR = write(complex128, 2), read(intp, 1), read(complex128, 1), read(float64, 1, "A")
 
 
@@ -171,14 +173,6 @@ def add_lit(changes, xy, corners, neighbours, radiance, first, block, every, ori
 
 
 @inlined
-def _in_order(a, b, c):
-    """What `min` and `max` compile to has branches."""
-    low, high = (a, b) if a < b else (b, a)
-    middle, high = (c, high) if c < high else (high, c)
-    return (low, middle, high) if low < middle else (middle, low, high)
-
-
-@inlined
 def _part_below(low, middle, high, edge):
     """Of a triangle between its corners' coordinates in order, the part below an edge that is between them, too."""
     is_lower = edge <= middle
@@ -207,59 +201,107 @@ def _corner(ax, ay, bx, by, cx, cy, right, bottom):
                      + _twice_below(cx, bottom - cy, ax, bottom - ay, right))
 
 
+@inlined
+def _in_order(a, b, c):
+    low, high = min(a, min(b, c)), max(a, max(b, c))
+    return low, a + b + c - low - high, high
+
+
+@compiled(void(_CHANGES, float64, float64, float64, float64, float64, float64, complex128))
+def _add_wide(changes, ax, ay, bx, by, cx, cy, value):
+    """Add a triangle column by column, if it has no more than two rows."""
+    x0, x1, x2 = _in_order(ax, bx, cx)
+    y0, y1, y2 = _in_order(ay, by, cy)
+    area = 0.5 * abs((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
+    # What is no number is nowhere.
+    is_within = x0 >= 0.0 and x2 < changes.shape[1] - 2 and y0 >= 0.0 and y2 < changes.shape[0] and area >= 0.0
+    if not (is_within and y2 <= math.floor(y0) + 2.0):
+        add_line(changes, ax, ay, bx, by, value)
+        add_line(changes, bx, by, cx, cy, value)
+        add_line(changes, cx, cy, ax, ay, value)
+        return
+    column, row = int(x0), int(y0)
+    right, bottom = column + 1.0, min(row + 1.0, y2)
+    below = row + 1 if y2 > row + 1.0 else row
+    top = area * _part_below(y0, y1, y2, bottom)
+    before, before_below, left, corner = 0.0, 0.0, 0.0, 0.0
+    while x2 > right + 1.0:
+        next_left = area * _part_below(x0, x1, x2, right)
+        next_corner = _corner(ax, ay, bx, by, cx, cy, right, bottom)
+        this = next_corner - corner
+        this_below = next_left - left - this
+        changes[row, column] += (this - before) * value
+        changes[below, column] += (this_below - before_below) * value
+        before, before_below, left, corner = this, this_below, next_left, next_corner
+        column, right = column + 1, right + 1.0
+    right = min(right, x2)
+    next_left = area * _part_below(x0, x1, x2, right)
+    next_corner = _corner(ax, ay, bx, by, cx, cy, right, bottom)
+    this, last = next_corner - corner, top - next_corner
+    changes[row, column] += (this - before) * value
+    changes[row, column + 1] += (last - this) * value
+    changes[row, column + 2] -= last * value
+    this, last = next_left - left - this, area - next_left - last
+    changes[below, column] += (this - before_below) * value
+    changes[below, column + 1] += (last - this) * value
+    changes[below, column + 2] -= last * value
+
+
 @compiled(void(_CHANGES, read(float64, 2), read(intp, 2), read(float64, 1), intp, intp, intp, _VECTOR, _VECTOR))
 def add_small(changes, xy, corners, radiance, first, block, every, origin, per_px):
     """The same as `add_lit`, sooner where most facets have no more than two columns and two rows of cells.
 
-    By what of each is in which of the four. How many there are makes no branch: it would be guessed wrong too often.
+    By what of each is in which of the four: worked out of many at a time, without a branch, as processors do it for
+    several at once.
     """
-    rows, columns = changes.shape[0], changes.shape[1] - 2
+    rows, columns = float(changes.shape[0]), float(changes.shape[1] - 2)
+    x, y, value = np.empty((3, _AT_ONCE)), np.empty((3, _AT_ONCE)), np.empty(_AT_ONCE)
+    # Of each its first cell, and the areas of all of it, in its first row, in its first column, and in its first cell.
+    cell, is_small, part = np.empty((2, _AT_ONCE), np.int32), np.empty(_AT_ONCE, np.bool_), np.empty((4, _AT_ONCE))
     for begin in range(first, len(radiance), every):
-        for facet in range(begin, min(begin + block, len(radiance))):
-            here = radiance[facet]
-            if here == 0.0:
-                continue
-            a, b, c = corners[0, facet], corners[1, facet], corners[2, facet]
-            ax, ay = (xy[0, a] - origin[0]) * per_px[0], (xy[1, a] - origin[1]) * per_px[1]
-            bx, by = (xy[0, b] - origin[0]) * per_px[0], (xy[1, b] - origin[1]) * per_px[1]
-            cx, cy = (xy[0, c] - origin[0]) * per_px[0], (xy[1, c] - origin[1]) * per_px[1]
-            x0, x1, x2 = _in_order(ax, bx, cx)
-            y0, y1, y2 = _in_order(ay, by, cy)
-            value = complex(here, 1.0)
-            # What is no number is nowhere.
-            is_within = (x0 >= 0.0) & (x1 >= x0) & (x2 < columns) & (y0 >= 0.0) & (y1 >= y0) & (y2 < rows)
-            column, row = int(x0) if is_within else 0, int(y0) if is_within else 0
-            right, bottom = column + 1.0, row + 1.0
-            if not (is_within and y2 <= bottom + 1.0):
-                add_line(changes, ax, ay, bx, by, value)
-                add_line(changes, bx, by, cx, cy, value)
-                add_line(changes, cx, cy, ax, ay, value)
-                continue
-            # Of one row or column all is in the first.
-            below, bottom = row + 1 if y2 > bottom else row, bottom if bottom < y2 else y2
-            area = 0.5 * abs((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
-            top = area * _part_below(y0, y1, y2, bottom)
-            before, before_below, left, corner = 0.0, 0.0, 0.0, 0.0
-            while x2 > right + 1.0:
-                next_left = area * _part_below(x0, x1, x2, right)
-                next_corner = _corner(ax, ay, bx, by, cx, cy, right, bottom)
-                this = next_corner - corner
-                this_below = next_left - left - this
-                changes[row, column] += (this - before) * value
-                changes[below, column] += (this_below - before_below) * value
-                before, before_below, left, corner = this, this_below, next_left, next_corner
-                column, right = column + 1, right + 1.0
-            right = right if right < x2 else x2
-            next_left = area * _part_below(x0, x1, x2, right)
-            next_corner = _corner(ax, ay, bx, by, cx, cy, right, bottom)
-            this, last = next_corner - corner, top - next_corner
-            changes[row, column] += (this - before) * value
-            changes[row, column + 1] += (last - this) * value
-            changes[row, column + 2] -= last * value
-            this, last = next_left - left - this, area - next_left - last
-            changes[below, column] += (this - before_below) * value
-            changes[below, column + 1] += (last - this) * value
-            changes[below, column + 2] -= last * value
+        facet, end = begin, min(begin + block, len(radiance))
+        while facet < end:
+            n = 0
+            while facet < end and n < _AT_ONCE:
+                if radiance[facet] != 0.0:
+                    for k in range(3):
+                        vertex = corners[k, facet]
+                        x[k, n] = (xy[0, vertex] - origin[0]) * per_px[0]
+                        y[k, n] = (xy[1, vertex] - origin[1]) * per_px[1]
+                    value[n] = radiance[facet]
+                    n += 1
+                facet += 1
+            for i in range(n):
+                ax, bx, cx, ay, by, cy = x[0, i], x[1, i], x[2, i], y[0, i], y[1, i], y[2, i]
+                x0, x1, x2 = _in_order(ax, bx, cx)
+                y0, y1, y2 = _in_order(ay, by, cy)
+                column, row = math.floor(x0), math.floor(y0)
+                # Of one row or column all is in the first.
+                right, bottom = min(column + 1.0, x2), min(row + 1.0, y2)
+                area = 0.5 * abs((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
+                part[0, i], part[1, i] = area, area * _part_below(y0, y1, y2, bottom)
+                part[2, i] = area * _part_below(x0, x1, x2, right)
+                part[3, i] = _corner(ax, ay, bx, by, cx, cy, right, bottom)
+                is_small[i] = ((x0 >= 0.0) & (x2 < columns) & (y0 >= 0.0) & (y2 < rows) & (x2 <= column + 2.0)
+                               & (y2 <= row + 2.0) & (area >= 0.0))
+                cell[0, i], cell[1, i] = np.int32(row), np.int32(column)
+            for i in range(n):
+                shown = complex(value[i], 1.0)
+                if not is_small[i]:
+                    _add_wide(changes, x[0, i], y[0, i], x[1, i], y[1, i], x[2, i], y[2, i], shown)
+                    continue
+                row, column = cell[0, i], cell[1, i]
+                area, top, left, corner = part[0, i], part[1, i], part[2, i], part[3, i]
+                last = top - corner
+                changes[row, column] += corner * shown
+                changes[row, column + 1] += (last - corner) * shown
+                changes[row, column + 2] -= last * shown
+                # Of what ends in the last row nothing is below.
+                below, next_row = left - corner, min(row + 1, changes.shape[0] - 1)
+                last = area - left - last
+                changes[next_row, column] += below * shown
+                changes[next_row, column + 1] += (last - below) * shown
+                changes[next_row, column + 2] -= last * shown
 
 
 @compiled(void(_CHANGES, read(float64, 2), read(intp, 2, "A"), _VALUES, _VECTOR, _VECTOR))

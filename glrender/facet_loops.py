@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba.types import Tuple, boolean, float32, float64, int16, int32, int64, intp, void
+from numba.types import Tuple, boolean, float32, float64, int16, int64, intp, void
 
 from .compiled import compiled, read, write
 
@@ -37,38 +37,26 @@ def facing(normal, offset_m, first, last, to_sun, r_camera_m, xy, corners, bound
     return found[:n].copy(), cosines[:n].copy(), shown[:n].copy()
 
 
-@compiled(Tuple((write(int32, 1), write(float32, 1)))(read(float32, 2), read(float64, 1), intp, intp, _VECTOR,
-                                                          float64))
-def seen(facets, radiance, first, last, to_sun, beyond):
-    """Facets (N,) first to last with radiance (F,), and that over the cosine of incidence and what is `beyond`.
+@compiled(void(_TABLE, _NUMBERS, read(float64, 1), intp, intp, _VECTOR, float64, write(float32, 2)))
+def slopes(normal, facets, radiance, first, last, to_sun, beyond, found):
+    """Write of parts first to last of facets (N,) what `relit` takes.
 
-    As `light` takes them.
-    """
-    found, brightness, n = np.empty(last - first, np.int32), np.empty(last - first, np.float32), 0
-    for facet in range(first, last):
-        if radiance[facet] > 0.0:
-            incidence = facets[facet, 0] * to_sun[0] + facets[facet, 1] * to_sun[1] + facets[facet, 2] * to_sun[2]
-            found[n], brightness[n] = facet, radiance[facet] / (incidence + beyond)
-            n += 1
-    return found[:n].copy(), brightness[:n].copy()
-
-
-@compiled(void(read(float32, 2), read(int32, 1), read(float32, 1), intp, intp, _VECTOR, _VECTOR, float64, float64,
-               write(float64, 1)))
-def light(facets, seen, brightness, first, last, to_sun, r_camera_m, gain, beyond, radiance):
-    """Write the radiance (F,) of facets first to last of those that are seen (N,).
-
-    That is their brightness (N,), times a gain, times the cosine of incidence and what is `beyond`. Facets (F, 6)
-    float32 have normals and middles [m]; of what has turned from Sun or camera nothing is written.
+    That is their normals, and their radiance (N,) over the cosine of incidence and what is `beyond`: (N, 4).
     """
     for i in range(first, last):
-        facet = seen[i]
-        a, b, c = float(facets[facet, 0]), float(facets[facet, 1]), float(facets[facet, 2])
-        incidence = a * to_sun[0] + b * to_sun[1] + c * to_sun[2]
-        emission = (a * (r_camera_m[0] - facets[facet, 3]) + b * (r_camera_m[1] - facets[facet, 4])
-                    + c * (r_camera_m[2] - facets[facet, 5]))
-        if incidence > 0.0 and emission > 0.0:
-            radiance[facet] = gain * float(brightness[i]) * (incidence + beyond)
+        incidence = beyond
+        for axis in range(3):
+            found[i, axis] = normal[axis, facets[i]]
+            incidence += normal[axis, facets[i]] * to_sun[axis]
+        found[i, 3] = radiance[i] / incidence
+
+
+@compiled(void(read(float32, 2), intp, intp, _VECTOR, float64, float64, write(float64, 1)))
+def relit(slopes, first, last, to_sun, gain, beyond, radiance):
+    """Write the radiance (N,) of parts first to last of `slopes` (N, 4); 0 of what has turned from the Sun."""
+    for i in range(first, last):
+        incidence = slopes[i, 0] * to_sun[0] + slopes[i, 1] * to_sun[1] + slopes[i, 2] * to_sun[2]
+        radiance[i] = gain * slopes[i, 3] * (incidence + beyond) if incidence > 0.0 else 0.0
 
 
 @compiled(write(intp, 1)(read(float32, 2), read(float64, 1), _VECTOR, _VECTOR, _POINTS, read(float64, 1)))

@@ -6,8 +6,6 @@ Which they are changes little while Sun and camera hardly move about the body, a
 from __future__ import annotations
 
 import math
-from collections import OrderedDict
-from dataclasses import dataclass, replace
 
 import numpy as np
 from glrender_camera import threads
@@ -15,51 +13,37 @@ from glrender_camera import threads
 from . import facet_loops
 from .facet_relief import FacetRelief
 from .facet_tables import FacetTables
+from .kept_nodes import KeptAtNodes, at_node
 from .level_tables import is_kept
+from .lit_triangles import LitTriangles
 from .ray_engine import RayEngine
 from .surface import Surface
-from .view import BodyView, phase_angle, snapped
+from .view import BodyView
 
 # Steps of a table of BRDF by a normal's place out of the plane of Sun and camera; and by the root of the distance of
 # their unit vectors, which is a phase angle [rad], about.
 _STEPS, _CHORD = 24, 0.03
 # Least angle off the limb and the terminator [rad], and least part of a normal.
 _EDGE_ON = 1e-6
-# Cosine beyond the terminator at which no light is left: relief has some on it.
-_BEYOND = 0.02
-# Facets in a turn, and where hardly anything is done with most.
-_BLOCK, _SCANNED = 1 << 12, 1 << 17
+# Facets in a turn.
+_BLOCK = 1 << 12
 # Steps of the grid of directions in 1 rad, and of ranges in a factor e: a shadow 100 px long moves by 0.07 px.
 _DIRECTIONS, _RANGES = 512, 64
-# How many there are at a time.
-_MOST_KEPT = 8
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Seen:
-    """Facets (N,) int32 whose middles Sun and camera see, and how bright (N,) float32, at a phase angle.
-
-    Radiance over the cosine of incidence and `_BEYOND`.
-    """
-
-    facet: np.ndarray
-    brightness: np.ndarray
-    phase_rad: float
 
 
 class KeptMiddles:
     """The radiance of shapes' facets as their middles are lit; of large shapes, what is kept from frame to frame."""
 
     def __init__(self):
-        self._kept: OrderedDict[tuple, _Seen] = OrderedDict()
+        self._kept = KeptAtNodes()
 
     def forget(self) -> None:
         """Look anew in the next frame; no image changes."""
-        self._kept.clear()
+        self._kept.forget()
 
-    def radiance(self, facets: FacetTables, view: BodyView, rays: RayEngine, *, has_relief: bool,
-                 brightness: float) -> np.ndarray:
-        """BRDF [1/sr] times the cosine of incidence, and a brightness (F,): 0 of what is dark, or not seen.
+    def triangles(self, facets: FacetTables, view: BodyView, rays: RayEngine, *, has_relief: bool
+                  ) -> LitTriangles | None:
+        """The facets of a large shape that are seen and lit, as bright as at a distance of 1 au; None of others.
 
         Parameters
         ----------
@@ -70,55 +54,31 @@ class KeptMiddles:
         rays : RayEngine
         has_relief : bool
             Whether facets are as bright as what they stand for.
-        brightness : float
         """
         if not is_kept(facets.n_facets, view, facets.solid.radius_m):
-            return _radiance(facets, view, rays, has_relief, brightness)
-        seen = self._seen(facets, _at_node(view, facets.solid.radius_m), rays, has_relief)
-        found = np.zeros(facets.n_facets)
-        gain = brightness * (_symmetric_brdf(facets.surface, view.phase_rad)
-                             / _symmetric_brdf(facets.surface, seen.phase_rad))
+            return None
+        node = at_node(view, facets.solid.radius_m, _DIRECTIONS, _RANGES)
 
-        def light(part: slice) -> None:
-            facet_loops.light(facets.middles.facets, seen.facet, seen.brightness, part.start, part.stop,
-                              view.sun_direction_body, view.r_camera_body_m, gain, _BEYOND, found)
-
-        threads.run_in_parts(light, len(seen.facet), _BLOCK)
-        return found
-
-    def _seen(self, facets: FacetTables, node: BodyView, rays: RayEngine, has_relief: bool) -> _Seen:
-        key = (facets, has_relief, *node.sun_direction_body.tolist(), *node.r_camera_body_m.tolist())
-        if key not in self._kept:
+        def make() -> LitTriangles:
             radiance = _radiance(facets, node, rays, has_relief, 1.0)
+            lit = np.flatnonzero(radiance)
+            vertex, _, corners = facet_loops.vertices_of(facets.corners, lit, facets.vertices_m.shape[1])
+            return LitTriangles(facets.vertices_m.take(vertex, axis=1), corners, lit, radiance.take(lit), facets, node)
 
-            # No product of NumPy's: threads spin for a while after those.
-            def find(part: slice) -> tuple[np.ndarray, np.ndarray]:
-                return facet_loops.seen(facets.middles.facets, radiance, part.start, part.stop,
-                                        node.sun_direction_body, _BEYOND)
+        return self._kept.at(node, (facets, has_relief), make)
 
-            found = threads.run_in_parts(find, facets.n_facets, _SCANNED)
-            facet, brightness = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
-            self._kept[key] = _Seen(facet=facet, brightness=brightness, phase_rad=node.phase_rad)
-            if len(self._kept) > _MOST_KEPT:
-                self._kept.popitem(last=False)
-        self._kept.move_to_end(key)
-        return self._kept[key]
+    def radiance(self, facets: FacetTables, view: BodyView, rays: RayEngine, *, has_relief: bool,
+                 brightness: float) -> np.ndarray:
+        """BRDF [1/sr] times the cosine of incidence, and a brightness (F,): 0 of what is dark, or not seen.
 
-
-def _at_node(view: BodyView, radius_m: float) -> BodyView:
-    """The view from the nearest nodes of Sun and camera: which they are does not depend on frames before."""
-    to_sun = snapped(view.sun_direction_body, _DIRECTIONS)
-    range_m = radius_m * math.exp(round(math.log(view.range_m / radius_m) * _RANGES) / _RANGES)
-    to_camera = snapped(view.r_camera_body_m / view.range_m, _DIRECTIONS)
-    return replace(view, sun_direction_body=to_sun, r_camera_body_m=range_m * to_camera, range_m=range_m,
-                   phase_rad=phase_angle(to_sun, to_camera))
-
-
-def _symmetric_brdf(surface: Surface, phase_rad: float) -> float:
-    """BRDF [1/sr] where incidence and emission are half of the phase angle."""
-    half = 0.5 * phase_rad
-    to_sun, to_camera = (np.array([sign * math.sin(half), 0.0, math.cos(half)]) for sign in (1.0, -1.0))
-    return float(surface.brdf(to_sun, to_camera[None], np.array([[0.0, 0.0, 1.0]]), np.ones(1))[0])
+        The others as `triangles` takes them.
+        """
+        triangles = self.triangles(facets, view, rays, has_relief=has_relief)
+        if triangles is None:
+            return _radiance(facets, view, rays, has_relief, brightness)
+        found = np.zeros(facets.n_facets)
+        found[triangles.facet] = triangles.radiance(view, brightness)
+        return found
 
 
 def _radiance(facets: FacetTables, view: BodyView, rays: RayEngine, has_relief: bool, brightness: float) -> np.ndarray:

@@ -15,7 +15,7 @@ SIZES_PX = 2.0 ** np.arange(3, 10)
 """Diameters of the bounding sphere in the image, at which errors are told."""
 PHASES_RAD = np.radians([2.0, 30.0, 60.0, 90.0, 120.0, 150.0])
 FEWEST_KEPT = 100_000
-"""Facets from which it is kept from frame to frame which of their middles are seen and lit."""
+"""Facets from which it is kept from frame to frame what of them is seen and lit."""
 # Least phase angle for that [rad], anywhere on the body: below it surfaces surge.
 _LEAST_KEPT_RAD = 0.17
 _PHASES = PHASES_RAD.tolist()
@@ -79,5 +79,5 @@ def _at(values: np.ndarray, phase_rad: float) -> float:
 
 
 def is_kept(n_facets: int, view: BodyView, radius_m: float) -> bool:
-    """Whether it is kept which facets' middles are seen and lit."""
+    """Whether it is kept what is seen and lit of the facets."""
     return n_facets >= FEWEST_KEPT and view.phase_rad - radius_m / view.range_m >= _LEAST_KEPT_RAD

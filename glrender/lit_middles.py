@@ -5,19 +5,18 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from glrender_camera import PinholeCamera, threads
+from glrender_camera import PinholeCamera
 
 from . import coverage, facet_loops
 from .facet_cutter import FacetCutter
 from .facet_parts import FacetParts, projected
 from .facet_tables import FacetTables
 from .kept_middles import KeptMiddles
+from .lit_triangles import add_small, in_two_images
 from .ray_engine import RayEngine
 from .render_plan import LevelPlan
 from .view import BodyView, between
 
-# Facets in a turn of each of the two images that are made at once.
-_BLOCK = 1 << 12
 # Steps in which the edges of others are found along facets' sides.
 _BISECTIONS = 3
 # Squared side of facets, times their number, over the squared diameter.
@@ -47,11 +46,16 @@ class LitMiddles:
     def __init__(self, facets: FacetTables, view: BodyView, views: list[BodyView], camera: PinholeCamera,
                  rays: RayEngine, level: LevelPlan, kept: KeptMiddles):
         self._facets, self._view, self._camera = facets, view, camera
-        self._xy = projected(facets.vertices_m, view, camera)
-        self._radiance = kept.radiance(facets, view, rays, has_relief=level.has_relief,
-                                       brightness=level.flux_ratio / view.sun_distance_au**2)
+        self._brightness = level.flux_ratio / view.sun_distance_au**2
         # What others cut: points, and of each number of corners the polygons and their radiance.
         self._points_m, self._polygons = np.zeros((3, 0)), []
+        self._triangles = None
+        if len(views) == 1:
+            self._triangles = kept.triangles(facets, view, rays, has_relief=level.has_relief)
+        if self._triangles is None:
+            self._xy = projected(facets.vertices_m, view, camera)
+            self._radiance = kept.radiance(facets, view, rays, has_relief=level.has_relief,
+                                           brightness=self._brightness)
         if len(views) > 1:
             self._cut_by_others(views, rays)
 
@@ -104,23 +108,17 @@ class LitMiddles:
         origin_px : (2,) float64 [px]
         per_px : (2,) float64 [1/px]
         """
+        if self._triangles is not None:
+            self._triangles.add_to(self._view, self._camera, self._brightness, changes, origin_px, per_px)
+            return
         facets = self._facets
-        # Two always, whatever the number of threads: the same bytes.
-        images = [changes, np.zeros_like(changes)]
         # Large facets share lines; small ones are soon shared among the few cells that they have.
         size_px = 2.0 * facets.solid.radius_m * self._camera.focal_length_px / self._view.range_m
-        is_small = size_px * math.sqrt(_FACETS_SQUARED * per_px.prod() / facets.n_facets) < 1.0
-
-        def add(k: int) -> None:
-            turn = k * _BLOCK, _BLOCK, len(images) * _BLOCK
-            if is_small:
-                coverage.add_small(images[k], self._xy, facets.corners, self._radiance, *turn, origin_px, per_px)
-            else:
-                coverage.add_lit(images[k], self._xy, facets.corners, facets.neighbours, self._radiance, *turn,
-                                 origin_px, per_px)
-
-        threads.run(add, range(len(images)), threads.N_CORES)
-        changes += images[1]
+        if size_px * math.sqrt(_FACETS_SQUARED * per_px.prod() / facets.n_facets) < 1.0:
+            add_small(changes, self._xy, facets.corners, self._radiance, origin_px, per_px)
+        else:
+            in_two_images(changes, lambda image, *turn: coverage.add_lit(
+                image, self._xy, facets.corners, facets.neighbours, self._radiance, *turn, origin_px, per_px))
         points_xy = projected(self._points_m, self._view, self._camera)
         for corner, radiance in self._polygons:
             coverage.add_polygons(changes, points_xy, corner, radiance + 1j, origin_px, per_px)

@@ -212,6 +212,18 @@ class SunlitAreas:
         for other in halves[1:]:
             changes += other
 
+    def triangles(self) -> tuple[np.ndarray, ...]:
+        """Points (3, P) [m], corners (3, N) among them, facets (N,) and radiance (N,) of triangles of what was cut."""
+        cutter = self._cutter
+        corners = [self._corner.take(np.searchsorted(self._facing, self._whole), axis=1)]
+        facets = [self._whole]
+        for corner, facet in cutter.polygons:
+            for k in range(1, len(corner) - 1):
+                corners.append(corner[[0, k, k + 1]])
+                facets.append(facet)
+        facet = np.concatenate(facets)
+        return cutter.points.r_m.copy(), np.concatenate(corners, axis=1), facet, self._radiance.take(facet)
+
     def _divide_large(self, most_squared: float) -> bool:
         """Divide facets that have more light than may be missed, coarse ones sooner: small parts find what is between.
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import views
-from glrender import Body, generate, kept_middles, level_tables
+from glrender import Body, generate, kept_middles, kept_nodes, level_tables
 from glrender.area_engine import AreaEngine
 from glrender.brdf import Hapke, Lambert
 from glrender.coverage import add_lit, add_small, no_changes
@@ -59,14 +59,17 @@ def test_what_is_kept_serves_frames_nearby_and_none_depends_on_those_before(monk
     assert drawn.n_anew == 1
     near = drawn(50.002)
     assert drawn.n_anew == 1 and near.tobytes() != first.tobytes(), "the same facets, in another light"
-    for phase_deg in range(51, 62):
+    kept = drawn.areas._kept_middles._kept
+    assert len(kept) == 1
+    # Room for two or three.
+    monkeypatch.setattr(kept_nodes, "_MOST_BYTES", 3 * next(iter(kept._kept.values())).n_bytes)
+    for phase_deg in range(51, 56):
         drawn(float(phase_deg))
-    assert drawn.n_anew == 12
-    assert len(drawn.areas._kept._kept) == kept_middles._MOST_KEPT
+    assert drawn.n_anew == 6 and len(kept) in (2, 3)
     assert drawn(50.002).tobytes() == near.tobytes() and drawn(50.0).tobytes() == first.tobytes()
-    assert drawn.n_anew == 13
+    assert drawn.n_anew == 7
     drawn.areas.forget()
-    assert drawn(50.0).tobytes() == first.tobytes() and drawn.n_anew == 14
+    assert drawn(50.0).tobytes() == first.tobytes() and drawn.n_anew == 8
 
 
 def test_no_thread_works_on_after_large_shapes():

@@ -1,0 +1,133 @@
+"""Sunlit areas of large shapes that are kept: as exact as anew, and the same bytes whatever came before."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import views
+from glrender import Pose, frames, level_tables
+from glrender.area_engine import AreaEngine
+from glrender.brdf import Hapke, Lambert
+from glrender.grouping import region
+from glrender.ray_engine import RayEngine
+from glrender.view import view_bodies
+
+GREY = Lambert(normal_albedo=0.3)
+ROUGH_LAW = Hapke(single_scattering_albedo=0.1, b=0.3, c=0.5, shoe_amplitude=1.0, shoe_width=0.05, roughness_deg=20.0)
+
+
+class Drawn:
+    """A rough body of 82,000 facets as a large one: its frames by areas, and how often they were cut."""
+
+    def __init__(self, monkeypatch, law=GREY, bodies=(), **scene):
+        monkeypatch.setattr(level_tables, "FEWEST_KEPT", 10_000)
+        self.camera = views.camera(128, 500.0)
+        self.scene = views.scene([replace(views.rough_body(GREY), brdf=law), *bodies], [self.camera], **scene)
+        self.rays = RayEngine(self.scene)
+        self.kept, self.anew = (AreaEngine(self.scene, self.rays, keeps_areas=keeps) for keeps in (True, False))
+        self.n_cut, cut = 0, AreaEngine._cut
+
+        def counted(*given):
+            self.n_cut += 1
+            return cut(*given)
+
+        monkeypatch.setattr(AreaEngine, "_cut", counted)
+
+    def __call__(self, phase_deg, budget=0.02, areas=None, state=None, **given):
+        state = state or views.state(phase_deg=phase_deg, range_m=1000.0, **given)
+        seen = view_bodies(state, self.camera, self.scene.hulls)
+        x0, y0, x1, y1 = region(seen[:1], self.camera)
+        return (areas or self.kept).draw(("body",), self.camera, seen, (x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5),
+                                         (x1 - x0, y1 - y0), budget)
+
+
+def test_what_is_kept_serves_frames_nearby_and_none_depends_on_those_before(monkeypatch):
+    drawn = Drawn(monkeypatch, sun_disc=False)
+    first, _ = drawn(50.0)
+    assert drawn.n_cut == 1
+    near, _ = drawn(50.0005)
+    assert drawn.n_cut == 1 and near.tobytes() != first.tobytes(), "the same areas, in another light"
+    apart, _ = drawn(50.1)
+    assert drawn.n_cut == 2 and apart.tobytes() != near.tobytes()
+    assert drawn(50.0)[0].tobytes() == first.tobytes() and drawn.n_cut == 2
+    drawn.kept.forget()
+    assert drawn(50.0005)[0].tobytes() == near.tobytes() and drawn(50.0)[0].tobytes() == first.tobytes()
+    assert drawn.n_cut == 3
+
+
+def test_whichever_way_the_camera_looks_the_same_is_kept(monkeypatch):
+    """Attitude, and where in the frame the body is: the flux of small angles off the boresight is the same to 1e-3."""
+    drawn = Drawn(monkeypatch, sun_disc=False)
+    straight = views.state(phase_deg=60.0, range_m=1000.0)
+    place_m = straight.spacecraft.r_inertial_m
+    images = []
+    for aside_m in (0.0, 3.0, -5.0):
+        turned = Pose(r_inertial_m=place_m, q_from_inertial=frames.look_at(place_m, np.array([0.0, aside_m, aside_m])))
+        image, told = drawn(60.0, state=replace(straight, spacecraft=turned))
+        anew, _ = drawn(60.0, state=replace(straight, spacecraft=turned), areas=drawn.anew)
+        assert told <= 0.02 and views.relative_rms(image, anew) < 0.01
+        images.append(image)
+    assert drawn.n_cut == 1 + 3, "once, and once for each that was drawn anew"
+    assert images[1].sum() == pytest.approx(images[0].sum(), rel=1e-3)
+    assert images[2].sum() == pytest.approx(images[0].sum(), rel=1e-3)
+
+
+@pytest.mark.parametrize(("law", "has_disc"), [(GREY, False), (ROUGH_LAW, False), (GREY, True)],
+                         ids=["grey", "Hapke", "disc"])
+@pytest.mark.parametrize("budget", [0.05, 0.01])
+def test_errors_are_within_what_is_told(monkeypatch, law, has_disc, budget):
+    """Between nodes, beside areas that are cut finely for each frame."""
+    drawn = Drawn(monkeypatch, law, sun_disc=has_disc)
+    for phase_deg in (20.0041, 50.0043, 89.9963, 115.0037, 135.0041):
+        image, told = drawn(phase_deg, budget)
+        truth, finely = drawn(phase_deg, 0.25 * budget, areas=drawn.anew)
+        if math.isinf(told) or math.isinf(finely):
+            assert has_disc and phase_deg > 80.0, "penumbras are left to rays"
+            continue
+        assert told <= budget and views.relative_rms(image, truth) < told, phase_deg
+        assert image.sum() == pytest.approx(truth.sum(), rel=0.1 * budget), phase_deg
+
+
+def test_the_node_s_own_error_is_told(monkeypatch):
+    """The farthest from a node that may be, with areas cut finely: 0.1 % of the light moves."""
+    drawn = Drawn(monkeypatch, sun_disc=False)
+    worst = 0.0
+    for phase_deg in np.linspace(100.0, 100.02, 9):
+        image, told = drawn(phase_deg, 0.005)
+        anew, _ = drawn(phase_deg, 0.005, areas=drawn.anew)
+        assert told > 1.2e-3
+        worst = max(worst, views.relative_rms(image, anew))
+    assert 1e-4 < worst < 5e-3
+
+
+def test_budgets_that_are_nearly_the_same_share_what_is_kept(monkeypatch):
+    """As the planner's own move a little from frame to frame."""
+    drawn = Drawn(monkeypatch, sun_disc=False)
+    one, other = drawn(60.0, 0.0197), drawn(60.0, 0.0196)
+    assert drawn.n_cut == 1 and one[0].tobytes() == other[0].tobytes()
+    _, told = drawn(60.0, 0.01)
+    assert drawn.n_cut == 2 and told <= 0.01
+
+
+def test_the_suns_distance_and_a_flux_ratio_are_those_of_the_frame(monkeypatch):
+    drawn = Drawn(monkeypatch, sun_disc=False)
+    near = views.state(phase_deg=60.0, range_m=1000.0)
+    image, _ = drawn(60.0, state=near)
+    farther, _ = drawn(60.0, state=replace(near, r_sun_inertial_m=1.0001 * near.r_sun_inertial_m))
+    assert drawn.n_cut == 1 and farther.sum() == pytest.approx(image.sum() / 1.0001**2, rel=1e-7)
+
+
+def test_what_cannot_be_kept_is_drawn_as_ever(monkeypatch):
+    """Surges, another body, a body that the frame cuts off, tight budgets."""
+    drawn = Drawn(monkeypatch, sun_disc=False)
+    for given in ({"phase_deg": 5.0}, {"phase_deg": 150.0}, {"phase_deg": 60.0, "budget": 0.003},
+                  {"phase_deg": 60.0, "target": (0.0, 60.0, 0.0)}):
+        image, _ = drawn(**given)
+        assert image.tobytes() == drawn(**given, areas=drawn.anew)[0].tobytes(), given
+    moon = Drawn(monkeypatch, bodies=[views.sphere(GREY, subdivisions=2, radius_m=5.0, name="moon")], sun_disc=False)
+    state = views.state(phase_deg=60.0, range_m=1000.0, bodies=("body", "moon"))
+    state = replace(state, bodies=state.bodies | {"moon": Pose(r_inertial_m=np.array([0.0, 0.0, 400.0]))})
+    assert moon(60.0, state=state)[0].tobytes() == moon(60.0, state=state, areas=moon.anew)[0].tobytes()
