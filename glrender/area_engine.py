@@ -18,7 +18,7 @@ from glrender_camera import PinholeCamera, threads
 from .error_model import sliver_gain
 from .facet_relief import LevelShape
 from .facet_tables import FacetTables, longest_sides_m
-from .frames import dcm, look_at, sun_from_body
+from .frames import sun_from_body
 from .kept_nodes import KeptAtNodes, at_node
 from .level_tables import is_kept
 from .ray_engine import RayEngine
@@ -111,6 +111,7 @@ class AreaEngine:
 
         Nothing is drawn, and the error is infinite, where rays have to look: no corner is lit of facets that may be,
         too few facets have too much of the light, or hard edges in place of penumbras cost more than the budget allows.
+        Facets as lit as their middles have the error that they have, whatever the budget.
 
         Parameters
         ----------
@@ -129,7 +130,7 @@ class AreaEngine:
             What is drawn of bodies: the full shape of others.
         """
         if levels.get(names[0], LevelPlan()).by_middles:
-            return self._by_middles(names, camera, views, bounds_px, grid, levels), 0.0
+            return self._by_middles(names, camera, views, bounds_px, grid, levels)
 
         def made(views: list[BodyView], budget: float, has_disc: bool) -> tuple[np.ndarray, float, float]:
             return self._drawn(names, camera, views, bounds_px, grid, budget, levels, has_disc)
@@ -153,9 +154,12 @@ class AreaEngine:
 
     def _by_middles(self, names: Sequence[str], camera: PinholeCamera, views: list[BodyView],
                     bounds_px: tuple[float, float, float, float], grid: tuple[int, int],
-                    levels: Mapping[str, LevelPlan]) -> np.ndarray:
-        """Means over cells of bodies by their facets' middles: what that costs is for the planner to know."""
-        cells, images = _Cells(camera, bounds_px, grid), []
+                    levels: Mapping[str, LevelPlan]) -> tuple[np.ndarray, float]:
+        """Means over cells of bodies by their facets' middles, and what they tell of their error.
+
+        What that costs of levels of detail, and beside others' edges, is for the planner to know.
+        """
+        cells, images, told = _Cells(camera, bounds_px, grid), [], 0.0
         for view in views:
             if view.name in names:
                 level = levels[view.name]
@@ -165,7 +169,8 @@ class AreaEngine:
                 body.add_to(changes, cells.corner, cells.per_px)
                 # Each body's own cover: a bright one must not be dimmed by what is left of a dark one behind it.
                 images.append(self._added_up(changes, cells, camera, 1.0)[0])
-        return sum(images[1:], start=images[0])
+                told = max(told, body.error)
+        return sum(images[1:], start=images[0]), told
 
     def _drawn(self, names: Sequence[str], camera: PinholeCamera, views: list[BodyView],
                bounds_px: tuple[float, float, float, float], grid: tuple[int, int], budget: float,
@@ -229,9 +234,7 @@ class AreaEngine:
                 or not is_kept(facets.n_facets, view, radius_m)):
             return None
         at_most = 2.0 ** (math.floor(math.log2(math.sqrt(budget**2 - _NODE_ERROR**2)) * _BUDGETS) / _BUDGETS)
-        node = at_node(view, radius_m, _DIRECTIONS, _RANGES)
-        # Whichever way the camera looks.
-        node = replace(node, camera_from_body=dcm(look_at(node.r_camera_body_m, np.zeros(3))),
+        node = replace(at_node(view, radius_m, _DIRECTIONS, _RANGES),
                        sun_distance_au=2.0 ** (round(math.log2(view.sun_distance_au) * _BUDGETS) / _BUDGETS))
 
         def make() -> _Cut:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba.types import Tuple, boolean, float32, float64, int16, int64, intp, void
+from numba.types import Tuple, boolean, float32, float64, int16, int32, int64, intp, void
 
 from .compiled import compiled, read, write
 
@@ -57,6 +57,37 @@ def relit(slopes, first, last, to_sun, gain, beyond, radiance):
     for i in range(first, last):
         incidence = slopes[i, 0] * to_sun[0] + slopes[i, 1] * to_sun[1] + slopes[i, 2] * to_sun[2]
         radiance[i] = gain * slopes[i, 3] * (incidence + beyond) if incidence > 0.0 else 0.0
+
+
+@compiled(write(float64, 1)(read(float32, 2), read(float64, 1), read(int32, 2), _CORNERS, _TABLE, intp, intp, _VECTOR,
+                            _VECTOR))
+def lit_edges(facets, radiance, neighbours, corners, xy, first, last, to_sun, r_camera_m):
+    """Of facets first to last, each all lit or all dark by its radiance (F,), what may be wrong where light ends.
+
+    Sums (4,): areas and light of lit facets; and of those beside a dark one that faces Sun and camera, squared radiance
+    times the area, and times its square. Facets (F, 6) float32 have normals and middles [m].
+    """
+    found = np.zeros(4)
+    for facet in range(first, last):
+        here = radiance[facet]
+        if not here > 0.0:
+            continue
+        a, b, c = corners[0, facet], corners[1, facet], corners[2, facet]
+        area = 0.5 * abs((xy[0, b] - xy[0, a]) * (xy[1, c] - xy[1, a]) - (xy[0, c] - xy[0, a]) * (xy[1, b] - xy[1, a]))
+        found[0] += area
+        found[1] += area * here
+        for side in range(3):
+            across = neighbours[side, facet]
+            if across < 0 or radiance[across] > 0.0:
+                continue
+            x, y, z = float(facets[across, 0]), float(facets[across, 1]), float(facets[across, 2])
+            if (x * to_sun[0] + y * to_sun[1] + z * to_sun[2] > 0.0
+                    and x * (r_camera_m[0] - facets[across, 3]) + y * (r_camera_m[1] - facets[across, 4])
+                    + z * (r_camera_m[2] - facets[across, 5]) > 0.0):
+                found[2] += area * here**2
+                found[3] += (area * here) ** 2
+                break
+    return found
 
 
 @compiled(write(intp, 1)(read(float32, 2), read(float64, 1), _VECTOR, _VECTOR, _POINTS, read(float64, 1)))

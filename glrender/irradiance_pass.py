@@ -21,7 +21,7 @@ from .grouping import outline_px
 from .plan_windows import FACING_SAMPLES, WindowChoice, apart_size_px
 from .ray_engine import RayEngine
 from .refine import frame_error, pixel_errors, pixel_means, plan_refinement
-from .render_plan import WindowPlan
+from .render_plan import LevelPlan, WindowPlan
 from .surface_pass import Frame, SurfacePass
 
 # Samples drawn at once: 16 Mi samples of float32 and depth are 128 MiB.
@@ -105,11 +105,17 @@ class IrradiancePass:
 
     def _draw_areas(self, window: WindowPlan, frame: Frame, error_gain: float, clock: Clock,
                     may_give_up: bool) -> tuple[np.ndarray, WindowPlan] | None:
-        """Means of the window's cells and its plan; None, if it may, where their error is above the budget."""
+        """Means of the window's cells and its plan; None, if it may, where their error is above the budget.
+
+        Where facets as lit as their middles turn out not to be enough, they are cut at the edges of light.
+        """
         left = math.sqrt(max(window.budget**2 - window.modelling_error**2, 0.0))
         means, told = self._areas.draw(window.bodies, frame.camera, frame.views, window.bounds_px, window.grid, left,
                                        dict(zip(window.bodies, window.levels, strict=True)))
         clock.lap("surface")
+        if told > left and any(level.tells_error for level in window.levels):
+            cut = replace(window, levels=(LevelPlan(),) * len(window.bodies))
+            return self._draw_areas(cut, frame, error_gain, clock, may_give_up)
         predicted = math.hypot(told, window.modelling_error)
         if may_give_up and predicted > window.budget:
             return None

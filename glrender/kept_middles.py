@@ -8,9 +8,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from glrender_camera import threads
+from glrender_camera import PinholeCamera, threads
 
 from . import facet_loops
+from .facet_parts import projected
 from .facet_relief import FacetRelief
 from .facet_tables import FacetTables
 from .kept_nodes import KeptAtNodes, at_node
@@ -25,8 +26,10 @@ from .view import BodyView
 _STEPS, _CHORD = 24, 0.03
 # Least angle off the limb and the terminator [rad], and least part of a normal.
 _EDGE_ON = 1e-6
-# Facets in a turn.
-_BLOCK = 1 << 12
+# Facets in a turn, and where hardly anything is done with most.
+_BLOCK, _SCANNED = 1 << 12, 1 << 15
+# Of which places are tangents.
+_UNIT = PinholeCamera(name="unit", width_px=1, height_px=1, focal_length_px=1.0, principal_point_px=(0.0, 0.0))
 # Steps of the grid of directions in 1 rad, and of ranges in a factor e: a shadow 100 px long moves by 0.07 px.
 _DIRECTIONS, _RANGES = 512, 64
 
@@ -63,7 +66,8 @@ class KeptMiddles:
             radiance = _radiance(facets, node, rays, has_relief, 1.0)
             lit = np.flatnonzero(radiance)
             vertex, _, corners = facet_loops.vertices_of(facets.corners, lit, facets.vertices_m.shape[1])
-            return LitTriangles(facets.vertices_m.take(vertex, axis=1), corners, lit, radiance.take(lit), facets, node)
+            return LitTriangles(facets.vertices_m.take(vertex, axis=1), corners, lit, radiance.take(lit), facets, node,
+                                edges_of(facets, radiance, projected(facets.vertices_m, node, _UNIT), node))
 
         return self._kept.at(node, (facets, has_relief), make)
 
@@ -79,6 +83,13 @@ class KeptMiddles:
         found = np.zeros(facets.n_facets)
         found[triangles.facet] = triangles.radiance(view, brightness)
         return found
+
+
+def edges_of(facets: FacetTables, radiance: np.ndarray, xy: np.ndarray, view: BodyView) -> np.ndarray:
+    """`facet_loops.lit_edges` of all facets, by their vertices' places (2, V)."""
+    return sum(threads.run_in_parts(lambda part: facet_loops.lit_edges(
+        facets.middles.facets, radiance, facets.neighbours, facets.corners, xy, part.start, part.stop,
+        view.sun_direction_body, view.r_camera_body_m), facets.n_facets, _SCANNED))
 
 
 def _radiance(facets: FacetTables, view: BodyView, rays: RayEngine, has_relief: bool, brightness: float) -> np.ndarray:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from .frames import dcm, look_at
 from .surface import Surface
 from .view import BodyView, phase_angle, snapped
 
@@ -45,12 +46,16 @@ class KeptAtNodes:
 
 
 def at_node(view: BodyView, radius_m: float, directions: int, ranges: int) -> BodyView:
-    """The view from the nearest nodes of Sun and camera: so many directions in 1 rad, and ranges in a factor e."""
+    """The view from the nearest nodes of Sun and camera: so many directions in 1 rad, and ranges in a factor e.
+
+    Straight at the body, whichever way the camera looks.
+    """
     to_sun = snapped(view.sun_direction_body, directions)
     range_m = radius_m * math.exp(round(math.log(view.range_m / radius_m) * ranges) / ranges)
     to_camera = snapped(view.r_camera_body_m / view.range_m, directions)
-    return replace(view, sun_direction_body=to_sun, r_camera_body_m=range_m * to_camera, range_m=range_m,
-                   phase_rad=phase_angle(to_sun, to_camera))
+    place_m = range_m * to_camera
+    return replace(view, sun_direction_body=to_sun, r_camera_body_m=place_m, range_m=range_m,
+                   phase_rad=phase_angle(to_sun, to_camera), camera_from_body=dcm(look_at(place_m, np.zeros(3))))
 
 
 def phase_gain(surface: Surface, view: BodyView, node: BodyView) -> float:

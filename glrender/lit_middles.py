@@ -11,7 +11,7 @@ from . import coverage, facet_loops
 from .facet_cutter import FacetCutter
 from .facet_parts import FacetParts, projected
 from .facet_tables import FacetTables
-from .kept_middles import KeptMiddles
+from .kept_middles import KeptMiddles, edges_of
 from .lit_triangles import add_small, in_two_images
 from .ray_engine import RayEngine
 from .render_plan import LevelPlan
@@ -24,6 +24,9 @@ _FACETS_SQUARED = 1.2
 # Areas of facets in which they are looked for anyway, over the squared radius of what may be there, and least [px2];
 # largest parts that are cut [px2], and most divisions.
 _LARGE, _LEAST_PX, _PART_PX, _MOST_DIVISIONS = 0.06, 0.25, 6.0, 5
+# Error over what edges of light tell, and the power of small facets' areas in it: 2900 images of five shapes with 49k
+# to 197k facets, 30 to 480 px, 20 to 120 deg, beside areas; it is less in 98.9 %, 0.28 to 0.64 of it in half.
+_EDGE_ERROR, _ALIKE = 0.42, 0.6
 
 
 class LitMiddles:
@@ -41,6 +44,12 @@ class LitMiddles:
     rays : RayEngine
     level : LevelPlan
     kept : KeptMiddles
+
+    Attributes
+    ----------
+    error : float [1]
+        RMS error of pixels over the mean of the lit ones, as edges of light tell it; 0 of a level of detail, or where
+        there are other bodies.
     """
 
     def __init__(self, facets: FacetTables, view: BodyView, views: list[BodyView], camera: PinholeCamera,
@@ -49,7 +58,7 @@ class LitMiddles:
         self._brightness = level.flux_ratio / view.sun_distance_au**2
         # What others cut: points, and of each number of corners the polygons and their radiance.
         self._points_m, self._polygons = np.zeros((3, 0)), []
-        self._triangles = None
+        self._triangles, self.error = None, 0.0
         if len(views) == 1:
             self._triangles = kept.triangles(facets, view, rays, has_relief=level.has_relief)
         if self._triangles is None:
@@ -58,6 +67,11 @@ class LitMiddles:
                                            brightness=self._brightness)
         if len(views) > 1:
             self._cut_by_others(views, rays)
+        elif level.tells_error:
+            if self._triangles is None:
+                self.error = _error(edges_of(facets, self._radiance, self._xy, view), 1.0)
+            else:
+                self.error = _error(self._triangles.edges, camera.focal_length_px**2)
 
     def _cut_by_others(self, views: list[BodyView], rays: RayEngine) -> None:
         """Leave what no other body hides or shades; facets on either side of such edges are cut there."""
@@ -122,3 +136,12 @@ class LitMiddles:
         points_xy = projected(self._points_m, self._view, self._camera)
         for corner, radiance in self._polygons:
             coverage.add_polygons(changes, points_xy, corner, radiance + 1j, origin_px, per_px)
+
+
+def _error(edges: np.ndarray, px2: float) -> float:
+    """Of edges of light, all on one side of a facet's middle or all on the other: areas are in so many pixels."""
+    area, light, squared, of_area = edges * [px2, px2, px2, px2**2]
+    if not squared:
+        return 0.0
+    # Of small facets the errors next to each other are alike.
+    return _EDGE_ERROR * math.sqrt(squared * min(of_area / squared, 1.0) ** _ALIKE * area) / light

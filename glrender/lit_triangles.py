@@ -38,17 +38,20 @@ class LitTriangles:
         At the node.
     facets : FacetTables
     node : BodyView
+    edges : (4,) float64, optional
+        Of whole facets: `facet_loops.lit_edges` for a focal length of 1 px.
 
     Attributes
     ----------
-    facet
+    facet, edges
     n_bytes : int
     """
 
     def __init__(self, points_m: np.ndarray, corners: np.ndarray, facet: np.ndarray, radiance: np.ndarray,
-                 facets: FacetTables, node: BodyView):
+                 facets: FacetTables, node: BodyView, edges: np.ndarray | None = None):
         self._points_m, self._corners, self.facet, self._surface, self._node = (points_m, corners, facet,
                                                                                 facets.surface, node)
+        self.edges = edges
         self._slopes = np.empty((len(facet), 4), np.float32)
         self._in_turns(lambda part: facet_loops.slopes(
             facets.normal, facet, radiance, part.start, part.stop, node.sun_direction_body, _BEYOND, self._slopes))

@@ -122,7 +122,9 @@ class _Candidates:
     def __init__(self, view: BodyView, traits: Mapping[str, BodyTraits], body: BodyPlan, members: Sequence[BodyView],
                  camera: PinholeCamera, budget: float, error_gain: float):
         self.view, self.traits = view, traits[view.name]
-        self.eclipse_error, self._penumbra_error = body.eclipse_error, body.penumbra_error
+        self.eclipse_error, self._is_alone = body.eclipse_error, len(traits) == 1
+        # Of middles, which have hard edges of shadows.
+        self._least_error = math.hypot(_MIDDLES_LEAST, body.penumbra_error)
         px_per_m = camera.focal_length_px / view.range_m
         self._size_px = 2.0 * self.traits.radius_m * px_per_m
         self._wide = math.hypot(thin_penumbra(view) if body.penumbra_error else 0.0,
@@ -165,9 +167,11 @@ class _Candidates:
         if level is None:
             return 0.0
         error = level.error_at(self.view.phase_rad, self._size_px)
-        # Middles have hard edges of shadows, and do not tell of it.
-        return (math.hypot(_OTHER_SIDES * error, _MIDDLES_LEAST, self._penumbra_error) if level.kind.by_middles
-                else error)
+        return math.hypot(_OTHER_SIDES * error, self._least_error) if level.kind.by_middles else error
+
+    def untold(self, level: AreaLevel | None) -> float:
+        """The same of what the image does not tell itself once it is drawn."""
+        return self._least_error if self._is_alone and level and level.kind.tells_error else self.error(level)
 
     def cutting_ns(self, level: AreaLevel, costs: EngineCosts) -> float:
         """Of facets that edges of other bodies, and of their shadows, go through; large ones are divided before."""
@@ -233,6 +237,8 @@ def _together(bodies: Sequence[_Candidates], chosen: Sequence[AreaLevel | None],
                   * costs.areas_ns(n_facets, n_facing, n_px, facet_px, crease_rad, phase_rad, left))
         if n_normals := sum(level.n_normals for level in chosen if level):
             ns += anew * (n_normals + _RELIEF * n_facets) * facing * shown_share * _NORMAL * costs.area_ns
+    if len(each) == 1:
+        error = bodies[0].untold(chosen[0])
     return AreasChoice(ns=ns, error=math.hypot(floor, error), levels=tuple(body.plan(level) for body, level in each))
 
 

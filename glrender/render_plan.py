@@ -64,6 +64,11 @@ class LevelPlan:
     flux_ratio: float = 1.0
     """Of the full shape over the level: its light is multiplied by it."""
 
+    @property
+    def tells_error(self) -> bool:
+        """Whether an image of a body that is alone in its scene tells its error: a level's is measured once."""
+        return self.by_middles and not self.number
+
 
 @dataclass(frozen=True, kw_only=True)
 class WindowPlan:
