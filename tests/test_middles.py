@@ -17,6 +17,7 @@ from glrender.coverage import add_facets, add_lit, no_changes
 from glrender.facet_tables import FacetTables
 from glrender.grouping import region
 from glrender.kept_middles import brdf_table, chord_roots
+from glrender.level_tables import AreaLevel
 from glrender.middle_horizons import Middles
 from glrender.ray_engine import RayEngine
 from glrender.rays import RayMesh
@@ -223,3 +224,56 @@ def test_what_bodies_hide_and_shade_of_each_other_is_cut_out(radius_m, place_m, 
     assert told < 0.01 and views.relative_rms(light, truth) < most
     assert views.relative_rms(apart, truth) > effect, "each hides or shades the other"
     assert light.sum() == pytest.approx(truth.sum(), rel=1e-3)
+
+
+def by_middles(shape, levels=()):
+    """A scene with a shape alone, its engines of areas: as frames are drawn, and for truth."""
+    body = Body(name="body", shape=shape, brdf=GREY)
+    scene = views.scene([body], [views.camera(300, 1000.0)], sun_disc=False)
+    rays = RayEngine(scene)
+    return scene, AreaEngine(scene, rays, {"body": levels}), AreaEngine(scene, rays, keeps_areas=False)
+
+
+@pytest.mark.parametrize("kind", ["rough", "binary"])
+@pytest.mark.parametrize("size_px", [40, 240])
+def test_edges_of_light_tell_the_error_of_a_frame(rough, kind, size_px):
+    """Also of one lobe's shadow on the other, which tables of a few sides do not know of; and not far too much."""
+    shape = rough.shape if kind == "rough" else generate.contact_binary(radius_m=100.0, seed=2, subdivisions=6)
+    scene, drawn, truth = by_middles(shape)
+    drawn._facets["body"][0] = FacetTables(scene.bodies[0], np.zeros(len(shape.facets), bool),
+                                           drawn._rays.solid("body"), with_middles=True)
+    camera = views.camera(300, size_px * 10.0)
+    ratios = []
+    for phase_deg, direction in ((30.0, (1, 0, 0)), (60.0, (0, 1, 0.3)), (90.0, (0.2, -1, 0.5)), (110.0, (1, 1, 0.2)),
+                                 (75.0, (-1, 0.4, 0.1))):
+        state = views.state(phase_deg=phase_deg, range_m=2000.0, direction=direction)
+        seen = view_bodies(state, camera, scene.hulls)
+        x0, y0, x1, y1 = region(seen, camera)
+        given = ("body",), camera, seen, (x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5), (x1 - x0, y1 - y0)
+        image, told = drawn.draw(*given, 0.02, {"body": LevelPlan(by_middles=True)})
+        exact, _ = truth.draw(*given, 0.004)
+        ratios.append(views.relative_rms(image, exact) / np.hypot(told, 0.003))
+    assert 0.2 < np.median(ratios) < 0.8 and max(ratios) < 1.0
+
+
+def test_a_frame_whose_edges_are_too_long_is_cut_instead(monkeypatch):
+    """Tables that know of no error: what the frame itself tells keeps it within the budget, and its plan says so."""
+    shape = generate.contact_binary(radius_m=100.0, seed=2, subdivisions=6)
+    monkeypatch.setattr(AreaLevel, "error_at", lambda level, *_: float(level.kind.number))
+    scene, _, truth = by_middles(shape)
+    kinds = set()
+    with Renderer(scene) as renderer:
+        monkeypatch.setattr(renderer, "_costs", COSTS)
+        for phase_deg in (60.0, 100.0):
+            for budget in (0.1, 0.012):
+                state = views.state(phase_deg=phase_deg, range_m=1500.0, direction=(0.2, -1.0, 0.5))
+                image = renderer.render(state, max_error=budget)
+                level, = image.plan.windows[0].levels
+                kinds.add((budget, level.by_middles))
+                seen = view_bodies(state, scene.cameras[0], scene.hulls)
+                x0, y0, x1, y1 = region(seen, scene.cameras[0])
+                exact, _ = truth.draw(("body",), scene.cameras[0], seen, (x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5),
+                                      (x1 - x0, y1 - y0), 0.003)
+                error = views.relative_rms(image.irradiance_W_m2[y0:y1, x0:x1], exact)
+                assert error < image.plan.predicted_error <= budget
+    assert kinds == {(0.1, True), (0.012, False)}
