@@ -48,8 +48,9 @@ _COARSE = 2.0
 _LEAST = 5e-4
 # Of large shapes, steps of the grid of Sun and camera at which sunlit areas are kept: of directions in 1 rad, of ranges
 # in a factor e, and of budgets and the Sun's distance in a factor 2; what the farthest from a node errs by, the least
-# budget for it, and the largest phase angle [rad] anywhere on the body.
-_DIRECTIONS, _RANGES, _BUDGETS, _NODE_ERROR, _LEAST_KEPT, _KEPT_RAD = 8192, 1024, 8, 1.2e-3, 4e-3, 2.5
+# budget for it, the largest phase angle [rad] anywhere on the body, and the least range in its radii: close to it a
+# step of the grid is not small.
+_DIRECTIONS, _RANGES, _BUDGETS, _NODE_ERROR, _LEAST_KEPT, _KEPT_RAD, _NEAREST = 8192, 1024, 8, 1.2e-3, 4e-3, 2.5, 3.0
 
 
 class AreaEngine:
@@ -229,9 +230,9 @@ class AreaEngine:
         view, level = views[0], levels.get(names[0], LevelPlan())
         facets = self._facets[names[0]][level.number]
         radius_m = facets.solid.radius_m
-        is_alone = len(views) == 1 and view.is_whole and view.phase_rad + radius_m / view.range_m <= _KEPT_RAD
-        if (self._kept_cuts is None or not is_alone or budget < _LEAST_KEPT
-                or not is_kept(facets.n_facets, view, radius_m)):
+        is_alone = len(views) == 1 and view.is_whole and view.range_m >= _NEAREST * radius_m
+        if (self._kept_cuts is None or not is_alone or not is_kept(facets.n_facets, view, radius_m)
+                or budget < _LEAST_KEPT or view.phase_rad + radius_m / view.range_m > _KEPT_RAD):
             return None
         at_most = 2.0 ** (math.floor(math.log2(math.sqrt(budget**2 - _NODE_ERROR**2)) * _BUDGETS) / _BUDGETS)
         node = replace(at_node(view, radius_m, _DIRECTIONS, _RANGES),

@@ -121,12 +121,18 @@ def test_the_suns_distance_and_a_flux_ratio_are_those_of_the_frame(monkeypatch):
 
 
 def test_what_cannot_be_kept_is_drawn_as_ever(monkeypatch):
-    """Surges, another body, a body that the frame cuts off, tight budgets."""
+    """Surges, another body, a body that the frame cuts off, tight budgets, and close to it."""
     drawn = Drawn(monkeypatch, sun_disc=False)
     for given in ({"phase_deg": 5.0}, {"phase_deg": 150.0}, {"phase_deg": 60.0, "budget": 0.003},
                   {"phase_deg": 60.0, "target": (0.0, 60.0, 0.0)}):
         image, _ = drawn(**given)
         assert image.tobytes() == drawn(**given, areas=drawn.anew)[0].tobytes(), given
+    drawn.camera = views.camera(128, 60.0)
+    for radii, is_kept in ((2.9, False), (3.1, True)):
+        state = views.state(phase_deg=60.0, range_m=radii * drawn.rays.solid("body").radius_m)
+        n_cut = drawn.n_cut
+        images = [drawn(60.0, state=state)[0].tobytes() for _ in range(2)]
+        assert images[0] == images[1] and drawn.n_cut - n_cut == (1 if is_kept else 2), radii
     moon = Drawn(monkeypatch, bodies=[views.sphere(GREY, subdivisions=2, radius_m=5.0, name="moon")], sun_disc=False)
     state = views.state(phase_deg=60.0, range_m=1000.0, bodies=("body", "moon"))
     state = replace(state, bodies=state.bodies | {"moon": Pose(r_inertial_m=np.array([0.0, 0.0, 400.0]))})
