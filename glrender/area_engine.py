@@ -247,8 +247,8 @@ class AreaEngine:
 
         cut = self._kept_cuts.at(node, (facets, level.has_relief, camera.focal_length_px, at_most, has_disc,
                                         node.sun_distance_au), make)
-        # Wide for the budget that was asked, not for this one.
-        if _PENUMBRA * at_most < cut.penumbra <= _PENUMBRA * budget:
+        # What is too little for this budget may do for the one that was asked.
+        if math.isinf(cut.squared):
             return None
         if not cut.bodies:
             return cut

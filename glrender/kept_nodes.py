@@ -17,8 +17,9 @@ from .frames import dcm, look_at
 from .surface import Surface
 from .view import BodyView, phase_angle, snapped
 
-# Bytes that are kept: at one node some 40 to 60 MB of 3 million facets that cover 500 px.
-_MOST_BYTES = 1 << 28
+# Bytes that are kept, of each engine and kind: at one node some 40 to 60 MB of 3 million facets that cover 500 px. And
+# how many at most, as nothing may be found.
+_MOST_BYTES, _MOST = 1 << 28, 64
 
 
 class KeptAtNodes:
@@ -30,6 +31,11 @@ class KeptAtNodes:
     def __len__(self) -> int:
         return len(self._kept)
 
+    @property
+    def n_bytes(self) -> int:
+        """Of all that is kept."""
+        return sum(each.n_bytes for each in self._kept.values())
+
     def forget(self) -> None:
         """Find all anew; no image changes."""
         self._kept.clear()
@@ -39,7 +45,7 @@ class KeptAtNodes:
         key = (*of, *node.sun_direction_body.tolist(), *node.r_camera_body_m.tolist())
         if key not in self._kept:
             self._kept[key] = make()
-            while len(self._kept) > 1 and sum(each.n_bytes for each in self._kept.values()) > _MOST_BYTES:
+            while len(self._kept) > 1 and (len(self._kept) > _MOST or self.n_bytes > _MOST_BYTES):
                 self._kept.popitem(last=False)
         self._kept.move_to_end(key)
         return self._kept[key]

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import views
-from glrender import Pose, frames, level_tables
+from glrender import Pose, frames, kept_nodes, level_tables
 from glrender.area_engine import AreaEngine
 from glrender.brdf import Hapke, Lambert
 from glrender.grouping import region
@@ -137,3 +137,16 @@ def test_what_cannot_be_kept_is_drawn_as_ever(monkeypatch):
     state = views.state(phase_deg=60.0, range_m=1000.0, bodies=("body", "moon"))
     state = replace(state, bodies=state.bodies | {"moon": Pose(r_inertial_m=np.array([0.0, 0.0, 400.0]))})
     assert moon(60.0, state=state)[0].tobytes() == moon(60.0, state=state, areas=moon.anew)[0].tobytes()
+
+
+def test_what_is_kept_has_an_end(monkeypatch):
+    """In bytes, and in number where nothing is found: penumbras that are too wide."""
+    drawn = Drawn(monkeypatch)
+    near = views.state(phase_deg=110.0, range_m=1000.0, sun_distance_au=0.05)
+    for k in range(70):
+        _, told = drawn(0.0, 0.004, state=replace(near, r_sun_inertial_m=near.r_sun_inertial_m + 1e6 * k))
+    assert math.isinf(told) and len(drawn.kept._kept_cuts) == 64 and drawn.kept._kept_cuts.n_bytes == 0
+    assert not math.isinf(drawn(60.0, 0.05)[1])
+    monkeypatch.setattr(kept_nodes, "_MOST_BYTES", drawn.kept._kept_cuts.n_bytes)
+    drawn(62.0, 0.05)
+    assert len(drawn.kept._kept_cuts) == 1
