@@ -19,7 +19,7 @@ from .error_model import sliver_gain
 from .facet_relief import LevelShape
 from .facet_tables import FacetTables, longest_sides_m
 from .frames import sun_from_body
-from .kept_nodes import KeptAtNodes, at_node
+from .kept_nodes import KeptAtNodes, at_node, camera_at_node
 from .level_tables import is_kept
 from .ray_engine import RayEngine
 from .rays import RayMesh
@@ -48,9 +48,10 @@ _COARSE = 2.0
 _LEAST = 5e-4
 # Of large shapes, steps of the grid of Sun and camera at which sunlit areas are kept: of directions in 1 rad, of ranges
 # in a factor e, and of budgets and the Sun's distance in a factor 2; what the farthest from a node errs by, the least
-# budget for it, the largest phase angle [rad] anywhere on the body, and the least range in its radii: close to it a
-# step of the grid is not small.
-_DIRECTIONS, _RANGES, _BUDGETS, _NODE_ERROR, _LEAST_KEPT, _KEPT_RAD, _NEAREST = 8192, 1024, 8, 1.2e-3, 4e-3, 2.5, 3.0
+# budget for it, and the largest phase angle [rad] anywhere on the body. The least range in its radii, since close to it
+# a step of the grid is not small, and the least cosine off the boresight, along which areas are larger by its cube.
+_DIRECTIONS, _RANGES, _BUDGETS, _NODE_ERROR, _LEAST_KEPT, _KEPT_RAD = 8192, 1024, 8, 1.2e-3, 4e-3, 2.5
+_NEAREST, _LEAST_COS = 3.0, 0.95
 
 
 class AreaEngine:
@@ -230,9 +231,10 @@ class AreaEngine:
         view, level = views[0], levels.get(names[0], LevelPlan())
         facets = self._facets[names[0]][level.number]
         radius_m = facets.solid.radius_m
-        is_alone = len(views) == 1 and view.is_whole and view.range_m >= _NEAREST * radius_m
+        is_alone = len(views) == 1 and view.is_whole and view.cos_off_axis > _LEAST_COS
         if (self._kept_cuts is None or not is_alone or not is_kept(facets.n_facets, view, radius_m)
-                or budget < _LEAST_KEPT or view.phase_rad + radius_m / view.range_m > _KEPT_RAD):
+                or view.range_m < _NEAREST * radius_m or budget < _LEAST_KEPT
+                or view.phase_rad + radius_m / view.range_m > _KEPT_RAD):
             return None
         at_most = 2.0 ** (math.floor(math.log2(math.sqrt(budget**2 - _NODE_ERROR**2)) * _BUDGETS) / _BUDGETS)
         node = replace(at_node(view, radius_m, _DIRECTIONS, _RANGES),
@@ -240,8 +242,8 @@ class AreaEngine:
 
         def make() -> _Cut:
             everywhere = -math.inf, -math.inf, math.inf, math.inf
-            cut = self._cut([node], camera, [node], everywhere, at_most, {names[0]: replace(level, flux_ratio=1.0)},
-                            has_disc)
+            cut = self._cut([node], camera_at_node(camera.focal_length_px), [node], everywhere, at_most,
+                            {names[0]: replace(level, flux_ratio=1.0)}, has_disc)
             return replace(cut, bodies=tuple(self._lit_triangles.LitTriangles(*body.triangles(), facets, node)
                                              for body in cut.bodies), parts=())
 
@@ -253,6 +255,7 @@ class AreaEngine:
         if not cut.bodies:
             return cut
         brightness = level.flux_ratio * (node.sun_distance_au / view.sun_distance_au) ** 2
+        # Triangles do not: pixels have the solid angles of their middles.
         return replace(cut, squared=cut.squared + (_NODE_ERROR / cut.per_root) ** 2, n_areas=0,
                        parts=tuple(partial(body.add_to, view, camera, brightness) for body in cut.bodies))
 
@@ -288,7 +291,7 @@ class _Cut:
     per_root : float
         Error over the root of the squared one.
     n_px, n_areas : float, int
-        What they cover [px2], and how many there are.
+        What they cover [px2], and how many there are that take a power of the cosine off the boresight.
     bodies : tuple
         The areas of each body.
     parts : tuple of callable

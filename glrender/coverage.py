@@ -251,8 +251,8 @@ def _add_wide(changes, ax, ay, bx, by, cx, cy, value):
 def add_small(changes, xy, corners, radiance, first, block, every, origin, per_px):
     """The same as `add_lit`, sooner where most facets have no more than two columns and two rows of cells.
 
-    By what of each is in which of the four: worked out of many at a time, without a branch, as processors do it for
-    several at once.
+    Of facets that face the camera: those that do not would count where they are small. By what of each is in which of
+    the four: worked out of many at a time, without a branch, as processors do it for several at once.
     """
     rows, columns = float(changes.shape[0]), float(changes.shape[1] - 2)
     x, y, value = np.empty((3, _AT_ONCE)), np.empty((3, _AT_ONCE)), np.empty(_AT_ONCE)

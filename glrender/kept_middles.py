@@ -6,15 +6,16 @@ Which they are changes little while Sun and camera hardly move about the body, a
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
-from glrender_camera import PinholeCamera, threads
+from glrender_camera import threads
 
 from . import facet_loops
 from .facet_parts import projected
 from .facet_relief import FacetRelief
 from .facet_tables import FacetTables
-from .kept_nodes import KeptAtNodes, at_node
+from .kept_nodes import KeptAtNodes, at_node, camera_at_node
 from .level_tables import is_kept
 from .lit_triangles import LitTriangles
 from .ray_engine import RayEngine
@@ -28,8 +29,6 @@ _STEPS, _CHORD = 24, 0.03
 _EDGE_ON = 1e-6
 # Facets in a turn, and where hardly anything is done with most.
 _BLOCK, _SCANNED = 1 << 12, 1 << 15
-# Of which places are tangents.
-_UNIT = PinholeCamera(name="unit", width_px=1, height_px=1, focal_length_px=1.0, principal_point_px=(0.0, 0.0))
 # Steps of the grid of directions in 1 rad, and of ranges in a factor e: a shadow 100 px long moves by 0.07 px.
 _DIRECTIONS, _RANGES = 512, 64
 
@@ -67,7 +66,8 @@ class KeptMiddles:
             lit = np.flatnonzero(radiance)
             vertex, _, corners = facet_loops.vertices_of(facets.corners, lit, facets.vertices_m.shape[1])
             return LitTriangles(facets.vertices_m.take(vertex, axis=1), corners, lit, radiance.take(lit), facets, node,
-                                edges_of(facets, radiance, projected(facets.vertices_m, node, _UNIT), node))
+                                edges_of(facets, radiance,
+                                         projected(facets.vertices_m, node, camera_at_node(1.0)), node))
 
         return self._kept.at(node, (facets, has_relief), make)
 
@@ -114,21 +114,28 @@ def _radiance(facets: FacetTables, view: BodyView, rays: RayEngine, has_relief: 
     return radiance
 
 
+@cache
+def _places() -> tuple[np.ndarray, ...]:
+    """Of a table, angles in the plane, and parts of the normal in it and out of it."""
+    place, part = np.meshgrid(np.arange(-_STEPS, _STEPS + 1) / _STEPS, np.arange(_STEPS + 1) / _STEPS, indexing="ij")
+    part = np.maximum(part, _EDGE_ON)
+    return np.arctan2(place, 1.0 - np.abs(place)), part, np.sqrt(1.0 - part * part)
+
+
 def brdf_table(surface: Surface, roots: np.ndarray) -> np.ndarray:
     """BRDF [1/sr] of facets times the cosines of incidence and emission, as `horizon_loops.shade_middles` takes it.
 
     By the roots of distances (C,) of the unit vectors to Sun and camera, the places around a square in their plane, and
     the parts of the normal in it. Beyond the terminator and the limb as on them.
     """
-    place, part = np.meshgrid(np.arange(-_STEPS, _STEPS + 1) / _STEPS, np.arange(_STEPS + 1) / _STEPS, indexing="ij")
-    angle, part = np.arctan2(place, 1.0 - np.abs(place)), np.maximum(part, _EDGE_ON)
+    angle, part, aside = _places()
     to_camera, found = np.array([[1.0, 0.0, 0.0]]), []
     for root in roots:
         phase_rad = 2.0 * math.asin(min(0.5 * root**2, 1.0))
         to_sun = np.array([math.cos(phase_rad), math.sin(phase_rad), 0.0])
         both = np.clip(angle, phase_rad - 0.5 * math.pi + _EDGE_ON, 0.5 * math.pi - _EDGE_ON)
-        normal = np.stack([part * np.cos(both), part * np.sin(both), np.sqrt(1.0 - part * part)], axis=-1)
-        brdf = surface.brdf(to_sun, to_camera, normal.reshape(-1, 3), np.ones(place.size)).reshape(place.shape)
+        normal = np.stack([part * np.cos(both), part * np.sin(both), aside], axis=-1)
+        brdf = surface.brdf(to_sun, to_camera, normal.reshape(-1, 3), np.ones(angle.size)).reshape(angle.shape)
         found.append(brdf * (normal @ (to_sun + to_camera[0])))
     return np.stack(found)
 

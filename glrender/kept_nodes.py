@@ -12,6 +12,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from glrender_camera import PinholeCamera
 
 from .frames import dcm, look_at
 from .surface import Surface
@@ -62,6 +63,12 @@ def at_node(view: BodyView, radius_m: float, directions: int, ranges: int) -> Bo
     place_m = range_m * to_camera
     return replace(view, sun_direction_body=to_sun, r_camera_body_m=place_m, range_m=range_m,
                    phase_rad=phase_angle(to_sun, to_camera), camera_from_body=dcm(look_at(place_m, np.zeros(3))))
+
+
+def camera_at_node(focal_length_px: float) -> PinholeCamera:
+    """Which looks straight at the body: what is found does not depend on where in an image others have it."""
+    return PinholeCamera(name="node", width_px=1, height_px=1, focal_length_px=focal_length_px,
+                         principal_point_px=(0.0, 0.0))
 
 
 def phase_gain(surface: Surface, view: BodyView, node: BodyView) -> float:

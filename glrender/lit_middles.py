@@ -71,7 +71,7 @@ class LitMiddles:
             if self._triangles is None:
                 self.error = _error(edges_of(facets, self._radiance, self._xy, view), 1.0)
             else:
-                self.error = _error(self._triangles.edges, camera.focal_length_px**2)
+                self.error = _error(self._triangles.edges, camera.focal_length_px**2 / view.cos_off_axis**3)
 
     def _cut_by_others(self, views: list[BodyView], rays: RayEngine) -> None:
         """Leave what no other body hides or shades; facets on either side of such edges are cut there."""

@@ -73,8 +73,8 @@ class LitTriangles:
         return found
 
     def add_to(self, view: BodyView, camera: PinholeCamera, brightness: float, changes: np.ndarray,
-               origin_px: np.ndarray, per_px: np.ndarray, off_axis_power: float = 0.0) -> None:
-        """Add what the areas change in the cells of an image, as `SunlitAreas.add_to` does.
+               origin_px: np.ndarray, per_px: np.ndarray, _off_axis_power: float = 0.0) -> None:
+        """Add what the areas change in the cells of an image, as `SunlitAreas.add_to` does without a power.
 
         Parameters
         ----------

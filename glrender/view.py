@@ -64,6 +64,11 @@ class BodyView:
         return np.inf if self.bounds_px is None else float(np.max(self.bounds_px[2:] - self.bounds_px[:2]))
 
     @property
+    def cos_off_axis(self) -> float:
+        """Cosine of the angle between the body's origin and the boresight."""
+        return -float(self.camera_from_body[2] @ self.r_camera_body_m) / self.range_m
+
+    @property
     def sun_radius_rad(self) -> float:
         """Angular radius of the Sun: its sine, from which it differs by 4e-6 of itself at 1 au."""
         return SUN_RADIUS_M / (self.sun_distance_au * AU_M)

@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import views
-from glrender import Pose, frames, kept_nodes, level_tables
+from glrender import Body, Pose, Renderer, Shape, frames, generate, kept_nodes, level_tables
 from glrender.area_engine import AreaEngine
 from glrender.brdf import Hapke, Lambert
+from glrender.costs import EngineCosts
 from glrender.grouping import region
 from glrender.ray_engine import RayEngine
 from glrender.view import view_bodies
@@ -73,6 +74,45 @@ def test_whichever_way_the_camera_looks_the_same_is_kept(monkeypatch):
     assert drawn.n_cut == 1 + 3, "once, and once for each that was drawn anew"
     assert images[1].sum() == pytest.approx(images[0].sum(), rel=1e-3)
     assert images[2].sum() == pytest.approx(images[0].sum(), rel=1e-3)
+
+
+def test_no_byte_depends_on_the_camera_that_came_first(monkeypatch):
+    """A symmetric shape, in which rounding chooses what is divided: cameras of other principal points, and margins."""
+    ball = generate.icosphere(radius_m=1.0, subdivisions=5)
+    x, y, z = ball.vertices_m.T
+    height_m = 100.0 * (1.0 + 0.25 * np.cos(6.0 * x) * np.cos(6.0 * y) * np.cos(5.0 * z))
+    body = Body(name="body", shape=Shape.from_arrays(ball.vertices_m * height_m[:, None], ball.facets), brdf=GREY)
+    monkeypatch.setattr(level_tables, "FEWEST_KEPT", 10_000)
+    state = views.state(phase_deg=70.0, range_m=1000.0, direction=(0.0, 0.0, 1.0))
+    cameras = [views.camera(160, 400.0), views.camera(160, 400.0, principal_point_px=(81.3, 77.1)),
+               views.camera(160, 400.0).with_margin(8)]
+    with Renderer(views.scene([body], cameras[:1], sun_disc=False)) as renderer:
+        monkeypatch.setattr(renderer, "_costs", EngineCosts(facet_ns=1e4, sample_ns=1e4, ray_ns=1e4, lone_ray_ns=1e4,
+                                                            area_ns=1.0))
+        images = set()
+        for first in cameras:
+            renderer.forget_shadow_maps()
+            renderer.render(state, first, max_error=0.01)
+            image = renderer.render(state, cameras[0], max_error=0.01)
+            assert image.plan.windows[0].engine == "areas" and not image.plan.windows[0].levels[0].by_middles
+            images.add((image.irradiance_W_m2.tobytes(), image.plan.predicted_error))
+    assert len(images) == 1
+
+
+def test_far_off_the_boresight_nothing_is_kept(monkeypatch):
+    """Areas are larger there than where the node's camera has them."""
+    drawn = Drawn(monkeypatch, sun_disc=False)
+    drawn.camera = views.camera(256, 100.0)
+    straight = views.state(phase_deg=60.0, range_m=1000.0)
+    place_m = straight.spacecraft.r_inertial_m
+    across = np.cross(place_m, [0.0, 0.0, 1.0])
+    across *= 1000.0 / np.linalg.norm(across)
+    for tangent, is_kept in ((0.2, True), (0.5, False)):
+        turned = Pose(r_inertial_m=place_m, q_from_inertial=frames.look_at(place_m, tangent * across))
+        n_cut = drawn.n_cut
+        for _ in range(2):
+            drawn(60.0, state=replace(straight, spacecraft=turned))
+        assert drawn.n_cut - n_cut == (1 if is_kept else 2), tangent
 
 
 @pytest.mark.parametrize(("law", "has_disc"), [(GREY, False), (ROUGH_LAW, False), (GREY, True)],
