@@ -226,12 +226,12 @@ def test_what_bodies_hide_and_shade_of_each_other_is_cut_out(radius_m, place_m, 
     assert light.sum() == pytest.approx(truth.sum(), rel=1e-3)
 
 
-def by_middles(shape, levels=()):
+def by_middles(shape):
     """A scene with a shape alone, its engines of areas: as frames are drawn, and for truth."""
     body = Body(name="body", shape=shape, brdf=GREY)
     scene = views.scene([body], [views.camera(300, 1000.0)], sun_disc=False)
     rays = RayEngine(scene)
-    return scene, AreaEngine(scene, rays, {"body": levels}), AreaEngine(scene, rays, keeps_areas=False)
+    return scene, AreaEngine(scene, rays), AreaEngine(scene, rays, keeps_areas=False)
 
 
 @pytest.mark.parametrize("kind", ["rough", "binary"])
@@ -260,20 +260,30 @@ def test_a_frame_whose_edges_are_too_long_is_cut_instead(monkeypatch):
     """Tables that know of no error: what the frame itself tells keeps it within the budget, and its plan says so."""
     shape = generate.contact_binary(radius_m=100.0, seed=2, subdivisions=6)
     monkeypatch.setattr(AreaLevel, "error_at", lambda level, *_: float(level.kind.number))
+    monkeypatch.setattr(AreaLevel, "flux_at", lambda *_: (1.0, 0.0))
+    monkeypatch.setattr(AreaLevel, "centre_at", lambda *_: 0.0)
     scene, _, truth = by_middles(shape)
-    kinds = set()
+    drawn, draw = [], AreaEngine.draw
+
+    def watched(engine, *given):
+        drawn.append(given[-1]["body"].by_middles if isinstance(given[-1], dict) else None)
+        return draw(engine, *given)
+
+    monkeypatch.setattr(AreaEngine, "draw", watched)
     with Renderer(scene) as renderer:
         monkeypatch.setattr(renderer, "_costs", COSTS)
         for phase_deg in (60.0, 100.0):
-            for budget in (0.1, 0.012):
-                state = views.state(phase_deg=phase_deg, range_m=1500.0, direction=(0.2, -1.0, 0.5))
+            state = views.state(phase_deg=phase_deg, range_m=1500.0, direction=(0.2, -1.0, 0.5))
+            seen = view_bodies(state, scene.cameras[0], scene.hulls)
+            x0, y0, x1, y1 = region(seen, scene.cameras[0])
+            exact, _ = truth.draw(("body",), scene.cameras[0], seen, (x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5),
+                                  (x1 - x0, y1 - y0), 0.003)
+            told = 0.1
+            for budget_share, expected in ((1.0, [True]), (0.8, [True, False])):
+                budget = budget_share * told
+                drawn.clear()
                 image = renderer.render(state, max_error=budget)
                 level, = image.plan.windows[0].levels
-                kinds.add((budget, level.by_middles))
-                seen = view_bodies(state, scene.cameras[0], scene.hulls)
-                x0, y0, x1, y1 = region(seen, scene.cameras[0])
-                exact, _ = truth.draw(("body",), scene.cameras[0], seen, (x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5),
-                                      (x1 - x0, y1 - y0), 0.003)
-                error = views.relative_rms(image.irradiance_W_m2[y0:y1, x0:x1], exact)
-                assert error < image.plan.predicted_error <= budget
-    assert kinds == {(0.1, True), (0.012, False)}
+                assert drawn == expected and level.by_middles == expected[-1]
+                told = image.plan.predicted_error
+                assert views.relative_rms(image.irradiance_W_m2[y0:y1, x0:x1], exact) < told <= budget
