@@ -59,16 +59,16 @@ def relit(slopes, first, last, to_sun, gain, beyond, radiance):
         radiance[i] = gain * slopes[i, 3] * (incidence + beyond) if incidence > 0.0 else 0.0
 
 
-@compiled(write(float64, 1)(read(float32, 2), read(float64, 1), read(int32, 2), _CORNERS, _TABLE, intp, intp, _VECTOR,
+@compiled(write(float64, 1)(read(float32, 2), read(float64, 1), read(int32, 2), _CORNERS, _TABLE, intp, _VECTOR,
                             _VECTOR))
-def lit_edges(facets, radiance, neighbours, corners, xy, first, every, to_sun, r_camera_m):
-    """Of facets from a first one on, so many apart, all lit or all dark by their radiance (F,), what may be wrong.
+def lit_edges(facets, radiance, neighbours, corners, xy, every, to_sun, r_camera_m):
+    """Of one in `every` so many facets, all lit or all dark by their radiance (F,), what may be wrong.
 
     Sums (4,): areas and light of lit facets; and of those beside a dark one that faces Sun and camera, squared radiance
     times the area, and times its square. Facets (F, 6) float32 have normals and middles [m].
     """
     found = np.zeros(4)
-    for facet in range(first, len(radiance), every):
+    for facet in range(0, len(radiance), every):
         here = radiance[facet]
         if not here > 0.0:
             continue
