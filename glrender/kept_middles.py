@@ -22,9 +22,11 @@ from .ray_engine import RayEngine
 from .surface import Surface
 from .view import BodyView
 
-# Steps of a table of BRDF by a normal's place out of the plane of Sun and camera; and by the root of the distance of
-# their unit vectors, which is a phase angle [rad], about.
-_STEPS, _CHORD = 24, 0.03
+# Steps of a table of BRDF by a normal's place out of the plane of Sun and camera.
+_STEPS = 24
+# And by the root of the distance of their unit vectors, which is a phase angle [rad], about: close to 0, where surfaces
+# surge, steps are small. Powers of 2, at least so many in a table: the same nodes in one frame and the next.
+_LEAST_STEP, _MOST_STEP, _LEAST_STEPS = 2.0**-7, 2.0**-5, 4.0
 # Least angle off the limb and the terminator [rad], and least part of a normal.
 _EDGE_ON = 1e-6
 # Facets in a turn; and one of so many tells of edges of light: an odd number, as divided shapes come in fours.
@@ -38,6 +40,7 @@ class KeptMiddles:
 
     def __init__(self):
         self._kept = KeptAtNodes()
+        self._tables = BrdfTables()
 
     def forget(self) -> None:
         """Look anew in the next frame; no image changes."""
@@ -62,7 +65,7 @@ class KeptMiddles:
         node = at_node(view, facets.solid.radius_m, _DIRECTIONS, _RANGES)
 
         def make() -> LitTriangles:
-            radiance = _radiance(facets, node, rays, has_relief, 1.0)
+            radiance = _radiance(facets, node, rays, has_relief, 1.0, self._tables)
             lit = np.flatnonzero(radiance)
             vertex, _, corners = facet_loops.vertices_of(facets.corners, lit, facets.vertices_m.shape[1])
             return LitTriangles(facets.vertices_m.take(vertex, axis=1), corners, lit, radiance.take(lit), facets, node,
@@ -79,7 +82,7 @@ class KeptMiddles:
         """
         triangles = self.triangles(facets, view, rays, has_relief=has_relief)
         if triangles is None:
-            return _radiance(facets, view, rays, has_relief, brightness)
+            return _radiance(facets, view, rays, has_relief, brightness, self._tables)
         found = np.zeros(facets.n_facets)
         found[triangles.facet] = triangles.radiance(view, brightness)
         return found
@@ -91,10 +94,11 @@ def edges_of(facets: FacetTables, radiance: np.ndarray, xy: np.ndarray, view: Bo
                                  view.sun_direction_body, view.r_camera_body_m)
 
 
-def _radiance(facets: FacetTables, view: BodyView, rays: RayEngine, has_relief: bool, brightness: float) -> np.ndarray:
-    roots = chord_roots(view, facets.solid.radius_m)
+def _radiance(facets: FacetTables, view: BodyView, rays: RayEngine, has_relief: bool, brightness: float,
+              tables: BrdfTables) -> np.ndarray:
     radiance, asked, (is_seen, is_lit) = facets.middles.shade(
-        view.sun_direction_body, view.r_camera_body_m, brightness * brdf_table(facets.surface, roots), roots)
+        view.sun_direction_body, view.r_camera_body_m,
+        *tables.of(facets.surface, view, facets.solid.radius_m, brightness))
     middle_m, number = facets.middles.facets[asked, 3:].T.astype(float), facets.number.take(asked)
     # Where neither was in doubt, both are so.
     sees = rays.in_view(facets.solid, middle_m, number, view, [view], is_seen) | ~is_seen
@@ -113,6 +117,47 @@ def _radiance(facets: FacetTables, view: BodyView, rays: RayEngine, has_relief: 
     return radiance
 
 
+class BrdfTables:
+    """BRDF of surfaces as `horizon_loops.shade_middles` takes it: what is worked out once serves all frames."""
+
+    def __init__(self):
+        self._made: dict[tuple[Surface, float], np.ndarray] = {}
+
+    def of(self, surface: Surface, view: BodyView, radius_m: float, brightness: float
+           ) -> tuple[np.ndarray, float, float]:
+        """BRDF [1/sr] of facets times the cosines of incidence and emission, for all phase angles on a body.
+
+        Beyond the terminator and the limb as on them.
+
+        Parameters
+        ----------
+        surface : Surface
+        view : BodyView
+        radius_m : float [m]
+        brightness : float
+            What it is times as well.
+
+        Returns
+        -------
+        table : (C, 2 S + 1, S + 1) float64
+            By roots of the distance of the unit vectors to Sun and camera, by the normal's place around a square in
+            their plane, and its part in that plane.
+        first, step : float
+            Of the roots.
+        """
+        aside = math.asin(min(radius_m / view.range_m, 1.0))
+        first, last = (math.sqrt(2.0 * math.sin(0.5 * min(max(view.phase_rad + turn, 0.0), math.pi)))
+                       for turn in (-aside, aside))
+        step = max((last - first) / _LEAST_STEPS, _LEAST_STEP)
+        step = min(2.0 ** math.floor(math.log2(step)), _MOST_STEP)
+        node = math.floor(first / step)
+        roots = [step * each for each in range(node, max(math.ceil(last / step), node + 1) + 1)]
+        for root in roots:
+            if (surface, root) not in self._made:
+                self._made[surface, root] = _brdf_at(surface, root)
+        return brightness * np.stack([self._made[surface, root] for root in roots]), roots[0], step
+
+
 @cache
 def _places() -> tuple[np.ndarray, ...]:
     """Of a table, angles in the plane, and parts of the normal in it and out of it."""
@@ -121,29 +166,12 @@ def _places() -> tuple[np.ndarray, ...]:
     return np.arctan2(place, 1.0 - np.abs(place)), part, np.sqrt(1.0 - part * part)
 
 
-def brdf_table(surface: Surface, roots: np.ndarray) -> np.ndarray:
-    """BRDF [1/sr] of facets times the cosines of incidence and emission, as `horizon_loops.shade_middles` takes it.
-
-    By the roots of distances (C,) of the unit vectors to Sun and camera, the places around a square in their plane, and
-    the parts of the normal in it. Beyond the terminator and the limb as on them.
-    """
+def _brdf_at(surface: Surface, root: float) -> np.ndarray:
+    """One root's part (2 S + 1, S + 1) of a table."""
     angle, part, aside = _places()
-    to_camera, found = np.array([[1.0, 0.0, 0.0]]), []
-    for root in roots:
-        phase_rad = 2.0 * math.asin(min(0.5 * root**2, 1.0))
-        to_sun = np.array([math.cos(phase_rad), math.sin(phase_rad), 0.0])
-        both = np.clip(angle, phase_rad - 0.5 * math.pi + _EDGE_ON, 0.5 * math.pi - _EDGE_ON)
-        normal = np.stack([part * np.cos(both), part * np.sin(both), aside], axis=-1)
-        brdf = surface.brdf(to_sun, to_camera, normal.reshape(-1, 3), np.ones(angle.size)).reshape(angle.shape)
-        found.append(brdf * (normal @ (to_sun + to_camera[0])))
-    return np.stack(found)
-
-
-def chord_roots(view: BodyView, radius_m: float) -> np.ndarray:
-    """Roots of distances of the unit vectors to Sun and camera, as seen from anywhere on the body, in even steps.
-
-    Close to 0 surfaces surge, and steps are small.
-    """
-    aside = math.asin(min(radius_m / view.range_m, 1.0))
-    ends = [math.sqrt(2.0 * math.sin(0.5 * min(max(view.phase_rad + turn, 0.0), math.pi))) for turn in (-aside, aside)]
-    return np.linspace(*ends, 2 + math.ceil((ends[1] - ends[0]) / _CHORD))
+    phase_rad = 2.0 * math.asin(min(0.5 * root**2, 1.0))
+    to_sun, to_camera = np.array([math.cos(phase_rad), math.sin(phase_rad), 0.0]), np.array([1.0, 0.0, 0.0])
+    both = np.clip(angle, phase_rad - 0.5 * math.pi + _EDGE_ON, 0.5 * math.pi - _EDGE_ON)
+    normal = np.stack([part * np.cos(both), part * np.sin(both), aside], axis=-1)
+    brdf = surface.brdf(to_sun, to_camera[None], normal.reshape(-1, 3), np.ones(angle.size)).reshape(angle.shape)
+    return brdf * (normal @ (to_sun + to_camera))

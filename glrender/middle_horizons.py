@@ -55,8 +55,8 @@ class Middles:
         is_known = heights.shape == (normal.shape[1], N_AZIMUTHS) and heights.dtype == np.uint8
         return cls(facets=facets, heights=heights if is_known else _heights(middle_m, normal, solid))
 
-    def shade(self, to_sun: np.ndarray, r_camera_m: np.ndarray, brdf: np.ndarray,
-              roots: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def shade(self, to_sun: np.ndarray, r_camera_m: np.ndarray, brdf: np.ndarray, first_root: float,
+              root_step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Radiance (F,) of the facets, in the BRDF's unit: 0 of those that are dark or not seen.
 
         Parameters
@@ -64,10 +64,8 @@ class Middles:
         to_sun : (3,) float64
             Unit vector.
         r_camera_m : (3,) float64 [m]
-        brdf : (C, 2 S + 1, S + 1) float64
-            As `horizon_loops.shade_middles` takes it.
-        roots : (C,) float64
-            Of distances, of the table, in even steps.
+        brdf, first_root, root_step
+            As `BrdfTables.of` has them.
 
         Returns
         -------
@@ -84,7 +82,7 @@ class Middles:
 
         def look(part: slice) -> np.ndarray:
             n = shade_middles(self.facets, self.heights, part.start, part.stop, to_sun, r_camera_m,
-                              brdf, roots[0], 1.0 / (roots[1] - roots[0]), found, asked, is_asked)
+                              brdf, first_root, 1.0 / root_step, found, asked, is_asked)
             return np.arange(part.start, part.start + n)
 
         places = np.concatenate(threads.run_in_parts(look, n_facets, _PART))

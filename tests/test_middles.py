@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import solids
 import views
-from glrender import Body, Pose, Renderer, Shape, generate
+from glrender import Body, Pose, Renderer, Shape, generate, kept_middles
 from glrender.area_engine import AreaEngine
 from glrender.backends.raytrace import RayTracer
 from glrender.brdf import Hapke, Lambert, LommelSeeliger
@@ -16,7 +16,7 @@ from glrender.costs import EngineCosts
 from glrender.coverage import add_facets, add_lit, no_changes
 from glrender.facet_tables import FacetTables
 from glrender.grouping import region
-from glrender.kept_middles import brdf_table, chord_roots
+from glrender.kept_middles import BrdfTables
 from glrender.level_tables import AreaLevel
 from glrender.middle_horizons import Middles
 from glrender.ray_engine import RayEngine
@@ -85,9 +85,8 @@ def test_radiance_of_a_free_facet_is_that_of_its_law(law, phase_deg, range_m):
     scene = views.scene([body], [camera], sun_disc=False)
     view, = view_bodies(views.state(phase_deg=phase_deg, range_m=range_m), camera, scene.hulls)
     middle_m, told = middles(body.shape)
-    surface, roots = Surface(body), chord_roots(view, 100.0)
-    found, asked, _ = told.shade(view.sun_direction_body, view.r_camera_body_m, brdf_table(surface, roots),
-                                 roots)
+    found, asked, _ = told.shade(view.sun_direction_body, view.r_camera_body_m,
+                                 *BrdfTables().of(Surface(body), view, 100.0, 1.0))
     to_camera = view.r_camera_body_m - middle_m.T
     to_camera /= np.linalg.norm(to_camera, axis=1, keepdims=True)
     normal, sun = body.shape.facet_normals, view.sun_direction_body
@@ -99,6 +98,20 @@ def test_radiance_of_a_free_facet_is_that_of_its_law(law, phase_deg, range_m):
     assert error.max() < 0.01 * expected.max() and error[faces].mean() < 3e-3 * expected[faces].mean()
 
 
+def test_what_is_known_of_a_surface_is_not_worked_out_again(rough, monkeypatch):
+    made, work_out = [], kept_middles._brdf_at
+    monkeypatch.setattr(kept_middles, "_brdf_at", lambda *given: made.append(given) or work_out(*given))
+    camera, tables, surface = views.camera(64, 400.0), BrdfTables(), Surface(rough)
+    scene = views.scene([rough], [camera], sun_disc=False)
+    found = []
+    for phase_deg, is_new in ((60.0, True), (60.1, False), (30.0, True), (60.0, False)):
+        view, = view_bodies(views.state(phase_deg=phase_deg, range_m=2000.0), camera, scene.hulls)
+        n_before = len(made)
+        found.append(tables.of(surface, view, 100.0, 2.0)[0])
+        assert len(made) - n_before == (len(found[-1]) if is_new else 0), phase_deg
+    assert found[-1].tobytes() == found[0].tobytes() and all(5 <= len(each) <= 10 for each in found)
+
+
 @pytest.mark.parametrize("phase_deg", [30.0, 100.0])
 def test_middles_are_lit_and_seen_where_rays_say_so(rough, phase_deg):
     """Of rough facets: 2 % of those that face both differ, of few is asked; so it is for those that are asked."""
@@ -106,9 +119,9 @@ def test_middles_are_lit_and_seen_where_rays_say_so(rough, phase_deg):
     scene = views.scene([rough], [camera], sun_disc=False)
     view, = view_bodies(views.state(phase_deg=phase_deg, range_m=2000.0), camera, scene.hulls)
     middle_m, told = middles(rough.shape)
-    roots, normal = chord_roots(view, 100.0), rough.shape.facet_normals
+    normal = rough.shape.facet_normals
     found, asked, is_asked = told.shade(view.sun_direction_body, view.r_camera_body_m,
-                                        brdf_table(Surface(rough), roots), roots)
+                                        *BrdfTables().of(Surface(rough), view, 100.0, 1.0))
     rays, every = RayEngine(scene), np.arange(len(normal))
     faces = (normal @ view.sun_direction_body > 1e-6) & (
         np.einsum("ij,ij->i", normal, view.r_camera_body_m - middle_m.T) > 1e-6)
