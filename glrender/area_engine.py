@@ -19,7 +19,7 @@ from .error_model import sliver_gain
 from .facet_relief import LevelShape
 from .facet_tables import FacetTables, longest_sides_m
 from .frames import sun_from_body
-from .kept_nodes import KeptAtNodes, at_node, camera_at_node
+from .kept_nodes import KeptAtNodes, camera_at_node
 from .level_tables import is_kept
 from .ray_engine import RayEngine
 from .rays import RayMesh
@@ -47,7 +47,7 @@ _COARSE = 2.0
 # Least error that is told: a facet's light at its middle for all of it, and rays in float32.
 _LEAST = 5e-4
 # Of large shapes, steps of the grid of Sun and camera at which sunlit areas are kept: of directions in 1 rad, of ranges
-# in a factor e, and of budgets and the Sun's distance in a factor 2; what the farthest from a node errs by, the least
+# in a factor e, and of budgets in a factor 2; what the farthest from a node errs by, the least
 # budget for it, and the largest phase angle [rad] anywhere on the body. The least range in its radii, since close to it
 # a step of the grid is not small, and the least cosine off the boresight, along which areas are larger by its cube.
 _DIRECTIONS, _RANGES, _BUDGETS, _NODE_ERROR, _LEAST_KEPT, _KEPT_RAD = 8192, 1024, 8, 1.2e-3, 4e-3, 2.5
@@ -76,7 +76,7 @@ class AreaEngine:
         self._coverage, self._lit_middles, self._sunlit_areas = coverage, lit_middles, sunlit_areas
         self._lit_triangles = lit_triangles
         self._scene, self._rays, self._kept_middles = scene, rays, kept_middles.KeptMiddles()
-        self._kept_cuts = KeptAtNodes() if keeps_areas else None
+        self._kept_cuts = KeptAtNodes(_DIRECTIONS, _RANGES) if keeps_areas else None
         sides_m = {body.name: longest_sides_m(body.shape) for body in scene.bodies}
         smallest_m = min(each[each > 0.0].min() for each in sides_m.values())
         # Of each body that can be drawn so: the full shape, and its levels of detail.
@@ -95,8 +95,11 @@ class AreaEngine:
 
     def close(self) -> None:
         """Release the tables."""
+        # First what looks at the tables in spare time.
+        self._kept_middles.close()
+        if self._kept_cuts is not None:
+            self._kept_cuts.close()
         self._facets.clear()
-        self.forget()
 
     def forget(self) -> None:
         """Look anew at what is kept of frames before; no image changes."""
@@ -237,18 +240,16 @@ class AreaEngine:
                 or view.phase_rad + radius_m / view.range_m > _KEPT_RAD):
             return None
         at_most = 2.0 ** (math.floor(math.log2(math.sqrt(budget**2 - _NODE_ERROR**2)) * _BUDGETS) / _BUDGETS)
-        node = replace(at_node(view, radius_m, _DIRECTIONS, _RANGES),
-                       sun_distance_au=2.0 ** (round(math.log2(view.sun_distance_au) * _BUDGETS) / _BUDGETS))
 
-        def make() -> _Cut:
+        def make(node: BodyView) -> _Cut:
             everywhere = -math.inf, -math.inf, math.inf, math.inf
             cut = self._cut([node], camera_at_node(camera.focal_length_px), [node], everywhere, at_most,
                             {names[0]: replace(level, flux_ratio=1.0)}, has_disc)
             return replace(cut, bodies=tuple(self._lit_triangles.LitTriangles(*body.triangles(), facets, node)
                                              for body in cut.bodies), parts=())
 
-        cut = self._kept_cuts.at(node, (facets, level.has_relief, camera.focal_length_px, at_most, has_disc,
-                                        node.sun_distance_au), make)
+        node, cut = self._kept_cuts.at(view, radius_m, (facets, level.has_relief, camera.focal_length_px, at_most,
+                                                        has_disc), make)
         # What is too little for this budget may do for the one that was asked.
         if math.isinf(cut.squared):
             return None

@@ -15,7 +15,7 @@ from . import facet_loops
 from .facet_parts import projected
 from .facet_relief import FacetRelief
 from .facet_tables import FacetTables
-from .kept_nodes import KeptAtNodes, at_node, camera_at_node
+from .kept_nodes import KeptAtNodes, camera_at_node
 from .level_tables import is_kept
 from .lit_triangles import LitTriangles
 from .ray_engine import RayEngine
@@ -39,12 +39,16 @@ class KeptMiddles:
     """The radiance of shapes' facets as their middles are lit; of large shapes, what is kept from frame to frame."""
 
     def __init__(self):
-        self._kept = KeptAtNodes()
+        self._kept = KeptAtNodes(_DIRECTIONS, _RANGES)
         self._tables = BrdfTables()
 
     def forget(self) -> None:
         """Look anew in the next frame; no image changes."""
         self._kept.forget()
+
+    def close(self) -> None:
+        """Forget, and look for nothing any more."""
+        self._kept.close()
 
     def triangles(self, facets: FacetTables, view: BodyView, rays: RayEngine, *, has_relief: bool
                   ) -> LitTriangles | None:
@@ -62,9 +66,8 @@ class KeptMiddles:
         """
         if not is_kept(facets.n_facets, view, facets.solid.radius_m):
             return None
-        node = at_node(view, facets.solid.radius_m, _DIRECTIONS, _RANGES)
 
-        def make() -> LitTriangles:
+        def make(node: BodyView) -> LitTriangles:
             radiance = _radiance(facets, node, rays, has_relief, 1.0, self._tables)
             lit = np.flatnonzero(radiance)
             vertex, _, corners = facet_loops.vertices_of(facets.corners, lit, facets.vertices_m.shape[1])
@@ -72,7 +75,7 @@ class KeptMiddles:
                                 edges_of(facets, radiance,
                                          projected(facets.vertices_m, node, camera_at_node(1.0)), node))
 
-        return self._kept.at(node, (facets, has_relief), make)
+        return self._kept.at(view, facets.solid.radius_m, (facets, has_relief), make)[1]
 
     def radiance(self, facets: FacetTables, view: BodyView, rays: RayEngine, *, has_relief: bool,
                  brightness: float) -> np.ndarray:
