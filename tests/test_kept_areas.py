@@ -25,6 +25,8 @@ class Drawn:
 
     def __init__(self, monkeypatch, law=GREY, bodies=(), **scene):
         monkeypatch.setattr(level_tables, "FEWEST_KEPT", 10_000)
+        # Nothing is looked for in spare time: it is counted.
+        monkeypatch.setattr(kept_nodes, "_MOST_AHEAD", 0)
         self.camera = views.camera(128, 500.0)
         self.scene = views.scene([replace(views.rough_body(GREY), brdf=law), *bodies], [self.camera], **scene)
         self.rays = RayEngine(self.scene)

@@ -30,6 +30,8 @@ class Drawn:
 
     def __init__(self, monkeypatch, law=GREY):
         monkeypatch.setattr(level_tables, "FEWEST_KEPT", 10_000)
+        # Nothing is looked for in spare time: it is counted.
+        monkeypatch.setattr(kept_nodes, "_MOST_AHEAD", 0)
         self.n_anew, look = 0, kept_middles._radiance
 
         def counted(*given):
