@@ -23,8 +23,8 @@ from .surface import Surface
 from .view import BodyView, phase_angle, snapped
 
 # Bytes that are kept, of each engine and kind: at one node some 40 to 60 MB of 3 million facets that cover 500 px. And
-# how many at most, as nothing may be found.
-_MOST_BYTES, _MOST = 1 << 28, 64
+# how many at most, as nothing may be found. The next node is looked for where there is room for so many like this one.
+_MOST_BYTES, _MOST, _ROOM = 1 << 28, 64, 3
 # Steps of the Sun's distance in a factor 2.
 _DISTANCES = 8
 # After this without a frame the next node is looked for [s], at most so many frames ahead; kinds of which the last
@@ -94,7 +94,9 @@ class KeptAtNodes:
             begin_s = time.perf_counter()
             found = self._keep(kept, key, make(node))
             self._takes_s = time.perf_counter() - begin_s
-        self._follow(kept, view, radius_m, of, make)
+        # The next one must not push out this one.
+        if _ROOM * found.n_bytes < _MOST_BYTES:
+            self._follow(kept, view, radius_m, of, make)
         return node, found
 
     def _follow(self, kept: OrderedDict[tuple[Any, ...], Any], view: BodyView, radius_m: float, of: tuple[Any, ...],

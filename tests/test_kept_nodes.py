@@ -97,6 +97,16 @@ def test_nothing_is_looked_for_unless_they_move_steadily(frames, turns):
     assert frames.n_made(len(set(turns))) == len(set(turns))
 
 
+@pytest.mark.parametrize(("room", "n_expected"), [(4, 4), (2, 3)])
+def test_the_next_node_does_not_push_out_the_one_in_use(frames, monkeypatch, room, n_expected):
+    monkeypatch.setattr(kept_nodes, "_MOST_BYTES", room)
+    for n in range(3):
+        frames(n * STEP_RAD)
+    assert frames.n_made(n_expected) == n_expected
+    frames(2 * STEP_RAD)
+    assert len(frames.made) == n_expected
+
+
 def test_a_frame_waits_for_what_is_nearly_there(frames):
     is_begun = threading.Event()
 
