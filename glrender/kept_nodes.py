@@ -27,10 +27,13 @@ from .view import BodyView, phase_angle, snapped
 _MOST_BYTES, _MOST, _ROOM = 1 << 28, 64, 3
 # Steps of the Sun's distance in a factor 2.
 _DISTANCES = 8
-# After this without a frame the next node is looked for [s], at most so many frames ahead; kinds of which the last
-# frames are known; and of a step from frame to frame, what the next one may differ by. What is
-# being looked for is waited for, as long as it takes without haste: so many times.
-_PAUSE_S, _MOST_AHEAD, _MOST_KINDS, _STEADY, _PATIENCE = 0.03, 64, 8, 0.25, 2.0
+# After this without a frame the next node is looked for [s], at most so many frames ahead.
+_PAUSE_S, _MOST_AHEAD = 0.03, 64
+# Kinds of which the last frames are known; and of a step from frame to frame, what the next one may differ by.
+_MOST_KINDS, _STEADY = 8, 0.25
+# A frame waits for what is being looked for until that has taken so many times as long as frames themselves take: on a
+# busy machine it may take for ever. And most frames in which nothing is looked for where it came too late.
+_PATIENCE, _MOST_REST = 2.0, 16
 
 
 class KeptAtNodes:
@@ -52,6 +55,9 @@ class KeptAtNodes:
         # What is being made in spare time, what tells its end, and when it began [s]; how long it takes otherwise [s].
         self._ahead: tuple[tuple[Any, ...], threading.Event, float] | None = None
         self._takes_s = 0.0
+        # The last one that was found so; frames that could not wait since; and for how many more nothing is looked for.
+        self._found_ahead: tuple[Any, ...] = ()
+        self._n_missed, self._rest = 0, 0
 
     def __len__(self) -> int:
         return len(self._kept)
@@ -83,21 +89,30 @@ class KeptAtNodes:
         found = self._find(kept, key)
         if found is None and ahead is not None and ahead[0] == key:
             _, is_made, begun_s = ahead
-            # On a busy machine it may take for ever.
             if is_made.wait(max(begun_s + _PATIENCE * self._takes_s - time.perf_counter(), 0.0)):
                 found = self._find(kept, key)
-            if found is None:
-                self._places.clear()
+        if key == self._found_ahead:
+            self._n_missed = 0
         if found is None:
             # What may be asked for later has to wait.
             self._spare.stop()
             begin_s = time.perf_counter()
             found = self._keep(kept, key, make(node))
             self._takes_s = time.perf_counter() - begin_s
+            if self._is_expected(of):
+                self._n_missed += 1
+                self._rest = min(1 << self._n_missed, _MOST_REST)
         # The next one must not push out this one.
         if _ROOM * found.n_bytes < _MOST_BYTES:
             self._follow(kept, view, radius_m, of, make)
+        else:
+            self._places.clear()
         return node, found
+
+    def _is_expected(self, of: tuple[Any, ...]) -> bool:
+        """Whether the next frame of a kind should be where those before lead to, and was looked for."""
+        places = self._places.get(of, [])
+        return self._rest == 0 and len(places) == 3 and _are_steady(*places)
 
     def _follow(self, kept: OrderedDict[tuple[Any, ...], Any], view: BodyView, radius_m: float, of: tuple[Any, ...],
                 make: Callable[[BodyView], Any]) -> None:
@@ -106,11 +121,12 @@ class KeptAtNodes:
         place = np.concatenate([view.sun_direction_body, view.r_camera_body_m / radius_m])
         if places and (place == places[-1]).all():
             return
+        self._rest = max(self._rest - 1, 0)
         places[:] = [*places[-2:], place]
         self._places.move_to_end(of)
         if len(self._places) > _MOST_KINDS:
             self._places.popitem(last=False)
-        if len(places) == 3 and _are_steady(*places):
+        if self._is_expected(of):
             self._spare.give(partial(self._look_ahead, kept, tuple(places), view, radius_m, of, make))
 
     def _look_ahead(self, kept: OrderedDict[tuple[Any, ...], Any], places: tuple[np.ndarray, ...], view: BodyView,
@@ -130,6 +146,7 @@ class KeptAtNodes:
                     self._ahead = key, is_made, time.perf_counter()
                     try:
                         self._keep(kept, key, make(node))
+                        self._found_ahead = key
                     finally:
                         self._ahead = None
                         is_made.set()

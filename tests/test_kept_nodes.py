@@ -143,6 +143,19 @@ def test_a_frame_does_not_wait_for_ever(frames):
     may_end.set()
 
 
+def test_it_rests_where_frames_leave_no_spare_time(frames):
+    for n in range(40):
+        frames(n * STEP_RAD)
+    frames.n_made(40)
+    n_looked = sum(each.thread != "MainThread" for each in frames.made)
+    assert n_looked <= 1 and frames.kept._rest > 4
+    # And looks again where they do.
+    for n in range(40, 40 + 2 * kept_nodes._MOST_REST):
+        frames(n * STEP_RAD)
+        time.sleep(0.05)
+    assert frames.made[-1].thread.startswith("glrender-spare") and frames.kept._n_missed == 0
+
+
 def test_what_was_forgotten_does_not_come_back(frames):
     is_begun, may_end = threading.Event(), threading.Event()
 

@@ -66,6 +66,28 @@ def test_a_task_ends_between_two_items_when_it_is_told_to(spare):
     assert "waited" not in n_done
 
 
+def test_its_end_is_waited_for_with_all_that_help(spare):
+    """Also where another gives up first: what they work on is released then."""
+    left, is_begun = [], threading.Event()
+
+    def work(k: int) -> None:
+        if not threading.current_thread().name.startswith("glrender-spare"):
+            left.append(k)
+            is_begun.set()
+            time.sleep(0.3)
+            left.pop()
+        else:
+            time.sleep(0.01)
+
+    spare.give(lambda: threads.run(work, range(1000), 4))
+    assert is_begun.wait(_LATE_S)
+    spare.close()
+    assert not left
+    spare.give(lambda: left.append("after"))
+    time.sleep(5.0 * _SOON_S)
+    assert not left
+
+
 def test_an_error_is_nobodys(spare):
     is_done = threading.Event()
 

@@ -8,7 +8,7 @@ import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import suppress
 from functools import cache
 from typing import Any
@@ -21,7 +21,7 @@ N_THREADS = min(4, os.cpu_count() or 1)
 """Of the camera model, at most: more gain nothing on a megapixel."""
 # Of all that run at a time; they are made when they are needed.
 _MOST_THREADS = 64
-# Of a thread that works in spare time, what tells it to give up.
+# Of threads that work in spare time, and of no others: `is_over`, which tells them to give up.
 _here = threading.local()
 
 
@@ -46,8 +46,10 @@ def run(task: Callable[[int], None], items: Iterable[int], n_threads: int = N_TH
     try:
         work()
     finally:
-        for helper in helpers:
-            helper.result()
+        # All of them, also if one fails: what they work on may be released then.
+        wait(helpers)
+    for helper in helpers:
+        helper.result()
 
 
 def run_in_parts(task: Callable[[slice], Any], n_items: int, at_once: int) -> list[Any]:
@@ -88,23 +90,28 @@ class SpareTime:
 
     def __init__(self, pause_s: float):
         self._pause_s, self._number, self._is_closed = pause_s, 0, threading.Event()
+        self._lock = threading.Lock()
         # Of the task that is being done.
         self._is_over = threading.Event()
         self._thread = ThreadPoolExecutor(1, "glrender-spare", initializer=_step_back)
 
     def give(self, task: Callable[[], None]) -> None:
         """Instead of what waits; what is being done goes on. Its errors are nobody's."""
-        self._number += 1
-        self._thread.submit(self._work, task, self._number)
+        with self._lock:
+            if not self._is_closed.is_set():
+                self._number += 1
+                self._thread.submit(self._work, task, self._number)
 
     def stop(self) -> None:
         """Give up what waits, and what is being done: it ends between two items of `run`."""
-        self._number += 1
-        self._is_over.set()
+        with self._lock:
+            self._number += 1
+            self._is_over.set()
 
     def close(self) -> None:
         """Stop, and wait for its end."""
-        self._is_closed.set()
+        with self._lock:
+            self._is_closed.set()
         self.stop()
         self._thread.shutdown()
 
