@@ -30,8 +30,9 @@ from .view import BodyView
 
 # Share of the budget for pixels over that for the flux.
 _FLUX = 10.0
-# Share of a cell that must be covered twice to be seen.
-_OVERLAP = 1e-3
+# Share of a cell that must be covered twice to be seen; and of what is too much then, what is taken off at least of a
+# body that is alone: as much is missing where its areas are cut too small, of which nothing tells.
+_OVERLAP, _EXCESS = 1e-3, 0.5
 # Rows that a thread adds up in a turn.
 _ROWS = 64
 # Cells that a facet covers where it is far smaller than one.
@@ -173,7 +174,7 @@ class AreaEngine:
                 changes = self._coverage.no_changes(grid[::-1])
                 body.add_to(changes, cells.corner, cells.per_px)
                 # Each body's own cover: a bright one must not be dimmed by what is left of a dark one behind it.
-                images.append(self._added_up(changes, cells, camera, 1.0)[0])
+                images.append(self._added_up(changes, cells, camera, 1.0, 1.0)[0])
                 told = max(told, body.error)
         return sum(images[1:], start=images[0]), told
 
@@ -197,7 +198,8 @@ class AreaEngine:
         for add_to in cut.parts:
             add_to(changes, cells.corner, cells.per_px, 3.0 if is_fine else 0.0)
         # Where areas overlap, one that is hidden was taken to be seen: which of them is not known.
-        means, unsure = self._added_up(changes, cells, camera, 1.0 + _OVERLAP, is_even=is_fine)
+        excess = _EXCESS if len(views) == 1 else 1.0
+        means, unsure = self._added_up(changes, cells, camera, 1.0 + _OVERLAP, excess, is_even=is_fine)
         squared = cut.squared + unsure / cells.per_px.prod() ** 2
         return means, math.hypot(cut.per_root * math.sqrt(squared), _LEAST), cut.penumbra
 
@@ -261,7 +263,7 @@ class AreaEngine:
                        parts=tuple(partial(body.add_to, view, camera, brightness) for body in cut.bodies))
 
     def _added_up(self, changes: np.ndarray, cells: _Cells, camera: PinholeCamera, most_cover: float,
-                  is_even: bool = False) -> tuple[np.ndarray, float]:
+                  least_share: float, is_even: bool = False) -> tuple[np.ndarray, float]:
         """Means over cells (rows, columns), and what is unsure where areas overlap: `coverage.settle`.
 
         Of changes in radiance, or, if pixels are taken to have even solid angles, times a power of the cosine.
@@ -274,8 +276,8 @@ class AreaEngine:
         least = coverage.ROUNDING * max(threads.run_in_parts(
             lambda part: coverage.means(changes, part.start, part.stop, image, cover), len(image), _ROWS))
         unsure = threads.run_in_parts(
-            lambda part: coverage.settle(image, cover, part.start, part.stop, least, scale, across, down, most_cover),
-            len(image), _ROWS)
+            lambda part: coverage.settle(image, cover, part.start, part.stop, least, scale, across, down, most_cover,
+                                         least_share), len(image), _ROWS)
         return image, sum(unsure)
 
 

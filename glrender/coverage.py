@@ -72,12 +72,13 @@ def means(changes, first, last, values, cover):
 
 
 @compiled(float64(write(float64, 2), write(float64, 2), intp, intp, float64, float64, read(float64, 1),
-                  read(float64, 1), float64))
-def settle(values, cover, first, last, least, scale, across, down, most):
+                  read(float64, 1), float64, float64))
+def settle(values, cover, first, last, least, scale, across, down, most, least_share):
     """Turn means (R, C) of rows first to last into light: 0 of what is less than the least.
 
-    Over the cover where it is more than `most`, times a scale over (1 + x^2 + y^2)^1.5 by the squares `across` (C,) and
-    `down` (R,). Returns what is unsure where areas overlap: a sum of squares, of half of what was taken off.
+    Where the cover is more than `most`, of what is too much a share is taken off, all where there is twice as much as
+    there can be, or more; and all is times a scale over (1 + x^2 + y^2)^1.5 by the squares `across` (C,) and `down`
+    (R,). Returns what is unsure where areas overlap: a sum of squares, of half of what is too much.
     """
     unsure = 0.0
     for row in range(first, last):
@@ -87,7 +88,7 @@ def settle(values, cover, first, last, least, scale, across, down, most):
                 value = 0.0
             elif covered > most:
                 unsure += (0.5 * value * (1.0 - 1.0 / covered)) ** 2
-                value /= covered
+                value *= 1.0 - max(least_share, min(covered - 1.0, 1.0)) * (1.0 - 1.0 / covered)
             slant = 1.0 + across[column] + down[row]
             values[row, column] = value * scale / (slant * math.sqrt(slant))
     return unsure

@@ -45,6 +45,7 @@ class FacetCutter:
         vertex, of, self.corner = facet_loops.vertices_of(facets.corners, facing, facets.vertices_m.shape[1])
         r_m = facets.vertices_m.take(vertex, axis=1)
         self.points = Points(r_m, *self._told(r_m, of, None, vertex))
+        self._n_vertices = len(vertex)
         self.polygons: list[tuple[np.ndarray, np.ndarray]] = []
 
     def are_lit(self, triangles: FacetParts) -> np.ndarray:
@@ -80,7 +81,16 @@ class FacetCutter:
                                   for three in ([0, 3, 5], [3, 1, 4], [5, 4, 2], [4, 5, 3])])
 
     def cut_off(self, triangles: FacetParts, n_bisections: int) -> None:
-        """Cut triangles between the corner that differs and the two others."""
+        """Cut triangles between the corner that differs and the two others.
+
+        Those of which the cut does not leave the middle as it is are divided before.
+        """
+        odd = self._cut(triangles, n_bisections)
+        # Their sides are half as long.
+        self._cut(self.keep_even(self.quarters(triangles.at(odd))), max(n_bisections - 1, 1), looks=False)
+
+    def _cut(self, triangles: FacetParts, n_bisections: int, *, looks: bool = True) -> np.ndarray:
+        """Cut triangles; numbers of those that are left, since their middles are not as the cut has them."""
         points, n = self.points, len(triangles.facet)
         is_lit = self.are_lit(triangles)
         is_one = is_lit.sum(axis=0) == 1
@@ -98,9 +108,30 @@ class FacetCutter:
             _, is_lit = self._told(begin_m + part * way_m, facet, is_seen)
             part += np.where(is_lit, 1.0, -1.0) * 0.5 ** (k + 2)
         made = points.add(begin_m + part * way_m, True, True).take(side).reshape(2, n)
-        for chosen, corners in ((np.flatnonzero(is_one), [corner, *made]),
-                                (np.flatnonzero(~is_one), [made[0], *others, made[1]])):
+        is_right = np.ones(n, bool)
+        if looks:
+            # On the odd corner's side of the cut is the middle where 1/3 of both sides is within it.
+            from_odd = np.where(is_one, part.take(side).reshape(2, n), 1.0 - part.take(side).reshape(2, n))
+            is_right = self._are_lit_inside(triangles, is_known) == (is_one == ((1.0 / from_odd).sum(axis=0) < 3.0))
+        for chosen, corners in ((np.flatnonzero(is_one & is_right), [corner, *made]),
+                                (np.flatnonzero(~is_one & is_right), [made[0], *others, made[1]])):
             self.polygons.append((np.stack(corners).take(chosen, axis=1), triangles.facet.take(chosen)))
+        return np.flatnonzero(~is_right)
+
+    def _are_lit_inside(self, triangles: FacetParts, is_seen: np.ndarray) -> np.ndarray:
+        """Whether the middles of triangles (N,) are lit, of which some are known to be seen (N,)."""
+        facets, view = self._facets, self._view
+        told = np.full((2, len(is_seen)), -1, np.int8)
+        if facets.middles is not None and len(self._views) == 1:
+            # Of whole facets tables tell of most.
+            whole = np.flatnonzero((triangles.corner < self._n_vertices).all(axis=0))
+            told[:, whole] = facets.middles.look(triangles.facet.take(whole), view.sun_direction_body,
+                                                 view.r_camera_body_m)
+        is_lit = (told > 0).all(axis=0)
+        asked = np.flatnonzero((told < 0).any(axis=0) & (told != 0).all(axis=0))
+        r_m = sum(self.points.r_m.take(corner, axis=1) for corner in triangles.corner.take(asked, axis=1)) / 3.0
+        is_lit[asked] = self._told(r_m, triangles.facet.take(asked), is_seen.take(asked) | (told[0].take(asked) > 0))[1]
+        return is_lit
 
     def _told(self, r_body_m: np.ndarray, facet: np.ndarray, is_seen: np.ndarray | None = None,
               vertex: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba.types import UniTuple, boolean, float32, float64, intp, uint8, void
+from numba.types import UniTuple, boolean, float32, float64, int8, intp, uint8, void
 
 from .compiled import compiled, inlined, read, write
 
@@ -241,6 +241,22 @@ def _told(heights, facet, s, t, sine):
     height = 255.0 * sine - 0.5
     is_below = (high > 0.0) & (height < low - _NEAR)
     return 0 if is_below else 1 if (high == 0.0) | (height > top + _NEAR) else -1
+
+
+@compiled(void(read(float32, 2), read(uint8, 2), read(intp, 1), intp, intp, _VECTOR, _VECTOR, write(int8, 2)))
+def look_at_middles(facets, heights, some, first, last, to_sun, r_camera_m, found):
+    """Write, of facets first to last of some (N,), whether camera and Sun see their middles, (2, N), as `_told`."""
+    for i in range(first, last):
+        facet = some[i]
+        a, b, c = float(facets[facet, 0]), float(facets[facet, 1]), float(facets[facet, 2])
+        u, v, w = r_camera_m[0] - facets[facet, 3], r_camera_m[1] - facets[facet, 4], r_camera_m[2] - facets[facet, 5]
+        per_length = 1.0 / math.sqrt(u * u + v * v + w * w)
+        u, v, w = u * per_length, v * per_length, w * per_length
+        ax, ay, az, bx, by, bz = _across(a, b, c)
+        found[0, i] = _told(heights, facet, u * ax + v * ay + w * az, u * bx + v * by + w * bz, a * u + b * v + c * w)
+        found[1, i] = _told(heights, facet, to_sun[0] * ax + to_sun[1] * ay + to_sun[2] * az,
+                            to_sun[0] * bx + to_sun[1] * by + to_sun[2] * bz,
+                            a * to_sun[0] + b * to_sun[1] + c * to_sun[2])
 
 
 @inlined

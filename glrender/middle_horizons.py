@@ -88,6 +88,22 @@ class Middles:
         places = np.concatenate(threads.run_in_parts(look, n_facets, _PART))
         return found, asked[places], is_asked[:, places]
 
+    def look(self, facets: np.ndarray, to_sun: np.ndarray, r_camera_m: np.ndarray) -> np.ndarray:
+        """Whether camera and Sun see the middles of facets (N,) that face both: (2, N) int8; -1 where rays must tell.
+
+        Parameters
+        ----------
+        facets : (N,) int
+        to_sun, r_camera_m
+            As of `shade`.
+        """
+        from .horizon_loops import look_at_middles
+
+        found = np.empty((2, len(facets)), np.int8)
+        threads.run_in_parts(lambda part: look_at_middles(self.facets, self.heights, facets, part.start, part.stop,
+                                                          to_sun, r_camera_m, found), len(facets), _PART)
+        return found
+
 
 def _heights(middle_m: np.ndarray, normal: np.ndarray, solid: RayMesh) -> np.ndarray:
     from .horizon_loops import N_AZIMUTHS, axes_across

@@ -24,9 +24,9 @@ from .view import BodyView
 
 # Squared error of what 1, 2, 3 bisections cut off a triangle, over its light squared: times its area in pixels, or the
 # square of it, and of a crowd of small ones, which err together, more.
-_CUT_ERRORS, _CROWD = (0.085, 0.032, 0.018), 0.2
+_CUT_ERRORS, _CROWD = (0.066, 0.0205, 0.018), 0.2
 # Of their light, what they are too dark by, since more ridges than hollows are lit: 162 images of rough shapes.
-_CUT_BIASES = (0.012, 0.003, 0.0)
+_CUT_BIASES = (0.015, 0.003, 0.0)
 # Of the squared light of the largest facet, what another body may take between its corners unseen.
 _OF_LARGEST = 0.1
 # All that is told is times: a least, and one over the root of the number of facets that bring the error, as the sum of

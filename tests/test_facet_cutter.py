@@ -94,6 +94,30 @@ def test_a_cut_ends_where_the_shadow_does(n_bisections):
     assert abs(lit - 200.0 * 100.0) <= 200.0 * 50.0 * 0.5 ** (n_bisections + 1)
 
 
+def test_what_a_cut_gets_wrong_in_the_middle_is_divided_before():
+    """Bars of 8 m over two sides of a triangle of 200 m hide two of its corners and all of a side, and little else.
+
+    By the corners and that side alone it is all dark.
+    """
+    bars = ((-90, -104, 10), (104, -96, 20)), ((96, -90, 30), (104, 200, 40))
+    cut, top = cutter(((-100, -100, -20), (100, 100, 0)), *bars)
+    triangles = whole(cut, top)
+    chosen = np.flatnonzero(cut.points.r_m.take(triangles.corner, axis=1)[0].sum(axis=0) > 0.0)
+
+    def lit(**told):
+        cut.polygons.clear()
+        (cut._cut if told else cut.cut_off)(triangles.at(chosen), 3, **told)
+        r_m = cut.points.r_m.T
+        return sum(float(np.abs(np.cross(r_m[b] - r_m[a], r_m[c] - r_m[a])).sum()) / 2.0
+                   for corner, _ in cut.polygons for a, b, c in
+                   [(corner[0], corner[k], corner[k + 1]) for k in range(1, len(corner) - 1)])
+
+    exact = 200.0**2 / 2.0 - 2.0 * 4.0 * 200.0
+    assert len(chosen) == 1 and lit(looks=False) < 0.1 * exact
+    # A quarter has three dark corners, and is dark.
+    assert 0.6 * exact < lit() < exact
+
+
 def test_what_faces_both_is_found_in_parts_with_what_is_shown_of_it():
     """Of random triangles, against NumPy: the share of their boxes in a window, none beside it, parts in order."""
     rng = np.random.default_rng(4)

@@ -133,6 +133,12 @@ def test_middles_are_lit_and_seen_where_rays_say_so(rough, phase_deg):
     assert np.mean((found > 0.0)[faces & known] != free[faces & known]) < 0.02
     assert 0.0 < len(asked) < 0.14 * faces.sum() and is_asked.any(axis=0).all()
     assert 0.2 < free[asked].mean() < 0.8, "it is worth asking"
+    some = np.flatnonzero(faces)[::3].copy()
+    looked = told.look(some, view.sun_direction_body, view.r_camera_body_m)
+    np.testing.assert_array_equal((looked != 0).all(axis=0), found[some] > 0.0)
+    np.testing.assert_array_equal((looked != 0).all(axis=0) & (looked < 0).any(axis=0), ~known[some])
+    for sure, exact in zip(looked, (sees, rays.in_light(solid, middle_m, every, view, [view], faces)), strict=True):
+        assert np.mean((sure > 0)[sure >= 0] != exact[some][sure >= 0]) < 0.004
 
 
 def test_blocks_of_facets_change_cells_as_all_at_once_do(rough):
