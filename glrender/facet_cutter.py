@@ -85,9 +85,10 @@ class FacetCutter:
 
         Those of which the cut does not leave the middle as it is are divided before.
         """
-        odd = self._cut(triangles, n_bisections)
-        # Their sides are half as long.
-        self._cut(self.keep_even(self.quarters(triangles.at(odd))), max(n_bisections - 1, 1), looks=False)
+        left = self._cut(triangles, n_bisections)
+        if len(left):
+            # Their sides are half as long.
+            self._cut(self.keep_even(self.quarters(triangles.at(left))), max(n_bisections - 1, 1), looks=False)
 
     def _cut(self, triangles: FacetParts, n_bisections: int, *, looks: bool = True) -> np.ndarray:
         """Cut triangles; numbers of those that are left, since their middles are not as the cut has them."""
@@ -111,7 +112,8 @@ class FacetCutter:
         is_right = np.ones(n, bool)
         if looks:
             # On the odd corner's side of the cut is the middle where 1/3 of both sides is within it.
-            from_odd = np.where(is_one, part.take(side).reshape(2, n), 1.0 - part.take(side).reshape(2, n))
+            from_lit = part.take(side).reshape(2, n)
+            from_odd = np.where(is_one, from_lit, 1.0 - from_lit)
             is_right = self._are_lit_inside(triangles, is_known) == (is_one == ((1.0 / from_odd).sum(axis=0) < 3.0))
         for chosen, corners in ((np.flatnonzero(is_one & is_right), [corner, *made]),
                                 (np.flatnonzero(~is_one & is_right), [made[0], *others, made[1]])):

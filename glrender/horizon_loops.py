@@ -243,20 +243,30 @@ def _told(heights, facet, s, t, sine):
     return 0 if is_below else 1 if (high == 0.0) | (height > top + _NEAR) else -1
 
 
+@inlined
+def _look(facets, heights, facet, to_sun, r_camera_m):
+    """Whether camera and Sun see a facet's middle, as `_told`; its cosines of incidence and emission.
+
+    And the squared distance of the unit vectors to both.
+    """
+    a, b, c = float(facets[facet, 0]), float(facets[facet, 1]), float(facets[facet, 2])
+    u, v, w = r_camera_m[0] - facets[facet, 3], r_camera_m[1] - facets[facet, 4], r_camera_m[2] - facets[facet, 5]
+    per_length = 1.0 / math.sqrt(u * u + v * v + w * w)
+    u, v, w = u * per_length, v * per_length, w * per_length
+    incidence, emission = a * to_sun[0] + b * to_sun[1] + c * to_sun[2], a * u + b * v + c * w
+    ax, ay, az, bx, by, bz = _across(a, b, c)
+    seen = _told(heights, facet, u * ax + v * ay + w * az, u * bx + v * by + w * bz, emission)
+    lit = _told(heights, facet, to_sun[0] * ax + to_sun[1] * ay + to_sun[2] * az,
+                to_sun[0] * bx + to_sun[1] * by + to_sun[2] * bz, incidence)
+    x, y, z = to_sun[0] - u, to_sun[1] - v, to_sun[2] - w
+    return seen, lit, incidence, emission, x * x + y * y + z * z
+
+
 @compiled(void(read(float32, 2), read(uint8, 2), read(intp, 1), intp, intp, _VECTOR, _VECTOR, write(int8, 2)))
 def look_at_middles(facets, heights, some, first, last, to_sun, r_camera_m, found):
     """Write, of facets first to last of some (N,), whether camera and Sun see their middles, (2, N), as `_told`."""
     for i in range(first, last):
-        facet = some[i]
-        a, b, c = float(facets[facet, 0]), float(facets[facet, 1]), float(facets[facet, 2])
-        u, v, w = r_camera_m[0] - facets[facet, 3], r_camera_m[1] - facets[facet, 4], r_camera_m[2] - facets[facet, 5]
-        per_length = 1.0 / math.sqrt(u * u + v * v + w * w)
-        u, v, w = u * per_length, v * per_length, w * per_length
-        ax, ay, az, bx, by, bz = _across(a, b, c)
-        found[0, i] = _told(heights, facet, u * ax + v * ay + w * az, u * bx + v * by + w * bz, a * u + b * v + c * w)
-        found[1, i] = _told(heights, facet, to_sun[0] * ax + to_sun[1] * ay + to_sun[2] * az,
-                            to_sun[0] * bx + to_sun[1] * by + to_sun[2] * bz,
-                            a * to_sun[0] + b * to_sun[1] + c * to_sun[2])
+        found[0, i], found[1, i], _, _, _ = _look(facets, heights, some[i], to_sun, r_camera_m)
 
 
 @inlined
@@ -298,18 +308,9 @@ def shade_middles(facets, heights, first, last, to_sun, r_camera_m, brdf, least_
             + c * (r_camera_m[2] - facets[facet, 5]) > 0.0)
     for i in range(n_facing):
         facet = left[i]
-        a, b, c = float(facets[facet, 0]), float(facets[facet, 1]), float(facets[facet, 2])
-        u, v, w = r_camera_m[0] - facets[facet, 3], r_camera_m[1] - facets[facet, 4], r_camera_m[2] - facets[facet, 5]
-        per_length = 1.0 / math.sqrt(u * u + v * v + w * w)
-        u, v, w = u * per_length, v * per_length, w * per_length
-        incidence, emission = a * to_sun[0] + b * to_sun[1] + c * to_sun[2], a * u + b * v + c * w
-        ax, ay, az, bx, by, bz = _across(a, b, c)
-        seen = _told(heights, facet, u * ax + v * ay + w * az, u * bx + v * by + w * bz, emission)
-        lit = _told(heights, facet, to_sun[0] * ax + to_sun[1] * ay + to_sun[2] * az,
-                    to_sun[0] * bx + to_sun[1] * by + to_sun[2] * bz, incidence)
-        x, y, z = to_sun[0] - u, to_sun[1] - v, to_sun[2] - w
+        seen, lit, incidence, emission, squared = _look(facets, heights, facet, to_sun, r_camera_m)
         left[n_shown], how[n_shown] = facet, (seen < 0) + 2 * (lit < 0)
-        light[n_shown, 0], light[n_shown, 1], light[n_shown, 2] = incidence, emission, x * x + y * y + z * z
+        light[n_shown, 0], light[n_shown, 1], light[n_shown, 2] = incidence, emission, squared
         n_shown += (seen != 0) & (lit != 0)
     for i in range(n_shown):
         facet, incidence, emission, squared = left[i], light[i, 0], light[i, 1], light[i, 2]

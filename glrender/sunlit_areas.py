@@ -25,7 +25,7 @@ from .view import BodyView
 # Squared error of what 1, 2, 3 bisections cut off a triangle, over its light squared: times its area in pixels, or the
 # square of it, and of a crowd of small ones, which err together, more.
 _CUT_ERRORS, _CROWD = (0.066, 0.0205, 0.018), 0.2
-# Of their light, what they are too dark by, since more ridges than hollows are lit: 162 images of rough shapes.
+# Of their light, what they are too dark by: rough shapes at 60 and 120 deg, beside 100 places in each that is cut.
 _CUT_BIASES = (0.015, 0.003, 0.0)
 # Of the squared light of the largest facet, what another body may take between its corners unseen.
 _OF_LARGEST = 0.1

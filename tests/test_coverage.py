@@ -76,8 +76,9 @@ def test_no_lines_are_a_dark_image():
     assert not np.any(cell_means(np.zeros((2, 0)), np.zeros((2, 0)), np.zeros(0, complex), (3, 4)))
 
 
-@pytest.mark.parametrize(("right", "least_share", "taken"), [(7, 0.5, 1.0), (3.25, 0.5, 0.5), (3.25, 1.0, 1.0)])
-def test_cells_are_added_up_over_their_cover_and_by_their_solid_angles(right, least_share, taken):
+@pytest.mark.parametrize(("right", "least_share", "largest", "twice", "half"), [
+    (7, 0.5, 8.0, 4.0, 2.0), (7, 1.0, 8.0, 4.0, 2.0), (3.25, 0.5, 4.25, 3.825, 0.425), (3.25, 1.0, 4.25, 3.4, 0.425)])
+def test_cells_are_added_up_over_their_cover_and_by_their_solid_angles(right, least_share, largest, twice, half):
     """Of two squares of which one is over a part of the other: cover shares it, half of what is too much is unsure.
 
     Of two whole cells a row; or of a quarter of one, of which only half may be taken off.
@@ -89,15 +90,14 @@ def test_cells_are_added_up_over_their_cover_and_by_their_solid_angles(right, le
             add_line(changes, x0, y0, x1, y1, value + 1.0j)
     across, down = 0.1 * np.arange(columns), 0.2 * np.arange(rows)
     image, cover = np.full((2, rows, columns), np.nan)
-    largest = max(means(changes, first, last, image, cover) for first, last in ((0, 2), (2, rows)))
-    expected = np.zeros((rows, columns))
-    expected[1:5, 1:5] += 3.0
-    expected[1:3, 3:7] += 5.0 * np.clip(right - np.arange(3, 7), 0.0, 1.0)
-    assert largest == pytest.approx(expected.max())
+    assert max(means(changes, first, last, image, cover) for first, last in ((0, 2), (2, rows))) == pytest.approx(
+        largest)
     unsure = [settle(image, cover, first, last, 1e-12, 2.0, across, down, 1.001, least_share)
               for first, last in ((0, 2), (2, rows))]
-    twice = np.s_[1:3, 3:5] if right == 7 else np.s_[1:3, 3:4]
-    too_much = expected[twice] * (1.0 - 1.0 / (1.0 + min(right - 3.0, 1.0)))
-    expected[twice] -= taken * too_much
+    n_twice = 2 if right == 7 else 1
+    expected = np.zeros((rows, columns))
+    expected[1:5, 1:5], expected[1:3, 5:7] = 3.0, 5.0 if right == 7 else 0.0
+    expected[1:3, 3:3 + n_twice] = twice
     np.testing.assert_allclose(image, 2.0 * expected / (1.0 + across + down[:, None]) ** 1.5, rtol=1e-12)
-    np.testing.assert_allclose(unsure, (0.5 * too_much**2 * 0.5).sum(axis=1), rtol=1e-12)
+    # Of 8 over twice the cover 4 is too much, of 4.25 over 1.25 of it 0.85, in each of two rows.
+    np.testing.assert_allclose(unsure, [n_twice * half**2, n_twice * half**2], rtol=1e-12)
