@@ -52,6 +52,8 @@ def main() -> None:
         measured = measure(scene, state, limits, [name for name in wanted if name not in missing])
         measured = {"name": case.name, "n_facets": sum(len(body.shape.facets) for body in scene.bodies),
                     "lead": summary.lead_over_peers(measured["rows"]),
+                    "lead_of_plans": {shadow_map: summary.lead_of_plans(measured["rows"], shadow_map)
+                                      for shadow_map in ("fresh", "reused")},
                     "gain": {f"{budget:g}": summary.planner_gain(measured["rows"], budget)
                              for budget in (0.1, 0.05, 0.02, 0.01)},
                     "misses": summary.misses(measured["rows"]), **measured}

@@ -35,6 +35,21 @@ def lead_over_peers(rows: list[Row], slack: float = 1.02) -> dict[str, float]:
     return lead
 
 
+def lead_of_plans(rows: list[Row], shadow_map: str = "fresh", slack: float = 1.02) -> dict[str, dict[str, Any] | None]:
+    """For each of the planner's frames, the fastest frame of a peer that is as accurate, and the ratio of their times.
+
+    None where no peer's is; `slack` as of `lead_over_peers`.
+    """
+    found: dict[str, dict[str, Any] | None] = {}
+    for row in rows:
+        if row["engine"] == "plan" and row["map"] == shadow_map:
+            as_good = [r for r in rows if r["engine"] not in OWN and r["rms"] <= slack * row["rms"]]
+            peer = min(as_good, key=lambda r: r["p50_ms"], default=None)
+            found[row["config"]] = peer and {"peer": f"{peer['engine']} {peer['config']}",
+                                             "ratio": peer["p50_ms"] / row["p50_ms"]}
+    return found
+
+
 def planner_gain(rows: list[Row], budget: float, fixed: str = "8 x 8", shadow_map: str = "fresh") -> float:
     """Time of the fixed full-fidelity frame over that of the planner's at a budget."""
     time = {r["config"]: r["p50_ms"] for r in rows if r["map"] == shadow_map}

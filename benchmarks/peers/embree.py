@@ -9,7 +9,7 @@ import numpy as np
 
 from .peer_scene import PeerScene
 
-SAMPLES = (1, 2, 4)
+SAMPLES = (1, 2, 4, 8)
 
 
 def prepare(scene: PeerScene) -> Callable[[int], np.ndarray]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from .peer_scene import PeerScene
 
-SAMPLES = (1, 2, 4)
+SAMPLES = (1, 2, 4, 8, 16)
 
 
 def prepare(scene: PeerScene, variant: str = "llvm_ad_mono") -> Callable[[int], np.ndarray]:
