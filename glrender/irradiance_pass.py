@@ -18,6 +18,7 @@ from .gl.context import Context
 from .gl.mesh import IRRADIANCE_STAGE
 from .gl.targets import Target
 from .grouping import outline_px
+from .kept_images import CONTRAST, NODE_ERROR, KeptImages
 from .plan_windows import FACING_SAMPLES, WindowChoice, apart_size_px
 from .ray_engine import RayEngine
 from .refine import frame_error, pixel_errors, pixel_means, plan_refinement
@@ -30,6 +31,10 @@ _MAX_WINDOW_SAMPLES = 4096 * 4096
 _ALL_BUT = 0.9
 # Of a pixel's light, what it lacks that has a shadow: rounding lacks less.
 _SHADED = 1e-3
+# Least budget of rays that are kept: of a node's error much would be left out.
+_LEAST_KEPT = 4e-3
+# Most of them across a body, and what their error is to be less than asked for.
+_MOST_KEPT_ACROSS, _FINER = 1024, 1.05
 
 
 class IrradiancePass:
@@ -42,10 +47,14 @@ class IrradiancePass:
     rays : RayEngine or None
     areas : AreaEngine or None
         With rays.
+    kept_images : KeptImages or None
+        With rays.
     """
 
-    def __init__(self, context: Context, surfaces: SurfacePass, rays: RayEngine | None, areas: AreaEngine | None):
+    def __init__(self, context: Context, surfaces: SurfacePass, rays: RayEngine | None, areas: AreaEngine | None,
+                 kept_images: KeptImages | None):
         self._context, self._surfaces, self._rays, self._areas = context, surfaces, rays, areas
+        self._kept_images = kept_images
         self._target = Target(context, [1])
 
     def __enter__(self) -> IrradiancePass:
@@ -89,6 +98,10 @@ class IrradiancePass:
         """The window's pixels, or a small body's own cells, and its plan; None, if it may, where rays take over."""
         if window.engine == "areas":
             return self._draw_areas(window, frame, error_gain, clock, may_give_up)
+        if self._is_kept(window, frame):
+            window = replace(window, modelling_error=math.hypot(window.modelling_error, NODE_ERROR),
+                             predicted_error=math.hypot(window.predicted_error, error_gain * NODE_ERROR),
+                             rays_at_facing=False)
         if window.samples:
             return self._draw_sampled(window, frame, error_gain, clock, may_give_up)
         return self._samples(window, frame, clock, window.bounds_px, window.grid), window
@@ -130,6 +143,7 @@ class IrradiancePass:
         sunward = self._sunward(window, frame, clock)
         crease_rad, facets_per_px = window.noise
         noise = error_model.noise_gain(crease_rad, facets_per_px / window.samples**2)
+        told_gain = CONTRAST if self._is_kept(window, frame) else 1.0
         slivers = error_model.sliver_gain(max(view.phase_rad for view in frame.views if view.name in window.bodies))
         # Beside the bodies' outlines it is dark; beyond the frame, nobody knows.
         sides = (y0 > 0, x0 > 0, y1 < frame.camera.height_px, x1 < frame.camera.width_px)
@@ -137,7 +151,7 @@ class IrradiancePass:
             ends = (tile[0].start == 0, tile[1].start == 0, tile[0].stop == y1 - y0, tile[1].stop == x1 - x0)
             dark = tuple(side and end for side, end in zip(sides, ends, strict=True))
             samples = draw(tile, window.samples, None if sunward is None else sunward[tile])
-            mean[tile], error[tile] = pixel_errors(samples, window.samples, noise * slivers, dark)
+            mean[tile], error[tile] = pixel_errors(samples, window.samples, told_gain * noise * slivers, dark)
         now, power = frame_error(mean, error), error_model.noise_power(noise)
         # Edges of shadows lie where the map's texels put them, however many samples see them.
         told = now * window.samples**(0.5 * power)
@@ -149,6 +163,10 @@ class IrradiancePass:
         if may_give_up and floor > _ALL_BUT * window.budget:
             return None
         budget = max(math.sqrt(max(window.budget**2 - floor**2, 0.0)), 0.3 * window.budget)
+        if window.samples < (finer := self._finer(window, frame, now / budget, power)):
+            columns, rows = (finer * cells // window.samples for cells in window.grid)
+            return self._draw_sampled(replace(window, samples=finer, grid=(columns, rows)), frame, error_gain, clock,
+                                      may_give_up)
         refinement = plan_refinement(mean, error, window.samples, budget, power) if math.isfinite(budget) else None
         clock.lap("refine")
         if refinement is None:
@@ -161,6 +179,13 @@ class IrradiancePass:
                 clock.lap("readback")
         return mean, replace(window, predicted_error=error_gain * math.hypot(refinement.predicted_error, floor),
                              refined_samples=refinement.samples, refined_share=refinement.share)
+
+    def _finer(self, window: WindowPlan, frame: Frame, excess: float, power: float) -> int:
+        """Samples along a pixel's side that leave no excess of error where they are kept, which a mask's are not."""
+        if excess <= 1.0 or not self._is_kept(window, frame):
+            return window.samples
+        most = int(_MOST_KEPT_ACROSS / frame.views[0].size_px)
+        return min(math.ceil(window.samples * (_FINER * excess) ** (2.0 / power)), max(most, window.samples))
 
     def _edge_share(self, window: WindowPlan, frame: Frame, clock: Clock, mean: np.ndarray, error: np.ndarray) -> float:
         """Of the squared error of pixels (height, width), the share beside the edges of cast shadows."""
@@ -222,8 +247,14 @@ class IrradiancePass:
         clock.lap("readback")
         return samples
 
+    def _is_kept(self, window: WindowPlan, frame: Frame) -> bool:
+        """Whether rays are cast at a node, and kept."""
+        return window.engine == "rays" and window.budget >= _LEAST_KEPT and self._kept_images.may_serve(frame.views)
+
     def _cast(self, window: WindowPlan, frame: Frame, bounds_px: tuple[float, float, float, float],
               grid: tuple[int, int], mask: np.ndarray | None) -> np.ndarray:
+        if mask is None and self._is_kept(window, frame):
+            return self._kept_images.samples(frame.views[0], frame.camera, bounds_px, grid)
         (columns, rows), (x0, y0, x1, y1) = grid, bounds_px
         x = x0 + (np.arange(columns) + 0.5) * (x1 - x0) / columns
         y = y0 + (np.arange(rows) + 0.5) * (y1 - y0) / rows

@@ -27,6 +27,7 @@ from .gl.context import Context
 from .gl.evaluate import BrdfEvaluator
 from .image import Image, checked_products
 from .irradiance_pass import IrradiancePass
+from .kept_images import KeptImages
 from .memory import keep_freed
 from .plan_windows import MAX_SAMPLES, apart_limit, plan_windows
 from .plugin_trial import blamed_on, check_light, try_twin
@@ -76,20 +77,23 @@ class Renderer:
                 self._traits[body.name] = body_traits(body, levels, ratios, by_areas)
             self._slow = SlowFrames(scene)
             stack.callback(self._slow.close)
-            rays = areas = None
+            rays = areas = kept_images = None
             try:
                 rays = RayEngine(scene)
                 stack.callback(rays.close)
                 areas = AreaEngine(scene, rays, shapes)
                 stack.callback(areas.close)
+                kept_images = KeptImages(scene, rays)
+                stack.callback(kept_images.close)
             except DeviceError:
                 pass  # embreex is optional
-            self._areas = areas
+            self._areas, self._kept_images = areas, kept_images
             self._costs = engine_costs(self._context, rays is not None)
             self._shadows = Shadows(self._context, scene.hulls, self._meshes)
             stack.callback(self._shadows.close)
             self._surfaces = stack.enter_context(SurfacePass(self._context, scene, self._meshes))
-            self._irradiance = stack.enter_context(IrradiancePass(self._context, self._surfaces, rays, areas))
+            self._irradiance = stack.enter_context(IrradiancePass(self._context, self._surfaces, rays, areas,
+                                                                  kept_images))
             self._products = stack.enter_context(ProductPass(self._context, self._surfaces, self._meshes))
             for law in {id(body.brdf): body.brdf for body in scene.bodies}.values():
                 try_twin(law, self.evaluate_brdf)
@@ -239,6 +243,7 @@ class Renderer:
         self._shadows.close()
         if self._areas is not None:
             self._areas.forget()
+            self._kept_images.forget()
 
     def _add_emission(self, irradiance: np.ndarray, state: State, frame: Frame, frame_plan: RenderPlan) -> RenderPlan:
         """Add what the scene's emission plug-ins draw; where their light falls is the whole image."""
