@@ -10,6 +10,9 @@ from .facet_tables import FacetTables
 from .ray_engine import RayEngine
 from .view import BodyView
 
+LOW_SUN_RAD = 1.5
+"""Phase angle from which facets are looked at more closely everywhere: they are few, and light falls in slivers."""
+
 
 class FacetCutter:
     """Finds where light ends in the facets of one body.
@@ -63,10 +66,25 @@ class FacetCutter:
         self.polygons.append((triangles.corner.take(lit, axis=1), triangles.facet.take(lit)))
 
     def keep_even(self, triangles: FacetParts) -> FacetParts:
-        """Those of some triangles that are not mixed are done; the mixed ones."""
+        """Those of some triangles that are not mixed are done; the mixed ones.
+
+        Where the Sun is low, light falls in slivers: those whose middles are not as their corners are divided in three
+        about that, and mixed.
+        """
         is_mixed = self.are_mixed(triangles)
-        self.keep_lit(triangles.at(np.flatnonzero(~is_mixed)))
-        return triangles.at(np.flatnonzero(is_mixed))
+        mixed, even = (triangles.at(np.flatnonzero(chosen)) for chosen in (is_mixed, ~is_mixed))
+        if self._view.phase_rad < LOW_SUN_RAD:
+            self.keep_lit(even)
+            return mixed
+        points, is_lit = self.points, self.are_lit(even)[0]
+        is_other = self._are_lit_inside(even, points.is_seen.take(even.corner).all(axis=0)) != is_lit
+        self.keep_lit(even.at(np.flatnonzero(~is_other)))
+        other, is_lit = even.at(np.flatnonzero(is_other)), ~is_lit[is_other]
+        # Whether dark ones are seen is not known.
+        middle = points.add(self._middles_m(other), is_lit, is_lit)
+        a, b, c = other.corner
+        return FacetParts.joined([mixed, *(FacetParts(np.stack(three), other.facet, other.area_px / 3.0)
+                                           for three in ([a, b, middle], [b, c, middle], [c, a, middle]))])
 
     def quarters(self, triangles: FacetParts) -> FacetParts:
         """Each divided in four between the middles of its sides."""
@@ -131,9 +149,12 @@ class FacetCutter:
                                                  view.r_camera_body_m)
         is_lit = (told > 0).all(axis=0)
         asked = np.flatnonzero((told < 0).any(axis=0) & (told != 0).all(axis=0))
-        r_m = sum(self.points.r_m.take(corner, axis=1) for corner in triangles.corner.take(asked, axis=1)) / 3.0
+        r_m = self._middles_m(triangles.at(asked))
         is_lit[asked] = self._told(r_m, triangles.facet.take(asked), is_seen.take(asked) | (told[0].take(asked) > 0))[1]
         return is_lit
+
+    def _middles_m(self, triangles: FacetParts) -> np.ndarray:
+        return sum(self.points.r_m.take(corner, axis=1) for corner in triangles.corner) / 3.0
 
     def _told(self, r_body_m: np.ndarray, facet: np.ndarray, is_seen: np.ndarray | None = None,
               vertex: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:

@@ -13,7 +13,7 @@ import numpy as np
 from glrender_camera import PinholeCamera, threads
 
 from . import coverage, facet_loops
-from .facet_cutter import FacetCutter
+from .facet_cutter import LOW_SUN_RAD, FacetCutter
 from .facet_parts import FacetParts, projected
 from .facet_relief import FacetRelief
 from .facet_tables import FacetTables
@@ -43,9 +43,8 @@ _MISSED, _STILL_MISSED, _OF_FOUND, _OF_EARLIER, _OF_LOOK, _WHOLE_ERROR = 0.6, 0.
 _LARGE, _LARGE_SHARE, _OTHERS = 2.0, 2e-3, 60.0
 # What may be left of the error when the triangles that are divided are chosen, and of the budget for them.
 _UNDIVIDED, _LEAST_LEFT, _MOST_DIVISIONS = 0.25, 0.1, 6
-# Phase angle from which facets are looked at more closely everywhere: they are few, and light falls in slivers; and how
-# many are few, and too many to look again. Most looks, and of the budget, what may be missed without another.
-_LOW_SUN_RAD, _FEW, _MANY, _MOST_LOOKS, _ENOUGH = 1.5, 3000, 120_000, 4, 0.5
+# How many facets are few, and too many to look again; most looks; of the budget, what may be missed without another.
+_FEW, _MANY, _MOST_LOOKS, _ENOUGH = 3000, 120_000, 4, 0.5
 # What hard edges cost over a ramp's error, as measured (docs/planner.md).
 _PENUMBRA = 0.65
 # Facets that a thread looks at in a turn, that it shades, and of those that stand for many normals; and from which on
@@ -322,7 +321,7 @@ class SunlitAreas:
         is_mixed = np.zeros(facets.n_facets, bool)
         is_mixed[triangles.facet] = True
         chosen = ~is_mixed.take(facing)
-        if self._view.phase_rad < _LOW_SUN_RAD and len(facing) > _FEW:
+        if self._view.phase_rad < LOW_SUN_RAD and len(facing) > _FEW:
             touched = np.zeros(facets.vertices_m.shape[1], bool)
             touched[facets.corners[:, is_mixed]] = True
             faces = np.zeros(facets.n_facets + 1, bool)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import solids
 import views
 from glrender import Body, facet_loops
 from glrender.brdf import Lambert
+from glrender.constants import AU_M
 from glrender.facet_cutter import FacetCutter
 from glrender.facet_parts import FacetParts, Points
 from glrender.facet_tables import FacetTables
@@ -15,13 +18,18 @@ from glrender.ray_engine import RayEngine
 from glrender.view import view_bodies
 
 
-def cutter(*boxes):
-    """Of boxes in one shape, seen and lit from above: the cutter, and the facets of the top of the first."""
+def cutter(*boxes, phase_deg=0.0):
+    """Of boxes in one shape, seen and lit from above, or from either side: the cutter, and the top of the first.
+
+    Camera and Sun are half of the phase angle off the vertical: towards -x and +x.
+    """
     shape = solids.several(*boxes)
     body = Body(name="body", shape=shape, brdf=Lambert(normal_albedo=0.3))
     scene = views.scene([body], [views.camera(64, 1e5)], sun_disc=False)
-    (view,) = seen = view_bodies(views.state(phase_deg=0.0, direction=(0.0, 0.0, 1.0), range_m=1e5), scene.cameras[0],
-                                 scene.hulls)
+    half = np.radians(0.5 * phase_deg)
+    state = views.state(direction=(-np.sin(half), 0.0, np.cos(half)), range_m=1e5)
+    state = replace(state, r_sun_inertial_m=AU_M * np.array([np.sin(half), 0.0, np.cos(half)]))
+    (view,) = seen = view_bodies(state, scene.cameras[0], scene.hulls)
     rays = RayEngine(scene)
     tables = FacetTables(body, np.zeros(len(shape.facets), bool), rays.solid("body"))
     facing = facet_loops.facing(
@@ -115,6 +123,21 @@ def test_what_a_cut_gets_wrong_in_the_middle_is_divided_before():
     cut.cut_off(triangles.at(chosen), 3)
     # A quarter has three dark corners, and is dark.
     assert 0.6 * exact < lit_m2(cut) < exact
+
+
+def test_where_the_sun_is_low_what_is_dark_in_the_middle_is_divided_about_that():
+    """The shadow of a box of 20 m falls into a triangle of 200 m with three lit corners: 594 m2."""
+    box = ((71, -43, 36), (91, -23, 44))
+    shadow_m2 = 20.0 * (20.0 + 8.0 * np.tan(np.radians(50.0)))
+    cut, top = cutter(((-100, -100, -20), (100, 100, 0)), box, phase_deg=100.0)
+    triangles = whole(cut, top)
+    assert cut.points.is_lit.all() and not cut.are_mixed(triangles).any()
+    mixed = cut.keep_even(triangles)
+    assert len(mixed.facet) == 3 and len(set(mixed.facet)) == 1 and cut.are_mixed(mixed).all()
+    assert mixed.area_px.sum() == pytest.approx(1.0)
+    assert lit_m2(cut) == pytest.approx(200.0 * 100.0), "the other one is done"
+    cut.cut_off(mixed, 8)
+    assert 0.3 * shadow_m2 < 200.0**2 - lit_m2(cut) < shadow_m2
 
 
 def test_what_faces_both_is_found_in_parts_with_what_is_shown_of_it():
