@@ -25,13 +25,14 @@ from .ray_engine import RayEngine
 from .rays import RayMesh
 from .render_plan import LevelPlan
 from .scene import Scene
+from .shape import Shape
 from .surface import Surface
 from .view import BodyView
 
 # Share of the budget for pixels over that for the flux.
 _FLUX = 10.0
 # Share of a cell that must be covered twice to be seen; and of what is too much then, what is taken off at least of a
-# body that is alone: as much is missing where its areas are cut too small, of which nothing tells.
+# closed surface that is alone: as much is missing where its areas are cut too small, of which nothing tells.
 _OVERLAP, _EXCESS = 1e-3, 0.5
 # Rows that a thread adds up in a turn.
 _ROWS = 64
@@ -80,6 +81,8 @@ class AreaEngine:
         self._kept_cuts = KeptAtNodes(_DIRECTIONS, _RANGES) if keeps_areas else None
         sides_m = {body.name: longest_sides_m(body.shape) for body in scene.bodies}
         smallest_m = min(each[each > 0.0].min() for each in sides_m.values())
+        # Areas of bodies, of shells and of surfaces that are there twice overlap where nothing is missing for it.
+        self._is_one_surface = len(scene.bodies) == 1 and _is_one_surface(scene.bodies[0].shape)
         # Of each body that can be drawn so: the full shape, and its levels of detail.
         self._facets = {}
         for body in scene.bodies:
@@ -198,7 +201,7 @@ class AreaEngine:
         for add_to in cut.parts:
             add_to(changes, cells.corner, cells.per_px, 3.0 if is_fine else 0.0)
         # Where areas overlap, one that is hidden was taken to be seen: which of them is not known.
-        excess = _EXCESS if len(views) == 1 else 1.0
+        excess = _EXCESS if self._is_one_surface else 1.0
         means, unsure = self._added_up(changes, cells, camera, 1.0 + _OVERLAP, excess, is_even=is_fine)
         squared = cut.squared + unsure / cells.per_px.prod() ** 2
         return means, math.hypot(cut.per_root * math.sqrt(squared), _LEAST), cut.penumbra
@@ -331,6 +334,12 @@ class _Cells:
         camera = self._camera
         return [np.square((self.corner[k] + (np.arange(self._grid[k]) + 0.5) / self.per_px[k]
                            - camera.principal_point_px[k]) / camera.focal_length_px) for k in range(2)]
+
+
+def _is_one_surface(shape: Shape) -> bool:
+    """Whether a shape is closed, of one shell, with two facets at each edge."""
+    report = shape.report
+    return report.is_watertight and report.n_shells == 1
 
 
 def _on_disc(n_points: int) -> np.ndarray:

@@ -270,3 +270,24 @@ def test_a_moon_before_the_middle_of_a_facet_is_found_or_told(budget):
     image, told, roi, rays = drawn([planet, moon], state, camera, budget)
     truth = traced(camera, roi, rays, 41)
     assert views.relative_rms(image, truth) <= told <= budget
+
+
+@pytest.mark.parametrize("share", [0.01, 0.02])
+def test_facets_that_are_there_twice_are_bright_once(share):
+    """Otherwise triangulated, so that no edge tells: nothing is missing for what overlaps, and all of it is taken off.
+
+    Half of it, as of a closed surface, would be 0.55 and 1 % of the flux.
+    """
+    ground = generate.gaussian_random_sphere(radius_m=100.0, sigma=0.15, seed=3, subdivisions=5)
+    vertices_m, facets = ground.vertices_m, ground.facets.astype(int)
+    twice = facets[np.random.default_rng(1).random(len(facets)) < share]
+    middle = np.arange(len(twice)) + len(vertices_m)
+    a, b, c = twice.T
+    shape = Shape.from_arrays(np.concatenate([vertices_m, 0.5 * (vertices_m[a] + vertices_m[b])]),
+                              np.concatenate([facets, np.stack([a, middle, c], 1), np.stack([middle, b, c], 1)]))
+    camera = views.camera(40, 187.5)
+    state = views.state(phase_deg=40.0, range_m=2500.0)
+    image, told, roi, rays = drawn([Body(name="body", shape=shape, brdf=LAW)], state, camera)
+    truth = traced(camera, roi, rays, 48)
+    assert views.relative_rms(image, truth) < told <= 0.02
+    assert image.sum() == pytest.approx(truth.sum(), rel=0.1 * 0.02)
