@@ -39,8 +39,8 @@ _OPEN_SPREAD = 2.0
 # that and over what was found, at first and at last, all of it less from look to look.
 _MISSED, _STILL_MISSED, _OF_FOUND, _OF_EARLIER, _OF_LOOK, _WHOLE_ERROR = 0.6, 0.1, 0.6, 0.4, 0.5, 0.1
 # Squared light of a facet over the squared error that is allowed for all, from which it is divided first: of one that
-# has more than a share of all light, and of others.
-_LARGE, _LARGE_SHARE, _OTHERS = 2.0, 2e-3, 60.0
+# has more than a share of all light, of others, and of all that may have light between dark corners.
+_LARGE, _LARGE_SHARE, _OTHERS, _TORN = 2.0, 2e-3, 60.0, 0.25
 # What may be left of the error when the triangles that are divided are chosen, and of the budget for them.
 _UNDIVIDED, _LEAST_LEFT, _MOST_DIVISIONS = 0.25, 0.1, 6
 # How many facets are few, and too many to look again; most looks; of the budget, what may be missed without another.
@@ -85,7 +85,11 @@ class SunlitAreas:
         self._is_alone = len(views) == 1
         self._cutter = FacetCutter(facets, view, views, rays, facing)
         self._facing, self._corner = facing, self._cutter.corner
-        n_lit = self._cutter.points.is_lit.take(self._corner).sum(axis=0)
+        n_lit, n_seen = (of.take(self._corner).sum(axis=0) for of in (self._cutter.points.is_lit,
+                                                                      self._cutter.points.is_seen))
+        # Where the camera sees one end, in shadow, the Sun may see the other, and both what is between: of few facets.
+        self._is_torn = np.zeros(facets.n_facets, bool)
+        self._is_torn[facing[(n_lit == 0) & (n_seen > 0) & (n_seen < 3) & (facets.n_facets < 2 * _FEW)]] = True
         mixed = np.flatnonzero((n_lit > 0) & (n_lit < 3))
         whole = np.flatnonzero(n_lit == 3)
         self._whole = facing[whole]
@@ -231,10 +235,13 @@ class SunlitAreas:
         def squared(facet: np.ndarray, area_px: np.ndarray, radiance: np.ndarray | float) -> np.ndarray:
             is_large = self._facets.is_coarse.take(facet) & (
                 self._facet_px(facet) * radiance > _LARGE_SHARE * self.light)
-            return _pixels_squared(radiance, area_px) / np.where(is_large | may_all, _LARGE, _OTHERS)
+            least = np.where(is_large | may_all, _LARGE, _OTHERS)
+            return _pixels_squared(radiance, area_px) / np.where(self._is_torn.take(facet), of_torn, least)
 
         if self._cutter.is_free:
             return True
+        # All that are torn may be lit.
+        of_torn = _TORN / max(int(self._is_torn.sum()), 1)
         # Another body may be before any of few facets.
         may_all = not self._is_alone and len(self._facing) < _FEW
         area_px = self._facet_px(self._facing)

@@ -13,6 +13,7 @@ import views
 from glrender import Body, Shape, frames, generate
 from glrender.area_engine import AreaEngine
 from glrender.brdf import Hapke, Lambert, LommelSeeliger
+from glrender.constants import AU_M
 from glrender.facet_tables import neighbours
 from glrender.grouping import region
 from glrender.ray_engine import RayEngine
@@ -291,3 +292,35 @@ def test_facets_that_are_there_twice_are_bright_once(share):
     truth = traced(camera, roi, rays, 48)
     assert views.relative_rms(image, truth) < told <= 0.02
     assert image.sum() == pytest.approx(truth.sum(), rel=0.1 * 0.02)
+
+
+def tube(n_sides=48):
+    """100 m outside, 60 m inside, 80 m high: walls of one facet's height."""
+    angle = 2.0 * np.pi * np.arange(n_sides) / n_sides
+    rings = [(100.0, -40.0), (100.0, 40.0), (60.0, 40.0), (60.0, -40.0)]
+    vertices_m = np.concatenate([np.stack([r * np.cos(angle), r * np.sin(angle), np.full(n_sides, z)], axis=1)
+                                 for r, z in rings])
+    one = np.arange(n_sides)
+    other, facets = (one + 1) % n_sides, []
+    for k in range(4):
+        low, high = k * n_sides, (k + 1) % 4 * n_sides
+        facets += [np.stack([low + one, low + other, high + other], axis=1),
+                   np.stack([low + one, high + other, high + one], axis=1)]
+    return Body(name="body", shape=Shape.from_arrays(vertices_m, np.concatenate(facets)), brdf=LAW)
+
+
+@pytest.mark.parametrize("budget", [0.1, 0.05, 0.02])
+@pytest.mark.parametrize(("camera_deg", "sun_deg", "aside_deg"), [(30.0, -15.0, 40.0), (25.0, -20.0, 0.0)])
+def test_light_between_corners_that_are_all_dark_is_found(budget, camera_deg, sun_deg, aside_deg):
+    """The camera sees the upper half of a wall and the Sun the lower one: no corner of a facet is both seen and lit."""
+    def towards(above_deg, aside_deg):
+        above, aside = np.radians([above_deg, aside_deg])
+        return np.array([np.cos(above) * np.cos(aside), np.cos(above) * np.sin(aside), np.sin(above)])
+
+    state = views.state(range_m=2500.0, direction=tuple(towards(camera_deg, 0.0)))
+    state = replace(state, r_sun_inertial_m=AU_M * towards(sun_deg, aside_deg))
+    camera = views.camera(100, 1000.0)
+    image, told, roi, rays = drawn([tube()], state, camera, budget)
+    truth = traced(camera, roi, rays, 32)
+    assert views.relative_rms(image, truth) < told <= budget
+    assert image.sum() == pytest.approx(truth.sum(), rel=0.1 * budget)
