@@ -125,6 +125,16 @@ def test_what_a_cut_gets_wrong_in_the_middle_is_divided_before():
     assert 0.6 * exact < lit_m2(cut) < exact
 
 
+@pytest.mark.parametrize("end_m", [20.0, 50.0])
+def test_a_cut_that_has_the_middle_right_is_the_last(end_m):
+    """A box covers all beyond a line: of the facet with one lit corner, and of that with two, one polygon is left."""
+    cut, top = cutter(((-100, -100, -20), (100, 100, 0)), ((end_m, -200, 10), (200, 200, 20)))
+    cut.cut_off(whole(cut, top), 12)
+    left = np.concatenate([facet for _, facet in cut.polygons])
+    assert sorted(left) == sorted(top)
+    assert lit_m2(cut) == pytest.approx(200.0 * (100.0 + end_m), rel=1e-3)
+
+
 def test_where_the_sun_is_low_what_is_dark_in_the_middle_is_divided_about_that():
     """The shadow of a box of 20 m falls into a triangle of 200 m with three lit corners: 594 m2."""
     box = ((71, -43, 36), (91, -23, 44))
