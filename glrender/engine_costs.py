@@ -33,7 +33,7 @@ _FRAMES = 15
 _SUBDIVISIONS = 6
 _SIZE_PX, _SAMPLES = 1024, 4
 # Pixels of the sphere by areas; what real bodies take more, whose horizons are high and whose facets cover samples.
-_SPHERE_PX, _REAL_AREAS, _REAL_FACETS = 8600.0, 1.27, 1.8
+_SPHERE_PX, _REAL_AREAS, _REAL_FACETS = 8600.0, 2.5, 1.8
 # Rays along the side of a square that keeps all threads busy.
 _MANY_SIDE = 256
 

@@ -20,9 +20,9 @@ EYE_FROM_CAMERA = np.diag([1.0, -1.0, -1.0])
 
 
 def dcm(q_b_from_a: np.ndarray) -> np.ndarray:
-    """(3, 3) float64 direction-cosine matrix `b_from_a` of a unit quaternion [w, x, y, z].
+    """Direction-cosine matrix `b_from_a`, (3, 3) float64, of a unit quaternion (4,) [w, x, y, z].
 
-    (cos 45, 0, 0, sin 45) takes x to y.
+    (cos 45, 0, 0, sin 45) takes x to y. Of some (N, 4) all (N, 3, 3) at once, which takes as long as one.
     """
     return Rotation.from_quat(q_b_from_a, scalar_first=True).as_matrix()
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
+import math
+from collections.abc import Sequence
+
 from glrender_camera import PinholeCamera
 
 from .view import BodyView
@@ -10,26 +12,28 @@ from .view import BodyView
 
 def region(views: list[BodyView], camera: PinholeCamera) -> tuple[int, int, int, int]:
     """x0, y0, x1, y1 [px] of the pixels that visible bodies may touch."""
-    frame = np.array([camera.width_px, camera.height_px])
     if any(view.bounds_px is None for view in views):
         return (0, 0, camera.width_px, camera.height_px)
-    bounds = np.array([view.bounds_px for view in views])
+    x0, y0, x1, y1 = outline(views)
     # Pixel k covers k - 1/2 to k + 1/2.
-    low = np.clip(np.floor(bounds[:, :2].min(axis=0) + 0.5), 0, frame)
-    high = np.clip(np.floor(bounds[:, 2:].max(axis=0) + 0.5) + 1, 0, frame)
-    return tuple(int(x) for x in (*low, *high))
+    return (_within(x0, 0, camera.width_px), _within(y0, 0, camera.height_px),
+            _within(x1, 1, camera.width_px), _within(y1, 1, camera.height_px))
+
+
+def _within(edge_px: float, beyond: int, frame_px: int) -> int:
+    """The pixel that an edge is in, or the one beyond, within the frame; an edge may be infinitely far off."""
+    return min(max(math.floor(min(max(edge_px, -1.0), frame_px) + 0.5) + beyond, 0), frame_px)
 
 
 def outline(views: list[BodyView]) -> tuple[float, float, float, float]:
     """x0, y0, x1, y1 [px] around the outlines of bodies that are all before the camera."""
-    bounds = np.array([view.bounds_px for view in views])
-    return tuple(float(x) for x in (*bounds[:, :2].min(axis=0), *bounds[:, 2:].max(axis=0)))
+    return _around([view.bounds_px.tolist() for view in views])
 
 
 def outline_px(views: list[BodyView]) -> float:
     """Larger side [px] of the box around the outlines of bodies; infinite where one has none."""
     if any(view.bounds_px is None for view in views):
-        return float("inf")
+        return math.inf
     x0, y0, x1, y1 = outline(views)
     return max(x1 - x0, y1 - y0)
 
@@ -57,10 +61,12 @@ def _overlap(a: tuple[int, int, int, int], b: tuple[int, int, int, int]) -> bool
 
 def union(regions: list[tuple[int, int, int, int]]) -> tuple[int, int, int, int]:
     """The box around regions; all zero around none."""
-    if not regions:
-        return (0, 0, 0, 0)
-    boxes = np.array(regions)
-    return tuple(int(x) for x in (*boxes[:, :2].min(axis=0), *boxes[:, 2:].max(axis=0)))
+    return tuple(map(int, _around(regions))) if regions else (0, 0, 0, 0)
+
+
+def _around(boxes: Sequence[Sequence[float]]) -> tuple[float, float, float, float]:
+    x0, y0, x1, y1 = zip(*boxes, strict=True)
+    return min(x0), min(y0), max(x1), max(y1)
 
 
 def depth_groups(views: list[BodyView]) -> list[tuple[float, float, list[BodyView]]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -19,6 +20,7 @@ FEWEST_KEPT = 100_000
 # Least phase angle for that [rad], anywhere on the body: below it surfaces surge.
 _LEAST_KEPT_RAD = 0.17
 _PHASES = PHASES_RAD.tolist()
+_LEAST_PX, _MOST_PX = SIZES_PX[[0, -1]].tolist()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,27 +57,32 @@ class AreaLevel:
 
     def error_at(self, phase_rad: float, size_px: float) -> float:
         """RMS error; that of the smallest size below it, infinite beyond the largest and beyond the last phase."""
-        if phase_rad > PHASES_RAD[-1] or size_px > SIZES_PX[-1]:
+        if phase_rad > _PHASES[-1] or size_px > _MOST_PX:
             return math.inf
-        place = math.log2(max(size_px, SIZES_PX[0]) / SIZES_PX[0])
+        place = math.log2(max(size_px, _LEAST_PX) / _LEAST_PX)
         k = min(int(place), len(SIZES_PX) - 2)
-        low, high = (_at(self.error[:, k + step], phase_rad) for step in (0, 1))
+        low, high = _at(self._lists[k], phase_rad), _at(self._lists[k + 1], phase_rad)
         return low + (place - k) * (high - low)
 
     def flux_at(self, phase_rad: float) -> tuple[float, float]:
         """Mean and scatter of the flux's ratio."""
-        return _at(self.flux_ratio, phase_rad), _at(self.flux_scatter, phase_rad)
+        return _at(self._lists[-3], phase_rad), _at(self._lists[-2], phase_rad)
 
     def centre_at(self, phase_rad: float) -> float:
         """Distance of the centre of brightness from the full shape's, over the diameter."""
-        return _at(self.centre, phase_rad)
+        return _at(self._lists[-1], phase_rad)
+
+    @cached_property
+    def _lists(self) -> list[list[float]]:
+        """Errors at each size, ratios, their scatters and centres, by phase: a number of an array takes longer."""
+        return [*self.error.T.tolist(), *(each.tolist() for each in (self.flux_ratio, self.flux_scatter, self.centre))]
 
 
-def _at(values: np.ndarray, phase_rad: float) -> float:
-    """Between values (P,) at the phases; NumPy's own takes three times as long for one."""
+def _at(values: list[float], phase_rad: float) -> float:
+    """Between values of the phases."""
     k = min(max(bisect_right(_PHASES, phase_rad) - 1, 0), len(_PHASES) - 2)
     share = min(max((phase_rad - _PHASES[k]) / (_PHASES[k + 1] - _PHASES[k]), 0.0), 1.0)
-    return float(values[k]) + share * float(values[k + 1] - values[k])
+    return values[k] + share * (values[k + 1] - values[k])
 
 
 def is_kept(n_facets: int, view: BodyView, radius_m: float) -> bool:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 from glrender_camera import PinholeCamera
 
-from .costs import AREAS_CALL_NS, EngineCosts
+from .costs import AREAS_CALL_NS, MIDDLES_CALL_NS, EngineCosts
 from .error_model import BodyTraits, thin_penumbra
 from .level_tables import AreaLevel, is_kept
 from .render_plan import BodyPlan, LevelPlan
@@ -29,8 +30,8 @@ _USUAL_BUDGET, _CENTRE_SIZES = 0.02, 0.02
 # error; and the largest phase angle at which they are drawn so.
 _OTHER_SIDES, _MIDDLES_SHARE, _MIDDLES_SCATTERS, _MIDDLES_LEAST, _MIDDLES_RAD = 1.3, 0.9, 4.0, 0.003, 2.15
 # Squared error that is left along a pixel of an edge of another body, or of its shadow, over the area of the facets, or
-# of the largest parts, that are cut there [px2]; what cutting one costs, in those of a facet, and all of it, in calls.
-_EDGE_ERROR, _MOST_CUT_PX, _CUT, _CUT_CALLS = 0.01, 6.0, 40.0, 2.0
+# of the largest parts, that are cut there [px2]; what cutting one costs, in those of a facet.
+_EDGE_ERROR, _MOST_CUT_PX, _CUT = 0.01, 6.0, 40.0
 # Facets that face camera and Sun of which all are looked at closer, and what the edges of shadows cost more then.
 _FEW, _OF_FEW = 3000, 2.5
 # Radii from the body from which levels are as they were measured, from afar.
@@ -89,23 +90,24 @@ def choose_areas(members: Sequence[BodyView], traits: Mapping[str, BodyTraits], 
     bodies = [_Candidates(view, traits, body, members, camera, budget, error_gain)
               for view, body in zip(members, drawn, strict=True)]
 
-    def together(chosen: Sequence[AreaLevel | None]) -> AreasChoice:
-        return _together(bodies, chosen, budget, costs, n_px, shown_share)
-
-    def alone(body: _Candidates, level: AreaLevel | None) -> AreasChoice:
-        return _together([body], [level], budget, costs, n_px, shown_share)
+    @cache
+    def cost(*chosen: tuple[_Candidates, AreaLevel | None]) -> tuple[float, float]:
+        return _cost(chosen, budget, costs, n_px, shown_share)
 
     def best_middles(body: _Candidates) -> AreaLevel:
-        choices = [(level, alone(body, level)) for level in body.middles]
-        most_ns = _NEARLY * min(choice.ns for _, choice in choices)
-        return min(choices, key=lambda pair: (pair[1].ns > most_ns, pair[1].error))[0]
+        choices = [(level, *cost((body, level))) for level in body.middles]
+        most_ns = _NEARLY * min(ns for _, ns, _ in choices)
+        return min(choices, key=lambda choice: (choice[1] > most_ns, choice[2]))[0]
 
-    options = [[None] * len(bodies)]
+    options = [[(body, None) for body in bodies]]
     if any(body.fit for body in bodies):
-        options.append([min([None, *body.fit], key=lambda level, body=body: alone(body, level).ns) for body in bodies])
+        options.append([(body, min([None, *body.fit], key=lambda level, body=body: cost((body, level))[0]))
+                        for body in bodies])
     if all(body.middles for body in bodies):
-        options.append([best_middles(body) for body in bodies])
-    return min(map(together, options), key=lambda choice: choice.ns)
+        options.append([(body, best_middles(body)) for body in bodies])
+    best = min(options, key=lambda chosen: cost(*chosen)[0])
+    ns, error = cost(*best)
+    return AreasChoice(ns=ns, error=error, levels=tuple(body.plan(level) for body, level in best))
 
 
 def facing_share(phase_rad: float) -> float:
@@ -140,6 +142,7 @@ class _Candidates:
         self.left_px = self.lit_px * max(1.0 - taken, 0.0)
         self.light = self.lit_px * self.traits.reflectance
         told = budget * error_gain
+        self._errors: dict[AreaLevel | None, float] = {None: 0.0}
         # They were measured of whole bodies: what is left of one in a shadow, or at the frame's edge, errs by more.
         is_as_measured = view.is_whole and view.range_m >= _LEAST_RANGE * self.traits.radius_m
         # What is farthest from the Sun as seen from the body is lit in slivers, of which facets have parts.
@@ -164,10 +167,11 @@ class _Candidates:
         return self.traits.levels[0].crease_rad if level is None else level.crease_rad
 
     def error(self, level: AreaLevel | None) -> float:
-        if level is None:
-            return 0.0
-        error = level.error_at(self.view.phase_rad, self._size_px)
-        return math.hypot(_OTHER_SIDES * error, self._least_error) if level.kind.by_middles else error
+        if level not in self._errors:
+            error = level.error_at(self.view.phase_rad, self._size_px)
+            self._errors[level] = (math.hypot(_OTHER_SIDES * error, self._least_error) if level.kind.by_middles
+                                   else error)
+        return self._errors[level]
 
     def untold(self, level: AreaLevel | None) -> float:
         """The same of what the image does not tell itself once it is drawn."""
@@ -179,7 +183,7 @@ class _Candidates:
             return 0.0
         facet_px = self._facet_px(level)
         n_cut = self._edges_px * max(1.0 / facet_px, 2.0 * facet_px / _MOST_CUT_PX)
-        return _CUT_CALLS * AREAS_CALL_NS + _CUT * n_cut * costs.area_ns
+        return AREAS_CALL_NS + _CUT * n_cut * costs.area_ns
 
     def edges_squared(self, level: AreaLevel) -> float:
         """Squared error that middles leave there, over that of their mean [px]."""
@@ -200,29 +204,31 @@ class _Candidates:
         return replace(level.kind, flux_ratio=level.flux_at(self.view.phase_rad)[0])
 
 
-def _together(bodies: Sequence[_Candidates], chosen: Sequence[AreaLevel | None], budget: float, costs: EngineCosts,
-              n_px: float, shown_share: float) -> AreasChoice:
-    each = list(zip(bodies, chosen, strict=True))
+def _cost(each: Sequence[tuple[_Candidates, AreaLevel | None]], budget: float, costs: EngineCosts, n_px: float,
+          shown_share: float) -> tuple[float, float]:
+    """Nanoseconds of bodies with their levels, and the error that areas do not tell of themselves."""
+    body, level = each[0]
+    by_middles = level is not None and level.kind.by_middles
     floor, error = (max(getattr(body, what)(level) for body, level in each) for what in ("floor", "error"))
-    error *= _unlike(bodies)
-    by_middles = chosen[0] is not None and chosen[0].kind.by_middles
+    if len(each) > 1:
+        error *= _unlike([body for body, _ in each])
     if by_middles:
         # What others hide and shade is left out of the mean, too.
-        lit_px, left_px, light = (sum(getattr(body, name) for body in bodies)
+        lit_px, left_px, light = (sum(getattr(body, name) for body, _ in each)
                                   for name in ("lit_px", "left_px", "light"))
         squared = error**2 * lit_px + (lit_px / light) ** 2 * sum(
             body.traits.reflectance**2 * body.edges_squared(level) for body, level in each)
         error = math.sqrt(squared / left_px) if left_px else math.inf
     left = math.sqrt(max(budget**2 - floor**2 - error**2, 0.0))
     ns = math.inf
-    if (left and max(floor, _ECLIPSE_STEPS * max(body.eclipse_error for body in bodies)) <= _FLOOR * budget
+    if (left and max(floor, _ECLIPSE_STEPS * max(body.eclipse_error for body, _ in each)) <= _FLOOR * budget
             and not (by_middles and error > _MIDDLES_SHARE * budget)):
-        phase_rad = max(body.view.phase_rad for body in bodies)
+        phase_rad = max(body.view.phase_rad for body, _ in each)
         facing = facing_share(phase_rad)
         n_facets = sum(body.n_facets(level) for body, level in each)
         n_facing = max(n_facets * facing * shown_share, 1.0)
         crease_rad = max(body.crease_rad(level) for body, level in each)
-        if any(chosen) and n_facing < _FEW:
+        if any(level for _, level in each) and n_facing < _FEW:
             crease_rad *= _OF_FEW
         facet_px = math.sqrt(2.0 * facing * n_px / n_facing)
         anew = 1.0
@@ -230,16 +236,16 @@ def _together(bodies: Sequence[_Candidates], chosen: Sequence[AreaLevel | None],
             if all(is_kept(level.n_facets, body.view, body.traits.radius_m) for body, level in each):
                 anew = _ANEW
             ns = (costs.middles_ns(n_facets, n_facing, n_px, facet_px, anew)
-                  + (len(bodies) - 1) * AREAS_CALL_NS
+                  + (len(each) - 1) * MIDDLES_CALL_NS
                   + sum(body.cutting_ns(level, costs) for body, level in each))
         else:
-            ns = ((_SEVERAL if len(bodies) > 1 else 1.0)
+            ns = ((_SEVERAL if len(each) > 1 else 1.0)
                   * costs.areas_ns(n_facets, n_facing, n_px, facet_px, crease_rad, phase_rad, left))
-        if n_normals := sum(level.n_normals for level in chosen if level):
+        if n_normals := sum(level.n_normals for _, level in each if level):
             ns += anew * (n_normals + _RELIEF * n_facets) * facing * shown_share * _NORMAL * costs.area_ns
     if len(each) == 1:
-        error = bodies[0].untold(chosen[0])
-    return AreasChoice(ns=ns, error=math.hypot(floor, error), levels=tuple(body.plan(level) for body, level in each))
+        error = body.untold(level)
+    return ns, math.hypot(floor, error)
 
 
 def _unlike(bodies: Sequence[_Candidates]) -> float:

@@ -184,12 +184,16 @@ class _Window:
             has_own = self._outline_px < _SMALL_PX or apart_size_px(self._members) < self._apart_px
             return WindowChoice(first=self._small_areas() if has_own else self._areas(),
                                 by_rays=self._own_grid(has_rays, has_raster=False)[1])
-        raster_ns, raster = self._raster(samples)
         if not has_rays or samples is not None:
-            return WindowChoice(first=raster)
+            return WindowChoice(first=self._raster(samples)[1])
         rays_ns, rays = self._rays()
+        by_areas = WindowChoice(first=self._areas(), by_rays=rays)
+        # What OpenGL's facets cost alone may be more.
+        if areas_ns < min(RASTER_CALL_NS + self._facets_ns, rays_ns):
+            return by_areas
+        raster_ns, raster = self._raster(samples)
         if areas_ns < min(raster_ns, rays_ns):
-            return WindowChoice(first=self._areas(), by_rays=rays)
+            return by_areas
         if rays_ns < raster_ns or self._least_floor > self._budget:
             return WindowChoice(first=rays)
         return WindowChoice(first=raster, by_rays=rays)

@@ -155,7 +155,8 @@ class SunlitAreas:
         """Squared error of hard edges of shadows in place of penumbras, in units of radiance squared.
 
         A ramp as wide as the Sun's angle times the distance of what shades, along the edges in facets whose corners
-        differ; wider where the Sun is low. To be asked for before anything is cut.
+        differ; wider where the Sun is low. Within a pixel it has the light of a hard edge: what is narrow errs only
+        where pixels' sides cross it. To be asked for before anything is cut.
         """
         mixed, view, points = self._mixed, self._view, self._cutter.points
         is_dark = (points.is_seen & ~points.is_lit).take(mixed.corner)
@@ -169,7 +170,7 @@ class SunlitAreas:
         wide_px = (np.where(np.isfinite(range_m), range_m.clip(0.0), 0.0) * angle * self._camera.focal_length_px
                    / (depth_m * np.sqrt(np.maximum(self._cos_incidence.take(facet), angle))))
         squared = (self._radiance.take(facet) ** 2 * np.sqrt(mixed.area_px.take(chosen))
-                   * wide_px * np.minimum(wide_px, 1.0))
+                   * wide_px * np.minimum(wide_px, 1.0) ** 2)
         return _PENUMBRA**2 * float(squared.sum()) / 12.0
 
     def add_to(self, changes: np.ndarray, origin_px: np.ndarray, per_px: np.ndarray, off_axis_power: float) -> None:

@@ -157,17 +157,18 @@ def view_bodies(state: State, camera: PinholeCamera, hulls: dict[str, Hull]) -> 
     for name in state.bodies:
         if name not in hulls:
             raise SceneError(f"state.bodies.{name}", "unknown body", hint=f"the scene has {', '.join(hulls)}")
-    spacecraft_from_inertial = frames.dcm(state.spacecraft.q_from_inertial)
-    camera_from_inertial = frames.dcm(camera.q_camera_from_spacecraft) @ spacecraft_from_inertial
+    spacecraft_from_inertial, camera_from_spacecraft, *bodies_from_inertial = frames.dcm(np.array(
+        [state.spacecraft.q_from_inertial, camera.q_camera_from_spacecraft,
+         *(state.bodies[name].q_from_inertial for name in hulls)]))
+    camera_from_inertial = camera_from_spacecraft @ spacecraft_from_inertial
     r_camera_inertial_m = state.spacecraft.r_inertial_m + spacecraft_from_inertial.T @ camera.r_camera_spacecraft_m
-    return [_view(name, hull, state, camera, camera_from_inertial, r_camera_inertial_m)
-            for name, hull in hulls.items()]
+    return [_view(name, hull, state, camera, camera_from_inertial, r_camera_inertial_m, body_from_inertial)
+            for (name, hull), body_from_inertial in zip(hulls.items(), bodies_from_inertial, strict=True)]
 
 
 def _view(name: str, hull: Hull, state: State, camera: PinholeCamera, camera_from_inertial: np.ndarray,
-          r_camera_inertial_m: np.ndarray) -> BodyView:
+          r_camera_inertial_m: np.ndarray, body_from_inertial: np.ndarray) -> BodyView:
     pose = state.bodies[name]
-    body_from_inertial = frames.dcm(pose.q_from_inertial)
     r_camera = body_from_inertial @ (r_camera_inertial_m - pose.r_inertial_m)
     r_sun = body_from_inertial @ (state.r_sun_inertial_m - pose.r_inertial_m)
     sun_distance, range_m = float(np.linalg.norm(r_sun)), float(np.linalg.norm(r_camera))

@@ -142,3 +142,23 @@ def test_an_eclipse_s_penumbra_is_not_drawn_with_hard_edges(monkeypatch):
             engines.append(next(window.engine for window in plan.windows if "planet" in window.bodies))
             assert plan.predicted_error <= 0.02
     assert engines == ["areas", "rays"]
+
+
+@pytest.mark.parametrize("phase_deg", [100.0, 140.0])
+def test_a_small_body_s_penumbras_cost_nothing(phase_deg, monkeypatch):
+    """Far narrower than a pixel they have a hard edge's light: one image, lit by the Sun's middle, does.
+
+    What was told of them had four to eight images drawn, by points of the Sun's disc.
+    """
+    monkeypatch.setenv("GLRENDER_ENGINE_COSTS", "1e4 1e3 1e4 1e4 1")
+    monkeypatch.setattr("glrender.area_engine._STEPS", ())
+    scene = views.scene([sweeps._binary(6)], [views.camera(40, 200.0)])
+    state = views.state(phase_deg=phase_deg)
+    with Renderer(scene) as renderer, RayTracer(scene) as tracer:
+        image = renderer.render(state, max_error=0.01)
+        exact = tracer.render(state, samples=120).irradiance_W_m2.astype(float)
+    assert [window.engine for window in image.plan.windows] == ["areas"]
+    lit = exact > 0.0
+    error = np.sqrt(np.mean((image.irradiance_W_m2 - exact)[lit] ** 2)) / exact[lit].mean()
+    assert error < image.plan.predicted_error < 0.01
+    np.testing.assert_allclose(image.irradiance_W_m2.sum(), exact.sum(), rtol=1e-3)

@@ -293,7 +293,7 @@ def test_rays_go_where_something_faces_the_sun_if_the_image_that_tells_is_cheape
 
 def test_a_level_of_detail_costs_more_a_facet_and_a_sample():
     """Areas at 4 ms are dearer than 12,000 facets of a full shape, and cheaper than those of a level."""
-    costs = replace(AREAS, facet_ns=90.0, sample_ns=20.0, area_ns=60.0)
+    costs = replace(AREAS, facet_ns=90.0, sample_ns=20.0, area_ns=36.0)
     member = view(size_px=100.0)
     engines = []
     for level in (replace(COARSE, deviation_m=0.0), COARSE):

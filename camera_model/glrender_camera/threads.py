@@ -46,8 +46,10 @@ def run(task: Callable[[int], None], items: Iterable[int], n_threads: int = N_TH
     try:
         work()
     finally:
-        # All of them, also if one fails: what they work on may be released then.
-        wait(helpers)
+        # All of them, also if one fails: what they work on may be released then. For none, waiting takes longer than
+        # the work of few items.
+        if helpers:
+            wait(helpers)
     for helper in helpers:
         helper.result()
 
