@@ -221,7 +221,7 @@ class AreaEngine:
         slivers = sliver_gain(max(view.phase_rad for view in members))
         per_root = slivers * max(math.sqrt(n_px), _FLUX) / light
         most = max(budget**2 - _LEAST**2, 0.0) / per_root**2
-        # They take no flux: what crescents lose is for the planner to know.
+        # By pixels alone, whatever the root is times: they take no flux, and what crescents lose is the planner's.
         penumbras = sum(body.penumbra() for body in areas) * min(n_px / _FLUX**2, 1.0) if has_disc else 0.0
         penumbra = per_root * math.sqrt(penumbras)
         if penumbra > _PENUMBRA * budget:

@@ -12,7 +12,8 @@ RASTER_CALL_NS, RAYS_CALL_NS, AREAS_CALL_NS, MIDDLES_CALL_NS = 1.2e6, 4e5, 9e5, 
 # Of areas, in a machine's unit: each facet, one that faces both camera and Sun, a pixel along its sides, a pixel of the
 # body, and the edges of shadows at a budget of 1 and 90 deg of phase, by the angle between facets [rad]; and pixels
 # below which the flux asks for more than they do. 336 frames of three shapes, 10 to 500 px, 20 to 140 deg, budgets of
-# 0.01 to 0.1: 0.45 to 1.0 of what they took in eight of ten, as of rays and of OpenGL (0.3 to 1.4, 0.45 to 1.0).
+# 0.01 to 0.1: 0.4 to 1.0 of what they took in eight of ten, median 0.7; of OpenGL 0.45 to 1.0, 0.7; of rays 0.35 to
+# 1.4, 0.8.
 _ANY_FACET, _FACING, _LINE, _PIXEL, _EDGES, _MOST_EDGES, _FLUX_PX = 0.4, 2.4, 1.9, 0.08, 0.39, 1e3, 100.0
 # Of facets as lit as their middles, in the same unit: each facet, one that faces both, a pixel along its sides; and
 # rays for each of those. What drawing one of them takes of it.

@@ -61,21 +61,24 @@ class AreaLevel:
             return math.inf
         place = math.log2(max(size_px, _LEAST_PX) / _LEAST_PX)
         k = min(int(place), len(SIZES_PX) - 2)
-        low, high = _at(self._lists[k], phase_rad), _at(self._lists[k + 1], phase_rad)
+        errors, *_ = self._lists
+        low, high = _at(errors[k], phase_rad), _at(errors[k + 1], phase_rad)
         return low + (place - k) * (high - low)
 
     def flux_at(self, phase_rad: float) -> tuple[float, float]:
         """Mean and scatter of the flux's ratio."""
-        return _at(self._lists[-3], phase_rad), _at(self._lists[-2], phase_rad)
+        _, ratio, scatter, _ = self._lists
+        return _at(ratio, phase_rad), _at(scatter, phase_rad)
 
     def centre_at(self, phase_rad: float) -> float:
         """Distance of the centre of brightness from the full shape's, over the diameter."""
-        return _at(self._lists[-1], phase_rad)
+        *_, centre = self._lists
+        return _at(centre, phase_rad)
 
     @cached_property
-    def _lists(self) -> list[list[float]]:
-        """Errors at each size, ratios, their scatters and centres, by phase: a number of an array takes longer."""
-        return [*self.error.T.tolist(), *(each.tolist() for each in (self.flux_ratio, self.flux_scatter, self.centre))]
+    def _lists(self) -> tuple[list, ...]:
+        """Errors by size and phase; ratios, their scatters and centres by phase. A number of an array takes longer."""
+        return tuple(each.tolist() for each in (self.error.T, self.flux_ratio, self.flux_scatter, self.centre))
 
 
 def _at(values: list[float], phase_rad: float) -> float:

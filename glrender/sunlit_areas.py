@@ -155,8 +155,9 @@ class SunlitAreas:
         """Squared error of hard edges of shadows in place of penumbras, in units of radiance squared.
 
         A ramp as wide as the Sun's angle times the distance of what shades, along the edges in facets whose corners
-        differ; wider where the Sun is low. Within a pixel it has the light of a hard edge: what is narrow errs only
-        where pixels' sides cross it. To be asked for before anything is cut.
+        differ; wider where the Sun is low. Within a pixel it has the light of a hard edge, and errs where the
+        pixels' sides cross it: the mean over how they lie, as one that lies along a ramp may cross all of it. To be
+        asked for before anything is cut.
         """
         mixed, view, points = self._mixed, self._view, self._cutter.points
         is_dark = (points.is_seen & ~points.is_lit).take(mixed.corner)
