@@ -85,6 +85,9 @@ class IrradiancePass:
         if drawn is None:
             drawn = self._draw_window(choice.by_rays, frame, error_gain, clock)
         mean, window = drawn
+        if choice.by_areas is not None and window.predicted_error > error_gain * window.budget:
+            # Crescents have slivers of light that many samples find few of.
+            mean, window = self._draw_window(choice.by_areas, frame, error_gain, clock, may_give_up=True) or drawn
         if window.samples:
             x0, y0, x1, y1 = window.roi
             irradiance[y0:y1, x0:x1] = mean

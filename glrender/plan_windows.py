@@ -65,10 +65,13 @@ _PENUMBRA_NOISE, _PENUMBRA_SAMPLES = (0.4, 1e4), 2
 
 @dataclass(frozen=True, kw_only=True)
 class WindowChoice:
-    """How a window is drawn, and the rays that take over where its image tells that it is too coarse."""
+    """How a window is drawn; the rays that take over where its image tells that it is too coarse, and the areas where
+    theirs does.
+    """
 
     first: WindowPlan
     by_rays: WindowPlan | None = None
+    by_areas: WindowPlan | None = None
 
 
 def plan_windows(views: Sequence[BodyView], traits: Mapping[str, BodyTraits], bodies: Sequence[BodyPlan],
@@ -187,16 +190,16 @@ class _Window:
         if not has_rays or samples is not None:
             return WindowChoice(first=self._raster(samples)[1])
         rays_ns, rays = self._rays()
-        by_areas = WindowChoice(first=self._areas(), by_rays=rays)
+        by_areas = None if math.isinf(areas_ns) else self._areas()
         # What OpenGL's facets cost alone may be more.
         if areas_ns < min(RASTER_CALL_NS + self._facets_ns, rays_ns):
-            return by_areas
+            return WindowChoice(first=by_areas, by_rays=rays)
         raster_ns, raster = self._raster(samples)
         if areas_ns < min(raster_ns, rays_ns):
-            return by_areas
+            return WindowChoice(first=by_areas, by_rays=rays)
         if rays_ns < raster_ns or self._least_floor > self._budget:
-            return WindowChoice(first=rays)
-        return WindowChoice(first=raster, by_rays=rays)
+            return WindowChoice(first=rays, by_areas=by_areas)
+        return WindowChoice(first=raster, by_rays=rays, by_areas=by_areas)
 
     def _areas(self) -> WindowPlan:
         return self._areas_plan(samples=1, **self._whole(1))
