@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,8 @@ _REPOSITORY = Path(__file__).parent.parent
 # What the planner chooses must not depend on the weather of the machine that tests: two cores without a GPU. Servers
 # that tests start inherit it.
 os.environ.setdefault("GLRENDER_ENGINE_COSTS", "90 36 400 700 160")
+# In the background, as under nohup, neither tests nor what they start would hear Ctrl-C.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")
