@@ -12,6 +12,8 @@ from .view import BodyView
 
 LOW_SUN_RAD = 1.5
 """Phase angle from which facets are looked at more closely everywhere: they are few, and light falls in slivers."""
+# How near the horizons of vertices rays must tell, of 255 parts of a sine: of each several facets' cuts depend.
+_NEAR = 32.0
 
 
 class FacetCutter:
@@ -161,20 +163,24 @@ class FacetCutter:
         """Whether points (3, N) [m] of facets (N,) are seen, and in sunlight as well.
 
         No ray is cast at a body that is convex by its own points; for those that are known to be seen (N,), between
-        three that are; nor at vertices (N,) from which the line is above the horizon.
+        three that are; nor at vertices (N,) of which horizons tell.
         """
         if self.is_free:
             return np.ones((2, len(facet)), bool)
-        view, horizons = self._view, self._facets.horizons
-        is_open = [None, None]
-        if self._facets.is_convex:
+        facets, view = self._facets, self._view
+        is_open, may_be = [None, None], np.ones((2, len(facet)), bool)
+        if facets.is_convex:
             is_open = [np.ones(len(facet), bool)] * 2
-        elif vertex is not None and horizons is not None:
-            number = self._facets.vertex_number.take(vertex)
-            is_open = [horizons.are_open(number, view.r_camera_body_m, True),
-                       horizons.are_open(number, view.sun_direction_body, False)]
-        is_asked, number = np.ones(len(facet), bool) if is_seen is None else ~is_seen, self._facets.number.take(facet)
-        seen = self._rays.in_view(self._facets.solid, r_body_m, number, view, self._views, is_asked, is_open[0])
+        elif vertex is not None and facets.horizons is not None:
+            number = facets.vertex_number.take(vertex)
+            is_open = [facets.horizons.are_open(number, view.r_camera_body_m, True),
+                       facets.horizons.are_open(number, view.sun_direction_body, False)]
+        elif vertex is not None and facets.vertices is not None:
+            told = facets.vertices.look(vertex, view.sun_direction_body, view.r_camera_body_m, _NEAR)
+            is_open, may_be = told > 0, told != 0
+        is_asked, number = may_be[0] if is_seen is None else may_be[0] & ~is_seen, facets.number.take(facet)
+        seen = self._rays.in_view(facets.solid, r_body_m, number, view, self._views, is_asked, is_open[0])
         if is_seen is not None:
             seen |= is_seen
-        return seen, self._rays.in_light(self._facets.solid, r_body_m, number, view, self._views, seen, is_open[1])
+        return seen, self._rays.in_light(facets.solid, r_body_m, number, view, self._views, seen & may_be[1],
+                                         is_open[1])

@@ -6,8 +6,8 @@ import numpy as np
 
 from .facet_relief import LevelShape
 from .horizons import Horizons
-from .middle_horizons import Middles
 from .morton import morton_order
+from .point_horizons import PointHorizons
 from .rays import RayMesh, dot
 from .scene import Body
 from .shape import Shape
@@ -15,7 +15,7 @@ from .surface import Surface
 
 # Of the radius, how far a facet may rise above its neighbour's plane on a body that is convex.
 _FLAT = 1e-7
-# Vertices of which a table of horizons is made.
+# Vertices of which horizons are made that are never too low; of more it takes longer than it is worth.
 _MOST_HORIZONS = 200_000
 # Facets from which there are tables of the horizons of their middles: fewer are soon drawn as they are.
 _FEWEST_MIDDLES = 10_000
@@ -58,9 +58,11 @@ class FacetTables:
     is_convex : bool
         Without a dip: the hull's word is good to a thousandth of its volume.
     horizons : Horizons or None
-        Of the vertices of a body that is not, and not too large: a table takes longer to make than it is worth.
-    middles : Middles or None
-        If they are asked for, of a shape that is large enough.
+        Of the vertices of a body that is not, and not too large.
+    vertices : PointHorizons or None
+        Of a larger one.
+    middles : PointHorizons or None
+        Of facets, of a shape that is large enough. As `vertices` if they are asked for.
     vertices_m : (3, V) float64 [m]
     corners : (3, F) int
         Vertices, counter-clockwise from outside.
@@ -100,12 +102,31 @@ class FacetTables:
         self.is_closed = is_closed or bool((self.neighbours >= 0).all())
         is_flat = float(height_m.max()) <= _FLAT * body.hull.radius_m
         self.is_convex = self.is_closed and body.hull.is_convex and is_flat
-        self.horizons = None if self.is_convex or len(shape.vertices_m) > _MOST_HORIZONS else Horizons(shape)
-        self.middles = Middles.of(middle_m, self.normal, solid) if with_middles and has_middles(shape) else None
+        is_small = len(shape.vertices_m) <= _MOST_HORIZONS
+        self.horizons = Horizons(shape) if is_small and not self.is_convex else None
+        self.vertices = self.middles = None
+        if with_middles and has_middles(shape):
+            self.middles = PointHorizons.of(middle_m, self.normal, solid)
+            if not is_small and not self.is_convex:
+                self.vertices = PointHorizons.of(self.vertices_m, _vertex_normals(self.corners, self.normal,
+                                                                                  self.vertices_m.shape[1]), solid)
 
     def corner_m(self, facet: np.ndarray) -> np.ndarray:
         """Corners (3, 3, N) [m] of facets (N,): corner, axis, facet."""
         return np.stack([self.vertices_m.take(corner[facet], axis=1) for corner in self.corners])
+
+
+def _vertex_normals(corners: np.ndarray, normal: np.ndarray, n_vertices: int) -> np.ndarray:
+    """Mean unit normals (3, V) of facets about vertices; 0 where one of them faces away from it."""
+    found = np.zeros((3, n_vertices))
+    for corner in corners:
+        for axis in range(3):
+            found[axis] += np.bincount(corner, normal[axis], n_vertices)
+    length = np.sqrt(dot(found, found))
+    found /= np.where(length > 0.0, length, 1.0)
+    for corner in corners:
+        found[:, corner[dot(found.take(corner, axis=1), normal) <= 0.0]] = 0.0
+    return found
 
 
 def has_middles(shape: Shape) -> bool:

@@ -18,7 +18,7 @@ from glrender.facet_tables import FacetTables
 from glrender.grouping import region
 from glrender.kept_middles import BrdfTables
 from glrender.level_tables import AreaLevel
-from glrender.middle_horizons import Middles
+from glrender.point_horizons import PointHorizons
 from glrender.ray_engine import RayEngine
 from glrender.rays import RayMesh
 from glrender.render_plan import LevelPlan
@@ -41,8 +41,8 @@ def rough():
 def middles(shape):
     """Middles (3, F), and what is told of them."""
     middle_m = shape.vertices_m[shape.facets].mean(axis=1).T
-    return middle_m, Middles.of(middle_m, np.ascontiguousarray(shape.facet_normals.T),
-                                RayMesh(shape.vertices_m, shape.facets))
+    return middle_m, PointHorizons.of(middle_m, np.ascontiguousarray(shape.facet_normals.T),
+                                      RayMesh(shape.vertices_m, shape.facets))
 
 
 def test_horizons_in_a_walled_yard_are_those_of_its_walls():
