@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .facet_relief import LevelShape
-from .horizons import Horizons
+from .horizons import Horizons, mean_normals
 from .morton import morton_order
 from .point_horizons import PointHorizons
 from .rays import RayMesh, dot
@@ -118,12 +118,7 @@ class FacetTables:
 
 def _vertex_normals(corners: np.ndarray, normal: np.ndarray, n_vertices: int) -> np.ndarray:
     """Mean unit normals (3, V) of facets about vertices; 0 where one of them faces away from it."""
-    found = np.zeros((3, n_vertices))
-    for corner in corners:
-        for axis in range(3):
-            found[axis] += np.bincount(corner, normal[axis], n_vertices)
-    length = np.sqrt(dot(found, found))
-    found /= np.where(length > 0.0, length, 1.0)
+    found = mean_normals(corners, normal, n_vertices)
     for corner in corners:
         found[:, corner[dot(found.take(corner, axis=1), normal) <= 0.0]] = 0.0
     return found
