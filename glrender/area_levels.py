@@ -68,7 +68,7 @@ def area_levels(body: Body, levels: Sequence[Level], cache: Path | None = None
         # Of laws beyond their phases.
         warnings.simplefilter("ignore", UserWarning)
         try:
-            arrays = cached_arrays(f"areas7-{digest.hexdigest()[:32]}", names, lambda: _measured(body, made, kinds),
+            arrays = cached_arrays(f"areas8-{digest.hexdigest()[:32]}", names, lambda: _measured(body, made, kinds),
                                    cache)
         except DeviceError:
             return (), ()
@@ -84,7 +84,7 @@ def _measured(body: Body, levels: Sequence[LevelShape], kinds: Sequence[LevelPla
     camera = PinholeCamera(name="far", width_px=side, height_px=side, focal_length_px=0.5 * side * _RANGE_RADII)
     scene = Scene(bodies=[body], cameras=[camera], sun_disc=False)
     rays = RayEngine(scene)
-    areas = AreaEngine(scene, rays, {body.name: levels}, keeps_areas=False)
+    areas = AreaEngine(scene, rays, {body.name: levels}, is_reference=True)
     # Of each shape, aspect and phase: the flux, its centre [px], and sums over the image at each size.
     flux = np.full((1 + len(kinds), _ASPECTS, len(PHASES_RAD)), math.nan)
     centre = np.zeros((*flux.shape, 2))

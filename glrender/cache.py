@@ -24,28 +24,36 @@ def cache_folder() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "glrender"
 
 
-def cached_arrays(name: str, keys: list[str], make: Callable[[], dict[str, np.ndarray]],
-                  cache: Path | None = None) -> dict[str, np.ndarray]:
-    """Arrays from the cache's file `name`, made and kept there when it lacks them.
+def cached_arrays(name: str, keys: list[str], make: Callable[[], dict[str, np.ndarray]], cache: Path | None = None,
+                  is_right: Callable[[dict[str, np.ndarray]], bool] = lambda _: True) -> dict[str, np.ndarray]:
+    """Arrays from the cache's file `name`, made and kept there when it lacks them, or has what is not right.
 
     By one process at a time: others wait for it.
     """
     folder = cache_folder() if cache is None else cache
     file = folder / f"{name}.npz"
-    kept = _kept(file, keys)
+    kept = _kept(file, keys, is_right)
     if kept is not None:
         return kept
     with _alone(folder / f"{name}.lock"):
-        kept = _kept(file, keys)
+        kept = _kept(file, keys, is_right)
         return _made_and_kept(file, make) if kept is None else kept
 
 
-def _kept(file: Path, keys: list[str]) -> dict[str, np.ndarray] | None:
+def cached_bytes(name: str, size: tuple[int, ...], make: Callable[[], np.ndarray]) -> np.ndarray:
+    """A table of uint8 of a size, kept as `cached_arrays` are: for loops that look at no bounds."""
+    return cached_arrays(name, ["table"], lambda: {"table": make()}, is_right=lambda kept: (
+        kept["table"].shape == size and kept["table"].dtype == np.uint8))["table"]
+
+
+def _kept(file: Path, keys: list[str], is_right: Callable[[dict[str, np.ndarray]], bool]
+          ) -> dict[str, np.ndarray] | None:
     try:
         with np.load(file, allow_pickle=False) as stored:
-            return {key: stored[key] for key in keys}
+            arrays = {key: stored[key] for key in keys}
     except (OSError, ValueError, KeyError, EOFError, BadZipFile, zlib.error):
         return None
+    return arrays if is_right(arrays) else None
 
 
 @contextmanager
@@ -71,9 +79,9 @@ def _made_and_kept(file: Path, make: Callable[[], dict[str, np.ndarray]]) -> dic
     try:
         folder.mkdir(parents=True, exist_ok=True)
         # Another process may read or write the same file: it sees all of it or none.
-        with tempfile.NamedTemporaryFile(dir=folder, suffix=".tmp", delete=False) as stream:
-            np.savez(stream, **arrays)
-        os.replace(stream.name, file)
+        with tempfile.TemporaryDirectory(dir=folder, suffix=".tmp") as apart:
+            np.savez(Path(apart, file.name), **arrays)
+            os.replace(Path(apart, file.name), file)
     except OSError as error:
         _log.warning("%s is not kept in %s: %s", file.stem, folder, error)
     return arrays

@@ -17,6 +17,8 @@ from .surface import Surface
 _FLAT = 1e-7
 # Vertices of which horizons are made that are never too low; of more it takes longer than it is worth.
 _MOST_HORIZONS = 200_000
+# Share of vertices of which a table may tell nothing: the shape hides from the others, too, what it did not find.
+_MOST_UNKNOWN = 0.25
 # Facets from which there are tables of the horizons of their middles: fewer are soon drawn as they are.
 _FEWEST_MIDDLES = 10_000
 
@@ -38,8 +40,8 @@ class FacetTables:
         Known of a level of detail, where decimation may leave out a facet.
     level : LevelShape, optional
         Where the body's shape is one.
-    with_middles : bool
-        Of a body whose levels of detail are measured.
+    with_middles, with_vertices : bool
+        Of a body whose levels of detail are measured; of vertices, where tables may tell what rays would.
 
     Attributes
     ----------
@@ -60,7 +62,7 @@ class FacetTables:
     horizons : Horizons or None
         Of the vertices of a body that is not, and not too large.
     vertices : PointHorizons or None
-        Of a larger one.
+        Of a larger one, if its tables tell of most vertices.
     middles : PointHorizons or None
         Of facets, of a shape that is large enough. As `vertices` if they are asked for.
     vertices_m : (3, V) float64 [m]
@@ -77,7 +79,7 @@ class FacetTables:
     """
 
     def __init__(self, body: Body, is_coarse: np.ndarray, solid: RayMesh, *, is_closed: bool = False,
-                 level: LevelShape | None = None, with_middles: bool = False):
+                 level: LevelShape | None = None, with_middles: bool = False, with_vertices: bool = False):
         # Not before there is a body: its loops are compiled, or read, at the first import.
         from . import facet_loops
 
@@ -107,9 +109,10 @@ class FacetTables:
         self.vertices = self.middles = None
         if with_middles and has_middles(shape):
             self.middles = PointHorizons.of(middle_m, self.normal, solid)
-            if not is_small and not self.is_convex:
-                self.vertices = PointHorizons.of(self.vertices_m, _vertex_normals(self.corners, self.normal,
-                                                                                  self.vertices_m.shape[1]), solid)
+        if with_vertices and not is_small and not self.is_convex:
+            found = PointHorizons.of(self.vertices_m, _vertex_normals(self.corners, self.normal,
+                                                                      self.vertices_m.shape[1]), solid)
+            self.vertices = found if found.unknown <= _MOST_UNKNOWN else None
 
     def corner_m(self, facet: np.ndarray) -> np.ndarray:
         """Corners (3, 3, N) [m] of facets (N,): corner, axis, facet."""

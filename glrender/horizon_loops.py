@@ -10,6 +10,8 @@ from numba.types import UniTuple, boolean, float32, float64, int8, intp, uint8, 
 from .compiled import compiled, inlined, read, write
 
 N_AZIMUTHS = 16
+# Height that is not known, of 255 steps of its sine.
+UNKNOWN = 255
 _LAST = N_AZIMUTHS - 1
 # Levels of a tree that a stack has room for.
 _DEEPEST = 64
@@ -227,7 +229,7 @@ def _told(heights, k, s, t, sine, near):
     """Whether a direction is above a point's horizon: 1, below it: 0, or a ray has to be asked: -1.
 
     That is where it is between the heights of the azimuths on either side, or so near them, or near where what rises
-    towards them from beyond would meet; and below the plane that heights are over, if they are 0.
+    towards them from beyond would meet; below the plane that heights are over, if they are 0; and where one is not known.
     """
     sector = intp(_azimuth(s, t))
     one, other = float(heights[k, sector & _LAST]), float(heights[k, (sector + 1) & _LAST])
@@ -239,7 +241,7 @@ def _told(heights, k, s, t, sine, near):
     top = meet if (rise > 0.0) & (fall > 0.0) & (meet > high) else high
     # A ray is blocked at the height itself, and free a step above.
     height = 255.0 * sine - 0.5
-    is_below = (low > 0.0) & (height < low - near)
+    is_below = (low > 0.0) & (high < UNKNOWN) & (height < low - near)
     return 0 if is_below else 1 if (high == 0.0) & (sine > 0.0) | (height > top + near) else -1
 
 

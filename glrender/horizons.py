@@ -11,7 +11,7 @@ import math
 import numpy as np
 from glrender_camera import threads
 
-from .cache import cached_arrays
+from .cache import cached_bytes
 from .morton import morton_order
 from .shape import Shape
 
@@ -35,10 +35,8 @@ class Horizons:
         self._loops = horizon_loops
         self._vertices_m = np.ascontiguousarray(shape.vertices_m.T)
         self._normals = mean_normals(shape.facets.T, shape.facet_normals.T, len(shape.vertices_m))
-        name, size = f"horizons2-{shape.content_hash}", (len(shape.vertices_m), horizon_loops.N_AZIMUTHS)
-        table = cached_arrays(name, ["horizons"], lambda: {"horizons": self._made(shape)})["horizons"]
-        # The loops look at no bounds.
-        self._table = table if table.shape == size and table.dtype == np.uint8 else self._made(shape)
+        self._table = cached_bytes(f"horizons3-{shape.content_hash}",
+                                   (len(shape.vertices_m), horizon_loops.N_AZIMUTHS), lambda: self._made(shape))
         # Of no facet, or of facets that face all ways.
         self._table[~self._normals.any(axis=0)] = 255
 

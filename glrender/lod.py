@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial import ConvexHull, cKDTree
+from scipy.spatial import cKDTree
 
 from .cache import cached_arrays
 from .shape import Shape
@@ -52,7 +52,8 @@ class Level:
     deviation_m : float [m]
         RMS distance of the full shape's facets from the level's surface.
     beyond_m : float [m]
-        How far the level reaches beyond the full shape's convex hull, at most.
+        How far the level may reach beyond the full shape's convex hull: the farthest of its vertices from the nearest
+        of the full shape's.
     """
 
     vertices_m: np.ndarray
@@ -102,7 +103,7 @@ def levels_of_detail(shape: Shape, cache: Path | None = None) -> tuple[Level, ..
     while targets[-1] // _RATIO >= _FEWEST_FACETS:
         targets.append(targets[-1] // _RATIO)
     names = [f"{name}_{index}" for index in range(len(targets)) for name in _ARRAYS]
-    arrays = cached_arrays(f"lod2-{_key(shape, targets)}", names, lambda: _made(shape, targets), cache)
+    arrays = cached_arrays(f"lod3-{_key(shape, targets)}", names, lambda: _made(shape, targets), cache)
     levels = []
     for index in range(len(targets)):
         vertices, facets, source, deviation, beyond = (arrays[f"{name}_{index}"] for name in _ARRAYS)
@@ -115,7 +116,7 @@ def _made(shape: Shape, targets: list[int]) -> dict[str, np.ndarray]:
     from fast_simplification import simplify
 
     centre = shape.vertices_m[shape.facets].mean(axis=1)
-    tree, planes = cKDTree(centre), ConvexHull(shape.vertices_m).equations
+    tree, corners = cKDTree(centre), cKDTree(shape.vertices_m)
     # In units of the body, about its middle: the library has thresholds of its own.
     middle = shape.vertices_m.mean(axis=0)
     scale = np.abs(shape.vertices_m - middle).max()
@@ -126,7 +127,8 @@ def _made(shape: Shape, targets: list[int]) -> dict[str, np.ndarray]:
         facets = np.asarray(facets, np.int32)
         vertices = np.asarray(points, np.float64) * scale + middle
         kept = np.linalg.norm(_crosses(vertices, facets), axis=1) > 1e-12 * scale**2
-        made = (*_with_texels(shape, centre, tree, vertices, facets[kept]), _beyond_m(planes, vertices))
+        beyond_m = corners.query(vertices, workers=-1)[0].max()
+        made = (*_with_texels(shape, centre, tree, vertices, facets[kept]), beyond_m)
         arrays |= {f"{name}_{index}": array for name, array in zip(_ARRAYS, made, strict=True)}
     _log.info("levels of detail of %d facets made in %.1f s", shape.report.n_facets, time.perf_counter() - began)
     return arrays
@@ -145,11 +147,6 @@ def _with_texels(shape: Shape, centre: np.ndarray, tree: cKDTree, vertices: np.n
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     height = np.einsum("ftx,fx->ft", centre[source] - place, normal)
     return vertices, facets, source, np.sqrt(np.mean(height**2))
-
-
-def _beyond_m(planes: np.ndarray, vertices: np.ndarray) -> np.ndarray:
-    parts = np.array_split(vertices, max(len(vertices) // 4096, 1))
-    return np.array(max(0.0, *(float((part @ planes[:, :3].T + planes[:, 3]).max()) for part in parts)))
 
 
 def _crosses(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from glrender_camera import threads
 
-from .cache import cached_arrays
+from .cache import cached_bytes
 from .rays import RayMesh
 
 # Points that a thread looks at in a turn.
@@ -28,7 +28,8 @@ class PointHorizons:
     points : (N, 6) float32
         Normals and places [m].
     heights : (N, 16) uint8
-        Of the horizon over the plane across the normal, in azimuths around: 255 times the sine.
+        Of the horizon over the plane across the normal, in azimuths around: 255 times the sine; `UNKNOWN` in all of
+        them under what stands above something free, as an overhang, and of points without a normal.
     """
 
     points: np.ndarray
@@ -46,17 +47,21 @@ class PointHorizons:
         solid : RayMesh
             Of the same shape.
         """
-        from .horizon_loops import N_AZIMUTHS
+        from .horizon_loops import N_AZIMUTHS, UNKNOWN
 
         points = np.concatenate([normal, r_m]).T.astype(np.float32, order="C")
         # In the order in which they are: that of a shape's own file is another one.
-        heights = cached_arrays(f"middles2-{hashlib.sha256(points.data).hexdigest()[:32]}", ["heights"],
-                                lambda: {"heights": _heights(r_m, normal, solid)})["heights"]
-        # The loops look at no bounds.
-        is_known = heights.shape == (normal.shape[1], N_AZIMUTHS) and heights.dtype == np.uint8
-        heights = heights if is_known else _heights(r_m, normal, solid)
-        heights[(normal == 0.0).all(axis=0)] = 0
+        heights = cached_bytes(f"points-{hashlib.sha256(points.data).hexdigest()[:32]}",
+                               (normal.shape[1], N_AZIMUTHS), lambda: _heights(r_m, normal, solid))
+        heights[(normal == 0.0).all(axis=0)] = UNKNOWN
         return cls(points=points, heights=heights)
+
+    @property
+    def unknown(self) -> float:
+        """Share of the points of which nothing is told."""
+        from .horizon_loops import UNKNOWN
+
+        return float(np.mean(self.heights[:, 0] == UNKNOWN))
 
     def shade(self, to_sun: np.ndarray, r_camera_m: np.ndarray, brdf: np.ndarray, first_root: float,
               root_step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -10,8 +10,9 @@ from llvmlite import binding
 from numba import types
 from numba.types import Tuple, boolean, float32, float64, intp, uint8, uint32, uintp, void
 
-from .compiled import compiled, read, write
+from .compiled import compiled, inlined, read, write
 from .embree import library
+from .horizon_loops import UNKNOWN
 
 # Of the bounding sphere, in radii: what passes beyond meets nothing, and float32 has no room for a start far off.
 _REACH = 1.01
@@ -21,6 +22,8 @@ _FAR = np.float32(1e30)
 # RTCRayHit in float32 words: where the ray begins, ends, its mask; of the hit, which primitive and geometry.
 _NEAR, _TOWARDS, _END, _MASK, _PRIMITIVE, _GEOMETRY, _WORDS, _ALIGNED_WORDS = 3, 4, 8, 9, 17, 18, 32, 16
 _NONE = np.uint32(0xFFFFFFFF)
+# Of 255 steps of a sine, at which rays look for what stands above something free; so near the height they do not.
+_LOOKS, _NEAR_STEPS = (12, 24, 40, 64, 96, 128, 160, 192, 224, 245), 2
 
 for _name in ("rtcOccluded1", "rtcIntersect1"):
     binding.add_symbol(_name, ctypes.cast(getattr(library(), _name), ctypes.c_void_p).value)
@@ -101,36 +104,49 @@ def keep_free(scene, radius_m, turn, shift_m, points_m, facets, normals, lift_m,
             turn[2, 0] * u + turn[2, 1] * v + turn[2, 2] * w, reach)
 
 
+@inlined
+def _is_high(scene, ray, bits, place, flat, normal, step):
+    """Whether a mesh of radius 1 blocks a ray from a place at a step of 255 of the sine over a plane."""
+    sine = step / 255.0
+    cosine = math.sqrt(1.0 - sine * sine)
+    return _is_blocked(scene, ray, bits, place[0], place[1], place[2], cosine * flat[0] + sine * normal[0],
+                       cosine * flat[1] + sine * normal[1], cosine * flat[2] + sine * normal[2], _FAR)
+
+
 @compiled(void(uintp, float64, _POINTS, _POINTS, _POINTS, float64, read(float64, 2), write(uint8, 2, "A")))
 def find_heights(scene, radius_m, points_m, normals, axes, lift_m, azimuths, found):
     """Write how high a mesh stands around points (3, N) [m] of its surface, over the plane across their normals (3, N).
 
     (N, K) uint8: of 255 steps of the sine, one at which a ray is blocked and a step above which it is free, in each of
     the azimuths (2, K), unit vectors along two axes across the normals (6, N); 0 where it is free at the first step.
-    What is above something free, as an arch, may not be found.
+    `UNKNOWN` in all of a point's if a few more rays in each find something above what is free, as an overhang.
     """
     ray, bits = _new_ray()
     for i in range(points_m.shape[1]):
-        a, b, c = normals[0, i], normals[1, i], normals[2, i]
-        x, y, z = ((points_m[0, i] + lift_m * a) / radius_m, (points_m[1, i] + lift_m * b) / radius_m,
-                   (points_m[2, i] + lift_m * c) / radius_m)
+        normal = normals[0, i], normals[1, i], normals[2, i]
+        place = ((points_m[0, i] + lift_m * normal[0]) / radius_m, (points_m[1, i] + lift_m * normal[1]) / radius_m,
+                 (points_m[2, i] + lift_m * normal[2]) / radius_m)
         for k in range(azimuths.shape[1]):
             s, t = azimuths[0, k], azimuths[1, k]
-            u, v, w = (s * axes[0, i] + t * axes[3, i], s * axes[1, i] + t * axes[4, i],
-                       s * axes[2, i] + t * axes[5, i])
+            flat = (s * axes[0, i] + t * axes[3, i], s * axes[1, i] + t * axes[4, i], s * axes[2, i] + t * axes[5, i])
             # Most horizons are low.
             low, high, step = 0, 255, 1
             while high - low > 1:
-                sine = step / 255.0
-                cosine = math.sqrt(1.0 - sine * sine)
-                if _is_blocked(scene, ray, bits, x, y, z, cosine * u + sine * a, cosine * v + sine * b,
-                               cosine * w + sine * c, _FAR):
+                if _is_high(scene, ray, bits, place, flat, normal, step):
                     low = step
                     step = 4 * step + 8 if high == 255 and step < 48 else (low + high) // 2
                 else:
                     high = step
                     step = (low + high) // 2
             found[i, k] = low
+            for step in _LOOKS:
+                if (abs(step - low) > _NEAR_STEPS
+                        and _is_high(scene, ray, bits, place, flat, normal, step) != (step < low)):
+                    low = UNKNOWN
+                    break
+            if low == UNKNOWN:
+                found[i, :] = UNKNOWN
+                break
 
 
 @compiled(Tuple((write(intp, 1), write(intp, 1), write(float64, 1), write(float64, 2), write(float64, 2)))(

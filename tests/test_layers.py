@@ -29,7 +29,7 @@ ROOMS = {
     "glrender/coverage.py": {"numpy", "numba", "glrender.compiled"},
     "glrender/facet_loops.py": {"numpy", "numba", "glrender.compiled"},
     "glrender/embree.py": {"numpy", "embreex", "glrender.errors"},
-    "glrender/ray_loops.py": {"numpy", "numba", "llvmlite", "glrender.compiled", "glrender.embree"},
+    "glrender/ray_loops.py": {"numpy", "numba", "llvmlite", "glrender.compiled", "glrender.embree", "glrender.horizon_loops"},
     "glrender/horizon_loops.py": {"numpy", "numba", "glrender.compiled"},
     "glrender/rays.py": {"numpy", "glrender", "glrender.embree", "glrender.errors"},
     "glrender/refine.py": {"numpy", "cv2"},

@@ -124,7 +124,7 @@ def test_products_are_told_of_the_full_shape(rough):
 
 def test_levels_are_kept_and_a_broken_file_is_made_again(tmp_path, rough, monkeypatch):
     made = lod.levels_of_detail(rough, tmp_path)
-    file, = tmp_path.glob("lod2-*.npz")
+    file, = tmp_path.glob("lod3-*.npz")
     monkeypatch.setattr(lod, "_made", lambda *_: pytest.fail("made again"))
     kept = lod.levels_of_detail(rough, tmp_path)
     for a, b in zip(made, kept, strict=True):

@@ -250,7 +250,7 @@ def by_middles(shape):
     body = Body(name="body", shape=shape, brdf=GREY)
     scene = views.scene([body], [views.camera(300, 1000.0)], sun_disc=False)
     rays = RayEngine(scene)
-    return scene, AreaEngine(scene, rays), AreaEngine(scene, rays, keeps_areas=False)
+    return scene, AreaEngine(scene, rays), AreaEngine(scene, rays, is_reference=True)
 
 
 @pytest.mark.parametrize("kind", ["rough", "binary"])

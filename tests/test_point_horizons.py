@@ -34,7 +34,7 @@ def looked_at(body, phase_deg):
     scene = views.scene([body], [camera], sun_disc=False)
     view, = view_bodies(views.state(phase_deg=phase_deg, range_m=2000.0), camera, scene.hulls)
     rays = RayEngine(scene)
-    tables = FacetTables(body, np.zeros(len(body.shape.facets), bool), rays.solid("body"), with_middles=True)
+    tables = FacetTables(body, np.zeros(len(body.shape.facets), bool), rays.solid("body"), with_vertices=True)
     sun, r_camera_m = view.sun_direction_body, view.r_camera_body_m
     facet = np.flatnonzero((sun @ tables.normal > 0.0) & (r_camera_m @ tables.normal > tables.offset_m))
     vertex, first = np.unique(tables.corners[:, facet], return_index=True)
@@ -103,8 +103,8 @@ def test_an_image_is_nearly_the_same_where_every_ray_is_cast(rough, budget, monk
     for has_tables in (True, False):
         large(monkeypatch)
         rays = RayEngine(scene)
-        engine = AreaEngine(scene, rays, keeps_areas=False)
-        full = FacetTables(rough, np.zeros(len(rough.shape.facets), bool), rays.solid("body"), with_middles=True)
+        engine = AreaEngine(scene, rays, is_reference=True)
+        full = FacetTables(rough, np.zeros(len(rough.shape.facets), bool), rays.solid("body"), with_vertices=True)
         if not has_tables:
             full.vertices = None
         engine._facets["body"] = [full]
