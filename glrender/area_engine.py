@@ -67,8 +67,7 @@ class AreaEngine:
     levels : mapping of str to sequence of LevelShape, optional
         Of bodies of the scene: levels of detail, finest first.
     is_reference : bool
-        What others are measured against: of large shapes no areas are kept from frame to frame, and no tables tell
-        what rays would.
+        What others are measured against: full shapes are cut anew in each frame, by rays alone.
     """
 
     def __init__(self, scene: Scene, rays: RayEngine,
@@ -90,7 +89,7 @@ class AreaEngine:
             if Surface(body).is_even:
                 made = levels.get(body.name, ())
                 full = FacetTables(body, sides_m[body.name] > _COARSE * smallest_m, rays.solid(body.name),
-                                   with_middles=bool(made), with_vertices=bool(made) and not is_reference)
+                                   with_middles=bool(made), asks_tables=not is_reference)
                 # What a level of detail does not know of is measured.
                 self._facets[body.name] = [full, *(
                     FacetTables(replace(body, shape=level.shape), np.zeros(len(level.shape.facets), bool),

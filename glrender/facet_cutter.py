@@ -144,7 +144,7 @@ class FacetCutter:
         """Whether the middles of triangles (N,) are lit, of which some are known to be seen (N,)."""
         facets, view = self._facets, self._view
         told = np.full((2, len(is_seen)), -1, np.int8)
-        if facets.middles is not None and len(self._views) == 1:
+        if facets.asks_tables and facets.middles is not None and len(self._views) == 1:
             # Of whole facets tables tell of most.
             whole = np.flatnonzero((triangles.corner < self._n_vertices).all(axis=0))
             told[:, whole] = facets.middles.look(triangles.facet.take(whole), view.sun_direction_body,

@@ -40,8 +40,10 @@ class FacetTables:
         Known of a level of detail, where decimation may leave out a facet.
     level : LevelShape, optional
         Where the body's shape is one.
-    with_middles, with_vertices : bool
-        Of a body whose levels of detail are measured; of vertices, where tables may tell what rays would.
+    with_middles : bool
+        Of a body whose levels of detail are measured.
+    asks_tables : bool
+        Whether areas are cut by what tables tell of vertices and middles; else by rays alone.
 
     Attributes
     ----------
@@ -54,6 +56,7 @@ class FacetTables:
     is_coarse : (F,) bool
     solid : RayMesh
     level : LevelShape or None
+    asks_tables : bool
         As they were given.
     is_closed : bool
         Every edge has two facets, or is taken to have.
@@ -79,7 +82,7 @@ class FacetTables:
     """
 
     def __init__(self, body: Body, is_coarse: np.ndarray, solid: RayMesh, *, is_closed: bool = False,
-                 level: LevelShape | None = None, with_middles: bool = False, with_vertices: bool = False):
+                 level: LevelShape | None = None, with_middles: bool = False, asks_tables: bool = True):
         # Not before there is a body: its loops are compiled, or read, at the first import.
         from . import facet_loops
 
@@ -93,7 +96,7 @@ class FacetTables:
             np.ascontiguousarray(shape.facets.T, np.intp), self.number, len(shape.vertices_m))
         self.vertices_m = np.ascontiguousarray(shape.vertices_m[self.vertex_number].T)
         self.normal = np.ascontiguousarray(shape.facet_normals[self.number].T)
-        self.is_coarse, self.solid, self.level = is_coarse[self.number], solid, level
+        self.is_coarse, self.solid, self.level, self.asks_tables = is_coarse[self.number], solid, level, asks_tables
         self.offset_m = dot(self.normal, self.vertices_m.take(self.corners[0], axis=1))
         # Now: a first frame that had to wait for them would be late.
         self.neighbours = neighbours(self.corners, self.vertices_m.shape[1])
@@ -109,10 +112,10 @@ class FacetTables:
         self.vertices = self.middles = None
         if with_middles and has_middles(shape):
             self.middles = PointHorizons.of(middle_m, self.normal, solid)
-        if with_vertices and not is_small and not self.is_convex:
-            found = PointHorizons.of(self.vertices_m, _vertex_normals(self.corners, self.normal,
-                                                                      self.vertices_m.shape[1]), solid)
-            self.vertices = found if found.unknown <= _MOST_UNKNOWN else None
+            if asks_tables and not is_small and not self.is_convex:
+                made = PointHorizons.of(self.vertices_m, _vertex_normals(self.corners, self.normal,
+                                                                         self.vertices_m.shape[1]), solid)
+                self.vertices = made if made.unknown <= _MOST_UNKNOWN else None
 
     def corner_m(self, facet: np.ndarray) -> np.ndarray:
         """Corners (3, 3, N) [m] of facets (N,): corner, axis, facet."""

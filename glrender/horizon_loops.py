@@ -229,7 +229,8 @@ def _told(heights, k, s, t, sine, near):
     """Whether a direction is above a point's horizon: 1, below it: 0, or a ray has to be asked: -1.
 
     That is where it is between the heights of the azimuths on either side, or so near them, or near where what rises
-    towards them from beyond would meet; below the plane that heights are over, if they are 0; and where one is not known.
+    towards them from beyond would meet; below the plane that heights are over, if they are 0; and where they are not
+    known.
     """
     sector = intp(_azimuth(s, t))
     one, other = float(heights[k, sector & _LAST]), float(heights[k, (sector + 1) & _LAST])

@@ -11,7 +11,7 @@ import views
 from glrender import Body, Renderer, generate, lod
 from glrender.backends.raytrace import RayTracer
 from glrender.brdf import Lambert, LommelSeeliger
-from glrender.cache import cached_arrays
+from glrender.cache import cached_arrays, cached_bytes
 from glrender.costs import EngineCosts
 from glrender.lod_flux import flux_ratios
 
@@ -135,6 +135,27 @@ def test_levels_are_kept_and_a_broken_file_is_made_again(tmp_path, rough, monkey
     again = lod.levels_of_detail(rough, tmp_path)
     np.testing.assert_array_equal(again[0].vertices_m, made[0].vertices_m)
     assert lod.levels_of_detail(rough, file)[0].texels_per_side > 0, "no folder: made, not kept"
+
+
+def test_a_table_of_another_size_is_made_again_and_kept(tmp_path, monkeypatch, caplog):
+    """Loops look at no bounds; nothing else is left in the folder, nor where what is there can't be replaced."""
+    monkeypatch.setenv("GLRENDER_CACHE", str(tmp_path))
+    right, n_made = np.arange(6, dtype=np.uint8).reshape(2, 3), 0
+
+    def make():
+        nonlocal n_made
+        n_made += 1
+        return right
+
+    for wrong in (right[:1], right.astype(np.int16), None):
+        if wrong is not None:
+            np.savez(tmp_path / "some.npz", table=wrong)
+        np.testing.assert_array_equal(cached_bytes("some", (2, 3), make), right)
+    assert n_made == 2 and [file.name for file in tmp_path.iterdir()] == ["some.npz"]
+    (tmp_path / "other.npz").mkdir()
+    np.testing.assert_array_equal(cached_bytes("other", (2, 3), make), right)
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["other.npz", "some.npz"]
+    assert "other is not kept" in caplog.text
 
 
 def _cache(folder, log, barrier):
