@@ -22,8 +22,11 @@ _FAR = np.float32(1e30)
 # RTCRayHit in float32 words: where the ray begins, ends, its mask; of the hit, which primitive and geometry.
 _NEAR, _TOWARDS, _END, _MASK, _PRIMITIVE, _GEOMETRY, _WORDS, _ALIGNED_WORDS = 3, 4, 8, 9, 17, 18, 32, 16
 _NONE = np.uint32(0xFFFFFFFF)
-# Of 255 steps of a sine, at which rays look for what stands above something free; so near the height they do not.
-_LOOKS, _NEAR_STEPS = (12, 24, 40, 64, 96, 128, 160, 192, 224, 245), 2
+# Steps of 255 of a sine at which rays look for what stands above something free, not so near the height; points in a
+# row that share them, and how many have one each.
+_LOOKS, _NEAR_STEPS, _IN_A_ROW, _TURNS = (12, 24, 40, 64, 96, 128, 160, 192, 224, 245), 2, 4, 4
+# First step from the height in the azimuth before, four times as large each time.
+_SPAN = 4
 
 for _name in ("rtcOccluded1", "rtcIntersect1"):
     binding.add_symbol(_name, ctypes.cast(getattr(library(), _name), ctypes.c_void_p).value)
@@ -119,33 +122,43 @@ def find_heights(scene, radius_m, points_m, normals, axes, lift_m, azimuths, fou
 
     (N, K) uint8: of 255 steps of the sine, one at which a ray is blocked and a step above which it is free, in each of
     the azimuths (2, K), unit vectors along two axes across the normals (6, N); 0 where it is free at the first step.
-    `UNKNOWN` in all of a point's if a few more rays in each find something above what is free, as an overhang.
+    `UNKNOWN` in all of some points in a row, which are neighbours, if a few more rays find something above what is
+    free, as an overhang.
     """
     ray, bits = _new_ray()
-    for i in range(points_m.shape[1]):
-        normal = normals[0, i], normals[1, i], normals[2, i]
-        place = ((points_m[0, i] + lift_m * normal[0]) / radius_m, (points_m[1, i] + lift_m * normal[1]) / radius_m,
-                 (points_m[2, i] + lift_m * normal[2]) / radius_m)
-        for k in range(azimuths.shape[1]):
-            s, t = azimuths[0, k], azimuths[1, k]
-            flat = (s * axes[0, i] + t * axes[3, i], s * axes[1, i] + t * axes[4, i], s * axes[2, i] + t * axes[5, i])
-            # Most horizons are low.
-            low, high, step = 0, 255, 1
-            while high - low > 1:
-                if _is_high(scene, ray, bits, place, flat, normal, step):
-                    low = step
-                    step = 4 * step + 8 if high == 255 and step < 48 else (low + high) // 2
-                else:
-                    high = step
-                    step = (low + high) // 2
-            found[i, k] = low
-            for step in _LOOKS:
-                if (abs(step - low) > _NEAR_STEPS
-                        and _is_high(scene, ray, bits, place, flat, normal, step) != (step < low)):
-                    low = UNKNOWN
+    n_points = points_m.shape[1]
+    for first in range(0, n_points, _IN_A_ROW):
+        last, is_known = min(first + _IN_A_ROW, n_points), True
+        for i in range(first, last):
+            normal = normals[0, i], normals[1, i], normals[2, i]
+            place = ((points_m[0, i] + lift_m * normal[0]) / radius_m, (points_m[1, i] + lift_m * normal[1]) / radius_m,
+                     (points_m[2, i] + lift_m * normal[2]) / radius_m)
+            low = 0
+            for k in range(azimuths.shape[1]):
+                s, t = azimuths[0, k], azimuths[1, k]
+                flat = (s * axes[0, i] + t * axes[3, i], s * axes[1, i] + t * axes[4, i],
+                        s * axes[2, i] + t * axes[5, i])
+                # Not far from the one before.
+                step, span, low, high = max(low, 1), _SPAN, 0, 255
+                while high - low > 1:
+                    if _is_high(scene, ray, bits, place, flat, normal, step):
+                        low = step
+                        step = min(low + span, 254) if high == 255 else (low + high) // 2
+                    else:
+                        high = step
+                        step = max(high - span, 1) if low == 0 else (low + high) // 2
+                    span *= 4
+                found[i, k] = low
+                for j in range((i + k) % _TURNS, len(_LOOKS), _TURNS):
+                    step = _LOOKS[j]
+                    if (abs(step - low) > _NEAR_STEPS
+                            and _is_high(scene, ray, bits, place, flat, normal, step) != (step < low)):
+                        is_known = False
+                        break
+                if not is_known:
                     break
-            if low == UNKNOWN:
-                found[i, :] = UNKNOWN
+            if not is_known:
+                found[first:last] = UNKNOWN
                 break
 
 

@@ -303,7 +303,8 @@ def _two_coloured(count: int, owner_a: np.ndarray, owner_b: np.ndarray, against:
     graph = coo_array((np.where(against, 2, 1), (owner_a, owner_b)), shape=(count, count)).tocsr()
     graph = graph.maximum(graph.T).tocsr()
     flipped = np.zeros(count, bool)
-    for seed in np.unique(shell, return_index=True)[1]:
+    seeds = np.unique(shell, return_index=True)[1]
+    for seed in seeds[np.unique(shell[owner_a[against]])]:
         order, parent = breadth_first_order(graph, seed, directed=False)
         rows = order[1:]
         if not len(rows):

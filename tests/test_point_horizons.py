@@ -181,14 +181,14 @@ def test_what_stands_above_something_free_is_not_missed(name, phase_deg, monkeyp
 
 @pytest.mark.parametrize("phase_deg", [60.0, 90.0])
 def test_a_real_body_with_a_neck_is_as_rays_say(shared, phase_deg, monkeypatch):
-    """67P with 128,000 facets, of whose vertices one in six is under an overhang."""
+    """67P with 128,000 facets, of whose vertices one in five is under an overhang, or near one."""
     large(monkeypatch)
     shape = generate.subdivide_with_relief(Shape.from_file(shared / "67p" / "67p-16k.obj", length_unit="km"), levels=1,
                                            relief=0.02, seed=1)
     body = Body(name="body", shape=shape, brdf=GREY)
     (image, truth), n_looks, _ = images(body, views.camera(128, 1000.0),
                                         views.state(phase_deg=phase_deg, range_m=20.0 * body.hull.radius_m), 0.02)
-    assert n_looks and views.relative_rms(image, truth) < 0.02 / 5.0
+    assert n_looks and views.relative_rms(image, truth) < 0.02 / 3.0
 
 
 def test_a_shape_whose_tables_tell_little_has_none(rough, monkeypatch):
