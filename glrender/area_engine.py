@@ -66,19 +66,19 @@ class AreaEngine:
         Of the same scene.
     levels : mapping of str to sequence of LevelShape, optional
         Of bodies of the scene: levels of detail, finest first.
-    is_reference : bool
-        What others are measured against: full shapes are cut anew in each frame, by rays alone.
+    keeps_areas : bool
+        Whether sunlit areas of large shapes are kept from frame to frame; of middles it always is.
     """
 
     def __init__(self, scene: Scene, rays: RayEngine,
-                 levels: Mapping[str, Sequence[LevelShape]] = MappingProxyType({}), is_reference: bool = False):
+                 levels: Mapping[str, Sequence[LevelShape]] = MappingProxyType({}), keeps_areas: bool = True):
         # Not before there is a scene: their loops are compiled, or read, at the first import.
         from . import coverage, kept_middles, lit_middles, lit_triangles, sunlit_areas
 
         self._coverage, self._lit_middles, self._sunlit_areas = coverage, lit_middles, sunlit_areas
         self._lit_triangles = lit_triangles
         self._scene, self._rays, self._kept_middles = scene, rays, kept_middles.KeptMiddles()
-        self._kept_cuts = None if is_reference else KeptAtNodes(_DIRECTIONS, _RANGES)
+        self._kept_cuts = KeptAtNodes(_DIRECTIONS, _RANGES) if keeps_areas else None
         sides_m = {body.name: longest_sides_m(body.shape) for body in scene.bodies}
         smallest_m = min(each[each > 0.0].min() for each in sides_m.values())
         # Areas of bodies, of shells and of surfaces that are there twice overlap where nothing is missing for it.
@@ -89,7 +89,7 @@ class AreaEngine:
             if Surface(body).is_even:
                 made = levels.get(body.name, ())
                 full = FacetTables(body, sides_m[body.name] > _COARSE * smallest_m, rays.solid(body.name),
-                                   with_middles=bool(made), asks_tables=not is_reference)
+                                   with_middles=bool(made))
                 # What a level of detail does not know of is measured.
                 self._facets[body.name] = [full, *(
                     FacetTables(replace(body, shape=level.shape), np.zeros(len(level.shape.facets), bool),

@@ -84,7 +84,7 @@ def _measured(body: Body, levels: Sequence[LevelShape], kinds: Sequence[LevelPla
     camera = PinholeCamera(name="far", width_px=side, height_px=side, focal_length_px=0.5 * side * _RANGE_RADII)
     scene = Scene(bodies=[body], cameras=[camera], sun_disc=False)
     rays = RayEngine(scene)
-    areas = AreaEngine(scene, rays, {body.name: levels}, is_reference=True)
+    areas = AreaEngine(scene, rays, {body.name: levels}, keeps_areas=False)
     # Of each shape, aspect and phase: the flux, its centre [px], and sums over the image at each size.
     flux = np.full((1 + len(kinds), _ASPECTS, len(PHASES_RAD)), math.nan)
     centre = np.zeros((*flux.shape, 2))

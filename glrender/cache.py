@@ -5,12 +5,9 @@ from __future__ import annotations
 import fcntl
 import logging
 import os
-import tempfile
-import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 
@@ -51,7 +48,8 @@ def _kept(file: Path, keys: list[str], is_right: Callable[[dict[str, np.ndarray]
     try:
         with np.load(file, allow_pickle=False) as stored:
             arrays = {key: stored[key] for key in keys}
-    except (OSError, ValueError, KeyError, EOFError, BadZipFile, zlib.error):
+    except Exception:
+        # A damaged file may raise anything.
         return None
     return arrays if is_right(arrays) else None
 
@@ -74,14 +72,14 @@ def _alone(file: Path) -> Iterator[None]:
 
 
 def _made_and_kept(file: Path, make: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    folder = file.parent
-    arrays = make()
+    # Who reads it sees all of it or none; what a process left that was killed is written over.
+    arrays, apart = make(), file.with_suffix(".part.npz")
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        # Another process may read or write the same file: it sees all of it or none.
-        with tempfile.TemporaryDirectory(dir=folder, suffix=".tmp") as apart:
-            np.savez(Path(apart, file.name), **arrays)
-            os.replace(Path(apart, file.name), file)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        np.savez(apart, **arrays)
+        os.replace(apart, file)
     except OSError as error:
-        _log.warning("%s is not kept in %s: %s", file.stem, folder, error)
+        _log.warning("%s is not kept in %s: %s", file.stem, file.parent, error)
+        with suppress(OSError):
+            apart.unlink()
     return arrays

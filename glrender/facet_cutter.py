@@ -12,8 +12,6 @@ from .view import BodyView
 
 LOW_SUN_RAD = 1.5
 """Phase angle from which facets are looked at more closely everywhere: they are few, and light falls in slivers."""
-# How near the horizons of vertices rays must tell, of 255 parts of a sine: of each several facets' cuts depend.
-_NEAR = 32.0
 
 
 class FacetCutter:
@@ -50,7 +48,6 @@ class FacetCutter:
         vertex, of, self.corner = facet_loops.vertices_of(facets.corners, facing, facets.vertices_m.shape[1])
         r_m = facets.vertices_m.take(vertex, axis=1)
         self.points = Points(r_m, *self._told(r_m, of, None, vertex))
-        self._n_vertices = len(vertex)
         self.polygons: list[tuple[np.ndarray, np.ndarray]] = []
 
     def are_lit(self, triangles: FacetParts) -> np.ndarray:
@@ -142,18 +139,7 @@ class FacetCutter:
 
     def _are_lit_inside(self, triangles: FacetParts, is_seen: np.ndarray) -> np.ndarray:
         """Whether the middles of triangles (N,) are lit, of which some are known to be seen (N,)."""
-        facets, view = self._facets, self._view
-        told = np.full((2, len(is_seen)), -1, np.int8)
-        if facets.asks_tables and facets.middles is not None and len(self._views) == 1:
-            # Of whole facets tables tell of most.
-            whole = np.flatnonzero((triangles.corner < self._n_vertices).all(axis=0))
-            told[:, whole] = facets.middles.look(triangles.facet.take(whole), view.sun_direction_body,
-                                                 view.r_camera_body_m)
-        is_lit = (told > 0).all(axis=0)
-        asked = np.flatnonzero((told < 0).any(axis=0) & (told != 0).all(axis=0))
-        r_m = self._middles_m(triangles.at(asked))
-        is_lit[asked] = self._told(r_m, triangles.facet.take(asked), is_seen.take(asked) | (told[0].take(asked) > 0))[1]
-        return is_lit
+        return self._told(self._middles_m(triangles), triangles.facet, is_seen)[1]
 
     def _middles_m(self, triangles: FacetParts) -> np.ndarray:
         return sum(self.points.r_m.take(corner, axis=1) for corner in triangles.corner) / 3.0
@@ -163,24 +149,20 @@ class FacetCutter:
         """Whether points (3, N) [m] of facets (N,) are seen, and in sunlight as well.
 
         No ray is cast at a body that is convex by its own points; for those that are known to be seen (N,), between
-        three that are; nor at vertices (N,) of which horizons tell.
+        three that are; nor at vertices (N,) from which the line is above the horizon.
         """
         if self.is_free:
             return np.ones((2, len(facet)), bool)
-        facets, view = self._facets, self._view
-        is_open, may_be = [None, None], np.ones((2, len(facet)), bool)
-        if facets.is_convex:
+        view, horizons = self._view, self._facets.horizons
+        is_open = [None, None]
+        if self._facets.is_convex:
             is_open = [np.ones(len(facet), bool)] * 2
-        elif vertex is not None and facets.horizons is not None:
-            number = facets.vertex_number.take(vertex)
-            is_open = [facets.horizons.are_open(number, view.r_camera_body_m, True),
-                       facets.horizons.are_open(number, view.sun_direction_body, False)]
-        elif vertex is not None and facets.vertices is not None:
-            told = facets.vertices.look(vertex, view.sun_direction_body, view.r_camera_body_m, _NEAR)
-            is_open, may_be = told > 0, told != 0
-        is_asked, number = may_be[0] if is_seen is None else may_be[0] & ~is_seen, facets.number.take(facet)
-        seen = self._rays.in_view(facets.solid, r_body_m, number, view, self._views, is_asked, is_open[0])
+        elif vertex is not None and horizons is not None:
+            number = self._facets.vertex_number.take(vertex)
+            is_open = [horizons.are_open(number, view.r_camera_body_m, True),
+                       horizons.are_open(number, view.sun_direction_body, False)]
+        is_asked, number = np.ones(len(facet), bool) if is_seen is None else ~is_seen, self._facets.number.take(facet)
+        seen = self._rays.in_view(self._facets.solid, r_body_m, number, view, self._views, is_asked, is_open[0])
         if is_seen is not None:
             seen |= is_seen
-        return seen, self._rays.in_light(facets.solid, r_body_m, number, view, self._views, seen & may_be[1],
-                                         is_open[1])
+        return seen, self._rays.in_light(self._facets.solid, r_body_m, number, view, self._views, seen, is_open[1])

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from .facet_relief import LevelShape
-from .horizons import Horizons, mean_normals
+from .horizons import Horizons
+from .middle_horizons import Middles
 from .morton import morton_order
-from .point_horizons import PointHorizons
 from .rays import RayMesh, dot
 from .scene import Body
 from .shape import Shape
@@ -15,10 +15,8 @@ from .surface import Surface
 
 # Of the radius, how far a facet may rise above its neighbour's plane on a body that is convex.
 _FLAT = 1e-7
-# Vertices of which horizons are made that are never too low; of more it takes longer than it is worth.
+# Vertices of which a table of horizons is made.
 _MOST_HORIZONS = 200_000
-# Share of vertices of which a table may tell nothing: the shape hides from the others, too, what it did not find.
-_MOST_UNKNOWN = 0.25
 # Facets from which there are tables of the horizons of their middles: fewer are soon drawn as they are.
 _FEWEST_MIDDLES = 10_000
 
@@ -42,8 +40,6 @@ class FacetTables:
         Where the body's shape is one.
     with_middles : bool
         Of a body whose levels of detail are measured.
-    asks_tables : bool
-        Whether areas are cut by what tables tell of vertices and middles; else by rays alone.
 
     Attributes
     ----------
@@ -56,18 +52,15 @@ class FacetTables:
     is_coarse : (F,) bool
     solid : RayMesh
     level : LevelShape or None
-    asks_tables : bool
         As they were given.
     is_closed : bool
         Every edge has two facets, or is taken to have.
     is_convex : bool
         Without a dip: the hull's word is good to a thousandth of its volume.
     horizons : Horizons or None
-        Of the vertices of a body that is not, and not too large.
-    vertices : PointHorizons or None
-        Of a larger one, if its tables tell of most vertices.
-    middles : PointHorizons or None
-        Of facets, of a shape that is large enough. As `vertices` if they are asked for.
+        Of the vertices of a body that is not, and not too large: a table takes longer to make than it is worth.
+    middles : Middles or None
+        If they are asked for, of a shape that is large enough.
     vertices_m : (3, V) float64 [m]
     corners : (3, F) int
         Vertices, counter-clockwise from outside.
@@ -82,7 +75,7 @@ class FacetTables:
     """
 
     def __init__(self, body: Body, is_coarse: np.ndarray, solid: RayMesh, *, is_closed: bool = False,
-                 level: LevelShape | None = None, with_middles: bool = False, asks_tables: bool = True):
+                 level: LevelShape | None = None, with_middles: bool = False):
         # Not before there is a body: its loops are compiled, or read, at the first import.
         from . import facet_loops
 
@@ -96,7 +89,7 @@ class FacetTables:
             np.ascontiguousarray(shape.facets.T, np.intp), self.number, len(shape.vertices_m))
         self.vertices_m = np.ascontiguousarray(shape.vertices_m[self.vertex_number].T)
         self.normal = np.ascontiguousarray(shape.facet_normals[self.number].T)
-        self.is_coarse, self.solid, self.level, self.asks_tables = is_coarse[self.number], solid, level, asks_tables
+        self.is_coarse, self.solid, self.level = is_coarse[self.number], solid, level
         self.offset_m = dot(self.normal, self.vertices_m.take(self.corners[0], axis=1))
         # Now: a first frame that had to wait for them would be late.
         self.neighbours = neighbours(self.corners, self.vertices_m.shape[1])
@@ -107,27 +100,12 @@ class FacetTables:
         self.is_closed = is_closed or bool((self.neighbours >= 0).all())
         is_flat = float(height_m.max()) <= _FLAT * body.hull.radius_m
         self.is_convex = self.is_closed and body.hull.is_convex and is_flat
-        is_small = len(shape.vertices_m) <= _MOST_HORIZONS
-        self.horizons = Horizons(shape) if is_small and not self.is_convex else None
-        self.vertices = self.middles = None
-        if with_middles and has_middles(shape):
-            self.middles = PointHorizons.of(middle_m, self.normal, solid)
-            if asks_tables and not is_small and not self.is_convex:
-                made = PointHorizons.of(self.vertices_m, _vertex_normals(self.corners, self.normal,
-                                                                         self.vertices_m.shape[1]), solid)
-                self.vertices = made if made.unknown <= _MOST_UNKNOWN else None
+        self.horizons = None if self.is_convex or len(shape.vertices_m) > _MOST_HORIZONS else Horizons(shape)
+        self.middles = Middles.of(middle_m, self.normal, solid) if with_middles and has_middles(shape) else None
 
     def corner_m(self, facet: np.ndarray) -> np.ndarray:
         """Corners (3, 3, N) [m] of facets (N,): corner, axis, facet."""
         return np.stack([self.vertices_m.take(corner[facet], axis=1) for corner in self.corners])
-
-
-def _vertex_normals(corners: np.ndarray, normal: np.ndarray, n_vertices: int) -> np.ndarray:
-    """Mean unit normals (3, V) of facets about vertices; 0 where one of them faces away from it."""
-    found = mean_normals(corners, normal, n_vertices)
-    for corner in corners:
-        found[:, corner[dot(found.take(corner, axis=1), normal) <= 0.0]] = 0.0
-    return found
 
 
 def has_middles(shape: Shape) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba.types import UniTuple, boolean, float32, float64, int8, intp, uint8, void
+from numba.types import UniTuple, boolean, float32, float64, intp, uint8, void
 
 from .compiled import compiled, inlined, read, write
 
@@ -21,8 +21,8 @@ _MARGIN = 1.0
 _LEAST = 0.05
 # Sine of the angle that a box takes up, about, below which what is in it is not looked at.
 _SMALL = 0.2
-# Of 255 parts of a sine: how near heights between azimuths are to those of both, about: of facets' middles.
-NEAR = 3.0
+# Of 255 parts of a sine: how near heights between azimuths are to those of both, about.
+_NEAR = 3.0
 # Sine of the phase angle below which a place around does not matter.
 _LEAST_SINE = 1e-4
 _TABLE, _VECTOR, _HEIGHTS = read(float64, 2), read(float64, 1, "A"), write(float64, 1)
@@ -225,51 +225,43 @@ def axes_across(normals):
 
 
 @inlined
-def _told(heights, k, s, t, sine, near):
-    """Whether a direction is above a point's horizon: 1, below it: 0, or a ray has to be asked: -1.
+def _told(heights, facet, s, t, sine):
+    """Whether a direction is above a facet's horizon: 1, below it: 0, or a ray has to be asked: -1.
 
-    That is where it is between the heights of the azimuths on either side, or so near them, or near where what rises
-    towards them from beyond would meet; below the plane that heights are over, if they are 0; and where they are not
-    known.
+    That is where it is between the heights of the azimuths on either side, or near them, or near where what rises
+    towards them from beyond would meet, or where they are not known.
     """
     sector = intp(_azimuth(s, t))
-    one, other = float(heights[k, sector & _LAST]), float(heights[k, (sector + 1) & _LAST])
+    one, other = float(heights[facet, sector & _LAST]), float(heights[facet, (sector + 1) & _LAST])
     # What `min` and `max` compile to takes 1.2 times as long.
     low, high = one if one < other else other, other if one < other else one
-    rise = one - float(heights[k, (sector - 1) & _LAST])
-    fall = other - float(heights[k, (sector + 2) & _LAST])
+    rise = one - float(heights[facet, (sector - 1) & _LAST])
+    fall = other - float(heights[facet, (sector + 2) & _LAST])
     meet = one + rise * min(max((other + fall - one) / (rise + fall), 0.0), 1.0)
     top = meet if (rise > 0.0) & (fall > 0.0) & (meet > high) else high
     # A ray is blocked at the height itself, and free a step above.
     height = 255.0 * sine - 0.5
-    is_below = (low > 0.0) & (high < UNKNOWN) & (height < low - near)
-    return 0 if is_below else 1 if (high == 0.0) & (sine > 0.0) | (height > top + near) else -1
+    is_below = (high > 0.0) & (high < UNKNOWN) & (height < low - _NEAR)
+    return 0 if is_below else 1 if (high == 0.0) | (height > top + _NEAR) else -1
 
 
 @inlined
-def _look(points, heights, k, to_sun, r_camera_m, near):
-    """Whether camera and Sun see one of some points (N, 6), as `_told`; its cosines of incidence and emission.
+def _look(facets, heights, facet, to_sun, r_camera_m):
+    """Whether camera and Sun see a facet's middle, as `_told`; its cosines of incidence and emission.
 
     And the squared distance of the unit vectors to both.
     """
-    a, b, c = float(points[k, 0]), float(points[k, 1]), float(points[k, 2])
-    u, v, w = r_camera_m[0] - points[k, 3], r_camera_m[1] - points[k, 4], r_camera_m[2] - points[k, 5]
+    a, b, c = float(facets[facet, 0]), float(facets[facet, 1]), float(facets[facet, 2])
+    u, v, w = r_camera_m[0] - facets[facet, 3], r_camera_m[1] - facets[facet, 4], r_camera_m[2] - facets[facet, 5]
     per_length = 1.0 / math.sqrt(u * u + v * v + w * w)
     u, v, w = u * per_length, v * per_length, w * per_length
     incidence, emission = a * to_sun[0] + b * to_sun[1] + c * to_sun[2], a * u + b * v + c * w
     ax, ay, az, bx, by, bz = _across(a, b, c)
-    seen = _told(heights, k, u * ax + v * ay + w * az, u * bx + v * by + w * bz, emission, near)
-    lit = _told(heights, k, to_sun[0] * ax + to_sun[1] * ay + to_sun[2] * az,
-                to_sun[0] * bx + to_sun[1] * by + to_sun[2] * bz, incidence, near)
+    seen = _told(heights, facet, u * ax + v * ay + w * az, u * bx + v * by + w * bz, emission)
+    lit = _told(heights, facet, to_sun[0] * ax + to_sun[1] * ay + to_sun[2] * az,
+                to_sun[0] * bx + to_sun[1] * by + to_sun[2] * bz, incidence)
     x, y, z = to_sun[0] - u, to_sun[1] - v, to_sun[2] - w
     return seen, lit, incidence, emission, x * x + y * y + z * z
-
-
-@compiled(void(read(float32, 2), read(uint8, 2), read(intp, 1), intp, intp, _VECTOR, _VECTOR, float64, write(int8, 2)))
-def look_at_points(points, heights, some, first, last, to_sun, r_camera_m, near, found):
-    """Write, of the points first to last of some (N,), whether camera and Sun see them, (2, N), as `_told`."""
-    for i in range(first, last):
-        found[0, i], found[1, i], _, _, _ = _look(points, heights, some[i], to_sun, r_camera_m, near)
 
 
 @inlined
@@ -311,7 +303,7 @@ def shade_middles(facets, heights, first, last, to_sun, r_camera_m, brdf, least_
             + c * (r_camera_m[2] - facets[facet, 5]) > 0.0)
     for i in range(n_facing):
         facet = left[i]
-        seen, lit, incidence, emission, squared = _look(facets, heights, facet, to_sun, r_camera_m, NEAR)
+        seen, lit, incidence, emission, squared = _look(facets, heights, facet, to_sun, r_camera_m)
         left[n_shown], how[n_shown] = facet, (seen < 0) + 2 * (lit < 0)
         light[n_shown, 0], light[n_shown, 1], light[n_shown, 2] = incidence, emission, squared
         n_shown += (seen != 0) & (lit != 0)

@@ -34,11 +34,16 @@ class Horizons:
 
         self._loops = horizon_loops
         self._vertices_m = np.ascontiguousarray(shape.vertices_m.T)
-        self._normals = mean_normals(shape.facets.T, shape.facet_normals.T, len(shape.vertices_m))
-        self._table = cached_bytes(f"horizons3-{shape.content_hash}",
-                                   (len(shape.vertices_m), horizon_loops.N_AZIMUTHS), lambda: self._made(shape))
+        normals = np.zeros_like(self._vertices_m)
+        for corner in shape.facets.T:
+            for axis in range(3):
+                normals[axis] += np.bincount(corner, shape.facet_normals[:, axis], len(shape.vertices_m))
+        length = np.sqrt((normals * normals).sum(axis=0))
+        self._normals = normals / np.where(length > 0.0, length, 1.0)
+        self._table = cached_bytes(f"horizons3-{shape.content_hash}", (len(length), horizon_loops.N_AZIMUTHS),
+                                   lambda: self._made(shape))
         # Of no facet, or of facets that face all ways.
-        self._table[~self._normals.any(axis=0)] = 255
+        self._table[length == 0.0] = 255
 
     def are_open(self, vertices: np.ndarray, towards: np.ndarray, is_place: bool) -> np.ndarray:
         """Whether vertices (N,) see a direction or a place [m] (3,) in the body's frame for certain, (N,) bool."""
@@ -61,19 +66,6 @@ class Horizons:
 
         threads.run_in_parts(look, n_vertices, _PART)
         return found
-
-
-def mean_normals(corners: np.ndarray, normal: np.ndarray, n_vertices: int) -> np.ndarray:
-    """Unit vectors (3, V) along the sums of normals (3, F) of the facets about vertices, by corners (3, F).
-
-    0 of vertices without facets, or whose facets' normals cancel.
-    """
-    found = np.zeros((3, n_vertices))
-    for corner in corners:
-        for axis in range(3):
-            found[axis] += np.bincount(corner, normal[axis], n_vertices)
-    length = np.sqrt((found * found).sum(axis=0))
-    return found / np.where(length > 0.0, length, 1.0)
 
 
 def tree(shape: Shape) -> tuple[np.ndarray, ...]:

@@ -93,7 +93,7 @@ class KeptMiddles:
 
 def edges_of(facets: FacetTables, radiance: np.ndarray, xy: np.ndarray, view: BodyView) -> np.ndarray:
     """`facet_loops.lit_edges` by vertices' places (2, V): of a part of the facets, as ratios of sums tell the error."""
-    return facet_loops.lit_edges(facets.middles.points, radiance, facets.neighbours, facets.corners, xy, _SAMPLED,
+    return facet_loops.lit_edges(facets.middles.facets, radiance, facets.neighbours, facets.corners, xy, _SAMPLED,
                                  view.sun_direction_body, view.r_camera_body_m)
 
 
@@ -102,7 +102,7 @@ def _radiance(facets: FacetTables, view: BodyView, rays: RayEngine, has_relief: 
     radiance, asked, (is_seen, is_lit) = facets.middles.shade(
         view.sun_direction_body, view.r_camera_body_m,
         *tables.of(facets.surface, view, facets.solid.radius_m, brightness))
-    middle_m, number = facets.middles.points[asked, 3:].T.astype(float), facets.number.take(asked)
+    middle_m, number = facets.middles.facets[asked, 3:].T.astype(float), facets.number.take(asked)
     # Where neither was in doubt, both are so.
     sees = rays.in_view(facets.solid, middle_m, number, view, [view], is_seen) | ~is_seen
     sees &= rays.in_light(facets.solid, middle_m, number, view, [view], is_lit & sees) | ~is_lit

@@ -79,10 +79,10 @@ class LitMiddles:
         others = [other for other in views if other is not view]
         radii_m = np.array([rays.solid(other.name).radius_m for other in others])
         shown = facet_loops.may_be_hidden(
-            facets.middles.points, self._radiance, view.sun_direction_body, view.r_camera_body_m,
+            facets.middles.facets, self._radiance, view.sun_direction_body, view.r_camera_body_m,
             np.stack([between(other, view)[1] for other in others], axis=1),
             facets.longest_side_m + radii_m)
-        middle_m, number = facets.middles.points[shown, 3:].T.astype(float), facets.number.take(shown)
+        middle_m, number = facets.middles.facets[shown, 3:].T.astype(float), facets.number.take(shown)
         # Their own body was asked.
         is_open = np.ones(len(shown), bool)
         is_free = rays.in_view(facets.solid, middle_m, number, view, views, is_open, is_open)

@@ -22,9 +22,9 @@ _FAR = np.float32(1e30)
 # RTCRayHit in float32 words: where the ray begins, ends, its mask; of the hit, which primitive and geometry.
 _NEAR, _TOWARDS, _END, _MASK, _PRIMITIVE, _GEOMETRY, _WORDS, _ALIGNED_WORDS = 3, 4, 8, 9, 17, 18, 32, 16
 _NONE = np.uint32(0xFFFFFFFF)
-# Steps of 255 of a sine at which rays look for what stands above something free, not so near the height; points in a
-# row that share them, and how many have one each.
-_LOOKS, _NEAR_STEPS, _IN_A_ROW, _TURNS = (12, 24, 40, 64, 96, 128, 160, 192, 224, 245), 2, 4, 4
+# Points in a row that share what rays find where heights tell something else: each looks at every other one of these
+# steps of 255 of a sine, at and between azimuths; so much nearer a height they do not, nor between two.
+_IN_A_ROW, _LOOKS, _AT, _BETWEEN = 8, (12, 24, 40, 64, 96, 128, 160, 192, 224, 245), 2, 24
 # First step from the height in the azimuth before, four times as large each time.
 _SPAN = 4
 
@@ -116,17 +116,25 @@ def _is_high(scene, ray, bits, place, flat, normal, step):
                        cosine * flat[1] + sine * normal[1], cosine * flat[2] + sine * normal[2], _FAR)
 
 
+@inlined
+def _around(axes, i, s, t):
+    """Unit vector along (s, t) of two axes across a normal, one of some (6, N)."""
+    per_length = 1.0 / math.sqrt(s * s + t * t)
+    s, t = s * per_length, t * per_length
+    return s * axes[0, i] + t * axes[3, i], s * axes[1, i] + t * axes[4, i], s * axes[2, i] + t * axes[5, i]
+
+
 @compiled(void(uintp, float64, _POINTS, _POINTS, _POINTS, float64, read(float64, 2), write(uint8, 2, "A")))
 def find_heights(scene, radius_m, points_m, normals, axes, lift_m, azimuths, found):
     """Write how high a mesh stands around points (3, N) [m] of its surface, over the plane across their normals (3, N).
 
     (N, K) uint8: of 255 steps of the sine, one at which a ray is blocked and a step above which it is free, in each of
     the azimuths (2, K), unit vectors along two axes across the normals (6, N); 0 where it is free at the first step.
-    `UNKNOWN` in all of some points in a row, which are neighbours, if a few more rays find something above what is
-    free, as an overhang.
+    `UNKNOWN` in all of some points in a row, which are neighbours, if a few more rays find something else: above what
+    is free, as an overhang, or between azimuths, as a peak.
     """
     ray, bits = _new_ray()
-    n_points = points_m.shape[1]
+    n_points, n_azimuths = points_m.shape[1], azimuths.shape[1]
     for first in range(0, n_points, _IN_A_ROW):
         last, is_known = min(first + _IN_A_ROW, n_points), True
         for i in range(first, last):
@@ -134,10 +142,8 @@ def find_heights(scene, radius_m, points_m, normals, axes, lift_m, azimuths, fou
             place = ((points_m[0, i] + lift_m * normal[0]) / radius_m, (points_m[1, i] + lift_m * normal[1]) / radius_m,
                      (points_m[2, i] + lift_m * normal[2]) / radius_m)
             low = 0
-            for k in range(azimuths.shape[1]):
-                s, t = azimuths[0, k], azimuths[1, k]
-                flat = (s * axes[0, i] + t * axes[3, i], s * axes[1, i] + t * axes[4, i],
-                        s * axes[2, i] + t * axes[5, i])
+            for k in range(n_azimuths):
+                flat = _around(axes, i, azimuths[0, k], azimuths[1, k])
                 # Not far from the one before.
                 step, span, low, high = max(low, 1), _SPAN, 0, 255
                 while high - low > 1:
@@ -149,10 +155,18 @@ def find_heights(scene, radius_m, points_m, normals, axes, lift_m, azimuths, fou
                         step = max(high - span, 1) if low == 0 else (low + high) // 2
                     span *= 4
                 found[i, k] = low
-                for j in range((i + k) % _TURNS, len(_LOOKS), _TURNS):
+            part = (i - first) / _IN_A_ROW
+            for k in range(n_azimuths):
+                other = (k + 1) % n_azimuths
+                flat = _around(axes, i, (1.0 - part) * azimuths[0, k] + part * azimuths[0, other],
+                               (1.0 - part) * azimuths[1, k] + part * azimuths[1, other])
+                near = _BETWEEN if part else _AT
+                one, two = intp(found[i, k]), intp(found[i, other if part else k])
+                low, high = min(one, two), max(one, two)
+                for j in range((i + k) % 2, len(_LOOKS), 2):
                     step = _LOOKS[j]
-                    if (abs(step - low) > _NEAR_STEPS
-                            and _is_high(scene, ray, bits, place, flat, normal, step) != (step < low)):
+                    if (step > high + near or step < low - near) and (
+                            _is_high(scene, ray, bits, place, flat, normal, step) != (step < low)):
                         is_known = False
                         break
                 if not is_known:

@@ -30,7 +30,7 @@ class Drawn:
         self.camera = views.camera(128, 500.0)
         self.scene = views.scene([replace(views.rough_body(GREY), brdf=law), *bodies], [self.camera], **scene)
         self.rays = RayEngine(self.scene)
-        self.kept, self.anew = (AreaEngine(self.scene, self.rays, is_reference=is_anew) for is_anew in (False, True))
+        self.kept, self.anew = (AreaEngine(self.scene, self.rays, keeps_areas=keeps) for keeps in (True, False))
         self.n_cut, cut = 0, AreaEngine._cut
 
         def counted(*given):

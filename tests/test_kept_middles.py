@@ -15,7 +15,7 @@ from glrender.facet_relief import LevelShape
 from glrender.facet_tables import FacetTables
 from glrender.grouping import region
 from glrender.lod import levels_of_detail
-from glrender.point_horizons import PointHorizons
+from glrender.middle_horizons import Middles
 from glrender.ray_engine import RayEngine
 from glrender.render_plan import LevelPlan
 from glrender.view import view_bodies
@@ -82,8 +82,8 @@ def test_no_thread_works_on_after_large_shapes():
     rays, kept = RayEngine(scene), kept_middles.KeptMiddles()
     tables = FacetTables(body, np.zeros(len(body.shape.facets), bool), rays.solid("body"))
     facets = np.concatenate([tables.normal, tables.corner_m(slice(None)).mean(axis=0)]).T
-    tables.middles = PointHorizons(points=facets.astype(np.float32, order="C"),
-                                   heights=np.zeros((tables.n_facets, 16), np.uint8))
+    tables.middles = Middles(facets=facets.astype(np.float32, order="C"),
+                             heights=np.zeros((tables.n_facets, 16), np.uint8))
     view, = view_bodies(views.state(phase_deg=50.0, range_m=5000.0), camera, scene.hulls)
 
     def anew():

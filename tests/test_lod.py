@@ -147,11 +147,19 @@ def test_a_table_of_another_size_is_made_again_and_kept(tmp_path, monkeypatch, c
         n_made += 1
         return right
 
-    for wrong in (right[:1], right.astype(np.int16), None):
-        if wrong is not None:
+    for wrong in (right[:1], right.astype(np.int16), b"", b"PK", None):
+        if isinstance(wrong, bytes):
+            (tmp_path / "some.npz").write_bytes(wrong)
+        elif wrong is not None:
             np.savez(tmp_path / "some.npz", table=wrong)
+        # As a process leaves it that was killed.
+        (tmp_path / "some.part.npz").write_bytes(b"half")
         np.testing.assert_array_equal(cached_bytes("some", (2, 3), make), right)
-    assert n_made == 2 and [file.name for file in tmp_path.iterdir()] == ["some.npz"]
+        (tmp_path / "some.part.npz").unlink(missing_ok=True)
+    np.save(tmp_path / "some.npy", right)
+    (tmp_path / "some.npy").replace(tmp_path / "some.npz")
+    np.testing.assert_array_equal(cached_bytes("some", (2, 3), make), right)
+    assert n_made == 5 and [file.name for file in tmp_path.iterdir()] == ["some.npz"]
     (tmp_path / "other.npz").mkdir()
     np.testing.assert_array_equal(cached_bytes("other", (2, 3), make), right)
     assert sorted(file.name for file in tmp_path.iterdir()) == ["other.npz", "some.npz"]

@@ -1,0 +1,104 @@
+"""How high a shape stands around the middles of its facets: which of them are lit and seen, by tables.
+
+Horizon maps, of Max (1988), Horizon mapping: shadows for bump-mapped surfaces. Of facets far smaller than pixels it
+matters little where within one light ends.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+
+import numpy as np
+from glrender_camera import threads
+
+from .cache import cached_bytes
+from .rays import RayMesh
+
+# Facets that a thread looks at in a turn.
+_PART = 1 << 12
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Middles:
+    """Facets with the horizons of their middles.
+
+    Attributes
+    ----------
+    facets : (F, 6) float32
+        Normals and middles [m].
+    heights : (F, 16) uint8
+        Of the horizon, in azimuths around: 255 times the sine; `UNKNOWN` in all of them where azimuths do not tell what
+        stands around, as under an overhang.
+    """
+
+    facets: np.ndarray
+    heights: np.ndarray
+
+    @classmethod
+    def of(cls, middle_m: np.ndarray, normal: np.ndarray, solid: RayMesh) -> Middles:
+        """Of a shape; made once by some hundred rays a facet, and kept on disk.
+
+        Parameters
+        ----------
+        middle_m : (3, F) float64 [m]
+        normal : (3, F) float64
+        solid : RayMesh
+            Of the same shape.
+        """
+        from .horizon_loops import N_AZIMUTHS
+
+        facets = np.concatenate([normal, middle_m]).T.astype(np.float32, order="C")
+        # In the order in which they are: that of a shape's own file is another one.
+        heights = cached_bytes(f"middles3-{hashlib.sha256(facets.data).hexdigest()[:32]}",
+                               (normal.shape[1], N_AZIMUTHS), lambda: _heights(middle_m, normal, solid))
+        return cls(facets=facets, heights=heights)
+
+    def shade(self, to_sun: np.ndarray, r_camera_m: np.ndarray, brdf: np.ndarray, first_root: float,
+              root_step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Radiance (F,) of the facets, in the BRDF's unit: 0 of those that are dark or not seen.
+
+        Parameters
+        ----------
+        to_sun : (3,) float64
+            Unit vector.
+        r_camera_m : (3,) float64 [m]
+        brdf, first_root, root_step
+            As `BrdfTables.of` has them.
+
+        Returns
+        -------
+        radiance : (F,) float64
+        asked : (N,) int
+            Facets that are shaded as if lit, of which rays have to tell.
+        is_asked : (2, N) bool
+            Whether of their being seen, and of their being lit.
+        """
+        from .horizon_loops import shade_middles
+
+        n_facets = len(self.facets)
+        found, asked, is_asked = np.empty(n_facets), np.empty(n_facets, np.intp), np.empty((2, n_facets), bool)
+
+        def look(part: slice) -> np.ndarray:
+            n = shade_middles(self.facets, self.heights, part.start, part.stop, to_sun, r_camera_m,
+                              brdf, first_root, 1.0 / root_step, found, asked, is_asked)
+            return np.arange(part.start, part.start + n)
+
+        places = np.concatenate(threads.run_in_parts(look, n_facets, _PART))
+        return found, asked[places], is_asked[:, places]
+
+
+def _heights(middle_m: np.ndarray, normal: np.ndarray, solid: RayMesh) -> np.ndarray:
+    from .horizon_loops import N_AZIMUTHS, axes_across
+
+    found = np.empty((normal.shape[1], N_AZIMUTHS), np.uint8)
+    # On a square around, as the loops count azimuths.
+    place = np.arange(N_AZIMUTHS) * (4.0 / N_AZIMUTHS)
+    azimuths = np.stack([np.abs(place - 2.0) - 1.0, np.where(place > 3.0, place - 4.0, 1.0 - np.abs(place - 1.0))])
+    azimuths /= np.linalg.norm(azimuths, axis=0)
+
+    def look(part: slice) -> None:
+        solid.heights(middle_m[:, part], normal[:, part], axes_across(normal[:, part]), azimuths, found[part])
+
+    threads.run_in_parts(look, normal.shape[1], _PART)
+    return found
