@@ -89,7 +89,7 @@ class Middles:
 
 
 def _heights(middle_m: np.ndarray, normal: np.ndarray, solid: RayMesh) -> np.ndarray:
-    from .horizon_loops import N_AZIMUTHS, axes_across
+    from .horizon_loops import N_AZIMUTHS, UNKNOWN, axes_across
 
     found = np.empty((normal.shape[1], N_AZIMUTHS), np.uint8)
     # On a square around, as the loops count azimuths.
@@ -98,7 +98,8 @@ def _heights(middle_m: np.ndarray, normal: np.ndarray, solid: RayMesh) -> np.nda
     azimuths /= np.linalg.norm(azimuths, axis=0)
 
     def look(part: slice) -> None:
-        solid.heights(middle_m[:, part], normal[:, part], axes_across(normal[:, part]), azimuths, found[part])
+        solid.heights(middle_m[:, part], normal[:, part], axes_across(normal[:, part]), azimuths, UNKNOWN,
+                      found[part])
 
     threads.run_in_parts(look, normal.shape[1], _PART)
     return found

@@ -12,7 +12,6 @@ from numba.types import Tuple, boolean, float32, float64, intp, uint8, uint32, u
 
 from .compiled import compiled, inlined, read, write
 from .embree import library
-from .horizon_loops import UNKNOWN
 
 # Of the bounding sphere, in radii: what passes beyond meets nothing, and float32 has no room for a start far off.
 _REACH = 1.01
@@ -124,14 +123,14 @@ def _around(axes, i, s, t):
     return s * axes[0, i] + t * axes[3, i], s * axes[1, i] + t * axes[4, i], s * axes[2, i] + t * axes[5, i]
 
 
-@compiled(void(uintp, float64, _POINTS, _POINTS, _POINTS, float64, read(float64, 2), write(uint8, 2, "A")))
-def find_heights(scene, radius_m, points_m, normals, axes, lift_m, azimuths, found):
+@compiled(void(uintp, float64, _POINTS, _POINTS, _POINTS, float64, read(float64, 2), intp, write(uint8, 2, "A")))
+def find_heights(scene, radius_m, points_m, normals, axes, lift_m, azimuths, unknown, found):
     """Write how high a mesh stands around points (3, N) [m] of its surface, over the plane across their normals (3, N).
 
     (N, K) uint8: of 255 steps of the sine, one at which a ray is blocked and a step above which it is free, in each of
     the azimuths (2, K), unit vectors along two axes across the normals (6, N); 0 where it is free at the first step.
-    `UNKNOWN` in all of some points in a row, which are neighbours, if a few more rays find something else: above what
-    is free, as an overhang, or between azimuths, as a peak.
+    Some points in a row, which are neighbours, are all `unknown` if a few more rays find something else: above what is
+    free, as an overhang, or between azimuths, as a peak.
     """
     ray, bits = _new_ray()
     n_points, n_azimuths = points_m.shape[1], azimuths.shape[1]
@@ -172,7 +171,7 @@ def find_heights(scene, radius_m, points_m, normals, axes, lift_m, azimuths, fou
                 if not is_known:
                     break
             if not is_known:
-                found[first:last] = UNKNOWN
+                found[first:last] = unknown
                 break
 
 

@@ -103,10 +103,10 @@ class RayMesh:
         return is_blocked
 
     def heights(self, points_m: np.ndarray, normals: np.ndarray, axes: np.ndarray, azimuths: np.ndarray,
-                found: np.ndarray) -> None:
+                unknown: int, found: np.ndarray) -> None:
         """Write how high the shape stands around points (3, N) [m] of its surface: `ray_loops.find_heights`."""
         self._loops.find_heights(self._mesh.scene, self.radius_m, points_m, normals, axes, LIFT * self.radius_m,
-                                 azimuths, found)
+                                 azimuths, unknown, found)
 
     def keep_free(self, turn: np.ndarray, shift_m: np.ndarray, r_body_m: np.ndarray, facet: np.ndarray,
                   normals: np.ndarray, lift_m: float, towards: np.ndarray, is_place: bool, is_free: np.ndarray) -> None:

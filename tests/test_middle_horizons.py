@@ -119,7 +119,7 @@ def test_heights_are_the_same_wherever_a_search_begins():
     azimuth = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
     found = np.empty((9, 16), np.uint8)
     axes = np.tile(np.array([1.0, 0, 0, 0, 1.0, 0])[:, None], 9)
-    solid.heights(r_m, normal, axes, np.array([np.cos(azimuth), np.sin(azimuth)]), found)
+    solid.heights(r_m, normal, axes, np.array([np.cos(azimuth), np.sin(azimuth)]), UNKNOWN, found)
     known = found[(found != UNKNOWN).all(axis=1)]
     where = np.flatnonzero((found != UNKNOWN).all(axis=1))
     assert len(known) >= 4
