@@ -21,9 +21,10 @@ _FAR = np.float32(1e30)
 # RTCRayHit in float32 words: where the ray begins, ends, its mask; of the hit, which primitive and geometry.
 _NEAR, _TOWARDS, _END, _MASK, _PRIMITIVE, _GEOMETRY, _WORDS, _ALIGNED_WORDS = 3, 4, 8, 9, 17, 18, 32, 16
 _NONE = np.uint32(0xFFFFFFFF)
-# Points in a row that share what rays find where heights tell something else: each looks at every other one of these
-# steps of 255 of a sine, at and between azimuths; so much nearer a height they do not, nor between two.
-_IN_A_ROW, _LOOKS, _AT, _BETWEEN = 8, (12, 24, 40, 64, 96, 128, 160, 192, 224, 245), 2, 24
+# Points in a row that share what rays find where heights tell something else: each looks once in every other one of the
+# spans between these steps of 255 of a sine, at and between azimuths; so much nearer a height they do not, nor between
+# two.
+_IN_A_ROW, _LOOKS, _AT, _BETWEEN = 8, (12, 24, 40, 64, 96, 128, 160, 192, 224, 245, 254), 2, 24
 # First step from the height in the azimuth before, four times as large each time.
 _SPAN = 4
 
@@ -154,7 +155,8 @@ def find_heights(scene, radius_m, points_m, normals, axes, lift_m, azimuths, unk
                         step = max(high - span, 1) if low == 0 else (low + high) // 2
                     span *= 4
                 found[i, k] = low
-            part = (i - first) / _IN_A_ROW
+            # Each at places of its own in both.
+            part, turn = (i - first) / _IN_A_ROW, 3 * (i - first) % _IN_A_ROW
             for k in range(n_azimuths):
                 other = (k + 1) % n_azimuths
                 flat = _around(axes, i, (1.0 - part) * azimuths[0, k] + part * azimuths[0, other],
@@ -162,8 +164,8 @@ def find_heights(scene, radius_m, points_m, normals, axes, lift_m, azimuths, unk
                 near = _BETWEEN if part else _AT
                 one, two = intp(found[i, k]), intp(found[i, other if part else k])
                 low, high = min(one, two), max(one, two)
-                for j in range((i + k) % 2, len(_LOOKS), 2):
-                    step = _LOOKS[j]
+                for j in range((i + k) % 2, len(_LOOKS) - 1, 2):
+                    step = _LOOKS[j] + (_LOOKS[j + 1] - _LOOKS[j]) * turn // _IN_A_ROW
                     if (step > high + near or step < low - near) and (
                             _is_high(scene, ray, bits, place, flat, normal, step) != (step < low)):
                         is_known = False
