@@ -124,6 +124,26 @@ def _around(axes, i, s, t):
     return s * axes[0, i] + t * axes[3, i], s * axes[1, i] + t * axes[4, i], s * axes[2, i] + t * axes[5, i]
 
 
+@inlined
+def _stands_else(scene, ray, bits, place, axes, normal, azimuths, i, in_row, heights):
+    """Whether a few rays from point i, which is in a row of neighbours, find anything else than its heights tell."""
+    # Each neighbour at places of its own in both.
+    part, turn, n_azimuths = in_row / _IN_A_ROW, 3 * in_row % _IN_A_ROW, azimuths.shape[1]
+    near = _BETWEEN if part else _AT
+    for k in range(n_azimuths):
+        other = (k + 1) % n_azimuths
+        flat = _around(axes, i, (1.0 - part) * azimuths[0, k] + part * azimuths[0, other],
+                       (1.0 - part) * azimuths[1, k] + part * azimuths[1, other])
+        one, two = intp(heights[i, k]), intp(heights[i, other if part else k])
+        low, high = min(one, two), max(one, two)
+        for j in range((i + k) % 2, len(_LOOKS) - 1, 2):
+            step = _LOOKS[j] + (_LOOKS[j + 1] - _LOOKS[j]) * turn // _IN_A_ROW
+            if (step > high + near or step < low - near) and (
+                    _is_high(scene, ray, bits, place, flat, normal, step) != (step < low)):
+                return True
+    return False
+
+
 @compiled(void(uintp, float64, _POINTS, _POINTS, _POINTS, float64, read(float64, 2), intp, write(uint8, 2, "A")))
 def find_heights(scene, radius_m, points_m, normals, axes, lift_m, azimuths, unknown, found):
     """Write how high a mesh stands around points (3, N) [m] of its surface, over the plane across their normals (3, N).
@@ -136,7 +156,7 @@ def find_heights(scene, radius_m, points_m, normals, axes, lift_m, azimuths, unk
     ray, bits = _new_ray()
     n_points, n_azimuths = points_m.shape[1], azimuths.shape[1]
     for first in range(0, n_points, _IN_A_ROW):
-        last, is_known = min(first + _IN_A_ROW, n_points), True
+        last = min(first + _IN_A_ROW, n_points)
         for i in range(first, last):
             normal = normals[0, i], normals[1, i], normals[2, i]
             place = ((points_m[0, i] + lift_m * normal[0]) / radius_m, (points_m[1, i] + lift_m * normal[1]) / radius_m,
@@ -155,24 +175,7 @@ def find_heights(scene, radius_m, points_m, normals, axes, lift_m, azimuths, unk
                         step = max(high - span, 1) if low == 0 else (low + high) // 2
                     span *= 4
                 found[i, k] = low
-            # Each at places of its own in both.
-            part, turn = (i - first) / _IN_A_ROW, 3 * (i - first) % _IN_A_ROW
-            for k in range(n_azimuths):
-                other = (k + 1) % n_azimuths
-                flat = _around(axes, i, (1.0 - part) * azimuths[0, k] + part * azimuths[0, other],
-                               (1.0 - part) * azimuths[1, k] + part * azimuths[1, other])
-                near = _BETWEEN if part else _AT
-                one, two = intp(found[i, k]), intp(found[i, other if part else k])
-                low, high = min(one, two), max(one, two)
-                for j in range((i + k) % 2, len(_LOOKS) - 1, 2):
-                    step = _LOOKS[j] + (_LOOKS[j + 1] - _LOOKS[j]) * turn // _IN_A_ROW
-                    if (step > high + near or step < low - near) and (
-                            _is_high(scene, ray, bits, place, flat, normal, step) != (step < low)):
-                        is_known = False
-                        break
-                if not is_known:
-                    break
-            if not is_known:
+            if _stands_else(scene, ray, bits, place, axes, normal, azimuths, i, i - first, found):
                 found[first:last] = unknown
                 break
 

@@ -17,9 +17,14 @@ def box(low, high):
 
 def several(*boxes):
     """Boxes between pairs of corners [m] in one shape."""
-    made = [box(*ends) for ends in boxes]
-    return Shape.from_arrays(np.concatenate([vertices for vertices, _ in made]),
-                             np.concatenate([facets + 8 * k for k, (_, facets) in enumerate(made)]))
+    return Shape.from_arrays(*joined(*(box(*ends) for ends in boxes)))
+
+
+def joined(*meshes):
+    """(vertices, facets) of several in one."""
+    begins = np.cumsum([0, *(len(vertices) for vertices, _ in meshes)])
+    return (np.concatenate([vertices for vertices, _ in meshes]),
+            np.concatenate([facets + begin for (_, facets), begin in zip(meshes, begins[:-1], strict=True)]))
 
 
 def slab(half_m=100.0, thickness_m=20.0, pillar_m=None):

@@ -36,13 +36,6 @@ def ball(radius_m, middle_m, subdivisions):
     return np.asarray(middle_m) + made.vertices_m, made.facets
 
 
-def joined(*meshes):
-    """(vertices, facets) of several in one."""
-    begins = np.cumsum([0, *(len(vertices) for vertices, _ in meshes)])
-    return (np.concatenate([vertices for vertices, _ in meshes]),
-            np.concatenate([facets + begin for (_, facets), begin in zip(meshes, begins[:-1], strict=True)]))
-
-
 def peaks():
     """Forty of 15 m on a ball of 100 m: a smooth surface without an overhang."""
     made, rng = generate.icosphere(radius_m=1.0, subdivisions=6), np.random.default_rng(2)
@@ -55,8 +48,9 @@ def peaks():
 
 # Of each, at 20, 60 and 100 degrees, how far an image may be from one with every ray cast.
 SHAPES = {"torus": (lambda: torus(100.0, 40.0, 192, 96), (1e-3, 1e-3, 1e-3)),
-          "ring": (lambda: joined(ball(100.0, (0, 0, 0), 5), torus(160.0, 6.0, 256, 32)), (1e-3, 1e-3, 1e-3)),
-          "moon": (lambda: joined(ball(100.0, (0, 0, 0), 6), ball(5.0, (30, -115, 90), 4)), (0.015, 0.015, 0.015)),
+          "ring": (lambda: solids.joined(ball(100.0, (0, 0, 0), 5), torus(160.0, 6.0, 256, 32)), (1e-3, 1e-3, 1e-3)),
+          "moon": (lambda: solids.joined(ball(100.0, (0, 0, 0), 6), ball(5.0, (30, -115, 90), 4)),
+                   (0.015, 0.015, 0.015)),
           "peaks": (peaks, (0.01, 0.01, 0.04))}
 
 
@@ -107,10 +101,8 @@ def test_tables_tell_of_nearly_all_of_a_rough_body():
 
 def test_heights_are_the_same_wherever_a_search_begins():
     """Of a box on a plate: what rays say at each step, blocked up to a height and free above."""
-    shape = Shape.from_arrays(*solids.box((-100, -100, -10), (100, 100, 0)))
-    tower = solids.box((20, -30, -5), (60, 30, 35))
-    both = Shape.from_arrays(*joined((shape.vertices_m, shape.facets), tower))
-    body = Body(name="body", shape=both, brdf=GREY)
+    shape = solids.several(((-100, -100, -10), (100, 100, 0)), ((20, -30, -5), (60, 30, 35)))
+    body = Body(name="body", shape=shape, brdf=GREY)
     rays = RayEngine(views.scene([body], [views.camera()]))
     solid = rays.solid("body")
     x = np.linspace(-90.0, 10.0, 9)
@@ -120,11 +112,10 @@ def test_heights_are_the_same_wherever_a_search_begins():
     found = np.empty((9, 16), np.uint8)
     axes = np.tile(np.array([1.0, 0, 0, 0, 1.0, 0])[:, None], 9)
     solid.heights(r_m, normal, axes, np.array([np.cos(azimuth), np.sin(azimuth)]), UNKNOWN, found)
-    known = found[(found != UNKNOWN).all(axis=1)]
-    where = np.flatnonzero((found != UNKNOWN).all(axis=1))
+    known = np.flatnonzero((found != UNKNOWN).all(axis=1))
     assert len(known) >= 4
-    for row, i in zip(known, where, strict=True):
-        for height, angle in zip(row.astype(int), azimuth, strict=True):
+    for i in known:
+        for height, angle in zip(found[i].astype(int), azimuth, strict=True):
             for step, is_blocked in ((height, True), (height + 1, False)):
                 if 0 < step < 255:
                     sine = step / 255.0
