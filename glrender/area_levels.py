@@ -18,7 +18,7 @@ import numpy as np
 from glrender_camera import PinholeCamera
 
 from .area_engine import AreaEngine
-from .cache import cached_arrays
+from .cache import cached_arrays, tell_of_wait
 from .constants import AU_M
 from .errors import DeviceError
 from .facet_relief import LevelShape
@@ -40,6 +40,8 @@ _log = logging.getLogger(__name__)
 _ASPECTS, _RANGE_RADII = 8, 50.0
 # Of both images that are compared.
 _BUDGET = 0.02
+# What measuring takes a facet of the full shape, with tables of horizons, about.
+_FACET_S = 6e-5
 # What is told where an image cannot be made.
 _UNKNOWN = 1e3
 # Arrays of an `AreaLevel`.
@@ -80,6 +82,7 @@ def area_levels(body: Body, levels: Sequence[Level], cache: Path | None = None
 
 
 def _measured(body: Body, levels: Sequence[LevelShape], kinds: Sequence[LevelPlan]) -> dict[str, np.ndarray]:
+    tell_of_wait(_log, "measuring levels of detail", len(body.shape.facets), _FACET_S)
     began, side = time.perf_counter(), int(SIZES_PX[-1])
     camera = PinholeCamera(name="far", width_px=side, height_px=side, focal_length_px=0.5 * side * _RANGE_RADII)
     scene = Scene(bodies=[body], cameras=[camera], sun_disc=False)

@@ -115,8 +115,8 @@ def has_middles(shape: Shape) -> bool:
 
 def longest_sides_m(shape: Shape) -> np.ndarray:
     """Longest sides (F,) of facets [m]."""
-    corners_m = shape.vertices_m[shape.facets]
-    return np.linalg.norm(corners_m - corners_m[:, [1, 2, 0]], axis=2).max(axis=1)
+    a, b, c = (shape.vertices_m.take(corner, axis=0).T for corner in shape.facets.T)
+    return np.sqrt(np.maximum.reduce([dot(side, side) for side in (b - a, c - b, a - c)]))
 
 
 def neighbours(corners: np.ndarray, n_vertices: int) -> np.ndarray:

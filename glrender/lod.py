@@ -18,13 +18,15 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
-from .cache import cached_arrays
+from .cache import cached_arrays, tell_of_wait
 from .shape import Shape
 
 _log = logging.getLogger(__name__)
 
 # Facets of one level over those of the next finer one.
 _RATIO = 4
+# What making them takes a facet, about.
+_FACET_S = 8e-6
 # A full shape or a level with fewer facets than this is fast enough: a draw call costs as much.
 _FEWEST_FULL, _FEWEST_FACETS = 24_000, 1500
 # The finest level: more facets than this are no faster than the full shape to speak of.
@@ -115,6 +117,7 @@ def levels_of_detail(shape: Shape, cache: Path | None = None) -> tuple[Level, ..
 def _made(shape: Shape, targets: list[int]) -> dict[str, np.ndarray]:
     from fast_simplification import simplify
 
+    tell_of_wait(_log, "making levels of detail", shape.report.n_facets, _FACET_S)
     centre = shape.vertices_m[shape.facets].mean(axis=1)
     tree, corners = cKDTree(centre), cKDTree(shape.vertices_m)
     # In units of the body, about its middle: the library has thresholds of its own.

@@ -73,14 +73,10 @@ class RayMesh:
         corners = vertices_m[facets]
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        self._normal = np.ascontiguousarray(normals.T)
-        self._offset_m = dot(self._normal, corners[:, 0].T)
+        # A facet's in one place in memory: rays meet them in no order.
+        self.normals = normals
+        self._offset_m = dot(normals.T, corners[:, 0].T)
         self._mesh = EmbreeMesh(vertices_m / self.radius_m, facets)
-
-    @property
-    def normals(self) -> np.ndarray:
-        """(F, 3) float64 outward unit normals of the facets."""
-        return self._normal.T
 
     def hit(self, origin_m: np.ndarray, ray: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Facet (N,) or -1, and distance (N,) float64 [m] or infinity, of rays (N, 3) from a point or points."""
@@ -92,7 +88,7 @@ class RayMesh:
     def first(self, origin_m: np.ndarray, ray: np.ndarray) -> Hits:
         """What rays (3, N) from a point (3,) [m], or from points (3, N), meet first."""
         place, facet, distance_m, ray, normal = self._loops.find_first(
-            self._mesh.scene, origin_m.reshape(3, -1), ray, self.radius_m, self._normal, self._offset_m)
+            self._mesh.scene, origin_m.reshape(3, -1), ray, self.radius_m, self.normals.T, self._offset_m)
         return Hits(place=place, facet=facet, distance_m=distance_m, ray=ray, normal=normal)
 
     def blocks(self, start_m: np.ndarray, direction: np.ndarray) -> np.ndarray:

@@ -7,8 +7,8 @@ if ! "$python" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null
     echo "glrender needs Python 3.11 or later as '$python'; name another: make PYTHON=python3.12 ..." >&2
     exit 1
 fi
-if ! "$python" -m venv --clear "$venv" 2>/dev/null; then
-    # Debian and Ubuntu ship venv in a package of its own.
+if ! "$python" -m venv --clear "$venv" >/dev/null 2>&1; then
+    echo "Python's venv, a package of its own on Debian and Ubuntu, is missing: installing it" >&2
     . "$(dirname "$0")/apt.sh"
     version=$("$python" -c 'import sys; print("%d.%d" % sys.version_info[:2])')
     apt_install "python$version-venv" || apt_install python3-venv
