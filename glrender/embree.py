@@ -15,7 +15,7 @@ import numpy as np
 from .errors import DeviceError
 
 # Of rtcore_common.h, rtcore_device.h, rtcore_buffer.h, rtcore_geometry.h.
-_VERSION_MAJOR, _NATIVE_16, _TRIANGLES, _INDEX, _VERTEX, _UINT3, _FLOAT3 = 1, 34, 0, 0, 1, 0x5003, 0x9003
+_VERSION_MAJOR, _TRIANGLES, _INDEX, _VERTEX, _UINT3, _FLOAT3 = 1, 0, 0, 1, 0x5003, 0x9003
 _FUNCTIONS = {
     "rtcNewDevice": (c_void_p, c_char_p), "rtcGetDeviceProperty": (c_ssize_t, c_void_p, c_int),
     "rtcGetDeviceError": (c_int, c_void_p), "rtcNewScene": (c_void_p, c_void_p),
@@ -23,7 +23,7 @@ _FUNCTIONS = {
     "rtcSetNewGeometryBuffer": (c_void_p, c_void_p, c_int, c_uint, c_int, c_size_t, c_size_t),
     "rtcCommitGeometry": (None, c_void_p), "rtcReleaseGeometry": (None, c_void_p),
     "rtcCommitScene": (None, c_void_p), "rtcReleaseScene": (None, c_void_p),
-    **{f"rtc{what}{n}": (None, *[c_void_p] * 4) for what in ("Intersect", "Occluded") for n in (8, 16)}}
+    "rtcIntersect8": (None, *[c_void_p] * 4), "rtcOccluded8": (None, *[c_void_p] * 4)}
 
 
 class EmbreeMesh:
@@ -80,11 +80,6 @@ def library() -> ctypes.CDLL:
     except AttributeError as error:
         raise DeviceError(f"rays need embreex of Embree 4: pip install -U 'glrender[raytrace]' ({error})") from error
     return embree
-
-
-def n_lanes() -> int:
-    """Rays that are cast at once: 16 where the processor works on as many, else 8."""
-    return 16 if library().rtcGetDeviceProperty(_device(), _NATIVE_16) else 8
 
 
 @cache

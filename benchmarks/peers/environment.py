@@ -18,6 +18,8 @@ from .worker import PEERS
 
 REPOSITORY = Path(__file__).parent.parent.parent
 VENV = REPOSITORY / "out" / "peers_venv"
+# Dr.Jit 1.5 aborts with 15, and with 16 on newer processors: no fmaximum.
+_LEAST_LLVM = 17
 # bpy first: it names the NumPy that the others take too.
 PACKAGES = {"cycles": ["bpy"], "embree": ["embreex"], "mitsuba": ["mitsuba"], "open3d": ["open3d"],
             "pyrender": ["pyrender", "numpy<2"], "pyvista": ["pyvista"]}
@@ -37,6 +39,8 @@ def install() -> dict[str, str]:
     python = VENV / "bin" / "python"
     if not python.is_file():
         subprocess.run([sys.executable, "-m", "venv", str(VENV)], check=True)
+    if "DRJIT_LIBLLVM_PATH" not in os.environ and max(_llvm_versions(), default=0) < _LEAST_LLVM:
+        subprocess.run(["sh", REPOSITORY / "tools" / "install_llvm.sh"])
     missing = {}
     for name in PEERS:
         probe = subprocess.run([python, "-c", f"import {PACKAGES[name][0]}"], capture_output=True, text=True)
@@ -79,12 +83,17 @@ def frames_of(name: str, scene: PeerScene, budget_s: float) -> PeerFrames:
 def _environment(name: str) -> dict[str, str]:
     environment = dict(os.environ)
     if name == "mitsuba" and "DRJIT_LIBLLVM_PATH" not in environment:
-        # Dr.Jit 1.5 aborts with LLVM 15 (no fmaximum); it takes the first it finds.
-        found = [*glob.glob("/usr/lib/*/libLLVM*.so*"), *glob.glob("/usr/lib/llvm-*/lib/libLLVM*.so*")]
-        versions = {int(m[1]): path for path in found if (m := re.search(r"(?:-|so\.)(\d+)", Path(path).name))}
+        # Dr.Jit takes the first it finds.
+        versions = _llvm_versions()
         if versions:
             environment["DRJIT_LIBLLVM_PATH"] = versions[max(versions)]
     return environment
+
+
+def _llvm_versions() -> dict[int, str]:
+    """Paths of LLVM's library, by version."""
+    found = [*glob.glob("/usr/lib/*/libLLVM*.so*"), *glob.glob("/usr/lib/llvm-*/lib/libLLVM*.so*")]
+    return {int(m[1]): path for path in found if (m := re.search(r"(?:-|so\.)(\d+)", Path(path).name))}
 
 
 def _last_line(text: str) -> str:
