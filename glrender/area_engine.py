@@ -113,14 +113,15 @@ class AreaEngine:
 
     def draw(self, names: Sequence[str], camera: PinholeCamera, views: list[BodyView],
              bounds_px: tuple[float, float, float, float], grid: tuple[int, int], budget: float,
-             levels: Mapping[str, LevelPlan] = MappingProxyType({})) -> tuple[np.ndarray, float]:
+             levels: Mapping[str, LevelPlan] = MappingProxyType({}), may_be_dark: bool = False
+             ) -> tuple[np.ndarray, float]:
         """Means over the cells of a grid (rows, columns) float64 [W/m2 per pixel], and their expected error.
 
         Of facets as bright all over: what that costs close up is for the planner to know.
 
         Nothing is drawn, and the error is infinite, where rays have to look: no corner is lit of facets that may be,
         too few facets have too much of the light, or hard edges in place of penumbras cost more than the budget allows.
-        Facets as lit as their middles have the error that they have, whatever the budget.
+        Facets as lit as their middles have the error that they have, whatever the budget: told before they are drawn.
 
         Parameters
         ----------
@@ -137,9 +138,12 @@ class AreaEngine:
             RMS error of pixels over the mean of the lit ones; that of levels of detail is not in it.
         levels : mapping of str to LevelPlan, optional
             What is drawn of bodies: the full shape of others.
+        may_be_dark : bool
+            Whether they are not drawn where that is more than the budget.
         """
         if levels.get(names[0], LevelPlan()).by_middles:
-            return self._by_middles(names, camera, views, bounds_px, grid, levels)
+            return self._by_middles(names, camera, views, bounds_px, grid, levels,
+                                    budget if may_be_dark else math.inf)
 
         def made(views: list[BodyView], budget: float, has_disc: bool) -> tuple[np.ndarray, float, float]:
             return self._drawn(names, camera, views, bounds_px, grid, budget, levels, has_disc)
@@ -163,22 +167,23 @@ class AreaEngine:
 
     def _by_middles(self, names: Sequence[str], camera: PinholeCamera, views: list[BodyView],
                     bounds_px: tuple[float, float, float, float], grid: tuple[int, int],
-                    levels: Mapping[str, LevelPlan]) -> tuple[np.ndarray, float]:
-        """Means over cells of bodies by their facets' middles, and what they tell of their error.
+                    levels: Mapping[str, LevelPlan], most: float) -> tuple[np.ndarray, float]:
+        """Means over cells of bodies by their facets' middles, and what they tell of their error; dark beyond a most.
 
         What that costs of levels of detail, and beside others' edges, is for the planner to know.
         """
-        cells, images, told = _Cells(camera, bounds_px, grid), [], 0.0
-        for view in views:
-            if view.name in names:
-                level = levels[view.name]
-                body = self._lit_middles.LitMiddles(self._facets[view.name][level.number], view, views, camera,
-                                                    self._rays, level, self._kept_middles)
-                changes = self._coverage.no_changes(grid[::-1])
-                body.add_to(changes, cells.corner, cells.per_px)
-                # Each body's own cover: a bright one must not be dimmed by what is left of a dark one behind it.
-                images.append(self._added_up(changes, cells, camera, 1.0, 1.0)[0])
-                told = max(told, body.error)
+        bodies = [self._lit_middles.LitMiddles(self._facets[view.name][levels[view.name].number], view, views, camera,
+                                               self._rays, levels[view.name], self._kept_middles)
+                  for view in views if view.name in names]
+        told = max(body.error for body in bodies)
+        if told > most:
+            return np.zeros(grid[::-1]), told
+        cells, images = _Cells(camera, bounds_px, grid), []
+        for body in bodies:
+            changes = self._coverage.no_changes(grid[::-1])
+            body.add_to(changes, cells.corner, cells.per_px)
+            # Each body's own cover: a bright one must not be dimmed by what is left of a dark one behind it.
+            images.append(self._added_up(changes, cells, camera, 1.0, 1.0)[0])
         return sum(images[1:], start=images[0]), told
 
     def _drawn(self, names: Sequence[str], camera: PinholeCamera, views: list[BodyView],

@@ -12,6 +12,7 @@ import math
 import time
 import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -45,7 +46,7 @@ _FACET_S = 6e-5
 # What is told where an image cannot be made.
 _UNKNOWN = 1e3
 # Arrays of an `AreaLevel`.
-_NAMES = ("error", "flux_ratio", "flux_scatter", "centre")
+_NAMES = ("error", "flux_ratio", "flux_scatter", "centre", "told")
 
 
 def area_levels(body: Body, levels: Sequence[Level], cache: Path | None = None
@@ -70,7 +71,7 @@ def area_levels(body: Body, levels: Sequence[Level], cache: Path | None = None
         # Of laws beyond their phases.
         warnings.simplefilter("ignore", UserWarning)
         try:
-            arrays = cached_arrays(f"areas8-{digest.hexdigest()[:32]}", names, lambda: _measured(body, made, kinds),
+            arrays = cached_arrays(f"areas9-{digest.hexdigest()[:32]}", names, lambda: _measured(body, made, kinds),
                                    cache)
         except DeviceError:
             return (), ()
@@ -92,8 +93,10 @@ def _measured(body: Body, levels: Sequence[LevelShape], kinds: Sequence[LevelPla
     flux = np.full((1 + len(kinds), _ASPECTS, len(PHASES_RAD)), math.nan)
     centre = np.zeros((*flux.shape, 2))
     sums = np.zeros((len(kinds), _ASPECTS, len(PHASES_RAD), len(SIZES_PX), 4))
+    told_at = np.zeros((len(kinds), len(PHASES_RAD), len(SIZES_PX)))
     for aspect, phase in np.ndindex(flux.shape[1:]):
-        views = view_bodies(_state(body, aspect, PHASES_RAD[phase]), camera, scene.hulls)
+        state = _state(body, aspect, PHASES_RAD[phase])
+        views = view_bodies(state, camera, scene.hulls)
         (x0, y0, x1, y1), full = _box(views[0].bounds_px, side), None
         for k, kind in enumerate((LevelPlan(), *kinds)):
             image, told = areas.draw((body.name,), camera, views, (x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5),
@@ -108,6 +111,12 @@ def _measured(body: Body, levels: Sequence[LevelShape], kinds: Sequence[LevelPla
                 full = image
             elif full is not None:
                 sums[k - 1, aspect, phase] = _compared(full, image)
+            if kind.tells_error:
+                for size, px in enumerate(SIZES_PX.tolist()):
+                    near = replace(camera, focal_length_px=camera.focal_length_px * px / side)
+                    _, told = areas.draw((body.name,), near, view_bodies(state, near, scene.hulls), near.bounds_px,
+                                         (1, 1), 0.0, {body.name: kind}, True)
+                    told_at[k - 1, phase, size] += told / _ASPECTS
     areas.close()
     rays.close()
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -123,7 +132,7 @@ def _measured(body: Body, levels: Sequence[LevelShape], kinds: Sequence[LevelPla
         made |= {f"error_{k}": np.where(known[:, None], errors[k], _UNKNOWN),
                  f"flux_ratio_{k}": np.where(known, mean[k], 1.0),
                  f"flux_scatter_{k}": np.where(known, scatter[k], _UNKNOWN),
-                 f"centre_{k}": np.where(known, shift[k], _UNKNOWN)}
+                 f"centre_{k}": np.where(known, shift[k], _UNKNOWN), f"told_{k}": told_at[k]}
     _log.info("levels of detail of %d facets by areas measured in %.1f s", body.shape.report.n_facets,
               time.perf_counter() - began)
     return made

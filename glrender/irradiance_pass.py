@@ -127,7 +127,7 @@ class IrradiancePass:
         """
         left = math.sqrt(max(window.budget**2 - window.modelling_error**2, 0.0))
         means, told = self._areas.draw(window.bodies, frame.camera, frame.views, window.bounds_px, window.grid, left,
-                                       dict(zip(window.bodies, window.levels, strict=True)))
+                                       dict(zip(window.bodies, window.levels, strict=True)), True)
         clock.lap("surface")
         if told > left and any(level.tells_error for level in window.levels):
             cut = replace(window, levels=(LevelPlan(),) * len(window.bodies))

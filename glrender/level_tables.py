@@ -44,6 +44,8 @@ class AreaLevel:
         Standard deviation of that from aspect to aspect, relative.
     centre : (P,) float64
         Distance of the centre of brightness from the full shape's over the diameter, the largest of all aspects.
+    told : (P, S) float64
+        RMS error that frames tell of themselves, the mean of all aspects; 0 of kinds that tell none.
     """
 
     kind: LevelPlan
@@ -54,31 +56,46 @@ class AreaLevel:
     flux_ratio: np.ndarray
     flux_scatter: np.ndarray
     centre: np.ndarray
+    told: np.ndarray
 
     def error_at(self, phase_rad: float, size_px: float) -> float:
         """RMS error; that of the smallest size below it, infinite beyond the largest and beyond the last phase."""
         if phase_rad > _PHASES[-1] or size_px > _MOST_PX:
             return math.inf
-        place = math.log2(max(size_px, _LEAST_PX) / _LEAST_PX)
-        k = min(int(place), len(SIZES_PX) - 2)
         errors, *_ = self._lists
-        low, high = _at(errors[k], phase_rad), _at(errors[k + 1], phase_rad)
-        return low + (place - k) * (high - low)
+        return _at_size(errors, phase_rad, size_px)
+
+    def told_at(self, phase_rad: float, size_px: float) -> float:
+        """RMS error that frames tell, about; of sizes and phases beyond the table that at its edge."""
+        *_, told = self._lists
+        return _at_size(told, phase_rad, min(size_px, _MOST_PX))
 
     def flux_at(self, phase_rad: float) -> tuple[float, float]:
         """Mean and scatter of the flux's ratio."""
-        _, ratio, scatter, _ = self._lists
+        _, ratio, scatter, *_ = self._lists
         return _at(ratio, phase_rad), _at(scatter, phase_rad)
 
     def centre_at(self, phase_rad: float) -> float:
         """Distance of the centre of brightness from the full shape's, over the diameter."""
-        *_, centre = self._lists
+        *_, centre, _ = self._lists
         return _at(centre, phase_rad)
 
     @cached_property
     def _lists(self) -> tuple[list, ...]:
-        """Errors by size and phase; ratios, their scatters and centres by phase. A number of an array takes longer."""
-        return tuple(each.tolist() for each in (self.error.T, self.flux_ratio, self.flux_scatter, self.centre))
+        """Errors by size and phase, ratios, their scatters and centres by phase, what is told by size and phase.
+
+        A number of an array takes longer.
+        """
+        return tuple(each.tolist() for each in (self.error.T, self.flux_ratio, self.flux_scatter, self.centre,
+                                                self.told.T))
+
+
+def _at_size(values: list[list[float]], phase_rad: float, size_px: float) -> float:
+    """Between values of the sizes and phases."""
+    place = math.log2(max(size_px, _LEAST_PX) / _LEAST_PX)
+    k = min(int(place), len(SIZES_PX) - 2)
+    low, high = _at(values[k], phase_rad), _at(values[k + 1], phase_rad)
+    return low + (place - k) * (high - low)
 
 
 def _at(values: list[float], phase_rad: float) -> float:

@@ -29,6 +29,9 @@ _USUAL_BUDGET, _CENTRE_SIZES = 0.02, 0.02
 # their image may take of the budget, to which drawing adds nothing, and the scatters of the flux, as above; their least
 # error; and the largest phase angle at which they are drawn so.
 _OTHER_SIDES, _MIDDLES_SHARE, _MIDDLES_SCATTERS, _MIDDLES_LEAST, _MIDDLES_RAD = 1.3, 0.9, 4.0, 0.003, 2.15
+# Of frames that tell their error, what they tell over the mean of the sides that were measured: the deviation of its
+# logarithm.
+_TOLD_SPREAD = 0.3
 # Squared error that is left along a pixel of an edge of another body, or of its shadow, over the area of the facets, or
 # of the largest parts, that are cut there [px2]; what cutting one costs, in those of a facet.
 _EDGE_ERROR, _MOST_CUT_PX, _CUT = 0.01, 6.0, 40.0
@@ -152,9 +155,14 @@ class _Candidates:
         self.middles = [level for level in fit if level.kind.by_middles and may_be_by_middles]
 
     def _fits(self, level: AreaLevel, budget: float, told: float) -> bool:
-        """Whether a level leaves something of the budget, and of what is left of it for the flux and the centre."""
+        """Whether a level leaves something of the budget, and of what is left of it for the flux and the centre.
+
+        Frames that tell of themselves need no margin: where it does not do, they are cut.
+        """
         share, scatters = ((_MIDDLES_SHARE, _MIDDLES_SCATTERS) if level.kind.by_middles
                            else (_LEVEL_SHARE, _FLUX_SCATTERS))
+        if self.tells(level):
+            share = _OTHER_SIDES
         return (self.error(level) <= share * budget
                 and scatters * level.flux_at(self.view.phase_rad)[1] <= _FLUX_SHARE * told
                 and level.centre_at(self.view.phase_rad) * self._size_px <= max(
@@ -173,9 +181,18 @@ class _Candidates:
                                    else error)
         return self._errors[level]
 
+    def tells(self, level: AreaLevel | None) -> bool:
+        """Whether its image tells of its error."""
+        return self._is_alone and level is not None and level.kind.tells_error
+
     def untold(self, level: AreaLevel | None) -> float:
         """The same of what the image does not tell itself once it is drawn."""
-        return self._least_error if self._is_alone and level and level.kind.tells_error else self.error(level)
+        return self._least_error if self.tells(level) else self.error(level)
+
+    def missed_share(self, level: AreaLevel, budget: float) -> float:
+        """Of frames that tell of their error, those that tell of more than a budget, and are cut."""
+        told = level.told_at(self.view.phase_rad, self._size_px)
+        return 0.5 * math.erfc(math.log(budget / told) / (_TOLD_SPREAD * math.sqrt(2.0))) if told else 0.0
 
     def cutting_ns(self, level: AreaLevel, costs: EngineCosts) -> float:
         """Of facets that edges of other bodies, and of their shadows, go through; large ones are divided before."""
@@ -209,7 +226,7 @@ def _cost(each: Sequence[tuple[_Candidates, AreaLevel | None]], budget: float, c
     """Nanoseconds of bodies with their levels, and the error that areas do not tell of themselves."""
     body, level = each[0]
     by_middles = level is not None and level.kind.by_middles
-    floor, error = (max(getattr(body, what)(level) for body, level in each) for what in ("floor", "error"))
+    floor, error = (max(getattr(body, what)(level) for body, level in each) for what in ("floor", "untold"))
     if len(each) > 1:
         error *= _unlike([body for body, _ in each])
     if by_middles:
@@ -245,6 +262,8 @@ def _cost(each: Sequence[tuple[_Candidates, AreaLevel | None]], budget: float, c
             ns += anew * (n_normals + _RELIEF * n_facets) * facing * shown_share * _NORMAL * costs.area_ns
     if len(each) == 1:
         error = body.untold(level)
+    if math.isfinite(ns) and body.tells(level):
+        ns += body.missed_share(level, left) * _cost([(body, None)], budget, costs, n_px, shown_share)[0]
     return ns, math.hypot(floor, error)
 
 

@@ -142,16 +142,16 @@ def test_a_body_that_is_not_drawn_by_areas_has_no_levels_of_them(rough):
     assert area_levels(body, ()) == ((), ())
 
 
-def table(number, *, error=0.0, scatter=0.0, centre=0.0, n_facets=12_000, n_normals=0, by_middles=False):
-    phases = np.ones(len(PHASES_RAD))
+def table(number, *, error=0.0, scatter=0.0, centre=0.0, n_facets=12_000, n_normals=0, by_middles=False, told=0.0):
+    phases, sizes = np.ones(len(PHASES_RAD)), np.ones((len(PHASES_RAD), len(SIZES_PX)))
     kind = LevelPlan(number=number, has_relief=n_normals > 0, by_middles=by_middles)
     return AreaLevel(kind=kind, n_facets=n_facets, n_normals=n_normals, crease_rad=0.2,
-                     error=np.full((len(PHASES_RAD), len(SIZES_PX)), error), flux_ratio=1.01 * phases,
-                     flux_scatter=scatter * phases, centre=centre * phases)
+                     error=error * sizes, flux_ratio=1.01 * phases, flux_scatter=scatter * phases,
+                     centre=centre * phases, told=told * sizes)
 
 
 def chosen(levels, budget, *, n_bodies=1, range_m=2000.0, px=100.0, casters=(), frame_px=512, penumbra=0.0,
-           costs=COSTS, without=(), apart_m=250.0, moon_m=20.0, reflectance=(0.1, 0.1)):
+           costs=COSTS, without=(), apart_m=250.0, moon_m=20.0, reflectance=(0.1, 0.1), is_alone=False):
     """What is chosen of bodies of 49,000 facets beside each other, of a size in the image; some without levels."""
     shape = generate.icosphere(radius_m=100.0, subdivisions=1)
     names = [f"body{k}" for k in range(n_bodies)]
@@ -165,7 +165,8 @@ def chosen(levels, budget, *, n_bodies=1, range_m=2000.0, px=100.0, casters=(), 
                                       *(LevelTraits(n_facets=each.n_facets, crease_rad=0.15) for each in levels)),
                               area_levels=() if name in without else tuple(levels), even_facet_m=1.0,
                               reflectance=each) for name, each in zip(names, reflectance, strict=False)}
-    known["moon"] = replace(known[names[0]], radius_m=moon_m)
+    if not is_alone:
+        known["moon"] = replace(known[names[0]], radius_m=moon_m)
     drawn = [replace(plan_body(view, known[view.name], camera, casters, budget, 0), penumbra_error=penumbra)
              for view in seen]
     return choose_areas(seen, known, drawn, camera, budget, 1.0, costs, n_px=0.6 * px**2, shown_share=1.0)
@@ -196,6 +197,21 @@ def test_middles_have_hard_edges_of_shadows():
     one = chosen([told], 0.05, costs=CHEAP_RAYS)
     assert one.levels[0].by_middles and one.levels[0].number == 0 and one.ns < 0.5 * chosen([], 0.05).ns
     assert chosen([told], 0.05, penumbra=0.02).levels == (LevelPlan(),)
+
+
+def test_a_lone_body_is_drawn_by_middles_where_its_frame_will_tell_that_they_do():
+    """What one that is not costs twice counts; sides that were not measured do not, as the frame tells of them."""
+    def told(told, error=0.04, **known):
+        return chosen([table(0, error=error, told=told, n_facets=49_000, by_middles=True)], 0.05, costs=CHEAP_RAYS,
+                      **known)
+
+    likely, less, never = (told(error, is_alone=True) for error in (0.03, 0.045, 0.2))
+    assert likely.levels[0].by_middles and likely.ns < less.ns and less.levels[0].by_middles
+    assert never.levels == (LevelPlan(),)
+    assert likely.error < 0.01, "the frame tells the rest"
+    assert told(0.03).levels == (LevelPlan(),), "beside others no frame tells: 1.3 times 0.04 is too much"
+    assert told(0.03, error=0.051, is_alone=True).levels == (LevelPlan(),), "as wrong as that it was measured"
+    assert told(0.03, penumbra=0.048, is_alone=True).levels == (LevelPlan(),), "0.014 is left"
 
 
 def test_bodies_that_are_drawn_together_are_by_middles_all_or_none():

@@ -269,17 +269,33 @@ def test_edges_of_light_tell_the_error_of_a_frame(rough, kind, size_px):
     assert 0.2 < np.median(ratios) < 0.8 and max(ratios) < 1.0
 
 
+def test_a_frame_tells_its_error_before_it_is_drawn(rough):
+    """And is dark where that is more than the budget, if it may be."""
+    scene, drawn, _ = by_middles(rough.shape)
+    drawn._facets["body"][0] = FacetTables(scene.bodies[0], np.zeros(len(rough.shape.facets), bool),
+                                           drawn._rays.solid("body"), with_middles=True)
+    seen = view_bodies(views.state(phase_deg=60.0, range_m=2000.0), scene.cameras[0], scene.hulls)
+    given = ("body",), scene.cameras[0], seen, scene.cameras[0].bounds_px, (300, 300)
+    levels = {"body": LevelPlan(by_middles=True)}
+    image, told = drawn.draw(*given, 0.0, levels)
+    for budget in (0.99 * told, 1.01 * told):
+        again, told_again = drawn.draw(*given, budget, levels, True)
+        assert told_again == told > 0.0
+        assert again.tobytes() == image.tobytes() if budget > told else not again.any()
+
+
 def test_a_frame_whose_edges_are_too_long_is_cut_instead(monkeypatch):
     """Tables that know of no error: what the frame itself tells keeps it within the budget, and its plan says so."""
     shape = generate.contact_binary(radius_m=100.0, seed=2, subdivisions=6)
     monkeypatch.setattr(AreaLevel, "error_at", lambda level, *_: float(level.kind.number))
+    monkeypatch.setattr(AreaLevel, "told_at", lambda *_: 0.0)
     monkeypatch.setattr(AreaLevel, "flux_at", lambda *_: (1.0, 0.0))
     monkeypatch.setattr(AreaLevel, "centre_at", lambda *_: 0.0)
     scene, _, truth = by_middles(shape)
     drawn, draw = [], AreaEngine.draw
 
     def watched(engine, *given):
-        drawn.append(given[-1]["body"].by_middles if isinstance(given[-1], dict) else None)
+        drawn.append(given[-2]["body"].by_middles if given[-1] is True else None)
         return draw(engine, *given)
 
     monkeypatch.setattr(AreaEngine, "draw", watched)
