@@ -3,6 +3,7 @@
 # PyPI's bpy (0.4 GB) fits one Python and holds NumPy below 2, so it gets an environment of its own. In CI it must be
 # there; elsewhere the tests that need it are skipped, loudly, where it cannot be had.
 set -eu
+. "$(dirname "$0")/apt.sh"
 glrender_python=$1
 
 works() {
@@ -21,6 +22,9 @@ for python in "$glrender_python" python3.11 python3.13; do
     command -v "$python" >/dev/null || continue
     "$python" -m venv --clear "$venv" || continue
     if "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --retries 5 'bpy>=4.2'; then
+        works && exit 0
+        # Blender opens no window, but needs the libraries for one.
+        apt_install libegl1 libgl1 libsm6 libxfixes3 libxi6 libxkbcommon0 libxrender1 libxt6 libxxf86vm1 || true
         works && exit 0
     fi
 done
