@@ -24,6 +24,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from contextlib import suppress
 from multiprocessing import get_context
 from pathlib import Path
 from statistics import median
@@ -93,10 +94,16 @@ def usage(process: subprocess.Popen) -> dict[str, float]:
 
 
 def workers_of(process: subprocess.Popen) -> list[int]:
-    """Process numbers of the server's workers."""
-    text = subprocess.run(["ps", "-ww", "-o", "pid=,args=", "--ppid", str(process.pid)], capture_output=True,
-                          text=True).stdout
-    return [int(line.split()[0]) for line in text.splitlines() if "spawn_main" in line]
+    """Process numbers of the server's workers; from /proc, as a small Debian has no ps."""
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        # Others may end meanwhile.
+        with suppress(OSError):
+            # Behind the name, which may hold anything in brackets: the state, and the parent.
+            parent = (folder / "stat").read_text().rpartition(")")[2].split()[1]
+            if int(parent) == process.pid and b"spawn_main" in (folder / "cmdline").read_bytes():
+                found.append(int(folder.name))
+    return found
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -83,11 +83,12 @@ def area_levels(body: Body, levels: Sequence[Level], cache: Path | None = None
 
 
 def _measured(body: Body, levels: Sequence[LevelShape], kinds: Sequence[LevelPlan]) -> dict[str, np.ndarray]:
-    tell_of_wait(_log, "measuring levels of detail", len(body.shape.facets), _FACET_S)
     began, side = time.perf_counter(), int(SIZES_PX[-1])
     camera = PinholeCamera(name="far", width_px=side, height_px=side, focal_length_px=0.5 * side * _RANGE_RADII)
     scene = Scene(bodies=[body], cameras=[camera], sun_disc=False)
     rays = RayEngine(scene)
+    # Not before: where there are no rays nothing is measured.
+    tell_of_wait(_log, "measuring levels of detail", len(body.shape.facets), _FACET_S)
     areas = AreaEngine(scene, rays, {body.name: levels}, keeps_areas=False)
     # Of each shape, aspect and phase: the flux, its centre [px], and sums over the image at each size.
     flux = np.full((1 + len(kinds), _ASPECTS, len(PHASES_RAD)), math.nan)

@@ -50,7 +50,7 @@ class Middles:
 
         facets = np.concatenate([normal, middle_m]).T.astype(np.float32, order="C")
         # In the order in which they are: that of a shape's own file is another one.
-        heights = cached_bytes(f"middles3-{hashlib.sha256(facets.data).hexdigest()[:32]}",
+        heights = cached_bytes(f"middles4-{hashlib.sha256(facets.data).hexdigest()[:32]}",
                                (normal.shape[1], N_AZIMUTHS), lambda: _heights(middle_m, normal, solid))
         return cls(facets=facets, heights=heights)
 

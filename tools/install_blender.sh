@@ -3,7 +3,7 @@
 # PyPI's bpy (0.4 GB) fits one Python and holds NumPy below 2, so it gets an environment of its own. In CI it must be
 # there; elsewhere the tests that need it are skipped, loudly, where it cannot be had.
 set -eu
-. "$(dirname "$0")/apt.sh"
+. "${0%/*}/apt.sh"
 glrender_python=$1
 
 works() {

@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 import tempfile
+from ctypes.util import find_library
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -39,8 +40,9 @@ def install() -> dict[str, str]:
     python = VENV / "bin" / "python"
     if not python.is_file():
         subprocess.run([sys.executable, "-m", "venv", str(VENV)], check=True)
-    if "DRJIT_LIBLLVM_PATH" not in os.environ and max(_llvm_versions(), default=0) < _LEAST_LLVM:
-        subprocess.run(["sh", REPOSITORY / "tools" / "install_llvm.sh"])
+    has_llvm = "DRJIT_LIBLLVM_PATH" in os.environ or max(_llvm_versions(), default=0) >= _LEAST_LLVM
+    if not (has_llvm and find_library("usb-1.0")):
+        subprocess.run(["sh", REPOSITORY / "tools" / "install_peers.sh"])
     missing = {}
     for name in PEERS:
         probe = subprocess.run([python, "-c", f"import {PACKAGES[name][0]}"], capture_output=True, text=True)
