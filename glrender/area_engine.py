@@ -17,7 +17,7 @@ from glrender_camera import PinholeCamera, threads
 
 from .error_model import sliver_gain
 from .facet_relief import LevelShape
-from .facet_tables import FacetTables, longest_sides_m
+from .facet_tables import FacetTables, longest_sides_m, point_counts
 from .frames import sun_from_body
 from .kept_nodes import KeptAtNodes, camera_at_node
 from .level_tables import is_kept
@@ -73,7 +73,7 @@ class AreaEngine:
     def __init__(self, scene: Scene, rays: RayEngine,
                  levels: Mapping[str, Sequence[LevelShape]] = MappingProxyType({}), keeps_areas: bool = True):
         # Not before there is a scene: their loops are compiled, or read, at the first import.
-        from . import coverage, kept_middles, lit_middles, lit_triangles, sunlit_areas
+        from . import coverage, kept_middles, lit_middles, lit_triangles, sunlit_areas, surface_points
 
         self._coverage, self._lit_middles, self._sunlit_areas = coverage, lit_middles, sunlit_areas
         self._lit_triangles = lit_triangles
@@ -84,7 +84,7 @@ class AreaEngine:
         # Areas of bodies, of shells and of surfaces that are there twice overlap where nothing is missing for it.
         self._is_one_surface = len(scene.bodies) == 1 and _is_one_surface(scene.bodies[0].shape)
         # Of each body that can be drawn so: the full shape, and its levels of detail.
-        self._facets = {}
+        self._facets, self._points = {}, {}
         for body in scene.bodies:
             if Surface(body).is_even:
                 made = levels.get(body.name, ())
@@ -96,6 +96,8 @@ class AreaEngine:
                                 RayMesh(level.shape.vertices_m, level.shape.facets), is_closed=full.is_closed,
                                 level=level, with_middles=True)
                     for level in made)]
+                if full.middles is not None and point_counts(full.n_facets):
+                    self._points[body.name] = surface_points.SurfacePoints(full)
 
     def close(self) -> None:
         """Release the tables."""
@@ -104,6 +106,7 @@ class AreaEngine:
         if self._kept_cuts is not None:
             self._kept_cuts.close()
         self._facets.clear()
+        self._points.clear()
 
     def forget(self) -> None:
         """Look anew at what is kept of frames before; no image changes."""
@@ -141,7 +144,13 @@ class AreaEngine:
         may_be_dark : bool
             Whether they are not drawn where that is more than the budget.
         """
-        if levels.get(names[0], LevelPlan()).by_middles:
+        level = levels.get(names[0], LevelPlan())
+        if level.n_points:
+            cells = _Cells(camera, bounds_px, grid)
+            return self._scene.solar_irradiance_of(camera) * self._points[names[0]].image(
+                level.n_points, views[0], camera, level.flux_ratio / views[0].sun_distance_au**2,
+                cells.corner, cells.per_px, grid), 0.0
+        if level.by_middles:
             return self._by_middles(names, camera, views, bounds_px, grid, levels,
                                     budget if may_be_dark else math.inf)
 

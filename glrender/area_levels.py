@@ -23,7 +23,7 @@ from .cache import cached_arrays, tell_of_wait
 from .constants import AU_M
 from .errors import DeviceError
 from .facet_relief import LevelShape
-from .facet_tables import has_middles
+from .facet_tables import has_middles, point_counts
 from .frames import look_at
 from .level_tables import PHASES_RAD, SIZES_PX, AreaLevel
 from .lod import Level
@@ -63,6 +63,7 @@ def area_levels(body: Body, levels: Sequence[Level], cache: Path | None = None
     kinds = [LevelPlan(number=number, has_relief=has_relief, by_middles=by_middles)
              for number, shape in enumerate(shapes) for has_relief in (False, True) for by_middles in (False, True)
              if (by_middles or number) and (number or not has_relief) and (has_middles(shape) or not by_middles)]
+    kinds += [LevelPlan(by_middles=True, n_points=n_points) for n_points in point_counts(len(body.shape.facets))]
     digest = hashlib.sha256(f"{body.shape.content_hash} {body.brdf!r} {[each.shape.content_hash for each in made]} "
                             f"{kinds} {_ASPECTS} {_RANGE_RADII} {_BUDGET} {SIZES_PX.tolist()} "
                             f"{PHASES_RAD.tolist()}".encode())
@@ -75,7 +76,7 @@ def area_levels(body: Body, levels: Sequence[Level], cache: Path | None = None
                                    cache)
         except DeviceError:
             return (), ()
-    return made, tuple(AreaLevel(kind=kind, n_facets=len(shapes[kind.number].facets),
+    return made, tuple(AreaLevel(kind=kind, n_facets=kind.n_points or len(shapes[kind.number].facets),
                                  crease_rad=shapes[kind.number].crease_rad,
                                  n_normals=len(made[kind.number - 1].normal) if kind.has_relief else 0,
                                  **{name: arrays[f"{name}_{k}"] for name in _NAMES})

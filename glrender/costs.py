@@ -18,6 +18,8 @@ _ANY_FACET, _FACING, _LINE, _PIXEL, _EDGES, _MOST_EDGES, _FLUX_PX = 0.4, 2.4, 1.
 # Of facets as lit as their middles, in the same unit: each facet, one that faces both, a pixel along its sides; and
 # rays for each of those. What drawing one of them takes of it.
 _ANY_MIDDLE, _MIDDLE, _MIDDLE_LINE, _MIDDLE_RAYS, _DRAWN = 0.03, 0.3, 0.15, 0.08, 0.12
+# Of points that stand for them: each, and one that faces both.
+_ANY_POINT, _POINT = 0.05, 0.45
 # What a ray costs more for each doubling of the facets over the rays: memory that the ray before did not need. Itokawa
 # with 49k to 3.1M facets at 20 to 2000 px.
 _APART = 0.45
@@ -87,3 +89,7 @@ class EngineCosts:
                   + self.rays_ns(_MIDDLE_RAYS * n_facing, n_facets))
         drawn = (_PIXEL * n_px + (_DRAWN + _MIDDLE_LINE * facet_px) * n_facing) * self.area_ns
         return MIDDLES_CALL_NS + drawn + shaded_share * shaded
+
+    def points_ns(self, n_points: float, n_facing: float) -> float:
+        """The same of points that stand for middles, of which some face both."""
+        return MIDDLES_CALL_NS + (_ANY_POINT * n_points + _POINT * n_facing) * self.area_ns

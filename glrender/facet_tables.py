@@ -19,6 +19,8 @@ _FLAT = 1e-7
 _MOST_HORIZONS = 200_000
 # Facets from which there are tables of the horizons of their middles: fewer are soon drawn as they are.
 _FEWEST_MIDDLES = 10_000
+# Points that may stand for a shape, and of how many facets each does at least.
+_POINTS, _FACETS_PER_POINT = (98_304, 196_608, 393_216), 4
 
 
 class FacetTables:
@@ -111,6 +113,11 @@ class FacetTables:
 def has_middles(shape: Shape) -> bool:
     """Whether there are tables of the horizons of a shape's facets."""
     return len(shape.facets) >= _FEWEST_MIDDLES
+
+
+def point_counts(n_facets: int) -> tuple[int, ...]:
+    """Numbers of points of which some may stand for a shape of so many facets: each twice the one before."""
+    return tuple(count for count in _POINTS if _FACETS_PER_POINT * count <= n_facets)
 
 
 def longest_sides_m(shape: Shape) -> np.ndarray:

@@ -225,12 +225,13 @@ def axes_across(normals):
 
 
 @inlined
-def _told(heights, facet, s, t, sine):
+def _told(heights, facet, towards):
     """Whether a direction is above a facet's horizon: 1, below it: 0, or a ray has to be asked: -1.
 
     That is where it is between the heights of the azimuths on either side, or near them, or near where what rises
     towards them from beyond would meet, or where they are not known.
     """
+    s, t, sine = towards
     sector = intp(_azimuth(s, t))
     one, other = float(heights[facet, sector & _LAST]), float(heights[facet, (sector + 1) & _LAST])
     # What `min` and `max` compile to takes 1.2 times as long.
@@ -246,22 +247,38 @@ def _told(heights, facet, s, t, sine):
 
 
 @inlined
-def _look(facets, heights, facet, to_sun, r_camera_m):
-    """Whether camera and Sun see a facet's middle, as `_told`; its cosines of incidence and emission.
+def _is_above_curve(heights, point, towards):
+    """Whether a direction is above a point's horizon, which is a curve between azimuths.
 
-    And the squared distance of the unit vectors to both.
+    Source: Catmull and Rom (1974), A class of local interpolating splines.
+    """
+    s, t, sine = towards
+    around, last = _azimuth(s, t) * (heights.shape[1] / N_AZIMUTHS), heights.shape[1] - 1
+    sector = intp(around)
+    one, other = float(heights[point, sector & last]), float(heights[point, (sector + 1) & last])
+    before, after = float(heights[point, (sector - 1) & last]), float(heights[point, (sector + 2) & last])
+    part = around - sector
+    bend = (1.0 - part) * (2.0 * one - before - other) + part * (2.0 * other - one - after)
+    height = one + part * (other - one) + 0.5 * part * (1.0 - part) * bend
+    # A ray is blocked at the height itself, and free a step above.
+    return (255.0 * sine - 0.5 > height) | ((one == 0.0) & (other == 0.0))
+
+
+@inlined
+def _look(facets, facet, to_sun, r_camera_m):
+    """Of a facet's middle, across the normal twice and along it: unit vectors to camera and Sun.
+
+    And the squared distance of both.
     """
     a, b, c = float(facets[facet, 0]), float(facets[facet, 1]), float(facets[facet, 2])
     u, v, w = r_camera_m[0] - facets[facet, 3], r_camera_m[1] - facets[facet, 4], r_camera_m[2] - facets[facet, 5]
     per_length = 1.0 / math.sqrt(u * u + v * v + w * w)
     u, v, w = u * per_length, v * per_length, w * per_length
-    incidence, emission = a * to_sun[0] + b * to_sun[1] + c * to_sun[2], a * u + b * v + c * w
     ax, ay, az, bx, by, bz = _across(a, b, c)
-    seen = _told(heights, facet, u * ax + v * ay + w * az, u * bx + v * by + w * bz, emission)
-    lit = _told(heights, facet, to_sun[0] * ax + to_sun[1] * ay + to_sun[2] * az,
-                to_sun[0] * bx + to_sun[1] * by + to_sun[2] * bz, incidence)
     x, y, z = to_sun[0] - u, to_sun[1] - v, to_sun[2] - w
-    return seen, lit, incidence, emission, x * x + y * y + z * z
+    return ((u * ax + v * ay + w * az, u * bx + v * by + w * bz, a * u + b * v + c * w),
+            (to_sun[0] * ax + to_sun[1] * ay + to_sun[2] * az, to_sun[0] * bx + to_sun[1] * by + to_sun[2] * bz,
+             a * to_sun[0] + b * to_sun[1] + c * to_sun[2]), x * x + y * y + z * z)
 
 
 @inlined
@@ -276,6 +293,17 @@ def _between(table, root, around, out):
                 + b * ((1.0 - c) * table[i + step, j + 1, k] + c * table[i + step, j + 1, k + 1]))
         found += (a if step else 1.0 - a) * here
     return found
+
+
+@inlined
+def _radiance(incidence, emission, squared, brdf, least_root, per_root):
+    """That of a facet by its cosines and the squared distance of the unit vectors to Sun and camera."""
+    cosine = 1.0 - 0.5 * squared
+    aside = (incidence - emission * cosine) / math.sqrt(max(1.0 - cosine * cosine, _LEAST_SINE**2))
+    return incidence / (incidence + emission) * _between(
+        brdf, (math.sqrt(math.sqrt(squared)) - least_root) * per_root,
+        (aside / (emission + abs(aside)) + 1.0) * 0.5 * (brdf.shape[1] - 1),
+        min(math.sqrt(emission * emission + aside * aside), 1.0) * (brdf.shape[2] - 1))
 
 
 @compiled(intp(read(float32, 2), read(uint8, 2), intp, intp, _VECTOR, _VECTOR, _TABLES, float64, float64,
@@ -303,19 +331,51 @@ def shade_middles(facets, heights, first, last, to_sun, r_camera_m, brdf, least_
             + c * (r_camera_m[2] - facets[facet, 5]) > 0.0)
     for i in range(n_facing):
         facet = left[i]
-        seen, lit, incidence, emission, squared = _look(facets, heights, facet, to_sun, r_camera_m)
+        camera, sun, squared = _look(facets, facet, to_sun, r_camera_m)
+        seen, lit = _told(heights, facet, camera), _told(heights, facet, sun)
         left[n_shown], how[n_shown] = facet, (seen < 0) + 2 * (lit < 0)
-        light[n_shown, 0], light[n_shown, 1], light[n_shown, 2] = incidence, emission, squared
+        light[n_shown, 0], light[n_shown, 1], light[n_shown, 2] = sun[2], camera[2], squared
         n_shown += (seen != 0) & (lit != 0)
     for i in range(n_shown):
-        facet, incidence, emission, squared = left[i], light[i, 0], light[i, 1], light[i, 2]
-        cosine = 1.0 - 0.5 * squared
-        aside = (incidence - emission * cosine) / math.sqrt(max(1.0 - cosine * cosine, _LEAST_SINE**2))
-        found[facet] = incidence / (incidence + emission) * _between(
-            brdf, (math.sqrt(math.sqrt(squared)) - least_root) * per_root,
-            (aside / (emission + abs(aside)) + 1.0) * 0.5 * (brdf.shape[1] - 1),
-            min(math.sqrt(emission * emission + aside * aside), 1.0) * (brdf.shape[2] - 1))
+        facet = left[i]
+        found[facet] = _radiance(light[i, 0], light[i, 1], light[i, 2], brdf, least_root, per_root)
         asked[first + n_asked] = facet
         is_asked[0, first + n_asked], is_asked[1, first + n_asked] = how[i] & 1, how[i] & 2
         n_asked += how[i] != 0
     return n_asked
+
+
+@compiled(void(read(float32, 2), read(uint8, 2), intp, intp, intp, _VECTOR, _VECTOR, _TABLES, float64, float64, _POINTS,
+               float64, _VECTOR, _VECTOR, _VECTOR, write(float64, 2)))
+def light_points(points, heights, first, block, every, to_sun, r_camera_m, brdf, least_root, per_root, camera_from_body,
+                 focal_length_px, principal_point_px, origin, per_px, image):
+    """Add to cells the light of points that stand for 1 m2 of the surface each: radiance times solid angle.
+
+    Points (N, 6) float32 have normals and places [m], heights (N, azimuths) of the horizon and a BRDF as of
+    `shade_middles`: in blocks of so many from a first one on, so many apart. In turns, as there.
+    """
+    turn, left, light = camera_from_body, np.empty(block, np.intp), np.empty((block, 3))
+    for begin in range(first, len(points), every):
+        n_facing, n_shown = 0, 0
+        for point in range(begin, min(begin + block, len(points))):
+            a, b, c = float(points[point, 0]), float(points[point, 1]), float(points[point, 2])
+            left[n_facing] = point
+            n_facing += (a * to_sun[0] + b * to_sun[1] + c * to_sun[2] > 0.0) & (
+                a * (r_camera_m[0] - points[point, 3]) + b * (r_camera_m[1] - points[point, 4])
+                + c * (r_camera_m[2] - points[point, 5]) > 0.0)
+        for i in range(n_facing):
+            point = left[i]
+            camera, sun, squared = _look(points, point, to_sun, r_camera_m)
+            left[n_shown], light[n_shown, 0], light[n_shown, 1], light[n_shown, 2] = point, sun[2], camera[2], squared
+            n_shown += _is_above_curve(heights, point, camera) & _is_above_curve(heights, point, sun)
+        for i in range(n_shown):
+            point = left[i]
+            u, v = points[point, 3] - r_camera_m[0], points[point, 4] - r_camera_m[1]
+            w = points[point, 5] - r_camera_m[2]
+            across = focal_length_px / (turn[2, 0] * u + turn[2, 1] * v + turn[2, 2] * w)
+            x = principal_point_px[0] + across * (turn[0, 0] * u + turn[0, 1] * v + turn[0, 2] * w)
+            y = principal_point_px[1] + across * (turn[1, 0] * u + turn[1, 1] * v + turn[1, 2] * w)
+            column, row = math.floor((x - origin[0]) * per_px[0]), math.floor((y - origin[1]) * per_px[1])
+            if 0 <= row < image.shape[0] and 0 <= column < image.shape[1]:
+                image[row, column] += light[i, 1] / (u * u + v * v + w * w) * _radiance(
+                    light[i, 0], light[i, 1], light[i, 2], brdf, least_root, per_root)

@@ -33,8 +33,9 @@ _ALL_BUT = 0.9
 _SHADED = 1e-3
 # Least budget of rays that are kept: of a node's error much would be left out.
 _LEAST_KEPT = 4e-3
-# Most of them across a body, and what their error is to be less than asked for.
-_MOST_KEPT_ACROSS, _FINER = 1024, 1.05
+# Most of them across a body, what their error is to be less than asked for, and the power of its contrast that asks for
+# more of them from the first: as errors are between edges' and noise's.
+_MOST_KEPT_ACROSS, _FINER, _FIRST = 1024, 1.05, 0.8
 
 
 class IrradiancePass:
@@ -105,6 +106,8 @@ class IrradiancePass:
             window = replace(window, modelling_error=math.hypot(window.modelling_error, NODE_ERROR),
                              predicted_error=math.hypot(window.predicted_error, error_gain * NODE_ERROR),
                              rays_at_facing=False)
+            # What is between samples tells more.
+            window = _with_samples(window, self._most_kept(window, frame, window.samples * CONTRAST**_FIRST))
         if window.samples:
             return self._draw_sampled(window, frame, error_gain, clock, may_give_up)
         return self._samples(window, frame, clock, window.bounds_px, window.grid), window
@@ -167,9 +170,7 @@ class IrradiancePass:
             return None
         budget = max(math.sqrt(max(window.budget**2 - floor**2, 0.0)), 0.3 * window.budget)
         if window.samples < (finer := self._finer(window, frame, now / budget, power)):
-            columns, rows = (finer * cells // window.samples for cells in window.grid)
-            return self._draw_sampled(replace(window, samples=finer, grid=(columns, rows)), frame, error_gain, clock,
-                                      may_give_up)
+            return self._draw_sampled(_with_samples(window, finer), frame, error_gain, clock, may_give_up)
         refinement = plan_refinement(mean, error, window.samples, budget, power) if math.isfinite(budget) else None
         clock.lap("refine")
         if refinement is None:
@@ -187,8 +188,11 @@ class IrradiancePass:
         """Samples along a pixel's side that leave no excess of error where they are kept, which a mask's are not."""
         if excess <= 1.0 or not self._is_kept(window, frame):
             return window.samples
-        most = int(_MOST_KEPT_ACROSS / frame.views[0].size_px)
-        return min(math.ceil(window.samples * (_FINER * excess) ** (2.0 / power)), max(most, window.samples))
+        return self._most_kept(window, frame, window.samples * (_FINER * excess) ** (2.0 / power))
+
+    def _most_kept(self, window: WindowPlan, frame: Frame, wanted: float) -> int:
+        """Samples along a pixel's side, as many as are wanted if they may be kept."""
+        return min(math.ceil(wanted), max(int(_MOST_KEPT_ACROSS / frame.views[0].size_px), window.samples))
 
     def _edge_share(self, window: WindowPlan, frame: Frame, clock: Clock, mean: np.ndarray, error: np.ndarray) -> float:
         """Of the squared error of pixels (height, width), the share beside the edges of cast shadows."""
@@ -276,3 +280,11 @@ class IrradiancePass:
         samples[row, column] = self._rays.irradiance(np.stack([x.take(column), y.take(row)]).T, frame.camera, seen,
                                                      row % across * across + column % across)
         return samples
+
+
+def _with_samples(window: WindowPlan, samples: int) -> WindowPlan:
+    """With so many along a pixel's side; of a small body's own grid there is no such number."""
+    if not window.samples:
+        return window
+    columns, rows = (samples * cells // window.samples for cells in window.grid)
+    return replace(window, samples=samples, grid=(columns, rows))

@@ -46,12 +46,13 @@ class Middles:
         solid : RayMesh
             Of the same shape.
         """
-        from .horizon_loops import N_AZIMUTHS
+        from .horizon_loops import N_AZIMUTHS, UNKNOWN
 
         facets = np.concatenate([normal, middle_m]).T.astype(np.float32, order="C")
         # In the order in which they are: that of a shape's own file is another one.
         heights = cached_bytes(f"middles4-{hashlib.sha256(facets.data).hexdigest()[:32]}",
-                               (normal.shape[1], N_AZIMUTHS), lambda: _heights(middle_m, normal, solid))
+                               (normal.shape[1], N_AZIMUTHS),
+                               lambda: heights_around(middle_m, normal, solid, N_AZIMUTHS, UNKNOWN))
         return cls(facets=facets, heights=heights)
 
     def shade(self, to_sun: np.ndarray, r_camera_m: np.ndarray, brdf: np.ndarray, first_root: float,
@@ -88,17 +89,28 @@ class Middles:
         return found, asked[places], is_asked[:, places]
 
 
-def _heights(middle_m: np.ndarray, normal: np.ndarray, solid: RayMesh) -> np.ndarray:
-    from .horizon_loops import N_AZIMUTHS, UNKNOWN, axes_across
+def heights_around(points_m: np.ndarray, normal: np.ndarray, solid: RayMesh, n_azimuths: int, unknown: int
+                   ) -> np.ndarray:
+    """How high a shape stands around points of its surface, in azimuths of even steps on a square: (N, A) uint8.
 
-    found = np.empty((normal.shape[1], N_AZIMUTHS), np.uint8)
-    # On a square around, as the loops count azimuths.
-    place = np.arange(N_AZIMUTHS) * (4.0 / N_AZIMUTHS)
+    Parameters
+    ----------
+    points_m, normal : (3, N) float64 [m], [1]
+    solid : RayMesh
+    n_azimuths : int
+    unknown : int
+        Where azimuths do not tell what stands around; 0 for not looking whether they do.
+    """
+    from .horizon_loops import axes_across
+
+    found = np.empty((normal.shape[1], n_azimuths), np.uint8)
+    # As the loops count azimuths.
+    place = np.arange(n_azimuths) * (4.0 / n_azimuths)
     azimuths = np.stack([np.abs(place - 2.0) - 1.0, np.where(place > 3.0, place - 4.0, 1.0 - np.abs(place - 1.0))])
     azimuths /= np.linalg.norm(azimuths, axis=0)
 
     def look(part: slice) -> None:
-        solid.heights(middle_m[:, part], normal[:, part], axes_across(normal[:, part]), azimuths, UNKNOWN,
+        solid.heights(points_m[:, part], normal[:, part], axes_across(normal[:, part]), azimuths, unknown,
                       found[part])
 
     threads.run_in_parts(look, normal.shape[1], _PART)

@@ -142,7 +142,9 @@ def told_plan(camera: PinholeCamera, max_error: float, views: Sequence[BodyView]
     for view, body in zip(views, without_maps(bodies, windows), strict=True):
         known = traits[view.name]
         if view.name in by_areas:
-            if by_areas[view.name].by_middles:
+            if n_points := by_areas[view.name].n_points:
+                left_out.append(f"{view.name}: all of the surface but {n_points} points")
+            elif by_areas[view.name].by_middles:
                 left_out.append(f"{view.name}: where light ends within facets: all of one is as lit as its middle")
             body = replace(body, level=by_areas[view.name].number, flux_ratio=by_areas[view.name].flux_ratio)
         done.append(replace(body, n_facets=known.levels[body.level].n_facets))

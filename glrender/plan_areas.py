@@ -152,7 +152,8 @@ class _Candidates:
         may_be_by_middles = view.phase_rad + self.traits.radius_m / view.range_m <= _MIDDLES_RAD
         fit = [level for level in self.traits.area_levels if is_as_measured and self._fits(level, budget, told)]
         self.fit = [level for level in fit if not (level.kind.by_middles or body.casters)]
-        self.middles = [level for level in fit if level.kind.by_middles and may_be_by_middles]
+        self.middles = [level for level in fit if level.kind.by_middles and may_be_by_middles
+                        and (self._is_alone or not level.kind.n_points)]
 
     def _fits(self, level: AreaLevel, budget: float, told: float) -> bool:
         """Whether a level leaves something of the budget, and of what is left of it for the flux and the centre.
@@ -163,6 +164,8 @@ class _Candidates:
                            else (_LEVEL_SHARE, _FLUX_SCATTERS))
         if self.tells(level):
             share = _OTHER_SIDES
+        if level.kind.n_points:
+            scatters = _FLUX_SCATTERS
         return (self.error(level) <= share * budget
                 and scatters * level.flux_at(self.view.phase_rad)[1] <= _FLUX_SHARE * told
                 and level.centre_at(self.view.phase_rad) * self._size_px <= max(
@@ -249,7 +252,9 @@ def _cost(each: Sequence[tuple[_Candidates, AreaLevel | None]], budget: float, c
             crease_rad *= _OF_FEW
         facet_px = math.sqrt(2.0 * facing * n_px / n_facing)
         anew = 1.0
-        if by_middles:
+        if level is not None and level.kind.n_points:
+            ns = costs.points_ns(n_facets, n_facing)
+        elif by_middles:
             if all(is_kept(level.n_facets, body.view, body.traits.radius_m) for body, level in each):
                 anew = _ANEW
             ns = (costs.middles_ns(n_facets, n_facing, n_px, facet_px, anew)

@@ -204,7 +204,7 @@ def find_heights(scene, radius_m, points_m, normals, axes, lift_m, azimuths, unk
     (N, K) uint8: of 255 steps of the sine, one at which a ray is blocked and a step above which it is free, in each of
     the azimuths (2, K), unit vectors along two axes across the normals (6, N); 0 where it is free at the first step.
     Some points in a row, which are neighbours, are all `unknown` if a few more rays find something else: above what is
-    free, as an overhang, or between azimuths, as a peak.
+    free, as an overhang, or between azimuths, as a peak. If that is 0, nothing is looked for.
     """
     (rays, _, valid), which = _new_rays(), np.empty(_LANES, np.intp)
     n_points, n_azimuths = points_m.shape[1], azimuths.shape[1]
@@ -241,7 +241,7 @@ def find_heights(scene, radius_m, points_m, normals, axes, lift_m, azimuths, unk
                             span[m] *= 4
                         n = 0
             found[i] = low
-            if _stands_else(scene, rays, valid, place, axes, i, normal, azimuths, i - first, found):
+            if unknown and _stands_else(scene, rays, valid, place, axes, i, normal, azimuths, i - first, found):
                 found[first:last] = unknown
                 break
 

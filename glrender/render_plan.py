@@ -63,11 +63,13 @@ class LevelPlan:
     """Whether facets are as lit as their middles are, or cut at the edges of light."""
     flux_ratio: float = 1.0
     """Of the full shape over the level: its light is multiplied by it."""
+    n_points: int = 0
+    """Of the middles, so many that stand for all: 0 for all of them."""
 
     @property
     def tells_error(self) -> bool:
-        """Whether an image of a body that is alone in its scene tells its error: a level's is measured once."""
-        return self.by_middles and not self.number
+        """Whether an image of a body that is alone in its scene tells its error: that of others is measured once."""
+        return self.by_middles and not self.number and not self.n_points
 
 
 @dataclass(frozen=True, kw_only=True)

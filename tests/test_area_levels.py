@@ -142,10 +142,11 @@ def test_a_body_that_is_not_drawn_by_areas_has_no_levels_of_them(rough):
     assert area_levels(body, ()) == ((), ())
 
 
-def table(number, *, error=0.0, scatter=0.0, centre=0.0, n_facets=12_000, n_normals=0, by_middles=False, told=0.0):
+def table(number, *, error=0.0, scatter=0.0, centre=0.0, n_facets=12_000, n_normals=0, by_middles=False, told=0.0,
+          n_points=0):
     phases, sizes = np.ones(len(PHASES_RAD)), np.ones((len(PHASES_RAD), len(SIZES_PX)))
-    kind = LevelPlan(number=number, has_relief=n_normals > 0, by_middles=by_middles)
-    return AreaLevel(kind=kind, n_facets=n_facets, n_normals=n_normals, crease_rad=0.2,
+    kind = LevelPlan(number=number, has_relief=n_normals > 0, by_middles=by_middles, n_points=n_points)
+    return AreaLevel(kind=kind, n_facets=n_points or n_facets, n_normals=n_normals, crease_rad=0.2,
                      error=error * sizes, flux_ratio=1.01 * phases, flux_scatter=scatter * phases,
                      centre=centre * phases, told=told * sizes)
 
@@ -212,6 +213,19 @@ def test_a_lone_body_is_drawn_by_middles_where_its_frame_will_tell_that_they_do(
     assert told(0.03).levels == (LevelPlan(),), "beside others no frame tells: 1.3 times 0.04 is too much"
     assert told(0.03, error=0.051, is_alone=True).levels == (LevelPlan(),), "as wrong as that it was measured"
     assert told(0.03, penumbra=0.048, is_alone=True).levels == (LevelPlan(),), "0.014 is left"
+
+
+def test_points_stand_for_a_lone_body_alone():
+    """They cost what they are, not what the shape is; beside others something would have to be cut."""
+    def points(n_points=16_000, is_alone=True, **table_of):
+        return chosen([table(0, by_middles=True, n_points=n_points, **table_of)], 0.05, is_alone=is_alone,
+                      costs=CHEAP_RAYS)
+
+    one, twice = points(error=0.03), points(32_000, error=0.03)
+    assert one.levels[0].n_points == 16_000 and one.ns < 0.7 * twice.ns < 0.7 * chosen([], 0.05, costs=CHEAP_RAYS).ns
+    assert one.error == pytest.approx(1.3 * 0.03, rel=0.01), "no frame tells: that of other sides is more"
+    assert points(error=0.036).levels == (LevelPlan(),) and points(error=0.03, is_alone=False).levels == (LevelPlan(),)
+    assert points(scatter=0.0024).levels[0].n_points and points(scatter=0.0026).levels == (LevelPlan(),)
 
 
 def test_bodies_that_are_drawn_together_are_by_middles_all_or_none():
