@@ -42,7 +42,7 @@ _ASPECTS, _RANGE_RADII = 8, 50.0
 # Of both images that are compared.
 _BUDGET = 0.02
 # What measuring takes a facet of the full shape, with tables of horizons, about.
-_FACET_S = 6e-5
+_FACET_S = 7e-5
 # What is told where an image cannot be made.
 _UNKNOWN = 1e3
 # Arrays of an `AreaLevel`.

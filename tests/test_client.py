@@ -217,6 +217,20 @@ def test_asyncio_retries_and_times_out(endpoint):
         asyncio.run(AsyncClient(endpoint).hello())
 
 
+def test_a_scene_may_take_longer_than_a_frame():
+    """Nobody answers: by the time that was given for it, and what to do."""
+    hint = "`load_scene` within 0.3 s, 1 times; a large shape takes minutes the first time: give load_scene a"
+
+    async def load():
+        async with AsyncClient("tcp://127.0.0.1:1", timeout_s=60.0, retries=0) as client:
+            await client.load_scene({}, timeout_s=0.3)
+
+    with pytest.raises(RequestTimeout, match=hint):
+        asyncio.run(load())
+    with Client("tcp://127.0.0.1:1", timeout_s=60.0, retries=0) as client, pytest.raises(RequestTimeout, match=hint):
+        client.load_scene({}, timeout_s=0.3)
+
+
 @pytest.fixture
 def recording(endpoint, tmp_path):
     path = tmp_path / "flight.glr"

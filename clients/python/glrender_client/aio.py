@@ -66,9 +66,9 @@ class AsyncClient:
         """How the server does."""
         return (await self._ask("status", {})).header
 
-    async def load_scene(self, scene: Mapping[str, Any]) -> dict[str, Any]:
-        """Replace the server's scene, for every client."""
-        return (await self._ask("load_scene", {"scene": dict(scene)})).header
+    async def load_scene(self, scene: Mapping[str, Any], *, timeout_s: float | None = None) -> dict[str, Any]:
+        """Replace the server's scene, for every client; as `Client.load_scene`."""
+        return (await self._ask("load_scene", {"scene": dict(scene)}, timeout_s)).header
 
     async def render(self, state: Mapping[str, Any], camera: str | None = None, **options: Any) -> Reply:
         """One frame; arguments and errors are those of `Client.render`."""
@@ -84,7 +84,8 @@ class AsyncClient:
         """Laser ranges; as `Client.range`."""
         return await self._ask("range", range_fields(state, directions_camera, camera, noise))
 
-    async def _ask(self, op: str, fields: Mapping[str, Any]) -> Reply:
+    async def _ask(self, op: str, fields: Mapping[str, Any], timeout_s: float | None = None) -> Reply:
+        timeout_s = timeout_s or self._timeout_s
         if self._context is None:
             raise GlrenderClientError("use this client inside `async with`")
         number, message = self._pack(op, fields)
@@ -93,15 +94,14 @@ class AsyncClient:
         try:
             for _ in range(self._retries + 1):
                 await self._socket.send(message)
-                done, _ = await asyncio.wait([future], timeout=self._timeout_s)
+                done, _ = await asyncio.wait([future], timeout=timeout_s)
                 if done:
                     return future.result()
         finally:
             del self._waiting[number]
             if not future.cancel() and not future.cancelled():
                 future.exception()  # of a request given up when its answer was there: nobody else asks
-        raise RequestTimeout(f"{self._endpoint} did not answer `{op}` within {self._timeout_s:g} s, "
-                             f"{self._retries + 1} times; is glrender-server running there?")
+        raise RequestTimeout.after(self._endpoint, op, timeout_s, self._retries + 1)
 
     async def _read(self) -> None:
         while True:

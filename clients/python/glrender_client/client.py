@@ -106,9 +106,16 @@ class Client:
         """How the server does: uptime, requests, errors by code, last timings."""
         return self._ask("status", {}).header
 
-    def load_scene(self, scene: Mapping[str, Any]) -> dict[str, Any]:
-        """Replace the server's scene, for every client; shapes are file names in its shape folder."""
-        return self._ask("load_scene", {"scene": dict(scene)}).header
+    def load_scene(self, scene: Mapping[str, Any], *, timeout_s: float | None = None) -> dict[str, Any]:
+        """Replace the server's scene, for every client; shapes are file names in its shape folder.
+
+        Parameters
+        ----------
+        scene : mapping
+        timeout_s : float, optional [s]
+            For the answer instead of this client's: the first time a shape of a million facets takes minutes.
+        """
+        return self._ask("load_scene", {"scene": dict(scene)}, timeout_s).header
 
     def render(self, state: Mapping[str, Any], camera: str | None = None, *, output: str = "irradiance",
                exposure_s: float | str | None = None, seed: int | None = None, max_error: float | None = None,
@@ -235,7 +242,8 @@ class Client:
                 self._n_not_shared += 1
         return self._ask("render", fields)
 
-    def _ask(self, op: str, fields: Mapping[str, Any]) -> Reply:
+    def _ask(self, op: str, fields: Mapping[str, Any], timeout_s: float | None = None) -> Reply:
+        timeout_s = timeout_s or self._timeout_s
         if self._context.closed:
             raise GlrenderClientError("this client is closed")
         number, message = self._pack(op, fields)
@@ -245,16 +253,12 @@ class Client:
                 raise GlrenderClientError(f"a request must have at most {most} bytes, `{op}` has {len(message)}: "
                                           "shapes and textures are file names, not data")
         for _ in range(self._retries + 1):
-            found = self._try_once(message, number, self._timeout_s)
+            found = self._try_once(message, number, timeout_s)
             if found is not None:
                 return found
             # The request or the reply may be lost with the connection: ask anew over another.
             self._disconnect()
-        raise self._timed_out(op)
-
-    def _timed_out(self, op: str) -> RequestTimeout:
-        return RequestTimeout(f"{self._endpoint} did not answer `{op}` within {self._timeout_s:g} s, "
-                              f"{self._retries + 1} times; is glrender-server running there?")
+        raise RequestTimeout.after(self._endpoint, op, timeout_s, self._retries + 1)
 
     def _try_once(self, message: bytes, number: int, timeout_s: float) -> Reply | None:
         self._send(message)

@@ -10,6 +10,13 @@ class GlrenderClientError(Exception):
 class RequestTimeout(GlrenderClientError, TimeoutError):
     """No reply within the time allowed, on any try."""
 
+    @classmethod
+    def after(cls, endpoint: str, op: str, timeout_s: float, n_tries: int) -> RequestTimeout:
+        """Of an operation that was tried so often, for so long each time [s]."""
+        why = ("a large shape takes minutes the first time: give load_scene a `timeout_s`" if op == "load_scene"
+               else "is glrender-server running there?")
+        return cls(f"{endpoint} did not answer `{op}` within {timeout_s:g} s, {n_tries} times; {why}")
+
 
 class ServerError(GlrenderClientError):
     """The server refused the request.
