@@ -14,6 +14,7 @@ from . import error_model
 from .area_engine import AreaEngine
 from .area_grid import SmallBody, add_by_area
 from .clock import Clock
+from .first_samples import MAX_SAMPLES
 from .gl.context import Context
 from .gl.mesh import IRRADIANCE_STAGE
 from .gl.targets import Target
@@ -106,8 +107,9 @@ class IrradiancePass:
             window = replace(window, modelling_error=math.hypot(window.modelling_error, NODE_ERROR),
                              predicted_error=math.hypot(window.predicted_error, error_gain * NODE_ERROR),
                              rays_at_facing=False)
-            # What is between samples tells more.
-            window = _with_samples(window, self._most_kept(window, frame, window.samples * CONTRAST**_FIRST))
+            if window.samples <= MAX_SAMPLES:
+                # What is between samples tells more; of more of them the planner took some to spare.
+                window = _with_samples(window, self._most_kept(window, frame, window.samples * CONTRAST**_FIRST))
         if window.samples:
             return self._draw_sampled(window, frame, error_gain, clock, may_give_up)
         return self._samples(window, frame, clock, window.bounds_px, window.grid), window

@@ -7,6 +7,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -47,6 +48,15 @@ def test_one_process_draws_all_frames_and_ends_with_the_renderer():
     assert not is_alive(pid)
     np.testing.assert_array_equal(images[0], images[2])
     assert images[0].sum() > 1.5 * images[1].sum()
+
+
+@pytest.mark.usefixtures("blender")
+def test_nothing_is_left_in_the_folder_of_temporary_files(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    with Cycles(SCENE) as cycles:
+        cycles.render(views.state(), samples=2)
+        assert list(tmp_path.iterdir())
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.usefixtures("blender")

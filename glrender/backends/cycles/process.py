@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import socket
 import subprocess
 import tempfile
@@ -33,18 +34,18 @@ class BlenderProcess:
 
     def __init__(self):
         self._link, theirs = socket.socketpair()
-        self._said = tempfile.TemporaryFile()
+        # It leaves a folder behind where it is killed, as it is in the end.
+        self._said, self._folder = tempfile.TemporaryFile(), tempfile.TemporaryDirectory(prefix="glrender-blender-")
         try:
             self._process = subprocess.Popen(
                 [*blender_command(), str(theirs.fileno())], stdin=subprocess.DEVNULL, stdout=self._said,
-                stderr=self._said, pass_fds=[theirs.fileno()], start_new_session=True)
+                stderr=self._said, pass_fds=[theirs.fileno()], start_new_session=True,
+                env=os.environ | {"TMPDIR": self._folder.name})
         except OSError as error:
-            self._link.close()
-            self._said.close()
+            self._release()
             raise DeviceError(f"Blender does not start: {error}") from None
         except BaseException:
-            self._link.close()
-            self._said.close()
+            self._release()
             raise
         finally:
             theirs.close()
@@ -81,11 +82,15 @@ class BlenderProcess:
 
     def close(self) -> None:
         """End the process."""
-        self._link.close()
         if self._process.poll() is None:
             self._process.kill()
         self._process.wait()
+        self._release()
+
+    def _release(self) -> None:
+        self._link.close()
         self._said.close()
+        self._folder.cleanup()
 
     def _hear(self, deadline: float, on_progress: Callable[[float], None]) -> tuple[dict, dict]:
         while True:
