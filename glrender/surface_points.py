@@ -42,7 +42,10 @@ class SurfacePoints:
         middle_m, normal = corner_m[:, :, chosen].mean(axis=0), facets.normal.take(chosen, axis=1)
         points = np.concatenate([normal, middle_m]).T.astype(np.float32, order="C")
         # About right is enough: where azimuths do not tell what stands around, as under an overhang, as well.
-        heights = cached_bytes(f"points1-{hashlib.sha256(points.data).hexdigest()[:32]}", (n_points, _AZIMUTHS),
+        digest = hashlib.sha256(points.data)
+        # Facets of which no point is stand around as well.
+        digest.update(facets.vertices_m.data)
+        heights = cached_bytes(f"points1-{digest.hexdigest()[:32]}", (n_points, _AZIMUTHS),
                                lambda: heights_around(middle_m, normal, facets.solid, _AZIMUTHS, 0))
         first, rest = np.arange(n_points), []
         for _ in counts[1:]:

@@ -85,7 +85,9 @@ class AsyncClient:
         return await self._ask("range", range_fields(state, directions_camera, camera, noise))
 
     async def _ask(self, op: str, fields: Mapping[str, Any], timeout_s: float | None = None) -> Reply:
-        timeout_s = timeout_s or self._timeout_s
+        timeout_s = self._timeout_s if timeout_s is None else timeout_s
+        if not timeout_s > 0.0:
+            raise ValueError(f"timeout_s must be > 0, got {timeout_s!r}")
         if self._context is None:
             raise GlrenderClientError("use this client inside `async with`")
         number, message = self._pack(op, fields)

@@ -243,7 +243,9 @@ class Client:
         return self._ask("render", fields)
 
     def _ask(self, op: str, fields: Mapping[str, Any], timeout_s: float | None = None) -> Reply:
-        timeout_s = timeout_s or self._timeout_s
+        timeout_s = self._timeout_s if timeout_s is None else timeout_s
+        if not timeout_s > 0.0:
+            raise ValueError(f"timeout_s must be > 0, got {timeout_s!r}")
         if self._context.closed:
             raise GlrenderClientError("this client is closed")
         number, message = self._pack(op, fields)

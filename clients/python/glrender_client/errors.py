@@ -13,9 +13,10 @@ class RequestTimeout(GlrenderClientError, TimeoutError):
     @classmethod
     def after(cls, endpoint: str, op: str, timeout_s: float, n_tries: int) -> RequestTimeout:
         """Of an operation that was tried so often, for so long each time [s]."""
-        why = ("a large shape takes minutes the first time: give load_scene a `timeout_s`" if op == "load_scene"
-               else "is glrender-server running there?")
-        return cls(f"{endpoint} did not answer `{op}` within {timeout_s:g} s, {n_tries} times; {why}")
+        why = ("; a large shape takes minutes the first time: give load_scene a longer `timeout_s`"
+               if op == "load_scene" else "")
+        return cls(f"{endpoint} did not answer `{op}` within {timeout_s:g} s, {n_tries} times; "
+                   f"is glrender-server running there?{why}")
 
 
 class ServerError(GlrenderClientError):
