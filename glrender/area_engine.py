@@ -96,7 +96,8 @@ class AreaEngine:
                                 RayMesh(level.shape.vertices_m, level.shape.facets), is_closed=full.is_closed,
                                 level=level, with_middles=True)
                     for level in made)]
-                if full.middles is not None and point_counts(full.n_facets):
+                # They are for bodies that are alone.
+                if len(scene.bodies) == 1 and full.middles is not None and point_counts(full.n_facets):
                     self._points[body.name] = surface_points.SurfacePoints(full)
 
     def close(self) -> None:

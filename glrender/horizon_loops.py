@@ -265,6 +265,15 @@ def _is_above_curve(heights, point, towards):
 
 
 @inlined
+def _faces(facets, facet, to_sun, r_camera_m):
+    """Whether a facet faces both Sun and camera."""
+    a, b, c = float(facets[facet, 0]), float(facets[facet, 1]), float(facets[facet, 2])
+    return (a * to_sun[0] + b * to_sun[1] + c * to_sun[2] > 0.0) & (
+        a * (r_camera_m[0] - facets[facet, 3]) + b * (r_camera_m[1] - facets[facet, 4])
+        + c * (r_camera_m[2] - facets[facet, 5]) > 0.0)
+
+
+@inlined
 def _look(facets, facet, to_sun, r_camera_m):
     """Of a facet's middle, across the normal twice and along it: unit vectors to camera and Sun.
 
@@ -324,11 +333,8 @@ def shade_middles(facets, heights, first, last, to_sun, r_camera_m, brdf, least_
     n_facing, n_shown, n_asked = 0, 0, 0
     for facet in range(first, last):
         found[facet] = 0.0
-        a, b, c = float(facets[facet, 0]), float(facets[facet, 1]), float(facets[facet, 2])
         left[n_facing] = facet
-        n_facing += (a * to_sun[0] + b * to_sun[1] + c * to_sun[2] > 0.0) & (
-            a * (r_camera_m[0] - facets[facet, 3]) + b * (r_camera_m[1] - facets[facet, 4])
-            + c * (r_camera_m[2] - facets[facet, 5]) > 0.0)
+        n_facing += _faces(facets, facet, to_sun, r_camera_m)
     for i in range(n_facing):
         facet = left[i]
         camera, sun, squared = _look(facets, facet, to_sun, r_camera_m)
@@ -358,11 +364,8 @@ def light_points(points, heights, first, block, every, to_sun, r_camera_m, brdf,
     for begin in range(first, len(points), every):
         n_facing, n_shown = 0, 0
         for point in range(begin, min(begin + block, len(points))):
-            a, b, c = float(points[point, 0]), float(points[point, 1]), float(points[point, 2])
             left[n_facing] = point
-            n_facing += (a * to_sun[0] + b * to_sun[1] + c * to_sun[2] > 0.0) & (
-                a * (r_camera_m[0] - points[point, 3]) + b * (r_camera_m[1] - points[point, 4])
-                + c * (r_camera_m[2] - points[point, 5]) > 0.0)
+            n_facing += _faces(points, point, to_sun, r_camera_m)
         for i in range(n_facing):
             point = left[i]
             camera, sun, squared = _look(points, point, to_sun, r_camera_m)

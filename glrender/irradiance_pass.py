@@ -107,7 +107,7 @@ class IrradiancePass:
             window = replace(window, modelling_error=math.hypot(window.modelling_error, NODE_ERROR),
                              predicted_error=math.hypot(window.predicted_error, error_gain * NODE_ERROR),
                              rays_at_facing=False)
-            if window.samples <= MAX_SAMPLES:
+            if 0 < window.samples <= MAX_SAMPLES:
                 # What is between samples tells more; of more of them the planner took some to spare.
                 window = _with_samples(window, self._most_kept(window, frame, window.samples * CONTRAST**_FIRST))
         if window.samples:
@@ -285,8 +285,6 @@ class IrradiancePass:
 
 
 def _with_samples(window: WindowPlan, samples: int) -> WindowPlan:
-    """With so many along a pixel's side; of a small body's own grid there is no such number."""
-    if not window.samples:
-        return window
+    """With so many along a pixel's side, of which there were some before."""
     columns, rows = (samples * cells // window.samples for cells in window.grid)
     return replace(window, samples=samples, grid=(columns, rows))

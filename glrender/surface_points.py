@@ -34,17 +34,15 @@ class SurfacePoints:
 
     def __init__(self, facets: FacetTables):
         self._surface, self._radius_m, self._tables = facets.surface, facets.solid.radius_m, BrdfTables()
-        rng, corner_m, counts = np.random.default_rng(0), facets.corner_m(slice(None)), point_counts(facets.n_facets)
-        area_m2 = 0.5 * np.linalg.norm(np.cross(corner_m[1] - corner_m[0], corner_m[2] - corner_m[0], axis=0), axis=0)
-        up_to_m2, n_points = np.cumsum(area_m2), counts[-1]
+        rng, shape, counts = np.random.default_rng(0), facets.surface.body.shape, point_counts(facets.n_facets)
+        up_to_m2, n_points = np.cumsum(shape.facet_areas_m2.take(facets.number)), counts[-1]
         self._area_m2 = up_to_m2[-1]
         chosen = np.searchsorted(up_to_m2, (np.arange(n_points) + rng.random(n_points)) * self._area_m2 / n_points)
-        middle_m, normal = corner_m[:, :, chosen].mean(axis=0), facets.normal.take(chosen, axis=1)
+        middle_m, normal = facets.corner_m(chosen).mean(axis=0), facets.normal.take(chosen, axis=1)
         points = np.concatenate([normal, middle_m]).T.astype(np.float32, order="C")
-        # About right is enough: where azimuths do not tell what stands around, as under an overhang, as well.
-        digest = hashlib.sha256(points.data)
         # Facets of which no point is stand around as well.
-        digest.update(facets.vertices_m.data)
+        digest = hashlib.sha256(f"{shape.content_hash} ".encode() + points.tobytes())
+        # About right is enough, even where azimuths do not tell what stands around, as under an overhang.
         heights = cached_bytes(f"points1-{digest.hexdigest()[:32]}", (n_points, _AZIMUTHS),
                                lambda: heights_around(middle_m, normal, facets.solid, _AZIMUTHS, 0))
         first, rest = np.arange(n_points), []

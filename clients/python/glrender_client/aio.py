@@ -11,7 +11,7 @@ from typing import Any
 import zmq
 import zmq.asyncio
 
-from .connection import connected
+from .connection import connected, positive_s
 from .curve import curve_keys
 from .errors import GlrenderClientError, RequestTimeout
 from .wire import Packer, Reply, frames_fields, range_fields, read_header, read_reply, render_fields
@@ -31,11 +31,9 @@ class AsyncClient:
 
     def __init__(self, endpoint: str = "tcp://127.0.0.1:5555", *, timeout_s: float = 10.0, retries: int = 2,
                  key: Path | None = None, server_key: Path | None = None):
-        if not timeout_s > 0.0:
-            raise ValueError(f"timeout_s must be > 0, got {timeout_s!r}")
         if retries < 0:
             raise ValueError(f"retries must be >= 0, got {retries!r}")
-        self._endpoint, self._timeout_s, self._retries = endpoint, timeout_s, retries
+        self._endpoint, self._timeout_s, self._retries = endpoint, positive_s(timeout_s), retries
         self._keys, self._pack = curve_keys(key, server_key), Packer()
         self._context: zmq.asyncio.Context | None = None
         self._waiting: dict[int, asyncio.Future[Reply]] = {}
@@ -85,9 +83,7 @@ class AsyncClient:
         return await self._ask("range", range_fields(state, directions_camera, camera, noise))
 
     async def _ask(self, op: str, fields: Mapping[str, Any], timeout_s: float | None = None) -> Reply:
-        timeout_s = self._timeout_s if timeout_s is None else timeout_s
-        if not timeout_s > 0.0:
-            raise ValueError(f"timeout_s must be > 0, got {timeout_s!r}")
+        timeout_s = self._timeout_s if timeout_s is None else positive_s(timeout_s)
         if self._context is None:
             raise GlrenderClientError("use this client inside `async with`")
         number, message = self._pack(op, fields)

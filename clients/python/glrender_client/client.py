@@ -10,7 +10,7 @@ from typing import Any
 
 import zmq
 
-from .connection import MAX_POLL_MS, connected
+from .connection import MAX_POLL_MS, connected, positive_s
 from .curve import curve_keys
 from .errors import GlrenderClientError, RequestTimeout
 from .notebook import described
@@ -50,13 +50,11 @@ class Client:
     def __init__(self, endpoint: str = "tcp://127.0.0.1:5555", *, timeout_s: float = 10.0, retries: int = 2,
                  key: Path | None = None, server_key: Path | None = None, record: Path | None = None,
                  shared_memory: bool | None = None):
-        if not timeout_s > 0.0:
-            raise ValueError(f"timeout_s must be > 0, got {timeout_s!r}")
         if retries < 0:
             raise ValueError(f"retries must be >= 0, got {retries!r}")
         if shared_memory and record is not None:
             raise ValueError("shared_memory must not be True with `record`: a recording holds the pixels")
-        self._endpoint, self._timeout_s, self._retries = endpoint, timeout_s, retries
+        self._endpoint, self._timeout_s, self._retries = endpoint, positive_s(timeout_s), retries
         self._pack = Packer()
         self._keys = curve_keys(key, server_key)
         self._recorder = None if record is None else Recorder(record)
@@ -113,7 +111,7 @@ class Client:
         ----------
         scene : mapping
         timeout_s : float, optional [s]
-            For the answer instead of this client's: the first time a shape of a million facets takes minutes.
+            For each try's answer instead of this client's: the first time a shape of a million facets takes minutes.
         """
         return self._ask("load_scene", {"scene": dict(scene)}, timeout_s).header
 
@@ -243,9 +241,7 @@ class Client:
         return self._ask("render", fields)
 
     def _ask(self, op: str, fields: Mapping[str, Any], timeout_s: float | None = None) -> Reply:
-        timeout_s = self._timeout_s if timeout_s is None else timeout_s
-        if not timeout_s > 0.0:
-            raise ValueError(f"timeout_s must be > 0, got {timeout_s!r}")
+        timeout_s = self._timeout_s if timeout_s is None else positive_s(timeout_s)
         if self._context.closed:
             raise GlrenderClientError("this client is closed")
         number, message = self._pack(op, fields)

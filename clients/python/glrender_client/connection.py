@@ -11,6 +11,19 @@ MAX_POLL_MS = 2**31 - 1
 """Longer than this ZeroMQ cannot wait."""
 
 
+def positive_s(timeout_s: float) -> float:
+    """A timeout [s] that is one.
+
+    Raises
+    ------
+    ValueError
+        It is not above 0.
+    """
+    if not timeout_s > 0.0:
+        raise ValueError(f"timeout_s must be > 0, got {timeout_s!r}")
+    return timeout_s
+
+
 def connected(context: zmq.Context, endpoint: str, keys: Keys | None) -> zmq.Socket:
     """A socket that talks to a server, or waits until there is one.
 
