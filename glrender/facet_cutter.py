@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from . import facet_loops
@@ -12,6 +14,11 @@ from .view import BodyView
 
 LOW_SUN_RAD = 1.5
 """Phase angle from which facets are looked at more closely everywhere: they are few, and light falls in slivers."""
+
+# Where Gauss' rule of two places has them on a length.
+_GAUSS = 0.5 - 0.5 / math.sqrt(3.0)
+# What is cut off at a lit and at a dark corner, over what that rule finds: decision 0022.
+_BEYOND = 1.01, 1.02
 
 
 class FacetCutter:
@@ -100,42 +107,40 @@ class FacetCutter:
     def cut_off(self, triangles: FacetParts, n_bisections: int) -> None:
         """Cut triangles between the corner that differs and the two others.
 
-        Those of which the cut does not leave the middle as it is are divided before.
+        What is cut off is as large as what a light's edge that bends leaves there; its end is straight.
         """
-        left = self._cut(triangles, n_bisections)
-        if len(left):
-            # Their sides are half as long.
-            self._cut(self.keep_even(self.quarters(triangles.at(left))), max(n_bisections - 1, 1), looks=False)
-
-    def _cut(self, triangles: FacetParts, n_bisections: int, *, looks: bool = True) -> np.ndarray:
-        """Cut triangles; numbers of those that are left, since their middles are not as the cut has them."""
-        points, n = self.points, len(triangles.facet)
+        points = self.points
         is_lit = self.are_lit(triangles)
         is_one = is_lit.sum(axis=0) == 1
-        odd, every = np.argmax(is_lit == is_one, axis=0), np.arange(n)
+        odd, every = np.argmax(is_lit == is_one, axis=0), np.arange(len(is_one))
         corner, *others = (triangles.corner[(odd + j) % 3, every] for j in range(3))
         is_known = points.is_seen.take(triangles.corner).all(axis=0)
-        # From the lit end to the dark one.
-        (lit, dark), first, is_seen, side = facet_loops.distinct_pairs(
-            *(np.concatenate([np.where(is_one == is_from, corner, other) for other in others])
-              for is_from in (True, False)), np.tile(is_known, 2))
-        facet, begin_m = triangles.facet.take(first % max(n, 1)), points.r_m.take(lit, axis=1)
-        way_m = points.r_m.take(dark, axis=1) - begin_m
-        part = np.full(len(lit), 0.5)
-        for k in range(n_bisections):
-            _, is_lit = self._told(begin_m + part * way_m, facet, is_seen)
-            part += np.where(is_lit, 1.0, -1.0) * 0.5 ** (k + 2)
-        made = points.add(begin_m + part * way_m, True, True).take(side).reshape(2, n)
-        is_right = np.ones(n, bool)
-        if looks:
-            # On the odd corner's side of the cut is the middle where 1/3 of both sides is within it.
-            from_lit = part.take(side).reshape(2, n)
-            from_odd = np.where(is_one, from_lit, 1.0 - from_lit)
-            is_right = self._are_lit_inside(triangles, is_known) == (is_one == ((1.0 / from_odd).sum(axis=0) < 3.0))
-        for chosen, corners in ((np.flatnonzero(is_one & is_right), [corner, *made]),
-                                (np.flatnonzero(~is_one & is_right), [made[0], *others, made[1]])):
+        begin_m = points.r_m.take(corner, axis=1)
+        sides_m = [points.r_m.take(other, axis=1) - begin_m for other in others]
+        # Ways from the odd corner through Gauss' two places of the side beyond: the share that is cut off is the mean
+        # of the squares of how far it reaches along them.
+        ways_m = np.concatenate([(1.0 - _GAUSS) * one + _GAUSS * other for one, other in (sides_m, sides_m[::-1])],
+                                axis=1)
+        reach = self._reach(*(np.tile(each, 2) for each in (begin_m, triangles.facet, is_known, is_one)), ways_m,
+                            n_bisections).reshape(2, -1)
+        share = np.minimum(np.where(is_one, *_BEYOND) * 0.5 * (reach[0] ** 2 + reach[1] ** 2), 1.0)
+        # A straight end as far from the corner as leaves that share, and as oblique as they are.
+        end = np.clip(np.sqrt(share) * (reach[0] / reach[1]) ** (0.5 / (1.0 - 2.0 * _GAUSS)), share, 1.0)
+        made = [points.add(begin_m + part * side_m, True, True)
+                for part, side_m in zip((end, share / end), sides_m, strict=True)]
+        for chosen, corners in ((np.flatnonzero(is_one), [corner, *made]),
+                                (np.flatnonzero(~is_one), [made[0], *others, made[1]])):
             self.polygons.append((np.stack(corners).take(chosen, axis=1), triangles.facet.take(chosen)))
-        return np.flatnonzero(~is_right)
+
+    def _reach(self, begin_m: np.ndarray, facet: np.ndarray, is_seen: np.ndarray, is_lit: np.ndarray,
+               way_m: np.ndarray, n_bisections: int) -> np.ndarray:
+        """Parts (N,) of ways (3, N) [m] in facets up to which it is as at their begin: lit, or dark."""
+        part, step = np.full(len(facet), 0.5), 0.25
+        for _ in range(n_bisections):
+            _, found = self._told(begin_m + part * way_m, facet, is_seen)
+            part += np.where(found == is_lit, step, -step)
+            step *= 0.5
+        return part
 
     def _are_lit_inside(self, triangles: FacetParts, is_seen: np.ndarray) -> np.ndarray:
         """Whether the middles of triangles (N,) are lit, of which some are known to be seen (N,)."""
