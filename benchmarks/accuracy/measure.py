@@ -23,18 +23,22 @@ RAY_SAMPLES = (1, 2)
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """How long a scene may take: rounds of glrender's frames, and seconds for them and for each peer."""
+    """How long a scene may take: rounds of glrender's frames, and seconds for them and for each peer.
+
+    And the truth: at least so many rays, and more where its own error is above what is named.
+    """
 
     least: int = 5
     most: int = 25
     ours_s: float = 40.0
     peer_s: float = 10.0
     n_rays: float = 30e6
+    truth_error: float = 0.002
 
 
 def measure(scene: Scene, state: State, limits: Limits, peers: list[str]) -> dict[str, Any]:
     """Rows of times and errors, the truth they are measured against, and the peers that failed."""
-    exact = truth(scene, state, limits.n_rays)
+    exact = truth(scene, state, limits.n_rays, limits.truth_error)
     rows = _glrender(scene, state, exact, limits) + _rays(scene, state, exact, limits)
     failed = {}
     given = peer_scene(scene, state, scene.cameras[0])

@@ -16,6 +16,7 @@ PRODUCTS = ("body_id", "facet_id", "incidence", "sunlit")
 _VERSION = b"3"
 # Odd: its samples stand where no drawn grid of 1, 2, 4 or 8 has its own, but the centre.
 _LEAST, _MOST = 9, 101
+_MOST_RAYS = 5e8
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -40,8 +41,19 @@ class Truth:
     own_error: float
 
 
-def truth(scene: Scene, state: State, n_rays: float = 30e6) -> Truth:
-    """The truth with about `n_rays` rays, 9 x 9 to 101 x 101 a pixel; from the cache if it is there."""
+def truth(scene: Scene, state: State, n_rays: float = 30e6, most_error: float = math.inf) -> Truth:
+    """The truth with about `n_rays` rays, 9 x 9 to 101 x 101 a pixel; from the cache if it is there.
+
+    With more where its own error is above the most that it may be, up to half a billion.
+    """
+    made = _kept(scene, state, n_rays)
+    if made.own_error <= most_error or made.samples >= _MOST:
+        return made
+    # It goes with the samples along a side to the -1.5.
+    return _kept(scene, state, min(n_rays * (made.own_error / most_error) ** (4.0 / 3.0), _MOST_RAYS))
+
+
+def _kept(scene: Scene, state: State, n_rays: float) -> Truth:
     path = FOLDER / f"{_key(scene, state, n_rays)}.npz"
     if not path.is_file():
         FOLDER.mkdir(parents=True, exist_ok=True)
