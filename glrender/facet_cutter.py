@@ -17,7 +17,7 @@ LOW_SUN_RAD = 1.5
 
 # Where Gauss' rule of two places has them on a length.
 _GAUSS = 0.5 - 0.5 / math.sqrt(3.0)
-# What is cut off at a lit and at a dark corner, over what that rule finds: decision 0022.
+# What light leaves at a lit and at a dark corner, over what that rule finds, of natural shapes: decision 0022.
 _BEYOND = 1.01, 1.02
 
 
@@ -95,8 +95,7 @@ class FacetCutter:
     def quarters(self, triangles: FacetParts) -> FacetParts:
         """Each divided in four between the middles of its sides."""
         points, corner = self.points, triangles.corner
-        ends, first, _, side = facet_loops.distinct_pairs(
-            corner.ravel(), corner[[1, 2, 0]].ravel(), np.zeros(corner.size, bool))
+        ends, first, side = facet_loops.distinct_pairs(corner.ravel(), corner[[1, 2, 0]].ravel())
         r_m = 0.5 * (points.r_m.take(ends[0], axis=1) + points.r_m.take(ends[1], axis=1))
         made = points.add(r_m, *self._told(r_m, triangles.facet.take(first % max(len(triangles.facet), 1))))
         # Corners 0, 1, 2; between them 3, 4, 5.
@@ -107,7 +106,7 @@ class FacetCutter:
     def cut_off(self, triangles: FacetParts, n_bisections: int) -> None:
         """Cut triangles between the corner that differs and the two others.
 
-        What is cut off is as large as what a light's edge that bends leaves there; its end is straight.
+        What is cut off ends straight, and is as large as what an edge of light that bends leaves there.
         """
         points = self.points
         is_lit = self.are_lit(triangles)

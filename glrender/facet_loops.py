@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba.types import Tuple, boolean, float32, float64, int16, int32, int64, intp, void
+from numba.types import Tuple, float32, float64, int16, int32, int64, intp, void
 
 from .compiled import compiled, read, write
 
@@ -133,19 +133,18 @@ def vertices_of(corners, facets, n_vertices):
     return vertices[:n].copy(), of[:n].copy(), places
 
 
-@compiled(Tuple((write(intp, 2), write(intp, 1), write(boolean, 1), write(intp, 1)))(
-    _NUMBERS, _NUMBERS, read(boolean, 1)))
-def distinct_pairs(ones, others, is_known):
+@compiled(Tuple((write(intp, 2), write(intp, 1), write(intp, 1)))(_NUMBERS, _NUMBERS))
+def distinct_pairs(ones, others):
     """Of pairs of numbers (N,), in either order, those that are distinct.
 
-    They (2, K), the first (K,) of the N that each is, whether any of these is known (K,), and which each of the N is.
+    They (2, K), the first (K,) of the N that each is, and which each of the N is.
     """
     n_places = 16
     while n_places < 2 * len(ones):
         n_places *= 2
     places = np.full(n_places, -1, np.intp)
     pairs, first = np.empty((2, len(ones)), np.intp), np.empty(len(ones), np.intp)
-    known, number = np.zeros(len(ones), np.bool_), np.empty(len(ones), np.intp)
+    number = np.empty(len(ones), np.intp)
     n = 0
     for i in range(len(ones)):
         low, high = min(ones[i], others[i]), max(ones[i], others[i])
@@ -161,9 +160,8 @@ def distinct_pairs(ones, others, is_known):
             if min(pairs[0, k], pairs[1, k]) == low and max(pairs[0, k], pairs[1, k]) == high:
                 break
             place = (place + 1) & (n_places - 1)
-        known[k] |= is_known[i]
         number[i] = k
-    return pairs[:, :n].copy(), first[:n].copy(), known[:n].copy(), number
+    return pairs[:, :n].copy(), first[:n].copy(), number
 
 
 @compiled(void(_POINTS, intp, intp, _POINTS, _VECTOR, float64, _VECTOR, write(float64, 2)))

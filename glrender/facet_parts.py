@@ -1,4 +1,4 @@
-"""Parts of facets, and the points between which they are: parts that touch share them, and what is known of them."""
+"""Parts of facets, and the points between which they are: what is divided shares them, and what is known of them."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from .ray_engine import RayEngine
 from .render_plan import LevelPlan
 from .view import BodyView, between
 
-# Steps in which the edges of others are found along facets' sides.
+# Steps in which the edges of others are found within facets.
 _BISECTIONS = 3
 # Squared side of facets, times their number, over the squared diameter.
 _FACETS_SQUARED = 1.2

@@ -1,8 +1,8 @@
 """What both the camera and the Sun see of a body: its facets, cut where that ends.
 
 Rays tell it of the facets' corners. Between corners that differ runs the edge of a shadow, or of what hides the rest:
-straight within a small triangle, so that such facets are divided where it matters and then cut between two places
-that bisection finds.
+nearly straight within a small triangle, so that such facets are divided where it matters and then cut where bisection
+finds it.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from .view import BodyView
 # Squared error of what 1, 2, 3 bisections cut off a triangle, over its light squared: times its area in pixels, or the
 # square of it, and of a crowd of small ones, which err together, more.
 _CUT_ERRORS, _CROWD = (0.066, 0.0205, 0.018), 0.2
-# Of their light, what they are too dark by: rough shapes at 60 and 120 deg, beside 100 places in each that is cut.
+# Of their light, what images are too dark by, as what overlaps where cuts are coarse is taken off: at 60 deg.
 _CUT_BIASES = (0.015, 0.003, 0.0)
 # Of the squared light of the largest facet, what another body may take between its corners unseen.
 _OF_LARGEST = 0.1

@@ -1,4 +1,4 @@
-"""Parts of facets: what touches shares its points, and rays are asked of each once."""
+"""Parts of facets: those that touch share their points, and cuts are where light ends."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import solids
 import views
-from glrender import Body, facet_loops
+from glrender import Body, Shape, facet_loops
 from glrender.brdf import Lambert
 from glrender.constants import AU_M
 from glrender.facet_cutter import FacetCutter
@@ -16,14 +16,18 @@ from glrender.facet_parts import FacetParts, Points
 from glrender.facet_tables import FacetTables
 from glrender.ray_engine import RayEngine
 from glrender.view import view_bodies
+from scipy.spatial.transform import Rotation
 
 
-def cutter(*boxes, phase_deg=0.0):
+def cutter(*boxes, phase_deg=0.0, turn_deg=0.0):
     """Of boxes in one shape, seen and lit from above, or from either side: the cutter, and the top of the first.
 
-    Camera and Sun are half of the phase angle off the vertical: towards -x and +x.
+    Camera and Sun are half of the phase angle off the vertical: towards -x and +x. The first box may be turned about
+    the vertical.
     """
-    shape = solids.several(*boxes)
+    vertices_m, facets = solids.joined(*(solids.box(*ends) for ends in boxes))
+    vertices_m[:8] = Rotation.from_euler("z", turn_deg, degrees=True).apply(vertices_m[:8])
+    shape = Shape.from_arrays(vertices_m, facets)
     body = Body(name="body", shape=shape, brdf=Lambert(normal_albedo=0.3))
     scene = views.scene([body], [views.camera(64, 1e5)], sun_disc=False)
     half = np.radians(0.5 * phase_deg)
@@ -54,14 +58,14 @@ def lit_m2(cut):
 @pytest.mark.parametrize("n_pairs", [0, 1, 7, 5000])
 def test_distinct_pairs_are_those_of_numpy(n_pairs):
     rng = np.random.default_rng(1)
-    ones, others, is_known = rng.integers(0, 60, n_pairs), rng.integers(0, 60, n_pairs), rng.random(n_pairs) < 0.1
-    pairs, first, known, number = facet_loops.distinct_pairs(ones, others, is_known)
+    ones, others = rng.integers(0, 60, (2, n_pairs))
+    pairs, first, number = facet_loops.distinct_pairs(ones, others)
     expected = {tuple(sorted(pair)) for pair in zip(ones.tolist(), others.tolist(), strict=True)}
     assert sorted(tuple(sorted(pair)) for pair in pairs.T.tolist()) == sorted(expected)
     np.testing.assert_array_equal(pairs, [ones[first], others[first]])
     np.testing.assert_array_equal(np.sort(pairs[:, number], axis=0), np.sort([ones, others], axis=0))
     for k in range(len(first)):
-        assert known[k] == is_known[number == k].any() and first[k] == np.flatnonzero(number == k)[0]
+        assert first[k] == np.flatnonzero(number == k)[0]
 
 
 def test_points_keep_what_was_before_as_they_grow():
@@ -136,13 +140,34 @@ def test_what_an_edge_that_bends_cuts_off_is_larger_than_its_chord(wide_m):
 
 
 @pytest.mark.parametrize("end_m", [20.0, 50.0])
-def test_a_straight_edge_leaves_a_polygon_of_each(end_m):
-    """A box covers all beyond a line: of the facet with one lit corner, and of that with two, one polygon is left."""
+def test_what_a_straight_edge_cuts_off_is_a_little_larger(end_m):
+    """A box covers all beyond a line that is parallel to a side: what is lit of a facet of which one corner is, and
+
+    what is dark of the other, are 1.01 and 1.02 times as large, as natural edges leave them.
+    """
     cut, top = cutter(((-100, -100, -20), (100, 100, 0)), ((end_m, -200, 10), (200, 200, 20)))
-    cut.cut_off(whole(cut, top), 12)
-    left = np.concatenate([facet for _, facet in cut.polygons])
-    assert sorted(left) == sorted(top)
-    assert lit_m2(cut) == pytest.approx(200.0 * (100.0 + end_m), rel=0.02)
+    triangles = whole(cut, top)
+    n_lit = cut.are_lit(triangles).sum(axis=0)
+    for corners, lit_share in ((1, 1.01 * (0.5 * (1.0 + end_m / 100.0)) ** 2),
+                               (2, 1.0 - 1.02 * (0.5 * (1.0 - end_m / 100.0)) ** 2)):
+        (chosen,) = np.flatnonzero(n_lit == corners)
+        cut.polygons.clear()
+        cut.cut_off(triangles.at(np.array([chosen])), 14)
+        assert sum(len(facet) for _, facet in cut.polygons) == 1
+        assert lit_m2(cut) == pytest.approx(lit_share * 200.0**2 / 2.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("turn_deg", [-25.0, -10.0, 15.0, 30.0])
+def test_a_cut_is_as_oblique_as_the_edge(turn_deg):
+    """Facets that are turned below a box that covers all beyond a line: cuts end on their sides where that is."""
+    cut, top = cutter(((-100, -100, -20), (100, 100, 0)), ((20.0, -400, 10), (400, 400, 20)), turn_deg=turn_deg)
+    triangles = whole(cut, top)
+    cut.cut_off(triangles.at(np.flatnonzero(cut.are_mixed(triangles))), 14)
+    corners, ends_m = cut.points.r_m[0, :4], np.concatenate(
+        [cut.points.r_m[0, corner[corner >= 4]] for corner, _ in cut.polygons])
+    assert len(ends_m) == 4 and len(corners) == 4
+    np.testing.assert_allclose(ends_m, 20.0, atol=5.0)
+    assert np.ptp(cut.points.r_m[1, 4:]) > 150.0
 
 
 def test_where_the_sun_is_low_what_is_dark_in_the_middle_is_divided_about_that():

@@ -16,7 +16,6 @@ PRODUCTS = ("body_id", "facet_id", "incidence", "sunlit")
 _VERSION = b"3"
 # Odd: its samples stand where no drawn grid of 1, 2, 4 or 8 has its own, but the centre.
 _LEAST, _MOST = 9, 101
-_MOST_RAYS = 5e8
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -44,20 +43,19 @@ class Truth:
 def truth(scene: Scene, state: State, n_rays: float = 30e6, most_error: float = math.inf) -> Truth:
     """The truth with about `n_rays` rays, 9 x 9 to 101 x 101 a pixel; from the cache if it is there.
 
-    With more where its own error is above the most that it may be, up to half a billion.
+    With as many more as it takes where its own error is above the most that it may be.
     """
     made = _kept(scene, state, n_rays)
-    if made.own_error <= most_error or made.samples >= _MOST:
+    if made.own_error <= most_error:
         return made
-    # It goes with the samples along a side to the -1.5.
-    return _kept(scene, state, min(n_rays * (made.own_error / most_error) ** (4.0 / 3.0), _MOST_RAYS))
+    return _kept(scene, state, n_rays, made.samples * (made.own_error / most_error) ** (2.0 / 3.0))
 
 
-def _kept(scene: Scene, state: State, n_rays: float) -> Truth:
-    path = FOLDER / f"{_key(scene, state, n_rays)}.npz"
+def _kept(scene: Scene, state: State, n_rays: float, least_samples: float = _LEAST) -> Truth:
+    path = FOLDER / f"{_key(scene, state, n_rays, least_samples)}.npz"
     if not path.is_file():
         FOLDER.mkdir(parents=True, exist_ok=True)
-        made = _trace(scene, state, n_rays)
+        made = _trace(scene, state, n_rays, least_samples)
         part = path.with_suffix(".part.npz")
         np.savez_compressed(part, irradiance_W_m2=made.irradiance_W_m2, samples=made.samples,
                             own_error=made.own_error, **made.products)
@@ -67,12 +65,12 @@ def _kept(scene: Scene, state: State, n_rays: float) -> Truth:
                      samples=int(stored["samples"]), own_error=float(stored["own_error"]))
 
 
-def _trace(scene: Scene, state: State, n_rays: float) -> Truth:
+def _trace(scene: Scene, state: State, n_rays: float, least_samples: float) -> Truth:
     with open_renderer(scene, backend="raytrace") as tracer:
         first = tracer.render(state, samples=1, products=PRODUCTS)
         x0, y0, x1, y1 = first.roi
         samples = math.sqrt(n_rays / max((x1 - x0) * (y1 - y0), 1))
-        samples = min(max(2 * int(0.5 * samples) + 1, _LEAST), _MOST)
+        samples = min(max(2 * int(0.5 * samples) + 1, 2 * math.ceil(0.5 * (least_samples - 1.0)) + 1), _MOST)
         coarse = 2 * (samples // 4) + 1
         fine, rough = (tracer.render(state, samples=n).irradiance_W_m2.astype(np.float64) for n in (samples, coarse))
     lit = fine > 0.0
@@ -82,14 +80,14 @@ def _trace(scene: Scene, state: State, n_rays: float) -> Truth:
                  own_error=float(difference * ratio / math.sqrt(1.0 + ratio**2)))
 
 
-def _key(scene: Scene, state: State, n_rays: float) -> str:
+def _key(scene: Scene, state: State, n_rays: float, least_samples: float) -> str:
     digest = hashlib.sha256(_VERSION)
     for body in scene.bodies:
         pose = state.bodies[body.name]
         for part in (body.shape.vertices_m, body.shape.facets, pose.r_inertial_m, pose.q_from_inertial):
             digest.update(np.ascontiguousarray(part).tobytes())
         digest.update(repr((body.name, body.brdf, body.smooth_normals)).encode())
-    digest.update(repr((state.to_dict(), scene.solar_irradiance_1au_W_m2, n_rays)).encode())
+    digest.update(repr((state.to_dict(), scene.solar_irradiance_1au_W_m2, n_rays, least_samples)).encode())
     for camera in scene.cameras:
         digest.update(repr((camera.width_px, camera.height_px, camera.focal_length_px,
                             tuple(np.ravel(camera.principal_point_px)), tuple(camera.q_camera_from_spacecraft),
