@@ -36,6 +36,9 @@ _LEVEL_ERROR, _OUTLINE_ERROR, _FLUX_SCATTERS = 0.5, 1.2, 2.5
 _FLUX_SCATTER = 2.0
 _LEAST_ACROSS, _MOST_ACROSS = 64, 512
 _SCATTERED, _SCATTERED_RAD = 0.6, (1.2, 1.7)
+# Of rough facets smaller than samples: pixels' errors over their size, and as of the flux, times samples across; with
+# so many facets across a face or more; least share that is lit.
+_SCATTERED_PX, _SCATTERED_FLUX, _CROWDED_ACROSS, _LEAST_LIT = 0.3, 2.0, 600.0, 0.05
 # What slivers between samples add to the error that an image tells, per radian beyond a phase angle.
 _SLIVERS_PER_RAD, _SLIVERS_FROM_RAD = 2.5, 2.55
 
@@ -249,6 +252,18 @@ def samples_across(budget: float, phase_rad: float) -> int:
 def flux_error(across: int, phase_rad: float) -> float:
     """Relative error of the flux of a body with so many samples across."""
     return max(_flux_errors(across, phase_rad))
+
+
+def scattered_error(size_px: float, phase_rad: float, crease_rad: float, facets_per_px: float) -> float:
+    """RMS error of a small body's pixels, times samples across it, where its light is scattered in single samples.
+
+    So it is of rough facets that are smaller than samples: fitted to 30 frames of 786k of them, 4 to 12 px, 50 to 104
+    deg, 160 to 490 samples across.
+    """
+    rough = min(max((crease_rad - 0.12) / 0.18, 0.0), 1.0)
+    crowded = min(math.sqrt(facets_per_px) * size_px / _CROWDED_ACROSS, 1.0)
+    lit = max(0.5 * (1.0 + math.cos(phase_rad)), _LEAST_LIT)
+    return rough * crowded * math.hypot(_SCATTERED_PX * size_px, _SCATTERED_FLUX) / math.sqrt(lit)
 
 
 def _flux_errors(across: int, phase_rad: float) -> tuple[float, float]:

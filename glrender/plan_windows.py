@@ -16,6 +16,7 @@ from .error_model import (
     facets_per_px,
     flux_error,
     samples_across,
+    scattered_error,
     shadow_share,
     squared_errors,
     texel_share,
@@ -36,7 +37,7 @@ _SMALL_PX = 4.0
 # A crescent that is apart is so many times as wide as a full disc, at most: its own grid has only so many samples.
 _MOST_LARGER = 4.0
 # Of the budget, what its pixels may take there: centres of light of 24 px within 0.01 px. Most samples across it.
-_OWN_SHARE, _MOST_ACROSS = 0.2, 512
+_OWN_SHARE, _SCATTERED_SHARE, _MOST_ACROSS = 0.2, 0.9, 512
 # Most rays across a body that is small, but not so small: of many rough facets 16 x 16 a pixel may not do. No second
 # pass has more than these, so that the first takes more than is expected to do.
 _MOST_RAYS_ACROSS, _NO_SECOND = 1024, 1.2
@@ -228,6 +229,8 @@ class _Window:
         size = self._outline_px
         pixels = _SMALL_PIXELS * math.sqrt(sum(self._errors(self._levels)))
         enough = math.ceil(size * (pixels / (_OWN_SHARE * self._budget)) ** (2.0 / 3.0))
+        scattered = scattered_error(size, self._phase_rad, *self._noise(self._full))
+        enough = max(enough, math.ceil(scattered / (_SCATTERED_SHARE * self._budget)))
         across = max(self._across, min(enough, _MOST_ACROSS))
         grid = tuple(max(math.ceil(across * side / size), 8) for side in sides)
         raster_ns = (RASTER_CALL_NS + self._facets_ns + self._shadows_ns
@@ -235,7 +238,8 @@ class _Window:
         rays_ns = self._costs.rays_ns(math.prod(grid), self._n_facing)
         is_rays = not has_raster or rays_ns < raster_ns or (has_rays and self._floor > self._budget)
         floor = 0.0 if is_rays else self._floor
-        sampling = max(_SMALL_PIXELS * flux_error(across, self._phase_rad), pixels * (size / across) ** 1.5)
+        sampling = max(_SMALL_PIXELS * flux_error(across, self._phase_rad), pixels * (size / across) ** 1.5,
+                       scattered / across)
         return rays_ns if is_rays else raster_ns, self._plan(
             "rays" if is_rays else "raster", samples=0, grid=grid, bounds_px=bounds, modelling_error=floor,
             predicted_error=math.hypot(floor, sampling))
