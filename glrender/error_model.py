@@ -99,8 +99,13 @@ def level_error(view: BodyView, level: LevelTraits, footprint_m: float) -> float
     deviation_px = level.deviation_m / footprint_m
     normals = (_LEVEL_ERROR * level.crease_rad * tilt * deviation_px**0.074
                * max(level.n_facets / diameter**2, 0.01) ** -0.1)
-    lit = max(0.5 * (1.0 + math.cos(view.phase_rad)), 1e-3)
+    lit = lit_share(view.phase_rad)
     return math.hypot(normals, _OUTLINE_ERROR * (deviation_px / math.sqrt(diameter)) ** 0.75 / lit)
+
+
+def lit_share(phase_rad: float, least: float = 1e-3) -> float:
+    """Of a sphere's disc, what is lit at a phase angle, and a least."""
+    return max(0.5 * (1.0 + math.cos(phase_rad)), least)
 
 
 def level_flux_error(view: BodyView, level: LevelTraits) -> float:
@@ -114,7 +119,7 @@ def squared_errors(view: BodyView, level: LevelTraits) -> tuple[float, float]:
     n x n samples have n^-3 of it. Measured on twelve shapes at 12 to 1000 px and 5 to 150 deg: within 30 %.
     """
     diameter = min(max(view.size_px, 1.0), 1e5)
-    lit = max(0.5 * (1.0 + math.cos(view.phase_rad)), 1e-3)
+    lit = lit_share(view.phase_rad)
     noise = noise_gain(level.crease_rad, facets_per_px(view, level.n_facets)) ** 2
     crowding = min(facets_per_px(view, level.n_facets), _MOST_FACETS_PER_PX) ** _CROWDING_POWER
     tilt = (0.02 + min(math.tan(0.5 * view.phase_rad), 30.0) ** 2) ** 0.71
@@ -262,7 +267,7 @@ def scattered_error(size_px: float, phase_rad: float, crease_rad: float, facets_
     """
     rough = min(max((crease_rad - 0.12) / 0.18, 0.0), 1.0)
     crowded = min(math.sqrt(facets_per_px) * size_px / _CROWDED_ACROSS, 1.0)
-    lit = max(0.5 * (1.0 + math.cos(phase_rad)), _LEAST_LIT)
+    lit = lit_share(phase_rad, _LEAST_LIT)
     return rough * crowded * math.hypot(_SCATTERED_PX * size_px, _SCATTERED_FLUX) / math.sqrt(lit)
 
 
@@ -273,5 +278,5 @@ def _flux_errors(across: int, phase_rad: float) -> tuple[float, float]:
     """
     share = (math.sin(phase_rad) + (math.pi - phase_rad) * math.cos(phase_rad)) / math.pi
     scattered = min(max((phase_rad - _SCATTERED_RAD[0]) / (_SCATTERED_RAD[1] - _SCATTERED_RAD[0]), 0.0), 1.0)
-    lit = max(0.25 * (1.0 + math.cos(phase_rad)), 1e-4)
+    lit = 0.5 * lit_share(phase_rad, 2e-4)
     return (_FLUX_SCATTER * across**-1.5 / max(share, 1e-6), _SCATTERED * scattered / (across * math.sqrt(lit)))

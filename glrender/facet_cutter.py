@@ -83,11 +83,12 @@ class FacetCutter:
             self.keep_lit(even)
             return mixed
         points, is_lit = self.points, self.are_lit(even)[0]
-        is_other = self._are_lit_inside(even, points.is_seen.take(even.corner).all(axis=0)) != is_lit
+        middle_m = sum(points.r_m.take(corner, axis=1) for corner in even.corner) / 3.0
+        is_other = self._told(middle_m, even.facet, points.is_seen.take(even.corner).all(axis=0))[1] != is_lit
         self.keep_lit(even.at(np.flatnonzero(~is_other)))
         other, is_lit = even.at(np.flatnonzero(is_other)), ~is_lit[is_other]
         # Whether dark ones are seen is not known.
-        middle = points.add(self._middles_m(other), is_lit, is_lit)
+        middle = points.add(middle_m[:, is_other], is_lit, is_lit)
         a, b, c = other.corner
         return FacetParts.joined([mixed, *(FacetParts(np.stack(three), other.facet, other.area_px / 3.0)
                                            for three in ([a, b, middle], [b, c, middle], [c, a, middle]))])
@@ -140,13 +141,6 @@ class FacetCutter:
             part += np.where(found == is_lit, step, -step)
             step *= 0.5
         return part
-
-    def _are_lit_inside(self, triangles: FacetParts, is_seen: np.ndarray) -> np.ndarray:
-        """Whether the middles of triangles (N,) are lit, of which some are known to be seen (N,)."""
-        return self._told(self._middles_m(triangles), triangles.facet, is_seen)[1]
-
-    def _middles_m(self, triangles: FacetParts) -> np.ndarray:
-        return sum(self.points.r_m.take(corner, axis=1) for corner in triangles.corner) / 3.0
 
     def _told(self, r_body_m: np.ndarray, facet: np.ndarray, is_seen: np.ndarray | None = None,
               vertex: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from .error_model import NOISE_FACETS, LevelTraits, facets_per_px
+from .error_model import NOISE_FACETS, LevelTraits, facets_per_px, lit_share
 from .refine import SAMPLE_COUNTS
 from .view import BodyView
 
@@ -43,7 +43,7 @@ class Expected:
     def of(cls, view: BodyView, level: LevelTraits) -> Expected:
         """Of a body."""
         diameter = min(max(view.size_px, 1.0), 1e5)
-        lit = max(0.5 * (1.0 + math.cos(view.phase_rad)), 1e-3)
+        lit = lit_share(view.phase_rad)
         tilt = (0.02 + min(math.tan(0.5 * view.phase_rad), 30.0) ** 2) ** _TILT_POWER
         creases = _CREASES / (level.crease_rad**-2 + _SHARP_RAD**-2) if level.crease_rad > 0.0 else 0.0
         return cls(limb=_TOLD * _LIMB * diameter**-_LIMB_POWER * lit**-_LIT_POWER,

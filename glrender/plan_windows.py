@@ -15,6 +15,7 @@ from .error_model import (
     LevelTraits,
     facets_per_px,
     flux_error,
+    lit_share,
     samples_across,
     scattered_error,
     shadow_share,
@@ -36,7 +37,8 @@ _FEW_RAYS = 100_000
 _SMALL_PX = 4.0
 # A crescent that is apart is so many times as wide as a full disc, at most: its own grid has only so many samples.
 _MOST_LARGER = 4.0
-# Of the budget, what its pixels may take there: centres of light of 24 px within 0.01 px. Most samples across it.
+# Of the budget, what its pixels may take there: centres of light of 24 px within 0.01 px; where light is scattered in
+# single samples, nearly all of it. Most samples across it.
 _OWN_SHARE, _SCATTERED_SHARE, _MOST_ACROSS = 0.2, 0.9, 512
 # Most rays across a body that is small, but not so small: of many rough facets 16 x 16 a pixel may not do. No second
 # pass has more than these, so that the first takes more than is expected to do.
@@ -265,8 +267,7 @@ class _Window:
             # A ramp of many samples that are each lit or not.
             noise, least = _PENUMBRA_NOISE, max(least, _PENUMBRA_SAMPLES)
             expected = replace(expected, facets_per_px=_PENUMBRA_NOISE[1])
-        # Lit is a share of a sphere's disc.
-        n_lit = max(0.5 * (1.0 + math.cos(self._phase_rad)), 0.05) * self._n_px
+        n_lit = lit_share(self._phase_rad, 0.05) * self._n_px
         most = max(int(_MOST_RAYS_ACROSS / self._largest_px), MAX_SAMPLES)
         cast, count = first_samples(expected, n_lit, 0.0, 0.0, least, self._budget, most)
         if count > MAX_SAMPLES:

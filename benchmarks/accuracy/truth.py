@@ -46,7 +46,7 @@ def truth(scene: Scene, state: State, n_rays: float = 30e6, most_error: float = 
     With as many more as it takes where its own error is above the most that it may be.
     """
     made = _kept(scene, state, n_rays)
-    if made.own_error <= most_error:
+    if made.own_error <= most_error or made.samples >= _MOST:
         return made
     return _kept(scene, state, n_rays, made.samples * (made.own_error / most_error) ** (2.0 / 3.0))
 
