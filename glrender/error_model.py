@@ -32,13 +32,12 @@ _PENUMBRA_WIDTH = 1e-3
 _LEAK, _LEAK_POWERS, _LEAK_CREASE_RAD = 1.9, (1.2, 1.57), 0.146
 # RMS error of a level of detail, and its flux error over the scatter of the ratio between aspects.
 _LEVEL_ERROR, _OUTLINE_ERROR, _FLUX_SCATTERS = 0.5, 1.2, 2.5
-# Flux of N samples across a body at full phase is within this times N^-1.5 (engine.md).
-_FLUX_SCATTER = 2.0
-_LEAST_ACROSS, _MOST_ACROSS = 64, 512
-_SCATTERED, _SCATTERED_RAD = 0.6, (1.2, 1.7)
-# Of rough facets smaller than samples: pixels' errors over their size, and as of the flux, times samples across; with
-# so many facets across a face or more; least share that is lit.
-_SCATTERED_PX, _SCATTERED_FLUX, _CROWDED_ACROSS, _LEAST_LIT = 0.3, 2.0, 600.0, 0.05
+# Of a regular grid of samples across a body: errors of edges and creases, powers of what is lit and of creases' slope;
+# and what pixels' error, over the body's size, and that of the flux, over the root of what is lit, have of them.
+_LATTICE_EDGES, _LATTICE_CREASES, _LATTICE_LIT, _LATTICE_SLOPE = 0.5, 0.7, 1.15, 0.8
+_LATTICE_PX, _LATTICE_FLUX = 1.2, 2.8
+# Facets over squared size that a pixel of a body sees, about: half of them, on the face of an outline.
+_FACETS_SEEN = 0.5 / 0.6
 # What slivers between samples add to the error that an image tells, per radian beyond a phase angle.
 _SLIVERS_PER_RAD, _SLIVERS_FROM_RAD = 2.5, 2.55
 
@@ -152,9 +151,8 @@ def sliver_gain(phase_rad: float) -> float:
 
 
 def facets_per_px(view: BodyView, n_facets: int) -> float:
-    """Facets that a pixel of a body sees, about: half of them on the face of an outline."""
-    diameter = min(max(view.size_px, 1.0), 1e5)
-    return 0.5 * n_facets / (0.6 * diameter**2)
+    """Facets that a pixel of a body sees, about."""
+    return _FACETS_SEEN * n_facets / min(max(view.size_px, 1.0), 1e5) ** 2
 
 
 def shadow_share(view: BodyView, shadow_map_px: int, may_be_eclipsed: bool = False) -> float:
@@ -247,36 +245,48 @@ def eclipse_penumbra(view: BodyView, caster_radius_m: float, gap_m: float, footp
     return Penumbra(error=error, width_px=wide_px, eclipse_error=error)
 
 
-def samples_across(budget: float, phase_rad: float) -> int:
-    """Samples across a small body that keep its flux within a tenth of a budget."""
-    regular, scattered = _flux_errors(1, phase_rad)
-    wanted = max((regular / (0.1 * budget)) ** (2.0 / 3.0), scattered / (0.1 * budget))
-    return math.ceil(min(max(wanted, _LEAST_ACROSS), _MOST_ACROSS))
+@dataclass(frozen=True, kw_only=True)
+class Lattice:
+    """How a body's light errs on a regular grid of samples.
 
+    Edges leave N^-1.5 with N samples across a body, and so do creases between facets; those of facets that are much
+    smaller than samples are noise, N^-1. Fitted to seven shapes (a sphere, and 8000 to 3.1 million facets with creases
+    of 4 to 24 deg), 0.1 to 20 px across, at 3 to 152 deg with 64 to 512 samples across (docs/planner.md).
 
-def flux_error(across: int, phase_rad: float) -> float:
-    """Relative error of the flux of a body with so many samples across."""
-    return max(_flux_errors(across, phase_rad))
-
-
-def scattered_error(size_px: float, phase_rad: float, crease_rad: float, facets_per_px: float) -> float:
-    """RMS error of a small body's pixels, times samples across it, where its light is scattered in single samples.
-
-    So it is of rough facets that are smaller than samples: fitted to 30 frames of 786k of them, 4 to 12 px, 50 to 104
-    deg, 160 to 490 samples across.
+    Attributes
+    ----------
+    flux, pixels : float [1]
+        Error of the flux of all that is drawn, and RMS error of pixels over the mean of the lit ones, over `at`: the
+        truth is within in 96 of 100.
+    edges, creases : float [1]
+        With one sample a pixel.
+    facets_across_px : float
+        Along a pixel's side, over those from which samples are noise.
     """
-    rough = min(max((crease_rad - 0.12) / 0.18, 0.0), 1.0)
-    crowded = min(math.sqrt(facets_per_px) * size_px / _CROWDED_ACROSS, 1.0)
-    lit = lit_share(phase_rad, _LEAST_LIT)
-    return rough * crowded * math.hypot(_SCATTERED_PX * size_px, _SCATTERED_FLUX) / math.sqrt(lit)
 
+    flux: float
+    pixels: float
+    edges: float
+    creases: float
+    facets_across_px: float
 
-def _flux_errors(across: int, phase_rad: float) -> tuple[float, float]:
-    """Of a regular lattice, 2 N^-1.5 of what is sent at full phase, and of light that is scattered in single samples.
+    @classmethod
+    def of(cls, view: BodyView, level: LevelTraits, light_share: float = 1.0) -> Lattice:
+        """Of a body that has such a share of the light of all that is drawn."""
+        lit, size_px = lit_share(view.phase_rad), min(view.size_px, 1e5)
+        slope = math.hypot(level.crease_rad, _DETAIL_ERROR * level.detail_slope / math.sqrt(_CREASE_ERROR))
+        flux = light_share * _LATTICE_FLUX / math.sqrt(lit)
+        return cls(flux=flux, pixels=_LATTICE_PX * size_px + flux,
+                   edges=_LATTICE_EDGES * lit**-_LATTICE_LIT * size_px**-1.5,
+                   creases=_LATTICE_CREASES * slope**_LATTICE_SLOPE * lit**-_LATTICE_LIT / size_px,
+                   facets_across_px=math.sqrt(_FACETS_SEEN * level.n_facets / NOISE_FACETS) / size_px)
 
-    Of the latter 0.6 n^-1/2 with n lit ones: three rough bodies of 3 to 7 px at 98 to 147 deg (docs/planner.md).
-    """
-    share = (math.sin(phase_rad) + (math.pi - phase_rad) * math.cos(phase_rad)) / math.pi
-    scattered = min(max((phase_rad - _SCATTERED_RAD[0]) / (_SCATTERED_RAD[1] - _SCATTERED_RAD[0]), 0.0), 1.0)
-    lit = 0.5 * lit_share(phase_rad, 2e-4)
-    return (_FLUX_SCATTER * across**-1.5 / max(share, 1e-6), _SCATTERED * scattered / (across * math.sqrt(lit)))
+    def at(self, samples_per_px: float) -> float:
+        """Error with so many along a pixel's side, before `flux` and `pixels`."""
+        return max(self.edges * samples_per_px**-1.5,
+                   self.creases * min(math.sqrt(self.facets_across_px / samples_per_px), 1.0) / samples_per_px)
+
+    def samples_per_px(self, error: float) -> float:
+        """Samples along a pixel's side that have such an error: the inverse of `at`."""
+        noise = self.creases / error
+        return max((self.edges / error) ** (2.0 / 3.0), min(noise, (noise**2 * self.facets_across_px) ** (1.0 / 3.0)))

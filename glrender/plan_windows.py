@@ -12,12 +12,10 @@ from .area_grid import CELL_PX
 from .costs import RASTER_CALL_NS, EngineCosts
 from .error_model import (
     BodyTraits,
+    Lattice,
     LevelTraits,
     facets_per_px,
-    flux_error,
     lit_share,
-    samples_across,
-    scattered_error,
     shadow_share,
     squared_errors,
     texel_share,
@@ -37,14 +35,11 @@ _FEW_RAYS = 100_000
 _SMALL_PX = 4.0
 # A crescent that is apart is so many times as wide as a full disc, at most: its own grid has only so many samples.
 _MOST_LARGER = 4.0
-# Of the budget, what its pixels may take there: centres of light of 24 px within 0.01 px; where light is scattered in
-# single samples, nearly all of it. Most samples across it.
-_OWN_SHARE, _SCATTERED_SHARE, _MOST_ACROSS = 0.2, 0.9, 512
-# Most rays across a body that is small, but not so small: of many rough facets 16 x 16 a pixel may not do. No second
+# Of the budget, what its pixels may take there, and its flux; fewest samples across it, and most for its flux alone.
+_PIXELS_SHARE, _FLUX_SHARE, _LEAST_ACROSS, _MOST_ACROSS = 0.9, 0.1, 64, 512
+# Most samples across a body that is small, or not so small: of many rough facets 16 x 16 a pixel may not do. No second
 # pass has more than these, so that the first takes more than is expected to do.
 _MOST_RAYS_ACROSS, _NO_SECOND = 1024, 1.2
-# Error of its pixels over that of its flux, at most.
-_SMALL_PIXELS = 4.0
 # Cost of a sample passed over, in samples that are shaded; and of a ray that meets no lit facet, in rays that do.
 _PASSED_OVER_COST, _UNLIT_COST = 0.45, 0.35
 # Cost of a texel of a shadow map, in samples: of 108 maps of 256 to 1024 texels.
@@ -148,7 +143,11 @@ class _Window:
         shown = min(self._box_px / (0.8 * min(self._largest_px, 1e5) ** 2), 1.0)
         self._n_facing = max(
             sum(level.n_facets for level in self._full) * facing_share(self._phase_rad) * shown, 1.0)
-        self._across = samples_across(budget, self._phase_rad)
+        disc = [min(view.size_px, 1e5) ** 2 for view in members]
+        self._lattices = [Lattice.of(view, level, own / sum(disc))
+                          for view, level, own in zip(members, self._full, disc, strict=True)]
+        per_px = max(one.samples_per_px(_FLUX_SHARE * budget / one.flux) for one in self._lattices)
+        self._across = min(max(min(self._outline_px, 1e5) * per_px, _LEAST_ACROSS), _MOST_ACROSS)
         # Slivers of light between samples tell nothing of themselves.
         slivers = 1.0
         if self._phase_rad > _SLIVER_PHASE_RAD and budget < _SLIVER_BUDGET:
@@ -209,15 +208,16 @@ class _Window:
 
     def _small_areas(self) -> WindowPlan:
         bounds, sides = self._own_bounds()
-        cell_px = CELL_PX
+        cell_px, cell_error = CELL_PX, 0.0
         if apart_size_px(self._members) >= self._apart_px:
             cell_px = max(min(cell_px, _CELL_SHARE * self._budget / _CELL_ERROR), self._outline_px / _MOST_ACROSS)
+            cell_error = _CELL_ERROR * cell_px
         grid = tuple(max(math.ceil(side / cell_px), 8) for side in sides)
-        return self._areas_plan(samples=0, grid=grid, bounds_px=bounds)
+        return self._areas_plan(cell_error, samples=0, grid=grid, bounds_px=bounds)
 
-    def _areas_plan(self, **told) -> WindowPlan:
-        return self._plan("areas", modelling_error=self._by_areas.error, predicted_error=self._budget,
-                          levels=self._by_areas.levels, **told)
+    def _areas_plan(self, cell_error: float = 0.0, **told) -> WindowPlan:
+        return self._plan("areas", modelling_error=math.hypot(self._by_areas.error, cell_error),
+                          predicted_error=self._budget, levels=self._by_areas.levels, **told)
 
     def _own_bounds(self) -> tuple[tuple[float, float, float, float], tuple[float, float]]:
         """Box of a small body's own grid [px], with a margin, and its sides."""
@@ -228,20 +228,15 @@ class _Window:
 
     def _own_grid(self, has_rays: bool, has_raster: bool = True) -> tuple[float, WindowPlan]:
         bounds, sides = self._own_bounds()
-        size = self._outline_px
-        pixels = _SMALL_PIXELS * math.sqrt(sum(self._errors(self._levels)))
-        enough = math.ceil(size * (pixels / (_OWN_SHARE * self._budget)) ** (2.0 / 3.0))
-        scattered = scattered_error(size, self._phase_rad, *self._noise(self._full))
-        enough = max(enough, math.ceil(scattered / (_SCATTERED_SHARE * self._budget)))
-        across = max(self._across, min(enough, _MOST_ACROSS))
-        grid = tuple(max(math.ceil(across * side / size), 8) for side in sides)
+        enough = max(one.samples_per_px(_PIXELS_SHARE * self._budget / one.pixels) for one in self._lattices)
+        per_px = max(self._across, min(self._outline_px * enough, _MOST_RAYS_ACROSS)) / self._outline_px
+        grid = tuple(max(math.ceil(per_px * side), 8) for side in sides)
         raster_ns = (RASTER_CALL_NS + self._facets_ns + self._shadows_ns
                      + math.prod(grid) * self._sample_ns)
         rays_ns = self._costs.rays_ns(math.prod(grid), self._n_facing)
         is_rays = not has_raster or rays_ns < raster_ns or (has_rays and self._floor > self._budget)
         floor = 0.0 if is_rays else self._floor
-        sampling = max(_SMALL_PIXELS * flux_error(across, self._phase_rad), pixels * (size / across) ** 1.5,
-                       scattered / across)
+        sampling = max(one.pixels * one.at(per_px) for one in self._lattices)
         return rays_ns if is_rays else raster_ns, self._plan(
             "rays" if is_rays else "raster", samples=0, grid=grid, bounds_px=bounds, modelling_error=floor,
             predicted_error=math.hypot(floor, sampling))
