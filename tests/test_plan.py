@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import views
-from glrender import error_model, grouping, plan, plan_windows
+from glrender import grouping, plan, plan_windows
 from glrender.costs import EngineCosts
 from glrender.error_model import NOISE_FACETS, BodyTraits, LevelTraits
 from glrender.first_samples import Expected, first_samples
