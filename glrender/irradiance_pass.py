@@ -269,16 +269,15 @@ class IrradiancePass:
         y = y0 + (np.arange(rows) + 0.5) * (y1 - y0) / rows
         # Others may still cast shadows here.
         seen = [replace(view, is_visible=view.is_visible and view.name in window.bodies) for view in frame.views]
-        samples = np.zeros((rows, columns), np.float32)
-        if mask is None:
-            row, column = (axis.ravel() for axis in np.indices(samples.shape))
-        else:
-            count = columns // mask.shape[1]
-            top, left = (count * axis[:, None, None] for axis in np.nonzero(mask))
-            within = np.arange(count)
-            row, column = (axis.ravel() for axis in np.broadcast_arrays(top + within[:, None], left + within))
         # Each pixel has the Sun's disc to itself; a grid of a body's own has it once.
         across = round(columns / (x1 - x0)) if window.samples else columns
+        if mask is None:
+            return self._rays.lattice(x, y, frame.camera, seen, across).astype(np.float32)
+        samples = np.zeros((rows, columns), np.float32)
+        count = columns // mask.shape[1]
+        top, left = (count * axis[:, None, None] for axis in np.nonzero(mask))
+        within = np.arange(count)
+        row, column = (axis.ravel() for axis in np.broadcast_arrays(top + within[:, None], left + within))
         samples[row, column] = self._rays.irradiance(np.stack([x.take(column), y.take(row)]).T, frame.camera, seen,
                                                      row % across * across + column % across)
         return samples

@@ -113,13 +113,10 @@ class KeptImages:
         margin = _MARGIN * (high - low).max()
         first = np.floor((low - margin) * density)
         columns, rows = (np.ceil((high + margin) * density) - first).astype(int)
-        row, column = (axis.ravel() for axis in np.indices((rows, columns)))
-        across = round(density)
+        x, y = ((start + np.arange(count) + 0.5) / density for start, count in zip(first, (columns, rows), strict=True))
         # Each pixel, about, has the Sun's disc to itself.
-        draw = row % across * across + column % across
-        place = np.stack([first[0] + column + 0.5, first[1] + row + 0.5]).T / density
-        light = self._rays.irradiance(place, camera, [node], draw) / _solid_angle(*place.T, camera)
-        image = light.astype(np.float32).reshape(rows, columns)
+        light = self._rays.lattice(x, y, camera, [node], round(density))
+        image = (light / _solid_angle(x, y[:, None], camera)).astype(np.float32)
         to_cell = np.array([[density, 0.0, -first[0] - 0.5], [0.0, density, -first[1] - 0.5], [0.0, 0.0, 1.0]])
         return _Kept(image=image, cell_from_pixel=to_cell,
                      solar_irradiance_W_m2=self._scene.solar_irradiance_of(camera))

@@ -35,9 +35,10 @@ _FEW_RAYS = 100_000
 _SMALL_PX = 4.0
 # A crescent that is apart is so many times as wide as a full disc, at most: its own grid has only so many samples.
 _MOST_LARGER = 4.0
-# Of the budget, what its pixels may take there, and its flux; fewest samples across it, and most for its flux alone.
-_PIXELS_SHARE, _FLUX_SHARE, _LEAST_ACROSS, _MOST_ACROSS = 0.9, 0.1, 64, 512
-# Most samples across a body that is small, or not so small: of many rough facets 16 x 16 a pixel may not do. No second
+# Of the budget, what its pixels may take there, and its flux; samples across it: fewest, most for its flux, and most.
+_PIXELS_SHARE, _FLUX_SHARE = 0.9, 0.1
+_LEAST_ACROSS, _MOST_FOR_FLUX, _MOST_ACROSS = 64, 512, 2048
+# Most rays across a body that is small, but not so small: of many rough facets 16 x 16 a pixel may not do. No second
 # pass has more than these, so that the first takes more than is expected to do.
 _MOST_RAYS_ACROSS, _NO_SECOND = 1024, 1.2
 # Cost of a sample passed over, in samples that are shaded; and of a ray that meets no lit facet, in rays that do.
@@ -55,8 +56,9 @@ _SLIVER_SAMPLES, _SLIVER_PHASE_RAD, _SLIVER_BUDGET = 3.0, 1.4, 0.03
 _THIN_SAMPLES_PER_RAD, _THIN_PHASE_RAD = 4.0, 2.15
 # Samples across a body times the budget: its centre of light is within that in pixels, where RMS alone asks for few.
 _CENTRE = 2.2
-# Of a small body that is added to the image, error of cells of a pixel's width; and of the budget, what they may take.
-_CELL_ERROR, _CELL_SHARE = 0.25, 0.3
+# Of a small body that is added to the image, error of cells of a pixel's width; of the budget, what they may take; and
+# most of them across it.
+_CELL_ERROR, _CELL_SHARE, _MOST_CELLS = 0.25, 0.3, 512
 # Penumbras by rays are noise: creases and facets a pixel that say so; and fewest samples along a pixel's side.
 _PENUMBRA_NOISE, _PENUMBRA_SAMPLES = (0.4, 1e4), 2
 
@@ -147,7 +149,7 @@ class _Window:
         self._lattices = [Lattice.of(view, level, own / sum(disc))
                           for view, level, own in zip(members, self._full, disc, strict=True)]
         per_px = max(one.samples_per_px(_FLUX_SHARE * budget / one.flux) for one in self._lattices)
-        self._across = min(max(min(self._outline_px, 1e5) * per_px, _LEAST_ACROSS), _MOST_ACROSS)
+        self._across = min(max(min(self._outline_px, 1e5) * per_px, _LEAST_ACROSS), _MOST_FOR_FLUX)
         # Slivers of light between samples tell nothing of themselves.
         slivers = 1.0
         if self._phase_rad > _SLIVER_PHASE_RAD and budget < _SLIVER_BUDGET:
@@ -210,7 +212,7 @@ class _Window:
         bounds, sides = self._own_bounds()
         cell_px, cell_error = CELL_PX, 0.0
         if apart_size_px(self._members) >= self._apart_px:
-            cell_px = max(min(cell_px, _CELL_SHARE * self._budget / _CELL_ERROR), self._outline_px / _MOST_ACROSS)
+            cell_px = max(min(cell_px, _CELL_SHARE * self._budget / _CELL_ERROR), self._outline_px / _MOST_CELLS)
             cell_error = _CELL_ERROR * cell_px
         grid = tuple(max(math.ceil(side / cell_px), 8) for side in sides)
         return self._areas_plan(cell_error, samples=0, grid=grid, bounds_px=bounds)
@@ -229,7 +231,7 @@ class _Window:
     def _own_grid(self, has_rays: bool, has_raster: bool = True) -> tuple[float, WindowPlan]:
         bounds, sides = self._own_bounds()
         enough = max(one.samples_per_px(_PIXELS_SHARE * self._budget / one.pixels) for one in self._lattices)
-        per_px = max(self._across, min(self._outline_px * enough, _MOST_RAYS_ACROSS)) / self._outline_px
+        per_px = max(self._across, min(self._outline_px * enough, _MOST_ACROSS)) / self._outline_px
         grid = tuple(max(math.ceil(per_px * side), 8) for side in sides)
         raster_ns = (RASTER_CALL_NS + self._facets_ns + self._shadows_ns
                      + math.prod(grid) * self._sample_ns)

@@ -22,6 +22,8 @@ from .view import BodyView, between
 
 RAYS_AT_ONCE = 1 << 13
 """Most rays of a part, which one thread casts: what it needs stays in a core's cache."""
+# Of a lattice, 80 bytes each.
+_PLACES_AT_ONCE = 1 << 19
 # Roberts' sequence, and the factor of a congruential generator.
 _R2, _FACTOR = np.array([0.7548776662466927, 0.5698402909980532]), 1664525
 
@@ -70,6 +72,21 @@ class RayEngine:
             self._trace(value[part], pixel[part], camera, views, None if draws is None else draws[part])
 
         threads.run_in_parts(trace, len(pixel), RAYS_AT_ONCE)
+        return value
+
+    def lattice(self, x_px: np.ndarray, y_px: np.ndarray, camera: PinholeCamera, views: list[BodyView],
+                across: int) -> np.ndarray:
+        """Irradiance (M, N) float64 [W/m2 per pixel] of columns (N,) and rows (M,) of places [px].
+
+        So many places in a row have a pixel's draws of the Sun's disc to themselves.
+        """
+        value = np.empty((len(y_px), len(x_px)))
+        column, at_once = np.arange(len(x_px)), max(_PLACES_AT_ONCE // len(x_px), 1)
+        for first in range(0, len(y_px), at_once):
+            rows = slice(first, first + at_once)
+            pixel = np.stack(np.meshgrid(x_px, y_px[rows]), axis=-1).reshape(-1, 2)
+            draw = (np.arange(len(y_px))[rows, None] % across * across + column % across).ravel()
+            value[rows] = self.irradiance(pixel, camera, views, draw).reshape(-1, len(x_px))
         return value
 
     def ranges(self, pixel: np.ndarray, camera: PinholeCamera, views: Iterable[BodyView]) -> np.ndarray:

@@ -140,8 +140,8 @@ def test_areas_are_not_drawn_of_what_they_do_not_hold():
 
 
 def test_a_small_body_has_cells_of_its_own_by_area():
-    """A lattice of 1024 samples across is dearer than 50,000 facets, and errs: rays are what stands by."""
-    choice, = area_choice([view(size_px=3.0, phase_deg=140.0)], 0.003, costs=replace(AREAS, sample_ns=100.0))
+    """A lattice of 1800 samples across is dearer than 50,000 facets, and errs: rays are what stands by."""
+    choice, = area_choice([view(size_px=3.0, phase_deg=140.0)], 0.002, costs=replace(AREAS, sample_ns=100.0))
     assert choice.first.engine == "areas" and choice.first.samples == 0
     assert choice.by_rays.engine == "rays" and choice.by_rays.samples == 0
     x0, _, x1, _ = choice.first.bounds_px
