@@ -250,14 +250,14 @@ class Lattice:
     """How a body's light errs on a regular grid of samples.
 
     Edges leave N^-1.5 with N samples across a body, and so do creases between facets; those of facets that are much
-    smaller than samples are noise, N^-1. Fitted to seven shapes (a sphere, and 8000 to 3.1 million facets with creases
-    of 4 to 24 deg), 0.1 to 20 px across, at 3 to 152 deg with 64 to 512 samples across (docs/planner.md).
+    smaller than samples are noise, N^-1. Kept above seven shapes (a sphere, and 8000 to 3.1 million facets with creases
+    of 4 to 33 deg), 0.1 to 20 px across, at 3 to 152 deg with 64 to 512 samples across (docs/decisions, 0023).
 
     Attributes
     ----------
     flux, pixels : float [1]
         Error of the flux of all that is drawn, and RMS error of pixels over the mean of the lit ones, over `at`: the
-        truth is within in 96 of 100.
+        truth is within in 98 of 100.
     edges, creases : float [1]
         With one sample a pixel.
     facets_across_px : float
