@@ -32,11 +32,13 @@ _PENUMBRA_WIDTH = 1e-3
 _LEAK, _LEAK_POWERS, _LEAK_CREASE_RAD = 1.9, (1.2, 1.57), 0.146
 # RMS error of a level of detail, and its flux error over the scatter of the ratio between aspects.
 _LEVEL_ERROR, _OUTLINE_ERROR, _FLUX_SCATTERS = 0.5, 1.2, 2.5
-# Of a regular grid of samples across a body: errors of edges and creases, powers of what is lit and of creases' slope;
-# and what pixels' error, over the body's size, and that of the flux, over the root of what is lit, have of them.
+# Of a regular grid of samples across a body: errors of edges and creases, powers of what is lit (noise's, too, unlike
+# above) and of creases' slope; what pixels' error, over the size, and the flux's, over the root of what is lit, have.
 _LATTICE_EDGES, _LATTICE_CREASES, _LATTICE_LIT, _LATTICE_SLOPE = 0.5, 0.7, 1.15, 0.8
 _LATTICE_PX, _LATTICE_FLUX = 1.2, 2.8
-# Facets over squared size that a pixel of a body sees, about: half of them, on the face of an outline.
+# Of cells shared among pixels by area.
+_CELL_ERROR, _CELL_LIT = 2.2, 1.2
+# Facets that a pixel sees, about, times squared size over all of them: half of them face it, on 0.6 of the square.
 _FACETS_SEEN = 0.5 / 0.6
 # What slivers between samples add to the error that an image tells, per radian beyond a phase angle.
 _SLIVERS_PER_RAD, _SLIVERS_FROM_RAD = 2.5, 2.55
@@ -140,6 +142,19 @@ def noise_gain(crease_rad: float, facets_per_sample: float) -> float:
 def noise_power(gain: float) -> float:
     """Power of the samples along a pixel's side that divides the squared error: 3 for edges, 2 for noise."""
     return 3.0 - (gain - 1.0) / _NOISE_GAIN
+
+
+def cell_error(cell_px: float, phase_rad: float) -> float:
+    """RMS error of a body of few pixels whose cells of so many pixels' width are shared among those by area.
+
+    Of 120 attitudes of four shapes at 1 to 4 px, 95 of 100 are within at 0.015 to 0.25 px and 3 to 152 deg, about.
+    """
+    return _CELL_ERROR * cell_px**2 * lit_share(phase_rad) ** -_CELL_LIT
+
+
+def cell_size(error: float, phase_rad: float) -> float:
+    """Width [px] of cells that have such an error: the inverse."""
+    return math.sqrt(error / _CELL_ERROR * lit_share(phase_rad) ** _CELL_LIT)
 
 
 def sliver_gain(phase_rad: float) -> float:
@@ -272,11 +287,11 @@ class Lattice:
 
     @classmethod
     def of(cls, view: BodyView, level: LevelTraits, light_share: float = 1.0) -> Lattice:
-        """Of a body that has such a share of the light of all that is drawn."""
+        """Of a body that has such a share of the light of all that is drawn, and so of the pixels."""
         lit, size_px = lit_share(view.phase_rad), min(view.size_px, 1e5)
         slope = math.hypot(level.crease_rad, _DETAIL_ERROR * level.detail_slope / math.sqrt(_CREASE_ERROR))
         flux = light_share * _LATTICE_FLUX / math.sqrt(lit)
-        return cls(flux=flux, pixels=_LATTICE_PX * size_px + flux,
+        return cls(flux=flux, pixels=_LATTICE_PX * size_px * math.sqrt(light_share) + flux,
                    edges=_LATTICE_EDGES * lit**-_LATTICE_LIT * size_px**-1.5,
                    creases=_LATTICE_CREASES * slope**_LATTICE_SLOPE * lit**-_LATTICE_LIT / size_px,
                    facets_across_px=math.sqrt(_FACETS_SEEN * level.n_facets / NOISE_FACETS) / size_px)

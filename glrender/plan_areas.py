@@ -275,7 +275,7 @@ def _cost(each: Sequence[tuple[_Candidates, AreaLevel | None]], budget: float, c
 def _unlike(bodies: Sequence[_Candidates]) -> float:
     """What the errors of bright bodies are more, over the mean of them and of dark ones that are drawn together."""
     lit_px, light = sum(body.lit_px for body in bodies), sum(body.light for body in bodies)
-    return math.sqrt(lit_px * sum(body.light**2 / body.lit_px for body in bodies)) / light if light else 1.0
+    return math.sqrt(lit_px * sum(body.light * body.traits.reflectance for body in bodies)) / light if light else 1.0
 
 
 def _sides_px(view: BodyView) -> tuple[float, float]:

@@ -14,6 +14,8 @@ from .error_model import (
     BodyTraits,
     Lattice,
     LevelTraits,
+    cell_error,
+    cell_size,
     facets_per_px,
     lit_share,
     shadow_share,
@@ -38,6 +40,8 @@ _MOST_LARGER = 4.0
 # Of the budget, what its pixels may take there, and its flux; samples across it: fewest, most for its flux, and most.
 _PIXELS_SHARE, _FLUX_SHARE = 0.9, 0.1
 _LEAST_ACROSS, _MOST_FOR_FLUX, _MOST_ACROSS = 64, 512, 2048
+# Error over the budget from which on the most would be taken for nothing.
+_NEARLY = 4.0
 # Most rays across a body that is small, but not so small: of many rough facets 16 x 16 a pixel may not do. No second
 # pass has more than these, so that the first takes more than is expected to do.
 _MOST_RAYS_ACROSS, _NO_SECOND = 1024, 1.2
@@ -56,11 +60,11 @@ _SLIVER_SAMPLES, _SLIVER_PHASE_RAD, _SLIVER_BUDGET = 3.0, 1.4, 0.03
 _THIN_SAMPLES_PER_RAD, _THIN_PHASE_RAD = 4.0, 2.15
 # Samples across a body times the budget: its centre of light is within that in pixels, where RMS alone asks for few.
 _CENTRE = 2.2
-# Of a small body that is added to the image, error of cells of a pixel's width; of the budget, what they may take; and
-# most of them across it.
-_CELL_ERROR, _CELL_SHARE, _MOST_CELLS = 0.25, 0.3, 512
+# Of the budget, what cells of a small body that is added to the image may take, and they and areas' other modelling.
+_CELL_SHARE, _MOST_MODELLING = 0.3, 0.9
 # Penumbras by rays are noise: creases and facets a pixel that say so; and fewest samples along a pixel's side.
 _PENUMBRA_NOISE, _PENUMBRA_SAMPLES = (0.4, 1e4), 2
+_PENUMBRA = LevelTraits(n_facets=10**9, crease_rad=0.4)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,8 +150,9 @@ class _Window:
         self._n_facing = max(
             sum(level.n_facets for level in self._full) * facing_share(self._phase_rad) * shown, 1.0)
         disc = [min(view.size_px, 1e5) ** 2 for view in members]
-        self._lattices = [Lattice.of(view, level, own / sum(disc))
-                          for view, level, own in zip(members, self._full, disc, strict=True)]
+        in_penumbra = [body.eclipse_error > _FLUX_SHARE * budget for body in self._drawn]
+        self._lattices = [Lattice.of(view, _PENUMBRA if is_soft else level, own / sum(disc))
+                          for view, level, is_soft, own in zip(members, self._full, in_penumbra, disc, strict=True)]
         per_px = max(one.samples_per_px(_FLUX_SHARE * budget / one.flux) for one in self._lattices)
         self._across = min(max(min(self._outline_px, 1e5) * per_px, _LEAST_ACROSS), _MOST_FOR_FLUX)
         # Slivers of light between samples tell nothing of themselves.
@@ -184,13 +189,15 @@ class _Window:
         areas_ns = self._by_areas.ns if has_rays and samples is None else math.inf
         if samples is None and is_small:
             grid_ns, grid = self._own_grid(has_rays)
-            is_enough = grid.predicted_error <= self._gain * self._budget or math.isinf(areas_ns)
-            if grid_ns < areas_ns and is_enough:
+            if math.isinf(areas_ns):
                 return WindowChoice(first=grid)
             # Areas have no lattice to err in the flux: they need cells of their own only for what is apart or tiny.
             has_own = self._outline_px < _SMALL_PX or apart_size_px(self._members) < self._apart_px
-            return WindowChoice(first=self._small_areas() if has_own else self._areas(),
-                                by_rays=self._own_grid(has_rays, has_raster=False)[1])
+            areas = self._small_areas() if has_own else self._areas()
+            is_enough = grid.predicted_error <= self._gain * self._budget
+            if (grid_ns < areas_ns and is_enough) or areas.modelling_error > _MOST_MODELLING * self._budget:
+                return WindowChoice(first=grid)
+            return WindowChoice(first=areas, by_rays=self._own_grid(has_rays, has_raster=False)[1])
         if not has_rays or samples is not None:
             return WindowChoice(first=self._raster(samples)[1])
         rays_ns, rays = self._rays()
@@ -210,15 +217,15 @@ class _Window:
 
     def _small_areas(self) -> WindowPlan:
         bounds, sides = self._own_bounds()
-        cell_px, cell_error = CELL_PX, 0.0
-        if apart_size_px(self._members) >= self._apart_px:
-            cell_px = max(min(cell_px, _CELL_SHARE * self._budget / _CELL_ERROR), self._outline_px / _MOST_CELLS)
-            cell_error = _CELL_ERROR * cell_px
-        grid = tuple(max(math.ceil(side / cell_px), 8) for side in sides)
-        return self._areas_plan(cell_error, samples=0, grid=grid, bounds_px=bounds)
+        is_apart = apart_size_px(self._members) < self._apart_px
+        asked_px = CELL_PX if is_apart else min(CELL_PX, cell_size(_CELL_SHARE * self._budget, self._phase_rad))
+        grid = tuple(max(math.ceil(side / max(asked_px, self._outline_px / _MOST_ACROSS)), 8) for side in sides)
+        cell_px = max(side / count for side, count in zip(sides, grid, strict=True))
+        of_cells = 0.0 if is_apart else cell_error(cell_px, self._phase_rad)
+        return self._areas_plan(of_cells, samples=0, grid=grid, bounds_px=bounds)
 
-    def _areas_plan(self, cell_error: float = 0.0, **told) -> WindowPlan:
-        return self._plan("areas", modelling_error=math.hypot(self._by_areas.error, cell_error),
+    def _areas_plan(self, of_cells: float = 0.0, **told) -> WindowPlan:
+        return self._plan("areas", modelling_error=math.hypot(self._by_areas.error, of_cells),
                           predicted_error=self._budget, levels=self._by_areas.levels, **told)
 
     def _own_bounds(self) -> tuple[tuple[float, float, float, float], tuple[float, float]]:
@@ -231,17 +238,24 @@ class _Window:
     def _own_grid(self, has_rays: bool, has_raster: bool = True) -> tuple[float, WindowPlan]:
         bounds, sides = self._own_bounds()
         enough = max(one.samples_per_px(_PIXELS_SHARE * self._budget / one.pixels) for one in self._lattices)
-        per_px = max(self._across, min(self._outline_px * enough, _MOST_ACROSS)) / self._outline_px
+        # Crescents of a few slivers are beyond any grid.
+        most = _MOST_ACROSS if self._told(_MOST_ACROSS / self._outline_px) <= _NEARLY * self._budget else _MOST_FOR_FLUX
+        per_px = max(self._across, min(self._outline_px * enough, most)) / self._outline_px
         grid = tuple(max(math.ceil(per_px * side), 8) for side in sides)
         raster_ns = (RASTER_CALL_NS + self._facets_ns + self._shadows_ns
                      + math.prod(grid) * self._sample_ns)
-        rays_ns = self._costs.rays_ns(math.prod(grid), self._n_facing)
+        lit = lit_share(self._phase_rad, 0.05)
+        rays_ns = self._costs.rays_ns(math.prod(grid) * (lit + _UNLIT_COST * (1.0 - lit)), self._n_facing)
         is_rays = not has_raster or rays_ns < raster_ns or (has_rays and self._floor > self._budget)
         floor = 0.0 if is_rays else self._floor
-        sampling = max(one.pixels * one.at(per_px) for one in self._lattices)
+        sampling = self._told(per_px)
         return rays_ns if is_rays else raster_ns, self._plan(
             "rays" if is_rays else "raster", samples=0, grid=grid, bounds_px=bounds, modelling_error=floor,
             predicted_error=math.hypot(floor, sampling))
+
+    def _told(self, samples_per_px: float) -> float:
+        """Error of a lattice."""
+        return max(one.pixels * one.at(samples_per_px) for one in self._lattices)
 
     def _raster(self, samples: int | None) -> tuple[float, WindowPlan]:
         """By OpenGL, with the levels of detail and the shadow maps that were planned; its nanoseconds."""

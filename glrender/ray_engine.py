@@ -22,7 +22,7 @@ from .view import BodyView, between
 
 RAYS_AT_ONCE = 1 << 13
 """Most rays of a part, which one thread casts: what it needs stays in a core's cache."""
-# Of a lattice, 80 bytes each.
+# Places of a lattice at once, of some 80 bytes.
 _PLACES_AT_ONCE = 1 << 19
 # Roberts' sequence, and the factor of a congruential generator.
 _R2, _FACTOR = np.array([0.7548776662466927, 0.5698402909980532]), 1664525

@@ -152,7 +152,7 @@ def table(number, *, error=0.0, scatter=0.0, centre=0.0, n_facets=12_000, n_norm
 
 
 def chosen(levels, budget, *, n_bodies=1, range_m=2000.0, px=100.0, casters=(), frame_px=512, penumbra=0.0,
-           costs=COSTS, without=(), apart_m=250.0, moon_m=20.0, reflectance=(0.1, 0.1), is_alone=False):
+           costs=COSTS, without=(), apart_m=250.0, moon_m=20.0, reflectance=(0.1, 0.1), is_alone=False, first_rad=None):
     """What is chosen of bodies of 49,000 facets beside each other, of a size in the image; some without levels."""
     shape = generate.icosphere(radius_m=100.0, subdivisions=1)
     names = [f"body{k}" for k in range(n_bodies)]
@@ -161,6 +161,7 @@ def chosen(levels, budget, *, n_bodies=1, range_m=2000.0, px=100.0, casters=(), 
     state = views.state(phase_deg=60.0, range_m=range_m, bodies=names)
     state = replace(state, bodies={name: Pose(r_inertial_m=[apart_m * k, 0.0, 0.0]) for k, name in enumerate(names)})
     seen = view_bodies(state, camera, scene.hulls)
+    seen[0] = replace(seen[0], phase_rad=seen[0].phase_rad if first_rad is None else first_rad)
     known = {name: BodyTraits(radius_m=100.0, is_convex=False, law="lambert", max_phase_rad=np.pi,
                               levels=(LevelTraits(n_facets=49_000, crease_rad=0.15),
                                       *(LevelTraits(n_facets=each.n_facets, crease_rad=0.15) for each in levels)),
@@ -259,6 +260,11 @@ def test_middles_of_a_body_that_may_be_dark_are_left():
     small, large = (chosen([told], 0.05, casters=("moon",), moon_m=radius_m, costs=CHEAP_RAYS)
                     for radius_m in (20.0, 100.0))
     assert small.levels[0].by_middles and not large.levels[0].by_middles
+
+
+def test_a_body_exactly_before_the_sun_is_planned_beside_another():
+    """Nothing of it is lit, and no part of nothing is asked for."""
+    assert math.isfinite(chosen([table(1, error=0.02)], 0.05, n_bodies=2, first_rad=math.pi).error)
 
 
 def test_bright_bodies_err_by_more_beside_dark_ones():

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import views
-from glrender import grouping, plan, plan_windows
+from glrender import error_model, grouping, plan, plan_windows
 from glrender.costs import EngineCosts
 from glrender.error_model import NOISE_FACETS, BodyTraits, LevelTraits
 from glrender.first_samples import Expected, first_samples
@@ -141,15 +141,27 @@ def test_areas_are_not_drawn_of_what_they_do_not_hold():
 
 def test_a_small_body_has_cells_of_its_own_by_area():
     """A lattice of 1800 samples across is dearer than 50,000 facets, and errs: rays are what stands by."""
-    choice, = area_choice([view(size_px=3.0, phase_deg=140.0)], 0.002, costs=replace(AREAS, sample_ns=100.0))
+    costs = replace(AREAS, area_ns=50.0)
+    choice, = area_choice([view(size_px=3.0, phase_deg=140.0)], 0.002, costs=costs)
     assert choice.first.engine == "areas" and choice.first.samples == 0
     assert choice.by_rays.engine == "rays" and choice.by_rays.samples == 0
     x0, _, x1, _ = choice.first.bounds_px
-    assert (x1 - x0) / choice.first.grid[0] <= 0.4
+    cell_px = (x1 - x0) / choice.first.grid[0]
+    assert 0.2 * 0.002 < error_model.cell_error(cell_px, np.radians(140.0)) <= 1.1 * 0.3 * 0.002
     tight, = area_choice([view(size_px=3.0, phase_deg=140.0)], 0.0015, costs=replace(AREAS, area_ns=1e5))
     assert tight.first.engine == "areas", "dearer, but no lattice meets this budget"
     apart, = area_choice([view(size_px=20.0)], 0.005, costs=replace(AREAS, sample_ns=100.0), apart_px=24.0)
     assert apart.first.engine == "areas" and apart.first.samples == 0
+
+
+@pytest.mark.parametrize("size_px", [0.001, 0.3, 1.0, 3.9])
+@pytest.mark.parametrize("phase_deg", [20.0, 120.0, 160.0])
+def test_cells_leave_areas_most_of_the_budget(size_px, phase_deg):
+    """Or areas are not planned: they would be drawn for nothing."""
+    for budget in (1e-4, 1e-3, 0.01, 0.1):
+        choice, = area_choice([view(size_px=size_px, phase_deg=phase_deg)], budget, costs=replace(AREAS, area_ns=1e-3))
+        if choice.first.engine == "areas":
+            assert choice.first.modelling_error <= 0.9 * budget
 
 
 def test_few_rays_have_one_thread_and_many_have_all():
@@ -321,3 +333,18 @@ def test_each_of_two_small_bodies_errs_by_its_own_facets():
         return max(choice.first.grid)
 
     assert across(smooth, smooth) < across(rough, smooth) == across(rough, rough) < 0.5 * across(both, smooth)
+
+
+@pytest.mark.parametrize("moon_px", [1e-5, 1e-3, 0.02])
+def test_a_moon_without_light_leaves_the_grid_as_it_is(moon_px):
+    place = np.array([101.0, 81.0, 101.0 + moon_px, 81.0 + moon_px])
+    grids, told = zip(*((window.grid, window.predicted_error) for members in (
+        [view(size_px=3.0)], [view(size_px=3.0), view("moon", size_px=moon_px, bounds_px=place)])
+        for window in windows(members, 0.005, costs=replace(RASTER, ray_ns=50.0))), strict=True)
+    assert grids[0] == grids[1] and told[1] == pytest.approx(told[0], rel=1e-3)
+
+
+def test_crescents_that_no_grid_samples_have_no_more_than_for_their_flux():
+    for phase_deg in (178.0, 179.9, 180.0):
+        window, = windows([view(size_px=3.0, phase_deg=phase_deg)], 0.1)
+        assert max(window.grid) <= 512 and window.predicted_error > 0.1
