@@ -33,9 +33,10 @@ _LEAK, _LEAK_POWERS, _LEAK_CREASE_RAD = 1.9, (1.2, 1.57), 0.146
 # RMS error of a level of detail, and its flux error over the scatter of the ratio between aspects.
 _LEVEL_ERROR, _OUTLINE_ERROR, _FLUX_SCATTERS = 0.5, 1.2, 2.5
 # Of a regular grid of samples across a body: errors of edges and creases, powers of what is lit (noise's, too, unlike
-# above) and of creases' slope; what pixels' error, over the size, and the flux's, over the root of what is lit, have.
+# above) and of creases' slope; what pixels' and the centre's error, over the size, and the flux's, over the root of
+# what is lit, have of it.
 _LATTICE_EDGES, _LATTICE_CREASES, _LATTICE_LIT, _LATTICE_SLOPE = 0.5, 0.7, 1.15, 0.8
-_LATTICE_PX, _LATTICE_FLUX = 1.2, 2.8
+_LATTICE_PX, _LATTICE_CENTRE, _LATTICE_FLUX = 1.2, 1.0, 2.8
 # Of cells shared among pixels by area.
 _CELL_ERROR, _CELL_LIT = 2.2, 1.2
 # Facets that a pixel sees, about, times squared size over all of them: half of them face it, on 0.6 of the square.
@@ -273,6 +274,8 @@ class Lattice:
     flux, pixels : float [1]
         Error of the flux of all that is drawn, and RMS error of pixels over the mean of the lit ones, over `at`: the
         truth is within in 98 of 100.
+    centre : float [px]
+        That of the centre of light: 97 of 100.
     edges, creases : float [1]
         With one sample a pixel.
     facets_across_px : float
@@ -281,6 +284,7 @@ class Lattice:
 
     flux: float
     pixels: float
+    centre: float
     edges: float
     creases: float
     facets_across_px: float
@@ -292,6 +296,7 @@ class Lattice:
         slope = math.hypot(level.crease_rad, _DETAIL_ERROR * level.detail_slope / math.sqrt(_CREASE_ERROR))
         flux = light_share * _LATTICE_FLUX / math.sqrt(lit)
         return cls(flux=flux, pixels=_LATTICE_PX * size_px * math.sqrt(light_share) + flux,
+                   centre=_LATTICE_CENTRE * size_px * light_share,
                    edges=_LATTICE_EDGES * lit**-_LATTICE_LIT * size_px**-1.5,
                    creases=_LATTICE_CREASES * slope**_LATTICE_SLOPE * lit**-_LATTICE_LIT / size_px,
                    facets_across_px=math.sqrt(_FACETS_SEEN * level.n_facets / NOISE_FACETS) / size_px)

@@ -33,13 +33,15 @@ FACING_SAMPLES = 3
 """Fewest along a pixel's side of that image; it has as many as the rays."""
 # Rays that cost less than an image of what faces the Sun, whatever its facets.
 _FEW_RAYS = 100_000
-# A body that is smaller has a grid of its own.
-_SMALL_PX = 4.0
+# A body that is smaller has a grid of its own; one that is alone and not much larger where 16 x 16 samples a pixel
+# would leave too much of its flux or its centre.
+_SMALL_PX, _LARGEST_OWN_PX = 4.0, 32.0
 # A crescent that is apart is so many times as wide as a full disc, at most: its own grid has only so many samples.
 _MOST_LARGER = 4.0
-# Of the budget, what its pixels may take there, and its flux; samples across it: fewest, most for its flux, and most.
-_PIXELS_SHARE, _FLUX_SHARE = 0.9, 0.1
-_LEAST_ACROSS, _MOST_FOR_FLUX, _MOST_ACROSS = 64, 512, 2048
+# Of the budget, what its pixels may take there, its flux, and, in pixels, its centre of light; samples across it:
+# fewest, most for flux and centre, and most.
+_PIXELS_SHARE, _FLUX_SHARE, _CENTRE_SHARE = 0.9, 0.1, 0.5
+_LEAST_ACROSS, _MOST_FOR_SUMS, _MOST_ACROSS = 64, 1024, 2048
 # Error over the budget from which on the most would be taken for nothing.
 _NEARLY = 4.0
 # Most rays across a body that is small, but not so small: of many rough facets 16 x 16 a pixel may not do. No second
@@ -129,7 +131,7 @@ class _Window:
 
     def __init__(self, members: Sequence[BodyView], traits: Mapping[str, BodyTraits], plans: Mapping[str, BodyPlan],
                  camera: PinholeCamera, budget: float, error_gain: float, costs: EngineCosts, apart_px: float):
-        self._members, self._budget, self._gain, self._apart_px = members, budget, error_gain, apart_px
+        self._members, self._budget, self._gain = members, budget, error_gain
         self._drawn = [plans[view.name] for view in members]
         n_layers = max(body.detail_layers for body in self._drawn)
         of_level = _LEVEL_SAMPLE if any(body.level for body in self._drawn) else 1.0
@@ -150,11 +152,16 @@ class _Window:
         self._n_facing = max(
             sum(level.n_facets for level in self._full) * facing_share(self._phase_rad) * shown, 1.0)
         disc = [min(view.size_px, 1e5) ** 2 for view in members]
-        in_penumbra = [body.eclipse_error > _FLUX_SHARE * budget for body in self._drawn]
+        # No PSF smooths the error of the flux or of the centre.
+        asked = budget * error_gain
+        in_penumbra = [body.eclipse_error > _FLUX_SHARE * asked for body in self._drawn]
         self._lattices = [Lattice.of(view, _PENUMBRA if is_soft else level, own / sum(disc))
                           for view, level, is_soft, own in zip(members, self._full, in_penumbra, disc, strict=True)]
-        per_px = max(one.samples_per_px(_FLUX_SHARE * budget / one.flux) for one in self._lattices)
-        self._across = min(max(min(self._outline_px, 1e5) * per_px, _LEAST_ACROSS), _MOST_FOR_FLUX)
+        self._is_apart = apart_size_px(members) < apart_px
+        centre_px = _CENTRE_SHARE if self._is_apart or self._largest_px < _LARGEST_OWN_PX else math.inf
+        per_px = max(one.samples_per_px(asked * min(_FLUX_SHARE / one.flux, centre_px / one.centre))
+                     for one in self._lattices)
+        self._across = min(max(min(self._outline_px, 1e5) * per_px, _LEAST_ACROSS), _MOST_FOR_SUMS)
         # Slivers of light between samples tell nothing of themselves.
         slivers = 1.0
         if self._phase_rad > _SLIVER_PHASE_RAD and budget < _SLIVER_BUDGET:
@@ -184,15 +191,15 @@ class _Window:
 
     def choice(self, samples: int | None) -> WindowChoice:
         has_rays = math.isfinite(self._costs.ray_ns)
-        is_small = self._outline_px < _SMALL_PX or apart_size_px(self._members) < self._apart_px or (
-            len(self._members) == 1 and self._across > MAX_SAMPLES * self._largest_px)
+        is_small = self._outline_px < _SMALL_PX or self._is_apart or (
+            len(self._members) == 1 and min(self._across / MAX_SAMPLES, _LARGEST_OWN_PX) > self._largest_px)
         areas_ns = self._by_areas.ns if has_rays and samples is None else math.inf
         if samples is None and is_small:
             grid_ns, grid = self._own_grid(has_rays)
             if math.isinf(areas_ns):
                 return WindowChoice(first=grid)
             # Areas have no lattice to err in the flux: they need cells of their own only for what is apart or tiny.
-            has_own = self._outline_px < _SMALL_PX or apart_size_px(self._members) < self._apart_px
+            has_own = self._outline_px < _SMALL_PX or self._is_apart
             areas = self._small_areas() if has_own else self._areas()
             is_enough = grid.predicted_error <= self._gain * self._budget
             if (grid_ns < areas_ns and is_enough) or areas.modelling_error > _MOST_MODELLING * self._budget:
@@ -217,11 +224,10 @@ class _Window:
 
     def _small_areas(self) -> WindowPlan:
         bounds, sides = self._own_bounds()
-        is_apart = apart_size_px(self._members) < self._apart_px
-        asked_px = CELL_PX if is_apart else min(CELL_PX, cell_size(_CELL_SHARE * self._budget, self._phase_rad))
+        asked_px = CELL_PX if self._is_apart else min(CELL_PX, cell_size(_CELL_SHARE * self._budget, self._phase_rad))
         grid = tuple(max(math.ceil(side / max(asked_px, self._outline_px / _MOST_ACROSS)), 8) for side in sides)
         cell_px = max(side / count for side, count in zip(sides, grid, strict=True))
-        of_cells = 0.0 if is_apart else cell_error(cell_px, self._phase_rad)
+        of_cells = 0.0 if self._is_apart else cell_error(cell_px, self._phase_rad)
         return self._areas_plan(of_cells, samples=0, grid=grid, bounds_px=bounds)
 
     def _areas_plan(self, of_cells: float = 0.0, **told) -> WindowPlan:
@@ -239,7 +245,7 @@ class _Window:
         bounds, sides = self._own_bounds()
         enough = max(one.samples_per_px(_PIXELS_SHARE * self._budget / one.pixels) for one in self._lattices)
         # Crescents of a few slivers are beyond any grid.
-        most = _MOST_ACROSS if self._told(_MOST_ACROSS / self._outline_px) <= _NEARLY * self._budget else _MOST_FOR_FLUX
+        most = _MOST_ACROSS if self._told(_MOST_ACROSS / self._outline_px) <= _NEARLY * self._budget else _MOST_FOR_SUMS
         per_px = max(self._across, min(self._outline_px * enough, most)) / self._outline_px
         grid = tuple(max(math.ceil(per_px * side), 8) for side in sides)
         raster_ns = (RASTER_CALL_NS + self._facets_ns + self._shadows_ns

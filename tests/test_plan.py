@@ -344,7 +344,7 @@ def test_a_moon_without_light_leaves_the_grid_as_it_is(moon_px):
     assert grids[0] == grids[1] and told[1] == pytest.approx(told[0], rel=1e-3)
 
 
-def test_crescents_that_no_grid_samples_have_no_more_than_for_their_flux():
+def test_crescents_that_no_grid_samples_have_no_more_than_for_their_sums():
     for phase_deg in (178.0, 179.9, 180.0):
         window, = windows([view(size_px=3.0, phase_deg=phase_deg)], 0.1)
-        assert max(window.grid) <= 512 and window.predicted_error > 0.1
+        assert max(window.grid) <= 1024 and window.predicted_error > 0.1

@@ -10,12 +10,12 @@ PLACES = ((0.0, 0.0), (0.31, 0.17), (-0.45, 0.49))
 
 
 @pytest.mark.parametrize("size_px", [0.01, 0.1, 0.5, 1.0, 2.0, 3.0, 3.95, 4.05, 5.0, 7.0, 10.0, 20.0])
-@pytest.mark.parametrize("phase_deg", [20.0, 90.0])
-def test_flux_and_centre_of_brightness_run_on(size_px, phase_deg):
-    """A rough binary at three places in the pixel, rays put into the same pixels as truth: the goal."""
+@pytest.mark.parametrize("phase_deg, centroid_px", [(20.0, 0.01), (90.0, 0.015)])
+def test_flux_and_centre_of_brightness_run_on(size_px, phase_deg, centroid_px):
+    """A rough binary at three places in the pixel, rays put into the same pixels as truth; the goal is 1 %, 0.01 px."""
     found = np.array([sweeps.small_body(size_px, phase_deg, place, max_error=0.02) for place in PLACES])
-    np.testing.assert_allclose(found[:, 0], 0.0, atol=0.01)
-    np.testing.assert_allclose(found[:, 1], 0.0, atol=0.01)
+    np.testing.assert_allclose(found[:, 0], 0.0, atol=0.005)
+    np.testing.assert_allclose(found[:, 1], 0.0, atol=centroid_px)
 
 
 def test_below_a_pixel_the_flux_does_not_depend_on_size_or_place():
