@@ -37,6 +37,8 @@ _LEVEL_ERROR, _OUTLINE_ERROR, _FLUX_SCATTERS = 0.5, 1.2, 2.5
 # what is lit, have of it.
 _LATTICE_EDGES, _LATTICE_CREASES, _LATTICE_LIT, _LATTICE_SLOPE = 0.5, 0.7, 1.15, 0.8
 _LATTICE_PX, _LATTICE_CENTRE, _LATTICE_FLUX = 1.2, 1.0, 2.8
+# Of penumbras that other bodies cast, over the noise of a sample: three offsets of a moon.
+_LATTICE_PENUMBRAS = 0.6
 # Of cells shared among pixels by area.
 _CELL_ERROR, _CELL_LIT = 2.2, 1.2
 # Facets that a pixel sees, about, times squared size over all of them: half of them face it, on 0.6 of the square.
@@ -211,11 +213,14 @@ class Penumbra:
         Of the widest.
     eclipse_error : float [1]
         The part of the error in shadows that other bodies cast.
+    eclipse_noise : float [1]
+        RMS error of a sample there that meets one point of the Sun's disc, over the mean of the body.
     """
 
     error: float
     width_px: float
     eclipse_error: float = 0.0
+    eclipse_noise: float = 0.0
 
 
 NO_PENUMBRA = Penumbra(error=0.0, width_px=0.0)
@@ -256,9 +261,11 @@ def eclipse_penumbra(view: BodyView, caster_radius_m: float, gap_m: float, footp
     """
     wide_px = 2.0 * view.sun_radius_rad * gap_m / footprint_m
     outline_px = 2.0 * math.pi * caster_radius_m / footprint_m
-    lit_px = 0.6 * min(max(view.size_px, 1.0), 1e5) ** 2
-    error = math.sqrt(min(outline_px * wide_px * min(wide_px, 1.0) / 6.0 / lit_px, 1.0))
-    return Penumbra(error=error, width_px=wide_px, eclipse_error=error)
+    size_px = min(view.size_px, 1e5)
+    ramp_px = outline_px * wide_px / 6.0
+    error = math.sqrt(min(ramp_px * min(wide_px, 1.0) / (0.6 * max(size_px, 1.0) ** 2), 1.0))
+    return Penumbra(error=error, width_px=wide_px, eclipse_error=error,
+                    eclipse_noise=math.sqrt(min(ramp_px / (0.6 * size_px**2), 1.0)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -266,8 +273,9 @@ class Lattice:
     """How a body's light errs on a regular grid of samples.
 
     Edges leave N^-1.5 with N samples across a body, and so do creases between facets; those of facets that are much
-    smaller than samples are noise, N^-1. Kept above seven shapes (a sphere, and 8000 to 3.1 million facets with creases
-    of 4 to 33 deg), 0.1 to 20 px across, at 3 to 152 deg with 64 to 512 samples across (docs/decisions, 0023).
+    smaller than samples are noise, N^-1, and so are penumbras, where each sample meets one point of the Sun's disc.
+    Kept above seven shapes (a sphere, and 8000 to 3.1 million facets with creases of 4 to 33 deg), 0.1 to 20 px
+    across, at 3 to 152 deg with 64 to 512 samples across (docs/decisions, 0023).
 
     Attributes
     ----------
@@ -276,7 +284,7 @@ class Lattice:
         truth is within in 98 of 100.
     centre : float [px]
         That of the centre of light: 97 of 100.
-    edges, creases : float [1]
+    edges, creases, penumbras : float [1]
         With one sample a pixel.
     facets_across_px : float
         Along a pixel's side, over those from which samples are noise.
@@ -287,11 +295,12 @@ class Lattice:
     centre: float
     edges: float
     creases: float
+    penumbras: float
     facets_across_px: float
 
     @classmethod
-    def of(cls, view: BodyView, level: LevelTraits, light_share: float = 1.0) -> Lattice:
-        """Of a body that has such a share of the light of all that is drawn, and so of the pixels."""
+    def of(cls, view: BodyView, level: LevelTraits, light_share: float = 1.0, eclipse_noise: float = 0.0) -> Lattice:
+        """Of a body that has such a share of all that is drawn, of its light and of its pixels; and of a `Penumbra`."""
         lit, size_px = lit_share(view.phase_rad), min(view.size_px, 1e5)
         slope = math.hypot(level.crease_rad, _DETAIL_ERROR * level.detail_slope / math.sqrt(_CREASE_ERROR))
         flux = light_share * _LATTICE_FLUX / math.sqrt(lit)
@@ -299,14 +308,16 @@ class Lattice:
                    centre=_LATTICE_CENTRE * size_px * light_share,
                    edges=_LATTICE_EDGES * lit**-_LATTICE_LIT * size_px**-1.5,
                    creases=_LATTICE_CREASES * slope**_LATTICE_SLOPE * lit**-_LATTICE_LIT / size_px,
+                   penumbras=_LATTICE_PENUMBRAS * eclipse_noise / size_px,
                    facets_across_px=math.sqrt(_FACETS_SEEN * level.n_facets / NOISE_FACETS) / size_px)
 
     def at(self, samples_per_px: float) -> float:
         """Error with so many along a pixel's side, before `flux` and `pixels`."""
-        return max(self.edges * samples_per_px**-1.5,
+        return max(self.edges * samples_per_px**-1.5, self.penumbras / samples_per_px,
                    self.creases * min(math.sqrt(self.facets_across_px / samples_per_px), 1.0) / samples_per_px)
 
     def samples_per_px(self, error: float) -> float:
         """Samples along a pixel's side that have such an error: the inverse of `at`."""
         noise = self.creases / error
-        return max((self.edges / error) ** (2.0 / 3.0), min(noise, (noise**2 * self.facets_across_px) ** (1.0 / 3.0)))
+        return max((self.edges / error) ** (2.0 / 3.0), self.penumbras / error,
+                   min(noise, (noise**2 * self.facets_across_px) ** (1.0 / 3.0)))

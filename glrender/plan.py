@@ -84,7 +84,8 @@ def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, casters
         normal_lookup=footprint_m < 2e-4 * traits.radius_m, size_px=view.size_px, flux_ratio=ratio,
         modelling_error=math.sqrt(squared), penumbra_px=penumbra.width_px,
         penumbra_error=penumbra.error if shadow_px is not None else 0.0,
-        eclipse_error=penumbra.eclipse_error if shadow_px is not None else 0.0, shown_share=shown_share,
+        eclipse_error=penumbra.eclipse_error if shadow_px is not None else 0.0,
+        eclipse_noise=penumbra.eclipse_noise if shadow_px is not None else 0.0, shown_share=shown_share,
         shadow_map_drawn_px=(0, 0) if shadow_px is None else (math.ceil(shadow_px * seen_share),) * 2,
         detail_m=detail_m, detail_layers=len(active), detail_slope=detail_slope,
         casters=tuple(casters))

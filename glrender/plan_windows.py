@@ -66,7 +66,6 @@ _CENTRE = 2.2
 _CELL_SHARE, _MOST_MODELLING = 0.3, 0.9
 # Penumbras by rays are noise: creases and facets a pixel that say so; and fewest samples along a pixel's side.
 _PENUMBRA_NOISE, _PENUMBRA_SAMPLES = (0.4, 1e4), 2
-_PENUMBRA = LevelTraits(n_facets=10**9, crease_rad=0.4)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,9 +153,8 @@ class _Window:
         disc = [min(view.size_px, 1e5) ** 2 for view in members]
         # No PSF smooths the error of the flux or of the centre.
         asked = budget * error_gain
-        in_penumbra = [body.eclipse_error > _FLUX_SHARE * asked for body in self._drawn]
-        self._lattices = [Lattice.of(view, _PENUMBRA if is_soft else level, own / sum(disc))
-                          for view, level, is_soft, own in zip(members, self._full, in_penumbra, disc, strict=True)]
+        self._lattices = [Lattice.of(view, level, own / sum(disc), body.eclipse_noise)
+                          for view, level, body, own in zip(members, self._full, self._drawn, disc, strict=True)]
         self._is_apart = apart_size_px(members) < apart_px
         centre_px = _CENTRE_SHARE if self._is_apart or self._largest_px < _LARGEST_OWN_PX else math.inf
         per_px = max(one.samples_per_px(asked * min(_FLUX_SHARE / one.flux, centre_px / one.centre))

@@ -38,6 +38,8 @@ class BodyPlan:
     """RMS error of hard edges in its place, before anything is drawn: areas tell better."""
     eclipse_error: float = 0.0
     """The part of it in shadows that other bodies cast."""
+    eclipse_noise: float = 0.0
+    """RMS error of one sample there, which rays cast to one point of the Sun's disc, over the body's mean."""
     casters: tuple[str, ...] = ()
     """Other bodies that may cast a shadow on it."""
     shown_share: float = 1.0

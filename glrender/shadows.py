@@ -97,9 +97,9 @@ class Shadows:
             parts.append(eclipse_penumbra(
                 receiver, min(hull.radius_m, self._hulls[name].radius_m),
                 float(np.linalg.norm(receiver_from_caster[:3, 3])), receiver.depth_m[0] / camera.focal_length_px))
-        return Penumbra(error=float(np.linalg.norm([part.error for part in parts])),
-                        width_px=max(part.width_px for part in parts),
-                        eclipse_error=float(np.linalg.norm([part.eclipse_error for part in parts])))
+        together = {name: float(np.linalg.norm([getattr(part, name) for part in parts]))
+                    for name in ("error", "eclipse_error", "eclipse_noise")}
+        return Penumbra(width_px=max(part.width_px for part in parts), **together)
 
     def seen_share(self, view: BodyView, camera: PinholeCamera) -> float:
         """Largest side of what is seen over that of the body, as the Sun sees both: what a map must cover."""

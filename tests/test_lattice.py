@@ -131,16 +131,16 @@ def test_rays_of_a_lattice_are_the_same_in_parts(monkeypatch):
 @pytest.mark.parametrize("level", [SMOOTH, ROUGH])
 @pytest.mark.parametrize("size_px", [0.01, 1.0, 30.0])
 def test_samples_and_errors_are_inverse(level, size_px):
-    model = Lattice.of(small(size_px), level)
-    for across in (20.0, 100.0, 1000.0):
+    for across, noise in ((20.0, 0.0), (100.0, 0.0), (1000.0, 0.0), (100.0, 0.9)):
+        model = Lattice.of(small(size_px), level, 1.0, noise)
         assert model.samples_per_px(model.at(across / size_px)) * size_px == pytest.approx(across)
 
 
 def test_below_a_pixel_a_body_errs_as_its_flux_does():
     """All of its light is in a pixel or two, whatever its size."""
-    for level in (SMOOTH, ROUGH):
+    for level, noise in ((SMOOTH, 0.0), (ROUGH, 0.0), (SMOOTH, 1.0)):
         of_flux, of_pixels = zip(*((model.flux * error, model.pixels * error) for size_px in (0.001, 0.01, 0.1)
-                                   for model in [Lattice.of(small(size_px), level)]
+                                   for model in [Lattice.of(small(size_px), level, 1.0, noise)]
                                    for error in [model.at(100.0 / size_px)]), strict=True)
         np.testing.assert_allclose(of_flux, of_flux[0])
         np.testing.assert_allclose(of_pixels, of_flux[0], rtol=0.05)
