@@ -37,8 +37,9 @@ _LEVEL_ERROR, _OUTLINE_ERROR, _FLUX_SCATTERS = 0.5, 1.2, 2.5
 # what is lit, have of it.
 _LATTICE_EDGES, _LATTICE_CREASES, _LATTICE_LIT, _LATTICE_SLOPE = 0.5, 0.7, 1.15, 0.8
 _LATTICE_PX, _LATTICE_CENTRE, _LATTICE_FLUX = 1.2, 1.0, 2.8
-# Of penumbras that other bodies cast, over the noise of a sample: three offsets of a moon.
-_LATTICE_PENUMBRAS = 0.6
+# Of penumbras that other bodies cast, over the noise of a sample: three offsets of a moon. And least share of the light
+# that is left in others' shadows.
+_LATTICE_PENUMBRAS, _LEAST_LEFT = 0.6, 0.02
 # Of cells shared among pixels by area.
 _CELL_ERROR, _CELL_LIT = 2.2, 1.2
 # Facets that a pixel sees, about, times squared size over all of them: half of them face it, on 0.6 of the square.
@@ -214,7 +215,7 @@ class Penumbra:
     eclipse_error : float [1]
         The part of the error in shadows that other bodies cast.
     eclipse_noise : float [1]
-        RMS error of a sample there that meets one point of the Sun's disc, over the mean of the body.
+        RMS error of a sample there that meets one point of the Sun's disc, over the mean of the body without shadows.
     """
 
     error: float
@@ -262,10 +263,10 @@ def eclipse_penumbra(view: BodyView, caster_radius_m: float, gap_m: float, footp
     wide_px = 2.0 * view.sun_radius_rad * gap_m / footprint_m
     outline_px = 2.0 * math.pi * caster_radius_m / footprint_m
     size_px = min(view.size_px, 1e5)
-    ramp_px = outline_px * wide_px / 6.0
-    error = math.sqrt(min(ramp_px * min(wide_px, 1.0) / (0.6 * max(size_px, 1.0) ** 2), 1.0))
-    return Penumbra(error=error, width_px=wide_px, eclipse_error=error,
-                    eclipse_noise=math.sqrt(min(ramp_px / (0.6 * size_px**2), 1.0)))
+    noise_squared = outline_px * wide_px / 6.0 / (0.6 * size_px**2)
+    # Within a pixel, or within a body that is smaller, ramps and hard edges have the same light.
+    error, noise = (math.sqrt(min(noise_squared * part, 1.0)) for part in (min(wide_px / min(size_px, 1.0), 1.0), 1.0))
+    return Penumbra(error=error, width_px=wide_px, eclipse_error=error, eclipse_noise=noise)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -299,13 +300,18 @@ class Lattice:
     facets_across_px: float
 
     @classmethod
-    def of(cls, view: BodyView, level: LevelTraits, light_share: float = 1.0, eclipse_noise: float = 0.0) -> Lattice:
-        """Of a body that has such a share of all that is drawn, of its light and of its pixels; and of a `Penumbra`."""
+    def of(cls, view: BodyView, level: LevelTraits, light_share: float = 1.0, eclipse_noise: float = 0.0,
+           left: float = 1.0) -> Lattice:
+        """Of a body that has such a share of all that is drawn, of its light and of its pixels.
+
+        Others' shadows leave so much of its light, whose noise counts the more, and have an `eclipse_noise`.
+        """
         lit, size_px = lit_share(view.phase_rad), min(view.size_px, 1e5)
         slope = math.hypot(level.crease_rad, _DETAIL_ERROR * level.detail_slope / math.sqrt(_CREASE_ERROR))
-        flux = light_share * _LATTICE_FLUX / math.sqrt(lit)
-        return cls(flux=flux, pixels=_LATTICE_PX * size_px * math.sqrt(light_share) + flux,
-                   centre=_LATTICE_CENTRE * size_px * light_share,
+        gain = 1.0 / math.sqrt(max(left, _LEAST_LEFT))
+        flux = gain * light_share * _LATTICE_FLUX / math.sqrt(lit)
+        return cls(flux=flux, pixels=gain * _LATTICE_PX * size_px * math.sqrt(light_share) + flux,
+                   centre=gain * _LATTICE_CENTRE * size_px * light_share,
                    edges=_LATTICE_EDGES * lit**-_LATTICE_LIT * size_px**-1.5,
                    creases=_LATTICE_CREASES * slope**_LATTICE_SLOPE * lit**-_LATTICE_LIT / size_px,
                    penumbras=_LATTICE_PENUMBRAS * eclipse_noise / size_px,

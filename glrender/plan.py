@@ -41,7 +41,7 @@ _SHADOWED_PER_RAD = 0.34
 
 def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, casters: Sequence[str], budget: float,
               level: int | None, *, shown_share: float = 1.0, seen_share: float = 1.0,
-              penumbra: Penumbra = NO_PENUMBRA) -> BodyPlan:
+              penumbra: Penumbra = NO_PENUMBRA, light_left: float = 1.0) -> BodyPlan:
     """What is modelled of a body.
 
     Parameters
@@ -61,6 +61,8 @@ def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, casters
         Side of what the shadow map must cover over that of the body.
     penumbra : Penumbra
         Of its shadows.
+    light_left : float [1]
+        Share of its light that the shadows of the casters leave.
     """
     footprint_m = view.depth_m[0] / camera.focal_length_px
     used = choose_level(view, traits, footprint_m, budget) if level is None else min(level, len(traits.levels) - 1)
@@ -85,7 +87,8 @@ def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, casters
         modelling_error=math.sqrt(squared), penumbra_px=penumbra.width_px,
         penumbra_error=penumbra.error if shadow_px is not None else 0.0,
         eclipse_error=penumbra.eclipse_error if shadow_px is not None else 0.0,
-        eclipse_noise=penumbra.eclipse_noise if shadow_px is not None else 0.0, shown_share=shown_share,
+        eclipse_noise=penumbra.eclipse_noise if shadow_px is not None else 0.0, light_left=light_left,
+        shown_share=shown_share,
         shadow_map_drawn_px=(0, 0) if shadow_px is None else (math.ceil(shadow_px * seen_share),) * 2,
         detail_m=detail_m, detail_layers=len(active), detail_slope=detail_slope,
         casters=tuple(casters))

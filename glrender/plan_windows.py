@@ -153,7 +153,7 @@ class _Window:
         disc = [min(view.size_px, 1e5) ** 2 for view in members]
         # No PSF smooths the error of the flux or of the centre.
         asked = budget * error_gain
-        self._lattices = [Lattice.of(view, level, own / sum(disc), body.eclipse_noise)
+        self._lattices = [Lattice.of(view, level, own / sum(disc), body.eclipse_noise, body.light_left)
                           for view, level, body, own in zip(members, self._full, self._drawn, disc, strict=True)]
         self._is_apart = apart_size_px(members) < apart_px
         centre_px = _CENTRE_SHARE if self._is_apart or self._largest_px < _LARGEST_OWN_PX else math.inf

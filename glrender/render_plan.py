@@ -39,7 +39,9 @@ class BodyPlan:
     eclipse_error: float = 0.0
     """The part of it in shadows that other bodies cast."""
     eclipse_noise: float = 0.0
-    """RMS error of one sample there, which rays cast to one point of the Sun's disc, over the body's mean."""
+    """RMS error of one sample there, which rays cast to one point of the Sun's disc, over the mean without shadows."""
+    light_left: float = 1.0
+    """Share of its light that those shadows leave, about."""
     casters: tuple[str, ...] = ()
     """Other bodies that may cast a shadow on it."""
     shown_share: float = 1.0

@@ -234,7 +234,7 @@ class Renderer:
             bodies.append(plan.plan_body(
                 view, traits, camera, [name for name, _ in casters[1:]], budget, level,
                 shown_share=chunks.n_facets(shown) / traits.levels[0].n_facets,
-                seen_share=self._shadows.seen_share(view, camera),
+                seen_share=self._shadows.seen_share(view, camera), light_left=self._shadows.light_left(view, casters),
                 penumbra=self._shadows.penumbra(view, casters, camera) if self.scene.sun_disc else NO_PENUMBRA))
         return bodies
 

@@ -42,6 +42,9 @@ class Shadow:
     bias_per_texel: float
 
 
+# What hulls are scaled by, so that as much of their outlines is between each.
+_FILLING = np.sqrt((np.arange(5) + 0.5) / 5)
+
 NO_SHADOW = Shadow(shadow_map=None, shadow_from_body=np.eye(4), bias_per_texel=0.0)
 
 
@@ -87,6 +90,17 @@ class Shadows:
             if aside < reach and sunward > -reach:
                 casters.append((other.name, frames.transform(rotation, offset)))
         return casters
+
+    def light_left(self, receiver: BodyView, casters: Sequence[tuple[str, np.ndarray]]) -> float:
+        """Share of the receiver's light that the shadows of its `casters`, as of spheres, leave, about."""
+        if len(casters) == 1:
+            return 1.0
+        points_m = (self._hulls[receiver.name].points_m[:, None] * _FILLING[:, None]).reshape(3, -1).T
+        is_dark = np.zeros(len(points_m), bool)
+        for name, receiver_from_caster in casters[1:]:
+            aside_m = np.cross(points_m - receiver_from_caster[:3, 3], receiver.sun_direction_body)
+            is_dark |= np.linalg.norm(aside_m, axis=1) < self._hulls[name].radius_m
+        return 1.0 - float(np.mean(is_dark))
 
     def penumbra(self, receiver: BodyView, casters: Sequence[tuple[str, np.ndarray]],
                  camera: PinholeCamera) -> Penumbra:

@@ -85,29 +85,38 @@ def test_what_is_told_of_a_lattice_holds_beside_rays(name):
     assert 0.25 <= np.median(told) <= 1.0
 
 
-@pytest.mark.parametrize("offset_m", [20.0, 40.0, 60.0])
-def test_what_is_told_in_another_body_s_penumbra_holds(offset_m):
-    """Each sample meets one point of the Sun's disc: noise. A moon 12 km sunward, beside 2000 x 1200 rays."""
+@pytest.mark.parametrize("size_px, offset_m, gap_m, moon_m", [
+    (3.0, 20.0, 12_000.0, 60.0), (3.0, 40.0, 12_000.0, 60.0), (3.0, 60.0, 12_000.0, 60.0), (0.1, 40.0, 12_000.0, 60.0),
+    (0.5, 20.0, 12_000.0, 60.0), (3.0, 30.0, 1500.0, 60.0), (3.0, 40.0, 1500.0, 60.0)])
+def test_what_is_told_in_another_body_s_penumbra_holds(size_px, offset_m, gap_m, moon_m):
+    """Each sample meets one point of the Sun's disc: noise. A moon sunward, beside 2000 x 1200 rays."""
     needed_module("embreex", "pip install 'glrender[raytrace]'")
     from glrender.ray_engine import RayEngine
 
-    camera = views.camera(40, 30.0)
+    camera = views.camera(40, 10.0 * size_px)
     bodies = [Body(name=name, shape=shape, brdf=Lambert(normal_albedo=0.3)) for name, shape in (
-        ("body", shapes()["contact binary"]), ("moon", generate.icosphere(radius_m=60.0, subdivisions=3)))]
+        ("body", shapes()["contact binary"]), ("moon", generate.icosphere(radius_m=moon_m, subdivisions=3)))]
     scene = views.scene(bodies, [camera], sun_disc=True)
     state = views.state(phase_deg=70.0, bodies=("body", "moon"))
     sunward = state.r_sun_inertial_m / np.linalg.norm(state.r_sun_inertial_m)
-    state = replace(state, bodies={**state.bodies, "moon": Pose(r_inertial_m=12_000.0 * sunward + offset_m)})
+    state = replace(state, bodies={**state.bodies, "moon": Pose(r_inertial_m=gap_m * sunward + offset_m)})
     seen = view_bodies(state, camera, scene.hulls)
     x0, y0, x1, y1 = seen[0].bounds_px
     x, y = (low + (np.arange(n) + 0.5) * (high - low) / n for low, high, n in ((x0, x1, 2000), (y0, y1, 1200)))
     only = [replace(view, is_visible=view.name == "body") for view in seen]
     truth = RayEngine(scene).lattice(x, y, camera, only, 2000).mean() * (x1 - x0) * (y1 - y0)
+    assert truth > 0.0
     with Renderer(scene) as renderer:
         for max_error in (0.05, 0.02, 0.01):
             image = renderer.render(state, max_error=max_error)
             error = abs(image.irradiance_W_m2.sum(dtype=float) / truth - 1.0)
-            assert error <= min(image.plan.predicted_error, max(0.1 * max_error, 2e-3))
+            assert error <= min(image.plan.predicted_error, max(0.1 * max_error, 2e-3)), image.plan.windows
+
+
+def test_what_is_left_in_a_shadow_is_told_to_err_by_more():
+    whole, quarter = (Lattice.of(small(2.0), SMOOTH, left=left) for left in (1.0, 0.25))
+    assert quarter.pixels == pytest.approx(2.0 * whole.pixels) and quarter.flux == pytest.approx(2.0 * whole.flux)
+    assert Lattice.of(small(2.0), SMOOTH, left=0.0).flux == pytest.approx(math.sqrt(50.0) * whole.flux)
 
 
 def test_rays_of_a_lattice_are_the_same_in_parts(monkeypatch):
@@ -180,7 +189,7 @@ def test_cells_err_by_no_more_than_is_told(phase_deg):
                     add_by_area(image, samples, (*place, *(place + size_px)))
                 told.append(views.relative_rms(shared.astype(float), exact.astype(float))
                             / cell_error(size_px / n, phase))
-    assert np.mean(np.array(told) <= 1.0) >= 0.95 and np.max(told) >= 0.1
+    assert np.mean(np.array(told) <= 1.0) >= 0.95 and np.max(told) >= 0.3
 
 
 def test_cells_and_their_errors_are_inverse():

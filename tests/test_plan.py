@@ -158,10 +158,12 @@ def test_a_small_body_has_cells_of_its_own_by_area():
 @pytest.mark.parametrize("phase_deg", [20.0, 120.0, 160.0])
 def test_cells_leave_areas_most_of_the_budget(size_px, phase_deg):
     """Or areas are not planned: they would be drawn for nothing."""
+    drawn = []
     for budget in (1e-4, 1e-3, 0.01, 0.1):
         choice, = area_choice([view(size_px=size_px, phase_deg=phase_deg)], budget, costs=replace(AREAS, area_ns=1e-3))
         if choice.first.engine == "areas":
-            assert choice.first.modelling_error <= 0.9 * budget
+            drawn.append(choice.first.modelling_error / budget)
+    assert len(drawn) >= 2 and max(drawn) <= 0.9
 
 
 def test_few_rays_have_one_thread_and_many_have_all():
