@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -42,8 +43,8 @@ class Shadow:
     bias_per_texel: float
 
 
-# What hulls are scaled by, so that as much of their outlines is between each.
-_FILLING = np.sqrt((np.arange(5) + 0.5) / 5)
+# Most points of a hull that tell what is left of light; and what they are scaled by, so that they fill its outline.
+_MOST_POINTS, _FILLING = 256, np.sqrt((np.arange(5) + 0.5) / 5)
 
 NO_SHADOW = Shadow(shadow_map=None, shadow_from_body=np.eye(4), bias_per_texel=0.0)
 
@@ -95,11 +96,14 @@ class Shadows:
         """Share of the receiver's light that the shadows of its `casters`, as of spheres, leave, about."""
         if len(casters) == 1:
             return 1.0
-        points_m = (self._hulls[receiver.name].points_m[:, None] * _FILLING[:, None]).reshape(3, -1).T
+        hull_m = self._hulls[receiver.name].points_m
+        some_m = hull_m[:, ::math.ceil(hull_m.shape[1] / _MOST_POINTS)]
+        points_m = (some_m[:, None] * _FILLING[:, None]).reshape(3, -1).T
         is_dark = np.zeros(len(points_m), bool)
         for name, receiver_from_caster in casters[1:]:
-            aside_m = np.cross(points_m - receiver_from_caster[:3, 3], receiver.sun_direction_body)
-            is_dark |= np.linalg.norm(aside_m, axis=1) < self._hulls[name].radius_m
+            beside_m, sun = points_m - receiver_from_caster[:3, 3], receiver.sun_direction_body
+            is_aside = np.linalg.norm(np.cross(beside_m, sun), axis=1) >= self._hulls[name].radius_m
+            is_dark |= ~is_aside & (beside_m @ sun < 0.0)
         return 1.0 - float(np.mean(is_dark))
 
     def penumbra(self, receiver: BodyView, casters: Sequence[tuple[str, np.ndarray]],
