@@ -250,9 +250,10 @@ class _Window:
                      + math.prod(grid) * self._sample_ns)
         lit = lit_share(self._phase_rad, 0.05)
         rays_ns = self._costs.rays_ns(math.prod(grid) * (lit + _UNLIT_COST * (1.0 - lit)), self._n_facing)
-        is_rays = not has_raster or rays_ns < raster_ns or (has_rays and self._floor > self._budget)
-        floor = 0.0 if is_rays else self._floor
         sampling = self._told(per_px)
+        is_rays = not has_raster or rays_ns < raster_ns or (
+            has_rays and math.hypot(self._floor, sampling) > self._budget)
+        floor = 0.0 if is_rays else self._floor
         return rays_ns if is_rays else raster_ns, self._plan(
             "rays" if is_rays else "raster", samples=0, grid=grid, bounds_px=bounds, modelling_error=floor,
             predicted_error=math.hypot(floor, sampling))

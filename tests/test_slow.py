@@ -25,10 +25,10 @@ from glrender_server.operations import Operations
 # Not as bright all over a facet: no areas, which would meet any of these budgets.
 BODY = Body(name="body", shape=generate.contact_binary(radius_m=100.0, seed=2), brdf=Lambert(normal_albedo=0.4),
             smooth_normals=True)
-SCENE = views.scene([BODY], [views.camera(48, 200.0)])
+SCENE = views.scene([BODY], [views.camera(48, 400.0)])
 STATE = views.state(phase_deg=70.0)
 # Below what 16 x 16 samples reach, and what rays reach in a second.
-MISSED, EASY = 0.006, 0.05
+MISSED, EASY = 0.004, 0.05
 SMOOTH = serving.SCENE.replace('name = "body"', 'name = "body"\nsmooth_normals = true')
 
 
@@ -172,7 +172,7 @@ def test_the_server_draws_slowly_tells_how_far_it_is_and_has_a_deadline_of_its_o
 
 
 FRAMES = [{"camera": "navcam", "output": "dn", "exposure_s": 0.02, "seed": 7, "max_error": 0.0017},
-          {"camera": "bare", "max_error": 0.0026, "roi": [3, 8, 30, 20]}, {"camera": "navcam", "max_error": 0.5}]
+          {"camera": "navcam", "max_error": 0.003, "roi": [20, 10, 76, 54]}, {"camera": "navcam", "max_error": 0.5}]
 
 
 @pytest.mark.usefixtures("blender")
@@ -194,7 +194,7 @@ def test_several_slow_frames_of_one_request(tmp_path):
     finally:
         served.close()
     together = [np.frombuffer(part, one.dtype) for part, one in zip(parts, alone, strict=True)]
-    for one, other, places in zip(alone, together, (96 * 64, 27 * 12, 96 * 64), strict=True):
+    for one, other, places in zip(alone, together, (96 * 64, 56 * 44, 96 * 64), strict=True):
         assert one.size == other.size == places
         # Paths that Cycles draws anew differ in their noise.
         np.testing.assert_allclose(one.sum(dtype=float), other.sum(dtype=float), rtol=0.01)
@@ -212,7 +212,7 @@ def test_a_backend_that_is_missing_is_the_requests_fault_not_a_frames(tmp_path, 
         async with AsyncClient(endpoint) as client:
             return await client.render_frames(state, FRAMES, allow_slow="cycles")
 
-    with serving.server(tmp_path) as (endpoint, _), Client(endpoint) as client:
+    with serving.server(tmp_path, scene=SMOOTH) as (endpoint, _), Client(endpoint) as client:
         assert len(client.render_frames(state, FRAMES)) == 3
         for ask in (lambda: client.render_frames(state, FRAMES, allow_slow="cycles"), lambda: asyncio.run(fly())):
             with pytest.raises(ServerError, match="does not work here") as caught:
