@@ -265,8 +265,9 @@ def eclipse_penumbra(view: BodyView, caster_radius_m: float, gap_m: float, footp
     size_px = min(view.size_px, 1e5)
     noise_squared = outline_px * wide_px / 6.0 / (0.6 * size_px**2)
     # Within a pixel, or within a body that is smaller, ramps and hard edges have the same light.
-    error, noise = (math.sqrt(min(noise_squared * part, 1.0)) for part in (min(wide_px / min(size_px, 1.0), 1.0), 1.0))
-    return Penumbra(error=error, width_px=wide_px, eclipse_error=error, eclipse_noise=noise)
+    error = math.sqrt(min(noise_squared * min(wide_px / min(size_px, 1.0), 1.0), 1.0))
+    return Penumbra(error=error, width_px=wide_px, eclipse_error=error,
+                    eclipse_noise=math.sqrt(min(noise_squared, 1.0)))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,7 +21,7 @@ from .gl.targets import Target
 from .grouping import outline_px
 from .kept_images import CONTRAST, NODE_ERROR, KeptImages
 from .plan_windows import FACING_SAMPLES, WindowChoice, apart_size_px
-from .ray_engine import RayEngine
+from .ray_engine import RayEngine, draws
 from .refine import frame_error, pixel_errors, pixel_means, plan_refinement
 from .render_plan import LevelPlan, WindowPlan
 from .surface_pass import Frame, SurfacePass
@@ -279,7 +279,7 @@ class IrradiancePass:
         within = np.arange(count)
         row, column = (axis.ravel() for axis in np.broadcast_arrays(top + within[:, None], left + within))
         samples[row, column] = self._rays.irradiance(np.stack([x.take(column), y.take(row)]).T, frame.camera, seen,
-                                                     row % across * across + column % across)
+                                                     draws(row, column, across))
         return samples
 
 

@@ -69,10 +69,11 @@ def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, casters
     chosen = traits.levels[used]
     ratio, _ = (1.0, 0.0) if chosen.flux_ratio is None else chosen.flux_ratio.at(view.phase_rad)
     squared = level_error(view, chosen, footprint_m) ** 2
-    shadow_px = None
+    shadow_px, cast = None, NO_PENUMBRA
     if view.is_visible:
         shadow_px = plan_shadow(view, chosen, traits.is_convex, bool(casters), budget, seen_share)
         if shadow_px is not None:
+            cast = penumbra
             squared += shadow_share(view, shadow_px, bool(casters)) * sum(squared_errors(view, chosen))
             squared += (_LEAK_RMS * leaked_flux(view, chosen, shadow_px)) ** 2 + penumbra.error**2
     detail_m, active, detail_slope = None, [], 0.0
@@ -85,10 +86,8 @@ def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, casters
         relative_to_camera=is_close(view, traits.radius_m, footprint_m),
         normal_lookup=footprint_m < 2e-4 * traits.radius_m, size_px=view.size_px, flux_ratio=ratio,
         modelling_error=math.sqrt(squared), penumbra_px=penumbra.width_px,
-        penumbra_error=penumbra.error if shadow_px is not None else 0.0,
-        eclipse_error=penumbra.eclipse_error if shadow_px is not None else 0.0,
-        eclipse_noise=penumbra.eclipse_noise if shadow_px is not None else 0.0, light_left=light_left,
-        shown_share=shown_share,
+        penumbra_error=cast.error, eclipse_error=cast.eclipse_error, eclipse_noise=cast.eclipse_noise,
+        light_left=light_left, shown_share=shown_share,
         shadow_map_drawn_px=(0, 0) if shadow_px is None else (math.ceil(shadow_px * seen_share),) * 2,
         detail_m=detail_m, detail_layers=len(active), detail_slope=detail_slope,
         casters=tuple(casters))

@@ -49,6 +49,8 @@ _NEARLY = 4.0
 _MOST_RAYS_ACROSS, _NO_SECOND = 1024, 1.2
 # Cost of a sample passed over, in samples that are shaded; and of a ray that meets no lit facet, in rays that do.
 _PASSED_OVER_COST, _UNLIT_COST = 0.45, 0.35
+# Share of a body's disc that rays meet lit at least, of crescents as well.
+_LEAST_LIT = 0.05
 # Cost of a texel of a shadow map, in samples: of 108 maps of 256 to 1024 texels.
 _TEXEL_COST = 0.15
 # Cost of a layer of surface detail, in samples.
@@ -125,6 +127,11 @@ def apart_size_px(views: Sequence[BodyView]) -> float:
     return max(size_px * max(math.cos(0.5 * view.phase_rad) for view in views), size_px / _MOST_LARGER)
 
 
+def _dear_share(lit: float) -> float:
+    """Cost of rays of which such a share meets lit facets, over that of as many that all do."""
+    return lit + _UNLIT_COST * (1.0 - lit)
+
+
 class _Window:
     """Bodies that are drawn together, and what each engine would make of them."""
 
@@ -146,6 +153,7 @@ class _Window:
         self._largest_px = max(view.size_px for view in members)
         self._outline_px = outline_px(members)
         self._phase_rad = max(view.phase_rad for view in members)
+        self._lit = lit_share(self._phase_rad, _LEAST_LIT)
         # Facets of the full shapes that face camera and Sun and are shown, about.
         shown = min(self._box_px / (0.8 * min(self._largest_px, 1e5) ** 2), 1.0)
         self._n_facing = max(
@@ -164,7 +172,7 @@ class _Window:
         slivers = 1.0
         if self._phase_rad > _SLIVER_PHASE_RAD and budget < _SLIVER_BUDGET:
             slivers = _SLIVER_SAMPLES + _THIN_SAMPLES_PER_RAD * max(self._phase_rad - _THIN_PHASE_RAD, 0.0)
-        centre = _CENTRE / (budget * error_gain * self._largest_px)
+        centre = _CENTRE / (asked * self._largest_px)
         self._least = math.ceil(min(max(self._across / self._largest_px, slivers, centre), MAX_SAMPLES))
         self._by_areas = choose_areas(members, traits, self._drawn, camera, budget, error_gain, costs,
                                       n_px=self._n_px, shown_share=shown)
@@ -248,8 +256,7 @@ class _Window:
         grid = tuple(max(math.ceil(per_px * side), 8) for side in sides)
         raster_ns = (RASTER_CALL_NS + self._facets_ns + self._shadows_ns
                      + math.prod(grid) * self._sample_ns)
-        lit = lit_share(self._phase_rad, 0.05)
-        rays_ns = self._costs.rays_ns(math.prod(grid) * (lit + _UNLIT_COST * (1.0 - lit)), self._n_facing)
+        rays_ns = self._costs.rays_ns(math.prod(grid) * _dear_share(self._lit), self._n_facing)
         sampling = self._told(per_px)
         is_rays = not has_raster or rays_ns < raster_ns or (
             has_rays and math.hypot(self._floor, sampling) > self._budget)
@@ -283,7 +290,7 @@ class _Window:
             # A ramp of many samples that are each lit or not.
             noise, least = _PENUMBRA_NOISE, max(least, _PENUMBRA_SAMPLES)
             expected = replace(expected, facets_per_px=_PENUMBRA_NOISE[1])
-        n_lit = lit_share(self._phase_rad, 0.05) * self._n_px
+        n_lit = self._lit * self._n_px
         most = max(int(_MOST_RAYS_ACROSS / self._largest_px), MAX_SAMPLES)
         cast, count = first_samples(expected, n_lit, 0.0, 0.0, least, self._budget, most)
         if count > MAX_SAMPLES:
@@ -292,7 +299,8 @@ class _Window:
         n_facets = sum(level.n_facets * body.shown_share for level, body in zip(self._full, self._drawn, strict=True))
         facing_ns = (self._costs.rays_ns(cast, self._n_facing) + n_facets * self._costs.facet_ns
                      + max(FACING_SAMPLES, count) ** 2 * self._n_px * self._costs.sample_ns)
-        all_ns = self._costs.rays_ns(cast * (1.0 + _UNLIT_COST * (self._box_px / n_lit - 1.0)), self._n_facing)
+        lit = n_lit / self._box_px
+        all_ns = self._costs.rays_ns(cast / lit * _dear_share(lit), self._n_facing)
         is_facing = self._box_px * count**2 > _FEW_RAYS and facing_ns < all_ns
         return facing_ns if is_facing else all_ns, self._sampled(
             "rays", count, errors, noise=noise, rays_at_facing=is_facing)

@@ -33,6 +33,11 @@ BESIDE: dict[str, Any] = {"range": np.nan, "body_id": -1, "facet_id": -1, "incid
 _DTYPES = {name: np.int32 if name.endswith("_id") else np.float64 for name in BESIDE}
 
 
+def draws(row: np.ndarray, column: np.ndarray, across: int) -> np.ndarray:
+    """Which of its pixel's draws of the Sun's disc each place of a lattice has, with so many places along its side."""
+    return row % across * across + column % across
+
+
 class RayEngine:
     """A scene's acceleration structures; rays are cast at them by a thread for each core that is allowed.
 
@@ -85,7 +90,7 @@ class RayEngine:
         for first in range(0, len(y_px), at_once):
             rows = slice(first, first + at_once)
             pixel = np.stack(np.meshgrid(x_px, y_px[rows]), axis=-1).reshape(-1, 2)
-            draw = (np.arange(len(y_px))[rows, None] % across * across + column % across).ravel()
+            draw = draws(np.arange(len(y_px))[rows, None], column, across).ravel()
             value[rows] = self.irradiance(pixel, camera, views, draw).reshape(-1, len(x_px))
         return value
 

@@ -23,6 +23,8 @@ from .view import BodyView, between, chunks_in_window, snapped
 _MAPS_KEPT = 8
 # The largest bias of surface.glsl is 20.2 texels.
 _DEPTH_MARGIN_TEXELS = 21.0
+# Most points of a hull that tell what is left of light; and what they are scaled by, so that some are within.
+_MOST_POINTS, _FILLING = 256, np.sqrt((np.arange(5) + 0.5) / 5)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,9 +44,6 @@ class Shadow:
     shadow_from_body: np.ndarray
     bias_per_texel: float
 
-
-# Most points of a hull that tell what is left of light; and what they are scaled by, so that they fill its outline.
-_MOST_POINTS, _FILLING = 256, np.sqrt((np.arange(5) + 0.5) / 5)
 
 NO_SHADOW = Shadow(shadow_map=None, shadow_from_body=np.eye(4), bias_per_texel=0.0)
 
@@ -99,11 +98,11 @@ class Shadows:
         hull_m = self._hulls[receiver.name].points_m
         some_m = hull_m[:, ::math.ceil(hull_m.shape[1] / _MOST_POINTS)]
         points_m = (some_m[:, None] * _FILLING[:, None]).reshape(3, -1).T
-        is_dark = np.zeros(len(points_m), bool)
+        is_dark, sun = np.zeros(len(points_m), bool), receiver.sun_direction_body
         for name, receiver_from_caster in casters[1:]:
-            beside_m, sun = points_m - receiver_from_caster[:3, 3], receiver.sun_direction_body
-            is_aside = np.linalg.norm(np.cross(beside_m, sun), axis=1) >= self._hulls[name].radius_m
-            is_dark |= ~is_aside & (beside_m @ sun < 0.0)
+            beside_m = points_m - receiver_from_caster[:3, 3]
+            aside_m = np.linalg.norm(np.cross(beside_m, sun), axis=1)
+            is_dark |= (aside_m < self._hulls[name].radius_m) & (beside_m @ sun < 0.0)
         return 1.0 - float(np.mean(is_dark))
 
     def penumbra(self, receiver: BodyView, casters: Sequence[tuple[str, np.ndarray]],
@@ -115,8 +114,8 @@ class Shadows:
             parts.append(eclipse_penumbra(
                 receiver, min(hull.radius_m, self._hulls[name].radius_m),
                 float(np.linalg.norm(receiver_from_caster[:3, 3])), receiver.depth_m[0] / camera.focal_length_px))
-        together = {name: float(np.linalg.norm([getattr(part, name) for part in parts]))
-                    for name in ("error", "eclipse_error", "eclipse_noise")}
+        together = {what: float(np.linalg.norm([getattr(part, what) for part in parts]))
+                    for what in ("error", "eclipse_error", "eclipse_noise")}
         return Penumbra(width_px=max(part.width_px for part in parts), **together)
 
     def seen_share(self, view: BodyView, camera: PinholeCamera) -> float:

@@ -48,8 +48,7 @@ class Lattices:
         counts = np.ceil(across * self._sides / self.longer_px / (1.0 + 2.0 * self.MARGIN)).astype(int)
         x, y = (low + (np.arange(n) + 0.5) * side / n
                 for low, side, n in zip(self._low, self._sides, counts, strict=True))
-        at = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-        return self._engine.irradiance(at, self._camera, self._views).reshape(counts[::-1])
+        return self._engine.lattice(x, y, self._camera, self._views, len(x))
 
     def pixels(self, samples, scale, place):
         image = np.zeros((32, 32), np.float32)
