@@ -262,7 +262,8 @@ def eclipse_penumbra(view: BodyView, caster_radius_m: float, gap_m: float, footp
     """
     wide_px = 2.0 * view.sun_radius_rad * gap_m / footprint_m
     outline_px = 2.0 * math.pi * caster_radius_m / footprint_m
-    size_px = min(view.size_px, 1e5)
+    # A body out of view may have no size at all.
+    size_px = min(max(view.size_px, 1e-9), 1e5)
     noise_squared = outline_px * wide_px / 6.0 / (0.6 * size_px**2)
     # Within a pixel, or within a body that is smaller, ramps and hard edges have the same light.
     error = math.sqrt(min(noise_squared * min(wide_px / min(size_px, 1.0), 1.0), 1.0))

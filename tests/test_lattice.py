@@ -12,8 +12,9 @@ import views
 from glrender import Pose, Renderer, generate
 from glrender.area_grid import add_by_area
 from glrender.brdf import Lambert
-from glrender.error_model import Lattice, LevelTraits, cell_error, cell_size
+from glrender.error_model import Lattice, LevelTraits, cell_error, cell_size, eclipse_penumbra
 from glrender.scene import Body
+from glrender.shadows import Shadows
 from glrender.view import view_bodies
 from missing import needed_module
 
@@ -110,6 +111,32 @@ def test_what_is_told_in_another_body_s_penumbra_holds(size_px, offset_m, gap_m,
             image = renderer.render(state, max_error=max_error)
             error = abs(image.irradiance_W_m2.sum(dtype=float) / truth - 1.0)
             assert error <= min(image.plan.predicted_error, max(0.1 * max_error, 2e-3)), image.plan.windows
+
+
+def test_the_penumbra_on_a_body_without_size_is_finite():
+    """One out of view whose box rounds to nothing is planned all the same."""
+    for size_px in (0.0, 1e-200, 1e-12):
+        found = eclipse_penumbra(SimpleNamespace(size_px=size_px, sun_radius_rad=4.65e-3), 60.0, 1e4, 1e9)
+        assert 0.0 <= found.error <= 1.0 and 0.0 <= found.eclipse_noise <= 1.0
+
+
+def test_only_what_is_before_the_sun_takes_light():
+    """A larger moon sunward leaves none, one behind the body or beside it all, a smaller one some."""
+    scene = views.scene([views.sphere(Lambert(normal_albedo=0.3), 4, radius_m, name)
+                         for name, radius_m in (("body", 100.0), ("large", 120.0), ("small", 60.0))], [views.camera()])
+    state = views.state(70.0, bodies=("body", "large", "small"))
+    sunward = state.r_sun_inertial_m / np.linalg.norm(state.r_sun_inertial_m)
+    shadows = Shadows(None, scene.hulls, {})
+
+    def left(name, place_m):
+        placed = {"body": state.bodies["body"], name: Pose(r_inertial_m=place_m)}
+        seen = [view for view in view_bodies(replace(state, bodies={**state.bodies, **placed}), scene.cameras[0],
+                                             scene.hulls) if view.name in placed]
+        return shadows.light_left(seen[0], shadows.casters(seen[0], seen))
+
+    assert left("large", 400.0 * sunward) == 0.0
+    assert left("large", -150.0 * sunward) == left("large", np.cross(sunward, [0.0, 0.0, 300.0])) == 1.0
+    assert 0.0 < left("small", 400.0 * sunward) < 1.0
 
 
 def test_what_is_left_in_a_shadow_is_told_to_err_by_more():
