@@ -32,18 +32,8 @@ _PENUMBRA_WIDTH = 1e-3
 _LEAK, _LEAK_POWERS, _LEAK_CREASE_RAD = 1.9, (1.2, 1.57), 0.146
 # RMS error of a level of detail, and its flux error over the scatter of the ratio between aspects.
 _LEVEL_ERROR, _OUTLINE_ERROR, _FLUX_SCATTERS = 0.5, 1.2, 2.5
-# Of a regular grid of samples across a body: errors of edges and creases, powers of what is lit (noise's, too, unlike
-# above) and of creases' slope; what pixels' and the centre's error, over the size, and the flux's, over the root of
-# what is lit, have of it.
-_LATTICE_EDGES, _LATTICE_CREASES, _LATTICE_LIT, _LATTICE_SLOPE = 0.5, 0.7, 1.15, 0.8
-_LATTICE_PX, _LATTICE_CENTRE, _LATTICE_FLUX = 1.2, 1.0, 2.8
-# Of penumbras that other bodies cast, over the noise of a sample: three offsets of a moon. And least share of the light
-# that is left in others' shadows.
-_LATTICE_PENUMBRAS, _LEAST_LEFT = 0.6, 0.02
-# Of cells shared among pixels by area.
-_CELL_ERROR, _CELL_LIT = 2.2, 1.2
 # Facets that a pixel sees, about, times squared size over all of them: half of them face it, on 0.6 of the square.
-_FACETS_SEEN = 0.5 / 0.6
+FACETS_SEEN = 0.5 / 0.6
 # What slivers between samples add to the error that an image tells, per radian beyond a phase angle.
 _SLIVERS_PER_RAD, _SLIVERS_FROM_RAD = 2.5, 2.55
 
@@ -70,6 +60,12 @@ class LevelTraits:
     deviation_m: float = 0.0
     flux_ratio: FluxRatio | None = None
     detail_slope: float = 0.0
+
+
+    @property
+    def slope(self) -> float:
+        """RMS angle of creases [rad] that err as its own and its surface detail do."""
+        return math.hypot(self.crease_rad, _DETAIL_ERROR * self.detail_slope / math.sqrt(_CREASE_ERROR))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,19 +144,6 @@ def noise_power(gain: float) -> float:
     return 3.0 - (gain - 1.0) / _NOISE_GAIN
 
 
-def cell_error(cell_px: float, phase_rad: float) -> float:
-    """RMS error of a body of few pixels whose cells of so many pixels' width are shared among those by area.
-
-    Of 120 attitudes of four shapes at 1 to 4 px, 95 of 100 are within at 0.015 to 0.25 px and 3 to 152 deg, about.
-    """
-    return _CELL_ERROR * cell_px**2 * lit_share(phase_rad) ** -_CELL_LIT
-
-
-def cell_size(error: float, phase_rad: float) -> float:
-    """Width [px] of cells that have such an error: the inverse."""
-    return math.sqrt(error / _CELL_ERROR * lit_share(phase_rad) ** _CELL_LIT)
-
-
 def sliver_gain(phase_rad: float) -> float:
     """Error over what an image tells of itself: thin crescents have light between samples that nothing tells.
 
@@ -171,7 +154,7 @@ def sliver_gain(phase_rad: float) -> float:
 
 def facets_per_px(view: BodyView, n_facets: int) -> float:
     """Facets that a pixel of a body sees, about."""
-    return _FACETS_SEEN * n_facets / min(max(view.size_px, 1.0), 1e5) ** 2
+    return FACETS_SEEN * n_facets / min(max(view.size_px, 1.0), 1e5) ** 2
 
 
 def shadow_share(view: BodyView, shadow_map_px: int, may_be_eclipsed: bool = False) -> float:
@@ -215,7 +198,8 @@ class Penumbra:
     eclipse_error : float [1]
         The part of the error in shadows that other bodies cast.
     eclipse_noise : float [1]
-        RMS error of a sample there that meets one point of the Sun's disc, over the mean of the body without shadows.
+        RMS error of a sample there that meets one point of the Sun's disc, over the mean of the body without shadows:
+        half of that where all of the body is in the penumbra.
     """
 
     error: float
@@ -268,64 +252,4 @@ def eclipse_penumbra(view: BodyView, caster_radius_m: float, gap_m: float, footp
     # Within a pixel, or within a body that is smaller, ramps and hard edges have the same light.
     error = math.sqrt(min(noise_squared * min(wide_px / min(size_px, 1.0), 1.0), 1.0))
     return Penumbra(error=error, width_px=wide_px, eclipse_error=error,
-                    eclipse_noise=math.sqrt(min(noise_squared, 1.0)))
-
-
-@dataclass(frozen=True, kw_only=True)
-class Lattice:
-    """How a body's light errs on a regular grid of samples.
-
-    Edges leave N^-1.5 with N samples across a body, and so do creases between facets; those of facets that are much
-    smaller than samples are noise, N^-1, and so are penumbras, where each sample meets one point of the Sun's disc.
-    Kept above seven shapes (a sphere, and 8000 to 3.1 million facets with creases of 4 to 33 deg), 0.1 to 20 px
-    across, at 3 to 152 deg with 64 to 512 samples across (docs/decisions, 0023).
-
-    Attributes
-    ----------
-    flux, pixels : float [1]
-        Error of the flux of all that is drawn, and RMS error of pixels over the mean of the lit ones, over `at`: the
-        truth is within in 98 of 100.
-    centre : float [px]
-        That of the centre of light: 97 of 100.
-    edges, creases, penumbras : float [1]
-        With one sample a pixel.
-    facets_across_px : float
-        Along a pixel's side, over those from which samples are noise.
-    """
-
-    flux: float
-    pixels: float
-    centre: float
-    edges: float
-    creases: float
-    penumbras: float
-    facets_across_px: float
-
-    @classmethod
-    def of(cls, view: BodyView, level: LevelTraits, light_share: float = 1.0, eclipse_noise: float = 0.0,
-           left: float = 1.0) -> Lattice:
-        """Of a body that has such a share of all that is drawn, of its light and of its pixels.
-
-        Others' shadows leave so much of its light, whose noise counts the more, and have an `eclipse_noise`.
-        """
-        lit, size_px = lit_share(view.phase_rad), min(view.size_px, 1e5)
-        slope = math.hypot(level.crease_rad, _DETAIL_ERROR * level.detail_slope / math.sqrt(_CREASE_ERROR))
-        gain = 1.0 / math.sqrt(max(left, _LEAST_LEFT))
-        flux = gain * light_share * _LATTICE_FLUX / math.sqrt(lit)
-        return cls(flux=flux, pixels=gain * _LATTICE_PX * size_px * math.sqrt(light_share) + flux,
-                   centre=gain * _LATTICE_CENTRE * size_px * light_share,
-                   edges=_LATTICE_EDGES * lit**-_LATTICE_LIT * size_px**-1.5,
-                   creases=_LATTICE_CREASES * slope**_LATTICE_SLOPE * lit**-_LATTICE_LIT / size_px,
-                   penumbras=_LATTICE_PENUMBRAS * eclipse_noise / size_px,
-                   facets_across_px=math.sqrt(_FACETS_SEEN * level.n_facets / NOISE_FACETS) / size_px)
-
-    def at(self, samples_per_px: float) -> float:
-        """Error with so many along a pixel's side, before `flux` and `pixels`."""
-        return max(self.edges * samples_per_px**-1.5, self.penumbras / samples_per_px,
-                   self.creases * min(math.sqrt(self.facets_across_px / samples_per_px), 1.0) / samples_per_px)
-
-    def samples_per_px(self, error: float) -> float:
-        """Samples along a pixel's side that have such an error: the inverse of `at`."""
-        noise = self.creases / error
-        return max((self.edges / error) ** (2.0 / 3.0), self.penumbras / error,
-                   min(noise, (noise**2 * self.facets_across_px) ** (1.0 / 3.0)))
+                    eclipse_noise=math.sqrt(min(noise_squared, 0.25)))

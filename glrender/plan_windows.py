@@ -12,10 +12,7 @@ from .area_grid import CELL_PX
 from .costs import RASTER_CALL_NS, EngineCosts
 from .error_model import (
     BodyTraits,
-    Lattice,
     LevelTraits,
-    cell_error,
-    cell_size,
     facets_per_px,
     lit_share,
     shadow_share,
@@ -25,6 +22,7 @@ from .error_model import (
 )
 from .first_samples import MAX_SAMPLES, Expected, first_samples
 from .grouping import outline, outline_px, region, touching
+from .lattice import Lattice, Lattices, cell_error, cell_size
 from .plan_areas import choose_areas, facing_share
 from .render_plan import BodyPlan, WindowPlan
 from .view import BodyView
@@ -33,17 +31,19 @@ FACING_SAMPLES = 3
 """Fewest along a pixel's side of that image; it has as many as the rays."""
 # Rays that cost less than an image of what faces the Sun, whatever its facets.
 _FEW_RAYS = 100_000
-# A body that is smaller has a grid of its own; one that is alone and not much larger where 16 x 16 samples a pixel
-# would leave too much of its flux or its centre.
+# A body that is smaller has a grid of its own; one that is alone and not much larger (its grid is then no finer than 64
+# samples along a pixel's side) where 16 x 16 samples a pixel would leave too much of its flux or its centre.
 _SMALL_PX, _LARGEST_OWN_PX = 4.0, 32.0
 # A crescent that is apart is so many times as wide as a full disc, at most: its own grid has only so many samples.
 _MOST_LARGER = 4.0
-# Of the budget, what its pixels may take there, its flux, and, in pixels, its centre of light; samples across it:
-# fewest, most for flux and centre, and most.
+# Of the budget, what its pixels may take there, its flux, as everywhere, and, in pixels, its centre of light: 0.01 px
+# at a budget of 0.02.
 _PIXELS_SHARE, _FLUX_SHARE, _CENTRE_SHARE = 0.9, 0.1, 0.5
-_LEAST_ACROSS, _MOST_FOR_SUMS, _MOST_ACROSS = 64, 1024, 2048
-# Error over the budget from which on the most would be taken for nothing.
-_NEARLY = 4.0
+# Samples across it: fewest (they cost no more than the call), most for flux and centre, and most (half a second by
+# rays); and the most cells of areas.
+_LEAST_ACROSS, _MOST_FOR_SUMS, _MOST_ACROSS, _MOST_CELLS = 64, 1024, 2048, 2048
+# Error with the most samples, over the budget, from which on they are not taken: a crescent at 173 deg has ten times.
+_HOPELESS = 4.0
 # Most rays across a body that is small, but not so small: of many rough facets 16 x 16 a pixel may not do. No second
 # pass has more than these, so that the first takes more than is expected to do.
 _MOST_RAYS_ACROSS, _NO_SECOND = 1024, 1.2
@@ -62,9 +62,10 @@ _LEVEL_FACET, _LEVEL_SAMPLE = 2.6, 1.5
 # phase on, and more per radian beyond another.
 _SLIVER_SAMPLES, _SLIVER_PHASE_RAD, _SLIVER_BUDGET = 3.0, 1.4, 0.03
 _THIN_SAMPLES_PER_RAD, _THIN_PHASE_RAD = 4.0, 2.15
-# Samples across a body times the budget: its centre of light is within that in pixels, where RMS alone asks for few.
+# Of larger bodies, samples across times the budget: the centre of light is as good, where RMS alone asks for few.
 _CENTRE = 2.2
-# Of the budget, what cells of a small body that is added to the image may take, and they and areas' other modelling.
+# Of the budget, what cells of a small body that is added to the image may take, and they and areas' other modelling:
+# what is drawn errs, too.
 _CELL_SHARE, _MOST_MODELLING = 0.3, 0.9
 # Penumbras by rays are noise: creases and facets a pixel that say so; and fewest samples along a pixel's side.
 _PENUMBRA_NOISE, _PENUMBRA_SAMPLES = (0.4, 1e4), 2
@@ -158,21 +159,22 @@ class _Window:
         shown = min(self._box_px / (0.8 * min(self._largest_px, 1e5) ** 2), 1.0)
         self._n_facing = max(
             sum(level.n_facets for level in self._full) * facing_share(self._phase_rad) * shown, 1.0)
-        disc = [min(view.size_px, 1e5) ** 2 for view in members]
+        self._lattices = Lattices([
+            Lattice.of(view, level, reflectance=traits[view.name].reflectance, eclipse_noise=body.eclipse_noise,
+                       left=body.light_left)
+            for view, level, body in zip(members, self._full, self._drawn, strict=True)], min(self._outline_px, 1e5))
+        self._is_apart = apart_size_px(members) < apart_px
         # No PSF smooths the error of the flux or of the centre.
         asked = budget * error_gain
-        self._lattices = [Lattice.of(view, level, own / sum(disc), body.eclipse_noise, body.light_left)
-                          for view, level, body, own in zip(members, self._full, self._drawn, disc, strict=True)]
-        self._is_apart = apart_size_px(members) < apart_px
-        centre_px = _CENTRE_SHARE if self._is_apart or self._largest_px < _LARGEST_OWN_PX else math.inf
-        per_px = max(one.samples_per_px(asked * min(_FLUX_SHARE / one.flux, centre_px / one.centre))
-                     for one in self._lattices)
+        is_few = self._is_apart or self._largest_px < _LARGEST_OWN_PX
+        per_px = self._lattices.samples_per_px(flux=_FLUX_SHARE * asked,
+                                               centre_px=_CENTRE_SHARE * asked if is_few else math.inf)
         self._across = min(max(min(self._outline_px, 1e5) * per_px, _LEAST_ACROSS), _MOST_FOR_SUMS)
         # Slivers of light between samples tell nothing of themselves.
         slivers = 1.0
         if self._phase_rad > _SLIVER_PHASE_RAD and budget < _SLIVER_BUDGET:
             slivers = _SLIVER_SAMPLES + _THIN_SAMPLES_PER_RAD * max(self._phase_rad - _THIN_PHASE_RAD, 0.0)
-        centre = _CENTRE / (asked * self._largest_px)
+        centre = 0.0 if is_few else _CENTRE / (asked * self._largest_px)
         self._least = math.ceil(min(max(self._across / self._largest_px, slivers, centre), MAX_SAMPLES))
         self._by_areas = choose_areas(members, traits, self._drawn, camera, budget, error_gain, costs,
                                       n_px=self._n_px, shown_share=shown)
@@ -208,6 +210,7 @@ class _Window:
             has_own = self._outline_px < _SMALL_PX or self._is_apart
             areas = self._small_areas() if has_own else self._areas()
             is_enough = grid.predicted_error <= self._gain * self._budget
+            # Areas that leave the budget nothing would give up, and the grid be drawn after all.
             if (grid_ns < areas_ns and is_enough) or areas.modelling_error > _MOST_MODELLING * self._budget:
                 return WindowChoice(first=grid)
             return WindowChoice(first=areas, by_rays=self._own_grid(has_rays, has_raster=False)[1])
@@ -231,7 +234,7 @@ class _Window:
     def _small_areas(self) -> WindowPlan:
         bounds, sides = self._own_bounds()
         asked_px = CELL_PX if self._is_apart else min(CELL_PX, cell_size(_CELL_SHARE * self._budget, self._phase_rad))
-        grid = tuple(max(math.ceil(side / max(asked_px, self._outline_px / _MOST_ACROSS)), 8) for side in sides)
+        grid = tuple(max(math.ceil(side / max(asked_px, self._outline_px / _MOST_CELLS)), 8) for side in sides)
         cell_px = max(side / count for side, count in zip(sides, grid, strict=True))
         of_cells = 0.0 if self._is_apart else cell_error(cell_px, self._phase_rad)
         return self._areas_plan(of_cells, samples=0, grid=grid, bounds_px=bounds)
@@ -241,33 +244,30 @@ class _Window:
                           predicted_error=self._budget, levels=self._by_areas.levels, **told)
 
     def _own_bounds(self) -> tuple[tuple[float, float, float, float], tuple[float, float]]:
-        """Box of a small body's own grid [px], with a margin, and its sides."""
-        left, top, right, bottom = outline(self._members)
+        """Box of a small body's own grid [px], with a margin, and that box's sides."""
         margin = 0.02 * self._outline_px
-        return ((float(left - margin), float(top - margin), float(right + margin), float(bottom + margin)),
-                (right - left, bottom - top))
+        left, top, right, bottom = (float(edge + beyond) for edge, beyond in zip(
+            outline(self._members), (-margin, -margin, margin, margin), strict=True))
+        return (left, top, right, bottom), (right - left, bottom - top)
 
     def _own_grid(self, has_rays: bool, has_raster: bool = True) -> tuple[float, WindowPlan]:
         bounds, sides = self._own_bounds()
-        enough = max(one.samples_per_px(_PIXELS_SHARE * self._budget / one.pixels) for one in self._lattices)
+        enough = self._lattices.samples_per_px(pixels=_PIXELS_SHARE * self._budget)
         # Crescents of a few slivers are beyond any grid.
-        most = _MOST_ACROSS if self._told(_MOST_ACROSS / self._outline_px) <= _NEARLY * self._budget else _MOST_FOR_SUMS
+        is_beyond = self._lattices.error(_MOST_ACROSS / self._outline_px) > _HOPELESS * self._budget
+        most = _MOST_FOR_SUMS if is_beyond else _MOST_ACROSS
         per_px = max(self._across, min(self._outline_px * enough, most)) / self._outline_px
         grid = tuple(max(math.ceil(per_px * side), 8) for side in sides)
         raster_ns = (RASTER_CALL_NS + self._facets_ns + self._shadows_ns
                      + math.prod(grid) * self._sample_ns)
         rays_ns = self._costs.rays_ns(math.prod(grid) * _dear_share(self._lit), self._n_facing)
-        sampling = self._told(per_px)
+        sampling = self._lattices.error(per_px)
         is_rays = not has_raster or rays_ns < raster_ns or (
             has_rays and math.hypot(self._floor, sampling) > self._budget)
         floor = 0.0 if is_rays else self._floor
         return rays_ns if is_rays else raster_ns, self._plan(
             "rays" if is_rays else "raster", samples=0, grid=grid, bounds_px=bounds, modelling_error=floor,
             predicted_error=math.hypot(floor, sampling))
-
-    def _told(self, samples_per_px: float) -> float:
-        """Error of a lattice."""
-        return max(one.pixels * one.at(samples_per_px) for one in self._lattices)
 
     def _raster(self, samples: int | None) -> tuple[float, WindowPlan]:
         """By OpenGL, with the levels of detail and the shadow maps that were planned; its nanoseconds."""

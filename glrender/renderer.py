@@ -19,6 +19,7 @@ from .area_levels import area_levels
 from .body_meshes import body_levels, body_meshes, body_traits
 from .brdf import Law
 from .clock import Clock
+from .eclipses import light_left
 from .emission_frame import EmissionFrame
 from .engine_costs import engine_costs
 from .error_model import NO_PENUMBRA
@@ -234,9 +235,16 @@ class Renderer:
             bodies.append(plan.plan_body(
                 view, traits, camera, [name for name, _ in casters[1:]], budget, level,
                 shown_share=chunks.n_facets(shown) / traits.levels[0].n_facets,
-                seen_share=self._shadows.seen_share(view, camera), light_left=self._shadows.light_left(view, casters),
+                seen_share=self._shadows.seen_share(view, camera), light_left=self._light_left(view, casters),
                 penumbra=self._shadows.penumbra(view, casters, camera) if self.scene.sun_disc else NO_PENUMBRA))
         return bodies
+
+    def _light_left(self, view: BodyView, casters: list[tuple[str, np.ndarray]]) -> float:
+        if len(casters) == 1 or not view.is_visible:
+            return 1.0
+        hulls = self.scene.hulls
+        return light_left(view, hulls[view.name], [(hulls[name], matrix) for name, matrix in casters[1:]],
+                          view.sun_radius_rad if self.scene.sun_disc else 0.0)
 
     def forget_shadow_maps(self) -> None:
         """Find all shadows anew when next they are needed; no image changes."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -23,8 +22,6 @@ from .view import BodyView, between, chunks_in_window, snapped
 _MAPS_KEPT = 8
 # The largest bias of surface.glsl is 20.2 texels.
 _DEPTH_MARGIN_TEXELS = 21.0
-# Most points of a hull that tell what is left of light; and what they are scaled by, so that some are within.
-_MOST_POINTS, _FILLING = 256, np.sqrt((np.arange(5) + 0.5) / 5)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -90,20 +87,6 @@ class Shadows:
             if aside < reach and sunward > -reach:
                 casters.append((other.name, frames.transform(rotation, offset)))
         return casters
-
-    def light_left(self, receiver: BodyView, casters: Sequence[tuple[str, np.ndarray]]) -> float:
-        """Share of the receiver's light that the shadows of its `casters`, as of spheres, leave, about."""
-        if len(casters) == 1:
-            return 1.0
-        hull_m = self._hulls[receiver.name].points_m
-        some_m = hull_m[:, ::math.ceil(hull_m.shape[1] / _MOST_POINTS)]
-        points_m = (some_m[:, None] * _FILLING[:, None]).reshape(3, -1).T
-        is_dark, sun = np.zeros(len(points_m), bool), receiver.sun_direction_body
-        for name, receiver_from_caster in casters[1:]:
-            beside_m = points_m - receiver_from_caster[:3, 3]
-            aside_m = np.linalg.norm(np.cross(beside_m, sun), axis=1)
-            is_dark |= (aside_m < self._hulls[name].radius_m) & (beside_m @ sun < 0.0)
-        return 1.0 - float(np.mean(is_dark))
 
     def penumbra(self, receiver: BodyView, casters: Sequence[tuple[str, np.ndarray]],
                  camera: PinholeCamera) -> Penumbra:

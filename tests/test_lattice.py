@@ -12,9 +12,9 @@ import views
 from glrender import Pose, Renderer, generate
 from glrender.area_grid import add_by_area
 from glrender.brdf import Lambert
-from glrender.error_model import Lattice, LevelTraits, cell_error, cell_size, eclipse_penumbra
+from glrender.error_model import LevelTraits
+from glrender.lattice import Lattice, Lattices, cell_error, cell_size
 from glrender.scene import Body
-from glrender.shadows import Shadows
 from glrender.view import view_bodies
 from missing import needed_module
 
@@ -32,7 +32,7 @@ def shapes():
             "rough": generate.subdivide_with_relief(lumpy, levels=2, relief=0.06, seed=1)}
 
 
-class Lattices:
+class Samples:
     """Of a body that fills the image: what samples across it see, and the pixels of them at another size."""
 
     MARGIN = 0.02
@@ -46,7 +46,7 @@ class Lattices:
         self._sides = self._high - self._low
 
     def samples(self, across):
-        counts = np.ceil(across * self._sides / self.longer_px / (1.0 + 2.0 * self.MARGIN)).astype(int)
+        counts = np.ceil(across * self._sides / self.longer_px).astype(int)
         x, y = (low + (np.arange(n) + 0.5) * side / n
                 for low, side, n in zip(self._low, self._sides, counts, strict=True))
         return self._engine.lattice(x, y, self._camera, self._views, len(x))
@@ -72,7 +72,7 @@ def test_what_is_told_of_a_lattice_holds_beside_rays(name):
         q_body = rng.standard_normal(4)
         state = views.state(phase_deg, sun_in_image=rng.standard_normal(2), q_body=q_body / np.linalg.norm(q_body))
         seen = view_bodies(state, camera, scene.hulls)
-        lattices = Lattices(engine, camera, seen)
+        lattices = Samples(engine, camera, seen)
         truth, *coarse = (lattices.samples(across) for across in (TRUTH_ACROSS, *ACROSS))
         for size_px in SIZES_PX:
             scale, place = size_px / seen[0].size_px, 8.0 + rng.random(2)
@@ -113,32 +113,6 @@ def test_what_is_told_in_another_body_s_penumbra_holds(size_px, offset_m, gap_m,
             assert error <= min(image.plan.predicted_error, max(0.1 * max_error, 2e-3)), image.plan.windows
 
 
-def test_the_penumbra_on_a_body_without_size_is_finite():
-    """One out of view whose box rounds to nothing is planned all the same."""
-    for size_px in (0.0, 1e-200, 1e-12):
-        found = eclipse_penumbra(SimpleNamespace(size_px=size_px, sun_radius_rad=4.65e-3), 60.0, 1e4, 1e9)
-        assert 0.0 <= found.error <= 1.0 and 0.0 <= found.eclipse_noise <= 1.0
-
-
-def test_only_what_is_before_the_sun_takes_light():
-    """A larger moon sunward leaves none, one behind the body or beside it all, a smaller one some."""
-    scene = views.scene([views.sphere(Lambert(normal_albedo=0.3), 4, radius_m, name)
-                         for name, radius_m in (("body", 100.0), ("large", 120.0), ("small", 60.0))], [views.camera()])
-    state = views.state(70.0, bodies=("body", "large", "small"))
-    sunward = state.r_sun_inertial_m / np.linalg.norm(state.r_sun_inertial_m)
-    shadows = Shadows(None, scene.hulls, {})
-
-    def left(name, place_m):
-        placed = {"body": state.bodies["body"], name: Pose(r_inertial_m=place_m)}
-        seen = [view for view in view_bodies(replace(state, bodies={**state.bodies, **placed}), scene.cameras[0],
-                                             scene.hulls) if view.name in placed]
-        return shadows.light_left(seen[0], shadows.casters(seen[0], seen))
-
-    assert left("large", 400.0 * sunward) == 0.0
-    assert left("large", -150.0 * sunward) == left("large", np.cross(sunward, [0.0, 0.0, 300.0])) == 1.0
-    assert 0.0 < left("small", 400.0 * sunward) < 1.0
-
-
 def test_what_is_left_in_a_shadow_is_told_to_err_by_more():
     whole, quarter = (Lattice.of(small(2.0), SMOOTH, left=left) for left in (1.0, 0.25))
     assert quarter.pixels == pytest.approx(2.0 * whole.pixels) and quarter.flux == pytest.approx(2.0 * whole.flux)
@@ -167,7 +141,7 @@ def test_rays_of_a_lattice_are_the_same_in_parts(monkeypatch):
 @pytest.mark.parametrize("size_px", [0.01, 1.0, 30.0])
 def test_samples_and_errors_are_inverse(level, size_px):
     for across, noise in ((20.0, 0.0), (100.0, 0.0), (1000.0, 0.0), (100.0, 0.9)):
-        model = Lattice.of(small(size_px), level, 1.0, noise)
+        model = Lattice.of(small(size_px), level, eclipse_noise=noise)
         assert model.samples_per_px(model.at(across / size_px)) * size_px == pytest.approx(across)
 
 
@@ -175,7 +149,7 @@ def test_below_a_pixel_a_body_errs_as_its_flux_does():
     """All of its light is in a pixel or two, whatever its size."""
     for level, noise in ((SMOOTH, 0.0), (ROUGH, 0.0), (SMOOTH, 1.0)):
         of_flux, of_pixels = zip(*((model.flux * error, model.pixels * error) for size_px in (0.001, 0.01, 0.1)
-                                   for model in [Lattice.of(small(size_px), level, 1.0, noise)]
+                                   for model in [Lattice.of(small(size_px), level, eclipse_noise=noise)]
                                    for error in [model.at(100.0 / size_px)]), strict=True)
         np.testing.assert_allclose(of_flux, of_flux[0])
         np.testing.assert_allclose(of_pixels, of_flux[0], rtol=0.05)
@@ -190,11 +164,42 @@ def test_rough_facets_smaller_than_samples_are_noise():
     assert noise.at(100.0) > 5.0 * edges.at(100.0)
 
 
-def test_a_moon_errs_by_its_share_of_the_light():
-    """Of the flux, and of the pixels' squares."""
-    alone, beside = (Lattice.of(small(0.3), ROUGH, share) for share in (1.0, 0.01))
-    assert beside.flux == pytest.approx(0.01 * alone.flux)
-    assert beside.pixels - beside.flux == pytest.approx(0.1 * (alone.pixels - alone.flux))
+def test_bodies_err_independently_of_each_other():
+    """k like ones apart: each pixel as that of one alone, their flux by the root of k less, their centre, too."""
+    alone = Lattice.of(small(1.5), ROUGH)
+    one, four = Lattices([alone], 1.5), Lattices([alone] * 4, 9.0)
+    for samples_per_px in (30.0, 300.0):
+        assert four.error(samples_per_px) == pytest.approx(one.error(samples_per_px))
+    for what, times in (("pixels", 1.0), ("flux", 2.0), ("centre_px", 2.0)):
+        for error in (0.001, 0.01):
+            assert four.samples_per_px(**{what: error}) == pytest.approx(one.samples_per_px(**{what: times * error}))
+    heap = Lattices([Lattice.of(small(0.3), ROUGH)] * 4, 0.9)
+    assert heap.error(300.0) == pytest.approx(0.5 * Lattices([Lattice.of(small(0.3), ROUGH)], 0.3).error(300.0)), (
+        "all in a pixel")
+
+
+def test_samples_of_several_bodies_are_enough_and_not_many_more():
+    rng = np.random.default_rng(4)
+    for _ in range(200):
+        bodies = [Lattice.of(small(*rng.uniform((0.1, 5.0), (3.0, 150.0))), (SMOOTH, ROUGH)[rng.integers(2)],
+                             reflectance=rng.uniform(0.01, 0.3), left=rng.uniform(), eclipse_noise=0.1 * rng.uniform())
+                  for _ in range(rng.integers(1, 5))]
+        together, error = Lattices(bodies, 5.0), 10.0 ** rng.uniform(-3.0, -1.0)
+        samples_per_px = together.samples_per_px(pixels=error)
+        assert together.error(samples_per_px) <= error * (1.0 + 1e-9)
+        assert together.error(0.75 * samples_per_px) >= error
+
+
+def test_a_moon_counts_by_its_light():
+    """Not by its disc: dark, or in a shadow, it is nearly as if it were not there."""
+    large, moon = Lattice.of(small(3.0), SMOOTH), small(1.0)
+    alone = Lattices([large], 4.0)
+    bright, dark, eclipsed, black = (Lattices([large, Lattice.of(moon, ROUGH, **changed)], 4.0) for changed in (
+        {}, {"reflectance": 0.01}, {"left": 0.01}, {"left": 0.0}))
+    for beside in (dark, eclipsed, black):
+        assert 0.95 < beside.samples_per_px(flux=1e-3) / alone.samples_per_px(flux=1e-3) < 1.1
+    assert bright.samples_per_px(flux=1e-3) > 1.5 * alone.samples_per_px(flux=1e-3)
+    assert Lattices([Lattice.of(moon, ROUGH, left=0.0)], 1.0).samples_per_px(flux=1e-3) == 0.0, "nothing to err by"
 
 
 @pytest.mark.parametrize("phase_deg", [15.0, 75.0, 135.0])
