@@ -1,58 +1,150 @@
-"""What the shadows of other bodies leave of a body's light. Pure."""
+"""Which bodies cast shadows on which, and what those leave of a body's light. Pure."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from . import frames
 from .hull import Hull
-from .view import BodyView
+from .view import BodyView, between
 
-# Ways that an outline is told by, the Sun's plane to (2,), and places across a body's.
+# Ways by which an outline is told in the Sun's plane, (2, W).
 _WAYS = np.array([np.cos(np.arange(32) * np.pi / 16), np.sin(np.arange(32) * np.pi / 16)])
-_ACROSS = (np.arange(25) + 0.5) / 12.5 - 1.0
+# Places along a side of a body's disc, and of a shadow on it.
+_PLACES = 24
+LEAST_LEFT = 0.02
+"""Share of a body's light below which what is left is not told apart: hulls and places tell no less."""
+# What squared errors of hard edges are told more than places have it; and the width [px], squared, of penumbras of
+# which pixels leave half: seven eclipses of a sphere, 0.3 to 17 px wide, are told 1.1 to 2 times the truth.
+_SPARE, _HALF_PX2 = 1.6, 20.0
+# Least cosine of the Sun's height that an area is told by.
+_LEAST_RISE = 0.1
 
 
-def light_left(receiver: BodyView, hull: Hull, casters: Sequence[tuple[Hull, np.ndarray]],
-               sun_radius_rad: float) -> float:
-    """Share of a body's light, as the camera sees it, that the shadows of other bodies leave.
+@dataclass(frozen=True, kw_only=True)
+class Eclipse:
+    """What the shadows of other bodies do to a body's light.
 
-    All are as wide as their convex hulls, so that it is rather too little; the receiver is as bright as a sphere by
-    Lambert's law whose outline is stretched to its own. Where the umbra does not reach it is half too little.
+    Attributes
+    ----------
+    left : float [1]
+        Share of it that they leave, as the camera sees it, rather too little: all bodies are as wide as their hulls.
+    noise : float [1]
+        RMS error of the flux, over what is left, with one sample across the body that meets one point of the Sun's
+        disc: N^-1 with N.
+    error : float [1]
+        RMS error of hard edges in place of penumbras, over the mean of what is left.
+    width_px : float [px]
+        Of the widest penumbra.
+    """
+
+    left: float = 1.0
+    noise: float = 0.0
+    error: float = 0.0
+    width_px: float = 0.0
+
+
+NO_ECLIPSE = Eclipse()
+
+
+def casters(receiver: BodyView, views: Sequence[BodyView], hulls: Mapping[str, Hull],
+            sun_radius_rad: float = 0.0) -> list[tuple[str, np.ndarray]]:
+    """Other bodies whose shadow may fall on the receiver: (name, receiver_from_caster as (4, 4))."""
+    found, radius_m = [], hulls[receiver.name].radius_m
+    for other in views:
+        if other.name == receiver.name:
+            continue
+        rotation, offset_m = between(other, receiver)
+        sunward_m = float(offset_m @ receiver.sun_direction_body)
+        aside_m = float(np.linalg.norm(offset_m - sunward_m * receiver.sun_direction_body))
+        reach_m = radius_m + hulls[other.name].radius_m
+        if aside_m < reach_m + sun_radius_rad * max(sunward_m, 0.0) and sunward_m > -reach_m:
+            found.append((other.name, frames.transform(rotation, offset_m)))
+    return found
+
+
+def eclipse(receiver: BodyView, cast: Sequence[tuple[str, np.ndarray]], hulls: Mapping[str, Hull],
+            footprint_m: float, sun_radius_rad: float) -> Eclipse:
+    """What the shadows of `casters` do to the receiver: a sphere by Lambert's law, stretched to its outline.
 
     Parameters
     ----------
     receiver : BodyView
-    hull : Hull
-        Its own.
-    casters : sequence of (Hull, (4, 4) array)
-        Of each, and receiver_from_caster [m].
+    cast : sequence of (str, (4, 4) array)
+        From `casters`.
+    hulls : mapping of str to Hull
+    footprint_m : float [m]
+        Of a pixel.
     sun_radius_rad : float [rad]
         Angular radius of the Sun; 0 for one without a disc.
     """
-    sun = receiver.sun_direction_body
-    plane = frames.sun_from_body(sun)[:2]
-    outline_m = plane @ hull.points_m
-    centre_m = 0.5 * (outline_m.min(axis=1) + outline_m.max(axis=1))
-    extent_m = (_WAYS.T @ (outline_m - centre_m[:, None])).max(axis=1)
-    places_m = np.stack([axis.ravel() for axis in np.meshgrid(_ACROSS, _ACROSS)]) * extent_m.max()
-    radius = (_WAYS.T @ places_m / extent_m[:, None]).max(axis=0)
-    places_m, radius = places_m[:, radius < 1.0], radius[radius < 1.0]
-    to_camera = receiver.r_camera_body_m / receiver.range_m
-    aside = places_m / np.maximum(np.linalg.norm(places_m, axis=0), 1e-300)
-    bright = radius * (plane @ to_camera @ aside) + np.sqrt(1.0 - radius**2) * float(sun @ to_camera)
-    # Of a crescent between the places the disc tells.
-    bright = np.maximum(bright, 0.0) + 1e-6
-    sunlit = np.ones_like(radius)
-    for caster, receiver_from_caster in casters:
-        gap_m = float(receiver_from_caster[:3, 3] @ sun)
+    if not cast:
+        return NO_ECLIPSE
+    disc = _Disc(receiver, hulls[receiver.name])
+    places_m, cell_m2, _ = _grid(disc.low_m, disc.high_m)
+    bright, rise = disc.light(places_m)
+    total, area_m2 = cell_m2 * float(bright.sum()), cell_m2 * float((bright / np.maximum(rise, _LEAST_RISE)).sum())
+    lost = ramps = edges = width_m = 0.0
+    for name, receiver_from_caster in cast:
+        gap_m = float(receiver_from_caster[:3, 3] @ receiver.sun_direction_body)
         if gap_m <= 0.0:
             continue
-        rotation, offset_m = receiver_from_caster[:3, :3], receiver_from_caster[:3, 3]
-        edge_m = (_WAYS.T @ (plane @ (rotation @ caster.points_m + offset_m[:, None]) - centre_m[:, None])).max(axis=1)
-        outside_m = (_WAYS.T @ places_m - edge_m[:, None]).max(axis=0)
-        half_m = max(sun_radius_rad * gap_m, 1e-9 * hull.radius_m)
-        sunlit = np.minimum(sunlit, np.clip(0.5 + 0.5 * outside_m / half_m, 0.0, 1.0))
-    return float((bright * sunlit).sum() / bright.sum())
+        outline_m = disc.plane @ (receiver_from_caster[:3, :3] @ hulls[name].points_m + receiver_from_caster[:3, 3:])
+        reach_m = sun_radius_rad * gap_m
+        low_m = np.maximum(outline_m.min(axis=1) - reach_m, disc.low_m)
+        high_m = np.minimum(outline_m.max(axis=1) + reach_m, disc.high_m)
+        if (high_m <= low_m).any():
+            continue
+        places_m, cell_m2, step_m = _grid(low_m, high_m)
+        bright, rise = disc.light(places_m)
+        outside_m = (_WAYS.T @ places_m - (_WAYS.T @ outline_m).max(axis=1)[:, None]).max(axis=0)
+        half_m = sun_radius_rad * np.maximum(gap_m - 0.5 * disc.side_m * rise, 0.0)
+        width_m = max(width_m, 2.0 * float(half_m.max()))
+        # A ramp narrower than steps is told by one as wide.
+        wide_m = np.maximum(half_m, 0.5 * step_m)
+        sunlit = np.clip(0.5 + 0.5 * outside_m / wide_m, 0.0, 1.0)
+        lost += cell_m2 * float((bright * (1.0 - sunlit)).sum())
+        ramp = cell_m2 * half_m / wide_m * bright * rise
+        ramps += float((ramp * sunlit * (1.0 - sunlit)).sum())
+        # Within a pixel, or within a body that is smaller, ramps and hard edges have nearly the same light.
+        wide_px2 = (2.0 * half_m / (footprint_m * min(max(receiver.size_px, 1e-9), 1.0))) ** 2
+        edges += _SPARE * float((ramp * wide_px2 / (wide_px2 + _HALF_PX2) * (sunlit - (sunlit > 0.5)) ** 2).sum())
+    left = max(1.0 - lost / total, 0.0)
+    seen = max(left, LEAST_LEFT)
+    return Eclipse(left=left, noise=disc.side_m * math.sqrt(ramps) / (seen * total),
+                   error=min(math.sqrt(area_m2 * edges / seen) / total, 1.0), width_px=width_m / footprint_m)
+
+
+class _Disc:
+    """A body as the Sun sees it, and what of its light the camera does."""
+
+    def __init__(self, view: BodyView, hull: Hull):
+        self.plane = frames.sun_from_body(view.sun_direction_body)[:2]
+        outline_m = self.plane @ hull.points_m
+        self.low_m, self.high_m = outline_m.min(axis=1), outline_m.max(axis=1)
+        self.side_m = float((self.high_m - self.low_m).max())
+        self._centre_m = 0.5 * (self.low_m + self.high_m)[:, None]
+        self._extent_m = (_WAYS.T @ (outline_m - self._centre_m)).max(axis=1)[:, None]
+        to_camera = view.r_camera_body_m / max(view.range_m, 1e-300)
+        self._aside, self._ahead = self.plane @ to_camera, float(view.sun_direction_body @ to_camera)
+
+    def light(self, places_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Light from places (2, N) [m] of the Sun's plane, over its area there, and cosine of the Sun's height."""
+        beside_m = places_m - self._centre_m
+        radius = (_WAYS.T @ beside_m / self._extent_m).max(axis=0)
+        rise = np.sqrt(np.maximum(1.0 - radius**2, 0.0))
+        way = beside_m / np.maximum(np.linalg.norm(beside_m, axis=0), 1e-300)
+        bright = np.maximum(radius * (self._aside @ way) + rise * self._ahead, 0.0)
+        # Where a crescent is between places the disc tells.
+        return (bright + 1e-6) * (radius < 1.0), rise
+
+
+def _grid(low_m: np.ndarray, high_m: np.ndarray) -> tuple[np.ndarray, float, float]:
+    """Places (2, N) [m] within a box, the area of each [m2], and the longer step [m]."""
+    step_m = (high_m - low_m) / _PLACES
+    x, y = low_m[:, None] + (np.arange(_PLACES) + 0.5) * step_m[:, None]
+    return np.stack([axis.ravel() for axis in np.meshgrid(x, y)]), float(step_m.prod()), float(step_m.max())

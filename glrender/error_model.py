@@ -187,7 +187,7 @@ def leaked_flux(view: BodyView, level: LevelTraits, shadow_map_px: int) -> float
 
 @dataclass(frozen=True, kw_only=True)
 class Penumbra:
-    """Of a body's shadows, where the Sun has a disc.
+    """Of a body's shadows on itself, where the Sun has a disc.
 
     Attributes
     ----------
@@ -195,17 +195,10 @@ class Penumbra:
         RMS error of hard edges in its place.
     width_px : float [px]
         Of the widest.
-    eclipse_error : float [1]
-        The part of the error in shadows that other bodies cast.
-    eclipse_noise : float [1]
-        RMS error of a sample there that meets one point of the Sun's disc, over the mean of the body without shadows:
-        half of that where all of the body is in the penumbra.
     """
 
     error: float
     width_px: float
-    eclipse_error: float = 0.0
-    eclipse_noise: float = 0.0
 
 
 NO_PENUMBRA = Penumbra(error=0.0, width_px=0.0)
@@ -230,26 +223,3 @@ def thin_penumbra(view: BodyView) -> float:
     """
     angle = view.sun_radius_rad
     return _THIN_PENUMBRA * (angle / max(math.pi - view.phase_rad, angle)) ** 2
-
-
-def eclipse_penumbra(view: BodyView, caster_radius_m: float, gap_m: float, footprint_m: float) -> Penumbra:
-    """Of another body's shadow: a ramp along the shadow's outline, as wide as the Sun's angle times the gap.
-
-    Parameters
-    ----------
-    caster_radius_m : float [m]
-        Of the smaller of the two.
-    gap_m : float [m]
-        Between the bodies.
-    footprint_m : float [m]
-        Of a pixel.
-    """
-    wide_px = 2.0 * view.sun_radius_rad * gap_m / footprint_m
-    outline_px = 2.0 * math.pi * caster_radius_m / footprint_m
-    # A body out of view may have no size at all.
-    size_px = min(max(view.size_px, 1e-9), 1e5)
-    noise_squared = outline_px * wide_px / 6.0 / (0.6 * size_px**2)
-    # Within a pixel, or within a body that is smaller, ramps and hard edges have the same light.
-    error = math.sqrt(min(noise_squared * min(wide_px / min(size_px, 1.0), 1.0), 1.0))
-    return Penumbra(error=error, width_px=wide_px, eclipse_error=error,
-                    eclipse_noise=math.sqrt(min(noise_squared, 0.25)))

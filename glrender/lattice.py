@@ -6,16 +6,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from .eclipses import LEAST_LEFT
 from .error_model import FACETS_SEEN, NOISE_FACETS, LevelTraits, lit_share
 from .view import BodyView
 
-# Of a sample: errors of edges and of creases, powers of what is lit and of creases' slope; and of penumbras that other
-# bodies cast, over a sample's noise (a moon at two distances). What the errors of the pixels and of the centre, over
-# the size, and of the flux, over the root of what is lit, have of that.
-_EDGES, _CREASES, _LIT, _SLOPE, _PENUMBRAS = 0.47, 0.67, 1.15, 0.8, 1.2
-_PIXELS, _CENTRE, _FLUX = 1.2, 1.0, 2.8
-# What is left of a body's light is reckoned on some 500 points: less would be a matter of one or two.
-_LEAST_LEFT = 0.02
+# Of a sample: errors of edges and of creases, powers of what is lit and of creases' slope. What errors of pixels and of
+# the centre, over the size, and of the flux, over the root of what is lit, have of that; and of eclipses' noise the flux.
+_EDGES, _CREASES, _LIT, _SLOPE = 0.47, 0.67, 1.15, 0.8
+_PIXELS, _CENTRE, _FLUX, _PENUMBRAS = 1.2, 1.0, 2.8, 2.0
 # Of cells.
 _CELL_ERROR, _CELL_LIT = 2.2, 1.2
 
@@ -59,17 +57,17 @@ class Lattice:
     @classmethod
     def of(cls, view: BodyView, level: LevelTraits, *, reflectance: float = 1.0, eclipse_noise: float = 0.0,
            left: float = 1.0) -> Lattice:
-        """Of a body; other bodies' shadows leave a share of its light, which then errs the more, and have a noise."""
+        """Of a body; others' shadows leave a share of its light, which errs the more, and have a noise (`Eclipse`)."""
         lit, size_px = lit_share(view.phase_rad), min(view.size_px, 1e5)
-        gain = 1.0 / math.sqrt(max(left, _LEAST_LEFT))
+        gain = 1.0 / math.sqrt(max(left, LEAST_LEFT))
         flux = gain * _FLUX / math.sqrt(lit)
         return cls(flux=flux, pixels=gain * _PIXELS * size_px + flux, centre=gain * _CENTRE * size_px,
                    edges=_EDGES * lit**-_LIT * size_px**-1.5,
                    creases=_CREASES * level.slope**_SLOPE * lit**-_LIT / size_px,
-                   penumbras=_PENUMBRAS * eclipse_noise / size_px,
+                   penumbras=_PENUMBRAS * eclipse_noise / (flux * size_px),
                    facets_across_px=math.sqrt(FACETS_SEEN * level.n_facets / NOISE_FACETS) / size_px,
                    light=reflectance * lit * left * size_px**2,
-                   lit_px=max(left, _LEAST_LEFT) * max(size_px**2, 1.0))
+                   lit_px=max(left, LEAST_LEFT) * max(size_px**2, 1.0))
 
     def at(self, samples_per_px: float) -> float:
         """Error with so many along a pixel's side, before `flux`, `pixels` and `centre`."""

@@ -13,6 +13,7 @@ import numpy as np
 from glrender_camera import PinholeCamera
 
 from . import grouping
+from .eclipses import NO_ECLIPSE, Eclipse
 from .error_model import (
     NO_PENUMBRA,
     BodyTraits,
@@ -41,7 +42,7 @@ _SHADOWED_PER_RAD = 0.34
 
 def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, casters: Sequence[str], budget: float,
               level: int | None, *, shown_share: float = 1.0, seen_share: float = 1.0,
-              penumbra: Penumbra = NO_PENUMBRA, light_left: float = 1.0) -> BodyPlan:
+              penumbra: Penumbra = NO_PENUMBRA, eclipse: Eclipse = NO_ECLIPSE) -> BodyPlan:
     """What is modelled of a body.
 
     Parameters
@@ -60,22 +61,22 @@ def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, casters
     seen_share : float [1]
         Side of what the shadow map must cover over that of the body.
     penumbra : Penumbra
-        Of its shadows.
-    light_left : float [1]
-        Share of its light that the shadows of the casters leave.
+        Of its shadows on itself.
+    eclipse : Eclipse
+        By the casters.
     """
     footprint_m = view.depth_m[0] / camera.focal_length_px
     used = choose_level(view, traits, footprint_m, budget) if level is None else min(level, len(traits.levels) - 1)
     chosen = traits.levels[used]
     ratio, _ = (1.0, 0.0) if chosen.flux_ratio is None else chosen.flux_ratio.at(view.phase_rad)
     squared = level_error(view, chosen, footprint_m) ** 2
-    shadow_px, cast = None, NO_PENUMBRA
+    shadow_px, penumbra_error, eclipse_error = None, 0.0, 0.0
     if view.is_visible:
         shadow_px = plan_shadow(view, chosen, traits.is_convex, bool(casters), budget, seen_share)
         if shadow_px is not None:
-            cast = penumbra
+            penumbra_error, eclipse_error = math.hypot(penumbra.error, eclipse.error), eclipse.error
             squared += shadow_share(view, shadow_px, bool(casters)) * sum(squared_errors(view, chosen))
-            squared += (_LEAK_RMS * leaked_flux(view, chosen, shadow_px)) ** 2 + penumbra.error**2
+            squared += (_LEAK_RMS * leaked_flux(view, chosen, shadow_px)) ** 2 + penumbra_error**2
     detail_m, active, detail_slope = None, [], 0.0
     if traits.relief is not None and view.is_visible and (active := traits.relief.active(footprint_m)):
         detail_m = float(max(traits.relief.scales_m()[active].min(), 2.0 * footprint_m))
@@ -85,9 +86,9 @@ def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, casters
         law=traits.law, shadow_map_px=shadow_px, shadow_map_reused=False,
         relative_to_camera=is_close(view, traits.radius_m, footprint_m),
         normal_lookup=footprint_m < 2e-4 * traits.radius_m, size_px=view.size_px, flux_ratio=ratio,
-        modelling_error=math.sqrt(squared), penumbra_px=penumbra.width_px,
-        penumbra_error=cast.error, eclipse_error=cast.eclipse_error, eclipse_noise=cast.eclipse_noise,
-        light_left=light_left, shown_share=shown_share,
+        modelling_error=math.sqrt(squared), penumbra_px=max(penumbra.width_px, eclipse.width_px),
+        penumbra_error=penumbra_error, eclipse_error=eclipse_error, eclipse_noise=eclipse.noise,
+        light_left=eclipse.left, shown_share=shown_share,
         shadow_map_drawn_px=(0, 0) if shadow_px is None else (math.ceil(shadow_px * seen_share),) * 2,
         detail_m=detail_m, detail_layers=len(active), detail_slope=detail_slope,
         casters=tuple(casters))

@@ -39,7 +39,7 @@ class BodyPlan:
     eclipse_error: float = 0.0
     """The part of it in shadows that other bodies cast."""
     eclipse_noise: float = 0.0
-    """RMS error of one sample there, which rays cast to one point of the Sun's disc, over the mean without shadows."""
+    """RMS error of the flux, over what is left, with one sample across that meets one point of the Sun's disc."""
     light_left: float = 1.0
     """Share of its light that those shadows leave, about."""
     casters: tuple[str, ...] = ()

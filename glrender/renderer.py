@@ -19,10 +19,10 @@ from .area_levels import area_levels
 from .body_meshes import body_levels, body_meshes, body_traits
 from .brdf import Law
 from .clock import Clock
-from .eclipses import light_left
+from .eclipses import casters, eclipse
 from .emission_frame import EmissionFrame
 from .engine_costs import engine_costs
-from .error_model import NO_PENUMBRA
+from .error_model import NO_PENUMBRA, own_penumbra
 from .errors import ConfigError, DeviceError
 from .gl.context import Context
 from .gl.evaluate import BrdfEvaluator
@@ -227,24 +227,19 @@ class Renderer:
 
     def _plan_bodies(self, views: list[BodyView], camera: PinholeCamera, budget: float,
                      level: int | None) -> list[BodyPlan]:
-        bodies = []
+        bodies, hulls, has_disc = [], self.scene.hulls, self.scene.sun_disc
         for view in views:
-            traits, chunks = self._traits[view.name], self._meshes[view.name][0].chunks
-            casters = self._shadows.casters(view, views)
+            traits, chunks, hull = self._traits[view.name], self._meshes[view.name][0].chunks, hulls[view.name]
+            sun_radius_rad = view.sun_radius_rad if has_disc else 0.0
+            cast = casters(view, views, hulls, sun_radius_rad) if view.is_visible else []
             shown = chunks_in_window(chunks, view, camera, camera.bounds_px)
             bodies.append(plan.plan_body(
-                view, traits, camera, [name for name, _ in casters[1:]], budget, level,
+                view, traits, camera, [name for name, _ in cast], budget, level,
                 shown_share=chunks.n_facets(shown) / traits.levels[0].n_facets,
-                seen_share=self._shadows.seen_share(view, camera), light_left=self._light_left(view, casters),
-                penumbra=self._shadows.penumbra(view, casters, camera) if self.scene.sun_disc else NO_PENUMBRA))
+                seen_share=self._shadows.seen_share(view, camera),
+                penumbra=own_penumbra(view) if has_disc and not hull.is_convex else NO_PENUMBRA,
+                eclipse=eclipse(view, cast, hulls, view.depth_m[0] / camera.focal_length_px, sun_radius_rad)))
         return bodies
-
-    def _light_left(self, view: BodyView, casters: list[tuple[str, np.ndarray]]) -> float:
-        if len(casters) == 1 or not view.is_visible:
-            return 1.0
-        hulls = self.scene.hulls
-        return light_left(view, hulls[view.name], [(hulls[name], matrix) for name, matrix in casters[1:]],
-                          view.sun_radius_rad if self.scene.sun_disc else 0.0)
 
     def forget_shadow_maps(self) -> None:
         """Find all shadows anew when next they are needed; no image changes."""

@@ -10,14 +10,14 @@ import numpy as np
 from glrender_camera import PinholeCamera
 
 from . import frames
-from .error_model import NO_PENUMBRA, Penumbra, eclipse_penumbra, own_penumbra
+from .eclipses import casters
 from .gl.context import Context
 from .gl.mesh import Mesh
 from .gl.targets import ShadowMap, rounded_room
 from .hull import Hull
 from .render_plan import BodyPlan
 from .shadow_box import shadow_box
-from .view import BodyView, between, chunks_in_window, snapped
+from .view import BodyView, chunks_in_window, snapped
 
 _MAPS_KEPT = 8
 # The largest bias of surface.glsl is 20.2 texels.
@@ -73,34 +73,6 @@ class Shadows:
         """From here on no map of the frame before is needed any more."""
         self._needed.clear()
 
-    def casters(self, receiver: BodyView, views: Sequence[BodyView]) -> list[tuple[str, np.ndarray]]:
-        """Bodies whose shadow may fall on the receiver: (name, receiver_from_caster as (4, 4))."""
-        casters = [(receiver.name, np.eye(4))]
-        radius = self._hulls[receiver.name].radius_m
-        for other in views:
-            if other.name == receiver.name:
-                continue
-            rotation, offset = between(other, receiver)
-            sunward = float(offset @ receiver.sun_direction_body)
-            aside = float(np.linalg.norm(offset - sunward * receiver.sun_direction_body))
-            reach = radius + self._hulls[other.name].radius_m
-            if aside < reach and sunward > -reach:
-                casters.append((other.name, frames.transform(rotation, offset)))
-        return casters
-
-    def penumbra(self, receiver: BodyView, casters: Sequence[tuple[str, np.ndarray]],
-                 camera: PinholeCamera) -> Penumbra:
-        """What the Sun's disc does to the receiver's shadows, of its `casters`."""
-        hull = self._hulls[receiver.name]
-        parts = [NO_PENUMBRA if hull.is_convex else own_penumbra(receiver)]
-        for name, receiver_from_caster in casters[1:]:
-            parts.append(eclipse_penumbra(
-                receiver, min(hull.radius_m, self._hulls[name].radius_m),
-                float(np.linalg.norm(receiver_from_caster[:3, 3])), receiver.depth_m[0] / camera.focal_length_px))
-        together = {what: float(np.linalg.norm([getattr(part, what) for part in parts]))
-                    for what in ("error", "eclipse_error", "eclipse_noise")}
-        return Penumbra(width_px=max(part.width_px for part in parts), **together)
-
     def seen_share(self, view: BodyView, camera: PinholeCamera) -> float:
         """Largest side of what is seen over that of the body, as the Sun sees both: what a map must cover."""
         if view.is_whole:
@@ -143,17 +115,17 @@ class Shadows:
             half[2] += _DEPTH_MARGIN_TEXELS * box.texel_m.max()
             offset = frames.transform(np.eye(3), -centre) @ frames.transform(sun_from_body, np.zeros(3))
             clip = frames.clip_from_sun(half[0], half[1], -half[2], half[2]) @ offset
-            casters = [(name, levels[name], _moved(matrix, view.sun_direction_body, sun_from_body, box.texel_m))
-                       for name, matrix in self.casters(view, views)]
+            cast = [(name, levels[name], _moved(matrix, view.sun_direction_body, sun_from_body, box.texel_m))
+                    for name, matrix in [(view.name, np.eye(4)), *casters(view, views, self._hulls)]]
             key = (view.name, box.size_px, clip.tobytes(),
-                   *((name, level, matrix.tobytes()) for name, level, matrix in casters))
+                   *((name, level, matrix.tobytes()) for name, level, matrix in cast))
             is_kept = key in self._maps
             self._needed.add(key)
             if is_kept:
                 self._maps.move_to_end(key)
             else:
                 shadow_map = self._map_to_fill(box.size_px)
-                shadow_map.draw([(self._meshes[name][level], clip @ matrix) for name, level, matrix in casters],
+                shadow_map.draw([(self._meshes[name][level], clip @ matrix) for name, level, matrix in cast],
                                 box.size_px)
                 self._maps[key] = shadow_map
             shadow_map = self._maps[key]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,16 +11,15 @@ from glrender import Pose, frames, generate
 from glrender.backends.raytrace import RayTracer
 from glrender.brdf import Lambert
 from glrender.constants import AU_M, SUN_RADIUS_M
-from glrender.eclipses import light_left
-from glrender.error_model import eclipse_penumbra
+from glrender.eclipses import casters, eclipse
 from glrender.scene import Body
-from glrender.view import between, view_bodies
+from glrender.view import view_bodies
 from missing import needed_module
 
 LAW, SUN_RAD = Lambert(normal_albedo=0.3), SUN_RADIUS_M / AU_M
 
 
-def eclipse(places_m, radii_m=(), phase_deg=0.0, sun_radius_rad=0.0, shape=None):
+def eclipsed(places_m, radii_m=(), phase_deg=0.0, sun_radius_rad=0.0, shape=None):
     """Of a sphere of 100 m, or a shape, what spheres at such places [m] leave: along the Sun, and aside."""
     shape = shape or generate.icosphere(radius_m=100.0, subdivisions=5)
     bodies = [Body(name="body", shape=shape, brdf=LAW)] + [
@@ -33,32 +31,56 @@ def eclipse(places_m, radii_m=(), phase_deg=0.0, sun_radius_rad=0.0, shape=None)
         f"moon{k}": Pose(r_inertial_m=along * sunward + x * aside_x + y * aside_y)
         for k, (along, x, y) in enumerate(places_m)}})
     seen = view_bodies(state, scene.cameras[0], scene.hulls)
-    casters = [(scene.hulls[view.name], frames.transform(*between(view, seen[0]))) for view in seen[1:]]
-    return light_left(seen[0], scene.hulls["body"], casters, sun_radius_rad), scene, state
+    cast = casters(seen[0], seen, scene.hulls, sun_radius_rad)
+    return eclipse(seen[0], cast, scene.hulls, seen[0].depth_m[0] / 400.0, sun_radius_rad), scene, state
 
 
-@pytest.mark.parametrize("caster", [0.3, 0.5, 0.9])
+def left(*asked, **options):
+    return eclipsed(*asked, **options)[0].left
+
+
+@pytest.mark.parametrize("caster", [0.05, 0.3, 0.5, 0.9])
 def test_a_moon_before_the_sun_at_full_phase_leaves_the_closed_form(caster):
     """A sphere's light beyond a radius r of its disc, by Lambert's law: (1 - r^2)^1.5."""
-    left, *_ = eclipse([(400.0, 0.0, 0.0)], [100.0 * caster])
-    assert left == pytest.approx((1.0 - caster**2) ** 1.5, abs=0.02)
+    found = left([(400.0, 0.0, 0.0)], [100.0 * caster])
+    assert 1.0 - found == pytest.approx(1.0 - (1.0 - caster**2) ** 1.5, rel=0.03)
 
 
 def test_only_what_is_before_the_sun_takes_light():
-    """A larger moon sunward leaves none, one behind the body or beside it all; two as much as they cover together."""
-    assert eclipse([(400.0, 0.0, 0.0)], [120.0])[0] == 0.0
-    assert eclipse([(-150.0, 0.0, 0.0)], [120.0])[0] == eclipse([(150.0, 300.0, 0.0)], [120.0])[0] == 1.0
-    one, other, both = (eclipse(places, [40.0] * len(places))[0] for places in (
+    """A larger moon sunward leaves none, one behind the body or beside it all; two as much as they cover each."""
+    assert left([(400.0, 0.0, 0.0)], [120.0]) == pytest.approx(0.0, abs=0.01)
+    assert left([(-150.0, 0.0, 0.0)], [120.0]) == left([(150.0, 300.0, 0.0)], [120.0]) == 1.0
+    one, other, both = (left(places, [40.0] * len(places)) for places in (
         [(400.0, 50.0, 0.0)], [(300.0, -50.0, 0.0)], [(400.0, 50.0, 0.0), (300.0, -50.0, 0.0)]))
     assert 1.0 - both == pytest.approx((1.0 - one) + (1.0 - other))
-    assert eclipse([(400.0, 50.0, 0.0), (300.0, 50.0, 0.0)], [40.0, 40.0])[0] == one
+    assert left([(400.0, 0.0, 0.0)] * 3, [90.0] * 3) == 0.0
 
 
-def test_beyond_the_umbra_light_is_left():
-    """At 20,000 m the Sun is as wide as 93 m: an annular eclipse of all of the body."""
-    narrow, = {eclipse([(20_000.0, 0.0, 0.0)], [60.0], sun_radius_rad=SUN_RAD)[0]}
-    assert 0.2 < narrow <= 1.0 - (60.0 / 93.0) ** 2 + 0.3
-    assert eclipse([(20_000.0, 0.0, 0.0)], [220.0], sun_radius_rad=SUN_RAD)[0] == 0.0
+def test_a_penumbra_reaches_farther_than_the_umbra():
+    """At 20,000 m the Sun is as wide as 93 m: a moon 200 m aside takes light, and one before it leaves some."""
+    assert left([(20_000.0, 200.0, 0.0)], [60.0]) == 1.0
+    assert 0.8 < left([(20_000.0, 200.0, 0.0)], [60.0], sun_radius_rad=SUN_RAD) < 1.0
+    assert 0.2 < left([(20_000.0, 0.0, 0.0)], [60.0], sun_radius_rad=SUN_RAD) <= 1.0 - (60.0 / 93.0) ** 2
+    assert left([(20_000.0, 0.0, 0.0)], [300.0], sun_radius_rad=SUN_RAD) == pytest.approx(0.0, abs=0.01)
+
+
+@pytest.mark.parametrize("gap_m", [100.0, 400.0, 4000.0])
+def test_noise_of_a_penumbra_is_the_closed_form(gap_m):
+    """At full phase, around a radius of 0.5: 1/6 of the ramp's area of samples that are lit or not, as bright as rise.
+
+    Over a sphere's light, 2/3 pi R^2, less what is in the shadow, with one sample on (2 R)^2.
+    """
+    told, *_ = eclipsed([(gap_m, 0.0, 0.0)], [50.0], sun_radius_rad=SUN_RAD)
+    rise = np.sqrt(0.75)
+    width_m = 2.0 * SUN_RAD * (gap_m - 100.0 * rise)
+    variance = 2.0 * np.pi * 50.0 * width_m / 6.0 * rise**2
+    assert told.noise == pytest.approx(200.0 * np.sqrt(variance) / (2.0 / 3.0 * np.pi * 1e4 * 0.75**1.5), rel=0.05)
+    assert told.width_px >= width_m / (1900.0 / 400.0)
+
+
+def test_a_point_sun_has_no_penumbra():
+    told, *_ = eclipsed([(4000.0, 0.0, 0.0)], [50.0])
+    assert told.noise == told.error == told.width_px == 0.0
 
 
 def test_what_is_left_is_as_rays_find_it():
@@ -69,7 +91,7 @@ def test_what_is_left_is_as_rays_find_it():
     for case in range(40):
         places = [(rng.uniform(150.0, 1000.0), *rng.uniform(-110.0, 110.0, 2))]
         radius_m, phase_deg = rng.uniform(30.0, 110.0), rng.uniform(0.0, 150.0)
-        left, scene, state = eclipse(places, [radius_m], phase_deg, shape=shapes[case % 2])
+        told, scene, state = eclipsed(places, [radius_m], phase_deg, shape=shapes[case % 2])
         flux, seen = [], None
         for bodies in (scene.bodies, scene.bodies[:1]):
             names = [body.name for body in bodies]
@@ -79,12 +101,5 @@ def test_what_is_left_is_as_rays_find_it():
             # Where the moon hides it nothing is told.
             seen = image.products["body_id"] == 0 if seen is None else seen
             flux.append(float(image.irradiance_W_m2[seen].sum(dtype=float)))
-        errors.append(left - flux[0] / flux[1])
+        errors.append(told.left - flux[0] / flux[1])
     assert np.mean(np.abs(errors) < 0.1) >= 0.85 and max(errors) < 0.25, np.round(errors, 3)
-
-
-def test_the_penumbra_on_a_body_without_size_is_finite():
-    """One out of view whose box rounds to nothing is planned all the same."""
-    for size_px in (0.0, 1e-200, 1e-12):
-        found = eclipse_penumbra(SimpleNamespace(size_px=size_px, sun_radius_rad=4.65e-3), 60.0, 1e4, 1e9)
-        assert 0.0 <= found.error <= 1.0 and 0.0 <= found.eclipse_noise <= 1.0
