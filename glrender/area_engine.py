@@ -117,8 +117,8 @@ class AreaEngine:
 
     def draw(self, names: Sequence[str], camera: PinholeCamera, views: list[BodyView],
              bounds_px: tuple[float, float, float, float], grid: tuple[int, int], budget: float,
-             levels: Mapping[str, LevelPlan] = MappingProxyType({}), may_be_dark: bool = False
-             ) -> tuple[np.ndarray, float]:
+             levels: Mapping[str, LevelPlan] = MappingProxyType({}), may_be_dark: bool = False,
+             eclipse_error: float = 0.0) -> tuple[np.ndarray, float]:
         """Means over the cells of a grid (rows, columns) float64 [W/m2 per pixel], and their expected error.
 
         Of facets as bright all over: what that costs close up is for the planner to know.
@@ -144,6 +144,8 @@ class AreaEngine:
             What is drawn of bodies: the full shape of others.
         may_be_dark : bool
             Whether they are not drawn where that is more than the budget.
+        eclipse_error : float [1]
+            Of hard edges in place of the penumbras of other bodies (`Eclipse`): of the flux facets' edges do not tell.
         """
         level = levels.get(names[0], LevelPlan())
         if level.n_points:
@@ -158,9 +160,12 @@ class AreaEngine:
         def made(views: list[BodyView], budget: float, has_disc: bool) -> tuple[np.ndarray, float, float]:
             return self._drawn(names, camera, views, bounds_px, grid, budget, levels, has_disc)
 
-        means, told, penumbra = made(views, budget, self._scene.sun_disc)
-        if penumbra <= _PENUMBRA * budget:
-            return means, told
+        means, penumbra = np.zeros(grid[::-1]), eclipse_error
+        if eclipse_error <= _PENUMBRA * budget:
+            means, told, penumbra = made(views, math.sqrt(budget**2 - eclipse_error**2), self._scene.sun_disc)
+            if penumbra <= _PENUMBRA * budget:
+                return means, math.hypot(told, eclipse_error)
+            penumbra = math.hypot(penumbra, eclipse_error)
         # Steps in place of a ramp: by points of the Sun's disc, each with hard edges.
         for n_points, share in _STEPS:
             if share * penumbra <= _PENUMBRA * budget:

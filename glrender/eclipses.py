@@ -18,9 +18,11 @@ _WAYS = np.array([np.cos(np.arange(32) * np.pi / 16), np.sin(np.arange(32) * np.
 _PLACES = 24
 LEAST_LEFT = 0.02
 """Share of a body's light below which what is left is not told apart: hulls and places tell no less."""
-# What squared errors of hard edges are told more than places have it; and the width [px], squared, of penumbras of
-# which pixels leave half: seven eclipses of a sphere, 0.3 to 17 px wide, are told 1.1 to 2 times the truth.
-_SPARE, _HALF_PX2 = 1.6, 20.0
+# What squared errors of hard edges are told more than places have it; and the width of penumbras [px] of which pixels
+# leave half.
+_SPARE, _HALF_PX = 1.6, 4.5
+# RMS error that is told of as much error of the flux.
+_FLUX = 10.0
 # Least cosine of the Sun's height that an area is told by.
 _LEAST_RISE = 0.1
 
@@ -37,7 +39,7 @@ class Eclipse:
         RMS error of the flux, over what is left, with one sample across the body that meets one point of the Sun's
         disc: N^-1 with N.
     error : float [1]
-        RMS error of hard edges in place of penumbras, over the mean of what is left.
+        RMS error of hard edges in place of penumbras, over the mean of what is left, or ten times that of the flux.
     width_px : float [px]
         Of the widest penumbra.
     """
@@ -88,7 +90,7 @@ def eclipse(receiver: BodyView, cast: Sequence[tuple[str, np.ndarray]], hulls: M
     places_m, cell_m2, _ = _grid(disc.low_m, disc.high_m)
     bright, rise = disc.light(places_m)
     total, area_m2 = cell_m2 * float(bright.sum()), cell_m2 * float((bright / np.maximum(rise, _LEAST_RISE)).sum())
-    lost = ramps = edges = width_m = 0.0
+    lost = ramps = edges = gained = width_m = 0.0
     for name, receiver_from_caster in cast:
         gap_m = float(receiver_from_caster[:3, 3] @ receiver.sun_direction_body)
         if gap_m <= 0.0:
@@ -108,15 +110,17 @@ def eclipse(receiver: BodyView, cast: Sequence[tuple[str, np.ndarray]], hulls: M
         wide_m = np.maximum(half_m, 0.5 * step_m)
         sunlit = np.clip(0.5 + 0.5 * outside_m / wide_m, 0.0, 1.0)
         lost += cell_m2 * float((bright * (1.0 - sunlit)).sum())
-        ramp = cell_m2 * half_m / wide_m * bright * rise
-        ramps += float((ramp * sunlit * (1.0 - sunlit)).sum())
+        ramp, more = cell_m2 * half_m / wide_m * bright, (sunlit > 0.5) - sunlit
+        ramps += float((ramp * rise * sunlit * (1.0 - sunlit)).sum())
         # Within a pixel, or within a body that is smaller, ramps and hard edges have nearly the same light.
-        wide_px2 = (2.0 * half_m / (footprint_m * min(max(receiver.size_px, 1e-9), 1.0))) ** 2
-        edges += _SPARE * float((ramp * wide_px2 / (wide_px2 + _HALF_PX2) * (sunlit - (sunlit > 0.5)) ** 2).sum())
+        wide_px = 2.0 * half_m / (footprint_m * min(max(receiver.size_px, 1e-9), 1.0))
+        edges += _SPARE * float((ramp * rise * wide_px / (wide_px + _HALF_PX) * more**2).sum())
+        gained += float((ramp * more).sum())
     left = max(1.0 - lost / total, 0.0)
     seen = max(left, LEAST_LEFT)
     return Eclipse(left=left, noise=disc.side_m * math.sqrt(ramps) / (seen * total),
-                   error=min(math.sqrt(area_m2 * edges / seen) / total, 1.0), width_px=width_m / footprint_m)
+                   error=min(max(math.sqrt(area_m2 * edges / seen), _FLUX * abs(gained) / seen) / total, 1.0),
+                   width_px=width_m / footprint_m)
 
 
 class _Disc:

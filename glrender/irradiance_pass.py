@@ -132,7 +132,8 @@ class IrradiancePass:
         """
         left = math.sqrt(max(window.budget**2 - window.modelling_error**2, 0.0))
         means, told = self._areas.draw(window.bodies, frame.camera, frame.views, window.bounds_px, window.grid, left,
-                                       dict(zip(window.bodies, window.levels, strict=True)), True)
+                                       dict(zip(window.bodies, window.levels, strict=True)), True, eclipse_error=max(
+                                           body.eclipse.error for body in frame.bodies if body.name in window.bodies))
         clock.lap("surface")
         if told > left and any(level.tells_error for level in window.levels):
             cut = replace(window, levels=(LevelPlan(),) * len(window.bodies))

@@ -6,12 +6,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from .eclipses import LEAST_LEFT
+from .eclipses import LEAST_LEFT, NO_ECLIPSE, Eclipse
 from .error_model import FACETS_SEEN, NOISE_FACETS, LevelTraits, lit_share
 from .view import BodyView
 
 # Of a sample: errors of edges and of creases, powers of what is lit and of creases' slope. What errors of pixels and of
-# the centre, over the size, and of the flux, over the root of what is lit, have of that; and of eclipses' noise the flux.
+# the centre, over the size, and of the flux, over the root of what is lit, have of that; and the flux, of an eclipse's.
 _EDGES, _CREASES, _LIT, _SLOPE = 0.47, 0.67, 1.15, 0.8
 _PIXELS, _CENTRE, _FLUX, _PENUMBRAS = 1.2, 1.0, 2.8, 2.0
 # Of cells.
@@ -55,19 +55,19 @@ class Lattice:
     lit_px: float
 
     @classmethod
-    def of(cls, view: BodyView, level: LevelTraits, *, reflectance: float = 1.0, eclipse_noise: float = 0.0,
-           left: float = 1.0) -> Lattice:
-        """Of a body; others' shadows leave a share of its light, which errs the more, and have a noise (`Eclipse`)."""
+    def of(cls, view: BodyView, level: LevelTraits, *, reflectance: float = 1.0,
+           eclipse: Eclipse = NO_ECLIPSE) -> Lattice:
+        """Of a body; what others' shadows leave of its light errs the more."""
         lit, size_px = lit_share(view.phase_rad), min(view.size_px, 1e5)
-        gain = 1.0 / math.sqrt(max(left, LEAST_LEFT))
+        left = max(eclipse.left, LEAST_LEFT)
+        gain = 1.0 / math.sqrt(left)
         flux = gain * _FLUX / math.sqrt(lit)
         return cls(flux=flux, pixels=gain * _PIXELS * size_px + flux, centre=gain * _CENTRE * size_px,
                    edges=_EDGES * lit**-_LIT * size_px**-1.5,
                    creases=_CREASES * level.slope**_SLOPE * lit**-_LIT / size_px,
-                   penumbras=_PENUMBRAS * eclipse_noise / (flux * size_px),
+                   penumbras=_PENUMBRAS * eclipse.noise / (flux * size_px),
                    facets_across_px=math.sqrt(FACETS_SEEN * level.n_facets / NOISE_FACETS) / size_px,
-                   light=reflectance * lit * left * size_px**2,
-                   lit_px=max(left, LEAST_LEFT) * max(size_px**2, 1.0))
+                   light=reflectance * lit * eclipse.left * size_px**2, lit_px=left * max(size_px**2, 1.0))
 
     def at(self, samples_per_px: float) -> float:
         """Error with so many along a pixel's side, before `flux`, `pixels` and `centre`."""

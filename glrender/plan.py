@@ -70,11 +70,11 @@ def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, casters
     chosen = traits.levels[used]
     ratio, _ = (1.0, 0.0) if chosen.flux_ratio is None else chosen.flux_ratio.at(view.phase_rad)
     squared = level_error(view, chosen, footprint_m) ** 2
-    shadow_px, penumbra_error, eclipse_error = None, 0.0, 0.0
+    shadow_px, penumbra_error = None, 0.0
     if view.is_visible:
         shadow_px = plan_shadow(view, chosen, traits.is_convex, bool(casters), budget, seen_share)
         if shadow_px is not None:
-            penumbra_error, eclipse_error = math.hypot(penumbra.error, eclipse.error), eclipse.error
+            penumbra_error = math.hypot(penumbra.error, eclipse.error)
             squared += shadow_share(view, shadow_px, bool(casters)) * sum(squared_errors(view, chosen))
             squared += (_LEAK_RMS * leaked_flux(view, chosen, shadow_px)) ** 2 + penumbra_error**2
     detail_m, active, detail_slope = None, [], 0.0
@@ -87,8 +87,7 @@ def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, casters
         relative_to_camera=is_close(view, traits.radius_m, footprint_m),
         normal_lookup=footprint_m < 2e-4 * traits.radius_m, size_px=view.size_px, flux_ratio=ratio,
         modelling_error=math.sqrt(squared), penumbra_px=max(penumbra.width_px, eclipse.width_px),
-        penumbra_error=penumbra_error, eclipse_error=eclipse_error, eclipse_noise=eclipse.noise,
-        light_left=eclipse.left, shown_share=shown_share,
+        penumbra_error=penumbra_error, eclipse=eclipse, shown_share=shown_share,
         shadow_map_drawn_px=(0, 0) if shadow_px is None else (math.ceil(shadow_px * seen_share),) * 2,
         detail_m=detail_m, detail_layers=len(active), detail_slope=detail_slope,
         casters=tuple(casters))

@@ -127,7 +127,7 @@ class _Candidates:
     def __init__(self, view: BodyView, traits: Mapping[str, BodyTraits], body: BodyPlan, members: Sequence[BodyView],
                  camera: PinholeCamera, budget: float, error_gain: float):
         self.view, self.traits = view, traits[view.name]
-        self.eclipse_error, self._is_alone = body.eclipse_error, len(traits) == 1
+        self.eclipse_error, self._is_alone = body.eclipse.error, len(traits) == 1
         # Of middles, which have hard edges of shadows.
         self._least_error = math.hypot(_MIDDLES_LEAST, body.penumbra_error)
         px_per_m = camera.focal_length_px / view.range_m

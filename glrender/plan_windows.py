@@ -160,8 +160,7 @@ class _Window:
         self._n_facing = max(
             sum(level.n_facets for level in self._full) * facing_share(self._phase_rad) * shown, 1.0)
         self._lattices = Lattices([
-            Lattice.of(view, level, reflectance=traits[view.name].reflectance, eclipse_noise=body.eclipse_noise,
-                       left=body.light_left)
+            Lattice.of(view, level, reflectance=traits[view.name].reflectance, eclipse=body.eclipse)
             for view, level, body in zip(members, self._full, self._drawn, strict=True)], min(self._outline_px, 1e5))
         self._is_apart = apart_size_px(members) < apart_px
         # No PSF smooths the error of the flux or of the centre.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from .eclipses import NO_ECLIPSE, Eclipse
 from .emission_frame import EmissionPlan
 
 EMISSION_LEFT_OUT = "emission around"
@@ -36,14 +37,10 @@ class BodyPlan:
     """Width of the widest penumbra [px]: rays have them, shadow maps and areas have hard edges."""
     penumbra_error: float = 0.0
     """RMS error of hard edges in its place, before anything is drawn: areas tell better."""
-    eclipse_error: float = 0.0
-    """The part of it in shadows that other bodies cast."""
-    eclipse_noise: float = 0.0
-    """RMS error of the flux, over what is left, with one sample across that meets one point of the Sun's disc."""
-    light_left: float = 1.0
-    """Share of its light that those shadows leave, about."""
     casters: tuple[str, ...] = ()
     """Other bodies that may cast a shadow on it."""
+    eclipse: Eclipse = NO_ECLIPSE
+    """What those shadows do to it; its error is a part of the penumbras'."""
     shown_share: float = 1.0
     """Of the facets, those in chunks that are not out of view."""
     shadow_map_drawn_px: tuple[int, int] = (0, 0)

@@ -12,6 +12,7 @@ import views
 from glrender import Pose, Renderer, generate
 from glrender.area_grid import add_by_area
 from glrender.brdf import Lambert
+from glrender.eclipses import Eclipse
 from glrender.error_model import LevelTraits
 from glrender.lattice import Lattice, Lattices, cell_error, cell_size
 from glrender.scene import Body
@@ -114,9 +115,9 @@ def test_what_is_told_in_another_body_s_penumbra_holds(size_px, offset_m, gap_m,
 
 
 def test_what_is_left_in_a_shadow_is_told_to_err_by_more():
-    whole, quarter = (Lattice.of(small(2.0), SMOOTH, left=left) for left in (1.0, 0.25))
+    whole, quarter = (Lattice.of(small(2.0), SMOOTH, eclipse=Eclipse(left=left)) for left in (1.0, 0.25))
     assert quarter.pixels == pytest.approx(2.0 * whole.pixels) and quarter.flux == pytest.approx(2.0 * whole.flux)
-    assert Lattice.of(small(2.0), SMOOTH, left=0.0).flux == pytest.approx(math.sqrt(50.0) * whole.flux)
+    assert Lattice.of(small(2.0), SMOOTH, eclipse=Eclipse(left=0.0)).flux == pytest.approx(math.sqrt(50.0) * whole.flux)
 
 
 def test_rays_of_a_lattice_are_the_same_in_parts(monkeypatch):
@@ -141,7 +142,7 @@ def test_rays_of_a_lattice_are_the_same_in_parts(monkeypatch):
 @pytest.mark.parametrize("size_px", [0.01, 1.0, 30.0])
 def test_samples_and_errors_are_inverse(level, size_px):
     for across, noise in ((20.0, 0.0), (100.0, 0.0), (1000.0, 0.0), (100.0, 0.9)):
-        model = Lattice.of(small(size_px), level, eclipse_noise=noise)
+        model = Lattice.of(small(size_px), level, eclipse=Eclipse(noise=noise))
         assert model.samples_per_px(model.at(across / size_px)) * size_px == pytest.approx(across)
 
 
@@ -149,7 +150,7 @@ def test_below_a_pixel_a_body_errs_as_its_flux_does():
     """All of its light is in a pixel or two, whatever its size."""
     for level, noise in ((SMOOTH, 0.0), (ROUGH, 0.0), (SMOOTH, 1.0)):
         of_flux, of_pixels = zip(*((model.flux * error, model.pixels * error) for size_px in (0.001, 0.01, 0.1)
-                                   for model in [Lattice.of(small(size_px), level, eclipse_noise=noise)]
+                                   for model in [Lattice.of(small(size_px), level, eclipse=Eclipse(noise=noise))]
                                    for error in [model.at(100.0 / size_px)]), strict=True)
         np.testing.assert_allclose(of_flux, of_flux[0])
         np.testing.assert_allclose(of_pixels, of_flux[0], rtol=0.05)
@@ -182,7 +183,8 @@ def test_samples_of_several_bodies_are_enough_and_not_many_more():
     rng = np.random.default_rng(4)
     for _ in range(200):
         bodies = [Lattice.of(small(*rng.uniform((0.1, 5.0), (3.0, 150.0))), (SMOOTH, ROUGH)[rng.integers(2)],
-                             reflectance=rng.uniform(0.01, 0.3), left=rng.uniform(), eclipse_noise=0.1 * rng.uniform())
+                             reflectance=rng.uniform(0.01, 0.3),
+                             eclipse=Eclipse(left=rng.uniform(), noise=rng.uniform()))
                   for _ in range(rng.integers(1, 5))]
         together, error = Lattices(bodies, 5.0), 10.0 ** rng.uniform(-3.0, -1.0)
         samples_per_px = together.samples_per_px(pixels=error)
@@ -195,11 +197,12 @@ def test_a_moon_counts_by_its_light():
     large, moon = Lattice.of(small(3.0), SMOOTH), small(1.0)
     alone = Lattices([large], 4.0)
     bright, dark, eclipsed, black = (Lattices([large, Lattice.of(moon, ROUGH, **changed)], 4.0) for changed in (
-        {}, {"reflectance": 0.01}, {"left": 0.01}, {"left": 0.0}))
+        {}, {"reflectance": 0.01}, {"eclipse": Eclipse(left=0.01)}, {"eclipse": Eclipse(left=0.0)}))
     for beside in (dark, eclipsed, black):
         assert 0.95 < beside.samples_per_px(flux=1e-3) / alone.samples_per_px(flux=1e-3) < 1.1
     assert bright.samples_per_px(flux=1e-3) > 1.5 * alone.samples_per_px(flux=1e-3)
-    assert Lattices([Lattice.of(moon, ROUGH, left=0.0)], 1.0).samples_per_px(flux=1e-3) == 0.0, "nothing to err by"
+    nothing = Lattices([Lattice.of(moon, ROUGH, eclipse=Eclipse(left=0.0))], 1.0)
+    assert nothing.samples_per_px(flux=1e-3) == nothing.error(100.0) == 0.0
 
 
 @pytest.mark.parametrize("phase_deg", [15.0, 75.0, 135.0])

@@ -10,6 +10,7 @@ import pytest
 import views
 from glrender import grouping, plan, plan_windows
 from glrender.costs import EngineCosts
+from glrender.eclipses import Eclipse
 from glrender.error_model import NOISE_FACETS, BodyTraits, LevelTraits
 from glrender.first_samples import Expected, first_samples
 from glrender.lattice import cell_error
@@ -134,7 +135,7 @@ def test_areas_are_not_drawn_of_what_they_do_not_hold():
     uneven = plan_windows.plan_windows(near, {"body": traits(FULL)}, [body(near[0])], CAMERA, 0.02, 1.0, AREAS, None)
     assert uneven[0].first.engine != "areas"
     assert area_choice(near, even_facet_m=300.0)[0].first.engine != "areas"
-    assert area_choice(near, eclipse_error=0.06)[0].first.engine != "areas"
+    assert area_choice(near, eclipse=Eclipse(error=0.06))[0].first.engine != "areas"
     assert area_choice(near, samples=2)[0].first.engine == "raster"
     assert area_choice(near, costs=replace(AREAS, ray_ns=np.inf))[0].first.engine == "raster"
     assert area_choice([view(bounds_px=None, size_px=np.inf)])[0].first.engine != "areas"
