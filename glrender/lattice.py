@@ -14,6 +14,8 @@ from .view import BodyView
 # the centre, over the size, and of the flux, over the root of what is lit, have of that; and the flux, of an eclipse's.
 _EDGES, _CREASES, _LIT, _SLOPE = 0.47, 0.67, 1.15, 0.8
 _PIXELS, _CENTRE, _FLUX, _PENUMBRAS = 1.2, 1.0, 2.8, 2.0
+# By which the samples for an error are found: to a hundredth from a tenth of them.
+_STEPS = 4
 # Of cells.
 _CELL_ERROR, _CELL_LIT = 2.2, 1.2
 
@@ -24,8 +26,8 @@ class Lattice:
 
     Edges leave N^-1.5 with N samples across a body, and so do creases between facets; those of facets that are much
     smaller than samples are noise, N^-1, and so are penumbras, where each sample meets one point of the Sun's disc.
-    Kept above seven shapes (a sphere, and 8000 to 3.1 million facets with creases of 4 to 33 deg), 0.1 to 20 px
-    across, at 3 to 152 deg with 64 to 512 samples across (docs/decisions, 0023).
+    They err independently. Kept above seven shapes (a sphere, and 8000 to 3.1 million facets with creases of 4 to
+    33 deg), 0.1 to 20 px across, at 3 to 152 deg with 64 to 512 samples across (docs/decisions, 0023).
 
     Attributes
     ----------
@@ -71,14 +73,8 @@ class Lattice:
 
     def at(self, samples_per_px: float) -> float:
         """Error with so many along a pixel's side, before `flux`, `pixels` and `centre`."""
-        return max(self.edges * samples_per_px**-1.5, self.penumbras / samples_per_px,
-                   self.creases * min(math.sqrt(self.facets_across_px / samples_per_px), 1.0) / samples_per_px)
-
-    def samples_per_px(self, error: float) -> float:
-        """Samples along a pixel's side that have such an error: the inverse of `at`."""
-        noise = self.creases / error
-        return max((self.edges / error) ** (2.0 / 3.0), self.penumbras / error,
-                   min(noise, (noise**2 * self.facets_across_px) ** (1.0 / 3.0)))
+        creases = self.creases * min(math.sqrt(self.facets_across_px / samples_per_px), 1.0)
+        return math.hypot(self.edges / math.sqrt(samples_per_px), creases, self.penumbras) / samples_per_px
 
 
 class Lattices:
@@ -117,15 +113,14 @@ def _joined(parts: Sequence[tuple[Lattice, float]], samples_per_px: float) -> fl
 
 
 def _samples(parts: Sequence[tuple[Lattice, float]], error: float) -> float:
-    """Samples along a pixel's side that leave no more than an error; of one body no more than it needs."""
+    """Samples along a pixel's side that leave no more than an error, and hardly less."""
     if not parts or math.isinf(error):
         return 0.0
-    if len(parts) == 1:
-        return parts[0][0].samples_per_px(error / parts[0][1])
-    # Enough for each alone; for each of as many that all err alike; and as errors fall by N^-1 or faster.
-    few, many = (max(body.samples_per_px(error / (gain * weight)) for body, weight in parts)
-                 for gain in (1.0, math.sqrt(len(parts))))
-    return min(few * _joined(parts, few) / error, many)
+    found = max((weight * body.edges / error) ** (2.0 / 3.0) for body, weight in parts)
+    # Errors fall by N^-1.5 at most, so that these are never too many, and by N^-1 at least.
+    for _ in range(_STEPS):
+        found *= (_joined(parts, found) / error) ** (2.0 / 3.0)
+    return found * max(_joined(parts, found) / error, 1.0)
 
 
 def cell_error(cell_px: float, phase_rad: float) -> float:

@@ -142,8 +142,8 @@ def test_rays_of_a_lattice_are_the_same_in_parts(monkeypatch):
 @pytest.mark.parametrize("size_px", [0.01, 1.0, 30.0])
 def test_samples_and_errors_are_inverse(level, size_px):
     for across, noise in ((20.0, 0.0), (100.0, 0.0), (1000.0, 0.0), (100.0, 0.9)):
-        model = Lattice.of(small(size_px), level, eclipse=Eclipse(noise=noise))
-        assert model.samples_per_px(model.at(across / size_px)) * size_px == pytest.approx(across)
+        alone = Lattices([Lattice.of(small(size_px), level, eclipse=Eclipse(noise=noise))], size_px)
+        assert alone.samples_per_px(pixels=alone.error(across / size_px)) * size_px == pytest.approx(across, rel=0.02)
 
 
 def test_below_a_pixel_a_body_errs_as_its_flux_does():
@@ -159,9 +159,9 @@ def test_below_a_pixel_a_body_errs_as_its_flux_does():
 def test_rough_facets_smaller_than_samples_are_noise():
     """N^-1 beside N^-1.5; of 800,000 facets from 180 samples across on they are not smaller."""
     noise, edges = (Lattice.of(small(1.0), level) for level in (ROUGH, SMOOTH))
-    assert noise.at(50.0) == pytest.approx(2.0 * noise.at(100.0))
-    assert noise.at(400.0) == pytest.approx(2.0**1.5 * noise.at(800.0))
-    assert edges.at(50.0) == pytest.approx(2.0**1.5 * edges.at(100.0))
+    assert noise.at(50.0) == pytest.approx(2.0 * noise.at(100.0), rel=0.03)
+    assert noise.at(400.0) == pytest.approx(2.0**1.5 * noise.at(800.0), rel=0.03)
+    assert edges.at(50.0) == pytest.approx(2.0**1.5 * edges.at(100.0), rel=0.03)
     assert noise.at(100.0) > 5.0 * edges.at(100.0)
 
 
@@ -173,7 +173,8 @@ def test_bodies_err_independently_of_each_other():
         assert four.error(samples_per_px) == pytest.approx(one.error(samples_per_px))
     for what, times in (("pixels", 1.0), ("flux", 2.0), ("centre_px", 2.0)):
         for error in (0.001, 0.01):
-            assert four.samples_per_px(**{what: error}) == pytest.approx(one.samples_per_px(**{what: times * error}))
+            assert four.samples_per_px(**{what: error}) == pytest.approx(
+                one.samples_per_px(**{what: times * error}), rel=0.02)
     heap = Lattices([Lattice.of(small(0.3), ROUGH)] * 4, 0.9)
     assert heap.error(300.0) == pytest.approx(0.5 * Lattices([Lattice.of(small(0.3), ROUGH)], 0.3).error(300.0)), (
         "all in a pixel")
@@ -189,7 +190,7 @@ def test_samples_of_several_bodies_are_enough_and_not_many_more():
         together, error = Lattices(bodies, 5.0), 10.0 ** rng.uniform(-3.0, -1.0)
         samples_per_px = together.samples_per_px(pixels=error)
         assert together.error(samples_per_px) <= error * (1.0 + 1e-9)
-        assert together.error(0.75 * samples_per_px) >= error
+        assert together.error(0.97 * samples_per_px) >= error
 
 
 def test_a_moon_counts_by_its_light():
