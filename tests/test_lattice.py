@@ -9,15 +9,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import views
-from glrender import Pose, Renderer, generate
+from glrender import Pose, Renderer, frames, generate
 from glrender.area_grid import add_by_area
 from glrender.brdf import Lambert
 from glrender.eclipses import Eclipse
 from glrender.error_model import LevelTraits
+from glrender.grouping import outline
 from glrender.lattice import Lattice, Lattices, cell_error, cell_size
 from glrender.scene import Body
 from glrender.view import view_bodies
 from missing import needed_module
+from scipy.spatial.transform import Rotation
 
 TRUTH_ACROSS, ACROSS, SIZES_PX = 1500, (64, 128, 256), (0.1, 0.7, 2.0, 5.0, 15.0)
 SMOOTH, ROUGH = (LevelTraits(n_facets=n, crease_rad=math.radians(deg)) for n, deg in ((80_000, 0.6), (800_000, 18.0)))
@@ -112,6 +114,43 @@ def test_what_is_told_in_another_body_s_penumbra_holds(size_px, offset_m, gap_m,
             image = renderer.render(state, max_error=max_error)
             error = abs(image.irradiance_W_m2.sum(dtype=float) / truth - 1.0)
             assert error <= min(image.plan.predicted_error, max(0.1 * max_error, 2e-3)), image.plan.windows
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_what_is_told_of_several_bodies_holds(seed):
+    """Two to four, smooth and lumpy, bright and dark, within 0.5 to 3.5 px: beside 1500 rays across all of them."""
+    needed_module("embreex", "pip install 'glrender[raytrace]'")
+    from glrender.ray_engine import RayEngine
+
+    rng = np.random.default_rng(seed)
+    names = [f"body{k}" for k in range(2 + seed % 3)]
+    radii_m = [100.0, *rng.choice([100.0, 50.0, 20.0], len(names) - 1)]
+    bodies = [Body(name=name, brdf=Lambert(normal_albedo=albedo), shape=(
+        generate.icosphere(radius_m=radius_m, subdivisions=4) if is_smooth
+        else generate.contact_binary(radius_m=radius_m, seed=3, subdivisions=5)))
+        for name, radius_m, albedo, is_smooth in zip(names, radii_m, rng.choice([0.05, 0.3], len(names)),
+                                                     rng.uniform(size=len(names)) < 0.5, strict=True)]
+    # Along the image's diagonal, 30 m between them.
+    state = views.state(rng.uniform(10.0, 120.0), range_m=1e6, bodies=names, sun_in_image=rng.standard_normal(2))
+    right, down = frames.dcm(state.spacecraft.q_from_inertial)[:2]
+    along_m = np.cumsum([0.0, *(a + b + 30.0 for a, b in zip(radii_m, radii_m[1:], strict=False))])
+    state = replace(state, bodies={name: Pose(
+        r_inertial_m=(place_m - along_m.mean()) * (right + rng.uniform(0.3, 1.0) * down) / 1.1,
+        q_from_inertial=Rotation.random(random_state=rng).as_quat(scalar_first=True))
+        for name, place_m in zip(names, along_m, strict=True)})
+    camera = views.camera(24, 1e6 * rng.uniform(0.5, 3.5) / (along_m[-1] + 200.0))
+    scene = views.scene(bodies, [camera], sun_disc=False)
+    seen = view_bodies(state, camera, scene.hulls)
+    x0, y0, x1, y1 = outline(seen)
+    x, y = (low + (np.arange(1500) + 0.5) * (high - low) / 1500 for low, high in ((x0, x1), (y0, y1)))
+    truth = np.zeros((24, 24), np.float32)
+    add_by_area(truth, RayEngine(scene).lattice(x, y, camera, seen, 1500), (x0, y0, x1, y1))
+    with Renderer(scene) as renderer:
+        for max_error in (0.05, 0.02):
+            image = renderer.render(state, max_error=max_error)
+            error = views.relative_rms(image.irradiance_W_m2.astype(float), truth.astype(float))
+            assert error <= 1.1 * image.plan.predicted_error and error <= max_error
+            assert abs(image.irradiance_W_m2.sum(dtype=float) / truth.sum(dtype=float) - 1.0) <= 0.1 * max_error
 
 
 def test_what_is_left_in_a_shadow_is_told_to_err_by_more():

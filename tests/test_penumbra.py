@@ -162,3 +162,29 @@ def test_a_small_body_s_penumbras_cost_nothing(phase_deg, monkeypatch):
     error = np.sqrt(np.mean((image.irradiance_W_m2 - exact)[lit] ** 2)) / exact[lit].mean()
     assert error < image.plan.predicted_error < 0.01
     np.testing.assert_allclose(image.irradiance_W_m2.sum(), exact.sum(), rtol=1e-3)
+
+
+@pytest.mark.parametrize("max_error", [0.05, 0.02, 0.01])
+def test_hard_edges_are_not_drawn_where_they_move_the_flux(max_error):
+    """A sphere below a pixel of which a moon far sunward leaves a rim: half of the ramp falls beside the body."""
+    moon, planet = views.sphere(WHITE, 4, 128.0, "moon"), views.sphere(WHITE, 5, 100.0, "planet")
+    base = views.state(phase_deg=110.0, range_m=1e6, bodies=("moon", "planet"))
+    sun = base.r_sun_inertial_m / np.linalg.norm(base.r_sun_inertial_m)
+    aside = base.spacecraft.r_inertial_m - (base.spacecraft.r_inertial_m @ sun) * sun
+    place = 3000.0 * sun + 140.0 * aside / np.linalg.norm(aside)
+    state = replace(base, bodies={"planet": base.bodies["planet"], "moon": Pose(r_inertial_m=place)})
+    exact, hard = (_flux([moon, planet], state, sun_disc) for sun_disc in (True, False))
+    assert abs(hard / exact - 1.0) > 0.05
+    scene = views.scene([moon, planet], [views.camera(64, 4500.0)])
+    with Renderer(scene) as renderer:
+        image = renderer.render(state, max_error=max_error)
+    planet_px = image.irradiance_W_m2[28:37, 28:37].sum(dtype=float)
+    window = next(window for window in image.plan.windows if "planet" in window.bodies)
+    assert abs(planet_px / exact - 1.0) < max(0.1 * max_error, 0.002), window
+
+
+def _flux(bodies, state, sun_disc):
+    """Of the planet alone, 270 px across: the moon is beside the image."""
+    scene = views.scene(bodies, [views.camera(400, 1.35e6)], sun_disc=sun_disc)
+    with RayTracer(scene) as tracer:
+        return float(tracer.render(state, samples=8).irradiance_W_m2.sum(dtype=float))
