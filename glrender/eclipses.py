@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from glrender_camera import PinholeCamera
 
 from . import frames
 from .hull import Hull
@@ -23,6 +24,8 @@ LEAST_LEFT = 0.02
 _SPARE, _HALF_PX = 1.6, 4.5
 # RMS error that is told of as much error of the flux.
 _FLUX = 10.0
+# Steps between places that one beside the image may be within it: a body is not a sphere.
+_BESIDE_STEPS = 1.5
 # Least cosine of the Sun's height that an area is told by.
 _LEAST_RISE = 0.1
 
@@ -70,8 +73,10 @@ def casters(receiver: BodyView, views: Sequence[BodyView], hulls: Mapping[str, H
 
 
 def eclipse(receiver: BodyView, cast: Sequence[tuple[str, np.ndarray]], hulls: Mapping[str, Hull],
-            footprint_m: float, sun_radius_rad: float) -> Eclipse:
+            camera: PinholeCamera, sun_radius_rad: float) -> Eclipse:
     """What the shadows of `casters` do to the receiver: a sphere by Lambert's law, stretched to its outline.
+
+    Of a body of which the image shows a part, what they do there.
 
     Parameters
     ----------
@@ -79,17 +84,19 @@ def eclipse(receiver: BodyView, cast: Sequence[tuple[str, np.ndarray]], hulls: M
     cast : sequence of (str, (4, 4) array)
         From `casters`.
     hulls : mapping of str to Hull
-    footprint_m : float [m]
-        Of a pixel.
+    camera : PinholeCamera
     sun_radius_rad : float [rad]
         Angular radius of the Sun; 0 for one without a disc.
     """
     if not cast:
         return NO_ECLIPSE
-    disc = _Disc(receiver, hulls[receiver.name])
+    disc, footprint_m = _Disc(receiver, hulls[receiver.name], camera), receiver.depth_m[0] / camera.focal_length_px
     places_m, cell_m2, _ = _grid(disc.low_m, disc.high_m)
     bright, rise = disc.light(places_m)
     total, area_m2 = cell_m2 * float(bright.sum()), cell_m2 * float((bright / np.maximum(rise, _LEAST_RISE)).sum())
+    if not receiver.is_whole:
+        shown = min(camera.width_px * camera.height_px * footprint_m**2 / area_m2, 1.0)
+        total, area_m2 = shown * total, shown * area_m2
     lost = ramps = edges = gained = width_m = 0.0
     for name, receiver_from_caster in cast:
         gap_m = float(receiver_from_caster[:3, 3] @ receiver.sun_direction_body)
@@ -103,6 +110,8 @@ def eclipse(receiver: BodyView, cast: Sequence[tuple[str, np.ndarray]], hulls: M
             continue
         places_m, cell_m2, step_m = _grid(low_m, high_m)
         bright, rise = disc.light(places_m)
+        if not receiver.is_whole:
+            bright = bright * disc.is_in_image(places_m, rise, _BESIDE_STEPS * step_m)
         outside_m = (_WAYS.T @ places_m - (_WAYS.T @ outline_m).max(axis=1)[:, None]).max(axis=0)
         half_m = sun_radius_rad * np.maximum(gap_m - 0.5 * disc.side_m * rise, 0.0)
         width_m = max(width_m, 2.0 * float(half_m.max()))
@@ -126,9 +135,11 @@ def eclipse(receiver: BodyView, cast: Sequence[tuple[str, np.ndarray]], hulls: M
 class _Disc:
     """A body as the Sun sees it, and what of its light the camera does."""
 
-    def __init__(self, view: BodyView, hull: Hull):
-        self.plane = frames.sun_from_body(view.sun_direction_body)[:2]
-        outline_m = self.plane @ hull.points_m
+    def __init__(self, view: BodyView, hull: Hull, camera: PinholeCamera):
+        self._view, self._camera, sun_from_body = view, camera, frames.sun_from_body(view.sun_direction_body)
+        self.plane = sun_from_body[:2]
+        outline_m, heights_m = self.plane @ hull.points_m, sun_from_body[2] @ hull.points_m
+        self._from_sun, self._height_m = sun_from_body.T, 0.5 * float(heights_m.min() + heights_m.max())
         self.low_m, self.high_m = outline_m.min(axis=1), outline_m.max(axis=1)
         self.side_m = float((self.high_m - self.low_m).max())
         self._centre_m = 0.5 * (self.low_m + self.high_m)[:, None]
@@ -145,6 +156,17 @@ class _Disc:
         bright = np.maximum(radius * (self._aside @ way) + rise * self._ahead, 0.0)
         # Where a crescent is between places the disc tells.
         return (bright + 1e-6) * (radius < 1.0), rise
+
+    def is_in_image(self, places_m: np.ndarray, rise: np.ndarray, beside_m: float) -> np.ndarray:
+        """Which places (N,) are in the image, or so far beside it [m]."""
+        points_m = self._from_sun @ np.vstack([places_m, self._height_m + 0.5 * self.side_m * rise])
+        x, y, depth = self._view.camera_from_body @ (points_m - self._view.r_camera_body_m[:, None])
+        ahead = np.maximum(depth, 1e-9 * self.side_m)
+        (x0, y0, x1, y1), (cx, cy) = self._camera.bounds_px, self._camera.principal_point_px
+        left, top, right, bottom = ((edge - middle) / self._camera.focal_length_px * ahead for edge, middle in zip(
+            (x0, y0, x1, y1), (cx, cy, cx, cy), strict=True))
+        return ((depth > 0.0) & (x > left - beside_m) & (x < right + beside_m)
+                & (y > top - beside_m) & (y < bottom + beside_m))
 
 
 def _grid(low_m: np.ndarray, high_m: np.ndarray) -> tuple[np.ndarray, float, float]:

@@ -238,7 +238,7 @@ class Renderer:
                 shown_share=chunks.n_facets(shown) / traits.levels[0].n_facets,
                 seen_share=self._shadows.seen_share(view, camera),
                 penumbra=own_penumbra(view) if has_disc and not hull.is_convex else NO_PENUMBRA,
-                eclipse=eclipse(view, cast, hulls, view.depth_m[0] / camera.focal_length_px, sun_radius_rad)))
+                eclipse=eclipse(view, cast, hulls, camera, sun_radius_rad)))
         return bodies
 
     def forget_shadow_maps(self) -> None:

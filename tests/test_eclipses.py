@@ -32,7 +32,7 @@ def eclipsed(places_m, radii_m=(), phase_deg=0.0, sun_radius_rad=0.0, shape=None
         for k, (along, x, y) in enumerate(places_m)}})
     seen = view_bodies(state, scene.cameras[0], scene.hulls)
     cast = casters(seen[0], seen, scene.hulls, sun_radius_rad)
-    return eclipse(seen[0], cast, scene.hulls, seen[0].depth_m[0] / 400.0, sun_radius_rad), scene, state
+    return eclipse(seen[0], cast, scene.hulls, scene.cameras[0], sun_radius_rad), scene, state
 
 
 def left(*asked, **options):

@@ -188,3 +188,24 @@ def _flux(bodies, state, sun_disc):
     scene = views.scene(bodies, [views.camera(400, 1.35e6)], sun_disc=sun_disc)
     with RayTracer(scene) as tracer:
         return float(tracer.render(state, samples=8).irradiance_W_m2.sum(dtype=float))
+
+
+@pytest.mark.parametrize("across_m, max_error", [(10.0, 0.05), (10.0, 0.02), (20.0, 0.05)])
+def test_close_to_a_shadow_s_edge_hard_edges_cost_what_the_image_shows(across_m, max_error):
+    """A moon of 3 m over a planet of 100 m, of which the image shows that shadow alone: 2 % of the whole body."""
+    moon, planet = views.sphere(WHITE, 3, 3.0, "moon"), views.sphere(WHITE, 6, 100.0, "planet")
+    base = views.state(phase_deg=40.0, range_m=2000.0, bodies=("moon", "planet"))
+    sun = base.r_sun_inertial_m / np.linalg.norm(base.r_sun_inertial_m)
+    camera, camera_m = views.camera(200, 200 / across_m * 1900.0), base.spacecraft.r_inertial_m
+    state = replace(base, spacecraft=replace(base.spacecraft, q_from_inertial=frames.look_at(camera_m, 100.0 * sun)),
+                    bodies={"planet": base.bodies["planet"], "moon": Pose(r_inertial_m=300.0 * sun)})
+    with Renderer(views.scene([moon, planet], [camera])) as renderer:
+        image = renderer.render(state, max_error=max_error)
+    exact, hard = (_close(moon, planet, camera, state, sun_disc) for sun_disc in (True, False))
+    assert views.relative_rms(hard, exact) > 0.05
+    assert views.relative_rms(image.irradiance_W_m2.astype(float), exact) < image.plan.predicted_error <= max_error
+
+
+def _close(moon, planet, camera, state, sun_disc):
+    with RayTracer(views.scene([moon, planet], [camera], sun_disc=sun_disc)) as tracer:
+        return tracer.render(state, samples=10).irradiance_W_m2.astype(float)
