@@ -294,9 +294,9 @@ def test_a_frame_whose_edges_are_too_long_is_cut_instead(monkeypatch):
     scene, _, truth = by_middles(shape)
     drawn, draw = [], AreaEngine.draw
 
-    def watched(engine, *given):
+    def watched(engine, *given, **told):
         drawn.append(given[-2]["body"].by_middles if given[-1] is True else None)
-        return draw(engine, *given)
+        return draw(engine, *given, **told)
 
     monkeypatch.setattr(AreaEngine, "draw", watched)
     with Renderer(scene) as renderer:
