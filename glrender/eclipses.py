@@ -22,8 +22,8 @@ LEAST_LEFT = 0.02
 # What squared errors of hard edges are told more than places have it; and the width of penumbras [px] of which pixels
 # leave half.
 _SPARE, _HALF_PX = 1.6, 4.5
-# RMS error that is told of as much error of the flux.
-_FLUX = 10.0
+# RMS error that is told of as much error of the flux: ten, and what grazing shadows of bodies that are no spheres move.
+_FLUX = 15.0
 # Steps between places that one beside the image may be within it: a body is not a sphere.
 _BESIDE_STEPS = 1.5
 # Least cosine of the Sun's height that an area is told by.
@@ -42,7 +42,7 @@ class Eclipse:
         RMS error of the flux, over what is left, with one sample across the body that meets one point of the Sun's
         disc: N^-1 with N.
     error : float [1]
-        RMS error of hard edges in place of penumbras, over the mean of what is left, or ten times that of the flux.
+        RMS error of hard edges in place of penumbras, over the mean of what is left, or fifteen times that of the flux.
     width_px : float [px]
         Of the widest penumbra.
     """
