@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from glrender_camera import PinholeCamera
@@ -24,8 +25,8 @@ LEAST_LEFT = 0.02
 _SPARE, _HALF_PX = 1.6, 4.5
 # RMS error that is told of as much error of the flux: ten, and what grazing shadows of bodies that are no spheres move.
 _FLUX = 15.0
-# Steps between places that one beside the image may be within it: a body is not a sphere.
-_BESIDE_STEPS = 1.5
+# Of a body's side, how far beside the image a place may be that is in it: a body is no sphere.
+_BESIDE = 0.1
 # Least cosine of the Sun's height that an area is told by.
 _LEAST_RISE = 0.1
 
@@ -97,34 +98,29 @@ def eclipse(receiver: BodyView, cast: Sequence[tuple[str, np.ndarray]], hulls: M
     if not receiver.is_whole:
         shown = min(camera.width_px * camera.height_px * footprint_m**2 / area_m2, 1.0)
         total, area_m2 = shown * total, shown * area_m2
+    shadows = [shadow for name, receiver_from_caster in cast
+               if (shadow := _Shadow(hulls[name], receiver_from_caster, disc, sun_radius_rad)).is_cast]
     lost = ramps = edges = gained = width_m = 0.0
-    for name, receiver_from_caster in cast:
-        gap_m = float(receiver_from_caster[:3, 3] @ receiver.sun_direction_body)
-        if gap_m <= 0.0:
-            continue
-        outline_m = disc.plane @ (receiver_from_caster[:3, :3] @ hulls[name].points_m + receiver_from_caster[:3, 3:])
-        reach_m = sun_radius_rad * gap_m
-        low_m = np.maximum(outline_m.min(axis=1) - reach_m, disc.low_m)
-        high_m = np.minimum(outline_m.max(axis=1) + reach_m, disc.high_m)
-        if (high_m <= low_m).any():
-            continue
-        places_m, cell_m2, step_m = _grid(low_m, high_m)
-        bright, rise = disc.light(places_m)
-        if not receiver.is_whole:
-            bright = bright * disc.is_in_image(places_m, rise, _BESIDE_STEPS * step_m)
-        outside_m = (_WAYS.T @ places_m - (_WAYS.T @ outline_m).max(axis=1)[:, None]).max(axis=0)
-        half_m = sun_radius_rad * np.maximum(gap_m - 0.5 * disc.side_m * rise, 0.0)
-        width_m = max(width_m, 2.0 * float(half_m.max()))
-        # A ramp narrower than steps is told by one as wide.
-        wide_m = np.maximum(half_m, 0.5 * step_m)
-        sunlit = np.clip(0.5 + 0.5 * outside_m / wide_m, 0.0, 1.0)
-        lost += cell_m2 * float((bright * (1.0 - sunlit)).sum())
-        ramp, more = cell_m2 * half_m / wide_m * bright, (sunlit > 0.5) - sunlit
-        ramps += float((ramp * rise * sunlit * (1.0 - sunlit)).sum())
-        # Within a pixel, or within a body that is smaller, ramps and hard edges have nearly the same light.
-        wide_px = 2.0 * half_m / (footprint_m * min(max(receiver.size_px, 1e-9), 1.0))
-        edges += _SPARE * float((ramp * rise * wide_px / (wide_px + _HALF_PX) * more**2).sum())
-        gained += float((ramp * more).sum())
+    for index, shadow in enumerate(shadows):
+        for is_umbra, (low_m, high_m) in shadow.boxes():
+            places_m, cell_m2, step_m = _grid(low_m, high_m)
+            bright, rise = disc.light(places_m)
+            if not receiver.is_whole:
+                bright = bright * disc.is_in_image(places_m, rise)
+            covers = [each.at(places_m, rise, 0.5 * step_m) for each in shadows]
+            # What others leave of each place; and those before it, so that what two take counts once.
+            before, beside = (math.prod((1.0 - other.taken for other in some), start=np.ones_like(bright))
+                              for some in (covers[:index], covers[:index] + covers[index + 1:]))
+            own = covers[index]
+            light = cell_m2 * bright * (1.0 if is_umbra is None else own.is_dark == is_umbra)
+            lost += float((light * before * own.taken).sum())
+            ramps += float((light * own.share * rise * beside * own.taken * (1.0 - own.taken)).sum())
+            # Within a pixel, or within a body that is smaller, ramps and hard edges have nearly the same light.
+            wide_px = 2.0 * own.half_m / (footprint_m * min(max(receiver.size_px, 1e-9), 1.0))
+            more = light * own.share * beside * (own.taken - own.is_dark)
+            edges += _SPARE * float((more * (own.taken - own.is_dark) * rise * wide_px / (wide_px + _HALF_PX)).sum())
+            gained += float(more.sum())
+            width_m = max(width_m, 2.0 * float((own.narrow_m * (bright > 0.0)).max()))
     left = max(1.0 - lost / total, 0.0)
     seen = max(left, LEAST_LEFT)
     return Eclipse(left=left, noise=disc.side_m * math.sqrt(ramps) / (seen * total),
@@ -132,13 +128,65 @@ def eclipse(receiver: BodyView, cast: Sequence[tuple[str, np.ndarray]], hulls: M
                    width_px=width_m / footprint_m)
 
 
+class _Cover(NamedTuple):
+    """What a body takes of places (N,): of the Sun's disc, and of its middle.
+
+    `share` of a ramp narrower than steps, which is told by one as wide, is there; `half_m` is half the width of the
+    Sun's disc there [m], `narrow_m` no more than the body's radius.
+    """
+
+    taken: np.ndarray
+    is_dark: np.ndarray
+    share: np.ndarray
+    half_m: np.ndarray
+    narrow_m: np.ndarray
+
+
+class _Shadow:
+    """Of a body, in the Sun's plane of another; `is_cast` where it may fall on that."""
+
+    def __init__(self, hull: Hull, receiver_from_caster: np.ndarray, disc: _Disc, sun_radius_rad: float):
+        self._disc, self._sun_radius_rad = disc, sun_radius_rad
+        self._gap_m = float(receiver_from_caster[:3, 3] @ disc.sunward)
+        outline_m = disc.plane @ (receiver_from_caster[:3, :3] @ hull.extreme_m + receiver_from_caster[:3, 3:])
+        self._low_m, self._high_m = outline_m.min(axis=1), outline_m.max(axis=1)
+        self._edge_m = (_WAYS.T @ outline_m).max(axis=1)[:, None]
+        self._radius_m = 0.25 * float((self._high_m - self._low_m).sum())
+        self.is_cast = self._gap_m > 0.0 and bool(np.less(*self._box(sun_radius_rad * self._gap_m)).all())
+
+    def boxes(self) -> list[tuple[bool | None, tuple[np.ndarray, np.ndarray]]]:
+        """Where it is dark by the Sun's middle (True), where it is not, and both where one grid is fine enough."""
+        reach_m = self._sun_radius_rad * self._gap_m
+        wide = self._box(reach_m)
+        if reach_m <= self._radius_m:
+            return [(None, wide)]
+        narrow = self._box(0.0)
+        return [(False, wide), *([(True, narrow)] if np.less(*narrow).all() else [])]
+
+    def _box(self, reach_m: float) -> tuple[np.ndarray, np.ndarray]:
+        return (np.maximum(self._low_m - reach_m, self._disc.low_m),
+                np.minimum(self._high_m + reach_m, self._disc.high_m))
+
+    def at(self, places_m: np.ndarray, rise: np.ndarray, least_m: float) -> _Cover:
+        """Of places (2, N) [m], with the cosines of the Sun's height there; ramps are at least so wide."""
+        outside_m = (_WAYS.T @ places_m - self._edge_m).max(axis=0)
+        half_m = self._sun_radius_rad * np.maximum(self._gap_m - 0.5 * self._disc.side_m * rise, 0.0)
+        # A body narrower than the Sun's disc takes as much as it covers, all over a disc as wide.
+        narrow_m = np.minimum(half_m, self._radius_m)
+        wide_m = np.maximum(narrow_m, least_m)
+        ramp = np.clip(0.5 - 0.5 * (outside_m - (half_m - narrow_m)) / wide_m, 0.0, 1.0)
+        depth = np.where(half_m > 0.0, narrow_m / np.maximum(half_m, 1e-300), 1.0) ** 2
+        return _Cover(taken=depth * ramp, is_dark=outside_m < 0.0, half_m=half_m, narrow_m=narrow_m,
+                      share=np.where((ramp > 0.0) & (ramp < 1.0), narrow_m / wide_m, 1.0))
+
+
 class _Disc:
     """A body as the Sun sees it, and what of its light the camera does."""
 
     def __init__(self, view: BodyView, hull: Hull, camera: PinholeCamera):
         self._view, self._camera, sun_from_body = view, camera, frames.sun_from_body(view.sun_direction_body)
-        self.plane = sun_from_body[:2]
-        outline_m, heights_m = self.plane @ hull.points_m, sun_from_body[2] @ hull.points_m
+        self.plane, self.sunward = sun_from_body[:2], sun_from_body[2]
+        outline_m, heights_m = self.plane @ hull.extreme_m, self.sunward @ hull.extreme_m
         self._from_sun, self._height_m = sun_from_body.T, 0.5 * float(heights_m.min() + heights_m.max())
         self.low_m, self.high_m = outline_m.min(axis=1), outline_m.max(axis=1)
         self.side_m = float((self.high_m - self.low_m).max())
@@ -157,11 +205,11 @@ class _Disc:
         # Where a crescent is between places the disc tells.
         return (bright + 1e-6) * (radius < 1.0), rise
 
-    def is_in_image(self, places_m: np.ndarray, rise: np.ndarray, beside_m: float) -> np.ndarray:
-        """Which places (N,) are in the image, or so far beside it [m]."""
+    def is_in_image(self, places_m: np.ndarray, rise: np.ndarray) -> np.ndarray:
+        """Which places (N,) may be in the image."""
         points_m = self._from_sun @ np.vstack([places_m, self._height_m + 0.5 * self.side_m * rise])
         x, y, depth = self._view.camera_from_body @ (points_m - self._view.r_camera_body_m[:, None])
-        ahead = np.maximum(depth, 1e-9 * self.side_m)
+        ahead, beside_m = np.maximum(depth, 1e-9 * self.side_m), _BESIDE * self.side_m
         (x0, y0, x1, y1), (cx, cy) = self._camera.bounds_px, self._camera.principal_point_px
         left, top, right, bottom = ((edge - middle) / self._camera.focal_length_px * ahead for edge, middle in zip(
             (x0, y0, x1, y1), (cx, cy, cx, cy), strict=True))

@@ -61,7 +61,6 @@ class LevelTraits:
     flux_ratio: FluxRatio | None = None
     detail_slope: float = 0.0
 
-
     @property
     def slope(self) -> float:
         """RMS angle of creases [rad] that err as its own and its surface detail do."""

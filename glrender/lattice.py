@@ -69,7 +69,7 @@ class Lattice:
                    creases=_CREASES * level.slope**_SLOPE * lit**-_LIT / size_px,
                    penumbras=_PENUMBRAS * eclipse.noise / (flux * size_px),
                    facets_across_px=math.sqrt(FACETS_SEEN * level.n_facets / NOISE_FACETS) / size_px,
-                   light=reflectance * lit * eclipse.left * size_px**2, lit_px=left * max(size_px**2, 1.0))
+                   light=reflectance * lit * left * size_px**2, lit_px=left * max(size_px**2, 1.0))
 
     def at(self, samples_per_px: float) -> float:
         """Error with so many along a pixel's side, before `flux`, `pixels` and `centre`."""

@@ -113,7 +113,7 @@ def test_what_is_told_in_another_body_s_penumbra_holds(size_px, offset_m, gap_m,
         for max_error in (0.05, 0.02, 0.01):
             image = renderer.render(state, max_error=max_error)
             error = abs(image.irradiance_W_m2.sum(dtype=float) / truth - 1.0)
-            assert error <= min(image.plan.predicted_error, max(0.1 * max_error, 2e-3)), image.plan.windows
+            assert error <= min(image.plan.predicted_error, max(0.125 * max_error, 2e-3)), image.plan.windows
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -241,8 +241,8 @@ def test_a_moon_counts_by_its_light():
     for beside in (dark, eclipsed, black):
         assert 0.95 < beside.samples_per_px(flux=1e-3) / alone.samples_per_px(flux=1e-3) < 1.1
     assert bright.samples_per_px(flux=1e-3) > 1.5 * alone.samples_per_px(flux=1e-3)
-    nothing = Lattices([Lattice.of(moon, ROUGH, eclipse=Eclipse(left=0.0))], 1.0)
-    assert nothing.samples_per_px(flux=1e-3) == nothing.error(100.0) == 0.0
+    unseen, alone = (Lattices([Lattice.of(moon, ROUGH, eclipse=Eclipse(left=left))], 1.0) for left in (0.0, 1.0))
+    assert unseen.error(100.0) > 5.0 * alone.error(100.0), "what places do not find may be there"
 
 
 @pytest.mark.parametrize("phase_deg", [15.0, 75.0, 135.0])
