@@ -15,6 +15,7 @@ from types import MappingProxyType
 import numpy as np
 from glrender_camera import PinholeCamera, threads
 
+from .eclipses import SUN_STEPS
 from .error_model import sliver_gain
 from .facet_relief import LevelShape
 from .facet_tables import FacetTables, longest_sides_m, point_counts
@@ -42,8 +43,6 @@ _FINE = 0.15
 _AIM = 0.9
 # And what penumbras may cost of the budget.
 _PENUMBRA = 0.7
-# Points of the Sun's disc, and what steps of so many leave of the error.
-_STEPS = ((4, 0.4), (8, 0.25))
 # Longest side of a facet, in those of the scene's smallest, from which it is coarse.
 _COARSE = 2.0
 # Least error that is told: a facet's light at its middle for all of it, and rays in float32.
@@ -167,7 +166,7 @@ class AreaEngine:
                 return means, math.hypot(told, eclipse_error)
             penumbra = math.hypot(penumbra, eclipse_error)
         # Steps in place of a ramp: by points of the Sun's disc, each with hard edges.
-        for n_points, share in _STEPS:
+        for n_points, share in SUN_STEPS:
             if share * penumbra <= _PENUMBRA * budget:
                 left = math.sqrt(budget**2 - (share * penumbra) ** 2)
                 sums, total = np.zeros(grid[::-1]), 0.0

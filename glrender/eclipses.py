@@ -18,6 +18,8 @@ from .view import BodyView, between
 _WAYS = np.array([np.cos(np.arange(32) * np.pi / 16), np.sin(np.arange(32) * np.pi / 16)])
 # Places along a side of a body's disc, and of a shadow on it.
 _PLACES = 24
+SUN_STEPS = ((4, 0.4), (8, 0.25))
+"""Points of the Sun's disc in whose light areas are drawn, and what steps of so many leave of a penumbra's error."""
 LEAST_LEFT = 0.02
 """Share of a body's light below which what is left is not told apart: hulls and places tell no less."""
 # What squared errors of hard edges are told more than places have it; and the width of penumbras [px] of which pixels
