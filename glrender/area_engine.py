@@ -15,7 +15,7 @@ from types import MappingProxyType
 import numpy as np
 from glrender_camera import PinholeCamera, threads
 
-from .eclipses import SUN_STEPS
+from .eclipses import PENUMBRA_SHARE, sun_steps
 from .error_model import sliver_gain
 from .facet_relief import LevelShape
 from .facet_tables import FacetTables, longest_sides_m, point_counts
@@ -41,8 +41,6 @@ _ROWS = 64
 _FINE = 0.15
 # Of the squared budget, what is left for areas that turn out to be covered twice.
 _AIM = 0.9
-# And what penumbras may cost of the budget.
-_PENUMBRA = 0.7
 # Longest side of a facet, in those of the scene's smallest, from which it is coarse.
 _COARSE = 2.0
 # Least error that is told: a facet's light at its middle for all of it, and rays in float32.
@@ -160,24 +158,25 @@ class AreaEngine:
             return self._drawn(names, camera, views, bounds_px, grid, budget, levels, has_disc)
 
         means, penumbra = np.zeros(grid[::-1]), eclipse_error
-        if eclipse_error <= _PENUMBRA * budget:
+        if eclipse_error <= PENUMBRA_SHARE * budget:
             means, told, penumbra = made(views, math.sqrt(budget**2 - eclipse_error**2), self._scene.sun_disc)
-            if penumbra <= _PENUMBRA * budget:
+            if penumbra <= PENUMBRA_SHARE * budget:
                 return means, math.hypot(told, eclipse_error)
             penumbra = math.hypot(penumbra, eclipse_error)
         # Steps in place of a ramp: by points of the Sun's disc, each with hard edges.
-        for n_points, share in SUN_STEPS:
-            if share * penumbra <= _PENUMBRA * budget:
-                left = math.sqrt(budget**2 - (share * penumbra) ** 2)
-                sums, total = np.zeros(grid[::-1]), 0.0
-                for point in _on_disc(n_points):
-                    means, told, _ = made(_lit_from(views, point), left, False)
-                    if math.isinf(told):
-                        return means, told
-                    sums += means
-                    total += told
-                return sums / n_points, math.hypot(total / n_points, share * penumbra)
-        return means, math.inf
+        steps = sun_steps(penumbra, budget)
+        if steps is None:
+            return means, math.inf
+        n_points, share = steps
+        left = math.sqrt(budget**2 - (share * penumbra) ** 2)
+        sums, total = np.zeros(grid[::-1]), 0.0
+        for point in _on_disc(n_points):
+            means, told, _ = made(_lit_from(views, point), left, False)
+            if math.isinf(told):
+                return means, told
+            sums += means
+            total += told
+        return sums / n_points, math.hypot(total / n_points, share * penumbra)
 
     def _by_middles(self, names: Sequence[str], camera: PinholeCamera, views: list[BodyView],
                     bounds_px: tuple[float, float, float, float], grid: tuple[int, int],
@@ -243,7 +242,7 @@ class AreaEngine:
         # By pixels alone, whatever the root is times: they take no flux, and what crescents lose is the planner's.
         penumbras = sum(body.penumbra() for body in areas) * min(n_px / _FLUX**2, 1.0) if has_disc else 0.0
         penumbra = per_root * math.sqrt(penumbras)
-        if penumbra > _PENUMBRA * budget:
+        if penumbra > PENUMBRA_SHARE * budget:
             return _Cut(squared=math.inf, penumbra=penumbra)
         flux_weight = (_FLUX / (per_root * light)) ** 2
         squared = penumbras + sum(body.refine(_AIM * (most - penumbras) / len(areas), flux_weight) for body in areas)

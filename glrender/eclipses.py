@@ -20,6 +20,8 @@ _WAYS = np.array([np.cos(np.arange(32) * np.pi / 16), np.sin(np.arange(32) * np.
 _PLACES = 24
 SUN_STEPS = ((4, 0.4), (8, 0.25))
 """Points of the Sun's disc in whose light areas are drawn, and what steps of so many leave of a penumbra's error."""
+PENUMBRA_SHARE = 0.7
+"""Of the budget, what penumbras may cost areas."""
 LEAST_LEFT = 0.02
 """Share of a body's light below which what is left is not told apart: hulls and places tell no less."""
 # What squared errors of hard edges are told more than places have it; and the width of penumbras [px] of which pixels
@@ -47,7 +49,7 @@ class Eclipse:
     error : float [1]
         RMS error of hard edges in place of penumbras, over the mean of what is left, or fifteen times that of the flux.
     width_px : float [px]
-        Of the widest penumbra.
+        Of the widest penumbra, or of a narrower body that casts it.
     """
 
     left: float = 1.0
@@ -57,6 +59,11 @@ class Eclipse:
 
 
 NO_ECLIPSE = Eclipse()
+
+
+def sun_steps(error: float, budget: float) -> tuple[int, float] | None:
+    """The fewest points of the Sun's disc, and their share, with which a penumbra's error fits; None if none do."""
+    return next(((n_points, share) for n_points, share in SUN_STEPS if share * error <= PENUMBRA_SHARE * budget), None)
 
 
 def casters(receiver: BodyView, views: Sequence[BodyView], hulls: Mapping[str, Hull],
@@ -150,17 +157,17 @@ class _Shadow:
     def __init__(self, hull: Hull, receiver_from_caster: np.ndarray, disc: _Disc, sun_radius_rad: float):
         self._disc, self._sun_radius_rad = disc, sun_radius_rad
         self._gap_m = float(receiver_from_caster[:3, 3] @ disc.sunward)
+        self._reach_m = sun_radius_rad * self._gap_m
         outline_m = disc.plane @ (receiver_from_caster[:3, :3] @ hull.extreme_m + receiver_from_caster[:3, 3:])
         self._low_m, self._high_m = outline_m.min(axis=1), outline_m.max(axis=1)
         self._edge_m = (_WAYS.T @ outline_m).max(axis=1)[:, None]
         self._radius_m = 0.25 * float((self._high_m - self._low_m).sum())
-        self.is_cast = self._gap_m > 0.0 and bool(np.less(*self._box(sun_radius_rad * self._gap_m)).all())
+        self.is_cast = self._gap_m > 0.0 and bool(np.less(*self._box(self._reach_m)).all())
 
     def boxes(self) -> list[tuple[bool | None, tuple[np.ndarray, np.ndarray]]]:
         """Where it is dark by the Sun's middle (True), where it is not, and both where one grid is fine enough."""
-        reach_m = self._sun_radius_rad * self._gap_m
-        wide = self._box(reach_m)
-        if reach_m <= self._radius_m:
+        wide = self._box(self._reach_m)
+        if self._reach_m <= self._radius_m:
             return [(None, wide)]
         narrow = self._box(0.0)
         return [(False, wide), *([(True, narrow)] if np.less(*narrow).all() else [])]

@@ -15,6 +15,8 @@ import numpy as np
 from pyrr import matrix44
 from scipy.spatial.transform import Rotation
 
+GOLDEN_ANGLE_RAD = np.pi * (3.0 - np.sqrt(5.0))
+
 EYE_FROM_CAMERA = np.diag([1.0, -1.0, -1.0])
 """The one function that turns camera axes into GL's."""
 
@@ -100,6 +102,13 @@ def clip_from_sun(half_width: float, half_height: float, near: float, far: float
     """
     return matrix44.create_orthogonal_projection(
         -half_width, half_width, -half_height, half_height, near, far, dtype=np.float64).T
+
+
+def evenly_spread(index: int | np.ndarray, count: int) -> np.ndarray:
+    """One direction (3,), or some (N, 3), of `count` that are evenly spread: a Fibonacci sphere."""
+    z = 1.0 - (2.0 * index + 1.0) / count
+    return np.stack([np.sqrt(1.0 - z * z) * np.cos(GOLDEN_ANGLE_RAD * index),
+                     np.sqrt(1.0 - z * z) * np.sin(GOLDEN_ANGLE_RAD * index), z], axis=-1)
 
 
 def sun_from_body(sun_direction_body: np.ndarray) -> np.ndarray:

@@ -11,12 +11,13 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from .errors import ShapeError
+from .frames import evenly_spread
 
 # An outline or volume this close to the hull's is convex to float32 round-off of a shape file.
 _CONVEX_VOLUME_RTOL = 1e-6
 # So is its area: shells that overlap may have the hull's volume by chance.
 _CONVEX_AREA_RTOL = 1e-4
-# Directions of a Fibonacci sphere.
+# Directions by which a hull's outlines are told.
 _EXTREMES = 500
 
 
@@ -67,9 +68,7 @@ class Hull:
         """Corners (3, N) [m] that are farthest out in one of 500 directions: outlines within 0.4 % of the radius."""
         if self.points_m.shape[1] <= _EXTREMES:
             return self.points_m
-        height = 1.0 - (2.0 * np.arange(_EXTREMES) + 1.0) / _EXTREMES
-        turn, aside = np.arange(_EXTREMES) * np.pi * (3.0 - np.sqrt(5.0)), np.sqrt(1.0 - height**2)
-        directions = np.stack([aside * np.cos(turn), aside * np.sin(turn), height], axis=1)
+        directions = evenly_spread(np.arange(_EXTREMES), _EXTREMES)
         return self.points_m[:, np.unique([np.argmax(direction @ self.points_m) for direction in directions])]
 
     def is_outside(self, point_m: np.ndarray) -> bool:

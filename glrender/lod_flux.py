@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from .cache import cached_arrays
+from .frames import GOLDEN_ANGLE_RAD, evenly_spread
 from .lod import Level
 from .rays import LIFT, RayMesh
 from .scene import Body
@@ -103,13 +104,10 @@ def _measured(body: Body, levels: tuple[Level, ...]) -> dict[str, np.ndarray]:
 
 def aspect_directions(aspect: int, count: int) -> tuple[np.ndarray, np.ndarray]:
     """A direction to the camera, one of `count` that are evenly spread, and one at right angles to it."""
-    golden = np.pi * (3.0 - np.sqrt(5.0))
-    z = 1.0 - (2.0 * aspect + 1.0) / count
-    to_camera = np.array([np.sqrt(1.0 - z * z) * np.cos(golden * aspect),
-                          np.sqrt(1.0 - z * z) * np.sin(golden * aspect), z])
+    to_camera = evenly_spread(aspect, count)
     first = np.cross(to_camera, np.eye(3)[np.argmin(np.abs(to_camera))])
     first /= np.linalg.norm(first)
-    turn = 2.0 * golden * aspect
+    turn = 2.0 * GOLDEN_ANGLE_RAD * aspect
     return to_camera, np.cos(turn) * first + np.sin(turn) * np.cross(to_camera, first)
 
 

@@ -10,15 +10,15 @@ from functools import cache
 from glrender_camera import PinholeCamera
 
 from .costs import AREAS_CALL_NS, MIDDLES_CALL_NS, EngineCosts
-from .eclipses import SUN_STEPS
+from .eclipses import PENUMBRA_SHARE, sun_steps
 from .error_model import BodyTraits, thin_penumbra
 from .level_tables import AreaLevel, is_kept
 from .render_plan import BodyPlan, LevelPlan
 from .view import BodyView
 
-# Of the budget, what penumbras may cost; what a facet's light varies by where it is seen from, over its angle, and a
-# pixel's solid angle within it, over its angle.
-_FLOOR, _UNEVEN, _PIXEL_ERROR = 0.7, 0.3, 0.3
+# What a facet's light varies by where it is seen from, over its angle, and a pixel's solid angle within it, over its
+# angle.
+_UNEVEN, _PIXEL_ERROR = 0.3, 0.3
 # Of a level of detail: of the budget, what its image may take, and its flux's error, of which there may be so many
 # times the scatter between aspects; and pixels that its centre of brightness may be off, over the budget squared:
 # 0.01 px at a budget of 0.02. Of budgets beyond that one, so much of what is beyond in diameters, if that is more.
@@ -241,9 +241,8 @@ def _cost(each: Sequence[tuple[_Candidates, AreaLevel | None]], budget: float, c
     left = math.sqrt(max(budget**2 - floor**2 - error**2, 0.0))
     ns = math.inf
     eclipse_error = max(body.eclipse_error for body, _ in each)
-    images = next((n_points for n_points, share in ((1, 1.0), *SUN_STEPS)
-                   if share * eclipse_error <= _FLOOR * budget), 0)
-    if left and images and floor <= _FLOOR * budget and not (by_middles and error > _MIDDLES_SHARE * budget):
+    steps = (1, 1.0) if eclipse_error <= PENUMBRA_SHARE * budget else sun_steps(eclipse_error, budget)
+    if left and steps and floor <= PENUMBRA_SHARE * budget and not (by_middles and error > _MIDDLES_SHARE * budget):
         phase_rad = max(body.view.phase_rad for body, _ in each)
         facing = facing_share(phase_rad)
         n_facets = sum(body.n_facets(level) for body, level in each)
@@ -262,7 +261,7 @@ def _cost(each: Sequence[tuple[_Candidates, AreaLevel | None]], budget: float, c
                   + (len(each) - 1) * MIDDLES_CALL_NS
                   + sum(body.cutting_ns(level, costs) for body, level in each))
         else:
-            ns = ((_SEVERAL if len(each) > 1 else 1.0) * images
+            ns = ((_SEVERAL if len(each) > 1 else 1.0) * steps[0]
                   * costs.areas_ns(n_facets, n_facing, n_px, facet_px, crease_rad, phase_rad, left))
         if n_normals := sum(level.n_normals for _, level in each if level):
             ns += anew * (n_normals + _RELIEF * n_facets) * facing * shown_share * _NORMAL * costs.area_ns

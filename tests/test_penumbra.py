@@ -151,7 +151,7 @@ def test_a_small_body_s_penumbras_cost_nothing(phase_deg, monkeypatch):
     What was told of them had four to eight images drawn, by points of the Sun's disc.
     """
     monkeypatch.setenv("GLRENDER_ENGINE_COSTS", "1e4 1e3 1e4 1e4 1")
-    monkeypatch.setattr("glrender.area_engine.SUN_STEPS", ())
+    monkeypatch.setattr("glrender.eclipses.SUN_STEPS", ())
     scene = views.scene([sweeps._binary(6)], [views.camera(40, 200.0)])
     state = views.state(phase_deg=phase_deg)
     with Renderer(scene) as renderer, RayTracer(scene) as tracer:
