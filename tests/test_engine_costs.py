@@ -21,9 +21,21 @@ def test_measured_once_and_kept(tmp_path, monkeypatch):
     with Context() as context:
         costs = engine_costs(context, True, tmp_path)
         assert all(0.1 < ns < 1e6 for ns in astuple(costs))
-        np.testing.assert_allclose(np.log2(astuple(costs)) * 2.0 % 1.0, 0.0, atol=1e-9)
+        quarters = 4.0 * np.log2(astuple(costs))
+        np.testing.assert_allclose(quarters, np.round(quarters), atol=1e-9)
         monkeypatch.setattr(module, "_measured", None)
         assert engine_costs(context, True, tmp_path) == costs
+
+
+def test_rounds_until_another_meets_the_fastest(monkeypatch, caplog):
+    seconds = iter([*[2.0] * 8, *[1.0] * 7, 1.5, *[3.0] * 15, 1.02, 1.0, *[2.0] * 7])
+    monkeypatch.setattr(module, "_seconds", lambda draw: next(seconds) * draw())
+    assert module._fastest([lambda: 1.0]) == [1.0]
+    assert next(seconds, None) == 1.0 and not caplog.records
+    frames = iter(range(1, 1000))
+    monkeypatch.setattr(module, "_seconds", lambda draw: 1.1 ** -(next(frames) // 8))
+    assert module._fastest([lambda: 1.0]) == pytest.approx([1.1**-12])
+    assert "Other work slows this machine" in caplog.text and "costs" in caplog.text
 
 
 def test_given_costs_decide_and_are_told(monkeypatch):
