@@ -29,7 +29,7 @@ LEAST_LEFT = 0.02
 _SPARE, _HALF_PX = 1.6, 4.5
 # RMS error that is told of as much error of the flux: ten, and what grazing shadows of bodies that are no spheres move.
 _FLUX = 15.0
-# Of a body's side, how far beside the image a place may be that is in it: a body is no sphere.
+# Of a body's side, how far beside the image a place may be whose penumbra is in it: a body is no sphere.
 _BESIDE = 0.1
 # Least cosine of the Sun's height that an area is told by.
 _LEAST_RISE = 0.1
@@ -105,7 +105,9 @@ def eclipse(receiver: BodyView, cast: Sequence[tuple[str, np.ndarray]], hulls: M
     bright, rise = disc.light(places_m)
     total, area_m2 = cell_m2 * float(bright.sum()), cell_m2 * float((bright / np.maximum(rise, _LEAST_RISE)).sum())
     if not receiver.is_whole:
-        shown = min(camera.width_px * camera.height_px * footprint_m**2 / area_m2, 1.0)
+        # Of a body that is much larger than the image no place may be in it.
+        inside = float((bright * disc.is_in_image(places_m, rise)).sum() / bright.sum())
+        shown = min(camera.width_px * camera.height_px * footprint_m**2 / area_m2, 1.0, inside or 1.0)
         total, area_m2 = shown * total, shown * area_m2
     shadows = [shadow for name, receiver_from_caster in cast
                if (shadow := _Shadow(hulls[name], receiver_from_caster, disc, sun_radius_rad)).is_cast]
@@ -114,15 +116,17 @@ def eclipse(receiver: BodyView, cast: Sequence[tuple[str, np.ndarray]], hulls: M
         for is_umbra, (low_m, high_m) in shadow.boxes():
             places_m, cell_m2, step_m = _grid(low_m, high_m)
             bright, rise = disc.light(places_m)
+            inside = 1.0
             if not receiver.is_whole:
-                bright = bright * disc.is_in_image(places_m, rise)
+                inside = disc.is_in_image(places_m, rise)
+                bright = bright * disc.is_in_image(places_m, rise, _BESIDE)
             covers = [each.at(places_m, rise, 0.5 * step_m) for each in shadows]
             # What others leave of each place; and those before it, so that what two take counts once.
             before, beside = (math.prod((1.0 - other.taken for other in some), start=np.ones_like(bright))
                               for some in (covers[:index], covers[:index] + covers[index + 1:]))
             own = covers[index]
             light = cell_m2 * bright * (1.0 if is_umbra is None else own.is_dark == is_umbra)
-            lost += float((light * before * own.taken).sum())
+            lost += float((light * inside * before * own.taken).sum())
             ramps += float((light * own.share * rise * beside * own.taken * (1.0 - own.taken)).sum())
             # Within a pixel, or within a body that is smaller, ramps and hard edges have nearly the same light.
             wide_px = 2.0 * own.half_m / (footprint_m * min(max(receiver.size_px, 1e-9), 1.0))
@@ -156,13 +160,14 @@ class _Shadow:
 
     def __init__(self, hull: Hull, receiver_from_caster: np.ndarray, disc: _Disc, sun_radius_rad: float):
         self._disc, self._sun_radius_rad = disc, sun_radius_rad
-        self._gap_m = float(receiver_from_caster[:3, 3] @ disc.sunward)
+        self._gap_m = max(float(receiver_from_caster[:3, 3] @ disc.sunward), 0.0)
         self._reach_m = sun_radius_rad * self._gap_m
-        outline_m = disc.plane @ (receiver_from_caster[:3, :3] @ hull.extreme_m + receiver_from_caster[:3, 3:])
+        outline_m = disc.plane @ disc.sunward_part(
+            receiver_from_caster[:3, :3] @ hull.extreme_m + receiver_from_caster[:3, 3:])
         self._low_m, self._high_m = outline_m.min(axis=1), outline_m.max(axis=1)
         self._edge_m = (_WAYS.T @ outline_m).max(axis=1)[:, None]
         self._radius_m = 0.25 * float((self._high_m - self._low_m).sum())
-        self.is_cast = self._gap_m > 0.0 and bool(np.less(*self._box(self._reach_m)).all())
+        self.is_cast = bool(np.less(*self._box(self._reach_m)).all())
 
     def boxes(self) -> list[tuple[bool | None, tuple[np.ndarray, np.ndarray]]]:
         """Where it is dark by the Sun's middle (True), where it is not, and both where one grid is fine enough."""
@@ -214,11 +219,21 @@ class _Disc:
         # Where a crescent is between places the disc tells.
         return (bright + 1e-6) * (radius < 1.0), rise
 
-    def is_in_image(self, places_m: np.ndarray, rise: np.ndarray) -> np.ndarray:
-        """Which places (N,) may be in the image."""
+    def sunward_part(self, points_m: np.ndarray) -> np.ndarray:
+        """Of a hull's corners (3, N) [m], those that are sunward of the body's middle, and where it is as high as that.
+
+        One corner where none are: it has no outline.
+        """
+        height_m = self.sunward @ points_m
+        top = int(np.argmax(height_m))
+        to_top_m, rise_m = points_m[:, top, None] - points_m, height_m[top] - height_m
+        return points_m + np.clip((self._height_m - height_m) / np.maximum(rise_m, 1e-300), 0.0, 1.0) * to_top_m
+
+    def is_in_image(self, places_m: np.ndarray, rise: np.ndarray, beside: float = 0.0) -> np.ndarray:
+        """Which places (N,) are in the image, or beside it by no more than so many of the body's sides."""
         points_m = self._from_sun @ np.vstack([places_m, self._height_m + 0.5 * self.side_m * rise])
         x, y, depth = self._view.camera_from_body @ (points_m - self._view.r_camera_body_m[:, None])
-        ahead, beside_m = np.maximum(depth, 1e-9 * self.side_m), _BESIDE * self.side_m
+        ahead, beside_m = np.maximum(depth, 1e-9 * self.side_m), beside * self.side_m
         (x0, y0, x1, y1), (cx, cy) = self._camera.bounds_px, self._camera.principal_point_px
         left, top, right, bottom = ((edge - middle) / self._camera.focal_length_px * ahead for edge, middle in zip(
             (x0, y0, x1, y1), (cx, cy, cx, cy), strict=True))

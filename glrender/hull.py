@@ -5,8 +5,6 @@ Inside the hull (a neck, a crater) the surface itself decides.
 
 from __future__ import annotations
 
-from functools import cached_property
-
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
@@ -34,6 +32,8 @@ class Hull:
     ----------
     points_m : (3, H) float64 [m]
         Its corners.
+    extreme_m : (3, N) float64 [m]
+        Those farthest out in one of 500 directions: outlines within 0.4 % of the radius.
     radius_m : float [m]
         Of the farthest from the origin.
     is_convex : bool
@@ -52,6 +52,10 @@ class Hull:
             raise ShapeError("shape", f"has no convex hull: {str(error).splitlines()[0]}") from None
         points_m = vertices_m[hull.vertices]
         self.points_m = np.ascontiguousarray(points_m.T)
+        self.extreme_m = self.points_m
+        if len(points_m) > _EXTREMES:
+            directions = evenly_spread(np.arange(_EXTREMES), _EXTREMES)
+            self.extreme_m = self.points_m[:, np.unique([np.argmax(way @ self.points_m) for way in directions])]
         self.radius_m = float(np.linalg.norm(points_m, axis=1).max())
         self._planes = hull.equations
         self._corners = (vertices_m, facets)
@@ -62,14 +66,6 @@ class Hull:
         area = 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
         self.is_convex = bool(abs(volume - hull.volume) <= _CONVEX_VOLUME_RTOL * hull.volume
                               and abs(area - hull.area) <= _CONVEX_AREA_RTOL * hull.area)
-
-    @cached_property
-    def extreme_m(self) -> np.ndarray:
-        """Corners (3, N) [m] that are farthest out in one of 500 directions: outlines within 0.4 % of the radius."""
-        if self.points_m.shape[1] <= _EXTREMES:
-            return self.points_m
-        directions = evenly_spread(np.arange(_EXTREMES), _EXTREMES)
-        return self.points_m[:, np.unique([np.argmax(direction @ self.points_m) for direction in directions])]
 
     def is_outside(self, point_m: np.ndarray) -> bool:
         """Whether a point (3,) [m] is outside the surface."""

@@ -174,7 +174,7 @@ class _Window:
         if self._phase_rad > _SLIVER_PHASE_RAD and budget < _SLIVER_BUDGET:
             slivers = _SLIVER_SAMPLES + _THIN_SAMPLES_PER_RAD * max(self._phase_rad - _THIN_PHASE_RAD, 0.0)
         centre = 0.0 if is_few else _CENTRE / (asked * self._largest_px)
-        self._least = math.ceil(min(max(self._across / self._largest_px, slivers, centre), MAX_SAMPLES))
+        self._least = math.ceil(min(max(self._across / self._outline_px, slivers, centre), MAX_SAMPLES))
         self._by_areas = choose_areas(members, traits, self._drawn, camera, budget, error_gain, costs,
                                       n_px=self._n_px, shown_share=shown)
         # Of shadow maps and levels of detail: rays have neither. And without the edges of shadows, or with usual ones.
@@ -199,7 +199,7 @@ class _Window:
     def choice(self, samples: int | None) -> WindowChoice:
         has_rays = math.isfinite(self._costs.ray_ns)
         is_small = self._outline_px < _SMALL_PX or self._is_apart or (
-            len(self._members) == 1 and min(self._across / MAX_SAMPLES, _LARGEST_OWN_PX) > self._largest_px)
+            min(self._across / MAX_SAMPLES, _LARGEST_OWN_PX) > self._outline_px)
         areas_ns = self._by_areas.ns if has_rays and samples is None else math.inf
         if samples is None and is_small:
             grid_ns, grid = self._own_grid(has_rays)

@@ -12,19 +12,21 @@ from glrender.backends.raytrace import RayTracer
 from glrender.brdf import Lambert
 from glrender.constants import AU_M, SUN_RADIUS_M
 from glrender.eclipses import casters, eclipse
+from glrender.hull import Hull
 from glrender.scene import Body
 from glrender.view import view_bodies
 from missing import needed_module
+from scipy.spatial.transform import Rotation
 
 LAW, SUN_RAD = Lambert(normal_albedo=0.3), SUN_RADIUS_M / AU_M
 
 
-def eclipsed(places_m, radii_m=(), phase_deg=0.0, sun_radius_rad=0.0, shape=None, n_px=64, au=1.0):
+def eclipsed(places_m, radii_m=(), phase_deg=0.0, sun_radius_rad=0.0, shape=None, n_px=64, au=1.0, focal_px=400.0):
     """Of a sphere of 100 m, or a shape, what spheres at such places [m] leave: along the Sun, and aside."""
     shape = shape or generate.icosphere(radius_m=100.0, subdivisions=5)
     bodies = [Body(name="body", shape=shape, brdf=LAW)] + [
         views.sphere(LAW, 4, radius_m, f"moon{k}") for k, radius_m in enumerate(radii_m)]
-    scene = views.scene(bodies, [views.camera(n_px, 400.0)], sun_disc=sun_radius_rad > 0.0)
+    scene = views.scene(bodies, [views.camera(n_px, focal_px)], sun_disc=sun_radius_rad > 0.0)
     state = views.state(phase_deg, bodies=[body.name for body in bodies], sun_distance_au=au)
     aside_x, aside_y, sunward = frames.sun_from_body(state.r_sun_inertial_m / np.linalg.norm(state.r_sun_inertial_m))
     state = replace(state, bodies={**state.bodies, **{
@@ -107,6 +109,35 @@ def test_a_point_sun_has_no_penumbra():
     assert told.noise == told.error == told.width_px == 0.0
 
 
+def test_hard_edges_within_a_body_smaller_than_a_pixel_cost_what_its_disc_has_of_them():
+    """However small it is; less than of one of many pixels. Where the moon is, edges move no flux."""
+    found = [eclipsed([(6000.0, 58.0, 0.0)], [80.0], sun_radius_rad=SUN_RAD, focal_px=size_px * 9.5)[0].error
+             for size_px in (0.1, 0.5, 1.0, 5.0, 50.0)]
+    assert found[0] == pytest.approx(found[1]) == pytest.approx(found[2])
+    assert found[2] < 0.7 * found[3] < 0.49 * found[4]
+
+
+def test_a_penumbra_within_another_s_umbra_costs_nothing():
+    near, both = (eclipsed(places_m, radii_m, sun_radius_rad=SUN_RAD)[0] for places_m, radii_m in (
+        ([(400.0, 0.0, 0.0)], [80.0]), ([(400.0, 0.0, 0.0), (6000.0, 0.0, 0.0)], [80.0, 30.0])))
+    far, *_ = eclipsed([(6000.0, 0.0, 0.0)], [30.0], sun_radius_rad=SUN_RAD)
+    assert both.error == pytest.approx(near.error, rel=0.05) and far.error > 2.0 * near.error
+
+
+def test_a_long_body_casts_by_what_is_sunward_of_another():
+    """An ellipsoid at 45 deg, and a small sphere below or above its sunward end, whose middle is sunward of its own."""
+    sphere = generate.icosphere(radius_m=1.0, subdivisions=4)
+    long_m = Rotation.from_euler("y", 45.0, degrees=True).apply(sphere.vertices_m * [60.0, 60.0, 300.0])
+    hulls = {"small": Hull(10.0 * sphere.vertices_m, sphere.facets), "long": Hull(long_m, sphere.facets)}
+    state, camera = views.state(60.0, bodies=["small", "long"]), views.camera(64, 400.0)
+    for height_m, expected in ((60.0, 0.0), (240.0, 1.0)):
+        posed = replace(state, r_sun_inertial_m=[0.0, 0.0, AU_M], bodies={
+            "small": Pose(r_inertial_m=[150.0, 0.0, height_m]), "long": Pose(r_inertial_m=np.zeros(3))})
+        small, long = view_bodies(posed, camera, hulls)
+        told = eclipse(small, casters(small, [small, long], hulls), hulls, camera, 0.0)
+        assert told.left == pytest.approx(expected, abs=0.01)
+
+
 @pytest.mark.parametrize("n_moons", [1, 3])
 def test_what_is_left_is_as_rays_find_it(n_moons):
     """Of moons over a sphere and over a lumpy body, 0 to 150 deg."""
@@ -166,3 +197,37 @@ def test_an_eclipse_beside_the_image_costs_nothing():
         cast = casters(seen[0], seen, scene.hulls, SUN_RAD)
         errors.append(eclipse(seen[0], cast, scene.hulls, camera, SUN_RAD).error)
     assert errors[0] > 0.05 and errors[1] == 0.0
+
+
+def flux(scene, state, names, seen=None):
+    """Light [W/m2] of the pixels that show the body itself, of the scene with such bodies, and which those are."""
+    bodies = [body for body in scene.bodies if body.name in names]
+    with RayTracer(views.scene(bodies, scene.cameras, sun_disc=False)) as tracer:
+        image = tracer.render(replace(state, bodies={name: state.bodies[name] for name in names}), max_error=0.01,
+                              products=["body_id"])
+    seen = image.products["body_id"] == 0 if seen is None else seen
+    return float(image.irradiance_W_m2[seen].sum(dtype=float)), seen
+
+
+@pytest.mark.parametrize("size_px", [3.0, 20.0])
+@pytest.mark.parametrize("aside_m, least, most", [(60.0, 0.01, 0.1), (-110.0, 0.9, 1.0)])
+def test_what_is_left_of_a_body_that_is_half_beside_the_image(size_px, aside_m, least, most):
+    """Half of it is in a large moon's shadow: that which the image shows, or the other."""
+    needed_module("embreex", "pip install 'glrender[raytrace]'")
+    _, scene, state = eclipsed([(800.0, 0.0, 0.0)], [100.0], 30.0)
+    sun, to_camera = (place / np.linalg.norm(place) for place in (state.r_sun_inertial_m,
+                                                                  state.spacecraft.r_inertial_m))
+    across = np.cross(sun, to_camera) / np.linalg.norm(np.cross(sun, to_camera))
+    # Its middle is on the edge of an image that is 20 bodies wide.
+    camera = views.camera(round(20.0 * size_px), size_px / 200.0 * 1900.0)
+    state = replace(state, spacecraft=replace(state.spacecraft, q_from_inertial=frames.look_at(
+        state.spacecraft.r_inertial_m, 2105.0 * across)), bodies={
+        **state.bodies, "moon0": Pose(r_inertial_m=800.0 * sun + aside_m * across)})
+    scene = replace(scene, cameras=[camera])
+    body, moon = view_bodies(state, camera, scene.hulls)
+    assert not body.is_whole
+    told = eclipse(body, casters(body, [body, moon], scene.hulls), scene.hulls, camera, 0.0).left
+    eclipsed_flux, seen = flux(scene, state, ["body", "moon0"])
+    found = eclipsed_flux / flux(scene, state, ["body"], seen)[0]
+    assert least <= found <= most
+    assert told == pytest.approx(found, abs=0.1)

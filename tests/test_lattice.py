@@ -117,8 +117,9 @@ def test_what_is_told_in_another_body_s_penumbra_holds(size_px, offset_m, gap_m,
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_what_is_told_of_several_bodies_holds(seed):
-    """Two to four, smooth and lumpy, bright and dark, within 0.5 to 3.5 px: beside 1500 rays across all of them."""
+@pytest.mark.parametrize("sizes_px", [(0.5, 3.5), (4.5, 14.0)])
+def test_what_is_told_of_several_bodies_holds(sizes_px, seed):
+    """Two to four, smooth and lumpy, bright and dark, within so many pixels: beside 1500 rays across all of them."""
     needed_module("embreex", "pip install 'glrender[raytrace]'")
     from glrender.ray_engine import RayEngine
 
@@ -138,7 +139,7 @@ def test_what_is_told_of_several_bodies_holds(seed):
         r_inertial_m=(place_m - along_m.mean()) * (right + rng.uniform(0.3, 1.0) * down) / 1.1,
         q_from_inertial=Rotation.random(random_state=rng).as_quat(scalar_first=True))
         for name, place_m in zip(names, along_m, strict=True)})
-    camera = views.camera(24, 1e6 * rng.uniform(0.5, 3.5) / (along_m[-1] + 200.0))
+    camera = views.camera(24, 1e6 * rng.uniform(*sizes_px) / (along_m[-1] + 200.0))
     scene = views.scene(bodies, [camera], sun_disc=False)
     seen = view_bodies(state, camera, scene.hulls)
     x0, y0, x1, y1 = outline(seen)
