@@ -16,8 +16,9 @@ from .view import BodyView, between
 
 # Ways by which an outline is told in the Sun's plane, (2, W).
 _WAYS = np.array([np.cos(np.arange(32) * np.pi / 16), np.sin(np.arange(32) * np.pi / 16)])
-# Places along a side of a body's disc, and of a shadow on it.
+# Places of a body's disc, and of a shadow on it: along a side, and all of them, (2, N) of the box.
 _PLACES = 24
+_GRID = (np.indices((_PLACES, _PLACES)).reshape(2, -1)[::-1] + 0.5) / _PLACES
 SUN_STEPS = ((4, 0.4), (8, 0.25))
 """Points of the Sun's disc in whose light areas are drawn, and what steps of so many leave of a penumbra's error."""
 PENUMBRA_SHARE = 0.7
@@ -101,6 +102,10 @@ def eclipse(receiver: BodyView, cast: Sequence[tuple[str, np.ndarray]], hulls: M
     if not cast:
         return NO_ECLIPSE
     disc, footprint_m = _Disc(receiver, hulls[receiver.name], camera), receiver.depth_m[0] / camera.focal_length_px
+    shadows = [shadow for name, receiver_from_caster in cast
+               if (shadow := _Shadow(hulls[name], receiver_from_caster, disc, sun_radius_rad)).is_cast]
+    if not shadows:
+        return NO_ECLIPSE
     places_m, cell_m2, _ = _grid(disc.low_m, disc.high_m)
     bright, rise = disc.light(places_m)
     total, area_m2 = cell_m2 * float(bright.sum()), cell_m2 * float((bright / np.maximum(rise, _LEAST_RISE)).sum())
@@ -109,8 +114,6 @@ def eclipse(receiver: BodyView, cast: Sequence[tuple[str, np.ndarray]], hulls: M
         inside = float((bright * disc.is_in_image(places_m, rise)).sum() / bright.sum())
         shown = min(camera.width_px * camera.height_px * footprint_m**2 / area_m2, 1.0, inside or 1.0)
         total, area_m2 = shown * total, shown * area_m2
-    shadows = [shadow for name, receiver_from_caster in cast
-               if (shadow := _Shadow(hulls[name], receiver_from_caster, disc, sun_radius_rad)).is_cast]
     lost = ramps = edges = gained = width_m = 0.0
     for index, shadow in enumerate(shadows):
         for is_umbra, (low_m, high_m) in shadow.boxes():
@@ -243,6 +246,5 @@ class _Disc:
 
 def _grid(low_m: np.ndarray, high_m: np.ndarray) -> tuple[np.ndarray, float, float]:
     """Places (2, N) [m] within a box, the area of each [m2], and the longer step [m]."""
-    step_m = (high_m - low_m) / _PLACES
-    x, y = low_m[:, None] + (np.arange(_PLACES) + 0.5) * step_m[:, None]
-    return np.stack([axis.ravel() for axis in np.meshgrid(x, y)]), float(step_m.prod()), float(step_m.max())
+    side_m = high_m - low_m
+    return low_m[:, None] + _GRID * side_m[:, None], float(side_m.prod()) / _PLACES**2, float(side_m.max()) / _PLACES
