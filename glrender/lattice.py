@@ -102,6 +102,10 @@ class Lattices:
         """RMS error of pixels over the mean of the lit ones, with so many samples along a pixel's side."""
         return _joined(self._pixels, samples_per_px)
 
+    def flux_error(self, samples_per_px: float) -> float:
+        """That of the flux, the same."""
+        return _joined(self._flux, samples_per_px)
+
     def samples_per_px(self, *, flux: float = math.inf, pixels: float = math.inf,
                        centre_px: float = math.inf) -> float:
         """Samples along a pixel's side whose errors of all three are no larger."""

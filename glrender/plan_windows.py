@@ -164,7 +164,7 @@ class _Window:
             for view, level, body in zip(members, self._full, self._drawn, strict=True)], min(self._outline_px, 1e5))
         self._is_apart = apart_size_px(members) < apart_px
         # No PSF smooths the error of the flux or of the centre.
-        asked = budget * error_gain
+        self._asked = asked = budget * error_gain
         is_few = self._is_apart or self._largest_px < _LARGEST_OWN_PX
         per_px = self._lattices.samples_per_px(flux=_FLUX_SHARE * asked,
                                                centre_px=_CENTRE_SHARE * asked if is_few else math.inf)
@@ -260,12 +260,13 @@ class _Window:
         raster_ns = (RASTER_CALL_NS + self._facets_ns + self._shadows_ns
                      + math.prod(grid) * self._sample_ns)
         rays_ns = self._costs.rays_ns(math.prod(grid) * _dear_share(self._lit), self._n_facing)
-        sampling = self._lattices.error(per_px)
+        sampling, flux_error = self._lattices.error(per_px), self._lattices.flux_error(per_px)
         is_rays = not has_raster or rays_ns < raster_ns or (
             has_rays and math.hypot(self._floor, sampling) > self._budget)
         floor = 0.0 if is_rays else self._floor
         return rays_ns if is_rays else raster_ns, self._plan(
             "rays" if is_rays else "raster", samples=0, grid=grid, bounds_px=bounds, modelling_error=floor,
+            flux_error=flux_error if flux_error > _FLUX_SHARE * self._asked * (1.0 + 1e-6) else 0.0,
             predicted_error=math.hypot(floor, sampling))
 
     def _raster(self, samples: int | None) -> tuple[float, WindowPlan]:

@@ -126,6 +126,8 @@ class WindowPlan:
     refined_share: float = 0.0
     """Of the region's pixels."""
     levels: tuple[LevelPlan, ...] = ()
+    flux_error: float = 0.0
+    """Of a grid of its own that has fewer samples than a flux within a tenth of the budget asks for; 0 elsewhere."""
 
 
 @dataclass(frozen=True, kw_only=True)

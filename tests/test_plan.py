@@ -353,3 +353,23 @@ def test_crescents_that_no_grid_samples_have_no_more_than_for_their_sums():
     for phase_deg in (178.0, 179.9, 180.0):
         window, = windows([view(size_px=3.0, phase_deg=phase_deg)], 0.1)
         assert max(window.grid) <= 1.05 * 1024 and window.predicted_error > 0.1
+
+
+@pytest.mark.parametrize("phase_deg, is_enough", [(60.0, True), (150.0, False)])
+def test_samples_too_few_for_the_flux_are_told(phase_deg, is_enough):
+    """Of a rough crescent 1024 across it are not enough, though its pixels are within the budget."""
+    member, known = view(size_px=3.0, phase_deg=phase_deg), traits(LevelTraits(n_facets=1_000_000, crease_rad=0.3))
+    drawn = [plan.plan_body(member, known, CAMERA, (), 0.02, None)]
+    choice, = plan_windows.plan_windows([member], {"body": known}, drawn, CAMERA, 0.02, 1.0,
+                                        replace(RASTER, ray_ns=50.0), None)
+    told = plan.told_plan(CAMERA, 0.02, [member], {"body": known}, drawn, [choice.first], False)
+    assert choice.first.predicted_error <= 0.02 and (choice.first.flux_error == 0.0) == is_enough
+    assert any("for a flux within 0.002" in line for line in told.left_out) != is_enough
+
+
+def test_several_bodies_that_are_few_pixels_have_a_grid_as_one_has():
+    """Beyond 4 px, where 16 x 16 samples a pixel are too few for their flux; not beyond 32 px."""
+    for size_px, is_own in ((5.0, True), (12.0, True), (40.0, False)):
+        members = [view("one", size_px, 60.0), view("other", 0.5 * size_px, 60.0)]
+        window, = windows(members, 0.005, costs=replace(RASTER, ray_ns=50.0))
+        assert (window.samples == 0) == is_own
