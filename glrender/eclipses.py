@@ -165,12 +165,14 @@ class _Shadow:
         self._disc, self._sun_radius_rad = disc, sun_radius_rad
         self._gap_m = max(float(receiver_from_caster[:3, 3] @ disc.sunward), 0.0)
         self._reach_m = sun_radius_rad * self._gap_m
-        outline_m = disc.plane @ disc.sunward_part(
-            receiver_from_caster[:3, :3] @ hull.extreme_m + receiver_from_caster[:3, 3:])
+        corners_m = receiver_from_caster[:3, :3] @ hull.extreme_m + receiver_from_caster[:3, 3:]
+        outline_m = disc.plane @ corners_m
         self._low_m, self._high_m = outline_m.min(axis=1), outline_m.max(axis=1)
         self._edge_m = (_WAYS.T @ outline_m).max(axis=1)[:, None]
         self._radius_m = 0.25 * float((self._high_m - self._low_m).sum())
-        self.is_cast = bool(np.less(*self._box(self._reach_m)).all())
+        # Of a body that reaches beyond the receiver's middle, all of it is taken to be sunward.
+        self.is_cast = (float((disc.sunward @ corners_m).max()) > disc.height_m
+                        and bool(np.less(*self._box(self._reach_m)).all()))
 
     def boxes(self) -> list[tuple[bool | None, tuple[np.ndarray, np.ndarray]]]:
         """Where it is dark by the Sun's middle (True), where it is not, and both where one grid is fine enough."""
@@ -204,7 +206,7 @@ class _Disc:
         self._view, self._camera, sun_from_body = view, camera, frames.sun_from_body(view.sun_direction_body)
         self.plane, self.sunward = sun_from_body[:2], sun_from_body[2]
         outline_m, heights_m = self.plane @ hull.extreme_m, self.sunward @ hull.extreme_m
-        self._from_sun, self._height_m = sun_from_body.T, 0.5 * float(heights_m.min() + heights_m.max())
+        self._from_sun, self.height_m = sun_from_body.T, 0.5 * float(heights_m.min() + heights_m.max())
         self.low_m, self.high_m = outline_m.min(axis=1), outline_m.max(axis=1)
         self.side_m = float((self.high_m - self.low_m).max())
         self._centre_m = 0.5 * (self.low_m + self.high_m)[:, None]
@@ -222,19 +224,9 @@ class _Disc:
         # Where a crescent is between places the disc tells.
         return (bright + 1e-6) * (radius < 1.0), rise
 
-    def sunward_part(self, points_m: np.ndarray) -> np.ndarray:
-        """Of a hull's corners (3, N) [m], those that are sunward of the body's middle, and where it is as high as that.
-
-        One corner where none are: it has no outline.
-        """
-        height_m = self.sunward @ points_m
-        top = int(np.argmax(height_m))
-        to_top_m, rise_m = points_m[:, top, None] - points_m, height_m[top] - height_m
-        return points_m + np.clip((self._height_m - height_m) / np.maximum(rise_m, 1e-300), 0.0, 1.0) * to_top_m
-
     def is_in_image(self, places_m: np.ndarray, rise: np.ndarray, beside: float = 0.0) -> np.ndarray:
         """Which places (N,) are in the image, or beside it by no more than so many of the body's sides."""
-        points_m = self._from_sun @ np.vstack([places_m, self._height_m + 0.5 * self.side_m * rise])
+        points_m = self._from_sun @ np.vstack([places_m, self.height_m + 0.5 * self.side_m * rise])
         x, y, depth = self._view.camera_from_body @ (points_m - self._view.r_camera_body_m[:, None])
         ahead, beside_m = np.maximum(depth, 1e-9 * self.side_m), beside * self.side_m
         (x0, y0, x1, y1), (cx, cy) = self._camera.bounds_px, self._camera.principal_point_px

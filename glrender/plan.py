@@ -167,8 +167,8 @@ def told_plan(camera: PinholeCamera, max_error: float, views: Sequence[BodyView]
             left_out.append(_detail_left_out(body, known))
         if body.level:
             left_out.append(f"{view.name}: {known.levels[body.level].n_facets} of {known.levels[0].n_facets} facets")
-    left_out += [f"{', '.join(window.bodies)}: samples for a flux within {0.1 * max_error:.2g}: {window.flux_error:.2g}"
-                 " is expected" for window in windows if window.flux_error]
+    left_out += [f"{', '.join(window.bodies)}: samples for a flux within a tenth of the budget: it may be off by up to "
+                 f"{window.flux_error:.2g}" for window in windows if window.flux_error]
     predicted = max((window.predicted_error for window in windows), default=0.0)
     if predicted > max_error * (1.0 + 1e-6) and any(math.isfinite(window.budget) for window in windows):
         warnings.append(f"the budget of {max_error:g} is not met: {predicted:.2g} is expected; "

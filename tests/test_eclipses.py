@@ -124,18 +124,27 @@ def test_a_penumbra_within_another_s_umbra_costs_nothing():
     assert both.error == pytest.approx(near.error, rel=0.05) and far.error > 2.0 * near.error
 
 
-def test_a_long_body_casts_by_what_is_sunward_of_another():
-    """An ellipsoid at 45 deg, and a small sphere below or above its sunward end, whose middle is sunward of its own."""
+@pytest.mark.parametrize("widths_m", [(60.0, 60.0, 300.0), (100.0, 100.0, 10.0)])
+def test_a_tilted_body_casts_where_it_is_sunward_of_another(widths_m):
+    """Of a long or flat ellipsoid the sunward end; of a small sphere the middle is sunward of its own in both."""
     sphere = generate.icosphere(radius_m=1.0, subdivisions=4)
-    long_m = Rotation.from_euler("y", 45.0, degrees=True).apply(sphere.vertices_m * [60.0, 60.0, 300.0])
-    hulls = {"small": Hull(10.0 * sphere.vertices_m, sphere.facets), "long": Hull(long_m, sphere.facets)}
-    state, camera = views.state(60.0, bodies=["small", "long"]), views.camera(64, 400.0)
-    for height_m, expected in ((60.0, 0.0), (240.0, 1.0)):
+    turned = Rotation.from_euler("y", 45.0 if widths_m[2] > 100.0 else -45.0, degrees=True)
+    tilted_m = turned.apply(sphere.vertices_m * widths_m)
+    hulls = {"small": Hull(10.0 * sphere.vertices_m, sphere.facets), "tilted": Hull(tilted_m, sphere.facets)}
+    state, camera = views.state(60.0, bodies=["small", "tilted"]), views.camera(64, 400.0)
+    end_m = 0.5 * max(widths_m)
+    for height_m, expected in ((0.4 * end_m, 0.0), (1.6 * end_m, 1.0)):
         posed = replace(state, r_sun_inertial_m=[0.0, 0.0, AU_M], bodies={
-            "small": Pose(r_inertial_m=[150.0, 0.0, height_m]), "long": Pose(r_inertial_m=np.zeros(3))})
-        small, long = view_bodies(posed, camera, hulls)
-        told = eclipse(small, casters(small, [small, long], hulls), hulls, camera, 0.0)
+            "small": Pose(r_inertial_m=[end_m, 0.0, height_m]), "tilted": Pose(r_inertial_m=np.zeros(3))})
+        small, tilted = view_bodies(posed, camera, hulls)
+        told = eclipse(small, casters(small, [small, tilted], hulls), hulls, camera, 0.0)
         assert told.left == pytest.approx(expected, abs=0.01)
+
+
+def test_a_planet_far_from_its_moon_overflows_nowhere():
+    with np.errstate(all="raise"):
+        told, *_ = eclipsed([(4e9, 0.0, 0.0)], [7e6], sun_radius_rad=SUN_RAD)
+    assert 0.0 < told.left < 1.0
 
 
 @pytest.mark.parametrize("n_moons", [1, 3])

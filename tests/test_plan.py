@@ -364,7 +364,7 @@ def test_samples_too_few_for_the_flux_are_told(phase_deg, is_enough):
                                         replace(RASTER, ray_ns=50.0), None)
     told = plan.told_plan(CAMERA, 0.02, [member], {"body": known}, drawn, [choice.first], False)
     assert choice.first.predicted_error <= 0.02 and (choice.first.flux_error == 0.0) == is_enough
-    assert any("for a flux within 0.002" in line for line in told.left_out) != is_enough
+    assert any("for a flux within" in line for line in told.left_out) != is_enough
 
 
 def test_several_bodies_that_are_few_pixels_have_a_grid_as_one_has():
