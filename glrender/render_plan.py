@@ -127,7 +127,7 @@ class WindowPlan:
     """Of the region's pixels."""
     levels: tuple[LevelPlan, ...] = ()
     flux_error: float = 0.0
-    """At most, of a grid of its own with fewer samples than a flux within a tenth of the budget asks for; 0 elsewhere."""
+    """At most, of an own grid with fewer samples than a flux within a tenth of the budget asks for; 0 elsewhere."""
 
 
 @dataclass(frozen=True, kw_only=True)
