@@ -6,6 +6,7 @@ import hashlib
 import logging
 import math
 import os
+import resource
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
@@ -35,6 +36,9 @@ _log = logging.getLogger(__name__)
 _NAME = "costs9-"
 # Frames of each kind in a round, fewest and most rounds, and how nearly alike the two fastest are on a quiet machine.
 _FRAMES, _LEAST_ROUNDS, _ROUNDS, _MET_AGAIN = 8, 4, 12, 1.08
+# Times a second that other work takes a core from it: 60 to 112 on a quiet machine of two, 735 to 1063 beside one
+# process that is busy.
+_SWITCHES_PER_S = 300.0
 _SUBDIVISIONS = 6
 _SIZE_PX, _SAMPLES = 1024, 4
 # Pixels of the sphere by areas; what real bodies take more, whose horizons are high and whose facets cover samples.
@@ -143,18 +147,25 @@ def _draw(context: Context, target: Target, mesh: Mesh, size_px: int) -> np.ndar
 
 
 def _fastest(draws: Sequence[Callable[[], object]]) -> np.ndarray:
-    """Seconds of the fastest frame of each, once another round has met it again: other work slows one, not both."""
+    """Seconds of the fastest frame of each, once the machine is quiet and another round has met it again."""
     for draw in draws:
         draw()
     rounds = []
     while len(rounds) < _ROUNDS:
+        began, switches = time.perf_counter(), _switches()
         rounds.append([min(_seconds(draw) for _ in range(_FRAMES)) for draw in draws])
+        is_quiet = _switches() - switches <= _SWITCHES_PER_S * (time.perf_counter() - began)
         seconds = np.sort(rounds, axis=0)
-        if len(rounds) >= _LEAST_ROUNDS and (seconds[1] <= _MET_AGAIN * seconds[0]).all():
+        if len(rounds) >= _LEAST_ROUNDS and is_quiet and (seconds[1] <= _MET_AGAIN * seconds[0]).all():
             return seconds[0]
     _log.warning("Other work slows this machine: what its engines cost may be wrong, and frames slower than they need "
-                 "be; delete %s/%s* when it is quiet", cache_folder(), _NAME)
+                 "be; delete %s* in %s when it is quiet, or give $GLRENDER_ENGINE_COSTS", _NAME, cache_folder())
     return seconds[0]
+
+
+def _switches() -> int:
+    """How often other work took a core from this process."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_nivcsw
 
 
 def _seconds(draw: Callable[[], object]) -> float:

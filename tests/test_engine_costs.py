@@ -28,6 +28,7 @@ def test_measured_once_and_kept(tmp_path, monkeypatch):
 
 
 def test_rounds_until_another_meets_the_fastest(monkeypatch, caplog):
+    monkeypatch.setattr(module, "_switches", lambda: 0)
     seconds = iter([*[2.0] * 8, *[1.0] * 7, 1.5, *[3.0] * 15, 1.02, 1.0, *[2.0] * 7])
     monkeypatch.setattr(module, "_seconds", lambda draw: next(seconds) * draw())
     assert module._fastest([lambda: 1.0]) == [1.0]
@@ -35,7 +36,15 @@ def test_rounds_until_another_meets_the_fastest(monkeypatch, caplog):
     frames = iter(range(1, 1000))
     monkeypatch.setattr(module, "_seconds", lambda draw: 1.1 ** -(next(frames) // 8))
     assert module._fastest([lambda: 1.0]) == pytest.approx([1.1**-12])
-    assert "Other work slows this machine" in caplog.text and "costs" in caplog.text
+    assert "Other work slows this machine" in caplog.text and "$GLRENDER_ENGINE_COSTS" in caplog.text
+
+
+def test_a_machine_that_is_busy_all_the_time_is_told_of(monkeypatch, caplog):
+    """Its frames are all as slow: cores that are taken away tell of it."""
+    switches = iter(range(0, 1_000_000, 1000))
+    monkeypatch.setattr(module, "_switches", lambda: next(switches))
+    assert module._fastest([lambda: None])[0] < 1.0
+    assert "Other work slows this machine" in caplog.text
 
 
 def test_given_costs_decide_and_are_told(monkeypatch):
