@@ -111,25 +111,25 @@ def eclipse(receiver: BodyView, cast: Sequence[tuple[str, np.ndarray]], hulls: M
     total, area_m2 = cell_m2 * float(bright.sum()), cell_m2 * float((bright / np.maximum(rise, _LEAST_RISE)).sum())
     if not receiver.is_whole:
         # Of a body that is much larger than the image no place may be in it.
-        inside = float((bright * disc.is_in_image(places_m, rise)).sum() / bright.sum())
-        shown = min(camera.width_px * camera.height_px * footprint_m**2 / area_m2, 1.0, inside or 1.0)
+        in_image = float(bright[disc.beside(places_m, rise) < 0.0].sum() / bright.sum())
+        shown = min(camera.width_px * camera.height_px * footprint_m**2 / area_m2, 1.0, in_image or 1.0)
         total, area_m2 = shown * total, shown * area_m2
     lost = ramps = edges = gained = width_m = 0.0
     for index, shadow in enumerate(shadows):
         for is_umbra, (low_m, high_m) in shadow.boxes():
             places_m, cell_m2, step_m = _grid(low_m, high_m)
             bright, rise = disc.light(places_m)
-            inside = 1.0
+            is_inside = True
             if not receiver.is_whole:
-                inside = disc.is_in_image(places_m, rise)
-                bright = bright * disc.is_in_image(places_m, rise, _BESIDE)
+                beside_image = disc.beside(places_m, rise)
+                is_inside, bright = beside_image < 0.0, bright * (beside_image < _BESIDE)
             covers = [each.at(places_m, rise, 0.5 * step_m) for each in shadows]
             # What others leave of each place; and those before it, so that what two take counts once.
             before, beside = (math.prod((1.0 - other.taken for other in some), start=np.ones_like(bright))
                               for some in (covers[:index], covers[:index] + covers[index + 1:]))
             own = covers[index]
             light = cell_m2 * bright * (1.0 if is_umbra is None else own.is_dark == is_umbra)
-            lost += float((light * inside * before * own.taken).sum())
+            lost += float((light * is_inside * before * own.taken).sum())
             ramps += float((light * own.share * rise * beside * own.taken * (1.0 - own.taken)).sum())
             # Within a pixel, or within a body that is smaller, ramps and hard edges have nearly the same light.
             wide_px = 2.0 * own.half_m / (footprint_m * min(max(receiver.size_px, 1e-9), 1.0))
@@ -224,16 +224,15 @@ class _Disc:
         # Where a crescent is between places the disc tells.
         return (bright + 1e-6) * (radius < 1.0), rise
 
-    def is_in_image(self, places_m: np.ndarray, rise: np.ndarray, beside: float = 0.0) -> np.ndarray:
-        """Which places (N,) are in the image, or beside it by no more than so many of the body's sides."""
+    def beside(self, places_m: np.ndarray, rise: np.ndarray) -> np.ndarray:
+        """How far beside the image places (N,) are, in sides of the body: below 0 within, inf behind the camera."""
         points_m = self._from_sun @ np.vstack([places_m, self.height_m + 0.5 * self.side_m * rise])
         x, y, depth = self._view.camera_from_body @ (points_m - self._view.r_camera_body_m[:, None])
-        ahead, beside_m = np.maximum(depth, 1e-9 * self.side_m), beside * self.side_m
+        ahead = np.maximum(depth, 1e-9 * self.side_m)
         (x0, y0, x1, y1), (cx, cy) = self._camera.bounds_px, self._camera.principal_point_px
         left, top, right, bottom = ((edge - middle) / self._camera.focal_length_px * ahead for edge, middle in zip(
             (x0, y0, x1, y1), (cx, cy, cx, cy), strict=True))
-        return ((depth > 0.0) & (x > left - beside_m) & (x < right + beside_m)
-                & (y > top - beside_m) & (y < bottom + beside_m))
+        return np.where(depth > 0.0, np.max([left - x, x - right, top - y, y - bottom], axis=0) / self.side_m, np.inf)
 
 
 def _grid(low_m: np.ndarray, high_m: np.ndarray) -> tuple[np.ndarray, float, float]:

@@ -147,6 +147,16 @@ def test_a_planet_far_from_its_moon_overflows_nowhere():
     assert 0.0 < told.left < 1.0
 
 
+def flux(scene, state, names, seen=None, max_error=0.01):
+    """Light [W/m2] of the pixels that show the body itself, where no moon hides it, and which those are."""
+    bodies = [body for body in scene.bodies if body.name in names]
+    with RayTracer(views.scene(bodies, scene.cameras, sun_disc=False)) as tracer:
+        image = tracer.render(replace(state, bodies={name: state.bodies[name] for name in names}), max_error=max_error,
+                              products=["body_id"])
+    seen = image.products["body_id"] == 0 if seen is None else seen
+    return float(image.irradiance_W_m2[seen].sum(dtype=float)), seen
+
+
 @pytest.mark.parametrize("n_moons", [1, 3])
 def test_what_is_left_is_as_rays_find_it(n_moons):
     """Of moons over a sphere and over a lumpy body, 0 to 150 deg."""
@@ -157,16 +167,8 @@ def test_what_is_left_is_as_rays_find_it(n_moons):
         places = [(rng.uniform(150.0, 1000.0), *rng.uniform(-110.0, 110.0, 2)) for _ in range(n_moons)]
         radii_m, phase_deg = rng.uniform(30.0, 110.0, n_moons) / n_moons**0.5, rng.uniform(0.0, 150.0)
         told, scene, state = eclipsed(places, radii_m, phase_deg, shape=shapes[case % 2])
-        flux, seen = [], None
-        for bodies in (scene.bodies, scene.bodies[:1]):
-            names = [body.name for body in bodies]
-            posed = replace(state, bodies={name: state.bodies[name] for name in names})
-            with RayTracer(views.scene(bodies, scene.cameras, sun_disc=False)) as tracer:
-                image = tracer.render(posed, max_error=0.02, products=["body_id"])
-            # Where the moon hides it nothing is told.
-            seen = image.products["body_id"] == 0 if seen is None else seen
-            flux.append(float(image.irradiance_W_m2[seen].sum(dtype=float)))
-        errors.append(told.left - flux[0] / flux[1])
+        found, seen = flux(scene, state, list(scene.hulls), max_error=0.02)
+        errors.append(told.left - found / flux(scene, state, ["body"], seen, max_error=0.02)[0])
     assert np.mean(np.abs(errors) < 0.1) >= 0.85 and max(errors) < 0.4, np.round(errors, 3)
 
 
@@ -206,16 +208,6 @@ def test_an_eclipse_beside_the_image_costs_nothing():
         cast = casters(seen[0], seen, scene.hulls, SUN_RAD)
         errors.append(eclipse(seen[0], cast, scene.hulls, camera, SUN_RAD).error)
     assert errors[0] > 0.05 and errors[1] == 0.0
-
-
-def flux(scene, state, names, seen=None):
-    """Light [W/m2] of the pixels that show the body itself, of the scene with such bodies, and which those are."""
-    bodies = [body for body in scene.bodies if body.name in names]
-    with RayTracer(views.scene(bodies, scene.cameras, sun_disc=False)) as tracer:
-        image = tracer.render(replace(state, bodies={name: state.bodies[name] for name in names}), max_error=0.01,
-                              products=["body_id"])
-    seen = image.products["body_id"] == 0 if seen is None else seen
-    return float(image.irradiance_W_m2[seen].sum(dtype=float)), seen
 
 
 @pytest.mark.parametrize("size_px", [3.0, 20.0])
