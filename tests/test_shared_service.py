@@ -109,12 +109,12 @@ def test_a_frame_beyond_its_deadline_leaves_no_memory_behind(tmp_path, truth):
 
 
 def test_a_client_that_gave_up_gets_its_next_frame_and_no_other(tmp_path, truth):
-    with serving.server(tmp_path, scene=SCENE) as (endpoint, process), \
+    with serving.server(tmp_path, scene=LARGE) as (endpoint, process), \
             Client(endpoint, shared_memory=True, timeout_s=60.0, retries=0) as client:
         for seed in range(8):
             client._timeout_s = 0.002
             with pytest.raises(RequestTimeout):
-                client.render(at(100 + seed), "navcam", samples=8)
+                client.render(at(100 + seed), "wide", samples=4)
             client._timeout_s = 60.0
             np.testing.assert_array_equal(client.render(at(seed), "navcam", output="dn", seed=seed).pixels, truth(seed))
         assert len(slots_of(process)) <= 4
