@@ -24,20 +24,23 @@ from .view import BodyView
 
 # Squared error of what 1, 2, 3 bisections cut off a triangle, over its light squared: times its area in pixels, or the
 # square of it, and of a crowd of small ones, which err together, more.
-_CUT_ERRORS, _CROWD = (0.066, 0.0205, 0.018), 0.2
+_CUT_ERRORS, _CROWD = (0.066, 0.019, 0.01), 0.2
 # Of their light, what images are too dark by, as what overlaps where cuts are coarse is taken off: at 60 deg.
 _CUT_BIASES = (0.015, 0.003, 0.0)
 # Of the squared light of the largest facet, what another body may take between its corners unseen.
 _OF_LARGEST = 0.1
-# All that is told is times: a least, and one over the root of the number of facets that bring the error, as the sum of
-# few scatters; at most; and more from a phase angle on, over so many radians: edges pass between corners that agree.
-_SPREAD, _SPREAD_OF_FEW, _MOST_SPREAD = 0.5, 7.0, 3.0
-_LOW_SPREAD, _LOW_SPREAD_RAD, _OVER_RAD = 0.5, 2.0, 0.52
+# All that is told is times: a least, before and after looking closer, and one over the root of the number of facets that
+# bring the error, as the sum of few scatters; at most; and more from a phase angle on, over so many radians: edges pass
+# between corners that agree.
+_SPREAD, _LOOKED_SPREAD, _SPREAD_OF_FEW, _MOST_SPREAD = 0.5, 0.4, 7.0, 3.0
+_LOW_SPREAD, _LOW_SPREAD_RAD, _OVER_RAD = 0.3, 2.0, 0.52
 # And where edges have one facet only: sheets and blades are thin.
 _OPEN_SPREAD = 2.0
-# Error of edges that pass between corners that agree: over that of three bisections; where they are looked for, over
-# that and over what was found, at first and at last, all of it less from look to look.
-_MISSED, _STILL_MISSED, _OF_FOUND, _OF_EARLIER, _OF_LOOK, _WHOLE_ERROR = 0.6, 0.1, 0.6, 0.4, 0.5, 0.1
+# Squared error of edges that pass between corners that agree, as of a cut; where they are looked for, that, and the error
+# over what was found, at first and at last, all of it less from look to look.
+_MISSED, _STILL_MISSED, _OF_FOUND, _OF_EARLIER, _OF_LOOK, _WHOLE_ERROR = 0.0065, 2e-4, 0.6, 0.4, 0.5, 0.1
+# Bisections of what is cut after looking closer: the third takes as long as dividing three in ten, which tells more.
+_LOOKED_BISECTIONS = 2
 # Squared light of a facet over the squared error that is allowed for all, from which it is divided first: of one that
 # has more than a share of all light, of others, and of all that may have light between dark corners.
 _LARGE, _LARGE_SHARE, _OTHERS, _TORN = 2.0, 2e-3, 60.0, 0.25
@@ -101,7 +104,7 @@ class SunlitAreas:
         self.area_px, self.n_areas, self.has_facing = float(area_px.sum()), len(area_px), len(facing) > 0
         # No product of matrices here: BLAS keeps threads of its own spinning, which takes the time of others' frames.
         self.light = float((area_px * self._radiance[facet]).sum())
-        self._spread = self._spread_of(self._light_squared(self._mixed))
+        self._spread = self._spread_of(self._light_squared(self._mixed), _SPREAD)
 
     def refine(self, most_squared: float, flux_weight: float) -> float:
         """Cut, and look closer and divide before, until the pixels' squared errors are below this, if they can be.
@@ -127,18 +130,20 @@ class SunlitAreas:
         """Cut what is mixed, with what looking closer finds."""
         triangles = self._mixed
         light = float((self._radiance.take(triangles.facet) * triangles.area_px).sum())
-        errors = [float(self._squared(triangles, n).sum()) for n in (1, 2, 3)]
-        unseen = _MISSED**2 * errors[-1] + self._behind_others()
-        for n, (error, bias) in enumerate(zip(errors, _CUT_BIASES, strict=True), 1):
-            told = error + unseen + flux_weight * (bias * light) ** 2
+        squared = float(self._squared(triangles).sum())
+        unseen = _MISSED * squared + self._behind_others()
+        for n, (error, bias) in enumerate(zip(_CUT_ERRORS, _CUT_BIASES, strict=True), 1):
+            told = error * squared + unseen + flux_weight * (bias * light) ** 2
             if told <= most_squared:
                 self._cutter.cut_off(triangles, n)
                 return told
-        triangles, told = self._closer(triangles, _STILL_MISSED**2 * errors[-1], most_squared)
+        self._spread = self._spread_of(self._light_squared(triangles), _LOOKED_SPREAD)
+        triangles, told = self._closer(triangles, _STILL_MISSED * float(self._squared(triangles).sum()), most_squared)
+        cut_error = _CUT_ERRORS[_LOOKED_BISECTIONS - 1]
         left = []
         allowed = told if told > most_squared else max(most_squared - told, _LEAST_LEFT * most_squared)
         for _ in range(_MOST_DIVISIONS):
-            squared = self._squared(triangles, 3)
+            squared = cut_error * self._squared(triangles)
             if squared.sum() <= allowed:
                 break
             order = np.argsort(-squared)
@@ -147,8 +152,8 @@ class SunlitAreas:
             rest = float(squared[order[n:]].sum())
             told, allowed = told + rest, allowed - rest
             triangles = self._cutter.keep_even(self._cutter.quarters(triangles.at(order[:n])))
-        told += float(self._squared(triangles, 3).sum())
-        self._cutter.cut_off(FacetParts.joined([*left, triangles]), 3)
+        told += cut_error * float(self._squared(triangles).sum())
+        self._cutter.cut_off(FacetParts.joined([*left, triangles]), _LOOKED_BISECTIONS)
         return told
 
     def penumbra(self) -> float:
@@ -357,16 +362,16 @@ class SunlitAreas:
 
         threads.run_in_parts(work, len(facet), _SHADED_AT_ONCE if self._relief is None else _WITH_RELIEF_AT_ONCE)
 
-    def _spread_of(self, squared: np.ndarray) -> float:
+    def _spread_of(self, squared: np.ndarray, least: float) -> float:
         """Error over what is told by squared errors (N,), in any unit: they are as good as they are many."""
         n = float(squared.sum()) ** 2 / max(float((squared * squared).sum()), 1e-300)
         low = min(max((self._view.phase_rad - _LOW_SPREAD_RAD) / _OVER_RAD, 0.0), 1.0)
         return ((1.0 + _LOW_SPREAD * low) * (1.0 if self._facets.is_closed else _OPEN_SPREAD)
-                * min(_SPREAD + _SPREAD_OF_FEW / math.sqrt(max(n, 1.0)), _MOST_SPREAD))
+                * min(least + _SPREAD_OF_FEW / math.sqrt(max(n, 1.0)), _MOST_SPREAD))
 
-    def _squared(self, triangles: FacetParts, n_bisections: int) -> np.ndarray:
-        """Squared errors (N,) that cuts leave, in units of radiance squared."""
-        return _CUT_ERRORS[n_bisections - 1] * self._spread**2 * self._light_squared(triangles)
+    def _squared(self, triangles: FacetParts) -> np.ndarray:
+        """Squared errors (N,), over those of cuts, in units of radiance squared."""
+        return self._spread**2 * self._light_squared(triangles)
 
     def _light_squared(self, triangles: FacetParts) -> np.ndarray:
         """Squared light (N,) of triangles, of a pixel's share of each: what cuts' errors are in proportion to."""
