@@ -59,9 +59,9 @@ class EngineCosts:
         each = 1.0 + _APART * math.log2(1.0 + n_facets / max(n_rays, 1.0))
         return RAYS_CALL_NS + each * max(n_rays * self.ray_ns, min(n_rays, RAYS_AT_ONCE) * self.lone_ray_ns)
 
-    def areas_ns(self, n_facets: float, n_facing: float, n_px: float, facet_px: float, crease_rad: float,
-                 phase_rad: float, budget: float) -> float:
-        """Of a window by areas.
+    def areas_ns(self, n_facets: float, n_facing: float, n_px: float = 0.0, facet_px: float = 0.0,
+                 crease_rad: float = 0.0, phase_rad: float = 0.0, budget: float = 1.0) -> float:
+        """Of a window by areas; by numbers of facets alone, the least that it may be.
 
         Parameters
         ----------

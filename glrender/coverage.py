@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba.types import complex128, float64, int32, intp, void
+from numba.types import complex128, float32, float64, int32, intp, void
 
 from .compiled import compiled, inlined, read, write
 
@@ -26,6 +26,7 @@ _TINY = 1e-300
 # Small facets whose shares are worked out at once.
 _AT_ONCE = 256
 _CHANGES, _NUMBERS, _VALUES, _VECTOR = write(complex128, 2), read(intp, 1), read(complex128, 1), read(float64, 1, "A")
+_TABLE = read(float64, 2)
 
 
 def no_changes(shape: tuple[int, int]) -> np.ndarray:
@@ -248,16 +249,59 @@ def _add_wide(changes, ax, ay, bx, by, cx, cy, value):
     changes[below, column + 2] -= last * value
 
 
+@inlined
+def _find_shares(x, y, n, rows, columns, cell, is_small, part):
+    """Of triangles (3, n) in cells' coordinates: the first cell, and the areas of all, in its row, column and in it.
+
+    Without a branch, as processors do it for several at once.
+    """
+    for i in range(n):
+        ax, bx, cx, ay, by, cy = x[0, i], x[1, i], x[2, i], y[0, i], y[1, i], y[2, i]
+        x0, x1, x2 = _in_order(ax, bx, cx)
+        y0, y1, y2 = _in_order(ay, by, cy)
+        column, row = math.floor(x0), math.floor(y0)
+        # Of one row or column all is in the first.
+        right, bottom = min(column + 1.0, x2), min(row + 1.0, y2)
+        area = 0.5 * abs((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
+        part[0, i], part[1, i] = area, area * _part_below(y0, y1, y2, bottom)
+        part[2, i] = area * _part_below(x0, x1, x2, right)
+        part[3, i] = _corner(ax, ay, bx, by, cx, cy, right, bottom)
+        is_small[i] = ((x0 >= 0.0) & (x2 < columns) & (y0 >= 0.0) & (y2 < rows) & (x2 <= column + 2.0)
+                       & (y2 <= row + 2.0) & (area >= 0.0))
+        cell[0, i], cell[1, i] = np.int32(row), np.int32(column)
+
+
+@inlined
+def _add_shares(changes, x, y, value, n, cell, is_small, part):
+    """Add such triangles to four cells each; those that have more column by column. Of no value (n,) nothing."""
+    for i in range(n):
+        shown = complex(value[i], 1.0 if value[i] != 0.0 else 0.0)
+        if not is_small[i]:
+            _add_wide(changes, x[0, i], y[0, i], x[1, i], y[1, i], x[2, i], y[2, i], shown)
+            continue
+        row, column = cell[0, i], cell[1, i]
+        area, top, left, corner = part[0, i], part[1, i], part[2, i], part[3, i]
+        last = top - corner
+        changes[row, column] += corner * shown
+        changes[row, column + 1] += (last - corner) * shown
+        changes[row, column + 2] -= last * shown
+        # Of what ends in the last row nothing is below.
+        below, next_row = left - corner, min(row + 1, changes.shape[0] - 1)
+        last = area - left - last
+        changes[next_row, column] += below * shown
+        changes[next_row, column + 1] += (last - below) * shown
+        changes[next_row, column + 2] -= last * shown
+
+
 @compiled(void(_CHANGES, read(float64, 2), read(intp, 2), read(float64, 1), intp, intp, intp, _VECTOR, _VECTOR))
 def add_small(changes, xy, corners, radiance, first, block, every, origin, per_px):
     """The same as `add_lit`, sooner where most facets have no more than two columns and two rows of cells.
 
     Of facets that face the camera: those that do not would count where they are small. By what of each is in which of
-    the four: worked out of many at a time, without a branch, as processors do it for several at once.
+    the four, many at a time.
     """
     rows, columns = float(changes.shape[0]), float(changes.shape[1] - 2)
     x, y, value = np.empty((3, _AT_ONCE)), np.empty((3, _AT_ONCE)), np.empty(_AT_ONCE)
-    # Of each its first cell, and the areas of all of it, in its first row, in its first column, and in its first cell.
     cell, is_small, part = np.empty((2, _AT_ONCE), np.int32), np.empty(_AT_ONCE, np.bool_), np.empty((4, _AT_ONCE))
     for begin in range(first, len(radiance), every):
         facet, end = begin, min(begin + block, len(radiance))
@@ -272,37 +316,41 @@ def add_small(changes, xy, corners, radiance, first, block, every, origin, per_p
                     value[n] = radiance[facet]
                     n += 1
                 facet += 1
-            for i in range(n):
-                ax, bx, cx, ay, by, cy = x[0, i], x[1, i], x[2, i], y[0, i], y[1, i], y[2, i]
-                x0, x1, x2 = _in_order(ax, bx, cx)
-                y0, y1, y2 = _in_order(ay, by, cy)
-                column, row = math.floor(x0), math.floor(y0)
-                # Of one row or column all is in the first.
-                right, bottom = min(column + 1.0, x2), min(row + 1.0, y2)
-                area = 0.5 * abs((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
-                part[0, i], part[1, i] = area, area * _part_below(y0, y1, y2, bottom)
-                part[2, i] = area * _part_below(x0, x1, x2, right)
-                part[3, i] = _corner(ax, ay, bx, by, cx, cy, right, bottom)
-                is_small[i] = ((x0 >= 0.0) & (x2 < columns) & (y0 >= 0.0) & (y2 < rows) & (x2 <= column + 2.0)
-                               & (y2 <= row + 2.0) & (area >= 0.0))
-                cell[0, i], cell[1, i] = np.int32(row), np.int32(column)
-            for i in range(n):
-                shown = complex(value[i], 1.0)
-                if not is_small[i]:
-                    _add_wide(changes, x[0, i], y[0, i], x[1, i], y[1, i], x[2, i], y[2, i], shown)
-                    continue
-                row, column = cell[0, i], cell[1, i]
-                area, top, left, corner = part[0, i], part[1, i], part[2, i], part[3, i]
-                last = top - corner
-                changes[row, column] += corner * shown
-                changes[row, column + 1] += (last - corner) * shown
-                changes[row, column + 2] -= last * shown
-                # Of what ends in the last row nothing is below.
-                below, next_row = left - corner, min(row + 1, changes.shape[0] - 1)
-                last = area - left - last
-                changes[next_row, column] += below * shown
-                changes[next_row, column + 1] += (last - below) * shown
-                changes[next_row, column + 2] -= last * shown
+            _find_shares(x, y, n, rows, columns, cell, is_small, part)
+            _add_shares(changes, x, y, value, n, cell, is_small, part)
+
+
+@compiled(void(_CHANGES, read(float32, 2), read(float64, 1), intp, intp, intp, _TABLE, _VECTOR, float64, _VECTOR,
+               _VECTOR, _VECTOR))
+def add_seen(changes, corners_m, radiance, first, block, every, turn, shift_m, focal_length_px, middle_px, origin,
+             per_px):
+    """The same of triangles in space: corners (9, N) [m], x, y and z of each, which are turned and shifted before.
+
+    They lie side by side: what is looked up is slower than what is worked out again for each triangle of a corner.
+    """
+    rows, columns = float(changes.shape[0]), float(changes.shape[1] - 2)
+    x, y = np.empty((2, 3, _AT_ONCE))
+    cell, is_small, part = np.empty((2, _AT_ONCE), np.int32), np.empty(_AT_ONCE, np.bool_), np.empty((4, _AT_ONCE))
+    # Numbers, not places in arrays, which might be the ones that are written.
+    a, b, c = focal_length_px * per_px[0] * turn[0]
+    d, e, f = focal_length_px * per_px[1] * turn[1]
+    g, h, k = turn[2]
+    across, down, deep = (focal_length_px * per_px[0] * shift_m[0], focal_length_px * per_px[1] * shift_m[1],
+                          shift_m[2])
+    left, top = (middle_px[0] - origin[0]) * per_px[0], (middle_px[1] - origin[1]) * per_px[1]
+    for begin in range(first, len(radiance), every):
+        for start in range(begin, min(begin + block, len(radiance)), _AT_ONCE):
+            end = min(start + _AT_ONCE, begin + block, len(radiance))
+            for corner in range(3):
+                u, v, w = (corners_m[3 * corner, start:end], corners_m[3 * corner + 1, start:end],
+                           corners_m[3 * corner + 2, start:end])
+                to_x, to_y = x[corner], y[corner]
+                for i in range(end - start):
+                    per_depth = 1.0 / (g * u[i] + h * v[i] + k * w[i] + deep)
+                    to_x[i] = left + per_depth * (a * u[i] + b * v[i] + c * w[i] + across)
+                    to_y[i] = top + per_depth * (d * u[i] + e * v[i] + f * w[i] + down)
+            _find_shares(x, y, end - start, rows, columns, cell, is_small, part)
+            _add_shares(changes, x, y, radiance[start:end], end - start, cell, is_small, part)
 
 
 @compiled(void(_CHANGES, read(float64, 2), read(intp, 2, "A"), _VALUES, _VECTOR, _VECTOR))

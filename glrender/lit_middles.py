@@ -131,7 +131,7 @@ class LitMiddles:
         if size_px * math.sqrt(_FACETS_SQUARED * per_px.prod() / facets.n_facets) < 1.0:
             add_small(changes, self._xy, facets.corners, self._radiance, origin_px, per_px)
         else:
-            in_two_images(changes, lambda image, *turn: coverage.add_lit(
+            in_two_images(changes, facets.n_facets, lambda image, *turn: coverage.add_lit(
                 image, self._xy, facets.corners, facets.neighbours, self._radiance, *turn, origin_px, per_px))
         points_xy = projected(self._points_m, self._view, self._camera)
         for corner, radiance in self._polygons:

@@ -115,11 +115,11 @@ def plan_shadow(view: BodyView, level: LevelTraits, is_convex: bool, has_casters
             return None
         if _SHADOWED_PER_RAD * view.phase_rad < 0.1 * max_error:
             return None
-    texels = max(view.finest_px, leaked_flux(view, level, 1) / (_FLUX_SHARE * max_error))
-    one_sample = sum(squared_errors(view, level))
+    one_sample = shadow_share(view, 1, has_casters) * sum(squared_errors(view, level))
+    texels = max(view.finest_px, leaked_flux(view, level, 1) / (_FLUX_SHARE * max_error),
+                 math.cbrt(one_sample / (_SHADOW_SHARE * max_error) ** 2))
     sizes = [size for size in SHADOW_SIZES_PX if size * seen_share <= MAX_SHADOW_SIDE_PX]
-    return next((size for size in sizes if size >= texels
-                 and shadow_share(view, size, has_casters) * one_sample <= (_SHADOW_SHARE * max_error) ** 2), sizes[-1])
+    return next((size for size in sizes if size >= texels), sizes[-1])
 
 
 def is_close(view: BodyView, radius_m: float, footprint_m: float) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property, partial
 
 from glrender_camera import PinholeCamera
 
@@ -101,12 +101,16 @@ def choose_areas(members: Sequence[BodyView], traits: Mapping[str, BodyTraits], 
         most_ns = _NEARLY * min(ns for _, ns, _ in choices)
         return min(choices, key=lambda choice: (choice[1] > most_ns, choice[2]))[0]
 
-    options = [[(body, None) for body in bodies]]
-    if any(body.fit for body in bodies):
-        options.append([(body, min([None, *body.fit], key=lambda level, body=body: cost((body, level))[0]))
-                        for body in bodies])
+    options = []
     if all(body.middles for body in bodies):
         options.append([(body, best_middles(body)) for body in bodies])
+    fewest = sum(body.fewest_facets for body in bodies)
+    if not options or cost(*options[0])[0] > costs.areas_ns(
+            fewest, fewest * facing_share(max(body.view.phase_rad for body in bodies)) * shown_share):
+        options.append([(body, None) for body in bodies])
+        if any(body.fit for body in bodies):
+            options.append([(body, min([None, *body.fit], key=lambda level, body=body: cost((body, level))[0]))
+                            for body in bodies])
     best = min(options, key=lambda chosen: cost(*chosen)[0])
     ns, error = cost(*best)
     return AreasChoice(ns=ns, error=error, levels=tuple(body.plan(level) for body, level in best))
@@ -149,10 +153,22 @@ class _Candidates:
         is_as_measured = view.is_whole and view.range_m >= _LEAST_RANGE * self.traits.radius_m
         # What is farthest from the Sun as seen from the body is lit in slivers, of which facets have parts.
         may_be_by_middles = view.phase_rad + self.traits.radius_m / view.range_m <= _MIDDLES_RAD
-        fit = [level for level in self.traits.area_levels if is_as_measured and self._fits(level, budget, told)]
-        self.fit = [level for level in fit if not (level.kind.by_middles or body.casters)]
-        self.middles = [level for level in fit if level.kind.by_middles and may_be_by_middles
-                        and (self._is_alone or not level.kind.n_points)]
+        self._fitting = partial(self._fits, budget=budget, told=told)
+        self._measured = self.traits.area_levels if is_as_measured else ()
+        self._has_casters = bool(body.casters)
+        self.middles = [level for level in self._measured
+                        if level.kind.by_middles and may_be_by_middles and (self._is_alone or not level.kind.n_points)
+                        and self._fitting(level)]
+
+    @property
+    def fewest_facets(self) -> int:
+        """Of the full shape and its levels by areas."""
+        return min([self.n_facets(None), *(level.n_facets for level in self._measured if not level.kind.by_middles)])
+
+    @cached_property
+    def fit(self) -> list[AreaLevel]:
+        return [level for level in self._measured
+                if not (level.kind.by_middles or self._has_casters) and self._fitting(level)]
 
     def _fits(self, level: AreaLevel, budget: float, told: float) -> bool:
         """Whether a level leaves something of the budget, and of what is left of it for the flux and the centre.

@@ -133,6 +133,11 @@ def _dear_share(lit: float) -> float:
     return lit + _UNLIT_COST * (1.0 - lit)
 
 
+def _detailed(level: LevelTraits, body: BodyPlan) -> LevelTraits:
+    """A level with the surface detail that is drawn on it."""
+    return replace(level, detail_slope=body.detail_slope) if body.detail_slope else level
+
+
 class _Window:
     """Bodies that are drawn together, and what each engine would make of them."""
 
@@ -145,7 +150,7 @@ class _Window:
         self._sample_ns = costs.sample_ns * (of_level + _LAYER_COST * n_layers)
         # Surface detail is OpenGL's: by rays, in NumPy, it takes a minute a frame.
         self._costs = costs = replace(costs, ray_ns=math.inf) if n_layers else costs
-        self._levels, self._full = ([replace(traits[view.name].levels[level], detail_slope=body.detail_slope)
+        self._levels, self._full = ([_detailed(traits[view.name].levels[level], body)
                                      for view, body, level in zip(members, self._drawn, levels, strict=True)]
                                     for levels in ([body.level for body in self._drawn], [0] * len(members)))
         self._roi = x0, y0, x1, y1 = region(members, camera)

@@ -75,7 +75,7 @@ class SurfacePoints:
         """
         image, (brdf, first, step) = np.zeros(grid[::-1]), self._tables.of(
             self._surface, view, self._radius_m, brightness * self._area_m2 / n_points * per_px.prod())
-        in_two_images(image, lambda part, *turn: light_points(
+        in_two_images(image, n_points, lambda part, *turn: light_points(
             self._points[:n_points], self._heights[:n_points], *turn, view.sun_direction_body, view.r_camera_body_m,
             brdf, first, 1.0 / step, view.camera_from_body, camera.focal_length_px, np.array(camera.principal_point_px),
             origin_px, per_px, part))
