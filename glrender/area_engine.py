@@ -196,10 +196,7 @@ class AreaEngine:
             changes = self._coverage.no_changes(grid[::-1])
             body.add_to(changes, cells.corner, cells.per_px)
             # Each body's own cover: a bright one must not be dimmed by what is left of a dark one behind it.
-            image, _, taken = self._added_up(changes, cells, camera, 1.0, 1.0)
-            # Where facets overlap others are missing: in large cells both are, and nothing is taken off.
-            left = image.sum()
-            images.append(image * (1.0 + taken / left) if left else image)
+            images.append(self._added_up(changes, cells, camera, 1.0, 1.0)[0])
         return sum(images[1:], start=images[0]), told
 
     def _drawn(self, names: Sequence[str], camera: PinholeCamera, views: list[BodyView],
@@ -223,7 +220,7 @@ class AreaEngine:
             add_to(changes, cells.corner, cells.per_px, 3.0 if is_fine else 0.0)
         # Where areas overlap, one that is hidden was taken to be seen: which of them is not known.
         excess = _EXCESS if self._is_one_surface else 1.0
-        means, unsure, _ = self._added_up(changes, cells, camera, 1.0 + _OVERLAP, excess, is_even=is_fine)
+        means, unsure = self._added_up(changes, cells, camera, 1.0 + _OVERLAP, excess, is_even=is_fine)
         squared = cut.squared + unsure / cells.per_px.prod() ** 2
         return means, math.hypot(cut.per_root * math.sqrt(squared), _LEAST), cut.penumbra
 
@@ -288,8 +285,8 @@ class AreaEngine:
                        parts=tuple(partial(body.add_to, view, camera, brightness) for body in cut.bodies))
 
     def _added_up(self, changes: np.ndarray, cells: _Cells, camera: PinholeCamera, most_cover: float,
-                  least_share: float, is_even: bool = False) -> tuple[np.ndarray, float, float]:
-        """Means over cells (rows, columns), what is unsure where areas overlap, and taken off there: `coverage.settle`.
+                  least_share: float, is_even: bool = False) -> tuple[np.ndarray, float]:
+        """Means over cells (rows, columns), and what is unsure where areas overlap: `coverage.settle`.
 
         Of changes in radiance, or, if pixels are taken to have even solid angles, times a power of the cosine.
         """
@@ -300,10 +297,10 @@ class AreaEngine:
 
         least = coverage.ROUNDING * max(threads.run_in_parts(
             lambda part: coverage.means(changes, part.start, part.stop, image, cover), len(image), _ROWS))
-        found = threads.run_in_parts(
+        unsure = threads.run_in_parts(
             lambda part: coverage.settle(image, cover, part.start, part.stop, least, scale, across, down, most_cover,
                                          least_share), len(image), _ROWS)
-        return (image, *(sum(each) for each in zip(*found, strict=True)))
+        return image, sum(unsure)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba.types import Tuple, complex128, float32, float64, int32, intp, void
+from numba.types import complex128, float32, float64, int32, intp, void
 
 from .compiled import compiled, inlined, read, write
 
@@ -72,30 +72,27 @@ def means(changes, first, last, values, cover):
     return largest
 
 
-@compiled(Tuple((float64, float64))(write(float64, 2), write(float64, 2), intp, intp, float64, float64,
-                                    read(float64, 1), read(float64, 1), float64, float64))
+@compiled(float64(write(float64, 2), write(float64, 2), intp, intp, float64, float64, read(float64, 1),
+                  read(float64, 1), float64, float64))
 def settle(values, cover, first, last, least, scale, across, down, most, least_share):
     """Turn means (R, C) of rows first to last into light: 0 of what is less than the least.
 
     Where the cover is more than `most`, of what is too much a share is taken off, all where there is twice as much as
     there can be, or more; and all is times a scale over (1 + x^2 + y^2)^1.5 by the squares `across` (C,) and `down`
-    (R,). Returns what is unsure where areas overlap, a sum of squares of half of what is too much, and the light that
-    is taken off.
+    (R,). Returns what is unsure where areas overlap: a sum of squares, of half of what is too much.
     """
-    unsure, taken = 0.0, 0.0
+    unsure = 0.0
     for row in range(first, last):
         for column in range(values.shape[1]):
             value, covered = values[row, column], cover[row, column]
-            slant, off = 1.0 + across[column] + down[row], 0.0
-            solid_angle = scale / (slant * math.sqrt(slant))
             if value < least:
                 value = 0.0
             elif covered > most:
                 unsure += (0.5 * value * (1.0 - 1.0 / covered)) ** 2
-                off = value * max(least_share, min(covered - 1.0, 1.0)) * (1.0 - 1.0 / covered)
-            taken += off * solid_angle
-            values[row, column] = (value - off) * solid_angle
-    return unsure, taken
+                value *= 1.0 - max(least_share, min(covered - 1.0, 1.0)) * (1.0 - 1.0 / covered)
+            slant = 1.0 + across[column] + down[row]
+            values[row, column] = value * scale / (slant * math.sqrt(slant))
+    return unsure
 
 
 @compiled(void(_CHANGES, intp, intp, float64, complex128))

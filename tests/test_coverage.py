@@ -92,9 +92,8 @@ def test_cells_are_added_up_over_their_cover_and_by_their_solid_angles(right, le
     image, cover = np.full((2, rows, columns), np.nan)
     assert max(means(changes, first, last, image, cover) for first, last in ((0, 2), (2, rows))) == pytest.approx(
         largest)
-    before = 2.0 * image / (1.0 + across + down[:, None]) ** 1.5
-    unsure, taken = zip(*(settle(image, cover, first, last, 1e-12, 2.0, across, down, 1.001, least_share)
-                          for first, last in ((0, 2), (2, rows))), strict=True)
+    unsure = [settle(image, cover, first, last, 1e-12, 2.0, across, down, 1.001, least_share)
+              for first, last in ((0, 2), (2, rows))]
     n_twice = 2 if right == 7 else 1
     expected = np.zeros((rows, columns))
     expected[1:5, 1:5], expected[1:3, 5:7] = 3.0, 5.0 if right == 7 else 0.0
@@ -102,5 +101,3 @@ def test_cells_are_added_up_over_their_cover_and_by_their_solid_angles(right, le
     np.testing.assert_allclose(image, 2.0 * expected / (1.0 + across + down[:, None]) ** 1.5, rtol=1e-12)
     # Of 8 over twice the cover 4 is too much, of 4.25 over 1.25 of it 0.85, in each of two rows.
     np.testing.assert_allclose(unsure, [n_twice * half**2, n_twice * half**2], rtol=1e-12)
-    np.testing.assert_allclose(sum(taken), (before - image).sum(), rtol=1e-12)
-    assert sum(taken) > 0.0
