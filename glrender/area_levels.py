@@ -41,6 +41,9 @@ _log = logging.getLogger(__name__)
 _ASPECTS, _RANGE_RADII = 8, 50.0
 # Of both images that are compared.
 _BUDGET = 0.02
+# Size [px] at which facets' middles have another flux than where they are many pixels wide: there it is seen where they
+# overlap, and taken off. In between by the size's logarithm.
+_SMALL_PX = 16.0
 # What measuring takes a facet of the full shape, with tables of horizons, about.
 _FACET_S = 7e-5
 # What is told where an image cannot be made.
@@ -65,14 +68,14 @@ def area_levels(body: Body, levels: Sequence[Level], cache: Path | None = None
              if (by_middles or number) and (number or not has_relief) and (has_middles(shape) or not by_middles)]
     kinds += [LevelPlan(by_middles=True, n_points=n_points) for n_points in point_counts(len(body.shape.facets))]
     digest = hashlib.sha256(f"{body.shape.content_hash} {body.brdf!r} {[each.shape.content_hash for each in made]} "
-                            f"{kinds} {_ASPECTS} {_RANGE_RADII} {_BUDGET} {SIZES_PX.tolist()} "
+                            f"{kinds} {_ASPECTS} {_RANGE_RADII} {_BUDGET} {_SMALL_PX} {SIZES_PX.tolist()} "
                             f"{PHASES_RAD.tolist()}".encode())
     names = [f"{name}_{k}" for k in range(len(kinds)) for name in _NAMES]
     with warnings.catch_warnings():
         # Of laws beyond their phases.
         warnings.simplefilter("ignore", UserWarning)
         try:
-            arrays = cached_arrays(f"areas10-{digest.hexdigest()[:32]}", names, lambda: _measured(body, made, kinds),
+            arrays = cached_arrays(f"areas11-{digest.hexdigest()[:32]}", names, lambda: _measured(body, made, kinds),
                                    cache)
         except DeviceError:
             return (), ()
@@ -91,22 +94,32 @@ def _measured(body: Body, levels: Sequence[LevelShape], kinds: Sequence[LevelPla
     # Not before: where there are no rays nothing is measured.
     tell_of_wait(_log, "measuring levels of detail", len(body.shape.facets), _FACET_S)
     areas = AreaEngine(scene, rays, {body.name: levels}, keeps_areas=False)
-    # Of each shape, aspect and phase: the flux, its centre [px], and sums over the image at each size.
+    # Of each shape, aspect and phase: the flux, where it is large and where it is small, its centre [px], and sums over
+    # the image at each size.
     flux = np.full((1 + len(kinds), _ASPECTS, len(PHASES_RAD)), math.nan)
+    small = np.full(flux.shape, math.nan)
     centre = np.zeros((*flux.shape, 2))
     sums = np.zeros((len(kinds), _ASPECTS, len(PHASES_RAD), len(SIZES_PX), 4))
     told_at = np.zeros((len(kinds), len(PHASES_RAD), len(SIZES_PX)))
     for aspect, phase in np.ndindex(flux.shape[1:]):
         state = _state(body, aspect, PHASES_RAD[phase])
-        views = view_bodies(state, camera, scene.hulls)
-        (x0, y0, x1, y1), full = _box(views[0].bounds_px, side), None
+
+        def draw(kind: LevelPlan, px: float, state: State = state) -> tuple[np.ndarray, float]:
+            seen_by = replace(camera, focal_length_px=camera.focal_length_px * px / side)
+            views = view_bodies(state, seen_by, scene.hulls)
+            x0, y0, x1, y1 = _box(views[0].bounds_px, side)
+            return areas.draw((body.name,), seen_by, views, (x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5),
+                              (x1 - x0, y1 - y0), _BUDGET, {body.name: kind})
+
+        full = None
         for k, kind in enumerate((LevelPlan(), *kinds)):
-            image, told = areas.draw((body.name,), camera, views, (x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5),
-                                     (x1 - x0, y1 - y0), _BUDGET, {body.name: kind})
+            image, told = draw(kind, side)
             total = image.sum()
             if math.isinf(told) or not total > 0.0:
                 continue
             flux[k, aspect, phase] = total
+            is_even = not kind.by_middles or kind.n_points
+            small[k, aspect, phase] = total if is_even else draw(kind, _SMALL_PX)[0].sum()
             centre[k, aspect, phase] = [image.sum(axis=axis) @ np.arange(image.shape[1 - axis]) / total
                                         for axis in range(2)]
             if not k:
@@ -122,18 +135,19 @@ def _measured(body: Body, levels: Sequence[LevelShape], kinds: Sequence[LevelPla
     areas.close()
     rays.close()
     with np.errstate(invalid="ignore", divide="ignore"):
-        ratio = flux[0] / flux[1:]
+        large = np.clip(np.log2(SIZES_PX / _SMALL_PX) / np.log2(side / _SMALL_PX), 0.0, 1.0)
+        ratio = flux[0, ..., None] / (small[1:, ..., None] * (1.0 - large) + flux[1:, ..., None] * large)
         mean = ratio.mean(axis=1)
-        squared = sums[..., 0] - 2.0 * mean[:, None, :, None] * sums[..., 1] + mean[:, None, :, None]**2 * sums[..., 2]
+        squared = sums[..., 0] - 2.0 * mean[:, None] * sums[..., 1] + mean[:, None]**2 * sums[..., 2]
         errors = np.sqrt(np.max(np.maximum(squared, 0.0) / sums[..., 3], axis=1))
         shift = np.sqrt(np.max(np.sum((centre[1:] - centre[0])**2, axis=-1), axis=1)) / side
         scatter = ratio.std(axis=1, ddof=1) / mean
     made = {}
     for k in range(len(kinds)):
-        known = np.isfinite(mean[k]) & np.isfinite(errors[k]).all(axis=1)
+        known = (np.isfinite(mean[k]) & np.isfinite(errors[k])).all(axis=1)
         made |= {f"error_{k}": np.where(known[:, None], errors[k], _UNKNOWN),
-                 f"flux_ratio_{k}": np.where(known, mean[k], 1.0),
-                 f"flux_scatter_{k}": np.where(known, scatter[k], _UNKNOWN),
+                 f"flux_ratio_{k}": np.where(known[:, None], mean[k], 1.0),
+                 f"flux_scatter_{k}": np.where(known[:, None], scatter[k], _UNKNOWN),
                  f"centre_{k}": np.where(known, shift[k], _UNKNOWN), f"told_{k}": told_at[k]}
     _log.info("levels of detail of %d facets by areas measured in %.1f s", body.shape.report.n_facets,
               time.perf_counter() - began)

@@ -38,9 +38,9 @@ class AreaLevel:
         RMS angle between neighbouring facets.
     error : (P, S) float64
         RMS error over the mean of the lit pixels, the largest of all aspects.
-    flux_ratio : (P,) float64
+    flux_ratio : (P, S) float64
         Flux of the full shape over the level's, mean over aspects: images are multiplied by it.
-    flux_scatter : (P,) float64
+    flux_scatter : (P, S) float64
         Standard deviation of that from aspect to aspect, relative.
     centre : (P,) float64
         Distance of the centre of brightness from the full shape's over the diameter, the largest of all aspects.
@@ -70,10 +70,11 @@ class AreaLevel:
         *_, told = self._lists
         return _at_size(told, phase_rad, min(size_px, _MOST_PX))
 
-    def flux_at(self, phase_rad: float) -> tuple[float, float]:
-        """Mean and scatter of the flux's ratio."""
+    def flux_at(self, phase_rad: float, size_px: float) -> tuple[float, float]:
+        """Mean and scatter of the flux's ratio; of sizes beyond the table those at its edge."""
         _, ratio, scatter, *_ = self._lists
-        return _at(ratio, phase_rad), _at(scatter, phase_rad)
+        size_px = min(size_px, _MOST_PX)
+        return _at_size(ratio, phase_rad, size_px), _at_size(scatter, phase_rad, size_px)
 
     def centre_at(self, phase_rad: float) -> float:
         """Distance of the centre of brightness from the full shape's, over the diameter."""
@@ -82,11 +83,11 @@ class AreaLevel:
 
     @cached_property
     def _lists(self) -> tuple[list, ...]:
-        """Errors by size and phase, ratios, their scatters and centres by phase, what is told by size and phase.
+        """Errors, ratios and their scatters by size and phase, centres by phase, what is told by size and phase.
 
         A number of an array takes longer.
         """
-        return tuple(each.tolist() for each in (self.error.T, self.flux_ratio, self.flux_scatter, self.centre,
+        return tuple(each.tolist() for each in (self.error.T, self.flux_ratio.T, self.flux_scatter.T, self.centre,
                                                 self.told.T))
 
 

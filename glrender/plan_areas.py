@@ -182,7 +182,7 @@ class _Candidates:
         if level.kind.n_points:
             scatters = _FLUX_SCATTERS
         return (self.error(level) <= share * budget
-                and scatters * level.flux_at(self.view.phase_rad)[1] <= _FLUX_SHARE * told
+                and scatters * level.flux_at(self.view.phase_rad, self._size_px)[1] <= _FLUX_SHARE * told
                 and level.centre_at(self.view.phase_rad) * self._size_px <= max(
                     _CENTRE_PX * told**2, _CENTRE_SIZES * (told - _USUAL_BUDGET) * self._size_px))
 
@@ -236,7 +236,7 @@ class _Candidates:
     def plan(self, level: AreaLevel | None) -> LevelPlan:
         if level is None:
             return LevelPlan()
-        return replace(level.kind, flux_ratio=level.flux_at(self.view.phase_rad)[0])
+        return replace(level.kind, flux_ratio=level.flux_at(self.view.phase_rad, self._size_px)[0])
 
 
 def _cost(each: Sequence[tuple[_Candidates, AreaLevel | None]], budget: float, costs: EngineCosts, n_px: float,
