@@ -27,7 +27,7 @@ _USUAL_BUDGET, _CENTRE_SIZES = 0.02, 0.02
 # Of facets as lit as their middles: what their errors are more from other sides than those that were measured; what
 # their image may take of the budget, to which drawing adds nothing, and the scatters of the flux, as above; their least
 # error; and the largest phase angle at which they are drawn so.
-_OTHER_SIDES, _MIDDLES_SHARE, _MIDDLES_SCATTERS, _MIDDLES_LEAST, _MIDDLES_RAD = 1.3, 0.9, 4.0, 0.003, 2.15
+_OTHER_SIDES, _MIDDLES_SHARE, _MIDDLES_SCATTERS, _MIDDLES_LEAST, _MIDDLES_RAD = 1.3, 0.9, 3.0, 0.003, 2.15
 # Of frames that tell their error, what they tell over the mean of the sides that were measured: the deviation of its
 # logarithm.
 _TOLD_SPREAD = 0.3
