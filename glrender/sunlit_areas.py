@@ -29,15 +29,15 @@ _CUT_ERRORS, _CROWD = (0.066, 0.019, 0.01), 0.2
 _CUT_BIASES = (0.015, 0.003, 0.0)
 # Of the squared light of the largest facet, what another body may take between its corners unseen.
 _OF_LARGEST = 0.1
-# All that is told is times: a least, before and after looking closer, and one over the root of the number of facets that
-# bring the error, as the sum of few scatters; at most; and more from a phase angle on, over so many radians: edges pass
-# between corners that agree.
+# All that is told is times: a least, before and after looking closer, and one over the root of the number of facets
+# that bring the error, as the sum of few scatters; at most; and more from a phase angle on, over so many radians: edges
+# pass between corners that agree.
 _SPREAD, _LOOKED_SPREAD, _SPREAD_OF_FEW, _MOST_SPREAD = 0.5, 0.4, 7.0, 3.0
 _LOW_SPREAD, _LOW_SPREAD_RAD, _OVER_RAD = 0.3, 2.0, 0.52
 # And where edges have one facet only: sheets and blades are thin.
 _OPEN_SPREAD = 2.0
-# Squared error of edges that pass between corners that agree, as of a cut; where they are looked for, that, and the error
-# over what was found, at first and at last, all of it less from look to look.
+# Squared error of edges that pass between corners that agree, as of a cut; where they are looked for, that, and the
+# error over what was found, at first and at last, all of it less from look to look.
 _MISSED, _STILL_MISSED, _OF_FOUND, _OF_EARLIER, _OF_LOOK, _WHOLE_ERROR = 0.0065, 2e-4, 0.6, 0.4, 0.5, 0.1
 # Bisections of what is cut after looking closer: the third takes as long as dividing three in ten, which tells more.
 _LOOKED_BISECTIONS = 2
