@@ -125,7 +125,8 @@ class Renderer:
 
     def render(self, state: State, camera: str | PinholeCamera | None = None, *, max_error: float | None = None,
                products: Iterable[str] = ("irradiance",), samples: int | None = None, level: int | None = None,
-               after_psf: bool = False, apart_px: float = 0.0, allow_slow: bool | str = False,
+               after_psf: bool = False, error_gain: float = 1.0, apart_px: float = 0.0,
+               allow_slow: bool | str = False,
                on_progress: Callable[[float], None] | None = None, out: np.ndarray | None = None) -> Image:
         """Draw one frame.
 
@@ -146,6 +147,9 @@ class Renderer:
             beyond a body's coarsest is its coarsest.
         after_psf : bool
             Whether the budget holds for the image after the camera's PSF.
+        error_gain : float [1], 0.001..1
+            What is left of an error that is independent from pixel to pixel where others average them, as a lens does
+            that has several cells a pixel: the budget holds for that.
         apart_px : float [px], 0..256
             Bodies that are smaller, and alone in their pixels, are told in `Image.small_bodies` instead of the
             image: sub-pixel places that a point spread function can use. At a phase angle g those up to 1 / cos(g / 2)
@@ -182,7 +186,9 @@ class Renderer:
             level = integer("level", level, 0, 99)
         apart_px = within("apart_px", apart_px, 0.0, 256.0)
         may_be_slow = checked_allow_slow(allow_slow) and level is None
-        gain = pinhole.model.psf_noise_gain if after_psf and pinhole.model is not None else 1.0
+        gain = within("error_gain", error_gain, 1e-3, 1.0)
+        if after_psf and pinhole.model is not None:
+            gain *= pinhole.model.psf_noise_gain
         views = view_bodies(state, pinhole, self.scene.hulls)
         if any(getattr(emission, "dims", True) for emission in self.scene.emission):
             # What dims the image does not reach points beside it.
