@@ -24,23 +24,23 @@ from .view import BodyView
 
 # Squared error of what 1, 2, 3 bisections cut off a triangle, over its light squared: times its area in pixels, or the
 # square of it, and of a crowd of small ones, which err together, more.
-_CUT_ERRORS, _CROWD = (0.066, 0.019, 0.01), 0.2
+_CUT_ERRORS, _CROWD = (0.066, 0.0205, 0.018), 0.2
 # Of their light, what images are too dark by, as what overlaps where cuts are coarse is taken off: at 60 deg.
 _CUT_BIASES = (0.015, 0.003, 0.0)
 # Of the squared light of the largest facet, what another body may take between its corners unseen.
 _OF_LARGEST = 0.1
-# All that is told is times: a least, before and after looking closer, and one over the root of the number of facets
-# that bring the error, as the sum of few scatters; at most; and more from a phase angle on, over so many radians: edges
-# pass between corners that agree.
-_SPREAD, _LOOKED_SPREAD, _SPREAD_OF_FEW, _MOST_SPREAD = 0.5, 0.4, 7.0, 3.0
-_LOW_SPREAD, _LOW_SPREAD_RAD, _OVER_RAD = 0.3, 2.0, 0.52
+# All that is told is times: a least, and one over the root of the number of facets that bring the error, as the sum of
+# few scatters; at most; and more from a phase angle on, over so many radians: edges pass between corners that agree.
+_SPREAD, _SPREAD_OF_FEW, _MOST_SPREAD = 0.5, 7.0, 3.0
+_LOW_SPREAD, _LOW_SPREAD_RAD, _OVER_RAD = 0.5, 2.0, 0.52
+# That least where so many were looked at closer: what passes between corners is found then, and told already. And the
+# bisections of their cuts: a third takes as long as dividing three in ten, which tells more.
+_MANY_CUTS, _SPREAD_OF_MANY, _BISECTIONS_OF_MANY = 1000.0, 0.4, 2
 # And where edges have one facet only: sheets and blades are thin.
 _OPEN_SPREAD = 2.0
 # Squared error of edges that pass between corners that agree, as of a cut; where they are looked for, that, and the
 # error over what was found, at first and at last, all of it less from look to look.
-_MISSED, _STILL_MISSED, _OF_FOUND, _OF_EARLIER, _OF_LOOK, _WHOLE_ERROR = 0.0065, 2e-4, 0.6, 0.4, 0.5, 0.1
-# Bisections of what is cut after looking closer: the third takes as long as dividing three in ten, which tells more.
-_LOOKED_BISECTIONS = 2
+_MISSED, _STILL_MISSED, _OF_FOUND, _OF_EARLIER, _OF_LOOK, _WHOLE_ERROR = 0.0065, 1.8e-4, 0.6, 0.4, 0.5, 0.1
 # Squared light of a facet over the squared error that is allowed for all, from which it is divided first: of one that
 # has more than a share of all light, of others, and of all that may have light between dark corners.
 _LARGE, _LARGE_SHARE, _OTHERS, _TORN = 2.0, 2e-3, 60.0, 0.25
@@ -104,7 +104,7 @@ class SunlitAreas:
         self.area_px, self.n_areas, self.has_facing = float(area_px.sum()), len(area_px), len(facing) > 0
         # No product of matrices here: BLAS keeps threads of its own spinning, which takes the time of others' frames.
         self.light = float((area_px * self._radiance[facet]).sum())
-        self._spread = self._spread_of(self._light_squared(self._mixed), _SPREAD)
+        self._spread = self._spread_of(_n_bringing(self._light_squared(self._mixed)), _SPREAD)
 
     def refine(self, most_squared: float, flux_weight: float) -> float:
         """Cut, and look closer and divide before, until the pixels' squared errors are below this, if they can be.
@@ -137,9 +137,11 @@ class SunlitAreas:
             if told <= most_squared:
                 self._cutter.cut_off(triangles, n)
                 return told
-        self._spread = self._spread_of(self._light_squared(triangles), _LOOKED_SPREAD)
+        n_bisections, n_cuts = len(_CUT_ERRORS), _n_bringing(self._light_squared(triangles))
+        if n_cuts > _MANY_CUTS:
+            n_bisections, self._spread = _BISECTIONS_OF_MANY, self._spread_of(n_cuts, _SPREAD_OF_MANY)
+        cut_error = _CUT_ERRORS[n_bisections - 1]
         triangles, told = self._closer(triangles, _STILL_MISSED * float(self._squared(triangles).sum()), most_squared)
-        cut_error = _CUT_ERRORS[_LOOKED_BISECTIONS - 1]
         left = []
         allowed = told if told > most_squared else max(most_squared - told, _LEAST_LEFT * most_squared)
         for _ in range(_MOST_DIVISIONS):
@@ -153,7 +155,7 @@ class SunlitAreas:
             told, allowed = told + rest, allowed - rest
             triangles = self._cutter.keep_even(self._cutter.quarters(triangles.at(order[:n])))
         told += cut_error * float(self._squared(triangles).sum())
-        self._cutter.cut_off(FacetParts.joined([*left, triangles]), _LOOKED_BISECTIONS)
+        self._cutter.cut_off(FacetParts.joined([*left, triangles]), n_bisections)
         return told
 
     def penumbra(self) -> float:
@@ -362,12 +364,11 @@ class SunlitAreas:
 
         threads.run_in_parts(work, len(facet), _SHADED_AT_ONCE if self._relief is None else _WITH_RELIEF_AT_ONCE)
 
-    def _spread_of(self, squared: np.ndarray, least: float) -> float:
-        """Error over what is told by squared errors (N,), in any unit: they are as good as they are many."""
-        n = float(squared.sum()) ** 2 / max(float((squared * squared).sum()), 1e-300)
+    def _spread_of(self, n_cuts: float, least: float) -> float:
+        """Error over what is told by the squared errors of so many cuts: they are as good as they are many."""
         low = min(max((self._view.phase_rad - _LOW_SPREAD_RAD) / _OVER_RAD, 0.0), 1.0)
         return ((1.0 + _LOW_SPREAD * low) * (1.0 if self._facets.is_closed else _OPEN_SPREAD)
-                * min(least + _SPREAD_OF_FEW / math.sqrt(max(n, 1.0)), _MOST_SPREAD))
+                * min(least + _SPREAD_OF_FEW / math.sqrt(max(n_cuts, 1.0)), _MOST_SPREAD))
 
     def _squared(self, triangles: FacetParts) -> np.ndarray:
         """Squared errors (N,), over those of cuts, in units of radiance squared."""
@@ -387,6 +388,11 @@ class SunlitAreas:
     def _facet_px(self, facet: np.ndarray) -> np.ndarray:
         """Areas (N,) of facets in the image [px2]."""
         return facet_loops.areas(self._xy, self._facets.corners, facet)
+
+
+def _n_bringing(squared: np.ndarray) -> float:
+    """How many of some squared errors (N,), in any unit, bring their sum."""
+    return float(squared.sum()) ** 2 / max(float((squared * squared).sum()), 1e-300)
 
 
 def _pixels_squared(radiance: np.ndarray | float, area_px: np.ndarray) -> np.ndarray:
