@@ -14,6 +14,7 @@ from glrender import Body, Renderer, Shape, frames, generate
 from glrender.area_engine import AreaEngine
 from glrender.brdf import Hapke, Lambert, LommelSeeliger
 from glrender.constants import AU_M
+from glrender.facet_cutter import FacetCutter
 from glrender.facet_tables import neighbours
 from glrender.grouping import region
 from glrender.plan_areas import AreasChoice
@@ -96,6 +97,23 @@ def test_a_rough_body_is_within_what_is_told(phase_deg, size_px):
         assert errors[-1] <= told <= budget, (errors, told)
         assert abs(image.sum() / truth.sum() - 1.0) < 0.1 * budget
     assert errors == sorted(errors, reverse=True)
+
+
+@pytest.mark.parametrize("phase_deg", [60.0, 110.0])
+def test_many_cuts_take_two_bisections_and_are_within_what_is_told(phase_deg, monkeypatch):
+    """328k facets, of which thousands are cut: against rays; each cut of fewer takes three where it was looked closer."""
+    state, camera = views.state(phase_deg=phase_deg, range_m=50_000.0), views.camera(256, 250.0 * 200.0)
+    bisections, cut_off = [], FacetCutter.cut_off
+    monkeypatch.setattr(FacetCutter, "cut_off", lambda cutter, triangles, n: (
+        bisections.append((len(triangles.facet), n)), cut_off(cutter, triangles, n))[1])
+    shape = generate.subdivide_with_relief(rough(6), levels=1, relief=0.06, seed=2)
+    found = [drawn([Body(name="body", shape=each, brdf=LAW)], state, camera, 0.007) for each in (shape, rough())]
+    (n_many, of_many), (n_few, of_few) = bisections
+    assert (of_many, of_few) == (2, 3) and n_many > 5000 > n_few
+    for image, told, roi, rays in found:
+        truth = traced(camera, roi, rays, 19)
+        assert views.relative_rms(image, truth) <= told <= 0.007
+        assert abs(image.sum() / truth.sum() - 1.0) < 7e-4
 
 
 @pytest.mark.parametrize("phase_deg", [98.0, 120.0, 147.0])
