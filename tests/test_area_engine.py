@@ -99,10 +99,9 @@ def test_a_rough_body_is_within_what_is_told(phase_deg, size_px):
     assert errors == sorted(errors, reverse=True)
 
 
-@pytest.mark.parametrize("phase_deg", [60.0, 110.0])
-def test_many_cuts_take_two_bisections_and_are_within_what_is_told(phase_deg, monkeypatch):
-    """328k facets, of which thousands are cut: against rays; each cut of fewer takes three where it was looked closer."""
-    state, camera = views.state(phase_deg=phase_deg, range_m=50_000.0), views.camera(256, 250.0 * 200.0)
+def test_many_cuts_take_two_bisections_and_are_within_what_is_told(monkeypatch):
+    """328k facets, of which thousands are cut, and 20k: against rays."""
+    state, camera = views.state(phase_deg=60.0, range_m=50_000.0), views.camera(256, 250.0 * 200.0)
     bisections, cut_off = [], FacetCutter.cut_off
     monkeypatch.setattr(FacetCutter, "cut_off", lambda cutter, triangles, n: (
         bisections.append((len(triangles.facet), n)), cut_off(cutter, triangles, n))[1])
