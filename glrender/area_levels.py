@@ -75,7 +75,7 @@ def area_levels(body: Body, levels: Sequence[Level], cache: Path | None = None
         # Of laws beyond their phases.
         warnings.simplefilter("ignore", UserWarning)
         try:
-            arrays = cached_arrays(f"areas11-{digest.hexdigest()[:32]}", names, lambda: _measured(body, made, kinds),
+            arrays = cached_arrays(f"areas12-{digest.hexdigest()[:32]}", names, lambda: _measured(body, made, kinds),
                                    cache)
         except DeviceError:
             return (), ()
@@ -138,7 +138,9 @@ def _measured(body: Body, levels: Sequence[LevelShape], kinds: Sequence[LevelPla
         large = np.clip(np.log2(SIZES_PX / _SMALL_PX) / np.log2(side / _SMALL_PX), 0.0, 1.0)
         ratio = flux[0, ..., None] / (small[1:, ..., None] * (1.0 - large) + flux[1:, ..., None] * large)
         mean = ratio.mean(axis=1)
-        squared = sums[..., 0] - 2.0 * mean[:, None] * sums[..., 1] + mean[:, None]**2 * sums[..., 2]
+        # Of smaller sizes the images are those of the largest, made coarser.
+        even = mean[:, None, :, -1:]
+        squared = sums[..., 0] - 2.0 * even * sums[..., 1] + even**2 * sums[..., 2]
         errors = np.sqrt(np.max(np.maximum(squared, 0.0) / sums[..., 3], axis=1))
         shift = np.sqrt(np.max(np.sum((centre[1:] - centre[0])**2, axis=-1), axis=1)) / side
         scatter = ratio.std(axis=1, ddof=1) / mean

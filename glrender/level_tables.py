@@ -70,11 +70,11 @@ class AreaLevel:
         *_, told = self._lists
         return _at_size(told, phase_rad, min(size_px, _MOST_PX))
 
-    def flux_at(self, phase_rad: float, size_px: float) -> tuple[float, float]:
-        """Mean and scatter of the flux's ratio; of sizes beyond the table those at its edge."""
+    def flux_at(self, phase_rad: float, n_cells: float) -> tuple[float, float]:
+        """Mean and scatter of the flux's ratio, of a body so many cells wide; beyond the table those at its edge."""
         _, ratio, scatter, *_ = self._lists
-        size_px = min(size_px, _MOST_PX)
-        return _at_size(ratio, phase_rad, size_px), _at_size(scatter, phase_rad, size_px)
+        n_cells = min(n_cells, _MOST_PX)
+        return _at_size(ratio, phase_rad, n_cells), _at_size(scatter, phase_rad, n_cells)
 
     def centre_at(self, phase_rad: float) -> float:
         """Distance of the centre of brightness from the full shape's, over the diameter."""

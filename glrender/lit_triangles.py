@@ -49,7 +49,7 @@ class LitTriangles:
     def __init__(self, points_m: np.ndarray, corners: np.ndarray, facet: np.ndarray, radiance: np.ndarray,
                  facets: FacetTables, node: BodyView, edges: np.ndarray | None = None):
         self.facet, self._surface, self._node, self.edges = facet, facets.surface, node, edges
-        # Good to 6e-8 of the body: 1e-4 px of one of 2000 px.
+        # Good to 6e-8 of the largest distance from the body's origin: 1e-4 px of one of 2000 px about it.
         self._corners_m = np.empty((9, len(facet)), np.float32)
         self._in_turns(lambda part: [np.copyto(self._corners_m[3 * k:3 * k + 3, part],
                                                points_m.take(corners[k, part], axis=1)) for k in range(3)])

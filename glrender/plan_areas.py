@@ -69,7 +69,7 @@ class AreasChoice:
 
 def choose_areas(members: Sequence[BodyView], traits: Mapping[str, BodyTraits], drawn: Sequence[BodyPlan],
                  camera: PinholeCamera, budget: float, error_gain: float, costs: EngineCosts, *, n_px: float,
-                 shown_share: float) -> AreasChoice:
+                 shown_share: float, cells_per_px: float = 1.0) -> AreasChoice:
     """The levels of detail with which areas cost least.
 
     Parameters
@@ -88,8 +88,10 @@ def choose_areas(members: Sequence[BodyView], traits: Mapping[str, BodyTraits], 
         That the bodies cover.
     shown_share : float [1]
         Of the bodies, what the image shows.
+    cells_per_px : float [1/px]
+        Of a grid of their own, along a side.
     """
-    bodies = [_Candidates(view, traits, body, members, camera, budget, error_gain)
+    bodies = [_Candidates(view, traits, body, members, camera, budget, error_gain, cells_per_px)
               for view, body in zip(members, drawn, strict=True)]
 
     @cache
@@ -128,13 +130,14 @@ class _Candidates:
     """
 
     def __init__(self, view: BodyView, traits: Mapping[str, BodyTraits], body: BodyPlan, members: Sequence[BodyView],
-                 camera: PinholeCamera, budget: float, error_gain: float):
+                 camera: PinholeCamera, budget: float, error_gain: float, cells_per_px: float):
         self.view, self.traits = view, traits[view.name]
         self.eclipse_error, self._is_alone = body.eclipse.error, len(traits) == 1
         # Of middles, which have hard edges of shadows.
         self._least_error = math.hypot(_MIDDLES_LEAST, body.penumbra_error)
         px_per_m = camera.focal_length_px / view.range_m
         self._size_px = 2.0 * self.traits.radius_m * px_per_m
+        self._cells = self._size_px * cells_per_px
         self._wide = math.hypot(thin_penumbra(view) if body.penumbra_error else 0.0,
                                 _PIXEL_ERROR * (1.0 + 3.0 * _off_axis(view, camera)) / camera.focal_length_px)
         # Of what casts shadows on it, and of what is before it: edges, and what is taken of its light, at most.
@@ -167,6 +170,7 @@ class _Candidates:
 
     @cached_property
     def fit(self) -> list[AreaLevel]:
+        """Levels by areas; worked out where they are asked for."""
         return [level for level in self._measured
                 if not (level.kind.by_middles or self._has_casters) and self._fitting(level)]
 
@@ -182,7 +186,7 @@ class _Candidates:
         if level.kind.n_points:
             scatters = _FLUX_SCATTERS
         return (self.error(level) <= share * budget
-                and scatters * level.flux_at(self.view.phase_rad, self._size_px)[1] <= _FLUX_SHARE * told
+                and scatters * level.flux_at(self.view.phase_rad, self._cells)[1] <= _FLUX_SHARE * told
                 and level.centre_at(self.view.phase_rad) * self._size_px <= max(
                     _CENTRE_PX * told**2, _CENTRE_SIZES * (told - _USUAL_BUDGET) * self._size_px))
 
@@ -236,7 +240,7 @@ class _Candidates:
     def plan(self, level: AreaLevel | None) -> LevelPlan:
         if level is None:
             return LevelPlan()
-        return replace(level.kind, flux_ratio=level.flux_at(self.view.phase_rad, self._size_px)[0])
+        return replace(level.kind, flux_ratio=level.flux_at(self.view.phase_rad, self._cells)[0])
 
 
 def _cost(each: Sequence[tuple[_Candidates, AreaLevel | None]], budget: float, costs: EngineCosts, n_px: float,

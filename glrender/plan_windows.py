@@ -180,8 +180,11 @@ class _Window:
             slivers = _SLIVER_SAMPLES + _THIN_SAMPLES_PER_RAD * max(self._phase_rad - _THIN_PHASE_RAD, 0.0)
         centre = 0.0 if is_few else _CENTRE / (asked * self._largest_px)
         self._least = math.ceil(min(max(self._across / self._outline_px, slivers, centre), MAX_SAMPLES))
+        # Areas have no lattice to err in the flux: they need cells of their own only for what is apart or tiny.
+        self._areas_have_own = self._outline_px < _SMALL_PX or self._is_apart
         self._by_areas = choose_areas(members, traits, self._drawn, camera, budget, error_gain, costs,
-                                      n_px=self._n_px, shown_share=shown)
+                                      n_px=self._n_px, shown_share=shown,
+                                      cells_per_px=1.0 / CELL_PX if self._areas_have_own else 1.0)
         # Of shadow maps and levels of detail: rays have neither. And without the edges of shadows, or with usual ones.
         self._floor = max(body.modelling_error for body in self._drawn)
         maps = [(view, body, sum(squared_errors(view, level)), texel_share(view, body.shadow_map_px),
@@ -210,9 +213,7 @@ class _Window:
             grid_ns, grid = self._own_grid(has_rays)
             if math.isinf(areas_ns):
                 return WindowChoice(first=grid)
-            # Areas have no lattice to err in the flux: they need cells of their own only for what is apart or tiny.
-            has_own = self._outline_px < _SMALL_PX or self._is_apart
-            areas = self._small_areas() if has_own else self._areas()
+            areas = self._small_areas() if self._areas_have_own else self._areas()
             is_enough = grid.predicted_error <= self._gain * self._budget
             # Areas that leave the budget nothing would give up, and the grid be drawn after all.
             if (grid_ns < areas_ns and is_enough) or areas.modelling_error > _MOST_MODELLING * self._budget:

@@ -10,6 +10,7 @@ import pytest
 import views
 from glrender import Body, Pose, Renderer, generate, lod
 from glrender.area_engine import AreaEngine
+from glrender.area_grid import CELL_PX
 from glrender.area_levels import area_levels
 from glrender.backends.raytrace import RayTracer
 from glrender.brdf import Lambert, LommelSeeliger
@@ -93,6 +94,20 @@ def test_middles_have_another_flux_where_they_are_small(rough):
     assert ratios[400.0] - ratios[12.0] > 1e-3
     for size_px, found in errors.items():
         assert abs(np.mean(found) * ratios[size_px] - 1.0) < 4e-4
+
+
+@pytest.mark.parametrize(("size_px", "n_cells"), [(3.0, 3.0 / CELL_PX), (50.0, 50.0)])
+def test_the_flux_is_told_by_the_cells_that_a_body_is_wide(rough, monkeypatch, size_px, n_cells):
+    """Below 4 px they are its own, of 0.28 px: middles overlap there as those of a larger body."""
+    asked, flux_at = [], AreaLevel.flux_at
+    monkeypatch.setattr(AreaLevel, "flux_at", lambda level, phase_rad, cells: (
+        asked.append(cells), flux_at(level, phase_rad, cells))[1])
+    body, _, _ = rough
+    state = views.state(phase_deg=60.0, range_m=20.0 * body.hull.radius_m)
+    with Renderer(views.scene([body], [views.camera(64, 10.0 * size_px)], sun_disc=False)) as renderer:
+        monkeypatch.setattr(renderer, "_costs", COSTS)
+        renderer.render(state, max_error=0.05)
+    assert asked and asked == pytest.approx([n_cells] * len(asked), rel=1e-3)
 
 
 def test_relief_makes_levels_as_bright_as_what_they_stand_for(rough):

@@ -10,7 +10,7 @@ import views
 from glrender import Body, generate, kept_middles, kept_nodes, level_tables
 from glrender.area_engine import AreaEngine
 from glrender.brdf import Hapke, Lambert
-from glrender.coverage import add_lit, add_small, no_changes
+from glrender.coverage import add_lit, add_seen, add_small, no_changes
 from glrender.facet_relief import LevelShape
 from glrender.facet_tables import FacetTables
 from glrender.grouping import region
@@ -19,6 +19,7 @@ from glrender.middle_horizons import Middles
 from glrender.ray_engine import RayEngine
 from glrender.render_plan import LevelPlan
 from glrender.view import view_bodies
+from scipy.spatial.transform import Rotation
 from test_spinning import spun_s
 
 GREY = Lambert(normal_albedo=0.3)
@@ -146,3 +147,14 @@ def test_small_facets_are_shared_among_their_cells_as_their_lines_tell(rng):
     images = [np.cumsum(changes, axis=1)[:, :columns] for changes in (expected, found)]
     np.testing.assert_allclose(images[1], images[0], atol=1e-10 * np.abs(images[0]).max())
     assert images[0].imag.max() > 1.0
+    # The same in space: float32 corners 1000 to 2000 m deep, which a camera sees there.
+    deep = rng.uniform(1000.0, 2000.0, (3, n))
+    turn, shift_m = Rotation.random(random_state=1).as_matrix(), np.array([10.0, -20.0, 30.0])
+    seen_m = np.stack([(xy[0] - 5.0) * deep / 300.0, (xy[1] - 7.0) * deep / 300.0, deep]) - shift_m[:, None, None]
+    corners_m = np.einsum("ji,jkn->kin", turn, seen_m).reshape(9, n).astype(np.float32)
+    in_space = no_changes((rows, columns))
+    for first in (0, 500):
+        add_seen(in_space, corners_m, radiance, first, 500, 1000, turn, shift_m, 300.0, np.array([5.0, 7.0]),
+                 np.zeros(2), np.ones(2))
+    image = np.cumsum(in_space, axis=1)[:, :columns]
+    np.testing.assert_allclose(image, images[0], atol=1e-3 * np.abs(images[0]).max())
