@@ -102,24 +102,22 @@ def _measured(body: Body, levels: Sequence[LevelShape], kinds: Sequence[LevelPla
     sums = np.zeros((len(kinds), _ASPECTS, len(PHASES_RAD), len(SIZES_PX), 4))
     told_at = np.zeros((len(kinds), len(PHASES_RAD), len(SIZES_PX)))
     for aspect, phase in np.ndindex(flux.shape[1:]):
-        state = _state(body, aspect, PHASES_RAD[phase])
-
-        def draw(kind: LevelPlan, px: float, state: State = state) -> tuple[np.ndarray, float]:
-            seen_by = replace(camera, focal_length_px=camera.focal_length_px * px / side)
-            views = view_bodies(state, seen_by, scene.hulls)
+        state, seen = _state(body, aspect, PHASES_RAD[phase]), {}
+        for px in (side, _SMALL_PX):
+            near = _at_size(camera, px)
+            views = view_bodies(state, near, scene.hulls)
             x0, y0, x1, y1 = _box(views[0].bounds_px, side)
-            return areas.draw((body.name,), seen_by, views, (x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5),
-                              (x1 - x0, y1 - y0), _BUDGET, {body.name: kind})
-
+            seen[px] = near, views, (x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5), (x1 - x0, y1 - y0)
         full = None
         for k, kind in enumerate((LevelPlan(), *kinds)):
-            image, told = draw(kind, side)
+            image, told = areas.draw((body.name,), *seen[side], _BUDGET, {body.name: kind})
             total = image.sum()
             if math.isinf(told) or not total > 0.0:
                 continue
             flux[k, aspect, phase] = total
             is_even = not kind.by_middles or kind.n_points
-            small[k, aspect, phase] = total if is_even else draw(kind, _SMALL_PX)[0].sum()
+            small[k, aspect, phase] = total if is_even else areas.draw(
+                (body.name,), *seen[_SMALL_PX], _BUDGET, {body.name: kind})[0].sum()
             centre[k, aspect, phase] = [image.sum(axis=axis) @ np.arange(image.shape[1 - axis]) / total
                                         for axis in range(2)]
             if not k:
@@ -128,7 +126,7 @@ def _measured(body: Body, levels: Sequence[LevelShape], kinds: Sequence[LevelPla
                 sums[k - 1, aspect, phase] = _compared(full, image)
             if kind.tells_error:
                 for size, px in enumerate(SIZES_PX.tolist()):
-                    near = replace(camera, focal_length_px=camera.focal_length_px * px / side)
+                    near = _at_size(camera, px)
                     _, told = areas.draw((body.name,), near, view_bodies(state, near, scene.hulls), near.bounds_px,
                                          (1, 1), 0.0, {body.name: kind}, True)
                     told_at[k - 1, phase, size] += told / _ASPECTS
@@ -154,6 +152,11 @@ def _measured(body: Body, levels: Sequence[LevelShape], kinds: Sequence[LevelPla
     _log.info("levels of detail of %d facets by areas measured in %.1f s", body.shape.report.n_facets,
               time.perf_counter() - began)
     return made
+
+
+def _at_size(camera: PinholeCamera, px: float) -> PinholeCamera:
+    """A camera in which what fills another's image is so many pixels wide, in as large an image."""
+    return replace(camera, focal_length_px=camera.focal_length_px * px / camera.width_px)
 
 
 def _box(bounds_px: np.ndarray, side: int) -> tuple[int, int, int, int]:

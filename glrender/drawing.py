@@ -101,12 +101,9 @@ class Drawing:
         self._tells = on_progress is not None and "on_progress" in taken
         self._budget = renderer.scene.max_error if max_error is None else checked_max_error(max_error)
         # What the frame keeps of the drawn image's errors, but for the flux's: for the renderer to know, where it can.
-        n = 1 if self.lens is None else self.lens.oversampling
-        self._share = camera.model.psf_noise_gain if is_for_detector else 1.0
-        if self.lens is None and "after_psf" in taken:
-            self._options["after_psf"], self._share = is_for_detector, 1.0
         # Cells' errors are independent: their mean has 1 / n of them.
-        self._share /= n
+        n = 1 if self.lens is None else self.lens.oversampling
+        self._share = (camera.model.psf_noise_gain if is_for_detector else 1.0) / n
         if "error_gain" in taken:
             self._options["error_gain"], self._share = self._share, 1.0
         if is_for_detector and "apart_px" in taken:

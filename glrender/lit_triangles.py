@@ -105,7 +105,7 @@ def add_small(changes: np.ndarray, xy: np.ndarray, corners: np.ndarray, radiance
 
 
 def in_two_images(changes: np.ndarray, n_triangles: int, add: Callable[[np.ndarray, int, int, int], None]) -> None:
-    """Add triangles to an image by two threads: to one each, whatever the number of threads, for the same bytes.
+    """Add triangles by two threads, few by one: to two images, whatever the number of threads, for the same bytes.
 
     Each turn is of a block from a first one on, and others so many apart: `add` has the image and the three numbers.
     """

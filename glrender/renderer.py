@@ -147,7 +147,7 @@ class Renderer:
             beyond a body's coarsest is its coarsest.
         after_psf : bool
             Whether the budget holds for the image after the camera's PSF.
-        error_gain : float [1], 0.001..1
+        error_gain : float [1], 1e-9..1
             What is left of an error that is independent from pixel to pixel where others average them, as a lens does
             that has several cells a pixel: the budget holds for that.
         apart_px : float [px], 0..256
@@ -186,7 +186,7 @@ class Renderer:
             level = integer("level", level, 0, 99)
         apart_px = within("apart_px", apart_px, 0.0, 256.0)
         may_be_slow = checked_allow_slow(allow_slow) and level is None
-        gain = within("error_gain", error_gain, 1e-3, 1.0)
+        gain = within("error_gain", error_gain, 1e-9, 1.0)
         if after_psf and pinhole.model is not None:
             gain *= pinhole.model.psf_noise_gain
         views = view_bodies(state, pinhole, self.scene.hulls)

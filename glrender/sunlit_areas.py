@@ -130,18 +130,20 @@ class SunlitAreas:
         """Cut what is mixed, with what looking closer finds."""
         triangles = self._mixed
         light = float((self._radiance.take(triangles.facet) * triangles.area_px).sum())
-        squared = float(self._squared(triangles).sum())
+        light_squared = self._light_squared(triangles)
+        squared = self._spread**2 * float(light_squared.sum())
         unseen = _MISSED * squared + self._behind_others()
         for n, (error, bias) in enumerate(zip(_CUT_ERRORS, _CUT_BIASES, strict=True), 1):
             told = error * squared + unseen + flux_weight * (bias * light) ** 2
             if told <= most_squared:
                 self._cutter.cut_off(triangles, n)
                 return told
-        n_bisections, n_cuts = len(_CUT_ERRORS), _n_bringing(self._light_squared(triangles))
+        n_bisections, n_cuts = len(_CUT_ERRORS), _n_bringing(light_squared)
         if n_cuts > _MANY_CUTS:
             n_bisections, self._spread = _BISECTIONS_OF_MANY, self._spread_of(n_cuts, _SPREAD_OF_MANY)
+            squared = self._spread**2 * float(light_squared.sum())
         cut_error = _CUT_ERRORS[n_bisections - 1]
-        triangles, told = self._closer(triangles, _STILL_MISSED * float(self._squared(triangles).sum()), most_squared)
+        triangles, told = self._closer(triangles, _STILL_MISSED * squared, most_squared)
         left = []
         allowed = told if told > most_squared else max(most_squared - told, _LEAST_LEFT * most_squared)
         for _ in range(_MOST_DIVISIONS):
