@@ -83,13 +83,18 @@ class IrradiancePass:
         apart_px : float [px]
             One of a smaller `apart_size_px` is told there alone, and not added to the image.
         """
+        def misses(window: WindowPlan) -> bool:
+            return window.predicted_error > error_gain * window.budget
+
         drawn = self._draw_window(choice.first, frame, error_gain, clock, may_give_up=choice.by_rays is not None)
-        if drawn is None:
-            drawn = self._draw_window(choice.by_rays, frame, error_gain, clock)
-        mean, window = drawn
-        if choice.by_areas is not None and window.predicted_error > error_gain * window.budget:
+        made = [] if drawn is None else [drawn]
+        if choice.by_rays is not None and (drawn is None or (choice.first.engine == "areas" and misses(drawn[1]))):
+            made.append(self._draw_window(choice.by_rays, frame, error_gain, clock))
+        if choice.by_areas is not None and misses(made[-1][1]):
             # Crescents have slivers of light that many samples find few of.
-            mean, window = self._draw_window(choice.by_areas, frame, error_gain, clock, may_give_up=True) or drawn
+            made.append(self._draw_window(choice.by_areas, frame, error_gain, clock))
+        # Where none meets the budget, what comes nearest.
+        mean, window = min(made, key=lambda each: each[1].predicted_error)
         if window.samples:
             x0, y0, x1, y1 = window.roi
             irradiance[y0:y1, x0:x1] = mean
@@ -102,7 +107,7 @@ class IrradiancePass:
                      may_give_up: bool = False) -> tuple[np.ndarray, WindowPlan] | None:
         """The window's pixels, or a small body's own cells, and its plan; None, if it may, where rays take over."""
         if window.engine == "areas":
-            return self._draw_areas(window, frame, error_gain, clock, may_give_up)
+            return self._draw_areas(window, frame, error_gain, clock)
         if self._is_kept(window, frame):
             window = replace(window, modelling_error=math.hypot(window.modelling_error, NODE_ERROR),
                              predicted_error=math.hypot(window.predicted_error, error_gain * NODE_ERROR),
@@ -124,9 +129,9 @@ class IrradiancePass:
             add_by_area(irradiance, samples, window.bounds_px)
         return body
 
-    def _draw_areas(self, window: WindowPlan, frame: Frame, error_gain: float, clock: Clock,
-                    may_give_up: bool) -> tuple[np.ndarray, WindowPlan] | None:
-        """Means of the window's cells and its plan; None, if it may, where their error is above the budget.
+    def _draw_areas(self, window: WindowPlan, frame: Frame, error_gain: float, clock: Clock
+                    ) -> tuple[np.ndarray, WindowPlan]:
+        """Means of the window's cells and its plan, whose error is infinite where nothing could be drawn.
 
         Where facets as lit as their middles turn out not to be enough, they are cut at the edges of light.
         """
@@ -137,11 +142,9 @@ class IrradiancePass:
         clock.lap("surface")
         if told > left and any(level.tells_error for level in window.levels):
             cut = replace(window, levels=(LevelPlan(),) * len(window.bodies))
-            return self._draw_areas(cut, frame, error_gain, clock, may_give_up)
-        predicted = math.hypot(told, window.modelling_error)
-        if may_give_up and predicted > window.budget:
-            return None
-        return means.astype(np.float32), replace(window, predicted_error=error_gain * predicted)
+            return self._draw_areas(cut, frame, error_gain, clock)
+        predicted = error_gain * math.hypot(told, window.modelling_error)
+        return means.astype(np.float32), replace(window, predicted_error=predicted)
 
     def _draw_sampled(self, window: WindowPlan, frame: Frame, error_gain: float, clock: Clock,
                       may_give_up: bool) -> tuple[np.ndarray, WindowPlan] | None:

@@ -15,7 +15,7 @@ import numpy as np
 from glrender_camera import PinholeCamera, threads
 
 from .frames import sun_from_body
-from .rays import LIFT, Hits, RayMesh, dot
+from .rays import LEAST_LIFT, LIFT, Hits, RayMesh, dot
 from .scene import Body, Scene
 from .surface import Surface
 from .view import BodyView, between
@@ -206,7 +206,7 @@ class RayEngine:
         towards = view.sun_direction_body
         facing = hits.at(np.flatnonzero(dot(hits.normal, towards) > 0.0))
         r_body = _points(facing, view)
-        above = r_body + facing.normal * (LIFT * self._solids[view.name].radius_m)
+        above = r_body + facing.normal * (LEAST_LIFT * self._solids[view.name].radius_m)
         if on_disc is not None:
             towards = towards[:, None] + view.sun_radius_rad * (sun_from_body(towards)[:2].T @ on_disc(facing.place))
         return facing, r_body, self._has_free_line(above, towards, view, views)

@@ -358,3 +358,21 @@ def test_areas_take_over_where_rays_do_not_do(phase_deg, monkeypatch):
         by_rays = renderer.render(state, max_error=0.02)
     assert [window.engine for window in image.plan.windows] == ["areas"]
     assert image.plan.predicted_error < 0.02 < by_rays.plan.predicted_error
+
+
+def test_what_comes_nearest_is_kept_where_nothing_meets_the_budget():
+    """Areas that miss the budget stand against rays that miss it by more: a finer budget must not be drawn worse."""
+    camera = views.camera(120, 600.0)
+    scene = views.scene([Body(name="body", shape=rough(), brdf=LAW)], [camera], sun_disc=False)
+    state = views.state(phase_deg=150.0)
+    with Renderer(scene) as renderer, pytest.MonkeyPatch.context() as patch:
+        image = renderer.render(state, max_error=0.001)
+        patch.setattr("glrender.plan_windows.choose_areas", lambda *_, **__: NO_AREAS)
+        by_rays = renderer.render(state, max_error=0.001)
+    assert [window.engine for window in image.plan.windows] == ["areas"]
+    assert [window.engine for window in by_rays.plan.windows] == ["rays"]
+    assert 0.001 < image.plan.predicted_error < by_rays.plan.predicted_error
+    truth = np.zeros((120, 120))
+    x0, y0, x1, y1 = image.roi
+    truth[y0:y1, x0:x1] = traced(camera, image.roi, (RayEngine(scene), view_bodies(state, camera, scene.hulls)), 100)
+    assert views.relative_rms(image.irradiance_W_m2, truth) < image.plan.predicted_error

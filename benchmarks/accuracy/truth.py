@@ -13,7 +13,7 @@ from glrender.plugins import open_renderer
 
 FOLDER = Path(__file__).parent.parent.parent / "out" / "truth"
 PRODUCTS = ("body_id", "facet_id", "incidence", "sunlit")
-_VERSION = b"3"
+_VERSION = b"4"
 # Odd: its samples stand where no drawn grid of 1, 2, 4 or 8 has its own, but the centre.
 _LEAST, _MOST = 9, 101
 
