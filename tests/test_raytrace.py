@@ -153,7 +153,7 @@ def test_hits_are_those_of_float64_triangles():
 @pytest.mark.parametrize("subdivisions", [3, 5, 7])
 @pytest.mark.parametrize("r_middle_m", [0.0, 70.0])
 def test_no_facet_of_a_sphere_hides_itself_or_another(subdivisions, r_middle_m, rng):
-    """With the Sun from 0.3 deg above facets on, at corners and within: one ray of 100,000 at most, a third of the lift 300."""
+    """The Sun from 0.3 deg above facets on, at corners and within: one ray of 100,000 at most, of a third of the lift 300."""
     sphere = generate.icosphere(radius_m=100.0, subdivisions=subdivisions)
     vertices_m = sphere.vertices_m + r_middle_m * np.array([0.6, -0.64, 0.48])
     mesh, n = RayMesh(vertices_m, sphere.facets), 200_000
