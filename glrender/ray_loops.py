@@ -119,12 +119,13 @@ def find_blocked(scene, start_m, direction, radius_m, found):
 
 
 @compiled(void(uintp, float64, _POINTS, read(float64, 1), _POINTS, read(intp, 1, "A"), _POINTS, float64,
-               read(float64, 1), boolean, write(boolean, 1, "A")))
-def keep_free(scene, radius_m, turn, shift_m, points_m, facets, normals, lift_m, towards, is_place, is_free):
+               read(float64, 1), read(float64, 1), boolean, write(boolean, 1, "A")))
+def keep_free(scene, radius_m, turn, shift_m, points_m, facets, normals, lift_m, unsure_m, towards, is_place, is_free):
     """Of points (3, N) [m] of a surface that are free (N,), find those from which a mesh hides a direction or a place.
 
-    They are lifted off the surface along the normals of their facets (N,). `turn` (3, 3) and `shift_m` (3,) lead to the
-    mesh's frame from theirs; `towards` (3,) is in theirs, a unit vector or a place [m].
+    They are lifted off the surface along the normals of their facets (N,), and more by what is told of each facet.
+    `turn` (3, 3) and `shift_m` (3,) lead to the mesh's frame from theirs; `towards` (3,) is in theirs, a unit vector
+    or a place [m].
     """
     (rays, _, valid), which, n = _new_rays(), np.empty(_LANES, np.intp), 0
     u, v, w = towards[0], towards[1], towards[2]
@@ -132,8 +133,9 @@ def keep_free(scene, radius_m, turn, shift_m, points_m, facets, normals, lift_m,
         if not is_free[i]:
             continue
         k = facets[i]
-        x, y, z = (points_m[0, i] + lift_m * normals[0, k], points_m[1, i] + lift_m * normals[1, k],
-                   points_m[2, i] + lift_m * normals[2, k])
+        up_m = lift_m + unsure_m[k]
+        x, y, z = (points_m[0, i] + up_m * normals[0, k], points_m[1, i] + up_m * normals[1, k],
+                   points_m[2, i] + up_m * normals[2, k])
         reach = float(_FAR)
         if is_place:
             u, v, w = towards[0] - x, towards[1] - y, towards[2] - z

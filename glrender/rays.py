@@ -13,9 +13,13 @@ from .embree import EmbreeMesh
 from .errors import DeviceError
 
 LIFT = 6e-7
-"""A ray from a corner of facets starts this far off one of them, in radii of the bounding sphere: ten float32 steps."""
+"""A ray that asks what hides a facet, or a corner of it, starts this far off it and more (`RayMesh.unsure_m`), in radii
+of the bounding sphere: ten float32 steps."""
 LEAST_LIFT = 2e-7
-"""One from within a facet: none hides itself from 6e-8 on, and what starts higher sees over the foot of what rises."""
+"""One from where a ray of an image met a facet, the same: what starts higher sees over the foot of what rises."""
+# Of what float32 errs by off a facet: times its longest side, as often as that is as long as the facet is high. Most of
+# it, in radii, as there is no light in what is thinner.
+_UNSURE, _MOST_UNSURE = 6e-8, 2e-5
 
 
 def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -57,6 +61,14 @@ class RayMesh:
     facets : (F, 3) int
         Counter-clockwise from outside.
 
+    Attributes
+    ----------
+    facets : (F, 3) int
+    radius_m : float [m]
+    normals : (F, 3) float64 [1]
+    unsure_m : (F,) float64 [m]
+        What float32 errs by off each facet: rays that start on it are lifted by so much more.
+
     Raises
     ------
     DeviceError
@@ -74,7 +86,10 @@ class RayMesh:
         self.radius_m = float(np.linalg.norm(vertices_m, axis=1).max())
         corners = vertices_m[facets]
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        twice_area_m2 = np.linalg.norm(normals, axis=1, keepdims=True)
+        normals /= twice_area_m2
+        longest_m = np.max([np.linalg.norm(corners[:, k] - corners[:, k - 1], axis=1) for k in range(3)], axis=0)
+        self.unsure_m = np.minimum(_UNSURE * longest_m**3 / twice_area_m2[:, 0], _MOST_UNSURE * self.radius_m)
         # A facet's in one place in memory: rays meet them in no order.
         self.normals = normals
         self._offset_m = dot(normals.T, corners[:, 0].T)
@@ -107,7 +122,8 @@ class RayMesh:
                                  azimuths, unknown, found)
 
     def keep_free(self, turn: np.ndarray, shift_m: np.ndarray, r_body_m: np.ndarray, facet: np.ndarray,
-                  normals: np.ndarray, lift_m: float, towards: np.ndarray, is_place: bool, is_free: np.ndarray) -> None:
+                  normals: np.ndarray, lift_m: float, unsure_m: np.ndarray, towards: np.ndarray, is_place: bool,
+                  is_free: np.ndarray) -> None:
         """Of points of another shape's surface that are free, find those that this one hides something from.
 
         Parameters
@@ -120,6 +136,8 @@ class RayMesh:
         normals : (3, F) float64
             Of all its facets: points are lifted along them.
         lift_m : float [m]
+        unsure_m : (F,) float64 [m]
+            So much farther from each.
         towards : (3,) float64
             In the other's frame: a unit vector, or a place [m].
         is_place : bool
@@ -127,4 +145,4 @@ class RayMesh:
             Only those that are true are asked for, and false is written.
         """
         self._loops.keep_free(self._mesh.scene, self.radius_m, turn, shift_m, r_body_m, facet, normals, lift_m,
-                              towards, is_place, is_free)
+                              unsure_m, towards, is_place, is_free)

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import raytracer
 import solids
+import trimesh
 import views
-from glrender import Body, ConfigError, Pose, Renderer, State, generate
+from glrender import Body, ConfigError, Pose, Renderer, Shape, State, generate
 from glrender.backends.raytrace import RayTracer
 from glrender.brdf import Hapke, Lambert
 from glrender.constants import AU_M
@@ -17,6 +18,7 @@ from glrender.plugins import open_renderer
 from glrender.ray_engine import RAYS_AT_ONCE
 from glrender.rays import LEAST_LIFT, RayMesh
 from glrender.triangles import intersect
+from scipy.spatial.transform import Rotation
 from test_renderer_photometry import phi_lambert
 
 GREY = Lambert(normal_albedo=0.4)
@@ -150,21 +152,55 @@ def test_hits_are_those_of_float64_triangles():
     assert (mesh.blocks(aim[:50], ray[0]) == mesh.blocks(aim[:50], np.tile(ray[0], (50, 1)))).all()
 
 
-@pytest.mark.parametrize("subdivisions", [3, 5, 7])
-@pytest.mark.parametrize("r_middle_m", [0.0, 70.0])
-def test_no_facet_of_a_sphere_hides_itself_or_another(subdivisions, r_middle_m, rng):
-    """The Sun from 0.3 deg above facets on, at corners and within: one ray of 100,000 at most, of a third of the lift 300."""
+def _prism(n_sides, radius_m, height_m):
+    """Convex, of long thin facets."""
+    turn = 2.0 * np.pi * np.arange(n_sides) / n_sides
+    ring = radius_m * np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=1)
+    up = np.array([0.0, 0.0, 0.5 * height_m])
+    hull = trimesh.convex.convex_hull(np.concatenate([ring + up, ring - up]))
+    return np.asarray(hull.vertices), np.asarray(hull.faces)
+
+
+def _sphere(subdivisions):
     sphere = generate.icosphere(radius_m=100.0, subdivisions=subdivisions)
-    vertices_m = sphere.vertices_m + r_middle_m * np.array([0.6, -0.64, 0.48])
-    mesh, n = RayMesh(vertices_m, sphere.facets), 200_000
-    facet, share = rng.integers(0, len(sphere.facets), n), rng.dirichlet((1.0, 1.0, 1.0), n)
-    share[::2] = np.eye(3)[rng.integers(0, 3, n // 2)]
-    normal, aside = mesh.normals[facet], rng.normal(size=(n, 3))
-    aside -= np.einsum("ij,ij->i", aside, normal)[:, None] * normal
-    aside /= np.linalg.norm(aside, axis=1)[:, None]
-    height = np.radians(rng.choice([0.3, 3.0, 30.0], n))[:, None]
-    start_m = np.einsum("ijk,ij->ik", vertices_m[sphere.facets[facet]], share) + LEAST_LIFT * mesh.radius_m * normal
-    assert mesh.blocks(start_m, np.cos(height) * aside + np.sin(height) * normal).mean() < 1e-5
+    return sphere.vertices_m, sphere.facets
+
+
+@pytest.mark.parametrize("vertices_m, facets", [
+    _sphere(1), _sphere(3), _sphere(6), _prism(4, 80.0, 5.0), _prism(24, 30.0, 180.0), _prism(48, 80.0, 100.0),
+    _prism(48, 95.0, 8.0)], ids=["20 facets x 4", "x 64", "x 4096", "slab", "rod", "drum", "disc"])
+@pytest.mark.parametrize("r_middle_m", [0.0, 70.0])
+def test_no_facet_of_a_convex_shape_hides_itself_or_another(vertices_m, facets, r_middle_m, rng):
+    """From 1 deg above facets on, however the shape is turned: of rays from within them one in 10,000 at most.
+
+    With the same lift for all facets a hundredth of the slab's and the drum's did, and a rod lost 8 % of its light.
+    """
+    n = 100_000
+    for turned in Rotation.random(3, random_state=1).as_matrix():
+        corners_m = (vertices_m + r_middle_m * np.array([0.6, -0.64, 0.48])) @ turned.T
+        mesh = RayMesh(corners_m, facets)
+        facet, share = rng.integers(0, len(facets), n), rng.dirichlet((1.0, 1.0, 1.0), n)
+        normal, aside = mesh.normals[facet], rng.normal(size=(n, 3))
+        aside -= np.einsum("ij,ij->i", aside, normal)[:, None] * normal
+        aside /= np.linalg.norm(aside, axis=1)[:, None]
+        height = np.radians(rng.choice([1.0, 3.0, 30.0], n))[:, None]
+        lift_m = (LEAST_LIFT * mesh.radius_m + mesh.unsure_m[facet])[:, None]
+        start_m = np.einsum("ijk,ij->ik", corners_m[facets[facet]], share) + lift_m * normal
+        assert mesh.blocks(start_m, np.cos(height) * aside + np.sin(height) * normal).mean() < 1e-4
+
+
+@pytest.mark.parametrize("n_sides, radius_m, height_m", [(24, 30.0, 180.0), (48, 30.0, 180.0), (48, 80.0, 100.0)])
+def test_a_rod_is_as_bright_by_rays_as_without_shadows(n_sides, radius_m, height_m):
+    """It casts none on itself: all that faces the Sun is in its light."""
+    vertices_m, facets = _prism(n_sides, radius_m, height_m)
+    shape = Shape.from_arrays(vertices_m @ Rotation.random(random_state=2).as_matrix().T, facets)
+    scene, state = views.scene([Body(name="body", shape=shape, brdf=GREY)], [views.camera(64, 500.0)]), views.state(
+        phase_deg=60.0)
+    with RayTracer(scene) as tracer:
+        image = tracer.render(state, samples=2, products=("irradiance", "sunlit", "incidence"))
+    facing = image.products["incidence"] < np.radians(89.9)
+    assert facing.sum() > 100
+    assert image.products["sunlit"][facing].all()
 
 
 def test_several_bodies_hide_and_shade_each_other_as_in_opengl():
