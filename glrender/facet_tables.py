@@ -8,7 +8,7 @@ from .facet_relief import LevelShape
 from .horizons import Horizons
 from .middle_horizons import Middles
 from .morton import morton_order
-from .rays import RayMesh, dot
+from .rays import RayMesh, dot, longest_sides_m
 from .scene import Body
 from .shape import Shape
 from .surface import Surface
@@ -84,7 +84,7 @@ class FacetTables:
         shape = body.shape
         self.surface = Surface(body)
         self.n_facets = len(shape.facets)
-        self.longest_side_m = float(longest_sides_m(shape).max())
+        self.longest_side_m = float(longest_sides_m(shape.vertices_m, shape.facets).max())
         self.number = morton_order(shape.vertices_m[shape.facets].mean(axis=1))
         # Vertices as facets come to them.
         self.vertex_number, _, self.corners = facet_loops.vertices_of(
@@ -118,12 +118,6 @@ def has_middles(shape: Shape) -> bool:
 def point_counts(n_facets: int) -> tuple[int, ...]:
     """Numbers of points of which some may stand for a shape of so many facets: each twice the one before."""
     return tuple(count for count in _POINTS if _FACETS_PER_POINT * count <= n_facets)
-
-
-def longest_sides_m(shape: Shape) -> np.ndarray:
-    """Longest sides (F,) of facets [m]."""
-    a, b, c = (shape.vertices_m.take(corner, axis=0).T for corner in shape.facets.T)
-    return np.sqrt(np.maximum.reduce([dot(side, side) for side in (b - a, c - b, a - c)]))
 
 
 def neighbours(corners: np.ndarray, n_vertices: int) -> np.ndarray:

@@ -126,8 +126,7 @@ class RayEngine:
               is_asked: np.ndarray, is_open: np.ndarray | None, towards: np.ndarray, is_place: bool) -> np.ndarray:
         def keep(solid: RayMesh, turn: np.ndarray, shift_m: np.ndarray, is_free: np.ndarray) -> None:
             def ask(part: slice) -> None:
-                solid.keep_free(turn, shift_m, r_body_m[:, part], facet[part], own.normals.T, LIFT * own.radius_m,
-                                own.unsure_m, towards, is_place, is_free[part])
+                solid.keep_free(own, turn, shift_m, r_body_m[:, part], facet[part], towards, is_place, is_free[part])
 
             threads.run_in_parts(ask, len(facet), RAYS_AT_ONCE)
 
@@ -147,7 +146,7 @@ class RayEngine:
         As of `in_light`.
         """
         found = np.full(len(facet), np.inf)
-        start = r_body_m + (LIFT * own.radius_m + own.unsure_m.take(facet)) * own.normals.T.take(facet, axis=1)
+        start = r_body_m + own.lift_m(facet, LIFT) * own.normals.T.take(facet, axis=1)
         for other in views:
             turn, shift_m = between(view, other)
             towards = np.broadcast_to((turn @ view.sun_direction_body)[:, None], start.shape)
@@ -206,8 +205,7 @@ class RayEngine:
         towards = view.sun_direction_body
         facing = hits.at(np.flatnonzero(dot(hits.normal, towards) > 0.0))
         r_body = _points(facing, view)
-        solid = self._solids[view.name]
-        above = r_body + facing.normal * (LEAST_LIFT * solid.radius_m + solid.unsure_m.take(facing.facet))
+        above = r_body + facing.normal * self._solids[view.name].lift_m(facing.facet, LEAST_LIFT)
         if on_disc is not None:
             towards = towards[:, None] + view.sun_radius_rad * (sun_from_body(towards)[:2].T @ on_disc(facing.place))
         return facing, r_body, self._has_free_line(above, towards, view, views)

@@ -13,7 +13,7 @@ from .embree import EmbreeMesh
 from .errors import DeviceError
 
 LIFT = 6e-7
-"""A ray that asks what hides a facet, or a corner of it, starts this far off it and more (`RayMesh.unsure_m`), in radii
+"""A ray that asks what hides a facet, or a corner of it, starts this far off it and more (`RayMesh.lift_m`), in radii
 of the bounding sphere: ten float32 steps."""
 LEAST_LIFT = 2e-7
 """One from where a ray of an image met a facet, the same: what starts higher sees over the foot of what rises."""
@@ -25,6 +25,12 @@ _UNSURE, _MOST_UNSURE = 6e-8, 2e-5
 def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Scalar products (N,) of columns (3, N), or (3, 1) that broadcast."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def longest_sides_m(vertices_m: np.ndarray, facets: np.ndarray) -> np.ndarray:
+    """Longest sides (F,) of facets (F, 3) between vertices (V, 3) [m]."""
+    a, b, c = (vertices_m.take(corner, axis=0).T for corner in facets.T)
+    return np.sqrt(np.maximum.reduce([dot(side, side) for side in (b - a, c - b, a - c)]))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -66,8 +72,6 @@ class RayMesh:
     facets : (F, 3) int
     radius_m : float [m]
     normals : (F, 3) float64 [1]
-    unsure_m : (F,) float64 [m]
-        What float32 errs by off each facet: rays that start on it are lifted by so much more.
 
     Raises
     ------
@@ -88,12 +92,16 @@ class RayMesh:
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         twice_area_m2 = np.linalg.norm(normals, axis=1, keepdims=True)
         normals /= twice_area_m2
-        longest_m = np.max([np.linalg.norm(corners[:, k] - corners[:, k - 1], axis=1) for k in range(3)], axis=0)
-        self.unsure_m = np.minimum(_UNSURE * longest_m**3 / twice_area_m2[:, 0], _MOST_UNSURE * self.radius_m)
+        self._unsure_m = np.minimum(_UNSURE * longest_sides_m(vertices_m, facets)**3 / twice_area_m2[:, 0],
+                                    _MOST_UNSURE * self.radius_m)
         # A facet's in one place in memory: rays meet them in no order.
         self.normals = normals
         self._offset_m = dot(normals.T, corners[:, 0].T)
         self._mesh = EmbreeMesh(vertices_m / self.radius_m, facets)
+
+    def lift_m(self, facet: np.ndarray, least: float) -> np.ndarray:
+        """How far (N,) [m] off facets (N,) rays start: a least, in radii, and what float32 errs by there."""
+        return least * self.radius_m + self._unsure_m.take(facet)
 
     def hit(self, origin_m: np.ndarray, ray: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Facet (N,) or -1, and distance (N,) float64 [m] or infinity, of rays (N, 3) from a point or points."""
@@ -121,28 +129,24 @@ class RayMesh:
         self._loops.find_heights(self._mesh.scene, self.radius_m, points_m, normals, axes, LIFT * self.radius_m,
                                  azimuths, unknown, found)
 
-    def keep_free(self, turn: np.ndarray, shift_m: np.ndarray, r_body_m: np.ndarray, facet: np.ndarray,
-                  normals: np.ndarray, lift_m: float, unsure_m: np.ndarray, towards: np.ndarray, is_place: bool,
-                  is_free: np.ndarray) -> None:
-        """Of points of another shape's surface that are free, find those that this one hides something from.
+    def keep_free(self, own: RayMesh, turn: np.ndarray, shift_m: np.ndarray, r_body_m: np.ndarray, facet: np.ndarray,
+                  towards: np.ndarray, is_place: bool, is_free: np.ndarray) -> None:
+        """Of points of a shape's surface that are free, find those that this one hides something from.
 
         Parameters
         ----------
+        own : RayMesh
+            That shape's, from whose facets rays start: this one, or another.
         turn, shift_m : (3, 3), (3,) float64 [1], [m]
-            To this shape's frame from the other's.
+            To this shape's frame from that one's.
         r_body_m : (3, N) float64 [m]
-            In the other's frame, on its facets.
+            In that one's frame, on its facets.
         facet : (N,) int
-        normals : (3, F) float64
-            Of all its facets: points are lifted along them.
-        lift_m : float [m]
-        unsure_m : (F,) float64 [m]
-            So much farther from each.
         towards : (3,) float64
-            In the other's frame: a unit vector, or a place [m].
+            In that one's frame: a unit vector, or a place [m].
         is_place : bool
         is_free : (N,) bool
             Only those that are true are asked for, and false is written.
         """
-        self._loops.keep_free(self._mesh.scene, self.radius_m, turn, shift_m, r_body_m, facet, normals, lift_m,
-                              unsure_m, towards, is_place, is_free)
+        self._loops.keep_free(self._mesh.scene, self.radius_m, turn, shift_m, r_body_m, facet, own.normals.T,
+                              LIFT * own.radius_m, own._unsure_m, towards, is_place, is_free)
