@@ -1,6 +1,7 @@
-"""How wrong an image will be: what the planner predicts of samples, levels of detail and shadow maps.
+"""The error that the planner predicts of an image's samples, shadow maps and penumbras. Pure.
 
-Fitted to measurements against rays and kept above them (docs/planner.md); pure functions.
+Each constant is fitted to measurements beside the ray tracer and kept above them; `benchmarks/heldout.py` holds the
+predictions against scenes that no constant was fitted to.
 """
 
 from __future__ import annotations
@@ -8,58 +9,76 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from .level_tables import AreaLevel
-from .lod_flux import FluxRatio
 from .relief import Relief
 from .view import BodyView
 
-# Squared error of one sample a pixel: limb and terminator, and creases between facets; as measured
-# (docs/planner.md: 0.43, 0.34), times the square of what predictions are kept above the truth by.
-_LIMB_ERROR, _LIT_POWER = 0.62, 1.15
-_CREASE_ERROR, _CROWDING_POWER, _MOST_FACETS_PER_PX = 0.49, 0.35, 2.06
-# Of surface detail's slope, which no layer has finer than two pixels: three kinds at 30 and 70 deg have 0.07 to 0.2.
+# Squared error [1] of one sample a pixel at the limb and the terminator, times the diameter [px]: twelve shapes, 12 to
+# 1000 px, 5 to 150 deg, kept 1.2 times above the measured root.
+_LIMB_ERROR = 0.62
+_LIT_POWER = 1.15
+# The same of creases between facets, over their squared angle [rad^-2]: the same shapes.
+_CREASE_ERROR = 0.49
+_CROWDING_POWER = 0.35
+_MOST_FACETS_PER_PX = 2.06
+# The same of the surface detail's slope: three kinds at 30 and 70 deg have 0.07 to 0.2.
 _DETAIL_ERROR = 0.25
-# What noise has more than edges of the same contrast, and facets a sample from which rough ones are noise.
-_NOISE_GAIN, NOISE_FACETS = 0.85, 20.0
-# Share of the squared error that sits at the edges of cast shadows, per radian of phase, at most.
-_SHADOW_EDGES_PER_RAD, _MOST_SHADOW_EDGES = 0.1, 0.2
-# Of shadows without penumbras, at a phase of 1 rad and 1 au.
-_PENUMBRA_ERROR, _PENUMBRA_POWER, _PENUMBRA_PX = 0.006, 1.2, 300.0
-_THIN_PENUMBRA = 75.0
-# Width over the body's size: the Sun's angle times a tenth of it.
+# Error of noise over that of an edge of the same contrast [1]: four rough shapes with 0.1 to 300 facets a sample.
+_NOISE_GAIN = 0.85
+NOISE_FACETS = 20.0
+"""Facets a sample from which rough facets are noise."""
+# Share of the squared error at the edges of cast shadows, per radian of phase, and at most: engine.md.
+_SHADOW_EDGES_PER_RAD = 0.1
+_MOST_SHADOW_EDGES = 0.2
+# RMS error of hard edges in place of a body's own penumbras at 1 rad and 1 au: Itokawa, 500 px, 60 and 120 deg.
+_PENUMBRA_ERROR = 0.006
+_PENUMBRA_POWER = 1.2
+_PENUMBRA_PX = 300.0
+# Width of a body's own penumbras over its size at 1 au [1]: the Sun's angle times a tenth of the size.
 _PENUMBRA_WIDTH = 1e-3
-# Leaked flux times texels, at 90 deg.
-_LEAK, _LEAK_POWERS, _LEAK_CREASE_RAD = 1.9, (1.2, 1.57), 0.146
-# RMS error of a level of detail, and its flux error over the scatter of the ratio between aspects.
-_LEVEL_ERROR, _OUTLINE_ERROR, _FLUX_SCATTERS = 0.5, 1.2, 2.5
-# Facets that a pixel sees, about, times squared size over all of them: half of them face it, on 0.6 of the square.
+# Flux that leaks through a shadow map, times its texels, at 90 deg: four shapes, creases of 0.06 to 0.31 rad, 30 to
+# 150 deg, 256 to 4096 texels.
+_LEAK = 1.9
+_LEAK_POWERS = (1.2, 1.57)
+_LEAK_CREASE_RAD = 0.146
 FACETS_SEEN = 0.5 / 0.6
-# What slivers between samples add to the error that an image tells, per radian beyond a phase angle.
-_SLIVERS_PER_RAD, _SLIVERS_FROM_RAD = 2.5, 2.55
+"""Facets that a pixel sees times squared size over all facets: half of them face it, on 0.6 of the square."""
+# Error over the estimate of an image, per radian of phase beyond one: 24 crescents at 136 to 162 deg, 40 to 300 px.
+_CRESCENTS_PER_RAD = 2.5
+_CRESCENTS_FROM_RAD = 2.55
 
 
 @dataclass(frozen=True, kw_only=True)
-class LevelTraits:
-    """What the planner must know of a level of detail; the first is the full shape.
+class BodyTraits:
+    """What the planner must know of a body.
 
     Attributes
     ----------
+    radius_m : float [m]
+    is_convex : bool
+    law : str
+    max_phase_rad : float [rad]
+        Up to which the law holds.
     n_facets : int
     crease_rad : float [rad]
-        RMS angle between neighbouring facets of what is shaded.
-    deviation_m : float [m]
-        RMS distance from the full shape.
-    flux_ratio : FluxRatio or None
-        Of the full shape over the level.
+        RMS angle between neighbouring facets.
+    relief : Relief or None
+        Surface detail.
     detail_slope : float [1]
-        RMS, of the surface detail that is drawn on it.
+        RMS slope of the detail that is drawn.
+    facet_m : float [m]
+        Side of facets, by their areas; infinite where a facet is not as bright everywhere: with a texture, smooth
+        normals or surface detail.
     """
 
+    radius_m: float
+    is_convex: bool
+    law: str
+    max_phase_rad: float
     n_facets: int
     crease_rad: float
-    deviation_m: float = 0.0
-    flux_ratio: FluxRatio | None = None
+    relief: Relief | None = None
     detail_slope: float = 0.0
+    facet_m: float = math.inf
 
     @property
     def slope(self) -> float:
@@ -67,64 +86,24 @@ class LevelTraits:
         return math.hypot(self.crease_rad, _DETAIL_ERROR * self.detail_slope / math.sqrt(_CREASE_ERROR))
 
 
-@dataclass(frozen=True, kw_only=True)
-class BodyTraits:
-    """What the planner must know of a body."""
-
-    radius_m: float
-    is_convex: bool
-    law: str
-    max_phase_rad: float
-    levels: tuple[LevelTraits, ...]
-    relief: Relief | None = None
-    area_levels: tuple[AreaLevel, ...] = ()
-    """Of the levels after the first, by areas: none where facets are not as bright everywhere."""
-    even_facet_m: float = math.inf
-    """Side of facets, each as bright everywhere, by their areas; infinite with a texture, smooth normals or detail."""
-    reflectance: float = 1.0
-    """BRDF [1/sr] with the Sun 30 deg off the camera overhead."""
-
-
-def level_error(view: BodyView, level: LevelTraits, footprint_m: float) -> float:
-    """RMS error of a level of detail, shaded with the normals of the full shape.
-
-    Facets' normals on eight shapes at 5 to 500 px and 5 to 150 deg, and outlines that moved on four at 100 to
-    1000 px and 20 to 90 deg, Lambert and Lommel-Seeliger: the truth is within in 96 %, its median 0.65 of it
-    (docs/planner.md).
-    """
-    if not level.deviation_m:
-        return 0.0
-    tilt = (0.4 + min(math.tan(0.5 * view.phase_rad), 30.0) ** 2) ** 0.64
-    diameter = min(max(view.size_px, 1.0), 1e5)
-    deviation_px = level.deviation_m / footprint_m
-    normals = (_LEVEL_ERROR * level.crease_rad * tilt * deviation_px**0.074
-               * max(level.n_facets / diameter**2, 0.01) ** -0.1)
-    lit = lit_share(view.phase_rad)
-    return math.hypot(normals, _OUTLINE_ERROR * (deviation_px / math.sqrt(diameter)) ** 0.75 / lit)
-
-
 def lit_share(phase_rad: float, least: float = 1e-3) -> float:
     """Of a sphere's disc, what is lit at a phase angle, and a least."""
     return max(0.5 * (1.0 + math.cos(phase_rad)), least)
 
 
-def level_flux_error(view: BodyView, level: LevelTraits) -> float:
-    """Error of the flux after the mean over aspects is put right; one aspect in ten has more."""
-    return 0.0 if level.flux_ratio is None else _FLUX_SCATTERS * level.flux_ratio.at(view.phase_rad)[1]
-
-
-def squared_errors(view: BodyView, level: LevelTraits) -> tuple[float, float]:
+def squared_errors(view: BodyView, traits: BodyTraits) -> tuple[float, float]:
     """Squared RMS error of one sample a pixel: of outlines, and of creases.
 
     n x n samples have n^-3 of it. Measured on twelve shapes at 12 to 1000 px and 5 to 150 deg: within 30 %.
     """
     diameter = min(max(view.size_px, 1.0), 1e5)
     lit = lit_share(view.phase_rad)
-    noise = noise_gain(level.crease_rad, facets_per_px(view, level.n_facets)) ** 2
-    crowding = min(facets_per_px(view, level.n_facets), _MOST_FACETS_PER_PX) ** _CROWDING_POWER
+    noise = noise_gain(traits.crease_rad, facets_per_px(view, traits.n_facets)) ** 2
+    crowding = min(facets_per_px(view, traits.n_facets), _MOST_FACETS_PER_PX) ** _CROWDING_POWER
     tilt = (0.02 + min(math.tan(0.5 * view.phase_rad), 30.0) ** 2) ** 0.71
+    creases = _CREASE_ERROR * traits.crease_rad**2 * crowding * noise
     return (_LIMB_ERROR / diameter * lit**-_LIT_POWER,
-            (_CREASE_ERROR * level.crease_rad**2 * crowding * noise + (_DETAIL_ERROR * level.detail_slope) ** 2) * tilt)
+            (creases + (_DETAIL_ERROR * traits.detail_slope) ** 2) * tilt)
 
 
 def noise_gain(crease_rad: float, facets_per_sample: float) -> float:
@@ -143,12 +122,12 @@ def noise_power(gain: float) -> float:
     return 3.0 - (gain - 1.0) / _NOISE_GAIN
 
 
-def sliver_gain(phase_rad: float) -> float:
+def crescent_gain(phase_rad: float) -> float:
     """Error over what an image tells of itself: thin crescents have light between samples that nothing tells.
 
     Of 24 crescents at 136 to 162 deg, 40 to 300 px, those beyond 150 deg had up to 1.5 times the error that was told.
     """
-    return 1.0 + _SLIVERS_PER_RAD * max(phase_rad - _SLIVERS_FROM_RAD, 0.0)
+    return 1.0 + _CRESCENTS_PER_RAD * max(phase_rad - _CRESCENTS_FROM_RAD, 0.0)
 
 
 def facets_per_px(view: BodyView, n_facets: int) -> float:
@@ -173,52 +152,22 @@ def texel_share(view: BodyView, shadow_map_px: int) -> float:
     return (view.finest_px / shadow_map_px) ** 3
 
 
-def leaked_flux(view: BodyView, level: LevelTraits, shadow_map_px: int) -> float:
+def leaked_flux(view: BodyView, traits: BodyTraits, shadow_map_px: int) -> float:
     """Share of the flux that leaks through what the texels of a shadow map cannot see.
 
     The lower the Sun and the rougher the facets, the more. Measured on four shapes with creases of 0.06 to
     0.31 rad at 30 to 150 deg with 256 to 4096 texels across, kept above.
     """
     tangent = math.tan(min(0.5 * view.phase_rad, 1.5))
-    roughness = max(level.crease_rad / _LEAK_CREASE_RAD, 1.0)
+    roughness = max(traits.crease_rad / _LEAK_CREASE_RAD, 1.0)
     return _LEAK * max(tangent**_LEAK_POWERS[0], tangent**_LEAK_POWERS[1]) * roughness**1.5 / shadow_map_px
 
 
-@dataclass(frozen=True, kw_only=True)
-class Penumbra:
-    """Of a body's shadows on itself, where the Sun has a disc.
+def own_penumbra(view: BodyView) -> tuple[float, float]:
+    """RMS error [1] of hard edges in place of the penumbras of a body's shadows on itself, and the widest one's [px].
 
-    Attributes
-    ----------
-    error : float [1]
-        RMS error of hard edges in its place.
-    width_px : float [px]
-        Of the widest.
-    """
-
-    error: float
-    width_px: float
-
-
-NO_PENUMBRA = Penumbra(error=0.0, width_px=0.0)
-
-
-def own_penumbra(view: BodyView) -> Penumbra:
-    """Of a body's shadows on itself.
-
-    Measured on Itokawa, 500 px across at 1 au: 0.0041 at 60 deg, 0.0094 at 120; a contact binary has
-    half as much again. Flux within 1e-4. It grows no more
-    where penumbras are wider than pixels.
+    Itokawa, 500 px across at 1 au: 0.0041 at 60 deg, 0.0094 at 120; a contact binary has half as much again.
     """
     sharpness = min(view.finest_px / _PENUMBRA_PX, 1.0)
     error = _PENUMBRA_ERROR * view.phase_rad**_PENUMBRA_POWER * sharpness / math.sqrt(view.sun_distance_au)
-    return Penumbra(error=error, width_px=_PENUMBRA_WIDTH * view.finest_px / view.sun_distance_au)
-
-
-def thin_penumbra(view: BodyView) -> float:
-    """Ten times the relative flux error of hard edges on a thin crescent, where the Sun is as low as it is wide.
-
-    A rough binary at 172, 175, 177 deg: 0.6, 3, 6 % of the flux.
-    """
-    angle = view.sun_radius_rad
-    return _THIN_PENUMBRA * (angle / max(math.pi - view.phase_rad, angle)) ** 2
+    return error, _PENUMBRA_WIDTH * view.finest_px / view.sun_distance_au

@@ -54,7 +54,7 @@ class FacetCutter:
         # Lifted off the surface by the normal of one of their facets.
         vertex, of, self.corner = facet_loops.vertices_of(facets.corners, facing, facets.vertices_m.shape[1])
         r_m = facets.vertices_m.take(vertex, axis=1)
-        self.points = Points(r_m, *self._told(r_m, of, None, vertex))
+        self.points = Points(r_m, *self._told(r_m, of))
         self.polygons: list[tuple[np.ndarray, np.ndarray]] = []
 
     def are_lit(self, triangles: FacetParts) -> np.ndarray:
@@ -142,25 +142,19 @@ class FacetCutter:
             step *= 0.5
         return part
 
-    def _told(self, r_body_m: np.ndarray, facet: np.ndarray, is_seen: np.ndarray | None = None,
-              vertex: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    def _told(self, r_body_m: np.ndarray, facet: np.ndarray, is_seen: np.ndarray | None = None
+              ) -> tuple[np.ndarray, np.ndarray]:
         """Whether points (3, N) [m] of facets (N,) are seen, and in sunlight as well.
 
-        No ray is cast at a body that is convex by its own points; for those that are known to be seen (N,), between
-        three that are; nor at vertices (N,) from which the line is above the horizon.
+        No ray is cast at a body that is convex by its own points, nor for points that are known to be seen (N,).
         """
         if self.is_free:
             return np.ones((2, len(facet)), bool)
-        view, horizons = self._view, self._facets.horizons
-        is_open = [None, None]
+        view, is_open = self._view, None
         if self._facets.is_convex:
-            is_open = [np.ones(len(facet), bool)] * 2
-        elif vertex is not None and horizons is not None:
-            number = self._facets.vertex_number.take(vertex)
-            is_open = [horizons.are_open(number, view.r_camera_body_m, True),
-                       horizons.are_open(number, view.sun_direction_body, False)]
+            is_open = np.ones(len(facet), bool)
         is_asked, number = np.ones(len(facet), bool) if is_seen is None else ~is_seen, self._facets.number.take(facet)
-        seen = self._rays.in_view(self._facets.solid, r_body_m, number, view, self._views, is_asked, is_open[0])
+        seen = self._rays.in_view(self._facets.solid, r_body_m, number, view, self._views, is_asked, is_open)
         if is_seen is not None:
             seen |= is_seen
-        return seen, self._rays.in_light(self._facets.solid, r_body_m, number, view, self._views, seen, is_open[1])
+        return seen, self._rays.in_light(self._facets.solid, r_body_m, number, view, self._views, seen, is_open)

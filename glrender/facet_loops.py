@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba.types import Tuple, float32, float64, int16, int32, int64, intp, void
+from numba.types import Tuple, float32, float64, int32, intp, void
 
 from .compiled import compiled, read, write
 
@@ -35,28 +35,6 @@ def facing(normal, offset_m, first, last, to_sun, r_camera_m, xy, corners, bound
                 found[n], cosines[n], shown[n] = facet, cosine, share
                 n += 1
     return found[:n].copy(), cosines[:n].copy(), shown[:n].copy()
-
-
-@compiled(void(_TABLE, _NUMBERS, read(float64, 1), intp, intp, _VECTOR, float64, write(float32, 2)))
-def slopes(normal, facets, radiance, first, last, to_sun, beyond, found):
-    """Write of parts first to last of facets (N,) what `relit` takes.
-
-    That is their normals, and their radiance (N,) over the cosine of incidence and what is `beyond`: (N, 4).
-    """
-    for i in range(first, last):
-        incidence = beyond
-        for axis in range(3):
-            found[i, axis] = normal[axis, facets[i]]
-            incidence += normal[axis, facets[i]] * to_sun[axis]
-        found[i, 3] = radiance[i] / incidence
-
-
-@compiled(void(read(float32, 2), intp, intp, _VECTOR, float64, float64, write(float64, 1)))
-def relit(slopes, first, last, to_sun, gain, beyond, radiance):
-    """Write the radiance (N,) of parts first to last of `slopes` (N, 4); 0 of what has turned from the Sun."""
-    for i in range(first, last):
-        incidence = slopes[i, 0] * to_sun[0] + slopes[i, 1] * to_sun[1] + slopes[i, 2] * to_sun[2]
-        radiance[i] = gain * slopes[i, 3] * (incidence + beyond) if incidence > 0.0 else 0.0
 
 
 @compiled(write(float64, 1)(read(float32, 2), read(float64, 1), read(int32, 2), _CORNERS, _TABLE, intp, _VECTOR,
@@ -199,39 +177,4 @@ def to_camera(vertices_m, corners, facets, r_camera_m):
             squared += found[axis, i] ** 2
         for axis in range(3):
             found[axis, i] /= math.sqrt(squared)
-    return found
-
-
-@compiled(write(float64, 1)(read(int64, 1), read(int16, 2), read(float32, 1), _NUMBERS, _POINTS, float64, _TABLE,
-                            _TABLE))
-def added_by_relief(begin, normals, weights, facets, flat, unit, axes, table):
-    """What facets (N,) that stand for several normals have more than flat ones (3, N) have: in a table's unit.
-
-    The several are so many times as long. The table is of the components of normals along two axes (2, 3), from 0 to 1
-    and from -1 to 1, in even steps.
-    """
-    found, steps, axes = np.empty(len(facets)), table.shape[0] - 1, axes / unit
-    for i in range(len(facets)):
-        total, covered, own = 0.0, 0.0, 0.0
-        for j in range(begin[facets[i]], begin[facets[i] + 1] + 1):
-            is_flat = j == begin[facets[i] + 1]
-            if is_flat:
-                a, b, c = unit * flat[0, i], unit * flat[1, i], unit * flat[2, i]
-            else:
-                a, b, c = float(normals[j, 0]), float(normals[j, 1]), float(normals[j, 2])
-            x = a * axes[0, 0] + b * axes[0, 1] + c * axes[0, 2]
-            if x <= 0.0:
-                continue
-            y = a * axes[1, 0] + b * axes[1, 1] + c * axes[1, 2]
-            u, v = min(x, 1.0) * steps, (min(max(y, -1.0), 1.0) + 1.0) * steps
-            k, m = min(int(u), steps - 1), min(int(v), 2 * steps - 1)
-            u, v = u - k, v - m
-            value = ((1.0 - u) * ((1.0 - v) * table[k, m] + v * table[k, m + 1])
-                     + u * ((1.0 - v) * table[k + 1, m] + v * table[k + 1, m + 1]))
-            if is_flat:
-                own = value
-            else:
-                total += weights[j] * x * value
-                covered += weights[j] * x
-        found[i] = total / covered - own if covered > 0.0 else 0.0
     return found

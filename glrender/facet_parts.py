@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from glrender_camera import PinholeCamera, threads
 
+from . import facet_loops
 from .view import BodyView
 
 # Points that a thread projects in a turn.
@@ -75,8 +76,6 @@ class FacetParts:
 
 def projected(r_body_m: np.ndarray, view: BodyView, camera: PinholeCamera) -> np.ndarray:
     """Places (2, N) [px] of points (3, N) [m] in the image."""
-    from . import facet_loops
-
     found, middle_px = np.empty((2, r_body_m.shape[1])), np.array(camera.principal_point_px, float)
 
     def project(part: slice) -> None:

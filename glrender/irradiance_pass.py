@@ -1,62 +1,52 @@
-"""The irradiance of one window of an image: by triangles, rays or areas, with more samples where it asks."""
+"""The irradiance of one region of an image: the engines are tried in order until one meets the tolerance."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+import time
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
-import cv2
 import numpy as np
 
 from . import error_model
-from .area_engine import AreaEngine
 from .area_grid import SmallBody, add_by_area
 from .clock import Clock
-from .first_samples import MAX_SAMPLES
+from .coverage_engine import CoverageEngine
+from .engine_choice import apart_size_px
 from .gl.context import Context
 from .gl.mesh import IRRADIANCE_STAGE
 from .gl.targets import Target
 from .grouping import outline_px
-from .kept_images import CONTRAST, NODE_ERROR, KeptImages
-from .plan_windows import FACING_SAMPLES, WindowChoice, apart_size_px
 from .ray_engine import RayEngine, draws
 from .refine import frame_error, pixel_errors, pixel_means, plan_refinement
-from .render_plan import LevelPlan, WindowPlan
+from .render_plan import WindowPlan
 from .surface_pass import Frame, SurfacePass
 
 # Samples drawn at once: 16 Mi samples of float32 and depth are 128 MiB.
 _MAX_WINDOW_SAMPLES = 4096 * 4096
-# Of the budget: what is left then for samples would not do.
-_ALL_BUT = 0.9
-# Of a pixel's light, what it lacks that has a shadow: rounding lacks less.
-_SHADED = 1e-3
-# Least budget of rays that are kept: of a node's error much would be left out.
-_LEAST_KEPT = 4e-3
-# Most of them across a body, what their error is to be less than asked for, and the power of its contrast that asks for
-# more of them from the first: as errors are between edges' and noise's.
-_MOST_KEPT_ACROSS, _FINER, _FIRST = 1024, 1.05, 0.8
+# Of the tolerance [1], what samples are asked for at least, however much the texels of a shadow map have of it.
+_LEAST_LEFT = 0.3
+# Most samples across a small body by rays: some half a second.
+_MOST_ACROSS = 1024
 
 
 class IrradiancePass:
-    """Draws windows.
+    """Draws regions.
 
     Parameters
     ----------
     context : Context
     surfaces : SurfacePass
     rays : RayEngine or None
-    areas : AreaEngine or None
-        With rays.
-    kept_images : KeptImages or None
+    coverage : CoverageEngine or None
         With rays.
     """
 
-    def __init__(self, context: Context, surfaces: SurfacePass, rays: RayEngine | None, areas: AreaEngine | None,
-                 kept_images: KeptImages | None):
-        self._context, self._surfaces, self._rays, self._areas = context, surfaces, rays, areas
-        self._kept_images = kept_images
+    def __init__(self, context: Context, surfaces: SurfacePass, rays: RayEngine | None,
+                 coverage: CoverageEngine | None):
+        self._context, self._surfaces, self._rays, self._coverage = context, surfaces, rays, coverage
         self._target = Target(context, [1])
 
     def __enter__(self) -> IrradiancePass:
@@ -65,15 +55,16 @@ class IrradiancePass:
     def __exit__(self, *exception) -> None:
         self._target.__exit__(*exception)
 
-    def draw(self, irradiance: np.ndarray, choice: WindowChoice, frame: Frame, error_gain: float, clock: Clock,
-             small: list[SmallBody], apart_px: float) -> WindowPlan:
-        """Add a window to an image; its plan with what its samples told.
+    def draw(self, irradiance: np.ndarray, options: Sequence[WindowPlan], frame: Frame, error_gain: float, clock: Clock,
+             small: list[SmallBody], apart_px: float, deadline: float = math.inf) -> WindowPlan:
+        """Add a region to an image; its plan with the error that was estimated.
 
         Parameters
         ----------
         irradiance : (height, width) float32 [W/m2]
             Changed in place.
-        choice : WindowChoice
+        options : sequence of WindowPlan
+            Ways to draw it, at least one: the first that meets the tolerance does, or the one that comes nearest.
         frame : Frame
         error_gain : float [1]
             What the camera's PSF leaves of an error that is independent from pixel to pixel.
@@ -81,20 +72,18 @@ class IrradiancePass:
         small : list of SmallBody
             Gets the body that has a grid of its own.
         apart_px : float [px]
-            One of a smaller `apart_size_px` is told there alone, and not added to the image.
+            A body of a smaller `apart_size_px` is told there alone, and not added to the image.
+        deadline : float [s]
+            Of `time.monotonic`: nothing is begun after it.
         """
-        def misses(window: WindowPlan) -> bool:
-            return window.predicted_error > error_gain * window.budget
-
-        drawn = self._draw_window(choice.first, frame, error_gain, clock, may_give_up=choice.by_rays is not None)
-        made = [] if drawn is None else [drawn]
-        if choice.by_rays is not None and (drawn is None or (choice.first.engine == "areas" and misses(drawn[1]))):
-            made.append(self._draw_window(choice.by_rays, frame, error_gain, clock))
-        if choice.by_areas is not None and misses(made[-1][1]):
-            # Crescents have slivers of light that many samples find few of.
-            made.append(self._draw_window(choice.by_areas, frame, error_gain, clock))
-        # Where none meets the budget, what comes nearest.
-        mean, window = min(made, key=lambda each: each[1].predicted_error)
+        best = None
+        for option in options:
+            mean, window = self._draw_option(option, frame, error_gain, clock, deadline)
+            if best is None or window.predicted_error < best[1].predicted_error:
+                best = mean, window
+            if window.predicted_error <= error_gain * window.tolerance or time.monotonic() > deadline:
+                break
+        mean, window = best
         if window.samples:
             x0, y0, x1, y1 = window.roi
             irradiance[y0:y1, x0:x1] = mean
@@ -103,20 +92,13 @@ class IrradiancePass:
         clock.lap("readback")
         return window
 
-    def _draw_window(self, window: WindowPlan, frame: Frame, error_gain: float, clock: Clock,
-                     may_give_up: bool = False) -> tuple[np.ndarray, WindowPlan] | None:
-        """The window's pixels, or a small body's own cells, and its plan; None, if it may, where rays take over."""
-        if window.engine == "areas":
-            return self._draw_areas(window, frame, error_gain, clock)
-        if self._is_kept(window, frame):
-            window = replace(window, modelling_error=math.hypot(window.modelling_error, NODE_ERROR),
-                             predicted_error=math.hypot(window.predicted_error, error_gain * NODE_ERROR),
-                             rays_at_facing=False)
-            if 0 < window.samples <= MAX_SAMPLES:
-                # What is between samples tells more; of more of them the planner took some to spare.
-                window = _with_samples(window, self._most_kept(window, frame, window.samples * CONTRAST**_FIRST))
+    def _draw_option(self, window: WindowPlan, frame: Frame, error_gain: float, clock: Clock, deadline: float
+                     ) -> tuple[np.ndarray, WindowPlan]:
+        """The region's pixels, or a small body's own cells, and its plan."""
+        if window.engine == "coverage":
+            return self._draw_coverage(window, frame, error_gain, clock)
         if window.samples:
-            return self._draw_sampled(window, frame, error_gain, clock, may_give_up)
+            return self._draw_sampled(window, frame, error_gain, clock, deadline)
         return self._samples(window, frame, clock, window.bounds_px, window.grid), window
 
     def _add_small(self, irradiance: np.ndarray, samples: np.ndarray, window: WindowPlan, frame: Frame,
@@ -129,55 +111,41 @@ class IrradiancePass:
             add_by_area(irradiance, samples, window.bounds_px)
         return body
 
-    def _draw_areas(self, window: WindowPlan, frame: Frame, error_gain: float, clock: Clock
-                    ) -> tuple[np.ndarray, WindowPlan]:
-        """Means of the window's cells and its plan, whose error is infinite where nothing could be drawn.
-
-        Where facets as lit as their middles turn out not to be enough, they are cut at the edges of light.
-        """
-        left = math.sqrt(max(window.budget**2 - window.modelling_error**2, 0.0))
-        means, told = self._areas.draw(window.bodies, frame.camera, frame.views, window.bounds_px, window.grid, left,
-                                       dict(zip(window.bodies, window.levels, strict=True)), True, eclipse_error=max(
-                                           body.eclipse.error for body in frame.bodies if body.name in window.bodies))
+    def _draw_coverage(self, window: WindowPlan, frame: Frame, error_gain: float, clock: Clock
+                       ) -> tuple[np.ndarray, WindowPlan]:
+        """Means of the region's cells and its plan, whose error is infinite where nothing could be drawn."""
+        left = math.sqrt(max(window.tolerance**2 - window.modelling_error**2, 0.0))
+        draw = self._coverage.draw_by_centroids if window.by_centroids else self._coverage.draw
+        means, error = draw(window.bodies, frame.camera, list(frame.views), window.bounds_px, window.grid, left)
         clock.lap("surface")
-        if told > left and any(level.tells_error for level in window.levels):
-            cut = replace(window, levels=(LevelPlan(),) * len(window.bodies))
-            return self._draw_areas(cut, frame, error_gain, clock)
-        predicted = error_gain * math.hypot(told, window.modelling_error)
+        predicted = error_gain * math.hypot(error, window.modelling_error)
         return means.astype(np.float32), replace(window, predicted_error=predicted)
 
-    def _draw_sampled(self, window: WindowPlan, frame: Frame, error_gain: float, clock: Clock,
-                      may_give_up: bool) -> tuple[np.ndarray, WindowPlan] | None:
-        """The window's pixels and its plan; None, if it may, where its shadows' edges alone cost the budget."""
+    def _draw_sampled(self, window: WindowPlan, frame: Frame, error_gain: float, clock: Clock, deadline: float
+                      ) -> tuple[np.ndarray, WindowPlan]:
+        """The region's pixels and its plan: few samples everywhere, then more where their contrast is high."""
         x0, y0, x1, y1 = window.roi
         mean, error = (np.zeros((y1 - y0, x1 - x0), np.float32) for _ in range(2))
         draw = partial(self._draw_tile, window, frame, clock)
-        sunward = self._sunward(window, frame, clock)
+        members = [view for view in frame.views if view.name in window.bodies]
         crease_rad, facets_per_px = window.noise
         noise = error_model.noise_gain(crease_rad, facets_per_px / window.samples**2)
-        told_gain = CONTRAST if self._is_kept(window, frame) else 1.0
-        slivers = error_model.sliver_gain(max(view.phase_rad for view in frame.views if view.name in window.bodies))
+        gain = noise * error_model.crescent_gain(max(view.phase_rad for view in members))
         # Beside the bodies' outlines it is dark; beyond the frame, nobody knows.
         sides = (y0 > 0, x0 > 0, y1 < frame.camera.height_px, x1 < frame.camera.width_px)
         for tile in self._tiles(mean.shape, window.samples):
             ends = (tile[0].start == 0, tile[1].start == 0, tile[0].stop == y1 - y0, tile[1].stop == x1 - x0)
             dark = tuple(side and end for side, end in zip(sides, ends, strict=True))
-            samples = draw(tile, window.samples, None if sunward is None else sunward[tile])
-            mean[tile], error[tile] = pixel_errors(samples, window.samples, told_gain * noise * slivers, dark)
+            mean[tile], error[tile] = pixel_errors(draw(tile, window.samples), window.samples, gain, dark)
         now, power = frame_error(mean, error), error_model.noise_power(noise)
         # Edges of shadows lie where the map's texels put them, however many samples see them.
-        told = now * window.samples**(0.5 * power)
-        floor = math.hypot(window.modelling_error, told * math.sqrt(window.shadow_share))
-        if may_give_up and floor > _ALL_BUT * window.budget > window.modelling_error:
-            # Dear as rays are, the image without shadows tells first how much of its error is at such edges.
-            edges = self._edge_share(window, frame, clock, mean, error)
-            floor = math.hypot(window.modelling_error, told * math.sqrt(window.texel_share * edges))
-        if may_give_up and floor > _ALL_BUT * window.budget:
-            return None
-        budget = max(math.sqrt(max(window.budget**2 - floor**2, 0.0)), 0.3 * window.budget)
-        if window.samples < (finer := self._finer(window, frame, now / budget, power)):
-            return self._draw_sampled(_with_samples(window, finer), frame, error_gain, clock, may_give_up)
-        refinement = plan_refinement(mean, error, window.samples, budget, power) if math.isfinite(budget) else None
+        floor = math.hypot(window.modelling_error,
+                           now * window.samples**(0.5 * power) * math.sqrt(window.shadow_share))
+        left = max(math.sqrt(max(window.tolerance**2 - floor**2, 0.0)), _LEAST_LEFT * window.tolerance)
+        most = _MOST_ACROSS / max(view.size_px for view in members) if window.engine == "rays" else 0.0
+        refinement = None
+        if math.isfinite(left) and time.monotonic() < deadline:
+            refinement = plan_refinement(mean, error, window.samples, left, power, most)
         clock.lap("refine")
         if refinement is None:
             return mean, replace(window, predicted_error=error_gain * math.hypot(now, floor))
@@ -189,44 +157,6 @@ class IrradiancePass:
                 clock.lap("readback")
         return mean, replace(window, predicted_error=error_gain * math.hypot(refinement.predicted_error, floor),
                              refined_samples=refinement.samples, refined_share=refinement.share)
-
-    def _finer(self, window: WindowPlan, frame: Frame, excess: float, power: float) -> int:
-        """Samples along a pixel's side that leave no excess of error where they are kept, which a mask's are not."""
-        if excess <= 1.0 or not self._is_kept(window, frame):
-            return window.samples
-        return self._most_kept(window, frame, window.samples * (_FINER * excess) ** (2.0 / power))
-
-    def _most_kept(self, window: WindowPlan, frame: Frame, wanted: float) -> int:
-        """Samples along a pixel's side, as many as are wanted if they may be kept."""
-        return min(math.ceil(wanted), max(int(_MOST_KEPT_ACROSS / frame.views[0].size_px), window.samples))
-
-    def _edge_share(self, window: WindowPlan, frame: Frame, clock: Clock, mean: np.ndarray, error: np.ndarray) -> float:
-        """Of the squared error of pixels (height, width), the share beside the edges of cast shadows."""
-        bare = self._without_shadows(window, frame, clock, window.samples)
-        around = np.ones((3, 3), np.uint8)
-        edges = [cv2.dilate(part.astype(np.uint8), around) for part in (mean < (1.0 - _SHADED) * bare, mean > 0.0)]
-        squared = np.square(error, dtype=np.float64)
-        return float(squared[(edges[0] & edges[1]) > 0].sum() / max(squared.sum(), 1e-300))
-
-    def _sunward(self, window: WindowPlan, frame: Frame, clock: Clock) -> np.ndarray | None:
-        """Pixels (rows, columns) uint8 that see what faces the Sun, or are near one, if rays are cast only there.
-
-        Of a rough body's crescent at 150 deg this leaves one pixel in twelve, and no light out.
-        """
-        if not window.rays_at_facing:
-            return None
-        full = replace(frame, bodies=[replace(body, level=0) for body in frame.bodies])
-        count = max(FACING_SAMPLES, window.samples)
-        facing = (self._without_shadows(replace(window, engine="raster"), full, clock, count) > 0.0).astype(np.uint8)
-        return cv2.dilate(facing, np.ones((5, 5), np.uint8))
-
-    def _without_shadows(self, window: WindowPlan, frame: Frame, clock: Clock, count: int) -> np.ndarray:
-        """Means (height, width) float32 of count x count samples a pixel, as if nothing cast a shadow."""
-        x0, y0, x1, y1 = window.roi
-        mean, bare = np.zeros((y1 - y0, x1 - x0), np.float32), replace(frame, shadows={})
-        for tile in self._tiles(mean.shape, count):
-            mean[tile] = pixel_means(self._draw_tile(window, bare, clock, tile, count), count)
-        return mean
 
     def _tiles(self, shape: tuple[int, int], samples: int) -> Iterator[tuple[slice, slice]]:
         """Parts of a window that fit a framebuffer, as rows and columns of pixels."""
@@ -260,14 +190,9 @@ class IrradiancePass:
         clock.lap("readback")
         return samples
 
-    def _is_kept(self, window: WindowPlan, frame: Frame) -> bool:
-        """Whether rays are cast at a node, and kept."""
-        return window.engine == "rays" and window.budget >= _LEAST_KEPT and self._kept_images.may_serve(frame.views)
-
     def _cast(self, window: WindowPlan, frame: Frame, bounds_px: tuple[float, float, float, float],
               grid: tuple[int, int], mask: np.ndarray | None) -> np.ndarray:
-        if mask is None and self._is_kept(window, frame):
-            return self._kept_images.samples(frame.views[0], frame.camera, bounds_px, grid)
+        """Samples (rows, columns) float32 of a grid by rays; zero beside the mask."""
         (columns, rows), (x0, y0, x1, y1) = grid, bounds_px
         x = x0 + (np.arange(columns) + 0.5) * (x1 - x0) / columns
         y = y0 + (np.arange(rows) + 0.5) * (y1 - y0) / rows
@@ -285,9 +210,3 @@ class IrradiancePass:
         samples[row, column] = self._rays.irradiance(np.stack([x.take(column), y.take(row)]).T, frame.camera, seen,
                                                      draws(row, column, across))
         return samples
-
-
-def _with_samples(window: WindowPlan, samples: int) -> WindowPlan:
-    """With so many along a pixel's side, of which there were some before."""
-    columns, rows = (samples * cells // window.samples for cells in window.grid)
-    return replace(window, samples=samples, grid=(columns, rows))

@@ -21,10 +21,10 @@ class ProductPass:
     context : Context
     surfaces : SurfacePass
     meshes : mapping
-        Body name to its meshes, the full shape first, in the scene's order.
+        Body name to its mesh, in the scene's order.
     """
 
-    def __init__(self, context: Context, surfaces: SurfacePass, meshes: Mapping[str, Sequence[Mesh]]):
+    def __init__(self, context: Context, surfaces: SurfacePass, meshes: Mapping[str, Mesh]):
         self._surfaces, self._meshes = surfaces, meshes
         self._target = Target(context, [4, 4, 4])
 
@@ -35,7 +35,7 @@ class ProductPass:
         self._target.__exit__(*exception)
 
     def draw(self, wanted: Sequence[str], frame: Frame, windows: Sequence[WindowPlan]) -> dict[str, np.ndarray]:
-        """Products by name, (height, width) each; the frame's plans are of the full shapes."""
+        """Products by name, (height, width) each."""
         shape = (frame.camera.height_px, frame.camera.width_px)
         layers = [np.zeros((*shape, 4), np.float32) for _ in range(3)]
         for window in windows:
@@ -48,9 +48,9 @@ class ProductPass:
         body_id = identity[..., 0].astype(np.int32) - 1
         beside = body_id < 0
         facet_id = np.where(beside, -1, identity[..., 1] + 4096.0 * identity[..., 2]).astype(np.int32)
-        for index, levels in enumerate(self._meshes.values()):
+        for index, mesh in enumerate(self._meshes.values()):
             here = body_id == index
-            facet_id[here] = levels[0].facet_ids(facet_id[here])
+            facet_id[here] = mesh.facet_ids(facet_id[here])
         origin_range_m = np.array([0.0 if body.relative_to_camera else view.range_m
                                    for view, body in zip(frame.views, frame.bodies, strict=True)] + [np.nan])
         angles[beside] = np.nan

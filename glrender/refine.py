@@ -16,8 +16,9 @@ import numpy as np
 # Error of a sample's area over the contrast within 3 x 3 samples: 0.18 as measured against rays
 # (docs/planner.md), and 0.3 of it more, so that the truth is within.
 _ERROR_PER_CONTRAST = 0.235
-SAMPLE_COUNTS = (2, 3, 4, 6, 8, 12, 16)
-"""Samples along a pixel's side that a refinement may take."""
+SAMPLE_COUNTS = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
+"""Samples along a pixel's side that a refinement may take: up to 16, and more where they are asked for."""
+_USUAL_SAMPLES = 16
 # Cost of a sample that is drawn, of one that is passed over, and of a pass, in that of a sample.
 _PASSED_OVER, _PASS = 0.45, 5e5
 # Pixels along the side of a block that is passed over whole where none of it is drawn again: about a chunk.
@@ -98,7 +99,7 @@ def frame_error(mean: np.ndarray, error: np.ndarray) -> float:
 
 
 def plan_refinement(mean: np.ndarray, error: np.ndarray, count: int, budget: float,
-                    power: float = 3.0) -> Refinement | None:
+                    power: float = 3.0, most: float = 0.0) -> Refinement | None:
     """The cheapest refinement that meets a budget.
 
     Parameters
@@ -111,6 +112,8 @@ def plan_refinement(mean: np.ndarray, error: np.ndarray, count: int, budget: flo
         RMS error over the mean of the lit pixels.
     power : float
         n x n samples have n^-power of one sample's squared error: 3 at edges, 2 in noise.
+    most : float
+        Samples along a pixel's side that may be taken if they are more than 16.
 
     Returns
     -------
@@ -133,7 +136,7 @@ def plan_refinement(mean: np.ndarray, error: np.ndarray, count: int, budget: flo
     touched = np.cumsum(np.bincount(_block_maxima(index).ravel(), minlength=_BINS)[::-1])[::-1] * _BLOCK_PX**2
     choices = []
     for samples in SAMPLE_COUNTS:
-        if samples <= count:
+        if samples <= count or samples > max(_USUAL_SAMPLES, most):
             continue
         left = above[0] - above + above * (count / samples) ** power
         meets = np.flatnonzero(left <= budget**2)

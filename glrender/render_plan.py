@@ -1,11 +1,10 @@
-"""What a frame models, what it leaves out, and the error that is expected of it: plain data."""
+"""The plan of a frame: what is modelled, what is left out, and the predicted error. Plain data."""
 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from .eclipses import NO_ECLIPSE, Eclipse
 from .emission_frame import EmissionPlan
 
 EMISSION_LEFT_OUT = "emission around"
@@ -19,92 +18,65 @@ class BodyPlan:
     name: str
     is_visible: bool
     n_facets: int
-    level: int
-    """Level of detail: 0 is the full shape."""
     law: str
     shadow_map_px: int | None
-    """Texels of the shadow map across the body; None where nothing can cast on it."""
+    """Texels of the shadow map across the body; None where nothing can cast on it, or no map is needed."""
     shadow_map_reused: bool
     relative_to_camera: bool
+    """Whether OpenGL's coordinates are relative to the camera, or body-fixed."""
     normal_lookup: bool
+    """Whether normals are looked up by facet, or are screen-space derivatives."""
     size_px: float
     """Larger side of the outline's box [px]."""
-    flux_ratio: float = 1.0
-    """Of the full shape over the level: the level's irradiance is multiplied by it."""
     modelling_error: float = 0.0
-    """RMS error that samples do not cure: of the level, of the shadow map's texels."""
+    """RMS error [1] that samples do not cure: of the shadow map's texels and of hard edges of shadows."""
     penumbra_px: float = 0.0
-    """Width of the widest penumbra [px]: rays have them, shadow maps and areas have hard edges."""
+    """Width of the widest penumbra [px]: shadow maps have hard edges."""
     penumbra_error: float = 0.0
-    """RMS error of hard edges in its place, before anything is drawn: areas tell better."""
+    """RMS error [1] of hard edges in place of penumbras, as predicted."""
     casters: tuple[str, ...] = ()
     """Other bodies that may cast a shadow on it."""
-    eclipse: Eclipse = NO_ECLIPSE
-    """What those shadows do to it; its error is a part of the penumbras'."""
-    shown_share: float = 1.0
-    """Of the facets, those in chunks that are not out of view."""
     shadow_map_drawn_px: tuple[int, int] = (0, 0)
-    """Texels that there are of the shadow map: of what is seen of the body, along x and y."""
+    """Texels of the shadow map that were drawn, along x and y: those of the part of the body that is seen."""
     detail_m: float | None = None
     """Scale of the finest surface detail that is drawn [m]; None without any."""
     detail_layers: int = 0
-    detail_slope: float = 0.0
-    """RMS slope of that detail."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class LevelPlan:
-    """What areas draw of a body: its full shape, or a level of detail."""
-
-    number: int = 0
-    """0 is the full shape."""
-    has_relief: bool = False
-    """Whether its facets are as bright as what they stand for, or flat."""
-    by_middles: bool = False
-    """Whether facets are as lit as their middles are, or cut at the edges of light."""
-    flux_ratio: float = 1.0
-    """Of the full shape over the level: its light is multiplied by it."""
-    n_points: int = 0
-    """Of the middles, so many that stand for all: 0 for all of them."""
-
-    @property
-    def tells_error(self) -> bool:
-        """Whether an image of a body that is alone in its scene tells its error: that of others is measured once."""
-        return self.by_middles and not self.number and not self.n_points
 
 
 @dataclass(frozen=True, kw_only=True)
 class WindowPlan:
-    """One part of the image that is drawn at once: bodies whose outlines' boxes touch.
+    """One region of the image: bodies whose outlines' boxes overlap are drawn together.
 
     Attributes
     ----------
     bodies : tuple of str
-    engine : "raster", "rays" or "areas"
-        Triangles drawn by OpenGL, rays cast at them, or their sunlit areas shared among the pixels: whichever is
-        fastest here.
+    engine : "coverage", "rays" or "raster"
+        Exact area coverage of visible, sunlit facets; rays; or OpenGL with shadow maps.
     roi : (int, int, int, int) [px]
-        Pixels that it touches: x0, y0, x1, y1, one past the last.
+        Pixels of the region: x0, y0, x1, y1, one past the last.
     samples : int
-        Along each side of a pixel, 1 of areas, which take each pixel as a whole; 0 for a body so small that it has a
-        grid of its own.
+        Along each side of a pixel; 1 of coverage, which takes each pixel as a whole; 0 for a body so small that it has
+        a grid of its own.
     bounds_px : (float, float, float, float) [px]
         What is drawn: the region's edges, or the small body's box.
     grid : (int, int)
-        Samples across and down.
-    budget : float [1]
-        Error above which pixels are drawn again with more samples; infinite for never.
+        Samples or cells across and down.
+    tolerance : float [1]
+        RMS error before the camera's PSF that the window may have; infinite where nothing is drawn again.
     modelling_error : float [1]
-        What samples do not cure, but for the edges of shadows: levels of detail, light that leaks, penumbras.
-    shadow_share : float [1]
-        Of one sample's squared error, as the image tells it: left by the shadow maps' texels.
-    texel_share : float [1]
-        The same of what of it sits at the edges of shadows.
-    noise : (float, float) [rad], [1]
-        Angle of the creases between facets, and facets a pixel: arguments of `noise_gain`.
+        RMS error that samples do not cure.
     predicted_error : float [1]
-    levels : tuple of LevelPlan
-        Of areas: what is drawn of each body; empty otherwise.
+        RMS error over the mean of the lit pixels, after the camera's PSF where a frame is asked for.
+    by_centroids : bool
+        Of coverage: whether each facet is lit or dark by its centroid, or clipped at shadow boundaries.
+    shadow_share : float [1]
+        Of one sample's squared error, what the shadow map's texels leave.
+    noise : (float, float) [rad], [1]
+        RMS angle between neighbouring facets, and facets a pixel: arguments of `error_model.noise_gain`.
+    refined_samples : int
+        Samples along the side of the pixels that were drawn again; 0 for none.
+    refined_share : float [1]
+        Of the region's pixels, those that were drawn again.
     """
 
     bodies: tuple[str, ...]
@@ -113,21 +85,14 @@ class WindowPlan:
     samples: int
     bounds_px: tuple[float, float, float, float]
     grid: tuple[int, int]
-    budget: float
+    tolerance: float
     modelling_error: float
-    noise: tuple[float, float]
-    shadow_share: float
-    texel_share: float
     predicted_error: float
-    rays_at_facing: bool = False
-    """Whether rays are cast only where an image without shadows sees something that faces the Sun."""
+    by_centroids: bool = False
+    shadow_share: float = 0.0
+    noise: tuple[float, float] = (0.0, 0.0)
     refined_samples: int = 0
-    """Samples along the side of the pixels that were drawn again; 0 for none."""
     refined_share: float = 0.0
-    """Of the region's pixels."""
-    levels: tuple[LevelPlan, ...] = ()
-    flux_error: float = 0.0
-    """At most, of an own grid with fewer samples than a flux within a tenth of the budget asks for; 0 elsewhere."""
 
 
 @dataclass(frozen=True, kw_only=True)

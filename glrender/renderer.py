@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from dataclasses import replace
@@ -13,24 +14,20 @@ from glrender_camera import PinholeCamera
 from glrender_camera.validate import integer, within
 
 from . import plan
-from .area_engine import AreaEngine
 from .area_grid import SmallBody
-from .area_levels import area_levels
-from .body_meshes import body_levels, body_meshes, body_traits
+from .body_meshes import body_mesh, body_traits
 from .brdf import Law
 from .clock import Clock
-from .eclipses import casters, eclipse
+from .coverage_engine import CoverageEngine
 from .emission_frame import EmissionFrame
-from .engine_costs import engine_costs
-from .error_model import NO_PENUMBRA, own_penumbra
+from .engine_choice import ENGINES, MAX_SAMPLES, Request, apart_limit, plan_windows
+from .error_model import own_penumbra
 from .errors import ConfigError, DeviceError
 from .gl.context import Context
 from .gl.evaluate import BrdfEvaluator
 from .image import Image, checked_products
 from .irradiance_pass import IrradiancePass
-from .kept_images import KeptImages
-from .memory import keep_freed
-from .plan_windows import MAX_SAMPLES, apart_limit, plan_windows
+from .occluders import cast_penumbra, casters
 from .plugin_trial import blamed_on, check_light, try_twin
 from .product_pass import ProductPass
 from .ray_engine import RayEngine
@@ -40,10 +37,13 @@ from .shadows import Shadows
 from .slow import SlowFrames, checked_allow_slow, misses_budget, with_emission
 from .state import State
 from .surface_pass import Frame, SurfacePass
-from .view import BodyView, chunks_in_window, view_bodies
+from .view import BodyView, view_bodies
 
 # Side of a shadow map that only a coma asks for.
 _EMISSION_SHADOW_PX = 512
+# What to do where an engine that was asked for cannot draw a body.
+_NO_ENGINE = {"coverage": "exact coverage draws flat facets that are all before the camera; leave engine out",
+              "rays": "rays draw no surface detail; leave engine out"}
 
 
 class Renderer:
@@ -65,36 +65,26 @@ class Renderer:
     def __init__(self, scene: Scene, backend: str = "auto", device_index: int | None = None):
         if not isinstance(scene, Scene):
             raise ConfigError("scene", "must be a Scene", scene)
-        keep_freed()
         self.scene = scene
         with ExitStack() as stack:
             self._context = stack.enter_context(Context(backend, device_index))
-            self._meshes, self._traits, shapes = {}, {}, {}
-            for body in scene.bodies:
-                levels, ratios = body_levels(body)
-                self._meshes[body.name] = [stack.enter_context(mesh)
-                                           for mesh in body_meshes(self._context, body, levels)]
-                shapes[body.name], by_areas = area_levels(body, levels)
-                self._traits[body.name] = body_traits(body, levels, ratios, by_areas)
+            self._traits = {body.name: body_traits(body) for body in scene.bodies}
+            self._meshes = {body.name: stack.enter_context(body_mesh(self._context, body)) for body in scene.bodies}
             self._slow = SlowFrames(scene)
             stack.callback(self._slow.close)
-            rays = areas = kept_images = None
+            rays = coverage = None
             try:
                 rays = RayEngine(scene)
                 stack.callback(rays.close)
-                areas = AreaEngine(scene, rays, shapes)
-                stack.callback(areas.close)
-                kept_images = KeptImages(scene, rays)
-                stack.callback(kept_images.close)
+                coverage = CoverageEngine(scene, rays)
+                stack.callback(coverage.close)
             except DeviceError:
                 pass  # embreex is optional
-            self._areas, self._kept_images = areas, kept_images
-            self._costs = engine_costs(self._context, rays is not None)
+            self._engines = ENGINES if rays is not None else ("raster",)
             self._shadows = Shadows(self._context, scene.hulls, self._meshes)
             stack.callback(self._shadows.close)
             self._surfaces = stack.enter_context(SurfacePass(self._context, scene, self._meshes))
-            self._irradiance = stack.enter_context(IrradiancePass(self._context, self._surfaces, rays, areas,
-                                                                  kept_images))
+            self._irradiance = stack.enter_context(IrradiancePass(self._context, self._surfaces, rays, coverage))
             self._products = stack.enter_context(ProductPass(self._context, self._surfaces, self._meshes))
             for law in {id(body.brdf): body.brdf for body in scene.bodies}.values():
                 try_twin(law, self.evaluate_brdf)
@@ -116,15 +106,16 @@ class Renderer:
 
     @property
     def info(self) -> dict[str, Any]:
-        """The OpenGL that was found: backend, gl_renderer, gl_version, limits; and the costs that plans reckon with."""
-        return {**self._context.info, "engine_costs_ns": self._costs.text}
+        """The OpenGL that was found: backend, gl_renderer, gl_version, limits; and the engines that there are."""
+        return {**self._context.info, "engines": self._engines}
 
     def evaluate_brdf(self, law: Law, to_sun: np.ndarray, to_camera: np.ndarray, normal: np.ndarray) -> np.ndarray:
         """BRDF [1/sr] of (N, 3) unit vectors, (N,) float32, by the very GLSL function that draws."""
         return BrdfEvaluator(self._context)(law, to_sun, to_camera, normal)
 
     def render(self, state: State, camera: str | PinholeCamera | None = None, *, max_error: float | None = None,
-               products: Iterable[str] = ("irradiance",), samples: int | None = None, level: int | None = None,
+               products: Iterable[str] = ("irradiance",), samples: int | None = None, engine: str | None = None,
+               deadline_s: float | None = None,
                after_psf: bool = False, error_gain: float = 1.0, apart_px: float = 0.0,
                allow_slow: bool | str = False,
                on_progress: Callable[[float], None] | None = None, out: np.ndarray | None = None) -> Image:
@@ -140,11 +131,11 @@ class Renderer:
         products : iterable of str
             Out of `PRODUCTS`; ``irradiance`` is always drawn.
         samples : int, optional
-            Samples along every pixel's side instead of the planner's choice; the full shape with them,
-            unless `level` says otherwise.
-        level : int, optional
-            Level of detail of every body instead of the planner's choice: 0 is the full shape; one
-            beyond a body's coarsest is its coarsest.
+            Samples along every pixel's side instead of the planner's choice, by OpenGL.
+        engine : {"coverage", "rays", "raster"}, optional
+            The only engine that may draw; the planner's choice by default.
+        deadline_s : float [s], > 0, optional
+            After which nothing more is begun: the frame is then the best so far, and its plan says so.
         after_psf : bool
             Whether the budget holds for the image after the camera's PSF.
         error_gain : float [1], 1e-9..1
@@ -157,7 +148,7 @@ class Renderer:
             this size; none in an emission that dims.
         allow_slow : bool or {"raytrace", "cycles"}
             Whether another backend may draw the frame, in seconds or minutes, where OpenGL's error is above
-            the budget and no `samples` or `level` is asked for; or which one.
+            the budget and no `samples` or `engine` is asked for; or which one.
         on_progress : callable, optional
             Called by the slow backend with the share done, 0..1.
         out : (height, width) float32 array, optional
@@ -180,12 +171,11 @@ class Renderer:
         budget = self.scene.max_error if max_error is None else checked_max_error(max_error)
         if samples is not None:
             samples = integer("samples", samples, 1, MAX_SAMPLES)
-        if level is None and samples is not None:
-            level = 0
-        if level is not None:
-            level = integer("level", level, 0, 99)
+        if engine is not None and engine not in self._engines:
+            raise ConfigError("engine", f"must be one of {', '.join(self._engines)}", engine)
+        deadline = math.inf if deadline_s is None else time.monotonic() + within("deadline_s", deadline_s, 1e-6, 1e6)
         apart_px = within("apart_px", apart_px, 0.0, 256.0)
-        may_be_slow = checked_allow_slow(allow_slow) and level is None
+        may_be_slow = checked_allow_slow(allow_slow) and samples is None and engine is None
         gain = within("error_gain", error_gain, 1e-9, 1.0)
         if after_psf and pinhole.model is not None:
             gain *= pinhole.model.psf_noise_gain
@@ -194,23 +184,24 @@ class Renderer:
             # What dims the image does not reach points beside it.
             apart_px = 0.0
         apart_px = apart_limit(views, apart_px)
-        planned = self._plan_bodies(views, pinhole, budget / gain, level)
-        # What is asked for by its level is drawn by OpenGL.
-        costs = self._costs if level is None else replace(self._costs, ray_ns=math.inf)
-        choices = plan_windows(views, self._traits, planned, pinhole, budget, gain, costs, samples, apart_px)
-        bodies = plan.without_maps(planned, [choice.first for choice in choices])
+        bodies = self._plan_bodies(views, pinhole, budget / gain)
+        choices = plan_windows(views, self._traits, bodies, Request(
+            camera=pinhole, tolerance=budget / gain, error_gain=gain, engines=self._engines,
+            has_gpu=not self._context.is_software, samples=samples, engine=engine, apart_px=apart_px))
+        if not all(choices):
+            raise ConfigError("engine", f"cannot draw {_named(views, choices)}", engine, _NO_ENGINE.get(engine, ""))
         clock.lap("plan")
         self._context.make_current()
         self._shadows.begin_frame()
-        shadows, bodies = self._shadows.draw(views, bodies, pinhole)
-        self._context.gl.finish()
+        by_raster = {name for options in choices if options[0].engine == "raster" for name in options[0].bodies}
+        shadows, bodies = self._shadows.draw(views, bodies, pinhole, by_raster)
         clock.lap("shadow")
         frame = Frame(camera=pinhole, views=views, bodies=bodies, shadows=shadows)
         irradiance = _blank((pinhole.height_px, pinhole.width_px), out)
         small: list[SmallBody] = []
-        windows = [self._irradiance.draw(irradiance, choice, frame, gain, clock, small, apart_px)
-                   for choice in choices]
-        frame_plan = plan.told_plan(pinhole, budget, views, self._traits, bodies, windows, self.scene.sun_disc)
+        windows = [self._irradiance.draw(irradiance, options, frame, gain, clock, small, apart_px, deadline)
+                   for options in choices]
+        frame_plan = plan.frame_plan(pinhole, budget, views, self._traits, bodies, windows, self.scene.sun_disc)
         slow = None
         if may_be_slow and misses_budget(frame_plan):
             fast = Image(irradiance_W_m2=irradiance, products={}, plan=frame_plan, timings_ms=clock.laps_ms)
@@ -223,36 +214,30 @@ class Renderer:
             clock.lap("emission")
         arrays = {}
         if wanted:
-            # What a pixel's centre sees is told of the full shape, by OpenGL.
-            bodies = [replace(body, level=0) for body in planned]
             shadows, _ = self._shadows.draw(views, bodies, pinhole) if "sunlit" in wanted else ({}, None)
-            arrays = self._products.draw(wanted, replace(frame, bodies=bodies, shadows=shadows), windows)
+            arrays = self._products.draw(wanted, replace(frame, shadows=shadows), windows)
             clock.lap("products")
         return Image(irradiance_W_m2=irradiance, products=arrays, timings_ms=clock.laps_ms, small_bodies=tuple(small),
                      plan=frame_plan if slow is None else with_emission(slow.plan, frame_plan))
 
-    def _plan_bodies(self, views: list[BodyView], camera: PinholeCamera, budget: float,
-                     level: int | None) -> list[BodyPlan]:
-        bodies, hulls, has_disc = [], self.scene.hulls, self.scene.sun_disc
+    def _plan_bodies(self, views: list[BodyView], camera: PinholeCamera, tolerance: float) -> list[BodyPlan]:
+        bodies, hulls = [], self.scene.hulls
         for view in views:
-            traits, chunks, hull = self._traits[view.name], self._meshes[view.name][0].chunks, hulls[view.name]
-            sun_radius_rad = view.sun_radius_rad if has_disc else 0.0
+            sun_radius_rad = view.sun_radius_rad if self.scene.sun_disc else 0.0
             cast = casters(view, views, hulls, sun_radius_rad) if view.is_visible else []
-            shown = chunks_in_window(chunks, view, camera, camera.bounds_px)
+            own = (0.0, 0.0)
+            if self.scene.sun_disc and not hulls[view.name].is_convex:
+                own = own_penumbra(view)
+            error, width_px = cast_penumbra(view, cast, hulls, view.depth_m[0] / camera.focal_length_px, sun_radius_rad)
             bodies.append(plan.plan_body(
-                view, traits, camera, [name for name, _ in cast], budget, level,
-                shown_share=chunks.n_facets(shown) / traits.levels[0].n_facets,
+                view, self._traits[view.name], camera, [name for name, _ in cast], tolerance,
                 seen_share=self._shadows.seen_share(view, camera),
-                penumbra=own_penumbra(view) if has_disc and not hull.is_convex else NO_PENUMBRA,
-                eclipse=eclipse(view, cast, hulls, camera, sun_radius_rad)))
+                penumbra=(math.hypot(own[0], error), max(own[1], width_px))))
         return bodies
 
     def forget_shadow_maps(self) -> None:
-        """Find all shadows anew when next they are needed; no image changes."""
+        """Draw all shadow maps anew when next they are needed; no image changes."""
         self._shadows.close()
-        if self._areas is not None:
-            self._areas.forget()
-            self._kept_images.forget()
 
     def _add_emission(self, irradiance: np.ndarray, state: State, frame: Frame, frame_plan: RenderPlan) -> RenderPlan:
         """Add what the scene's emission plug-ins draw; where their light falls is the whole image."""
@@ -291,3 +276,9 @@ def _blank(shape: tuple[int, int], out: np.ndarray | None) -> np.ndarray:
         raise ConfigError("out", f"must be float32 of shape {shape}", f"{out.dtype} of {out.shape}")
     out.fill(0.0)
     return out
+
+
+def _named(views: list[BodyView], choices: list[list]) -> str:
+    """The visible bodies that no option draws."""
+    drawn = {name for options in choices for option in options for name in option.bodies}
+    return ", ".join(view.name for view in views if view.is_visible and view.name not in drawn)

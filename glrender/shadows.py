@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from glrender_camera import PinholeCamera
 
 from . import frames
-from .eclipses import casters
 from .gl.context import Context
 from .gl.mesh import Mesh
 from .gl.targets import ShadowMap, rounded_room
 from .hull import Hull
+from .occluders import casters
 from .render_plan import BodyPlan
 from .shadow_box import shadow_box
 from .view import BodyView, chunks_in_window, snapped
@@ -54,10 +54,10 @@ class Shadows:
     hulls : mapping
         Body name to its `Hull`.
     meshes : mapping
-        Body name to its meshes, the full shape first.
+        Body name to its mesh.
     """
 
-    def __init__(self, context: Context, hulls: Mapping[str, Hull], meshes: Mapping[str, Sequence[Mesh]]):
+    def __init__(self, context: Context, hulls: Mapping[str, Hull], meshes: Mapping[str, Mesh]):
         self._context, self._hulls, self._meshes = context, hulls, meshes
         self._maps: OrderedDict[tuple, ShadowMap] = OrderedDict()
         # Of the frame that is drawn.
@@ -77,14 +77,14 @@ class Shadows:
         """Largest side of what is seen over that of the body, as the Sun sees both: what a map must cover."""
         if view.is_whole:
             return 1.0
-        low, high, seen = self._bounds(view, frames.sun_from_body(view.sun_direction_body), camera, 0)
+        low, high, seen = self._bounds(view, frames.sun_from_body(view.sun_direction_body), camera)
         return min(float(np.max((seen[1] - seen[0])[:2] / (high - low)[:2])), 1.0)
 
-    def _bounds(self, view: BodyView, sun_from_body: np.ndarray, camera: PinholeCamera, level: int
+    def _bounds(self, view: BodyView, sun_from_body: np.ndarray, camera: PinholeCamera
                 ) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray] | None]:
         """Least and largest coordinates (3,) [m] of a body in frame `sun`, and of what is seen of it in sunlight."""
         points = sun_from_body @ self._hulls[view.name].points_m
-        chunks, seen = self._meshes[view.name][level].chunks, None
+        chunks, seen = self._meshes[view.name].chunks, None
         if not view.is_whole:
             lit = (chunks_in_window(chunks, view, camera, camera.bounds_px)
                    & chunks.facing_point(view.r_camera_body_m) & chunks.facing_direction(sun_from_body[2]))
@@ -93,21 +93,21 @@ class Shadows:
         return points.min(axis=1), points.max(axis=1), seen
 
     def draw(self, views: Sequence[BodyView], bodies: Sequence[BodyPlan],
-             camera: PinholeCamera, *, is_whole: bool = False) -> tuple[dict[str, Shadow], list[BodyPlan]]:
-        """Shadows of the bodies that need a map, by name; and the plans with what was done.
+             camera: PinholeCamera, names: Container[str] | None = None, *, is_whole: bool = False
+             ) -> tuple[dict[str, Shadow], list[BodyPlan]]:
+        """Shadows of the bodies that need a map, or of those `names` alone; and the plans with what was done.
 
         A map covers what the image shows of its body, or all of it where `is_whole`. It stays until the next frame
         begins.
         """
         shadows, done = {}, []
-        levels = {body.name: body.level for body in bodies}
         for view, body_plan in zip(views, bodies, strict=True):
             texels = body_plan.shadow_map_px
-            if texels is None:
+            if texels is None or (names is not None and view.name not in names):
                 done.append(body_plan)
                 continue
             sun_from_body = frames.sun_from_body(snapped(view.sun_direction_body, texels))
-            low_m, high_m, seen = self._bounds(view, sun_from_body, camera, levels[view.name])
+            low_m, high_m, seen = self._bounds(view, sun_from_body, camera)
             box = shadow_box(low_m, high_m, None if is_whole else seen, texels)
             centre = 0.5 * (box.low_m + box.high_m)
             half = 0.5 * (box.high_m - box.low_m)
@@ -115,17 +115,17 @@ class Shadows:
             half[2] += _DEPTH_MARGIN_TEXELS * box.texel_m.max()
             offset = frames.transform(np.eye(3), -centre) @ frames.transform(sun_from_body, np.zeros(3))
             clip = frames.clip_from_sun(half[0], half[1], -half[2], half[2]) @ offset
-            cast = [(name, levels[name], _moved(matrix, view.sun_direction_body, sun_from_body, box.texel_m))
+            cast = [(name, _moved(matrix, view.sun_direction_body, sun_from_body, box.texel_m))
                     for name, matrix in [(view.name, np.eye(4)), *casters(view, views, self._hulls)]]
             key = (view.name, box.size_px, clip.tobytes(),
-                   *((name, level, matrix.tobytes()) for name, level, matrix in cast))
+                   *((name, matrix.tobytes()) for name, matrix in cast))
             is_kept = key in self._maps
             self._needed.add(key)
             if is_kept:
                 self._maps.move_to_end(key)
             else:
                 shadow_map = self._map_to_fill(box.size_px)
-                shadow_map.draw([(self._meshes[name][level], clip @ matrix) for name, level, matrix in cast],
+                shadow_map.draw([(self._meshes[name], clip @ matrix) for name, matrix in cast],
                                 box.size_px)
                 self._maps[key] = shadow_map
             shadow_map = self._maps[key]

@@ -12,14 +12,12 @@ import math
 import numpy as np
 from glrender_camera import PinholeCamera, threads
 
-from . import coverage, facet_loops
+from . import accumulate, facet_loops
 from .facet_cutter import LOW_SUN_RAD, FacetCutter
 from .facet_parts import FacetParts, projected
-from .facet_relief import FacetRelief
 from .facet_tables import FacetTables
 from .ray_engine import RayEngine
 from .rays import dot
-from .render_plan import LevelPlan
 from .view import BodyView
 
 # Squared error of what 1, 2, 3 bisections cut off a triangle, over its light squared: times its area in pixels, or the
@@ -50,9 +48,9 @@ _UNDIVIDED, _LEAST_LEFT, _MOST_DIVISIONS = 0.25, 0.1, 6
 _FEW, _MANY, _MOST_LOOKS, _ENOUGH = 3000, 120_000, 4, 0.5
 # What hard edges cost over a ramp's error, as measured (docs/planner.md).
 _PENUMBRA = 0.65
-# Facets that a thread looks at in a turn, that it shades, and of those that stand for many normals; and from which on
-# two threads draw, on an image each: so many, and so many for each of its cells.
-_FOUND_AT_ONCE, _SHADED_AT_ONCE, _WITH_RELIEF_AT_ONCE, _TWO_IMAGES, _OF_CELLS = 1 << 16, 1 << 14, 1 << 10, 20_000, 0.125
+# Facets that a thread looks at in a turn, and that it shades; and from which on two threads draw, on an image each: so
+# many, and so many for each of its cells.
+_FOUND_AT_ONCE, _SHADED_AT_ONCE, _TWO_IMAGES, _OF_CELLS = 1 << 16, 1 << 14, 20_000, 0.125
 
 
 class SunlitAreas:
@@ -69,15 +67,10 @@ class SunlitAreas:
     bounds_px : (float, float, float, float) [px]
         Beside which nothing is wanted.
     rays : RayEngine
-    level : LevelPlan
-        What the facets are of the body.
     """
 
     def __init__(self, facets: FacetTables, view: BodyView, views: list[BodyView], camera: PinholeCamera,
-                 bounds_px: tuple[float, float, float, float], rays: RayEngine, level: LevelPlan):
-        self._brightness, self._relief = level.flux_ratio, None
-        if level.has_relief:
-            self._relief = FacetRelief.of(facets.level, facets.surface, view)
+                 bounds_px: tuple[float, float, float, float], rays: RayEngine):
         self._facets, self._view, self._views, self._camera, self._rays = facets, view, views, camera, rays
         self._xy = projected(facets.vertices_m, view, camera)
         facing, cos_incidence, shown = self._find_facing(np.array(bounds_px, float))
@@ -184,7 +177,7 @@ class SunlitAreas:
         return _PENUMBRA**2 * float(squared.sum()) / 12.0
 
     def add_to(self, changes: np.ndarray, origin_px: np.ndarray, per_px: np.ndarray, off_axis_power: float) -> None:
-        """Add what the areas change in the cells of an image: `coverage`.
+        """Add what the areas change in the cells of an image: `accumulate`.
 
         The real part is of radiance, in 1/sr of the Sun's irradiance at 1 au, times a power of the cosine of the
         facets' angles off the boresight; the imaginary one is of cover, which is 1 where there is any.
@@ -216,27 +209,16 @@ class SunlitAreas:
             def part(n: int) -> slice:
                 return slice(n * half // len(halves), n * (half + 1) // len(halves))
 
-            coverage.add_facets(halves[half], self._xy, facets.corners, facets.neighbours, whole[part(len(whole))],
+            accumulate.add_facets(halves[half], self._xy, facets.corners, facets.neighbours, whole[part(len(whole))],
                                 shown, origin_px, per_px)
             for corner, facet in self._cutter.polygons:
                 some = part(len(facet))
-                coverage.add_polygons(halves[half], points_xy, corner[:, some], values(facet[some]), origin_px, per_px)
+                accumulate.add_polygons(halves[half], points_xy, corner[:, some], values(facet[some]), origin_px,
+                                        per_px)
 
         threads.run(add, range(len(halves)), threads.N_CORES)
         for other in halves[1:]:
             changes += other
-
-    def triangles(self) -> tuple[np.ndarray, ...]:
-        """Points (3, P) [m], corners (3, N) among them, facets (N,) and radiance (N,) of triangles of what was cut."""
-        cutter = self._cutter
-        corners = [self._corner.take(np.searchsorted(self._facing, self._whole), axis=1)]
-        facets = [self._whole]
-        for corner, facet in cutter.polygons:
-            for k in range(1, len(corner) - 1):
-                corners.append(corner[[0, k, k + 1]])
-                facets.append(facet)
-        facet = np.concatenate(facets)
-        return cutter.points.r_m.copy(), np.concatenate(corners, axis=1), facet, self._radiance.take(facet)
 
     def _divide_large(self, most_squared: float) -> bool:
         """Divide facets that have more light than may be missed, coarse ones sooner: small parts find what is between.
@@ -358,13 +340,10 @@ class SunlitAreas:
             brdf = surface.brdf(view.sun_direction_body, to_camera.T, facets.normal.take(some, axis=1).T,
                                 surface.albedo_scale(facets.number.take(some)))
             value = brdf * self._cos_incidence.take(some)
-            if self._relief is not None:
-                value += self._relief.added(facets.number.take(some), facets.normal.take(some, axis=1))
-                value = np.maximum(value, 0.0)
-            self._radiance[some] = value * (self._brightness / view.sun_distance_au**2)
+            self._radiance[some] = value / view.sun_distance_au**2
             self._off_axis[some] = -dot(view.camera_from_body[2], to_camera)
 
-        threads.run_in_parts(work, len(facet), _SHADED_AT_ONCE if self._relief is None else _WITH_RELIEF_AT_ONCE)
+        threads.run_in_parts(work, len(facet), _SHADED_AT_ONCE)
 
     def _spread_of(self, n_cuts: float, least: float) -> float:
         """Error over what is told by the squared errors of so many cuts: they are as good as they are many."""

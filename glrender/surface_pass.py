@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from glrender_camera import PinholeCamera
@@ -50,10 +50,10 @@ class SurfacePass:
     context : Context
     scene : Scene
     meshes : mapping
-        Body name to its meshes, the full shape first.
+        Body name to its mesh.
     """
 
-    def __init__(self, context: Context, scene: Scene, meshes: Mapping[str, Sequence[Mesh]]):
+    def __init__(self, context: Context, scene: Scene, meshes: Mapping[str, Mesh]):
         self._scene, self._meshes = scene, meshes
         self._ids = {body.name: index for index, body in enumerate(scene.bodies)}
         self._reliefs = {body.name: body.relief for body in scene.bodies}
@@ -90,9 +90,8 @@ class SurfacePass:
         if mask is not None:
             self._mask.open(mask, grid[0] // mask.shape[1])
         members = [view for view in frame.views if view.name in names]
-        chosen = self._chosen(members, plans, camera, bounds_px, mask, is_light=stage == IRRADIANCE_STAGE)
-        groups = grouping.depth_groups([_with_room(view, self._meshes[view.name][plans[view.name].level].beyond_m)
-                                        for view in members])
+        chosen = self._chosen(members, camera, bounds_px, mask, is_light=stage == IRRADIANCE_STAGE)
+        groups = grouping.depth_groups(members)
         for index, (near, far, group) in enumerate(groups):
             clip_from_camera = frames.clip_from_camera(
                 camera.focal_length_px, camera.principal_point_px, bounds_px, near * (1.0 - 1e-6), far * (1.0 + 1e-6))
@@ -102,13 +101,13 @@ class SurfacePass:
                 self._draw_body(stage, view, plans[view.name], clip_from_camera, camera,
                                 frame.shadows.get(view.name, NO_SHADOW), chosen[view.name])
 
-    def _chosen(self, views: Sequence[BodyView], plans: Mapping[str, BodyPlan], camera: PinholeCamera,
+    def _chosen(self, views: Sequence[BodyView], camera: PinholeCamera,
                 bounds_px: tuple[float, float, float, float], mask: np.ndarray | None,
                 is_light: bool) -> dict[str, np.ndarray]:
         """Chunks (C,) bool of each body that may show in the window: on the mask, and lit or before what is lit."""
         chosen, boxes, lit = {}, {}, {}
         for view in views:
-            chunks = self._meshes[view.name][plans[view.name].level].chunks
+            chunks = self._meshes[view.name].chunks
             seen = chunks_in_window(chunks, view, camera, bounds_px) & chunks.facing_point(view.r_camera_body_m)
             chosen[view.name] = seen
             if mask is None and not is_light:
@@ -131,14 +130,14 @@ class SurfacePass:
         offset = np.zeros(3) if body_plan.relative_to_camera else -r_camera
         clip_from_surface = clip_from_camera @ frames.transform(
             view.camera_from_body, view.camera_from_body @ offset)
-        solar_irradiance = self._scene.solar_irradiance_of(camera) / view.sun_distance_au**2 * body_plan.flux_ratio
+        solar_irradiance = self._scene.solar_irradiance_of(camera) / view.sun_distance_au**2
         relief = None
         if body_plan.detail_m is not None and stage == IRRADIANCE_STAGE:
             footprint_m = view.depth_m[0] / camera.focal_length_px
             relief = {**self._reliefs[view.name].uniforms(r_camera + offset, footprint_m),
                       "footprint_per_m": 1.0 / camera.focal_length_px}
         high = r_camera.astype(np.float32)
-        self._meshes[view.name][body_plan.level].draw_surface(
+        self._meshes[view.name].draw_surface(
             stage,
             SurfaceVariant(relative_to_camera=body_plan.relative_to_camera, normal_lookup=body_plan.normal_lookup,
                            shadows=shadow.shadow_map is not None, relief=relief is not None),
@@ -149,9 +148,3 @@ class SurfacePass:
              "shadow_bias_per_texel": shadow.bias_per_texel,
              "body_id": self._ids[view.name]},
             shadow.shadow_map and shadow.shadow_map.texture, chosen, relief)
-
-
-def _with_room(view: BodyView, beyond_m: float) -> BodyView:
-    """The view with depths for a level of detail that reaches beyond the hull."""
-    near, far = view.depth_m
-    return replace(view, depth_m=(max(near - beyond_m, 0.5 * near), far + beyond_m)) if beyond_m else view

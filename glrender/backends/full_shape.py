@@ -26,7 +26,7 @@ def full_shape_plan(scene: Scene, camera: PinholeCamera, views: list[BodyView], 
         camera=camera.name, max_error=max_error, roi=roi, windows=(), predicted_error=predicted_error,
         left_out=left_out, warnings=warnings,
         bodies=tuple(BodyPlan(
-            name=view.name, is_visible=view.is_visible, n_facets=len(body.shape.facets), level=0, law=body.brdf.glsl,
+            name=view.name, is_visible=view.is_visible, n_facets=len(body.shape.facets), law=body.brdf.glsl,
             shadow_map_px=None, shadow_map_reused=False, relative_to_camera=True, normal_lookup=True,
             size_px=view.size_px) for view, body in zip(views, scene.bodies, strict=True)))
 

@@ -1,11 +1,10 @@
-"""Where parallel rays meet a body: by Embree where it is installed, else by NumPy on a coarse shape."""
+"""Where parallel rays meet a body: by Embree where it is installed, else by NumPy."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from ..errors import DeviceError
-from ..lod import levels_of_detail
 from ..rays import RayMesh
 from ..shape import Shape
 from ..triangles import intersect
@@ -17,8 +16,7 @@ def body_hits(shape: Shape) -> Hits:
     try:
         mesh = RayMesh(shape.vertices_m, shape.facets)
     except DeviceError:
-        coarse = next(iter(levels_of_detail(shape)[-1:]), shape)
-        corners = coarse.vertices_m[coarse.facets]
+        corners = shape.vertices_m[shape.facets]
         return lambda place_m, direction: first_hits(place_m, direction, corners)
     back = 4.0 * mesh.radius_m
 

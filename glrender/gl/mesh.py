@@ -5,7 +5,6 @@ Bindings are global in GL, so every draw binds all that it reads.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -44,7 +43,7 @@ RELIEF_BLOCK = UniformBlock("Relief", {
 IRRADIANCE_STAGE = "surface.frag.glsl"
 """The fragment shader that draws light; others see what is dark too."""
 _BODY_BINDING, _RELIEF_BINDING = 0, 1
-_SHADOW_UNIT, _ALBEDO_UNIT, _NORMAL_UNIT, _DETAIL_UNIT = 0, 1, 2, 3
+_SHADOW_UNIT, _ALBEDO_UNIT, _NORMAL_UNIT = 0, 1, 2
 _TEXELS_PER_ROW = 4096
 
 
@@ -59,7 +58,7 @@ class SurfaceVariant:
 
     def defines(self, mesh: Mesh) -> dict[str, int]:
         return {"RELATIVE_TO_CAMERA": int(self.relative_to_camera), "NORMAL_LOOKUP": int(self.normal_lookup),
-                "SMOOTH_NORMALS": int(mesh.smooth_normals), "TEXELS_PER_SIDE": mesh.texels_per_side,
+                "SMOOTH_NORMALS": int(mesh.smooth_normals),
                 "HAS_SHADOWS": int(self.shadows), "HAS_RELIEF": int(self.relief),
                 "HAS_ALBEDO_TEXTURE": int(mesh.has_albedo)}
 
@@ -81,32 +80,20 @@ class Mesh(ResourceOwner):
         Texture coordinates of each facet's corners, origin at the image's bottom left.
     albedo_map : (H, W) float32, optional
         Factor on the law's albedo, row 0 on top.
-    detail : (F, n * n, 4) float, optional
-        Of a level of detail: normal and albedo factor of each facet's texels (`lod.texel_barycentric`).
-    beyond_m : float [m], optional
-        How far it reaches beyond the body's hull.
     """
 
     def __init__(self, context: Context, vertices_m: np.ndarray, facets: np.ndarray, law: Law, *,
                  vertex_normals: np.ndarray | None = None, uv: np.ndarray | None = None,
-                 albedo_map: np.ndarray | None = None, detail: np.ndarray | None = None, beyond_m: float = 0.0):
+                 albedo_map: np.ndarray | None = None):
         super().__init__(context)
-        self.law, self.n_facets, self.beyond_m = law, len(facets), beyond_m
+        self.law, self.n_facets = law, len(facets)
         self.smooth_normals = vertex_normals is not None
         self.chunks = Chunks(vertices_m, facets)
         facets = facets[self.chunks.order]
         self._vertices_m, self._facets = vertices_m, facets
         context.make_current()
         gl = context.gl
-        self.texels_per_side, self._detail_texture = 0, None
         self.has_albedo = albedo_map is not None
-        if detail is not None:
-            detail = detail[self.chunks.order]
-            self.has_albedo = bool((detail[..., 3] != 1.0).any())
-            # Facets share no vertex: a vertex's number tells which corner it is.
-            vertices_m, facets = vertices_m[facets].reshape(-1, 3), None
-            self.texels_per_side = math.isqrt(detail.shape[1])
-            self._detail_texture = self.own(_lookup(gl, detail.reshape(-1, 4), "f2"))
         self.albedo_texture = None
         if uv is not None and albedo_map is not None:
             uv = uv[self.chunks.order]
@@ -132,7 +119,7 @@ class Mesh(ResourceOwner):
         if vertex_normals is not None:
             normals = vertex_normals if source is None else vertex_normals[source]
             self._normal = self.own(gl.buffer(np.ascontiguousarray(normals, np.float32)))
-        self._indices = None if indices is None else self.own(gl.buffer(np.ascontiguousarray(indices, np.int32)))
+        self._indices = self.own(gl.buffer(np.ascontiguousarray(indices, np.int32)))
         self._normal_texture = None
         self.law_constants = ConstantBlock(law.uniform_fields, law.uniforms())
         self._shadow_uniforms = self.own(gl.buffer(reserve=SHADOW_BLOCK.dtype.itemsize))
@@ -183,8 +170,6 @@ class Mesh(ResourceOwner):
             self.albedo_texture.use(_ALBEDO_UNIT)
         if variant.normal_lookup:
             self._facet_normals().use(_NORMAL_UNIT)
-        if self._detail_texture is not None:
-            self._detail_texture.use(_DETAIL_UNIT)
         self._draw(program, chosen)
 
     def _draw(self, program: moderngl.Program, chosen: np.ndarray) -> None:
@@ -227,7 +212,7 @@ def _surface_program(context: Context, stage: str, variant: SurfaceVariant, mesh
         if variant.relief:
             program["Relief"].binding = _RELIEF_BINDING
         for sampler, unit in (("shadow_map", _SHADOW_UNIT), ("albedo_texture", _ALBEDO_UNIT),
-                              ("facet_normals", _NORMAL_UNIT), ("detail", _DETAIL_UNIT)):
+                              ("facet_normals", _NORMAL_UNIT)):
             if sampler in program:
                 program[sampler].value = unit
         context.surface_programs[key] = program

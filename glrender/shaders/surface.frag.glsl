@@ -5,7 +5,7 @@
 #if HAS_RELIEF
 #include "relief.glsl"
 #endif
-#if HAS_ALBEDO_TEXTURE && !TEXELS_PER_SIDE
+#if HAS_ALBEDO_TEXTURE
 in vec2 uv;
 uniform sampler2D albedo_texture;
 #endif
@@ -16,21 +16,11 @@ void main()
     vec3 to_camera = normalize(camera_offset());
     vec3 geometric_normal = facet_normal(to_camera);
     float albedo_scale = 1.0;
-#if TEXELS_PER_SIDE
-    vec4 texel = detail_texel();
-    albedo_scale = texel.w;
-    vec3 normal = normalize(texel.xyz);
-    // What faces away from the camera is not what the camera sees.
-    normal = dot(normal, to_camera) > 0.0 ? normal : geometric_normal;
-    float cos_incidence = dot(geometric_normal, sun_direction_body);
-    float lit = min(cos_incidence, dot(normal, sun_direction_body)) > 0.0 ? sunlit(cos_incidence) : 0.0;
-#else
     vec3 normal = surface_normal(geometric_normal, to_camera);
     float cos_incidence = dot(geometric_normal, sun_direction_body);
     float lit = cos_incidence > 0.0 ? sunlit(cos_incidence) : 0.0;
 #if HAS_ALBEDO_TEXTURE
     albedo_scale = texture(albedo_texture, uv).r;
-#endif
 #endif
 #if HAS_RELIEF
     normal = relief_normal(normal, r_surface, length(camera_offset()) * footprint_per_m, to_camera);

@@ -9,10 +9,6 @@ in vec3 shading_normal;
 #if NORMAL_LOOKUP
 uniform sampler2D facet_normals;
 #endif
-#if TEXELS_PER_SIDE
-in vec2 corner_weight;
-uniform sampler2D detail;
-#endif
 #if HAS_SHADOWS
 uniform sampler2DShadow shadow_map;
 #endif
@@ -63,22 +59,6 @@ vec3 surface_normal(vec3 geometric_normal, vec3 to_camera)
     return geometric_normal;
 #endif
 }
-
-#if TEXELS_PER_SIDE
-// A level of detail's facet carries normals of the full shape: rows of texels, as
-// lod.texel_barycentric counts them. Normal, and factor on the albedo.
-vec4 detail_texel()
-{
-    const int n = TEXELS_PER_SIDE;
-    vec2 place = max(corner_weight, 0.0) * float(n);
-    int row = min(int(place.x), n - 1);
-    int column = min(int(place.y), n - 1 - row);
-    int upper = column < n - 1 - row && fract(place.x) + fract(place.y) > 1.0 ? 1 : 0;
-    int index = facet_index() * n * n + row * (2 * n - row) + 2 * column + upper;
-    int width = textureSize(detail, 0).x;
-    return texelFetch(detail, ivec2(index % width, index / width), 0);
-}
-#endif
 
 // 1 in sunlight, 0 in a cast shadow. The bias follows the slope within a texel: tan(incidence)
 // texels, held at 20 where the surface is nearly edge-on to the Sun.

@@ -10,10 +10,7 @@ out vec3 r_body;
 in vec3 vertex_normal;
 out vec3 shading_normal;
 #endif
-#if TEXELS_PER_SIDE
-out vec2 corner_weight; // of the facet's second and third corner
-#endif
-#if HAS_ALBEDO_TEXTURE && !TEXELS_PER_SIDE
+#if HAS_ALBEDO_TEXTURE
 in vec2 vertex_uv;
 out vec2 uv;
 #endif
@@ -30,10 +27,7 @@ void main()
 #if SMOOTH_NORMALS
     shading_normal = vertex_normal;
 #endif
-#if TEXELS_PER_SIDE
-    corner_weight = vec2(gl_VertexID % 3 == 1, gl_VertexID % 3 == 2);
-#endif
-#if HAS_ALBEDO_TEXTURE && !TEXELS_PER_SIDE
+#if HAS_ALBEDO_TEXTURE
     uv = vertex_uv;
 #endif
 }

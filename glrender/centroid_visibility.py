@@ -1,77 +1,97 @@
-"""A body's facets as lit as their middles are: of facets far smaller than pixels, without looking where light ends."""
+"""Facets of a body that are lit or dark as their centroids are: for facets far smaller than pixels.
+
+Source: Max (1988), Horizon mapping; rays decide where a horizon does not.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from glrender_camera import PinholeCamera
 
-from . import coverage, facet_loops
+from . import accumulate, facet_loops
+from .brdf_tables import BrdfTables
 from .facet_cutter import FacetCutter
 from .facet_parts import FacetParts, projected
 from .facet_tables import FacetTables
-from .kept_middles import KeptMiddles, edges_of
-from .lit_triangles import add_small, in_two_images
 from .ray_engine import RayEngine
-from .render_plan import LevelPlan
 from .view import BodyView, between
 
-# Steps in which the edges of others are found within facets.
+# Bisections by which the edges of other bodies are found within facets.
 _BISECTIONS = 3
-# Squared side of facets, times their number, over the squared diameter.
+# Squared side of facets, times their number, over the squared diameter of the body.
 _FACETS_SQUARED = 1.2
-# Areas of facets in which they are looked for anyway, over the squared radius of what may be there, and least [px2];
-# largest parts that are cut [px2], and most divisions.
-_LARGE, _LEAST_PX, _PART_PX, _MOST_DIVISIONS = 0.06, 0.25, 6.0, 5
-# Error over what edges of light tell, and the power of small facets' areas in it: 2900 images of five shapes with 49k
-# to 197k facets, 30 to 480 px, 20 to 120 deg, beside areas; it is less in 98.9 %, 0.28 to 0.64 of it in half.
-_EDGE_ERROR, _ALIKE = 0.42, 0.6
+# Area of a facet over the squared radius of another body that may stand before it, from which its edge is looked for
+# anyway, and least [px2]; largest part that is clipped [px2]; most divisions.
+_LARGE = 0.06
+_LEAST_PX = 0.25
+_PART_PX = 6.0
+_MOST_DIVISIONS = 5
+# Error over what boundary facets tell [1], and the power of small facets' areas in it: 2900 images of five shapes with
+# 49k to 197k facets, 30 to 480 px, 20 to 120 deg, beside clipped ones; it is less in 98.9 %, 0.28 to 0.64 in half.
+_BOUNDARY_ERROR = 0.42
+_ALIKE = 0.6
+# One facet of so many tells of boundaries: an odd number, as divided shapes come in fours.
+_SAMPLED = 3
 
 
-class LitMiddles:
+def centroid_error(boundaries: Sequence[np.ndarray]) -> float:
+    """RMS error [1] over the mean of the lit pixels, by what `facet_loops.lit_edges` tells of each body (4,)."""
+    area, light, squared, of_area = np.sum(boundaries, axis=0)
+    if not squared:
+        return 0.0
+    # Errors of small facets next to each other are alike.
+    return _BOUNDARY_ERROR * math.sqrt(squared * min(of_area / squared, 1.0) ** _ALIKE * area) / light
+
+
+class CentroidVisibility:
     """The facets of one body that a frame shows, each all lit or all dark.
 
     Parameters
     ----------
     facets : FacetTables
-        With horizons of their middles.
+        With horizons of their centroids.
     view : BodyView
         Of the body: all of it is before the camera.
     views : list of BodyView
         Of all bodies.
     camera : PinholeCamera
     rays : RayEngine
-    level : LevelPlan
-    kept : KeptMiddles
+    brdf_tables : BrdfTables
 
     Attributes
     ----------
-    error : float [1]
-        RMS error of pixels over the mean of the lit ones, as edges of light tell it; 0 of a level of detail, or where
-        there are other bodies.
+    boundary : (4,) float64
+        What facets at the boundary of light tell: `facet_loops.lit_edges`.
     """
 
     def __init__(self, facets: FacetTables, view: BodyView, views: list[BodyView], camera: PinholeCamera,
-                 rays: RayEngine, level: LevelPlan, kept: KeptMiddles):
+                 rays: RayEngine, brdf_tables: BrdfTables):
         self._facets, self._view, self._camera = facets, view, camera
-        self._brightness = level.flux_ratio / view.sun_distance_au**2
-        # What others cut: points, and of each number of corners the polygons and their radiance.
+        # At the edges of other bodies: points, and of each number of corners the polygons and their radiance.
         self._points_m, self._polygons = np.zeros((3, 0)), []
-        self._triangles, self.error = None, 0.0
-        if len(views) == 1:
-            self._triangles = kept.triangles(facets, view, rays, has_relief=level.has_relief)
-        if self._triangles is None:
-            self._xy = projected(facets.vertices_m, view, camera)
-            self._radiance = kept.radiance(facets, view, rays, has_relief=level.has_relief,
-                                           brightness=self._brightness)
+        self._xy = projected(facets.vertices_m, view, camera)
+        self._radiance = self._shaded(rays, brdf_tables)
+        self.boundary = facet_loops.lit_edges(
+            facets.horizons.facets, self._radiance, facets.neighbours, facets.corners, self._xy, _SAMPLED,
+            view.sun_direction_body, view.r_camera_body_m)
         if len(views) > 1:
             self._cut_by_others(views, rays)
-        elif level.tells_error:
-            if self._triangles is None:
-                self.error = _error(edges_of(facets, self._radiance, self._xy, view), 1.0)
-            else:
-                self.error = _error(self._triangles.edges, camera.focal_length_px**2 / view.cos_off_axis**3)
+
+    def _shaded(self, rays: RayEngine, brdf_tables: BrdfTables) -> np.ndarray:
+        """Radiance (F,) in 1/sr of the Sun's irradiance at 1 au: 0 of facets that are dark, or not seen."""
+        facets, view = self._facets, self._view
+        radiance, asked, (is_seen, is_lit) = facets.horizons.shade(
+            view.sun_direction_body, view.r_camera_body_m,
+            *brdf_tables.of(facets.surface, view, facets.solid.radius_m, view.sun_distance_au**-2))
+        centroid_m, number = facets.horizons.facets[asked, 3:].T.astype(float), facets.number.take(asked)
+        # Where neither was in doubt, both are so.
+        sees = rays.in_view(facets.solid, centroid_m, number, view, [view], is_seen) | ~is_seen
+        sees &= rays.in_light(facets.solid, centroid_m, number, view, [view], is_lit & sees) | ~is_lit
+        radiance[asked[~sees]] = 0.0
+        return radiance
 
     def _cut_by_others(self, views: list[BodyView], rays: RayEngine) -> None:
         """Leave what no other body hides or shades; facets on either side of such edges are cut there."""
@@ -79,14 +99,14 @@ class LitMiddles:
         others = [other for other in views if other is not view]
         radii_m = np.array([rays.solid(other.name).radius_m for other in others])
         shown = facet_loops.may_be_hidden(
-            facets.middles.facets, self._radiance, view.sun_direction_body, view.r_camera_body_m,
+            facets.horizons.facets, self._radiance, view.sun_direction_body, view.r_camera_body_m,
             np.stack([between(other, view)[1] for other in others], axis=1),
             facets.longest_side_m + radii_m)
-        middle_m, number = facets.middles.facets[shown, 3:].T.astype(float), facets.number.take(shown)
+        centroid_m, number = facets.horizons.facets[shown, 3:].T.astype(float), facets.number.take(shown)
         # Their own body was asked.
         is_open = np.ones(len(shown), bool)
-        is_free = rays.in_view(facets.solid, middle_m, number, view, views, is_open, is_open)
-        is_free = rays.in_light(facets.solid, middle_m, number, view, views, is_free, is_open)
+        is_free = rays.in_view(facets.solid, centroid_m, number, view, views, is_open, is_open)
+        is_free = rays.in_light(facets.solid, centroid_m, number, view, views, is_free, is_open)
         # Vertices of facets on both sides are at an edge.
         corner = facets.corners.take(shown, axis=1)
         touched = np.zeros((2, facets.vertices_m.shape[1]), bool)
@@ -114,7 +134,7 @@ class LitMiddles:
         self._polygons = [(corner, light.take(np.searchsorted(edge, facet))) for corner, facet in cutter.polygons]
 
     def add_to(self, changes: np.ndarray, origin_px: np.ndarray, per_px: np.ndarray) -> None:
-        """Add what the facets change in the cells of an image, as of `SunlitAreas.add_to`.
+        """Add the facets to an accumulation buffer, as `SunlitAreas.add_to` does.
 
         Parameters
         ----------
@@ -122,26 +142,15 @@ class LitMiddles:
         origin_px : (2,) float64 [px]
         per_px : (2,) float64 [1/px]
         """
-        if self._triangles is not None:
-            self._triangles.add_to(self._view, self._camera, self._brightness, changes, origin_px, per_px)
-            return
         facets = self._facets
         # Large facets share lines; small ones are soon shared among the few cells that they have.
         size_px = 2.0 * facets.solid.radius_m * self._camera.focal_length_px / self._view.range_m
         if size_px * math.sqrt(_FACETS_SQUARED * per_px.prod() / facets.n_facets) < 1.0:
-            add_small(changes, self._xy, facets.corners, self._radiance, origin_px, per_px)
+            accumulate.in_two_images(changes, facets.n_facets, lambda image, *turn: accumulate.add_small(
+                image, self._xy, facets.corners, self._radiance, *turn, origin_px, per_px))
         else:
-            in_two_images(changes, facets.n_facets, lambda image, *turn: coverage.add_lit(
+            accumulate.in_two_images(changes, facets.n_facets, lambda image, *turn: accumulate.add_lit(
                 image, self._xy, facets.corners, facets.neighbours, self._radiance, *turn, origin_px, per_px))
         points_xy = projected(self._points_m, self._view, self._camera)
         for corner, radiance in self._polygons:
-            coverage.add_polygons(changes, points_xy, corner, radiance + 1j, origin_px, per_px)
-
-
-def _error(edges: np.ndarray, px2: float) -> float:
-    """Of edges of light, all on one side of a facet's middle or all on the other: areas are in so many pixels."""
-    area, light, squared, of_area = edges * [px2, px2, px2, px2**2]
-    if not squared:
-        return 0.0
-    # Of small facets the errors next to each other are alike.
-    return _EDGE_ERROR * math.sqrt(squared * min(of_area / squared, 1.0) ** _ALIKE * area) / light
+            accumulate.add_polygons(changes, points_xy, corner, radiance + 1j, origin_px, per_px)

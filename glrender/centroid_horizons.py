@@ -1,7 +1,6 @@
-"""How high a shape stands around the middles of its facets: which of them are lit and seen, by tables.
+"""Horizon maps at the centroids of a shape's facets: which of them Sun and camera see, without a ray.
 
-Horizon maps, of Max (1988), Horizon mapping: shadows for bump-mapped surfaces. Of facets far smaller than pixels it
-matters little where within one light ends.
+Source: Max (1988), Horizon mapping: shadows for bump-mapped surfaces.
 """
 
 from __future__ import annotations
@@ -13,6 +12,7 @@ import numpy as np
 from glrender_camera import threads
 
 from .cache import cached_bytes
+from .horizon_loops import N_AZIMUTHS, UNKNOWN, axes_across, shade_centroids
 from .rays import RayMesh
 
 # Facets that a thread looks at in a turn.
@@ -20,13 +20,13 @@ _PART = 1 << 12
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Middles:
-    """Facets with the horizons of their middles.
+class CentroidHorizons:
+    """Facets with the horizons of their centroids.
 
     Attributes
     ----------
     facets : (F, 6) float32
-        Normals and middles [m].
+        Normals and centroids [m].
     heights : (F, 16) uint8
         Of the horizon, in azimuths around: 255 times the sine; `UNKNOWN` in all of them where azimuths do not tell what
         stands around, as under an overhang.
@@ -36,7 +36,7 @@ class Middles:
     heights: np.ndarray
 
     @classmethod
-    def of(cls, middle_m: np.ndarray, normal: np.ndarray, solid: RayMesh) -> Middles:
+    def of(cls, middle_m: np.ndarray, normal: np.ndarray, solid: RayMesh) -> CentroidHorizons:
         """Of a shape; made once by some hundred rays a facet, and kept on disk.
 
         Parameters
@@ -46,8 +46,6 @@ class Middles:
         solid : RayMesh
             Of the same shape.
         """
-        from .horizon_loops import N_AZIMUTHS, UNKNOWN
-
         facets = np.concatenate([normal, middle_m]).T.astype(np.float32, order="C")
         # In the order in which they are: that of a shape's own file is another one.
         heights = cached_bytes(f"middles4-{hashlib.sha256(facets.data).hexdigest()[:32]}",
@@ -75,13 +73,11 @@ class Middles:
         is_asked : (2, N) bool
             Whether of their being seen, and of their being lit.
         """
-        from .horizon_loops import shade_middles
-
         n_facets = len(self.facets)
         found, asked, is_asked = np.empty(n_facets), np.empty(n_facets, np.intp), np.empty((2, n_facets), bool)
 
         def look(part: slice) -> np.ndarray:
-            n = shade_middles(self.facets, self.heights, part.start, part.stop, to_sun, r_camera_m,
+            n = shade_centroids(self.facets, self.heights, part.start, part.stop, to_sun, r_camera_m,
                               brdf, first_root, 1.0 / root_step, found, asked, is_asked)
             return np.arange(part.start, part.start + n)
 
@@ -101,8 +97,6 @@ def heights_around(points_m: np.ndarray, normal: np.ndarray, solid: RayMesh, n_a
     unknown : int
         Where azimuths do not tell what stands around; 0 for not looking whether they do.
     """
-    from .horizon_loops import axes_across
-
     found = np.empty((normal.shape[1], n_azimuths), np.uint8)
     # As the loops count azimuths.
     place = np.arange(n_azimuths) * (4.0 / n_azimuths)

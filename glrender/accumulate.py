@@ -11,9 +11,11 @@ goes towards smaller y. Lines around a value are closed.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
-from numba.types import complex128, float32, float64, int32, intp, void
+from glrender_camera import threads
+from numba.types import complex128, float64, int32, intp, void
 
 from .compiled import compiled, inlined, read, write
 
@@ -23,6 +25,9 @@ ROUNDING = 1e-12
 _FARTHEST = 1e12
 # What is divided by when there is nothing to divide.
 _TINY = 1e-300
+# Triangles in a turn of each of the two images that are made at once; so few that waking a thread takes longer.
+_BLOCK = 1 << 12
+_FEW = 1 << 14
 # Small facets whose shares are worked out at once.
 _AT_ONCE = 256
 _CHANGES, _NUMBERS, _VALUES, _VECTOR = write(complex128, 2), read(intp, 1), read(complex128, 1), read(float64, 1, "A")
@@ -320,39 +325,6 @@ def add_small(changes, xy, corners, radiance, first, block, every, origin, per_p
             _add_shares(changes, x, y, value, n, cell, is_small, part)
 
 
-@compiled(void(_CHANGES, read(float32, 2), read(float64, 1), intp, intp, intp, _TABLE, _VECTOR, float64, _VECTOR,
-               _VECTOR, _VECTOR))
-def add_seen(changes, corners_m, radiance, first, block, every, turn, shift_m, focal_length_px, middle_px, origin,
-             per_px):
-    """The same of triangles in space: corners (9, N) [m], x, y and z of each, which are turned and shifted before.
-
-    They lie side by side: what is looked up is slower than what is worked out again for each triangle of a corner.
-    """
-    rows, columns = float(changes.shape[0]), float(changes.shape[1] - 2)
-    x, y = np.empty((2, 3, _AT_ONCE))
-    cell, is_small, part = np.empty((2, _AT_ONCE), np.int32), np.empty(_AT_ONCE, np.bool_), np.empty((4, _AT_ONCE))
-    # Numbers, not places in arrays, which might be the ones that are written.
-    a, b, c = focal_length_px * per_px[0] * turn[0]
-    d, e, f = focal_length_px * per_px[1] * turn[1]
-    g, h, k = turn[2]
-    across, down, deep = (focal_length_px * per_px[0] * shift_m[0], focal_length_px * per_px[1] * shift_m[1],
-                          shift_m[2])
-    left, top = (middle_px[0] - origin[0]) * per_px[0], (middle_px[1] - origin[1]) * per_px[1]
-    for begin in range(first, len(radiance), every):
-        for start in range(begin, min(begin + block, len(radiance)), _AT_ONCE):
-            end = min(start + _AT_ONCE, begin + block, len(radiance))
-            for corner in range(3):
-                u, v, w = (corners_m[3 * corner, start:end], corners_m[3 * corner + 1, start:end],
-                           corners_m[3 * corner + 2, start:end])
-                to_x, to_y = x[corner], y[corner]
-                for i in range(end - start):
-                    per_depth = 1.0 / (g * u[i] + h * v[i] + k * w[i] + deep)
-                    to_x[i] = left + per_depth * (a * u[i] + b * v[i] + c * w[i] + across)
-                    to_y[i] = top + per_depth * (d * u[i] + e * v[i] + f * w[i] + down)
-            _find_shares(x, y, end - start, rows, columns, cell, is_small, part)
-            _add_shares(changes, x, y, radiance[start:end], end - start, cell, is_small, part)
-
-
 @compiled(void(_CHANGES, read(float64, 2), read(intp, 2, "A"), _VALUES, _VECTOR, _VECTOR))
 def add_polygons(changes, xy, corners, values, origin, per_px):
     """Add what lines around polygons change in cells: corners (K, N) at places (2, P) [px], values (N,)."""
@@ -362,3 +334,15 @@ def add_polygons(changes, xy, corners, values, origin, per_px):
             a, b = corners[k, i], corners[(k + 1) % n_corners, i]
             add_line(changes, (xy[0, a] - origin[0]) * per_px[0], (xy[1, a] - origin[1]) * per_px[1],
                      (xy[0, b] - origin[0]) * per_px[0], (xy[1, b] - origin[1]) * per_px[1], values[i])
+
+
+def in_two_images(changes: np.ndarray, n_triangles: int, add: Callable[[np.ndarray, int, int, int], None]) -> None:
+    """Add triangles by two threads, few by one: to two images whatever the number of threads, for the same bytes.
+
+    Each turn takes a block of triangles from a first one on, and others so many apart: `add` has the image and the
+    three numbers.
+    """
+    images = [changes, np.zeros_like(changes)]
+    threads.run(lambda k: add(images[k], k * _BLOCK, _BLOCK, len(images) * _BLOCK), range(len(images)),
+                threads.N_CORES if n_triangles > _FEW else 1)
+    changes += images[1]
