@@ -148,9 +148,13 @@ class CoverageEngine:
         crescents = crescent_gain(max(view.phase_rad for view in members))
         per_root = crescents * max(math.sqrt(n_px), _FLUX) / light
         most = max(tolerance**2 - _LEAST**2, 0.0) / per_root**2
-        # By pixels alone: penumbras take no flux.
-        penumbras = sum(body.penumbra() for body in bodies) * min(n_px / _FLUX**2, 1.0) if has_disc else 0.0
-        penumbra = per_root * math.sqrt(penumbras)
+        penumbras = penumbra = 0.0
+        if has_disc:
+            low = [body.low_sun() for body in bodies]
+            # By pixels alone: penumbras take no flux, a low Sun does.
+            penumbras = sum(body.penumbra() for body in bodies) * min(n_px / _FLUX**2, 1.0) + max(
+                sum(squared for squared, _ in low), (_FLUX / per_root / light * sum(missed for _, missed in low)) ** 2)
+            penumbra = per_root * math.sqrt(penumbras)
         if penumbra > PENUMBRA_SHARE * tolerance:
             return dark, math.inf, penumbra
         flux_weight = (_FLUX / (per_root * light)) ** 2

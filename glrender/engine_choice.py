@@ -44,9 +44,9 @@ _MOST_CELLS = 2048
 _FIRST_SAMPLES = 2
 _CRESCENT_SAMPLES = 4
 _CRESCENT_RAD = 2.1
-# Variation of a facet's radiance with where it is seen from, over its angle; of a pixel's solid angle within it, over
-# its angle: closed forms, kept above.
-_UNEVEN_FACET = 0.3
+# RMS distance from the centroid of an equilateral triangle over the root of its area [1]: 0.31 along each axis.
+_UNEVEN_FACET = 0.44
+# Variation of a pixel's solid angle within it over its angle [1]: kept above 3 tan(theta) / sqrt(12), off the boresight.
 _UNEVEN_PIXEL = 0.3
 # Phase angle [rad] anywhere on a body beyond which a facet's centroid does not tell of slivers of light on it.
 _CENTROIDS_RAD = 2.15
@@ -162,8 +162,8 @@ def _coverage(members: Sequence[BodyView], known: Sequence[BodyTraits], drawn: S
     if any(view.bounds_px is None or not math.isfinite(traits.facet_m)
            for view, traits in zip(members, known, strict=True)):
         return []
-    error = max(math.hypot(_UNEVEN_FACET * traits.facet_m / view.depth_m[0],
-                           _UNEVEN_PIXEL * (1.0 + 3.0 * _off_axis(view, camera)) / camera.focal_length_px)
+    error = max(math.hypot(_UNEVEN_FACET * traits.view_slope(view.phase_rad) * traits.facet_m / view.depth_m[0],
+                           _UNEVEN_PIXEL * 3.0 * _off_axis(view, camera) / camera.focal_length_px)
                 for view, traits in zip(members, known, strict=True))
     where = _whole(members, camera, 1)
     if _is_small(members, request):

@@ -9,6 +9,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from .relief import Relief
 from .view import BodyView
 
@@ -40,6 +42,8 @@ _PENUMBRA_WIDTH = 1e-3
 _LEAK = 1.9
 _LEAK_POWERS = (1.2, 1.57)
 _LEAK_CREASE_RAD = 0.146
+SLOPE_PHASES_RAD = tuple(math.radians(phase_deg) for phase_deg in (1.0, 3.0, 10.0, 30.0, 60.0, 90.0, 120.0, 150.0))
+"""Phase angles [rad] at which a law tells how its radiance changes with the direction of view."""
 FACETS_SEEN = 0.5 / 0.6
 """Facets that a pixel sees times squared size over all facets: half of them face it, on 0.6 of the square."""
 # Error over the estimate of an image, per radian of phase beyond one: 24 crescents at 136 to 162 deg, 40 to 300 px.
@@ -65,6 +69,8 @@ class BodyTraits:
         Surface detail.
     detail_slope : float [1]
         RMS slope of the detail that is drawn.
+    view_slopes : tuple of float [1/rad]
+        Relative change of its radiance with the direction that it is seen from, at `SLOPE_PHASES_RAD`.
     facet_m : float [m]
         Side of facets, by their areas; infinite where a facet is not as bright everywhere: with a texture, smooth
         normals or surface detail.
@@ -78,12 +84,17 @@ class BodyTraits:
     crease_rad: float
     relief: Relief | None = None
     detail_slope: float = 0.0
+    view_slopes: tuple[float, ...] = (0.0,) * len(SLOPE_PHASES_RAD)
     facet_m: float = math.inf
 
     @property
     def slope(self) -> float:
         """RMS angle of creases [rad] that err as its own and its surface detail do."""
         return math.hypot(self.crease_rad, _DETAIL_ERROR * self.detail_slope / math.sqrt(_CREASE_ERROR))
+
+    def view_slope(self, phase_rad: float) -> float:
+        """Relative change of radiance with the direction of view [1/rad] at a phase angle."""
+        return float(np.interp(phase_rad, SLOPE_PHASES_RAD, self.view_slopes))
 
 
 def lit_share(phase_rad: float, least: float = 1e-3) -> float:

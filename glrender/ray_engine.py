@@ -162,7 +162,7 @@ class RayEngine:
         def look(part: slice) -> None:
             for index, hits in self._first(camera.directions(pixel[part]).T, views):
                 view, normal, ray = views[index], hits.normal.T, hits.ray.T
-                facing, _, is_lit = self._facing(hits, view, views)
+                facing, *_, is_lit = self._facing(hits, view, views)
                 made["sunlit"][part][facing.place] = is_lit
                 values = {"range": hits.distance_m, "body_id": index, "facet_id": hits.facet,
                           "incidence": _angle(normal, view.sun_direction_body), "emission": _angle(normal, -ray),
@@ -183,32 +183,36 @@ class RayEngine:
         for index, hits in self._first(ray, views):
             view, solid = views[index], self._solids[views[index].name]
             # What stands in shadow is shaded too: it is less than leaving it out would cost.
-            hits, r_body, is_lit = self._facing(hits, view, views, on_disc)
+            hits, r_body, to_sun, is_lit = self._facing(hits, view, views, on_disc)
             surface, to_camera, normal = solid.surface, -hits.ray.T, hits.normal.T
             weights = surface.weights(hits.facet, r_body.T) if solid.needs_weights else None
             if surface.body.smooth_normals:
                 normal = surface.normals(hits.facet, weights, to_camera)
             if (relief := surface.body.relief) is not None:
                 normal = relief.normals(normal, r_body.T, hits.distance_m / camera.focal_length_px, to_camera)
-            brdf = surface.brdf(view.sun_direction_body, to_camera, normal, surface.albedo_scale(hits.facet, weights))
-            cos_incidence = np.maximum(dot(normal.T, view.sun_direction_body), 0.0)
+            brdf = surface.brdf(to_sun.T, to_camera, normal, surface.albedo_scale(hits.facet, weights))
+            cos_incidence = np.maximum(dot(normal.T, to_sun), 0.0)
             off_axis = ray[2].take(hits.place)
             value[hits.place] = (is_lit * brdf * cos_incidence * (scale / view.sun_distance_au**2)
                                  * (off_axis * off_axis * off_axis))
 
     def _facing(self, hits: Hits, view: BodyView, views: list[BodyView],
-                on_disc: Callable[[np.ndarray], np.ndarray] | None = None) -> tuple[Hits, np.ndarray, np.ndarray]:
-        """Hits that face the Sun, their points (3, K) [m] on the body, and whether (K,) bool they are in its light.
+                on_disc: Callable[[np.ndarray], np.ndarray] | None = None
+                ) -> tuple[Hits, np.ndarray, np.ndarray, np.ndarray]:
+        """Hits that face the Sun, their points (3, K) [m] on the body, the Sun's direction and whether it is free (K,).
 
-        That of its middle, or of a place on its disc for each, which `on_disc` tells of the rays' numbers.
+        The direction is that of the Sun's middle (3,), or of a place on its disc for each hit (3, K), which `on_disc`
+        tells of the rays' numbers: each place lights what faces it, also where the Sun's middle has set.
         """
-        towards = view.sun_direction_body
-        facing = hits.at(np.flatnonzero(dot(hits.normal, towards) > 0.0))
+        to_sun = view.sun_direction_body
+        if on_disc is not None:
+            to_sun = to_sun[:, None] + view.sun_radius_rad * (sun_from_body(to_sun)[:2].T @ on_disc(hits.place))
+            to_sun /= np.sqrt(dot(to_sun, to_sun))
+        chosen = np.flatnonzero(dot(hits.normal, to_sun) > 0.0)
+        facing, to_sun = hits.at(chosen), to_sun if on_disc is None else to_sun.take(chosen, axis=1)
         r_body = _points(facing, view)
         above = r_body + facing.normal * self._solids[view.name].lift_m(facing.facet, LEAST_LIFT)
-        if on_disc is not None:
-            towards = towards[:, None] + view.sun_radius_rad * (sun_from_body(towards)[:2].T @ on_disc(facing.place))
-        return facing, r_body, self._has_free_line(above, towards, view, views)
+        return facing, r_body, to_sun, self._has_free_line(above, to_sun, view, views)
 
     def _first(self, ray_camera: np.ndarray, views: Iterable[BodyView]) -> list[tuple[int, Hits]]:
         """What rays (3, N) from the camera meet first: of each body, by its number, what no other hides."""

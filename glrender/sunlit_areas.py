@@ -176,6 +176,23 @@ class SunlitAreas:
                    * wide_px * np.minimum(wide_px, 1.0) ** 2)
         return _PENUMBRA**2 * float(squared.sum()) / 12.0
 
+    def low_sun(self) -> tuple[float, float]:
+        """What a Sun without a disc misses of facets that part of its disc lights: squared error, and light.
+
+        A facet at which the Sun's middle stands as high as a share u of its radius has the mean of max(0, u + t) over
+        the disc (closed form) in place of u. As many facets, at which it stands as low, are taken to be dark.
+        """
+        angle = self._view.sun_radius_rad
+        facet = np.concatenate([self._whole, self._mixed.facet])
+        area_px = np.concatenate([self._facet_px(self._whole), self._mixed.area_px])
+        low = np.flatnonzero(self._cos_incidence.take(facet) < angle)
+        facet, area_px = facet.take(low), area_px.take(low)
+        u = self._cos_incidence.take(facet) / angle
+        root = np.sqrt(np.maximum(1.0 - u * u, 0.0))
+        missed = u * ((u * root + np.arcsin(np.minimum(u, 1.0))) / np.pi - 0.5) + 2.0 / (3.0 * np.pi) * root**3
+        light = self._radiance.take(facet) / np.maximum(u, 1e-9) * missed
+        return 2.0 * float(_pixels_squared(light, area_px).sum()), 2.0 * float((light * area_px).sum())
+
     def add_to(self, changes: np.ndarray, origin_px: np.ndarray, per_px: np.ndarray, off_axis_power: float) -> None:
         """Add what the areas change in the cells of an image: `accumulate`.
 

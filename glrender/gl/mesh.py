@@ -80,13 +80,15 @@ class Mesh(ResourceOwner):
         Texture coordinates of each facet's corners, origin at the image's bottom left.
     albedo_map : (H, W) float32, optional
         Factor on the law's albedo, row 0 on top.
+    is_closed : bool
+        Of an open surface facets that face away from the Sun cast shadows too: nothing else may stand sunward of them.
     """
 
     def __init__(self, context: Context, vertices_m: np.ndarray, facets: np.ndarray, law: Law, *,
                  vertex_normals: np.ndarray | None = None, uv: np.ndarray | None = None,
-                 albedo_map: np.ndarray | None = None):
+                 albedo_map: np.ndarray | None = None, is_closed: bool = True):
         super().__init__(context)
-        self.law, self.n_facets = law, len(facets)
+        self.law, self.n_facets, self.is_closed = law, len(facets), is_closed
         self.smooth_normals = vertex_normals is not None
         self.chunks = Chunks(vertices_m, facets)
         facets = facets[self.chunks.order]

@@ -47,13 +47,14 @@ class ShadowMap(ResourceOwner):
         self._framebuffer.viewport = (0, 0, *size_px)
         # All of the room: beside the box there is light, for a coma that asks.
         self._framebuffer.clear(depth=1.0)
-        gl.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
         gl.front_face = "ccw"
         for mesh, sun_clip_from_body in casters:
+            gl.enable_only(moderngl.DEPTH_TEST | (moderngl.CULL_FACE if mesh.is_closed else moderngl.NOTHING))
             # Orthographic: the Sun is where all three rows of the matrix but the last see it.
             to_sun = -sun_clip_from_body[2, :3] / np.linalg.norm(sun_clip_from_body[2, :3])
+            chosen = mesh.chunks.in_window(sun_clip_from_body)
             mesh.draw_shadow(sun_clip_from_body,
-                             mesh.chunks.in_window(sun_clip_from_body) & mesh.chunks.facing_direction(to_sun))
+                             chosen & mesh.chunks.facing_direction(to_sun) if mesh.is_closed else chosen)
 
 
 def rounded_room(size_px: tuple[int, int]) -> tuple[int, int]:
