@@ -1,9 +1,9 @@
 """The engines that may draw each region of an image, in the order in which they are tried. Pure.
 
-The rule is the same on every machine. Exact coverage draws bodies of flat facets that are wholly before the camera, by
-centroids where facets are small and clipped where the estimated error exceeds the tolerance; rays draw bodies of which
-more than `MOST_FACETS_PER_PX` facets share a pixel; OpenGL draws the rest, or rays where no shadow map is fine enough.
-With a GPU OpenGL comes first.
+The rule is the same on every machine. Exact coverage draws bodies of flat facets that are wholly before the camera: by
+centroids first, and clipped where the estimated error exceeds the tolerance. Rays draw large shapes of which more than
+`MOST_FACETS_PER_PX` facets share a pixel. OpenGL draws the rest, or rays where no shadow map is fine enough. With a GPU
+OpenGL comes first.
 """
 
 from __future__ import annotations
@@ -26,8 +26,12 @@ ENGINES = ("coverage", "rays", "raster")
 """What `engine=` may ask for."""
 MAX_SAMPLES = 16
 """Most samples along a pixel's side by OpenGL."""
+MAX_RAYS_ACROSS = 1024
+"""Most rays across a small body: some half a second."""
 MOST_FACETS_PER_PX = 300.0
 """Facets that face Sun and camera, a pixel, from which rays are cheaper than coverage (redesign.md, A.3)."""
+FEWEST_FACETS_FOR_RAYS = 100_000
+"""Facets from which that holds: fewer cost coverage no more than the rays that a flux asks for (cells of A.3)."""
 # Side [px] of an outline below which a body has a grid of its own.
 _SMALL_PX = 4.0
 # Side [px] of an outline up to which the samples must hold the flux as well: larger bodies have enough for the image.
@@ -46,12 +50,12 @@ _CRESCENT_SAMPLES = 4
 _CRESCENT_RAD = 2.1
 # RMS distance from the centroid of an equilateral triangle over the root of its area [1]: 0.31 along each axis.
 _UNEVEN_FACET = 0.44
-# Variation of a pixel's solid angle within it over its angle [1]: kept above 3 tan(theta) / sqrt(12), off the boresight.
+# Variation of a pixel's solid angle within it over its angle [1]: above 3 tan(theta) / sqrt(12), off the boresight.
 _UNEVEN_PIXEL = 0.3
 # Phase angle [rad] anywhere on a body beyond which a facet's centroid does not tell of slivers of light on it.
 _CENTROIDS_RAD = 2.15
-# Least error [1] of centroid visibility that the image does not tell: 2900 images of five shapes, 49k to 197k facets.
-_CENTROIDS_LEAST = 0.003
+# Least error [1] of centroid visibility that the image does not tell: ten times that of the flux, cells of A.3.
+_CENTROIDS_LEAST = 0.006
 FEWEST_CENTROIDS = 10_000
 """Facets from which a shape is drawn by centroids: fewer are soon clipped."""
 # Penumbras by rays are noise: crease [rad] and facets a pixel that say so to `error_model.noise_gain`.
@@ -144,15 +148,17 @@ def _options(members: Sequence[BodyView], traits: Mapping[str, BodyTraits], draw
     is_fine_enough = raster and raster[0].modelling_error <= request.tolerance
     if request.has_gpu and is_fine_enough:
         return [*raster, *coverage, *rays]
-    if _facets_a_pixel(members, known) > MOST_FACETS_PER_PX or not (coverage or is_fine_enough):
+    if _is_crowded(members, known) or not (coverage or is_fine_enough):
         return [*rays, *coverage, *([] if rays else raster)]
     return [*(coverage or raster), *rays] or raster
 
 
-def _facets_a_pixel(members: Sequence[BodyView], known: Sequence[BodyTraits]) -> float:
-    """Facets that face camera and Sun, over the pixels that the bodies cover."""
+def _is_crowded(members: Sequence[BodyView], known: Sequence[BodyTraits]) -> bool:
+    """Whether so many facets that face camera and Sun share a pixel that rays are cheaper than any that visits each."""
     n_facing = sum(traits.n_facets * facing_share(view.phase_rad) for view, traits in zip(members, known, strict=True))
-    return n_facing / sum(0.6 * min(view.size_px, 1e5) ** 2 for view in members)
+    n_px = sum(0.6 * min(view.size_px, 1e5) ** 2 for view in members)
+    return (n_facing > MOST_FACETS_PER_PX * n_px
+            and sum(traits.n_facets for traits in known) >= FEWEST_FACETS_FOR_RAYS)
 
 
 def _coverage(members: Sequence[BodyView], known: Sequence[BodyTraits], drawn: Sequence[BodyPlan],
@@ -227,7 +233,8 @@ def _sampled(engine: str, members: Sequence[BodyView], known: Sequence[BodyTrait
         count, asked = _CRESCENT_SAMPLES if is_crescent else _FIRST_SAMPLES, {}
         if size_px < _FLUX_PX:
             n_across = max(samples_across(view, traits, flux_error) for view, traits in pairs)
-            count = min(max(count, math.ceil(n_across / size_px)), MAX_SAMPLES)
+            most = MAX_RAYS_ACROSS / size_px if engine == "rays" else MAX_SAMPLES
+            count = max(count, math.ceil(min(n_across / size_px, most)))
     noise = (max(traits.crease_rad for traits in known),
              max(facets_per_px(view, traits.n_facets) for view, traits in pairs))
     if engine == "rays" and max(body.penumbra_px for body in drawn) > 1.0:

@@ -14,7 +14,7 @@ from . import error_model
 from .area_grid import SmallBody, add_by_area
 from .clock import Clock
 from .coverage_engine import CoverageEngine
-from .engine_choice import apart_size_px
+from .engine_choice import MAX_RAYS_ACROSS, apart_size_px
 from .gl.context import Context
 from .gl.mesh import IRRADIANCE_STAGE
 from .gl.targets import Target
@@ -28,8 +28,6 @@ from .surface_pass import Frame, SurfacePass
 _MAX_WINDOW_SAMPLES = 4096 * 4096
 # Of the tolerance [1], what samples are asked for at least, however much the texels of a shadow map have of it.
 _LEAST_LEFT = 0.3
-# Most samples across a small body by rays: some half a second.
-_MOST_ACROSS = 1024
 
 
 class IrradiancePass:
@@ -142,7 +140,7 @@ class IrradiancePass:
         floor = math.hypot(window.modelling_error,
                            now * window.samples**(0.5 * power) * math.sqrt(window.shadow_share))
         left = max(math.sqrt(max(window.tolerance**2 - floor**2, 0.0)), _LEAST_LEFT * window.tolerance)
-        most = _MOST_ACROSS / max(view.size_px for view in members) if window.engine == "rays" else 0.0
+        most = MAX_RAYS_ACROSS / max(view.size_px for view in members) if window.engine == "rays" else 0.0
         refinement = None
         if math.isfinite(left) and time.monotonic() < deadline:
             refinement = plan_refinement(mean, error, window.samples, left, power, most)
