@@ -15,6 +15,8 @@ from .cache import cached_bytes
 from .horizon_loops import N_AZIMUTHS, UNKNOWN, axes_across, shade_centroids
 from .rays import RayMesh
 
+MOST_HORIZONS = 150_000
+"""Facets up to which horizons are made: 30 us a facet, once; of larger shapes rays tell of every centroid."""
 # Facets that a thread looks at in a turn.
 _PART = 1 << 12
 
@@ -37,7 +39,7 @@ class CentroidHorizons:
 
     @classmethod
     def of(cls, middle_m: np.ndarray, normal: np.ndarray, solid: RayMesh) -> CentroidHorizons:
-        """Of a shape; made once by some hundred rays a facet, and kept on disk.
+        """Horizons of a shape: made once by some hundred rays a facet, and kept on disk; all unknown of a large one.
 
         Parameters
         ----------
@@ -47,9 +49,11 @@ class CentroidHorizons:
             Of the same shape.
         """
         facets = np.concatenate([normal, middle_m]).T.astype(np.float32, order="C")
+        n_facets = len(facets)
+        if n_facets > MOST_HORIZONS:
+            return cls(facets=facets, heights=np.full((n_facets, N_AZIMUTHS), UNKNOWN, np.uint8))
         # In the order in which they are: that of a shape's own file is another one.
-        heights = cached_bytes(f"middles4-{hashlib.sha256(facets.data).hexdigest()[:32]}",
-                               (normal.shape[1], N_AZIMUTHS),
+        heights = cached_bytes(f"middles4-{hashlib.sha256(facets.data).hexdigest()[:32]}", (n_facets, N_AZIMUTHS),
                                lambda: heights_around(middle_m, normal, solid, N_AZIMUTHS, UNKNOWN))
         return cls(facets=facets, heights=heights)
 

@@ -56,8 +56,6 @@ _UNEVEN_PIXEL = 0.3
 _CENTROIDS_RAD = 2.15
 # Least error [1] of centroid visibility that the image does not tell: ten times that of the flux, cells of A.3.
 _CENTROIDS_LEAST = 0.006
-FEWEST_CENTROIDS = 10_000
-"""Facets from which a shape is drawn by centroids: fewer are soon clipped."""
 # Penumbras by rays are noise: crease [rad] and facets a pixel that say so to `error_model.noise_gain`.
 _PENUMBRA_NOISE = (0.4, 1e4)
 
@@ -187,7 +185,7 @@ def _coverage(members: Sequence[BodyView], known: Sequence[BodyTraits], drawn: S
     clipped = _window("coverage", members, request, modelling_error=error, predicted_error=tolerance, **where)
     by_centroids = math.hypot(error, _CENTROIDS_LEAST, max(body.penumbra_error for body in drawn))
     if by_centroids > PENUMBRA_SHARE * tolerance or not all(
-            traits.n_facets >= FEWEST_CENTROIDS
+            traits.has_centroids
             and view.phase_rad + traits.radius_m / view.range_m <= _CENTROIDS_RAD
             for view, traits in zip(members, known, strict=True)):
         return [clipped]

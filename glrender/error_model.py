@@ -86,6 +86,8 @@ class BodyTraits:
     detail_slope: float = 0.0
     view_slopes: tuple[float, ...] = (0.0,) * len(SLOPE_PHASES_RAD)
     facet_m: float = math.inf
+    has_centroids: bool = False
+    """Whether coverage may draw it by centroids."""
 
     @property
     def slope(self) -> float:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cached_property
-
 import numpy as np
 
 from . import facet_loops
@@ -15,6 +13,8 @@ from .surface import Surface
 
 # Of the radius, how far a facet may rise above its neighbour's plane on a body that is convex.
 _FLAT = 1e-7
+FEWEST_CENTROIDS = 10_000
+"""Facets from which a shape is drawn by centroids: fewer are soon clipped."""
 
 
 class FacetTables:
@@ -46,6 +46,8 @@ class FacetTables:
         Every edge has two facets, or is taken to have.
     is_convex : bool
         Without a dip: the hull's word is good to a thousandth of its volume.
+    horizons : CentroidHorizons or None
+        Of the centroids of a shape that may be drawn by them.
     vertices_m : (3, V) float64 [m]
     corners : (3, F) int
         Vertices, counter-clockwise from outside.
@@ -81,11 +83,9 @@ class FacetTables:
         self.is_closed = bool((self.neighbours >= 0).all())
         is_flat = float(height_m.max()) <= _FLAT * body.hull.radius_m
         self.is_convex = self.is_closed and body.hull.is_convex and is_flat
-
-    @cached_property
-    def horizons(self) -> CentroidHorizons:
-        """Horizons of the facets' centroids; made when they are first asked for."""
-        return CentroidHorizons.of(self.corner_m(slice(None)).mean(axis=0), self.normal, self.solid)
+        self.horizons = None
+        if self.n_facets >= FEWEST_CENTROIDS:
+            self.horizons = CentroidHorizons.of(middle_m, self.normal, solid)
 
     def corner_m(self, facet: np.ndarray) -> np.ndarray:
         """Corners (3, 3, N) [m] of facets (N,): corner, axis, facet."""
