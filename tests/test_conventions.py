@@ -41,6 +41,7 @@ from glrender.image import PRODUCTS
 from glrender.radiometry import Band
 from glrender.ranging import checked_directions
 from glrender_camera import Detector, MosaicModel, Optics, validate
+from glrender_camera.errors import error_path, path_of
 from glrender_server.operations import Operations
 from missing import missing, needed_module
 from scipy.spatial.transform import Rotation
@@ -53,7 +54,8 @@ CHECKS = {
     "Conventions": {"Every number": ["test_every_block_of_the_page_is_tried"]},
     "Units and types": {
         "SI, radians": ["test_documented_scene_files_have_units_in_their_names",
-                        "test_what_the_wire_sends_has_its_units", "test_all_that_is_given_becomes_float64", "test_any_origin_of_inertial_gives_the_same_bytes"]},
+                        "test_what_the_wire_sends_has_its_units", "test_all_that_is_given_becomes_float64",
+                        "test_any_origin_of_inertial_gives_the_same_bytes"]},
     "Quaternions and vectors": {
         "`q_b_from_a`": ["test_quaternion_is_scalar_first_and_takes_x_to", "test_the_anchor"],
         "A norm within": ["test_a_norm_within_1e_6_is_renormalised_in_silence",
@@ -301,6 +303,13 @@ def test_a_norm_beyond_1e_3_is_refused(off, served, tmp_path, warnings):
     with pytest.raises(ConfigError, match=r"^directions_camera\[0\]: " + said.replace("normalise .*", "normalise")):
         checked_directions([[0.0, 1.0 + off, 0.0]])
     assert warnings() == []
+
+
+def test_a_warning_has_the_path_that_an_error_has(warnings):
+    with error_path("scene"), error_path("cameras[1]"):
+        validate.unit_quaternion("q_camera_from_spacecraft", with_norm(1.0001))
+    assert warnings()[0].startswith("scene.cameras[1].q_camera_from_spacecraft: norm")
+    assert path_of("q_from_inertial") == "q_from_inertial"
 
 
 def test_warnings_end_with_a_thousand_fields(warnings):
