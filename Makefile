@@ -4,12 +4,12 @@ PYTHON ?= python3
 BIN    := $(VENV)/bin
 export PYTHONUNBUFFERED = 1
 
-.PHONY: demo test bench chart setup opengl octave blender mitsuba lint clean
+.PHONY: demo test bench chart setup opengl octave blender mitsuba basilisk lint clean
 
 demo: setup
 	$(BIN)/glrender demo --out out/demo
 
-test: setup octave blender mitsuba
+test: setup octave blender mitsuba basilisk
 	$(BIN)/ruff check .
 	$(BIN)/python -m pytest
 
@@ -47,6 +47,9 @@ blender: $(VENV)/.ready
 
 mitsuba: $(VENV)/.ready
 	@sh tools/install_mitsuba.sh $(BIN)/python
+
+basilisk: $(VENV)/.ready
+	@sh tools/install_basilisk.sh $(BIN)/python
 
 clean:
 	rm -rf $(VENV) out

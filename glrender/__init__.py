@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from glrender_camera import PinholeCamera
 
+from .attitude import from_basilisk_mrp, from_matlab_dcm, from_matlab_quat, from_spice
 from .capture import Capture, draw_still, take_frame
 from .detail import Boulders, Craters, Detail, Noise
 from .errors import ConfigError, DeviceError, GlrenderError, ProtocolError, SceneError, ShaderError, ShapeError
@@ -20,7 +21,8 @@ from .state import Pose, State
 __version__ = "0.1.0"
 __all__ = ["Body", "Boulders", "Capture", "ConfigError", "Craters", "Detail", "DeviceError", "GlrenderError", "Image",
            "Noise", "PinholeCamera", "Pose", "ProtocolError", "Renderer", "Scene", "SceneError", "Shape", "ShaderError",
-           "ShapeError", "Stars", "State", "draw_still", "load_scene", "open_renderer", "take_frame"]
+           "ShapeError", "Stars", "State", "draw_still", "from_basilisk_mrp", "from_matlab_dcm", "from_matlab_quat",
+           "from_spice", "load_scene", "open_renderer", "take_frame"]
 
 
 def __getattr__(name: str):

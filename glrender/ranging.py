@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from glrender_camera.validate import finite, integer, positive
+from glrender_camera.validate import finite, integer, positive, unit_vectors
 
 from .errors import ConfigError
 from .scene import Scene
@@ -20,7 +20,6 @@ from .view import view_bodies
 
 MAX_DIRECTIONS = 10_000
 """In one request."""
-_UNIT_TOLERANCE = 1e-6
 # So many pairs of ray and facet are tested at once; more are halved first.
 _MAX_PAIRS = 30_000
 
@@ -126,7 +125,7 @@ def laser_ranges(scene: Scene, state: State, directions_camera: np.ndarray, came
 
 
 def checked_directions(value: object) -> np.ndarray:
-    """(N, 3) float64 unit vectors; renormalised from within 1e-6 of 1.
+    """(N, 3) float64 unit vectors, renormalised as `unit_vectors` does it.
 
     Raises
     ------
@@ -143,12 +142,7 @@ def checked_directions(value: object) -> np.ndarray:
         raise ConfigError(path, "must be a list of unit vectors of 3 numbers, got shape", list(rays.shape))
     if len(rays) > MAX_DIRECTIONS:
         raise ConfigError(path, f"must be at most {MAX_DIRECTIONS}", len(rays), "ask several times")
-    norm = np.linalg.norm(rays, axis=1)
-    wrong = np.flatnonzero(~(np.abs(norm - 1.0) <= _UNIT_TOLERANCE))
-    if len(wrong):
-        raise ConfigError(f"{path}[{wrong[0]}]", f"norm must be 1 within {_UNIT_TOLERANCE:g}", float(norm[wrong[0]]),
-                          "normalise before sending")
-    return rays / norm[:, None]
+    return unit_vectors(path, rays, "normalise before sending")
 
 
 def first_hits(vertices: np.ndarray, facets: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

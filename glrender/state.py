@@ -14,7 +14,9 @@ from .constants import SPEED_OF_LIGHT_M_S
 from .errors import ConfigError, error_path
 
 _STATE_KEYS = ("t_s", "r_sun_inertial_m", "spacecraft", "bodies")
+_STATE_REQUIRED = _STATE_KEYS[1:]
 _POSE_KEYS = ("r_inertial_m", "q_from_inertial")
+_POSE_REQUIRED = _POSE_KEYS[:1]
 _RATE_KEYS = ("v_inertial_m_s", "angular_velocity_rad_s")
 # 160 turns a second: beyond it degrees were given, or worse.
 _MAX_RATE_RAD_S = 1e3
@@ -28,8 +30,9 @@ class Pose:
     ----------
     r_inertial_m : (3,) float [m]
         Origin of the frame in `inertial`; each component within 1e16 m, about a light year.
-    q_from_inertial : (4,) float
-        Unit quaternion [w, x, y, z]: components in `inertial` to components in the frame.
+    q_from_inertial : (4,) float, optional
+        Unit quaternion [w, x, y, z]: components in `inertial` to components in the frame. Not given, the frame's axes
+        are those of `inertial`.
     v_inertial_m_s : (3,) float [m/s], optional
         Velocity of the origin in `inertial`, below the speed of light. Not given, it stands still.
     angular_velocity_rad_s : (3,) float [rad/s], optional
@@ -57,7 +60,7 @@ class Pose:
 
     @classmethod
     def from_dict(cls, table: Mapping[str, Any], path: str = "") -> Pose:
-        known_keys(path, table, (*_POSE_KEYS, *_RATE_KEYS), required=_POSE_KEYS)
+        known_keys(path, table, (*_POSE_KEYS, *_RATE_KEYS), required=_POSE_REQUIRED)
         with error_path(path):
             return cls(**table)
 
@@ -91,8 +94,8 @@ class State:
 
     Parameters
     ----------
-    t_s : float [s]
-        Time of mid-exposure; carried through, not interpreted.
+    t_s : float [s], optional
+        Time of mid-exposure; carried through, not interpreted. 0 if not given.
     r_sun_inertial_m : (3,) float [m]
         Within 1e16 m; at least a solar radius, 6.957e8 m, from every body.
     spacecraft : Pose
@@ -127,15 +130,14 @@ class State:
         ConfigError
             With the path of the field, e.g. ``state.bodies.itokawa.q_from_inertial``.
         """
-        known_keys(path, table, _STATE_KEYS, required=_STATE_KEYS)
+        known_keys(path, table, _STATE_KEYS, required=_STATE_REQUIRED)
         bodies = table["bodies"]
         if not isinstance(bodies, Mapping):
             raise ConfigError(f"{path}.bodies", "must map body names to poses", bodies)
         poses = {str(name): Pose.from_dict(pose, f"{path}.bodies.{name}") for name, pose in bodies.items()}
         spacecraft = Pose.from_dict(table["spacecraft"], f"{path}.spacecraft")
         with error_path(path):
-            return cls(t_s=table["t_s"], r_sun_inertial_m=table["r_sun_inertial_m"], spacecraft=spacecraft,
-                       bodies=poses)
+            return cls(**{**table, "spacecraft": spacecraft, "bodies": poses})
 
     def to_dict(self) -> dict[str, Any]:
         """The plain dictionary that the wire carries."""

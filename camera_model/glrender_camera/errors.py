@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 
 _NO_VALUE = object()
+_PREFIX: ContextVar[str] = ContextVar("path of what is being checked", default="")
 
 
 class GlrenderError(Exception):
@@ -59,10 +61,21 @@ def _short(value: object, limit: int = 200) -> str:
 
 @contextmanager
 def error_path(prefix: str) -> Iterator[None]:
-    """Put `prefix` in front of the field path of any ConfigError raised inside."""
+    """Put `prefix` in front of the field path of any ConfigError raised inside, and of any `path_of`."""
+    token = _PREFIX.set(path_of(prefix))
     try:
         yield
     except ConfigError as error:
-        separator = "" if not error.path or error.path.startswith("[") else "."
-        error.path = f"{prefix}{separator}{error.path}"
+        error.path = _joined(prefix, error.path)
         raise
+    finally:
+        _PREFIX.reset(token)
+
+
+def path_of(field: str) -> str:
+    """The dotted path of a field that is checked inside `error_path`."""
+    return _joined(_PREFIX.get(), field)
+
+
+def _joined(prefix: str, path: str) -> str:
+    return f"{prefix}{'' if not prefix or not path or path.startswith('[') else '.'}{path}"

@@ -6,19 +6,27 @@ written so that NaN fails.
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Iterable, Mapping
 from numbers import Integral, Real
 
 import numpy as np
 
-from .errors import ConfigError
+from .errors import ConfigError, path_of
 
-# A norm this far from 1 is round-off or a rounded log file: renormalised. Beyond it the
+# A norm this far from 1 is round-off, or seven digits: renormalised.
+UNIT_TOLERANCE = 1e-6
+# A norm this far from 1 has the four digits that people type: renormalised, with a warning. Beyond it the
 # quaternion is a mistake (photometry.md section 4.3) and is refused.
-QUATERNION_NORM_TOLERANCE = 1e-6
+ROUNDED_UNIT_TOLERANCE = 1e-3
 # A light year: beyond it a position is a mistake of units, and float32 irradiance is 0.
 MAX_DISTANCE_M = 1e16
+
+_log = logging.getLogger(__name__)
+# Fields that were warned of: some of their names come from the wire, so there is an end.
+_warned: set[str] = set()
+_MOST_WARNINGS = 1000
 
 
 def finite(name: str, value: object) -> float:
@@ -99,15 +107,48 @@ def position(name: str, value: object) -> np.ndarray:
 
 
 def unit_quaternion(name: str, value: object) -> np.ndarray:
-    """A read-only (4,) float64 unit quaternion [w, x, y, z], renormalised from within 1e-6 of 1."""
-    array = vector(name, value, 4)
-    norm = float(np.linalg.norm(array))
-    if not abs(norm - 1.0) <= QUATERNION_NORM_TOLERANCE:
-        raise ConfigError(name, f"norm must be 1 within {QUATERNION_NORM_TOLERANCE:g}, is {norm:.9g}", value,
-                          "normalise [w, x, y, z] before sending")
-    array = array / norm
+    """A read-only (4,) float64 unit quaternion [w, x, y, z], renormalised as `unit_vectors` does it."""
+    array = unit_vectors(name, vector(name, value, 4), "normalise [w, x, y, z] before sending")
     array.setflags(write=False)
     return array
+
+
+def unit_vectors(name: str, array: np.ndarray, hint: str) -> np.ndarray:
+    """(..., N) float64 vectors of norm 1, renormalised: from within 1e-6 in silence, from within 1e-3 with a warning.
+
+    Raises
+    ------
+    ConfigError
+        A norm farther from 1, with its index.
+    """
+    norm = np.linalg.norm(array, axis=-1)
+    off = np.abs(norm - 1.0)
+    if not (off <= UNIT_TOLERANCE).all():
+        index = np.unravel_index(np.argmax(off), off.shape)
+        near_unit(name + "".join(f"[{i}]" for i in index), float(off[index]),
+                  f"norm must be 1 within {{:g}}, is {norm[index]:.9g}", array[index].tolist(), hint)
+    return array / np.expand_dims(norm, -1)
+
+
+def near_unit(name: str, off: float, rule: str, got: object, hint: str) -> None:
+    """Refuse what is farther than 1e-3 from unity; warn of what is farther than 1e-6, once a process for each field.
+
+    Parameters
+    ----------
+    name : str
+    off : float
+        How far it is from unity.
+    rule : str
+        What must hold, with `{:g}` where the tolerance is to stand.
+    got, hint : object, str
+        The value received, and the way out.
+    """
+    if not off <= ROUNDED_UNIT_TOLERANCE:
+        raise ConfigError(name, rule.format(ROUNDED_UNIT_TOLERANCE), got, hint)
+    path = path_of(name)
+    if off > UNIT_TOLERANCE and path not in _warned and len(_warned) < _MOST_WARNINGS:
+        _warned.add(path)
+        _log.warning("%s: %s: renormalised; %s, or write 7 digits", path, rule.format(UNIT_TOLERANCE), hint)
 
 
 def known_keys(name: str, table: object, allowed: Iterable[str], required: Iterable[str] = ()) -> Mapping:

@@ -7,7 +7,9 @@ classdef GlRenderClient < handle
 %   client.close()
 %
 %   `state` is the struct of docs/protocol.md: t_s, r_sun_inertial_m, spacecraft.r_inertial_m,
-%   spacecraft.q_from_inertial ([w x y z]), bodies.NAME.r_inertial_m, bodies.NAME.q_from_inertial.
+%   spacecraft.q_from_inertial ([w x y z]), bodies.NAME.r_inertial_m, bodies.NAME.q_from_inertial. Without t_s it is 0;
+%   without q_from_inertial the axes are the inertial ones. Aerospace Toolbox's q = dcm2quat(C), angle2quat(...) and
+%   Aerospace Blockset's quaternions turn frames: give their conjugates, [q(1), -q(2:4)].
 %   A body whose name is no MATLAB name: make `bodies` a containers.Map.
 %
 %   Errors: glrender:CODE with the codes of docs/protocol.md (glrender:config, glrender:scene, glrender:busy, ...),

@@ -19,7 +19,7 @@ typedef struct glr_client glr_client;
 
 typedef struct {
     double r_inertial_m[3];
-    double q_from_inertial[4]; /* unit quaternion [w, x, y, z] */
+    double q_from_inertial[4]; /* unit quaternion [w, x, y, z]: components in inertial to those in the frame */
 } glr_pose;
 
 typedef struct {

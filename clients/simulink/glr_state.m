@@ -1,6 +1,7 @@
 function state = glr_state(names, t_s, r_sun_inertial_m, spacecraft, bodies)
 %GLR_STATE  The state struct of a request, from the signals of a block.
-%   names: cell of body names; spacecraft: 7 numbers, r_inertial_m then q_from_inertial [w x y z];
+%   names: cell of body names; spacecraft: 7 numbers, r_inertial_m then q_from_inertial [w x y z]
+%   (the conjugate of Aerospace Blockset's quaternion);
 %   bodies: 7 numbers for each name, one after the other.
   bodies = reshape(double(bodies), 7, []);
   if size(bodies, 2) ~= numel(names)

@@ -57,13 +57,19 @@ static uint64_t integer_of(const mxArray *value, const char *what) {
 }
 
 static void get_pose(const mxArray *value, const char *what, glr_pose *pose) {
+    static const double no_turn[4] = {1.0, 0.0, 0.0, 0.0};
+    const mxArray *turn;
     char path[256];
     if (!value || !mxIsStruct(value) || mxGetNumberOfElements(value) != 1)
         mexErrMsgIdAndTxt(ARGUMENT, "%s must be a struct", what);
     snprintf(path, sizeof path, "%s.r_inertial_m", what);
     numbers_of(mxGetField(value, 0, "r_inertial_m"), path, 3, pose->r_inertial_m);
     snprintf(path, sizeof path, "%s.q_from_inertial", what);
-    numbers_of(mxGetField(value, 0, "q_from_inertial"), path, 4, pose->q_from_inertial);
+    turn = mxGetField(value, 0, "q_from_inertial");
+    if (turn)
+        numbers_of(turn, path, 4, pose->q_from_inertial);
+    else
+        memcpy(pose->q_from_inertial, no_turn, sizeof no_turn);
 }
 
 static void get_state(const mxArray *value, glr_state *state, const char **names, glr_pose *poses) {
@@ -72,7 +78,9 @@ static void get_state(const mxArray *value, glr_state *state, const char **names
     int k;
     if (!mxIsStruct(value) || mxGetNumberOfElements(value) != 1)
         mexErrMsgIdAndTxt(ARGUMENT, "state must be a struct");
-    numbers_of(mxGetField(value, 0, "t_s"), "state.t_s", 1, &state->t_s);
+    state->t_s = 0.0;
+    if (mxGetField(value, 0, "t_s"))
+        numbers_of(mxGetField(value, 0, "t_s"), "state.t_s", 1, &state->t_s);
     numbers_of(mxGetField(value, 0, "r_sun_inertial_m"), "state.r_sun_inertial_m", 3, state->r_sun_inertial_m);
     get_pose(mxGetField(value, 0, "spacecraft"), "state.spacecraft", &state->spacecraft);
     bodies = mxGetField(value, 0, "bodies");

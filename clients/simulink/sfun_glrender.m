@@ -1,6 +1,7 @@
 function sfun_glrender(block)
 %SFUN_GLRENDER  Level-2 MATLAB S-function: a camera's frame per sample time, from a glrender server.
-%   Inputs: r_sun_inertial_m (3) [m]; spacecraft (7): r_inertial_m [m], q_from_inertial [w x y z];
+%   Inputs: r_sun_inertial_m (3) [m]; spacecraft (7): r_inertial_m [m], q_from_inertial [w x y z]
+%   (the conjugate of Aerospace Blockset's quaternion);
 %   bodies (7 for each): the same, in the order of Bodies. Output: the image, height x width, row 1 on top.
 %   Parameters: those of glr_settings. Time is the simulation's. An error of the server stops the simulation.
   setup(block);

@@ -138,8 +138,15 @@ for given = {state, turned, moving, state}
   end
 end
 bad = state;
-bad.spacecraft = rmfield(bad.spacecraft, 'q_from_inertial');
-expect_error('glrender:config', 'spacecraft.q_from_inertial', @() client.render(bad, 'camera', 'bare'));
+bad.spacecraft = rmfield(bad.spacecraft, 'r_inertial_m');
+expect_error('glrender:config', 'spacecraft.r_inertial_m', @() client.render(bad, 'camera', 'bare'));
+whole = state;
+whole.t_s = 0;
+whole.spacecraft.q_from_inertial = [1 0 0 0];
+short = rmfield(state, 't_s');
+short.spacecraft = rmfield(short.spacecraft, 'q_from_inertial');
+reply = client.render(short, 'camera', 'bare');
+check(reply.header.t_s == 0 && isequal(reply.pixels, client.render(whole, 'camera', 'bare').pixels), 'defaults');
 bad = state;
 bad.gamma = 1;
 expect_error('glrender:config', 'state.gamma', @() client.render(bad, 'camera', 'bare'));

@@ -63,14 +63,21 @@ wrong = {struct('kamera', 'bare'), 'unknown option kamera'; struct('camera', 7),
 for k = 1:size(wrong, 1)
   expect_error('glrender:argument', wrong{k, 2}, @() render(wrong{k, 1}));
 end
-for name = {'t_s', 'r_sun_inertial_m', 'spacecraft', 'bodies'}
+for name = {'r_sun_inertial_m', 'spacecraft', 'bodies'}
   bad = rmfield(state, name{1});
   expect_error('glrender:argument', ['state.', name{1}], @() glrender_mex('render', handle, bad, struct()));
 end
 bad = state;
-bad.bodies.body = rmfield(bad.bodies.body, 'q_from_inertial');
+bad.bodies.body.q_from_inertial = [1 0 0];
 expect_error('glrender:argument', 'state.bodies.body.q_from_inertial must be 4', ...
              @() glrender_mex('render', handle, bad, struct()));
+whole = state;
+whole.t_s = 0;
+whole.spacecraft.q_from_inertial = [1 0 0 0];
+short = rmfield(state, 't_s');
+short.spacecraft = rmfield(short.spacecraft, 'q_from_inertial');
+check(isequal(glrender_mex('render', handle, short, struct('camera', 'bare')).image, ...
+              glrender_mex('render', handle, whole, struct('camera', 'bare')).image), 'defaults');
 expect_error('glrender:argument', '.', @() glrender_mex());
 expect_error('glrender:argument', '.', @() glrender_mex('draw', handle));
 expect_error('glrender:argument', 'port must be', @() glrender_mex('open', host, 0, 1));
