@@ -8,7 +8,6 @@ import numpy as np
 
 from .brdf import Law
 from .error_model import SLOPE_PHASES_RAD, BodyTraits
-from .facet_tables import FEWEST_CENTROIDS
 from .gl.context import Context
 from .gl.mesh import Mesh
 from .scene import Body
@@ -30,7 +29,6 @@ def body_traits(body: Body) -> BodyTraits:
         radius_m=body.hull.radius_m, is_convex=body.hull.is_convex, law=body.brdf.glsl,
         max_phase_rad=body.brdf.max_phase, relief=body.relief, n_facets=len(body.shape.facets),
         crease_rad=body.shape.crease_rad, view_slopes=view_slopes(body.brdf),
-        has_centroids=len(body.shape.facets) >= FEWEST_CENTROIDS,
         facet_m=math.sqrt(float(areas @ areas) / float(areas.sum())) if Surface(body).is_even else math.inf)
 
 

@@ -44,6 +44,8 @@ _LEAK_POWERS = (1.2, 1.57)
 _LEAK_CREASE_RAD = 0.146
 SLOPE_PHASES_RAD = tuple(math.radians(phase_deg) for phase_deg in (1.0, 3.0, 10.0, 30.0, 60.0, 90.0, 120.0, 150.0))
 """Phase angles [rad] at which a law tells how its radiance changes with the direction of view."""
+FEWEST_CENTROIDS = 10_000
+"""Facets from which a shape is drawn by centroids: fewer are soon clipped."""
 FACETS_SEEN = 0.5 / 0.6
 """Facets that a pixel sees times squared size over all facets: half of them face it, on 0.6 of the square."""
 # Error over the estimate of an image, per radian of phase beyond one: 24 crescents at 136 to 162 deg, 40 to 300 px.
@@ -86,8 +88,11 @@ class BodyTraits:
     detail_slope: float = 0.0
     view_slopes: tuple[float, ...] = (0.0,) * len(SLOPE_PHASES_RAD)
     facet_m: float = math.inf
-    has_centroids: bool = False
-    """Whether coverage may draw it by centroids."""
+
+    @property
+    def has_centroids(self) -> bool:
+        """Whether coverage may draw it by centroids."""
+        return self.n_facets >= FEWEST_CENTROIDS
 
     @property
     def slope(self) -> float:

@@ -6,6 +6,7 @@ import numpy as np
 
 from . import facet_loops
 from .centroid_horizons import CentroidHorizons
+from .error_model import FEWEST_CENTROIDS
 from .morton import morton_order
 from .rays import RayMesh, dot, longest_sides_m
 from .scene import Body
@@ -13,8 +14,6 @@ from .surface import Surface
 
 # Of the radius, how far a facet may rise above its neighbour's plane on a body that is convex.
 _FLAT = 1e-7
-FEWEST_CENTROIDS = 10_000
-"""Facets from which a shape is drawn by centroids: fewer are soon clipped."""
 
 
 class FacetTables:
