@@ -5,6 +5,8 @@ Importing it opens no context and loads no OpenGL: laws, scenes and cameras work
 
 from __future__ import annotations
 
+from importlib import import_module
+
 from glrender_camera import PinholeCamera
 
 from .attitude import from_basilisk_mrp, from_matlab_dcm, from_matlab_quat, from_spice
@@ -12,7 +14,6 @@ from .capture import Capture, draw_still, take_frame
 from .detail import Boulders, Craters, Detail, Noise
 from .errors import ConfigError, DeviceError, GlrenderError, ProtocolError, SceneError, ShaderError, ShapeError
 from .image import Image
-from .plugins import open_renderer
 from .scene import Body, Scene, load_scene
 from .shape import Shape
 from .sky import Stars
@@ -26,8 +27,7 @@ __all__ = ["Body", "Boulders", "Capture", "ConfigError", "Craters", "Detail", "D
 
 
 def __getattr__(name: str):
-    if name == "Renderer":
-        from .renderer import Renderer
-
-        return Renderer
+    # Not before it is asked for: it loads OpenGL.
+    if name in ("Renderer", "open_renderer"):
+        return getattr(import_module(".renderer", __name__), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

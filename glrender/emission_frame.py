@@ -12,41 +12,17 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from glrender_camera import PinholeCamera
 
-if TYPE_CHECKING:
-    from .gl.context import Context
-    from .gl.targets import ShadowMap, Target
-    from .scene import Body, Scene
-    from .state import State
-    from .view import BodyView
-
-
-@dataclass(frozen=True, kw_only=True)
-class EmissionPlan:
-    """What was modelled of one emission, for the plan that a reply carries.
-
-    Attributes
-    ----------
-    kind, body : str
-    modelled : dict
-        Plain data: models, steps, resolution, ...
-    predicted_error : float [1]
-        RMS error of its light over the light's mean.
-    milliseconds : float [ms]
-        What it cost.
-    left_out : tuple of str
-    """
-
-    kind: str
-    body: str
-    modelled: dict[str, Any]
-    predicted_error: float
-    milliseconds: float
-    left_out: tuple[str, ...] = ()
+from .gl.context import Context
+from .gl.targets import ShadowMap, Target
+from .render_plan import EmissionPlan
+from .scene import Body, Scene
+from .state import State
+from .view import BodyView
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

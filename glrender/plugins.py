@@ -9,45 +9,16 @@ import inspect
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any
 
 from . import brdf
 from .brdf import GlslText, Law
-from .errors import ConfigError, PluginError
-
-if TYPE_CHECKING:
-    from .image import Image
-    from .scene import Scene
-    from .state import State
+from .errors import PluginError
 
 API = 1
 """Version of the interfaces in docs/plugins.md: what a plug-in's class must say as `glrender_api`."""
 BRDF_GROUP, BACKEND_GROUP, EMISSION_GROUP = "glrender.brdf", "glrender.backend", "glrender.emission"
 OPENGL_BACKENDS = ("auto", "egl", "osmesa")
-
-
-class Backend(Protocol):
-    """What draws a scene: a class of the group `glrender.backend`, called with a `Scene` and its own options.
-
-    It may raise DeviceError, then and in `render`, with a message that says what to install.
-    """
-
-    scene: Scene
-
-    @property
-    def info(self) -> dict[str, Any]:
-        """`backend`, `gl_renderer` and `gl_version` at least: text for people."""
-
-    def render(self, state: State, camera: str | None = None, *, max_error: float | None = None,
-               products: Iterable[str] = ("irradiance",), samples: int | None = None) -> Image:
-        """As `Renderer.render`."""
-
-    def close(self) -> None:
-        """Release what it holds; once more does no harm."""
-
-    def __enter__(self) -> Backend: ...
-
-    def __exit__(self, *exception) -> None: ...
 
 
 class Plugins(Mapping[str, type]):
@@ -168,43 +139,6 @@ def emissions() -> Plugins:
 def problems() -> list[PluginError]:
     """What is wrong with the installed plug-ins, of all groups; each is loaded."""
     return [problem for plugins in (laws(), backends(), emissions()) for problem in plugins.problems()]
-
-
-def open_renderer(scene: Scene, backend: str = "auto", device_index: int | None = None, **options) -> Any:
-    """A `Renderer`, or the plug-in of that name with the same interface, e.g. ``raytrace``.
-
-    Parameters
-    ----------
-    scene : Scene
-    backend : str
-    device_index : int, optional
-        Of OpenGL.
-    **options
-        The plug-in's own, e.g. ``bounces`` of ``cycles``.
-
-    Raises
-    ------
-    ConfigError
-        No such backend, or no such option of it.
-    PluginError
-        The plug-in is broken; the message names its package.
-    DeviceError
-        The backend does not work here; the message says what to install.
-    """
-    if backend in OPENGL_BACKENDS:
-        from .renderer import Renderer
-
-        made, arguments = Renderer, {"backend": backend, "device_index": device_index}
-    elif not isinstance(backend, str) or backend not in backends():
-        raise ConfigError("backend", f"must be one of {', '.join((*OPENGL_BACKENDS, *backends()))}", backend)
-    else:
-        made, arguments = backends()[backend], {}
-    known = [name for name in inspect.signature(made).parameters if name not in ("scene", *arguments)]
-    for name in options:
-        if name not in known:
-            raise ConfigError(name, f"is no option of backend {backend!r}",
-                              hint=f"it has {', '.join(known)}" if known else "it has none")
-    return made(scene, **arguments, **options)
 
 
 def _check_law(name: str, law: Any) -> str | None:

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from .emission_frame import EmissionPlan
-
 EMISSION_LEFT_OUT = "emission around"
 """How a plan begins to say that light which no surface scatters is not in the image."""
 
@@ -93,6 +91,30 @@ class WindowPlan:
     noise: tuple[float, float] = (0.0, 0.0)
     refined_samples: int = 0
     refined_share: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class EmissionPlan:
+    """What was modelled of one emission, for the plan that a reply carries.
+
+    Attributes
+    ----------
+    kind, body : str
+    modelled : dict
+        Plain data: models, steps, resolution, ...
+    predicted_error : float [1]
+        RMS error of its light over the light's mean.
+    milliseconds : float [ms]
+        What it cost.
+    left_out : tuple of str
+    """
+
+    kind: str
+    body: str
+    modelled: dict[str, Any]
+    predicted_error: float
+    milliseconds: float
+    left_out: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import time
 from collections.abc import Callable, Iterable
@@ -28,7 +29,9 @@ from .gl.evaluate import BrdfEvaluator
 from .image import Image, checked_products
 from .irradiance_pass import IrradiancePass
 from .occluders import cast_penumbra, casters
-from .plugin_trial import blamed_on, check_light, try_twin
+from .plugin_checks import check_light, try_twin
+from .plugin_trial import blamed_on
+from .plugins import OPENGL_BACKENDS, backends
 from .product_pass import ProductPass
 from .ray_engine import RayEngine
 from .render_plan import BodyPlan, RenderPlan
@@ -266,6 +269,41 @@ class Renderer:
                 added.append(opened.add(irradiance, given))
             check_light(emission, irradiance, added[-1])
         return replace(frame_plan, emission=tuple(added), roi=(0, 0, camera.width_px, camera.height_px))
+
+
+def open_renderer(scene: Scene, backend: str = "auto", device_index: int | None = None, **options) -> Any:
+    """A `Renderer`, or the plug-in of that name with the same interface, e.g. ``raytrace``.
+
+    Parameters
+    ----------
+    scene : Scene
+    backend : str
+    device_index : int, optional
+        Of OpenGL.
+    **options
+        The plug-in's own, e.g. ``bounces`` of ``cycles``.
+
+    Raises
+    ------
+    ConfigError
+        No such backend, or no such option of it.
+    PluginError
+        The plug-in is broken; the message names its package.
+    DeviceError
+        The backend does not work here; the message says what to install.
+    """
+    if backend in OPENGL_BACKENDS:
+        made, arguments = Renderer, {"backend": backend, "device_index": device_index}
+    elif not isinstance(backend, str) or backend not in backends():
+        raise ConfigError("backend", f"must be one of {', '.join((*OPENGL_BACKENDS, *backends()))}", backend)
+    else:
+        made, arguments = backends()[backend], {}
+    known = [name for name in inspect.signature(made).parameters if name not in ("scene", *arguments)]
+    for name in options:
+        if name not in known:
+            raise ConfigError(name, f"is no option of backend {backend!r}",
+                              hint=f"it has {', '.join(known)}" if known else "it has none")
+    return made(scene, **arguments, **options)
 
 
 def _blank(shape: tuple[int, int], out: np.ndarray | None) -> np.ndarray:

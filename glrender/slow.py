@@ -11,7 +11,7 @@ from glrender_camera import PinholeCamera
 
 from .errors import ConfigError, DeviceError
 from .image import Image
-from .plugins import open_renderer
+from .plugins import backends
 from .progress import Progress
 from .render_plan import RenderPlan
 from .scene import Scene
@@ -118,7 +118,7 @@ class SlowFrames:
 
     def _open(self, name: str) -> Any:
         if name not in self._opened:
-            self._opened[name] = open_renderer(self._scene, name, **_OPTIONS.get(name, {}))
+            self._opened[name] = backends()[name](self._scene, **_OPTIONS.get(name, {}))
         return self._opened[name]
 
 

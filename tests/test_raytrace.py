@@ -10,11 +10,10 @@ import raytracer
 import solids
 import trimesh
 import views
-from glrender import Body, ConfigError, Pose, Renderer, Shape, State, generate
+from glrender import Body, ConfigError, Pose, Renderer, Shape, State, generate, open_renderer
 from glrender.backends.raytrace import RayTracer
 from glrender.brdf import Hapke, Lambert
 from glrender.constants import AU_M
-from glrender.plugins import open_renderer
 from glrender.ray_engine import RAYS_AT_ONCE
 from glrender.rays import LEAST_LIFT, RayMesh
 from glrender.triangles import intersect

@@ -12,37 +12,13 @@ import numpy as np
 from .detector import MAX_SEED, Detector
 from .errors import ConfigError, error_path
 from .exposure import MAX_EXPOSURE_S, AutoExposure
+from .frame import Frame
 from .light import light_on_frame
 from .optics import Optics
 from .points import PointSources
 from .presets import PRESETS
 from .spectrum import electrons_per_joule, require_overlap
 from .validate import integer, known_keys, one_of, positive, within
-
-
-@dataclass(frozen=True, eq=False)
-class Frame:
-    """What the detector gives.
-
-    Attributes
-    ----------
-    dn : (H, W) uint8 or uint16 [DN]
-    electrons : (H, W) float32 [e-]
-        Collected charge with all noise, before gain and rounding.
-    saturated : (H, W) bool
-        At full well or at the largest digital number.
-    exposure_s : float [s]
-    seed : int
-    stages : dict of str to str
-        What was modelled and what was skipped, with why, in the order of the light.
-    """
-
-    dn: np.ndarray
-    electrons: np.ndarray
-    saturated: np.ndarray
-    exposure_s: float
-    seed: int
-    stages: dict[str, str]
 
 
 @dataclass(frozen=True, kw_only=True)

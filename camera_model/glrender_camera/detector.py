@@ -17,7 +17,7 @@ import numpy as np
 from . import cosmic, poisson
 from .deviates import standard_normal
 from .errors import ConfigError
-from .pattern import COSMIC, FRAME, FixedPattern, fixed_pattern, rows_of, stream
+from .pattern import COSMIC, FRAME, FixedPattern, PatternStatistics, fixed_pattern, rows_of, stream
 from .spectrum import Curve, curve
 from .threads import Scratch, run
 from .validate import integer, known_keys, positive, vector, within
@@ -168,7 +168,8 @@ class Detector:
 
     def fixed_pattern(self, shape: tuple[int, int]) -> FixedPattern:
         """The sensor's own maps, made once."""
-        return fixed_pattern(self, shape)
+        return fixed_pattern(PatternStatistics(**{
+            each.name: getattr(self, each.name) for each in fields(PatternStatistics)}), shape)
 
     def read(self, signal_electrons: np.ndarray, exposure_s: float, seed: int) -> tuple[np.ndarray, ...]:
         """Expose and read out.
