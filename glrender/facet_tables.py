@@ -43,6 +43,8 @@ class FacetTables:
         As they were given.
     is_closed : bool
         Every edge has two facets, or is taken to have.
+    open_share : float [1]
+        Of the facets' edges, those that have one facet.
     is_convex : bool
         Without a dip: the hull's word is good to a thousandth of its volume.
     horizons : CentroidHorizons or None
@@ -79,7 +81,8 @@ class FacetTables:
         height_m = np.stack([np.where(across < 0, 0.0, dot(self.normal, middle_m.take(across, axis=1)) - self.offset_m)
                              for across in self.neighbours])
         self.rises = height_m > 0.0
-        self.is_closed = bool((self.neighbours >= 0).all())
+        self.open_share = float((self.neighbours < 0).mean())
+        self.is_closed = not self.open_share
         is_flat = float(height_m.max()) <= _FLAT * body.hull.radius_m
         self.is_convex = self.is_closed and body.hull.is_convex and is_flat
         self.horizons = None

@@ -34,8 +34,8 @@ _LOW_SPREAD, _LOW_SPREAD_RAD, _OVER_RAD = 0.5, 2.0, 0.52
 # That least where so many were looked at closer: what passes between corners is found then, and told already. And the
 # bisections of their cuts: a third takes as long as dividing three in ten, which tells more.
 _MANY_CUTS, _SPREAD_OF_MANY, _BISECTIONS_OF_MANY = 1000.0, 0.4, 2
-# And where edges have one facet only: sheets and blades are thin.
-_OPEN_SPREAD = 2.0
+# More of it where edges have one facet only, over their share of all: sheets and blades are thin, terrain is not.
+_OPEN_SPREAD, _MOST_OPEN = 10.0, 1.0
 # Squared error of edges that pass between corners that agree, as of a cut; where they are looked for, that, and the
 # error over what was found, at first and at last, all of it less from look to look.
 _MISSED, _STILL_MISSED, _OF_FOUND, _OF_EARLIER, _OF_LOOK, _WHOLE_ERROR = 0.0065, 1.8e-4, 0.6, 0.4, 0.5, 0.1
@@ -365,7 +365,7 @@ class SunlitAreas:
     def _spread_of(self, n_cuts: float, least: float) -> float:
         """Error over what is told by the squared errors of so many cuts: they are as good as they are many."""
         low = min(max((self._view.phase_rad - _LOW_SPREAD_RAD) / _OVER_RAD, 0.0), 1.0)
-        return ((1.0 + _LOW_SPREAD * low) * (1.0 if self._facets.is_closed else _OPEN_SPREAD)
+        return ((1.0 + _LOW_SPREAD * low) * (1.0 + min(_OPEN_SPREAD * self._facets.open_share, _MOST_OPEN))
                 * min(least + _SPREAD_OF_FEW / math.sqrt(max(n_cuts, 1.0)), _MOST_SPREAD))
 
     def _squared(self, triangles: FacetParts) -> np.ndarray:

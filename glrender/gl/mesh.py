@@ -107,8 +107,8 @@ class Mesh(ResourceOwner):
             height, width = albedo_map.shape
             texels = np.ascontiguousarray(albedo_map[::-1], np.float32)
             self.albedo_texture = self.own(gl.texture((width, height), 1, texels, dtype="f4"))
-            self.albedo_texture.build_mipmaps()
-            self.albedo_texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
+            # No mipmaps: a law is not linear in its albedo, so that the mean albedo of a pixel has not its mean light.
+            self.albedo_texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
             self.albedo_texture.repeat_y = False
         else:
             source, indices, self._uv = None, facets, None
