@@ -1,12 +1,9 @@
-"""Which chunks' boxes in the image touch a mask or one another: what need not be drawn for a pixel or its light."""
+"""Which chunks' boxes in the image touch a mask: others need not be drawn again."""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
-
-# Cells across and down for boxes against boxes: some pixels each.
-_CELLS = 64
 
 
 def on_mask(boxes_px: np.ndarray, mask: np.ndarray, bounds_px: tuple[float, float, float, float]) -> np.ndarray:
@@ -24,16 +21,6 @@ def on_mask(boxes_px: np.ndarray, mask: np.ndarray, bounds_px: tuple[float, floa
     below = cv2.integral(mask)
     x0, y0, x1, y1 = _cells(boxes_px, mask.shape, bounds_px)
     return below[y1, x1] - below[y0, x1] - below[y1, x0] + below[y0, x0] > 0
-
-
-def on_boxes(boxes_px: np.ndarray, others_px: np.ndarray, bounds_px: tuple[float, float, float, float]) -> np.ndarray:
-    """Boxes (C,) bool that may touch one of the others (D, 4) within bounds; arguments as of `on_mask`."""
-    edges = np.zeros((_CELLS + 1, _CELLS + 1), np.int32)
-    x0, y0, x1, y1 = _cells(others_px, (_CELLS, _CELLS), bounds_px)
-    for y, x, step in ((y0, x0, 1), (y0, x1, -1), (y1, x0, -1), (y1, x1, 1)):
-        np.add.at(edges, (y, x), step)
-    covered = (edges.cumsum(axis=0).cumsum(axis=1)[:-1, :-1] > 0).astype(np.uint8)
-    return on_mask(boxes_px, covered, bounds_px)
 
 
 def _cells(boxes_px: np.ndarray, shape: tuple[int, int], bounds_px: tuple[float, float, float, float]

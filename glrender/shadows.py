@@ -16,10 +16,11 @@ from .gl.targets import ShadowMap, rounded_room
 from .hull import Hull
 from .occluders import casters
 from .render_plan import BodyPlan
-from .shadow_box import shadow_box
-from .view import BodyView, chunks_in_window, snapped
+from .view import BodyView, chunks_in_window
 
 _MAPS_KEPT = 8
+# Texels beside what must be covered: a lookup at its edge still meets the map.
+_MARGIN_TEXELS = 2
 # The largest bias of surface.glsl is 20.2 texels.
 _DEPTH_MARGIN_TEXELS = 21.0
 
@@ -97,8 +98,8 @@ class Shadows:
              ) -> tuple[dict[str, Shadow], list[BodyPlan]]:
         """Shadows of the bodies that need a map, or of those `names` alone; and the plans with what was done.
 
-        A map covers what the image shows of its body, or all of it where `is_whole`. It stays until the next frame
-        begins.
+        A map covers what the image shows of its body, or all of it where `is_whole`. Other cameras of the same epoch
+        share it; it stays until the next frame begins.
         """
         shadows, done = {}, []
         for view, body_plan in zip(views, bodies, strict=True):
@@ -106,33 +107,35 @@ class Shadows:
             if texels is None or (names is not None and view.name not in names):
                 done.append(body_plan)
                 continue
-            sun_from_body = frames.sun_from_body(snapped(view.sun_direction_body, texels))
+            sun_from_body = frames.sun_from_body(view.sun_direction_body)
             low_m, high_m, seen = self._bounds(view, sun_from_body, camera)
-            box = shadow_box(low_m, high_m, None if is_whole else seen, texels)
-            centre = 0.5 * (box.low_m + box.high_m)
-            half = 0.5 * (box.high_m - box.low_m)
+            texel_m = (high_m - low_m)[:2] / texels
+            if seen is not None and not is_whole:
+                low_m[:2], high_m[:2] = np.maximum(low_m, seen[0])[:2], np.minimum(high_m, seen[1])[:2]
+            size_px = tuple(int(side) for side in np.ceil((high_m - low_m)[:2] / texel_m) + 2 * _MARGIN_TEXELS)
+            centre, half = 0.5 * (low_m + high_m), 0.5 * (high_m - low_m)
+            half[:2] = 0.5 * np.array(size_px) * texel_m
             # However large the bias, a surface stays behind what casts from the near plane.
-            half[2] += _DEPTH_MARGIN_TEXELS * box.texel_m.max()
+            half[2] += _DEPTH_MARGIN_TEXELS * texel_m.max()
             offset = frames.transform(np.eye(3), -centre) @ frames.transform(sun_from_body, np.zeros(3))
             clip = frames.clip_from_sun(half[0], half[1], -half[2], half[2]) @ offset
-            cast = [(name, _moved(matrix, view.sun_direction_body, sun_from_body, box.texel_m))
-                    for name, matrix in [(view.name, np.eye(4)), *casters(view, views, self._hulls)]]
-            key = (view.name, box.size_px, clip.tobytes(),
+            cast = [(view.name, np.eye(4)), *casters(view, views, self._hulls)]
+            key = (view.name, size_px, clip.tobytes(),
                    *((name, matrix.tobytes()) for name, matrix in cast))
             is_kept = key in self._maps
             self._needed.add(key)
             if is_kept:
                 self._maps.move_to_end(key)
             else:
-                shadow_map = self._map_to_fill(box.size_px)
+                shadow_map = self._map_to_fill(size_px)
                 shadow_map.draw([(self._meshes[name], clip @ matrix) for name, matrix in cast],
-                                box.size_px)
+                                size_px)
                 self._maps[key] = shadow_map
             shadow_map = self._maps[key]
             shadows[view.name] = Shadow(
-                shadow_map=shadow_map, shadow_from_body=shadow_map.texture_from_clip(box.size_px) @ clip,
-                bias_per_texel=box.texel_m.max() / (2.0 * half[2]))
-            done.append(replace(body_plan, shadow_map_reused=is_kept, shadow_map_drawn_px=box.size_px))
+                shadow_map=shadow_map, shadow_from_body=shadow_map.texture_from_clip(size_px) @ clip,
+                bias_per_texel=texel_m.max() / (2.0 * half[2]))
+            done.append(replace(body_plan, shadow_map_reused=is_kept, shadow_map_drawn_px=size_px))
         return shadows, done
 
     def _map_to_fill(self, size_px: tuple[int, int]) -> ShadowMap:
@@ -146,16 +149,3 @@ class Shadows:
                 return self._maps.pop(key)
         self._maps.pop(idle[0]).close()
         return ShadowMap(self._context, size_px)
-
-
-def _moved(matrix: np.ndarray, sun_direction_body: np.ndarray, sun_from_body: np.ndarray,
-           texel_m: np.ndarray) -> np.ndarray:
-    """A caster where its shadow by the Sun that a map is drawn for falls as that of the true one does.
-
-    From 30 radii away half a step of the grid moves it by 15 texels. In steps of a quarter of one, so that a map
-    serves on.
-    """
-    offset_m = matrix[:3, 3]
-    moved_m = (offset_m @ sun_direction_body) * (sun_from_body[2] - sun_direction_body)
-    steps = np.round((sun_from_body @ moved_m)[:2] / (0.25 * texel_m))
-    return frames.transform(np.eye(3), sun_from_body[:2].T @ (0.25 * texel_m * steps)) @ matrix

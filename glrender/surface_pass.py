@@ -17,9 +17,6 @@ from .scene import Scene
 from .shadows import NO_SHADOW, Shadow
 from .view import BodyView, chunks_in_window
 
-# Of a facet's normal in float32, by derivatives.
-_NORMAL_RAD = 2e-3
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Frame:
@@ -90,7 +87,6 @@ class SurfacePass:
         if mask is not None:
             self._mask.open(mask, grid[0] // mask.shape[1])
         members = [view for view in frame.views if view.name in names]
-        chosen = self._chosen(members, camera, bounds_px, mask, is_light=stage == IRRADIANCE_STAGE)
         groups = grouping.depth_groups(members)
         for index, (near, far, group) in enumerate(groups):
             clip_from_camera = frames.clip_from_camera(
@@ -99,30 +95,19 @@ class SurfacePass:
             clip_from_camera = frames.depth_slice(index, len(groups)) @ clip_from_camera
             for view in group:
                 self._draw_body(stage, view, plans[view.name], clip_from_camera, camera,
-                                frame.shadows.get(view.name, NO_SHADOW), chosen[view.name])
+                                frame.shadows.get(view.name, NO_SHADOW),
+                                self._chosen(view, camera, bounds_px, mask))
 
-    def _chosen(self, views: Sequence[BodyView], camera: PinholeCamera,
-                bounds_px: tuple[float, float, float, float], mask: np.ndarray | None,
-                is_light: bool) -> dict[str, np.ndarray]:
-        """Chunks (C,) bool of each body that may show in the window: on the mask, and lit or before what is lit."""
-        chosen, boxes, lit = {}, {}, {}
-        for view in views:
-            chunks = self._meshes[view.name].chunks
-            seen = chunks_in_window(chunks, view, camera, bounds_px) & chunks.facing_point(view.r_camera_body_m)
-            chosen[view.name] = seen
-            if mask is None and not is_light:
-                continue
-            box = chunks.boxes_px(view.camera_from_body, view.r_camera_body_m, camera.focal_length_px,
-                                  camera.principal_point_px)
-            if mask is not None:
-                seen &= chunk_boxes.on_mask(box, mask, bounds_px)
-            boxes[view.name] = box
-            lit[view.name] = seen & chunks.facing_direction(view.sun_direction_body, _NORMAL_RAD)
-        if is_light:
-            light = np.concatenate([boxes[name][lit[name]] for name in chosen])
-            for name, seen in chosen.items():
-                seen &= lit[name] | chunk_boxes.on_boxes(boxes[name], light, bounds_px)
-        return chosen
+    def _chosen(self, view: BodyView, camera: PinholeCamera, bounds_px: tuple[float, float, float, float],
+                mask: np.ndarray | None) -> np.ndarray:
+        """Chunks (C,) bool of a body that may show in the window, on the mask if there is one."""
+        chunks = self._meshes[view.name].chunks
+        seen = chunks_in_window(chunks, view, camera, bounds_px) & chunks.facing_point(view.r_camera_body_m)
+        if mask is not None:
+            seen &= chunk_boxes.on_mask(chunks.boxes_px(
+                view.camera_from_body, view.r_camera_body_m, camera.focal_length_px, camera.principal_point_px),
+                mask, bounds_px)
+        return seen
 
     def _draw_body(self, stage: str, view: BodyView, body_plan: BodyPlan, clip_from_camera: np.ndarray,
                    camera: PinholeCamera, shadow: Shadow, chosen: np.ndarray) -> None:

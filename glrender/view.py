@@ -102,25 +102,6 @@ def phase_angle(to_sun: np.ndarray, to_camera: np.ndarray) -> float:
     return float(2.0 * np.arctan2(np.linalg.norm(to_sun - to_camera), np.linalg.norm(to_sun + to_camera)))
 
 
-def snapped(direction: np.ndarray, steps: int) -> np.ndarray:
-    """The nearest node of a grid of directions: what is kept of one node serves all that are near it.
-
-    Made for the node, not for the first direction asked for, it is independent of history: the same request gives the
-    same bytes.
-
-    Parameters
-    ----------
-    direction : (3,) float64 [1]
-    steps : int
-        They are at most 1 / steps rad long: for shadow maps that many texels, of 2 R / steps each, as relief of up to R
-        moves its shadow by half of one in 1 / steps rad.
-    """
-    largest = np.argmax(np.abs(direction))
-    face = direction / abs(direction[largest])
-    node = np.round(face * steps) / steps
-    return node / np.linalg.norm(node)
-
-
 def chunks_in_window(chunks: Chunks, view: BodyView, camera: PinholeCamera,
                      bounds_px: tuple[float, float, float, float]) -> np.ndarray:
     """Chunks (C,) bool of a body that may be in a window x0, y0, x1, y1 [px] of the image."""
