@@ -165,8 +165,8 @@ def _coverage(members: Sequence[BodyView], known: Sequence[BodyTraits], drawn: S
               request: Request) -> list[WindowPlan]:
     """By exact coverage: by centroids first where that may do, then clipped; none where it cannot draw the bodies."""
     camera, tolerance = request.camera, request.tolerance
-    if any(view.bounds_px is None or not math.isfinite(traits.facet_m)
-           for view, traits in zip(members, known, strict=True)):
+    if any(view.bounds_px is None or not math.isfinite(traits.facet_m) or body.detail_layers
+           for view, traits, body in zip(members, known, drawn, strict=True)):
         return []
     error = max(math.hypot(_UNEVEN_FACET * traits.view_slope(view.phase_rad) * traits.facet_m / view.depth_m[0],
                            _UNEVEN_PIXEL * 3.0 * _off_axis(view, camera) / camera.focal_length_px)
