@@ -70,9 +70,10 @@ def test_the_rule(members, known, request_, expected):
 
 
 def test_surface_detail_is_drawn_by_opengl_alone():
-    assert order(NEAR, UNEVEN, planned={"detail_layers": 3}) == ["raster"]
-    assert order(NEAR, UNEVEN, planned={"detail_layers": 3}, engine="rays") == []
-    assert order(BESIDE, UNEVEN, 2e-4, planned={"detail_layers": 3}) == ["raster"], "though no map is fine enough"
+    for known in (traits(), UNEVEN):
+        assert order(NEAR, known, planned={"detail_layers": 3}) == ["raster"]
+        assert order(NEAR, known, planned={"detail_layers": 3}, engine="rays") == []
+        assert order(BESIDE, known, 2e-4, planned={"detail_layers": 3}) == ["raster"], "though no map is fine enough"
 
 
 def test_from_ten_thousand_facets_on_centroids_come_first():
