@@ -186,10 +186,11 @@ def _coverage(members: Sequence[BodyView], known: Sequence[BodyTraits], drawn: S
         return []
     clipped = _window("coverage", members, request, modelling_error=error, predicted_error=tolerance, **where)
     by_centroids = math.hypot(error, _CENTROIDS_LEAST, max(body.penumbra_error for body in drawn))
+    # Of a part of a body another one's shadow may be all that is seen: what is predicted of a whole body does not hold.
     if by_centroids > PENUMBRA_SHARE * tolerance or not all(
-            traits.n_facets >= FEWEST_CENTROIDS
+            traits.n_facets >= FEWEST_CENTROIDS and (view.is_whole or not body.casters)
             and view.phase_rad + traits.radius_m / view.range_m <= _CENTROIDS_RAD
-            for view, traits in zip(members, known, strict=True)):
+            for view, traits, body in zip(members, known, drawn, strict=True)):
         return [clipped]
     return [replace(clipped, by_centroids=True, modelling_error=by_centroids), clipped]
 
