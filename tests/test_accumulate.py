@@ -131,7 +131,7 @@ def test_small_facets_are_shared_among_their_cells_as_their_lines_tell(rng):
 
 
 def test_blocks_of_facets_change_cells_as_all_at_once_do(rng):
-    """Every block once, the sides that neighbours share once: the cover of each facet that has a radiance, its light."""
+    """Every block once, the sides that neighbours share once: the cover of facets that have a radiance, and light."""
     shape = generate.icosphere(radius_m=100.0, subdivisions=5)
     corners = np.ascontiguousarray(shape.facets.T, np.intp)
     n_facets, across = corners.shape[1], neighbours(corners, len(shape.vertices_m))

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 import solids
+import sweeps
 import views
 from glrender import Body, Renderer, Shape, frames, generate
 from glrender.brdf import Hapke, Lambert, LommelSeeliger
@@ -371,3 +372,23 @@ def test_what_comes_nearest_is_kept_where_nothing_meets_the_budget():
     x0, y0, x1, y1 = image.roi
     truth[y0:y1, x0:x1] = traced(camera, image.roi, (RayEngine(scene), view_bodies(state, camera, scene.hulls)), 100)
     assert views.relative_rms(image.irradiance_W_m2, truth) < image.plan.predicted_error
+
+
+@pytest.mark.parametrize("budget", [0.05, 0.01])
+def test_an_octahedron_is_told_exact(budget):
+    """Eight facets of a convex body: nothing of them is hidden, and each is all lit."""
+    direction = np.array([1.0, 0.35, 0.5])
+    body = Body(name="body", brdf=LAW, shape=Shape.from_arrays(
+        100.0 * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float),
+        np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]])))
+    state = views.state(phase_deg=70.0, range_m=2000.0 * np.linalg.norm(direction), direction=direction)
+    scene = views.scene([body], [views.camera(240, 1500.0)])
+    with Renderer(scene) as renderer:
+        image = renderer.render(state, max_error=budget)
+    window, = image.plan.windows
+    assert window.engine == "coverage" and image.plan.predicted_error < 1e-3
+    assert image.irradiance_W_m2.sum(dtype=float) == pytest.approx(sweeps.facet_flux(body.shape, state, LAW), rel=1e-4)
+    seen = view_bodies(state, scene.cameras[0], scene.hulls)
+    truth = traced(scene.cameras[0], window.roi, (RayEngine(scene), seen), 24)
+    x0, y0, x1, y1 = window.roi
+    assert views.relative_rms(image.irradiance_W_m2[y0:y1, x0:x1].astype(float), truth) < 2e-3

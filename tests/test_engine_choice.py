@@ -63,8 +63,8 @@ CROWDED = traits(n_facets=3_000_000, facet_m=0.1)
     (NEAR, UNEVEN, {"engine": "coverage"}, []),
     (NEAR, traits(), {"samples": 2}, ["raster"]),
 ], ids=["few facets", "many", "tight", "low Sun", "crowded", "crowded by few", "texture", "facets too large",
-        "large ones by Lambert",        "beside the camera", "no map is fine enough", "GPU", "GPU, no map", "no Embree", "no Embree, no map",
-        "coverage asked for", "rays asked for", "OpenGL asked for", "cannot", "samples"])
+        "large ones by Lambert", "beside the camera", "no map is fine enough", "GPU", "GPU, no map", "no Embree",
+        "no Embree, no map", "coverage asked for", "rays asked for", "OpenGL asked for", "cannot", "samples"])
 def test_the_rule(members, known, request_, expected):
     assert order(members, known, **request_) == expected
 
@@ -268,3 +268,45 @@ def test_an_engine_that_cannot_draw_is_refused(renderer):
 def test_samples_are_drawn_by_opengl_and_never_again(renderer):
     window, = renderer.render(seen("body"), samples=3).plan.windows
     assert window.engine == "raster" and window.samples == 3 and not window.refined_samples
+
+
+@pytest.fixture(scope="module")
+def lumpy():
+    shape = generate.contact_binary(radius_m=100.0, seed=2, subdivisions=5)
+    with Renderer(views.scene([Body(name="body", shape=shape, brdf=GREY)], [views.camera(200, 1500.0)],
+                              sun_disc=False)) as made:
+        yield made
+
+
+@pytest.mark.parametrize("engine", ["raster", "rays"])
+def test_nothing_is_begun_after_the_deadline(lumpy, engine):
+    """The first samples are drawn, and not refined; the plan says that the budget is missed."""
+    state = views.state(phase_deg=70.0, range_m=2000.0)
+    late, usual = (lumpy.render(state, max_error=0.005, engine=engine, deadline_s=deadline_s)
+                   for deadline_s in (1e-6, 1000.0))
+    assert not late.plan.windows[0].refined_samples and usual.plan.windows[0].refined_samples
+    assert late.plan.predicted_error > 0.005 >= usual.plan.predicted_error
+    assert any("predicted error" in line and "exceeds max_error 0.005" in line for line in late.plan.warnings)
+    error = views.relative_rms(late.irradiance_W_m2.astype(float), usual.irradiance_W_m2.astype(float))
+    assert error < late.plan.predicted_error
+
+
+def test_a_deadline_that_is_kept_changes_no_byte(lumpy):
+    state = views.state(phase_deg=70.0, range_m=2000.0)
+    kept, usual = (lumpy.render(state, max_error=0.02, deadline_s=deadline_s) for deadline_s in (1000.0, None))
+    assert kept.irradiance_W_m2.tobytes() == usual.irradiance_W_m2.tobytes()
+
+
+@pytest.mark.parametrize("max_error", [0.05, 0.03, 0.02, 0.01, 0.003])
+def test_the_best_frame_until_the_deadline_is_lit(lumpy, max_error):
+    """Also where the first way does not do, and draws nothing: a dark frame is no frame."""
+    state = views.state(phase_deg=70.0, range_m=2000.0)
+    usual = lumpy.render(state, max_error=max_error).irradiance_W_m2.sum(dtype=float)
+    late = lumpy.render(state, max_error=max_error, deadline_s=1e-6)
+    assert late.irradiance_W_m2.sum(dtype=float) == pytest.approx(usual, rel=0.02), late.plan.windows
+
+
+@pytest.mark.parametrize("deadline_s", [0.0, -1.0, float("nan")])
+def test_a_deadline_is_positive(lumpy, deadline_s):
+    with pytest.raises(ConfigError, match="deadline_s"):
+        lumpy.render(views.state(), deadline_s=deadline_s)

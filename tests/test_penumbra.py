@@ -201,20 +201,34 @@ def mean_of_the_disc(u):
     return u * ((u * root + np.arcsin(u)) / np.pi + 0.5) + 2.0 / (3.0 * np.pi) * root**3
 
 
-@pytest.mark.parametrize("how", [{"engine": "rays"}, {}], ids=["rays", "the planner's choice"])
-@pytest.mark.parametrize("u", [-0.5, 0.0, 0.5, 1.0])
-def test_a_plane_on_the_terminator_has_the_mean_of_the_sun_s_disc(u, how):
-    """The Sun's middle stands u of its radius above the horizon of a plane, seen from above; also below it."""
-    range_m, side_m = 1e5, 200.0
+def on_the_terminator(u):
+    """A plane seen from above, at which the Sun's middle stands u of its radius above the horizon; its light [W/m2]."""
+    range_m, side_m, height = 1e5, 200.0, u * SUN_RADIUS_M / AU_M
     scene = views.scene([Body(name="body", shape=solids.slab(0.5 * side_m), brdf=WHITE)],
                         [views.camera(64, 50.0 / side_m * range_m)])
-    height = u * SUN_RADIUS_M / AU_M
+    place = np.array([0.0, 0.0, range_m])
     state = State(r_sun_inertial_m=AU_M * np.array([np.sqrt(1.0 - height**2), 0.0, height]),
-                  spacecraft=Pose(r_inertial_m=np.array([0.0, 0.0, range_m]), q_from_inertial=frames.look_at(
-                      np.array([0.0, 0.0, range_m]), np.zeros(3), np.array([0.0, 1.0, 0.0]))),
+                  spacecraft=Pose(r_inertial_m=place, q_from_inertial=frames.look_at(
+                      place, np.zeros(3), np.array([0.0, 1.0, 0.0]))),
                   bodies={"body": Pose(r_inertial_m=np.zeros(3))})
-    expected = (views.SOLAR_IRRADIANCE_W_M2 / np.pi * SUN_RADIUS_M / AU_M * mean_of_the_disc(u)
-                * (side_m / range_m) ** 2)
+    return scene, state, (views.SOLAR_IRRADIANCE_W_M2 / np.pi * SUN_RADIUS_M / AU_M * mean_of_the_disc(u)
+                          * (side_m / range_m) ** 2)
+
+
+@pytest.mark.parametrize("u", [-0.5, 0.0, 0.5, 1.0])
+def test_rays_light_a_plane_on_the_terminator_by_the_sun_s_disc(u):
+    """Also where its middle has set."""
+    scene, state, expected = on_the_terminator(u)
+    with RayTracer(scene) as tracer:
+        light = tracer.render(state, samples=12).irradiance_W_m2.sum(dtype=float)
+    assert light == pytest.approx(expected, rel=1e-3)
+
+
+@pytest.mark.parametrize("engine", ["rays", None])
+@pytest.mark.parametrize("u", [0.0, 0.5, 1.0])
+def test_a_frame_of_a_plane_on_the_terminator_has_its_flux(u, engine):
+    """By rays, and by the planner's choice: coverage, or rays where the disc's lower half matters."""
+    scene, state, expected = on_the_terminator(u)
     with Renderer(scene) as renderer:
-        image = renderer.render(state, max_error=0.01, **how)
+        image = renderer.render(state, max_error=0.01, engine=engine)
     assert image.irradiance_W_m2.sum(dtype=float) == pytest.approx(expected, rel=1e-3), image.plan.windows
