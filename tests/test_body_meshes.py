@@ -39,7 +39,8 @@ def test_the_slope_of_lommel_seeliger_is_a_finite_difference(index):
 def test_facets_that_are_not_as_bright_all_over_have_no_size():
     """Those of an icosphere of 100 m: 4 pi r^2 over their number, within the facets' own spread."""
     shape = generate.icosphere(radius_m=100.0, subdivisions=3)
-    flat, smooth = (body_traits(Body(name="body", shape=shape, brdf=Lambert(normal_albedo=0.3), smooth_normals=is_smooth))
+    law = Lambert(normal_albedo=0.3)
+    flat, smooth = (body_traits(Body(name="body", shape=shape, brdf=law, smooth_normals=is_smooth))
                     for is_smooth in (False, True))
     assert flat.facet_m == pytest.approx(math.sqrt(4.0 * math.pi * 1e4 / len(shape.facets)), rel=0.03)
     assert smooth.facet_m == math.inf and flat.n_facets == len(shape.facets) == 1280

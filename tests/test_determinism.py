@@ -17,8 +17,8 @@ from glrender.brdf import Hapke
 law = Hapke(single_scattering_albedo=0.4, b=0.3, c=0.5, roughness_deg=20.0)
 shape = generate.contact_binary(radius_m=100.0, seed=2, subdivisions=5)
 with Renderer(views.scene([Body(name="body", shape=shape, brdf=law)], [views.camera(128, 1000.0)])) as renderer:
-    for options in ({"max_error": 0.05}, {"max_error": 0.02}, {"max_error": 0.005}, {"max_error": 0.02, "engine": "rays"},
-                    {"max_error": 0.02, "engine": "raster"}):
+    for options in ({"max_error": 0.05}, {"max_error": 0.02}, {"max_error": 0.005},
+                    {"max_error": 0.02, "engine": "rays"}, {"max_error": 0.02, "engine": "raster"}):
         for phase_deg, range_m in ((60.0, 2000.0), (110.0, 2000.0), (60.0, 60_000.0)):
             image = renderer.render(views.state(phase_deg=phase_deg, range_m=range_m), **options)
             window, = image.plan.windows

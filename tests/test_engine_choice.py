@@ -306,6 +306,15 @@ def test_the_best_frame_until_the_deadline_is_lit(lumpy, max_error):
     assert late.irradiance_W_m2.sum(dtype=float) == pytest.approx(usual, rel=0.02), late.plan.windows
 
 
+@pytest.mark.parametrize("engine", [*ENGINES, None])
+def test_a_budget_that_nothing_meets_has_a_lit_frame(lumpy, engine):
+    state = views.state(phase_deg=70.0, range_m=2000.0)
+    usual = lumpy.render(state, max_error=0.01).irradiance_W_m2.sum(dtype=float)
+    image = lumpy.render(state, max_error=2e-4, engine=engine)
+    assert image.irradiance_W_m2.sum(dtype=float) == pytest.approx(usual, rel=2e-3)
+    assert 2e-4 < image.plan.predicted_error < 0.1 and image.plan.warnings
+
+
 @pytest.mark.parametrize("deadline_s", [0.0, -1.0, float("nan")])
 def test_a_deadline_is_positive(lumpy, deadline_s):
     with pytest.raises(ConfigError, match="deadline_s"):
