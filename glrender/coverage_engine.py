@@ -115,13 +115,14 @@ class CoverageEngine:
                           ) -> tuple[np.ndarray, float]:
         """The same with each facet lit or dark by its centroid, clipped at the edges of other bodies alone.
 
-        The error is estimated before anything is drawn; nothing is drawn where it exceeds the tolerance.
+        The error is estimated before anything is drawn; nothing is drawn, and it is infinite, where it exceeds the
+        tolerance.
         """
         bodies = [CentroidVisibility(self._facets[view.name], view, views, camera, self._rays, self._brdf_tables)
                   for view in views if view.name in names]
         error = centroid_error([body.boundary for body in bodies])
         if error > tolerance:
-            return np.zeros(grid[::-1]), error
+            return np.zeros(grid[::-1]), math.inf
         cells, total = _Cells(camera, bounds_px, grid), np.zeros(grid[::-1])
         for body in bodies:
             changes = accumulate.no_changes(grid[::-1])

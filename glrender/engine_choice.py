@@ -163,8 +163,8 @@ def _coverage(members: Sequence[BodyView], known: Sequence[BodyTraits], drawn: S
               request: Request) -> list[WindowPlan]:
     """By exact coverage: by centroids first where that may do, then clipped; none where it cannot draw the bodies."""
     camera, tolerance = request.camera, request.tolerance
-    if any(view.bounds_px is None or not math.isfinite(traits.facet_m)
-           for view, traits in zip(members, known, strict=True)):
+    if any(view.bounds_px is None or not math.isfinite(traits.facet_m) or body.detail_layers
+           for view, traits, body in zip(members, known, drawn, strict=True)):
         return []
     error = max(math.hypot(_UNEVEN_FACET * traits.view_slope(view.phase_rad) * traits.facet_m / view.depth_m[0],
                            _UNEVEN_PIXEL * 3.0 * _off_axis(view, camera) / camera.focal_length_px)
@@ -184,10 +184,11 @@ def _coverage(members: Sequence[BodyView], known: Sequence[BodyTraits], drawn: S
         return []
     clipped = _window("coverage", members, request, modelling_error=error, predicted_error=tolerance, **where)
     by_centroids = math.hypot(error, _CENTROIDS_LEAST, max(body.penumbra_error for body in drawn))
+    # Of a part of a body another one's shadow may be all that is seen: what is predicted of a whole body does not hold.
     if by_centroids > PENUMBRA_SHARE * tolerance or not all(
-            traits.has_centroids
+            traits.has_centroids and (view.is_whole or not body.casters)
             and view.phase_rad + traits.radius_m / view.range_m <= _CENTROIDS_RAD
-            for view, traits in zip(members, known, strict=True)):
+            for view, traits, body in zip(members, known, drawn, strict=True)):
         return [clipped]
     return [replace(clipped, by_centroids=True, modelling_error=by_centroids), clipped]
 

@@ -72,14 +72,15 @@ class IrradiancePass:
         apart_px : float [px]
             A body of a smaller `apart_size_px` is told there alone, and not added to the image.
         deadline : float [s]
-            Of `time.monotonic`: nothing is begun after it.
+            Of `time.monotonic`: nothing is begun after it, once there is an image.
         """
         best = None
         for option in options:
             mean, window = self._draw_option(option, frame, error_gain, clock, deadline)
             if best is None or window.predicted_error < best[1].predicted_error:
                 best = mean, window
-            if window.predicted_error <= error_gain * window.tolerance or time.monotonic() > deadline:
+            is_over = time.monotonic() > deadline and math.isfinite(best[1].predicted_error)
+            if window.predicted_error <= error_gain * window.tolerance or is_over:
                 break
         mean, window = best
         if window.samples:

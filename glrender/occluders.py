@@ -11,8 +11,8 @@ from . import frames
 from .hull import Hull
 from .view import BodyView, between
 
-# RMS error of a hard edge over that of the ramp in its place [1], as for a body's own shadows: sunlit_areas.py.
-_HARD_EDGE = 0.65
+# Brightness of a sphere's middle at full phase over the mean of its disc by Lambert's law [1]: where a shadow may fall.
+_HARD_EDGE = 1.5
 
 
 def casters(receiver: BodyView, views: Sequence[BodyView], hulls: Mapping[str, Hull],

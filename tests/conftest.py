@@ -12,9 +12,6 @@ from missing import missing
 
 _REPOSITORY = Path(__file__).parent.parent
 
-# What the planner chooses must not depend on the weather of the machine that tests: two cores without a GPU. Servers
-# that tests start inherit it.
-os.environ.setdefault("GLRENDER_ENGINE_COSTS", "90 36 400 700 160")
 # In the background, as under nohup, neither tests nor what they start would hear Ctrl-C.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 

@@ -1,4 +1,4 @@
-"""Areas of facets against closed forms and against rays, from whole bodies to bodies of a pixel."""
+"""Exact coverage against closed forms and against rays, from whole bodies to bodies of a pixel."""
 
 from __future__ import annotations
 
@@ -9,23 +9,21 @@ import cv2
 import numpy as np
 import pytest
 import solids
+import sweeps
 import views
 from glrender import Body, Renderer, Shape, frames, generate
-from glrender.area_engine import AreaEngine
 from glrender.brdf import Hapke, Lambert, LommelSeeliger
 from glrender.constants import AU_M
+from glrender.coverage_engine import CoverageEngine
 from glrender.facet_cutter import FacetCutter
 from glrender.facet_tables import neighbours
 from glrender.grouping import region
-from glrender.plan_areas import AreasChoice
 from glrender.ray_engine import RayEngine
-from glrender.render_plan import LevelPlan
 from glrender.view import view_bodies
 from glrender_camera import threads
 
 LAW = Lambert(normal_albedo=0.3)
 BUDGETS = (0.1, 0.03, 0.01)
-NO_AREAS = AreasChoice(ns=np.inf, error=0.0, levels=(LevelPlan(),))
 
 
 @cache
@@ -39,7 +37,7 @@ def drawn(bodies, state, camera, budget=0.02, names=None):
     seen = view_bodies(state, camera, scene.hulls)
     rays = RayEngine(scene)
     x0, y0, x1, y1 = roi = region([view for view in seen if view.is_visible], camera)
-    image, told = AreaEngine(scene, rays).draw(
+    image, told = CoverageEngine(scene, rays).draw(
         names or [body.name for body in bodies], camera, seen, (x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5),
         (x1 - x0, y1 - y0), budget)
     return image, told, roi, (rays, seen)
@@ -219,7 +217,7 @@ def test_what_is_dark_beside_a_body_that_a_window_cuts_is_zero(shape):
     """All that is left of a window is in its first column, and adds up to rounding where it is closed."""
     camera = views.camera(512, 4000.0)
     scene = views.scene([Body(name="body", shape=shape, brdf=LAW)], [camera], sun_disc=False)
-    areas, n_dark = AreaEngine(scene, RayEngine(scene)), 0
+    areas, n_dark = CoverageEngine(scene, RayEngine(scene)), 0
     for phase_deg in (20.0, 80.0):
         seen = view_bodies(views.state(phase_deg=phase_deg, sun_in_image=(0.8, 0.6)), camera, scene.hulls)
         x0, y0, x1, y1 = region(seen, camera)
@@ -347,32 +345,50 @@ def test_light_between_corners_that_are_all_dark_is_found(budget, camera_deg, su
 
 
 @pytest.mark.parametrize("phase_deg", [150.0, 160.0])
-def test_areas_take_over_where_rays_do_not_do(phase_deg, monkeypatch):
-    """Rays are reckoned cheaper, and their image tells of slivers between them: an error above the budget of 2 %."""
-    monkeypatch.setenv("GLRENDER_ENGINE_COSTS", "1e4 1e3 1 1 1000")
+def test_coverage_draws_crescents_that_rays_do_not(phase_deg):
+    """An image by rays tells of slivers between them: an error above the budget of 2 %."""
     scene = views.scene([Body(name="body", shape=rough(), brdf=LAW)], [views.camera(120, 600.0)])
     state = views.state(phase_deg=phase_deg)
     with Renderer(scene) as renderer:
         image = renderer.render(state, max_error=0.02)
-        monkeypatch.setattr("glrender.plan_windows.choose_areas", lambda *_, **__: NO_AREAS)
-        by_rays = renderer.render(state, max_error=0.02)
-    assert [window.engine for window in image.plan.windows] == ["areas"]
+        by_rays = renderer.render(state, max_error=0.02, engine="rays")
+    assert [window.engine for window in image.plan.windows] == ["coverage"]
     assert image.plan.predicted_error < 0.02 < by_rays.plan.predicted_error
 
 
 def test_what_comes_nearest_is_kept_where_nothing_meets_the_budget():
-    """Areas that miss the budget stand against rays that miss it by more: a finer budget must not be drawn worse."""
+    """Coverage that misses the budget stands against rays that miss it by more: a finer one must not be drawn worse."""
     camera = views.camera(120, 600.0)
     scene = views.scene([Body(name="body", shape=rough(), brdf=LAW)], [camera], sun_disc=False)
     state = views.state(phase_deg=150.0)
-    with Renderer(scene) as renderer, pytest.MonkeyPatch.context() as patch:
+    with Renderer(scene) as renderer:
         image = renderer.render(state, max_error=0.001)
-        patch.setattr("glrender.plan_windows.choose_areas", lambda *_, **__: NO_AREAS)
-        by_rays = renderer.render(state, max_error=0.001)
-    assert [window.engine for window in image.plan.windows] == ["areas"]
+        by_rays = renderer.render(state, max_error=0.001, engine="rays")
+    assert [window.engine for window in image.plan.windows] == ["coverage"]
     assert [window.engine for window in by_rays.plan.windows] == ["rays"]
     assert 0.001 < image.plan.predicted_error < by_rays.plan.predicted_error
+    assert image.plan.warnings and "exceeds max_error 0.001" in image.plan.warnings[-1]
     truth = np.zeros((120, 120))
     x0, y0, x1, y1 = image.roi
     truth[y0:y1, x0:x1] = traced(camera, image.roi, (RayEngine(scene), view_bodies(state, camera, scene.hulls)), 100)
     assert views.relative_rms(image.irradiance_W_m2, truth) < image.plan.predicted_error
+
+
+@pytest.mark.parametrize("budget", [0.05, 0.01])
+def test_an_octahedron_is_told_exact(budget):
+    """Eight facets of a convex body: nothing of them is hidden, and each is all lit."""
+    direction = np.array([1.0, 0.35, 0.5])
+    body = Body(name="body", brdf=LAW, shape=Shape.from_arrays(
+        100.0 * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float),
+        np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]])))
+    state = views.state(phase_deg=70.0, range_m=2000.0 * np.linalg.norm(direction), direction=direction)
+    scene = views.scene([body], [views.camera(240, 1500.0)])
+    with Renderer(scene) as renderer:
+        image = renderer.render(state, max_error=budget)
+    window, = image.plan.windows
+    assert window.engine == "coverage" and image.plan.predicted_error < 1e-3
+    assert image.irradiance_W_m2.sum(dtype=float) == pytest.approx(sweeps.facet_flux(body.shape, state, LAW), rel=1e-4)
+    seen = view_bodies(state, scene.cameras[0], scene.hulls)
+    truth = traced(scene.cameras[0], window.roi, (RayEngine(scene), seen), 24)
+    x0, y0, x1, y1 = window.roi
+    assert views.relative_rms(image.irradiance_W_m2[y0:y1, x0:x1].astype(float), truth) < 2e-3

@@ -1,4 +1,4 @@
-"""Horizons of facets' middles in tables: what azimuths do not tell, rays are asked for."""
+"""Horizon maps at the centroids of facets: rays are asked wherever azimuths do not tell what stands around."""
 
 from __future__ import annotations
 
@@ -7,13 +7,14 @@ import pytest
 import solids
 import views
 from glrender import Body, Shape, generate
-from glrender.area_engine import AreaEngine
+from glrender.accumulate import ROUNDING, means, no_changes
 from glrender.brdf import Lambert
+from glrender.brdf_tables import BrdfTables
+from glrender.centroid_horizons import CentroidHorizons
+from glrender.centroid_visibility import CentroidVisibility
 from glrender.facet_tables import FacetTables
 from glrender.horizon_loops import UNKNOWN
-from glrender.middle_horizons import Middles
 from glrender.ray_engine import RayEngine
-from glrender.render_plan import LevelPlan
 from glrender.view import view_bodies
 
 GREY = Lambert(normal_albedo=0.3)
@@ -55,20 +56,20 @@ SHAPES = {"torus": (lambda: torus(100.0, 40.0, 192, 96), (1e-3, 1e-3, 1e-3)),
 
 
 def images(body, phase_deg):
-    """By middles (rows, columns), as tables tell and as rays do; the share of middles of which tables tell nothing."""
+    """By centroids (rows, columns), as tables tell and as rays do; the share of centroids that no table tells of."""
     camera = views.camera(128, 1000.0)
     scene = views.scene([body], [camera], sun_disc=False)
-    seen = view_bodies(views.state(phase_deg=phase_deg, range_m=20.0 * body.hull.radius_m), camera, scene.hulls)
+    view, = seen = view_bodies(views.state(phase_deg=phase_deg, range_m=20.0 * body.hull.radius_m), camera, scene.hulls)
     rays, drawn = RayEngine(scene), []
-    tables = FacetTables(body, np.zeros(len(body.shape.facets), bool), rays.solid("body"), with_middles=True)
-    heights = tables.middles.heights
+    tables = FacetTables(body, np.zeros(len(body.shape.facets), bool), rays.solid("body"))
+    heights = tables.horizons.heights
     for known in (heights, np.full_like(heights, UNKNOWN)):
-        tables.middles = Middles(facets=tables.middles.facets, heights=known)
-        engine = AreaEngine(scene, rays)
-        engine._facets["body"] = [tables]
-        drawn.append(engine.draw(("body",), camera, seen, camera.bounds_px, (128, 128), 0.05,
-                                 {"body": LevelPlan(by_middles=True)})[0])
-        engine.close()
+        tables.horizons = CentroidHorizons(facets=tables.horizons.facets, heights=known)
+        changes, (image, cover) = no_changes((128, 128)), np.empty((2, 128, 128))
+        CentroidVisibility(tables, view, seen, camera, rays, BrdfTables()).add_to(
+            changes, np.array(camera.bounds_px[:2]), np.ones(2))
+        image[image < ROUNDING * means(changes, 0, 128, image, cover)] = 0.0
+        drawn.append(image)
     rays.close()
     assert (drawn[1] > 0.0).sum() > 500
     return *drawn, (heights == UNKNOWN).all(axis=1).mean()
