@@ -112,7 +112,7 @@ class RayTracer:
         frame_plan = full_shape_plan(self.scene, pinhole, views, max_error=budget, predicted_error=reached, roi=roi)
         frame_plan = self._emitted.add(irradiance, state, pinhole, views, frame_plan)
         return Image(irradiance_W_m2=irradiance, products=arrays, plan=frame_plan,
-                     timings_ms={"trace": 1e3 * (time.perf_counter() - began)})
+                     request=(self.scene, state, pinhole), timings_ms={"trace": 1e3 * (time.perf_counter() - began)})
 
 
 def _adapt(shoot, pixel: np.ndarray, shape: tuple[int, int], budget: float,
