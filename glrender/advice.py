@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from glrender_camera import CameraModel, Frame, MosaicModel, PinholeCamera
+from glrender_camera.exposure import MAX_EXPOSURE_S
 
 from . import frames
 from .constants import AU_M
@@ -27,14 +28,16 @@ NIGHT_PHASE_DEG = 175.0
 """Phase angle from which on a body shows its night side: a Lambert sphere has 7e-5 of its light at zero phase."""
 SUN_DISTANCES_AU = (0.04, 200.0)
 """Where the Sun is likely to be: beyond Parker Solar Probe's perihelion of 0.046 au, within the heliopause."""
+LIMIT_RATIO = 1.5
+"""How many times longer, or shorter, an automatic exposure must be wanted than its limit for that to be told."""
 LEAST_DN = 0.5
 """Signal of the brightest pixel [DN] below which rounding leaves nothing of it."""
 # Closed bodies of less than this may stand around their camera, as a spacecraft does.
 _LARGE_M = 100.0
 # Of the largest sphere about a body's origin within its hull, the part that is surely inside the body.
 _DEEP = 0.5
-# Pixels along each side of a sparse look at an image.
-_SPARSE = 32
+# Pixels along each side of a sparse look at an image, and rays that look for a body around the camera.
+_SPARSE, _RAYS = 32, 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +130,8 @@ def _printable(text: str) -> str:
 
 def _sparse(image: np.ndarray) -> np.ndarray:
     """At most 32 x 32 of an image's pixels, evenly spread, the first among them."""
-    return image[::-(-image.shape[0] // _SPARSE), ::-(-image.shape[1] // _SPARSE)]
+    step_y, step_x = (max(-(-side // _SPARSE), 1) for side in image.shape)
+    return image[::step_y, ::step_x]
 
 
 def _is_lit(light: np.ndarray, roi: tuple[int, int, int, int]) -> bool:
@@ -201,29 +205,37 @@ def _why_dark(scene: Scene, state: State, camera: PinholeCamera, in_view: Sequen
               region: tuple[int, int, int, int] | None, has_stars: bool) -> list[Advice]:
     ideal = camera if camera.distortion is None else replace(camera, distortion=None)
     views = view_bodies(state, ideal, scene.hulls)
-    if camera.distortion is None:
-        # The image that was drawn may have a margin, or be the region alone.
-        visible = [view for view in views if view.is_visible]
-    else:
-        visible = [view for view in views if view.name in in_view]
+    # The image that was drawn may have a margin, or be the region alone; that of a lens is another.
+    visible = [view for view in views if (_is_seen(view, camera, scene) if camera.distortion is None
+                                          else view.name in in_view)]
     if not visible:
         return [] if has_stars else [_out_of_view(state, camera, views)]
-    largest = max(visible, key=lambda view: view.size_px)
-    name = _printable(largest.name)
-    if region is not None and largest.name not in in_view:
+    middle = max(visible, key=lambda view: view.cos_off_axis)
+    name = _printable(middle.name)
+    if region is not None and middle.name not in in_view:
         return [Advice("out_of_region", "roi", (
             f"nothing of the bodies is in the region {list(map(int, region))} px; the outline of {name} is within "
-            f"{_box_text(largest)}"))]
-    if shading := _shaded_by(largest, views, scene, state):
+            f"{_box_text(middle)}"))]
+    if shading := _shaded_by(middle, views, scene, state):
         return [Advice("in_shadow", f"state.bodies.{name}.r_inertial_m", (
             f"{name} is in view, but in the shadow of {_printable(shading)}; an eclipse, if the positions of the "
             "bodies and the Sun are right"))]
-    phase_deg = math.degrees(largest.phase_rad)
+    phase_deg = math.degrees(middle.phase_rad)
     if phase_deg > 90.0:
         return [_night_side(name, phase_deg)]
     return [Advice("dark", f"state.bodies.{name}", (
         f"nothing that is in view of {name} is lit, at a phase of {phase_deg:.3g} deg: a part in its own shadow, or an "
         "albedo of 0"))]
+
+
+def _is_seen(view: BodyView, camera: PinholeCamera, scene: Scene) -> bool:
+    """Whether a body is in the image; of one that reaches beside or behind the camera a grid of rays tells."""
+    if view.bounds_px is not None or not view.is_visible:
+        return view.is_visible
+    x0, y0, x1, y1 = camera.bounds_px
+    grid = np.stack(np.meshgrid(np.linspace(x0, x1, _RAYS), np.linspace(y0, y1, _RAYS)), axis=-1).reshape(-1, 2)
+    directions = camera.directions(grid) @ view.camera_from_body
+    return bool(scene.hulls[view.name].is_met(view.r_camera_body_m, directions).any())
 
 
 def _box_text(view: BodyView) -> str:
@@ -322,13 +334,16 @@ def _exposure_limit(model: CameraModel | MosaicModel, asked: float | str, frame:
     if "auto" not in (asked, model.exposure_s) or rules.min_s < exposure_s < rules.max_s or rules.min_s == rules.max_s:
         return []
     detector, is_long = model.detector, exposure_s >= rules.max_s
-    level = (float(frame.dn.max()) - detector.offset_DN) / (detector.max_DN - detector.offset_DN)
-    # An exposure that was asked for as a number, of a loop that goes on from it, is at its limit where it would go on.
-    if asked != "auto" and (level > rules.target) == is_long:
+    free = replace(rules, min_s=1e-12, max_s=MAX_EXPOSURE_S, max_step=1e6)
+    wanted_s = free.after(frame, detector)
+    if (wanted_s / rules.max_s if is_long else rules.min_s / wanted_s) < LIMIT_RATIO:
         return []
+    full_scale = min(detector.full_well_electrons * detector.gain_DN_per_electron,
+                     detector.max_DN - detector.offset_DN)
+    level = (float(frame.dn.max()) - detector.offset_DN) / full_scale
     return [Advice("exposure_limit", f"auto_exposure.{'max_s' if is_long else 'min_s'}", (
         f"automatic exposure stays at its limit of {exposure_s:.3g} s: the brightest pixel is at "
-        f"{100.0 * max(level, 0.0):.2g} % of the range; check the light in view, or set "
+        f"{100.0 * min(max(level, 0.0), 1.0):.3g} % of the range; check the light in view, or set "
         f"auto_exposure.{'max_s' if is_long else 'min_s'}"))]
 
 
@@ -351,6 +366,6 @@ def _signal_DN(scene: Scene, camera: PinholeCamera, frame: Frame, light_W_m2: fl
 def _fitting_exposure_s(scene: Scene, camera: PinholeCamera, light_W_m2: float, target: float) -> float:
     """Exposure [s] that puts a pixel with so much light at a share of the range; before the optics spread it."""
     pixel, detector = np.full((1, 1), light_W_m2, np.float32), camera.model.detector
-    rules = replace(camera.model.auto_exposure, percentile=100.0, target=target, min_s=1e-12, max_s=1e6)
+    rules = replace(camera.model.auto_exposure, percentile=100.0, target=target, min_s=1e-12, max_s=MAX_EXPOSURE_S)
     return min(rules.of_irradiance(share * pixel, band.optics.aperture_area_m2 * band.electrons_per_joule, detector)
                for band, share in _bands(scene, camera))

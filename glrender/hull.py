@@ -81,6 +81,14 @@ class Hull:
         distance = self._hull_distance(point_m)
         return distance if distance > 0.0 else surface_distance_m(*self._corners, point_m)
 
+    def is_met(self, point_m: np.ndarray, directions: np.ndarray) -> np.ndarray:
+        """Whether rays from a point (3,) [m] along directions (N, 3) meet the hull: (N,) bool."""
+        along, beyond = directions @ self._planes[:, :3].T, self._planes[:, :3] @ point_m + self._planes[:, 3]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            at = -beyond / along
+        enters = np.where(along < 0.0, at, np.where((along == 0.0) & (beyond > 0.0), np.inf, 0.0)).max(axis=1)
+        return enters <= np.where(along > 0.0, at, np.inf).min(axis=1)
+
     def _hull_distance(self, point_m: np.ndarray) -> float:
         return float((self._planes[:, :3] @ point_m + self._planes[:, 3]).max())
 
