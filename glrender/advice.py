@@ -111,7 +111,7 @@ def frame_advice(scene: Scene, camera: PinholeCamera, asked: float | str, frame:
     x0, y0, x1, y1 = roi
     part = light[y0:y1, x0:x1]
     found = _saturation(scene, camera, frame, part, roi, has_stars, has_sun)
-    found += _exposure_limit(camera.model, asked, frame)
+    found += _exposure_limit(camera.model, asked, frame, has_sun)
     if part.size and not found and not has_stars and _signal_DN(scene, camera, frame, _sparse(part).max()) < LEAST_DN:
         peak = float(part.max())
         signal = _signal_DN(scene, camera, frame, peak)
@@ -329,7 +329,7 @@ def _may_exceed(some: np.ndarray) -> bool:
     return some.size > 0 and np.count_nonzero(some) > 0.5 * SATURATED_SHARE * some.size
 
 
-def _exposure_limit(model: CameraModel | MosaicModel, asked: float | str, frame: Frame) -> list[Advice]:
+def _exposure_limit(model: CameraModel | MosaicModel, asked: float | str, frame: Frame, has_sun: bool) -> list[Advice]:
     rules, exposure_s = model.auto_exposure, frame.exposure_s
     if "auto" not in (asked, model.exposure_s) or rules.min_s < exposure_s < rules.max_s or rules.min_s == rules.max_s:
         return []
@@ -343,7 +343,8 @@ def _exposure_limit(model: CameraModel | MosaicModel, asked: float | str, frame:
     level = (float(frame.dn.max()) - detector.offset_DN) / full_scale
     return [Advice("exposure_limit", f"auto_exposure.{'max_s' if is_long else 'min_s'}", (
         f"automatic exposure stays at its limit of {exposure_s:.3g} s: the brightest pixel is at "
-        f"{100.0 * min(max(level, 0.0), 1.0):.3g} % of the range; check the light in view, or set "
+        f"{100.0 * min(max(level, 0.0), 1.0):.3g} % of the range; "
+        f"{'the Sun is in view' if has_sun else 'check the light in view'}, or set "
         f"auto_exposure.{'max_s' if is_long else 'min_s'}"))]
 
 

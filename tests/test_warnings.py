@@ -18,11 +18,24 @@ import pytest
 import serving
 import trimesh
 import views
-from glrender import Body, Pose, Renderer, Shape, Stars, State, draw_still, frames, generate, open_renderer, take_frame
+from glrender import (
+    Body,
+    Pose,
+    Renderer,
+    Scene,
+    Shape,
+    Stars,
+    State,
+    draw_still,
+    frames,
+    generate,
+    open_renderer,
+    take_frame,
+)
 from glrender.advice import LEAST_DN, Advice, scene_advice
 from glrender.brdf import Lambert
 from glrender.constants import AU_M
-from glrender_camera import AutoExposure, BrownConrady, CameraModel, Detector, Optics
+from glrender_camera import AutoExposure, BrownConrady, CameraModel, Detector, MosaicModel, Optics
 from scipy.spatial.transform import Rotation
 
 GREY = Lambert(normal_albedo=0.2)
@@ -262,6 +275,22 @@ def test_light_of_less_than_half_a_number(one):
     assert codes(told[0]) == ["underexposed"] and told[1] == ()
     fits_s = float(re.search(r"; ([\d.e+-]+) s would", told[0][0].message)[1])
     assert signal_DN(peak, fits_s) == pytest.approx(0.7 * 3000.0, rel=0.05)
+
+
+def test_behind_a_mosaic_the_band_with_most_light_decides():
+    bands = {"R": ((600.0, 700.0), 0.001), "G": ((500.0, 600.0), 0.002), "B": ((400.0, 500.0), 0.001)}
+    optics = {letter: replace(OPTICS, band_nm=band, aperture_diameter_m=wide) for letter, (band, wide) in bands.items()}
+    camera = views.camera(model=MosaicModel(optics=optics, detector=DETECTOR, exposure_s="auto"))
+    scene = Scene(bodies=[views.sphere(GREY, 4)], cameras=[camera], max_error=0.1)
+    with Renderer(scene) as renderer:
+        state = views.state(20.0)
+        assert take_frame(renderer, state).warnings == ()
+        told = the_one(take_frame(renderer, state, exposure_s=10.0).warnings, "saturated")
+        fits_s = float(re.search(r"fit below ([\d.e+-]+) s", told.message)[1])
+        fits, exceeds = (take_frame(renderer, state, exposure_s=scale * fits_s).frame for scale in (0.8, 1.2))
+        # Every other pixel of two rows is green.
+        green = np.indices((256, 256)).sum(axis=0) % 2 == 1
+        assert not fits.saturated.any() and exceeds.saturated[green].any() and not exceeds.saturated[~green].any()
 
 
 # Distances of another unit
