@@ -210,7 +210,7 @@ def _why_dark(scene: Scene, state: State, camera: PinholeCamera, in_view: Sequen
                                           else view.name in in_view)]
     if not visible:
         return [] if has_stars else [_out_of_view(state, camera, views)]
-    middle = max(visible, key=lambda view: view.cos_off_axis)
+    middle = max(visible, key=_cos_off_axis)
     name = _printable(middle.name)
     if region is not None and middle.name not in in_view:
         return [Advice("out_of_region", "roi", (
@@ -221,11 +221,21 @@ def _why_dark(scene: Scene, state: State, camera: PinholeCamera, in_view: Sequen
             f"{name} is in view, but in the shadow of {_printable(shading)}; an eclipse, if the positions of the "
             "bodies and the Sun are right"))]
     phase_deg = math.degrees(middle.phase_rad)
+    if middle.bounds_px is None and scene.hulls[middle.name].is_met(
+            middle.r_camera_body_m, np.outer([1.0, -1.0], middle.camera_from_body[2])).all():
+        # From a crater or a neck rays alone would tell sky from ground: a hull is met every way.
+        return [Advice("dark", "state.spacecraft.q_from_inertial", (
+            f"all is dark between parts of {name}, at a phase of {phase_deg:.3g} deg: the camera looks past it along "
+            "its +Z, or at ground without sunlight"))]
     if phase_deg > 90.0:
         return [_night_side(name, phase_deg)]
     return [Advice("dark", f"state.bodies.{name}", (
         f"nothing that is in view of {name} is lit, at a phase of {phase_deg:.3g} deg: a part in its own shadow, or an "
         "albedo of 0"))]
+
+
+def _cos_off_axis(view: BodyView) -> float:
+    return view.cos_off_axis if view.range_m > 0.0 else 0.0  # in the middle of a ring
 
 
 def _is_seen(view: BodyView, camera: PinholeCamera, scene: Scene) -> bool:
@@ -258,8 +268,8 @@ def _shaded_by(view: BodyView, views: Sequence[BodyView], scene: Scene, state: S
 
 def _out_of_view(state: State, camera: PinholeCamera, views: Sequence[BodyView]) -> Advice:
     """Where the body is that is nearest to the boresight, and the attitude that would have it in view."""
-    nearest = max(views, key=lambda view: view.cos_off_axis)
-    off_deg = math.degrees(math.acos(min(max(nearest.cos_off_axis, -1.0), 1.0)))
+    nearest = max(views, key=_cos_off_axis)
+    off_deg = math.degrees(math.acos(min(max(_cos_off_axis(nearest), -1.0), 1.0)))
     is_behind, name = off_deg > 90.0, _printable(nearest.name)
     where = "behind the camera" if is_behind else "out of view"
     seen = f"{name} is {where} ({off_deg:.3g} deg off the boresight"

@@ -115,6 +115,7 @@ def test_the_demo_flies_its_loop_and_leaves_its_pictures(folder, shape, request)
     assert made.returncode == 0, made.stderr
     summary = json.loads((folder / "out" / "summary.json").read_text())
     assert summary["frames"] == 40 and summary["frames_per_second"] > 0.0
+    assert "WARNING" not in made.stderr
     assert summary["range_m"]["last"] < 0.5 * summary["range_m"]["first"], "it approached"
     error = summary["navigation_error_m"]
     assert error["rms_settled"] < 0.3 * error["handover"], "it found its way"

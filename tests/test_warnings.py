@@ -99,6 +99,22 @@ def test_a_body_beside_the_image_is_told_with_its_angle(one, off_deg, code):
         assert reach == pytest.approx(np.degrees(np.arctan(128.0 * np.sqrt(2.0) / 1000.0)), abs=0.1)
 
 
+@pytest.mark.parametrize("off_deg, is_seen", [(60.0, True), (72.0, True), (80.0, False), (100.0, False)])
+def test_ground_beside_the_camera(one, off_deg, is_seen):
+    """110 m from the middle of a sphere of 100 m its limb is 65.4 degrees off, and the image reaches 7.3, 10.3 at its
+    corners: beyond 75.7 degrees there is no ground in it, though part of the body is before the camera and part behind.
+    """
+    q = frames.look_at(R_CAMERA, np.zeros(3))
+    turn = Rotation.from_rotvec(np.radians(off_deg) * np.array([-1.0, 1.0, 0.0]) / np.sqrt(2.0)).as_matrix()
+    state = turned(views.state(60.0, range_m=110.0), frames.quaternion(turn @ frames.dcm(q)))
+    image = one.render(state, "bare")
+    assert image.irradiance_W_m2.any() == is_seen
+    if is_seen:
+        assert image.warnings == ()
+    else:
+        the_one(image.warnings, "out_of_view" if off_deg < 90.0 else "behind_camera")
+
+
 @pytest.mark.parametrize("mistake, told", [
     (lambda q: q * [1, -1, -1, -1], "its conjugate"),
     (lambda q: np.roll(q, -1), "read as [x, y, z, w] it"),
@@ -319,12 +335,14 @@ def test_a_camera_near_a_large_bodys_origin():
     body = Body(name="ring", shape=Shape.from_arrays(ring.vertices, ring.faces), brdf=GREY)
     scene = views.scene([body], [views.camera(focal_length_px=200.0)])
     with Renderer(scene) as renderer:
-        for range_m, is_told in ((2.0, True), (1000.0, False)):
+        for range_m, is_told in ((1e-3, True), (2.0, True), (1000.0, False)):
             r_camera = np.array([range_m, 0.0, 0.0])
             craft = Pose(r_inertial_m=r_camera, q_from_inertial=frames.look_at(r_camera, [300.0, 0.0, 0.0]))
             state = State(r_sun_inertial_m=[-AU_M, 0.2 * AU_M, 0.0], spacecraft=craft,
                           bodies={"ring": Pose(r_inertial_m=np.zeros(3))})
             assert ("camera_inside" in codes(renderer.render(state).warnings)) == is_told
+        upward = replace(state, spacecraft=Pose(r_inertial_m=[1e-3, 0.0, 0.0]))
+        assert codes(renderer.render(upward).warnings) == ["camera_inside", "dark"]
 
 
 # Ordinary scenes
