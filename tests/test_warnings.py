@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import serving
+import test_coma_render as coma
 import trimesh
 import views
 from glrender import (
@@ -205,6 +206,18 @@ def test_other_backends_tell_as_well(one, backend):
     with open_renderer(one.scene, backend) as renderer:
         assert codes(renderer.render(views.state(target=2.0 * R_CAMERA), "bare").warnings) == ["behind_camera"]
         assert renderer.render(views.state(), "bare", max_error=0.1).warnings == ()
+
+
+def test_a_coma_against_the_sun_is_light_enough():
+    """Dust scatters forward: a comet's night side is looked at on purpose."""
+    aside_m = np.array([1.5e4, 4.5e4, -1.5e4])
+    state = replace(coma.state(aside_m, frames.look_at(aside_m, np.zeros(3))),
+                    r_sun_inertial_m=-AU_M * aside_m / np.linalg.norm(aside_m))
+    scene = coma.scene(coma.three_jets())
+    for each, is_lit in ((scene, True), (replace(scene, emission=()), False)):
+        with Renderer(each) as renderer:
+            image = renderer.render(state)
+            assert image.irradiance_W_m2.any() == is_lit and codes(image.warnings) == ["night_side"] * (not is_lit)
 
 
 # Detector frames
