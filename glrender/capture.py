@@ -14,10 +14,11 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from glrender_camera import Frame, time_average
+from glrender_camera import Frame, PinholeCamera, time_average
 from glrender_camera.camera import checked_exposure
 from glrender_camera.shutter import row_weights
 
+from .advice import Advice, frame_advice, image_advice
 from .beyond import light_beyond
 from .drawing import Drawing, Still, lens_margin, margin_of
 from .errors import ConfigError
@@ -51,6 +52,8 @@ class Capture:
     stages : dict of str to str
         What was modelled between the bodies and the digital numbers, and what was skipped, with why.
     timings_ms : dict of str to float
+    warnings : tuple of Advice
+        What is odd in it: nothing in view or lit, saturation, an exposure at its limit; the plan's warnings.
     """
 
     irradiance_W_m2: np.ndarray
@@ -59,6 +62,7 @@ class Capture:
     plan: RenderPlan
     stages: dict[str, str]
     timings_ms: dict[str, float]
+    warnings: tuple[Advice, ...] = ()
 
 
 def draw_still(renderer: Any, state: State, camera: str | None = None, *, products: Iterable[str] = (),
@@ -89,10 +93,12 @@ def draw_still(renderer: Any, state: State, camera: str | None = None, *, produc
     began, margin_px = time.perf_counter(), lens_margin(pinhole)
     drawing = Drawing(renderer, pinhole, margin_px, False, roi=None if renderer.scene.emission else roi, **options)
     still = drawing.still(state, products)
-    return Capture(irradiance_W_m2=_without_margin(still.irradiance_W_m2, margin_px), products=still.products,
-                   frame=None, plan=still.plan,
+    light = _without_margin(still.irradiance_W_m2, margin_px)
+    warnings = image_advice(renderer.scene, state, pinhole, still.plan, light, _in_frame(still.roi, margin_px, pinhole),
+                            region=roi)
+    return Capture(irradiance_W_m2=light, products=still.products, frame=None, plan=still.plan,
                    stages={"distortion": drawing.distortion_text, "region": drawing.region_text},
-                   timings_ms=_timings(still, began))
+                   timings_ms=_timings(still, began), warnings=warnings)
 
 
 def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: int = 0,
@@ -142,6 +148,7 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
         if name in options:
             raise ConfigError(name, "is of draw_still alone: light is spread over the whole frame", options[name])
     exposure = checked_exposure("exposure_s", model.exposure_s if exposure_s is None else exposure_s)
+    asked = exposure
     if exposure == "auto" and previous is not None:
         exposure = model.auto_exposure.after(previous, model.detector)
     began = time.perf_counter()
@@ -180,8 +187,13 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
     stages = {"distortion": drawing.distortion_text, "margin": margin_text, "motion_blur": motion.text,
               "sun": still.sun_text, "stars": sensor.stars_text(), "beyond": beyond_text,
               **sensor.told(frame, still.n_small)}
-    return Capture(irradiance_W_m2=with_points(_without_margin(irradiance, margin_px), bodies), products=still.products,
-                   frame=replace(frame, stages=stages), plan=still.plan, stages=stages, timings_ms=timings)
+    light, lit = with_points(_without_margin(irradiance, margin_px), bodies), _in_frame(roi, margin_px, pinhole)
+    has_stars, has_sun = any(len(points.xy_px) for points in stars.values()), still.sun_text == "in view"
+    warnings = (*image_advice(scene, state, pinhole, still.plan, light, lit,
+                              has_points=bool(bodies.irradiance_W_m2.any()), has_stars=has_stars),
+                *frame_advice(scene, pinhole, asked, frame, light, lit, has_stars=has_stars, has_sun=has_sun))
+    return Capture(irradiance_W_m2=light, products=still.products, frame=replace(frame, stages=stages), plan=still.plan,
+                   stages=stages, timings_ms=timings, warnings=warnings)
 
 
 def _n_drawn(motion: Motion) -> int:
@@ -226,6 +238,12 @@ def _some(poses: Sequence[PosePoints], apart: Sequence[frozenset[str]]) -> list[
 def _without_margin(image: np.ndarray, margin_px: int) -> np.ndarray:
     height, width = image.shape
     return np.ascontiguousarray(image[margin_px:height - margin_px, margin_px:width - margin_px])
+
+
+def _in_frame(roi: tuple[int, int, int, int], margin_px: int, camera: PinholeCamera) -> tuple[int, int, int, int]:
+    """A region of the image with its margin, of the frame alone."""
+    sizes = 2 * (camera.width_px, camera.height_px)
+    return tuple(min(max(edge - margin_px, 0), size) for edge, size in zip(roi, sizes, strict=True))
 
 
 def _timings(still: Still, began: float) -> dict[str, float]:

@@ -36,6 +36,8 @@ class Hull:
         Those farthest out in one of 500 directions: outlines within 0.4 % of the radius.
     radius_m : float [m]
         Of the farthest from the origin.
+    inner_radius_m : float [m]
+        Of the largest sphere about the origin that is within it; negative where the origin is outside.
     is_convex : bool
         Whether the surface is its hull, to a millionth of its volume.
 
@@ -58,6 +60,7 @@ class Hull:
             self.extreme_m = self.points_m[:, np.unique([np.argmax(way @ self.points_m) for way in directions])]
         self.radius_m = float(np.linalg.norm(points_m, axis=1).max())
         self._planes = hull.equations
+        self.inner_radius_m = -float(hull.equations[:, 3].max())
         self._corners = (vertices_m, facets)
         # Volumes relative to the hull's own centre, or a far-off origin would cancel digits.
         centre = points_m.mean(axis=0)
@@ -77,6 +80,14 @@ class Hull:
         """A lower bound [m], > 0, of the distance from a point outside to the surface; exact inside the hull."""
         distance = self._hull_distance(point_m)
         return distance if distance > 0.0 else surface_distance_m(*self._corners, point_m)
+
+    def is_met(self, point_m: np.ndarray, directions: np.ndarray) -> np.ndarray:
+        """Whether rays from a point (3,) [m] along directions (N, 3) meet the hull: (N,) bool."""
+        along, beyond = directions @ self._planes[:, :3].T, self._planes[:, :3] @ point_m + self._planes[:, 3]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            at = -beyond / along
+        enters = np.where(along < 0.0, at, np.where((along == 0.0) & (beyond > 0.0), np.inf, 0.0)).max(axis=1)
+        return enters <= np.where(along > 0.0, at, np.inf).min(axis=1)
 
     def _hull_distance(self, point_m: np.ndarray) -> float:
         return float((self._planes[:, :3] @ point_m + self._planes[:, 3]).max())

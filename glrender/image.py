@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from glrender_camera import PinholeCamera
 
+from .advice import Advice, image_advice
 from .area_grid import SmallBody
 from .errors import ConfigError
 from .render_plan import RenderPlan
+from .scene import Scene
+from .state import State
 
 PRODUCTS = ("irradiance", "range", "body_id", "facet_id", "incidence", "emission", "phase", "r_body", "sunlit")
 """What `Renderer.render` can return."""
@@ -36,6 +41,8 @@ class Image:
     timings_ms : dict of str to float
     small_bodies : tuple of SmallBody
         Bodies of a few pixels or less: flux and centre of brightness, where OpenGL drew them alone.
+    request : (Scene, State, PinholeCamera), optional
+        What it is the image of.
     """
 
     irradiance_W_m2: np.ndarray
@@ -43,11 +50,20 @@ class Image:
     plan: RenderPlan
     timings_ms: dict[str, float]
     small_bodies: tuple[SmallBody, ...] = ()
+    request: tuple[Scene, State, PinholeCamera] | None = None
 
     @property
     def roi(self) -> tuple[int, int, int, int]:
         """Region [px] outside which the irradiance is zero: x0, y0, x1, y1, one past the last."""
         return self.plan.roi
+
+    @cached_property
+    def warnings(self) -> tuple[Advice, ...]:
+        """What is odd in it: no body in view, nothing lit, distances of another unit; the plan's warnings."""
+        if self.request is None:
+            return ()
+        has_points = any(body.is_apart and body.irradiance_W_m2 > 0.0 for body in self.small_bodies)
+        return image_advice(*self.request, self.plan, self.irradiance_W_m2, self.roi, has_points=has_points)
 
 
 def checked_products(products: Iterable[str]) -> tuple[str, ...]:

@@ -221,6 +221,7 @@ class Renderer:
             arrays = self._products.draw(wanted, replace(frame, shadows=shadows), windows)
             clock.lap("products")
         return Image(irradiance_W_m2=irradiance, products=arrays, timings_ms=clock.laps_ms, small_bodies=tuple(small),
+                     request=(self.scene, state, pinhole),
                      plan=frame_plan if slow is None else with_emission(slow.plan, frame_plan))
 
     def _plan_bodies(self, views: list[BodyView], camera: PinholeCamera, tolerance: float) -> list[BodyPlan]:

@@ -43,8 +43,14 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 @pytest.mark.parametrize("scene", sorted(EXAMPLES.glob("*.toml")), ids=lambda path: path.name)
 def test_every_example_scene_renders(scene, tmp_path):
     made = run("render", str(scene), "--out", "frame.png", cwd=tmp_path)
-    assert made.returncode == 0, made.stderr
+    assert made.returncode == 0 and "warning" not in made.stderr, made.stderr
     assert np.asarray(Image.open(tmp_path / "frame.png")).max() > 100
+
+
+def test_the_example_with_its_state_has_no_warnings(tmp_path):
+    made = run("render", EXAMPLES / "starry_flyby.toml", "--state", EXAMPLES / "starry_flyby.json", "--output", "dn",
+               "--out", "frame.npy", cwd=tmp_path)
+    assert made.returncode == 0 and not made.stderr, made.stderr
 
 
 def test_the_example_script_runs_as_it_is(tmp_path):
@@ -109,6 +115,7 @@ def test_the_demo_flies_its_loop_and_leaves_its_pictures(folder, shape, request)
     assert made.returncode == 0, made.stderr
     summary = json.loads((folder / "out" / "summary.json").read_text())
     assert summary["frames"] == 40 and summary["frames_per_second"] > 0.0
+    assert "WARNING" not in made.stderr
     assert summary["range_m"]["last"] < 0.5 * summary["range_m"]["first"], "it approached"
     error = summary["navigation_error_m"]
     assert error["rms_settled"] < 0.3 * error["handover"], "it found its way"

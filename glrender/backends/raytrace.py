@@ -112,7 +112,7 @@ class RayTracer:
         frame_plan = full_shape_plan(self.scene, pinhole, views, max_error=budget, predicted_error=reached, roi=roi)
         frame_plan = self._emitted.add(irradiance, state, pinhole, views, frame_plan)
         return Image(irradiance_W_m2=irradiance, products=arrays, plan=frame_plan,
-                     timings_ms={"trace": 1e3 * (time.perf_counter() - began)})
+                     request=(self.scene, state, pinhole), timings_ms={"trace": 1e3 * (time.perf_counter() - began)})
 
 
 def _adapt(shoot, pixel: np.ndarray, shape: tuple[int, int], budget: float,
@@ -122,6 +122,9 @@ def _adapt(shoot, pixel: np.ndarray, shape: tuple[int, int], budget: float,
     Each round puts one jittered sample into each cell of a pixel; the scatter of the rounds'
     means is the pixel's variance. Pixels that scatter less than their share stop early.
     """
+    if not len(pixel):
+        report(1.0)
+        return np.zeros(0), 0.0
     cells = (np.arange(_STRATA) + 0.5) / _STRATA - 0.5
     total, squares, rounds = (np.zeros(len(pixel)) for _ in range(3))
     active, told = np.arange(len(pixel)), 0.0

@@ -22,6 +22,7 @@ from glrender import (
     plugins,
     take_frame,
 )
+from glrender.advice import scene_advice
 from glrender.constants import AU_M
 from glrender_camera.validate import within
 
@@ -136,6 +137,8 @@ def _render(arguments: argparse.Namespace) -> int:
         else:
             capture = draw_still(renderer, state, camera.name, **options)
             pixels, dark = capture.irradiance_W_m2, 0.0
+    for advice in (*scene_advice(scene), *capture.warnings):
+        sys.stderr.write(f"glrender: warning: {advice}\n")
     for stage, text in capture.stages.items():
         logging.getLogger(__name__).info("%s: %s", stage, text)
     if ending == ".npy":

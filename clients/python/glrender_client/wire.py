@@ -6,7 +6,7 @@ import os
 import uuid
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgpack
 import numpy as np
@@ -15,6 +15,17 @@ from .errors import Busy, ServerError
 from .notebook import png
 
 PROTOCOL_VERSION = 1
+
+
+class FrameWarning(NamedTuple):
+    """What is odd in a frame that was made nevertheless: its kind, the field to look at, and a sentence."""
+
+    code: str
+    path: str
+    message: str
+
+    def __str__(self) -> str:
+        return self.message
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +51,12 @@ class Reply:
     def pixels(self) -> np.ndarray:
         """The image, (height, width), row 0 on top."""
         return self.arrays["image"]
+
+    @property
+    def warnings(self) -> tuple[FrameWarning, ...]:
+        """What is odd in the frame, or in any of several: nothing in view, saturation (docs/protocol.md)."""
+        own = (FrameWarning(each["code"], each["path"], each["message"]) for each in self.header.get("warnings", ()))
+        return (*own, *(told for frame in self.frames for told in frame.warnings))
 
     def __repr__(self) -> str:
         header = self.header

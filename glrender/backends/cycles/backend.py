@@ -153,7 +153,7 @@ class Cycles:
                                      warnings=warnings, left_out=left_out)
         frame_plan = self._emitted.add(irradiance, state, pinhole, views, frame_plan)
         return Image(irradiance_W_m2=irradiance, products=arrays, plan=frame_plan,
-                     timings_ms={"trace": 1e3 * (time.perf_counter() - began)})
+                     request=(self.scene, state, pinhole), timings_ms={"trace": 1e3 * (time.perf_counter() - began)})
 
     def _ray_engine(self) -> RayEngine:
         if self._rays is None:
