@@ -35,7 +35,8 @@ def body_traits(body: Body) -> BodyTraits:
 def view_slopes(law: Law) -> tuple[float, ...]:
     """Relative change of a surface's radiance per radian of the direction it is seen from [1/rad], RMS by its light.
 
-    At each of `SLOPE_PHASES_RAD`, over the sunlit part of a sphere that the camera sees: 0 by Lambert's law.
+    At each of `SLOPE_PHASES_RAD`, over the sunlit part of a sphere that the camera sees: 0 by Lambert's law, and of a
+    black surface; beyond the law's largest phase as at the one before.
     """
     step_rad = 1e-3
     cosines, weights = np.polynomial.legendre.leggauss(16)
@@ -46,10 +47,16 @@ def view_slopes(law: Law) -> tuple[float, ...]:
     weight = np.repeat(weights, len(around)) * mu
     found = []
     for phase_rad in SLOPE_PHASES_RAD:
+        if phase_rad > law.max_phase and found:
+            found.append(found[-1])
+            continue
         to_sun = np.array([math.sin(phase_rad), 0.0, math.cos(phase_rad)])
         here, *beside = (law.brdf(to_sun, np.array(way) / np.linalg.norm(way), normal)
                          for way in ((0.0, 0.0, 1.0), (step_rad, 0.0, 1.0), (0.0, step_rad, 1.0)))
         light = weight * here * np.maximum(normal @ to_sun, 0.0)
+        if not light.sum() > 0.0:
+            found.append(0.0)
+            continue
         changes = sum(np.where((here > 0.0) & (there > 0.0), there / np.maximum(here, 1e-300) - 1.0, 0.0) ** 2
                       for there in beside) / step_rad**2
         found.append(math.sqrt(float((light * changes).sum() / light.sum())))

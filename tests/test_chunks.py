@@ -9,7 +9,6 @@ import views
 from glrender import Body, Renderer, chunk_boxes, frames, generate
 from glrender.backends.raytrace import RayTracer
 from glrender.chunks import Chunks
-from glrender.shadow_box import shadow_box
 
 SHAPE = generate.contact_binary(radius_m=100.0, seed=4, subdivisions=6)
 PLACES = [(1.02, 0.5), (1.1, 0.5), (1.5, 0.9), (3.0, 0.2), (20.0, 0.0)]
@@ -28,10 +27,10 @@ def aimed(radii, off, phase_deg, seed):
 
 
 def everything(monkeypatch):
-    for name in ("in_window", "facing_point", "facing_direction"):
+    """Draw all chunks; which of them the Sun sees stays, so that a shadow map covers the same."""
+    for name in ("in_window", "facing_point"):
         monkeypatch.setattr(Chunks, name, lambda chunks, *_: np.ones(len(chunks), bool))
-    for name in ("on_mask", "on_boxes"):
-        monkeypatch.setattr(chunk_boxes, name, lambda boxes, *_: np.ones(len(boxes), bool))
+    monkeypatch.setattr(chunk_boxes, "on_mask", lambda boxes, *_: np.ones(len(boxes), bool))
 
 
 def facets_drawn(monkeypatch):
@@ -47,16 +46,14 @@ def test_what_is_left_out_would_have_drawn_nothing(monkeypatch, radii, off):
     states = [aimed(radii, off, phase_deg, seed) for seed, phase_deg in enumerate([20.0, 70.0, 120.0])]
     products = ["facet_id", "range"]
     with Renderer(scene()) as renderer:
-        # The shadow map's box is held, so that its texels are the same.
-        monkeypatch.setattr("glrender.shadows.shadow_box",
-                            lambda low, high, seen, texels: shadow_box(low, high, None, min(texels, 4096)))
         culled = [renderer.render(state, samples=2, products=products) for state in states]
         everything(monkeypatch)
         renderer.forget_shadow_maps()
         whole = [renderer.render(state, samples=2, products=products) for state in states]
     assert any((image.irradiance_W_m2 > 0.0).any() for image in whole)
     for ours, full in zip(culled, whole, strict=True):
-        np.testing.assert_array_equal(ours.irradiance_W_m2, full.irradiance_W_m2)
+        # The shadow map covers another box then, and its texels lie elsewhere.
+        assert (ours.irradiance_W_m2 != full.irradiance_W_m2).mean() < 1e-3
         for name in products:
             np.testing.assert_array_equal(ours.products[name], full.products[name])
 
@@ -97,8 +94,8 @@ def test_boxes_hold_their_chunks():
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_boxes_on_a_mask_and_on_one_another(seed):
-    """Against every pixel and every pair: none that touches is left out, and few more are kept."""
+def test_boxes_on_a_mask(seed):
+    """Against every pixel: none that touches is left out, and few more are kept."""
     rng = np.random.default_rng(seed)
     bounds = (9.5, -0.5, 209.5, 149.5)
     low = rng.uniform(-50.0, 250.0, (400, 2))
@@ -110,14 +107,6 @@ def test_boxes_on_a_mask_and_on_one_another(seed):
     touches = ((x0 < x + 10.5) & (x1 > x + 9.5) & (y0 < y + 0.5) & (y1 > y - 0.5)).any(axis=1)
     kept = chunk_boxes.on_mask(boxes, mask, bounds)
     np.testing.assert_array_equal(kept, touches)
-    others = boxes[1:20]
-    within = (others[:, 0] < 209.5) & (others[:, 2] > 9.5) & (others[:, 1] < 149.5) & (others[:, 3] > -0.5)
-    u0, v0, u1, v1 = others[within].T
-    meets = ((np.maximum(x0, u0) < np.minimum(x1, u1)) & (np.maximum(y0, v0) < np.minimum(y1, v1))
-             & (np.minimum(x1, u1) > 9.5) & (np.maximum(x0, u0) < 209.5)
-             & (np.minimum(y1, v1) > -0.5) & (np.maximum(y0, v0) < 149.5)).any(axis=1)
-    kept = chunk_boxes.on_boxes(boxes, others, bounds)
-    assert not (meets & ~kept).any() and np.count_nonzero(kept) < np.count_nonzero(meets) + 30
 
 
 def test_close_up_few_facets_are_drawn(monkeypatch):
@@ -160,30 +149,12 @@ def test_cones_hold_their_normals():
     assert n_left_out > 1000
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_a_shadow_box_holds_what_is_seen(seed):
-    rng = np.random.default_rng(seed)
-    low, high = -rng.uniform(50.0, 100.0, 3), rng.uniform(50.0, 100.0, 3)
-    centre, half = rng.uniform(low, high), rng.uniform(0.0, 1.0) ** 3 * (high - low)
-    seen = np.maximum(centre - half, low), np.minimum(centre + half, high)
-    box = shadow_box(low, high, seen, 4096)
-    margin = 1.9 * box.texel_m
-    assert (box.low_m[:2] <= seen[0][:2] - margin).all() and (box.high_m[:2] >= seen[1][:2] + margin).all()
-    np.testing.assert_allclose((box.high_m - box.low_m)[:2], np.array(box.size_px) * box.texel_m)
-    np.testing.assert_allclose(box.texel_m, (high - low)[:2] / 4096)
-    # No more than a step, at most a quarter of the larger side, on each side of it.
-    sides = (seen[1] - seen[0])[:2] / box.texel_m
-    assert (np.array(box.size_px) <= sides + 2.0 * max(0.25 * sides.max(), 16.0) + 6.0).all()
-
-
 def test_close_up_shadows_are_finer():
-    """A small part of the body in view: more texels across the body than a map has, and it is kept for a drift."""
-    state, drifted = (aimed(radii, 0.3, 100.0, 8) for radii in (1.6, 1.6005))
+    """A small part of the body in view: more texels across the body than a map has."""
+    state = aimed(1.6, 0.3, 100.0, 8)
     with Renderer(scene(1500.0)) as renderer, RayTracer(scene(1500.0)) as tracer:
         exact = tracer.render(state, samples=9).irradiance_W_m2.astype(float)
         image = renderer.render(state, samples=6, max_error=0.005)
-        again = renderer.render(drifted, samples=6, max_error=0.005)
     body = image.plan.bodies[0]
     assert body.shadow_map_px > 4096 and max(body.shadow_map_drawn_px) < 0.6 * body.shadow_map_px
-    assert again.plan.bodies[0].shadow_map_reused
     assert views.relative_rms(image.irradiance_W_m2.astype(float), exact) < 0.02

@@ -7,7 +7,7 @@ import pytest
 import views
 from glrender import grouping, plan
 from glrender.error_model import BodyTraits
-from glrender.view import BodyView, snapped
+from glrender.view import BodyView
 
 
 def view(name="body", size_px=200.0, phase_deg=60.0, bounds_px=None, depth_m=(900.0, 1100.0), is_visible=True):
@@ -73,15 +73,3 @@ def test_depth_groups_are_disjoint_and_farthest_first():
     groups = grouping.depth_groups([a, b, c, d])
     assert [(near, far, {v.name for v in members}) for near, far, members in groups] == [
         (1e9, 1.1e9, {"c"}), (100.0, 300.0, {"a", "b"})]
-
-
-@pytest.mark.parametrize("size", plan.SHADOW_SIZES_PX)
-def test_the_node_of_a_direction_is_within_a_texels_shift(size, rng):
-    """0.71 / size rad at the centre of a cube's face: half a texel of 2 R / size is R / size."""
-    direction = rng.standard_normal((1000, 3))
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    nodes = np.array([snapped(d, size) for d in direction])
-    np.testing.assert_allclose(np.linalg.norm(nodes, axis=1), 1.0, rtol=1e-14)
-    assert np.linalg.norm(nodes - direction, axis=1).max() <= 0.7072 / size
-    again = np.array([snapped(d, size) for d in nodes])
-    np.testing.assert_allclose(again, nodes, atol=1e-15, err_msg="a node is its own node")
