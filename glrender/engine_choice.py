@@ -228,7 +228,8 @@ def _sampled(engine: str, members: Sequence[BodyView], known: Sequence[BodyTrait
                        modelling_error=modelling_error, predicted_error=math.hypot(modelling_error, error), **told)
     count, asked = request.samples, {"tolerance": math.inf}
     if count is None:
-        is_crescent = max(view.phase_rad for view in members) > _CRESCENT_RAD
+        # Near a body the phase angle is another one on each side of it.
+        is_crescent = max(view.phase_rad + traits.radius_m / view.range_m for view, traits in pairs) > _CRESCENT_RAD
         count, asked = _CRESCENT_SAMPLES if is_crescent else _FIRST_SAMPLES, {}
         if size_px < _FLUX_PX:
             n_across = max(samples_across(view, traits, flux_error) for view, traits in pairs)

@@ -19,6 +19,7 @@ from glrender.ray_engine import RayEngine
 from glrender.rays import RayMesh
 from glrender.surface import Surface
 from glrender.view import view_bodies
+from glrender_camera import threads
 
 GREY = Lambert(normal_albedo=0.3)
 LAWS = [GREY, LommelSeeliger(single_scattering_albedo=0.3),
@@ -233,6 +234,16 @@ def test_a_frame_tells_its_error_before_it_is_drawn(rough):
     assert told_again == told > 0.0 and again.tobytes() == image.tobytes()
     dark, unknown = engine.draw_by_centroids(*given, 0.99 * told)
     assert not dark.any() and np.isinf(unknown), "it is no image, and may not be taken for the best one"
+
+
+def test_the_image_does_not_depend_on_the_number_of_threads(rough, monkeypatch):
+    scene, engine = engine_of(rough.shape)
+    camera, = scene.cameras
+    given = whole(camera, view_bodies(views.state(phase_deg=60.0, range_m=2000.0), camera, scene.hulls))
+    image, told = engine.draw_by_centroids(*given, 1.0)
+    monkeypatch.setattr(threads, "N_CORES", 1)
+    again, told_again = engine.draw_by_centroids(*given, 1.0)
+    assert again.tobytes() == image.tobytes() and told_again == told
 
 
 @pytest.mark.parametrize("phase_deg", [60.0, 100.0])
