@@ -53,7 +53,7 @@ def test_what_is_left_out_would_have_drawn_nothing(monkeypatch, radii, off):
     assert any((image.irradiance_W_m2 > 0.0).any() for image in whole)
     for ours, full in zip(culled, whole, strict=True):
         # The shadow map covers another box then, and its texels lie elsewhere.
-        assert (ours.irradiance_W_m2 != full.irradiance_W_m2).mean() < 1e-3
+        assert (ours.irradiance_W_m2 != full.irradiance_W_m2).mean() < 5e-3
         for name in products:
             np.testing.assert_array_equal(ours.products[name], full.products[name])
 
