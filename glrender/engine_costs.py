@@ -68,7 +68,7 @@ def engine_costs(context: Context, with_rays: bool, cache: Path | None = None) -
     ConfigError
         If $GLRENDER_ENGINE_COSTS is not five positive numbers.
     """
-    if "GLRENDER_ENGINE_COSTS" in os.environ:
+    if os.environ.get("GLRENDER_ENGINE_COSTS"):
         given = _given(os.environ["GLRENDER_ENGINE_COSTS"])
         return given if with_rays else replace(given, ray_ns=math.inf, lone_ray_ns=math.inf, area_ns=math.inf)
     machine = f"{context.info['gl_renderer']} {context.info['gl_version']} {os.cpu_count()} {with_rays}"

@@ -30,6 +30,7 @@ from .image import Image, checked_products
 from .irradiance_pass import IrradiancePass
 from .kept_images import KeptImages
 from .memory import keep_freed
+from .own_process import OwnProcess
 from .plan_windows import MAX_SAMPLES, apart_limit, plan_windows
 from .plugin_trial import blamed_on, check_light, try_twin
 from .product_pass import ProductPass
@@ -47,7 +48,7 @@ _EMISSION_SHADOW_PX = 512
 
 
 class Renderer:
-    """Draws a scene's states. One thread makes it, uses it and closes it.
+    """Draws a scene's states. One thread makes it, uses it and closes it; a forked child makes its own.
 
     Parameters
     ----------
@@ -66,7 +67,7 @@ class Renderer:
         if not isinstance(scene, Scene):
             raise ConfigError("scene", "must be a Scene", scene)
         keep_freed()
-        self.scene = scene
+        self._own, self.scene = OwnProcess(), scene
         with ExitStack() as stack:
             self._context = stack.enter_context(Context(backend, device_index))
             self._meshes, self._traits, shapes = {}, {}, {}
@@ -111,8 +112,9 @@ class Renderer:
         self.close()
 
     def close(self) -> None:
-        """Release the context and all that lives in it."""
-        self._stack.close()
+        """Release the context and all that lives in it; in a forked child it does nothing, as nothing is its own."""
+        if self._own.is_here:
+            self._stack.close()
 
     @property
     def info(self) -> dict[str, Any]:
@@ -174,6 +176,7 @@ class Renderer:
         ConfigError
             An argument breaks a rule.
         """
+        self._own.check()
         clock = Clock()
         pinhole = self.scene.drawn_camera(camera)
         wanted = checked_products(products)
