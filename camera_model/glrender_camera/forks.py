@@ -23,7 +23,7 @@ def in_child(renew: Callable[[], object]) -> None:
 
 
 def _ours() -> Iterator[tuple[str, ModuleType]]:
-    return ((name, module) for name, module in list(sys.modules.items()) if name.partition(".")[0].startswith("glrender"))
+    return ((name, module) for name, module in list(sys.modules.items()) if name.startswith("glrender"))
 
 
 def _wait_for_imports() -> None:
