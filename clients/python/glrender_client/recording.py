@@ -103,8 +103,6 @@ def replay(path: Path, endpoint: str = "tcp://127.0.0.1:5555", *, timeout_s: flo
     GlrenderClientError
         The recording cannot be read, or holds no exchange.
     """
-    if next(read_recording(path), None) is None:
-        raise GlrenderClientError(f"{path} holds no exchange: nothing was recorded, and nothing can be compared")
     keys, context = curve_keys(key, server_key), zmq.Context()
     socket = connected(context, endpoint, keys)
 
@@ -115,6 +113,7 @@ def replay(path: Path, endpoint: str = "tcp://127.0.0.1:5555", *, timeout_s: flo
                                        told_presence(endpoint, keys))
         return socket.recv_multipart()
 
+    index = -1
     try:
         for index, (request, recorded) in enumerate(read_recording(path)):
             header = msgpack.unpackb(request)
@@ -122,6 +121,8 @@ def replay(path: Path, endpoint: str = "tcp://127.0.0.1:5555", *, timeout_s: flo
             ask(msgpack.packb({"v": 1, "op": "close", "id": 0, "client": header["client"]}))
             what = _difference(recorded, ask(request))
             yield Difference(index, header["id"], what) if what else None
+        if index < 0:
+            raise GlrenderClientError(f"{path} holds no exchange: nothing was recorded, and nothing can be compared")
     finally:
         socket.close()
         context.term()
