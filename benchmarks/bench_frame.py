@@ -23,7 +23,7 @@ from glrender.constants import AU_M
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 from raytracer import Tracer
 
-SHARED = Path(os.environ.get("GLRENDER_SHARED", Path(__file__).parent.parent.parent / "shared"))
+SHARED = Path(os.environ.get("GLRENDER_SHARED") or Path(__file__).parent.parent.parent / "shared")
 ITOKAWA = SHARED / "data" / "itokawa" / "itokawa_64q_49152_uv.obj"
 LAWS = {
     "lambert": Lambert(normal_albedo=0.3),

@@ -13,14 +13,15 @@ from .attitude import from_basilisk_mrp, from_matlab_dcm, from_matlab_quat, from
 from .capture import Capture, draw_still, take_frame
 from .detail import Boulders, Craters, Detail, Noise
 from .errors import ConfigError, DeviceError, GlrenderError, ProtocolError, SceneError, ShaderError, ShapeError
-from .image import Image
+from .image import Image  # noqa: F401 (glrender.Image)
 from .scene import Body, Scene, load_scene
 from .shape import Shape
 from .sky import Stars
 from .state import Pose, State
 
 __version__ = "0.1.0"
-__all__ = ["Body", "Boulders", "Capture", "ConfigError", "Craters", "Detail", "DeviceError", "GlrenderError", "Image",
+# `Image` is a name of this module that `import *` leaves alone: it would hide PIL's.
+__all__ = ["Body", "Boulders", "Capture", "ConfigError", "Craters", "Detail", "DeviceError", "GlrenderError",
            "Noise", "PinholeCamera", "Pose", "ProtocolError", "Renderer", "Scene", "SceneError", "Shape", "ShaderError",
            "ShapeError", "Stars", "State", "draw_still", "from_basilisk_mrp", "from_matlab_dcm", "from_matlab_quat",
            "from_spice", "load_scene", "open_renderer", "take_frame"]

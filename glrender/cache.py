@@ -17,8 +17,8 @@ _LARGE = 100_000
 
 
 def cache_folder() -> Path:
-    """$GLRENDER_CACHE, or `glrender` in the user's cache folder."""
-    if "GLRENDER_CACHE" in os.environ:
+    """$GLRENDER_CACHE, or `glrender` in the user's cache folder; an empty variable counts as not set."""
+    if os.environ.get("GLRENDER_CACHE"):
         return Path(os.environ["GLRENDER_CACHE"])
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "glrender"
 
@@ -75,9 +75,14 @@ def _alone(file: Path) -> Iterator[None]:
     with lock:
         with suppress(OSError):
             fcntl.flock(lock, fcntl.LOCK_EX)
-        yield
-        # Who waits for it holds it open, and finds what was made.
-        file.unlink(missing_ok=True)
+        try:
+            yield
+            # Who waits for it holds it open, and finds what was made.
+            file.unlink(missing_ok=True)
+        finally:
+            # A child that was forked meanwhile has it open too, and would keep the lock.
+            with suppress(OSError):
+                fcntl.flock(lock, fcntl.LOCK_UN)
 
 
 def _made_and_kept(file: Path, make: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:

@@ -29,6 +29,7 @@ from .gl.evaluate import BrdfEvaluator
 from .image import Image, checked_products
 from .irradiance_pass import IrradiancePass
 from .occluders import cast_penumbra, casters
+from .own_process import OwnProcess
 from .plugin_checks import check_light, try_twin
 from .plugin_trial import blamed_on
 from .plugins import OPENGL_BACKENDS, backends
@@ -50,7 +51,7 @@ _NO_ENGINE = {"coverage": "exact coverage draws flat facets that are all before 
 
 
 class Renderer:
-    """Draws a scene's states. One thread makes it, uses it and closes it.
+    """Draws a scene's states. One thread makes it, uses it and closes it; a forked child makes its own.
 
     Parameters
     ----------
@@ -68,7 +69,7 @@ class Renderer:
     def __init__(self, scene: Scene, backend: str = "auto", device_index: int | None = None):
         if not isinstance(scene, Scene):
             raise ConfigError("scene", "must be a Scene", scene)
-        self.scene = scene
+        self._own, self.scene = OwnProcess(), scene
         with ExitStack() as stack:
             self._context = stack.enter_context(Context(backend, device_index))
             self._traits = {body.name: body_traits(body) for body in scene.bodies}
@@ -104,8 +105,9 @@ class Renderer:
         self.close()
 
     def close(self) -> None:
-        """Release the context and all that lives in it."""
-        self._stack.close()
+        """Release the context and all that lives in it; in a forked child it does nothing, as nothing is its own."""
+        if self._own.is_here:
+            self._stack.close()
 
     @property
     def info(self) -> dict[str, Any]:
@@ -168,6 +170,7 @@ class Renderer:
         ConfigError
             An argument breaks a rule.
         """
+        self._own.check()
         clock = Clock()
         pinhole = self.scene.drawn_camera(camera)
         wanted = checked_products(products)

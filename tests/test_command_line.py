@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -58,6 +59,14 @@ def test_the_example_script_runs_as_it_is(tmp_path):
                           capture_output=True, text=True, timeout=120)
     assert made.returncode == 0, made.stderr
     assert "predicted error" in made.stdout and "nan" not in made.stdout
+
+
+@pytest.mark.parametrize("program", ["glrender", "glrender-server"])
+def test_a_program_tells_its_version(program, tmp_path):
+    """That of pyproject.toml, and nothing else is needed."""
+    table = tomllib.loads((EXAMPLES.parent / "pyproject.toml").read_text(encoding="utf-8"))
+    said = subprocess.run([GLRENDER.with_name(program), "--version"], cwd=tmp_path, capture_output=True, text=True)
+    assert (said.returncode, said.stdout) == (0, f"{program} {table['project']['version']}\n")
 
 
 def test_render_takes_a_state_file(folder):

@@ -20,7 +20,7 @@ ROOMS = {
     "glrender/brdf": {"numpy", "glrender.constants", "glrender.errors", "glrender_camera"},
     "glrender/shaders": {"numpy", "glrender.constants", "glrender.errors"},
     "glrender/gl": {"numpy", "moderngl", "glrender.brdf", "glrender.chunks", "glrender.shaders", "glrender.errors",
-                    "glrender.constants"},
+                    "glrender.constants", "glrender.own_process"},
     "glrender/emission": {"numpy", "scipy", "cv2", "OpenEXR", "glrender", "glrender_camera"},
     "glrender/backends": {"numpy", "cv2", "glrender", "glrender_camera"},
     # What runs in Blender's process: its own Python, where glrender is not installed.

@@ -218,7 +218,8 @@ class CameraModel:
             "full_well": f"{detector.full_well_electrons:g} e-",
             "dark_signal_nonuniformity": stage(detector.dark_signal_nonuniformity_electrons,
                                                f"{detector.dark_signal_nonuniformity_electrons:g} e-"),
-            "read_noise": stage(detector.read_noise_electrons, f"{detector.read_noise_electrons:g} e-"),
+            "read_noise": stage(detector.read_noise_electrons, f"{detector.read_noise_electrons:g} e-"
+                                + (f"; {detector.clipping_text}" if detector.clipping_text else "")),
             "nonlinearity": stage(detector.nonlinearity_DN, f"table of {len(detector.nonlinearity_DN or ())}"),
             "adc": f"{detector.bit_depth} bit, {detector.gain_DN_per_electron:g} DN/e-, "
                    f"offset {detector.offset_DN:g} DN",

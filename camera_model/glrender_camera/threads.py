@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from . import forks
+
 N_CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 """That this process is allowed."""
 N_THREADS = min(4, os.cpu_count() or 1)
@@ -66,6 +68,10 @@ def run_in_parts(task: Callable[[slice], Any], n_items: int, at_once: int) -> li
 @cache
 def _pool() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(_MOST_THREADS, "glrender")
+
+
+# It has none of its parent's threads, and makes pools of its own.
+forks.in_child(_pool.cache_clear)
 
 
 class Scratch(threading.local):

@@ -16,6 +16,7 @@ from glrender_camera import PinholeCamera
 from glrender_camera.validate import integer
 
 from ..image import Image, checked_products
+from ..own_process import OwnProcess
 from ..ray_engine import RayEngine
 from ..scene import Scene, checked_max_error
 from ..state import State
@@ -43,7 +44,7 @@ class RayTracer:
     """
 
     def __init__(self, scene: Scene):
-        self.scene = scene
+        self._own, self.scene = OwnProcess(), scene
         self._engine = RayEngine(scene)
         self._emitted = Emitted(scene, lambda: self._engine)
 
@@ -54,8 +55,9 @@ class RayTracer:
         self.close()
 
     def close(self) -> None:
-        """Release the acceleration structures."""
-        self._engine.close()
+        """Release the acceleration structures; in a forked child it does nothing."""
+        if self._own.is_here:
+            self._engine.close()
 
     @property
     def info(self) -> dict[str, Any]:
@@ -85,6 +87,7 @@ class RayTracer:
         Image
             `plan.predicted_error` is the standard error reached.
         """
+        self._own.check()
         began = time.perf_counter()
         pinhole = self.scene.drawn_camera(camera)
         wanted = checked_products(products)

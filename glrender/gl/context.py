@@ -10,6 +10,7 @@ from typing import Any
 import moderngl
 
 from ..errors import ConfigError, DeviceError, ShaderError
+from ..own_process import OwnProcess
 from ..shaders import Source
 from .osmesa import OSMesaContext
 from .owner import ResourceOwner
@@ -65,7 +66,7 @@ class Context(ResourceOwner):
         self._is_closed = False
         self.callback(setattr, self, "_is_closed", True)
         self.callback(self.gl.release)
-        self.thread = threading.get_ident()
+        self._own, self.thread = OwnProcess(), threading.get_ident()
         self._programs: dict[tuple[str, str], moderngl.Program] = {}
         self.surface_programs: dict[tuple, moderngl.Program] = {}
         info = self.gl.info
@@ -79,6 +80,7 @@ class Context(ResourceOwner):
         """Bind the context to this thread; several renderers may share one."""
         if self._is_closed:
             raise DeviceError("this renderer is closed")
+        self._own.check()
         if threading.get_ident() != self.thread:
             raise DeviceError("this renderer belongs to another thread; make one renderer per thread")
         self.gl.__enter__()

@@ -15,6 +15,7 @@ from glrender import (
     Pose,
     Scene,
     State,
+    __version__,
     draw_still,
     frames,
     load_scene,
@@ -32,6 +33,7 @@ _DISPLAY_GAMMA = 2.2
 def main(argv: list[str] | None = None) -> int:
     """Entry point of the console script."""
     parser = argparse.ArgumentParser(prog="glrender", description=__doc__)
+    parser.add_argument("--version", action="version", version=f"glrender {__version__}")
     parser.add_argument("-v", "--verbose", action="store_true", help="log what happens inside")
     commands = parser.add_subparsers(dest="command", required=True)
 

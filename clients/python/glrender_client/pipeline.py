@@ -7,7 +7,6 @@ from collections import OrderedDict
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from .errors import RequestTimeout
 from .wire import Reply, read_reply
 
 if TYPE_CHECKING:
@@ -48,7 +47,7 @@ def _replies(client: Client, packed: Iterator[tuple[int, bytes]], in_flight: int
             tries, deadline = tries + 1, 0.0
             client._disconnect()
             if tries > client._retries:
-                raise RequestTimeout.after(client._endpoint, "render", client._timeout_s, client._retries + 1)
+                raise client._timeout("render", client._timeout_s)
             for number, message in waiting.items():
                 if number not in come:
                     client._send(message)

@@ -15,6 +15,7 @@ from ...brdf import Lambert
 from ...ground import displaced
 from ...grouping import touching
 from ...image import Image, checked_products
+from ...own_process import OwnProcess
 from ...ray_engine import RayEngine
 from ...scene import Scene, checked_max_error
 from ...state import State
@@ -52,7 +53,7 @@ class Cycles:
     """
 
     def __init__(self, scene: Scene, *, bounces: int = 4, deadline_s: float = 600.0, n_threads: int = 0):
-        self.scene = scene
+        self._own, self.scene = OwnProcess(), scene
         self._bounces = integer("bounces", bounces, 0, MAX_BOUNCES)
         self._deadline_s = positive("deadline_s", deadline_s)
         self._n_threads = integer("n_threads", n_threads, 0, 1024)
@@ -71,7 +72,9 @@ class Cycles:
         self.close()
 
     def close(self) -> None:
-        """End Blender's process."""
+        """End Blender's process; in a forked child it does nothing."""
+        if not self._own.is_here:
+            return
         if self._blender is not None:
             self._blender.close()
             self._blender = None
@@ -116,6 +119,7 @@ class Cycles:
         DeviceError
             Blender failed, died or overran the deadline; the next frame starts another.
         """
+        self._own.check()
         began = time.perf_counter()
         pinhole = self.scene.drawn_camera(camera)
         wanted = checked_products(products)
