@@ -92,6 +92,8 @@ class Shape:
     report : ShapeReport
     solid : (F,) bool, optional
         Facets of shells that have an inside: closed, or closed but for holes. By default all.
+    other_side : (F,) int, optional
+        The facet that is the other side of each, in the same place, or -1. By default none has one.
     """
 
     vertices_m: np.ndarray
@@ -99,6 +101,7 @@ class Shape:
     uv: np.ndarray | None
     report: ShapeReport
     solid: np.ndarray | None = None
+    other_side: np.ndarray | None = None
 
     @classmethod
     def from_file(cls, path: str | Path, *, length_unit: str | float, max_facets: int = MAX_FACETS) -> Shape:
@@ -266,17 +269,18 @@ def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None) -
     if not kept.any():
         raise ShapeError("", "has no facet with an area", n_degenerate)
     facets, solid, flipped, uv = facets[kept], solid[kept], flipped[kept], None if uv is None else uv[kept]
-    thickness = _thickness(vertices)
-    if not thickness > _FLAT_RTOL * extent:
-        raise ShapeError("", f"must not be flat: thicker than {_FLAT_RTOL:g} of its extent, {extent:.4g} m", thickness)
     volume = _volume(vertices, facets)
     extents = tuple(float(x) for x in np.ptp(vertices, axis=0))
     n_flipped = int(flipped.sum())
     leftover, facets = np.unique(facets, return_inverse=True)
     n_unused, vertices = n_unused + len(vertices) - len(leftover) - n_seam, vertices[leftover]
-    vertices, facets = _with_own_backs(vertices, facets.reshape(-1, 3))
+    facets = facets.reshape(-1, 3)
+    other_side = None
+    if shells.n_two_sided:
+        other_side = _other_sides(facets)
+        vertices, facets = _with_own_backs(vertices, facets, other_side)
     facets = facets.astype(np.int32)
-    for array in (vertices, facets, uv, solid):
+    for array in (vertices, facets, uv, solid, other_side):
         if array is not None:
             array.setflags(write=False)
     report = ShapeReport(
@@ -285,7 +289,7 @@ def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None) -
         seam_gap_m=gap_m, n_unused=n_unused, n_degenerate=n_degenerate, n_duplicate=n_duplicate, n_flipped=n_flipped,
         n_open_edges=shells.n_open_edges, n_non_manifold_edges=shells.n_non_manifold_edges, volume_m3=volume,
         extent_m=extents, warnings=())
-    return Shape(vertices_m=vertices, facets=facets, uv=uv, solid=solid,
+    return Shape(vertices_m=vertices, facets=facets, uv=uv, solid=solid, other_side=other_side,
                  report=replace(report, warnings=_warnings(report, shells.n_holed_edges)))
 
 
@@ -332,10 +336,19 @@ def _without_copies(facets: np.ndarray, uv: np.ndarray | None) -> tuple[np.ndarr
     return facets[once], None if uv is None else uv[once], len(facets) - len(kept), len(kept) - len(once)
 
 
-def _with_own_backs(vertices: np.ndarray, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _other_sides(facets: np.ndarray) -> np.ndarray:
+    """Which facet (F,) is the other side of each, or -1."""
+    _, same, count = np.unique(np.sort(facets, axis=1), axis=0, return_inverse=True, return_counts=True)
+    order = np.argsort(same.ravel(), kind="stable")
+    first = (np.cumsum(count) - count)[count == 2]
+    found = np.full(len(facets), -1)
+    found[order[first]], found[order[first + 1]] = order[first + 1], order[first]
+    return found
+
+
+def _with_own_backs(vertices: np.ndarray, facets: np.ndarray, other_side: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Facets whose other side comes before them with vertices of their own, so that each side has its normals there."""
-    _, first, same = np.unique(np.sort(facets, axis=1), axis=0, return_index=True, return_inverse=True)
-    is_back = first[same.ravel()] != np.arange(len(facets))
+    is_back = (other_side >= 0) & (other_side < np.arange(len(facets)))
     own, corner = np.unique(facets[is_back], return_inverse=True)
     facets[is_back] = corner.reshape(-1, 3) + len(vertices)
     return np.concatenate([vertices, vertices[own]]), facets
