@@ -13,7 +13,7 @@ from glrender_camera.validate import integer, within
 
 from .errors import ShapeError, error_path
 from .shape_files import MAX_FACETS, read_shape_file
-from .shells import WELD_RTOL, seams, wound
+from .shells import WELD_RTOL, Edges, are_all_different, seams, wound
 
 _log = logging.getLogger(__name__)
 
@@ -252,12 +252,13 @@ def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None) -
     rank[order] = np.arange(len(order))
     n_welded, vertices, facets = len(vertices) - len(first), vertices[first[order]], rank[same][facets]
     facets, uv, n_degenerate, n_duplicate = _without_copies(facets, uv)
-    welded, tolerance_m, gap_m = seams(vertices, facets)
+    edges = Edges(facets)
+    welded, tolerance_m, gap_m = seams(vertices, edges)
     n_seam = int((welded != np.arange(len(vertices))).sum())
     if n_seam:
         facets, uv, *more = _without_copies(welded[facets], uv)
-        n_degenerate, n_duplicate = n_degenerate + more[0], n_duplicate + more[1]
-    shells = wound(vertices, facets)
+        n_degenerate, n_duplicate, edges = n_degenerate + more[0], n_duplicate + more[1], Edges(facets)
+    shells = wound(vertices, facets, edges)
     facets, flipped, solid = shells.facets, shells.is_flipped, shells.is_solid
     if uv is not None:
         uv = np.where(flipped[:, None, None], uv[:, [0, 2, 1]], uv)
@@ -326,14 +327,17 @@ def _warnings(report: ShapeReport, n_holed_edges: int) -> tuple[str, ...]:
 def _without_copies(facets: np.ndarray, uv: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None, int, int]:
     """Facets with three corners, each side of one once, and how many of both kinds are left out."""
     a, b, c = facets.T
-    has_corners = (a != b) & (b != c) & (c != a)
-    kept = np.flatnonzero(has_corners)
-    first = np.argmin(facets[kept], axis=1)
-    turned = np.take_along_axis(facets[kept], (first[:, None] + np.arange(3)) % 3, axis=1)
-    once = kept[np.sort(np.unique(turned, axis=0, return_index=True)[1])]
-    if not len(once):
+    kept = np.flatnonzero((a != b) & (b != c) & (c != a))
+    if not len(kept):
         raise ShapeError("", "has no facet with an area", len(facets))
-    return facets[once], None if uv is None else uv[once], len(facets) - len(kept), len(kept) - len(once)
+    n_degenerate, once = len(facets) - len(kept), kept
+    if not are_all_different(facets[kept]):
+        first = np.argmin(facets[kept], axis=1)
+        turned = np.take_along_axis(facets[kept], (first[:, None] + np.arange(3)) % 3, axis=1)
+        once = kept[np.sort(np.unique(turned, axis=0, return_index=True)[1])]
+    if len(once) < len(facets):
+        facets, uv = facets[once], None if uv is None else uv[once]
+    return facets, uv, n_degenerate, len(kept) - len(once)
 
 
 def _other_sides(facets: np.ndarray) -> np.ndarray:

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from .hull import surface_distance_m
 
@@ -28,8 +29,8 @@ _HOLED = 0.25
 _VOLUME_RTOL, _TOUCH_RTOL = 1e-12, 1e-6
 # Vertices and middles of facets of a shell by which it is told whether it is within another.
 _PLACES = 64
-# Any directions that no mesh is built along, one to a row.
-_AXES = np.array([[0.8116, 0.4532, 0.3687], [-0.3172, 0.8685, -0.3809], [-0.2961, 0.1733, 0.9393]])
+# Frames, their axes in rows, that no mesh is built along: quaternions at random.
+_FRAMES = Rotation.from_quat([[0.31, 0.52, -0.27, 0.75], [-0.62, 0.18, 0.44, 0.63], [0.15, -0.71, 0.36, 0.58]]).as_matrix()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -60,33 +61,42 @@ class Shells:
     n_non_manifold_edges: int
 
 
-@dataclass(frozen=True, eq=False)
-class _Edges:
-    """Sides of facets, three of each facet one after the other, with an edge's number."""
+class Edges:
+    """Edges of facets (F, 3), each passed by sides of facets, of which those of a facet follow each other.
 
-    start: np.ndarray
-    edge: np.ndarray
-    size: np.ndarray
+    Attributes
+    ----------
+    start, end : (3 F,) int
+        Vertices of the sides.
+    order, begin, size : (3 F,), (E,), (E,) int
+        Sides sorted by their edges, where each edge's begin among them, and how many it has.
+    """
 
-    @classmethod
-    def of(cls, facets: np.ndarray) -> _Edges:
-        start, end = facets.ravel(), np.roll(facets, -1, axis=1).ravel()
-        key = np.minimum(start, end) * (facets.max(initial=0) + 1) + np.maximum(start, end)
-        _, edge, size = np.unique(key, return_inverse=True, return_counts=True)
-        return cls(start, edge.ravel(), size)
+    def __init__(self, facets: np.ndarray):
+        self.start, self.end = facets.ravel(), np.roll(facets, -1, axis=1).ravel()
+        key = np.minimum(self.start, self.end) * (facets.max(initial=0) + 1) + np.maximum(self.start, self.end)
+        self.order = np.argsort(key, kind="stable")
+        key = key[self.order]
+        self.begin = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]]))
+        self.size = np.diff(np.append(self.begin, len(key)))
+
+    def sides(self, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Sides (N,) of edges that are chosen (E,), and the edges (N,)."""
+        edge = np.repeat(np.flatnonzero(chosen), self.size[chosen])
+        place = np.arange(len(edge)) - np.repeat(np.cumsum(self.size[chosen]) - self.size[chosen], self.size[chosen])
+        return self.order[self.begin[edge] + place], edge
 
 
-def seams(vertices: np.ndarray, facets: np.ndarray) -> tuple[np.ndarray, float, float]:
+def seams(vertices: np.ndarray, edges: Edges) -> tuple[np.ndarray, float, float]:
     """Which vertex (V,) each is welded to, itself most, the tolerance and the widest gap [m].
 
     Only vertices on open edges are welded: what is closed already keeps its thinnest features.
     """
     own = np.arange(len(vertices))
-    edges = _Edges.of(facets)
-    open_side = np.flatnonzero(edges.size[edges.edge] == 1)
-    if not len(open_side):
+    sides, _ = edges.sides(edges.size == 1)
+    if not len(sides):
         return own, 0.0, 0.0
-    start, end = facets.ravel()[open_side], np.roll(facets, -1, axis=1).ravel()[open_side]
+    start, end = edges.start[sides], edges.end[sides]
     length = np.linalg.norm(vertices[start] - vertices[end], axis=1)
     rim, place = np.unique(np.concatenate([start, end]), return_inverse=True)
     shortest = np.full(len(rim), np.inf)
@@ -111,7 +121,7 @@ def seams(vertices: np.ndarray, facets: np.ndarray) -> tuple[np.ndarray, float, 
     return own, tolerance, float(distance[near].max())
 
 
-def wound(vertices: np.ndarray, facets: np.ndarray) -> Shells:
+def wound(vertices: np.ndarray, facets: np.ndarray, edges: Edges) -> Shells:
     """The shells of a mesh, each turned as it should be.
 
     Facets that share an edge with one other are of one shell. Within a shell, winding is made that of most of its
@@ -124,12 +134,15 @@ def wound(vertices: np.ndarray, facets: np.ndarray) -> Shells:
     if not len(single):
         return Shells(facets=facets, is_flipped=is_flipped, is_solid=is_solid, n_shells=n_twin_shells, n_cavities=0,
                       n_two_sided=len(facets) // 2, n_open_edges=0, n_holed_edges=0, n_non_manifold_edges=0)
-    rest, edges = facets[single], _Edges.of(facets[single])
+    rest = facets[single]
+    if is_twin.any():
+        edges = Edges(rest)
     shell, flipped, is_one_sided = _made_one(rest, edges)
     n_shells = int(shell.max()) + 1
     rest = np.where(flipped[:, None], rest[:, [0, 2, 1]], rest)
     is_closed = _are_closed(edges, shell, n_shells) & is_one_sided
-    owner, extents = _Owner(shell, n_shells), _extents(vertices, rest, shell, n_shells)
+    owner = _Owner(shell, n_shells)
+    extents = owner.extents(vertices, rest)
     corner = vertices[rest] - extents.mean(axis=0)[shell][:, None]
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     area = np.bincount(shell, np.linalg.norm(normal, axis=1), n_shells)
@@ -143,11 +156,11 @@ def wound(vertices: np.ndarray, facets: np.ndarray) -> Shells:
     facets = facets.copy()
     facets[single], is_flipped[single] = rest, flipped ^ is_inward[shell]
     is_solid[single] = ((is_closed | is_holed) & has_volume)[shell]
-    is_open = edges.size[edges.edge] == 1
+    open_sides, _ = edges.sides(edges.size == 1)
     return Shells(
         facets=facets, is_flipped=is_flipped, is_solid=is_solid, n_shells=n_shells + n_twin_shells,
         n_cavities=int((is_closed & has_volume & (depth % 2 == 1)).sum()), n_two_sided=int(is_twin.sum()) // 2,
-        n_open_edges=int(is_open.sum()), n_holed_edges=int((is_open & is_holed[np.repeat(shell, 3)]).sum()),
+        n_open_edges=len(open_sides), n_holed_edges=int(is_holed[shell[open_sides // 3]].sum()),
         n_non_manifold_edges=int((edges.size > 2).sum()))
 
 
@@ -162,9 +175,24 @@ class _Owner:
         """Of one shell (N,)."""
         return self._order[self._begins[number]:self._begins[number + 1]]
 
+    def extents(self, vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
+        """Least and largest coordinates (2, S, 3)."""
+        corners = [vertices[corner[self._order]] for corner in facets.T]
+        return np.stack([of.reduceat(of.reduce(corners), self._begins[:-1]) for of in (np.minimum, np.maximum)])
+
+
+def are_all_different(facets: np.ndarray) -> bool:
+    """Whether no two facets have the same corners, told sooner than which: by a hash that may say no for yes."""
+    a, b, c = np.sort(facets, axis=1).astype(np.uint64).T
+    mixed = a * np.uint64(0x9E3779B97F4A7C15) ^ b * np.uint64(0xC2B2AE3D27D4EB4F) ^ c * np.uint64(0x165667B19E3779F9)
+    mixed.sort()
+    return not (mixed[1:] == mixed[:-1]).any()
+
 
 def _are_twins(facets: np.ndarray) -> np.ndarray:
     """Facets (F,) whose other side is there too; none is there twice with the same side."""
+    if are_all_different(facets):
+        return np.zeros(len(facets), bool)
     _, same, count = np.unique(np.sort(facets, axis=1), axis=0, return_inverse=True, return_counts=True)
     return count[same.ravel()] == 2
 
@@ -180,12 +208,11 @@ def _n_pieces(facets: np.ndarray) -> int:
                                               shape=(len(used), len(used))), directed=False)[0])
 
 
-def _made_one(facets: np.ndarray, edges: _Edges) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _made_one(facets: np.ndarray, edges: Edges) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Shells (F,), which facets (F,) to turn over so that neighbours agree, and which shells can agree at all."""
     count = len(facets)
-    order = np.argsort(edges.edge, kind="stable")
-    first = (np.cumsum(edges.size) - edges.size)[edges.size == 2]
-    a, b = order[first], order[first + 1]
+    first = edges.begin[edges.size == 2]
+    a, b = edges.order[first], edges.order[first + 1]
     # Two facets that run along an edge the same way are wound against each other.
     against = edges.start[a] == edges.start[b]
     owner_a, owner_b = a // 3, b // 3
@@ -222,22 +249,13 @@ def _two_coloured(count: int, owner_a: np.ndarray, owner_b: np.ndarray, against:
     return flipped
 
 
-def _are_closed(edges: _Edges, shell: np.ndarray, n_shells: int) -> np.ndarray:
+def _are_closed(edges: Edges, shell: np.ndarray, n_shells: int) -> np.ndarray:
     """Whether each shell passes each edge an even number of times."""
-    odd = np.flatnonzero(edges.size[edges.edge] != 2)
-    key, count = np.unique(edges.edge[odd] * np.int64(n_shells) + shell[odd // 3], return_counts=True)
+    sides, edge = edges.sides(edges.size != 2)
+    key, count = np.unique(edge * np.int64(n_shells) + shell[sides // 3], return_counts=True)
     is_closed = np.ones(n_shells, bool)
     is_closed[key[count % 2 == 1] % n_shells] = False
     return is_closed
-
-
-def _extents(vertices: np.ndarray, facets: np.ndarray, shell: np.ndarray, n_shells: int) -> np.ndarray:
-    """Least and largest coordinates (2, S, 3) of shells."""
-    found = np.full((2, n_shells, 3), np.inf)
-    for corner in facets.T:
-        np.minimum.at(found[0], shell, vertices[corner])
-        np.minimum.at(found[1], shell, -vertices[corner])
-    return found * np.array([1.0, -1.0])[:, None, None]
 
 
 def _depths(vertices: np.ndarray, facets: np.ndarray, owner: _Owner, extents: np.ndarray, is_inner: np.ndarray,
@@ -252,8 +270,7 @@ def _depths(vertices: np.ndarray, facets: np.ndarray, owner: _Owner, extents: np
         if len(within):
             mesh = _Mesh(vertices, facets[owner.facets(outer)])
             for number in within:
-                depth[number] += mesh.holds(vertices, facets[owner.facets(number)],
-                                            float((high[number] - low[number]).max()))
+                depth[number] += mesh.holds(facets[owner.facets(number)], float((high[number] - low[number]).max()))
     return depth
 
 
@@ -261,58 +278,63 @@ class _Mesh:
     """A shell, asked what is within it by how often lines in three directions pass it."""
 
     def __init__(self, vertices: np.ndarray, facets: np.ndarray):
-        self._used, corner = np.unique(facets, return_inverse=True)
-        corner = corner.reshape(-1, 3)
-        self._vertices, self._facets = vertices[self._used], corner
+        self._vertices, self._facets = vertices, facets
+        self._is_own = np.zeros(len(vertices), bool)
+        self._is_own[facets] = True
+        corner = vertices[facets]
         self._views = []
-        for axis in _AXES:
-            u = np.cross(axis, [0.0, 0.0, 1.0])
-            u /= np.linalg.norm(u)
-            frame = np.stack([u, np.cross(axis, u), axis])
-            placed = (self._vertices @ frame.T)[corner]
-            middle = placed[..., :2].mean(axis=1)
-            reach = float(np.linalg.norm(placed[..., :2] - middle[:, None], axis=2).max())
-            self._views.append((frame, placed, cKDTree(middle), reach))
+        for frame in _FRAMES:
+            placed = corner @ frame.T
+            self._views.append((frame, placed, *_tree(placed[..., :2])))
+        self._around = _tree(corner)
 
-    def holds(self, vertices: np.ndarray, facets: np.ndarray, extent: float) -> bool:
-        """Whether another shell is within: no place of it outside, but such as touch, and one inside."""
-        own = np.setdiff1d(np.unique(facets), self._used)
-        places = np.concatenate([vertices[_some(own)], vertices[facets[_some(np.arange(len(facets)))]].mean(axis=1)])
-        is_any = False
-        for place in places:
-            is_inside = self._is_inside(place)
-            if is_inside and is_any:
-                continue
-            if surface_distance_m(self._vertices, self._facets, place) > _TOUCH_RTOL * extent:
-                if not is_inside:
-                    return False
-                is_any = True
-        return is_any
+    def holds(self, facets: np.ndarray, extent: float) -> bool:
+        """Whether another shell of such facets is within: no place of it outside, but such as touch, and one inside."""
+        own = np.unique(facets)
+        own = own[~self._is_own[own]]
+        middles = self._vertices[facets[_some(np.arange(len(facets)))]].mean(axis=1)
+        places = np.concatenate([self._vertices[_some(own)], middles])
+        is_inside, touch = self._are_inside(places), _TOUCH_RTOL * extent
+        return (not any(self._is_beyond(place, touch) for place in places[~is_inside])
+                and any(self._is_beyond(place, touch) for place in places[is_inside]))
 
-    def _is_inside(self, place: np.ndarray) -> bool:
-        odd = 0
+    def _is_beyond(self, place: np.ndarray, distance: float) -> bool:
+        """Whether no facet is as near as this."""
+        tree, reach = self._around
+        near = tree.query_ball_point(place, reach + distance)
+        return not near or surface_distance_m(self._vertices, self._facets[near], place) > distance
+
+    def _are_inside(self, places: np.ndarray) -> np.ndarray:
+        odd = np.zeros(len(places), int)
         for frame, placed, tree, reach in self._views:
-            point = frame @ place
-            near = np.array(tree.query_ball_point(point[:2], reach), int)
-            odd += _n_above(placed[near], self._facets[near], point) % 2
+            points = places @ frame.T
+            near = tree.query_ball_point(points[:, :2], reach)
+            of = np.repeat(np.arange(len(places)), [len(some) for some in near])
+            facet = np.concatenate([np.array(some, int) for some in near])
+            is_above = _are_above(placed[facet], self._facets[facet], points[of])
+            odd += np.bincount(of[is_above], minlength=len(places)) % 2
         return odd >= 2
 
 
-def _n_above(corner: np.ndarray, number: np.ndarray, point: np.ndarray) -> int:
-    """How many triangles (N, 3, 3) a line along +z from a point passes; on an edge that two share, one of them."""
+def _tree(corner: np.ndarray) -> tuple[cKDTree, float]:
+    """Middles of triangles (N, 3, 2 or 3), and how far their corners are from them at most."""
+    middle = corner.mean(axis=1)
+    return cKDTree(middle), float(np.linalg.norm(corner - middle[:, None], axis=2).max())
+
+
+def _are_above(corner: np.ndarray, number: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """Whether lines along +z from points (N, 3) pass triangles (N, 3, 3); on an edge that two share, one of them."""
     sides = []
     for k in range(3):
         a, b = corner[:, k], corner[:, (k + 1) % 3]
         # The same number whichever way an edge is passed.
         turned = number[:, k] > number[:, (k + 1) % 3]
         low, high = np.where(turned[:, None], b, a), np.where(turned[:, None], a, b)
-        left = ((high[:, 0] - low[:, 0]) * (point[1] - low[:, 1]) - (high[:, 1] - low[:, 1]) * (point[0] - low[:, 0])) > 0.0
-        sides.append(left ^ turned)
-    hit = np.flatnonzero((sides[0] == sides[1]) & (sides[1] == sides[2]))
-    a, b, c = (corner[hit, k] for k in range(3))
-    normal = np.cross(b - a, c - a)
-    height = np.einsum("ij,ij->i", normal, a - point)
-    return int((height * normal[:, 2] > 0.0).sum())
+        across, aside = high - low, point - low
+        sides.append((across[:, 0] * aside[:, 1] - across[:, 1] * aside[:, 0] > 0.0) ^ turned)
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    height = np.einsum("ij,ij->i", normal, corner[:, 0] - point)
+    return (sides[0] == sides[1]) & (sides[1] == sides[2]) & (height * normal[:, 2] > 0.0)
 
 
 def _some(numbers: np.ndarray) -> np.ndarray:
