@@ -9,7 +9,7 @@ import numpy as np
 
 # Of a polygon's area: a fan's triangle below it has none, or lies outside.
 _AREA_RTOL = 1e-12
-# Of a polygon's extent: a corner this near a triangle's side is on it. Float32's rounding of a plane's points; then none.
+# Of a polygon's extent: a corner this near a triangle's side is on it. First as float32 rounds, then exactly.
 _SIDE_RTOL = (1e-6, 0.0)
 # Corners from which a fan is tried before ears are cut, and polygons looked at together.
 _FANS, _TOGETHER = 8, 500_000
@@ -96,8 +96,8 @@ def _ears(points: np.ndarray) -> list[tuple[int, int, int]]:
             del left[int(np.argmax(spike))]
             continue
         area = _cross(here - before, after - here)
-        side = np.maximum.reduce([((a - b)**2).sum(axis=1) for a, b in ((here, before), (after, here), (after, before))])
-        k = _best_ear(here, area / side, extent)
+        sides = (here - before, after - here, after - before)
+        k = _best_ear(here, area / np.maximum.reduce([(side**2).sum(axis=1) for side in sides]), extent)
         ears.append((left[k - 1], left[k], left[(k + 1) % len(left)]))
         del left[k]
     return ears

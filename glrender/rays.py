@@ -67,7 +67,7 @@ class RayMesh:
     facets : (F, 3) int
         Counter-clockwise from outside.
     other_side : (F,) int, optional
-        The facet that is the other side of each, in the same place, or -1: of the two, rays meet the one that they face.
+        The facet that is the other side of each, in the same place, or -1: rays meet the one that they face.
 
     Attributes
     ----------

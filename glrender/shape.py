@@ -20,8 +20,6 @@ _log = logging.getLogger(__name__)
 _METRES_PER_UNIT = {"m": 1.0, "km": 1000.0}
 # Facets whose edges tell how rough a shape is.
 _CREASE_FACETS = 100_000
-# A body thinner than this share of its extent has no sides that float32 coordinates could tell apart.
-_FLAT_RTOL = 1e-6
 MIN_EXTENT_M, MAX_COORDINATE_M = 1e-3, 1e10
 """What a body may span: a grain of sand, whose facets' areas float32 still holds, to seven Suns."""
 # Small bodies span metres to a few thousand kilometres.
@@ -128,7 +126,7 @@ class Shape:
             with np.errstate(over="ignore"):
                 vertices_m = mesh.vertices * scale
             shape = cls.from_arrays(vertices_m, mesh.facets, uv=mesh.uv)
-        told = (*mesh.warnings, *(_unit_doubt(shape) if not shape.report.has_odd_extent else ()), *shape.report.warnings)
+        told = (*mesh.warnings, *_unit_doubt(shape), *shape.report.warnings)
         for text in told:
             _log.warning("%s: %s", path.name, text)
         return replace(shape, report=replace(shape.report, warnings=told))
@@ -298,25 +296,25 @@ def _warnings(report: ShapeReport, n_holed_edges: int) -> tuple[str, ...]:
     """What a user should know of a shape, and what to do about it."""
     told, n_open = [], report.n_open_edges - n_holed_edges
     if n_holed_edges:
-        told.append(f"{n_holed_edges} open edges of holes in a surface that is closed else: light and sight pass through "
-                    "them; close them in the program that made the file")
+        told.append(f"{n_holed_edges} open edges of holes in a surface that is closed else: light and sight pass "
+                    "through; close them in the program that made the shape")
     if n_open:
-        told.append(f"{n_open} open edges of a surface that encloses nothing: it is seen and lit from the front of its "
-                    "facets alone, which are wound as the file has them; if it is dark from above, turn its facets over")
+        told.append(f"{n_open} open edges of a surface that encloses nothing, as terrain: it is seen and lit from the "
+                    "front of its facets alone; if it is dark from above, wind them the other way")
     if report.n_non_manifold_edges:
-        told.append(f"{report.n_non_manifold_edges} edges with more than two facets: what they part is taken for shells "
-                    "of their own; look for walls within the surface")
+        told.append(f"{report.n_non_manifold_edges} edges with more than two facets: surfaces part there, and one that "
+                    "is not closed without the others is not turned outward; leave out walls that nobody sees")
     if report.has_odd_extent:
         told.append(f"extent of {max(report.extent_m):.4g} m: is the length unit right (km or m)?")
     if report.n_shells > 1:
-        cavities = f", {report.n_cavities} of them cavities" if report.n_cavities else ""
+        cavities = f", {report.n_cavities} of cavities" if report.n_cavities else ""
         told.append(f"{report.n_shells} separate shells{cavities}")
     if report.n_flipped:
-        told.append(f"{report.n_flipped} facets turned over, to agree with their neighbours and so that closed shells face "
-                    "outward and those of cavities inward; if that is wrong, see that no shell cuts another")
+        told.append(f"{report.n_flipped} facets turned over, so that neighbours agree, closed shells face outward and "
+                    "those of cavities inward; where that is wrong, see that no shell cuts another")
     if report.n_seam:
-        told.append(f"{report.n_seam} vertices on open edges welded to others within {report.seam_tolerance_m:.3g} m, over "
-                    f"gaps of up to {report.seam_gap_m:.3g} m; if those are gaps indeed, make them wider")
+        told.append(f"{report.n_seam} vertices on open edges welded to others within {report.seam_tolerance_m:.3g} m, "
+                    f"over gaps of up to {report.seam_gap_m:.3g} m; where gaps are meant, make them wider")
     if report.n_degenerate:
         told.append(f"{report.n_degenerate} facets without an area left out")
     if report.n_duplicate:
@@ -359,25 +357,19 @@ def _with_own_backs(vertices: np.ndarray, facets: np.ndarray, other_side: np.nda
 
 
 def _unit_doubt(shape: Shape) -> tuple[str, ...]:
-    """That a file's unit of length is not what was told: of one that looks like a small body's, closed and in one piece.
-    """
+    """Whether a file's unit of length is right: of what looks like a small body, closed, in one piece and rough."""
     report, extent = shape.report, max(shape.report.extent_m)
     low, high = _LIKELY_NATURAL_M
-    if low <= extent <= high or not report.is_watertight or report.n_shells > 1 or report.n_facets < _NATURAL_FACETS:
+    if report.has_odd_extent or low <= extent <= high:
+        return ()
+    if not report.is_watertight or report.n_shells > 1 or report.n_facets < _NATURAL_FACETS:
         return ()
     planes = np.unique(np.round(shape.facet_normals, _NORMAL_DIGITS), axis=0)
     if len(planes) < _NATURAL_PLANES * report.n_facets:
         return ()
-    other = "kilometres" if extent < low else "metres"
-    return (f"extent of {extent:.4g} m: is the length unit right (km or m)? If the file is in {other}, say so; small bodies "
-            f"span {low:g} m to {high / 1e3:g} km as a rule",)
-
-
-def _thickness(vertices: np.ndarray) -> float:
-    """Extent [m] across the plane that fits the vertices best."""
-    centred = vertices - vertices.mean(axis=0)
-    normal = np.linalg.eigh(centred.T @ centred)[1][:, 0]
-    return float(np.ptp(centred @ normal))
+    size, unit = ("small", "kilometres") if extent < low else ("large", "metres")
+    return (f"extent of {extent:.4g} m: is the length unit right (km or m)? Few bodies of this kind are so {size}; if "
+            f"the file is in {unit}, say so",)
 
 
 def _volume(vertices: np.ndarray, facets: np.ndarray) -> float:

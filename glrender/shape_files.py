@@ -165,8 +165,8 @@ def _obj(path: Path, max_facets: int) -> FileMesh:
     if texture is not None and n_textured == len(faces):
         uv = _corner_uv(texture, np.array(uv_corners))
     elif texture is not None and n_textured:
-        warnings = (f"texture coordinates are left out, {len(faces) - n_textured} of {len(faces)} facets have none: no albedo "
-                    f"map can be used until every corner of every facet names its own (v/vt)",)
+        warnings = (f"texture coordinates are left out, {len(faces) - n_textured} of {len(faces)} facets have none: no "
+                    f"albedo map can be used until every corner of every facet names its own (v/vt)",)
     return replace(_of_polygons(vertices, np.array(corners, np.int64), np.array(sizes), max_facets, path, uv),
                    warnings=warnings)
 
@@ -203,7 +203,8 @@ def _stl(path: Path, max_facets: int) -> FileMesh:
 
 def _of_polygons(vertices: np.ndarray, corners: np.ndarray, sizes: np.ndarray, max_facets: int,
                  path: Path, uv: np.ndarray | None = None) -> FileMesh:
-    """Polygons of some corners each (P,), vertices and texture coordinates (N, 2) of the corners one after the other."""
+    """Triangles of polygons of some corners each (P,): of all in turn the vertices (N,) and texture coordinates (N, 2).
+    """
     few = np.flatnonzero(sizes < 3)
     if len(few):
         raise ShapeError(f"facets[{few[0]}]", "has fewer than 3 corners", int(sizes[few[0]]))

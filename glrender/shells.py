@@ -29,8 +29,8 @@ _HOLED = 0.25
 _VOLUME_RTOL, _TOUCH_RTOL = 1e-12, 1e-6
 # Vertices and middles of facets of a shell by which it is told whether it is within another.
 _PLACES = 64
-# Frames, their axes in rows, that no mesh is built along: quaternions at random.
-_FRAMES = Rotation.from_quat([[0.31, 0.52, -0.27, 0.75], [-0.62, 0.18, 0.44, 0.63], [0.15, -0.71, 0.36, 0.58]]).as_matrix()
+# Frames, their axes in rows, that no mesh is built along.
+_FRAMES = Rotation.from_rotvec([[0.31, 0.52, -0.27], [-1.62, 0.78, 0.44], [0.65, -1.71, 0.86]]).as_matrix()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

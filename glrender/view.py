@@ -180,7 +180,8 @@ def _view(name: str, hull: Hull, state: State, camera: PinholeCamera, camera_fro
                          state.r_sun_inertial_m.tolist(), "it is a position in metres, not a direction")
     if not hull.is_outside(r_camera):
         raise SceneError("state.spacecraft.r_inertial_m", f"the camera must be outside body {name!r}",
-                         state.spacecraft.r_inertial_m.tolist(), f"it is {range_m:.6g} m from the body's origin")
+                         state.spacecraft.r_inertial_m.tolist(), f"it is {range_m:.6g} m from the body's origin, and "
+                         f"the body reaches {hull.radius_m:.6g} m: is its length unit right?")
     sun_direction = r_sun / sun_distance
     camera_from_body = camera_from_inertial @ body_from_inertial.T
     points = camera_from_body @ (hull.points_m - r_camera[:, None])

@@ -34,7 +34,7 @@ ROOMS = {
     "glrender/rays.py": {"numpy", "glrender", "glrender.embree", "glrender.errors"},
     "glrender/refine.py": {"numpy", "cv2"},
     "glrender/lod.py": {"numpy", "scipy", "fast_simplification", "glrender"},
-    "glrender": {"numpy", "scipy", "cv2", "trimesh", "pyrr", "PIL", "glrender", "glrender_camera"},
+    "glrender": {"numpy", "scipy", "cv2", "pyrr", "PIL", "glrender", "glrender_camera"},
     "server/glrender_server": {"numpy", "zmq", "msgpack", "glrender", "glrender_camera"},
     "server/glrender_server/codec.py": {"numpy", "cv2", "msgpack", "glrender"},
     # The demo, its plots and `top` are applications on top of everything: they also drive the client.
