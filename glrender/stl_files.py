@@ -30,7 +30,7 @@ def read_stl(path: Path) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
     count = int.from_bytes(data[80:_HEAD], "little")
     size = _HEAD + _FACET * count
     is_binary = len(data) >= _HEAD and len(data) == size
-    if not is_binary and re.search(rb"(?i)\bouter\s+loop\b", data[:_LOOKED_AT]):
+    if not is_binary and re.search(rb"(?i)\bouter\s+loop\s+vertex\b", data[:_LOOKED_AT]):
         return _text(data.decode("latin-1"))
     if not is_binary and not (count and len(data) > size):
         raise ShapeError("", f"is neither text nor binary STL: {len(data)} bytes do not fit a count of facets", count,
