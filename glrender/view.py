@@ -17,6 +17,8 @@ from .state import State
 
 # The outline's edges, float64 pixel coordinates, are then good to 1e-4 of its size.
 _MIN_SIZE_PX = 1e-9
+# Radii: the range of a camera at the origin of open terrain, or in a cavity, by which others divide.
+_LEAST_RANGE = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -204,6 +206,7 @@ def _view(name: str, hull: Hull, state: State, camera: PinholeCamera, camera_fro
     to_camera = r_camera / range_m if range_m > 0.0 else sun_direction
     return BodyView(
         name=name, camera_from_body=camera_from_body, r_camera_body_m=r_camera, sun_direction_body=sun_direction,
-        sun_distance_au=sun_distance / AU_M, range_m=range_m, phase_rad=phase_angle(sun_direction, to_camera),
+        sun_distance_au=sun_distance / AU_M, range_m=max(range_m, _LEAST_RANGE * hull.radius_m),
+        phase_rad=phase_angle(sun_direction, to_camera),
         depth_m=(nearest, farthest), bounds_px=bounds, is_visible=is_visible,
         is_whole=_is_within(bounds, camera.bounds_px))
