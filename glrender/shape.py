@@ -29,7 +29,7 @@ _LIKELY_EXTENT_M = (1.0, 6e6)
 _LIKELY_NATURAL_M = (30.0, 1.5e5)
 # Such a shape's facets at least, and of these the planes that differ at least, to so many digits of their normals: a
 # box of quadrilaterals has half at most.
-_NATURAL_FACETS, _NATURAL_PLANES, _NORMAL_DIGITS = 300, 0.8, 5
+_NATURAL_FACETS, _NATURAL_PLANES, _NORMAL_DIGITS = 100, 0.8, 5
 
 
 def metres_per_unit(length_unit: str | float) -> float:

@@ -1,5 +1,4 @@
-"""Shape files as other programs write them: polygons, PLY and STL of many kinds. Truths: areas and volumes in closed form.
-"""
+"""Shape files as other programs write them: polygons, PLY, STL. Truths: areas and volumes in closed form."""
 
 from __future__ import annotations
 
@@ -98,8 +97,9 @@ def test_a_bent_quadrilateral_keeps_both_its_triangles():
 def test_texture_coordinates_follow_the_corners_of_concave_polygons(tmp_path):
     """Of an L-shaped prism: u, v are x, y, whatever triangles it is cut into."""
     lines = [f"v {x} {y} {z}" for z in (0, 1) for x, y in L] + [f"vt {x / 4} {y / 4}" for x, y in L]
-    lines += ["f " + " ".join(f"{k}/{k}" for k in range(6, 0, -1)), "f " + " ".join(f"{k + 6}/{k}" for k in range(1, 7))]
-    lines += [f"f {k + 1}/{k + 1} {j + 1}/{j + 1} {j + 7}/{j + 1} {k + 7}/{k + 1}" for k in range(6) for j in [(k + 1) % 6]]
+    lines.append("f " + " ".join(f"{k}/{k}" for k in range(6, 0, -1)))
+    lines.append("f " + " ".join(f"{k + 6}/{k}" for k in range(1, 7)))
+    lines += [f"f {a}/{a} {b}/{b} {b + 6}/{b} {a + 6}/{a}" for a in range(1, 7) for b in [a % 6 + 1]]
     shape = load(tmp_path, "\n".join(lines))
     np.testing.assert_allclose(4.0 * shape.uv, shape.vertices_m[shape.facets][..., :2], atol=1e-6)
 
@@ -138,7 +138,7 @@ def ply(form, elements, newline="\n", comment="comment made by a test"):
                     body += struct.pack(f"{order}{_CODES[kinds[0]]}{len(value)}{_CODES[kinds[1]]}", len(value), *value)
                 else:
                     body += struct.pack(order + _CODES[kinds[0]], value)
-    return (newline.join([*lines, "end_header", ""])).encode() + body
+    return newline.join([*lines, "end_header", ""]).encode() + body
 
 
 FORMS = ("ascii", "binary_little_endian", "binary_big_endian")
@@ -157,7 +157,8 @@ def test_ply_of_any_byte_order_and_polygons(tmp_path, form, count, index, faces)
 @pytest.mark.parametrize("newline", ["\n", "\r\n"])
 def test_ply_with_all_that_programs_add(tmp_path, form, newline):
     """Other properties before, between and behind, other elements, lists of vertices, doubles, comments."""
-    vertex = [("quality", "double"), *[(axis, "double") for axis in "xyz"], ("red", "uchar"), ("tags", "uchar", "short")]
+    places = [(axis, "double") for axis in "xyz"]
+    vertex = [("quality", "double"), *places, ("red", "uchar"), ("tags", "uchar", "short")]
     face = [("flags", "uchar"), ("texcoord", "uchar", "float"), ("vertex_index", "uchar", "int"), ("area", "float")]
     data = ply(form, [
         ("camera", [("f", "float"), ("poses", "int", "double")], [(1.5, (1.0, 2.0)), (2.5, ())]),
@@ -179,25 +180,26 @@ def test_ply_of_triangle_strips(tmp_path, form):
     np.testing.assert_allclose(shape.report.volume_m3, 1.0, rtol=1e-6)
 
 
+CORNERS = [("vertex_indices", "uchar", "int")]
+
+
+def faces(*rows):
+    return ("face", CORNERS, [(row,) for row in rows])
+
+
 @pytest.mark.parametrize("data, message", [
-    (ply("binary_little_endian", [("vertex", XYZ, CUBE_V), ("face", [("vertex_indices", "uchar", "int")],
-                                                             [(f,) for f in MIXED])])[:-5], "more face rows"),
-    (ply("ascii", [("vertex", XYZ, CUBE_V), ("face", [("vertex_indices", "uchar", "int")],
-                                             [(f,) for f in MIXED])])[:-5], "more face rows"),
-    (ply("ascii", [("vertex", XYZ[:2], [p[:2] for p in CUBE_V]), ("face", [("vertex_indices", "uchar", "int")],
-                                                                  [(f,) for f in MIXED])]), "vertices without, got 'z'"),
-    (ply("ascii", [("vertex", XYZ, CUBE_V), ("face", [("vertex_indices", "uchar", "int")], [((0, 1, 99),)])]),
-     r"facets\[0\]: must index vertices 0..7"),
-    (ply("ascii", [("vertex", XYZ, CUBE_V), ("face", [("vertex_indices", "uchar", "int")], [((0, 1),)])]),
-     r"facets\[0\]: has fewer than 3 corners, got 2"),
-    (ply("binary_big_endian", [("vertex", XYZ, CUBE_V), ("face", [("vertex_indices", "char", "int")],
-                                                          [((0, 1, 2),)])]).replace(b"\x03\0\0\0\0", b"\xfd\0\0\0\0"),
-     "list of face with a count of, got -3"),
+    (ply("binary_little_endian", [("vertex", XYZ, CUBE_V), faces(*MIXED)])[:-5], "more face rows"),
+    (ply("ascii", [("vertex", XYZ, CUBE_V), faces(*MIXED)])[:-5], "more face rows"),
+    (ply("ascii", [("vertex", XYZ[:2], [p[:2] for p in CUBE_V]), faces(*MIXED)]), "vertices without, got 'z'"),
+    (ply("ascii", [("vertex", XYZ, CUBE_V), faces((0, 1, 99))]), r"facets\[0\]: must index vertices 0..7"),
+    (ply("ascii", [("vertex", XYZ, CUBE_V), faces((0, 1))]), r"facets\[0\]: has fewer than 3 corners, got 2"),
+    (ply("binary_big_endian", [("vertex", XYZ, CUBE_V), ("face", [("vertex_indices", "char", "int")], [((0, 1, 2),)])]
+         ).replace(b"\x03\0\0\0\0", b"\xfd\0\0\0\0"), "list of face with a count of, got -3"),
     (b"ply\nformat ascii 1.0\nelement vertex 3\nproperty complex x\nend_header\n", "got 'property complex x'"),
     (b"ply\nformat text 1.0\nend_header\n", "got 'format text 1.0'"),
     (ply("ascii", [("vertex", XYZ, CUBE_V)]), "has no vertices or no facets"),
-    (ply("ascii", [("vertex", XYZ, CUBE_V), ("face", [("vertex_indices", "uchar", "int")], [(TRIANGLES[0],)])]).replace(
-        b"0 0 0", b"0,5 0 0"), "write decimals with a point")])
+    (ply("ascii", [("vertex", XYZ, CUBE_V), faces(TRIANGLES[0])]).replace(b"0 0 0", b"0,5 0 0"),
+     "write decimals with a point")])
 def test_a_broken_ply_is_refused_by_its_fault(tmp_path, data, message):
     with pytest.raises(ShapeError, match=message):
         load(tmp_path, data, "s.ply")
@@ -228,8 +230,8 @@ def stl_binary(facets=TRIANGLES, head=b"binary"):
     stl_binary(head=b"solid outer loop") + bytes(64), stl_binary() + b"attributes"],
     ids=["plain", "CRLF", "CR", "one line", "integers", "upper case", "no endsolid", "end solid", "end loop",
          "STL's words in the name", "no name", "indented", "byte-order mark", "Latin-1", "two solids", "quadrilaterals",
-         "tabs", "binary", "binary that begins with solid", "binary with a loop in its head", "binary with zeros behind",
-         "binary with bytes behind"])
+         "tabs", "binary", "binary that begins with solid", "binary with a loop in its head",
+         "binary with zeros behind", "binary with bytes behind"])
 def test_stl_as_it_is_found_is_the_cube(tmp_path, data):
     shape = load(tmp_path, data, "s.stl")
     assert is_cube(shape)

@@ -1,5 +1,4 @@
-"""What is repaired in a shape, and what is told of it. Truths: volumes in closed form, and meshes before they were broken.
-"""
+"""What is repaired in a shape, and what is told of it. Truths: volumes in closed form, meshes before they broke."""
 
 from __future__ import annotations
 
@@ -8,12 +7,14 @@ import logging
 
 import numpy as np
 import pytest
+import serving
 import views
 from glrender import Body, Pose, Renderer, SceneError, Shape, State, frames, generate
 from glrender.brdf import Lambert
-from glrender.ranging import laser_ranges
+from glrender_client import Client
 from scipy.spatial.transform import Rotation
 from solids import box, joined
+from test_command_line import run
 
 BALL = generate.icosphere(radius_m=1.0, subdivisions=3)
 BALL_M3 = BALL.report.volume_m3
@@ -83,7 +84,8 @@ def test_what_is_wound_well_is_left_alone():
 
 @pytest.mark.parametrize("name, height", [
     ("hill", 12.0 * np.exp(-(X**2 + Y**2) / 1500.0)), ("crater", -12.0 * np.exp(-(X**2 + Y**2) / 1500.0)),
-    ("rim", 9.0 * np.exp(-((np.hypot(X, Y) - 40.0) / 12.0) ** 2)), ("deep pit", -300.0 * np.exp(-(X**2 + Y**2) / 900.0)),
+    ("rim", 9.0 * np.exp(-((np.hypot(X, Y) - 40.0) / 12.0) ** 2)),
+    ("deep pit", -300.0 * np.exp(-(X**2 + Y**2) / 900.0)),
     ("valley", 90.0 * np.abs(np.sin(X / 30.0))), ("plain", 0.0 * X), ("slope", 0.7 * X)])
 @pytest.mark.parametrize("is_upside_down", [False, True])
 def test_open_terrain_stays_as_the_file_has_it(name, height, is_upside_down, rng):
@@ -148,8 +150,8 @@ def test_both_sides_of_a_panel_stay_and_copies_go():
     assert (report.n_facets, report.n_duplicate, report.n_two_sided, report.n_open_edges) == (16, 5, 2, 0)
     up = shape.facet_areas_m2[12:] * shape.facet_normals[12:, 2]
     np.testing.assert_allclose(sorted(up), [-1.0, -1.0, 1.0, 1.0], rtol=1e-12)
-    np.testing.assert_allclose(np.abs(shape.vertex_normals[shape.facets[12:]][..., 2]), 1.0, rtol=1e-12)
-    np.testing.assert_array_equal(np.sign(shape.vertex_normals[shape.facets[12:]][..., 2]), np.sign(up)[:, None] + [0, 0, 0])
+    at_corners = shape.vertex_normals[shape.facets[12:]][..., 2]
+    np.testing.assert_allclose(at_corners, np.repeat(np.sign(up)[:, None], 3, axis=1))
     assert "5 facets left out that are there twice with the same side" in report.warnings
     assert shape.solid.tolist() == [True] * 12 + [False] * 4
 
@@ -179,7 +181,7 @@ def test_two_boxes_that_share_a_wall_stay_two_boxes():
 
 
 def tiled(vertices, facets, gap, rng, n=6):
-    """The same in tiles with vertices of their own, each a little off: a gap is a standard deviation along each axis."""
+    """The same in tiles with vertices of their own, each a little off: a gap is a standard deviation along an axis."""
     tile = np.unique(np.floor(vertices[facets].mean(axis=1) / (np.ptp(vertices, axis=0).max() / n)).astype(int), axis=0,
                      return_inverse=True)[1].ravel()
     parts = []
@@ -242,11 +244,12 @@ def test_many_boulders_on_a_body_take_seconds(rng):
     (90.0 * np.abs(np.sin(X / 30.0)), (0.0, 0.0, 10.0)), (-300.0 * np.exp(-(X**2 + Y**2) / 900.0), (0.0, 0.0, -250.0)),
     (40.0 * np.abs(X / 100.0), (0.0, 0.0, -1.0))], ids=["two mountains", "valley", "deep pit", "below the sheet"])
 def test_a_camera_among_mountains_is_outside(height, r_m):
-    """Open terrain has no inside, wherever in its hull the camera is; the laser straight down meets it where it is."""
+    """Open terrain has no inside, wherever in its hull the camera is; from below it is seen through."""
     shape = Shape.from_arrays(terrain(height), SHEET)
     body = Body(name="ground", shape=shape, brdf=GREY)
     state = State(r_sun_inertial_m=[0.3e11, 0, 1.5e11], bodies={"ground": Pose(r_inertial_m=[0, 0, 0])},
-                  spacecraft=Pose(r_inertial_m=r_m, q_from_inertial=frames.look_at(np.array(r_m), np.array([5.0, 9.0, -999.0]))))
+                  spacecraft=Pose(r_inertial_m=r_m,
+                                  q_from_inertial=frames.look_at(np.array(r_m), np.array([5.0, 9.0, -999.0]))))
     scene = views.scene([body], [views.camera(64, 60.0)])
     with Renderer(scene) as renderer:
         image = renderer.render(state).irradiance_W_m2
@@ -284,7 +287,8 @@ def test_metres_taken_for_kilometres_are_told_and_the_other_way_round(tmp_path, 
         caplog.clear()
         told = Shape.from_file(tmp_path / "s.obj", length_unit=other).report.warnings
         assert len(told) == 1 and "is the length unit right (km or m)" in told[0], told
-        assert [record.getMessage() for record in caplog.records if record.levelno == logging.WARNING] == [f"s.obj: {told[0]}"]
+        logged = [record.getMessage() for record in caplog.records if record.levelno == logging.WARNING]
+        assert logged == [f"s.obj: {told[0]}"]
 
 
 def test_a_spacecraft_of_metres_and_a_boulder_of_arrays_are_no_cause_for_doubt(tmp_path):
@@ -292,3 +296,25 @@ def test_a_spacecraft_of_metres_and_a_boulder_of_arrays_are_no_cause_for_doubt(t
     write(Shape.from_arrays(*joined(*parts)), tmp_path / "craft.obj")
     assert Shape.from_file(tmp_path / "craft.obj", length_unit="m").report.warnings == ("48 separate shells",)
     assert not generate.three_lobes(radius_m=2.0).report.warnings
+
+
+SCENE = serving.SCENE.replace('generated = { kind = "three_lobes", radius_m = 100.0, subdivisions = 4 }',
+                              'shape = "holed.obj"\nlength_unit = "m"')
+
+
+def test_what_was_found_reaches_the_command_line_the_log_and_the_client(tmp_path):
+    """A shape with a hole: in the log of `glrender render` and of the server, in `hello` and after `load_scene`."""
+    shape = Shape.from_arrays(100.0 * BALL.vertices_m, BALL.facets[1:])
+    write(shape, tmp_path / "holed.obj")
+    (tmp_path / "scene.toml").write_text(SCENE)
+    told = list(shape.report.warnings)
+    assert len(told) == 1 and told[0].startswith("3 open edges of holes")
+    made = run("render", "scene.toml", "--camera", "bare", "--out", "a.npy", cwd=tmp_path)
+    assert made.returncode == 0 and f"holed.obj: {told[0]}" in made.stderr
+    with serving.server(tmp_path, scene=SCENE) as (endpoint, _), Client(endpoint) as client:
+        assert client.hello()["bodies"][0]["warnings"] == told
+        whole = {"name": "b", "generated": {"kind": "icosphere", "radius_m": 9.0}, "brdf": {"law": "lambert",
+                                                                                           "normal_albedo": 0.1}}
+        cameras = [{"name": "c", "width_px": 16, "height_px": 16, "focal_length_px": 50.0}]
+        assert client.load_scene({"bodies": [whole], "cameras": cameras})["bodies"][0]["warnings"] == []
+    assert f"holed.obj: {told[0]}" in (tmp_path / "server.log").read_text()
