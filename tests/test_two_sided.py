@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import views
 from glrender import Body, Pose, Shape, State, frames, open_renderer
+from glrender.backends.cycles.blender_terms import BlenderTerms
 from glrender.brdf import Lambert
 from glrender.constants import AU_M
 from solids import box
@@ -115,3 +116,10 @@ def test_a_panel_shades_what_is_behind_it_once(backend, options):
             spacecraft=pose([-30.0, 0.0, 30.0], [3.0, y, -5.0])), **options).irradiance_W_m2 for y in (0.0, 6.0))
     assert not behind[30:35, 30:35].any()
     np.testing.assert_allclose(aside[32, 32], 0.3 / np.pi * views.SOLAR_IRRADIANCE_W_M2 / 500.0**2, rtol=1e-3)
+
+
+def test_blender_gets_one_of_two_sides_as_it_draws_both():
+    """Two facets in one place would hide each other at random."""
+    body = craft()
+    facets = BlenderTerms(views.scene([body], [views.camera()])).arrays(body)["facets"]
+    assert len(facets) == 12 + 72 and len(body.shape.facets) == 12 + 144
