@@ -20,7 +20,8 @@ MAX_CORNERS = 10_000
 def triangulated(vertices: np.ndarray, corners: np.ndarray, sizes: np.ndarray) -> np.ndarray:
     """Triangles (T, 3) int, as places among the corners, in the polygons' order and winding.
 
-    A fan where one leaves nothing out, else ears, best shaped first. A polygon whose outline crosses itself is cut as
+    A fan where one leaves nothing out, else ears, best shaped first; the same from whichever corner a polygon begins,
+    and for its other side. A polygon whose outline crosses itself is cut as
     well as it goes. Holes are joined to the outline by an edge that is passed twice.
 
     Parameters
@@ -53,13 +54,15 @@ def triangulated(vertices: np.ndarray, corners: np.ndarray, sizes: np.ndarray) -
 
 def _cut(points: np.ndarray, begins: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
     """Triangles (T, 3) of polygons of one size (P,), and which of them each is of."""
-    fan = np.stack([np.zeros(size - 2, int), np.arange(1, size - 1), np.arange(2, size)], axis=1)
     everyone = np.arange(len(begins))
     if size == 3:
-        return begins[:, None] + fan[0], everyone
+        return begins[:, None] + np.arange(3), everyone
+    fan = np.stack([np.zeros(size - 2, int), np.arange(1, size - 1), np.arange(2, size)], axis=1)
+    ring, is_reversed = _rings(points[begins[:, None] + np.arange(size)])
+    ring += begins[:, None]
     start, left = np.zeros(len(begins), int), everyone
     for turn in range(min(size, _FANS)):
-        corner = points[begins[left][:, None] + (np.arange(size) + turn) % size]
+        corner = points[np.roll(ring[left], -turn, axis=1)]
         side = corner[:, 1:] - corner[:, :1]
         area = np.cross(side[:, :-1], side[:, 1:])
         normal = area.sum(axis=1)
@@ -73,13 +76,32 @@ def _cut(points: np.ndarray, begins: np.ndarray, size: int) -> tuple[np.ndarray,
     if len(left) and size > MAX_CORNERS:
         raise ValueError(f"a concave polygon of {size} corners, where {MAX_CORNERS} are allowed: triangulate it first")
     fans = np.setdiff1d(everyone, left)
-    triangles = [(begins[fans, None, None] + (fan + start[fans, None, None]) % size).reshape(-1, 3)]
+    place = (fan.ravel() + start[fans, None]) % size
+    triangles = [np.take_along_axis(ring[fans], place, axis=1)]
     owners = [np.repeat(fans, size - 2)]
     for polygon in left:
-        ears = _ears(points[begins[polygon]:begins[polygon] + size])
-        triangles.append(begins[polygon] + np.array(ears, int).reshape(-1, 3))
+        ears = _ears(points[ring[polygon]])
+        triangles.append(ring[polygon][np.array(ears, int).reshape(-1)])
         owners.append(np.full(len(ears), polygon))
-    return np.concatenate(triangles), np.concatenate(owners)
+    triangle, owner = np.concatenate([some.reshape(-1, 3) for some in triangles]), np.concatenate(owners)
+    return np.where(is_reversed[owner, None], triangle[:, ::-1], triangle), owner
+
+
+def _rings(corner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The order (P, K) in which polygons' corners (P, K, 3) are taken, and whether it is reversed (P,).
+
+    From the first corner by its coordinates towards its first neighbour: both sides of a panel have the same triangles.
+    """
+    is_first = np.ones(corner.shape[:2], bool)
+    for axis in range(3):
+        value = np.where(is_first, corner[..., axis], np.inf)
+        is_first &= value == value.min(axis=1, keepdims=True)
+    start, size = np.argmax(is_first, axis=1), corner.shape[1]
+    every = np.arange(len(corner))
+    difference = corner[every, start - 1] - corner[every, (start + 1) % size]
+    axis = np.argmax(difference != 0.0, axis=1)
+    is_reversed = difference[every, axis] < 0.0
+    return (start[:, None] + np.where(is_reversed, -1, 1)[:, None] * np.arange(size)) % size, is_reversed
 
 
 def _ears(points: np.ndarray) -> list[tuple[int, int, int]]:
