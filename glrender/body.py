@@ -98,7 +98,7 @@ class Body:
     @cached_property
     def hull(self) -> Hull:
         """Convex hull of the shape."""
-        return Hull(self.shape.vertices_m, self.shape.facets)
+        return Hull(self.shape.vertices_m, self.shape.facets, self.shape.solid)
 
     @cached_property
     def relief(self) -> Relief | None:

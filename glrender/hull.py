@@ -15,6 +15,8 @@ from .frames import evenly_spread
 _CONVEX_VOLUME_RTOL = 1e-6
 # So is its area: shells that overlap may have the hull's volume by chance.
 _CONVEX_AREA_RTOL = 1e-4
+# Of its extent: what is thinner, as a panel, has a hull as thick as this.
+_FLAT_RTOL = 1e-6
 # Directions by which a hull's outlines are told.
 _EXTREMES = 500
 
@@ -27,6 +29,8 @@ class Hull:
     vertices_m : (V, 3) float64 [m]
     facets : (F, 3) int
         Counter-clockwise from outside.
+    solid : (F,) bool, optional
+        Facets of shells that have an inside; all by default. Open terrain and panels have none.
 
     Attributes
     ----------
@@ -47,12 +51,12 @@ class Hull:
         A body so thin, or so far from its origin, that float64 cannot tell its sides apart.
     """
 
-    def __init__(self, vertices_m: np.ndarray, facets: np.ndarray):
+    def __init__(self, vertices_m: np.ndarray, facets: np.ndarray, solid: np.ndarray | None = None):
         try:
-            hull = ConvexHull(vertices_m)
+            hull = ConvexHull(_thickened(vertices_m))
         except QhullError as error:
             raise ShapeError("shape", f"has no convex hull: {str(error).splitlines()[0]}") from None
-        points_m = vertices_m[hull.vertices]
+        points_m = hull.points[hull.vertices]
         self.points_m = np.ascontiguousarray(points_m.T)
         self.extreme_m = self.points_m
         if len(points_m) > _EXTREMES:
@@ -62,6 +66,7 @@ class Hull:
         self._planes = hull.equations
         self.inner_radius_m = -float(hull.equations[:, 3].max())
         self._corners = (vertices_m, facets)
+        self._solid = facets if solid is None else facets[solid]
         # Volumes relative to the hull's own centre, or a far-off origin would cancel digits.
         centre = points_m.mean(axis=0)
         a, b, c = (vertices_m[facets[:, k]] - centre for k in range(3))
@@ -74,7 +79,7 @@ class Hull:
         """Whether a point (3,) [m] is outside the surface."""
         if np.linalg.norm(point_m) > self.radius_m or self._hull_distance(point_m) > 0.0:
             return True
-        return not self.is_convex and abs(winding_number(*self._corners, point_m)) < 0.5
+        return not self.is_convex and winding_number(self._corners[0], self._solid, point_m) < 0.5
 
     def distance_m(self, point_m: np.ndarray) -> float:
         """A lower bound [m], > 0, of the distance from a point outside to the surface; exact inside the hull."""
@@ -91,6 +96,16 @@ class Hull:
 
     def _hull_distance(self, point_m: np.ndarray) -> float:
         return float((self._planes[:, :3] @ point_m + self._planes[:, 3]).max())
+
+
+def _thickened(vertices_m: np.ndarray) -> np.ndarray:
+    """Points (N, 3) [m] that have a hull: of what is flat, or a needle, on both sides of it."""
+    centred = vertices_m - vertices_m.mean(axis=0)
+    least = _FLAT_RTOL * float(np.ptp(centred, axis=0).max())
+    for axis in np.linalg.eigh(centred.T @ centred)[1].T[:2]:
+        if float(np.ptp(centred @ axis)) <= least:
+            vertices_m = np.concatenate([vertices_m - 0.5 * least * axis, vertices_m + 0.5 * least * axis])
+    return vertices_m
 
 
 def winding_number(vertices_m: np.ndarray, facets: np.ndarray, point_m: np.ndarray) -> float:

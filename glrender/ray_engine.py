@@ -246,7 +246,7 @@ class _Solid(RayMesh):
     """A body that rays may meet."""
 
     def __init__(self, body: Body):
-        super().__init__(body.shape.vertices_m, body.shape.facets)
+        super().__init__(body.shape.vertices_m, body.shape.facets, body.shape.other_side)
         self.surface = Surface(body)
         self.needs_weights = body.smooth_normals or body.albedo_map is not None
 

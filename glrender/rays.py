@@ -66,6 +66,8 @@ class RayMesh:
     vertices_m : (V, 3) float64 [m]
     facets : (F, 3) int
         Counter-clockwise from outside.
+    other_side : (F,) int, optional
+        The facet that is the other side of each, in the same place, or -1: rays meet the one that they face.
 
     Attributes
     ----------
@@ -79,14 +81,14 @@ class RayMesh:
         embreex or numba is not installed.
     """
 
-    def __init__(self, vertices_m: np.ndarray, facets: np.ndarray):
+    def __init__(self, vertices_m: np.ndarray, facets: np.ndarray, other_side: np.ndarray | None = None):
         try:
             # Not before there is a mesh: it takes a third of a second.
             from . import ray_loops
         except ImportError as error:
             raise DeviceError(f"rays need embreex and numba: pip install 'glrender[raytrace]' ({error})") from error
         self._loops = ray_loops
-        self.facets = facets
+        self.facets, self._other_side = facets, other_side
         self.radius_m = float(np.linalg.norm(vertices_m, axis=1).max())
         corners = vertices_m[facets]
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -114,6 +116,12 @@ class RayMesh:
         """What rays (3, N) from a point (3,) [m], or from points (3, N), meet first."""
         place, facet, distance_m, ray, normal = self._loops.find_first(
             self._mesh.scene, origin_m.reshape(3, -1), ray, self.radius_m, self.normals.T, self._offset_m)
+        if self._other_side is not None:
+            # Embree takes either of two in one place.
+            other = self._other_side.take(facet)
+            turned = np.flatnonzero((other >= 0) & (dot(ray, normal) > 0.0))
+            facet[turned] = other.take(turned)
+            normal[:, turned] = -normal[:, turned]
         return Hits(place=place, facet=facet, distance_m=distance_m, ray=ray, normal=normal)
 
     def blocks(self, start_m: np.ndarray, direction: np.ndarray) -> np.ndarray:

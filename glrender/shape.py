@@ -3,29 +3,33 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+import logging
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 from glrender_camera.validate import integer, within
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from .errors import ShapeError, error_path
 from .shape_files import MAX_FACETS, read_shape_file
+from .shells import WELD_RTOL, Edges, are_all_different, seams, wound
+
+_log = logging.getLogger(__name__)
 
 _METRES_PER_UNIT = {"m": 1.0, "km": 1000.0}
-# Vertices closer than this share of the extent are one: a text file's last digit.
-_WELD_RTOL = 1e-9
 # Facets whose edges tell how rough a shape is.
 _CREASE_FACETS = 100_000
-# A body thinner than this share of its extent has no sides that float32 coordinates could tell apart.
-_FLAT_RTOL = 1e-6
 MIN_EXTENT_M, MAX_COORDINATE_M = 1e-3, 1e10
 """What a body may span: a grain of sand, whose facets' areas float32 still holds, to seven Suns."""
 # Small bodies span metres to a few thousand kilometres.
 _LIKELY_EXTENT_M = (1.0, 6e6)
+# What looks like one of those that are visited, by a file: 170 m (Dimorphos) to 279 km (Psyche). Kilometres read as
+# metres make them smaller than the first, metres read as kilometres larger than the second.
+_LIKELY_NATURAL_M = (30.0, 1.5e5)
+# Such a shape's facets at least, and of these the planes that differ at least, to so many digits of their normals: a
+# box of quadrilaterals has half at most.
+_NATURAL_FACETS, _NATURAL_PLANES, _NORMAL_DIGITS = 100, 0.8, 5
 
 
 def metres_per_unit(length_unit: str | float) -> float:
@@ -44,7 +48,12 @@ class ShapeReport:
     n_vertices: int
     n_facets: int
     n_shells: int
+    n_cavities: int
+    n_two_sided: int
     n_welded: int
+    n_seam: int
+    seam_tolerance_m: float
+    seam_gap_m: float
     n_unused: int
     n_degenerate: int
     n_duplicate: int
@@ -60,6 +69,11 @@ class ShapeReport:
         """Whether every edge has exactly two facets."""
         return not self.n_open_edges and not self.n_non_manifold_edges
 
+    @property
+    def has_odd_extent(self) -> bool:
+        """Whether no body of whatever kind is likely to be as small or as large."""
+        return not _LIKELY_EXTENT_M[0] <= max(self.extent_m) <= _LIKELY_EXTENT_M[1]
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Shape:
@@ -74,12 +88,18 @@ class Shape:
     uv : (F, 3, 2) float32 or None
         Texture coordinates of the corners, origin at the image's bottom left.
     report : ShapeReport
+    solid : (F,) bool, optional
+        Facets of shells that have an inside: closed, or closed but for holes. By default all.
+    other_side : (F,) int, optional
+        The facet that is the other side of each, in the same place, or -1. By default none has one.
     """
 
     vertices_m: np.ndarray
     facets: np.ndarray
     uv: np.ndarray | None
     report: ShapeReport
+    solid: np.ndarray | None = None
+    other_side: np.ndarray | None = None
 
     @classmethod
     def from_file(cls, path: str | Path, *, length_unit: str | float, max_facets: int = MAX_FACETS) -> Shape:
@@ -101,11 +121,15 @@ class Shape:
         path = Path(path)
         scale = metres_per_unit(length_unit)
         with error_path(path.name):
-            vertices, facets, uv = read_shape_file(path, integer("max_facets", max_facets, 1, 2**31 - 1))
+            mesh = read_shape_file(path, integer("max_facets", max_facets, 1, 2**31 - 1))
             # A number as long as 1e308 becomes infinite here and is refused as such.
             with np.errstate(over="ignore"):
-                vertices = vertices * scale
-            return cls.from_arrays(vertices, facets, uv=uv)
+                vertices_m = mesh.vertices * scale
+            shape = cls.from_arrays(vertices_m, mesh.facets, uv=mesh.uv)
+        told = (*mesh.warnings, *_unit_doubt(shape), *shape.report.warnings)
+        for text in told:
+            _log.warning("%s: %s", path.name, text)
+        return replace(shape, report=replace(shape.report, warnings=told))
 
     @classmethod
     def from_arrays(cls, vertices_m: np.ndarray, facets: np.ndarray, *, uv: np.ndarray | None = None) -> Shape:
@@ -216,7 +240,7 @@ def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None) -
         raise ShapeError("", "has no extent: all vertices coincide", vertices[0].tolist())
     if not extent >= MIN_EXTENT_M:
         raise ShapeError("", f"must have an extent of at least {MIN_EXTENT_M:g} m", extent, "is the length unit right?")
-    cell = extent * _WELD_RTOL
+    cell = extent * WELD_RTOL
     _, first, same = np.unique(np.round((vertices - vertices.min(axis=0)) / cell).astype(np.int64), axis=0,
                                return_index=True, return_inverse=True)
     same = same.ravel()
@@ -225,101 +249,127 @@ def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None) -
     rank = np.empty(len(order), np.int64)
     rank[order] = np.arange(len(order))
     n_welded, vertices, facets = len(vertices) - len(first), vertices[first[order]], rank[same][facets]
-
-    corner = vertices[facets]
-    area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
-    solid = area > 1e-15 * extent**2
-    n_degenerate = int((~solid).sum())
-    facets, uv = facets[solid], None if uv is None else uv[solid]
-    if not len(facets):
-        raise ShapeError("", "has no facet with an area", n_degenerate)
-    thickness = _thickness(vertices)
-    if not thickness > _FLAT_RTOL * extent:
-        raise ShapeError("", f"must not be flat: thicker than {_FLAT_RTOL:g} of its extent, {extent:.4g} m", thickness)
-    _, kept = np.unique(np.sort(facets, axis=1), axis=0, return_index=True)
-    kept = np.sort(kept)
-    n_duplicate = len(facets) - len(kept)
-    facets, uv = facets[kept], None if uv is None else uv[kept]
-
-    facets, flipped, shell, n_open, n_non_manifold = _wound(vertices, facets)
+    facets, uv, n_degenerate, n_duplicate = _without_copies(facets, uv)
+    edges = Edges(facets)
+    welded, tolerance_m, gap_m = seams(vertices, edges)
+    n_seam = int((welded != np.arange(len(vertices))).sum())
+    if n_seam:
+        facets, uv, *more = _without_copies(welded[facets], uv)
+        n_degenerate, n_duplicate, edges = n_degenerate + more[0], n_duplicate + more[1], Edges(facets)
+    shells = wound(vertices, facets, edges)
+    facets, flipped, solid = shells.facets, shells.is_flipped, shells.is_solid
     if uv is not None:
         uv = np.where(flipped[:, None, None], uv[:, [0, 2, 1]], uv)
+    # Facets without an area close what is around them, and are left out only when that is known.
+    corner = vertices[facets]
+    area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
+    kept = area > 1e-15 * extent**2
+    n_degenerate += int((~kept).sum())
+    if not kept.any():
+        raise ShapeError("", "has no facet with an area", n_degenerate)
+    facets, solid, flipped, uv = facets[kept], solid[kept], flipped[kept], None if uv is None else uv[kept]
     volume = _volume(vertices, facets)
     extents = tuple(float(x) for x in np.ptp(vertices, axis=0))
-    n_shells = int(shell.max()) + 1
-    warnings = []
-    if n_open:
-        warnings.append(f"{n_open} open edges: light passes through, and the shadow is wrong there")
-    if n_non_manifold:
-        warnings.append(f"{n_non_manifold} edges with more than two facets")
-    if not _LIKELY_EXTENT_M[0] <= extent <= _LIKELY_EXTENT_M[1]:
-        warnings.append(f"extent of {extent:.4g} m: is the length unit right (km or m)?")
-    if n_shells > 1:
-        warnings.append(f"{n_shells} separate shells")
+    n_flipped = int(flipped.sum())
     leftover, facets = np.unique(facets, return_inverse=True)
-    n_unused, vertices = n_unused + len(vertices) - len(leftover), vertices[leftover]
-    facets = facets.reshape(-1, 3).astype(np.int32)
-    for array in (vertices, facets, uv):
+    n_unused, vertices = n_unused + len(vertices) - len(leftover) - n_seam, vertices[leftover]
+    facets = facets.reshape(-1, 3)
+    other_side = None
+    if shells.n_two_sided:
+        other_side = _other_sides(facets)
+        vertices, facets = _with_own_backs(vertices, facets, other_side)
+    facets = facets.astype(np.int32)
+    for array in (vertices, facets, uv, solid, other_side):
         if array is not None:
             array.setflags(write=False)
     report = ShapeReport(
-        n_vertices=len(vertices), n_facets=len(facets), n_shells=n_shells, n_welded=n_welded, n_unused=n_unused,
-        n_degenerate=n_degenerate, n_duplicate=n_duplicate, n_flipped=int(flipped.sum()), n_open_edges=n_open,
-        n_non_manifold_edges=n_non_manifold, volume_m3=volume, extent_m=extents, warnings=tuple(warnings))
-    return Shape(vertices_m=vertices, facets=facets, uv=uv, report=report)
+        n_vertices=len(vertices), n_facets=len(facets), n_shells=shells.n_shells, n_cavities=shells.n_cavities,
+        n_two_sided=shells.n_two_sided, n_welded=n_welded + n_seam, n_seam=n_seam, seam_tolerance_m=tolerance_m,
+        seam_gap_m=gap_m, n_unused=n_unused, n_degenerate=n_degenerate, n_duplicate=n_duplicate, n_flipped=n_flipped,
+        n_open_edges=shells.n_open_edges, n_non_manifold_edges=shells.n_non_manifold_edges, volume_m3=volume,
+        extent_m=extents, warnings=())
+    return Shape(vertices_m=vertices, facets=facets, uv=uv, solid=solid, other_side=other_side,
+                 report=replace(report, warnings=_warnings(report, shells.n_holed_edges)))
 
 
-def _wound(vertices: np.ndarray,
-           facets: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, int, int]:
-    """Facets wound one way within each shell and outward, which were flipped, shells, open and odd edges."""
-    count = len(facets)
-    start, end = facets.ravel(), np.roll(facets, -1, axis=1).ravel()
-    low, high = np.minimum(start, end), np.maximum(start, end)
-    key = low * np.int64(len(vertices)) + high
-    order = np.argsort(key, kind="stable")
-    _, begin, size = np.unique(key[order], return_index=True, return_counts=True)
-    pairs = begin[size == 2]
-    a, b = order[pairs], order[pairs + 1]
-    # Two facets that run along an edge the same way are wound against each other.
-    against = start[a] == start[b]
-    owner_a, owner_b = a // 3, b // 3
-    shell = connected_components(coo_array((np.ones(len(a)), (owner_a, owner_b)), shape=(count, count)),
-                                 directed=False)[1]
-    flipped = np.zeros(count, bool)
-    if against.any():
-        flipped = _two_coloured(count, owner_a, owner_b, against, shell)
-    facets = np.where(flipped[:, None], facets[:, [0, 2, 1]], facets)
-    centre = vertices.mean(axis=0)
-    corner = vertices[facets] - centre
-    volume = np.bincount(shell, np.einsum("ij,ij->i", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])))
-    inward = volume[shell] < 0.0
-    return (np.where(inward[:, None], facets[:, [0, 2, 1]], facets), flipped ^ inward, shell,
-            int((size == 1).sum()), int((size > 2).sum()))
+def _warnings(report: ShapeReport, n_holed_edges: int) -> tuple[str, ...]:
+    """What a user should know of a shape, and what to do about it."""
+    told, n_open = [], report.n_open_edges - n_holed_edges
+    if n_holed_edges:
+        told.append(f"{n_holed_edges} open edges of holes in a surface that is closed else: light and sight pass "
+                    "through; close them in the program that made the shape")
+    if n_open:
+        told.append(f"{n_open} open edges of a surface that encloses nothing, as terrain: it is seen and lit from the "
+                    "front of its facets alone; if it is dark from above, wind them the other way")
+    if report.n_non_manifold_edges:
+        told.append(f"{report.n_non_manifold_edges} edges with more than two facets: surfaces part there, and one that "
+                    "is not closed without the others is not turned outward; leave out walls that nobody sees")
+    if report.has_odd_extent:
+        told.append(f"extent of {max(report.extent_m):.4g} m: is the length unit right (km or m)?")
+    if report.n_shells > 1:
+        cavities = f", {report.n_cavities} of cavities" if report.n_cavities else ""
+        told.append(f"{report.n_shells} separate shells{cavities}")
+    if report.n_flipped:
+        told.append(f"{report.n_flipped} facets turned over, so that neighbours agree, closed shells face outward and "
+                    "those of cavities inward; where that is wrong, see that no shell cuts another")
+    if report.n_seam:
+        told.append(f"{report.n_seam} vertices on open edges welded to others within {report.seam_tolerance_m:.3g} m, "
+                    f"over gaps of up to {report.seam_gap_m:.3g} m; where gaps are meant, make them wider")
+    if report.n_degenerate:
+        told.append(f"{report.n_degenerate} facets without an area left out")
+    if report.n_duplicate:
+        told.append(f"{report.n_duplicate} facets left out that are there twice with the same side")
+    return tuple(told)
 
 
-def _two_coloured(count: int, owner_a: np.ndarray, owner_b: np.ndarray, against: np.ndarray,
-                  shell: np.ndarray) -> np.ndarray:
-    """Which facets to flip so that neighbours agree, each shell from its first facet outward."""
-    graph = coo_array((np.where(against, 2, 1), (owner_a, owner_b)), shape=(count, count)).tocsr()
-    graph = graph.maximum(graph.T).tocsr()
-    flipped = np.zeros(count, bool)
-    seeds = np.unique(shell, return_index=True)[1]
-    for seed in seeds[np.unique(shell[owner_a[against]])]:
-        order, parent = breadth_first_order(graph, seed, directed=False)
-        rows = order[1:]
-        if not len(rows):
-            continue
-        turns = np.asarray(graph[parent[rows], rows]).ravel() == 2
-        for facet, before, turn in zip(rows.tolist(), parent[rows].tolist(), turns.tolist(), strict=True):
-            flipped[facet] = flipped[before] ^ turn
-    return flipped
+def _without_copies(facets: np.ndarray, uv: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None, int, int]:
+    """Facets with three corners, each side of one once, and how many of both kinds are left out."""
+    a, b, c = facets.T
+    kept = np.flatnonzero((a != b) & (b != c) & (c != a))
+    if not len(kept):
+        raise ShapeError("", "has no facet with an area", len(facets))
+    n_degenerate, once = len(facets) - len(kept), kept
+    if not are_all_different(facets[kept]):
+        first = np.argmin(facets[kept], axis=1)
+        turned = np.take_along_axis(facets[kept], (first[:, None] + np.arange(3)) % 3, axis=1)
+        once = kept[np.sort(np.unique(turned, axis=0, return_index=True)[1])]
+    if len(once) < len(facets):
+        facets, uv = facets[once], None if uv is None else uv[once]
+    return facets, uv, n_degenerate, len(kept) - len(once)
 
 
-def _thickness(vertices: np.ndarray) -> float:
-    """Extent [m] across the plane that fits the vertices best."""
-    centred = vertices - vertices.mean(axis=0)
-    normal = np.linalg.eigh(centred.T @ centred)[1][:, 0]
-    return float(np.ptp(centred @ normal))
+def _other_sides(facets: np.ndarray) -> np.ndarray:
+    """Which facet (F,) is the other side of each, or -1."""
+    _, same, count = np.unique(np.sort(facets, axis=1), axis=0, return_inverse=True, return_counts=True)
+    order = np.argsort(same.ravel(), kind="stable")
+    first = (np.cumsum(count) - count)[count == 2]
+    found = np.full(len(facets), -1)
+    found[order[first]], found[order[first + 1]] = order[first + 1], order[first]
+    return found
+
+
+def _with_own_backs(vertices: np.ndarray, facets: np.ndarray, other_side: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Facets whose other side comes before them with vertices of their own, so that each side has its normals there."""
+    is_back = (other_side >= 0) & (other_side < np.arange(len(facets)))
+    own, corner = np.unique(facets[is_back], return_inverse=True)
+    facets[is_back] = corner.reshape(-1, 3) + len(vertices)
+    return np.concatenate([vertices, vertices[own]]), facets
+
+
+def _unit_doubt(shape: Shape) -> tuple[str, ...]:
+    """Whether a file's unit of length is right: of what looks like a small body, closed, in one piece and rough."""
+    report, extent = shape.report, max(shape.report.extent_m)
+    low, high = _LIKELY_NATURAL_M
+    if report.has_odd_extent or low <= extent <= high:
+        return ()
+    if not report.is_watertight or report.n_shells > 1 or report.n_facets < _NATURAL_FACETS:
+        return ()
+    planes = np.unique(np.round(shape.facet_normals, _NORMAL_DIGITS), axis=0)
+    if len(planes) < _NATURAL_PLANES * report.n_facets:
+        return ()
+    size, unit = ("small", "kilometres") if extent < low else ("large", "metres")
+    return (f"extent of {extent:.4g} m: is the length unit right (km or m)? Few bodies of this kind are so {size}; if "
+            f"the file is in {unit}, say so",)
 
 
 def _volume(vertices: np.ndarray, facets: np.ndarray) -> float:

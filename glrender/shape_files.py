@@ -4,21 +4,46 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import trimesh
 
 from .errors import ShapeError
+from .ply_files import read_ply
+from .polygons import triangulated
+from .stl_files import read_stl
 
 MAX_FACETS = 20_000_000
 # Bytes of a file that no facet count within the limit explains.
 _MAX_BYTES = 4 * 1024**3
 
-Arrays = tuple[np.ndarray, np.ndarray, np.ndarray | None]
+
+@dataclass(frozen=True)
+class FileMesh:
+    """A shape file's content: triangles, as the file has them.
+
+    Attributes
+    ----------
+    vertices : (V, 3) float64
+        In the file's unit.
+    facets : (F, 3) int64
+        From 0.
+    uv : (F, 3, 2) float32 or None
+        Texture coordinates of the corners.
+    warnings : tuple of str
+        Of what was left out.
+    """
+
+    vertices: np.ndarray
+    facets: np.ndarray
+    uv: np.ndarray | None = None
+    warnings: tuple[str, ...] = ()
 
 
-def read_shape_file(path: Path, max_facets: int) -> Arrays:
-    """Vertices (V, 3) float64, facets (F, 3) int64 from 0, corner texture coordinates (F, 3, 2) or None.
+def read_shape_file(path: Path, max_facets: int) -> FileMesh:
+    """What a shape file holds, polygons cut into triangles.
 
     Raises
     ------
@@ -88,7 +113,7 @@ def _limit(count: int, max_facets: int, path: Path) -> None:
         raise ShapeError("", f"has more than {max_facets} facets", count, "decimate it, or raise max_facets")
 
 
-def _obj(path: Path, max_facets: int) -> Arrays:
+def _obj(path: Path, max_facets: int) -> FileMesh:
     vertex_rows, texture_rows, faces = [], [], []
     text = _text(path)
     if "#" in text:
@@ -120,28 +145,31 @@ def _obj(path: Path, max_facets: int) -> Arrays:
     if plain and "-" not in text and all(len(face[0].split()) == 3 for face in faces):
         # The common case, all at once: triangles, positive indices.
         if slashes == 0:
-            return vertices, _integers(path, tokens).reshape(-1, 3) - 1, None
-        if slashes == len(tokens) and texture is not None:
+            return FileMesh(vertices, _integers(path, tokens).reshape(-1, 3) - 1)
+        if slashes == len(tokens) and texture is not None and all(token.count("/") == 1 for token in tokens):
             pairs = _integers(path, text.replace("/", " ").split()).reshape(-1, 3, 2) - 1
-            return vertices, pairs[..., 0], _corner_uv(texture, pairs[..., 1])
-    facets, corners, has_texture = [], [], texture is not None
+            return FileMesh(vertices, pairs[..., 0], _corner_uv(texture, pairs[..., 1]))
+    corners, uv_corners, sizes, n_textured = [], [], [], 0
     for face, n_vertices, n_texture in faces:
         polygon = [token.split("/") for token in face.split()]
         if len(polygon) < 3:
             raise ShapeError("", "has a facet with fewer than 3 corners", f"f {face}")
         try:
-            index = [_from_one(int(corner[0]), n_vertices) for corner in polygon]
-            if has_texture and all(len(corner) > 1 and corner[1] for corner in polygon):
-                uv = [_from_one(int(corner[1]), n_texture) for corner in polygon]
-            else:
-                has_texture, uv = False, [0] * len(polygon)
+            corners += [_from_one(int(corner[0]), n_vertices) for corner in polygon]
+            if all(len(corner) > 1 and corner[1] for corner in polygon):
+                uv_corners += [_from_one(int(corner[1]), n_texture) for corner in polygon]
+                n_textured += 1
         except ValueError:
             raise ShapeError("", "has a facet with an index that is no integer", f"f {face}") from None
-        for k in range(1, len(polygon) - 1):
-            facets.append((index[0], index[k], index[k + 1]))
-            corners.append((uv[0], uv[k], uv[k + 1]))
-    facets = np.array(facets, np.int64)
-    return vertices, facets, _corner_uv(texture, np.array(corners)) if has_texture else None
+        sizes.append(len(polygon))
+    uv, warnings = None, ()
+    if texture is not None and n_textured == len(faces):
+        uv = _corner_uv(texture, np.array(uv_corners))
+    elif texture is not None and n_textured:
+        warnings = (f"texture coordinates are left out, {len(faces) - n_textured} of {len(faces)} facets have none: no "
+                    f"albedo map can be used until every corner of every facet names its own (v/vt)",)
+    return replace(_of_polygons(vertices, np.array(corners, np.int64), np.array(sizes), max_facets, path, uv),
+                   warnings=warnings)
 
 
 def _from_one(index: int, count: int) -> int:
@@ -162,41 +190,34 @@ def _corner_uv(texture: np.ndarray, index: np.ndarray) -> np.ndarray:
     return texture[index].astype(np.float32)
 
 
-def _by_trimesh(path: Path, max_facets: int) -> Arrays:
-    import trimesh
+def _ply(path: Path, max_facets: int) -> FileMesh:
+    vertices, corners, sizes = read_ply(path)
+    return _of_polygons(vertices, corners, sizes, max_facets, path)
 
-    if path.suffix.lower() == ".ply":
-        head = path.read_bytes()[:4096].split(b"end_header")[0]
-        for kind, count in re.findall(rb"element\s+(vertex|face)\s+(\d+)", head):
-            # A row takes at least six bytes: a header that promises more is broken or hostile.
-            if int(count) > path.stat().st_size // 6:
-                raise ShapeError("", f"promises more {kind.decode()} rows than the file can hold", int(count))
-    else:
-        _check_stl(path)
-    mesh = trimesh.load(path, process=False, force="mesh", skip_materials=True)
-    vertices, facets = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
-    if not len(facets):
+
+def _stl(path: Path, max_facets: int) -> FileMesh:
+    points, sizes, warnings = read_stl(path)
+    if not len(sizes):
         raise ShapeError("", "has no facets", str(path))
-    _limit(len(facets), max_facets, path)
-    return vertices, facets, None
+    return replace(_of_polygons(points, np.arange(len(points)), sizes, max_facets, path), warnings=warnings)
 
 
-def _check_stl(path: Path) -> None:
-    """Binary: 80 bytes, a count, 50 bytes a facet. Anything else must be text that begins with `solid`."""
-    data = path.read_bytes()
-    count = int.from_bytes(data[80:84], "little")
-    if len(data) >= 84 and len(data) == 84 + 50 * count:
-        return
+def _of_polygons(vertices: np.ndarray, corners: np.ndarray, sizes: np.ndarray, max_facets: int,
+                 path: Path, uv: np.ndarray | None = None) -> FileMesh:
+    """Triangles of polygons of some corners each (P,): of all in turn the vertices (N,) and texture coordinates (N, 2).
+    """
+    few = np.flatnonzero(sizes < 3)
+    if len(few):
+        raise ShapeError(f"facets[{few[0]}]", "has fewer than 3 corners", int(sizes[few[0]]))
+    _limit(int(sizes.sum()) - 2 * len(sizes), max_facets, path)
     try:
-        if data.lstrip()[:5].lower() == b"solid" and data.decode("utf-8"):
-            return
-    except UnicodeDecodeError:
-        pass
-    raise ShapeError("", f"is neither text nor binary STL: {len(data)} bytes do not fit a count of facets", count,
-                     f"a binary file of as many has {84 + 50 * count} bytes")
+        triangles = triangulated(vertices, corners, sizes)
+    except ValueError as error:
+        raise ShapeError("", f"has {error}", str(path)) from None
+    return FileMesh(vertices, corners[triangles], None if uv is None else uv[triangles])
 
 
-def _plate_model(path: Path, max_facets: int) -> Arrays:
+def _plate_model(path: Path, max_facets: int) -> FileMesh:
     """PDS plate model: a count line, vertices, a count line, plates from 1; index columns optional."""
     rows = [line.replace(",", " ") for line in _lines(path) if line.strip() and not line.lstrip().startswith("#")]
     if not rows:
@@ -226,10 +247,10 @@ def _plate_model(path: Path, max_facets: int) -> Arrays:
     wrong = np.flatnonzero(((plates != np.round(plates)) | (np.abs(plates) > 2**31)).any(axis=1))
     if len(wrong):
         raise ShapeError("", "has a plate with an index that is no 32-bit integer", plate_rows[wrong[0]].strip())
-    return vertices, plates.astype(np.int64) - 1, None
+    return FileMesh(vertices, plates.astype(np.int64) - 1)
 
 
-def _icq(path: Path, max_facets: int) -> Arrays:
+def _icq(path: Path, max_facets: int) -> FileMesh:
     """Implicitly connected quadrilaterals (Gaskell): q, then six faces of (q + 1) x (q + 1) vertices."""
     rows = [line for line in _lines(path) if line.strip()]
     if not rows:
@@ -250,10 +271,17 @@ def _icq(path: Path, max_facets: int) -> Arrays:
     other = np.linalg.norm(vertices[quad[:, 1]] - vertices[quad[:, 3]], axis=1)
     first = np.where((across <= other)[:, None], quad[:, [0, 1, 2]], quad[:, [0, 1, 3]])
     second = np.where((across <= other)[:, None], quad[:, [0, 2, 3]], quad[:, [1, 2, 3]])
-    return vertices, np.concatenate([first, second]), None
+    return FileMesh(vertices, np.concatenate([first, second]))
 
 
-_READERS: dict[str, Callable[[Path, int], Arrays]] = {
-    ".obj": _obj, ".ply": _by_trimesh, ".stl": _by_trimesh, ".tab": _plate_model, ".plt": _plate_model,
-    ".icq": _icq,
+def _by_trimesh(path: Path, max_facets: int) -> FileMesh:
+    """What trimesh reads of other formats: all meshes of a file in one, where its scene has them."""
+    mesh = trimesh.load_mesh(path, process=False)
+    _limit(len(mesh.faces), max_facets, path)
+    return FileMesh(np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64))
+
+
+_READERS: dict[str, Callable[[Path, int], FileMesh]] = {
+    ".obj": _obj, ".ply": _ply, ".stl": _stl, ".tab": _plate_model, ".plt": _plate_model,
+    ".icq": _icq, ".glb": _by_trimesh, ".off": _by_trimesh,
 }

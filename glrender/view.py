@@ -17,6 +17,8 @@ from .state import State
 
 # The outline's edges, float64 pixel coordinates, are then good to 1e-4 of its size.
 _MIN_SIZE_PX = 1e-9
+# Radii: the range of a camera at the origin of open terrain, or in a cavity, by which others divide.
+_LEAST_RANGE = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -161,7 +163,8 @@ def _view(name: str, hull: Hull, state: State, camera: PinholeCamera, camera_fro
                          state.r_sun_inertial_m.tolist(), "it is a position in metres, not a direction")
     if not hull.is_outside(r_camera):
         raise SceneError("state.spacecraft.r_inertial_m", f"the camera must be outside body {name!r}",
-                         state.spacecraft.r_inertial_m.tolist(), f"it is {range_m:.6g} m from the body's origin")
+                         state.spacecraft.r_inertial_m.tolist(), f"it is {range_m:.6g} m from the body's origin, and "
+                         f"the body reaches {hull.radius_m:.6g} m: is its length unit right?")
     sun_direction = r_sun / sun_distance
     camera_from_body = camera_from_inertial @ body_from_inertial.T
     points = camera_from_body @ (hull.points_m - r_camera[:, None])
@@ -184,6 +187,7 @@ def _view(name: str, hull: Hull, state: State, camera: PinholeCamera, camera_fro
     to_camera = r_camera / range_m if range_m > 0.0 else sun_direction
     return BodyView(
         name=name, camera_from_body=camera_from_body, r_camera_body_m=r_camera, sun_direction_body=sun_direction,
-        sun_distance_au=sun_distance / AU_M, range_m=range_m, phase_rad=phase_angle(sun_direction, to_camera),
+        sun_distance_au=sun_distance / AU_M, range_m=max(range_m, _LEAST_RANGE * hull.radius_m),
+        phase_rad=phase_angle(sun_direction, to_camera),
         depth_m=(nearest, farthest), bounds_px=bounds, is_visible=is_visible,
         is_whole=_is_within(bounds, camera.bounds_px))

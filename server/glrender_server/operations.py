@@ -90,7 +90,7 @@ class Operations:
                          "mosaic": list(c.model.pattern) if isinstance(c.model, MosaicModel) else None}
                         for c in self.scene.cameras],
             "bodies": [{"name": b.name, "n_facets": len(b.shape.facets), "radius_m": b.shape.radius_m,
-                        "law": b.brdf.glsl} for b in self.scene.bodies],
+                        "law": b.brdf.glsl, "warnings": list(b.shape.report.warnings)} for b in self.scene.bodies],
             "max_error": self.scene.max_error, "warnings": [asdict(advice) for advice in scene_advice(self.scene)],
             "stars": None if self.scene.stars is None else asdict(self.scene.stars), **self._renderer.info}
 

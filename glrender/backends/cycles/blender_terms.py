@@ -117,14 +117,18 @@ def _described(body: Body) -> dict[str, Any]:
 
 def _arrays(body: Body, origin_m: np.ndarray, unit_m: float) -> dict[str, np.ndarray]:
     shape = body.shape
+    # Blender draws both sides of a facet: of two in one place one is enough.
+    kept = np.arange(len(shape.facets))
+    if shape.other_side is not None:
+        kept = kept[(shape.other_side < 0) | (kept < shape.other_side)]
     arrays = {"vertices": ((shape.vertices_m - origin_m) / unit_m).astype(np.float32),
-              "facets": shape.facets.astype(np.int32)}
+              "facets": shape.facets[kept].astype(np.int32)}
     if body.smooth_normals:
         arrays["normals"] = shape.vertex_normals.astype(np.float32)
     if body.albedo_map is not None:
         # Blender repeats a texture: a row more on top and below, so that none comes round from the other end.
         texture = np.pad(body.albedo_map[::-1], ((1, 1), (0, 0)), mode="edge")
-        uv = shape.uv.astype(np.float64)
+        uv = shape.uv[kept].astype(np.float64)
         uv[..., 1] = (np.clip(uv[..., 1], 0.0, 1.0) * (len(texture) - 2) + 1.0) / len(texture)
         arrays |= {"texture": texture, "uv": uv.astype(np.float32)}
     return arrays
