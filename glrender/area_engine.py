@@ -76,7 +76,7 @@ class AreaEngine:
         self._lit_triangles = lit_triangles
         self._scene, self._rays, self._kept_middles = scene, rays, kept_middles.KeptMiddles()
         self._kept_cuts = KeptAtNodes(_DIRECTIONS, _RANGES) if keeps_areas else None
-        sides_m = {body.name: longest_sides_m(body.shape.vertices_m, body.shape.facets) for body in scene.bodies}
+        sides_m = {body.name: longest_sides_m(body.drawn_shape.vertices_m, body.shape.facets) for body in scene.bodies}
         smallest_m = min(each[each > 0.0].min() for each in sides_m.values())
         # Areas of bodies, of shells and of surfaces that are there twice overlap where nothing is missing for it.
         self._is_one_surface = len(scene.bodies) == 1 and _is_one_surface(scene.bodies[0].shape)

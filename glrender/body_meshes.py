@@ -20,7 +20,7 @@ from .surface import Surface
 
 def body_levels(body: Body) -> tuple[tuple[Level, ...], tuple[FluxRatio, ...]]:
     """Levels of detail and what they do to the flux; none without rays to measure it."""
-    levels = levels_of_detail(body.shape)
+    levels = levels_of_detail(body.drawn_shape)
     try:
         return levels, flux_ratios(body, levels)
     except DeviceError:
@@ -29,7 +29,7 @@ def body_levels(body: Body) -> tuple[tuple[Level, ...], tuple[FluxRatio, ...]]:
 
 def body_meshes(context: Context, body: Body, levels: tuple[Level, ...]) -> Iterator[Mesh]:
     """The full shape and its levels of detail, finest first; each to be closed."""
-    shape = body.shape
+    shape = body.drawn_shape
     yield Mesh(context, shape.vertices_m, shape.facets, body.brdf,
                vertex_normals=shape.vertex_normals if body.smooth_normals else None,
                uv=shape.uv, albedo_map=body.albedo_map)
@@ -43,7 +43,7 @@ def body_meshes(context: Context, body: Body, levels: tuple[Level, ...]) -> Iter
 def body_traits(body: Body, levels: tuple[Level, ...], ratios: tuple[FluxRatio, ...],
                 by_areas: tuple[AreaLevel, ...] = ()) -> BodyTraits:
     """What the planner knows of a body."""
-    shape, surface = body.shape, Surface(body)
+    shape, surface = body.drawn_shape, Surface(body)
     areas = shape.facet_areas_m2
     up, aside_rad = np.array([[0.0, 0.0, 1.0]]), math.radians(30.0)
     to_sun = np.array([math.sin(aside_rad), 0.0, math.cos(aside_rad)])

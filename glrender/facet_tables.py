@@ -81,7 +81,7 @@ class FacetTables:
         # Not before there is a body: its loops are compiled, or read, at the first import.
         from . import facet_loops
 
-        shape = body.shape
+        shape = body.drawn_shape
         self.surface = Surface(body)
         self.n_facets = len(shape.facets)
         self.longest_side_m = float(longest_sides_m(shape.vertices_m, shape.facets).max())

@@ -103,12 +103,12 @@ def laser_ranges(scene: Scene, state: State, directions_camera: np.ndarray, came
     facet_id, incidence = np.full(len(rays), -1, np.int32), np.full(len(rays), np.nan)
     views = view_bodies(state, pinhole, scene.hulls)
     for index, (body, view) in enumerate(zip(scene.bodies, views, strict=True)):
-        vertices = body.shape.vertices_m - view.r_camera_body_m
+        vertices = body.drawn_shape.vertices_m - view.r_camera_body_m
         ray_body = rays @ view.camera_from_body
-        distance, facet = first_hits(vertices, body.shape.facets, ray_body)
+        distance, facet = first_hits(vertices, body.drawn_shape.facets, ray_body)
         nearer = np.flatnonzero(distance < nearest)
         nearest[nearer], body_id[nearer], facet_id[nearer] = distance[nearer], index, facet[nearer]
-        a, b, c = np.moveaxis(vertices[body.shape.facets[facet[nearer]]], 1, 0)
+        a, b, c = np.moveaxis(vertices[body.drawn_shape.facets[facet[nearer]]], 1, 0)
         normal = np.cross(b - a, c - a)
         # The angle between two vectors that is exact near 0 as well.
         back = -ray_body[nearer]

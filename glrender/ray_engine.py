@@ -166,7 +166,7 @@ class RayEngine:
                 made["sunlit"][part][facing.place] = is_lit
                 values = {"range": hits.distance_m, "body_id": index, "facet_id": hits.facet,
                           "incidence": _angle(normal, view.sun_direction_body), "emission": _angle(normal, -ray),
-                          "phase": _angle(-ray, view.sun_direction_body), "r_body": _points(hits, view).T}
+                          "phase": _angle(-ray, view.sun_direction_body), "r_body": _points(hits, view).T + view.centre_m}
                 for name, value in values.items():
                     made[name][part][hits.place] = value
 
@@ -242,7 +242,7 @@ class _Solid(RayMesh):
     """A body that rays may meet."""
 
     def __init__(self, body: Body):
-        super().__init__(body.shape.vertices_m, body.shape.facets)
+        super().__init__(body.drawn_shape.vertices_m, body.drawn_shape.facets)
         self.surface = Surface(body)
         self.needs_weights = body.smooth_normals or body.albedo_map is not None
 

@@ -116,7 +116,7 @@ def _described(body: Body) -> dict[str, Any]:
 
 
 def _arrays(body: Body, origin_m: np.ndarray, unit_m: float) -> dict[str, np.ndarray]:
-    shape = body.shape
+    shape = body.drawn_shape
     arrays = {"vertices": ((shape.vertices_m - origin_m) / unit_m).astype(np.float32),
               "facets": shape.facets.astype(np.int32)}
     if body.smooth_normals:
