@@ -14,6 +14,7 @@ from .gl.mesh import Mesh
 from .level_tables import AreaLevel
 from .lod import Level, levels_of_detail
 from .lod_flux import FluxRatio, flux_ratios
+from .rays import longest_sides_m
 from .scene import Body
 from .surface import Surface
 
@@ -51,6 +52,7 @@ def body_traits(body: Body, levels: tuple[Level, ...], ratios: tuple[FluxRatio, 
     return BodyTraits(
         radius_m=body.hull.radius_m, is_convex=body.hull.is_convex, law=body.brdf.glsl,
         max_phase_rad=body.brdf.max_phase, relief=body.relief, area_levels=by_areas,
+        longest_side_m=float(longest_sides_m(shape.vertices_m, shape.facets).max()),
         even_facet_m=math.sqrt(float(areas @ areas) / float(areas.sum())) if surface.is_even else math.inf,
         reflectance=float(surface.brdf(to_sun, up, up, np.ones(1))[0]),
         levels=(full, *(LevelTraits(n_facets=len(level.facets), crease_rad=shape.crease_rad,

@@ -22,6 +22,8 @@ from .error_model import (
     leaked_flux,
     level_error,
     level_flux_error,
+    parallel_error,
+    rounding_error,
     shadow_share,
     squared_errors,
 )
@@ -69,7 +71,8 @@ def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, casters
     used = choose_level(view, traits, footprint_m, budget) if level is None else min(level, len(traits.levels) - 1)
     chosen = traits.levels[used]
     ratio, _ = (1.0, 0.0) if chosen.flux_ratio is None else chosen.flux_ratio.at(view.phase_rad)
-    squared = level_error(view, chosen, footprint_m) ** 2
+    is_relative = is_close(view, traits.radius_m, footprint_m)
+    squared = level_error(view, chosen, footprint_m) ** 2 + rounding_error(view, traits, is_relative) ** 2
     shadow_px, penumbra_error = None, 0.0
     if view.is_visible:
         shadow_px = plan_shadow(view, chosen, traits.is_convex, bool(casters), budget, seen_share)
@@ -84,7 +87,7 @@ def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, casters
     return BodyPlan(
         name=view.name, is_visible=view.is_visible, n_facets=chosen.n_facets, level=used,
         law=traits.law, shadow_map_px=shadow_px, shadow_map_reused=False,
-        relative_to_camera=is_close(view, traits.radius_m, footprint_m),
+        relative_to_camera=is_relative,
         normal_lookup=footprint_m < 2e-4 * traits.radius_m, size_px=view.size_px, flux_ratio=ratio,
         modelling_error=math.sqrt(squared), penumbra_px=max(penumbra.width_px, eclipse.width_px),
         penumbra_error=penumbra_error, eclipse=eclipse, shown_share=shown_share,
@@ -169,7 +172,8 @@ def told_plan(camera: PinholeCamera, max_error: float, views: Sequence[BodyView]
             left_out.append(f"{view.name}: {known.levels[body.level].n_facets} of {known.levels[0].n_facets} facets")
     left_out += [f"{', '.join(window.bodies)}: samples for a flux within a tenth of the budget: it may be off by up to "
                  f"{window.flux_error:.2g}" for window in windows if window.flux_error]
-    predicted = max((window.predicted_error for window in windows), default=0.0)
+    parallel = max((parallel_error(view, traits[view.name]) for view in views if view.is_visible), default=0.0)
+    predicted = math.hypot(max((window.predicted_error for window in windows), default=0.0), parallel)
     if predicted > max_error * (1.0 + 1e-6) and any(math.isfinite(window.budget) for window in windows):
         warnings.append(f"the budget of {max_error:g} is not met: {predicted:.2g} is expected; "
                         "allow_slow has a slow backend draw it")
