@@ -2,7 +2,7 @@
 
 All rays start at the instrument, so a facet can only be met by rays inside its outline as seen from
 there. Outlines are boxes on the faces of a cube around the instrument; rays and facets are halved
-together until few are left, and those are intersected exactly.
+together until few are left, and those are intersected exactly: edges and corners leave no gap.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from glrender_camera.validate import finite, integer, positive
 from .errors import ConfigError
 from .scene import Scene
 from .state import State
-from .triangles import intersect
+from .triangles import distances
 from .view import view_bodies
 
 MAX_DIRECTIONS = 10_000
@@ -209,8 +209,11 @@ def _halve(vertices: np.ndarray, facets: np.ndarray, rays: np.ndarray, distance:
         for half in np.array_split(order, 2):
             _halve(vertices, facets, rays, distance, facet, mine[half], place[half], candidates, low, high)
         return
-    t = intersect(vertices[facets[candidates]], rays[mine])
-    best = np.argmin(t, axis=1)
-    reached = t[np.arange(len(mine)), best]
-    hit = reached < distance[mine]
-    distance[mine[hit]], facet[mine[hit]] = reached[hit], candidates[best[hit]]
+    ray, near = np.nonzero(((low <= place[:, None] + margin) & (high >= place[:, None] - margin)).all(axis=2))
+    ray, near = mine[ray], candidates[near]
+    t = distances(vertices[facets[near]], rays[ray])
+    # Of each ray the nearest first; of two as near the first of the shape.
+    order = np.lexsort((t, ray))
+    order = order[np.diff(ray[order], prepend=-1) > 0]
+    hit = order[t[order] < distance[ray[order]]]
+    distance[ray[hit]], facet[ray[hit]] = t[hit], near[hit]
