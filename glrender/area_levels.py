@@ -66,8 +66,8 @@ def area_levels(body: Body, levels: Sequence[Level], cache: Path | None = None
     kinds = [LevelPlan(number=number, has_relief=has_relief, by_middles=by_middles)
              for number, shape in enumerate(shapes) for has_relief in (False, True) for by_middles in (False, True)
              if (by_middles or number) and (number or not has_relief) and (has_middles(shape) or not by_middles)]
-    kinds += [LevelPlan(by_middles=True, n_points=n_points) for n_points in point_counts(len(body.drawn_shape.facets))]
-    digest = hashlib.sha256(f"{body.drawn_shape.content_hash} {body.brdf!r} {[each.shape.content_hash for each in made]} "
+    kinds += [LevelPlan(by_middles=True, n_points=n_points) for n_points in point_counts(len(body.shape.facets))]
+    digest = hashlib.sha256(f"{body.shape.content_hash} {body.brdf!r} {[each.shape.content_hash for each in made]} "
                             f"{kinds} {_ASPECTS} {_RANGE_RADII} {_BUDGET} {_SMALL_PX} {SIZES_PX.tolist()} "
                             f"{PHASES_RAD.tolist()}".encode())
     names = [f"{name}_{k}" for k in range(len(kinds)) for name in _NAMES]
@@ -92,7 +92,7 @@ def _measured(body: Body, levels: Sequence[LevelShape], kinds: Sequence[LevelPla
     scene = Scene(bodies=[body], cameras=[camera], sun_disc=False)
     rays = RayEngine(scene)
     # Not before: where there are no rays nothing is measured.
-    tell_of_wait(_log, "measuring levels of detail", len(body.drawn_shape.facets), _FACET_S)
+    tell_of_wait(_log, "measuring levels of detail", len(body.shape.facets), _FACET_S)
     areas = AreaEngine(scene, rays, {body.name: levels}, keeps_areas=False)
     # Of each shape, aspect and phase: the flux, where it is large and where it is small, its centre [px], and sums over
     # the image at each size.
@@ -149,7 +149,7 @@ def _measured(body: Body, levels: Sequence[LevelShape], kinds: Sequence[LevelPla
                  f"flux_ratio_{k}": np.where(known[:, None], mean[k], 1.0),
                  f"flux_scatter_{k}": np.where(known[:, None], scatter[k], _UNKNOWN),
                  f"centre_{k}": np.where(known, shift[k], _UNKNOWN), f"told_{k}": told_at[k]}
-    _log.info("levels of detail of %d facets by areas measured in %.1f s", body.drawn_shape.report.n_facets,
+    _log.info("levels of detail of %d facets by areas measured in %.1f s", body.shape.report.n_facets,
               time.perf_counter() - began)
     return made
 

@@ -12,7 +12,7 @@ from .constants import AU_M
 from .level_tables import AreaLevel
 from .lod_flux import FluxRatio
 from .relief import Relief
-from .view import BodyView
+from .view import FINE_FOOTPRINT, BodyView
 
 # Squared error of one sample a pixel: limb and terminator, and creases between facets; as measured
 # (docs/planner.md: 0.43, 0.34), times the square of what predictions are kept above the truth by.
@@ -33,6 +33,8 @@ _PENUMBRA_WIDTH = 1e-3
 _LEAK, _LEAK_POWERS, _LEAK_CREASE_RAD = 1.9, (1.2, 1.57), 0.146
 # Half a step of float32 coordinates, and RMS error for each pixel that they are off.
 _FLOAT32, _ROUNDING_ERROR = 2.0**-24, 0.1
+# RMS error of rays, over radii that a pixel sees.
+_RAY_ROUNDING = 3e-8
 # RMS error of a level of detail, and its flux error over the scatter of the ratio between aspects.
 _LEVEL_ERROR, _OUTLINE_ERROR, _FLUX_SCATTERS = 0.5, 1.2, 2.5
 # Facets that a pixel sees, about, times squared size over all of them: half of them face it, on 0.6 of the square.
@@ -90,14 +92,34 @@ class BodyTraits:
     """BRDF [1/sr] with the Sun 30 deg off the camera overhead."""
 
 
+def rounding_px(view: BodyView, traits: BodyTraits, is_relative: bool) -> float:
+    """How far [px] OpenGL's float32 coordinates put what is nearest, about the body's origin or relative to the camera.
+
+    Relative to it the ends of long facets are off, and all that is between them.
+    """
+    reach_m = traits.radius_m
+    if is_relative:
+        reach_m = min(max(traits.longest_side_m, view.depth_m[0]), 2.0 * reach_m)
+    return _FLOAT32 * reach_m / view.footprint_m if view.is_visible else 0.0
+
+
 def rounding_error(view: BodyView, traits: BodyTraits, is_relative: bool) -> float:
-    """RMS error of OpenGL's float32 coordinates, about the body's origin or relative to the camera.
+    """RMS error of what `rounding_px` tells of.
 
     Of a sphere's facets seen from 1e-6 to 1e-8 of their size, and of a bar of 1e6 times its width, it is 0.012 to 0.04
-    for each pixel that the ends of the longest facets are off.
+    for each pixel.
     """
-    reach_m = min(max(traits.longest_side_m, view.depth_m[0]), 2.0 * traits.radius_m) if is_relative else traits.radius_m
-    return min(_ROUNDING_ERROR * _FLOAT32 * reach_m / view.footprint_m, 1.0) if view.is_visible else 0.0
+    return min(_ROUNDING_ERROR * rounding_px(view, traits, is_relative), 1.0)
+
+
+def ray_rounding_error(view: BodyView, traits: BodyTraits) -> float:
+    """RMS error of Embree's float32 coordinates, and of how far off facets rays start (`rays`).
+
+    Of a pillar's shadow on a slab it is 0.0055 where a pixel sees 5e-6 radii; with less, rays are cast in float64.
+    """
+    if view.footprint_m <= FINE_FOOTPRINT * traits.radius_m:
+        return 0.0
+    return _RAY_ROUNDING * traits.radius_m / view.footprint_m
 
 
 def parallel_error(view: BodyView, traits: BodyTraits) -> float:

@@ -56,7 +56,7 @@ def flux_ratios(body: Body, levels: tuple[Level, ...], cache: Path | None = None
         embreex is not installed.
     """
     texture = b"" if body.albedo_map is None else body.albedo_map.tobytes()
-    digest = hashlib.sha256(body.drawn_shape.content_hash.encode() + texture)
+    digest = hashlib.sha256(body.shape.content_hash.encode() + texture)
     digest.update(f"{body.brdf!r} {body.smooth_normals} {[len(level.facets) for level in levels]} {_ASPECTS} "
                   f"{_RAYS_ACROSS} {PHASES_RAD.tolist()}".encode())
     names = [f"{what}_{index}" for index in range(len(levels)) for what in ("mean", "scatter")]
@@ -67,9 +67,9 @@ def flux_ratios(body: Body, levels: tuple[Level, ...], cache: Path | None = None
 
 def _measured(body: Body, levels: tuple[Level, ...]) -> dict[str, np.ndarray]:
     surface = Surface(body)
-    every = np.arange(len(body.drawn_shape.facets))
+    every = np.arange(len(body.shape.facets))
     normal, albedo = surface.normals(every), surface.albedo_scale(every)
-    meshes = [RayMesh(body.drawn_shape.vertices_m, body.drawn_shape.facets)]
+    meshes = [RayMesh(body.drawn_shape.vertices_m, body.shape.facets)]
     meshes += [RayMesh(level.vertices_m, level.facets) for level in levels]
     rng = np.random.default_rng(0)
     flux = np.zeros((len(meshes), _ASPECTS, len(PHASES_RAD)))

@@ -23,6 +23,7 @@ from .error_model import (
     level_error,
     level_flux_error,
     parallel_error,
+    ray_rounding_error,
     rounding_error,
     shadow_share,
     squared_errors,
@@ -173,7 +174,9 @@ def told_plan(camera: PinholeCamera, max_error: float, views: Sequence[BodyView]
     left_out += [f"{', '.join(window.bodies)}: samples for a flux within a tenth of the budget: it may be off by up to "
                  f"{window.flux_error:.2g}" for window in windows if window.flux_error]
     parallel = max((parallel_error(view, traits[view.name]) for view in views if view.is_visible), default=0.0)
-    predicted = math.hypot(max((window.predicted_error for window in windows), default=0.0), parallel)
+    by_rays = max((ray_rounding_error(view, traits[view.name]) for view in views
+                   if view.is_visible and engines.get(view.name) in ("rays", "areas")), default=0.0)
+    predicted = math.hypot(max((window.predicted_error for window in windows), default=0.0), parallel, by_rays)
     if predicted > max_error * (1.0 + 1e-6) and any(math.isfinite(window.budget) for window in windows):
         warnings.append(f"the budget of {max_error:g} is not met: {predicted:.2g} is expected; "
                         "allow_slow has a slow backend draw it")

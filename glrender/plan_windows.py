@@ -15,6 +15,7 @@ from .error_model import (
     LevelTraits,
     facets_per_px,
     lit_share,
+    rounding_px,
     shadow_share,
     squared_errors,
     texel_share,
@@ -160,6 +161,9 @@ class _Window:
         self._outline_px = outline_px(members)
         self._phase_rad = max(view.phase_rad for view in members)
         self._lit = lit_share(self._phase_rad, _LEAST_LIT)
+        # Where OpenGL puts what faces the Sun; it is drawn two pixels larger.
+        self._rounding_px = max(rounding_px(view, traits[view.name], body.relative_to_camera)
+                                for view, body in zip(members, self._drawn, strict=True))
         # Facets of the full shapes that face camera and Sun and are shown, about.
         shown = min(self._box_px / (0.8 * min(self._largest_px, 1e5) ** 2), 1.0)
         self._n_facing = max(
@@ -307,7 +311,7 @@ class _Window:
                      + max(FACING_SAMPLES, count) ** 2 * self._n_px * self._costs.sample_ns)
         lit = n_lit / self._box_px
         all_ns = self._costs.rays_ns(cast / lit * _dear_share(lit), self._n_facing)
-        is_facing = self._box_px * count**2 > _FEW_RAYS and facing_ns < all_ns
+        is_facing = self._box_px * count**2 > _FEW_RAYS and facing_ns < all_ns and self._rounding_px < 1.0
         return facing_ns if is_facing else all_ns, self._sampled(
             "rays", count, errors, noise=noise, rays_at_facing=is_facing)
 

@@ -170,7 +170,8 @@ class RayEngine:
                 made["sunlit"][part][facing.place] = is_lit
                 values = {"range": hits.distance_m, "body_id": index, "facet_id": hits.facet,
                           "incidence": _angle(normal, view.sun_direction_body), "emission": _angle(normal, -ray),
-                          "phase": _angle(-ray, view.sun_direction_body), "r_body": _points(hits, view).T + view.centre_m}
+                          "phase": _angle(-ray, view.sun_direction_body),
+                          "r_body": _points(hits, view).T + view.centre_m}
                 for name, value in values.items():
                     made[name][part][hits.place] = value
 

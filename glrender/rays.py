@@ -14,6 +14,7 @@ import numpy as np
 from .embree import EmbreeMesh
 from .errors import DeviceError
 from .exact_rays import ExactMesh
+from .view import FINE_FOOTPRINT
 
 LIFT = 6e-7
 """A ray that asks what hides a facet, or a corner of it, starts this far off it and more (`RayMesh.lift_m`), in radii
@@ -23,9 +24,9 @@ LEAST_LIFT = 2e-7
 # Of what float32 errs by off a facet: times its longest side, as often as that is as long as the facet is high. Most of
 # it, in radii, as there is no light in what is thinner.
 _UNSURE, _MOST_UNSURE = 6e-8, 2e-5
-# Side of what a pixel sees, in radii, below which rays are cast in float64: 30 float32 steps. And what is left there of
-# all that rays start off facets: of 2^-29, by which float64 is finer, 2^7 is for what rounding adds up.
-_FINE_FOOTPRINT, _FINE = 2e-6, 2.0**-22
+# What is left there of all that rays start off facets: of 2^-29, by which float64 is finer, 2^7 is for what rounding
+# adds up.
+_FINE = 2.0**-22
 
 
 def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -107,7 +108,7 @@ class RayMesh:
 
     def at(self, footprint_m: float) -> RayMesh:
         """The same shape for pixels that see so much: of float64 rays where float32 is too coarse for them."""
-        if footprint_m > _FINE_FOOTPRINT * self.radius_m:
+        if footprint_m > FINE_FOOTPRINT * self.radius_m:
             return self
         with self._lock:
             return self._fine

@@ -12,17 +12,18 @@ import numpy as np
 from glrender_camera import PinholeCamera
 from glrender_camera.validate import integer, within
 
-from . import plan
+from . import grouping, plan
 from .area_engine import AreaEngine
 from .area_grid import SmallBody
 from .area_levels import area_levels
+from .backends.full_shape import traced_products
 from .body_meshes import body_levels, body_meshes, body_traits
 from .brdf import Law
 from .clock import Clock
 from .eclipses import casters, eclipse
 from .emission_frame import EmissionFrame
 from .engine_costs import engine_costs
-from .error_model import NO_PENUMBRA, own_penumbra
+from .error_model import NO_PENUMBRA, own_penumbra, rounding_px
 from .errors import ConfigError, DeviceError
 from .gl.context import Context
 from .gl.evaluate import BrdfEvaluator
@@ -42,6 +43,8 @@ from .state import State
 from .surface_pass import Frame, SurfacePass
 from .view import BodyView, chunks_in_window, view_bodies
 
+# How far OpenGL may put places off in products.
+_MOST_ROUNDING_PX = 0.1
 # Side of a shadow map that only a coma asks for.
 _EMISSION_SHADOW_PX = 512
 
@@ -88,7 +91,7 @@ class Renderer:
                 stack.callback(kept_images.close)
             except DeviceError:
                 pass  # embreex is optional
-            self._areas, self._kept_images = areas, kept_images
+            self._rays, self._areas, self._kept_images = rays, areas, kept_images
             self._costs = engine_costs(self._context, rays is not None)
             self._shadows = Shadows(self._context, scene.hulls, self._meshes)
             stack.callback(self._shadows.close)
@@ -223,10 +226,14 @@ class Renderer:
             clock.lap("emission")
         arrays = {}
         if wanted:
-            # What a pixel's centre sees is told of the full shape, by OpenGL.
+            # What a pixel's centre sees is told of the full shape: by OpenGL, if its coordinates are fine enough.
             bodies = [replace(body, level=0) for body in planned]
             shadows, _ = self._shadows.draw(views, bodies, pinhole) if "sunlit" in wanted else ({}, None)
             arrays = self._products.draw(wanted, replace(frame, bodies=bodies, shadows=shadows), windows)
+            if self._rays is not None and max(rounding_px(view, self._traits[view.name], body.relative_to_camera)
+                                              for view, body in zip(views, bodies, strict=True)) > _MOST_ROUNDING_PX:
+                traced = traced_products(self._rays, wanted, pinhole, views, grouping.union([w.roi for w in windows]))
+                arrays = {name: values.astype(arrays[name].dtype) for name, values in traced.items()}
             clock.lap("products")
         return Image(irradiance_W_m2=irradiance, products=arrays, timings_ms=clock.laps_ms, small_bodies=tuple(small),
                      plan=frame_plan if slow is None else with_emission(slow.plan, frame_plan))

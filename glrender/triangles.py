@@ -12,7 +12,7 @@ _ROUNDING = 4.0 * np.finfo(float).eps
 
 
 def intersect(corners: np.ndarray, rays: np.ndarray) -> np.ndarray:
-    """(N, K) distances of rays (N, 3) from the origin to triangles (K, 3, 3); infinite beside them. Both sides count."""
+    """(N, K) distances of rays (N, 3) from the origin to both sides of triangles (K, 3, 3); infinite beside them."""
     return distances([corners[:, k].T[:, None] for k in range(3)], rays.T[:, :, None])
 
 
@@ -30,7 +30,8 @@ def distances(corners: Sequence[np.ndarray], rays: np.ndarray) -> np.ndarray:
     u, v, w = bx * cy - cx * by, cx * ay - ax * cy, ax * by - bx * ay
     area = u + v + w
     low_x, high_x, low_y, high_y, low_z, high_z = (
-        pick(pick(a, b), c) for a, b, c in ((ax, bx, cx), (ay, by, cy), (az, bz, cz)) for pick in (np.minimum, np.maximum))
+        pick(pick(a, b), c) for a, b, c in ((ax, bx, cx), (ay, by, cy), (az, bz, cz))
+        for pick in (np.minimum, np.maximum))
     # A side is no longer than the box across the ray; nor is what is beside the box on a side.
     far = _ROUNDING * np.maximum.reduce([np.abs(each) for each in (low_x, high_x, low_y, high_y, low_z, high_z)])
     least = far * (high_x - low_x + high_y - low_y)

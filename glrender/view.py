@@ -15,6 +15,8 @@ from .errors import ConfigError, SceneError
 from .hull import Hull
 from .state import State
 
+FINE_FOOTPRINT = 1e-5
+"""Side of what a pixel sees, in radii, below which rays are cast in float64: some hundred float32 steps."""
 # The outline's edges, float64 pixel coordinates, are then good to 1e-4 of its size.
 _MIN_SIZE_PX = 1e-9
 
@@ -211,4 +213,5 @@ def _view(name: str, hull: Hull, state: State, camera: PinholeCamera, camera_fro
         name=name, camera_from_body=camera_from_body, r_camera_body_m=r_camera, sun_direction_body=sun_direction,
         sun_distance_au=sun_distance / AU_M, range_m=range_m, phase_rad=phase_angle(sun_direction, to_camera),
         depth_m=(nearest, farthest), bounds_px=bounds, is_visible=is_visible,
-        is_whole=_is_within(bounds, camera.bounds_px), footprint_m=nearest / camera.focal_length_px, centre_m=hull.centre_m)
+        is_whole=_is_within(bounds, camera.bounds_px), footprint_m=nearest / camera.focal_length_px,
+        centre_m=hull.centre_m)
