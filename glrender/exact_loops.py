@@ -58,13 +58,13 @@ def _distance(corners, i, place, ray, right, down):
     return found
 
 
-@compiled(Tuple((intp, float64))(_BOXES, _CORNERS, intp, _PLACE, _PLACE, float64, boolean))
-def _walk(boxes, corners, n_leaves, place, ray, reach, is_any):
+@compiled(Tuple((intp, float64))(_BOXES, _CORNERS, intp, _PLACE, _PLACE, float64, boolean, write(intp, 1)))
+def _walk(boxes, corners, n_leaves, place, ray, reach, is_any, stack):
     """The first facet that a ray meets within a reach, or any, and how far off; -1 if it meets none."""
     inverse = (1.0 / ray[0] if ray[0] != 0.0 else math.inf, 1.0 / ray[1] if ray[1] != 0.0 else math.inf,
                1.0 / ray[2] if ray[2] != 0.0 else math.inf)
     right, down = _across(ray[0], ray[1], ray[2])
-    stack, n_stacked, hit, nearest = np.empty(_DEPTH, np.intp), 1, -1, reach
+    n_stacked, hit, nearest = 1, -1, reach
     stack[0] = 1
     n_facets = len(corners)
     while n_stacked:
@@ -98,16 +98,18 @@ def _walk(boxes, corners, n_leaves, place, ray, reach, is_any):
 @compiled(void(_BOXES, _CORNERS, intp, _POINTS, _POINTS, write(intp, 1), write(float64, 1)))
 def find_first(boxes, corners, n_leaves, start_m, direction, facet, distance_m):
     """Write which facets (N,) rays from points (3, 1 or N) in directions (3, N) meet first, or -1, and how far off."""
+    stack = np.empty(_DEPTH, np.intp)
     for i in range(direction.shape[1]):
         j = i if start_m.shape[1] > 1 else 0
         facet[i], distance_m[i] = _walk(boxes, corners, n_leaves, (start_m[0, j], start_m[1, j], start_m[2, j]),
-                                        (direction[0, i], direction[1, i], direction[2, i]), math.inf, False)
+                                        (direction[0, i], direction[1, i], direction[2, i]), math.inf, False, stack)
 
 
 @compiled(void(_BOXES, _CORNERS, intp, _POINTS, _POINTS, read(float64, 1), write(boolean, 1)))
 def find_blocked(boxes, corners, n_leaves, start_m, direction, reach_m, found):
     """Write whether rays from points (3, N) in directions (3, 1 or N) meet a facet within a reach (1 or N,)."""
+    stack = np.empty(_DEPTH, np.intp)
     for i in range(start_m.shape[1]):
         j, k = i if direction.shape[1] > 1 else 0, i if len(reach_m) > 1 else 0
         found[i] = _walk(boxes, corners, n_leaves, (start_m[0, i], start_m[1, i], start_m[2, i]),
-                         (direction[0, j], direction[1, j], direction[2, j]), reach_m[k], True)[0] >= 0
+                         (direction[0, j], direction[1, j], direction[2, j]), reach_m[k], True, stack)[0] >= 0
