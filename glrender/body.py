@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -98,7 +98,16 @@ class Body:
     @cached_property
     def hull(self) -> Hull:
         """Convex hull of the shape."""
-        return Hull(self.shape.vertices_m, self.shape.facets, self.shape.solid)
+        return Hull(self.drawn_shape.vertices_m, self.drawn_shape.facets, self.shape.solid, self.shape.centre_m)
+
+    @cached_property
+    def drawn_shape(self) -> Shape:
+        """The shape about its `centre_m`: what all engines draw, and what a `BodyView` is about."""
+        if not self.shape.centre_m.any():
+            return self.shape
+        vertices_m = self.shape.vertices_m - self.shape.centre_m
+        vertices_m.setflags(write=False)
+        return replace(self.shape, vertices_m=vertices_m)
 
     @cached_property
     def relief(self) -> Relief | None:
@@ -106,7 +115,7 @@ class Body:
         if self.detail is None:
             return None
         return Relief(self.detail, math.sqrt(self.shape.facet_areas_m2.mean() * 4.0 / math.sqrt(3.0)),
-                      float(np.linalg.norm(self.shape.vertices_m, axis=1).max()))
+                      self.drawn_shape.radius_m)
 
 
 def read_texture(path: Path) -> np.ndarray:

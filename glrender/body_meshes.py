@@ -10,13 +10,14 @@ from .brdf import Law
 from .error_model import SLOPE_PHASES_RAD, BodyTraits
 from .gl.context import Context
 from .gl.mesh import Mesh
+from .rays import longest_sides_m
 from .scene import Body
 from .surface import Surface
 
 
 def body_mesh(context: Context, body: Body) -> Mesh:
     """The body's shape on the device; to be closed."""
-    shape = body.shape
+    shape = body.drawn_shape
     return Mesh(context, shape.vertices_m, shape.facets, body.brdf,
                 vertex_normals=shape.vertex_normals if body.smooth_normals else None,
                 uv=shape.uv, albedo_map=body.albedo_map, is_closed=shape.report.is_watertight)
@@ -24,11 +25,13 @@ def body_mesh(context: Context, body: Body) -> Mesh:
 
 def body_traits(body: Body) -> BodyTraits:
     """What the planner knows of a body."""
-    areas = body.shape.facet_areas_m2
+    shape = body.drawn_shape
+    areas = shape.facet_areas_m2
     return BodyTraits(
         radius_m=body.hull.radius_m, is_convex=body.hull.is_convex, law=body.brdf.glsl,
-        max_phase_rad=body.brdf.max_phase, relief=body.relief, n_facets=len(body.shape.facets),
-        crease_rad=body.shape.crease_rad, view_slopes=view_slopes(body.brdf),
+        max_phase_rad=body.brdf.max_phase, relief=body.relief, n_facets=len(shape.facets),
+        crease_rad=shape.crease_rad, view_slopes=view_slopes(body.brdf),
+        longest_side_m=float(longest_sides_m(shape.vertices_m, shape.facets).max()),
         facet_m=math.sqrt(float(areas @ areas) / float(areas.sum())) if Surface(body).is_even else math.inf)
 
 

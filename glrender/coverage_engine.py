@@ -56,7 +56,8 @@ class CoverageEngine:
 
     def __init__(self, scene: Scene, rays: RayEngine):
         self._scene, self._rays, self._brdf_tables = scene, rays, BrdfTables()
-        sides_m = {body.name: longest_sides_m(body.shape.vertices_m, body.shape.facets) for body in scene.bodies}
+        sides_m = {body.name: longest_sides_m(body.drawn_shape.vertices_m, body.shape.facets)
+                   for body in scene.bodies}
         smallest_m = min(each[each > 0.0].min() for each in sides_m.values())
         # Facets of several bodies, of shells and of surfaces that are there twice overlap with nothing missing for it.
         self._is_one_surface = len(scene.bodies) == 1 and _is_one_surface(scene.bodies[0].shape)

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .constants import AU_M
 from .relief import Relief
-from .view import BodyView
+from .view import FINE_FOOTPRINT, BodyView
 
 # Squared error [1] of one sample a pixel at the limb and the terminator, times the diameter [px]: twelve shapes, 12 to
 # 1000 px, 5 to 150 deg, kept 1.2 times above the measured root.
@@ -42,6 +43,12 @@ _PENUMBRA_WIDTH = 1e-3
 _LEAK = 1.9
 _LEAK_POWERS = (1.2, 1.57)
 _LEAK_CREASE_RAD = 0.146
+# Half a step of float32 coordinates [1], and RMS error [1/px] for each pixel that they are off: a sphere's facets seen
+# from 1e-6 to 1e-8 of their size, and a bar of 1e6 times its width, have 0.012 to 0.04.
+_FLOAT32 = 2.0**-24
+_ROUNDING_ERROR = 0.1
+# RMS error of rays over radii that a pixel sees [1]: a pillar's shadow on a slab has 0.0055 at 5e-6 radii.
+_RAY_ROUNDING = 3e-8
 SLOPE_PHASES_RAD = tuple(math.radians(phase_deg) for phase_deg in (1.0, 3.0, 10.0, 30.0, 60.0, 90.0, 120.0, 150.0))
 """Phase angles [rad] at which a law tells how its radiance changes with the direction of view."""
 FEWEST_CENTROIDS = 10_000
@@ -71,6 +78,8 @@ class BodyTraits:
         Surface detail.
     detail_slope : float [1]
         RMS slope of the detail that is drawn.
+    longest_side_m : float [m]
+        Of any facet.
     view_slopes : tuple of float [1/rad]
         Relative change of its radiance with the direction that it is seen from, at `SLOPE_PHASES_RAD`.
     facet_m : float [m]
@@ -86,6 +95,7 @@ class BodyTraits:
     crease_rad: float
     relief: Relief | None = None
     detail_slope: float = 0.0
+    longest_side_m: float = 0.0
     view_slopes: tuple[float, ...] = (0.0,) * len(SLOPE_PHASES_RAD)
     facet_m: float = math.inf
 
@@ -102,6 +112,42 @@ class BodyTraits:
     def view_slope(self, phase_rad: float) -> float:
         """Relative change of radiance with the direction of view [1/rad] at a phase angle."""
         return float(np.interp(phase_rad, SLOPE_PHASES_RAD, self.view_slopes))
+
+
+def rounding_px(view: BodyView, traits: BodyTraits, is_relative: bool) -> float:
+    """How far [px] OpenGL's float32 coordinates put what is nearest, about the body's origin or relative to the camera.
+
+    Relative to it the ends of long facets are off, and all that is between them.
+    """
+    reach_m = traits.radius_m
+    if is_relative:
+        reach_m = min(max(traits.longest_side_m, view.depth_m[0]), 2.0 * reach_m)
+    return _FLOAT32 * reach_m / view.footprint_m if view.is_visible else 0.0
+
+
+def rounding_error(view: BodyView, traits: BodyTraits, is_relative: bool) -> float:
+    """RMS error of what `rounding_px` tells of.
+
+    Of a sphere's facets seen from 1e-6 to 1e-8 of their size, and of a bar of 1e6 times its width, it is 0.012 to 0.04
+    for each pixel.
+    """
+    return min(_ROUNDING_ERROR * rounding_px(view, traits, is_relative), 1.0)
+
+
+def ray_rounding_error(view: BodyView, traits: BodyTraits) -> float:
+    """RMS error of Embree's float32 coordinates, and of how far off facets rays start (`rays`).
+
+    Of a pillar's shadow on a slab it is 0.0055 where a pixel sees 5e-6 radii; with less, rays are cast in float64.
+    """
+    if view.footprint_m <= FINE_FOOTPRINT * traits.radius_m:
+        return 0.0
+    return _RAY_ROUNDING * traits.radius_m / view.footprint_m
+
+
+def parallel_error(view: BodyView, traits: BodyTraits) -> float:
+    """Error of one direction to the Sun, and one distance from it, for all of a body."""
+    return traits.radius_m / (view.sun_distance_au * AU_M)
+
 
 
 def lit_share(phase_rad: float, least: float = 1e-3) -> float:

@@ -63,7 +63,7 @@ class FacetTables:
     """
 
     def __init__(self, body: Body, is_coarse: np.ndarray, solid: RayMesh):
-        shape = body.shape
+        shape = body.drawn_shape
         self.surface = Surface(body)
         self.n_facets = len(shape.facets)
         self.longest_side_m = float(longest_sides_m(shape.vertices_m, shape.facets).max())

@@ -39,7 +39,7 @@ def displaced(body: Body, view: BodyView, camera: PinholeCamera) -> Body:
         is_in = ((r @ sides.T).min(axis=1) > -reach_m)
         return np.where(is_in, np.maximum(np.linalg.norm(r, axis=1) - reach_m, 0.0) / camera.focal_length_px, np.inf)
 
-    shape = body.shape
+    shape = body.drawn_shape
     middle = shape.vertices_m[shape.facets].mean(axis=1)
     towards = view.r_camera_body_m - middle
     cosine = np.einsum("ij,ij->i", shape.facet_normals, towards) / np.linalg.norm(towards, axis=1)

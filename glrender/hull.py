@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
+from .convexity import bends_outwards
 from .errors import ShapeError
 from .frames import evenly_spread
 
@@ -17,6 +18,8 @@ _CONVEX_VOLUME_RTOL = 1e-6
 _CONVEX_AREA_RTOL = 1e-4
 # Of its extent: what is thinner, as a panel, has a hull as thick as this.
 _FLAT_RTOL = 1e-6
+# Of its radius, how near a hull the distance of a surface with dips is measured.
+_CLOSE = 0.02
 # Directions by which a hull's outlines are told.
 _EXTREMES = 500
 
@@ -31,9 +34,12 @@ class Hull:
         Counter-clockwise from outside.
     solid : (F,) bool, optional
         Facets of shells that have an inside; all by default. Open terrain and panels have none.
+    centre_m : (3,) float64 [m], optional
+        Body-fixed, of the vertices' origin: the body's own by default.
 
     Attributes
     ----------
+    centre_m : (3,) float64 [m]
     points_m : (3, H) float64 [m]
         Its corners.
     extreme_m : (3, N) float64 [m]
@@ -43,7 +49,7 @@ class Hull:
     inner_radius_m : float [m]
         Of the largest sphere about the origin that is within it; negative where the origin is outside.
     is_convex : bool
-        Whether the surface is its hull, to a millionth of its volume.
+        Whether the surface is its hull: to a millionth of its volume, and at each of its edges.
 
     Raises
     ------
@@ -51,7 +57,9 @@ class Hull:
         A body so thin, or so far from its origin, that float64 cannot tell its sides apart.
     """
 
-    def __init__(self, vertices_m: np.ndarray, facets: np.ndarray, solid: np.ndarray | None = None):
+    def __init__(self, vertices_m: np.ndarray, facets: np.ndarray, solid: np.ndarray | None = None,
+                 centre_m: np.ndarray | None = None):
+        self.centre_m = np.zeros(3) if centre_m is None else centre_m
         try:
             hull = ConvexHull(_thickened(vertices_m))
         except QhullError as error:
@@ -73,7 +81,8 @@ class Hull:
         volume = float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
         area = 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
         self.is_convex = bool(abs(volume - hull.volume) <= _CONVEX_VOLUME_RTOL * hull.volume
-                              and abs(area - hull.area) <= _CONVEX_AREA_RTOL * hull.area)
+                              and abs(area - hull.area) <= _CONVEX_AREA_RTOL * hull.area
+                              and bends_outwards(vertices_m - centre, facets))
 
     def is_outside(self, point_m: np.ndarray) -> bool:
         """Whether a point (3,) [m] is outside the surface."""
@@ -82,9 +91,12 @@ class Hull:
         return not self.is_convex and winding_number(self._corners[0], self._solid, point_m) < 0.5
 
     def distance_m(self, point_m: np.ndarray) -> float:
-        """A lower bound [m], > 0, of the distance from a point outside to the surface; exact inside the hull."""
+        """A lower bound [m], > 0, of the distance from a point outside to the surface; exact in and near the hull."""
         distance = self._hull_distance(point_m)
-        return distance if distance > 0.0 else surface_distance_m(*self._corners, point_m)
+        # Close to the hull the surface may be far behind it.
+        if distance > (0.0 if self.is_convex else _CLOSE * self.radius_m):
+            return distance
+        return surface_distance_m(*self._corners, point_m)
 
     def is_met(self, point_m: np.ndarray, directions: np.ndarray) -> np.ndarray:
         """Whether rays from a point (3,) [m] along directions (N, 3) meet the hull: (N,) bool."""

@@ -157,7 +157,7 @@ def motion_px(scene: Scene, state: State, camera: PinholeCamera, half_s: float) 
     pinhole = camera if camera.distortion is None else replace(camera, distortion=None)
     views = view_bodies(state, pinhole, scene.hulls)
     for view, body in zip(views, scene.bodies, strict=True):
-        tracks = [_in_camera(each.bodies[body.name], place, body.hull.points_m.T)
+        tracks = [_in_camera(each.bodies[body.name], place, body.hull.points_m.T + view.centre_m)
                   for each, place in zip(states, places, strict=True)]
         if view.bounds_px is None and view.is_visible:
             longest = max(longest, _bound_px_s(state, camera, view, body.hull, rays[:, 2].min()) * 2.0 * half_s)
@@ -203,7 +203,9 @@ def _bound_px_s(state: State, camera: PinholeCamera, view: BodyView, hull: Hull,
     rate = lambda value: np.zeros(3) if value is None else value  # noqa: E731
     body, craft = state.bodies[view.name], state.spacecraft
     speed = np.linalg.norm(rate(body.v_inertial_m_s) - rate(craft.v_inertial_m_s))
-    speed += np.linalg.norm(rate(body.angular_velocity_rad_s)) * view.range_m
+    # About the body's origin, which the view's need not be.
+    arm_m = np.linalg.norm(view.r_camera_body_m + view.centre_m)
+    speed += np.linalg.norm(rate(body.angular_velocity_rad_s)) * arm_m
     turn = np.linalg.norm(rate(craft.angular_velocity_rad_s))
     return float(camera.focal_length_px * (speed / hull.distance_m(view.r_camera_body_m) + turn) / least_cosine**2)
 

@@ -10,7 +10,15 @@ import numpy as np
 from glrender_camera import PinholeCamera
 
 from . import grouping
-from .error_model import BodyTraits, leaked_flux, shadow_share, squared_errors
+from .error_model import (
+    BodyTraits,
+    leaked_flux,
+    parallel_error,
+    ray_rounding_error,
+    rounding_error,
+    shadow_share,
+    squared_errors,
+)
 from .render_plan import BodyPlan, RenderPlan, WindowPlan
 from .view import BodyView
 
@@ -47,13 +55,14 @@ def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, casters
     """
     footprint_m = view.depth_m[0] / camera.focal_length_px
     error, width_px = penumbra
-    shadow_px, squared = None, 0.0
+    is_relative = is_close(view, traits.radius_m, footprint_m)
+    shadow_px, squared = None, rounding_error(view, traits, is_relative) ** 2
     if view.is_visible:
         shadow_px = plan_shadow(view, traits, bool(casters), tolerance, seen_share)
     if shadow_px is None:
         error = 0.0
     else:
-        squared = (shadow_share(view, shadow_px, bool(casters)) * sum(squared_errors(view, traits))
+        squared += (shadow_share(view, shadow_px, bool(casters)) * sum(squared_errors(view, traits))
                    + (_LEAK_RMS * leaked_flux(view, traits, shadow_px)) ** 2 + error**2)
     detail_m, n_layers = None, 0
     if traits.relief is not None and view.is_visible and (active := traits.relief.active(footprint_m)):
@@ -61,8 +70,7 @@ def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, casters
         n_layers = len(active)
     return BodyPlan(
         name=view.name, is_visible=view.is_visible, n_facets=traits.n_facets, law=traits.law,
-        shadow_map_px=shadow_px, shadow_map_reused=False,
-        relative_to_camera=is_close(view, traits.radius_m, footprint_m),
+        shadow_map_px=shadow_px, shadow_map_reused=False, relative_to_camera=is_relative,
         normal_lookup=footprint_m < 2e-4 * traits.radius_m, size_px=view.size_px, modelling_error=math.sqrt(squared),
         penumbra_px=width_px, penumbra_error=error, casters=tuple(casters), detail_m=detail_m, detail_layers=n_layers)
 
@@ -120,7 +128,10 @@ def frame_plan(camera: PinholeCamera, max_error: float, views: Sequence[BodyView
             left_out.append(f"shadows on {view.name}: nothing can cast on what is seen")
         if known.relief is not None:
             left_out.append(_detail_left_out(body, known))
-    predicted = max((window.predicted_error for window in windows), default=0.0)
+    parallel = max((parallel_error(view, traits[view.name]) for view in views if view.is_visible), default=0.0)
+    by_rays = max((ray_rounding_error(view, traits[view.name]) for view in views if view.is_visible
+                   and view.name in drawn and drawn[view.name].engine != "raster"), default=0.0)
+    predicted = math.hypot(max((window.predicted_error for window in windows), default=0.0), parallel, by_rays)
     if predicted > max_error * (1.0 + 1e-6) and any(math.isfinite(window.tolerance) for window in windows):
         warnings.append(f"predicted error {predicted:.2g} exceeds max_error {max_error:g}; "
                         "pass allow_slow=True to use the reference ray tracer")

@@ -53,6 +53,7 @@ class ProductPass:
             facet_id[here] = mesh.facet_ids(facet_id[here])
         origin_range_m = np.array([0.0 if body.relative_to_camera else view.range_m
                                    for view, body in zip(frame.views, frame.bodies, strict=True)] + [np.nan])
+        centre_m = np.array([*(view.centre_m for view in frame.views), np.full(3, np.nan)])
         angles[beside] = np.nan
         sunlit = place[..., 3].copy()
         place[beside] = np.nan
@@ -63,7 +64,7 @@ class ProductPass:
             "incidence": lambda: angles[..., 1].copy(),
             "emission": lambda: angles[..., 2].copy(),
             "phase": lambda: angles[..., 3].copy(),
-            "r_body": lambda: place[..., :3].copy(),
+            "r_body": lambda: (place[..., :3] + centre_m[body_id]).astype(np.float32),
             "sunlit": lambda: sunlit,
         }
         return {name: made[name]() for name in wanted}

@@ -2,7 +2,7 @@
 
 All rays start at the instrument, so a facet can only be met by rays inside its outline as seen from
 there. Outlines are boxes on the faces of a cube around the instrument; rays and facets are halved
-together until few are left, and those are intersected exactly.
+together until few are left, and those are intersected exactly: edges and corners leave no gap.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from glrender_camera.validate import finite, integer, positive, unit_vectors
 from .errors import ConfigError
 from .scene import Scene
 from .state import State
-from .triangles import intersect
+from .triangles import distances
 from .view import view_bodies
 
 MAX_DIRECTIONS = 10_000
@@ -102,12 +102,12 @@ def laser_ranges(scene: Scene, state: State, directions_camera: np.ndarray, came
     facet_id, incidence = np.full(len(rays), -1, np.int32), np.full(len(rays), np.nan)
     views = view_bodies(state, pinhole, scene.hulls)
     for index, (body, view) in enumerate(zip(scene.bodies, views, strict=True)):
-        vertices = body.shape.vertices_m - view.r_camera_body_m
+        vertices = body.drawn_shape.vertices_m - view.r_camera_body_m
         ray_body = rays @ view.camera_from_body
-        distance, facet = first_hits(vertices, body.shape.facets, ray_body)
+        distance, facet = first_hits(vertices, body.drawn_shape.facets, ray_body)
         nearer = np.flatnonzero(distance < nearest)
         nearest[nearer], body_id[nearer], facet_id[nearer] = distance[nearer], index, facet[nearer]
-        a, b, c = np.moveaxis(vertices[body.shape.facets[facet[nearer]]], 1, 0)
+        a, b, c = np.moveaxis(vertices[body.drawn_shape.facets[facet[nearer]]], 1, 0)
         normal = np.cross(b - a, c - a)
         # The angle between two vectors that is exact near 0 as well.
         back = -ray_body[nearer]
@@ -203,8 +203,14 @@ def _halve(vertices: np.ndarray, facets: np.ndarray, rays: np.ndarray, distance:
         for half in np.array_split(order, 2):
             _halve(vertices, facets, rays, distance, facet, mine[half], place[half], candidates, low, high)
         return
-    t = intersect(vertices[facets[candidates]], rays[mine])
-    best = np.argmin(t, axis=1)
-    reached = t[np.arange(len(mine)), best]
-    hit = reached < distance[mine]
-    distance[mine[hit]], facet[mine[hit]] = reached[hit], candidates[best[hit]]
+    # An axis at a time: over pairs of columns NumPy takes three times as long.
+    (x, y), (x0, y0), (x1, y1) = (np.ascontiguousarray(each.T) for each in (place, low - margin, high + margin))
+    x, y = x[:, None], y[:, None]
+    ray, near = np.nonzero((x0 <= x) & (x <= x1) & (y0 <= y) & (y <= y1))
+    ray, near = mine[ray], candidates[near]
+    t = distances([vertices.take(corner, axis=0).T for corner in facets[near].T], rays[ray].T)
+    # Of each ray the nearest first; of two as near the first of the shape.
+    order = np.lexsort((t, ray))
+    order = order[np.diff(ray[order], prepend=-1) > 0]
+    hit = order[t[order] < distance[ray[order]]]
+    distance[ray[hit]], facet[ray[hit]] = t[hit], near[hit]

@@ -7,7 +7,7 @@ the OpenGL passes.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import Any
 
@@ -24,6 +24,8 @@ RAYS_AT_ONCE = 1 << 13
 """Most rays of a part, which one thread casts: what it needs stays in a core's cache."""
 # Places of a lattice at once, of some 80 bytes.
 _PLACES_AT_ONCE = 1 << 19
+# Radii from a body within which rays that pass it must be as exact as those that meet it.
+_NEAR = 3.0
 # Roberts' sequence, and the factor of a congruential generator.
 _R2, _FACTOR = np.array([0.7548776662466927, 0.5698402909980532]), 1664525
 
@@ -103,7 +105,7 @@ class RayEngine:
 
     def sunlit(self, r_body_m: np.ndarray, view: BodyView, views: list[BodyView]) -> np.ndarray:
         """Whether points (N, 3) [m] in a body's frame have a free line (N,) bool to the Sun's middle."""
-        return self._has_free_line(r_body_m.T, view.sun_direction_body, view, views)
+        return self._has_free_line(r_body_m.T, r_body_m.T, view.sun_direction_body, view, views)
 
     def in_light(self, own: RayMesh, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView, views: list[BodyView],
                  is_asked: np.ndarray, is_open: np.ndarray | None = None) -> np.ndarray:
@@ -124,6 +126,8 @@ class RayEngine:
 
     def _free(self, own: RayMesh, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView, views: list[BodyView],
               is_asked: np.ndarray, is_open: np.ndarray | None, towards: np.ndarray, is_place: bool) -> np.ndarray:
+        own = own.at(self._footprint_m(view, views))
+
         def keep(solid: RayMesh, turn: np.ndarray, shift_m: np.ndarray, is_free: np.ndarray) -> None:
             def ask(part: slice) -> None:
                 solid.keep_free(own, turn, shift_m, r_body_m[:, part], facet[part], towards, is_place, is_free[part])
@@ -136,7 +140,7 @@ class RayEngine:
             is_free |= is_asked & is_open
         for other in views:
             if other is not view:
-                keep(self._solids[other.name], *between(view, other), is_free)
+                keep(self._mesh(other, views), *between(view, other), is_free)
         return is_free
 
     def shade_ranges(self, own: RayMesh, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView,
@@ -145,12 +149,12 @@ class RayEngine:
 
         As of `in_light`.
         """
-        found = np.full(len(facet), np.inf)
-        start = r_body_m + own.lift_m(facet, LIFT) * own.normals.T.take(facet, axis=1)
+        found, own = np.full(len(facet), np.inf), own.at(self._footprint_m(view, views))
+        above = r_body_m + own.lift_m(facet, LIFT) * own.normals.T.take(facet, axis=1)
         for other in views:
             turn, shift_m = between(view, other)
-            towards = np.broadcast_to((turn @ view.sun_direction_body)[:, None], start.shape)
-            solid = own if other is view else self._solids[other.name]
+            towards = np.broadcast_to((turn @ view.sun_direction_body)[:, None], above.shape)
+            solid, start = (own, above) if other is view else (self._mesh(other, views), r_body_m)
             hits = solid.first(turn @ start + shift_m[:, None], towards)
             found[hits.place] = np.minimum(found[hits.place], hits.distance_m)
         return found
@@ -166,7 +170,8 @@ class RayEngine:
                 made["sunlit"][part][facing.place] = is_lit
                 values = {"range": hits.distance_m, "body_id": index, "facet_id": hits.facet,
                           "incidence": _angle(normal, view.sun_direction_body), "emission": _angle(normal, -ray),
-                          "phase": _angle(-ray, view.sun_direction_body), "r_body": _points(hits, view).T}
+                          "phase": _angle(-ray, view.sun_direction_body),
+                          "r_body": _points(hits, view).T + view.centre_m}
                 for name, value in values.items():
                     made[name][part][hits.place] = value
 
@@ -211,12 +216,13 @@ class RayEngine:
         chosen = np.flatnonzero(dot(hits.normal, to_sun) > 0.0)
         facing, to_sun = hits.at(chosen), to_sun if on_disc is None else to_sun.take(chosen, axis=1)
         r_body = _points(facing, view)
-        above = r_body + facing.normal * self._solids[view.name].lift_m(facing.facet, LEAST_LIFT)
-        return facing, r_body, to_sun, self._has_free_line(above, to_sun, view, views)
+        above = self._mesh(view, views).raised(r_body, facing.facet, facing.normal, LEAST_LIFT)
+        return facing, r_body, to_sun, self._has_free_line(r_body, above, to_sun, view, views)
 
     def _first(self, ray_camera: np.ndarray, views: Iterable[BodyView]) -> list[tuple[int, Hits]]:
         """What rays (3, N) from the camera meet first: of each body, by its number, what no other hides."""
-        met = [(index, self._solids[view.name].first(view.r_camera_body_m, view.camera_from_body.T @ ray_camera))
+        views = list(views)
+        met = [(index, self._mesh(view, views).first(view.r_camera_body_m, view.camera_from_body.T @ ray_camera))
                for index, view in enumerate(views) if view.is_visible]
         if len(met) < 2:
             return met
@@ -227,18 +233,33 @@ class RayEngine:
             nearest[place], body[place] = hits.distance_m[nearer], index
         return [(index, hits.at(np.flatnonzero(body[hits.place] == index))) for index, hits in met]
 
-    def _has_free_line(self, start: np.ndarray, towards: np.ndarray, view: BodyView, views: list[BodyView]
-                       ) -> np.ndarray:
-        """Whether points (3, N) [m] of a body have a free line in a direction (3,), or in one each (3, N)."""
+    def _mesh(self, view: BodyView, views: Sequence[BodyView]) -> RayMesh:
+        """A body's full shape for what pixels see of it."""
+        return self._solids[view.name].at(self._footprint_m(view, views))
+
+    def _footprint_m(self, view: BodyView, views: Sequence[BodyView]) -> float:
+        """Side [m] of the least that a pixel sees of a body, or of another that is near it."""
+        near_m = _NEAR * self._solids[view.name].radius_m
+        return min((other.footprint_m for other in views if other.is_visible and (
+            other is view or np.linalg.norm(between(other, view)[1]) < near_m + self._solids[other.name].radius_m)),
+            default=math.inf)
+
+    def _has_free_line(self, start: np.ndarray, above: np.ndarray, towards: np.ndarray, view: BodyView,
+                       views: list[BodyView]) -> np.ndarray:
+        """Whether points (3, N) [m] of a body have a free line in a direction (3,), or in one each (3, N).
+
+        Of the body itself from `above` its surface.
+        """
         if len(views) == 1:
-            return ~self._solids[view.name].blocks(start.T, towards.T)
+            return ~self._mesh(view, views).blocks(above.T, towards.T)
         is_free = np.ones(start.shape[1], bool)
         for other in views:
             rotation, offset = between(view, other)
             rest = np.flatnonzero(is_free)
             direction = towards if towards.ndim == 1 else towards.take(rest, axis=1)
-            is_free[rest] = ~self._solids[other.name].blocks(
-                (rotation @ start.take(rest, axis=1) + offset[:, None]).T, (rotation @ direction).T)
+            place = (above if other is view else start).take(rest, axis=1)
+            is_free[rest] = ~self._mesh(other, views).blocks(
+                (rotation @ place + offset[:, None]).T, (rotation @ direction).T)
         return is_free
 
 
@@ -246,7 +267,7 @@ class _Solid(RayMesh):
     """A body that rays may meet."""
 
     def __init__(self, body: Body):
-        super().__init__(body.shape.vertices_m, body.shape.facets, body.shape.other_side)
+        super().__init__(body.drawn_shape.vertices_m, body.drawn_shape.facets, body.shape.other_side)
         self.surface = Surface(body)
         self.needs_weights = body.smooth_normals or body.albedo_map is not None
 

@@ -123,7 +123,8 @@ def find_blocked(scene, start_m, direction, radius_m, found):
 def keep_free(scene, radius_m, turn, shift_m, points_m, facets, normals, lift_m, unsure_m, towards, is_place, is_free):
     """Of points (3, N) [m] of a surface that are free (N,), find those from which a mesh hides a direction or a place.
 
-    They are lifted off the surface along the normals of their facets (N,), and more by what is told of each facet.
+    They are lifted off the surface along the normals of their facets (N,), and more by what is told of each facet; not
+    at all where the lift is 0.
     `turn` (3, 3) and `shift_m` (3,) lead to the mesh's frame from theirs; `towards` (3,) is in theirs, a unit vector
     or a place [m].
     """
@@ -133,7 +134,7 @@ def keep_free(scene, radius_m, turn, shift_m, points_m, facets, normals, lift_m,
         if not is_free[i]:
             continue
         k = facets[i]
-        up_m = lift_m + unsure_m[k]
+        up_m = lift_m + unsure_m[k] if lift_m > 0.0 else 0.0
         x, y, z = (points_m[0, i] + up_m * normals[0, k], points_m[1, i] + up_m * normals[1, k],
                    points_m[2, i] + up_m * normals[2, k])
         reach = float(_FAR)

@@ -5,12 +5,21 @@ Vectors stand in columns (3, N) here: NumPy then reads memory in order, several 
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 
 from .embree import EmbreeMesh
 from .errors import DeviceError
+from .exact_rays import ExactMesh
+from .view import FINE_FOOTPRINT
+
+try:
+    from . import ray_loops
+except ImportError:
+    ray_loops = None
 
 LIFT = 6e-7
 """A ray that asks what hides a facet, or a corner of it, starts this far off it and more (`RayMesh.lift_m`), in radii
@@ -20,6 +29,9 @@ LEAST_LIFT = 2e-7
 # Of what float32 errs by off a facet: times its longest side, as often as that is as long as the facet is high. Most of
 # it, in radii, as there is no light in what is thinner.
 _UNSURE, _MOST_UNSURE = 6e-8, 2e-5
+# What is left there of all that rays start off facets: of 2^-29, by which float64 is finer, 2^7 is for what rounding
+# adds up.
+_FINE = 2.0**-22
 
 
 def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -82,12 +94,8 @@ class RayMesh:
     """
 
     def __init__(self, vertices_m: np.ndarray, facets: np.ndarray, other_side: np.ndarray | None = None):
-        try:
-            # Not before there is a mesh: it takes a third of a second.
-            from . import ray_loops
-        except ImportError as error:
-            raise DeviceError(f"rays need embreex and numba: pip install 'glrender[raytrace]' ({error})") from error
-        self._loops = ray_loops
+        if ray_loops is None:
+            raise DeviceError("rays need embreex, which has no wheel for every machine: pip install embreex")
         self.facets, self._other_side = facets, other_side
         self.radius_m = float(np.linalg.norm(vertices_m, axis=1).max())
         corners = vertices_m[facets]
@@ -96,14 +104,33 @@ class RayMesh:
         normals /= twice_area_m2
         self._unsure_m = np.minimum(_UNSURE * longest_sides_m(vertices_m, facets)**3 / twice_area_m2[:, 0],
                                     _MOST_UNSURE * self.radius_m)
-        # A facet's in one place in memory: rays meet them in no order.
         self.normals = normals
         self._offset_m = dot(normals.T, corners[:, 0].T)
         self._mesh = EmbreeMesh(vertices_m / self.radius_m, facets)
+        self._vertices_m, self._lock = vertices_m, threading.Lock()
+
+    def at(self, footprint_m: float) -> RayMesh:
+        """The same shape for pixels that see so much: of float64 rays where float32 is too coarse for them."""
+        if footprint_m > FINE_FOOTPRINT * self.radius_m:
+            return self
+        with self._lock:
+            return self._fine
+
+    @cached_property
+    def _fine(self) -> RayMesh:
+        return _FineMesh(self)
 
     def lift_m(self, facet: np.ndarray, least: float) -> np.ndarray:
         """How far (N,) [m] off facets (N,) rays start: a least, in radii, and what float32 errs by there."""
         return least * self.radius_m + self._unsure_m.take(facet)
+
+    def raised(self, r_body_m: np.ndarray, facet: np.ndarray, normal: np.ndarray, least: float) -> np.ndarray:
+        """Points (3, N) [m] of facets (N,) as far off their planes as `lift_m` has it.
+
+        However far the points' own rounding, which is that of the range, has put them off.
+        """
+        height_m = dot(normal, r_body_m) - self._offset_m.take(facet)
+        return r_body_m + normal * (self.lift_m(facet, least) - height_m)
 
     def hit(self, origin_m: np.ndarray, ray: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Facet (N,) or -1, and distance (N,) float64 [m] or infinity, of rays (N, 3) from a point or points."""
@@ -114,27 +141,30 @@ class RayMesh:
 
     def first(self, origin_m: np.ndarray, ray: np.ndarray) -> Hits:
         """What rays (3, N) from a point (3,) [m], or from points (3, N), meet first."""
-        place, facet, distance_m, ray, normal = self._loops.find_first(
+        place, facet, distance_m, ray, normal = ray_loops.find_first(
             self._mesh.scene, origin_m.reshape(3, -1), ray, self.radius_m, self.normals.T, self._offset_m)
+        return self._facing(Hits(place=place, facet=facet, distance_m=distance_m, ray=ray, normal=normal))
+
+    def _facing(self, hits: Hits) -> Hits:
+        """Hits of those facets that rays come from the front of, where two are in one place: either was met."""
         if self._other_side is not None:
-            # Embree takes either of two in one place.
-            other = self._other_side.take(facet)
-            turned = np.flatnonzero((other >= 0) & (dot(ray, normal) > 0.0))
-            facet[turned] = other.take(turned)
-            normal[:, turned] = -normal[:, turned]
-        return Hits(place=place, facet=facet, distance_m=distance_m, ray=ray, normal=normal)
+            other = self._other_side.take(hits.facet)
+            turned = np.flatnonzero((other >= 0) & (dot(hits.ray, hits.normal) > 0.0))
+            hits.facet[turned] = other.take(turned)
+            hits.normal[:, turned] = -hits.normal[:, turned]
+        return hits
 
     def blocks(self, start_m: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """Whether rays from points (N, 3) [m] towards one direction (3,), or one each (N, 3), meet the shape."""
         is_blocked = np.zeros(len(start_m), bool)
-        self._loops.find_blocked(self._mesh.scene, start_m.T, np.transpose(direction).reshape(3, -1), self.radius_m,
+        ray_loops.find_blocked(self._mesh.scene, start_m.T, np.transpose(direction).reshape(3, -1), self.radius_m,
                                  is_blocked)
         return is_blocked
 
     def heights(self, points_m: np.ndarray, normals: np.ndarray, axes: np.ndarray, azimuths: np.ndarray,
                 unknown: int, found: np.ndarray) -> None:
         """Write how high the shape stands around points (3, N) [m] of its surface: `ray_loops.find_heights`."""
-        self._loops.find_heights(self._mesh.scene, self.radius_m, points_m, normals, axes, LIFT * self.radius_m,
+        ray_loops.find_heights(self._mesh.scene, self.radius_m, points_m, normals, axes, LIFT * self.radius_m,
                                  azimuths, unknown, found)
 
     def keep_free(self, own: RayMesh, turn: np.ndarray, shift_m: np.ndarray, r_body_m: np.ndarray, facet: np.ndarray,
@@ -156,5 +186,44 @@ class RayMesh:
         is_free : (N,) bool
             Only those that are true are asked for, and false is written.
         """
-        self._loops.keep_free(self._mesh.scene, self.radius_m, turn, shift_m, r_body_m, facet, own.normals.T,
-                              LIFT * own.radius_m, own._unsure_m, towards, is_place, is_free)
+        # What hides a facet of another shape may be nearer than what would be lifted over it.
+        lift_m = LIFT * own.radius_m if own is self else 0.0
+        ray_loops.keep_free(self._mesh.scene, self.radius_m, turn, shift_m, r_body_m, facet, own.normals.T,
+                              lift_m, own._unsure_m, towards, is_place, is_free)
+
+
+class _FineMesh(RayMesh):
+    """Casts the rays of a RayMesh in float64."""
+
+    def __init__(self, coarse: RayMesh):
+        self.facets, self.radius_m, self.normals = coarse.facets, coarse.radius_m, coarse.normals
+        self._offset_m, self._unsure_m = coarse._offset_m, _FINE * coarse._unsure_m
+        self._other_side = coarse._other_side
+        self._exact = ExactMesh(coarse._vertices_m, coarse.facets)
+
+    def at(self, footprint_m: float) -> RayMesh:
+        return self
+
+    def lift_m(self, facet: np.ndarray, least: float) -> np.ndarray:
+        return super().lift_m(facet, _FINE * least)
+
+    def first(self, origin_m: np.ndarray, ray: np.ndarray) -> Hits:
+        place, facet, distance_m = self._exact.first(origin_m.reshape(3, -1), ray)
+        return self._facing(Hits(place=place, facet=facet, distance_m=distance_m, ray=ray.take(place, axis=1),
+                                 normal=self.normals.T.take(facet, axis=1)))
+
+    def blocks(self, start_m: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        return self._exact.are_blocked(start_m.T, np.transpose(direction).reshape(3, -1), np.array([np.inf]))
+
+    def keep_free(self, own: RayMesh, turn: np.ndarray, shift_m: np.ndarray, r_body_m: np.ndarray, facet: np.ndarray,
+                  towards: np.ndarray, is_place: bool, is_free: np.ndarray) -> None:
+        asked = np.flatnonzero(is_free)
+        start, facet = r_body_m.take(asked, axis=1), facet.take(asked)
+        if own is self:
+            start = start + own.lift_m(facet, LIFT) * own.normals.T.take(facet, axis=1)
+        towards, reach_m = towards[:, None], np.array([np.inf])
+        if is_place:
+            towards = towards - start
+            reach_m = np.sqrt(dot(towards, towards))
+            towards = towards / reach_m
+        is_free[asked[self._exact.are_blocked(turn @ start + shift_m[:, None], turn @ towards, reach_m)]] = False

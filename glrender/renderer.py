@@ -14,15 +14,16 @@ import numpy as np
 from glrender_camera import PinholeCamera
 from glrender_camera.validate import integer, within
 
-from . import plan
+from . import grouping, plan
 from .area_grid import SmallBody
+from .backends.full_shape import traced_products
 from .body_meshes import body_mesh, body_traits
 from .brdf import Law
 from .clock import Clock
 from .coverage_engine import CoverageEngine
 from .emission_frame import EmissionFrame
 from .engine_choice import ENGINES, MAX_SAMPLES, Request, apart_limit, plan_windows
-from .error_model import own_penumbra
+from .error_model import own_penumbra, rounding_px
 from .errors import ConfigError, DeviceError
 from .gl.context import Context
 from .gl.evaluate import BrdfEvaluator
@@ -43,6 +44,8 @@ from .state import State
 from .surface_pass import Frame, SurfacePass
 from .view import BodyView, view_bodies
 
+# How far OpenGL may put places off in products.
+_MOST_ROUNDING_PX = 0.1
 # Side of a shadow map that only a coma asks for.
 _EMISSION_SHADOW_PX = 512
 # What to do where an engine that was asked for cannot draw a body.
@@ -84,7 +87,7 @@ class Renderer:
                 stack.callback(coverage.close)
             except DeviceError:
                 pass  # embreex is optional
-            self._engines = ENGINES if rays is not None else ("raster",)
+            self._rays, self._engines = rays, ENGINES if rays is not None else ("raster",)
             self._shadows = Shadows(self._context, scene.hulls, self._meshes)
             stack.callback(self._shadows.close)
             self._surfaces = stack.enter_context(SurfacePass(self._context, scene, self._meshes))
@@ -222,6 +225,11 @@ class Renderer:
         if wanted:
             shadows, _ = self._shadows.draw(views, bodies, pinhole) if "sunlit" in wanted else ({}, None)
             arrays = self._products.draw(wanted, replace(frame, shadows=shadows), windows)
+            # OpenGL tells them, if its coordinates are fine enough.
+            if self._rays is not None and max(rounding_px(view, self._traits[view.name], body.relative_to_camera)
+                                              for view, body in zip(views, bodies, strict=True)) > _MOST_ROUNDING_PX:
+                traced = traced_products(self._rays, wanted, pinhole, views, grouping.union([w.roi for w in windows]))
+                arrays = {name: values.astype(arrays[name].dtype) for name, values in traced.items()}
             clock.lap("products")
         return Image(irradiance_W_m2=irradiance, products=arrays, timings_ms=clock.laps_ms, small_bodies=tuple(small),
                      request=(self.scene, state, pinhole),

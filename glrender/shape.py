@@ -177,6 +177,19 @@ class Shape:
         return float(np.linalg.norm(self.vertices_m, axis=1).max())
 
     @cached_property
+    def centre_m(self) -> np.ndarray:
+        """Origin (3,) float64 [m], body-fixed, of the coordinates in which the shape is drawn.
+
+        It is the body's origin, unless that lies outside the sphere around the shape's box. Float32 coordinates about
+        an origin far from the shape (of a terrain patch, its planet's centre) would leave no digits for the shape; the
+        middle of the box is the origin then.
+        """
+        low_m, high_m = self.vertices_m.min(axis=0), self.vertices_m.max(axis=0)
+        middle_m = 0.5 * (low_m + high_m)
+        is_far = np.linalg.norm(middle_m) > 0.5 * np.linalg.norm(high_m - low_m)
+        return middle_m if is_far else np.zeros(3)
+
+    @cached_property
     def content_hash(self) -> str:
         """Hexadecimal SHA-256 of the geometry."""
         digest = hashlib.sha256(self.vertices_m.tobytes() + self.facets.tobytes())

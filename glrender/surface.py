@@ -32,15 +32,15 @@ class Surface:
 
     @cached_property
     def _facets(self) -> np.ndarray:
-        return np.ascontiguousarray(self.body.shape.facets.T, np.intp)
+        return np.ascontiguousarray(self.body.drawn_shape.facets.T, np.intp)
 
     @cached_property
     def _vertices_m(self) -> np.ndarray:
-        return np.ascontiguousarray(self.body.shape.vertices_m.T)
+        return np.ascontiguousarray(self.body.drawn_shape.vertices_m.T)
 
     @cached_property
     def _vertex_normals(self) -> np.ndarray:
-        return np.ascontiguousarray(self.body.shape.vertex_normals.T)
+        return np.ascontiguousarray(self.body.drawn_shape.vertex_normals.T)
 
     def weights(self, facet: np.ndarray, r_m: np.ndarray) -> np.ndarray:
         """Barycentric weights (N, 3) of points (N, 3) [m] in facets (N,)."""
@@ -64,7 +64,7 @@ class Surface:
             A smooth normal that turns away from it is turned back, as in `surface.glsl`.
         """
         if not self.body.smooth_normals:
-            return self.body.shape.facet_normals[facet]
+            return self.body.drawn_shape.facet_normals[facet]
         a, b, c = (self._vertex_normals.take(vertex, axis=1) for vertex in self._facets.take(facet, axis=1))
         p, q, r = (1.0, 1.0, 1.0) if weights is None else weights.T
         normal = (p * a + q * b + r * c).T
@@ -81,7 +81,7 @@ class Surface:
         if texture is None:
             return np.ones(len(facet))
         weights = np.full((len(facet), 3), 1.0 / 3.0) if weights is None else weights
-        uv = np.einsum("ij,ijk->ik", weights, self.body.shape.uv[facet].astype(np.float64))
+        uv = np.einsum("ij,ijk->ik", weights, self.body.drawn_shape.uv[facet].astype(np.float64))
         height, width = texture.shape
         x, y = uv[:, 0] * width - 0.5, np.clip((1.0 - uv[:, 1]) * height - 0.5, 0.0, height - 1.0)
         left, top = np.floor(x).astype(int), np.floor(y).astype(int)

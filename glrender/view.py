@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -15,6 +15,8 @@ from .errors import ConfigError, SceneError
 from .hull import Hull
 from .state import State
 
+FINE_FOOTPRINT = 1e-5
+"""Side of what a pixel sees, in radii, below which rays are cast in float64: some hundred float32 steps."""
 # The outline's edges, float64 pixel coordinates, are then good to 1e-4 of its size.
 _MIN_SIZE_PX = 1e-9
 # Radii: the range of a camera at the origin of open terrain, or in a cavity, by which others divide.
@@ -29,14 +31,14 @@ class BodyView:
     ----------
     camera_from_body : (3, 3) float64
     r_camera_body_m : (3,) float64 [m]
-        The camera, body-fixed.
+        The camera, body-fixed, about the origin.
     sun_direction_body : (3,) float64 [1]
         Towards the Sun.
     sun_distance_au : float [au]
     range_m : float [m]
-        Camera to the body's origin.
+        Camera to the origin.
     phase_rad : float [rad]
-        At the body's origin.
+        At the origin.
     depth_m : (float, float) [m]
         Nearest and farthest depth along the boresight; both > 0.
     bounds_px : (4,) float64 [px] or None
@@ -46,6 +48,10 @@ class BodyView:
         Whether any of it may be in the image.
     is_whole : bool
         Whether all of it is.
+    footprint_m : float [m]
+        Side of what a pixel sees of its nearest point.
+    centre_m : (3,) float64 [m]
+        `Shape.centre_m`: in the body's frame, the origin of all places here. Zero but for shapes far from their own.
     """
 
     name: str
@@ -59,6 +65,8 @@ class BodyView:
     bounds_px: np.ndarray | None
     is_visible: bool
     is_whole: bool
+    footprint_m: float = np.inf
+    centre_m: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
     @cached_property
     def size_px(self) -> float:
@@ -152,8 +160,8 @@ def view_bodies(state: State, camera: PinholeCamera, hulls: dict[str, Hull]) -> 
 def _view(name: str, hull: Hull, state: State, camera: PinholeCamera, camera_from_inertial: np.ndarray,
           r_camera_inertial_m: np.ndarray, body_from_inertial: np.ndarray) -> BodyView:
     pose = state.bodies[name]
-    r_camera = body_from_inertial @ (r_camera_inertial_m - pose.r_inertial_m)
-    r_sun = body_from_inertial @ (state.r_sun_inertial_m - pose.r_inertial_m)
+    r_camera = body_from_inertial @ (r_camera_inertial_m - pose.r_inertial_m) - hull.centre_m
+    r_sun = body_from_inertial @ (state.r_sun_inertial_m - pose.r_inertial_m) - hull.centre_m
     sun_distance, range_m = float(np.linalg.norm(r_sun)), float(np.linalg.norm(r_camera))
     if not sun_distance > hull.radius_m:
         raise SceneError("state.r_sun_inertial_m", f"must be outside body {name!r}",
@@ -190,4 +198,5 @@ def _view(name: str, hull: Hull, state: State, camera: PinholeCamera, camera_fro
         sun_distance_au=sun_distance / AU_M, range_m=max(range_m, _LEAST_RANGE * hull.radius_m),
         phase_rad=phase_angle(sun_direction, to_camera),
         depth_m=(nearest, farthest), bounds_px=bounds, is_visible=is_visible,
-        is_whole=_is_within(bounds, camera.bounds_px))
+        is_whole=_is_within(bounds, camera.bounds_px), footprint_m=nearest / camera.focal_length_px,
+        centre_m=hull.centre_m)

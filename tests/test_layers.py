@@ -30,6 +30,7 @@ ROOMS = {
     "glrender/facet_loops.py": {"numpy", "numba", "glrender.compiled"},
     "glrender/embree.py": {"numpy", "embreex", "glrender.errors"},
     "glrender/ray_loops.py": {"numpy", "numba", "llvmlite", "glrender.compiled", "glrender.embree"},
+    "glrender/exact_loops.py": {"numpy", "numba", "glrender.compiled"},
     "glrender/horizon_loops.py": {"numpy", "numba", "glrender.compiled"},
     "glrender/rays.py": {"numpy", "glrender", "glrender.embree", "glrender.errors"},
     "glrender/refine.py": {"numpy", "cv2"},

@@ -55,7 +55,7 @@ class Emitted:
             state=state, camera=camera, views=named, max_error=plan.max_error,
             solar_irradiance_1au_W_m2=self._scene.solar_irradiance_of(camera),
             ranges=lambda pixel, names: rays.ranges(pixel, camera, [named[name] for name in names]),
-            sunlit=lambda r_body_m, name: rays.sunlit(r_body_m, named[name], views))
+            sunlit=lambda r_body_m, name: rays.sunlit(r_body_m - named[name].centre_m, named[name], views))
         added = tuple(each.add(irradiance, frame) for each in self._opened)
         return replace(plan, emission=added, roi=(0, 0, camera.width_px, camera.height_px),
                        left_out=plan.left_out + left_out)

@@ -116,7 +116,7 @@ def _described(body: Body) -> dict[str, Any]:
 
 
 def _arrays(body: Body, origin_m: np.ndarray, unit_m: float) -> dict[str, np.ndarray]:
-    shape = body.shape
+    shape = body.drawn_shape
     # Blender draws both sides of a facet: of two in one place one is enough.
     kept = np.arange(len(shape.facets))
     if shape.other_side is not None:
