@@ -9,9 +9,7 @@ import numpy as np
 from glrender_camera import PointSources
 from scipy.sparse import csr_array
 
-CELL_PX = 0.28
-"""Side of the cells of a small body, each a point: light in its middle is 0.0065 px^2 narrower, and a crowd of points
-is spread 0.0067 px^2 wider."""
+from .small_body_grid import CELL_PX
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -14,11 +14,10 @@ from dataclasses import dataclass, replace
 
 from glrender_camera import PinholeCamera
 
-from .area_grid import CELL_PX
 from .error_model import BodyTraits, facets_per_px, shadow_share, squared_errors
 from .grouping import outline, outline_px, region, touching
 from .render_plan import BodyPlan, WindowPlan
-from .small_body_grid import cell_error, cell_size, samples_across, sampling_errors
+from .small_body_grid import CELL_PX, cell_error, cell_size, samples_across, sampling_errors
 from .sun_disc import PENUMBRA_SHARE
 from .view import BodyView
 

@@ -7,6 +7,9 @@ import math
 from .error_model import FACETS_SEEN, NOISE_FACETS, BodyTraits, lit_share
 from .view import BodyView
 
+CELL_PX = 0.28
+"""Side of the cells of a small body, each a point: light in its middle is 0.0065 px^2 narrower, and a crowd of points
+is spread 0.0067 px^2 wider."""
 SAMPLES_ACROSS = (64, 96, 128, 192, 256, 384, 512, 768, 1024)
 """Samples across the outline of a body that has a grid of its own."""
 # Relative error of one sample across a body: edges fall as N^-1.5, creases between facets as N^-1 while a sample is
