@@ -10,8 +10,8 @@ from .brdf import Law
 from .error_model import SLOPE_PHASES_RAD, BodyTraits
 from .gl.context import Context
 from .gl.mesh import Mesh
-from .rays import longest_sides_m
 from .scene import Body
+from .shape import longest_sides_m
 from .surface import Surface
 
 

@@ -18,9 +18,8 @@ from .centroid_visibility import CentroidVisibility, centroid_error
 from .error_model import crescent_gain
 from .facet_tables import FacetTables
 from .ray_engine import RayEngine
-from .rays import longest_sides_m
 from .scene import Scene
-from .shape import Shape
+from .shape import Shape, longest_sides_m
 from .sun_disc import PENUMBRA_SHARE, fewest_points, lit_from, on_disc
 from .sunlit_areas import SunlitAreas
 from .surface import Surface

@@ -8,8 +8,9 @@ from . import facet_loops
 from .centroid_horizons import CentroidHorizons
 from .error_model import FEWEST_CENTROIDS
 from .morton import morton_order
-from .rays import RayMesh, dot, longest_sides_m
+from .rays import RayMesh, dot
 from .scene import Body
+from .shape import longest_sides_m
 from .surface import Surface
 
 # Of the radius, how far a facet may rise above its neighbour's plane on a body that is convex.

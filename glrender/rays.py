@@ -14,6 +14,7 @@ import numpy as np
 from .embree import EmbreeMesh
 from .errors import DeviceError
 from .exact_rays import ExactMesh
+from .shape import longest_sides_m
 from .view import FINE_FOOTPRINT
 
 try:
@@ -37,12 +38,6 @@ _FINE = 2.0**-22
 def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Scalar products (N,) of columns (3, N), or (3, 1) that broadcast."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def longest_sides_m(vertices_m: np.ndarray, facets: np.ndarray) -> np.ndarray:
-    """Longest sides (F,) of facets (F, 3) between vertices (V, 3) [m]."""
-    a, b, c = (vertices_m.take(corner, axis=0).T for corner in facets.T)
-    return np.sqrt(np.maximum.reduce([dot(side, side) for side in (b - a, c - b, a - c)]))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -388,3 +388,9 @@ def _unit_doubt(shape: Shape) -> tuple[str, ...]:
 def _volume(vertices: np.ndarray, facets: np.ndarray) -> float:
     corner = vertices[facets] - vertices.mean(axis=0)
     return float(np.einsum("ij,ij->", corner[:, 0], np.cross(corner[:, 1], corner[:, 2]))) / 6.0
+
+
+def longest_sides_m(vertices_m: np.ndarray, facets: np.ndarray) -> np.ndarray:
+    """Longest sides (F,) of facets (F, 3) between vertices (V, 3) [m]."""
+    a, b, c = (vertices_m.take(corner, axis=0) for corner in facets.T)
+    return np.sqrt(np.maximum.reduce([np.einsum("fx,fx->f", side, side) for side in (b - a, c - b, a - c)]))
