@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from glrender import Body, PinholeCamera, Pose, Renderer, Scene, Shape, State, frames, generate
+from glrender.base.constants import AU_M
 from glrender.brdf import Hapke, Lambert, LunarLambert
-from glrender.constants import AU_M
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 from raytracer import Tracer

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 from glrender import Body, PinholeCamera, Pose, Renderer, Scene, State, frames, generate
+from glrender.base.constants import AU_M
 from glrender.brdf import Hapke, Lambert
-from glrender.constants import AU_M
 from PIL import Image, ImageDraw
 
 SHARED = Path(os.environ.get("GLRENDER_SHARED") or Path(__file__).parent.parent.parent / "shared")

@@ -14,35 +14,36 @@ import numpy as np
 from glrender_camera import PinholeCamera
 from glrender_camera.validate import integer, within
 
-from . import grouping, plan
-from .area_grid import SmallBody
-from .backends.full_shape import traced_products
-from .body_meshes import body_mesh, body_traits
+from .base.errors import ConfigError, DeviceError
+from .base.own_process import OwnProcess
+from .base.stopwatch import Clock
 from .brdf import Law
-from .clock import Clock
-from .coverage_engine import CoverageEngine
-from .emission_frame import EmissionFrame
-from .engine_choice import ENGINES, MAX_SAMPLES, Request, apart_limit, plan_windows
-from .error_model import own_penumbra, rounding_px
-from .errors import ConfigError, DeviceError
-from .gl.context import Context
-from .gl.evaluate import BrdfEvaluator
-from .image import Image, checked_products
-from .irradiance_pass import IrradiancePass
-from .occluders import cast_penumbra, casters
-from .own_process import OwnProcess
-from .plugin_checks import check_light, try_twin
-from .plugin_trial import blamed_on
-from .plugins import OPENGL_BACKENDS, backends
-from .product_pass import ProductPass
-from .ray_engine import RayEngine
-from .render_plan import BodyPlan, RenderPlan
-from .scene import Scene, checked_max_error
-from .shadows import Shadows
-from .slow import SlowFrames, checked_allow_slow, misses_budget, with_emission
-from .state import State
-from .surface_pass import Frame, SurfacePass
-from .view import BodyView, view_bodies
+from .engines.coverage.engine import CoverageEngine
+from .engines.emission_interface import EmissionFrame
+from .engines.image import Image, checked_products
+from .engines.irradiance import IrradiancePass
+from .engines.plugin_checks import check_light, try_twin
+from .engines.raster.gl.context import Context
+from .engines.raster.gl.evaluate import BrdfEvaluator
+from .engines.raster.meshes import body_mesh, body_traits
+from .engines.raster.product_pass import ProductPass
+from .engines.raster.shadow_maps import Shadows
+from .engines.raster.surface_pass import Frame, SurfacePass
+from .engines.rays.engine import RayEngine
+from .engines.rays.products import traced_products
+from .engines.reference_fallback import SlowFrames, checked_allow_slow, misses_budget, with_emission
+from .engines.small_bodies import SmallBody
+from .planner import body_plan as plan
+from .planner.engine_choice import ENGINES, MAX_SAMPLES, Request, apart_limit, plan_windows
+from .planner.error_model import own_penumbra, rounding_px
+from .planner.plan import BodyPlan, RenderPlan
+from .scene.plugins.checks import blamed_on
+from .scene.plugins.registry import OPENGL_BACKENDS, backends
+from .scene.scene import Scene, checked_max_error
+from .view import regions as grouping
+from .view.occluders import cast_penumbra, casters
+from .view.state import State
+from .view.view import BodyView, view_bodies
 
 # How far OpenGL may put places off in products.
 _MOST_ROUNDING_PX = 0.1

@@ -29,7 +29,7 @@ def shared() -> Path:
 def blender() -> str:
     """The version of a Blender that starts; without one the tests of the backend cycles cannot run."""
     from glrender import DeviceError
-    from glrender.backends.cycles.process import BlenderProcess
+    from glrender.engines.cycles.process import BlenderProcess
 
     try:
         process = BlenderProcess()

@@ -11,9 +11,9 @@ import numpy as np
 import solids
 import views
 from glrender import Body, Pose, Renderer, Shape, State, frames, generate
-from glrender.backends.raytrace import RayTracer
+from glrender.base.constants import AU_M
 from glrender.brdf import Lambert, LommelSeeliger
-from glrender.constants import AU_M
+from glrender.engines.rays.backend import RayTracer
 
 GREY = Lambert(normal_albedo=0.4)
 # Rolled, so that no edge of a solid runs along the rows of samples.

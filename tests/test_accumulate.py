@@ -5,8 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from glrender import generate
-from glrender.accumulate import add_facets, add_line, add_lit, add_small, cell_means, means, no_changes, settle
-from glrender.facet_tables import neighbours
+from glrender.engines.coverage.accumulate import (
+    add_facets,
+    add_line,
+    add_lit,
+    add_small,
+    cell_means,
+    means,
+    no_changes,
+    settle,
+)
+from glrender.engines.coverage.facet_tables import neighbours
 
 
 def clipped_area(polygon, row: int, column: int) -> float:

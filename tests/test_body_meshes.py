@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 from glrender import Body, generate
-from glrender.body_meshes import body_traits, view_slopes
 from glrender.brdf import Lambert, LommelSeeliger
-from glrender.error_model import SLOPE_PHASES_RAD
+from glrender.engines.raster.meshes import body_traits, view_slopes
+from glrender.planner.error_model import SLOPE_PHASES_RAD
 
 
 def test_a_lambert_surface_is_as_bright_from_everywhere():

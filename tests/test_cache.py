@@ -6,7 +6,7 @@ import time
 from multiprocessing import get_context
 
 import numpy as np
-from glrender.cache import cached_arrays, cached_bytes
+from glrender.base.disk_cache import cached_arrays, cached_bytes
 
 
 def test_a_table_of_another_size_is_made_again_and_kept(tmp_path, monkeypatch, caplog):

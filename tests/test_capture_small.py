@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import views
 from glrender import Body, Pose, Renderer, State, frames, generate, take_frame
-from glrender.backends.raytrace import RayTracer
 from glrender.brdf import Lambert
 from glrender.emission import Coma, Dust
 from glrender.emission.sources.haser import Haser
+from glrender.engines.rays.backend import RayTracer
 from glrender_camera import BrownConrady, CameraModel, ConfigError, Detector, Optics, PointSources
 from scipy.special import ndtr
 

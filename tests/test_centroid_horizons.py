@@ -7,15 +7,15 @@ import pytest
 import solids
 import views
 from glrender import Body, Shape, generate
-from glrender.accumulate import ROUNDING, means, no_changes
 from glrender.brdf import Lambert
-from glrender.brdf_tables import BrdfTables
-from glrender.centroid_horizons import CentroidHorizons
-from glrender.centroid_visibility import CentroidVisibility
-from glrender.facet_tables import FacetTables
-from glrender.horizon_loops import UNKNOWN
-from glrender.ray_engine import RayEngine
-from glrender.view import view_bodies
+from glrender.engines.coverage.accumulate import ROUNDING, means, no_changes
+from glrender.engines.coverage.brdf_tables import BrdfTables
+from glrender.engines.coverage.centroid_horizons import CentroidHorizons
+from glrender.engines.coverage.centroid_visibility import CentroidVisibility
+from glrender.engines.coverage.facet_tables import FacetTables
+from glrender.engines.coverage.horizon_loops import UNKNOWN
+from glrender.engines.rays.engine import RayEngine
+from glrender.view.view import view_bodies
 
 GREY = Lambert(normal_albedo=0.3)
 

@@ -9,16 +9,16 @@ import pytest
 import solids
 import views
 from glrender import Body, Pose, Renderer, Shape, generate
-from glrender.backends.raytrace import RayTracer
 from glrender.brdf import Hapke, Lambert, LommelSeeliger
-from glrender.brdf_tables import BrdfTables
-from glrender.centroid_horizons import CentroidHorizons
-from glrender.coverage_engine import CoverageEngine
-from glrender.grouping import region
-from glrender.ray_engine import RayEngine
-from glrender.rays import RayMesh
-from glrender.surface import Surface
-from glrender.view import view_bodies
+from glrender.engines.coverage.brdf_tables import BrdfTables
+from glrender.engines.coverage.centroid_horizons import CentroidHorizons
+from glrender.engines.coverage.engine import CoverageEngine
+from glrender.engines.rays.backend import RayTracer
+from glrender.engines.rays.engine import RayEngine
+from glrender.engines.rays.mesh import RayMesh
+from glrender.scene.surface import Surface
+from glrender.view.regions import region
+from glrender.view.view import view_bodies
 from glrender_camera import threads
 
 GREY = Lambert(normal_albedo=0.3)

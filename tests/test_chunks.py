@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import sweeps
 import views
-from glrender import Body, Renderer, chunk_boxes, frames, generate
-from glrender.backends.raytrace import RayTracer
-from glrender.chunks import Chunks
+from glrender import Body, Renderer, frames, generate
+from glrender.engines.raster import cluster_bounds as chunk_boxes
+from glrender.engines.rays.backend import RayTracer
+from glrender.scene.shape.clusters import Chunks
 
 SHAPE = generate.contact_binary(radius_m=100.0, seed=4, subdivisions=6)
 PLACES = [(1.02, 0.5), (1.1, 0.5), (1.5, 0.9), (3.0, 0.2), (20.0, 0.0)]

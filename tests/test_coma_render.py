@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from glrender import Body, PinholeCamera, Pose, Renderer, Scene, State, frames
+from glrender.base.errors import ConfigError
 from glrender.brdf import Lambert
 from glrender.emission import Coma, Dust, drawing
 from glrender.emission.column import columns
@@ -17,9 +18,8 @@ from glrender.emission.sources.activity import Activity
 from glrender.emission.sources.haser import Haser
 from glrender.emission.sources.jets import Jet, Jets
 from glrender.emission.sources.volume import Volume
-from glrender.errors import ConfigError
-from glrender.generate import contact_binary, icosphere
-from glrender.view import view_bodies
+from glrender.scene.shape.generate import contact_binary, icosphere
+from glrender.view.view import view_bodies
 from scipy.integrate import quad
 
 SUN_M = 1.5e11 * np.array([0.8, 0.3, -0.52])

@@ -12,14 +12,14 @@ import solids
 import sweeps
 import views
 from glrender import Body, Renderer, Shape, frames, generate
+from glrender.base.constants import AU_M
 from glrender.brdf import Hapke, Lambert, LommelSeeliger
-from glrender.constants import AU_M
-from glrender.coverage_engine import CoverageEngine
-from glrender.facet_cutter import FacetCutter
-from glrender.facet_tables import neighbours
-from glrender.grouping import region
-from glrender.ray_engine import RayEngine
-from glrender.view import view_bodies
+from glrender.engines.coverage.boundary_clip import FacetCutter
+from glrender.engines.coverage.engine import CoverageEngine
+from glrender.engines.coverage.facet_tables import neighbours
+from glrender.engines.rays.engine import RayEngine
+from glrender.view.regions import region
+from glrender.view.view import view_bodies
 from glrender_camera import threads
 
 LAW = Lambert(normal_albedo=0.3)

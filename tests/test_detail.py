@@ -8,15 +8,28 @@ import numpy as np
 import pytest
 import solids
 import views
-from glrender import Body, Boulders, ConfigError, Craters, Detail, Noise, Pose, Renderer, Scene, State, frames, generate
-from glrender.backends.cycles import Cycles
-from glrender.backends.raytrace import RayTracer
+from glrender import (
+    Body,
+    Boulders,
+    ConfigError,
+    Craters,
+    Detail,
+    Noise,
+    Pose,
+    Renderer,
+    Scene,
+    State,
+    frames,
+    generate,
+)
+from glrender.base.constants import AU_M
 from glrender.brdf import Hapke, Lambert
-from glrender.constants import AU_M
-from glrender.ground import displaced
-from glrender.relief import Relief
-from glrender.relief_layers import BOULDER, CRATER, layers_of
-from glrender.view import view_bodies
+from glrender.engines.cycles import Cycles
+from glrender.engines.cycles.displaced_mesh import displaced
+from glrender.engines.rays.backend import RayTracer
+from glrender.scene.detail.height_field import Relief
+from glrender.scene.detail.layers import BOULDER, CRATER, layers_of
+from glrender.view.view import view_bodies
 
 GREY = Lambert(normal_albedo=0.3)
 NOISE = Noise(amplitude_m=0.2, longest_m=10.0, shortest_m=0.2)

@@ -8,11 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import views
-from glrender import Body, ConfigError, Renderer, engine_choice, generate, grouping
-from glrender.area_grid import CELL_PX
+from glrender import Body, ConfigError, Renderer, generate
 from glrender.brdf import Lambert
-from glrender.engine_choice import ENGINES, FEWEST_CENTROIDS, Request, plan_windows
-from glrender.error_model import SLOPE_PHASES_RAD
+from glrender.engines.small_bodies import CELL_PX
+from glrender.planner import engine_choice
+from glrender.planner.engine_choice import ENGINES, FEWEST_CENTROIDS, Request, plan_windows
+from glrender.planner.error_model import SLOPE_PHASES_RAD
+from glrender.view import regions as grouping
 from test_plan import CAMERA, body, traits, view
 
 GREY = Lambert(normal_albedo=0.3)

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 import views
 from glrender import Pose, frames, generate
+from glrender.base.constants import AU_M, SUN_RADIUS_M
 from glrender.brdf import Lambert
-from glrender.constants import AU_M, SUN_RADIUS_M
-from glrender.hull import Hull
-from glrender.occluders import cast_penumbra, casters
-from glrender.view import view_bodies
+from glrender.scene.shape.convex_hull import Hull
+from glrender.view.occluders import cast_penumbra, casters
+from glrender.view.view import view_bodies
 from missing import needed_module
 from scipy.spatial.transform import Rotation
 
@@ -98,7 +98,7 @@ def test_a_planet_far_from_its_moon_overflows_nowhere():
 def test_hard_edges_cost_less_than_is_predicted():
     """Beside rays with and without the Sun's disc: a moon over a sphere, at twelve places; and not far too much."""
     needed_module("embreex", "pip install 'glrender[raytrace]'")
-    from glrender.backends.raytrace import RayTracer
+    from glrender.engines.rays.backend import RayTracer
 
     rng, ratios = np.random.default_rng(3), []
     for _ in range(12):

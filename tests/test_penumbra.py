@@ -9,11 +9,12 @@ import pytest
 import solids
 import sweeps
 import views
-from glrender import Body, ConfigError, Pose, Renderer, Scene, State, error_model, frames
-from glrender.backends.raytrace import RayTracer
+from glrender import Body, ConfigError, Pose, Renderer, Scene, State, frames
+from glrender.base.constants import AU_M, SUN_RADIUS_M
 from glrender.brdf import Lambert
-from glrender.constants import AU_M, SUN_RADIUS_M
-from glrender.view import view_bodies
+from glrender.engines.rays.backend import RayTracer
+from glrender.planner import error_model
+from glrender.view.view import view_bodies
 
 WHITE = Lambert(normal_albedo=1.0)
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import views
-from glrender import grouping, plan
-from glrender.error_model import BodyTraits
-from glrender.view import BodyView
+from glrender.planner import body_plan as plan
+from glrender.planner.error_model import BodyTraits
+from glrender.view import regions as grouping
+from glrender.view.view import BodyView
 
 
 def view(name="body", size_px=200.0, phase_deg=60.0, bounds_px=None, depth_m=(900.0, 1100.0), is_visible=True):

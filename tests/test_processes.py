@@ -17,7 +17,7 @@ import forking
 import numpy as np
 import pytest
 from glrender import DeviceError, Scene, open_renderer, take_frame
-from glrender.cache import cache_folder, cached_arrays
+from glrender.base.disk_cache import cache_folder, cached_arrays
 from glrender_camera import CameraModel, PinholeCamera
 from views import state
 

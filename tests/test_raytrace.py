@@ -11,12 +11,12 @@ import solids
 import trimesh
 import views
 from glrender import Body, ConfigError, Pose, Renderer, Shape, State, generate, open_renderer
-from glrender.backends.raytrace import RayTracer
+from glrender.base.constants import AU_M
 from glrender.brdf import Hapke, Lambert
-from glrender.constants import AU_M
-from glrender.ray_engine import RAYS_AT_ONCE
-from glrender.rays import LEAST_LIFT, RayMesh
-from glrender.triangles import intersect
+from glrender.engines.rays.backend import RayTracer
+from glrender.engines.rays.engine import RAYS_AT_ONCE
+from glrender.engines.rays.mesh import LEAST_LIFT, RayMesh
+from glrender.scene.shape.ray_triangle import intersect
 from scipy.spatial.transform import Rotation
 from test_renderer_photometry import phi_lambert
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import views
 from glrender import Body, Renderer, generate
-from glrender.backends.raytrace import RayTracer
 from glrender.brdf import Lambert
-from glrender.refine import frame_error, pixel_errors, plan_refinement
+from glrender.engines.rays.backend import RayTracer
+from glrender.planner.adaptive_samples import frame_error, pixel_errors, plan_refinement
 
 GREY = Lambert(normal_albedo=0.4)
 

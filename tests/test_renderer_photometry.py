@@ -121,7 +121,7 @@ def test_solid_angle_falls_off_as_cos_cubed():
 @pytest.mark.parametrize("phase_deg", [10.0, 60.0, 90.0, 120.0])
 def test_shadows_take_no_light_from_a_convex_body(phase_deg, monkeypatch):
     """Acne shows as lost flux: shadow map on against off on a sphere, 0.1 % (photometry.md section 4.3)."""
-    from glrender import plan
+    from glrender.planner import body_plan as plan
 
     law = Lambert(normal_albedo=0.5)
     state = views.state(phase_deg=phase_deg)

@@ -7,7 +7,7 @@ import struct
 import numpy as np
 import pytest
 from glrender import Shape, ShapeError, generate
-from glrender.hull import Hull
+from glrender.scene.shape.convex_hull import Hull
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 from glrender import Shape, ShapeError
-from glrender.polygons import triangulated
+from glrender.scene.shape.polygons import triangulated
 from scipy.spatial.transform import Rotation
 
 CUBE_V = [(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]

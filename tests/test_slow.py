@@ -13,11 +13,11 @@ import pytest
 import serving
 import views
 from glrender import Body, ConfigError, Renderer, generate, load_scene, take_frame
-from glrender.backends.raytrace import RayTracer
 from glrender.brdf import Lambert
 from glrender.emission import Coma
 from glrender.emission.sources.haser import Haser
-from glrender.slow import SlowFrames
+from glrender.engines.rays.backend import RayTracer
+from glrender.engines.reference_fallback import SlowFrames
 from glrender_camera import CameraModel, Detector, Optics
 from glrender_client import AsyncClient, Client, ServerError
 from glrender_server.operations import Operations

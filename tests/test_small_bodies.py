@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 import views
 from glrender import Pose, Renderer, frames, generate
-from glrender.area_grid import add_by_area
 from glrender.brdf import Lambert
-from glrender.error_model import BodyTraits
-from glrender.grouping import outline
-from glrender.scene import Body
-from glrender.small_body_grid import SAMPLES_ACROSS, cell_error, cell_size, samples_across, sampling_errors
-from glrender.view import view_bodies
+from glrender.engines.small_bodies import add_by_area
+from glrender.planner.error_model import BodyTraits
+from glrender.planner.small_body_grid import SAMPLES_ACROSS, cell_error, cell_size, samples_across, sampling_errors
+from glrender.scene.scene import Body
+from glrender.view.regions import outline
+from glrender.view.view import view_bodies
 from missing import needed_module
 from scipy.spatial.transform import Rotation
 
@@ -70,7 +70,7 @@ class Samples:
 def test_the_error_of_a_grid_holds_beside_rays(name):
     """Of ten attitudes, 10 to 130 deg, 0.1 to 15 px, 64 to 256 samples across: nine in ten, and not four times it."""
     needed_module("embreex", "pip install 'glrender[raytrace]'")
-    from glrender.ray_engine import RayEngine
+    from glrender.engines.rays.engine import RayEngine
 
     shape, rng, told = shapes()[name], np.random.default_rng(7), []
     known = traits(len(shape.facets), shape.crease_rad)
@@ -99,7 +99,7 @@ def test_the_error_of_a_grid_holds_beside_rays(name):
 def test_the_flux_holds_in_another_body_s_penumbra(size_px, offset_m, gap_m, moon_m):
     """Each sample meets one point of the Sun's disc: noise. A moon sunward, beside 2000 x 1200 rays."""
     needed_module("embreex", "pip install 'glrender[raytrace]'")
-    from glrender.ray_engine import RayEngine
+    from glrender.engines.rays.engine import RayEngine
 
     camera = views.camera(40, 10.0 * size_px)
     bodies = [Body(name=name, shape=shape, brdf=Lambert(normal_albedo=0.3)) for name, shape in (
@@ -126,7 +126,7 @@ def test_the_flux_holds_in_another_body_s_penumbra(size_px, offset_m, gap_m, moo
 def test_the_error_of_several_bodies_holds(sizes_px, seed):
     """Two to four, smooth and lumpy, bright and dark, within so many pixels: beside 1500 rays across all of them."""
     needed_module("embreex", "pip install 'glrender[raytrace]'")
-    from glrender.ray_engine import RayEngine
+    from glrender.engines.rays.engine import RayEngine
 
     rng = np.random.default_rng(seed)
     names = [f"body{k}" for k in range(2 + seed % 3)]
@@ -162,7 +162,7 @@ def test_the_error_of_several_bodies_holds(sizes_px, seed):
 def test_rays_of_a_lattice_are_those_of_its_places():
     """More places than are taken at once: 1001 x 701, of which every thirteenth is cast alone."""
     needed_module("embreex", "pip install 'glrender[raytrace]'")
-    from glrender import ray_engine
+    from glrender.engines.rays import engine as ray_engine
 
     camera = views.camera(32, 150.0)
     scene = views.scene([Body(name="body", shape=shapes()["sphere"], brdf=Lambert(normal_albedo=0.3))], [camera],

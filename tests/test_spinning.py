@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 import views
 from glrender import Body, Renderer, generate
-from glrender.backends.raytrace import RayTracer
 from glrender.brdf import Lambert
-from glrender.brdf_tables import BrdfTables
-from glrender.centroid_horizons import CentroidHorizons
-from glrender.centroid_visibility import CentroidVisibility
-from glrender.engine_choice import ENGINES
-from glrender.facet_tables import FacetTables
-from glrender.ray_engine import RayEngine
-from glrender.view import view_bodies
+from glrender.engines.coverage.brdf_tables import BrdfTables
+from glrender.engines.coverage.centroid_horizons import CentroidHorizons
+from glrender.engines.coverage.centroid_visibility import CentroidVisibility
+from glrender.engines.coverage.facet_tables import FacetTables
+from glrender.engines.rays.backend import RayTracer
+from glrender.engines.rays.engine import RayEngine
+from glrender.planner.engine_choice import ENGINES
+from glrender.view.view import view_bodies
 
 GREY = Lambert(normal_albedo=0.3)
 

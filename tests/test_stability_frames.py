@@ -7,7 +7,7 @@ import pytest
 import sweeps
 import views
 from glrender import Body, Pose, Renderer, State, frames, generate
-from glrender.backends.raytrace import RayTracer
+from glrender.engines.rays.backend import RayTracer
 
 
 @pytest.mark.parametrize("seed", range(4))

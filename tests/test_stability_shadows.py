@@ -9,10 +9,10 @@ import pytest
 import sweeps
 import views
 from glrender import Body, Pose, Renderer, Shape, State, frames, generate
-from glrender.backends.raytrace import RayTracer
+from glrender.base.constants import AU_M
 from glrender.brdf import Lambert
-from glrender.constants import AU_M
-from glrender.gl.targets import ShadowMap
+from glrender.engines.raster.gl.targets import ShadowMap
+from glrender.engines.rays.backend import RayTracer
 
 
 @pytest.mark.parametrize("size_px", [50.0, 200.0])

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import views
 from glrender import Body, Pose, Shape, State, frames, open_renderer
-from glrender.backends.cycles.blender_terms import BlenderTerms
+from glrender.base.constants import AU_M
 from glrender.brdf import Lambert
-from glrender.constants import AU_M
+from glrender.engines.cycles.blender_terms import BlenderTerms
 from solids import box
 
 GREY = Lambert(normal_albedo=0.3)

@@ -33,9 +33,9 @@ from glrender import (
     open_renderer,
     take_frame,
 )
-from glrender.advice import LEAST_DN, Advice, scene_advice
+from glrender.base.constants import AU_M
 from glrender.brdf import Lambert
-from glrender.constants import AU_M
+from glrender.engines.advice import LEAST_DN, Advice, scene_advice
 from glrender_camera import AutoExposure, BrownConrady, CameraModel, Detector, MosaicModel, Optics
 from scipy.spatial.transform import Rotation
 

@@ -12,7 +12,7 @@ import pytest
 import serving
 import views
 from glrender import generate
-from glrender.advice import Advice
+from glrender.engines.advice import Advice
 from glrender_client import Client
 from glrender_server import warned
 from glrender_server.warned import AWAY_S, WarningLog

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from ..gl.context import Context
-from ..scene import Scene
+from ..engines.raster.gl.context import Context
+from ..scene.scene import Scene
 from .drawing import ComaDrawing
 from .settings import ComaSettings
 from .tracing import ComaTracing

@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .. import frames
-from ..emission_frame import EmissionFrame
-from ..gl.coma_pass import ComaPass, ComaVolume, FloatTarget, Grid
-from ..gl.context import Context
-from ..render_plan import EmissionPlan
-from ..scene import Scene
-from ..view import BodyView
+from ..base import rotations as frames
+from ..engines.emission_interface import EmissionFrame
+from ..engines.raster.gl.coma_pass import ComaPass, ComaVolume, FloatTarget, Grid
+from ..engines.raster.gl.context import Context
+from ..planner.plan import EmissionPlan
+from ..scene.scene import Scene
+from ..view.view import BodyView
 from .geometry import is_ahead, passing_m, shader_values
 from .layers import Layer, Layers
 from .light import add_light, cell_middles, is_point, point_correction, spread

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import ConfigError
-from ..shape import Shape
+from ..base.errors import ConfigError
+from ..scene.shape.shape import Shape
 from .bake import SphericalBake
 from .fields import CartesianField, Field, SphericalField
 from .hits import body_hits

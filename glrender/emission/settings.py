@@ -9,8 +9,8 @@ from typing import Any
 
 from glrender_camera.validate import known_keys, text
 
-from ..errors import ConfigError, error_path
-from ..scene import Body
+from ..base.errors import ConfigError, error_path
+from ..scene.scene import Body
 from .dust import Dust
 from .phase_function import phase_function
 from .tables import MODELS

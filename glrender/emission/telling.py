@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from ..render_plan import EmissionPlan
+from ..planner.plan import EmissionPlan
 from .layers import Layer
 from .planning import Sampling
 from .settings import ComaSettings

@@ -12,10 +12,10 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from .. import frames
-from ..emission_frame import TracedFrame
-from ..render_plan import EmissionPlan
-from ..scene import Scene
+from ..base import rotations as frames
+from ..engines.emission_interface import TracedFrame
+from ..planner.plan import EmissionPlan
+from ..scene.scene import Scene
 from .column import columns
 from .layers import Layer, Layers
 from .light import add_light, is_point, point_correction

@@ -20,11 +20,11 @@ from glrender import (
     frames,
     load_scene,
     open_renderer,
-    plugins,
     take_frame,
 )
-from glrender.advice import scene_advice
-from glrender.constants import AU_M
+from glrender.base.constants import AU_M
+from glrender.engines.advice import scene_advice
+from glrender.scene.plugins import registry as plugins
 from glrender_camera.validate import within
 
 _DISPLAY_GAMMA = 2.2
@@ -86,7 +86,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _info(arguments: argparse.Namespace) -> int:
-    from glrender.gl.context import INSTALL_HINT, probe
+    from glrender.engines.raster.gl.context import INSTALL_HINT, probe
 
     found = probe()
     works = any("error" not in entry for entry in found)

@@ -20,8 +20,8 @@ from pathlib import Path
 
 import numpy as np
 from glrender import ConfigError, GlrenderError, Pose, Shape, State, frames, generate
-from glrender.constants import AU_M
-from glrender.scene import checked_max_error
+from glrender.base.constants import AU_M
+from glrender.scene.scene import checked_max_error
 from glrender_camera.validate import integer
 
 from .autopilot import CenterFinder, Navigator, ReferencePath

@@ -16,8 +16,8 @@ from typing import Any, Protocol
 import glrender
 import zmq
 from glrender import GlrenderError
-from glrender.image import PRODUCTS
-from glrender.ranging import MAX_DIRECTIONS
+from glrender.engines.image import PRODUCTS
+from glrender.engines.rays.laser_ranges import MAX_DIRECTIONS
 from glrender_camera.validate import known_keys
 
 from . import codec, operations

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import zmq
-from glrender.advice import Advice
+from glrender.engines.advice import Advice
 
 from .operations import Operations
 from .slots import SlotStore, offsets, room

@@ -22,11 +22,11 @@ from glrender import (
     open_renderer,
     take_frame,
 )
-from glrender.advice import Advice, scene_advice
-from glrender.drawing import drawn_pixels, prepare
-from glrender.errors import error_path
-from glrender.ranging import RangeNoise, laser_ranges
-from glrender.slow import checked_allow_slow
+from glrender.base.errors import error_path
+from glrender.capture.static_exposure import drawn_pixels, prepare
+from glrender.engines.advice import Advice, scene_advice
+from glrender.engines.rays.laser_ranges import RangeNoise, laser_ranges
+from glrender.engines.reference_fallback import checked_allow_slow
 from glrender_camera import MosaicModel
 from glrender_camera.validate import known_keys, one_of
 

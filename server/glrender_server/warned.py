@@ -6,7 +6,7 @@ import logging
 from collections import OrderedDict
 from collections.abc import Iterable, Mapping, Sequence
 
-from glrender.advice import Advice
+from glrender.engines.advice import Advice
 
 log = logging.getLogger(__name__)
 

@@ -17,7 +17,7 @@ from typing import Any
 
 import zmq
 from glrender import DeviceError, Scene
-from glrender.advice import Advice
+from glrender.engines.advice import Advice
 
 from .envelope import refusal
 from .job import Done, Job
