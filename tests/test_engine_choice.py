@@ -12,8 +12,8 @@ from glrender import Body, ConfigError, Renderer, generate
 from glrender.brdf import Lambert
 from glrender.engines.small_bodies import CELL_PX
 from glrender.planner import engine_choice
-from glrender.planner.engine_choice import ENGINES, FEWEST_CENTROIDS, Request, plan_windows
-from glrender.planner.error_model import SLOPE_PHASES_RAD
+from glrender.planner.engine_choice import ENGINES, Request, plan_windows
+from glrender.planner.error_model import FEWEST_CENTROIDS, SLOPE_PHASES_RAD
 from glrender.view import regions as grouping
 from test_plan import CAMERA, body, traits, view
 
