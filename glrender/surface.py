@@ -102,10 +102,11 @@ class Surface:
         albedo = np.clip(getattr(law, name) * albedo_scale, 0.0, 1.0)
         place = albedo * (_ALBEDO_NODES - 1)
         node = np.minimum(place.astype(int), _ALBEDO_NODES - 2)
-        to_camera, value = np.broadcast_to(to_camera, normal.shape), np.zeros(len(normal))
+        to_sun, to_camera = (np.broadcast_to(towards, normal.shape) for towards in (to_sun, to_camera))
+        value = np.zeros(len(normal))
         for k in np.unique(node):
             here = np.flatnonzero(node == k)
             low, high = (replace(law, **{name: (k + step) / (_ALBEDO_NODES - 1)}).brdf(
-                to_sun, to_camera[here], normal[here]) for step in (0, 1))
+                to_sun[here], to_camera[here], normal[here]) for step in (0, 1))
             value[here] = low + (place[here] - k) * (high - low)
         return value
