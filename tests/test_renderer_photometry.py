@@ -282,7 +282,7 @@ def test_a_budget_that_cannot_be_met_is_told_in_the_plan():
         met, missed = (renderer.render(views.state(), max_error=budget).plan for budget in (0.05, 1e-5))
     assert met.predicted_error <= 0.05 and not met.warnings
     assert missed.predicted_error > 1e-5
-    assert "the budget of 1e-05 is not met" in missed.warnings[0]
+    assert "exceeds max_error 1e-05; pass allow_slow=True" in missed.warnings[0]
 
 
 def test_smooth_normals_leave_no_black_limb():
