@@ -76,7 +76,7 @@ def test_agrees_with_the_tests_own_rays():
     shape = generate.contact_binary(radius_m=100.0, seed=2)
     body = Body(name="body", shape=shape, brdf=GREY)
     camera, state = views.camera(96, 400.0), views.state(phase_deg=70.0)
-    with RayTracer(views.scene([body], [camera])) as tracer:
+    with RayTracer(views.scene([body], [camera], sun_disc=False)) as tracer:
         image = tracer.render(state, samples=3, products=["facet_id", "range", "sunlit"])
     truth, facet, range_m = raytracer.trace([("body", shape.vertices_m, shape.facets, GREY)], camera, state,
                                             views.SOLAR_IRRADIANCE_W_M2, 3)

@@ -148,7 +148,7 @@ class CoverageEngine:
         # Of the root of a sum of squares: RMS over the lit pixels over their mean, or ten times the flux.
         crescents = crescent_gain(max(view.phase_rad for view in members))
         per_root = crescents * max(math.sqrt(n_px), _FLUX) / light
-        most = max(tolerance**2 - _LEAST**2, 0.0) / per_root**2
+        most = max(tolerance**2 - _LEAST**2, _LEAST**2) / per_root**2
         penumbras = penumbra = 0.0
         if has_disc:
             low = [body.low_sun() for body in bodies]
