@@ -123,7 +123,7 @@ def frame_plan(camera: PinholeCamera, max_error: float, views: Sequence[BodyView
         if window is not None and window.by_centroids:
             left_out.append(f"{view.name}: shadow boundaries inside facets: each facet is lit or dark by its centroid")
         if has_sun_disc and (body.shadow_map_px is not None or (window is not None and window.engine == "coverage")):
-            left_out.append(f"{view.name}: the Sun's disc: shadows have hard edges")
+            left_out.append(f"{view.name}: the Sun's disc: shadows have hard edges, or those of a few of its points")
         if by_raster and body.shadow_map_px is None:
             left_out.append(f"shadows on {view.name}: nothing can cast on what is seen")
         if known.relief is not None:

@@ -19,6 +19,8 @@ _EDGES = 0.47
 _CREASES = 0.67
 _CREASE_POWER = 0.8
 _LIT_POWER = 1.15
+# The same of points of the Sun's disc, where all of a body is in a penumbra: half of the samples are lit.
+_DISC_NOISE = 0.5
 # The same data: errors of the flux, of pixels and of the centre of light [px], over that.
 _FLUX = 2.8
 _PIXELS = 1.2
@@ -27,20 +29,26 @@ _CELL_ERROR = 2.2
 _CELL_LIT_POWER = 1.2
 
 
-def sampling_errors(view: BodyView, traits: BodyTraits, n_across: float) -> tuple[float, float]:
-    """Error of the flux [1], and RMS error of pixels over their mean [1], with so many samples across a body."""
+def sampling_errors(view: BodyView, traits: BodyTraits, n_across: float, penumbra: float = 0.0
+                    ) -> tuple[float, float]:
+    """Error of the flux [1], and RMS error of pixels over their mean [1], with so many samples across a body.
+
+    Each sample meets one point of the Sun's disc: noise where a `penumbra` covers such a share of the body.
+    """
     lit = lit_share(view.phase_rad)
     crowd = FACETS_SEEN * traits.n_facets / NOISE_FACETS
     creases = _CREASES * traits.slope**_CREASE_POWER * min(math.sqrt(math.sqrt(crowd) / n_across), 1.0)
-    error = lit**-_LIT_POWER * math.hypot(_EDGES / math.sqrt(n_across), creases) / n_across
+    noise = _DISC_NOISE * math.sqrt(penumbra)
+    error = lit**-_LIT_POWER * math.hypot(_EDGES / math.sqrt(n_across), creases, noise) / n_across
     flux = _FLUX / math.sqrt(lit) * error
     return flux, _PIXELS * min(view.size_px, 1e5) * error + flux
 
 
-def samples_across(view: BodyView, traits: BodyTraits, flux_error: float, pixel_error: float = math.inf) -> int:
+def samples_across(view: BodyView, traits: BodyTraits, flux_error: float, pixel_error: float = math.inf,
+                   penumbra: float = 0.0) -> int:
     """The fewest of `SAMPLES_ACROSS` whose errors of flux and pixels are within; the most where none are."""
     for n_across in SAMPLES_ACROSS:
-        flux, pixels = sampling_errors(view, traits, n_across)
+        flux, pixels = sampling_errors(view, traits, n_across, penumbra)
         if flux <= flux_error and pixels <= pixel_error:
             return n_across
     return SAMPLES_ACROSS[-1]

@@ -140,7 +140,8 @@ class CoverageEngine:
         """
         dark, cells = np.zeros(grid[::-1]), _Cells(camera, bounds_px, grid)
         members = [view for view in views if view.name in names and view.is_visible]
-        bodies = [SunlitAreas(self._facets[view.name], view, views, camera, bounds_px, self._rays) for view in members]
+        bodies = [SunlitAreas(self._facets[view.name], view, views, camera, bounds_px, self._rays, has_disc)
+                  for view in members]
         light, n_px = sum(body.light for body in bodies), sum(body.area_px for body in bodies)
         if not light > 0.0:
             # Light between corners that are all dark is for rays to find.

@@ -13,28 +13,33 @@ _TABLE, _CORNERS, _NUMBERS = read(float64, 2), read(intp, 2), read(intp, 1)
 _VECTOR, _POINTS = read(float64, 1, "A"), read(float64, 2, "A")
 
 
-@compiled(Tuple((write(intp, 1), write(float64, 1), write(float64, 1)))(
-    _TABLE, read(float64, 1), intp, intp, _VECTOR, _VECTOR, _TABLE, _CORNERS, _VECTOR))
-def facing(normal, offset_m, first, last, to_sun, r_camera_m, xy, corners, bounds):
+@compiled(Tuple((write(intp, 1), write(float64, 1), write(float64, 1), float64))(
+    _TABLE, read(float64, 1), intp, intp, _VECTOR, float64, _VECTOR, _TABLE, _CORNERS, _VECTOR))
+def facing(normal, offset_m, first, last, to_sun, sun_radius, r_camera_m, xy, corners, bounds):
     """Facets (N,) out of first to last that face Sun and camera and are shown.
 
     With the cosines (N,) of the Sun's incidence, and what is shown of their boxes (N,), by the places of their vertices
-    (2, V) and the edges x0, y0, x1, y1 of the image.
+    (2, V) and the edges x0, y0, x1, y1 of the image; and the area of those that face the camera and that the Sun's
+    middle has set for by no more than its radius [rad].
     """
     found, cosines, shown, n = np.empty(last - first, np.intp), np.empty(last - first), np.empty(last - first), 0
+    set_area = 0.0
     for facet in range(first, last):
         x, y, z = normal[0, facet], normal[1, facet], normal[2, facet]
         cosine = x * to_sun[0] + y * to_sun[1] + z * to_sun[2]
-        if cosine > 0.0 and x * r_camera_m[0] + y * r_camera_m[1] + z * r_camera_m[2] > offset_m[facet]:
+        if cosine > -sun_radius and x * r_camera_m[0] + y * r_camera_m[1] + z * r_camera_m[2] > offset_m[facet]:
             share, a, b, c = 1.0, corners[0, facet], corners[1, facet], corners[2, facet]
             for axis in range(2):
                 low, high = min(xy[axis, a], xy[axis, b], xy[axis, c]), max(xy[axis, a], xy[axis, b], xy[axis, c])
                 if low < bounds[axis] or high > bounds[axis + 2]:
                     share *= max(min(high, bounds[axis + 2]) - max(low, bounds[axis]), 0.0) / max(high - low, 1e-300)
-            if share > 0.0:
+            if share > 0.0 and cosine > 0.0:
                 found[n], cosines[n], shown[n] = facet, cosine, share
                 n += 1
-    return found[:n].copy(), cosines[:n].copy(), shown[:n].copy()
+            elif share > 0.0:
+                set_area += 0.5 * share * abs((xy[0, b] - xy[0, a]) * (xy[1, c] - xy[1, a])
+                                              - (xy[0, c] - xy[0, a]) * (xy[1, b] - xy[1, a]))
+    return found[:n].copy(), cosines[:n].copy(), shown[:n].copy(), set_area
 
 
 @compiled(write(float64, 1)(read(float32, 2), read(float64, 1), read(int32, 2), _CORNERS, _TABLE, intp, _VECTOR,

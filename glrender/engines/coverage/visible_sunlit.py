@@ -46,6 +46,8 @@ _LARGE, _LARGE_SHARE, _OTHERS, _TORN = 2.0, 2e-3, 60.0, 0.25
 _UNDIVIDED, _LEAST_LEFT, _MOST_DIVISIONS = 0.25, 0.1, 6
 # How many facets are few, and too many to look again; most looks; of the budget, what may be missed without another.
 _FEW, _MANY, _MOST_LOOKS, _ENOUGH = 3000, 120_000, 4, 0.5
+# Area for which the Sun's middle has set but not its disc, over the lit area, from which rays have to look.
+_FEW_SET = 0.02
 # What hard edges cost over a ramp's error, as measured (docs/planner.md).
 _PENUMBRA = 0.65
 # Facets that a thread looks at in a turn, and that it shades; and from which on two threads draw, on an image each: so
@@ -67,13 +69,16 @@ class SunlitAreas:
     bounds_px : (float, float, float, float) [px]
         Beside which nothing is wanted.
     rays : RayEngine
+    has_disc : bool
+        Whether the Sun has one.
     """
 
     def __init__(self, facets: FacetTables, view: BodyView, views: list[BodyView], camera: PinholeCamera,
-                 bounds_px: tuple[float, float, float, float], rays: RayEngine):
+                 bounds_px: tuple[float, float, float, float], rays: RayEngine, has_disc: bool):
         self._facets, self._view, self._views, self._camera, self._rays = facets, view, views, camera, rays
         self._xy = projected(facets.vertices_m, view, camera)
-        facing, cos_incidence, shown = self._find_facing(np.array(bounds_px, float))
+        facing, cos_incidence, shown = self._find_facing(np.array(bounds_px, float),
+                                                         view.sun_radius_rad if has_disc else 0.0)
         self._radiance, self._off_axis, self._cos_incidence = np.zeros((3, facets.n_facets))
         self._cos_incidence[facing] = cos_incidence
         # Parts of large facets that are lit or dark as far as is known.
@@ -94,7 +99,8 @@ class SunlitAreas:
         facet = np.concatenate([self._whole, self._mixed.facet])
         area_px = np.concatenate([self._facet_px(self._whole), self._mixed.area_px * n_lit.take(mixed) / 3.0])
         area_px *= np.concatenate([shown.take(whole), shown.take(mixed)])
-        self.area_px, self.n_areas, self.has_facing = float(area_px.sum()), len(area_px), len(facing) > 0
+        self.area_px, self.n_areas, self.has_facing = float(area_px.sum()), len(area_px), bool(
+            len(facing) or self._set_px)
         # No product of matrices here: BLAS keeps threads of its own spinning, which takes the time of others' frames.
         self.light = float((area_px * self._radiance[facet]).sum())
         self._spread = self._spread_of(_n_bringing(self._light_squared(self._mixed)), _SPREAD)
@@ -111,13 +117,15 @@ class SunlitAreas:
         self._cutter.keep_lit(self._even)
         return told
 
-    def _find_facing(self, bounds_px: np.ndarray) -> tuple[np.ndarray, ...]:
+    def _find_facing(self, bounds_px: np.ndarray, sun_radius_rad: float) -> tuple[np.ndarray, ...]:
         """Facets (N,) that face camera and Sun, cosines (N,) of incidence, and the share (N,) that is shown, about."""
         facets, view = self._facets, self._view
         found = threads.run_in_parts(lambda part: facet_loops.facing(
-            facets.normal, facets.offset_m, part.start, part.stop, view.sun_direction_body, view.r_camera_body_m,
-            self._xy, facets.corners, bounds_px), facets.n_facets, _FOUND_AT_ONCE)
-        return tuple(np.concatenate(each) for each in zip(*found, strict=True))
+            facets.normal, facets.offset_m, part.start, part.stop, view.sun_direction_body, sun_radius_rad,
+            view.r_camera_body_m, self._xy, facets.corners, bounds_px), facets.n_facets, _FOUND_AT_ONCE)
+        *found, set_px = zip(*found, strict=True)
+        self._set_px = sum(set_px)
+        return tuple(np.concatenate(each) for each in found)
 
     def _cut(self, most_squared: float, flux_weight: float) -> float:
         """Cut what is mixed, with what looking closer finds."""
@@ -180,18 +188,22 @@ class SunlitAreas:
         """What a Sun without a disc misses of facets that part of its disc lights: squared error, and light.
 
         A facet at which the Sun's middle stands as high as a share u of its radius has the mean of max(0, u + t) over
-        the disc (closed form) in place of u. As many facets, at which it stands as low, are taken to be dark.
+        the disc (closed form) in place of u. Those for which it has set are as bright, as their area has it.
         """
         angle = self._view.sun_radius_rad
         facet = np.concatenate([self._whole, self._mixed.facet])
         area_px = np.concatenate([self._facet_px(self._whole), self._mixed.area_px])
         low = np.flatnonzero(self._cos_incidence.take(facet) < angle)
         facet, area_px = facet.take(low), area_px.take(low)
+        risen_px = float(area_px.sum())
+        if not risen_px > 0.0:
+            return (math.inf, math.inf) if self._set_px > _FEW_SET * self.area_px else (0.0, 0.0)
         u = self._cos_incidence.take(facet) / angle
         root = np.sqrt(np.maximum(1.0 - u * u, 0.0))
         missed = u * ((u * root + np.arcsin(np.minimum(u, 1.0))) / np.pi - 0.5) + 2.0 / (3.0 * np.pi) * root**3
         light = self._radiance.take(facet) / np.maximum(u, 1e-9) * missed
-        return 2.0 * float(_pixels_squared(light, area_px).sum()), 2.0 * float((light * area_px).sum())
+        both = 1.0 + self._set_px / risen_px
+        return both * float(_pixels_squared(light, area_px).sum()), both * float((light * area_px).sum())
 
     def add_to(self, changes: np.ndarray, origin_px: np.ndarray, per_px: np.ndarray, off_axis_power: float) -> None:
         """Add what the areas change in the cells of an image: `accumulate`.
