@@ -5,7 +5,7 @@ Vectors stand in columns (3, N) here: NumPy then reads memory in order, several 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -116,13 +116,16 @@ class RayMesh:
         """What rays (3, N) from a point (3,) [m], or from points (3, N), meet first."""
         place, facet, distance_m, ray, normal = self._loops.find_first(
             self._mesh.scene, origin_m.reshape(3, -1), ray, self.radius_m, self.normals.T, self._offset_m)
-        if self._other_side is not None:
-            # Embree takes either of two in one place.
-            other = self._other_side.take(facet)
-            turned = np.flatnonzero((other >= 0) & (dot(ray, normal) > 0.0))
-            facet[turned] = other.take(turned)
-            normal[:, turned] = -normal[:, turned]
-        return Hits(place=place, facet=facet, distance_m=distance_m, ray=ray, normal=normal)
+        return self._faced(Hits(place=place, facet=facet, distance_m=distance_m, ray=ray, normal=normal))
+
+    def _faced(self, hits: Hits) -> Hits:
+        """Hits of the sides that the rays face: of two in one place either may be met first."""
+        if self._other_side is None:
+            return hits
+        other = self._other_side.take(hits.facet)
+        is_turned = (other >= 0) & (dot(hits.ray, hits.normal) > 0.0)
+        return replace(hits, facet=np.where(is_turned, other, hits.facet),
+                       normal=np.where(is_turned, -hits.normal, hits.normal))
 
     def blocks(self, start_m: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """Whether rays from points (N, 3) [m] towards one direction (3,), or one each (N, 3), meet the shape."""
