@@ -65,6 +65,34 @@ def test_each_side_is_lit_as_a_plate_is(backend, options, scale, with_box):
             assert not behind.irradiance_W_m2[42:58, 42:58].any(), "the side that the Sun does not light is dark"
 
 
+QUAD = "v 1 -1 0\nv 5 -1 0\nv 5 1 0\nv 1 1 0\n"
+BENT = "v 1 -1 0\nv 3 -1 0\nv 5 -1 0\nv 5 1 0\nv 3 0.9 0\nv 1 1 0\n"
+
+
+@pytest.mark.parametrize("text, n_facets", [
+    (QUAD + "f 1 2 3 4\nf 4 3 2 1\n", 4), (QUAD + "f 1 2 3 4\nf 1 4 3 2\n", 4),
+    (QUAD + QUAD + "f 1 2 3 4\nf 8 7 6 5\n", 4), (QUAD + "f 1 2 3\nf 1 3 4\nf 4 3 2\nf 4 2 1\n", 4),
+    (BENT + "f 1 2 3 4 5 6\nf 6 5 4 3 2 1\n", 8), (BENT + "f 1 2 3 4 5 6\nf 3 2 1 6 5 4\n", 8)],
+    ids=["turned", "from the first corner", "corners of its own", "other diagonals", "concave", "concave, turned"])
+def test_sides_that_begin_elsewhere_are_sides_all_the_same(tmp_path, text, n_facets):
+    """Of polygons wound the other way from any corner, and of triangles along the other diagonal: rays see each."""
+    (tmp_path / "panel.obj").write_text(text)
+    body = Body.from_file(tmp_path / "panel.obj", name="body", length_unit="m", brdf=GREY)
+    assert (body.shape.report.n_facets, body.shape.report.n_two_sided) == (n_facets, n_facets // 2)
+    assert not body.shape.report.warnings
+    with open_renderer(views.scene([body], [views.camera(100, 1000.0)]), "raytrace") as renderer:
+        for side in (-1.0, 1.0):
+            image = renderer.render(looking(side, 60.0)).irradiance_W_m2[42:58, 42:58]
+            np.testing.assert_allclose(image, 0.3 / np.pi * views.SOLAR_IRRADIANCE_W_M2 * 0.5 / 1000.0**2, rtol=4e-4)
+
+
+def test_texture_coordinates_stay_with_their_corners_where_a_diagonal_changes():
+    places = np.array([[0.0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]])
+    sheet = [[0, 1, 2], [0, 2, 3], [3, 2, 1], [3, 1, 0]]
+    shape = Shape.from_arrays(places, np.array(sheet), uv=places[sheet][..., :2] / 4.0)
+    np.testing.assert_array_equal(4.0 * shape.uv, shape.vertices_m[shape.facets][..., :2])
+
+
 @pytest.mark.parametrize("backend, options", [("auto", {"samples": 4}), ("raytrace", {})])
 def test_smooth_normals_of_each_side_are_its_own(backend, options):
     scene = views.scene([craft(smooth_normals=True)], [views.camera(100, 1000.0)])

@@ -6,7 +6,7 @@ Vectors stand in columns (3, N) here: NumPy then reads memory in order, several 
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -138,16 +138,16 @@ class RayMesh:
         """What rays (3, N) from a point (3,) [m], or from points (3, N), meet first."""
         place, facet, distance_m, ray, normal = ray_loops.find_first(
             self._mesh.scene, origin_m.reshape(3, -1), ray, self.radius_m, self.normals.T, self._offset_m)
-        return self._facing(Hits(place=place, facet=facet, distance_m=distance_m, ray=ray, normal=normal))
+        return self._faced(Hits(place=place, facet=facet, distance_m=distance_m, ray=ray, normal=normal))
 
-    def _facing(self, hits: Hits) -> Hits:
-        """Hits of those facets that rays come from the front of, where two are in one place: either was met."""
-        if self._other_side is not None:
-            other = self._other_side.take(hits.facet)
-            turned = np.flatnonzero((other >= 0) & (dot(hits.ray, hits.normal) > 0.0))
-            hits.facet[turned] = other.take(turned)
-            hits.normal[:, turned] = -hits.normal[:, turned]
-        return hits
+    def _faced(self, hits: Hits) -> Hits:
+        """Hits of the sides that the rays face: of two in one place either may be met first."""
+        if self._other_side is None:
+            return hits
+        other = self._other_side.take(hits.facet)
+        is_turned = (other >= 0) & (dot(hits.ray, hits.normal) > 0.0)
+        return replace(hits, facet=np.where(is_turned, other, hits.facet),
+                       normal=np.where(is_turned, -hits.normal, hits.normal))
 
     def blocks(self, start_m: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """Whether rays from points (N, 3) [m] towards one direction (3,), or one each (N, 3), meet the shape."""
@@ -204,7 +204,7 @@ class _FineMesh(RayMesh):
 
     def first(self, origin_m: np.ndarray, ray: np.ndarray) -> Hits:
         place, facet, distance_m = self._exact.first(origin_m.reshape(3, -1), ray)
-        return self._facing(Hits(place=place, facet=facet, distance_m=distance_m, ray=ray.take(place, axis=1),
+        return self._faced(Hits(place=place, facet=facet, distance_m=distance_m, ray=ray.take(place, axis=1),
                                  normal=self.normals.T.take(facet, axis=1)))
 
     def blocks(self, start_m: np.ndarray, direction: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ from glrender_camera.validate import integer, within
 
 from ...base.errors import ShapeError, error_path
 from .files import MAX_FACETS, read_shape_file
-from .shells import WELD_RTOL, Edges, are_all_different, seams, wound
+from .shells import WELD_RTOL, Edges, are_all_different, of_one_diagonal, seams, wound
 
 _log = logging.getLogger(__name__)
 
@@ -269,6 +269,9 @@ def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None) -
     if n_seam:
         facets, uv, *more = _without_copies(welded[facets], uv)
         n_degenerate, n_duplicate, edges = n_degenerate + more[0], n_duplicate + more[1], Edges(facets)
+    if (changed := of_one_diagonal(vertices, facets, edges)) is not None:
+        facets, uv = changed[0], None if uv is None else uv.reshape(-1, 2)[changed[1]]
+        edges = Edges(facets)
     shells = wound(vertices, facets, edges)
     facets, flipped, solid = shells.facets, shells.is_flipped, shells.is_solid
     if uv is not None:
@@ -310,7 +313,7 @@ def _warnings(report: ShapeReport, n_holed_edges: int) -> tuple[str, ...]:
     told, n_open = [], report.n_open_edges - n_holed_edges
     if n_holed_edges:
         told.append(f"{n_holed_edges} open edges of holes in a surface that is closed else: light and sight pass "
-                    "through; close them in the program that made the shape")
+                    "through, and it is not turned outward; close them in the program that made the shape")
     if n_open:
         told.append(f"{n_open} open edges of a surface that encloses nothing, as terrain: it is seen and lit from the "
                     "front of its facets alone; if it is dark from above, wind them the other way")

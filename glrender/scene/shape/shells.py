@@ -121,6 +121,47 @@ def seams(vertices: np.ndarray, edges: Edges) -> tuple[np.ndarray, float, float]
     return own, tolerance, float(distance[near].max())
 
 
+def of_one_diagonal(vertices: np.ndarray, facets: np.ndarray, edges: Edges
+                    ) -> tuple[np.ndarray, np.ndarray] | None:
+    """Facets (F, 3) of which both sides of a flat quadrilateral have one diagonal: each is the other's other side then.
+
+    With the facets' corners (F, 3) from 0 to 3 F - 1 that each corner was; None where there is nothing to change.
+    """
+    first = edges.begin[edges.size == 2]
+    a, b = edges.order[first], edges.order[first + 1]
+    beyond = [facets.ravel()[side - side % 3 + (side + 2) % 3] for side in (a, b)]
+    quad = np.sort(np.stack([edges.start[a], edges.end[a], *beyond], axis=1), axis=1)
+    mixed = _hashed(quad)
+    twice = _repeated(mixed)
+    if not len(twice):
+        return None
+    chosen = np.flatnonzero(np.isin(mixed, twice) & (edges.start[a] == edges.end[b]))
+    # One plane, and one side of it.
+    p, q, r, s = (vertices[each[chosen]] for each in (edges.start[a], edges.end[a], *beyond))
+    normal, other = np.cross(q - p, r - p), np.cross(p - q, s - q)
+    longest = np.maximum(np.linalg.norm(r - s, axis=1), np.linalg.norm(q - p, axis=1))
+    area = np.linalg.norm(normal, axis=1)
+    is_flat = ((np.einsum("ij,ij->i", normal, other) > 0.0)
+               & (np.abs(np.einsum("ij,ij->i", normal, s - p)) <= _TOUCH_RTOL * longest * area))
+    chosen, normal = chosen[is_flat], normal[is_flat]
+    _, same, count = np.unique(quad[chosen], axis=0, return_inverse=True, return_counts=True)
+    order = np.argsort(same.ravel(), kind="stable")
+    begin = (np.cumsum(count) - count)[count == 2]
+    one, two = order[begin], order[begin + 1]
+    turned = np.einsum("ij,ij->i", normal[one], normal[two]) < 0.0
+    one, two = chosen[one[turned]], chosen[two[turned]]
+    if not len(one):
+        return None
+    here, there = (np.stack([a[each] // 3, b[each] // 3], axis=1) for each in (one, two))
+    made = facets.copy()
+    made[there] = facets[here][..., ::-1]
+    was = np.arange(facets.size).reshape(-1, 3)
+    corners = was[there].reshape(len(there), 1, 6)
+    is_it = facets.ravel()[corners] == made[there].reshape(len(there), 6, 1)
+    was[there] = np.take_along_axis(corners[:, 0], np.argmax(is_it, axis=2), axis=1).reshape(-1, 2, 3)
+    return made, was
+
+
 def wound(vertices: np.ndarray, facets: np.ndarray, edges: Edges) -> Shells:
     """The shells of a mesh, each turned as it should be.
 
@@ -183,10 +224,22 @@ class _Owner:
 
 def are_all_different(facets: np.ndarray) -> bool:
     """Whether no two facets have the same corners, told sooner than which: by a hash that may say no for yes."""
-    a, b, c = np.sort(facets, axis=1).astype(np.uint64).T
-    mixed = a * np.uint64(0x9E3779B97F4A7C15) ^ b * np.uint64(0xC2B2AE3D27D4EB4F) ^ c * np.uint64(0x165667B19E3779F9)
-    mixed.sort()
-    return not (mixed[1:] == mixed[:-1]).any()
+    return not len(_repeated(_hashed(np.sort(facets, axis=1))))
+
+
+def _repeated(numbers: np.ndarray) -> np.ndarray:
+    """Those of some numbers (N,) that are there more than once."""
+    numbers = np.sort(numbers)
+    return numbers[1:][numbers[1:] == numbers[:-1]]
+
+
+def _hashed(rows: np.ndarray) -> np.ndarray:
+    """A number (N,) for each row (N, K): the same for equal ones."""
+    mixed = np.zeros(len(rows), np.uint64)
+    for column in rows.T:
+        mixed = (mixed ^ column.astype(np.uint64)) * np.uint64(0x9E3779B97F4A7C15)
+        mixed ^= mixed >> np.uint64(32)
+    return mixed
 
 
 def _are_twins(facets: np.ndarray) -> np.ndarray:
