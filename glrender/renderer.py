@@ -44,7 +44,7 @@ from .surface_pass import Frame, SurfacePass
 from .view import BodyView, chunks_in_window, view_bodies
 
 # Side of a shadow map that only a coma asks for.
-_EMISSION_SHADOW_PX = 512
+_EMISSION_SHADOW_PX = 1024
 
 
 class Renderer:
