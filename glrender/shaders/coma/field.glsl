@@ -37,9 +37,9 @@ vec3 place_at(Ray ray, float theta)
 }
 
 #if HAS_SHADOW
-// What an edge of the shadow near the border of two steps adds to the sum of K in steps that are lit as their middles are.
-// It is found to a 32nd of a step; K is linear there, and a sum of middles that ends there lacks K' / 24. `edge`: the
-// border's angle; K there and K's rise over a step, both negative where the sunlight begins.
+// What an edge of the shadow near the border of two steps adds to the sum of K in steps that are lit as their middles
+// are. It is found to a 32nd of a step; K is linear there, and a sum of middles that ends there lacks K' / 24.
+// `edge`: the border's angle; K there and K's rise over a step, both negative where the sunlight begins.
 float at_edge(Ray ray, vec3 edge, float width)
 {
     float low = -0.5, high = 0.5;
