@@ -48,7 +48,7 @@ from .view.view import BodyView, view_bodies
 # How far OpenGL may put places off in products.
 _MOST_ROUNDING_PX = 0.1
 # Side of a shadow map that only a coma asks for.
-_EMISSION_SHADOW_PX = 512
+_EMISSION_SHADOW_PX = 1024
 # What to do where an engine that was asked for cannot draw a body.
 _NO_ENGINE = {"coverage": "exact coverage draws flat facets that are all before the camera; leave engine out",
               "rays": "rays draw no surface detail; leave engine out"}

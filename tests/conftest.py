@@ -19,7 +19,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 @pytest.fixture(scope="session")
 def shared() -> Path:
     """The folder `data` of ../shared (or $GLRENDER_SHARED): real shapes and images, not part of the project."""
-    folder = Path(os.environ.get("GLRENDER_SHARED", _REPOSITORY.parent / "shared")) / "data"
+    folder = Path(os.environ.get("GLRENDER_SHARED") or _REPOSITORY.parent / "shared") / "data"
     if not folder.is_dir():
         pytest.skip(f"SKIPPED FOR WANT OF DATA: {folder} is not there; set GLRENDER_SHARED")
     return folder

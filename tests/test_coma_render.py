@@ -216,7 +216,7 @@ def test_a_jets_shadow_has_no_ripples(monkeypatch):
     """
     axis = np.array([-1.0, 0.3, 0.1]) / np.linalg.norm([-1.0, 0.3, 0.1])
     jet = Jet(vent_m=800.0 * axis, normal=axis, axis=axis, weight_m=3.0, half_width_deg=8.0, vent_radius_m=150.0)
-    jets = Jets(jets=[jet], activity_law=Activity(exponent=0.0))
+    jets = Jets(jets=[jet], activity_law=Activity(night=1.0))
     r_camera = np.array([0.2, -0.3, -1.0]) / np.linalg.norm([0.2, -0.3, -1.0]) * 5e4
     q = frames.look_at(r_camera, np.zeros(3))
     asked = replace(state(r_camera, q), r_sun_inertial_m=[1.5e11, 0.0, 0.0])

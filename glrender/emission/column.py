@@ -55,7 +55,10 @@ def columns(field: Field, r_camera_m: np.ndarray, directions: np.ndarray, steps:
             if last is not None and (at := np.flatnonzero(is_lit != last[0])).size:
                 rays = (each[at] for each in (closest, directions, a, low + k * width, width, last[0]))
                 beyond = _edges(lit, *rays)
-                total[at] += np.where(last[0][at], 0.5, -0.5) * (bare + last[1])[at] * beyond
+                # K is linear there, and a sum of middles that ends there lacks K' / 24.
+                rise, k_border = (bare - last[1])[at], 0.5 * (bare + last[1])[at]
+                total[at] += np.where(last[0][at], 1.0, -1.0) * (
+                    k_border * beyond + rise * (0.5 * beyond**2 + 1.0 / 24.0))
             last = is_lit, bare
         total += value
     return total * width / a

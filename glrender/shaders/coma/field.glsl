@@ -37,9 +37,10 @@ vec3 place_at(Ray ray, float theta)
 }
 
 #if HAS_SHADOW
-// What an edge of the shadow near the border of two steps (x, an angle) adds to the sum of their K (y, what lies before
-// it less what lies behind it), when it is found where it is: to a 32nd of a step.
-float at_edge(Ray ray, vec2 edge, float width)
+// What an edge of the shadow near the border of two steps adds to the sum of K in steps that are lit as their middles
+// are. It is found to a 32nd of a step; K is linear there, and a sum of middles that ends there lacks K' / 24.
+// `edge`: the border's angle; K there and K's rise over a step, both negative where the sunlight begins.
+float at_edge(Ray ray, vec3 edge, float width)
 {
     float low = -0.5, high = 0.5;
     for (int halving = 0; halving < 4; ++halving) {
@@ -48,7 +49,8 @@ float at_edge(Ray ray, vec2 edge, float width)
         low = is_like_low ? middle : low;
         high = is_like_low ? high : middle;
     }
-    return edge.y * 0.5 * (low + high);
+    float beyond = 0.5 * (low + high);
+    return edge.y * beyond + edge.z * (0.5 * beyond * beyond + 1.0 / 24.0);
 }
 #endif
 
@@ -67,7 +69,7 @@ float integral(Ray ray, vec2 span)
     // A step is in the shadow as its middle is. The first and the last edge are found once all steps are done: within
     // the loop llvmpipe would look for one at every step.
     float lit_before = 0.0, value_before = 0.0;
-    vec2 first_edge = vec2(0.0), last_edge = vec2(0.0);
+    vec3 first_edge = vec3(0.0), last_edge = vec3(0.0);
 #endif
     int last = width > 0.0 ? int(count) : 0;
     for (int step = 0; step < last; ++step) {
@@ -80,7 +82,8 @@ float integral(Ray ray, vec2 span)
 #endif
 #if HAS_SHADOW
         float lit = sunlit(r);
-        vec2 edge = vec2(span.x + float(step) * width, (lit_before - lit) * 0.5 * (value + value_before));
+        vec3 edge = vec3(span.x + float(step) * width,
+                         (lit_before - lit) * vec2(0.5 * (value + value_before), value - value_before));
         bool is_edge = step > 0 && abs(lit - lit_before) > 0.5;
         last_edge = is_edge && first_edge.y != 0.0 ? edge : last_edge;
         first_edge = is_edge && first_edge.y == 0.0 ? edge : first_edge;
