@@ -44,7 +44,7 @@ from .surface_pass import Frame, SurfacePass
 from .view import BodyView, chunks_in_window, view_bodies
 
 # How far OpenGL may put places off in products.
-_MOST_ROUNDING_PX = 0.1
+_MOST_ROUNDING_PX = 0.02
 # Side of a shadow map that only a coma asks for.
 _EMISSION_SHADOW_PX = 512
 
