@@ -13,13 +13,16 @@ import pytest
 import solids
 import sweeps
 import views
-from glrender import Body, Pose, Renderer, Shape, State, frames, generate
+from glrender import Body, ConfigError, Pose, Renderer, Shape, State, frames, generate
 from glrender.backends.raytrace import RayTracer
 from glrender.constants import AU_M
 from glrender.costs import EngineCosts
+from glrender.emission.layers import Layers
 from glrender.hull import Hull
 from glrender.ranging import first_hits, laser_ranges
 from glrender.rays import RayMesh
+from glrender.view import view_bodies
+from glrender_server.cli import default_state
 from missing import needed_module
 
 RATIOS = [10.0**k for k in range(1, 9)]
@@ -98,6 +101,19 @@ def test_coordinates_far_from_their_origin_cost_nothing(pillar, offset):
     np.testing.assert_allclose(products[1]["laser"], products[0]["laser"], rtol=1e-12, atol=4e-16 * np.abs(shift).max())
     np.testing.assert_allclose(products[1]["range"], products[0]["range"], rtol=1e-6, atol=4e-16 * np.abs(shift).max())
     np.testing.assert_allclose(products[1]["r_body"], products[0]["r_body"] + shift, rtol=1e-6)
+
+
+def test_the_view_that_no_state_is_given_for_shows_what_is_far_from_its_origin():
+    shape = sweeps.pillar_on_ground(20.0)
+    scene = views.scene([_body(Shape.from_arrays(shape.vertices_m + [1e6, 0.0, 0.0], shape.facets))], [views.camera()])
+    view, = view_bodies(default_state(scene, "navcam", 0.5), scene.cameras[0], scene.hulls)
+    assert view.is_whole and 60.0 < view.size_px < 200.0
+
+
+def test_a_coma_about_an_origin_beside_the_shape_is_refused():
+    with pytest.raises(ConfigError, match="shape: must be around the origin of the body that has a coma"):
+        Layers([], Shape.from_arrays(generate.icosphere(subdivisions=1, radius_m=1.0).vertices_m + 10.0,
+                                     generate.icosphere(subdivisions=1, radius_m=1.0).facets))
 
 
 def test_the_sun_and_the_phase_are_those_of_the_shape_not_of_its_far_origin():
