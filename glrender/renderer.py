@@ -46,7 +46,7 @@ from .view.state import State
 from .view.view import BodyView, view_bodies
 
 # How far OpenGL may put places off in products.
-_MOST_ROUNDING_PX = 0.1
+_MOST_ROUNDING_PX = 0.02
 # Side of a shadow map that only a coma asks for.
 _EMISSION_SHADOW_PX = 1024
 # What to do where an engine that was asked for cannot draw a body.

@@ -172,11 +172,11 @@ def default_state(scene: Scene, camera_name: str, phase_rad: float) -> State:
     range_m = 4.0 * body.hull.radius_m * camera.focal_length_px / min(camera.width_px, camera.height_px)
     r_camera = np.array([0.0, -range_m, 0.0])
     r_sun = AU_M * np.array([np.sin(phase_rad), -np.cos(phase_rad), 0.0])
-    poses = {body.name: Pose(r_inertial_m=np.zeros(3))}
+    poses = {body.name: Pose(r_inertial_m=-body.shape.centre_m)}
     offset = body.hull.radius_m
     for other in others:
         offset += 1.5 * other.hull.radius_m
-        poses[other.name] = Pose(r_inertial_m=[offset, 0.0, 0.0])
+        poses[other.name] = Pose(r_inertial_m=np.array([offset, 0.0, 0.0]) - other.shape.centre_m)
         offset += 1.5 * other.hull.radius_m
     q_camera = frames.look_at(r_camera, np.zeros(3))
     q_spacecraft = frames.quaternion(frames.dcm(camera.q_camera_from_spacecraft).T @ frames.dcm(q_camera))
