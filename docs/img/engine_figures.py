@@ -64,7 +64,7 @@ def save(figure, name: str) -> None:
     path = FOLDER / f"engine_{name}.png"
     figure.savefig(path, dpi=90)
     # A palette: a third of the bytes.
-    Image.open(path).convert("RGB").quantize(64).save(path, optimize=True)
+    Image.open(path).convert("RGB").quantize(128).save(path, optimize=True)
     plt.close(figure)
 
 
