@@ -59,7 +59,8 @@ def table(rows: list[dict]) -> str:
     lines = ["| scene | max_error | drawn by | predicted | RMS | flux [%] | centre [px] | RMS of the truth |",
              "|" + "---|" * 8]
     lines += [f"| {row['scene']} | {row['max_error']:g} | {row['engine']} | {row['predicted']:.4f} | "
-              f"{row['rms']:.4f} | {100.0 * row['flux']:+.3f} | {row['centroid_px']:.3f} | {row['truth_error']:.4f} |" for row in rows]
+              f"{row['rms']:.4f} | {100.0 * row['flux']:+.3f} | {row['centroid_px']:.3f} | {row['truth_error']:.4f} |"
+              for row in rows]
     return "\n".join(lines) + "\n"
 
 
