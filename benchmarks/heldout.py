@@ -95,7 +95,9 @@ def tables(rows: list[dict]) -> str:
 
 def draw_scatter(rows: list[dict], path: Path) -> None:
     """True against predicted, RMS and flux, and the time ratio against the size."""
-    figure, panels = plt.subplots(1, 3, figsize=(16, 4.8))
+    has_times = "fresh" in rows[0]
+    n_panels = 3 if has_times else 2
+    figure, panels = plt.subplots(1, n_panels, figsize=(5.3 * n_panels, 4.8))
     phase = [row["phase_deg"] for row in rows]
     predicted = np.array([row["predicted"] for row in rows])
     flux = np.maximum([abs(row["flux"]) for row in rows], 1e-6)
@@ -108,14 +110,15 @@ def draw_scatter(rows: list[dict], path: Path) -> None:
         panel.legend()
         panel.grid(True, which="both", alpha=0.25)
         figure.colorbar(dots, ax=panel, label="phase [deg]")
-    size = [row["body_px"] for row in rows]
-    for label, colour in (("fresh", "C0"), ("reused", "none")):
-        panels[2].scatter(size, [row.get(label, np.nan) for row in rows], s=22, facecolors=colour, edgecolors="C0",
-                          label=f"shadow map {label}")
-    panels[2].axhline(1.0, color="k", linewidth=1)
-    panels[2].set(xscale="log", yscale="log", xlabel="body [px]", ylabel="time of the plan / full fidelity")
-    panels[2].grid(True, which="both", alpha=0.25)
-    panels[2].legend()
+    if has_times:
+        size = [row["body_px"] for row in rows]
+        for label, colour in (("fresh", "C0"), ("reused", "none")):
+            panels[2].scatter(size, [row[label] for row in rows], s=22, facecolors=colour, edgecolors="C0",
+                              label=f"shadow map {label}")
+        panels[2].axhline(1.0, color="k", linewidth=1)
+        panels[2].set(xscale="log", yscale="log", xlabel="body [px]", ylabel="time of the plan / full fidelity")
+        panels[2].grid(True, which="both", alpha=0.25)
+        panels[2].legend()
     figure.tight_layout()
     figure.savefig(path, dpi=100)
     plt.close(figure)
