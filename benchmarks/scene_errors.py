@@ -1,6 +1,7 @@
-"""Measured errors of the chart's scenes, without times: `python benchmarks/scene_errors.py [--scenes PART...]`.
+"""Measured errors, without times: `python benchmarks/scene_errors.py [--scenes PART...]`.
 
-The Sun has its disc, as scenes have by default. Writes out/scene_errors.{json,md}; docs/accuracy.md has the table.
+The scenes are the chart's and thin crescents. The Sun has its disc, as scenes have by default. Writes
+out/scene_errors.{json,md}; docs/accuracy.md has the table.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ from glrender import Renderer
 
 OUT = Path(__file__).parent.parent / "out"
 BUDGETS = (0.05, 0.02, 0.01)
+CRESCENTS = tuple(scenes.Case(name=f"crescent {phase} deg, 49k", facets="49k", frame_px=1024, body_px=500.0,
+                              phase_deg=float(phase)) for phase in (160, 165, 170, 175))
 
 
 def main() -> None:
@@ -28,7 +31,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=OUT)
     arguments = parser.parse_args()
     rows = []
-    for case in scenes.CASES:
+    for case in (*scenes.CASES, *CRESCENTS):
         if arguments.scenes is None or any(part in case.name for part in arguments.scenes):
             rows += measured(case, arguments.rays)
             sys.stderr.write(json.dumps(rows[-1]) + "\n")
