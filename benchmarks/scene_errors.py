@@ -20,8 +20,8 @@ from glrender import Renderer
 
 OUT = Path(__file__).parent.parent / "out"
 BUDGETS = (0.05, 0.02, 0.01)
-CRESCENTS = tuple(scenes.Case(name=f"crescent {phase} deg, 49k", facets="49k", frame_px=1024, body_px=500.0,
-                              phase_deg=float(phase)) for phase in (160, 165, 170, 175))
+CRESCENTS = tuple(scenes.Case(name=f"crescent {phase} deg, 200 px", facets="49k", frame_px=320, body_px=200.0,
+                              phase_deg=float(phase)) for phase in (150, 155, 160, 165, 170, 175))
 
 
 def main() -> None:
