@@ -32,7 +32,7 @@ from glrender.emission.planning import Sampling
 from glrender.emission.sources.haser import Haser
 from glrender.emission.sources.jets import Jet, Jets, surface_point
 from glrender.emission.sources.volume import Volume
-from glrender.rays import RayMesh
+from glrender.engines.rays.mesh import RayMesh
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt

@@ -25,8 +25,8 @@ from glrender import (
     State,
     frames,
 )
-from glrender.backends.cycles import Cycles
 from glrender.brdf import Hapke
+from glrender.engines.cycles import Cycles
 
 LAW = Hapke(single_scattering_albedo=0.42, b=0.35, c=1.0, roughness_deg=26.0)
 DETAIL = Detail(seed=3, noise=Noise(amplitude_m=0.15, longest_m=6.0, shortest_m=0.1),

@@ -17,13 +17,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from glrender import Body, PinholeCamera, Pose, Renderer, Scene, Shape, State, frames, generate
+from glrender.base.constants import AU_M
 from glrender.brdf import Hapke, Lambert, LunarLambert
-from glrender.constants import AU_M
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 from raytracer import Tracer
 
-SHARED = Path(os.environ.get("GLRENDER_SHARED", Path(__file__).parent.parent.parent / "shared"))
+SHARED = Path(os.environ.get("GLRENDER_SHARED") or Path(__file__).parent.parent.parent / "shared")
 ITOKAWA = SHARED / "data" / "itokawa" / "itokawa_64q_49152_uv.obj"
 LAWS = {
     "lambert": Lambert(normal_albedo=0.3),

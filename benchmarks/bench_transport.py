@@ -24,7 +24,7 @@ from glrender_client import Client
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 SIMULINK = REPOSITORY / "clients" / "simulink"
-N_FRAMES, N_WARM_UP = int(os.environ.get("GLRENDER_BENCH_FRAMES", "60")), 5
+N_FRAMES, N_WARM_UP = int(os.environ.get("GLRENDER_BENCH_FRAMES") or "60"), 5
 MODEL = """[cameras.model]
 exposure_s = 0.01
 optics = { aperture_diameter_m = 0.01, psf_sigma_px = 0.5 }

@@ -18,8 +18,8 @@ from pathlib import Path
 import numpy as np
 from accuracy.random_scenes import names, shape
 from glrender import Body, Pose, Renderer, Scene, State, draw_still, frames
+from glrender.base.constants import AU_M
 from glrender.brdf import Hapke, Lambert, LommelSeeliger, LunarLambert, Minnaert
-from glrender.constants import AU_M
 from glrender_camera import BrownConrady, PinholeCamera
 
 MOST_TIMES = 30.0

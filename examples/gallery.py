@@ -13,11 +13,11 @@ from pathlib import Path
 
 import numpy as np
 from glrender import Body, PinholeCamera, Pose, Renderer, Scene, State, frames, generate
+from glrender.base.constants import AU_M
 from glrender.brdf import Hapke, Lambert
-from glrender.constants import AU_M
 from PIL import Image, ImageDraw
 
-SHARED = Path(os.environ.get("GLRENDER_SHARED", Path(__file__).parent.parent.parent / "shared"))
+SHARED = Path(os.environ.get("GLRENDER_SHARED") or Path(__file__).parent.parent.parent / "shared")
 # Itokawa's 1.57 um set of Kitazato et al. (2008), as photometric_sets.csv has it.
 S_TYPE = Hapke(single_scattering_albedo=0.42, b=0.35, c=1.0, shoe_amplitude=0.87, shoe_width=0.01,
                roughness_deg=26.0)

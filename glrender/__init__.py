@@ -5,29 +5,32 @@ Importing it opens no context and loads no OpenGL: laws, scenes and cameras work
 
 from __future__ import annotations
 
+from importlib import import_module
+
 from glrender_camera import PinholeCamera
 
-from .attitude import from_basilisk_mrp, from_matlab_dcm, from_matlab_quat, from_spice
-from .capture import Capture, draw_still, take_frame
-from .detail import Boulders, Craters, Detail, Noise
-from .errors import ConfigError, DeviceError, GlrenderError, ProtocolError, SceneError, ShaderError, ShapeError
-from .image import Image
-from .plugins import open_renderer
-from .scene import Body, Scene, load_scene
-from .shape import Shape
-from .sky import Stars
-from .state import Pose, State
+from .base import rotations as frames
+from .base.attitude import from_basilisk_mrp, from_matlab_dcm, from_matlab_quat, from_spice
+from .base.errors import ConfigError, DeviceError, GlrenderError, ProtocolError, SceneError, ShaderError, ShapeError
+from .capture.capture import Capture, draw_still, take_frame
+from .engines.image import Image  # noqa: F401 (glrender.Image)
+from .scene.detail.config import Boulders, Craters, Detail, Noise
+from .scene.scene import Body, Scene, load_scene
+from .scene.shape import generate
+from .scene.shape.shape import Shape
+from .scene.stars import Stars
+from .view.state import Pose, State
 
 __version__ = "0.1.0"
-__all__ = ["Body", "Boulders", "Capture", "ConfigError", "Craters", "Detail", "DeviceError", "GlrenderError", "Image",
-           "Noise", "PinholeCamera", "Pose", "ProtocolError", "Renderer", "Scene", "SceneError", "Shape", "ShaderError",
-           "ShapeError", "Stars", "State", "draw_still", "from_basilisk_mrp", "from_matlab_dcm", "from_matlab_quat",
-           "from_spice", "load_scene", "open_renderer", "take_frame"]
+# `Image` is a name of this module that `import *` leaves alone: it would hide PIL's.
+__all__ = ["Body", "Boulders", "Capture", "ConfigError", "Craters", "Detail", "DeviceError", "GlrenderError", "Noise",
+           "PinholeCamera", "Pose", "ProtocolError", "Renderer", "Scene", "SceneError", "Shape", "ShaderError",
+           "ShapeError", "Stars", "State", "draw_still", "frames", "from_basilisk_mrp", "from_matlab_dcm",
+           "from_matlab_quat", "from_spice", "generate", "load_scene", "open_renderer", "take_frame"]
 
 
 def __getattr__(name: str):
-    if name == "Renderer":
-        from .renderer import Renderer
-
-        return Renderer
+    # Not before it is asked for: it loads OpenGL.
+    if name in ("Renderer", "open_renderer"):
+        return getattr(import_module(".renderer", __name__), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

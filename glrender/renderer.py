@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import time
 from collections.abc import Callable, Iterable
@@ -13,41 +14,48 @@ import numpy as np
 from glrender_camera import PinholeCamera
 from glrender_camera.validate import integer, within
 
-from . import plan
-from .area_grid import SmallBody
-from .body_meshes import body_mesh, body_traits
+from .base.errors import ConfigError, DeviceError
+from .base.own_process import OwnProcess
+from .base.stopwatch import Clock
 from .brdf import Law
-from .clock import Clock
-from .coverage_engine import CoverageEngine
-from .emission_frame import EmissionFrame
-from .engine_choice import ENGINES, MAX_SAMPLES, Request, apart_limit, plan_windows
-from .error_model import own_penumbra
-from .errors import ConfigError, DeviceError
-from .gl.context import Context
-from .gl.evaluate import BrdfEvaluator
-from .image import Image, checked_products
-from .irradiance_pass import IrradiancePass
-from .occluders import cast_penumbra, casters
-from .plugin_trial import blamed_on, check_light, try_twin
-from .product_pass import ProductPass
-from .ray_engine import RayEngine
-from .render_plan import BodyPlan, RenderPlan
-from .scene import Scene, checked_max_error
-from .shadows import Shadows
-from .slow import SlowFrames, checked_allow_slow, misses_budget, with_emission
-from .state import State
-from .surface_pass import Frame, SurfacePass
-from .view import BodyView, view_bodies
+from .engines.coverage.engine import CoverageEngine
+from .engines.emission_interface import EmissionFrame
+from .engines.image import Image, checked_products
+from .engines.irradiance import IrradiancePass
+from .engines.plugin_checks import check_light, try_twin
+from .engines.raster.gl.context import Context
+from .engines.raster.gl.evaluate import BrdfEvaluator
+from .engines.raster.meshes import body_mesh, body_traits
+from .engines.raster.product_pass import ProductPass
+from .engines.raster.shadow_maps import Shadows
+from .engines.raster.surface_pass import Frame, SurfacePass
+from .engines.rays.engine import RayEngine
+from .engines.rays.products import traced_products
+from .engines.reference_fallback import SlowFrames, checked_allow_slow, misses_budget, with_emission
+from .engines.small_bodies import SmallBody
+from .planner import body_plan as plan
+from .planner.engine_choice import ENGINES, MAX_SAMPLES, Request, apart_limit, plan_windows
+from .planner.error_model import own_penumbra, rounding_px
+from .planner.plan import BodyPlan, RenderPlan
+from .scene.plugins.checks import blamed_on
+from .scene.plugins.registry import OPENGL_BACKENDS, backends
+from .scene.scene import Scene, checked_max_error
+from .view import regions as grouping
+from .view.occluders import cast_penumbra, casters
+from .view.state import State
+from .view.view import BodyView, view_bodies
 
+# How far OpenGL may put places off in products.
+_MOST_ROUNDING_PX = 0.02
 # Side of a shadow map that only a coma asks for.
-_EMISSION_SHADOW_PX = 512
+_EMISSION_SHADOW_PX = 1024
 # What to do where an engine that was asked for cannot draw a body.
 _NO_ENGINE = {"coverage": "exact coverage draws flat facets that are all before the camera; leave engine out",
               "rays": "rays draw no surface detail; leave engine out"}
 
 
 class Renderer:
-    """Draws a scene's states. One thread makes it, uses it and closes it.
+    """Draws a scene's states. One thread makes it, uses it and closes it; a forked child makes its own.
 
     Parameters
     ----------
@@ -65,7 +73,7 @@ class Renderer:
     def __init__(self, scene: Scene, backend: str = "auto", device_index: int | None = None):
         if not isinstance(scene, Scene):
             raise ConfigError("scene", "must be a Scene", scene)
-        self.scene = scene
+        self._own, self.scene = OwnProcess(), scene
         with ExitStack() as stack:
             self._context = stack.enter_context(Context(backend, device_index))
             self._traits = {body.name: body_traits(body) for body in scene.bodies}
@@ -80,7 +88,7 @@ class Renderer:
                 stack.callback(coverage.close)
             except DeviceError:
                 pass  # embreex is optional
-            self._engines = ENGINES if rays is not None else ("raster",)
+            self._rays, self._engines = rays, ENGINES if rays is not None else ("raster",)
             self._shadows = Shadows(self._context, scene.hulls, self._meshes)
             stack.callback(self._shadows.close)
             self._surfaces = stack.enter_context(SurfacePass(self._context, scene, self._meshes))
@@ -101,8 +109,9 @@ class Renderer:
         self.close()
 
     def close(self) -> None:
-        """Release the context and all that lives in it."""
-        self._stack.close()
+        """Release the context and all that lives in it; in a forked child it does nothing, as nothing is its own."""
+        if self._own.is_here:
+            self._stack.close()
 
     @property
     def info(self) -> dict[str, Any]:
@@ -165,6 +174,7 @@ class Renderer:
         ConfigError
             An argument breaks a rule.
         """
+        self._own.check()
         clock = Clock()
         pinhole = self.scene.drawn_camera(camera)
         wanted = checked_products(products)
@@ -216,8 +226,14 @@ class Renderer:
         if wanted:
             shadows, _ = self._shadows.draw(views, bodies, pinhole) if "sunlit" in wanted else ({}, None)
             arrays = self._products.draw(wanted, replace(frame, shadows=shadows), windows)
+            # OpenGL tells them, if its coordinates are fine enough.
+            if self._rays is not None and max(rounding_px(view, self._traits[view.name], body.relative_to_camera)
+                                              for view, body in zip(views, bodies, strict=True)) > _MOST_ROUNDING_PX:
+                traced = traced_products(self._rays, wanted, pinhole, views, grouping.union([w.roi for w in windows]))
+                arrays = {name: values.astype(arrays[name].dtype) for name, values in traced.items()}
             clock.lap("products")
         return Image(irradiance_W_m2=irradiance, products=arrays, timings_ms=clock.laps_ms, small_bodies=tuple(small),
+                     request=(self.scene, state, pinhole),
                      plan=frame_plan if slow is None else with_emission(slow.plan, frame_plan))
 
     def _plan_bodies(self, views: list[BodyView], camera: PinholeCamera, tolerance: float) -> list[BodyPlan]:
@@ -266,6 +282,41 @@ class Renderer:
                 added.append(opened.add(irradiance, given))
             check_light(emission, irradiance, added[-1])
         return replace(frame_plan, emission=tuple(added), roi=(0, 0, camera.width_px, camera.height_px))
+
+
+def open_renderer(scene: Scene, backend: str = "auto", device_index: int | None = None, **options) -> Any:
+    """A `Renderer`, or the plug-in of that name with the same interface, e.g. ``raytrace``.
+
+    Parameters
+    ----------
+    scene : Scene
+    backend : str
+    device_index : int, optional
+        Of OpenGL.
+    **options
+        The plug-in's own, e.g. ``bounces`` of ``cycles``.
+
+    Raises
+    ------
+    ConfigError
+        No such backend, or no such option of it.
+    PluginError
+        The plug-in is broken; the message names its package.
+    DeviceError
+        The backend does not work here; the message says what to install.
+    """
+    if backend in OPENGL_BACKENDS:
+        made, arguments = Renderer, {"backend": backend, "device_index": device_index}
+    elif not isinstance(backend, str) or backend not in backends():
+        raise ConfigError("backend", f"must be one of {', '.join((*OPENGL_BACKENDS, *backends()))}", backend)
+    else:
+        made, arguments = backends()[backend], {}
+    known = [name for name in inspect.signature(made).parameters if name not in ("scene", *arguments)]
+    for name in options:
+        if name not in known:
+            raise ConfigError(name, f"is no option of backend {backend!r}",
+                              hint=f"it has {', '.join(known)}" if known else "it has none")
+    return made(scene, **arguments, **options)
 
 
 def _blank(shape: tuple[int, int], out: np.ndarray | None) -> np.ndarray:

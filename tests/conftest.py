@@ -12,9 +12,6 @@ from missing import missing
 
 _REPOSITORY = Path(__file__).parent.parent
 
-# What the planner chooses must not depend on the weather of the machine that tests: two cores without a GPU. Servers
-# that tests start inherit it.
-os.environ.setdefault("GLRENDER_ENGINE_COSTS", "90 36 400 700 160")
 # In the background, as under nohup, neither tests nor what they start would hear Ctrl-C.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
@@ -22,7 +19,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 @pytest.fixture(scope="session")
 def shared() -> Path:
     """The folder `data` of ../shared (or $GLRENDER_SHARED): real shapes and images, not part of the project."""
-    folder = Path(os.environ.get("GLRENDER_SHARED", _REPOSITORY.parent / "shared")) / "data"
+    folder = Path(os.environ.get("GLRENDER_SHARED") or _REPOSITORY.parent / "shared") / "data"
     if not folder.is_dir():
         pytest.skip(f"SKIPPED FOR WANT OF DATA: {folder} is not there; set GLRENDER_SHARED")
     return folder
@@ -32,7 +29,7 @@ def shared() -> Path:
 def blender() -> str:
     """The version of a Blender that starts; without one the tests of the backend cycles cannot run."""
     from glrender import DeviceError
-    from glrender.backends.cycles.process import BlenderProcess
+    from glrender.engines.cycles.process import BlenderProcess
 
     try:
         process = BlenderProcess()

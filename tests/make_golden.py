@@ -36,6 +36,9 @@ FRAMES_REPLY = {**ENVELOPE, "op": "render", "ok": True, "t_s": 12.5, "frames": [
     {"camera": "wac", "output": "irradiance", "unit": "W/m2", "roi": [8, 4, 11, 6]}]}
 REGION_REPLY = {**ENVELOPE, "op": "render", "ok": True, "t_s": 12.5, "camera": "navcam", "output": "irradiance",
                 "unit": "W/m2", "roi": [2, 1, 5, 3]}
+WARNED_REPLY = {**REGION_REPLY, "warnings": [
+    {"code": "behind_camera", "path": "state.spacecraft.q_from_inertial", "message": "body is behind the camera"},
+    {"code": "sun_distance", "path": "state.r_sun_inertial_m", "message": "the Sun is 0.01 au from body"}]}
 PLACE = {"name": "glrender-slot-golden", "number": 300, "offsets": [64, 128], "sizes": [12, 48]}
 """Where the parts of `reply_shared` stand: in `slot_shared`, the file's bytes."""
 
@@ -50,6 +53,7 @@ def golden() -> dict[str, list[str]]:
         messages[f"reply_frames_{order}"] = codec.pack(
             FRAMES_REPLY, [{"image": (IMAGE, "DN"), "range": (RANGE, "m")}, {"image": (REGION, "W/m2")}], order)
     messages["reply_region"] = codec.pack(REGION_REPLY, {"image": (REGION, "W/m2")})
+    messages["reply_warned"] = codec.pack(WARNED_REPLY, {"image": (REGION, "W/m2")})
     header, image, distances = messages["reply_frame_F"]
     messages["reply_shared"] = [codec.with_field(header, "shared", PLACE)]
     messages["slot_shared"] = [b"".join(bytes(part).ljust(64, b"\0") for part in (
@@ -57,7 +61,7 @@ def golden() -> dict[str, list[str]]:
     messages["reply_error"] = codec.pack({**ENVELOPE, "op": "render", "ok": False, "error": {
         "code": "config", "path": "state.gamma", "message": "state.gamma: unknown key"}})
     for name in ("request_render", "reply_frame_F", "request_frames", "reply_frames_F",
-                 "reply_shared"):
+                 "reply_shared", "reply_warned"):
         messages[f"tcp_{name}"] = [b"".join(framing.framed(messages[name]))]
     return {name: [bytes(part).hex() for part in parts] for name, parts in messages.items()}
 

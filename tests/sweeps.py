@@ -11,9 +11,9 @@ import numpy as np
 import solids
 import views
 from glrender import Body, Pose, Renderer, Shape, State, frames, generate
-from glrender.backends.raytrace import RayTracer
+from glrender.base.constants import AU_M
 from glrender.brdf import Lambert, LommelSeeliger
-from glrender.constants import AU_M
+from glrender.engines.rays.backend import RayTracer
 
 GREY = Lambert(normal_albedo=0.4)
 # Rolled, so that no edge of a solid runs along the rows of samples.
@@ -221,3 +221,71 @@ def turned(state: State, q: np.ndarray, shift_m: np.ndarray) -> State:
 
     return State(t_s=state.t_s, r_sun_inertial_m=rotation @ state.r_sun_inertial_m + shift_m,
                  spacecraft=pose(state.spacecraft), bodies={name: pose(p) for name, p in state.bodies.items()})
+
+
+def traced_by_hand(bodies, camera, state: State, samples: int = 4, law=GREY) -> np.ndarray:
+    """Irradiance (rows, columns) [W/m2] of Lambert bodies of few facets, the Sun a point: in float64, facet by facet.
+
+    Each ray is held against every facet's edges. Places are about the camera, so that no ratio of sizes is lost.
+    """
+    camera_from_inertial = frames.dcm(state.spacecraft.q_from_inertial)
+    corners, to_sun = [], []
+    for body in bodies:
+        pose, shape = state.bodies[body.name], body.shape
+        middle = 0.5 * (shape.vertices_m.min(axis=0) + shape.vertices_m.max(axis=0))
+        inertial_from_body = frames.dcm(pose.q_from_inertial).T
+        place = pose.r_inertial_m + inertial_from_body @ middle - state.spacecraft.r_inertial_m
+        corners.append(((shape.vertices_m - middle) @ inertial_from_body.T + place)[shape.facets])
+        away = state.r_sun_inertial_m - state.spacecraft.r_inertial_m - place
+        to_sun += [away] * len(shape.facets)
+    corners, to_sun = np.concatenate(corners), np.array(to_sun)
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    offsets = (np.arange(samples) + 0.5) / samples - 0.5
+    n_y, n_x = camera.height_px, camera.width_px
+    y, x = (np.add.outer(np.arange(n), offsets).ravel() for n in (n_y, n_x))
+    rays = camera.directions(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
+    cosine, rays = rays[:, 2], rays @ camera_from_inertial
+    distance = np.stack([_distances_by_hand(corner, away, np.zeros(3), rays)
+                         for corner, away in zip(corners, normal, strict=True)])
+    facet = np.argmin(distance, axis=0)
+    sun_m = np.linalg.norm(to_sun, axis=1)
+    cos_incidence = np.einsum("ij,ij->i", normal, to_sun) / sun_m
+    seen = np.isfinite(distance.min(axis=0)) & (np.einsum("ij,ij->i", normal[facet], rays) < 0.0)
+    lit = np.flatnonzero(seen & (cos_incidence[facet] > 0.0))
+    facet, point = facet[lit], rays[lit] * distance[facet[lit], lit, None]
+    is_lit, sun = np.ones(len(lit), bool), to_sun[facet] / sun_m[facet, None]
+    for i, (corner, away) in enumerate(zip(corners, normal, strict=True)):
+        is_lit &= (facet == i) | np.isinf(_distances_by_hand(corner, away, point, sun))
+    value = np.zeros(len(rays))
+    value[lit] = is_lit * cos_incidence[facet] * cosine[lit] ** 3 / (sun_m[facet] / AU_M) ** 2
+    value *= law.normal_albedo / np.pi * views.SOLAR_IRRADIANCE_W_M2 / camera.focal_length_px**2
+    return value.reshape(n_y, samples, n_x, samples).mean(axis=(1, 3))
+
+
+def _distances_by_hand(corner: np.ndarray, normal: np.ndarray, start: np.ndarray, ray: np.ndarray) -> np.ndarray:
+    """Of rays (N, 3) from points (N, 3) to a facet (3, 3): (N,), infinite beside it."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = (corner[0] - start) @ normal / (ray @ normal)
+        point = start + t[:, None] * ray
+    # What starts on a facet meets no neighbour where it starts.
+    inside = t > 1e-9 * np.linalg.norm(corner[1] - corner[0])
+    for k in range(3):
+        edge = np.cross(normal, corner[(k + 1) % 3] - corner[k])
+        inside &= (point - corner[k]) @ edge >= 0.0
+    return np.where(inside, t, np.inf)
+
+
+def pillar_on_ground(ratio: float) -> Shape:
+    """A pillar of 1 x 1 x 1 m, sunk into a slab that is larger by a ratio: half of its side, and a tenth deep."""
+    return solids.several(((-ratio, -ratio, -0.2 * ratio), (ratio, ratio, 0.0)), ((-0.5, -0.5, -0.1), (0.5, 0.5, 1.0)))
+
+
+def before_the_pillar(centre_m=(0.0, 0.0, 0.0), names=("body",)) -> State:
+    """A camera 8 m from the pillar, which the Sun shades on its left, wherever the pillar's foot stands [m]."""
+    centre = np.asarray(centre_m, float)
+    place = np.array([-4.0, -3.0, 6.0])
+    sun = np.array([0.5, 0.35, 0.6])
+    return State(r_sun_inertial_m=centre + AU_M * sun / np.linalg.norm(sun),
+                 spacecraft=Pose(r_inertial_m=centre + place, q_from_inertial=frames.look_at(place, np.zeros(3))),
+                 bodies={name: Pose(r_inertial_m=centre) for name in names})

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from glrender import Pose, State, frames
-from glrender.apparent import apparent_state
-from glrender.constants import AU_M
-from glrender.errors import SceneError
+from glrender.base.constants import AU_M
+from glrender.base.errors import SceneError
+from glrender.view.light_time import apparent_state
 
 C_M_S = 299792458.0
 

@@ -8,8 +8,8 @@ import numpy as np
 import photometry_truth as truth
 import pytest
 from glrender.brdf import Akimov, Hapke, Lambert, LommelSeeliger, LunarLambert, Minnaert, OrenNayar, Rolo
-from glrender.gl.context import Context
-from glrender.gl.evaluate import BrdfEvaluator
+from glrender.engines.raster.gl.context import Context
+from glrender.engines.raster.gl.evaluate import BrdfEvaluator
 
 MARS_DEG = tuple(float(g) for g in range(0, 181, 10))
 # ISIS mars.pvl.

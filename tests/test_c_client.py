@@ -157,6 +157,13 @@ def test_the_c_client_reads_and_writes_the_golden_messages(build):
     assert fake.requests[6] == {**golden, "client": fake.requests[6]["client"]}
 
 
+def test_the_c_client_reads_a_golden_frame_with_warnings(build):
+    early = serving.Framed.frame(GOLDEN["reply_error"][0].replace(b"\xa2id\x07", b"\xa2id\x00"))
+    with FakeServer(lambda r: (early if r["id"] < 7 else GOLDEN["tcp_reply_warned"][0], True)) as fake:
+        said = run_many(build(HERE / "render_many.c"), fake.port, 7)
+    assert said[6] == f"image 2 3 float32 {sum(GOLDEN['reply_warned'][1])}"
+
+
 def test_a_golden_frame_in_shared_memory_is_no_reply_for_the_c_client(build):
     """It never asks for one: an error, not a frame without pixels."""
     reply = GOLDEN["tcp_reply_shared"][0].replace(b"\xa2id\x07", b"\xa2id\x00")

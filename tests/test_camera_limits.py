@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import views
 from glrender import ConfigError, Pose, Scene, State, generate
-from glrender.body import Body
 from glrender.brdf import Lambert
-from glrender.motion import motion_px
+from glrender.capture.motion_blur import motion_px
+from glrender.scene.body import Body
 from glrender_camera import AutoExposure, BrownConrady, CameraModel, Detector
 
 

@@ -20,6 +20,7 @@ from glrender_camera import (
     StrayLight,
     spectrum,
 )
+from glrender_camera.presets import PRESETS
 from scipy.integrate import dblquad, quad
 
 SIMPLE = dict(quantum_efficiency=0.5, full_well_electrons=1e5, gain_DN_per_electron=0.04, bit_depth=12,
@@ -503,6 +504,30 @@ def test_a_preset_asks_for_what_no_source_gives(name, missing):
     assert error.value.path == f"detector.{field}" and error.value.rule == "missing"
     frame = CameraModel.from_dict({"preset": name, "detector": missing}).expose(np.full((16, 16), 1e-8, np.float32), 1)
     assert frame.dn.max() > 0
+
+
+@pytest.mark.parametrize("name", sorted(PRESETS))
+def test_a_presets_dark_frame_holds_its_read_noise(name):
+    """Its digital numbers scatter as read noise and rounding do (EMVA 1288); cut off at 0 it would lose 0.4."""
+    given = {"quantum_efficiency": 0.3, "full_well_electrons": 7e4, "gain_DN_per_electron": 0.1, "bit_depth": 12}
+    own = PRESETS[name]["detector"]
+    model = CameraModel.from_dict({"preset": name, "exposure_s": 1e-3, "detector": {
+        **{key: value for key, value in given.items() if key not in own}, "dark_signal_nonuniformity_electrons": 0.0}})
+    frame = model.expose(np.zeros((300, 300), np.float32), 1)
+    sigma_DN = model.detector.read_noise_electrons * model.detector.gain_DN_per_electron
+    np.testing.assert_allclose(frame.dn.std(), np.hypot(sigma_DN, 12**-0.5) if sigma_DN else 0.0, rtol=0.1)
+    assert "clipped" not in frame.stages["read_noise"]
+
+
+def test_read_noise_that_is_cut_off_is_told(caplog):
+    """Without an offset a half of it is, and the mean of the rest is sigma / sqrt(2 pi)."""
+    cut = camera_model(read_noise_electrons=50.0, gain_DN_per_electron=1.0, offset_DN=0.0)
+    frame = cut.expose(np.zeros((300, 300), np.float32), 1)
+    np.testing.assert_allclose(frame.dn.mean(), 50.0 / np.sqrt(2.0 * np.pi), rtol=0.02)
+    assert frame.stages["read_noise"].startswith("50 e-; 50% of it is clipped at 0 DN")
+    assert "read noise of 50 e-: 50% of it is clipped" in caplog.text and "offset_DN of 150 or more" in caplog.text
+    whole = replace(cut, detector=replace(cut.detector, offset_DN=150.0))
+    assert whole.expose(np.zeros((300, 300), np.float32), 1).stages["read_noise"] == "50 e-"
 
 
 @pytest.mark.parametrize("name, low, high", [("rosetta_navcam", 0.50, 0.55), ("rosetta_navcam_attenuated", 0.65, 0.70)])

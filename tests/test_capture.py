@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import views
 from glrender import Body, ConfigError, Pose, Scene, State, draw_still, frames, generate, open_renderer, take_frame
+from glrender.base.constants import AU_M, SUN_RADIUS_M
 from glrender.brdf import Lambert
-from glrender.constants import AU_M, SUN_RADIUS_M
-from glrender.ranging import laser_ranges
+from glrender.engines.rays.laser_ranges import laser_ranges
 from glrender_camera import (
     BrownConrady,
     CameraModel,

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import views
 from glrender import Pose, State, open_renderer, take_frame
+from glrender.base.constants import AU_M
 from glrender.brdf import Lambert
-from glrender.constants import AU_M
 from glrender_camera import BrownConrady, CameraModel, Detector, Optics, StrayLight
 
 GREY = Lambert(normal_albedo=0.3)

@@ -7,8 +7,8 @@ import pytest
 import views
 from glrender import ConfigError, Pose, State, frames, open_renderer, take_frame
 from glrender.brdf import Lambert
-from glrender.motion import MAX_POSES
-from glrender.sky import Stars
+from glrender.capture.motion_blur import MAX_POSES
+from glrender.scene.stars import Stars
 from glrender_camera import BrownConrady, CameraModel, Detector, Optics, StrayLight
 
 GREY = Lambert(normal_albedo=0.4)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import views
 from glrender import ConfigError, Pose, Scene, State, frames, open_renderer, take_frame
-from glrender.background import stars_behind
 from glrender.brdf import Lambert
-from glrender.sky import Stars
+from glrender.capture.sky_background import stars_behind
+from glrender.scene.stars import Stars
 from glrender_camera import BrownConrady, CameraModel, Detector, MosaicModel, Optics, hipparcos, stars_in_view
 from test_capture import LENS, MOSAIC, opencv, table
 

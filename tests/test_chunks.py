@@ -6,13 +6,10 @@ import numpy as np
 import pytest
 import sweeps
 import views
-from glrender import Body, Renderer, chunk_boxes, frames, generate
-from glrender.backends.raytrace import RayTracer
-from glrender.chunks import Chunks
-from glrender.costs import EngineCosts
-from glrender.gl.mesh import Mesh
-from glrender.ray_engine import RayEngine
-from glrender.shadow_box import shadow_box
+from glrender import Body, Renderer, frames, generate
+from glrender.engines.raster import cluster_bounds as chunk_boxes
+from glrender.engines.rays.backend import RayTracer
+from glrender.scene.shape.clusters import Chunks
 
 SHAPE = generate.contact_binary(radius_m=100.0, seed=4, subdivisions=6)
 PLACES = [(1.02, 0.5), (1.1, 0.5), (1.5, 0.9), (3.0, 0.2), (20.0, 0.0)]
@@ -31,29 +28,33 @@ def aimed(radii, off, phase_deg, seed):
 
 
 def everything(monkeypatch):
-    for name in ("in_window", "facing_point", "facing_direction"):
+    """Draw all chunks; which of them the Sun sees stays, so that a shadow map covers the same."""
+    for name in ("in_window", "facing_point"):
         monkeypatch.setattr(Chunks, name, lambda chunks, *_: np.ones(len(chunks), bool))
-    for name in ("on_mask", "on_boxes"):
-        monkeypatch.setattr(chunk_boxes, name, lambda boxes, *_: np.ones(len(boxes), bool))
+    monkeypatch.setattr(chunk_boxes, "on_mask", lambda boxes, *_: np.ones(len(boxes), bool))
+
+
+def facets_drawn(monkeypatch):
+    """Facets of each draw from now on."""
+    drawn = []
+    monkeypatch.setattr(Chunks, "runs", lambda chunks, chosen, runs=Chunks.runs: (
+        drawn.append(chunks.n_facets(chosen)), runs(chunks, chosen))[1])
+    return drawn
 
 
 @pytest.mark.parametrize("radii, off", PLACES)
-@pytest.mark.parametrize("level", [0, 1])
-def test_what_is_left_out_would_have_drawn_nothing(monkeypatch, radii, off, level):
+def test_what_is_left_out_would_have_drawn_nothing(monkeypatch, radii, off):
     states = [aimed(radii, off, phase_deg, seed) for seed, phase_deg in enumerate([20.0, 70.0, 120.0])]
     products = ["facet_id", "range"]
     with Renderer(scene()) as renderer:
-        # The shadow map's box is held, so that its texels are the same.
-        monkeypatch.setattr("glrender.shadows.shadow_box",
-                            lambda low, high, seen, texels: shadow_box(low, high, None, min(texels, 4096)))
-        culled = [renderer.render(state, samples=2, level=level, products=products) for state in states]
-        assert len(renderer._meshes["body"][0].chunks) > 100
+        culled = [renderer.render(state, samples=2, products=products) for state in states]
         everything(monkeypatch)
         renderer.forget_shadow_maps()
-        whole = [renderer.render(state, samples=2, level=level, products=products) for state in states]
+        whole = [renderer.render(state, samples=2, products=products) for state in states]
     assert any((image.irradiance_W_m2 > 0.0).any() for image in whole)
     for ours, full in zip(culled, whole, strict=True):
-        np.testing.assert_array_equal(ours.irradiance_W_m2, full.irradiance_W_m2)
+        # The shadow map covers another box then, and its texels lie elsewhere.
+        assert (ours.irradiance_W_m2 != full.irradiance_W_m2).mean() < 5e-3
         for name in products:
             np.testing.assert_array_equal(ours.products[name], full.products[name])
 
@@ -61,17 +62,14 @@ def test_what_is_left_out_would_have_drawn_nothing(monkeypatch, radii, off, leve
 @pytest.mark.parametrize("phase_deg, max_error", [(70.0, 0.02), (120.0, 0.025), (150.0, 0.09)])
 def test_a_second_pass_and_a_night_side_draw_only_what_they_show(monkeypatch, phase_deg, max_error):
     """Chunks beside the pixels that are drawn again; dark ones before nothing that is lit."""
-    drawn = []
-    monkeypatch.setattr(Mesh, "_draw", lambda mesh, program, chosen, draw=Mesh._draw: (
-        drawn.append(mesh.chunks.n_facets(chosen)), draw(mesh, program, chosen)))
+    drawn = facets_drawn(monkeypatch)
     state = views.state(phase_deg=phase_deg, direction=(0.1, 0.9, 0.3))
     large = views.scene([Body(name="body", shape=SHAPE, brdf=sweeps.GREY)], [views.camera(256, 1500.0)])
     with Renderer(large) as renderer:
-        monkeypatch.setattr(renderer, "_costs", EngineCosts(facet_ns=10.0, sample_ns=50.0, ray_ns=np.inf))
-        ours = renderer.render(state, max_error=max_error, level=0)
+        ours = renderer.render(state, max_error=max_error, engine="raster")
         n_ours = sum(drawn)
         everything(monkeypatch)
-        whole = renderer.render(state, max_error=max_error, level=0)
+        whole = renderer.render(state, max_error=max_error, engine="raster")
     assert ours.plan.windows[0].refined_samples
     assert n_ours < 0.85 * (sum(drawn) - n_ours)
     np.testing.assert_array_equal(ours.irradiance_W_m2, whole.irradiance_W_m2)
@@ -97,8 +95,8 @@ def test_boxes_hold_their_chunks():
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_boxes_on_a_mask_and_on_one_another(seed):
-    """Against every pixel and every pair: none that touches is left out, and few more are kept."""
+def test_boxes_on_a_mask(seed):
+    """Against every pixel: none that touches is left out, and few more are kept."""
     rng = np.random.default_rng(seed)
     bounds = (9.5, -0.5, 209.5, 149.5)
     low = rng.uniform(-50.0, 250.0, (400, 2))
@@ -110,40 +108,16 @@ def test_boxes_on_a_mask_and_on_one_another(seed):
     touches = ((x0 < x + 10.5) & (x1 > x + 9.5) & (y0 < y + 0.5) & (y1 > y - 0.5)).any(axis=1)
     kept = chunk_boxes.on_mask(boxes, mask, bounds)
     np.testing.assert_array_equal(kept, touches)
-    others = boxes[1:20]
-    within = (others[:, 0] < 209.5) & (others[:, 2] > 9.5) & (others[:, 1] < 149.5) & (others[:, 3] > -0.5)
-    u0, v0, u1, v1 = others[within].T
-    meets = ((np.maximum(x0, u0) < np.minimum(x1, u1)) & (np.maximum(y0, v0) < np.minimum(y1, v1))
-             & (np.minimum(x1, u1) > 9.5) & (np.maximum(x0, u0) < 209.5)
-             & (np.minimum(y1, v1) > -0.5) & (np.maximum(y0, v0) < 149.5)).any(axis=1)
-    kept = chunk_boxes.on_boxes(boxes, others, bounds)
-    assert not (meets & ~kept).any() and np.count_nonzero(kept) < np.count_nonzero(meets) + 30
 
 
-def test_rays_leave_the_night_side_out(monkeypatch):
-    """At 150 deg rays are cast at what faces the Sun: the same image, for a part of the rays."""
-    state = views.state(phase_deg=150.0, direction=(0.1, 0.9, 0.3))
-    large = views.scene([Body(name="body", shape=SHAPE, brdf=sweeps.GREY)], [views.camera(256, 1500.0)])
-    cast = []
-    monkeypatch.setattr(RayEngine, "irradiance", lambda engine, pixel, *rest, trace=RayEngine.irradiance: (
-        cast.append(len(pixel)), trace(engine, pixel, *rest))[1])
-    with Renderer(large) as renderer:
-        image = renderer.render(state, max_error=0.01)
-        n_ours = sum(cast)
-        monkeypatch.setattr("glrender.plan_windows._FEW_RAYS", np.inf)
-        everywhere = renderer.render(state, max_error=0.01)
-    assert image.plan.windows[0].engine == everywhere.plan.windows[0].engine == "rays"
-    assert n_ours < 0.7 * (sum(cast) - n_ours)
-    lit = everywhere.irradiance_W_m2 > 0.0
-    difference = (image.irradiance_W_m2 - everywhere.irradiance_W_m2)[lit].astype(float)
-    assert np.sqrt(np.mean(difference**2)) < 1e-3 * everywhere.irradiance_W_m2[lit].mean()
-
-
-def test_close_up_few_facets_are_drawn():
+def test_close_up_few_facets_are_drawn(monkeypatch):
+    assert len(Chunks(SHAPE.vertices_m, SHAPE.facets)) > 100
+    drawn, counts = facets_drawn(monkeypatch), []
     with Renderer(scene(1000.0)) as renderer:
-        shares = [renderer.render(aimed(radii, 0.3, 60.0, 1), samples=1).plan.bodies[0].shown_share
-                  for radii in (1.3, 5.0, 30.0)]
-    assert shares[0] < 0.2 and shares[0] < shares[1] < 1.0 and shares[2] == 1.0
+        for radii in (1.3, 5.0, 30.0):
+            renderer.render(aimed(radii, 0.3, 60.0, 1), samples=1)
+            counts.append(drawn[-1])
+    assert counts[0] < 0.2 * len(SHAPE.facets) and counts[0] < counts[1] < counts[2]
 
 
 def test_facets_keep_their_numbers():
@@ -176,35 +150,12 @@ def test_cones_hold_their_normals():
     assert n_left_out > 1000
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_a_shadow_box_holds_what_is_seen(seed):
-    rng = np.random.default_rng(seed)
-    low, high = -rng.uniform(50.0, 100.0, 3), rng.uniform(50.0, 100.0, 3)
-    centre, half = rng.uniform(low, high), rng.uniform(0.0, 1.0) ** 3 * (high - low)
-    seen = np.maximum(centre - half, low), np.minimum(centre + half, high)
-    box = shadow_box(low, high, seen, 4096)
-    margin = 1.9 * box.texel_m
-    assert (box.low_m[:2] <= seen[0][:2] - margin).all() and (box.high_m[:2] >= seen[1][:2] + margin).all()
-    np.testing.assert_allclose((box.high_m - box.low_m)[:2], np.array(box.size_px) * box.texel_m)
-    np.testing.assert_allclose(box.texel_m, (high - low)[:2] / 4096)
-    # No more than a step, at most a quarter of the larger side, on each side of it.
-    sides = (seen[1] - seen[0])[:2] / box.texel_m
-    assert (np.array(box.size_px) <= sides + 2.0 * max(0.25 * sides.max(), 16.0) + 6.0).all()
-
-
-def test_close_up_shadows_are_finer(monkeypatch):
-    """A small part of the body in view: more texels across the body than a map has, and it is kept for a drift."""
-    state, drifted = (aimed(radii, 0.3, 100.0, 8) for radii in (1.6, 1.6005))
+def test_close_up_shadows_are_finer():
+    """A small part of the body in view: more texels across the body than a map has."""
+    state = aimed(1.6, 0.3, 100.0, 8)
     with Renderer(scene(1500.0)) as renderer, RayTracer(scene(1500.0)) as tracer:
         exact = tracer.render(state, samples=9).irradiance_W_m2.astype(float)
         image = renderer.render(state, samples=6, max_error=0.005)
-        again = renderer.render(drifted, samples=6, max_error=0.005)
-        monkeypatch.setattr("glrender.plan.SHADOW_SIZES_PX", (4096,))
-        renderer.forget_shadow_maps()
-        coarse = renderer.render(state, samples=6, max_error=0.005)
     body = image.plan.bodies[0]
     assert body.shadow_map_px > 4096 and max(body.shadow_map_drawn_px) < 0.6 * body.shadow_map_px
-    assert again.plan.bodies[0].shadow_map_reused
-    lit = exact > 0.0
-    fine, old = (np.sqrt(np.mean((drawn.irradiance_W_m2 - exact)[lit] ** 2)) for drawn in (image, coarse))
-    assert fine < 0.75 * old
+    assert views.relative_rms(image.irradiance_W_m2.astype(float), exact) < 0.02

@@ -3,8 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import os
+import pickle
+import signal
+import socket
 import threading
+import time
+import zlib
 
+import forking
 import msgpack
 import numpy as np
 import pytest
@@ -219,7 +227,7 @@ def test_asyncio_retries_and_times_out(endpoint):
 
 def test_a_scene_may_take_longer_than_a_frame():
     """Nobody answers: by the time that was given for it, and what to do."""
-    hint = "`load_scene` within 0.3 s, 1 times; is .* there.; a large shape takes minutes the first"
+    hint = "`load_scene` within 0.3 s, 1 times: nothing listens .* there.; a large shape takes minutes the first"
 
     async def load():
         async with AsyncClient("tcp://127.0.0.1:1", timeout_s=60.0, retries=0) as client:
@@ -253,8 +261,128 @@ def test_a_recording_holds_what_went_over_the_wire(recording, endpoint):
         reply = client.render(STATE, "navcam", output="dn", seed=3)
     assert exchanges[1].reply[1] == reply.pixels.tobytes()
     assert msgpack.unpackb(exchanges[3].reply[0])["error"]["code"] == "scene"
-    with pytest.raises(FileExistsError):
+    with pytest.raises(FileExistsError, match="record: .*flight.glr is there already, .* give the name of a new file"):
         Client(endpoint, record=recording)
+
+
+def test_an_empty_recording_is_no_comparison(endpoint, tmp_path, capsys):
+    """Nothing was asked: "0 differ" would be a lie."""
+    Client(endpoint, record=tmp_path / "empty.glr").close()
+    with pytest.raises(GlrenderClientError, match="empty.glr holds no exchange"):
+        list(replay(tmp_path / "empty.glr", endpoint))
+    assert main([str(tmp_path / "empty.glr"), endpoint]) == 1
+    said = capsys.readouterr()
+    assert "holds no exchange" in said.err and "differ" not in said.out
+
+
+def test_a_state_is_sent_as_its_dictionary(endpoint):
+    """glrender's State, or poses of it within a dictionary; what cannot be sent is named with what can."""
+    state = views.state()
+    with Client(endpoint) as client:
+        plain = client.render(STATE, "navcam").pixels
+        for given in (state, {**STATE, "spacecraft": state.spacecraft}):
+            assert client.render(given, "navcam").pixels.tobytes() == plain.tobytes()
+        assert next(client.render_many([{"state": state, "camera": "navcam"}])).pixels.tobytes() == plain.tobytes()
+        assert client.range(state, [[0.0, 0.0, 1.0]], "navcam").arrays["range"].shape == (1,)
+        with pytest.raises(TypeError, match="object cannot be sent; give numbers, .* or what has `to_dict`"):
+            client.render(object(), "navcam")
+
+    async def asked():
+        async with AsyncClient(endpoint) as client:
+            return (await client.render(state, "navcam")).pixels
+
+    assert asyncio.run(asked()).tobytes() == plain.tobytes()
+
+
+@contextlib.contextmanager
+def _listeners():
+    """Endpoints of a ROUTER that answers nothing, one with CURVE, and a bare TCP socket."""
+    context, bare = zmq.Context(), socket.create_server(("127.0.0.1", 0))
+    with bare:
+        routers = [context.socket(zmq.ROUTER) for _ in range(2)]
+        routers[1].curve_publickey, routers[1].curve_secretkey = zmq.curve_keypair()
+        routers[1].curve_server = True
+        ports = [router.bind_to_random_port("tcp://127.0.0.1") for router in routers]
+        yield [f"tcp://127.0.0.1:{port}" for port in (*ports, bare.getsockname()[1])]
+    context.destroy(0)
+
+
+def test_a_busy_server_an_absent_one_and_a_stranger_are_told_apart(tmp_path):
+    """By what listens there; each way of asking says it."""
+    busy, absent = "there, and busy, .* longer `timeout_s`", "nothing listens there; is glrender-server running there"
+    strange = "does not greet as glrender-server does: .* stopped, .* CURVE, which needs `key` and `server_key`"
+
+    async def hello(address):
+        async with AsyncClient(address, timeout_s=0.1, retries=0) as client:
+            await client.hello()
+
+    with _listeners() as (silent, curve, bare):
+        for address, said in ((silent, busy), (curve, strange), (bare, strange), ("tcp://127.0.0.1:1", absent),
+                              (f"ipc://{tmp_path}/none", absent)):
+            with Client(address, timeout_s=0.1, retries=1) as client:
+                with pytest.raises(RequestTimeout, match=f"did not answer `hello` within 0.1 s, 2 times: .*{said}"):
+                    client.hello()
+                with pytest.raises(RequestTimeout, match=said):
+                    next(client.render_many([{"state": STATE}]))
+        for address, said in ((silent, busy), ("tcp://127.0.0.1:1", absent)):
+            with pytest.raises(RequestTimeout, match=said):
+                asyncio.run(hello(address))
+
+
+def test_a_server_that_draws_is_busy_and_a_stopped_one_is_not(tmp_path):
+    """A real one, in a frame of seconds; then held by a signal, when even the system's part of it says nothing."""
+    with serving.server(tmp_path) as (endpoint, process):
+        frames = [{"camera": "navcam", "max_error": 1e-4}] * 10
+        with Client(endpoint, timeout_s=0.1, retries=0) as client:
+            with pytest.raises(RequestTimeout, match="`render` within 0.1 s, 1 times: a server is there, and busy"):
+                client.render_frames(STATE, frames, allow_slow="raytrace")
+            process.send_signal(signal.SIGSTOP)
+            with pytest.raises(RequestTimeout, match="does not greet as glrender-server does"):
+                client.status()
+
+
+def test_threads_that_share_a_client_are_told_at_once(endpoint):
+    """The thread that used it first, or the next after that one's end; any other is refused before it waits."""
+    with Client(endpoint) as client:
+        told, used, done = [], threading.Event(), threading.Event()
+
+        def first():
+            client.hello()
+            used.set()
+            done.wait(30.0)
+
+        thread = threading.Thread(target=first, name="first")
+        thread.start()
+        assert used.wait(30.0)
+        for ask in (client.hello, lambda: client.render(STATE, "navcam"), lambda: next(client.render_many([])),
+                    client.close):
+            began = time.monotonic()
+            with pytest.raises(GlrenderClientError, match="used by thread 'first', .* make one client in each thread"):
+                ask()
+            told.append(time.monotonic() - began)
+        assert max(told) < 1.0
+        done.set()
+        thread.join()
+        assert client.hello()["ok"], "the first has ended"
+
+
+def test_a_child_is_told_that_a_client_is_its_parents(endpoint):
+    """Forked, it is refused at once, closes nothing of its parent's, and makes its own; sent, it cannot be pickled."""
+    with Client(endpoint) as client:
+        before = client.render(STATE, "navcam").pixels.tobytes()
+
+        def child():
+            with client:
+                with pytest.raises(GlrenderClientError, match=f"belongs to process {os.getppid()}, .* make one client"):
+                    client.hello()
+            with Client(endpoint) as own:
+                return zlib.crc32(own.render(STATE, "navcam").pixels)
+
+        assert forking.in_child(child) == zlib.crc32(before)
+        assert client.render(STATE, "navcam").pixels.tobytes() == before
+        for each in (client, AsyncClient(endpoint)):
+            with pytest.raises(TypeError, match="send the endpoint, and make one client in each process"):
+                pickle.dumps(each)
 
 
 def test_a_replay_gives_the_same_bytes_on_another_server(recording, pooled, endpoint, tmp_path, capsys):

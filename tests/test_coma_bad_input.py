@@ -11,10 +11,10 @@ import OpenEXR
 import pytest
 import test_coma_render as coma
 from glrender import Renderer, Scene
+from glrender.base.errors import ConfigError
 from glrender.emission.grid_files import Grid, read_grid, write_exr, write_grid, write_tile_sheet
 from glrender.emission.sources.facets import Facets
-from glrender.errors import ConfigError
-from glrender.generate import icosphere
+from glrender.scene.shape.generate import icosphere
 
 SOURCE = "scene.emission[0].sources[0]"
 

@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+from glrender.base.errors import ConfigError
 from glrender.emission.fields import direction_from_octahedral
 from glrender.emission.grid_files import Grid, read_exr, read_grid, write_exr, write_grid, write_tile_sheet
 from glrender.emission.light import mean_inverse_distance
@@ -15,8 +16,7 @@ from glrender.emission.sources.jets import Jet, surface_point
 from glrender.emission.sources.orbit import SUN_GM_M3_S2, propagate, stumpff
 from glrender.emission.sources.tail import Tail
 from glrender.emission.sources.volume import Volume
-from glrender.errors import ConfigError
-from glrender.generate import contact_binary, icosphere
+from glrender.scene.shape.generate import contact_binary, icosphere
 from scipy.integrate import dblquad, solve_ivp
 
 AU_M = 149_597_870_700.0

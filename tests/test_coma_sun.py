@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import test_coma_render as coma
 from glrender import Renderer
+from glrender.base.rotations import dcm, look_at
 from glrender.emission import layers
 from glrender.emission.column import columns
 from glrender.emission.sources.jets import Jets
-from glrender.frames import dcm, look_at
 
 SUN_M = 1.5e11
 ONE_JET = Jets(jets=coma.three_jets().jets[:1])

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 import test_coma_render as coma
 from glrender import DeviceError, Pose, Renderer, frames, open_renderer
-from glrender.backends.raytrace import RayTracer
 from glrender.emission import Dust, drawing
 from glrender.emission.column import columns
 from glrender.emission.layers import Layers
 from glrender.emission.phase_function import Isotropic
 from glrender.emission.planning import Sampling, surface_samples
 from glrender.emission.sources.haser import Haser
-from glrender.rays import RayMesh
+from glrender.engines.rays.backend import RayTracer
+from glrender.engines.rays.mesh import RayMesh
 
 
 def light_of(make, made, at, **options):

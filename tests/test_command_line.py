@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -43,8 +44,14 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 @pytest.mark.parametrize("scene", sorted(EXAMPLES.glob("*.toml")), ids=lambda path: path.name)
 def test_every_example_scene_renders(scene, tmp_path):
     made = run("render", str(scene), "--out", "frame.png", cwd=tmp_path)
-    assert made.returncode == 0, made.stderr
+    assert made.returncode == 0 and "warning" not in made.stderr, made.stderr
     assert np.asarray(Image.open(tmp_path / "frame.png")).max() > 100
+
+
+def test_the_example_with_its_state_has_no_warnings(tmp_path):
+    made = run("render", EXAMPLES / "starry_flyby.toml", "--state", EXAMPLES / "starry_flyby.json", "--output", "dn",
+               "--out", "frame.npy", cwd=tmp_path)
+    assert made.returncode == 0 and not made.stderr, made.stderr
 
 
 def test_the_example_script_runs_as_it_is(tmp_path):
@@ -52,6 +59,14 @@ def test_the_example_script_runs_as_it_is(tmp_path):
                           capture_output=True, text=True, timeout=120)
     assert made.returncode == 0, made.stderr
     assert "predicted error" in made.stdout and "nan" not in made.stdout
+
+
+@pytest.mark.parametrize("program", ["glrender", "glrender-server"])
+def test_a_program_tells_its_version(program, tmp_path):
+    """That of pyproject.toml, and nothing else is needed."""
+    table = tomllib.loads((EXAMPLES.parent / "pyproject.toml").read_text(encoding="utf-8"))
+    said = subprocess.run([GLRENDER.with_name(program), "--version"], cwd=tmp_path, capture_output=True, text=True)
+    assert (said.returncode, said.stdout) == (0, f"{program} {table['project']['version']}\n")
 
 
 def test_render_takes_a_state_file(folder):
@@ -109,6 +124,7 @@ def test_the_demo_flies_its_loop_and_leaves_its_pictures(folder, shape, request)
     assert made.returncode == 0, made.stderr
     summary = json.loads((folder / "out" / "summary.json").read_text())
     assert summary["frames"] == 40 and summary["frames_per_second"] > 0.0
+    assert "WARNING" not in made.stderr
     assert summary["range_m"]["last"] < 0.5 * summary["range_m"]["first"], "it approached"
     error = summary["navigation_error_m"]
     assert error["rms_settled"] < 0.3 * error["handover"], "it found its way"

@@ -9,8 +9,8 @@ import threading
 from pathlib import Path
 
 import pytest
-from glrender.errors import ConfigError, DeviceError
-from glrender.gl.context import BACKENDS, Context, probe
+from glrender.base.errors import ConfigError, DeviceError
+from glrender.engines.raster.gl.context import BACKENDS, Context, probe
 
 WORKING = [entry["backend"] for entry in probe() if "error" not in entry]
 

@@ -33,13 +33,13 @@ from glrender import (
     generate,
     load_scene,
 )
-from glrender.apparent import apparent_state
+from glrender.base.constants import AU_M
+from glrender.base.disk_cache import cache_folder
 from glrender.brdf import Lambert
-from glrender.cache import cache_folder
-from glrender.constants import AU_M
-from glrender.image import PRODUCTS
-from glrender.radiometry import Band
-from glrender.ranging import checked_directions
+from glrender.engines.image import PRODUCTS
+from glrender.engines.rays.laser_ranges import checked_directions
+from glrender.scene.solar_irradiance import Band
+from glrender.view.light_time import apparent_state
 from glrender_camera import Detector, MosaicModel, Optics, validate
 from glrender_camera.errors import error_path, path_of
 from glrender_server.operations import Operations

@@ -8,10 +8,10 @@ import pytest
 import solids
 import views
 from glrender import Body, Pose, Renderer, State, generate
-from glrender.backends.cycles import Cycles
-from glrender.backends.raytrace import RayTracer
+from glrender.base.constants import AU_M, SUN_RADIUS_M
 from glrender.brdf import Hapke, Lambert, LommelSeeliger, LunarLambert, Minnaert
-from glrender.constants import AU_M, SUN_RADIUS_M
+from glrender.engines.cycles import Cycles
+from glrender.engines.rays.backend import RayTracer
 
 pytestmark = pytest.mark.usefixtures("blender")
 GREY = Lambert(normal_albedo=0.4)

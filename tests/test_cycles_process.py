@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 import views
 from glrender import Body, DeviceError
-from glrender.backends.cycles import Cycles
-from glrender.backends.cycles.inside import framing
-from glrender.backends.cycles.process import BlenderProcess
-from glrender.backends.cycles.rounds import MAX_SAMPLES, Rounds
 from glrender.brdf import GlslText, Lambert, LommelSeeliger
+from glrender.engines.cycles import Cycles
+from glrender.engines.cycles.inside import framing
+from glrender.engines.cycles.process import BlenderProcess
+from glrender.engines.cycles.rounds import MAX_SAMPLES, Rounds
 
 SCENE = views.scene([views.sphere(Lambert(normal_albedo=0.4), 3)], [views.camera(48, 300.0)])
 

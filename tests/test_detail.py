@@ -8,15 +8,28 @@ import numpy as np
 import pytest
 import solids
 import views
-from glrender import Body, Boulders, ConfigError, Craters, Detail, Noise, Pose, Renderer, Scene, State, frames, generate
-from glrender.backends.cycles import Cycles
-from glrender.backends.raytrace import RayTracer
+from glrender import (
+    Body,
+    Boulders,
+    ConfigError,
+    Craters,
+    Detail,
+    Noise,
+    Pose,
+    Renderer,
+    Scene,
+    State,
+    frames,
+    generate,
+)
+from glrender.base.constants import AU_M
 from glrender.brdf import Hapke, Lambert
-from glrender.constants import AU_M
-from glrender.ground import displaced
-from glrender.relief import Relief
-from glrender.relief_layers import BOULDER, CRATER, layers_of
-from glrender.view import view_bodies
+from glrender.engines.cycles import Cycles
+from glrender.engines.cycles.displaced_mesh import displaced
+from glrender.engines.rays.backend import RayTracer
+from glrender.scene.detail.height_field import Relief
+from glrender.scene.detail.layers import BOULDER, CRATER, layers_of
+from glrender.view.view import view_bodies
 
 GREY = Lambert(normal_albedo=0.3)
 NOISE = Noise(amplitude_m=0.2, longest_m=10.0, shortest_m=0.2)
@@ -139,7 +152,8 @@ def test_flux_is_what_it_was_within_what_slopes_tell():
     camera, state = views.camera(128, 20000.0), views.state(phase_deg=30.0, range_m=2000.0)
     with Renderer(scene(DETAIL, camera)) as renderer, Renderer(scene(None, camera)) as bare:
         image, flat = renderer.render(state, samples=3), bare.render(state, samples=3)
-    slope = image.plan.bodies[0].detail_slope
+    # Of a footprint of 0.095 m at the nearest point.
+    slope = scene(DETAIL, camera).bodies[0].relief.slope_rms(1900.0 / 20000.0)
     assert 0.1 < slope < 0.5
     ratio = pixels(image).sum() / pixels(flat).sum()
     assert 1.0 - slope**2 < ratio < 1.0

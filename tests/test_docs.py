@@ -6,7 +6,10 @@ import re
 import tomllib
 from pathlib import Path
 
+import glrender
+import PIL.Image
 import pytest
+import serving
 from glrender import Scene, generate
 
 ROOT = Path(__file__).parents[1]
@@ -29,6 +32,35 @@ def test_a_snippet_runs_alone(code, tmp_path, monkeypatch):
     generate.three_lobes(radius_m=0.3, subdivisions=2).to_file(tmp_path / "itokawa.obj")
     monkeypatch.chdir(tmp_path)
     exec(compile(code, "snippet", "exec", dont_inherit=True), {})
+
+
+def test_the_readmes_server_draws_the_readmes_state(tmp_path, monkeypatch):
+    """Its scene file, its command and its client's lines; of the address only the port is another."""
+    page = (ROOT / "README.md").read_text(encoding="utf-8")
+    blocks = {kind: re.findall(rf"```{kind}\n(.*?)```", page, re.S) for kind in ("python", "toml", "sh")}
+    assert "\nglrender-server scene.toml " in "\n".join(["", *blocks["sh"]])
+    generate.three_lobes(radius_m=0.3, subdivisions=2).to_file(tmp_path / "itokawa.obj")
+    monkeypatch.chdir(tmp_path)
+    with serving.server(tmp_path, scene=blocks["toml"][0]) as (endpoint, _):
+        names = {}
+        for code in blocks["python"]:
+            exec(compile(code.replace("tcp://127.0.0.1:5555", endpoint), "README", "exec", dont_inherit=True), names)
+    assert names["reply"].pixels.shape == (1024, 1024) and names["reply"].pixels.max() > 100
+
+
+def test_the_readme_installs_what_its_lines_import():
+    """The client is a package of its own, which the line beside make's names too."""
+    page = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert re.search(r"pip install \. \./clients/python", page)
+    assert (ROOT / "clients" / "python" / "pyproject.toml").is_file()
+
+
+def test_names_for_all_hide_none_of_other_packages():
+    """`from glrender import *` after `from PIL import Image`."""
+    names = {}
+    exec("from PIL import Image\nfrom glrender import *", names)
+    assert names["Image"] is PIL.Image and "plan" in glrender.Image.__annotations__
+    assert names["Renderer"] is glrender.Renderer and set(glrender.__all__) <= set(names)
 
 
 CAMERA = """solar_irradiance_1au_W_m2 = 700.0

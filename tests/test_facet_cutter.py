@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 import solids
 import views
-from glrender import Body, Shape, facet_loops
+from glrender import Body, Shape
+from glrender.base.constants import AU_M
 from glrender.brdf import Lambert
-from glrender.constants import AU_M
-from glrender.facet_cutter import FacetCutter
-from glrender.facet_parts import FacetParts, Points
-from glrender.facet_tables import FacetTables
-from glrender.ray_engine import RayEngine
-from glrender.view import view_bodies
+from glrender.engines.coverage import facet_loops
+from glrender.engines.coverage.boundary_clip import FacetCutter
+from glrender.engines.coverage.facet_tables import FacetTables
+from glrender.engines.coverage.sub_triangles import FacetParts, Points
+from glrender.engines.rays.engine import RayEngine
+from glrender.view.view import view_bodies
 from scipy.spatial.transform import Rotation
 
 

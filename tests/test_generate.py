@@ -34,7 +34,7 @@ def test_bodies_are_closed_centred_and_do_not_cut_themselves(kind):
 def test_a_radius_over_the_sphere_has_every_facet_seen_from_its_pole():
     """Star-shaped about the point of generation: solid angles are all of one sign and sum to 4 pi."""
     shape = generate.contact_binary(radius_m=50.0, seed=4, subdivisions=5)
-    from glrender.hull import winding_number
+    from glrender.scene.shape.convex_hull import winding_number
 
     inside = shape.vertices_m.mean(axis=0)
     np.testing.assert_allclose(winding_number(shape.vertices_m, shape.facets, inside), 1.0, atol=1e-9)

@@ -10,17 +10,8 @@ import warnings
 import numpy as np
 import photometry_truth as truth
 import pytest
-from glrender.brdf import (
-    Akimov,
-    Hapke,
-    Lambert,
-    LommelSeeliger,
-    LunarLambert,
-    Minnaert,
-    OrenNayar,
-    Rolo,
-    Table,
-)
+from glrender.base.errors import ConfigError
+from glrender.brdf import Akimov, Hapke, Lambert, LommelSeeliger, LunarLambert, Minnaert, OrenNayar, Rolo, Table
 from glrender.brdf.fitting import compare, fit
 from glrender.brdf.integrals import (
     bond_albedo,
@@ -32,9 +23,8 @@ from glrender.brdf.integrals import (
     phase_integral,
 )
 from glrender.brdf.presets import LUNAR_LAMBERT_WEIGHTS, PRESETS
-from glrender.errors import ConfigError
-from glrender.gl.context import Context
-from glrender.gl.evaluate import BrdfEvaluator
+from glrender.engines.raster.gl.context import Context
+from glrender.engines.raster.gl.evaluate import BrdfEvaluator
 
 ISOTROPIC = {"b": 0.0, "c": 0.0}
 EROS = Hapke.one_term(single_scattering_albedo=0.33, asymmetry=-0.25, shoe_amplitude=1.4, shoe_width=0.01,

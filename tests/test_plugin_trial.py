@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 import test_plugins
 import views
-from glrender import Renderer, Scene, plugins
-from glrender.errors import PluginError
+from glrender import Renderer, Scene
+from glrender.base.errors import PluginError
+from glrender.scene.plugins import registry as plugins
 from glrender_server.operations import Operations
 
 add = test_plugins.add

@@ -10,8 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from glrender import ConfigError, Scene, plugins
-from glrender.errors import PluginError
+from glrender import ConfigError, Scene
+from glrender.base.errors import PluginError
+from glrender.scene.plugins import registry as plugins
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "plugin_law"
 SCENE = {"bodies": [{"name": "body", "generated": {"kind": "icosphere", "radius_m": 100.0},

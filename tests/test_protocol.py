@@ -86,6 +86,16 @@ def test_the_client_reads_the_golden_region_and_writes_its_request():
     assert header == {**make_golden.REQUESTS["region"], "order": "C", "id": 1, "client": header["client"]}
 
 
+def test_the_client_reads_the_golden_warnings():
+    parts = GOLDEN["reply_warned"]
+    reply = read_reply(read_header(parts[0]), parts)
+    assert [told._asdict() for told in reply.warnings] == make_golden.WARNED_REPLY["warnings"]
+    assert str(reply.warnings[0]) == "body is behind the camera"
+    np.testing.assert_array_equal(reply.pixels, make_golden.REGION)
+    parts = GOLDEN["reply_region"]  # of a server before there were any
+    assert read_reply(read_header(parts[0]), parts).warnings == ()
+
+
 def test_the_client_writes_the_golden_request_for_two_cameras():
     golden = make_golden.REQUESTS["frames"]
     header = msgpack.unpackb(Packer()("render", frames_fields(golden["state"], golden["frames"], golden["order"]))[1])

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from glrender.base.constants import AU_M, PLANCK_J_S, SPEED_OF_LIGHT_M_S
+from glrender.base.errors import ConfigError
 from glrender.brdf import Lambert, LommelSeeliger
-from glrender.constants import AU_M, PLANCK_J_S, SPEED_OF_LIGHT_M_S
-from glrender.errors import ConfigError
-from glrender.radiometry import Band, radiance, solar_irradiance, solar_spectrum, sphere_irradiance
+from glrender.scene.solar_irradiance import Band, radiance, solar_irradiance, solar_spectrum, sphere_irradiance
 
 
 @pytest.mark.parametrize("low_nm, high_nm, watts, photons", [

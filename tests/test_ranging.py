@@ -8,7 +8,7 @@ import serving
 import views
 from glrender import Body, ConfigError, Renderer, SceneError, generate
 from glrender.brdf import Lambert
-from glrender.ranging import RangeNoise, first_hits, laser_ranges
+from glrender.engines.rays.laser_ranges import RangeNoise, first_hits, laser_ranges
 from glrender_client import Client, ServerError
 from missing import needed_module
 

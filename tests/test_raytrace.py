@@ -10,14 +10,13 @@ import raytracer
 import solids
 import trimesh
 import views
-from glrender import Body, ConfigError, Pose, Renderer, Shape, State, generate
-from glrender.backends.raytrace import RayTracer
+from glrender import Body, ConfigError, Pose, Renderer, Shape, State, generate, open_renderer
+from glrender.base.constants import AU_M
 from glrender.brdf import Hapke, Lambert
-from glrender.constants import AU_M
-from glrender.plugins import open_renderer
-from glrender.ray_engine import RAYS_AT_ONCE
-from glrender.rays import LEAST_LIFT, RayMesh
-from glrender.triangles import intersect
+from glrender.engines.rays.backend import RayTracer
+from glrender.engines.rays.engine import RAYS_AT_ONCE
+from glrender.engines.rays.mesh import LEAST_LIFT, RayMesh
+from glrender.scene.shape.ray_triangle import intersect
 from scipy.spatial.transform import Rotation
 from test_renderer_photometry import phi_lambert
 
@@ -77,7 +76,7 @@ def test_agrees_with_the_tests_own_rays():
     shape = generate.contact_binary(radius_m=100.0, seed=2)
     body = Body(name="body", shape=shape, brdf=GREY)
     camera, state = views.camera(96, 400.0), views.state(phase_deg=70.0)
-    with RayTracer(views.scene([body], [camera])) as tracer:
+    with RayTracer(views.scene([body], [camera], sun_disc=False)) as tracer:
         image = tracer.render(state, samples=3, products=["facet_id", "range", "sunlit"])
     truth, facet, range_m = raytracer.trace([("body", shape.vertices_m, shape.facets, GREY)], camera, state,
                                             views.SOLAR_IRRADIANCE_W_M2, 3)

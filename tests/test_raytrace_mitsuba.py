@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import views
 from glrender import Body, generate
-from glrender.backends.raytrace import RayTracer
 from glrender.brdf import Lambert
+from glrender.engines.rays.backend import RayTracer
 from missing import needed_module
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "benchmarks"))

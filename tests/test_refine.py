@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import views
 from glrender import Body, Renderer, generate
-from glrender.backends.raytrace import RayTracer
 from glrender.brdf import Lambert
-from glrender.refine import frame_error, pixel_errors, plan_refinement
+from glrender.engines.rays.backend import RayTracer
+from glrender.planner.adaptive_samples import frame_error, pixel_errors, plan_refinement
 
 GREY = Lambert(normal_albedo=0.4)
 
@@ -97,7 +97,7 @@ def test_pixels_outside_the_mask_are_left_as_they_are():
     """A sphere's inside keeps its coarse samples, byte for byte; its limb changes."""
     scene, state = views.scene([views.sphere(GREY, 5)], [views.camera(640, 6000.0)]), views.state(phase_deg=30.0)
     with Renderer(scene) as renderer:
-        image = renderer.render(state, max_error=0.004, level=0)
+        image = renderer.render(state, max_error=0.004, engine="raster")
         window, = image.plan.windows
         coarse = renderer.render(state, samples=window.samples)
     assert window.refined_samples > window.samples

@@ -121,7 +121,7 @@ def test_solid_angle_falls_off_as_cos_cubed():
 @pytest.mark.parametrize("phase_deg", [10.0, 60.0, 90.0, 120.0])
 def test_shadows_take_no_light_from_a_convex_body(phase_deg, monkeypatch):
     """Acne shows as lost flux: shadow map on against off on a sphere, 0.1 % (photometry.md section 4.3)."""
-    from glrender import plan
+    from glrender.planner import body_plan as plan
 
     law = Lambert(normal_albedo=0.5)
     state = views.state(phase_deg=phase_deg)
@@ -183,11 +183,11 @@ def test_the_same_request_gives_the_same_bytes_whatever_came_before(options):
     assert first.irradiance_W_m2.tobytes() == again.irradiance_W_m2.tobytes() == fresh.irradiance_W_m2.tobytes()
 
 
-def test_the_shadow_map_is_reused_while_it_is_valid():
+def test_a_shadow_map_serves_its_epoch_alone():
     body = Body(name="body", shape=generate.contact_binary(radius_m=100.0, seed=3), brdf=Lambert(normal_albedo=0.2))
     with Renderer(views.scene([body], [views.camera(128, 500.0)])) as renderer:
         reused = [renderer.render(views.state(phase_deg=g), samples=2).plan.bodies[0].shadow_map_reused
-                  for g in (70.0, 70.001, 75.0, 70.0)]
+                  for g in (70.0, 70.0, 70.001, 70.0)]
     assert reused == [False, True, False, True]
 
 
@@ -282,7 +282,7 @@ def test_a_budget_that_cannot_be_met_is_told_in_the_plan():
         met, missed = (renderer.render(views.state(), max_error=budget).plan for budget in (0.05, 1e-5))
     assert met.predicted_error <= 0.05 and not met.warnings
     assert missed.predicted_error > 1e-5
-    assert "the budget of 1e-05 is not met" in missed.warnings[0]
+    assert "exceeds max_error 1e-05" in missed.warnings[0]
 
 
 def test_smooth_normals_leave_no_black_limb():

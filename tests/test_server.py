@@ -19,7 +19,7 @@ import views
 import zmq
 from glrender import Renderer, State, load_scene
 from glrender.brdf import Lambert
-from glrender.image import peak_bytes
+from glrender.engines.image import peak_bytes
 from glrender_client import Busy, Client, GlrenderClientError, RequestTimeout, ServerError
 from glrender_server.dispatcher import Dispatcher
 from glrender_server.front import FairQueue, Request

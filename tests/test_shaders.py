@@ -7,8 +7,8 @@ from importlib import resources
 import moderngl
 import numpy as np
 import pytest
-from glrender.errors import ShaderError
-from glrender.gl.context import Context
+from glrender.base.errors import ShaderError
+from glrender.engines.raster.gl.context import Context
 from glrender.shaders import ConstantBlock, UniformBlock, compose, constants_glsl
 from glrender.shaders import compose as compose_function
 from glrender.shaders.compose import Source

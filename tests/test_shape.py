@@ -7,7 +7,7 @@ import struct
 import numpy as np
 import pytest
 from glrender import Shape, ShapeError, generate
-from glrender.hull import Hull
+from glrender.scene.shape.convex_hull import Hull
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -225,8 +225,6 @@ def test_vertex_normals_of_a_sphere_are_radial():
     ("s.obj", cube_obj().replace("f 1 2 4", "f 1 2").replace("f 1 4 3", "f 1 2 4 3"), "fewer than 3 corners"),
     ("s.obj", "\n".join(["v 1 1 1"] * 3 + ["f 1 2 3"]), "no extent"),
     ("s.obj", "\n".join(["v 0 0 0", "v 1 1 1", "v 2 2 2", "f 1 2 3"]), "no facet with an area"),
-    ("s.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3", "must not be flat: thicker than 1e-06 of its extent, 1 m"),
-    ("s.obj", "v 0 0 0\nv 1 0 1\nv 0 1 1\nv 1 1 2\nf 1 2 3\nf 2 4 3", "must not be flat"),
     ("s.obj", b"\0\1\2" * 100, "is binary"),
     ("s.xyz", cube_obj(), "must end in one of .icq, .obj"),
     ("s.tab", "a b\n", "must begin with the number of vertices"),

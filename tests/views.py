@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from glrender import Body, PinholeCamera, Pose, Scene, State, frames, generate
-from glrender.constants import AU_M
+from glrender.base.constants import AU_M
 
 SOLAR_IRRADIANCE_W_M2 = 1000.0
 

@@ -4,7 +4,7 @@
 # NumPy alone of all that bsk asks for. In CI it must be there; elsewhere those tests are skipped, loudly.
 set -eu
 glrender_python=$1
-venv=$("$glrender_python" -c 'from glrender.cache import cache_folder; print(cache_folder() / "basilisk")')
+venv=$("$glrender_python" -c 'from glrender.base.disk_cache import cache_folder; print(cache_folder() / "basilisk")')
 
 works() { "$venv/bin/python" -c 'from Basilisk.utilities import RigidBodyKinematics' 2>/dev/null; }
 

@@ -8,7 +8,7 @@ glrender_python=$1
 
 works() {
     "$glrender_python" - <<'PYTHON' 2>/dev/null
-from glrender.backends.cycles.process import BlenderProcess
+from glrender.engines.cycles.process import BlenderProcess
 blender = BlenderProcess()
 print(f"Blender {blender.version} is here")
 blender.close()
@@ -16,7 +16,7 @@ PYTHON
 }
 
 works && exit 0
-venv=$("$glrender_python" -c 'from glrender.backends.cycles import finder; print(finder.own_python().parent.parent)')
+venv=$("$glrender_python" -c 'from glrender.engines.cycles import finder; print(finder.own_python().parent.parent)')
 echo "Blender is missing: installing PyPI's bpy into $venv for the backend cycles" >&2
 for python in "$glrender_python" python3.11 python3.13; do
     command -v "$python" >/dev/null || continue

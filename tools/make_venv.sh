@@ -16,4 +16,4 @@ if ! "$python" -m venv --clear "$venv" >/dev/null 2>&1; then
 fi
 "$venv/bin/python" -m pip install --quiet --disable-pip-version-check -e '.[test]' -e clients/python
 # Loops are compiled now, not at the first start.
-"$venv/bin/python" -c 'from glrender import coverage, facet_loops, horizon_loops, ray_loops' || echo "rays and areas are not here (above)" >&2
+"$venv/bin/python" -c 'import glrender.renderer' || echo "rays and areas are not here (above)" >&2

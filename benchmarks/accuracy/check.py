@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from glrender import GlrenderError, Renderer
-from glrender.render_plan import RenderPlan
+from glrender.planner.plan import RenderPlan
 
 from .metrics import errors
 from .random_scenes import Draw

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from glrender import Renderer, Scene, State
-from glrender.plugins import open_renderer
+from glrender import Renderer, Scene, State, open_renderer
 from peers.environment import frames_of
 from peers.from_glrender import peer_scene
 

@@ -8,8 +8,8 @@ from functools import cache
 
 import numpy as np
 from glrender import Body, PinholeCamera, Pose, Scene, Shape, State, frames, generate
+from glrender.base.constants import AU_M
 from glrender.brdf import Hapke, Lambert, LommelSeeliger, LunarLambert
-from glrender.constants import AU_M
 
 from .scenes import SHARED
 

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 from glrender import Body, PinholeCamera, Pose, Scene, Shape, State, frames, generate
+from glrender.base.constants import AU_M
 from glrender.brdf import Lambert
-from glrender.constants import AU_M
 
-SHARED = Path(os.environ.get("GLRENDER_SHARED", Path(__file__).parent.parent.parent.parent / "shared")) / "data"
+SHARED = Path(os.environ.get("GLRENDER_SHARED") or Path(__file__).parent.parent.parent.parent / "shared") / "data"
 _RELIEF_LEVELS = {"197k": 1, "786k": 2, "3146k": 3}
 _FILES = {"didymos": "didymos/didymos_49k.obj", "dimorphos": "didymos/dimorphos_49k.ply",
           "itokawa": "itokawa/itokawa_64q_49152_uv.obj"}

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from glrender import Scene, State
-from glrender.plugins import open_renderer
+from glrender import Scene, State, open_renderer
 
 FOLDER = Path(__file__).parent.parent.parent / "out" / "truth"
 PRODUCTS = ("body_id", "facet_id", "incidence", "sunlit")

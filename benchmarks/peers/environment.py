@@ -40,7 +40,7 @@ def install() -> dict[str, str]:
     python = VENV / "bin" / "python"
     if not python.is_file():
         subprocess.run([sys.executable, "-m", "venv", str(VENV)], check=True)
-    has_llvm = "DRJIT_LIBLLVM_PATH" in os.environ or max(_llvm_versions(), default=0) >= _LEAST_LLVM
+    has_llvm = bool(os.environ.get("DRJIT_LIBLLVM_PATH")) or max(_llvm_versions(), default=0) >= _LEAST_LLVM
     if not (has_llvm and find_library("usb-1.0")):
         subprocess.run(["sh", REPOSITORY / "tools" / "install_peers.sh"])
     missing = {}
@@ -84,7 +84,7 @@ def frames_of(name: str, scene: PeerScene, budget_s: float) -> PeerFrames:
 
 def _environment(name: str) -> dict[str, str]:
     environment = dict(os.environ)
-    if name == "mitsuba" and "DRJIT_LIBLLVM_PATH" not in environment:
+    if name == "mitsuba" and not environment.get("DRJIT_LIBLLVM_PATH"):
         # Dr.Jit takes the first it finds.
         versions = _llvm_versions()
         if versions:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from glrender import PinholeCamera, Scene, State, frames
-from glrender.constants import AU_M
+from glrender.base.constants import AU_M
 
 from .peer_scene import PeerScene
 

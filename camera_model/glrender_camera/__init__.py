@@ -1,11 +1,12 @@
 """glrender_camera: projection, optics and detector of the spacecraft's cameras. No OpenGL."""
 
 from .aberrations import Aberrations
-from .camera import CameraModel, Frame
+from .camera import CameraModel
 from .detector import Detector
 from .distortion import BrownConrady
 from .errors import ConfigError, GlrenderError
 from .exposure import AutoExposure
+from .frame import Frame
 from .mosaic import MosaicModel
 from .optics import Optics
 from .points import PointSources

@@ -12,37 +12,13 @@ import numpy as np
 from .detector import MAX_SEED, Detector
 from .errors import ConfigError, error_path
 from .exposure import MAX_EXPOSURE_S, AutoExposure
+from .frame import Frame
 from .light import light_on_frame
 from .optics import Optics
 from .points import PointSources
 from .presets import PRESETS
 from .spectrum import electrons_per_joule, require_overlap
 from .validate import integer, known_keys, one_of, positive, within
-
-
-@dataclass(frozen=True, eq=False)
-class Frame:
-    """What the detector gives.
-
-    Attributes
-    ----------
-    dn : (H, W) uint8 or uint16 [DN]
-    electrons : (H, W) float32 [e-]
-        Collected charge with all noise, before gain and rounding.
-    saturated : (H, W) bool
-        At full well or at the largest digital number.
-    exposure_s : float [s]
-    seed : int
-    stages : dict of str to str
-        What was modelled and what was skipped, with why, in the order of the light.
-    """
-
-    dn: np.ndarray
-    electrons: np.ndarray
-    saturated: np.ndarray
-    exposure_s: float
-    seed: int
-    stages: dict[str, str]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -242,7 +218,8 @@ class CameraModel:
             "full_well": f"{detector.full_well_electrons:g} e-",
             "dark_signal_nonuniformity": stage(detector.dark_signal_nonuniformity_electrons,
                                                f"{detector.dark_signal_nonuniformity_electrons:g} e-"),
-            "read_noise": stage(detector.read_noise_electrons, f"{detector.read_noise_electrons:g} e-"),
+            "read_noise": stage(detector.read_noise_electrons, f"{detector.read_noise_electrons:g} e-"
+                                + (f"; {detector.clipping_text}" if detector.clipping_text else "")),
             "nonlinearity": stage(detector.nonlinearity_DN, f"table of {len(detector.nonlinearity_DN or ())}"),
             "adc": f"{detector.bit_depth} bit, {detector.gain_DN_per_electron:g} DN/e-, "
                    f"offset {detector.offset_DN:g} DN",

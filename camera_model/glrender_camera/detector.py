@@ -7,17 +7,21 @@ temporal noise to the frame's.
 
 from __future__ import annotations
 
+import logging
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from functools import lru_cache
 from typing import Any
 
 import cv2
 import numpy as np
+from scipy.special import ndtr
 
 from . import cosmic, poisson
 from .deviates import standard_normal
 from .errors import ConfigError
-from .pattern import COSMIC, FRAME, FixedPattern, fixed_pattern, rows_of, stream
+from .pattern import COSMIC, FRAME, FixedPattern, PatternStatistics, fixed_pattern, rows_of, stream
 from .spectrum import Curve, curve
 from .threads import Scratch, run
 from .validate import integer, known_keys, positive, vector, within
@@ -28,12 +32,15 @@ _BLOCK_PX = 2**18
 # Beyond this many full wells the drawn number says nothing more, and NumPy's Poisson loses its
 # variance (photometry.md section 4.6).
 _MAX_FULL_WELLS = 100.0
+# Of the read noise, that the offset should hold: 0.13 % are clipped beyond it.
+_HELD_SIGMA = 3.0
 # Well inside 32 bits, whatever the read noise adds.
 _MAX_NUMBER = 1e9
 MAX_SEED = 2**64 - 1
 MAX_COSMIC_RAY_HITS = 100_000
 """Of one frame: two seconds."""
 _scratch = Scratch()
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,9 +173,21 @@ class Detector:
         """Mean dark current at the detector's temperature [e-/s], hot pixels aside."""
         return self.dark_current_electrons_per_s * self.dark_warmth
 
+    @property
+    def clipping_text(self) -> str:
+        """What of the read noise is cut off where no light falls, in words; empty where the offset holds 3 sigma."""
+        sigma_DN = self.read_noise_electrons * self.gain_DN_per_electron
+        # Half a digital number is rounded to 0.
+        if not self.offset_DN + 0.5 < _HELD_SIGMA * sigma_DN:
+            return ""
+        share = ndtr(-(self.offset_DN + 0.5) / sigma_DN)
+        return (f"{share:.0%} of it is clipped at 0 DN where no light falls, and dark pixels are too bright: "
+                f"give an offset_DN of {math.ceil(_HELD_SIGMA * sigma_DN)} or more")
+
     def fixed_pattern(self, shape: tuple[int, int]) -> FixedPattern:
         """The sensor's own maps, made once."""
-        return fixed_pattern(self, shape)
+        return fixed_pattern(PatternStatistics(**{
+            each.name: getattr(self, each.name) for each in fields(PatternStatistics)}), shape)
 
     def read(self, signal_electrons: np.ndarray, exposure_s: float, seed: int) -> tuple[np.ndarray, ...]:
         """Expose and read out.
@@ -189,6 +208,8 @@ class Detector:
         saturated : (H, W) bool
             At full well, or at the largest digital number.
         """
+        if self.clipping_text:
+            _warn_once(f"read noise of {self.read_noise_electrons:g} e-: {self.clipping_text}")
         height, width = signal_electrons.shape
         outputs = (np.empty((height, width), np.uint8 if self.bit_depth <= 8 else np.uint16),
                    np.empty((height, width), np.float32), np.empty((height, width), bool))
@@ -261,6 +282,11 @@ class Detector:
         cv2.addWeighted(number, gain, number, 0.0, offset, dst=dn, dtype=cv2.CV_8U if dn.itemsize == 1 else cv2.CV_16U)
         cv2.min(dn, self.max_DN, dst=dn)
         saturated |= dn == self.max_DN
+
+
+@lru_cache(maxsize=64)
+def _warn_once(text: str) -> None:
+    _log.warning(text)
 
 
 def _rising_pairs(name: str, value: object) -> tuple[tuple[float, float], ...]:

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from .detector import Detector
 from .errors import ConfigError
+from .frame import Frame
 from .validate import known_keys, positive, within
-
-if TYPE_CHECKING:
-    from .camera import Frame
 
 MAX_EXPOSURE_S, _MAX_STEP = 1e6, 1e6
 # Auto-exposure looks at no more pixels than this: a percentile of 65,536 is good to 0.2 %.

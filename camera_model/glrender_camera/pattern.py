@@ -4,12 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from .detector import Detector
 
 # Spawn keys that keep a sensor's streams apart from a frame's when both seeds are equal.
 SENSOR, FRAME, COSMIC = 0, 1, 2
@@ -19,6 +15,19 @@ def stream(seed: int, *key: int) -> np.random.Generator:
     """Random numbers of one seed and purpose."""
     # SFC64 is the fastest of NumPy's generators here: poisson 40 ms/Mpx against 65 of PCG64DXSM.
     return np.random.Generator(np.random.SFC64(np.random.SeedSequence(seed, spawn_key=key)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class PatternStatistics:
+    """What of a `Detector` its fixed pattern depends on: the fields of the same names."""
+
+    sensor_seed: int
+    photo_response_nonuniformity: float
+    dark_current_nonuniformity: float
+    dark_signal_nonuniformity_electrons: float
+    dead_pixel_fraction: float
+    hot_pixel_fraction: float
+    hot_pixel_electrons_per_s: float
 
 
 @dataclass(frozen=True)
@@ -50,11 +59,12 @@ def rows_of(sparse: tuple[np.ndarray, np.ndarray] | None, rows: slice, width_px:
 
 
 @lru_cache(maxsize=8)
-def fixed_pattern(detector: Detector, shape: tuple[int, int]) -> FixedPattern:
+def fixed_pattern(sensor: PatternStatistics, shape: tuple[int, int]) -> FixedPattern:
+    """Maps of a sensor of so many rows and columns; made once for the last few sensors."""
     def pattern(index: int, mean: float, sigma: float, floor: float) -> np.ndarray | None:
         if sigma == 0.0:
             return None
-        values = stream(detector.sensor_seed, SENSOR, index).standard_normal(shape, dtype=np.float32)
+        values = stream(sensor.sensor_seed, SENSOR, index).standard_normal(shape, dtype=np.float32)
         values *= np.float32(sigma)
         values += np.float32(mean)
         np.maximum(values, np.float32(floor), out=values)
@@ -62,26 +72,26 @@ def fixed_pattern(detector: Detector, shape: tuple[int, int]) -> FixedPattern:
         return values
 
     return FixedPattern(
-        response=_with_dead(detector, shape, pattern(0, 1.0, detector.photo_response_nonuniformity, 0.0)),
-        dark=pattern(1, 1.0, detector.dark_current_nonuniformity, 0.0),
-        offset_electrons=pattern(2, 0.0, detector.dark_signal_nonuniformity_electrons, -np.inf),
-        hot=_hot_pixels(detector, shape[0] * shape[1]), width_px=shape[1])
+        response=_with_dead(sensor, shape, pattern(0, 1.0, sensor.photo_response_nonuniformity, 0.0)),
+        dark=pattern(1, 1.0, sensor.dark_current_nonuniformity, 0.0),
+        offset_electrons=pattern(2, 0.0, sensor.dark_signal_nonuniformity_electrons, -np.inf),
+        hot=_hot_pixels(sensor, shape[0] * shape[1]), width_px=shape[1])
 
 
-def _with_dead(detector: Detector, shape: tuple[int, int], response: np.ndarray | None) -> np.ndarray | None:
-    n_dead = round(detector.dead_pixel_fraction * shape[0] * shape[1])
+def _with_dead(sensor: PatternStatistics, shape: tuple[int, int], response: np.ndarray | None) -> np.ndarray | None:
+    n_dead = round(sensor.dead_pixel_fraction * shape[0] * shape[1])
     if n_dead == 0:
         return response
     response = np.ones(shape, np.float32) if response is None else response.copy()
-    response.ravel()[stream(detector.sensor_seed, SENSOR, 4).choice(response.size, n_dead, replace=False)] = 0.0
+    response.ravel()[stream(sensor.sensor_seed, SENSOR, 4).choice(response.size, n_dead, replace=False)] = 0.0
     response.setflags(write=False)
     return response
 
 
-def _hot_pixels(detector: Detector, n_pixels: int) -> tuple[np.ndarray, np.ndarray] | None:
-    n_hot = round(detector.hot_pixel_fraction * n_pixels)
-    if n_hot == 0 or detector.hot_pixel_electrons_per_s == 0.0:
+def _hot_pixels(sensor: PatternStatistics, n_pixels: int) -> tuple[np.ndarray, np.ndarray] | None:
+    n_hot = round(sensor.hot_pixel_fraction * n_pixels)
+    if n_hot == 0 or sensor.hot_pixel_electrons_per_s == 0.0:
         return None
-    rng = stream(detector.sensor_seed, SENSOR, 3)
+    rng = stream(sensor.sensor_seed, SENSOR, 3)
     pixel = np.sort(rng.choice(n_pixels, n_hot, replace=False))
-    return pixel, rng.exponential(detector.hot_pixel_electrons_per_s, n_hot).astype(np.float32)
+    return pixel, rng.exponential(sensor.hot_pixel_electrons_per_s, n_hot).astype(np.float32)

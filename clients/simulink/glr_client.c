@@ -82,8 +82,10 @@ static uint32_t little(const uint8_t *at, int width) {
 
 static int told(glr_client *client, glr_outcome outcome) {
     if (outcome == GLR_LATE)
-        return glr_fail(&client->error, "timeout", "%s:%d did not answer within %g s", client->host, client->port,
-                        client->timeout_s);
+        return glr_fail(&client->error, "timeout", "%s:%d did not answer within %g s: %s", client->host, client->port,
+                        client->timeout_s, client->handle == GLR_NO_SOCKET ? "no connection; is glrender-server there?"
+                        : "the connection stands, so the server is busy, with this request or with others before it; "
+                        "open the client with a longer timeout");
     return glr_fail(&client->error, "connection", "no connection to %s:%d; start a server with: glrender-server "
                     "scene.toml --tcp %s:%d", client->host, client->port, client->host, client->port);
 }

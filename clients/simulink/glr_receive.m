@@ -45,6 +45,7 @@ function bytes = exactly(socket, count, timeout_s, where)
     end
   end
   if numel(bytes) ~= count
-    error('glrender:timeout', '%s did not answer within %g s', where, timeout_s);
+    error('glrender:timeout', ['%s did not answer within %g s: the connection stands, so the server is busy, with ' ...
+          'this request or with others before it; give a longer Timeout'], where, timeout_s);
   end
 end

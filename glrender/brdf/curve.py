@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from glrender_camera.validate import known_keys, within
 
-from ..errors import ConfigError
+from ..base.errors import ConfigError
 
 # Two vec4 of a uniform block.
 MAX_TERMS = 8

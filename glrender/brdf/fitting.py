@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import ConfigError
+from ..base.errors import ConfigError
 from .akimov import Akimov
 from .curve import Table
 from .integrals import Disc

@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 from glrender_camera.validate import finite, one_of, within
 
-from ..errors import ConfigError
+from ..base.errors import ConfigError
 from .geometry import cross, dot
 from .law import Law
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from glrender_camera.validate import within
 
-from ..errors import ConfigError
+from ..base.errors import ConfigError
 from .law import Law
 
 N_NODES = 96

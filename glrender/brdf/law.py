@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..errors import ConfigError
+from ..base.errors import ConfigError
 from .geometry import Geometry, dot
 
 MIN_COSINE = 1e-6

@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..errors import ConfigError
+from ..base.errors import ConfigError
 from .curve import SAMPLED_DEG, Table, bounded, polynomial, table_or_terms, vec4_pair
 from .lommel_seeliger import WithPhaseFunction
 

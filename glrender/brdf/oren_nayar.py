@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 from glrender_camera.validate import finite, within
 
-from ..errors import ConfigError
+from ..base.errors import ConfigError
 from .law import Law
 
 

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..errors import ConfigError
+from ..base.errors import ConfigError
 from .curve import MAX_FACTOR, SAMPLED_DEG, bounded, polynomial, table_or_terms, vec4_pair
 from .law import Law
 

@@ -42,14 +42,38 @@ def columns(field: Field, r_camera_m: np.ndarray, directions: np.ndarray, steps:
     along, closest, a = ray_geometry(field, r_camera_m, directions)
     low, high = angles(field, closest, directions, a, along, end_m)
     width = (high - low) / steps
-    total = np.zeros(len(directions))
+    total, last = np.zeros(len(directions)), None
     for k in range(steps):
         s = a * np.tan(low + (k + 0.5) * width)
         r = closest + s[:, None] * directions
         squared = np.sum(closest**2, axis=1) + s**2
         value = field.weight(r) * (a**2 + s**2) / np.maximum(squared, a**2)
-        total += value if lit is None else value * lit(r)
+        if lit is not None:
+            # A step is in the shadow as its middle is: where the edge is between two, what is wrongly so is put right.
+            is_lit, bare = lit(r) > 0.5, value
+            value = bare * is_lit
+            if last is not None and (at := np.flatnonzero(is_lit != last[0])).size:
+                rays = (each[at] for each in (closest, directions, a, low + k * width, width, last[0]))
+                beyond = _edges(lit, *rays)
+                # K is linear there, and a sum of middles that ends there lacks K' / 24.
+                rise, k_border = (bare - last[1])[at], 0.5 * (bare + last[1])[at]
+                total[at] += np.where(last[0][at], 1.0, -1.0) * (
+                    k_border * beyond + rise * (0.5 * beyond**2 + 1.0 / 24.0))
+            last = is_lit, bare
+        total += value
     return total * width / a
+
+
+def _edges(lit: Callable[[np.ndarray], np.ndarray], closest: np.ndarray, directions: np.ndarray, a: np.ndarray,
+           border: np.ndarray, width: np.ndarray, is_low_lit: np.ndarray) -> np.ndarray:
+    """Where shadows end (N,), in steps of a width [rad] from the border of two: to a 32nd of one."""
+    low, high = np.full(len(a), -0.5), np.full(len(a), 0.5)
+    for _ in range(4):
+        middle = 0.5 * (low + high)
+        s = a * np.tan(border + middle * width)
+        is_like_low = (lit(closest + s[:, None] * directions) > 0.5) == is_low_lit
+        low, high = np.where(is_like_low, middle, low), np.where(is_like_low, high, middle)
+    return 0.5 * (low + high)
 
 
 def ray_geometry(field: Field, r_camera_m: np.ndarray,

@@ -9,18 +9,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .. import frames
-from ..emission_frame import EmissionFrame, EmissionPlan
-from ..gl.coma_pass import ComaPass, ComaVolume, FloatTarget, Grid
-from ..gl.context import Context
-from ..scene import Scene
-from ..view import BodyView
-from .coma import Coma
+from ..base import rotations as frames
+from ..engines.emission_interface import EmissionFrame
+from ..engines.raster.gl.coma_pass import ComaPass, ComaVolume, FloatTarget, Grid
+from ..engines.raster.gl.context import Context
+from ..planner.plan import EmissionPlan
+from ..scene.scene import Scene
+from ..view.view import BodyView
 from .geometry import is_ahead, passing_m, shader_values
 from .layers import Layer, Layers
 from .light import add_light, cell_middles, is_point, point_correction, spread
 from .measuring import REACH_RAD
 from .planning import NEAR_NODES, NEAR_RADII, Sampling, choose, edge_error, surface_samples
+from .settings import ComaSettings
 from .telling import told
 
 _TILE_PX = 2048
@@ -39,7 +40,7 @@ class _Drawn:
 class ComaDrawing(ExitStack):
     """A coma's tables and textures in a context; see `emission_frame.EmissionPass`."""
 
-    def __init__(self, coma: Coma, context: Context, scene: Scene):
+    def __init__(self, coma: ComaSettings, context: Context, scene: Scene):
         super().__init__()
         self._coma, self._context = coma, context
         body = next(body for body in scene.bodies if body.name == coma.body)

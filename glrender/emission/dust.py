@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from glrender_camera.validate import positive, within
 
-from ..errors import ConfigError
+from ..base.errors import ConfigError
 from .phase_function import HenyeyGreenstein, PhaseFunction
 
 # Of less, float32 has (1 - exp(-q N)) / q as 0 / 0.

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..errors import ConfigError
+from ..base.errors import ConfigError
 
 # Their values fit a processor's cache: 2.5 times faster than all at once.
 _PLACES_AT_ONCE = 4096

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from glrender_camera import PinholeCamera
 
-from ..view import BodyView
+from ..view.view import BodyView
 from .fields import Field, SphericalField
 
 # Radius of a field without an end: its square is still a float32.

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 from glrender_camera.validate import integer, one_of, positive, vector
 
-from ..errors import ConfigError, DeviceError
+from ..base.errors import ConfigError, DeviceError
 
 MAX_CELLS = 256**3
 # Of float64, and the array's header.

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..errors import DeviceError
-from ..rays import RayMesh
-from ..shape import Shape
-from ..triangles import intersect
+from ..base.errors import DeviceError
+from ..engines.rays.mesh import RayMesh
+from ..scene.shape.ray_triangle import intersect
+from ..scene.shape.shape import Shape
 from .measuring import Hits
 
 

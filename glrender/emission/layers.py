@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import ConfigError
-from ..shape import Shape
+from ..base.errors import ConfigError
+from ..scene.shape.shape import Shape
 from .bake import SphericalBake
 from .fields import CartesianField, Field, SphericalField
 from .hits import body_hits
@@ -55,6 +55,9 @@ class Layers:
     """
 
     def __init__(self, sources: Sequence[Any], shape: Shape):
+        if shape.centre_m.any():
+            raise ConfigError("shape", "must be around the origin of the body that has a coma", shape.centre_m.tolist(),
+                              "move the shape there")
         distance = np.linalg.norm(shape.vertices_m, axis=1)
         body_radius_m = (float(distance.min()), float(distance.max()))
         # Beside the outline, where the coma is seen to its end, rays pass at about that distance.

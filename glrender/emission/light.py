@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from glrender_camera import PinholeCamera
 
-from ..view import BodyView
+from ..view.view import BodyView
 from .dust import Dust
 from .geometry import phase_rad, solid_angle_sr
 

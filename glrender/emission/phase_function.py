@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from glrender_camera.validate import known_keys, one_of, within
 
-from ..errors import ConfigError
+from ..base.errors import ConfigError
 
 
 @dataclass(frozen=True, kw_only=True)

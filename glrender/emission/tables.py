@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from glrender_camera.validate import finite, integer, known_keys, one_of, positive, vector, within
 
-from ..errors import ConfigError, error_path
-from ..scene import Body
+from ..base.errors import ConfigError, error_path
+from ..scene.scene import Body
 from .dust import Dust
 from .grid_files import CHANNELS, read_grid
 from .sources.activity import Activity

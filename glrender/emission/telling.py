@@ -6,19 +6,19 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from ..emission_frame import EmissionPlan
-from .coma import Coma
+from ..planner.plan import EmissionPlan
 from .layers import Layer
 from .planning import Sampling
+from .settings import ComaSettings
 
 
-def told(coma: Coma, drawn: Sequence[tuple[Layer, Sampling]], greatest: float, milliseconds: float,
+def told(coma: ComaSettings, drawn: Sequence[tuple[Layer, Sampling]], greatest: float, milliseconds: float,
          at_edges: float = 0.0, other_shadows: bool = False) -> EmissionPlan:
     """The plan of a coma.
 
     Parameters
     ----------
-    coma : Coma
+    coma : ComaSettings
     drawn : sequence of (Layer, Sampling)
     greatest : float [1]
         Largest column.

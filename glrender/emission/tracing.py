@@ -12,14 +12,15 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from .. import frames
-from ..emission_frame import EmissionPlan, TracedFrame
-from ..scene import Scene
+from ..base import rotations as frames
+from ..engines.emission_interface import TracedFrame
+from ..planner.plan import EmissionPlan
+from ..scene.scene import Scene
 from .column import columns
-from .coma import Coma
 from .layers import Layer, Layers
 from .light import add_light, is_point, point_correction
 from .planning import Sampling, choose
+from .settings import ComaSettings
 from .telling import told
 
 _RAYS_AT_ONCE = 1 << 14
@@ -30,7 +31,7 @@ _EDGE_SAMPLES, _EDGE_RADII = 4, 0.2
 class ComaTracing:
     """A coma's tables; see `emission_frame.TracedEmission`."""
 
-    def __init__(self, coma: Coma, scene: Scene):
+    def __init__(self, coma: ComaSettings, scene: Scene):
         self._coma = coma
         self._layers = Layers(coma.sources, next(body.shape for body in scene.bodies if body.name == coma.body))
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 
-from ..constants import GLSL_CONSTANTS
-from ..errors import ShaderError
+from ..base.constants import GLSL_CONSTANTS
+from ..base.errors import ShaderError
 from .uniform_block import ConstantBlock, UniformBlock
 
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
@@ -97,7 +97,7 @@ def compose(stage: str, *, brdf: str | None = None, blocks: Iterable[UniformBloc
 
 
 def constants_glsl() -> str:
-    """The text of `constants.glsl`, from `glrender.constants`."""
-    lines = ["// Written by `python -m glrender.shaders` from glrender/constants.py; a test compares them."]
+    """The text of `constants.glsl`, from `glrender.base.constants`."""
+    lines = ["// Written by `python -m glrender.shaders` from glrender/base/constants.py; a test compares them."]
     lines += [f"const float {name} = {value!r};" for name, value in GLSL_CONSTANTS.items()]
     return "\n".join(lines) + "\n"

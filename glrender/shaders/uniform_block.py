@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import ShaderError
+from ..base.errors import ShaderError
 
 # GLSL type -> (NumPy base, shape, std140 alignment in bytes). Matrices are packed as
 # columns here, and here alone: callers pass ordinary row-major NumPy matrices.

@@ -10,7 +10,7 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from glrender import ConfigError, GlrenderError, load_scene
+from glrender import ConfigError, GlrenderError, __version__, load_scene
 from glrender_camera.validate import integer, positive
 
 from . import logs
@@ -31,6 +31,7 @@ DEADLINE_S = 60.0
 def main(argv: list[str] | None = None) -> int:
     """Entry point of the console script."""
     parser = argparse.ArgumentParser(prog="glrender-server", description=__doc__)
+    parser.add_argument("--version", action="version", version=f"glrender-server {__version__}")
     parser.add_argument("scene", type=Path, help="scene file (TOML)")
     parser.add_argument("--zmq", default="tcp://127.0.0.1:5555", metavar="ENDPOINT",
                         help="where to listen (tcp://127.0.0.1:5555); port * takes a free one; ipc:///path too")

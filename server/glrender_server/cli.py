@@ -15,14 +15,16 @@ from glrender import (
     Pose,
     Scene,
     State,
+    __version__,
     draw_still,
     frames,
     load_scene,
     open_renderer,
-    plugins,
     take_frame,
 )
-from glrender.constants import AU_M
+from glrender.base.constants import AU_M
+from glrender.engines.advice import scene_advice
+from glrender.scene.plugins import registry as plugins
 from glrender_camera.validate import within
 
 _DISPLAY_GAMMA = 2.2
@@ -31,6 +33,7 @@ _DISPLAY_GAMMA = 2.2
 def main(argv: list[str] | None = None) -> int:
     """Entry point of the console script."""
     parser = argparse.ArgumentParser(prog="glrender", description=__doc__)
+    parser.add_argument("--version", action="version", version=f"glrender {__version__}")
     parser.add_argument("-v", "--verbose", action="store_true", help="log what happens inside")
     commands = parser.add_subparsers(dest="command", required=True)
 
@@ -83,7 +86,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _info(arguments: argparse.Namespace) -> int:
-    from glrender.gl.context import INSTALL_HINT, probe
+    from glrender.engines.raster.gl.context import INSTALL_HINT, probe
 
     found = probe()
     works = any("error" not in entry for entry in found)
@@ -136,6 +139,8 @@ def _render(arguments: argparse.Namespace) -> int:
         else:
             capture = draw_still(renderer, state, camera.name, **options)
             pixels, dark = capture.irradiance_W_m2, 0.0
+    for advice in (*scene_advice(scene), *capture.warnings):
+        sys.stderr.write(f"glrender: warning: {advice}\n")
     for stage, text in capture.stages.items():
         logging.getLogger(__name__).info("%s: %s", stage, text)
     if ending == ".npy":
@@ -167,11 +172,11 @@ def default_state(scene: Scene, camera_name: str, phase_rad: float) -> State:
     range_m = 4.0 * body.hull.radius_m * camera.focal_length_px / min(camera.width_px, camera.height_px)
     r_camera = np.array([0.0, -range_m, 0.0])
     r_sun = AU_M * np.array([np.sin(phase_rad), -np.cos(phase_rad), 0.0])
-    poses = {body.name: Pose(r_inertial_m=np.zeros(3))}
+    poses = {body.name: Pose(r_inertial_m=-body.shape.centre_m)}
     offset = body.hull.radius_m
     for other in others:
         offset += 1.5 * other.hull.radius_m
-        poses[other.name] = Pose(r_inertial_m=[offset, 0.0, 0.0])
+        poses[other.name] = Pose(r_inertial_m=np.array([offset, 0.0, 0.0]) - other.shape.centre_m)
         offset += 1.5 * other.hull.radius_m
     q_camera = frames.look_at(r_camera, np.zeros(3))
     q_spacecraft = frames.quaternion(frames.dcm(camera.q_camera_from_spacecraft).T @ frames.dcm(q_camera))

@@ -20,13 +20,15 @@ from pathlib import Path
 
 import numpy as np
 from glrender import ConfigError, GlrenderError, Pose, Shape, State, frames, generate
-from glrender.constants import AU_M
-from glrender.scene import checked_max_error
+from glrender.base.constants import AU_M
+from glrender.scene.scene import checked_max_error
 from glrender_camera.validate import integer
 
 from .autopilot import CenterFinder, Navigator, ReferencePath
 
 _FOCAL_LENGTH_PX_PER_WIDTH = 3.2
+# 3 mm at 512 px: pixels of a smaller image see more, and would be saturated in the shortest exposure.
+_APERTURE_M_PER_PX = 0.003 / 512
 _SPIN_PERIOD_S = 4.0 * 3600.0
 _STEP_S = 60.0
 _SUN_DISTANCE_AU = 1.0
@@ -107,7 +109,7 @@ focal_length_px = {_FOCAL_LENGTH_PX_PER_WIDTH * size}
 
 [cameras.model]
 exposure_s = "auto"
-optics = {{ aperture_diameter_m = 0.003, transmission = 0.8, psf_sigma_px = 0.6 }}
+optics = {{ aperture_diameter_m = {_APERTURE_M_PER_PX * size}, transmission = 0.8, psf_sigma_px = 0.6 }}
 
 [cameras.model.detector]
 quantum_efficiency = 0.5

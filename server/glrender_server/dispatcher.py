@@ -16,8 +16,8 @@ from typing import Any, Protocol
 import glrender
 import zmq
 from glrender import GlrenderError
-from glrender.image import PRODUCTS
-from glrender.ranging import MAX_DIRECTIONS
+from glrender.engines.image import PRODUCTS
+from glrender.engines.rays.laser_ranges import MAX_DIRECTIONS
 from glrender_camera.validate import known_keys
 
 from . import codec, operations
@@ -26,6 +26,7 @@ from .frame import MAX_ARRAYS, MAX_FRAME_BYTES, OUTPUTS
 from .front import Answer, FairQueue, Request
 from .job import Done, Job
 from .metrics import Histogram, counter, escaped, gauge
+from .warned import WarningLog
 
 log = logging.getLogger(__name__)
 
@@ -87,6 +88,8 @@ class Dispatcher:
         self._last_timings_ms: dict[str, float] = {}
         self._durations = Histogram("glrender_request_seconds", "op")
         self._stages = Histogram("glrender_stage_seconds", "stage")
+        self._warned = WarningLog()
+        self._warned.scene(engine.described.get("warnings", ()))
 
     def close(self) -> None:
         """Keep no reply any more: the engine's memory is free then."""
@@ -184,6 +187,9 @@ class Dispatcher:
             if header.get("shared") and done.place is not None and not self.is_ending:
                 reply = [codec.with_field(reply[0], "shared", done.place)]
             self._keep(header["client"], digest, reply, done.reply[1:])
+            self._warned.frames(header["client"], done.warnings, time.monotonic())
+            if header["op"] == "load_scene":
+                self._warned.scene(self._engine.described.get("warnings", ()))
         self._last_timings_ms = done.timings_ms or self._last_timings_ms
         for answer in self._under_way.pop(digest):
             answer(reply)

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 from glrender import ConfigError, PinholeCamera, ProtocolError, Scene
-from glrender.drawing import drawn_pixels
-from glrender.image import peak_bytes
+from glrender.capture.static_exposure import drawn_pixels
+from glrender.engines.image import peak_bytes
 from glrender_camera.validate import integer, known_keys, one_of, positive
 
 OUTPUTS = ("irradiance", "dn")

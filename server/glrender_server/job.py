@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import zmq
+from glrender.engines.advice import Advice
 
 from .operations import Operations
 from .slots import SlotStore, offsets, room
@@ -15,13 +16,14 @@ log = logging.getLogger(__name__)
 
 
 class Done(NamedTuple):
-    """A finished job: reply parts, error code (empty if it went well), where the time went, and where a client on
-    this machine finds the parts behind the first (`SlotStore.lend`)."""
+    """A finished job: reply parts, error code (empty if it went well), where the time went, where a client on
+    this machine finds the parts behind the first (`SlotStore.lend`), and what its cameras' frames warn of."""
 
     reply: list[Any]
     code: str
     timings_ms: dict[str, float]
     place: dict[str, Any] | None = None
+    warnings: Sequence[tuple[str, Sequence[Advice]]] = ()
 
 
 class Job(NamedTuple):
@@ -67,7 +69,8 @@ class LocalEngine:
             self._slots.give_back(slot)
         elif slot is not None:
             reply[1:], place = self._slots.lend(slot, [len(part) for part in reply[1:]])
-        job.done(Done(reply, code, {} if code else self._operations.last_timings_ms, place))
+        job.done(Done(reply, code, {} if code else self._operations.last_timings_ms, place,
+                      self._operations.last_warnings))
 
     def watch(self, poller: zmq.Poller) -> None:
         """Nothing here wakes the loop."""

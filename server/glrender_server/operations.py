@@ -22,10 +22,11 @@ from glrender import (
     open_renderer,
     take_frame,
 )
-from glrender.drawing import drawn_pixels, prepare
-from glrender.errors import error_path
-from glrender.ranging import RangeNoise, laser_ranges
-from glrender.slow import checked_allow_slow
+from glrender.base.errors import error_path
+from glrender.capture.static_exposure import drawn_pixels, prepare
+from glrender.engines.advice import Advice, scene_advice
+from glrender.engines.rays.laser_ranges import RangeNoise, laser_ranges
+from glrender.engines.reference_fallback import checked_allow_slow
 from glrender_camera import MosaicModel
 from glrender_camera.validate import known_keys, one_of
 
@@ -61,6 +62,8 @@ class Operations:
     ----------
     on_progress : callable
         Called while a slow frame is drawn, with the share done of the request's frames.
+    last_warnings : list of (str, tuple of Advice)
+        What the last request's frames warn of, each with its camera's name.
     """
 
     def __init__(self, scene: Scene, backend: str = "auto", shape_dir: Path | None = None):
@@ -68,6 +71,7 @@ class Operations:
         prepare(scene)
         self.scene, self._renderer = scene, open_renderer(scene, backend)
         self.last_timings_ms: dict[str, float] = {}
+        self.last_warnings: list[tuple[str, tuple[Advice, ...]]] = []
         self._memory: codec.Memory | None = None
         self.on_progress: Callable[[float], None] = lambda share: None
 
@@ -86,8 +90,8 @@ class Operations:
                          "mosaic": list(c.model.pattern) if isinstance(c.model, MosaicModel) else None}
                         for c in self.scene.cameras],
             "bodies": [{"name": b.name, "n_facets": len(b.shape.facets), "radius_m": b.shape.radius_m,
-                        "law": b.brdf.glsl} for b in self.scene.bodies],
-            "max_error": self.scene.max_error,
+                        "law": b.brdf.glsl, "warnings": list(b.shape.report.warnings)} for b in self.scene.bodies],
+            "max_error": self.scene.max_error, "warnings": [asdict(advice) for advice in scene_advice(self.scene)],
             "stars": None if self.scene.stars is None else asdict(self.scene.stars), **self._renderer.info}
 
     def answer(self, header: Mapping[str, Any], memory: codec.Memory | None = None) -> tuple[list[Any], str]:
@@ -97,7 +101,7 @@ class Operations:
         What the caller did wrong is answered with `code`, `path` and `message`; anything else is a bug:
         logged with its traceback, answered `internal`, and survived.
         """
-        self._memory = memory
+        self._memory, self.last_warnings = memory, []
         try:
             return getattr(self, f"_{header['op']}")(header), ""
         except GlrenderError as error:
@@ -169,7 +173,7 @@ class Operations:
             capture = self._drawn(take_frame, state, camera.name, **options)
             frame, pixels = capture.frame, capture.frame.dn
             fields = {"exposure_s": frame.exposure_s, "seed": asked.seed,
-                      "n_saturated_px": int(asked.cut(frame.saturated).sum())}
+                      "n_saturated_px": int(np.count_nonzero(asked.cut(frame.saturated)))}
             if "auto" in (asked.exposure_s, camera.model.exposure_s):
                 # The memory of an onboard loop is the client's: sent back, the same request gives the same bytes.
                 fields["next_exposure_s"] = camera.model.auto_exposure.after(frame, camera.model.detector)
@@ -178,8 +182,10 @@ class Operations:
             pixels = capture.irradiance_W_m2
         arrays = {"image": (asked.cut(pixels), _UNITS[asked.output])}
         arrays |= {name: (asked.cut(array), _UNITS[name]) for name, array in capture.products.items()}
+        self.last_warnings.append((camera.name, capture.warnings))
         return {"camera": camera.name, "output": asked.output, "plan": capture.plan.to_dict(),
                 "timings_ms": dict(capture.timings_ms), "stages": capture.stages, "unit": _UNITS[asked.output],
+                "warnings": [asdict(advice) for advice in capture.warnings],
                 **fields, **({"roi": asked.roi} if asked.roi else {})}, arrays
 
     def _range(self, header: Mapping[str, Any]) -> list[Any]:

@@ -27,7 +27,7 @@ def work(connection: Connection, backend: str, shape_dir: Path | None, log_level
     None; ``("ready", described)`` or ``("failed", text)``; then for each ``("job", message, slot)``: ``("begun",)``,
     ``("progress", share)`` now and then from a slow frame,
     ``("need", n_bytes)`` where the slot is too small (answered by a slot's name, empty if there is none), and
-    ``("done", header, sizes, code, timings_ms, described)``, the parts standing in the slot at their `offsets`.
+    ``("done", header, sizes, code, timings_ms, warnings, described)``, the parts in the slot at their `offsets`.
     """
     # The server drains on a signal to the group; then the pipe closes.
     for number in (signal.SIGTERM, signal.SIGINT):
@@ -58,7 +58,7 @@ def work(connection: Connection, backend: str, shape_dir: Path | None, log_level
             del parts
             described = operations.described if header["op"] == "load_scene" and not code else None
             connection.send(("done", bytes(head), sizes, code, {} if code else operations.last_timings_ms,
-                             described))
+                             operations.last_warnings, described))
     except (EOFError, OSError):
         pass  # the server is gone
     finally:

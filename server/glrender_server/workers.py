@@ -17,6 +17,7 @@ from typing import Any
 
 import zmq
 from glrender import DeviceError, Scene
+from glrender.engines.advice import Advice
 
 from .envelope import refusal
 from .job import Done, Job
@@ -231,7 +232,7 @@ class WorkerPool:
             self._done(worker, *rest)
 
     def _done(self, worker: _Worker, head: bytes, sizes: list[int], code: str, timings_ms: dict[str, float],
-              described: dict[str, Any] | None) -> None:
+              warnings: list[tuple[str, tuple[Advice, ...]]], described: dict[str, Any] | None) -> None:
         if worker.state == "catching up":
             worker.generation = self._generation
             self._begin(worker)
@@ -248,7 +249,7 @@ class WorkerPool:
             self._described, self._scene_message = described, task.job.message
             self._generation += 1
             worker.generation = self._generation
-        task.job.done(Done([head, *parts], code, timings_ms, place))
+        task.job.done(Done([head, *parts], code, timings_ms, place, warnings))
 
     def _start(self, worker: _Worker) -> None:
         worker.state, worker.overran, worker.deadline = "starting", False, time.monotonic() + self._start_s

@@ -110,7 +110,7 @@ other.close();
 expect_error('glrender:closed', 'closed', @() other.hello());
 quick = GlRenderClient(host, mute_port, 'Timeout', 0.3, 'Retries', 2);
 began = tic();
-expect_error('glrender:timeout', 'did not answer within 0.3 s', @() quick.hello());
+expect_error('glrender:timeout', 'did not answer within 0.3 s: the connection stands, so the server is busy', @() quick.hello());
 check(toc(began) > 0.85 && toc(began) < 5, 'three tries');
 expect_error('glrender:connection', 'start one with: glrender-server', @() GlRenderClient(host, 1));
 bodies = containers.Map();
@@ -170,5 +170,5 @@ for shared = [true false]
   check(isequaln(plain.render(state, options{:}).arrays, direct.arrays), 'by read');
 end
 quick = GlRenderClient(host, mute_port, 'Timeout', 0.3, 'Retries', 0);
-expect_error('glrender:timeout', 'did not answer within 0.3 s', @() quick.hello());
+expect_error('glrender:timeout', 'did not answer within 0.3 s: the connection stands, so the server is busy', @() quick.hello());
 fprintf('GLRENDER CHECKED\n');

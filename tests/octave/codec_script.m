@@ -67,6 +67,11 @@ parts = golden.reply_region;
 header = glr_unpack(from_hex(parts{1}));
 check(isequal(header.roi, [2 1 5 3]) && ~isfield(header.arrays{1}, 'frame'), 'region');
 check(isequal(glr_array(header.arrays{1}, from_hex(parts{2})), single([0.5 0.25 0.125; 1 2 4])), 'pixels of the region');
+parts = golden.reply_warned;
+header = glr_unpack(from_hex(parts{1}));
+check(numel(header.warnings) == 2 && strcmp(header.warnings{2}.code, 'sun_distance'), 'warnings');
+check(strcmp(header.warnings{1}.message, 'body is behind the camera'), 'the text of a warning');
+check(isequal(glr_array(header.arrays{1}, from_hex(parts{2})), single([0.5 0.25 0.125; 1 2 4])), 'pixels with warnings');
 shared = struct('v', uint8(1), 'id', uint64(7), 'client', 'golden', 'op', 'render', 'shared', true);
 for name = {'state', 'camera', 'output', 'exposure_s', 'seed', 'products', 'order'}
   shared.(name{1}) = request.(name{1});

@@ -85,7 +85,7 @@ check(isequal(render(options).image, glrender_mex('render', handle, state, optio
 
 % A mute server, none at all, a closed handle, many clients.
 quick = glrender_mex('open', host, mute_port, 0.3);
-expect_error('glrender:timeout', 'did not answer within 0.3 s', ...
+expect_error('glrender:timeout', 'did not answer within 0.3 s: the connection stands, so the server is busy', ...
              @() glrender_mex('render', quick, state, struct('camera', 'bare')));
 none = glrender_mex('open', host, 1, 1);
 expect_error('glrender:connection', 'start a server', @() glrender_mex('render', none, state, struct('camera', 'bare')));

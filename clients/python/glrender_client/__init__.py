@@ -9,7 +9,7 @@ from .aio import AsyncClient
 from .client import Client
 from .errors import Busy, GlrenderClientError, RequestTimeout, ServerError
 from .recording import Difference, Exchange, read_recording, replay
-from .wire import Reply
+from .wire import FrameWarning, Reply
 
-__all__ = ["AsyncClient", "Busy", "Client", "Difference", "Exchange", "GlrenderClientError", "Reply",
+__all__ = ["AsyncClient", "Busy", "Client", "Difference", "Exchange", "FrameWarning", "GlrenderClientError", "Reply",
            "RequestTimeout", "ServerError", "read_recording", "replay"]

@@ -14,11 +14,13 @@ import zmq.asyncio
 from .connection import connected, positive_s
 from .curve import curve_keys
 from .errors import GlrenderClientError, RequestTimeout
-from .wire import Packer, Reply, frames_fields, range_fields, read_header, read_reply, render_fields
+from .owner import Owner
+from .presence import told_presence
+from .wire import HasDict, Packer, Reply, frames_fields, range_fields, read_header, read_reply, render_fields
 
 
 class AsyncClient:
-    """As `Client`, for one event loop.
+    """As `Client`, for one event loop, in its thread and process.
 
         async with AsyncClient("tcp://127.0.0.1:5555") as client:
             replies = await asyncio.gather(*(client.render(state, "navcam", seed=k, output="dn") for k in range(8)))
@@ -35,10 +37,12 @@ class AsyncClient:
             raise ValueError(f"retries must be >= 0, got {retries!r}")
         self._endpoint, self._timeout_s, self._retries = endpoint, positive_s(timeout_s), retries
         self._keys, self._pack = curve_keys(key, server_key), Packer()
+        self._owner = Owner()
         self._context: zmq.asyncio.Context | None = None
         self._waiting: dict[int, asyncio.Future[Reply]] = {}
 
     async def __aenter__(self) -> AsyncClient:
+        self._owner.check()
         context = zmq.asyncio.Context()
         self._socket = connected(context, self._endpoint, self._keys)
         self._context = context
@@ -46,6 +50,8 @@ class AsyncClient:
         return self
 
     async def __aexit__(self, *exception) -> None:
+        if not self._owner.is_here:
+            return
         self._reader.cancel()
         with contextlib.suppress(asyncio.CancelledError):
             await self._reader
@@ -68,16 +74,16 @@ class AsyncClient:
         """Replace the server's scene, for every client; as `Client.load_scene`."""
         return (await self._ask("load_scene", {"scene": dict(scene)}, timeout_s)).header
 
-    async def render(self, state: Mapping[str, Any], camera: str | None = None, **options: Any) -> Reply:
+    async def render(self, state: Mapping[str, Any] | HasDict, camera: str | None = None, **options: Any) -> Reply:
         """One frame; arguments and errors are those of `Client.render`."""
         return await self._ask("render", render_fields(state, camera, **options))
 
-    async def render_frames(self, state: Mapping[str, Any], frames: Iterable[Mapping[str, Any]], *,
+    async def render_frames(self, state: Mapping[str, Any] | HasDict, frames: Iterable[Mapping[str, Any]], *,
                             order: str = "C", allow_slow: bool | str = False) -> tuple[Reply, ...]:
         """Several frames of one state; as `Client.render_frames`."""
         return (await self._ask("render", frames_fields(state, frames, order, allow_slow))).frames
 
-    async def range(self, state: Mapping[str, Any], directions_camera: Any, camera: str | None = None, *,
+    async def range(self, state: Mapping[str, Any] | HasDict, directions_camera: Any, camera: str | None = None, *,
                     noise: Mapping[str, Any] | None = None) -> Reply:
         """Laser ranges; as `Client.range`."""
         return await self._ask("range", range_fields(state, directions_camera, camera, noise))
@@ -86,6 +92,7 @@ class AsyncClient:
         timeout_s = self._timeout_s if timeout_s is None else positive_s(timeout_s)
         if self._context is None:
             raise GlrenderClientError("use this client inside `async with`")
+        self._owner.check()
         number, message = self._pack(op, fields)
         future: asyncio.Future[Reply] = asyncio.get_running_loop().create_future()
         self._waiting[number] = future
@@ -99,7 +106,8 @@ class AsyncClient:
             del self._waiting[number]
             if not future.cancel() and not future.cancelled():
                 future.exception()  # of a request given up when its answer was there: nobody else asks
-        raise RequestTimeout.after(self._endpoint, op, timeout_s, self._retries + 1)
+        presence = await asyncio.to_thread(told_presence, self._endpoint, self._keys)
+        raise RequestTimeout.after(self._endpoint, op, timeout_s, self._retries + 1, presence)
 
     async def _read(self) -> None:
         while True:

@@ -14,10 +14,12 @@ from .connection import MAX_POLL_MS, connected, positive_s
 from .curve import curve_keys
 from .errors import GlrenderClientError, RequestTimeout
 from .notebook import described
+from .owner import Owner
 from .pipeline import in_order
+from .presence import told_presence
 from .recording import Recorder
 from .shared import NotShared, SharedFrames
-from .wire import Packer, Reply, frames_fields, range_fields, read_header, read_reply, render_fields
+from .wire import HasDict, Packer, Reply, frames_fields, range_fields, read_header, read_reply, render_fields
 
 # Requests above this size are held against the server's limit first: ZeroMQ drops what exceeds it unanswered.
 _SURELY_TAKEN_BYTES = 65536
@@ -26,7 +28,7 @@ _MAX_NOT_SHARED = 2
 
 
 class Client:
-    """Asks a glrender server for frames; use it from one thread, and not across a fork.
+    """Asks a glrender server for frames. One thread uses it; each process makes its own.
 
     Parameters
     ----------
@@ -55,7 +57,7 @@ class Client:
         if shared_memory and record is not None:
             raise ValueError("shared_memory must not be True with `record`: a recording holds the pixels")
         self._endpoint, self._timeout_s, self._retries = endpoint, positive_s(timeout_s), retries
-        self._pack = Packer()
+        self._pack, self._owner = Packer(), Owner()
         self._keys = curve_keys(key, server_key)
         self._recorder = None if record is None else Recorder(record)
         if shared_memory is None:
@@ -79,9 +81,10 @@ class Client:
         return described(repr(self)[1:-1], self._hello)
 
     def close(self) -> None:
-        """Say goodbye, if the server listens, and close the connection."""
-        if self._context.closed:
+        """Say goodbye, if the server listens, and close the connection; in a forked child it does nothing."""
+        if not self._owner.is_here or self._context.closed:
             return
+        self._owner.check()
         if self._socket is not None:
             try:
                 number, message = self._pack("close", {})
@@ -115,7 +118,7 @@ class Client:
         """
         return self._ask("load_scene", {"scene": dict(scene)}, timeout_s).header
 
-    def render(self, state: Mapping[str, Any], camera: str | None = None, *, output: str = "irradiance",
+    def render(self, state: Mapping[str, Any] | HasDict, camera: str | None = None, *, output: str = "irradiance",
                exposure_s: float | str | None = None, seed: int | None = None, max_error: float | None = None,
                samples: int | None = None, products: Sequence[str] = (), roi: Sequence[int] | None = None,
                order: str = "C", allow_slow: bool | str = False) -> Reply:
@@ -123,9 +126,9 @@ class Client:
 
         Parameters
         ----------
-        state : mapping
+        state : mapping or State
             ``{"t_s", "r_sun_inertial_m", "spacecraft": {"r_inertial_m", "q_from_inertial"}, "bodies": {...}}``;
-            lists or NumPy arrays.
+            lists or NumPy arrays. Or a `glrender.State`, and any object with its `to_dict`.
         camera : str, optional
             Name; the scene's only camera by default.
         output : "irradiance" or "dn"
@@ -157,13 +160,13 @@ class Client:
             state, camera, output=output, exposure_s=exposure_s, seed=seed, max_error=max_error, samples=samples,
             products=products, roi=roi, order=order, allow_slow=allow_slow))
 
-    def render_frames(self, state: Mapping[str, Any], frames: Iterable[Mapping[str, Any]], *,
+    def render_frames(self, state: Mapping[str, Any] | HasDict, frames: Iterable[Mapping[str, Any]], *,
                       order: str = "C", allow_slow: bool | str = False) -> tuple[Reply, ...]:
         """Several frames of one state in one request: of several cameras, or of one with several settings.
 
         Parameters
         ----------
-        state : mapping
+        state : mapping or State
         frames : iterable of mappings
             Each the keyword arguments of `render` but `state` and `order`; 15 images and products in all.
         order : "C" or "F"
@@ -182,13 +185,13 @@ class Client:
         """
         return self._ask_frames(frames_fields(state, frames, order, allow_slow)).frames
 
-    def range(self, state: Mapping[str, Any], directions_camera: Any, camera: str | None = None, *,
+    def range(self, state: Mapping[str, Any] | HasDict, directions_camera: Any, camera: str | None = None, *,
               noise: Mapping[str, Any] | None = None) -> Reply:
         """Laser ranges along directions, exact against the facets.
 
         Parameters
         ----------
-        state : mapping
+        state : mapping or State
         directions_camera : (N, 3) float
             Unit vectors in the camera's frame.
         camera : str, optional
@@ -227,6 +230,7 @@ class Client:
         """
         if self._context.closed:
             raise GlrenderClientError("this client is closed")
+        self._owner.check()
         packed = (self._pack("render", render_fields(**request)) for request in requests)
         return in_order(self, packed, in_flight)
 
@@ -244,6 +248,7 @@ class Client:
         timeout_s = self._timeout_s if timeout_s is None else positive_s(timeout_s)
         if self._context.closed:
             raise GlrenderClientError("this client is closed")
+        self._owner.check()
         number, message = self._pack(op, fields)
         if len(message) > _SURELY_TAKEN_BYTES:
             most = (self._hello or self.hello())["limits"]["max_header_bytes"]
@@ -256,7 +261,11 @@ class Client:
                 return found
             # The request or the reply may be lost with the connection: ask anew over another.
             self._disconnect()
-        raise RequestTimeout.after(self._endpoint, op, timeout_s, self._retries + 1)
+        raise self._timeout(op, timeout_s)
+
+    def _timeout(self, op: str, timeout_s: float) -> RequestTimeout:
+        return RequestTimeout.after(self._endpoint, op, timeout_s, self._retries + 1,
+                                    told_presence(self._endpoint, self._keys))
 
     def _try_once(self, message: bytes, number: int, timeout_s: float) -> Reply | None:
         self._send(message)
@@ -272,12 +281,14 @@ class Client:
         return None
 
     def _send(self, message: bytes) -> None:
+        self._owner.check()
         if self._socket is None:
             self._socket = connected(self._context, self._endpoint, self._keys)
         self._socket.send(message)
 
     def _receive(self, deadline: float) -> tuple[dict[str, Any], list[Any]] | None:
         """The next reply, whosever it is, or None when the time is over."""
+        self._owner.check()
         left = deadline - time.monotonic()
         if left <= 0.0 or not self._socket.poll(max(1, int(min(1e3 * left, MAX_POLL_MS)))):
             return None

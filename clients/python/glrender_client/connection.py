@@ -24,7 +24,7 @@ def positive_s(timeout_s: float) -> float:
     return timeout_s
 
 
-def connected(context: zmq.Context, endpoint: str, keys: Keys | None) -> zmq.Socket:
+def connected(context: zmq.Context, endpoint: str, keys: Keys | None, socket: zmq.Socket | None = None) -> zmq.Socket:
     """A socket that talks to a server, or waits until there is one.
 
     Raises
@@ -32,7 +32,7 @@ def connected(context: zmq.Context, endpoint: str, keys: Keys | None) -> zmq.Soc
     GlrenderClientError
         No such address. The socket is closed: one that never connects would hold up whoever sends, and the exit.
     """
-    socket = context.socket(zmq.DEALER)
+    socket = socket or context.socket(zmq.DEALER)
     try:
         socket.set(zmq.LINGER, 0)
         set_curve(socket, keys)

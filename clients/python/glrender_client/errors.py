@@ -11,12 +11,11 @@ class RequestTimeout(GlrenderClientError, TimeoutError):
     """No reply within the time allowed, on any try."""
 
     @classmethod
-    def after(cls, endpoint: str, op: str, timeout_s: float, n_tries: int) -> RequestTimeout:
-        """Of an operation that was tried so often, for so long each time [s]."""
+    def after(cls, endpoint: str, op: str, timeout_s: float, n_tries: int, presence: str) -> RequestTimeout:
+        """Of an operation that was tried so often, for so long each time [s]; `presence` is of `told_presence`."""
         why = ("; a large shape takes minutes the first time: give load_scene a longer `timeout_s`"
                if op == "load_scene" else "")
-        return cls(f"{endpoint} did not answer `{op}` within {timeout_s:g} s, {n_tries} times; "
-                   f"is glrender-server running there?{why}")
+        return cls(f"{endpoint} did not answer `{op}` within {timeout_s:g} s, {n_tries} times: {presence}{why}")
 
 
 class ServerError(GlrenderClientError):

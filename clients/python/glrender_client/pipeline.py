@@ -5,26 +5,22 @@ from __future__ import annotations
 import time
 from collections import OrderedDict
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from .errors import RequestTimeout
 from .wire import Reply, read_reply
-
-if TYPE_CHECKING:
-    from .client import Client
 
 MAX_IN_FLIGHT = 16
 _BUSY_PAUSE_S = 0.01
 
 
-def in_order(client: Client, packed: Iterator[tuple[int, bytes]], in_flight: int) -> Iterator[Reply]:
-    """Replies to packed requests; see `Client.render_many`."""
+def in_order(client: Any, packed: Iterator[tuple[int, bytes]], in_flight: int) -> Iterator[Reply]:
+    """Replies to packed requests of a `Client`; see its `render_many`."""
     if not 1 <= in_flight <= MAX_IN_FLIGHT:
         raise ValueError(f"in_flight must be 1 to {MAX_IN_FLIGHT}, got {in_flight!r}")
     return _replies(client, packed, in_flight)
 
 
-def _replies(client: Client, packed: Iterator[tuple[int, bytes]], in_flight: int) -> Iterator[Reply]:
+def _replies(client: Any, packed: Iterator[tuple[int, bytes]], in_flight: int) -> Iterator[Reply]:
     waiting: OrderedDict[int, bytes] = OrderedDict()
     come: dict[int, tuple[dict[str, Any], list[Any]]] = {}
     tries, deadline = 0, 0.0
@@ -48,7 +44,7 @@ def _replies(client: Client, packed: Iterator[tuple[int, bytes]], in_flight: int
             tries, deadline = tries + 1, 0.0
             client._disconnect()
             if tries > client._retries:
-                raise RequestTimeout.after(client._endpoint, "render", client._timeout_s, client._retries + 1)
+                raise client._timeout("render", client._timeout_s)
             for number, message in waiting.items():
                 if number not in come:
                     client._send(message)

@@ -21,6 +21,7 @@ import zmq
 from .connection import MAX_POLL_MS, connected
 from .curve import curve_keys
 from .errors import GlrenderClientError, RequestTimeout
+from .presence import told_presence
 
 _PREFIX = struct.Struct("<4sHH")
 _REQUEST, _REPLY = 0, 1
@@ -52,7 +53,11 @@ class Recorder:
     """
 
     def __init__(self, path: Path):
-        self._file = open(path, "xb")
+        try:
+            self._file = open(path, "xb")
+        except FileExistsError:
+            raise FileExistsError(f"record: {path} is there already, and no recording is written over; give the name "
+                                  "of a new file, or move that one away") from None
 
     def keep(self, request: bytes, reply: Sequence[Any]) -> None:
         """Append one exchange."""
@@ -96,27 +101,31 @@ def replay(path: Path, endpoint: str = "tcp://127.0.0.1:5555", *, timeout_s: flo
     ------
     RequestTimeout
     GlrenderClientError
-        The recording cannot be read.
+        The recording cannot be read, or holds no exchange.
     """
     keys, context = curve_keys(key, server_key), zmq.Context()
     socket = connected(context, endpoint, keys)
+
+    def ask(message: bytes) -> list[bytes]:
+        socket.send(message)
+        if not socket.poll(int(min(1e3 * timeout_s, MAX_POLL_MS))):
+            raise RequestTimeout.after(endpoint, msgpack.unpackb(message)["op"], timeout_s, 1,
+                                       told_presence(endpoint, keys))
+        return socket.recv_multipart()
+
+    index = -1
     try:
         for index, (request, recorded) in enumerate(read_recording(path)):
             header = msgpack.unpackb(request)
             # The server must draw anew, not answer from what it keeps of this client.
-            _ask(socket, msgpack.packb({"v": 1, "op": "close", "id": 0, "client": header["client"]}), timeout_s)
-            what = _difference(recorded, _ask(socket, request, timeout_s))
+            ask(msgpack.packb({"v": 1, "op": "close", "id": 0, "client": header["client"]}))
+            what = _difference(recorded, ask(request))
             yield Difference(index, header["id"], what) if what else None
+        if index < 0:
+            raise GlrenderClientError(f"{path} holds no exchange: nothing was recorded, and nothing can be compared")
     finally:
         socket.close()
         context.term()
-
-
-def _ask(socket: zmq.Socket, request: bytes, timeout_s: float) -> list[bytes]:
-    socket.send(request)
-    if not socket.poll(int(min(1e3 * timeout_s, MAX_POLL_MS))):
-        raise RequestTimeout(f"no reply within {timeout_s:g} s; is glrender-server running there?")
-    return socket.recv_multipart()
 
 
 def _difference(recorded: list[bytes], again: list[bytes]) -> str:

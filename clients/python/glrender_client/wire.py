@@ -6,7 +6,7 @@ import os
 import uuid
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 
 import msgpack
 import numpy as np
@@ -15,6 +15,23 @@ from .errors import Busy, ServerError
 from .notebook import png
 
 PROTOCOL_VERSION = 1
+
+
+class FrameWarning(NamedTuple):
+    """What is odd in a frame that was made nevertheless: its kind, the field to look at, and a sentence."""
+
+    code: str
+    path: str
+    message: str
+
+    def __str__(self) -> str:
+        return self.message
+
+
+class HasDict(Protocol):
+    """A `glrender.State`, or what tells itself as it does."""
+
+    def to_dict(self) -> dict[str, Any]: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +57,12 @@ class Reply:
     def pixels(self) -> np.ndarray:
         """The image, (height, width), row 0 on top."""
         return self.arrays["image"]
+
+    @property
+    def warnings(self) -> tuple[FrameWarning, ...]:
+        """What is odd in the frame, or in any of several: nothing in view, saturation (docs/protocol.md)."""
+        own = (FrameWarning(each["code"], each["path"], each["message"]) for each in self.header.get("warnings", ()))
+        return (*own, *(told for frame in self.frames for told in frame.warnings))
 
     def __repr__(self) -> str:
         header = self.header
@@ -78,13 +101,13 @@ def frame_fields(camera: str | None = None, *, output: str = "irradiance", expos
     return {"output": output, **{name: value for name, value in optional.items() if value is not None}}
 
 
-def render_fields(state: Mapping[str, Any], camera: str | None = None, *, order: str = "C",
+def render_fields(state: Mapping[str, Any] | HasDict, camera: str | None = None, *, order: str = "C",
                   allow_slow: bool | str = False, **options: Any) -> dict[str, Any]:
     """The fields of a `render` request; the arguments are those of `Client.render`."""
     return {"state": state, "order": order, **_slow(allow_slow), **frame_fields(camera, **options)}
 
 
-def frames_fields(state: Mapping[str, Any], frames: Iterable[Mapping[str, Any]], order: str = "C",
+def frames_fields(state: Mapping[str, Any] | HasDict, frames: Iterable[Mapping[str, Any]], order: str = "C",
                   allow_slow: bool | str = False) -> dict[str, Any]:
     """The fields of a `render` request for several frames; the arguments are those of `Client.render_frames`."""
     return {"state": state, "order": order, **_slow(allow_slow), "frames": [frame_fields(**frame) for frame in frames]}
@@ -94,7 +117,7 @@ def _slow(allow_slow: bool | str) -> dict[str, bool | str]:
     return {"allow_slow": allow_slow} if allow_slow else {}
 
 
-def range_fields(state: Mapping[str, Any], directions_camera: Any, camera: str | None = None,
+def range_fields(state: Mapping[str, Any] | HasDict, directions_camera: Any, camera: str | None = None,
                  noise: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """The fields of a `range` request; the arguments are those of `Client.range`."""
     optional = {"camera": camera, "noise": noise}
@@ -130,9 +153,12 @@ def read_reply(header: dict[str, Any], parts: Sequence[Any]) -> Reply:
 
 
 def _plain(value: object) -> object:
-    """NumPy numbers and arrays as the lists and numbers of the wire."""
+    """NumPy numbers and arrays, and objects with `to_dict`, as the lists, numbers and maps of the wire."""
     if isinstance(value, np.ndarray):
         return value.tolist()
     if isinstance(value, np.generic):
         return value.item()
-    raise TypeError(f"{type(value).__name__} cannot be sent")
+    if hasattr(value, "to_dict"):
+        return value.to_dict()
+    raise TypeError(f"{type(value).__name__} cannot be sent; give numbers, text, lists, dictionaries, NumPy arrays, or "
+                    "what has `to_dict`, as a State does")

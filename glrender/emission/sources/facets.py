@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from glrender_camera.validate import integer, positive, within
 
-from ...errors import ConfigError
-from ...shape import Shape
+from ...base.errors import ConfigError
+from ...scene.shape.shape import Shape
 from ..fields import octahedral_from_direction
 from .activity import Activity
 from .source import EVERYWHERE

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from glrender_camera.validate import MAX_DISTANCE_M, positive, within
 
-from ...errors import ConfigError
+from ...base.errors import ConfigError
 from .source import EVERYWHERE
 
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from glrender_camera.validate import positive, vector, within
 
-from ...errors import ConfigError
-from ...shape import Shape
-from ...triangles import intersect
+from ...base.errors import ConfigError
+from ...scene.shape.ray_triangle import intersect
+from ...scene.shape.shape import Shape
 from .activity import Activity
 from .source import EVERYWHERE
 

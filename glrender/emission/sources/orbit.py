@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ...errors import ConfigError
+from ...base.errors import ConfigError
 
 SUN_GM_M3_S2 = 1.327_124_400_18e20
 """Heliocentric gravitational constant [m3/s2]; IAU 2009 system."""

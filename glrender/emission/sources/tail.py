@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from glrender_camera.validate import integer, positive, vector, within
 
-from ...constants import AU_M
-from ...errors import ConfigError
+from ...base.constants import AU_M
+from ...base.errors import ConfigError
 from ..fields import CartesianField
 from .orbit import SUN_GM_M3_S2, comet_state, propagate
 from .volume import Volume

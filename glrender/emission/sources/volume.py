@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from glrender_camera.validate import integer, one_of, position
 
-from ...errors import ConfigError
+from ...base.errors import ConfigError
 from ..fields import CartesianField
 from ..interpolation import refined
 

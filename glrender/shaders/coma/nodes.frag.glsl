@@ -22,8 +22,8 @@ void main()
         return;
     }
     span.y = clamp(atan(seen.x / ray.a), span.x, span.y);
-    float s = ray.a * tan(span.y);
-    front = vec4(integral(ray, span), span.y, weight(ray.closest + s * ray.direction), 1.0);
+    vec3 end = ray.closest + ray.a * tan(span.y) * ray.direction;
+    front = vec4(integral(ray, span), span.y, weight(end) * sunlit(end), 1.0);
 #else
     // Away from the origin it is the column that is smooth: a goes through zero where the origin is straight behind.
     total = integral(ray, span) / (is_ahead != 0 ? 1.0 : ray.a);

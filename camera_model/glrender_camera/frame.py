@@ -1,0 +1,32 @@
+"""What the detector gives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A frame of the detector.
+
+    Attributes
+    ----------
+    dn : (H, W) uint8 or uint16 [DN]
+    electrons : (H, W) float32 [e-]
+        Collected charge with all noise, before gain and rounding.
+    saturated : (H, W) bool
+        At full well or at the largest digital number.
+    exposure_s : float [s]
+    seed : int
+    stages : dict of str to str
+        What was modelled and what was skipped, with why, in the order of the light.
+    """
+
+    dn: np.ndarray
+    electrons: np.ndarray
+    saturated: np.ndarray
+    exposure_s: float
+    seed: int
+    stages: dict[str, str]

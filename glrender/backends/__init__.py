@@ -1,1 +1,0 @@
-"""Built-in plug-ins that draw the same scenes by other means than OpenGL."""

@@ -1,0 +1,99 @@
+"""Arrays that take long to make, kept on disk from run to run."""
+
+from __future__ import annotations
+
+import fcntl
+import logging
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import numpy as np
+
+_log = logging.getLogger(__name__)
+# Facets from which waits are told of.
+_LARGE = 100_000
+
+
+def cache_folder() -> Path:
+    """$GLRENDER_CACHE, or `glrender` in the user's cache folder; an empty variable counts as not set."""
+    if os.environ.get("GLRENDER_CACHE"):
+        return Path(os.environ["GLRENDER_CACHE"])
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "glrender"
+
+
+def cached_arrays(name: str, keys: list[str], make: Callable[[], dict[str, np.ndarray]], cache: Path | None = None,
+                  is_right: Callable[[dict[str, np.ndarray]], bool] = lambda _: True) -> dict[str, np.ndarray]:
+    """Arrays from the cache's file `name`, made and kept there when it lacks them, or has what is not right.
+
+    By one process at a time: others wait for it.
+    """
+    folder = cache_folder() if cache is None else cache
+    file = folder / f"{name}.npz"
+    kept = _kept(file, keys, is_right)
+    if kept is not None:
+        return kept
+    with _alone(folder / f"{name}.lock"):
+        kept = _kept(file, keys, is_right)
+        return _made_and_kept(file, make) if kept is None else kept
+
+
+def cached_bytes(name: str, size: tuple[int, ...], make: Callable[[], np.ndarray]) -> np.ndarray:
+    """A table of uint8 of a size, kept as `cached_arrays` are: for loops that look at no bounds."""
+    return cached_arrays(name, ["table"], lambda: {"table": make()}, is_right=lambda kept: (
+        kept["table"].shape == size and kept["table"].dtype == np.uint8))["table"]
+
+
+def tell_of_wait(log: logging.Logger, what: str, n_facets: int, facet_s: float) -> None:
+    """Say of a large shape that something takes long, before it does: who waits in silence takes it to hang."""
+    if n_facets >= _LARGE:
+        log.warning("%s of %d facets: some %.0f s, once; kept in %s", what, n_facets, n_facets * facet_s,
+                    cache_folder())
+
+
+def _kept(file: Path, keys: list[str], is_right: Callable[[dict[str, np.ndarray]], bool]
+          ) -> dict[str, np.ndarray] | None:
+    try:
+        with np.load(file, allow_pickle=False) as stored:
+            arrays = {key: stored[key] for key in keys}
+    except Exception:
+        # A damaged file may raise anything.
+        return None
+    return arrays if is_right(arrays) else None
+
+
+@contextmanager
+def _alone(file: Path) -> Iterator[None]:
+    """Keep other processes out for a while; not where nothing can be written, nor beyond the life of this one."""
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        lock = file.open("a")
+    except OSError:
+        yield
+        return
+    with lock:
+        with suppress(OSError):
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        try:
+            yield
+            # Who waits for it holds it open, and finds what was made.
+            file.unlink(missing_ok=True)
+        finally:
+            # A child that was forked meanwhile has it open too, and would keep the lock.
+            with suppress(OSError):
+                fcntl.flock(lock, fcntl.LOCK_UN)
+
+
+def _made_and_kept(file: Path, make: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    # Who reads it sees all of it or none; what a process left that was killed is written over.
+    arrays, apart = make(), file.with_suffix(".part.npz")
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        np.savez(apart, **arrays)
+        os.replace(apart, file)
+    except OSError as error:
+        _log.warning("%s is not kept in %s: %s", file.stem, file.parent, error)
+        with suppress(OSError):
+            apart.unlink()
+    return arrays

@@ -1,0 +1,1 @@
+"""From irradiance to a detector's frame: motion, stray light, sky, camera model."""

@@ -1,0 +1,252 @@
+"""From a state to what a camera sees of it: the one chain that server, command line and users share.
+
+    bodies → distortion → mean over the exposure → the camera model (point spread, stars, detector)
+
+What a scene does not need is skipped, and `stages` says so.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from glrender_camera import Frame, PinholeCamera, time_average
+from glrender_camera.camera import checked_exposure
+from glrender_camera.shutter import row_weights
+
+from ..base.errors import ConfigError
+from ..engines.advice import Advice, frame_advice, image_advice
+from ..planner.plan import RenderPlan
+from ..scene.scene import Scene
+from ..view.regions import union
+from ..view.state import State
+from .motion_blur import STILL, Motion, checked_sub_states, given_motion, plan_motion
+from .off_axis_light import light_beyond
+from .sensor import PosePoints, Sensor, with_points
+from .static_exposure import Drawing, Still, lens_margin, margin_of
+
+# Of what moves, poses whose light from beyond the image is followed: a wing is wide.
+_BEYOND_POSES = 9
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Capture:
+    """What a camera sees of a state.
+
+    Attributes
+    ----------
+    irradiance_W_m2 : (height, width) float32 [W/m2]
+        From each pixel's solid angle, before optics and stars: of the bodies at `t_s`; with a frame the mean over
+        its exposure, and the Sun's disc.
+    products : dict of str to array
+        At `t_s` and each pixel's centre, as of `Image`.
+    frame : Frame or None
+        With `take_frame`: digital numbers, exposure, seed.
+    plan : RenderPlan
+        Of the image that was drawn at `t_s`: its pixels are the frame's, or those of the margin and the oversampled
+        rectilinear image that `stages` tell of.
+    stages : dict of str to str
+        What was modelled between the bodies and the digital numbers, and what was skipped, with why.
+    timings_ms : dict of str to float
+    warnings : tuple of Advice
+        What is odd in it: nothing in view or lit, saturation, an exposure at its limit; the plan's warnings.
+    """
+
+    irradiance_W_m2: np.ndarray
+    products: dict[str, np.ndarray]
+    frame: Frame | None
+    plan: RenderPlan
+    stages: dict[str, str]
+    timings_ms: dict[str, float]
+    warnings: tuple[Advice, ...] = ()
+
+
+def draw_still(renderer: Any, state: State, camera: str | None = None, *, products: Iterable[str] = (),
+               roi: tuple[int, int, int, int] | None = None, **options: Any) -> Capture:
+    """The irradiance image of a camera, distorted as its lens does it.
+
+    Parameters
+    ----------
+    renderer
+        Of `glrender.open_renderer`.
+    state : State
+    camera : str, optional
+        Name; the scene's only camera by default.
+    products
+        As of `Renderer.render`.
+    roi : (x0, y0, x1, y1) int [px], optional
+        The part that is asked for, one past the last: no other is drawn where there is neither a lens nor a coma, and
+        the rest of the arrays is dark. The budget is held in it, with samples that the planner chose for it alone.
+    **options
+        `max_error`, `samples`, `allow_slow`, `on_progress`, `out` of `Renderer.render`; those that another renderer
+        does not take are left out.
+
+    Raises
+    ------
+    SceneError, ConfigError
+    """
+    pinhole = renderer.scene.camera(camera)
+    began, margin_px = time.perf_counter(), lens_margin(pinhole)
+    drawing = Drawing(renderer, pinhole, margin_px, False, roi=None if renderer.scene.emission else roi, **options)
+    still = drawing.still(state, products)
+    light = _without_margin(still.irradiance_W_m2, margin_px)
+    warnings = image_advice(renderer.scene, state, pinhole, still.plan, light, _in_frame(still.roi, margin_px, pinhole),
+                            region=roi)
+    return Capture(irradiance_W_m2=light, products=still.products, frame=None, plan=still.plan,
+                   stages={"distortion": drawing.distortion_text, "region": drawing.region_text},
+                   timings_ms=_timings(still, began), warnings=warnings)
+
+
+def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: int = 0,
+               exposure_s: float | str | None = None, previous: Frame | None = None, products: Iterable[str] = (),
+               sub_states: Sequence[State] = (), **options: Any) -> Capture:
+    """The frame that a camera with a model sends.
+
+    Parameters
+    ----------
+    renderer
+        Of `glrender.open_renderer`.
+    state : State
+        At the middle of the exposure; with rates what moves is blurred.
+    camera : str, optional
+        Name; the scene's only camera by default.
+    seed : int, 0..2**64 - 1
+        Of the temporal noise.
+    exposure_s : float [s] > 0 or "auto", optional
+        Default is the model's. "auto" meters the light of `state`, standing still.
+    previous : Frame, optional
+        This camera's last frame: an automatic exposure is then what that one asks for, as on board.
+    products
+        As of `Renderer.render`.
+    sub_states : sequence of State
+        Poses during the exposure, of rising `t_s` that spans it, around `state.t_s`: drawn instead of those that
+        rates would make; the light is linear in time between them.
+    **options
+        `max_error`, `samples`, `allow_slow`, `on_progress`, as of `draw_still`; the budget holds after the point
+        spread function. A frame is that of the whole detector: there is no `roi`, and each pose has its own image.
+
+    Returns
+    -------
+    Capture
+
+    Raises
+    ------
+    SceneError, ConfigError
+        Also for a camera without a model.
+    """
+    scene: Scene = renderer.scene
+    pinhole = scene.camera(camera)
+    model = pinhole.model
+    if model is None:
+        raise ConfigError("output", f"camera {pinhole.name!r} has no optics and detector", "dn",
+                          "give it a `model` in the scene, or ask for 'irradiance'")
+    for name in ("roi", "out"):
+        if name in options:
+            raise ConfigError(name, "is of draw_still alone: light is spread over the whole frame", options[name])
+    exposure = checked_exposure("exposure_s", model.exposure_s if exposure_s is None else exposure_s)
+    asked = exposure
+    if exposure == "auto" and previous is not None:
+        exposure = model.auto_exposure.after(previous, model.detector)
+    began = time.perf_counter()
+    sub_states = checked_sub_states(sub_states)
+    is_moving = state.is_moving or bool(sub_states)
+    margin_px, margin_text = margin_of(scene, state, pinhole, is_moving)
+    drawing = Drawing(renderer, pinhole, margin_px, True, **options)
+    sensor = Sensor(scene, pinhole, margin_px)
+    n_rows, row_s = pinhole.height_px + 2 * margin_px, model.detector.rolling_shutter_row_s
+    planned = lambda exposure_s: (  # noqa: E731
+        given_motion(state, sub_states, exposure_s, row_s, n_rows) if sub_states else
+        plan_motion(scene, state, pinhole, exposure_s, row_s, margin_px))
+    motion = planned(exposure) if is_moving and exposure != "auto" else STILL
+    # How many poses an exposure takes that is metered first is not known: then the first is told as half of all.
+    first = 0.5 if is_moving and exposure == "auto" else 1.0 / _n_drawn(motion)
+    still = drawing.still(state, products, (0.0, first))
+    irradiance, roi = still.irradiance_W_m2, still.roi
+    poses = [PosePoints(state=state, bodies=still.points)]
+    beyond, beyond_text = light_beyond(renderer, pinhole, margin_px, [(state, still.apart, 1.0)])
+    bodies, stars = sensor.bodies(poses), sensor.stars(poses)
+    timings = _timings(still, began)
+    if is_moving:
+        moved = time.perf_counter()
+        if exposure == "auto":
+            exposure = sensor.expose(irradiance, seed, exposure, roi, [bodies, beyond], stars).exposure_s
+            motion = planned(exposure)
+        if not motion.is_still:
+            irradiance, roi, poses, apart = _mean(drawing, state, still, motion, first)
+            beyond, beyond_text = light_beyond(renderer, pinhole, margin_px, _some(poses, apart))
+            bodies, stars = sensor.bodies(poses), sensor.stars(poses)
+        timings["motion_blur"] = 1e3 * (time.perf_counter() - moved)
+    drawing.progress.finish()
+    exposed = time.perf_counter()
+    frame = sensor.expose(irradiance, seed, exposure, roi, [bodies, beyond], stars)
+    timings["camera"] = 1e3 * (time.perf_counter() - exposed)
+    stages = {"distortion": drawing.distortion_text, "margin": margin_text, "motion_blur": motion.text,
+              "sun": still.sun_text, "stars": sensor.stars_text(), "beyond": beyond_text,
+              **sensor.told(frame, still.n_small)}
+    light, lit = with_points(_without_margin(irradiance, margin_px), bodies), _in_frame(roi, margin_px, pinhole)
+    has_stars, has_sun = any(len(points.xy_px) for points in stars.values()), still.sun_text == "in view"
+    warnings = (*image_advice(scene, state, pinhole, still.plan, light, lit,
+                              has_points=bool(bodies.irradiance_W_m2.any()), has_stars=has_stars),
+                *frame_advice(scene, pinhole, asked, frame, light, lit, has_stars=has_stars, has_sun=has_sun))
+    return Capture(irradiance_W_m2=light, products=still.products, frame=replace(frame, stages=stages), plan=still.plan,
+                   stages=stages, timings_ms=timings, warnings=warnings)
+
+
+def _n_drawn(motion: Motion) -> int:
+    """Poses that are drawn, the state's own among them."""
+    return len(motion.times_s) + (1 if motion.states else 0)
+
+
+def _mean(drawing: Drawing, state: State, still: Still, motion: Motion,
+          done: float) -> tuple[np.ndarray, tuple[int, int, int, int], list[PosePoints], list[frozenset[str]]]:
+    """Mean irradiance over each row's exposure, its region, and what the poses have besides; `done` of it is."""
+    regions, points, apart, states = [], [], [], motion.poses(state)
+    shares = pairwise(np.linspace(done, 1.0, _n_drawn(motion)).tolist())
+
+    def images() -> Iterator[np.ndarray]:
+        for dt, each in zip(motion.times_s, states, strict=True):
+            pose = still if dt == 0.0 and not motion.states else drawing.still(each, part=next(shares))
+            regions.append(pose.roi)
+            points.append(pose.points)
+            apart.append(pose.apart)
+            yield pose.irradiance_W_m2
+
+    n_rows = len(still.irradiance_W_m2)
+    # The middle of all rows' exposures is the state's time.
+    start_s = -0.5 * (motion.exposure_s + motion.row_s * (n_rows - 1))
+    mean = time_average(images(), motion.times_s, start_s=start_s, exposure_s=motion.exposure_s,
+                        line_time_s=motion.row_s)
+    weights = row_weights(motion.times_s, start_s + motion.row_s * np.arange(n_rows), motion.exposure_s)
+    poses = [PosePoints(state=pose, bodies=each, row_weights=weight)
+             for pose, each, weight in zip(states, points, weights.T, strict=True)]
+    return mean, union([region for region in regions if region[0] < region[2]]), poses, apart
+
+
+def _some(poses: Sequence[PosePoints], apart: Sequence[frozenset[str]]) -> list[tuple[State, frozenset[str], float]]:
+    """A few of the poses, each with the weight of those nearest to it in the mean over the image's rows."""
+    weight = np.array([pose.row_weights.mean() for pose in poses])
+    chosen = np.unique(np.rint(np.linspace(0, len(poses) - 1, min(len(poses), _BEYOND_POSES))).astype(int))
+    nearest = np.abs(np.arange(len(poses))[:, None] - chosen).argmin(axis=1)
+    shares = np.bincount(nearest, weight, len(chosen)).tolist()
+    return [(poses[k].state, apart[k], share) for k, share in zip(chosen, shares, strict=True)]
+
+
+def _without_margin(image: np.ndarray, margin_px: int) -> np.ndarray:
+    height, width = image.shape
+    return np.ascontiguousarray(image[margin_px:height - margin_px, margin_px:width - margin_px])
+
+
+def _in_frame(roi: tuple[int, int, int, int], margin_px: int, camera: PinholeCamera) -> tuple[int, int, int, int]:
+    """A region of the image with its margin, of the frame alone."""
+    sizes = 2 * (camera.width_px, camera.height_px)
+    return tuple(min(max(edge - margin_px, 0), size) for edge, size in zip(roi, sizes, strict=True))
+
+
+def _timings(still: Still, began: float) -> dict[str, float]:
+    """The renderer's laps, and what lens, Sun and stars took besides."""
+    rest = 1e3 * (time.perf_counter() - began) - sum(still.timings_ms.values())
+    return {**still.timings_ms, "lens_and_sky": max(rest, 0.0)}

@@ -1,0 +1,292 @@
+"""One pose of a camera of the scene: its margin, its lens and the Sun around what a renderer draws."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from glrender_camera import ConfigError, DistortingLens, PinholeCamera, PointSources, lens_of
+from glrender_camera.projection import MAX_IMAGE_PX
+
+from ..base.progress import Progress
+from ..engines.image import checked_products
+from ..planner.plan import RenderPlan
+from ..scene.scene import Scene, checked_max_error
+from ..view.regions import union
+from ..view.state import State
+from ..view.view import view_bodies
+from .sky_background import sun_box, sunlight
+
+# Products that vary smoothly over a facet are interpolated between cells while neighbours' ranges differ by less
+# than so many footprints: a slope of 76 degrees.
+_SMOOTH = ("range", "r_body")
+_LARGEST_STEP = 4.0
+# Smaller bodies are spread as points: an image of pixels has lost their places, a crescent's of 8 px by 0.06 px.
+_APART_PX = 24.0
+# Options that a renderer may take, besides those that all do.
+_OPTIONS = ("allow_slow", "on_progress", "out")
+# Of products beside the bodies, where it is not NaN.
+_BESIDE = {"body_id": -1, "facet_id": -1, "sunlit": 0}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Still:
+    """What stands still: irradiance (h, w) with the margin, its region `roi`, products (height, width) without it.
+
+    `points` is the light of `n_small` bodies, or groups, of a few pixels or less, in the frame's `pixel`; it is not in
+    the image. `apart` are these bodies' names.
+    """
+
+    irradiance_W_m2: np.ndarray
+    roi: tuple[int, int, int, int]
+    points: PointSources
+    n_small: int
+    apart: frozenset[str]
+    products: dict[str, np.ndarray]
+    plan: RenderPlan
+    sun_text: str
+    timings_ms: dict[str, float]
+
+
+class Drawing:
+    """Draws poses of one camera.
+
+    Parameters
+    ----------
+    renderer
+        Of `glrender.open_renderer`.
+    camera : PinholeCamera
+        One of the scene's.
+    margin_px : int [px]
+    is_for_detector : bool
+        Whether the budget holds after the point spread function, and the Sun is drawn.
+    roi : (x0, y0, x1, y1) int [px], optional
+        The part of the image that is asked for: where no lens distorts no more is drawn, and the rest is dark,
+        without a body.
+    max_error, samples
+        As of `Renderer.render`.
+    on_progress : callable, optional
+        Called with the share done, 0..1, of all poses: it never falls.
+    **options
+        Of the renderer; those of `Renderer.render` that it does not take are left out.
+
+    Raises
+    ------
+    ConfigError
+        Of an option that is none.
+    """
+
+    def __init__(self, renderer: Any, camera: PinholeCamera, margin_px: int, is_for_detector: bool, *,
+                 roi: tuple[int, int, int, int] | None = None, max_error: float | None = None,
+                 samples: int | None = None,
+                 on_progress: Callable[[float], None] | None = None, **options: Any):
+        self.progress = Progress(on_progress)
+        self._renderer, self._camera, self._margin_px = renderer, camera, margin_px
+        self._is_for_detector = is_for_detector
+        wide = camera.with_margin(margin_px)
+        self.lens = lens_of(wide)
+        self.source = wide if self.lens is None else self.lens.source
+        self._box = None
+        if roi is not None and self.lens is None:
+            self._box, self._shape, self.source = roi, (wide.height_px, wide.width_px), _part(wide, roi)
+        taken = inspect.signature(renderer.render).parameters
+        for name, value in options.items():
+            if name not in (*taken, *_OPTIONS):
+                raise ConfigError(name, "is no option", value, f"there are max_error, samples, {', '.join(_OPTIONS)}")
+        self._options = {name: value for name, value in options.items() if name in taken}
+        self._tells = on_progress is not None and "on_progress" in taken
+        self._budget = renderer.scene.max_error if max_error is None else checked_max_error(max_error)
+        # What the frame keeps of the drawn image's errors, but for the flux's: for the renderer to know, where it can.
+        # Cells' errors are independent: their mean has 1 / n of them.
+        n = 1 if self.lens is None else self.lens.oversampling
+        self._share = (camera.model.psf_noise_gain if is_for_detector else 1.0) / n
+        if "error_gain" in taken:
+            self._options["error_gain"], self._share = self._share, 1.0
+        if is_for_detector and "apart_px" in taken:
+            self._options["apart_px"] = _APART_PX * n
+        self._options["max_error"] = min(self._budget / self._share, 1.0)
+        self._options["samples"] = -(-samples // n) if isinstance(samples, int) else samples
+
+    @property
+    def distortion_text(self) -> str:
+        """The stage in words."""
+        if self.lens is None:
+            return "skipped: the camera has none"
+        n = self.lens.oversampling
+        return (f"{self.lens.distortion.text}; drawn as {self.source.width_px} x {self.source.height_px} cells, "
+                f"{n} x {n} a pixel")
+
+    @property
+    def region_text(self) -> str:
+        """The stage in words."""
+        if self._box is None:
+            return "skipped: the whole image is drawn"
+        return f"drawn alone: {list(self._box)} px"
+
+    def still(self, state: State, products: Iterable[str] = (), part: tuple[float, float] = (0.0, 1.0)) -> Still:
+        """One pose, which is `part` of what `on_progress` is told of: from one share of the whole to another."""
+        wanted = checked_products(products)
+        asked = wanted if self.lens is None or not set(wanted) & set(_SMOOTH) else {*wanted, *_SMOOTH, "body_id"}
+        told = {"on_progress": self.progress.part(*part)} if self._tells else {}
+        image = self._renderer.render(state, self.source, products=asked, **told, **self._options)
+        light, roi, sun_text = image.irradiance_W_m2, image.roi, "skipped: out of view"
+        box = sun_box(state, self.source) if self._is_for_detector else None
+        if box is not None:
+            x0, y0, x1, y1 = box
+            disc = sunlight(self._renderer, state, self.source, box)
+            light[y0:y1, x0:x1] += disc
+            roi, sun_text = union([roi, box]) if any(roi) else box, "in view"
+            if not disc.any():
+                sun_text = "skipped: hidden by a body, or beside the image"
+        plan, made = image.plan, image.products
+        if self._box is not None:
+            x0, y0, _, _ = self._box
+            roi = (roi[0] + x0, roi[1] + y0, roi[2] + x0, roi[3] + y0) if any(roi) else roi
+            light = self._in_place(light, 0.0)
+            made = {name: self._in_place(values, _BESIDE.get(name, np.nan)) for name, values in made.items()}
+        if self._share != 1.0:
+            plan = replace(plan, max_error=self._budget, predicted_error=plan.predicted_error * self._share)
+        if self.lens is not None:
+            light, roi = self.lens.apply(light, roi), self.lens.reached_box(roi)
+            made = sampled(made, self.lens, self._camera, wanted)
+        elif self._margin_px:
+            inside = np.s_[self._margin_px:-self._margin_px, self._margin_px:-self._margin_px]
+            made = {name: np.ascontiguousarray(values[inside]) for name, values in made.items()}
+        small = [body for body in image.small_bodies if body.is_apart]
+        return Still(irradiance_W_m2=light, roi=roi, points=self._placed([body.points for body in small]),
+                     n_small=len(small), apart=frozenset(name for body in small for name in body.names),
+                     products=made, plan=plan, sun_text=sun_text, timings_ms=image.timings_ms)
+
+    def _placed(self, kept: Sequence[PointSources]) -> PointSources:
+        """Points of the source's image in the frame."""
+        if not kept:
+            return PointSources([], [])
+        xy = np.concatenate([points.xy_px for points in kept])
+        if self.lens is None:
+            xy = xy - self._margin_px
+        else:
+            xy = self._camera.project(self.source.directions(xy))
+        light = np.concatenate([points.irradiance_W_m2 for points in kept])
+        seen = np.isfinite(xy).all(axis=1)
+        return PointSources(xy[seen], light[seen])
+
+    def _in_place(self, part: np.ndarray, beside: float) -> np.ndarray:
+        """The whole image, of which a part was drawn."""
+        whole = np.full((*self._shape, *part.shape[2:]), beside, part.dtype)
+        x0, y0, x1, y1 = self._box
+        whole[y0:y1, x0:x1] = part
+        return whole
+
+
+def _part(camera: PinholeCamera, box: tuple[int, int, int, int]) -> PinholeCamera:
+    """The camera that sees a part of another's image."""
+    x0, y0, x1, y1 = box
+    x, y = camera.principal_point_px
+    return replace(camera, width_px=x1 - x0, height_px=y1 - y0, principal_point_px=(x - x0, y - y0))
+
+
+def margin_of(scene: Scene, state: State, camera: PinholeCamera, is_moving: bool) -> tuple[int, str]:
+    """How far beyond the frame of a camera with a model to draw [px], and why."""
+    reach = _largest_margin(camera)
+    if not reach:
+        why = "the lens images nothing there" if camera.model.psf_margin_px > 0 else "no light is spread that far"
+        return 0, f"skipped: {why}"
+    text = f"{reach} px, as far as light is spread"
+    # Comae have no edge; another margin would be another lens to prepare, or another size from pose to pose.
+    if scene.emission or camera.distortion is not None or is_moving:
+        return reach, text
+    wide = camera.with_margin(reach)
+    boxes = [view.bounds_px for view in view_bodies(state, wide, scene.hulls)
+             if view.is_visible]
+    boxes.append(sun_box(state, wide) or (reach, reach, reach, reach))
+    size = np.array([camera.width_px, camera.height_px])
+    if all(box is not None and (np.array(box[:2]) >= reach - 0.5).all()
+           and (np.array(box[2:]) <= reach + size - 0.5).all() for box in boxes):
+        return 0, "skipped: nothing reaches beyond the frame"
+    return reach, text
+
+
+def drawn_pixels(camera: PinholeCamera) -> int:
+    """Most pixels of an image that is drawn for a camera's frame."""
+    wide = camera.with_margin(_largest_margin(camera) if camera.model is not None else 0)
+    lens = lens_of(wide)
+    source = wide if lens is None else lens.source
+    return source.width_px * source.height_px
+
+
+def prepare(scene: Scene) -> None:
+    """Do now what first frames would wait for: kernels, the sensors' patterns, the moves of lenses."""
+    for camera in scene.cameras:
+        wide = camera.with_margin(lens_margin(camera))
+        if camera.model is not None:
+            camera.with_margin(_largest_margin(camera)).cos_field_angle  # noqa: B018 (a cached property)
+            camera.model.detector.fixed_pattern((camera.height_px, camera.width_px))
+            for band in camera.model.bands.values():
+                if band.optics.is_diffracted or band.optics.psf_measured is not None:
+                    band.optics.psf_fine_kernel  # noqa: B018 (a cached property: of stars and of small bodies)
+        if (lens := lens_of(wide)) is not None:
+            lens.prepare()
+
+
+def lens_margin(camera: PinholeCamera) -> int:
+    """Margin [px] that all images of a distorting camera have, so that it has one lens; none of any other camera."""
+    return 0 if camera.distortion is None or camera.model is None else _largest_margin(camera)
+
+
+@lru_cache(maxsize=16)
+def _largest_margin(camera: PinholeCamera) -> int:
+    """As far as light is spread, or 0 where the lens images nothing there [px]."""
+    reach = min(camera.model.psf_margin_px, (MAX_IMAGE_PX - max(camera.width_px, camera.height_px)) // 2)
+    try:
+        lens_of(camera.with_margin(reach))
+    except ConfigError:
+        return 0
+    return reach
+
+
+def sampled(products: dict[str, np.ndarray], lens: DistortingLens, camera: PinholeCamera,
+            wanted: Iterable[str]) -> dict[str, np.ndarray]:
+    """Products of a lens's source where the pixels of a distorted camera look.
+
+    Those of the nearest cell; ranges and places are interpolated where four cells see one smooth part of one body.
+
+    Parameters
+    ----------
+    products : dict of str to (h, w, ...) array
+    lens : DistortingLens
+        Of the camera, or of the camera with its margin.
+    camera : PinholeCamera
+    wanted : iterable of str
+
+    Returns
+    -------
+    dict of str to (height, width, ...) array
+    """
+    wanted = tuple(wanted)
+    if not wanted:
+        return {}
+    source = lens.source
+    place = camera.seen * source.focal_length_px + np.array(source.principal_point_px)
+    limits = np.array([source.width_px, source.height_px]) - 1
+    nearest = np.clip(np.rint(place).astype(np.intp), 0, limits)
+    made = {name: products[name][nearest[..., 1], nearest[..., 0]] for name in wanted}
+    if not set(made) & set(_SMOOTH):
+        return made
+    low = np.clip(np.floor(place).astype(np.intp), 0, limits - 1)
+    x, y = np.moveaxis(place - low, -1, 0)
+    corners = [(low[..., 1] + dy, low[..., 0] + dx) for dy in (0, 1) for dx in (0, 1)]
+    weights = [(y if dy else 1.0 - y) * (x if dx else 1.0 - x) for dy in (0, 1) for dx in (0, 1)]
+    body, ranges = (np.stack([products[name][corner] for corner in corners]) for name in ("body_id", "range"))
+    with np.errstate(invalid="ignore"):
+        is_smooth = (body == body[0]).all(axis=0) & (
+            np.ptp(ranges, axis=0) < _LARGEST_STEP * ranges[0] / source.focal_length_px)
+    for name in set(made) & set(_SMOOTH):
+        parts = [products[name][corner] for corner in corners]
+        shape = weights[0].shape + (1,) * (parts[0].ndim - 2)
+        mean = sum(weight.reshape(shape) * part for weight, part in zip(weights, parts, strict=True))
+        made[name] = np.where(is_smooth.reshape(shape), mean, made[name]).astype(products[name].dtype)
+    return made

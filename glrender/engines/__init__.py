@@ -1,0 +1,1 @@
+"""Irradiance from a plan."""

@@ -1,0 +1,382 @@
+"""Warnings of what a frame shows too little of, or too much, though nothing is wrong enough to refuse it. Pure.
+
+A lit frame costs some microseconds of looking; only of a dark one it is found out why it is dark.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from glrender_camera import CameraModel, Frame, MosaicModel, PinholeCamera
+from glrender_camera.exposure import MAX_EXPOSURE_S
+
+from ..base import rotations as frames
+from ..base.constants import AU_M
+from ..planner.plan import RenderPlan
+from ..scene.scene import Body, Scene, band_irradiances
+from ..view.state import State
+from ..view.view import BodyView, view_bodies
+
+SATURATED_SHARE = 0.5
+"""Share of a frame's pixels, or of its lit ones, from which on saturation is told."""
+MIN_LIT_PX = 100
+"""Lit pixels of which a share is told: fewer are a point source, which saturates its few pixels."""
+NIGHT_PHASE_DEG = 175.0
+"""Phase angle from which on a body shows its night side: a Lambert sphere has 7e-5 of its light at zero phase."""
+SUN_DISTANCES_AU = (0.04, 200.0)
+"""Where the Sun is likely to be: beyond Parker Solar Probe's perihelion of 0.046 au, within the heliopause."""
+LIMIT_RATIO = 1.5
+"""How many times longer, or shorter, an automatic exposure must be wanted than its limit for that to be told."""
+LEAST_DN = 0.5
+"""Signal of the brightest pixel [DN] below which rounding leaves nothing of it."""
+# Closed bodies of less than this may stand around their camera, as a spacecraft does.
+_LARGE_M = 100.0
+# Of the largest sphere about a body's origin within its hull, the part that is surely inside the body.
+_DEEP = 0.5
+# Pixels along each side of a sparse look at an image, and rays that look for a body around the camera.
+_SPARSE, _RAYS = 32, 5
+
+
+@dataclass(frozen=True, slots=True)
+class Advice:
+    """A warning: its kind, the field to look at, and a sentence that says what is seen and the way out."""
+
+    code: str
+    path: str
+    message: str
+
+    def __str__(self) -> str:
+        return self.message
+
+
+def scene_advice(scene: Scene) -> tuple[Advice, ...]:
+    """What the reports of a scene's shapes warn of."""
+    return tuple(Advice("shape", f"bodies[{index}].shape", _printable(f"{body.name}: {text}"))
+                 for index, body in enumerate(scene.bodies) for text in body.shape.report.warnings)
+
+
+def image_advice(scene: Scene, state: State, camera: PinholeCamera, plan: RenderPlan, light: np.ndarray,
+                 roi: tuple[int, int, int, int], *, region: tuple[int, int, int, int] | None = None,
+                 has_points: bool = False, has_stars: bool = False) -> tuple[Advice, ...]:
+    """What is to be said of an irradiance image, and of what its plan warns.
+
+    Parameters
+    ----------
+    scene : Scene
+    state : State
+    camera : PinholeCamera
+    plan : RenderPlan
+    light : (height, width) float32 [W/m2]
+    roi : (x0, y0, x1, y1) int [px]
+        Outside it `light` is zero.
+    region : (x0, y0, x1, y1) int [px], optional
+        The part that was asked for.
+    has_points : bool
+        Whether bodies' light comes as points besides.
+    has_stars : bool
+        Whether the frame has stars, so that it has something to show without a body.
+    """
+    found = [Advice("plan", "plan.warnings", _printable(text)) for text in plan.warnings]
+    found += _distance_advice(scene, state)
+    in_view = [body.name for body in plan.bodies if body.is_visible]
+    if not has_points and not _is_lit(light, roi):
+        if in_view or not has_stars:
+            found += _why_dark(scene, state, camera, in_view, region, has_stars)
+    elif in_view and not scene.emission and all(_is_night(state, name) for name in in_view):
+        name = _printable(in_view[0])
+        found.append(_night_side(name, 180.0 - math.degrees(_lit_angle(state, in_view[0]))))
+    return tuple(found)
+
+
+def frame_advice(scene: Scene, camera: PinholeCamera, asked: float | str, frame: Frame, light: np.ndarray,
+                 roi: tuple[int, int, int, int], *, has_stars: bool = False,
+                 has_sun: bool = False) -> tuple[Advice, ...]:
+    """What is to be said of a detector's frame: saturation, an exposure at its limit, light that it has nothing of.
+
+    Parameters
+    ----------
+    scene : Scene
+    camera : PinholeCamera
+        With a model.
+    asked : float [s] or "auto"
+    frame : Frame
+    light, roi
+        As of `image_advice`: the image that was exposed, before the optics.
+    has_stars, has_sun : bool
+        Whether stars, or the Sun, are in the frame: bodies before stars are overexposed on purpose.
+    """
+    x0, y0, x1, y1 = roi
+    part = light[y0:y1, x0:x1]
+    found = _saturation(scene, camera, frame, part, roi, has_stars, has_sun)
+    found += _exposure_limit(camera.model, asked, frame, has_sun)
+    if part.size and not found and not has_stars and _signal_DN(scene, camera, frame, _sparse(part).max()) < LEAST_DN:
+        peak = float(part.max())
+        signal = _signal_DN(scene, camera, frame, peak)
+        if 0.0 < signal < LEAST_DN:
+            found.append(Advice("underexposed", "exposure_s", (
+                f"the brightest pixel has {signal:.2g} DN in {frame.exposure_s:.3g} s, so that the frame has nothing "
+                f"of the bodies; {_fitting_exposure_s(scene, camera, peak, 0.7):.2g} s would put it at 70 % of the "
+                'range, as "auto" does')))
+    return tuple(found)
+
+
+def _printable(text: str) -> str:
+    """A text that forges no line of a log, whatever names are in it."""
+    return text if text.isprintable() else repr(text)
+
+
+def _sparse(image: np.ndarray) -> np.ndarray:
+    """At most 32 x 32 of an image's pixels, evenly spread, the first among them."""
+    step_y, step_x = (max(-(-side // _SPARSE), 1) for side in image.shape)
+    return image[::step_y, ::step_x]
+
+
+def _is_lit(light: np.ndarray, roi: tuple[int, int, int, int]) -> bool:
+    x0, y0, x1, y1 = roi
+    part = light[y0:y1, x0:x1]
+    return part.size > 0 and bool(_sparse(part).any() or part.any())
+
+
+# Distances
+
+
+def _distance_advice(scene: Scene, state: State) -> list[Advice]:
+    found, r_camera, r_sun = [], state.spacecraft.r_inertial_m.tolist(), state.r_sun_inertial_m.tolist()
+    for body in scene.bodies:
+        r_body, hull, name = state.bodies[body.name].r_inertial_m.tolist(), body.hull, body.name
+        sun_au = math.dist(r_sun, r_body) / AU_M
+        if not SUN_DISTANCES_AU[0] <= sun_au <= SUN_DISTANCES_AU[1]:
+            found.append(Advice("sun_distance", "state.r_sun_inertial_m", (
+                f"the Sun is {sun_au:.3g} au from {_printable(name)}; check state.r_sun_inertial_m: a position in "
+                "metres, from the same origin as the bodies'")))
+        range_m = math.dist(r_camera, r_body)
+        if range_m < _DEEP * hull.inner_radius_m and hull.radius_m > _LARGE_M and body.shape.report.is_watertight:
+            found.append(Advice("camera_inside", "state.spacecraft.r_inertial_m", (
+                f"the camera is {range_m:.3g} m from the origin of {_printable(name)}, which reaches "
+                f"{hull.radius_m:.4g} m; check state.spacecraft.r_inertial_m: in metres, not kilometres, and the "
+                "shape's length_unit")))
+    return found + (_inside(scene.bodies, state) if len(scene.bodies) > 1 else [])
+
+
+def _inside(bodies: Sequence[Body], state: State) -> list[Advice]:
+    """Bodies that are hidden inside the largest."""
+    outer, found = max(bodies, key=lambda body: body.hull.radius_m), []
+    r_outer, deep_m = state.bodies[outer.name].r_inertial_m.tolist(), _DEEP * outer.hull.inner_radius_m
+    for body in bodies:
+        away_m = math.dist(r_outer, state.bodies[body.name].r_inertial_m.tolist())
+        if away_m + body.hull.radius_m < deep_m and body is not outer and outer.shape.report.is_watertight:
+            found.append(Advice("body_inside", f"state.bodies.{_printable(body.name)}.r_inertial_m", (
+                f"{_printable(body.name)} is hidden inside {_printable(outer.name)}: {away_m:.3g} m between their "
+                f"origins, of a body that reaches {outer.hull.radius_m:.4g} m; check r_inertial_m: in metres, not "
+                "kilometres, and from the same origin for all bodies")))
+    return found
+
+
+# Dark images
+
+
+def _lit_angle(state: State, name: str) -> float:
+    """Angle [rad] at a body between the Sun and the point opposite to the spacecraft: 180 deg less the phase."""
+    r_body = state.bodies[name].r_inertial_m
+    to_sun, away = state.r_sun_inertial_m - r_body, r_body - state.spacecraft.r_inertial_m
+    return math.atan2(float(np.linalg.norm(np.cross(to_sun, away))), float(to_sun @ away))
+
+
+def _is_night(state: State, name: str) -> bool:
+    r_body = state.bodies[name].r_inertial_m
+    to_sun, to_camera = state.r_sun_inertial_m - r_body, state.spacecraft.r_inertial_m - r_body
+    # A cosine is enough to leave by, and the quickest.
+    return float(to_sun @ to_camera) < _COS_NIGHT * math.sqrt(float(to_sun @ to_sun) * float(to_camera @ to_camera))
+
+
+_COS_NIGHT = math.cos(math.radians(NIGHT_PHASE_DEG))
+
+
+def _night_side(name: str, phase_deg: float) -> Advice:
+    return Advice("night_side", "state.r_sun_inertial_m", (
+        f"only the night side of {name} is in view (phase {phase_deg:.3g} deg); check state.r_sun_inertial_m: a "
+        "position in metres, from the same origin as the bodies'"))
+
+
+def _why_dark(scene: Scene, state: State, camera: PinholeCamera, in_view: Sequence[str],
+              region: tuple[int, int, int, int] | None, has_stars: bool) -> list[Advice]:
+    ideal = camera if camera.distortion is None else replace(camera, distortion=None)
+    views = view_bodies(state, ideal, scene.hulls)
+    # The image that was drawn may have a margin, or be the region alone; that of a lens is another.
+    visible = [view for view in views if (_is_seen(view, camera, scene) if camera.distortion is None
+                                          else view.name in in_view)]
+    if not visible:
+        return [] if has_stars else [_out_of_view(state, camera, views)]
+    middle = max(visible, key=_cos_off_axis)
+    name = _printable(middle.name)
+    if region is not None and middle.name not in in_view:
+        return [Advice("out_of_region", "roi", (
+            f"nothing of the bodies is in the region {list(map(int, region))} px; the outline of {name} is within "
+            f"{_box_text(middle)}"))]
+    if shading := _shaded_by(middle, views, scene, state):
+        return [Advice("in_shadow", f"state.bodies.{name}.r_inertial_m", (
+            f"{name} is in view, but in the shadow of {_printable(shading)}; an eclipse, if the positions of the "
+            "bodies and the Sun are right"))]
+    phase_deg = math.degrees(middle.phase_rad)
+    if middle.bounds_px is None and scene.hulls[middle.name].is_met(
+            middle.r_camera_body_m, np.outer([1.0, -1.0], middle.camera_from_body[2])).all():
+        # From a crater or a neck rays alone would tell sky from ground: a hull is met every way.
+        return [Advice("dark", "state.spacecraft.q_from_inertial", (
+            f"all is dark between parts of {name}, at a phase of {phase_deg:.3g} deg: the camera looks past it along "
+            "its +Z, or at ground without sunlight"))]
+    if phase_deg > 90.0:
+        return [_night_side(name, phase_deg)]
+    return [Advice("dark", f"state.bodies.{name}", (
+        f"nothing that is in view of {name} is lit, at a phase of {phase_deg:.3g} deg: a part in its own shadow, or an "
+        "albedo of 0"))]
+
+
+def _cos_off_axis(view: BodyView) -> float:
+    return view.cos_off_axis if view.range_m > 0.0 else 0.0  # in the middle of a ring
+
+
+def _is_seen(view: BodyView, camera: PinholeCamera, scene: Scene) -> bool:
+    """Whether a body is in the image; of one that reaches beside or behind the camera a grid of rays tells."""
+    if view.bounds_px is not None or not view.is_visible:
+        return view.is_visible
+    x0, y0, x1, y1 = camera.bounds_px
+    grid = np.stack(np.meshgrid(np.linspace(x0, x1, _RAYS), np.linspace(y0, y1, _RAYS)), axis=-1).reshape(-1, 2)
+    directions = camera.directions(grid) @ view.camera_from_body
+    return bool(scene.hulls[view.name].is_met(view.r_camera_body_m, directions).any())
+
+
+def _box_text(view: BodyView) -> str:
+    return "all of the image" if view.bounds_px is None else f"{[round(float(edge), 1) for edge in view.bounds_px]} px"
+
+
+def _shaded_by(view: BodyView, views: Sequence[BodyView], scene: Scene, state: State) -> str | None:
+    """The body whose shadow covers another's middle: all bodies as their bounding spheres."""
+    r_body = state.bodies[view.name].r_inertial_m
+    to_sun = state.r_sun_inertial_m - r_body
+    to_sun = to_sun / np.linalg.norm(to_sun)
+    for other in views:
+        offset = state.bodies[other.name].r_inertial_m - r_body
+        if other is not view and offset @ to_sun > 0.0:
+            aside_m = np.linalg.norm(offset - (offset @ to_sun) * to_sun)
+            if aside_m < scene.hulls[other.name].radius_m:
+                return other.name
+    return None
+
+
+def _out_of_view(state: State, camera: PinholeCamera, views: Sequence[BodyView]) -> Advice:
+    """Where the body is that is nearest to the boresight, and the attitude that would have it in view."""
+    nearest = max(views, key=_cos_off_axis)
+    off_deg = math.degrees(math.acos(min(max(_cos_off_axis(nearest), -1.0), 1.0)))
+    is_behind, name = off_deg > 90.0, _printable(nearest.name)
+    where = "behind the camera" if is_behind else "out of view"
+    seen = f"{name} is {where} ({off_deg:.3g} deg off the boresight"
+    if len(views) > 1:
+        seen = f"none of the {len(views)} bodies is in view; the nearest to the boresight, {name}, is {where} (" \
+               f"{off_deg:.3g} deg off it"
+    if not is_behind:
+        corners = camera.directions(np.array([[x, y] for x in camera.bounds_px[::2] for y in camera.bounds_px[1::2]]))
+        seen += f", where the image reaches {math.degrees(math.acos(float(corners[:, 2].min()))):.3g} deg"
+    way_out = "check state.spacecraft.q_from_inertial: the camera looks along its +Z"
+    if not np.allclose(np.abs(camera.q_camera_from_spacecraft), (1.0, 0.0, 0.0, 0.0)):
+        way_out += ", turned by its q_camera_from_spacecraft"
+    if other := _attitude_in_view(state, camera, nearest.name):
+        way_out += f"; {other} has it in view"
+    return Advice("behind_camera" if is_behind else "out_of_view", "state.spacecraft.q_from_inertial",
+                  f"{seen}); {way_out}")
+
+
+def _attitude_in_view(state: State, camera: PinholeCamera, name: str) -> str:
+    """Which usual mistake with the spacecraft's quaternion would, undone, have a body's origin in the image."""
+    w, x, y, z = state.spacecraft.q_from_inertial
+    meant = {"its conjugate [w, -x, -y, -z], inertial from spacecraft,": (w, -x, -y, -z),
+             "read as [x, y, z, w] it": (z, w, x, y),
+             "read as [x, y, z, w], its conjugate": (z, -w, -x, -y)}
+    to_body = state.bodies[name].r_inertial_m - state.spacecraft.r_inertial_m
+    x0, y0, x1, y1 = camera.bounds_px
+    for text, q in meant.items():
+        seen = frames.dcm(camera.q_camera_from_spacecraft) @ (
+            frames.dcm(q) @ to_body - camera.r_camera_spacecraft_m)
+        column, row = camera.project(seen)
+        if x0 <= column <= x1 and y0 <= row <= y1:
+            return text
+    return ""
+
+
+# Detector frames
+
+
+def _saturation(scene: Scene, camera: PinholeCamera, frame: Frame, part: np.ndarray, roi: tuple[int, int, int, int],
+                has_stars: bool, has_sun: bool) -> list[Advice]:
+    x0, y0, x1, y1 = roi
+    saturated, text = frame.saturated, ""
+    if _may_exceed(_sparse(saturated)):
+        count, n_pixels = np.count_nonzero(saturated), saturated.size
+        if count > SATURATED_SHARE * n_pixels:
+            text = f"all {n_pixels} pixels" if count == n_pixels else f"{count} of {n_pixels} pixels"
+    if not text and not has_stars and np.count_nonzero(some := _sparse(saturated[y0:y1, x0:x1])):
+        if _may_exceed(some[_sparse(part) > 0.0]):
+            lit = part > 0.0
+            n_lit, count = np.count_nonzero(lit), np.count_nonzero(saturated[y0:y1, x0:x1] & lit)
+            if n_lit >= MIN_LIT_PX and count > SATURATED_SHARE * n_lit:
+                text = f"{'all' if count == n_lit else f'{count} of'} {n_lit} lit pixels"
+    if not text:
+        return []
+    fitting_s = _fitting_exposure_s(scene, camera, float(part.max(initial=0.0)), 1.0)
+    way_out = f"the brightest would fit below {fitting_s:.2g} s"
+    if has_sun:
+        way_out = "the Sun is in view"
+    elif not fitting_s < frame.exposure_s:
+        way_out = "by light from beside the image, dark current or cosmic rays, not by what is in view"
+    return [Advice("saturated", "exposure_s", f"{text} are saturated at an exposure_s of {frame.exposure_s:.3g}; "
+                                              f"{way_out}")]
+
+
+def _may_exceed(some: np.ndarray) -> bool:
+    """Whether the share that a few pixels tell leaves it open that the whole is above `SATURATED_SHARE`."""
+    return some.size > 0 and np.count_nonzero(some) > 0.5 * SATURATED_SHARE * some.size
+
+
+def _exposure_limit(model: CameraModel | MosaicModel, asked: float | str, frame: Frame, has_sun: bool) -> list[Advice]:
+    rules, exposure_s = model.auto_exposure, frame.exposure_s
+    if "auto" not in (asked, model.exposure_s) or rules.min_s < exposure_s < rules.max_s or rules.min_s == rules.max_s:
+        return []
+    detector, is_long = model.detector, exposure_s >= rules.max_s
+    free = replace(rules, min_s=1e-12, max_s=MAX_EXPOSURE_S, max_step=1e6)
+    wanted_s = free.after(frame, detector)
+    if (wanted_s / rules.max_s if is_long else rules.min_s / wanted_s) < LIMIT_RATIO:
+        return []
+    full_scale = min(detector.full_well_electrons * detector.gain_DN_per_electron,
+                     detector.max_DN - detector.offset_DN)
+    level = (float(frame.dn.max()) - detector.offset_DN) / full_scale
+    return [Advice("exposure_limit", f"auto_exposure.{'max_s' if is_long else 'min_s'}", (
+        f"automatic exposure stays at its limit of {exposure_s:.3g} s: the brightest pixel is at "
+        f"{100.0 * min(max(level, 0.0), 1.0):.3g} % of the range; "
+        f"{'the Sun is in view' if has_sun else 'check the light in view'}, or set "
+        f"auto_exposure.{'max_s' if is_long else 'min_s'}"))]
+
+
+def _bands(scene: Scene, camera: PinholeCamera) -> list[tuple[CameraModel, float]]:
+    """Each band's model, and the irradiance in it [1] over that of the image."""
+    model = camera.model
+    if not isinstance(model, MosaicModel):
+        return [(model, 1.0)]
+    drawn = scene.solar_irradiance_of(camera)
+    return [(model.bands[letter], own / drawn) for letter, own in band_irradiances(model).items()]
+
+
+def _signal_DN(scene: Scene, camera: PinholeCamera, frame: Frame, light_W_m2: float) -> float:
+    """Number of a pixel with so much light, in the band that has most of it, were it unbounded."""
+    electrons_s = max(share * band.optics.aperture_area_m2 * band.electrons_per_joule
+                      for band, share in _bands(scene, camera))
+    return electrons_s * float(light_W_m2) * frame.exposure_s * camera.model.detector.gain_DN_per_electron
+
+
+def _fitting_exposure_s(scene: Scene, camera: PinholeCamera, light_W_m2: float, target: float) -> float:
+    """Exposure [s] that puts a pixel with so much light at a share of the range; before the optics spread it."""
+    pixel, detector = np.full((1, 1), light_W_m2, np.float32), camera.model.detector
+    rules = replace(camera.model.auto_exposure, percentile=100.0, target=target, min_s=1e-12, max_s=MAX_EXPOSURE_S)
+    return min(rules.of_irradiance(share * pixel, band.optics.aperture_area_m2 * band.electrons_per_joule, detector)
+               for band, share in _bands(scene, camera))

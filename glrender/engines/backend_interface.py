@@ -1,0 +1,34 @@
+"""The interface of what draws a scene: `Renderer`, and the plug-ins of the group `glrender.backend`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, Protocol
+
+from ..scene.scene import Scene
+from ..view.state import State
+from .image import Image
+
+
+class Backend(Protocol):
+    """What draws a scene: a class of the group `glrender.backend`, called with a `Scene` and its own options.
+
+    It may raise DeviceError, then and in `render`, with a message that says what to install.
+    """
+
+    scene: Scene
+
+    @property
+    def info(self) -> dict[str, Any]:
+        """`backend`, `gl_renderer` and `gl_version` at least: text for people."""
+
+    def render(self, state: State, camera: str | None = None, *, max_error: float | None = None,
+               products: Iterable[str] = ("irradiance",), samples: int | None = None) -> Image:
+        """As `Renderer.render`."""
+
+    def close(self) -> None:
+        """Release what it holds; once more does no harm."""
+
+    def __enter__(self) -> Backend: ...
+
+    def __exit__(self, *exception) -> None: ...

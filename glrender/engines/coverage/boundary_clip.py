@@ -1,0 +1,160 @@
+"""Triangles within facets, divided and cut by what rays tell of their corners."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...view.view import BodyView
+from ..rays.engine import RayEngine
+from . import facet_loops
+from .facet_tables import FacetTables
+from .sub_triangles import FacetParts, Points
+
+LOW_SUN_RAD = 1.5
+"""Phase angle from which facets are looked at more closely everywhere: they are few, and light falls in slivers."""
+
+# Where Gauss' rule of two places has them on a length.
+_GAUSS = 0.5 - 0.5 / math.sqrt(3.0)
+# What light leaves at a lit and at a dark corner, over what that rule finds, of natural shapes: decision 0022.
+_BEYOND = 1.01, 1.02
+
+
+class FacetCutter:
+    """Finds where light ends in the facets of one body.
+
+    Parameters
+    ----------
+    facets : FacetTables
+    view : BodyView
+        Of the body.
+    views : list of BodyView
+        Of all bodies.
+    rays : RayEngine
+    facing : (N,) int
+        Facets that face camera and Sun.
+
+    Attributes
+    ----------
+    points : Points
+        The facets' vertices first, then what divides and cuts them.
+    corner : (3, N) int
+        The facets' corners among the points.
+    polygons : list of ((K, M) int, (M,) int)
+        Lit ones that are done: corners among the points, and facets.
+    is_free : bool
+        Nothing hides or shades any of it.
+    """
+
+    def __init__(self, facets: FacetTables, view: BodyView, views: list[BodyView], rays: RayEngine,
+                 facing: np.ndarray):
+        self._facets, self._view, self._views, self._rays = facets, view, views, rays
+        self.is_free = facets.is_convex and len(views) == 1
+        # Lifted off the surface by the normal of one of their facets.
+        vertex, of, self.corner = facet_loops.vertices_of(facets.corners, facing, facets.vertices_m.shape[1])
+        r_m = facets.vertices_m.take(vertex, axis=1)
+        self.points = Points(r_m, *self._told(r_m, of))
+        self.polygons: list[tuple[np.ndarray, np.ndarray]] = []
+
+    def are_lit(self, triangles: FacetParts) -> np.ndarray:
+        """Whether the corners (3, N) of triangles are lit."""
+        return self.points.is_lit.take(triangles.corner)
+
+    def are_mixed(self, triangles: FacetParts) -> np.ndarray:
+        """Whether the corners of triangles (N,) differ in light."""
+        is_lit = self.are_lit(triangles)
+        return (is_lit != is_lit[0]).any(axis=0)
+
+    def keep_lit(self, triangles: FacetParts) -> None:
+        """Triangles that are not mixed are done."""
+        lit = np.flatnonzero(self.are_lit(triangles)[0])
+        self.polygons.append((triangles.corner.take(lit, axis=1), triangles.facet.take(lit)))
+
+    def keep_even(self, triangles: FacetParts) -> FacetParts:
+        """Those of some triangles that are not mixed are done; the mixed ones.
+
+        Where the Sun is low, light falls in slivers: those whose middles are not as their corners are divided in three
+        about that, and mixed.
+        """
+        is_mixed = self.are_mixed(triangles)
+        mixed, even = (triangles.at(np.flatnonzero(chosen)) for chosen in (is_mixed, ~is_mixed))
+        if self._view.phase_rad < LOW_SUN_RAD:
+            self.keep_lit(even)
+            return mixed
+        points, is_lit = self.points, self.are_lit(even)[0]
+        middle_m = sum(points.r_m.take(corner, axis=1) for corner in even.corner) / 3.0
+        is_other = self._told(middle_m, even.facet, points.is_seen.take(even.corner).all(axis=0))[1] != is_lit
+        self.keep_lit(even.at(np.flatnonzero(~is_other)))
+        other, is_lit = even.at(np.flatnonzero(is_other)), ~is_lit[is_other]
+        # Whether dark ones are seen is not known.
+        middle = points.add(middle_m[:, is_other], is_lit, is_lit)
+        a, b, c = other.corner
+        return FacetParts.joined([mixed, *(FacetParts(np.stack(three), other.facet, other.area_px / 3.0)
+                                           for three in ([a, b, middle], [b, c, middle], [c, a, middle]))])
+
+    def quarters(self, triangles: FacetParts) -> FacetParts:
+        """Each divided in four between the middles of its sides."""
+        points, corner = self.points, triangles.corner
+        ends, first, side = facet_loops.distinct_pairs(corner.ravel(), corner[[1, 2, 0]].ravel())
+        r_m = 0.5 * (points.r_m.take(ends[0], axis=1) + points.r_m.take(ends[1], axis=1))
+        made = points.add(r_m, *self._told(r_m, triangles.facet.take(first % max(len(triangles.facet), 1))))
+        # Corners 0, 1, 2; between them 3, 4, 5.
+        corner = np.concatenate([corner, made.take(side).reshape(3, -1)])
+        return FacetParts.joined([FacetParts(corner[three], triangles.facet, 0.25 * triangles.area_px)
+                                  for three in ([0, 3, 5], [3, 1, 4], [5, 4, 2], [4, 5, 3])])
+
+    def cut_off(self, triangles: FacetParts, n_bisections: int) -> None:
+        """Cut triangles between the corner that differs and the two others.
+
+        What is cut off ends straight, and is as large as what an edge of light that bends leaves there.
+        """
+        points = self.points
+        is_lit = self.are_lit(triangles)
+        is_one = is_lit.sum(axis=0) == 1
+        odd, every = np.argmax(is_lit == is_one, axis=0), np.arange(len(is_one))
+        corner, *others = (triangles.corner[(odd + j) % 3, every] for j in range(3))
+        is_known = points.is_seen.take(triangles.corner).all(axis=0)
+        begin_m = points.r_m.take(corner, axis=1)
+        sides_m = [points.r_m.take(other, axis=1) - begin_m for other in others]
+        # Ways from the odd corner through Gauss' two places of the side beyond: the share that is cut off is the mean
+        # of the squares of how far it reaches along them.
+        ways_m = np.concatenate([(1.0 - _GAUSS) * one + _GAUSS * other for one, other in (sides_m, sides_m[::-1])],
+                                axis=1)
+        reach = self._reach(*(np.tile(each, 2) for each in (begin_m, triangles.facet, is_known, is_one)), ways_m,
+                            n_bisections).reshape(2, -1)
+        share = np.minimum(np.where(is_one, *_BEYOND) * 0.5 * (reach[0] ** 2 + reach[1] ** 2), 1.0)
+        # A straight end as far from the corner as leaves that share, and as oblique as they are.
+        end = np.clip(np.sqrt(share) * (reach[0] / reach[1]) ** (0.5 / (1.0 - 2.0 * _GAUSS)), share, 1.0)
+        made = [points.add(begin_m + part * side_m, True, True)
+                for part, side_m in zip((end, share / end), sides_m, strict=True)]
+        for chosen, corners in ((np.flatnonzero(is_one), [corner, *made]),
+                                (np.flatnonzero(~is_one), [made[0], *others, made[1]])):
+            self.polygons.append((np.stack(corners).take(chosen, axis=1), triangles.facet.take(chosen)))
+
+    def _reach(self, begin_m: np.ndarray, facet: np.ndarray, is_seen: np.ndarray, is_lit: np.ndarray,
+               way_m: np.ndarray, n_bisections: int) -> np.ndarray:
+        """Parts (N,) of ways (3, N) [m] in facets up to which it is as at their begin: lit, or dark."""
+        part, step = np.full(len(facet), 0.5), 0.25
+        for _ in range(n_bisections):
+            _, found = self._told(begin_m + part * way_m, facet, is_seen)
+            part += np.where(found == is_lit, step, -step)
+            step *= 0.5
+        return part
+
+    def _told(self, r_body_m: np.ndarray, facet: np.ndarray, is_seen: np.ndarray | None = None
+              ) -> tuple[np.ndarray, np.ndarray]:
+        """Whether points (3, N) [m] of facets (N,) are seen, and in sunlight as well.
+
+        No ray is cast at a body that is convex by its own points, nor for points that are known to be seen (N,).
+        """
+        if self.is_free:
+            return np.ones((2, len(facet)), bool)
+        view, is_open = self._view, None
+        if self._facets.is_convex:
+            is_open = np.ones(len(facet), bool)
+        is_asked, number = np.ones(len(facet), bool) if is_seen is None else ~is_seen, self._facets.number.take(facet)
+        seen = self._rays.in_view(self._facets.solid, r_body_m, number, view, self._views, is_asked, is_open)
+        if is_seen is not None:
+            seen |= is_seen
+        return seen, self._rays.in_light(self._facets.solid, r_body_m, number, view, self._views, seen, is_open)

@@ -1,0 +1,86 @@
+"""Parts of facets, and the points between which they are: what is divided shares them, and what is known of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from glrender_camera import PinholeCamera, threads
+
+from ...view.view import BodyView
+from . import facet_loops
+
+# Points that a thread projects in a turn.
+_AT_ONCE = 1 << 15
+
+
+class Points:
+    """Points of a surface that grow in number; of each, whether it is seen, and in sunlight as well.
+
+    Parameters
+    ----------
+    r_m : (3, N) float64 [m]
+    is_seen, is_lit : (N,) bool
+    """
+
+    def __init__(self, r_m: np.ndarray, is_seen: np.ndarray, is_lit: np.ndarray):
+        self._n = len(is_seen)
+        self._r_m, self._is_seen, self._is_lit = r_m, is_seen, is_lit
+
+    @property
+    def r_m(self) -> np.ndarray:
+        """(3, N) float64 [m]."""
+        return self._r_m[:, :self._n]
+
+    @property
+    def is_seen(self) -> np.ndarray:
+        """(N,) bool."""
+        return self._is_seen[:self._n]
+
+    @property
+    def is_lit(self) -> np.ndarray:
+        """(N,) bool."""
+        return self._is_lit[:self._n]
+
+    def add(self, r_m: np.ndarray, is_seen: np.ndarray | bool, is_lit: np.ndarray | bool) -> np.ndarray:
+        """Add some (3, K); returns their numbers (K,)."""
+        begin, self._n = self._n, self._n + r_m.shape[1]
+        if self._n > len(self._is_seen):
+            room = 2 * self._n
+            for name in ("_r_m", "_is_seen", "_is_lit"):
+                had = getattr(self, name)
+                grown = np.empty((*had.shape[:-1], room), had.dtype)
+                grown[..., :begin] = had[..., :begin]
+                setattr(self, name, grown)
+        self.r_m[:, begin:], self.is_seen[begin:], self.is_lit[begin:] = r_m, is_seen, is_lit
+        return np.arange(begin, self._n)
+
+
+@dataclass(eq=False)
+class FacetParts:
+    """Triangles within facets: numbers of their corners among points (3, N), facet (N,), area_px (N,)."""
+
+    corner: np.ndarray
+    facet: np.ndarray
+    area_px: np.ndarray
+
+    def at(self, chosen: np.ndarray) -> FacetParts:
+        """Those of given numbers (M,)."""
+        return FacetParts(*(getattr(self, field.name).take(chosen, axis=-1) for field in fields(self)))
+
+    @classmethod
+    def joined(cls, several: list[FacetParts]) -> FacetParts:
+        """All of them, one after the other."""
+        return cls(*(np.concatenate([getattr(one, field.name) for one in several], axis=-1) for field in fields(cls)))
+
+
+def projected(r_body_m: np.ndarray, view: BodyView, camera: PinholeCamera) -> np.ndarray:
+    """Places (2, N) [px] of points (3, N) [m] in the image."""
+    found, middle_px = np.empty((2, r_body_m.shape[1])), np.array(camera.principal_point_px, float)
+
+    def project(part: slice) -> None:
+        facet_loops.project(r_body_m, part.start, part.stop, view.camera_from_body, view.r_camera_body_m,
+                            camera.focal_length_px, middle_px, found)
+
+    threads.run_in_parts(project, r_body_m.shape[1], _AT_ONCE)
+    return found

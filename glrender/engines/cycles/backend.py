@@ -1,0 +1,227 @@
+"""The Cycles backend: a scene for Blender's process, samples until the error is known, pixels to irradiance."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+from functools import partial
+from typing import Any
+
+import numpy as np
+from glrender_camera import PinholeCamera
+from glrender_camera.validate import integer, positive
+
+from ...base.own_process import OwnProcess
+from ...brdf import Lambert
+from ...scene.scene import Scene, checked_max_error
+from ...view.regions import touching
+from ...view.state import State
+from ...view.view import BodyView, view_bodies
+from ..image import Image, checked_products
+from ..rays.emission import Emitted
+from ..rays.engine import RayEngine
+from ..rays.products import full_shape_plan, traced_products, visible_region
+from .blender_terms import BlenderTerms, warnings_of
+from .displaced_mesh import displaced
+from .lens import Lens
+from .process import BlenderProcess
+from .rounds import MAX_SAMPLES, Rounds
+
+MAX_BOUNCES = 64
+
+
+class Cycles:
+    """Draws a scene's states with Blender's Cycles, on the CPU; the interface is `Renderer`'s.
+
+    The Sun is a disc of its angular size, and with bounces facets light each other. Lambert's law is
+    exact; of other laws what the Sun lights is exact, what other facets light is not: `osl.py`.
+
+    Parameters
+    ----------
+    scene : Scene
+    bounces : int, 0..64
+        Between facets, at most; 0 is direct sunlight alone.
+    deadline_s : float [s]
+        Blender is killed if it takes longer for one draw.
+    n_threads : int
+        0 for all cores.
+
+    Raises
+    ------
+    DeviceError
+        There is no Blender, or it does not start; the message says what to install.
+    """
+
+    def __init__(self, scene: Scene, *, bounces: int = 4, deadline_s: float = 600.0, n_threads: int = 0):
+        self._own, self.scene = OwnProcess(), scene
+        self._bounces = integer("bounces", bounces, 0, MAX_BOUNCES)
+        self._deadline_s = positive("deadline_s", deadline_s)
+        self._n_threads = integer("n_threads", n_threads, 0, 1024)
+        self._hulls = scene.hulls
+        self._terms = BlenderTerms(scene)
+        self._is_lambert = all(type(body.brdf) is Lambert for body in scene.bodies)
+        self._blender: BlenderProcess | None = None
+        self._rays: RayEngine | None = None
+        self._emitted = Emitted(scene, self._ray_engine)
+        self._start()
+
+    def __enter__(self) -> Cycles:
+        return self
+
+    def __exit__(self, *exception) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End Blender's process; in a forked child it does nothing."""
+        if not self._own.is_here:
+            return
+        if self._blender is not None:
+            self._blender.close()
+            self._blender = None
+        if self._rays is not None:
+            self._rays.close()
+            self._rays = None
+
+    @property
+    def info(self) -> dict[str, Any]:
+        """Which engine draws."""
+        version = "" if self._blender is None else self._blender.version
+        return {"backend": "cycles", "gl_renderer": f"Cycles (Blender {version})", "gl_version": ""}
+
+    def render(self, state: State, camera: str | PinholeCamera | None = None, *, max_error: float | None = None,
+               products: Iterable[str] = ("irradiance",), samples: int | None = None, seed: int = 0,
+               bounces: int | None = None, on_progress: Callable[[float], None] | None = None) -> Image:
+        """Draw one frame until the standard error of its pixels is below the budget.
+
+        Parameters
+        ----------
+        state, camera, products
+            As `Renderer.render`; products are those of the pixel's centre, and need embreex.
+        max_error : float [1], optional
+            Root mean square standard error over the mean of the lit pixels.
+        samples : int, optional
+            samples x samples paths a pixel, whatever their error.
+        seed : int
+            Equal seeds give equal images.
+        bounces : int, 0..64, optional
+            Instead of the renderer's.
+        on_progress : callable, optional
+            Called with the share done, 0..1; a guess while rounds are still to come. If it raises, the
+            frame is given up.
+
+        Returns
+        -------
+        Image
+            `plan.predicted_error` is the standard error reached, from two independent halves.
+
+        Raises
+        ------
+        DeviceError
+            Blender failed, died or overran the deadline; the next frame starts another.
+        """
+        self._own.check()
+        began = time.perf_counter()
+        pinhole = self.scene.drawn_camera(camera)
+        wanted = checked_products(products)
+        budget = self.scene.max_error if max_error is None else checked_max_error(max_error)
+        samples = None if samples is None else integer("samples", samples, 1, 128)
+        seed = integer("seed", seed, 0, 2**20)
+        bounces = self._bounces if bounces is None else integer("bounces", bounces, 0, MAX_BOUNCES)
+        views = view_bodies(state, pinhole, self._hulls)
+        roi = visible_region(views, pinhole)
+        irradiance = np.zeros((pinhole.height_px, pinhole.width_px), np.float32)
+        reached, most, warnings = 0.0, 0, ()
+        groups = touching(views, pinhole)
+        for index, members in enumerate(groups):
+            main = max(members, key=lambda view: min(view.size_px, 1e9))
+            lens = Lens.of(members, pinhole)
+            asked = self._terms.view(main, members, views, lens)
+            solar = self.scene.solar_irradiance_of(pinhole) / main.sun_distance_au**2
+            self._shape_ground(members, pinhole)
+            draw = partial(self._pixels, asked, lens, solar, bounces)
+            rounds = Rounds(draw, seed, _part_of(on_progress, index, len(groups)))
+            error = rounds.fixed(samples**2) if samples is not None else rounds.until(budget)
+            most = max(most, rounds.n_samples)
+            x0, y0, x1, y1 = lens.roi
+            irradiance[y0:y1, x0:x1] = rounds.mean
+            reached = max(reached, error)
+            warnings += tuple(told for told in warnings_of(main, views, lens, asked) if told not in warnings)
+        if samples is None and reached > budget:
+            warnings += (f"the budget of {budget:g} is not met: {reached:.2g} with {most} samples, and out of reach "
+                         f"with {MAX_SAMPLES}",)
+        arrays = {}
+        if wanted:
+            arrays = traced_products(self._ray_engine(), wanted, pinhole, views, roi)
+        left_out = ("light between facets",) if bounces == 0 else ()
+        frame_plan = full_shape_plan(self.scene, pinhole, views, max_error=budget, predicted_error=reached, roi=roi,
+                                     warnings=warnings, left_out=left_out)
+        frame_plan = self._emitted.add(irradiance, state, pinhole, views, frame_plan)
+        return Image(irradiance_W_m2=irradiance, products=arrays, plan=frame_plan,
+                     request=(self.scene, state, pinhole), timings_ms={"trace": 1e3 * (time.perf_counter() - began)})
+
+    def _ray_engine(self) -> RayEngine:
+        if self._rays is None:
+            self._rays = RayEngine(self.scene)
+        return self._rays
+
+    def _start(self) -> None:
+        self._blender = BlenderProcess()
+        self._displaced: set[int] = set()
+        told, arrays = self._terms.bodies()
+        self._ask({"op": "load", "bodies": told, "threads": self._n_threads}, arrays)
+
+    def _shape_ground(self, members: list[BodyView], camera: PinholeCamera) -> None:
+        """Give Blender the ground that the camera resolves of bodies with detail."""
+        for index, body in enumerate(self.scene.bodies):
+            view = next((view for view in members if view.name == body.name), None)
+            if body.relief is None or view is None:
+                continue
+            made = displaced(body, view, camera)
+            if made is not body or index in self._displaced:
+                if self._blender is None:
+                    self._start()
+                self._ask({"op": "shape", "index": index}, self._terms.arrays(made))
+                self._displaced.add(index)
+
+    def _ask(self, head: dict[str, Any], arrays: dict[str, np.ndarray] | None = None,
+             on_progress: Callable[[float], None] | None = None) -> dict[str, np.ndarray]:
+        try:
+            return self._blender.ask(head, arrays, deadline_s=self._deadline_s, on_progress=on_progress)
+        except BaseException:
+            # Of a request that was given up, by an error or by the caller, no answer may come later.
+            self._blender.close()
+            self._blender = None
+            raise
+
+    def _pixels(self, asked: dict[str, Any], lens: Lens, solar: float, bounces: int, n_samples: int, seed: int,
+                on_progress: Callable[[float], None]) -> np.ndarray:
+        """Irradiance (rows, columns) [W/m2 per pixel] of a lens's pixels, for a Sun of `solar` W/m2."""
+        radiance = self._draw(asked, n_samples, seed, bounces, on_progress)
+        return lens.pixels(radiance * lens.solid_angles_sr()) * solar
+
+    def _draw(self, asked: dict[str, Any], n_samples: int, seed: int, bounces: int,
+              on_progress: Callable[[float], None]) -> np.ndarray:
+        """Mean radiance (rows, columns) of the region [1/sr], for a Sun of 1 W/m2."""
+        if self._blender is None:
+            self._start()
+
+        n_parts = 1 if self._is_lambert or bounces == 0 else 3
+
+        def draw(n_bounces: int, is_indirect: bool, part: int) -> np.ndarray:
+            head = {"op": "draw", **asked, "samples": n_samples, "seed": seed, "bounces": n_bounces,
+                    "is_indirect": is_indirect}
+            drawn = self._ask(head, on_progress=lambda share: on_progress((part + share) / n_parts))["pixels"]
+            # Not every Blender tells its samples as it goes.
+            on_progress((part + 1) / n_parts)
+            return drawn
+
+        if n_parts == 1:
+            return draw(bounces, False, 0).astype(np.float64)
+        # The same paths twice: their difference is what came from other facets.
+        between = draw(bounces, True, 0).astype(np.float64) - draw(0, True, 1)
+        return draw(0, False, 2) + between
+
+
+def _part_of(on_progress: Callable[[float], None] | None, index: int, count: int) -> Callable[[float], None]:
+    """What one of several equal parts reports of the whole."""
+    return lambda share: None if on_progress is None else on_progress((index + share) / count)

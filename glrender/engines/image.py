@@ -1,0 +1,83 @@
+"""What a renderer gives back, whichever backend drew it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from glrender_camera import PinholeCamera
+
+from ..base.errors import ConfigError
+from ..planner.plan import RenderPlan
+from ..scene.scene import Scene
+from ..view.state import State
+from .advice import Advice, image_advice
+from .small_bodies import SmallBody
+
+PRODUCTS = ("irradiance", "range", "body_id", "facet_id", "incidence", "emission", "phase", "r_body", "sunlit")
+"""What `Renderer.render` can return."""
+
+_BYTES = {"range": 8, "body_id": 4, "facet_id": 4, "incidence": 4, "emission": 4, "phase": 4, "r_body": 12, "sunlit": 4}
+# What products are made from: three layers of four float32.
+_LAYER_BYTES = 48
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Image:
+    """A rendered frame.
+
+    Attributes
+    ----------
+    irradiance_W_m2 : (height, width) float32 [W/m2]
+        Irradiance that arrives at the aperture from the solid angle of each pixel.
+    products : dict of str to array
+        Those asked for, at each pixel's centre: ``range`` float64 [m] (NaN beside the bodies),
+        ``body_id`` int32 (index into the scene's bodies, -1 beside), ``facet_id`` int32 (-1 beside),
+        ``incidence``, ``emission``, ``phase`` float32 [rad] (NaN beside), ``r_body`` (height, width, 3)
+        float32 [m] (NaN beside), ``sunlit`` float32 (0 in a cast shadow or facing away, 1 in sunlight).
+    plan : RenderPlan
+    timings_ms : dict of str to float
+    small_bodies : tuple of SmallBody
+        Bodies of a few pixels or less: flux and centre of brightness, where OpenGL drew them alone.
+    request : (Scene, State, PinholeCamera), optional
+        What it is the image of.
+    """
+
+    irradiance_W_m2: np.ndarray
+    products: dict[str, np.ndarray]
+    plan: RenderPlan
+    timings_ms: dict[str, float]
+    small_bodies: tuple[SmallBody, ...] = ()
+    request: tuple[Scene, State, PinholeCamera] | None = None
+
+    @property
+    def roi(self) -> tuple[int, int, int, int]:
+        """Region [px] outside which the irradiance is zero: x0, y0, x1, y1, one past the last."""
+        return self.plan.roi
+
+    @cached_property
+    def warnings(self) -> tuple[Advice, ...]:
+        """What is odd in it: no body in view, nothing lit, distances of another unit; the plan's warnings."""
+        if self.request is None:
+            return ()
+        has_points = any(body.is_apart and body.irradiance_W_m2 > 0.0 for body in self.small_bodies)
+        return image_advice(*self.request, self.plan, self.irradiance_W_m2, self.roi, has_points=has_points)
+
+
+def checked_products(products: Iterable[str]) -> tuple[str, ...]:
+    """The products asked for besides the irradiance, in the order of `PRODUCTS`."""
+    if not isinstance(products, Iterable):
+        raise ConfigError("products", "must be names of products", products)
+    products = (products,) if isinstance(products, str) else tuple(products)
+    for index, name in enumerate(products):
+        if name not in PRODUCTS:
+            raise ConfigError(f"products[{index}]", f"must be one of {', '.join(PRODUCTS)}", name)
+    return tuple(name for name in PRODUCTS if name in products and name != "irradiance")
+
+
+def peak_bytes(n_pixels: int, products: Iterable[str]) -> int:
+    """Memory [byte] that a frame takes at its largest: irradiance and products, their copies to send, layers."""
+    each = [_BYTES[name] for name in checked_products(products)]
+    return n_pixels * (2 * (4 + sum(each)) + (_LAYER_BYTES if each else 0))

@@ -1,0 +1,211 @@
+"""The irradiance of one region of an image: the engines are tried in order until one meets the tolerance."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from ..base.stopwatch import Clock
+from ..planner import error_model
+from ..planner.adaptive_samples import frame_error, pixel_errors, pixel_means, plan_refinement
+from ..planner.engine_choice import MAX_RAYS_ACROSS, apart_size_px
+from ..planner.plan import WindowPlan
+from ..view.regions import outline_px
+from .coverage.engine import CoverageEngine
+from .raster.gl.context import Context
+from .raster.gl.mesh import IRRADIANCE_STAGE
+from .raster.gl.targets import Target
+from .raster.surface_pass import Frame, SurfacePass
+from .rays.engine import RayEngine, draws
+from .small_bodies import SmallBody, add_by_area
+
+# Samples drawn at once: 16 Mi samples of float32 and depth are 128 MiB.
+_MAX_WINDOW_SAMPLES = 4096 * 4096
+# Of the tolerance [1], what samples are asked for at least, however much the texels of a shadow map have of it.
+_LEAST_LEFT = 0.3
+
+
+class IrradiancePass:
+    """Draws regions.
+
+    Parameters
+    ----------
+    context : Context
+    surfaces : SurfacePass
+    rays : RayEngine or None
+    coverage : CoverageEngine or None
+        With rays.
+    """
+
+    def __init__(self, context: Context, surfaces: SurfacePass, rays: RayEngine | None,
+                 coverage: CoverageEngine | None):
+        self._context, self._surfaces, self._rays, self._coverage = context, surfaces, rays, coverage
+        self._target = Target(context, [1])
+
+    def __enter__(self) -> IrradiancePass:
+        return self
+
+    def __exit__(self, *exception) -> None:
+        self._target.__exit__(*exception)
+
+    def draw(self, irradiance: np.ndarray, options: Sequence[WindowPlan], frame: Frame, error_gain: float, clock: Clock,
+             small: list[SmallBody], apart_px: float, deadline: float = math.inf) -> WindowPlan:
+        """Add a region to an image; its plan with the error that was estimated.
+
+        Parameters
+        ----------
+        irradiance : (height, width) float32 [W/m2]
+            Changed in place.
+        options : sequence of WindowPlan
+            Ways to draw it, at least one: the first that meets the tolerance does, or the one that comes nearest.
+        frame : Frame
+        error_gain : float [1]
+            What the camera's PSF leaves of an error that is independent from pixel to pixel.
+        clock : Clock
+        small : list of SmallBody
+            Gets the body that has a grid of its own.
+        apart_px : float [px]
+            A body of a smaller `apart_size_px` is told there alone, and not added to the image.
+        deadline : float [s]
+            Of `time.monotonic`: nothing is begun after it, once there is an image.
+        """
+        best = None
+        for option in options:
+            mean, window = self._draw_option(option, frame, error_gain, clock, deadline)
+            if best is None or window.predicted_error < best[1].predicted_error:
+                best = mean, window
+            is_over = time.monotonic() > deadline and math.isfinite(best[1].predicted_error)
+            if window.predicted_error <= error_gain * window.tolerance or is_over:
+                break
+        mean, window = best
+        if window.samples:
+            x0, y0, x1, y1 = window.roi
+            irradiance[y0:y1, x0:x1] = mean
+        else:
+            small.append(self._add_small(irradiance, mean, window, frame, apart_px))
+        clock.lap("readback")
+        return window
+
+    def _draw_option(self, window: WindowPlan, frame: Frame, error_gain: float, clock: Clock, deadline: float
+                     ) -> tuple[np.ndarray, WindowPlan]:
+        """The region's pixels, or a small body's own cells, and its plan."""
+        if window.engine == "coverage":
+            return self._draw_coverage(window, frame, error_gain, clock)
+        if window.samples:
+            return self._draw_sampled(window, frame, error_gain, clock, deadline)
+        return self._samples(window, frame, clock, window.bounds_px, window.grid), window
+
+    def _add_small(self, irradiance: np.ndarray, samples: np.ndarray, window: WindowPlan, frame: Frame,
+                   apart_px: float) -> SmallBody:
+        """A body of the samples of its own grid; in the image as well if it is not kept apart."""
+        members = [view for view in frame.views if view.name in window.bodies]
+        body = SmallBody.from_grid(window.bodies, samples, window.bounds_px, size_px=outline_px(members),
+                                   is_apart=apart_size_px(members) < apart_px)
+        if not body.is_apart:
+            add_by_area(irradiance, samples, window.bounds_px)
+        return body
+
+    def _draw_coverage(self, window: WindowPlan, frame: Frame, error_gain: float, clock: Clock
+                       ) -> tuple[np.ndarray, WindowPlan]:
+        """Means of the region's cells and its plan, whose error is infinite where nothing could be drawn."""
+        left = math.sqrt(max(window.tolerance**2 - window.modelling_error**2, 0.0))
+        draw = self._coverage.draw_by_centroids if window.by_centroids else self._coverage.draw
+        means, error = draw(window.bodies, frame.camera, list(frame.views), window.bounds_px, window.grid, left)
+        clock.lap("surface")
+        predicted = error_gain * math.hypot(error, window.modelling_error)
+        return means.astype(np.float32), replace(window, predicted_error=predicted)
+
+    def _draw_sampled(self, window: WindowPlan, frame: Frame, error_gain: float, clock: Clock, deadline: float
+                      ) -> tuple[np.ndarray, WindowPlan]:
+        """The region's pixels and its plan: few samples everywhere, then more where their contrast is high."""
+        x0, y0, x1, y1 = window.roi
+        mean, error = (np.zeros((y1 - y0, x1 - x0), np.float32) for _ in range(2))
+        draw = partial(self._draw_tile, window, frame, clock)
+        members = [view for view in frame.views if view.name in window.bodies]
+        crease_rad, facets_per_px = window.noise
+        noise = error_model.noise_gain(crease_rad, facets_per_px / window.samples**2)
+        gain = noise * error_model.crescent_gain(max(view.phase_rad for view in members))
+        # Beside the bodies' outlines it is dark; beyond the frame, nobody knows.
+        sides = (y0 > 0, x0 > 0, y1 < frame.camera.height_px, x1 < frame.camera.width_px)
+        for tile in self._tiles(mean.shape, window.samples):
+            ends = (tile[0].start == 0, tile[1].start == 0, tile[0].stop == y1 - y0, tile[1].stop == x1 - x0)
+            dark = tuple(side and end for side, end in zip(sides, ends, strict=True))
+            mean[tile], error[tile] = pixel_errors(draw(tile, window.samples), window.samples, gain, dark)
+        now, power = frame_error(mean, error), error_model.noise_power(noise)
+        # Edges of shadows lie where the map's texels put them, however many samples see them.
+        floor = math.hypot(window.modelling_error,
+                           now * window.samples**(0.5 * power) * math.sqrt(window.shadow_share))
+        left = max(math.sqrt(max(window.tolerance**2 - floor**2, 0.0)), _LEAST_LEFT * window.tolerance)
+        most = MAX_RAYS_ACROSS / max(view.size_px for view in members) if window.engine == "rays" else 0.0
+        refinement = None
+        if math.isfinite(left) and time.monotonic() < deadline:
+            refinement = plan_refinement(mean, error, window.samples, left, power, most)
+        clock.lap("refine")
+        if refinement is None:
+            return mean, replace(window, predicted_error=error_gain * math.hypot(now, floor))
+        for tile in self._tiles(mean.shape, refinement.samples):
+            mask = refinement.mask[tile]
+            if mask.any():
+                pixels = pixel_means(draw(tile, refinement.samples, mask), refinement.samples)
+                np.copyto(mean[tile], pixels, where=mask.astype(bool))
+                clock.lap("readback")
+        return mean, replace(window, predicted_error=error_gain * math.hypot(refinement.predicted_error, floor),
+                             refined_samples=refinement.samples, refined_share=refinement.share)
+
+    def _tiles(self, shape: tuple[int, int], samples: int) -> Iterator[tuple[slice, slice]]:
+        """Parts of a window that fit a framebuffer, as rows and columns of pixels."""
+        limit = self._context.info["max_texture_px"]
+        columns = max(min(shape[1], limit // samples), 1)
+        rows = max(min(shape[0], limit // samples, _MAX_WINDOW_SAMPLES // (columns * samples**2)), 1)
+        for top in range(0, shape[0], rows):
+            for left in range(0, shape[1], columns):
+                yield (slice(top, min(top + rows, shape[0])), slice(left, min(left + columns, shape[1])))
+
+    def _draw_tile(self, window: WindowPlan, frame: Frame, clock: Clock, tile: tuple[slice, slice], samples: int,
+                   mask: np.ndarray | None = None) -> np.ndarray:
+        """Samples of a part of a window; zero beside the mask."""
+        rows, columns = tile
+        left, top = window.roi[0] + columns.start, window.roi[1] + rows.start
+        width, height = columns.stop - columns.start, rows.stop - rows.start
+        bounds_px = (left - 0.5, top - 0.5, left + width - 0.5, top + height - 0.5)
+        return self._samples(window, frame, clock, bounds_px, (width * samples, height * samples), mask)
+
+    def _samples(self, window: WindowPlan, frame: Frame, clock: Clock, bounds_px: tuple[float, float, float, float],
+                 grid: tuple[int, int], mask: np.ndarray | None = None) -> np.ndarray:
+        """Samples (rows, columns) float32 of a grid, by the window's engine; zero beside the mask."""
+        if window.engine == "rays":
+            samples = self._cast(window, frame, bounds_px, grid, mask)
+            clock.lap("surface")
+            return samples
+        self._surfaces.draw(frame, self._target, IRRADIANCE_STAGE, bounds_px, grid, window.bodies, mask)
+        self._context.gl.finish()
+        clock.lap("surface")
+        samples = self._target.read()
+        clock.lap("readback")
+        return samples
+
+    def _cast(self, window: WindowPlan, frame: Frame, bounds_px: tuple[float, float, float, float],
+              grid: tuple[int, int], mask: np.ndarray | None) -> np.ndarray:
+        """Samples (rows, columns) float32 of a grid by rays; zero beside the mask."""
+        (columns, rows), (x0, y0, x1, y1) = grid, bounds_px
+        x = x0 + (np.arange(columns) + 0.5) * (x1 - x0) / columns
+        y = y0 + (np.arange(rows) + 0.5) * (y1 - y0) / rows
+        # Others may still cast shadows here.
+        seen = [replace(view, is_visible=view.is_visible and view.name in window.bodies) for view in frame.views]
+        # Each pixel has the Sun's disc to itself; a grid of a body's own has it once.
+        across = round(columns / (x1 - x0)) if window.samples else columns
+        if mask is None:
+            return self._rays.lattice(x, y, frame.camera, seen, across).astype(np.float32)
+        samples = np.zeros((rows, columns), np.float32)
+        count = columns // mask.shape[1]
+        top, left = (count * axis[:, None, None] for axis in np.nonzero(mask))
+        within = np.arange(count)
+        row, column = (axis.ravel() for axis in np.broadcast_arrays(top + within[:, None], left + within))
+        samples[row, column] = self._rays.irradiance(np.stack([x.take(column), y.take(row)]).T, frame.camera, seen,
+                                                     draws(row, column, across))
+        return samples

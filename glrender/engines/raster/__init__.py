@@ -1,0 +1,1 @@
+"""OpenGL: meshes, shadow maps, surfaces and products."""

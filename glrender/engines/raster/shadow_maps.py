@@ -1,0 +1,151 @@
+"""Shadow maps of a scene: which bodies cast on which, what a map covers, and when an old one still serves."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Container, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from glrender_camera import PinholeCamera
+
+from ...base import rotations as frames
+from ...planner.plan import BodyPlan
+from ...scene.shape.convex_hull import Hull
+from ...view.occluders import casters
+from ...view.view import BodyView, chunks_in_window
+from .gl.context import Context
+from .gl.mesh import Mesh
+from .gl.targets import ShadowMap, rounded_room
+
+_MAPS_KEPT = 8
+# Texels beside what must be covered: a lookup at its edge still meets the map.
+_MARGIN_TEXELS = 2
+# The largest bias of surface.glsl is 20.2 texels.
+_DEPTH_MARGIN_TEXELS = 21.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Shadow:
+    """What a body's surface needs to look its shadows up.
+
+    Attributes
+    ----------
+    shadow_map : ShadowMap or None
+    shadow_from_body : (4, 4) float64
+        Texture coordinates and depth, 0 to 1.
+    bias_per_texel : float [1]
+        Depth of a texel's side.
+    """
+
+    shadow_map: ShadowMap | None
+    shadow_from_body: np.ndarray
+    bias_per_texel: float
+
+
+NO_SHADOW = Shadow(shadow_map=None, shadow_from_body=np.eye(4), bias_per_texel=0.0)
+
+
+class Shadows:
+    """Draws and keeps shadow maps.
+
+    Parameters
+    ----------
+    context : Context
+    hulls : mapping
+        Body name to its `Hull`.
+    meshes : mapping
+        Body name to its mesh.
+    """
+
+    def __init__(self, context: Context, hulls: Mapping[str, Hull], meshes: Mapping[str, Mesh]):
+        self._context, self._hulls, self._meshes = context, hulls, meshes
+        self._maps: OrderedDict[tuple, ShadowMap] = OrderedDict()
+        # Of the frame that is drawn.
+        self._needed: set[tuple] = set()
+
+    def close(self) -> None:
+        """Draw every shadow map anew when next it is needed; no image changes."""
+        for shadow_map in self._maps.values():
+            shadow_map.close()
+        self._maps.clear()
+
+    def begin_frame(self) -> None:
+        """From here on no map of the frame before is needed any more."""
+        self._needed.clear()
+
+    def seen_share(self, view: BodyView, camera: PinholeCamera) -> float:
+        """Largest side of what is seen over that of the body, as the Sun sees both: what a map must cover."""
+        if view.is_whole:
+            return 1.0
+        low, high, seen = self._bounds(view, frames.sun_from_body(view.sun_direction_body), camera)
+        return min(float(np.max((seen[1] - seen[0])[:2] / (high - low)[:2])), 1.0)
+
+    def _bounds(self, view: BodyView, sun_from_body: np.ndarray, camera: PinholeCamera
+                ) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray] | None]:
+        """Least and largest coordinates (3,) [m] of a body in frame `sun`, and of what is seen of it in sunlight."""
+        points = sun_from_body @ self._hulls[view.name].points_m
+        chunks, seen = self._meshes[view.name].chunks, None
+        if not view.is_whole:
+            lit = (chunks_in_window(chunks, view, camera, camera.bounds_px)
+                   & chunks.facing_point(view.r_camera_body_m) & chunks.facing_direction(sun_from_body[2]))
+            # Where nothing is lit, no shadow is looked up.
+            seen = chunks.bounds_m(lit, sun_from_body) if lit.any() else (points[:, 0], points[:, 0])
+        return points.min(axis=1), points.max(axis=1), seen
+
+    def draw(self, views: Sequence[BodyView], bodies: Sequence[BodyPlan],
+             camera: PinholeCamera, names: Container[str] | None = None, *, is_whole: bool = False
+             ) -> tuple[dict[str, Shadow], list[BodyPlan]]:
+        """Shadows of the bodies that need a map, or of those `names` alone; and the plans with what was done.
+
+        A map covers what the image shows of its body, or all of it where `is_whole`. Other cameras of the same epoch
+        share it; it stays until the next frame begins.
+        """
+        shadows, done = {}, []
+        for view, body_plan in zip(views, bodies, strict=True):
+            texels = body_plan.shadow_map_px
+            if texels is None or (names is not None and view.name not in names):
+                done.append(body_plan)
+                continue
+            sun_from_body = frames.sun_from_body(view.sun_direction_body)
+            low_m, high_m, seen = self._bounds(view, sun_from_body, camera)
+            texel_m = (high_m - low_m)[:2] / texels
+            if seen is not None and not is_whole:
+                low_m[:2], high_m[:2] = np.maximum(low_m, seen[0])[:2], np.minimum(high_m, seen[1])[:2]
+            size_px = tuple(int(side) for side in np.ceil((high_m - low_m)[:2] / texel_m) + 2 * _MARGIN_TEXELS)
+            centre, half = 0.5 * (low_m + high_m), 0.5 * (high_m - low_m)
+            half[:2] = 0.5 * np.array(size_px) * texel_m
+            # However large the bias, a surface stays behind what casts from the near plane.
+            half[2] += _DEPTH_MARGIN_TEXELS * texel_m.max()
+            offset = frames.transform(np.eye(3), -centre) @ frames.transform(sun_from_body, np.zeros(3))
+            clip = frames.clip_from_sun(half[0], half[1], -half[2], half[2]) @ offset
+            cast = [(view.name, np.eye(4)), *casters(view, views, self._hulls)]
+            key = (view.name, size_px, clip.tobytes(),
+                   *((name, matrix.tobytes()) for name, matrix in cast))
+            is_kept = key in self._maps
+            self._needed.add(key)
+            if is_kept:
+                self._maps.move_to_end(key)
+            else:
+                shadow_map = self._map_to_fill(size_px)
+                shadow_map.draw([(self._meshes[name], clip @ matrix) for name, matrix in cast],
+                                size_px)
+                self._maps[key] = shadow_map
+            shadow_map = self._maps[key]
+            shadows[view.name] = Shadow(
+                shadow_map=shadow_map, shadow_from_body=shadow_map.texture_from_clip(size_px) @ clip,
+                bias_per_texel=texel_m.max() / (2.0 * half[2]))
+            done.append(replace(body_plan, shadow_map_reused=is_kept, shadow_map_drawn_px=size_px))
+        return shadows, done
+
+    def _map_to_fill(self, size_px: tuple[int, int]) -> ShadowMap:
+        """The map with room that nobody needed for longest, or a new one; never one that this frame needs."""
+        idle = [key for key in self._maps if key not in self._needed]
+        if len(self._maps) < _MAPS_KEPT or not idle:
+            return ShadowMap(self._context, size_px)
+        for key in idle:
+            # Not one with more room: its texels' coordinates round otherwise, and the bytes would tell who came before.
+            if self._maps[key].room_px == rounded_room(size_px):
+                return self._maps.pop(key)
+        self._maps.pop(idle[0]).close()
+        return ShadowMap(self._context, size_px)

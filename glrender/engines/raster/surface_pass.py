@@ -1,0 +1,137 @@
+"""Triangles: draws the bodies of a part of an image into a target, with shadows, in slices of depth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from glrender_camera import PinholeCamera
+
+from ...base import rotations as frames
+from ...planner.plan import BodyPlan
+from ...scene.scene import Scene
+from ...view import regions as grouping
+from ...view.view import BodyView, chunks_in_window
+from . import cluster_bounds as chunk_boxes
+from .gl.context import Context
+from .gl.mesh import IRRADIANCE_STAGE, Mesh, SurfaceVariant
+from .gl.targets import PixelMask, Target
+from .shadow_maps import NO_SHADOW, Shadow
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Frame:
+    """What all passes of a frame share.
+
+    Attributes
+    ----------
+    camera : PinholeCamera
+    views : sequence of BodyView
+        In the scene's order.
+    bodies : sequence of BodyPlan
+        The same bodies.
+    shadows : mapping
+        Name to Shadow, of the bodies that have one.
+    """
+
+    camera: PinholeCamera
+    views: Sequence[BodyView]
+    bodies: Sequence[BodyPlan]
+    shadows: Mapping[str, Shadow]
+
+
+class SurfacePass:
+    """Draws surfaces.
+
+    Parameters
+    ----------
+    context : Context
+    scene : Scene
+    meshes : mapping
+        Body name to its mesh.
+    """
+
+    def __init__(self, context: Context, scene: Scene, meshes: Mapping[str, Mesh]):
+        self._scene, self._meshes = scene, meshes
+        self._ids = {body.name: index for index, body in enumerate(scene.bodies)}
+        self._reliefs = {body.name: body.relief for body in scene.bodies}
+        self._mask = PixelMask(context)
+
+    def __enter__(self) -> SurfacePass:
+        return self
+
+    def __exit__(self, *exception) -> None:
+        self._mask.__exit__(*exception)
+
+    def draw(self, frame: Frame, target: Target, stage: str, bounds_px: tuple[float, float, float, float],
+             grid: tuple[int, int], names: Sequence[str], mask: np.ndarray | None = None) -> None:
+        """Draw bodies.
+
+        Parameters
+        ----------
+        frame : Frame
+        target : Target
+        stage : str
+            The fragment shader.
+        bounds_px : (float, float, float, float) [px]
+            What of the image the target is: x0, y0, x1, y1.
+        grid : (int, int)
+            Samples across and down.
+        names : sequence of str
+            The bodies.
+        mask : (rows, columns) uint8, optional
+            Pixels that are drawn, of a whole number of samples each.
+        """
+        plans = {body.name: body for body in frame.bodies}
+        camera = frame.camera
+        target.begin(*grid, depth=1.0 if mask is None else 0.0)
+        if mask is not None:
+            self._mask.open(mask, grid[0] // mask.shape[1])
+        members = [view for view in frame.views if view.name in names]
+        groups = grouping.depth_groups(members)
+        for index, (near, far, group) in enumerate(groups):
+            clip_from_camera = frames.clip_from_camera(
+                camera.focal_length_px, camera.principal_point_px, bounds_px, near * (1.0 - 1e-6), far * (1.0 + 1e-6))
+            # Each group has its slice of the depth buffer: what is nearer covers what is farther.
+            clip_from_camera = frames.depth_slice(index, len(groups)) @ clip_from_camera
+            for view in group:
+                self._draw_body(stage, view, plans[view.name], clip_from_camera, camera,
+                                frame.shadows.get(view.name, NO_SHADOW),
+                                self._chosen(view, camera, bounds_px, mask))
+
+    def _chosen(self, view: BodyView, camera: PinholeCamera, bounds_px: tuple[float, float, float, float],
+                mask: np.ndarray | None) -> np.ndarray:
+        """Chunks (C,) bool of a body that may show in the window, on the mask if there is one."""
+        chunks = self._meshes[view.name].chunks
+        seen = chunks_in_window(chunks, view, camera, bounds_px) & chunks.facing_point(view.r_camera_body_m)
+        if mask is not None:
+            seen &= chunk_boxes.on_mask(chunks.boxes_px(
+                view.camera_from_body, view.r_camera_body_m, camera.focal_length_px, camera.principal_point_px),
+                mask, bounds_px)
+        return seen
+
+    def _draw_body(self, stage: str, view: BodyView, body_plan: BodyPlan, clip_from_camera: np.ndarray,
+                   camera: PinholeCamera, shadow: Shadow, chosen: np.ndarray) -> None:
+        r_camera = view.r_camera_body_m
+        offset = np.zeros(3) if body_plan.relative_to_camera else -r_camera
+        clip_from_surface = clip_from_camera @ frames.transform(
+            view.camera_from_body, view.camera_from_body @ offset)
+        solar_irradiance = self._scene.solar_irradiance_of(camera) / view.sun_distance_au**2
+        relief = None
+        if body_plan.detail_m is not None and stage == IRRADIANCE_STAGE:
+            footprint_m = view.depth_m[0] / camera.focal_length_px
+            relief = {**self._reliefs[view.name].uniforms(r_camera + offset, footprint_m),
+                      "footprint_per_m": 1.0 / camera.focal_length_px}
+        high = r_camera.astype(np.float32)
+        self._meshes[view.name].draw_surface(
+            stage,
+            SurfaceVariant(relative_to_camera=body_plan.relative_to_camera, normal_lookup=body_plan.normal_lookup,
+                           shadows=shadow.shadow_map is not None, relief=relief is not None),
+            {"clip_from_surface": clip_from_surface, "shadow_from_body": shadow.shadow_from_body,
+             "r_camera_body": high, "r_camera_body_low": r_camera - high,
+             "sun_direction_body": view.sun_direction_body, "boresight_body": view.camera_from_body[2],
+             "irradiance_scale": solar_irradiance / camera.focal_length_px**2,
+             "shadow_bias_per_texel": shadow.bias_per_texel,
+             "body_id": self._ids[view.name]},
+            shadow.shadow_map and shadow.shadow_map.texture, chosen, relief)

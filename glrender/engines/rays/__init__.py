@@ -1,0 +1,1 @@
+"""Rays by Embree: visibility, laser ranges, the reference ray tracer."""

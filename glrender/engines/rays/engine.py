@@ -1,0 +1,300 @@
+"""Light along rays: what each place of an image sees of a scene, in float64.
+
+The ray tracer backend and the renderer's windows of rays are drawn by it; it shares no line with
+the OpenGL passes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+from glrender_camera import PinholeCamera, threads
+
+from ...base.rotations import sun_from_body
+from ...scene.scene import Body, Scene
+from ...scene.surface import Surface
+from ...view.view import BodyView, between
+from .mesh import LEAST_LIFT, LIFT, Hits, RayMesh, dot
+
+RAYS_AT_ONCE = 1 << 13
+"""Most rays of a part, which one thread casts: what it needs stays in a core's cache."""
+# Places of a lattice at once, of some 80 bytes.
+_PLACES_AT_ONCE = 1 << 19
+# Radii from a body within which rays that pass it must be as exact as those that meet it.
+_NEAR = 3.0
+# Roberts' sequence, and the factor of a congruential generator.
+_R2, _FACTOR = np.array([0.7548776662466927, 0.5698402909980532]), 1664525
+
+BESIDE: dict[str, Any] = {"range": np.nan, "body_id": -1, "facet_id": -1, "incidence": np.nan, "emission": np.nan,
+                          "phase": np.nan, "r_body": np.full(3, np.nan), "sunlit": 0.0}
+"""Products of a place that sees no body."""
+_DTYPES = {name: np.int32 if name.endswith("_id") else np.float64 for name in BESIDE}
+
+
+def draws(row: np.ndarray, column: np.ndarray, across: int) -> np.ndarray:
+    """Which of its pixel's draws of the Sun's disc each place of a lattice has, with so many places along its side."""
+    return row % across * across + column % across
+
+
+class RayEngine:
+    """A scene's acceleration structures; rays are cast at them by a thread for each core that is allowed.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Raises
+    ------
+    DeviceError
+        embreex is not installed.
+    """
+
+    def __init__(self, scene: Scene):
+        self.scene = scene
+        self._solids = {body.name: _Solid(body) for body in scene.bodies}
+
+    def solid(self, name: str) -> RayMesh:
+        """A body's full shape."""
+        return self._solids[name]
+
+    def close(self) -> None:
+        """Release the acceleration structures."""
+        self._solids.clear()
+
+    def irradiance(self, pixel: np.ndarray, camera: PinholeCamera, views: list[BodyView],
+                   draw: np.ndarray | int = 0) -> np.ndarray:
+        """Irradiance (N,) float64 [W/m2 per pixel] of places in the image (N, 2) [px].
+
+        If the scene's Sun has a disc, each place is lit by one point of it, the `draw`-th (N,) of its pixel: the mean
+        of a pixel's draws 0, 1, 2, ... has penumbras.
+        """
+        value = np.zeros(len(pixel))
+        draws = np.broadcast_to(draw, len(pixel)) if self.scene.sun_disc else None
+
+        def trace(part: slice) -> None:
+            self._trace(value[part], pixel[part], camera, views, None if draws is None else draws[part])
+
+        threads.run_in_parts(trace, len(pixel), RAYS_AT_ONCE)
+        return value
+
+    def lattice(self, x_px: np.ndarray, y_px: np.ndarray, camera: PinholeCamera, views: list[BodyView],
+                across: int) -> np.ndarray:
+        """Irradiance (M, N) float64 [W/m2 per pixel] of columns (N,) and rows (M,) of places [px].
+
+        So many places in a row have a pixel's draws of the Sun's disc to themselves.
+        """
+        value = np.empty((len(y_px), len(x_px)))
+        column, at_once = np.arange(len(x_px)), max(_PLACES_AT_ONCE // len(x_px), 1)
+        for first in range(0, len(y_px), at_once):
+            rows = slice(first, first + at_once)
+            pixel = np.stack(np.meshgrid(x_px, y_px[rows]), axis=-1).reshape(-1, 2)
+            draw = draws(np.arange(len(y_px))[rows, None], column, across).ravel()
+            value[rows] = self.irradiance(pixel, camera, views, draw).reshape(-1, len(x_px))
+        return value
+
+    def ranges(self, pixel: np.ndarray, camera: PinholeCamera, views: Iterable[BodyView]) -> np.ndarray:
+        """Distances (N,) float64 [m] of the first surface at places in the image (N, 2) [px], or infinity."""
+        distance_m = np.full(len(pixel), np.inf)
+        for _, hits in self._first(camera.directions(pixel).T, views):
+            distance_m[hits.place] = hits.distance_m
+        return distance_m
+
+    def sunlit(self, r_body_m: np.ndarray, view: BodyView, views: list[BodyView]) -> np.ndarray:
+        """Whether points (N, 3) [m] in a body's frame have a free line (N,) bool to the Sun's middle."""
+        return self._has_free_line(r_body_m.T, r_body_m.T, view.sun_direction_body, view, views)
+
+    def in_light(self, own: RayMesh, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView, views: list[BodyView],
+                 is_asked: np.ndarray, is_open: np.ndarray | None = None) -> np.ndarray:
+        """Whether points (3, N) [m] of a body's facets (N,) see the Sun's middle, (N,) bool; only what is asked for.
+
+        The body is as in its `own` mesh, its full shape or a level of detail; others are in full. Of some points it may
+        be known that nothing of their own body hides it, (N,) bool.
+        """
+        return self._free(own, r_body_m, facet, view, views, is_asked, is_open, view.sun_direction_body, False)
+
+    def in_view(self, own: RayMesh, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView, views: list[BodyView],
+                is_asked: np.ndarray, is_open: np.ndarray | None = None) -> np.ndarray:
+        """Whether the camera sees points (3, N) [m] of a body's facets (N,), (N,) bool; only what is asked for.
+
+        As of `in_light`.
+        """
+        return self._free(own, r_body_m, facet, view, views, is_asked, is_open, view.r_camera_body_m, True)
+
+    def _free(self, own: RayMesh, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView, views: list[BodyView],
+              is_asked: np.ndarray, is_open: np.ndarray | None, towards: np.ndarray, is_place: bool) -> np.ndarray:
+        own = own.at(self._footprint_m(view, views))
+
+        def keep(solid: RayMesh, turn: np.ndarray, shift_m: np.ndarray, is_free: np.ndarray) -> None:
+            def ask(part: slice) -> None:
+                solid.keep_free(own, turn, shift_m, r_body_m[:, part], facet[part], towards, is_place, is_free[part])
+
+            threads.run_in_parts(ask, len(facet), RAYS_AT_ONCE)
+
+        is_free = is_asked.copy() if is_open is None else is_asked & ~is_open
+        keep(own, *between(view, view), is_free)
+        if is_open is not None:
+            is_free |= is_asked & is_open
+        for other in views:
+            if other is not view:
+                keep(self._mesh(other, views), *between(view, other), is_free)
+        return is_free
+
+    def shade_ranges(self, own: RayMesh, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView,
+                     views: list[BodyView]) -> np.ndarray:
+        """Distances (N,) [m] from points (3, N) [m] of a body's facets (N,) to what hides the Sun, or infinity.
+
+        As of `in_light`.
+        """
+        found, own = np.full(len(facet), np.inf), own.at(self._footprint_m(view, views))
+        above = r_body_m + own.lift_m(facet, LIFT) * own.normals.T.take(facet, axis=1)
+        for other in views:
+            turn, shift_m = between(view, other)
+            towards = np.broadcast_to((turn @ view.sun_direction_body)[:, None], above.shape)
+            solid, start = (own, above) if other is view else (self._mesh(other, views), r_body_m)
+            hits = solid.first(turn @ start + shift_m[:, None], towards)
+            found[hits.place] = np.minimum(found[hits.place], hits.distance_m)
+        return found
+
+    def products(self, pixel: np.ndarray, camera: PinholeCamera, views: list[BodyView]) -> dict[str, np.ndarray]:
+        """What places in the image (N, 2) [px] see, by the names of `BESIDE`."""
+        made = {name: np.full((len(pixel), *np.shape(value)), value, _DTYPES[name]) for name, value in BESIDE.items()}
+
+        def look(part: slice) -> None:
+            for index, hits in self._first(camera.directions(pixel[part]).T, views):
+                view, normal, ray = views[index], hits.normal.T, hits.ray.T
+                facing, *_, is_lit = self._facing(hits, view, views)
+                made["sunlit"][part][facing.place] = is_lit
+                values = {"range": hits.distance_m, "body_id": index, "facet_id": hits.facet,
+                          "incidence": _angle(normal, view.sun_direction_body), "emission": _angle(normal, -ray),
+                          "phase": _angle(-ray, view.sun_direction_body),
+                          "r_body": _points(hits, view).T + view.centre_m}
+                for name, value in values.items():
+                    made[name][part][hits.place] = value
+
+        threads.run_in_parts(look, len(pixel), RAYS_AT_ONCE)
+        return made
+
+    def _trace(self, value: np.ndarray, pixel: np.ndarray, camera: PinholeCamera, views: list[BodyView],
+               draw: np.ndarray | None) -> None:
+        """Write the irradiance (N,) of places (N, 2) [px]."""
+        ray = camera.directions(pixel).T
+        on_disc = None if draw is None else partial(_on_disc, pixel, camera.principal_point_px, draw)
+        # A pixel's solid angle falls off as cos^3 of its angle from the boresight.
+        scale = self.scene.solar_irradiance_of(camera) / camera.focal_length_px**2
+        for index, hits in self._first(ray, views):
+            view, solid = views[index], self._solids[views[index].name]
+            # What stands in shadow is shaded too: it is less than leaving it out would cost.
+            hits, r_body, to_sun, is_lit = self._facing(hits, view, views, on_disc)
+            surface, to_camera, normal = solid.surface, -hits.ray.T, hits.normal.T
+            weights = surface.weights(hits.facet, r_body.T) if solid.needs_weights else None
+            if surface.body.smooth_normals:
+                normal = surface.normals(hits.facet, weights, to_camera)
+            if (relief := surface.body.relief) is not None:
+                normal = relief.normals(normal, r_body.T, hits.distance_m / camera.focal_length_px, to_camera)
+            brdf = surface.brdf(to_sun.T, to_camera, normal, surface.albedo_scale(hits.facet, weights))
+            cos_incidence = np.maximum(dot(normal.T, to_sun), 0.0)
+            off_axis = ray[2].take(hits.place)
+            value[hits.place] = (is_lit * brdf * cos_incidence * (scale / view.sun_distance_au**2)
+                                 * (off_axis * off_axis * off_axis))
+
+    def _facing(self, hits: Hits, view: BodyView, views: list[BodyView],
+                on_disc: Callable[[np.ndarray], np.ndarray] | None = None
+                ) -> tuple[Hits, np.ndarray, np.ndarray, np.ndarray]:
+        """Hits that face the Sun, their points (3, K) [m] on the body, the Sun's direction and whether it is free (K,).
+
+        The direction is that of the Sun's middle (3,), or of a place on its disc for each hit (3, K), which `on_disc`
+        tells of the rays' numbers: each place lights what faces it, also where the Sun's middle has set.
+        """
+        to_sun = view.sun_direction_body
+        if on_disc is not None:
+            to_sun = to_sun[:, None] + view.sun_radius_rad * (sun_from_body(to_sun)[:2].T @ on_disc(hits.place))
+            to_sun /= np.sqrt(dot(to_sun, to_sun))
+        chosen = np.flatnonzero(dot(hits.normal, to_sun) > 0.0)
+        facing, to_sun = hits.at(chosen), to_sun if on_disc is None else to_sun.take(chosen, axis=1)
+        r_body = _points(facing, view)
+        above = self._mesh(view, views).raised(r_body, facing.facet, facing.normal, LEAST_LIFT)
+        return facing, r_body, to_sun, self._has_free_line(r_body, above, to_sun, view, views)
+
+    def _first(self, ray_camera: np.ndarray, views: Iterable[BodyView]) -> list[tuple[int, Hits]]:
+        """What rays (3, N) from the camera meet first: of each body, by its number, what no other hides."""
+        views = list(views)
+        met = [(index, self._mesh(view, views).first(view.r_camera_body_m, view.camera_from_body.T @ ray_camera))
+               for index, view in enumerate(views) if view.is_visible]
+        if len(met) < 2:
+            return met
+        nearest, body = np.full(ray_camera.shape[1], np.inf), np.full(ray_camera.shape[1], -1)
+        for index, hits in met:
+            nearer = hits.distance_m < nearest[hits.place]
+            place = hits.place[nearer]
+            nearest[place], body[place] = hits.distance_m[nearer], index
+        return [(index, hits.at(np.flatnonzero(body[hits.place] == index))) for index, hits in met]
+
+    def _mesh(self, view: BodyView, views: Sequence[BodyView]) -> RayMesh:
+        """A body's full shape for what pixels see of it."""
+        return self._solids[view.name].at(self._footprint_m(view, views))
+
+    def _footprint_m(self, view: BodyView, views: Sequence[BodyView]) -> float:
+        """Side [m] of the least that a pixel sees of a body, or of another that is near it."""
+        near_m = _NEAR * self._solids[view.name].radius_m
+        return min((other.footprint_m for other in views if other.is_visible and (
+            other is view or np.linalg.norm(between(other, view)[1]) < near_m + self._solids[other.name].radius_m)),
+            default=math.inf)
+
+    def _has_free_line(self, start: np.ndarray, above: np.ndarray, towards: np.ndarray, view: BodyView,
+                       views: list[BodyView]) -> np.ndarray:
+        """Whether points (3, N) [m] of a body have a free line in a direction (3,), or in one each (3, N).
+
+        Of the body itself from `above` its surface.
+        """
+        if len(views) == 1:
+            return ~self._mesh(view, views).blocks(above.T, towards.T)
+        is_free = np.ones(start.shape[1], bool)
+        for other in views:
+            rotation, offset = between(view, other)
+            rest = np.flatnonzero(is_free)
+            direction = towards if towards.ndim == 1 else towards.take(rest, axis=1)
+            place = (above if other is view else start).take(rest, axis=1)
+            is_free[rest] = ~self._mesh(other, views).blocks(
+                (rotation @ place + offset[:, None]).T, (rotation @ direction).T)
+        return is_free
+
+
+class _Solid(RayMesh):
+    """A body that rays may meet."""
+
+    def __init__(self, body: Body):
+        super().__init__(body.drawn_shape.vertices_m, body.drawn_shape.facets, body.shape.other_side)
+        self.surface = Surface(body)
+        self.needs_weights = body.smooth_normals or body.albedo_map is not None
+
+
+def _points(hits: Hits, view: BodyView) -> np.ndarray:
+    """Where rays from the camera meet a body (3, K) [m], in its frame."""
+    return view.r_camera_body_m[:, None] + hits.ray * hits.distance_m
+
+
+def _on_disc(pixel: np.ndarray, middle_px: tuple[float, float], draw: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Points (2, K) of a disc of radius 1, for some of the places (N, 2) [px]: Roberts' R2 sequence by draws (N,).
+
+    It is shifted from pixel to pixel: by a hash of the pixel's distance from the principal point, so that a part of a
+    frame has the whole frame's. Source: pcg2d of Jarzynski and Olano (2020), with another increment.
+    """
+    x, y = shift = np.array([(np.rint(pixel[:, k].take(place)) - math.floor(middle_px[k])).astype(np.int64)
+                             for k in range(2)]).astype(np.uint32) * _FACTOR + 1
+    for _ in range(2):
+        x += y * _FACTOR
+        y += x * _FACTOR
+        shift ^= shift >> 16
+    shift = shift * 2.0**-32 + _R2[:, None] * draw.take(place)
+    # Embree takes float32 anyway, and its sines are ten times as fast.
+    u, v = (shift - np.floor(shift)).astype(np.float32)
+    radius, angle = np.sqrt(u), np.float32(2.0 * np.pi) * v
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle)])
+
+
+def _angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return 2.0 * np.arctan2(np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1))

@@ -1,0 +1,224 @@
+"""Rays against a shape: Embree finds the facet in float32, the point is worked out again in float64.
+
+Vectors stand in columns (3, N) here: NumPy then reads memory in order, several times as fast as rows.
+"""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+
+import numpy as np
+
+from ...base.errors import DeviceError
+from ...scene.shape.shape import longest_sides_m
+from ...view.view import FINE_FOOTPRINT
+from .embree import EmbreeMesh
+from .exact_rays import ExactMesh
+
+try:
+    from . import loops as ray_loops
+except ImportError:
+    ray_loops = None
+
+LIFT = 6e-7
+"""A ray that asks what hides a facet, or a corner of it, starts this far off it and more (`RayMesh.lift_m`), in radii
+of the bounding sphere: ten float32 steps."""
+LEAST_LIFT = 2e-7
+"""One from where a ray of an image met a facet, the same: what starts higher sees over the foot of what rises."""
+# Of what float32 errs by off a facet: times its longest side, as often as that is as long as the facet is high. Most of
+# it, in radii, as there is no light in what is thinner.
+_UNSURE, _MOST_UNSURE = 6e-8, 2e-5
+# What is left there of all that rays start off facets: of 2^-29, by which float64 is finer, 2^7 is for what rounding
+# adds up.
+_FINE = 2.0**-22
+
+
+def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Scalar products (N,) of columns (3, N), or (3, 1) that broadcast."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Hits:
+    """Where rays first meet a shape.
+
+    Attributes
+    ----------
+    place : (K,) int
+        Which of the rays.
+    facet : (K,) int
+    distance_m : (K,) float64 [m]
+    ray, normal : (3, K) float64 [1]
+        Unit vectors: of the rays, and outwards of the facets.
+    """
+
+    place: np.ndarray
+    facet: np.ndarray
+    distance_m: np.ndarray
+    ray: np.ndarray
+    normal: np.ndarray
+
+    def at(self, chosen: np.ndarray) -> Hits:
+        """Those of given numbers (M,)."""
+        return Hits(**{field.name: getattr(self, field.name).take(chosen, axis=-1) for field in fields(self)})
+
+
+class RayMesh:
+    """A shape's acceleration structure, in units of its radius.
+
+    Parameters
+    ----------
+    vertices_m : (V, 3) float64 [m]
+    facets : (F, 3) int
+        Counter-clockwise from outside.
+    other_side : (F,) int, optional
+        The facet that is the other side of each, in the same place, or -1: rays meet the one that they face.
+
+    Attributes
+    ----------
+    facets : (F, 3) int
+    radius_m : float [m]
+    normals : (F, 3) float64 [1]
+
+    Raises
+    ------
+    DeviceError
+        embreex or numba is not installed.
+    """
+
+    def __init__(self, vertices_m: np.ndarray, facets: np.ndarray, other_side: np.ndarray | None = None):
+        if ray_loops is None:
+            raise DeviceError("rays need embreex, which has no wheel for every machine: pip install embreex")
+        self.facets, self._other_side = facets, other_side
+        self.radius_m = float(np.linalg.norm(vertices_m, axis=1).max())
+        corners = vertices_m[facets]
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        twice_area_m2 = np.linalg.norm(normals, axis=1, keepdims=True)
+        normals /= twice_area_m2
+        self._unsure_m = np.minimum(_UNSURE * longest_sides_m(vertices_m, facets)**3 / twice_area_m2[:, 0],
+                                    _MOST_UNSURE * self.radius_m)
+        self.normals = normals
+        self._offset_m = dot(normals.T, corners[:, 0].T)
+        self._mesh = EmbreeMesh(vertices_m / self.radius_m, facets)
+        self._vertices_m, self._lock = vertices_m, threading.Lock()
+
+    def at(self, footprint_m: float) -> RayMesh:
+        """The same shape for pixels that see so much: of float64 rays where float32 is too coarse for them."""
+        if footprint_m > FINE_FOOTPRINT * self.radius_m:
+            return self
+        with self._lock:
+            return self._fine
+
+    @cached_property
+    def _fine(self) -> RayMesh:
+        return _FineMesh(self)
+
+    def lift_m(self, facet: np.ndarray, least: float) -> np.ndarray:
+        """How far (N,) [m] off facets (N,) rays start: a least, in radii, and what float32 errs by there."""
+        return least * self.radius_m + self._unsure_m.take(facet)
+
+    def raised(self, r_body_m: np.ndarray, facet: np.ndarray, normal: np.ndarray, least: float) -> np.ndarray:
+        """Points (3, N) [m] of facets (N,) as far off their planes as `lift_m` has it.
+
+        However far the points' own rounding, which is that of the range, has put them off.
+        """
+        height_m = dot(normal, r_body_m) - self._offset_m.take(facet)
+        return r_body_m + normal * (self.lift_m(facet, least) - height_m)
+
+    def hit(self, origin_m: np.ndarray, ray: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Facet (N,) or -1, and distance (N,) float64 [m] or infinity, of rays (N, 3) from a point or points."""
+        hits = self.first(np.transpose(origin_m), ray.T)
+        facet, distance = np.full(len(ray), -1), np.full(len(ray), np.inf)
+        facet[hits.place], distance[hits.place] = hits.facet, hits.distance_m
+        return facet, distance
+
+    def first(self, origin_m: np.ndarray, ray: np.ndarray) -> Hits:
+        """What rays (3, N) from a point (3,) [m], or from points (3, N), meet first."""
+        place, facet, distance_m, ray, normal = ray_loops.find_first(
+            self._mesh.scene, origin_m.reshape(3, -1), ray, self.radius_m, self.normals.T, self._offset_m)
+        return self._faced(Hits(place=place, facet=facet, distance_m=distance_m, ray=ray, normal=normal))
+
+    def _faced(self, hits: Hits) -> Hits:
+        """Hits of the sides that the rays face: of two in one place either may be met first."""
+        if self._other_side is None:
+            return hits
+        other = self._other_side.take(hits.facet)
+        is_turned = (other >= 0) & (dot(hits.ray, hits.normal) > 0.0)
+        return replace(hits, facet=np.where(is_turned, other, hits.facet),
+                       normal=np.where(is_turned, -hits.normal, hits.normal))
+
+    def blocks(self, start_m: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """Whether rays from points (N, 3) [m] towards one direction (3,), or one each (N, 3), meet the shape."""
+        is_blocked = np.zeros(len(start_m), bool)
+        ray_loops.find_blocked(self._mesh.scene, start_m.T, np.transpose(direction).reshape(3, -1), self.radius_m,
+                                 is_blocked)
+        return is_blocked
+
+    def heights(self, points_m: np.ndarray, normals: np.ndarray, axes: np.ndarray, azimuths: np.ndarray,
+                unknown: int, found: np.ndarray) -> None:
+        """Write how high the shape stands around points (3, N) [m] of its surface: `ray_loops.find_heights`."""
+        ray_loops.find_heights(self._mesh.scene, self.radius_m, points_m, normals, axes, LIFT * self.radius_m,
+                                 azimuths, unknown, found)
+
+    def keep_free(self, own: RayMesh, turn: np.ndarray, shift_m: np.ndarray, r_body_m: np.ndarray, facet: np.ndarray,
+                  towards: np.ndarray, is_place: bool, is_free: np.ndarray) -> None:
+        """Of points of a shape's surface that are free, find those that this one hides something from.
+
+        Parameters
+        ----------
+        own : RayMesh
+            That shape's, from whose facets rays start: this one, or another.
+        turn, shift_m : (3, 3), (3,) float64 [1], [m]
+            To this shape's frame from that one's.
+        r_body_m : (3, N) float64 [m]
+            In that one's frame, on its facets.
+        facet : (N,) int
+        towards : (3,) float64
+            In that one's frame: a unit vector, or a place [m].
+        is_place : bool
+        is_free : (N,) bool
+            Only those that are true are asked for, and false is written.
+        """
+        # What hides a facet of another shape may be nearer than what would be lifted over it.
+        lift_m = LIFT * own.radius_m if own is self else 0.0
+        ray_loops.keep_free(self._mesh.scene, self.radius_m, turn, shift_m, r_body_m, facet, own.normals.T,
+                              lift_m, own._unsure_m, towards, is_place, is_free)
+
+
+class _FineMesh(RayMesh):
+    """Casts the rays of a RayMesh in float64."""
+
+    def __init__(self, coarse: RayMesh):
+        self.facets, self.radius_m, self.normals = coarse.facets, coarse.radius_m, coarse.normals
+        self._offset_m, self._unsure_m = coarse._offset_m, _FINE * coarse._unsure_m
+        self._other_side = coarse._other_side
+        self._exact = ExactMesh(coarse._vertices_m, coarse.facets)
+
+    def at(self, footprint_m: float) -> RayMesh:
+        return self
+
+    def lift_m(self, facet: np.ndarray, least: float) -> np.ndarray:
+        return super().lift_m(facet, _FINE * least)
+
+    def first(self, origin_m: np.ndarray, ray: np.ndarray) -> Hits:
+        place, facet, distance_m = self._exact.first(origin_m.reshape(3, -1), ray)
+        return self._faced(Hits(place=place, facet=facet, distance_m=distance_m, ray=ray.take(place, axis=1),
+                                 normal=self.normals.T.take(facet, axis=1)))
+
+    def blocks(self, start_m: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        return self._exact.are_blocked(start_m.T, np.transpose(direction).reshape(3, -1), np.array([np.inf]))
+
+    def keep_free(self, own: RayMesh, turn: np.ndarray, shift_m: np.ndarray, r_body_m: np.ndarray, facet: np.ndarray,
+                  towards: np.ndarray, is_place: bool, is_free: np.ndarray) -> None:
+        asked = np.flatnonzero(is_free)
+        start, facet = r_body_m.take(asked, axis=1), facet.take(asked)
+        if own is self:
+            start = start + own.lift_m(facet, LIFT) * own.normals.T.take(facet, axis=1)
+        towards, reach_m = towards[:, None], np.array([np.inf])
+        if is_place:
+            towards = towards - start
+            reach_m = np.sqrt(dot(towards, towards))
+            towards = towards / reach_m
+        is_free[asked[self._exact.are_blocked(turn @ start + shift_m[:, None], turn @ towards, reach_m)]] = False

@@ -1,0 +1,47 @@
+"""What the backends that trace the full shapes say of a frame, and the products that they share."""
+
+from __future__ import annotations
+
+import numpy as np
+from glrender_camera import PinholeCamera
+
+from ...planner.plan import BodyPlan, RenderPlan
+from ...scene.scene import Scene
+from ...view.regions import region
+from ...view.view import BodyView
+from .engine import BESIDE, RayEngine
+
+
+def visible_region(views: list[BodyView], camera: PinholeCamera) -> tuple[int, int, int, int]:
+    """Pixels that the bodies in view may touch: x0, y0, x1, y1, one past the last; all zero without any."""
+    visible = [view for view in views if view.is_visible]
+    return region(visible, camera) if visible else (0, 0, 0, 0)
+
+
+def full_shape_plan(scene: Scene, camera: PinholeCamera, views: list[BodyView], *, max_error: float,
+                    predicted_error: float, roi: tuple[int, int, int, int], left_out: tuple[str, ...] = (),
+                    warnings: tuple[str, ...] = ()) -> RenderPlan:
+    """The plan of a frame that leaves no facet out and needs no shadow map."""
+    return RenderPlan(
+        camera=camera.name, max_error=max_error, roi=roi, windows=(), predicted_error=predicted_error,
+        left_out=left_out, warnings=warnings,
+        bodies=tuple(BodyPlan(
+            name=view.name, is_visible=view.is_visible, n_facets=len(body.shape.facets), law=body.brdf.glsl,
+            shadow_map_px=None, shadow_map_reused=False, relative_to_camera=True, normal_lookup=True,
+            size_px=view.size_px) for view, body in zip(views, scene.bodies, strict=True)))
+
+
+def traced_products(engine: RayEngine, wanted: tuple[str, ...], camera: PinholeCamera, views: list[BodyView],
+                    roi: tuple[int, int, int, int]) -> dict[str, np.ndarray]:
+    """Products (height, width[, 3]) of the pixels' centres, in float64 as `RayEngine` tells them."""
+    if not wanted:
+        return {}
+    x0, y0, x1, y1 = roi
+    y, x = (axis.ravel() for axis in np.mgrid[y0:y1, x0:x1])
+    seen = engine.products(np.stack([x, y], axis=1).astype(np.float64), camera, views)
+    arrays = {}
+    for name in wanted:
+        values = seen[name]
+        arrays[name] = np.full((camera.height_px, camera.width_px, *values.shape[1:]), BESIDE[name], values.dtype)
+        arrays[name][y, x] = values
+    return arrays

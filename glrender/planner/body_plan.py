@@ -1,0 +1,147 @@
+"""What is modelled of each body, and what a frame's plan says of it. Pure: no GL, no images."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from glrender_camera import PinholeCamera
+
+from ..view import regions as grouping
+from ..view.view import BodyView
+from .error_model import (
+    BodyTraits,
+    leaked_flux,
+    parallel_error,
+    ray_rounding_error,
+    rounding_error,
+    shadow_share,
+    squared_errors,
+)
+from .plan import BodyPlan, RenderPlan, WindowPlan
+
+SHADOW_SIZES_PX = tuple(2**k for k in range(8, 17))
+"""Texels across a body; float32 coordinates have 256 steps in the finest."""
+MAX_SHADOW_SIDE_PX = 4096
+"""Most texels along a side of a shadow map."""
+# Of the error tolerance [1], what the shadow map may take of the image and of the flux.
+_SHADOW_SHARE = 0.4
+_FLUX_SHARE = 0.1
+# RMS error [1] of light that leaks over that of the flux: the data of `error_model.leaked_flux`.
+_LEAK_RMS = 2.0
+# Share of the sunlit surface in cast shadow, per radian of phase: engine.md, 6 % at 10 deg.
+_SHADOWED_PER_RAD = 0.34
+
+
+def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, casters: Sequence[str], tolerance: float,
+              *, seen_share: float = 1.0, penumbra: tuple[float, float] = (0.0, 0.0)) -> BodyPlan:
+    """What is modelled of a body.
+
+    Parameters
+    ----------
+    view : BodyView
+    traits : BodyTraits
+    camera : PinholeCamera
+    casters : sequence of str
+        Other bodies that may cast a shadow on it.
+    tolerance : float [1]
+        RMS error over the mean of the lit pixels, before the camera's PSF.
+    seen_share : float [1]
+        Side of what the shadow map must cover over that of the body.
+    penumbra : (float, float) [1], [px]
+        RMS error of hard edges in place of penumbras, and the width of the widest.
+    """
+    footprint_m = view.depth_m[0] / camera.focal_length_px
+    error, width_px = penumbra
+    is_relative = is_close(view, traits.radius_m, footprint_m)
+    shadow_px, squared = None, rounding_error(view, traits, is_relative) ** 2
+    if view.is_visible:
+        shadow_px = plan_shadow(view, traits, bool(casters), tolerance, seen_share)
+    if shadow_px is None:
+        error = 0.0
+    else:
+        squared += (shadow_share(view, shadow_px, bool(casters)) * sum(squared_errors(view, traits))
+                   + (_LEAK_RMS * leaked_flux(view, traits, shadow_px)) ** 2 + error**2)
+    detail_m, n_layers = None, 0
+    if traits.relief is not None and view.is_visible and (active := traits.relief.active(footprint_m)):
+        detail_m = float(max(traits.relief.scales_m()[active].min(), 2.0 * footprint_m))
+        n_layers = len(active)
+    return BodyPlan(
+        name=view.name, is_visible=view.is_visible, n_facets=traits.n_facets, law=traits.law,
+        shadow_map_px=shadow_px, shadow_map_reused=False, relative_to_camera=is_relative,
+        normal_lookup=footprint_m < 2e-4 * traits.radius_m, size_px=view.size_px, modelling_error=math.sqrt(squared),
+        penumbra_px=width_px, penumbra_error=error, casters=tuple(casters), detail_m=detail_m, detail_layers=n_layers)
+
+
+def plan_shadow(view: BodyView, traits: BodyTraits, has_casters: bool, tolerance: float,
+                seen_share: float = 1.0) -> int | None:
+    """Texels of the shadow map across the body, or None when nothing can cast on what is seen.
+
+    Two things ask for texels: the place of a shadow's edge, and light that leaks past what a texel cannot resolve, the
+    more the lower the Sun. The flux stays within a tenth of the tolerance. A map has at most 4096 texels along a side;
+    of a body of which a part is seen it covers that part only.
+    """
+    if not has_casters:
+        if traits.is_convex:
+            return None
+        if _SHADOWED_PER_RAD * view.phase_rad < 0.1 * tolerance:
+            return None
+    one_sample = shadow_share(view, 1, has_casters) * sum(squared_errors(view, traits))
+    texels = max(view.finest_px, leaked_flux(view, traits, 1) / (_FLUX_SHARE * tolerance),
+                 math.cbrt(one_sample / (_SHADOW_SHARE * tolerance) ** 2))
+    sizes = [size for size in SHADOW_SIZES_PX if size * seen_share <= MAX_SHADOW_SIDE_PX]
+    return next((size for size in sizes if size >= texels), sizes[-1])
+
+
+def is_close(view: BodyView, radius_m: float, footprint_m: float) -> bool:
+    """Whether body-fixed float32 coordinates, good to 6e-8 radii, are too coarse for what is seen."""
+    depth_m = view.depth_m[0]
+    return depth_m < 0.05 * radius_m or (footprint_m < 2e-5 * radius_m and depth_m < 0.5 * radius_m)
+
+
+def frame_plan(camera: PinholeCamera, max_error: float, views: Sequence[BodyView], traits: Mapping[str, BodyTraits],
+               bodies: Sequence[BodyPlan], windows: Sequence[WindowPlan], has_sun_disc: bool) -> RenderPlan:
+    """The frame's plan as its windows were drawn: what was left out, and where the tolerance was not met."""
+    drawn = {name: window for window in windows for name in window.bodies}
+    done, left_out, warnings = [], [], []
+    for view, body in zip(views, bodies, strict=True):
+        known, window = traits[view.name], drawn.get(view.name)
+        by_raster = window is not None and window.engine == "raster"
+        if not by_raster:
+            body = replace(body, shadow_map_px=None, shadow_map_drawn_px=(0, 0), shadow_map_reused=False,
+                           modelling_error=0.0)
+        done.append(body)
+        if not view.is_visible:
+            left_out.append(f"{view.name}: out of view")
+            continue
+        if view.phase_rad > known.max_phase_rad:
+            phase_deg, limit_deg = np.degrees([view.phase_rad, known.max_phase_rad])
+            warnings.append(f"{known.law} of {view.name} at a phase of {phase_deg:.1f} deg: "
+                            f"it holds to {limit_deg:.1f} deg")
+        if window is not None and window.by_centroids:
+            left_out.append(f"{view.name}: shadow boundaries inside facets: each facet is lit or dark by its centroid")
+        if has_sun_disc and (body.shadow_map_px is not None or (window is not None and window.engine == "coverage")):
+            left_out.append(f"{view.name}: the Sun's disc: shadows have hard edges, or those of a few of its points")
+        if by_raster and body.shadow_map_px is None:
+            left_out.append(f"shadows on {view.name}: nothing can cast on what is seen")
+        if known.relief is not None:
+            left_out.append(_detail_left_out(body, known))
+    parallel = max((parallel_error(view, traits[view.name]) for view in views if view.is_visible), default=0.0)
+    by_rays = max((ray_rounding_error(view, traits[view.name]) for view in views if view.is_visible
+                   and view.name in drawn and drawn[view.name].engine != "raster"), default=0.0)
+    predicted = math.hypot(max((window.predicted_error for window in windows), default=0.0), parallel, by_rays)
+    if predicted > max_error * (1.0 + 1e-6) and any(math.isfinite(window.tolerance) for window in windows):
+        warnings.append(f"predicted error {predicted:.2g} exceeds max_error {max_error:g}; "
+                        "pass allow_slow=True to use the reference ray tracer")
+    return RenderPlan(camera=camera.name, max_error=max_error, roi=grouping.union([w.roi for w in windows]),
+                      windows=tuple(windows), bodies=tuple(done), left_out=tuple(left_out),
+                      warnings=tuple(warnings), predicted_error=predicted)
+
+
+def _detail_left_out(body: BodyPlan, traits: BodyTraits) -> str:
+    if body.detail_m is None:
+        return f"{body.name}: surface detail: no pixel resolves it"
+    finer = "" if body.detail_m <= traits.relief.scales_m().min() else f" below {body.detail_m:.3g} m, and"
+    return f"{body.name}: of surface detail what is{finer} its shadows"

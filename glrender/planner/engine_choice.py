@@ -1,0 +1,306 @@
+"""The engines that may draw each region of an image, in the order in which they are tried. Pure.
+
+The rule is the same on every machine. Exact coverage draws bodies of flat facets that are wholly before the camera: by
+centroids first, and clipped where the estimated error exceeds the tolerance. Rays draw large shapes of which more than
+`MOST_FACETS_PER_PX` facets share a pixel. OpenGL draws the rest, or rays where no shadow map is fine enough. With a GPU
+OpenGL comes first.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from glrender_camera import PinholeCamera
+
+from ..view.regions import outline, outline_px, region, touching
+from ..view.sun_disc import PENUMBRA_SHARE
+from ..view.view import BodyView
+from .error_model import BodyTraits, facets_per_px, shadow_share, squared_errors
+from .plan import BodyPlan, WindowPlan
+from .small_body_grid import CELL_PX, cell_error, cell_size, samples_across, sampling_errors
+
+ENGINES = ("coverage", "rays", "raster")
+"""What `engine=` may ask for."""
+MAX_SAMPLES = 16
+"""Most samples along a pixel's side by OpenGL."""
+MAX_RAYS_ACROSS = 1024
+"""Most rays across a small body: some half a second."""
+MOST_FACETS_PER_PX = 300.0
+"""Facets that face Sun and camera, a pixel, from which rays are cheaper than coverage (redesign.md, A.3)."""
+FEWEST_FACETS_FOR_RAYS = 100_000
+"""Facets from which that holds: fewer cost coverage no more than the rays that a flux asks for (cells of A.3)."""
+# Side [px] of an outline below which a body has a grid of its own.
+_SMALL_PX = 4.0
+# Side [px] of an outline up to which the samples must hold the flux as well: larger bodies have enough for the image.
+_FLUX_PX = 32.0
+# Widest of a crescent apart over a full disc apart [1]: its own grid has only so many samples.
+_MOST_LARGER = 4.0
+# Of the tolerance [1]: what the flux may take (design.md), what samples of a small body's pixels may, and its cells.
+_FLUX_SHARE = 0.1
+_PIXELS_SHARE = 0.9
+_CELL_SHARE = 0.3
+# Cells across a small body's own grid, at most.
+_MOST_CELLS = 2048
+# First samples along a pixel's side, and at phases [rad] from which light falls in narrow crescents.
+_FIRST_SAMPLES = 2
+_CRESCENT_SAMPLES = 4
+_CRESCENT_RAD = 2.1
+# RMS distance from the centroid of an equilateral triangle over the root of its area [1]: 0.31 along each axis.
+_UNEVEN_FACET = 0.44
+# Variation of a pixel's solid angle within it over its angle [1]: above 3 tan(theta) / sqrt(12), off the boresight.
+_UNEVEN_PIXEL = 0.3
+# RMS error (ten times that of the flux) times the cube of the angle from a phase of 180 deg [rad^3]: a rough binary at
+# 165, 172, 175 deg loses 0.37, 0.86, 3.5 % of its light.
+_CRESCENT_LOSS = 6.6e-4
+# Width of another body's penumbra over the size of the body that it falls on [1], from which rays sample the disc.
+_WITHIN_PENUMBRA = 0.3
+# Phase angle [rad] anywhere on a body beyond which a facet's centroid does not tell of slivers of light on it.
+_CENTROIDS_RAD = 2.15
+# Least error [1] of centroid visibility that the image does not tell: ten times that of the flux, cells of A.3.
+_CENTROIDS_LEAST = 0.006
+# Penumbras by rays are noise: crease [rad] and facets a pixel that say so to `error_model.noise_gain`.
+_PENUMBRA_NOISE = (0.4, 1e4)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Request:
+    """What a frame asks of all its regions.
+
+    Attributes
+    ----------
+    camera : PinholeCamera
+    tolerance : float [1]
+        RMS error before the camera's PSF.
+    error_gain : float [1]
+        What the PSF leaves of an error that is independent from pixel to pixel.
+    engines : tuple of str
+        Out of `ENGINES`: those that are there.
+    has_gpu : bool
+    samples : int or None
+        Along a pixel's side, asked for instead of the planner's choice: drawn by OpenGL.
+    engine : str or None
+        The only engine that may draw.
+    apart_px : float [px]
+        Bodies of a smaller `apart_size_px` have a grid of their own in any case.
+    """
+
+    camera: PinholeCamera
+    tolerance: float
+    error_gain: float = 1.0
+    engines: tuple[str, ...] = ENGINES
+    has_gpu: bool = False
+    samples: int | None = None
+    engine: str | None = None
+    apart_px: float = 0.0
+
+
+def plan_windows(views: Sequence[BodyView], traits: Mapping[str, BodyTraits], bodies: Sequence[BodyPlan],
+                 request: Request) -> list[list[WindowPlan]]:
+    """For each region of overlapping bodies, the ways to draw it in the order in which they are tried.
+
+    Bodies far apart in the image are drawn apart, so that the cost follows their pixels; a body smaller than a few
+    pixels is drawn on a grid of its own that fits its outline. A region has no way where `engine` cannot draw it.
+    """
+    plans = {body.name: body for body in bodies}
+    return [_options(members, traits, [plans[view.name] for view in members], request)
+            for members in touching(views, request.camera)]
+
+
+def apart_limit(views: Sequence[BodyView], apart_px: float) -> float:
+    """`apart_size_px` below which bodies are apart, so that together they cover no more than one of `apart_px`.
+
+    A body has a point for each 0.3 px: what spreads them is to cost as much for many bodies as for one.
+    """
+    covered = 0.0
+    for size_px in sorted(size for view in views if view.is_visible and (size := apart_size_px([view])) < apart_px):
+        covered += size_px**2
+        if covered > apart_px**2:
+            return size_px
+    return apart_px
+
+
+def apart_size_px(views: Sequence[BodyView]) -> float:
+    """Size [px] of the full disc that has as much light as bodies that are drawn together, about.
+
+    A crescent has few pixels, and an image errs the more: at 24 px by 0.4 % of its mean at 20 deg, 7 % at 150 deg.
+    """
+    size_px = outline_px(views)
+    return max(size_px * max(math.cos(0.5 * view.phase_rad) for view in views), size_px / _MOST_LARGER)
+
+
+def facing_share(phase_rad: float) -> float:
+    """Of a body's facets, the share that faces both camera and Sun, about."""
+    return (math.pi - phase_rad) / (2.0 * math.pi)
+
+
+def _options(members: Sequence[BodyView], traits: Mapping[str, BodyTraits], drawn: Sequence[BodyPlan],
+             request: Request) -> list[WindowPlan]:
+    """Ways to draw bodies together, in order."""
+    known = [_with_detail(traits[view.name], view, body, request.camera)
+             for view, body in zip(members, drawn, strict=True)]
+    if request.samples is not None:
+        return [_raster(members, known, drawn, request)]
+    makers = {"coverage": _coverage, "rays": _rays, "raster": _raster}
+    made = {name: makers[name](members, known, drawn, request) for name in request.engines
+            if request.engine in (None, name)}
+    coverage = made.get("coverage", [])
+    rays = [made["rays"]] if made.get("rays") is not None else []
+    raster = [made["raster"]] if "raster" in made else []
+    is_fine_enough = raster and raster[0].modelling_error <= request.tolerance
+    if request.has_gpu and is_fine_enough:
+        return [*raster, *coverage, *rays]
+    if _is_crowded(members, known) or not (coverage or is_fine_enough):
+        return [*rays, *coverage, *([] if rays else raster)]
+    return [*(coverage or raster), *rays] or raster
+
+
+def _with_detail(traits: BodyTraits, view: BodyView, body: BodyPlan, camera: PinholeCamera) -> BodyTraits:
+    """A body with the slope of the surface detail that is drawn."""
+    if not body.detail_layers or traits.relief is None:
+        return traits
+    return replace(traits, detail_slope=traits.relief.slope_rms(view.depth_m[0] / camera.focal_length_px))
+
+
+def _is_crowded(members: Sequence[BodyView], known: Sequence[BodyTraits]) -> bool:
+    """Whether so many facets that face camera and Sun share a pixel that rays are cheaper than any that visits each."""
+    n_facing = sum(traits.n_facets * facing_share(view.phase_rad) for view, traits in zip(members, known, strict=True))
+    n_px = sum(0.6 * min(view.size_px, 1e5) ** 2 for view in members)
+    return (n_facing > MOST_FACETS_PER_PX * n_px
+            and sum(traits.n_facets for traits in known) >= FEWEST_FACETS_FOR_RAYS)
+
+
+def _coverage(members: Sequence[BodyView], known: Sequence[BodyTraits], drawn: Sequence[BodyPlan],
+              request: Request) -> list[WindowPlan]:
+    """By exact coverage: by centroids first where that may do, then clipped; none where it cannot draw the bodies."""
+    camera, tolerance = request.camera, request.tolerance
+    if any(view.bounds_px is None or not math.isfinite(traits.facet_m) or body.detail_layers
+           for view, traits, body in zip(members, known, drawn, strict=True)):
+        return []
+    error = max(math.hypot(_UNEVEN_FACET * traits.view_slope(view.phase_rad) * traits.facet_m / view.depth_m[0],
+                           _UNEVEN_PIXEL * 3.0 * _off_axis(view, camera) / camera.focal_length_px)
+                for view, traits in zip(members, known, strict=True))
+    where = _whole(members, camera, 1)
+    if _is_small(members, request):
+        bounds, sides = _own_bounds(members)
+        size_px, phase_rad = outline_px(members), max(view.phase_rad for view in members)
+        is_apart = apart_size_px(members) < request.apart_px
+        cell_px = CELL_PX if is_apart else min(CELL_PX, cell_size(_CELL_SHARE * tolerance, phase_rad))
+        grid = tuple(max(math.ceil(side / max(cell_px, size_px / _MOST_CELLS)), 8) for side in sides)
+        if not is_apart:
+            cell_px = max(side / count for side, count in zip(sides, grid, strict=True))
+            error = math.hypot(error, cell_error(cell_px, phase_rad))
+        where = {"samples": 0, "bounds_px": bounds, "grid": grid}
+    # Light falls in slivers far smaller than facets: what none of their corners sees is lost.
+    below_rad = min(math.pi - view.phase_rad for view in members)
+    error = math.hypot(error, _CRESCENT_LOSS / max(below_rad, 1e-3) ** 3)
+    # Of a body within another's penumbra a few points of the Sun's disc do not tell how much of it is left.
+    is_within = any(body.casters and body.penumbra_px > _WITHIN_PENUMBRA * view.size_px
+                    for view, body in zip(members, drawn, strict=True))
+    if error > PENUMBRA_SHARE * tolerance or is_within:
+        return []
+    clipped = _window("coverage", members, request, modelling_error=error, predicted_error=tolerance, **where)
+    by_centroids = math.hypot(error, _CENTROIDS_LEAST, max(body.penumbra_error for body in drawn))
+    # Of a part of a body another one's shadow may be all that is seen: what is predicted of a whole body does not hold.
+    if by_centroids > PENUMBRA_SHARE * tolerance or not all(
+            traits.has_centroids and (view.is_whole or not body.casters)
+            and view.phase_rad + traits.radius_m / view.range_m <= _CENTROIDS_RAD
+            for view, traits, body in zip(members, known, drawn, strict=True)):
+        return [clipped]
+    return [replace(clipped, by_centroids=True, modelling_error=by_centroids), clipped]
+
+
+def _rays(members: Sequence[BodyView], known: Sequence[BodyTraits], drawn: Sequence[BodyPlan],
+          request: Request) -> WindowPlan | None:
+    """By rays; None with surface detail, which they would take a minute for."""
+    if any(body.detail_layers for body in drawn):
+        return None
+    return _sampled("rays", members, known, drawn, request)
+
+
+def _raster(members: Sequence[BodyView], known: Sequence[BodyTraits], drawn: Sequence[BodyPlan],
+            request: Request) -> WindowPlan:
+    """By OpenGL, with the shadow maps that were planned."""
+    shares = [(shadow_share(view, body.shadow_map_px, bool(body.casters)), body.modelling_error**2, sum(
+        squared_errors(view, traits))) for view, traits, body in zip(members, known, drawn, strict=True)
+        if body.shadow_map_px is not None]
+    # The image itself tells what the texels leave at the edges of shadows.
+    smooth = max((squared - share * errors for share, squared, errors in shares), default=0.0)
+    return _sampled("raster", members, known, drawn, request, modelling_error=math.sqrt(max(smooth, 0.0)),
+                    shadow_share=max((share for share, *_ in shares), default=0.0))
+
+
+def _sampled(engine: str, members: Sequence[BodyView], known: Sequence[BodyTraits], drawn: Sequence[BodyPlan],
+             request: Request, modelling_error: float = 0.0, **told) -> WindowPlan:
+    """On a regular grid of samples, the first of them few: the image itself tells where more are needed."""
+    pairs, size_px = list(zip(members, known, strict=True)), outline_px(members)
+    flux_error = _FLUX_SHARE * request.tolerance * request.error_gain
+    if request.samples is None and _is_small(members, request):
+        bounds, sides = _own_bounds(members)
+        wanted = {view.name: samples_across(view, traits, flux_error, _PIXELS_SHARE * request.tolerance,
+                                            penumbra=_in_penumbra(view, body))
+                  for view, traits, body in zip(members, known, drawn, strict=True)}
+        # Of each body, whatever part of the grid it has.
+        per_px = max(wanted[view.name] / max(view.size_px, 1e-9) for view in members)
+        per_px = min(per_px, MAX_RAYS_ACROSS / size_px)
+        error = max(sampling_errors(view, traits, per_px * view.size_px, _in_penumbra(view, body))[1]
+                    for view, traits, body in zip(members, known, drawn, strict=True))
+        grid = tuple(max(math.ceil(per_px * side), 8) for side in sides)
+        return _window(engine, members, request, samples=0, bounds_px=bounds, grid=grid,
+                       modelling_error=modelling_error, predicted_error=math.hypot(modelling_error, error), **told)
+    count, asked = request.samples, {"tolerance": math.inf}
+    if count is None:
+        # Near a body the phase angle is another one on each side of it.
+        is_crescent = max(view.phase_rad + traits.radius_m / view.range_m for view, traits in pairs) > _CRESCENT_RAD
+        count, asked = _CRESCENT_SAMPLES if is_crescent else _FIRST_SAMPLES, {}
+        if size_px < _FLUX_PX:
+            n_across = max(samples_across(view, traits, flux_error, penumbra=_in_penumbra(view, body))
+                           for view, traits, body in zip(members, known, drawn, strict=True))
+            most = MAX_RAYS_ACROSS / size_px if engine == "rays" else MAX_SAMPLES
+            count = max(count, math.ceil(min(n_across / size_px, most)))
+    noise = (max(traits.crease_rad for traits in known),
+             max(facets_per_px(view, traits.n_facets) for view, traits in pairs))
+    if engine == "rays" and max(body.penumbra_px for body in drawn) > 1.0:
+        noise = _PENUMBRA_NOISE
+    error = math.sqrt(max(sum(squared_errors(view, traits)) for view, traits in pairs) * count**-3)
+    return _window(engine, members, request, **_whole(members, request.camera, count), noise=noise,
+                   modelling_error=modelling_error, predicted_error=math.hypot(modelling_error, error), **told, **asked)
+
+
+def _in_penumbra(view: BodyView, body: BodyPlan) -> float:
+    """Share of a body that another's penumbra may cover, about."""
+    return min(body.penumbra_px / max(view.size_px, 1e-9), 1.0) if body.casters else 0.0
+
+
+def _window(engine: str, members: Sequence[BodyView], request: Request, *, predicted_error: float,
+            **told) -> WindowPlan:
+    told = {"tolerance": request.tolerance} | told
+    return WindowPlan(bodies=tuple(view.name for view in members), engine=engine,
+                      roi=region(members, request.camera), predicted_error=request.error_gain * predicted_error, **told)
+
+
+def _is_small(members: Sequence[BodyView], request: Request) -> bool:
+    """Whether bodies have a grid of their own."""
+    return outline_px(members) < _SMALL_PX or apart_size_px(members) < request.apart_px
+
+
+def _whole(members: Sequence[BodyView], camera: PinholeCamera, count: int) -> dict:
+    """Bounds [px] and grid of the region with so many samples along a pixel's side."""
+    x0, y0, x1, y1 = region(members, camera)
+    return {"samples": count, "bounds_px": (x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5),
+            "grid": ((x1 - x0) * count, (y1 - y0) * count)}
+
+
+def _own_bounds(members: Sequence[BodyView]) -> tuple[tuple[float, float, float, float], tuple[float, float]]:
+    """Box of a small body's own grid [px], with a margin, and that box's sides."""
+    margin = 0.02 * outline_px(members)
+    left, top, right, bottom = (float(edge + beyond) for edge, beyond in zip(
+        outline(members), (-margin, -margin, margin, margin), strict=True))
+    return (left, top, right, bottom), (right - left, bottom - top)
+
+
+def _off_axis(view: BodyView, camera: PinholeCamera) -> float:
+    """Tangent of the angle between the boresight and the farthest corner of a body's box."""
+    return max(math.hypot(x - camera.principal_point_px[0], y - camera.principal_point_px[1])
+               for x in view.bounds_px[::2] for y in view.bounds_px[1::2]) / camera.focal_length_px

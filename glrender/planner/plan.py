@@ -1,0 +1,157 @@
+"""The plan of a frame: what is modelled, what is left out, and the predicted error. Plain data."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+EMISSION_LEFT_OUT = "emission around"
+"""How a plan begins to say that light which no surface scatters is not in the image."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class BodyPlan:
+    """What is modelled of one body."""
+
+    name: str
+    is_visible: bool
+    n_facets: int
+    law: str
+    shadow_map_px: int | None
+    """Texels of the shadow map across the body; None where nothing can cast on it, or no map is needed."""
+    shadow_map_reused: bool
+    relative_to_camera: bool
+    """Whether OpenGL's coordinates are relative to the camera, or body-fixed."""
+    normal_lookup: bool
+    """Whether normals are looked up by facet, or are screen-space derivatives."""
+    size_px: float
+    """Larger side of the outline's box [px]."""
+    modelling_error: float = 0.0
+    """RMS error [1] that samples do not cure: of the shadow map's texels and of hard edges of shadows."""
+    penumbra_px: float = 0.0
+    """Width of the widest penumbra [px]: shadow maps have hard edges."""
+    penumbra_error: float = 0.0
+    """RMS error [1] of hard edges in place of penumbras, as predicted."""
+    casters: tuple[str, ...] = ()
+    """Other bodies that may cast a shadow on it."""
+    shadow_map_drawn_px: tuple[int, int] = (0, 0)
+    """Texels of the shadow map that were drawn, along x and y: those of the part of the body that is seen."""
+    detail_m: float | None = None
+    """Scale of the finest surface detail that is drawn [m]; None without any."""
+    detail_layers: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class WindowPlan:
+    """One region of the image: bodies whose outlines' boxes overlap are drawn together.
+
+    Attributes
+    ----------
+    bodies : tuple of str
+    engine : "coverage", "rays" or "raster"
+        Exact area coverage of visible, sunlit facets; rays; or OpenGL with shadow maps.
+    roi : (int, int, int, int) [px]
+        Pixels of the region: x0, y0, x1, y1, one past the last.
+    samples : int
+        Along each side of a pixel; 1 of coverage, which takes each pixel as a whole; 0 for a body so small that it has
+        a grid of its own.
+    bounds_px : (float, float, float, float) [px]
+        What is drawn: the region's edges, or the small body's box.
+    grid : (int, int)
+        Samples or cells across and down.
+    tolerance : float [1]
+        RMS error before the camera's PSF that the window may have; infinite where nothing is drawn again.
+    modelling_error : float [1]
+        RMS error that samples do not cure.
+    predicted_error : float [1]
+        RMS error over the mean of the lit pixels, after the camera's PSF where a frame is asked for.
+    by_centroids : bool
+        Of coverage: whether each facet is lit or dark by its centroid, or clipped at shadow boundaries.
+    shadow_share : float [1]
+        Of one sample's squared error, what the shadow map's texels leave.
+    noise : (float, float) [rad], [1]
+        RMS angle between neighbouring facets, and facets a pixel: arguments of `error_model.noise_gain`.
+    refined_samples : int
+        Samples along the side of the pixels that were drawn again; 0 for none.
+    refined_share : float [1]
+        Of the region's pixels, those that were drawn again.
+    """
+
+    bodies: tuple[str, ...]
+    engine: str
+    roi: tuple[int, int, int, int]
+    samples: int
+    bounds_px: tuple[float, float, float, float]
+    grid: tuple[int, int]
+    tolerance: float
+    modelling_error: float
+    predicted_error: float
+    by_centroids: bool = False
+    shadow_share: float = 0.0
+    noise: tuple[float, float] = (0.0, 0.0)
+    refined_samples: int = 0
+    refined_share: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class EmissionPlan:
+    """What was modelled of one emission, for the plan that a reply carries.
+
+    Attributes
+    ----------
+    kind, body : str
+    modelled : dict
+        Plain data: models, steps, resolution, ...
+    predicted_error : float [1]
+        RMS error of its light over the light's mean.
+    milliseconds : float [ms]
+        What it cost.
+    left_out : tuple of str
+    """
+
+    kind: str
+    body: str
+    modelled: dict[str, Any]
+    predicted_error: float
+    milliseconds: float
+    left_out: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class RenderPlan:
+    """What a frame models, what it leaves out, and the error that is expected of it.
+
+    Attributes
+    ----------
+    roi : (int, int, int, int) [px]
+        Region outside which the image is zero: x0, y0, x1, y1, one past the last; all zero when
+        nothing is in view.
+    windows : tuple of WindowPlan
+        What is drawn of it.
+    predicted_error : float [1]
+        RMS irradiance error over the mean of the lit pixels.
+    left_out : tuple of str
+    warnings : tuple of str
+        What is used beyond its range.
+    emission : tuple of EmissionPlan
+        What plug-ins added to it.
+    """
+
+    camera: str
+    max_error: float
+    roi: tuple[int, int, int, int]
+    windows: tuple[WindowPlan, ...]
+    predicted_error: float
+    bodies: tuple[BodyPlan, ...]
+    left_out: tuple[str, ...] = field(default=())
+    warnings: tuple[str, ...] = field(default=())
+    emission: tuple[EmissionPlan, ...] = field(default=())
+
+    @property
+    def samples(self) -> int:
+        """Most samples along a pixel's side in any window."""
+        return max((window.samples for window in self.windows), default=0)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, for the wire."""
+        return asdict(self)

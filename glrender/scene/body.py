@@ -1,0 +1,140 @@
+"""A body: a shape with its reflectance."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from glrender_camera.validate import positive, text
+
+from ..base.errors import ConfigError, ShapeError, error_path
+from ..brdf import Law
+from .detail.config import Detail
+from .detail.height_field import Relief
+from .shape.convex_hull import Hull
+from .shape.shape import Shape
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Body:
+    """A shape with its reflectance.
+
+    Parameters
+    ----------
+    name : str
+    shape : Shape
+        Body-fixed, about the origin that a state's pose moves.
+    brdf : Law
+    albedo_map : (H, W) float, optional
+        Factor on the law's albedo, row 0 on top; needs a shape with texture coordinates.
+    smooth_normals : bool
+        Interpolated normals; by default each facet has its own, as a shape model is a polyhedron.
+    detail : Detail, optional
+        Ground finer than the facets, made up: none unless asked for.
+    """
+
+    name: str
+    shape: Shape
+    brdf: Law
+    albedo_map: np.ndarray | None = None
+    smooth_normals: bool = False
+    detail: Detail | None = None
+
+    def __post_init__(self):
+        text("name", self.name)
+        if not isinstance(self.shape, Shape):
+            raise ConfigError("shape", "must be a glrender.Shape", self.shape)
+        if not isinstance(self.brdf, Law):
+            raise ConfigError("brdf", "must be a law of glrender.brdf", self.brdf)
+        if not isinstance(self.smooth_normals, bool):
+            raise ConfigError("smooth_normals", "must be true or false", self.smooth_normals)
+        if not isinstance(self.detail, Detail | None):
+            raise ConfigError("detail", "must be a glrender.Detail", self.detail)
+        with error_path("detail"):
+            _ = self.relief
+        if self.albedo_map is not None:
+            if self.shape.uv is None:
+                raise ConfigError("albedo_map", "needs a shape with texture coordinates")
+            try:
+                albedo_map = np.array(self.albedo_map, dtype=np.float32)
+            except (TypeError, ValueError, OverflowError):
+                raise ConfigError("albedo_map", "must be a 2-D array of numbers", self.albedo_map) from None
+            fits = albedo_map.ndim == 2 and albedo_map.size
+            if not fits or not np.isfinite(albedo_map).all() or albedo_map.min() < 0.0:
+                raise ConfigError("albedo_map", "must be a 2-D array of finite numbers >= 0, not empty")
+            albedo_map.setflags(write=False)
+            object.__setattr__(self, "albedo_map", albedo_map)
+
+    @classmethod
+    def from_file(cls, path: str | Path, *, name: str, length_unit: str | float, brdf: Law,
+                  albedo_texture: str | Path | None = None, albedo_texture_gain: float = 1.0,
+                  smooth_normals: bool = False, detail: Detail | None = None) -> Body:
+        """A body from a shape file.
+
+        Parameters
+        ----------
+        path : path
+            OBJ, PLY, STL, PDS plate model (.tab) or ICQ.
+        length_unit : "m", "km" or float
+            Of the file; metres per unit when a number.
+        albedo_texture : path, optional
+            Image whose grey value over its full scale, times `albedo_texture_gain`, scales the albedo.
+
+        Raises
+        ------
+        ShapeError
+        """
+        albedo_map = None
+        if albedo_texture is not None:
+            gain = positive("albedo_texture_gain", albedo_texture_gain)
+            with error_path("albedo_texture"):
+                albedo_map = read_texture(Path(albedo_texture)) * np.float32(gain)
+        return cls(name=name, shape=Shape.from_file(path, length_unit=length_unit), brdf=brdf,
+                   albedo_map=albedo_map, smooth_normals=smooth_normals, detail=detail)
+
+    @cached_property
+    def hull(self) -> Hull:
+        """Convex hull of the shape."""
+        return Hull(self.drawn_shape.vertices_m, self.drawn_shape.facets, self.shape.solid, self.shape.centre_m)
+
+    @cached_property
+    def drawn_shape(self) -> Shape:
+        """The shape about its `centre_m`: what all engines draw, and what a `BodyView` is about."""
+        if not self.shape.centre_m.any():
+            return self.shape
+        vertices_m = self.shape.vertices_m - self.shape.centre_m
+        vertices_m.setflags(write=False)
+        return replace(self.shape, vertices_m=vertices_m)
+
+    @cached_property
+    def relief(self) -> Relief | None:
+        """The ground that its detail makes."""
+        if self.detail is None:
+            return None
+        return Relief(self.detail, math.sqrt(self.shape.facet_areas_m2.mean() * 4.0 / math.sqrt(3.0)),
+                      self.drawn_shape.radius_m)
+
+
+def read_texture(path: Path) -> np.ndarray:
+    """(H, W) float32 [1]: an image's grey value over its full scale.
+
+    Raises
+    ------
+    ShapeError
+    """
+    from PIL import Image
+
+    # Planetary maps are large; a decompression bomb is larger.
+    Image.MAX_IMAGE_PIXELS = 2**29
+    try:
+        with Image.open(path) as image:
+            values = np.asarray(image if image.mode in ("L", "I;16", "I", "F") else image.convert("L"))
+    except (OSError, ValueError, Image.DecompressionBombError) as error:
+        raise ShapeError("", f"texture cannot be read: {error}", str(path)) from None
+    if values.dtype.kind == "f":
+        return values.astype(np.float32)
+    full_scale = 65535.0 if values.dtype.itemsize > 1 else 255.0
+    return values.astype(np.float32) / np.float32(full_scale)

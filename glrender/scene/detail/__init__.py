@@ -1,0 +1,1 @@
+"""Surface detail below the facets of a shape."""

@@ -1,0 +1,198 @@
+"""The scene: bodies, cameras, the Sun and the error budget, validated once."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache, cached_property
+from pathlib import Path
+from typing import Any
+
+from glrender_camera import CameraModel, MosaicModel, PinholeCamera
+from glrender_camera.validate import finite, known_keys, within
+
+from ..base.constants import TOTAL_SOLAR_IRRADIANCE_W_M2
+from ..base.errors import ConfigError, SceneError, error_path
+from . import scene_file as scene_tables
+from .body import Body
+from .shape.convex_hull import Hull
+from .solar_irradiance import Band
+from .stars import Stars
+
+__all__ = ["Body", "Scene", "band_irradiances", "checked_max_error", "load_scene"]
+
+_SCENE_KEYS = ("bodies", "cameras", "stars", "solar_irradiance_1au_W_m2", "max_error", "sun_disc",
+               "emission")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Scene:
+    """What does not change from frame to frame.
+
+    Parameters
+    ----------
+    bodies : sequence of Body
+    cameras : sequence of PinholeCamera
+    solar_irradiance_1au_W_m2 : float [W/m2], 1e-6..1e9, optional
+        In the cameras' band, at 1 au. By default each camera has its own: that of its optics' `band_nm`
+        (ASTM E490-00a), or the total solar irradiance, 1360.8 W/m2, of a camera without a model.
+    max_error : float [1], 0..1
+        Budget: RMS irradiance error over the mean of the lit pixels.
+    sun_disc : bool
+        Whether the Sun has a disc, and shadows penumbras where they show; a point otherwise.
+    stars : Stars, optional
+        The sky behind the bodies, of frames with a detector.
+    emission : sequence
+        Light that no surface scatters, as `emission_frame.Emission`: none unless asked for.
+    """
+
+    bodies: Sequence[Body]
+    cameras: Sequence[PinholeCamera]
+    solar_irradiance_1au_W_m2: float | None = None
+    max_error: float = field(default=0.02)
+    sun_disc: bool = True
+    stars: Stars | None = None
+    emission: Sequence[Any] = ()
+
+    def __post_init__(self):
+        for label, kind in (("bodies", Body), ("cameras", PinholeCamera)):
+            members = getattr(self, label)
+            if not isinstance(members, Iterable):
+                raise ConfigError(label, f"must be a sequence of {kind.__name__}", members)
+            members = tuple(members)
+            if not members:
+                raise ConfigError(label, "must have at least one member")
+            names = set()
+            for index, member in enumerate(members):
+                if not isinstance(member, kind):
+                    raise ConfigError(f"{label}[{index}]", f"must be a {kind.__name__}", member)
+                if member.name in names:
+                    raise ConfigError(f"{label}[{index}].name", "must be unique", member.name)
+                names.add(member.name)
+            object.__setattr__(self, label, members)
+        if self.stars is not None and not isinstance(self.stars, Stars):
+            raise ConfigError("stars", "must be Stars", self.stars)
+        if self.solar_irradiance_1au_W_m2 is not None:
+            if any(isinstance(camera.model, MosaicModel) for camera in self.cameras):
+                raise ConfigError("solar_irradiance_1au_W_m2", "must be left out where a camera has a mosaic, whose "
+                                  "bands have each their own", self.solar_irradiance_1au_W_m2)
+            object.__setattr__(self, "solar_irradiance_1au_W_m2",
+                               within("solar_irradiance_1au_W_m2", self.solar_irradiance_1au_W_m2, 1e-6, 1e9))
+        object.__setattr__(self, "max_error", checked_max_error(self.max_error))
+        if not isinstance(self.sun_disc, bool):
+            raise ConfigError("sun_disc", "must be true or false", self.sun_disc)
+        object.__setattr__(self, "emission", tuple(self.emission))
+        for index, emission in enumerate(self.emission):
+            if emission.body not in {body.name for body in self.bodies}:
+                raise ConfigError(f"emission[{index}].body", "must be a body of the scene", emission.body)
+
+    @cached_property
+    def hulls(self) -> dict[str, Hull]:
+        """Convex hulls of the bodies, by name, in the scene's order."""
+        return {body.name: body.hull for body in self.bodies}
+
+    def solar_irradiance_of(self, camera: PinholeCamera) -> float:
+        """Solar irradiance in a camera's band at 1 au [W/m2]; of a mosaic in that of its pattern's first letter.
+
+        A camera that only draws for one of the scene's, whose name it has, is in that one's band.
+        """
+        if self.solar_irradiance_1au_W_m2 is not None:
+            return self.solar_irradiance_1au_W_m2
+        model = next((own.model for own in self.cameras if own.name == camera.name), camera.model)
+        return TOTAL_SOLAR_IRRADIANCE_W_M2 if model is None else next(iter(band_irradiances(model).values()))
+
+    def camera(self, name: str | None) -> PinholeCamera:
+        """The camera of a name; None is the only one."""
+        if name is None and len(self.cameras) == 1:
+            return self.cameras[0]
+        for camera in self.cameras:
+            if camera.name == name:
+                return camera
+        raise SceneError("camera", "unknown camera", name,
+                         f"the scene has {', '.join(camera.name for camera in self.cameras)}")
+
+    def drawn_camera(self, camera: str | PinholeCamera | None) -> PinholeCamera:
+        """The camera that a renderer draws for: one of the scene's by name, or one that draws for it.
+
+        Raises
+        ------
+        ConfigError
+            A camera that distorts: no renderer draws its image directly.
+        """
+        pinhole = camera if isinstance(camera, PinholeCamera) else self.camera(camera)
+        if pinhole.distortion is not None:
+            raise ConfigError("camera", f"camera {pinhole.name!r} distorts, so no renderer draws its image",
+                              hint="glrender.take_frame and draw_still do, from what lens_of(camera).source sees")
+        return pinhole
+
+    @classmethod
+    def from_dict(cls, table: Mapping[str, Any], *, shape_dir: str | Path | None = None, path: str = "scene",
+                  restricted: bool = False) -> Scene:
+        """A scene from plain data: a TOML file's, or the wire's.
+
+        Parameters
+        ----------
+        table : mapping
+            Keys as in `docs/scene.md`.
+        shape_dir : path, optional
+            Where relative shape and texture names are looked up.
+        restricted : bool
+            Only bare file names inside `shape_dir`: for what comes over the wire.
+
+        Raises
+        ------
+        ConfigError
+            With the path of the field.
+        """
+        known_keys(path, table, _SCENE_KEYS, required=("bodies", "cameras"))
+        files = scene_tables.Files(Path(shape_dir) if shape_dir is not None else None, restricted)
+        bodies = [scene_tables.body(entry, f"{path}.bodies[{i}]", files)
+                  for i, entry in enumerate(scene_tables.tables(f"{path}.bodies", table["bodies"]))]
+        cameras = [scene_tables.camera(entry, f"{path}.cameras[{i}]")
+                   for i, entry in enumerate(scene_tables.tables(f"{path}.cameras", table["cameras"]))]
+        stars = scene_tables.stars(table["stars"], f"{path}.stars") if "stars" in table else None
+        rest = {key: table[key] for key in ("solar_irradiance_1au_W_m2", "max_error", "sun_disc") if key in table}
+        if "emission" in table:
+            named = {body.name: body for body in bodies}
+            rest["emission"] = [scene_tables.emission(entry, f"{path}.emission[{i}]", files, named)
+                                for i, entry in enumerate(scene_tables.tables(f"{path}.emission", table["emission"]))]
+        with error_path(path):
+            return cls(bodies=bodies, cameras=cameras, stars=stars, **rest)
+
+
+def load_scene(path: str | Path) -> Scene:
+    """A scene from a TOML file; names of shapes and textures are relative to it.
+
+    Raises
+    ------
+    ConfigError
+        The file is missing, is not TOML, or a field breaks a rule.
+    """
+    path = Path(path)
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(str(path), f"cannot be read: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(str(path), f"is not TOML: {error}") from None
+    return Scene.from_dict(table, shape_dir=path.parent, path=path.name)
+
+
+def checked_max_error(value: float, name: str = "max_error") -> float:
+    """An error budget in (0, 1], at least 1e-15: float64 tells no more, and the quotients of a planner stay finite."""
+    number = finite(name, value)
+    if not 0.0 < number <= 1.0:
+        raise ConfigError(name, "must be > 0 and <= 1", value)
+    return within(name, value, 1e-15, 1.0)
+
+
+def band_irradiances(model: CameraModel | MosaicModel) -> dict[str, float]:
+    """Solar irradiance at 1 au [W/m2] of each band (ASTM E490-00a), the pattern's first letter first."""
+    letters = dict.fromkeys("".join(model.pattern)) if isinstance(model, MosaicModel) else model.bands
+    return {letter: _box_irradiance(model.bands[letter].optics.band_nm) for letter in letters}
+
+
+@cache
+def _box_irradiance(band_nm: tuple[float, float]) -> float:
+    return Band.box(*band_nm).irradiance_1au_W_m2

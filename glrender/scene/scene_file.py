@@ -1,0 +1,165 @@
+"""From the tables of a scene file, or of the wire, to bodies, cameras and stars."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from glrender_camera import BrownConrady, CameraModel, MosaicModel, PinholeCamera, lens_of
+from glrender_camera.validate import known_keys, one_of, positive, text
+
+from ..base.errors import ConfigError, PluginError, error_path
+from ..brdf import Law
+from ..brdf.presets import PRESETS
+from .body import Body, read_texture
+from .detail.config import Detail
+from .plugins.checks import blamed_on, is_foreign, named, try_law
+from .plugins.registry import emissions, laws
+from .shape import generate
+from .shape.shape import Shape, metres_per_unit
+from .stars import Stars
+
+_BODY_KEYS = ("name", "shape", "generated", "length_unit", "brdf", "albedo_texture", "albedo_texture_gain",
+              "smooth_normals", "detail")
+_CAMERA_KEYS = ("name", "width_px", "height_px", "focal_length_px", "principal_point_px",
+                "q_camera_from_spacecraft", "r_camera_spacecraft_m", "model", "distortion")
+# Of one name on all file systems in use.
+_MAX_NAME_BYTES = 255
+_GENERATORS = ("icosphere", "contact_binary", "gaussian_random_sphere", "three_lobes")
+
+
+@dataclass(frozen=True)
+class Files:
+    """Where names of files lead, and whether they may lead anywhere."""
+
+    directory: Path | None
+    restricted: bool
+
+    def path(self, field_path: str, name: object) -> Path:
+        name = text(field_path, name)
+        if self.restricted:
+            if self.directory is None:
+                raise ConfigError(field_path, "this server serves no files; start it with --shape-dir", name)
+            if Path(name).name != name or name in (".", ".."):
+                raise ConfigError(field_path, "must be a bare file name in the server's shape directory", name)
+            if "\0" in name or len(name.encode("utf-8", "surrogatepass")) > _MAX_NAME_BYTES:
+                raise ConfigError(field_path, f"must be a file name of at most {_MAX_NAME_BYTES} bytes, none of them 0",
+                                  name)
+            path = self.directory / name
+            # A link inside the directory must not lead out of it.
+            if path.exists() and path.resolve().parent != self.directory.resolve():
+                raise ConfigError(field_path, "must be a file in the server's shape directory", name)
+            return path
+        return (self.directory or Path()) / name
+
+
+def tables(path: str, value: object) -> Sequence[Mapping[str, Any]]:
+    """A list of tables that is not empty."""
+    if not isinstance(value, Sequence) or isinstance(value, str) or not value:
+        raise ConfigError(path, "must be a list of tables that is not empty", value)
+    return value
+
+
+def body(table: Mapping[str, Any], path: str, files: Files) -> Body:
+    """A body of its table in a scene file."""
+    known_keys(path, table, _BODY_KEYS, required=("name", "brdf"))
+    if ("shape" in table) == ("generated" in table):
+        raise ConfigError(path, "needs exactly one of `shape` (a file) and `generated` (a table)")
+    albedo_map = None
+    if "generated" in table:
+        shape = _generated(table["generated"], f"{path}.generated")
+    else:
+        if "length_unit" not in table:
+            raise ConfigError(f"{path}.length_unit", "missing", hint='shape files carry no unit: "m" or "km"')
+        with error_path(path):
+            length_unit = metres_per_unit(table["length_unit"])
+        with error_path(f"{path}.shape"):
+            shape = Shape.from_file(files.path("", table["shape"]), length_unit=length_unit)
+    if "albedo_texture" in table:
+        gain = positive(f"{path}.albedo_texture_gain", table.get("albedo_texture_gain", 1.0))
+        with error_path(f"{path}.albedo_texture"):
+            albedo_map = read_texture(files.path("", table["albedo_texture"])) * np.float32(gain)
+    law = _law(table["brdf"], f"{path}.brdf")
+    detail = None
+    if "detail" in table:
+        with error_path(f"{path}.detail"):
+            detail = Detail.from_table(table["detail"])
+    with error_path(path):
+        return Body(name=table["name"], shape=shape, brdf=law, albedo_map=albedo_map, detail=detail,
+                    smooth_normals=table.get("smooth_normals", False))
+
+
+def _generated(table: object, path: str) -> Shape:
+    if not isinstance(table, Mapping) or "kind" not in table:
+        raise ConfigError(f"{path}.kind", "missing", hint=f"one of {', '.join(_GENERATORS)}")
+    kind = one_of(f"{path}.kind", table["kind"], _GENERATORS)
+    arguments = {key: value for key, value in table.items() if key != "kind"}
+    with error_path(path):
+        return _call(getattr(generate, kind), arguments)
+
+
+def _law(table: object, path: str) -> Law:
+    if isinstance(table, Mapping) and "preset" in table:
+        known_keys(path, table, ("preset",))
+        return PRESETS[one_of(f"{path}.preset", table["preset"], sorted(PRESETS))].law
+    if not isinstance(table, Mapping) or "law" not in table:
+        raise ConfigError(f"{path}.law", "missing", hint=f"one of {', '.join(sorted(laws()))}, or a `preset`")
+    law = laws()[one_of(f"{path}.law", table["law"], sorted(laws()))]
+    arguments = {key: tuple(value) if isinstance(value, list) else value
+                 for key, value in table.items() if key != "law"}
+    with error_path(path), blamed_on(law):
+        made = _call(law, arguments)
+    try_law(made)
+    return made
+
+
+def emission(table: object, path: str, files: Files, bodies: Mapping[str, Body]) -> Any:
+    """A source of light beside the surfaces, by the plug-in of its `kind`."""
+    if not isinstance(table, Mapping) or table.get("kind") not in emissions():
+        kind = table.get("kind") if isinstance(table, Mapping) else table
+        raise ConfigError(f"{path}.kind", f"must be one of {', '.join(sorted(emissions()))}", kind)
+    arguments = {key: value for key, value in table.items() if key != "kind"}
+    kind = emissions()[table["kind"]]
+    with error_path(path), blamed_on(kind):
+        made = kind.from_table(arguments, files.path, bodies)
+    if is_foreign(kind) and not (hasattr(made, "body") and hasattr(made, "open")):
+        raise PluginError(named(kind), "must return something with body and open from from_table", made)
+    return made
+
+
+def camera(table: Mapping[str, Any], path: str) -> PinholeCamera:
+    """A camera of its table in a scene file."""
+    known_keys(path, table, _CAMERA_KEYS, required=_CAMERA_KEYS[:4])
+    arguments = dict(table)
+    if "model" in arguments:
+        with error_path(f"{path}.model"):
+            is_mosaic = isinstance(arguments["model"], Mapping) and "pattern" in arguments["model"]
+            arguments["model"] = (MosaicModel if is_mosaic else CameraModel).from_dict(arguments["model"])
+    if "distortion" in arguments:
+        with error_path(f"{path}.distortion"):
+            arguments["distortion"] = BrownConrady.from_dict(arguments["distortion"])
+    with error_path(path):
+        made = PinholeCamera(**arguments)
+        # The lens asks more of the field than the camera: a rim, and cells that are not stretched too far.
+        lens_of(made)
+    return made
+
+
+def stars(table: Mapping[str, Any], path: str) -> Stars:
+    """The sky of its table in a scene file."""
+    known_keys(path, table, [f.name for f in fields(Stars)], required=("magnitude_limit", "year"))
+    with error_path(path):
+        return Stars(**table)
+
+
+def _call(function, arguments: dict[str, Any]):
+    """Call with keyword arguments out of a file; a wrong name is the file's fault, told by name."""
+    import inspect
+
+    parameters = inspect.signature(function).parameters
+    known_keys("", arguments, parameters,
+               required=[name for name, p in parameters.items() if p.default is inspect.Parameter.empty])
+    return function(**arguments)

@@ -1,0 +1,1 @@
+"""Shapes of bodies: files, repair, hull, clusters of facets, generated shapes."""

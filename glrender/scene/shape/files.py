@@ -1,0 +1,287 @@
+"""Readers of shape files: each returns vertices, facets and, for OBJ, texture coordinates of the corners."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+from ...base.errors import ShapeError
+from .ply_files import read_ply
+from .polygons import triangulated
+from .stl_files import read_stl
+
+MAX_FACETS = 20_000_000
+# Bytes of a file that no facet count within the limit explains.
+_MAX_BYTES = 4 * 1024**3
+
+
+@dataclass(frozen=True)
+class FileMesh:
+    """A shape file's content: triangles, as the file has them.
+
+    Attributes
+    ----------
+    vertices : (V, 3) float64
+        In the file's unit.
+    facets : (F, 3) int64
+        From 0.
+    uv : (F, 3, 2) float32 or None
+        Texture coordinates of the corners.
+    warnings : tuple of str
+        Of what was left out.
+    """
+
+    vertices: np.ndarray
+    facets: np.ndarray
+    uv: np.ndarray | None = None
+    warnings: tuple[str, ...] = ()
+
+
+def read_shape_file(path: Path, max_facets: int) -> FileMesh:
+    """What a shape file holds, polygons cut into triangles.
+
+    Raises
+    ------
+    ShapeError
+        The file is missing, of no known kind, or does not hold a mesh.
+    """
+    try:
+        is_folder, size = path.is_dir(), path.stat().st_size
+    except OSError as error:
+        raise ShapeError("", f"cannot be read: {error.strerror}", str(path)) from None
+    except ValueError as error:  # a NUL in the name
+        raise ShapeError("", f"cannot be read: {error}", str(path)) from None
+    if is_folder:
+        raise ShapeError("", "is a folder, not a shape file", str(path))
+    if size == 0:
+        raise ShapeError("", "is empty", str(path))
+    if size > _MAX_BYTES:
+        raise ShapeError("", "is larger than 4 GiB", str(path), "decimate it first")
+    reader = _READERS.get(path.suffix.lower())
+    if reader is None:
+        raise ShapeError("", f"must end in one of {', '.join(sorted(_READERS))}", str(path))
+    try:
+        return reader(path, max_facets)
+    except ShapeError:
+        raise
+    except (OSError, MemoryError, OverflowError) as error:
+        raise ShapeError("", f"cannot be read: {error}", str(path)) from None
+    except Exception as error:  # third-party parsers raise anything on hostile bytes
+        raise ShapeError("", f"is not a readable {path.suffix[1:].upper()} file: {type(error).__name__}: {error}",
+                         str(path)) from None
+
+
+def _lines(path: Path) -> list[str]:
+    return _text(path).splitlines()
+
+
+def _text(path: Path) -> str:
+    data = path.read_bytes()
+    if b"\0" in data[:65536]:
+        raise ShapeError("", "is binary, not text", str(path))
+    return data.decode("utf-8-sig", errors="replace")
+
+
+def _numbers(path: Path, rows: list[str], width: int, what: str) -> np.ndarray:
+    """(n, width) float64 of text rows; a wrong row is named."""
+    words = " ".join(rows).split()
+    try:
+        # Rows too long and too short may add up to the right number.
+        if len(words) == width * len(rows) and all(len(row.split()) == width for row in rows):
+            return np.array(words, dtype=object).astype(np.float64).reshape(-1, width)
+    except ValueError:
+        pass
+    for row in rows:
+        parts = row.split()
+        try:
+            [float(part) for part in parts]
+        except ValueError:
+            hint = "write decimals with a point" if "," in row else ""
+            raise ShapeError("", f"has a {what} that is no number", row.strip(), hint) from None
+        if len(parts) != width:
+            raise ShapeError("", f"has a {what} with {len(parts)} numbers instead of {width}", row.strip())
+    raise ShapeError("", f"has unreadable {what} rows", str(path))
+
+
+def _limit(count: int, max_facets: int, path: Path) -> None:
+    if count > max_facets:
+        raise ShapeError("", f"has more than {max_facets} facets", count, "decimate it, or raise max_facets")
+
+
+def _obj(path: Path, max_facets: int) -> FileMesh:
+    vertex_rows, texture_rows, faces = [], [], []
+    text = _text(path)
+    if "#" in text:
+        text = re.sub("#[^\r\n]*", "", text)
+    if "\\" in text:  # a statement goes on in the next line
+        text = re.sub(r"\\[ \t]*\r?\n", " ", text)
+    for line in text.splitlines():
+        words = line.split(None, 1)
+        if len(words) < 2:
+            continue
+        key, rest = words
+        if key == "v":
+            vertex_rows.append(rest)
+        elif key == "vt":
+            texture_rows.append(" ".join(rest.split()[:2]))
+        elif key == "f":
+            faces.append((rest, len(vertex_rows), len(texture_rows)))
+    if not vertex_rows or not faces:
+        raise ShapeError("", "has no vertices or no facets", str(path))
+    _limit(len(faces), max_facets, path)
+    if len(" ".join(vertex_rows).split()) > 3 * len(vertex_rows):  # weights or colours follow
+        vertex_rows = [" ".join(row.split()[:3]) for row in vertex_rows]
+    vertices = _numbers(path, vertex_rows, 3, "vertex")
+    texture = _numbers(path, texture_rows, 2, "texture coordinate") if texture_rows else None
+    plain = all(face[1] == len(vertex_rows) for face in (faces[0], faces[-1]))
+    text = " ".join(face[0] for face in faces)
+    slashes = text.count("/")
+    tokens = text.split()
+    if plain and "-" not in text and all(len(face[0].split()) == 3 for face in faces):
+        # The common case, all at once: triangles, positive indices.
+        if slashes == 0:
+            return FileMesh(vertices, _integers(path, tokens).reshape(-1, 3) - 1)
+        if slashes == len(tokens) and texture is not None and all(token.count("/") == 1 for token in tokens):
+            pairs = _integers(path, text.replace("/", " ").split()).reshape(-1, 3, 2) - 1
+            return FileMesh(vertices, pairs[..., 0], _corner_uv(texture, pairs[..., 1]))
+    corners, uv_corners, sizes, n_textured = [], [], [], 0
+    for face, n_vertices, n_texture in faces:
+        polygon = [token.split("/") for token in face.split()]
+        if len(polygon) < 3:
+            raise ShapeError("", "has a facet with fewer than 3 corners", f"f {face}")
+        try:
+            corners += [_from_one(int(corner[0]), n_vertices) for corner in polygon]
+            if all(len(corner) > 1 and corner[1] for corner in polygon):
+                uv_corners += [_from_one(int(corner[1]), n_texture) for corner in polygon]
+                n_textured += 1
+        except ValueError:
+            raise ShapeError("", "has a facet with an index that is no integer", f"f {face}") from None
+        sizes.append(len(polygon))
+    uv, warnings = None, ()
+    if texture is not None and n_textured == len(faces):
+        uv = _corner_uv(texture, np.array(uv_corners))
+    elif texture is not None and n_textured:
+        warnings = (f"texture coordinates are left out, {len(faces) - n_textured} of {len(faces)} facets have none: no "
+                    f"albedo map can be used until every corner of every facet names its own (v/vt)",)
+    return replace(_of_polygons(vertices, np.array(corners, np.int64), np.array(sizes), max_facets, path, uv),
+                   warnings=warnings)
+
+
+def _from_one(index: int, count: int) -> int:
+    """OBJ counts from 1, and backwards from the last with negative numbers."""
+    return index - 1 if index > 0 else count + index if index < 0 else -1
+
+
+def _integers(path: Path, tokens: list[str]) -> np.ndarray:
+    try:
+        return np.array(tokens, dtype=object).astype(np.int64)
+    except ValueError as error:
+        raise ShapeError("", "has a facet with an index that is no integer", str(error)) from None
+
+
+def _corner_uv(texture: np.ndarray, index: np.ndarray) -> np.ndarray:
+    if index.min() < 0 or index.max() >= len(texture):
+        raise ShapeError("", f"has a texture index outside 1..{len(texture)}", int(index.max()) + 1)
+    return texture[index].astype(np.float32)
+
+
+def _ply(path: Path, max_facets: int) -> FileMesh:
+    vertices, corners, sizes = read_ply(path)
+    return _of_polygons(vertices, corners, sizes, max_facets, path)
+
+
+def _stl(path: Path, max_facets: int) -> FileMesh:
+    points, sizes, warnings = read_stl(path)
+    if not len(sizes):
+        raise ShapeError("", "has no facets", str(path))
+    return replace(_of_polygons(points, np.arange(len(points)), sizes, max_facets, path), warnings=warnings)
+
+
+def _of_polygons(vertices: np.ndarray, corners: np.ndarray, sizes: np.ndarray, max_facets: int,
+                 path: Path, uv: np.ndarray | None = None) -> FileMesh:
+    """Triangles of polygons of some corners each (P,): of all in turn the vertices (N,) and texture coordinates (N, 2).
+    """
+    few = np.flatnonzero(sizes < 3)
+    if len(few):
+        raise ShapeError(f"facets[{few[0]}]", "has fewer than 3 corners", int(sizes[few[0]]))
+    _limit(int(sizes.sum()) - 2 * len(sizes), max_facets, path)
+    try:
+        triangles = triangulated(vertices, corners, sizes)
+    except ValueError as error:
+        raise ShapeError("", f"has {error}", str(path)) from None
+    return FileMesh(vertices, corners[triangles], None if uv is None else uv[triangles])
+
+
+def _plate_model(path: Path, max_facets: int) -> FileMesh:
+    """PDS plate model: a count line, vertices, a count line, plates from 1; index columns optional."""
+    rows = [line.replace(",", " ") for line in _lines(path) if line.strip() and not line.lstrip().startswith("#")]
+    if not rows:
+        raise ShapeError("", "has no lines but comments", str(path))
+    head = rows[0].split()
+    try:
+        counts = [int(word) for word in head]
+        if len(counts) == 2:
+            n_vertices, n_plates, start = *counts, 1
+            plates_at = start + n_vertices
+        elif len(counts) == 1:
+            n_vertices, start = counts[0], 1
+            n_plates, plates_at = int(rows[start + n_vertices].split()[0]), start + n_vertices + 1
+        else:
+            raise ValueError
+    except (ValueError, IndexError):
+        raise ShapeError("", "is no plate model: it must begin with the number of vertices", rows[0].strip()) from None
+    _limit(n_plates, max_facets, path)
+    vertex_rows, plate_rows = rows[start:start + n_vertices], rows[plates_at:plates_at + n_plates]
+    if len(vertex_rows) != n_vertices or len(plate_rows) != n_plates or not n_vertices or not n_plates:
+        raise ShapeError("", f"promises {n_vertices} vertices and {n_plates} plates and ends before",
+                         len(rows))
+    width = len(vertex_rows[0].split())
+    vertices = _numbers(path, vertex_rows, width, "vertex")[:, -3:]
+    width = len(plate_rows[0].split())
+    plates = _numbers(path, plate_rows, width, "plate")[:, -3:]
+    wrong = np.flatnonzero(((plates != np.round(plates)) | (np.abs(plates) > 2**31)).any(axis=1))
+    if len(wrong):
+        raise ShapeError("", "has a plate with an index that is no 32-bit integer", plate_rows[wrong[0]].strip())
+    return FileMesh(vertices, plates.astype(np.int64) - 1)
+
+
+def _icq(path: Path, max_facets: int) -> FileMesh:
+    """Implicitly connected quadrilaterals (Gaskell): q, then six faces of (q + 1) x (q + 1) vertices."""
+    rows = [line for line in _lines(path) if line.strip()]
+    if not rows:
+        raise ShapeError("", "has only empty lines", str(path))
+    try:
+        q = int(rows[0].split()[0])
+    except ValueError:
+        raise ShapeError("", "is no ICQ file: it must begin with q", rows[0].strip()) from None
+    _limit(12 * q * q, max_facets, path)
+    side = q + 1
+    if q < 1 or len(rows) < 1 + 6 * side * side:
+        raise ShapeError("", f"promises 6 ({q} + 1)^2 vertices and ends before", len(rows) - 1)
+    vertices = _numbers(path, rows[1:1 + 6 * side * side], 3, "vertex")
+    a = (np.arange(6)[:, None, None] * side * side + np.arange(q)[:, None] * side + np.arange(q)).ravel()
+    quad = np.stack([a, a + 1, a + side + 1, a + side], axis=1)
+    # The shorter diagonal follows the surface better.
+    across = np.linalg.norm(vertices[quad[:, 0]] - vertices[quad[:, 2]], axis=1)
+    other = np.linalg.norm(vertices[quad[:, 1]] - vertices[quad[:, 3]], axis=1)
+    first = np.where((across <= other)[:, None], quad[:, [0, 1, 2]], quad[:, [0, 1, 3]])
+    second = np.where((across <= other)[:, None], quad[:, [0, 2, 3]], quad[:, [1, 2, 3]])
+    return FileMesh(vertices, np.concatenate([first, second]))
+
+
+def _by_trimesh(path: Path, max_facets: int) -> FileMesh:
+    """What trimesh reads of other formats: all meshes of a file in one, where its scene has them."""
+    mesh = trimesh.load_mesh(path, process=False)
+    _limit(len(mesh.faces), max_facets, path)
+    return FileMesh(np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64))
+
+
+_READERS: dict[str, Callable[[Path, int], FileMesh]] = {
+    ".obj": _obj, ".ply": _ply, ".stl": _stl, ".tab": _plate_model, ".plt": _plate_model,
+    ".icq": _icq, ".glb": _by_trimesh, ".off": _by_trimesh,
+}

@@ -1,0 +1,399 @@
+"""A body's shape: a closed triangle mesh, checked and repaired, with a report of what was found."""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from glrender_camera.validate import integer, within
+
+from ...base.errors import ShapeError, error_path
+from .files import MAX_FACETS, read_shape_file
+from .shells import WELD_RTOL, Edges, are_all_different, of_one_diagonal, seams, wound
+
+_log = logging.getLogger(__name__)
+
+_METRES_PER_UNIT = {"m": 1.0, "km": 1000.0}
+# Facets whose edges tell how rough a shape is.
+_CREASE_FACETS = 100_000
+MIN_EXTENT_M, MAX_COORDINATE_M = 1e-3, 1e10
+"""What a body may span: a grain of sand, whose facets' areas float32 still holds, to seven Suns."""
+# Small bodies span metres to a few thousand kilometres.
+_LIKELY_EXTENT_M = (1.0, 6e6)
+# What looks like one of those that are visited, by a file: 170 m (Dimorphos) to 279 km (Psyche). Kilometres read as
+# metres make them smaller than the first, metres read as kilometres larger than the second.
+_LIKELY_NATURAL_M = (30.0, 1.5e5)
+# Such a shape's facets at least, and of these the planes that differ at least, to so many digits of their normals: a
+# box of quadrilaterals has half at most.
+_NATURAL_FACETS, _NATURAL_PLANES, _NORMAL_DIGITS = 100, 0.8, 5
+
+
+def metres_per_unit(length_unit: str | float) -> float:
+    """Metres in a file's unit of length: "m", "km", or a number, 1e-9..1e9."""
+    if not isinstance(length_unit, str):
+        return within("length_unit", length_unit, 1e-9, 1e9)
+    if length_unit not in _METRES_PER_UNIT:
+        raise ShapeError("length_unit", "must be 'm', 'km' or metres per unit", length_unit)
+    return _METRES_PER_UNIT[length_unit]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShapeReport:
+    """What was found in a shape, and what was repaired."""
+
+    n_vertices: int
+    n_facets: int
+    n_shells: int
+    n_cavities: int
+    n_two_sided: int
+    n_welded: int
+    n_seam: int
+    seam_tolerance_m: float
+    seam_gap_m: float
+    n_unused: int
+    n_degenerate: int
+    n_duplicate: int
+    n_flipped: int
+    n_open_edges: int
+    n_non_manifold_edges: int
+    volume_m3: float
+    extent_m: tuple[float, float, float]
+    warnings: tuple[str, ...]
+
+    @property
+    def is_watertight(self) -> bool:
+        """Whether every edge has exactly two facets."""
+        return not self.n_open_edges and not self.n_non_manifold_edges
+
+    @property
+    def has_odd_extent(self) -> bool:
+        """Whether no body of whatever kind is likely to be as small or as large."""
+        return not _LIKELY_EXTENT_M[0] <= max(self.extent_m) <= _LIKELY_EXTENT_M[1]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Shape:
+    """A checked mesh; make one by `from_file` or `from_arrays`.
+
+    Attributes
+    ----------
+    vertices_m : (V, 3) float64 [m]
+        Body-fixed.
+    facets : (F, 3) int32
+        Counter-clockwise seen from outside.
+    uv : (F, 3, 2) float32 or None
+        Texture coordinates of the corners, origin at the image's bottom left.
+    report : ShapeReport
+    solid : (F,) bool, optional
+        Facets of shells that have an inside: closed, or closed but for holes. By default all.
+    other_side : (F,) int, optional
+        The facet that is the other side of each, in the same place, or -1. By default none has one.
+    """
+
+    vertices_m: np.ndarray
+    facets: np.ndarray
+    uv: np.ndarray | None
+    report: ShapeReport
+    solid: np.ndarray | None = None
+    other_side: np.ndarray | None = None
+
+    @classmethod
+    def from_file(cls, path: str | Path, *, length_unit: str | float, max_facets: int = MAX_FACETS) -> Shape:
+        """Read, check and repair a shape file.
+
+        Parameters
+        ----------
+        path : path
+            OBJ, PLY, STL, PDS plate model (.tab, .plt) or ICQ (.icq).
+        length_unit : "m", "km" or float
+            Of the file; metres per unit when a number, 1e-9..1e9.
+        max_facets : int
+
+        Raises
+        ------
+        ShapeError
+            With the file's name, the rule and the value.
+        """
+        path = Path(path)
+        scale = metres_per_unit(length_unit)
+        with error_path(path.name):
+            mesh = read_shape_file(path, integer("max_facets", max_facets, 1, 2**31 - 1))
+            # A number as long as 1e308 becomes infinite here and is refused as such.
+            with np.errstate(over="ignore"):
+                vertices_m = mesh.vertices * scale
+            shape = cls.from_arrays(vertices_m, mesh.facets, uv=mesh.uv)
+        told = (*mesh.warnings, *_unit_doubt(shape), *shape.report.warnings)
+        for text in told:
+            _log.warning("%s: %s", path.name, text)
+        return replace(shape, report=replace(shape.report, warnings=told))
+
+    @classmethod
+    def from_arrays(cls, vertices_m: np.ndarray, facets: np.ndarray, *, uv: np.ndarray | None = None) -> Shape:
+        """Check and repair a mesh: weld, drop what has no area, turn outward.
+
+        Parameters
+        ----------
+        vertices_m : (V, 3) float [m]
+            Within 1e10 m of the origin, and at least 1e-3 m in extent.
+        facets : (F, 3) int
+            From 0.
+        uv : (F, 3, 2) float, optional
+
+        Raises
+        ------
+        ShapeError
+        """
+        try:
+            vertices, facets = np.asarray(vertices_m, np.float64), np.asarray(facets)
+            uv = None if uv is None else np.asarray(uv, np.float32)
+        except (TypeError, ValueError, OverflowError):
+            raise ShapeError("", "needs arrays of numbers") from None
+        if vertices.ndim != 2 or vertices.shape[1] != 3 or facets.ndim != 2 or facets.shape[1] != 3 or not len(facets):
+            raise ShapeError("", "needs vertices (V, 3) and facets (F, 3)", (vertices.shape, facets.shape))
+        bad = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
+        if len(bad):
+            raise ShapeError(f"vertices[{bad[0]}]", "must be finite", vertices[bad[0]].tolist())
+        far = np.flatnonzero(np.abs(vertices).max(axis=1) > MAX_COORDINATE_M)
+        if len(far):
+            raise ShapeError(f"vertices[{far[0]}]", f"must be within {MAX_COORDINATE_M:g} m of the origin",
+                             vertices[far[0]].tolist(), "is the length unit right?")
+        if facets.dtype.kind not in "iu" and not (facets.dtype.kind == "f" and (facets == np.round(facets)).all()):
+            raise ShapeError("facets", "must be integers", facets)
+        if facets.min() < 0 or facets.max() >= len(vertices):
+            wrong = int(np.flatnonzero(((facets < 0) | (facets >= len(vertices))).any(axis=1))[0])
+            raise ShapeError(f"facets[{wrong}]", f"must index vertices 0..{len(vertices) - 1}",
+                             facets[wrong].tolist(), "plate models count from 1, trimesh from 0")
+        if uv is not None and (uv.shape != (*facets.shape, 2) or not np.isfinite(uv).all()):
+            raise ShapeError("uv", f"must be {(*facets.shape, 2)} finite numbers", uv.shape)
+        return _repaired(vertices, facets.astype(np.int64), uv)
+
+    @cached_property
+    def radius_m(self) -> float:
+        """Largest distance of a vertex from the body's origin [m]."""
+        return float(np.linalg.norm(self.vertices_m, axis=1).max())
+
+    @cached_property
+    def centre_m(self) -> np.ndarray:
+        """Origin (3,) float64 [m], body-fixed, of the coordinates in which the shape is drawn.
+
+        It is the body's origin, unless that lies outside the sphere around the shape's box. Float32 coordinates about
+        an origin far from the shape (of a terrain patch, its planet's centre) would leave no digits for the shape; the
+        middle of the box is the origin then.
+        """
+        low_m, high_m = self.vertices_m.min(axis=0), self.vertices_m.max(axis=0)
+        middle_m = 0.5 * (low_m + high_m)
+        is_far = np.linalg.norm(middle_m) > 0.5 * np.linalg.norm(high_m - low_m)
+        return middle_m if is_far else np.zeros(3)
+
+    @cached_property
+    def content_hash(self) -> str:
+        """Hexadecimal SHA-256 of the geometry."""
+        digest = hashlib.sha256(self.vertices_m.tobytes() + self.facets.tobytes())
+        digest.update(b"" if self.uv is None else self.uv.tobytes())
+        return digest.hexdigest()
+
+    @cached_property
+    def _area_normals_m2(self) -> np.ndarray:
+        corner = self.vertices_m[self.facets]
+        return 0.5 * np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+
+    @cached_property
+    def facet_areas_m2(self) -> np.ndarray:
+        """(F,) float64 [m2]."""
+        return np.linalg.norm(self._area_normals_m2, axis=1)
+
+    @cached_property
+    def facet_normals(self) -> np.ndarray:
+        """(F, 3) float64 outward unit normals."""
+        return self._area_normals_m2 / self.facet_areas_m2[:, None]
+
+    @cached_property
+    def crease_rad(self) -> float:
+        """RMS angle [rad] between facets that share an edge; of a large shape, of a part of its edges."""
+        start, end = self.facets.ravel().astype(np.int64), np.roll(self.facets, -1, axis=1).ravel().astype(np.int64)
+        low, high = np.minimum(start, end), np.maximum(start, end)
+        some = np.flatnonzero(low % max(len(self.facets) // _CREASE_FACETS, 1) == 0)
+        key = low[some] * len(self.vertices_m) + high[some]
+        order = np.argsort(key, kind="stable")
+        pair = np.flatnonzero(np.diff(key[order]) == 0)
+        if not len(pair):
+            return 0.0
+        a, b = (self.facet_normals[some[order[pair + k]] // 3] for k in range(2))
+        half = np.arctan2(np.linalg.norm(a - b, axis=1), np.linalg.norm(a + b, axis=1))
+        return float(2.0 * np.sqrt(np.mean(half**2)))
+
+    @cached_property
+    def vertex_normals(self) -> np.ndarray:
+        """(V, 3) float64 unit normals, the mean of the facets around weighted by their angle there."""
+        total = np.zeros_like(self.vertices_m)
+        for k in range(3):
+            here, left, right = (self.vertices_m[self.facets[:, (k + i) % 3]] for i in range(3))
+            a, b = left - here, right - here
+            angle = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.einsum("ij,ij->i", a, b))
+            np.add.at(total, self.facets[:, k], angle[:, None] * self.facet_normals)
+        return total / np.linalg.norm(total, axis=1, keepdims=True)
+
+    def to_file(self, path: str | Path) -> None:
+        """Write an OBJ in metres, without texture coordinates; digits enough to read the same float64."""
+        lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in self.vertices_m.tolist()]
+        lines += [f"f {a} {b} {c}" for a, b, c in (self.facets + 1).tolist()]
+        Path(path).write_text("\n".join(lines) + "\n", encoding="ascii")
+
+
+def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None) -> Shape:
+    used, facets = np.unique(facets, return_inverse=True)
+    facets = facets.reshape(-1, 3)
+    n_unused, vertices = len(vertices) - len(used), vertices[used]
+    extent = float(np.ptp(vertices, axis=0).max())
+    if not extent > 0.0:
+        raise ShapeError("", "has no extent: all vertices coincide", vertices[0].tolist())
+    if not extent >= MIN_EXTENT_M:
+        raise ShapeError("", f"must have an extent of at least {MIN_EXTENT_M:g} m", extent, "is the length unit right?")
+    cell = extent * WELD_RTOL
+    _, first, same = np.unique(np.round((vertices - vertices.min(axis=0)) / cell).astype(np.int64), axis=0,
+                               return_index=True, return_inverse=True)
+    same = same.ravel()
+    # Keep the file's order of vertices: it is a good order for the vertex cache.
+    order = np.argsort(first)
+    rank = np.empty(len(order), np.int64)
+    rank[order] = np.arange(len(order))
+    n_welded, vertices, facets = len(vertices) - len(first), vertices[first[order]], rank[same][facets]
+    facets, uv, n_degenerate, n_duplicate = _without_copies(facets, uv)
+    edges = Edges(facets)
+    welded, tolerance_m, gap_m = seams(vertices, edges)
+    n_seam = int((welded != np.arange(len(vertices))).sum())
+    if n_seam:
+        facets, uv, *more = _without_copies(welded[facets], uv)
+        n_degenerate, n_duplicate, edges = n_degenerate + more[0], n_duplicate + more[1], Edges(facets)
+    if (changed := of_one_diagonal(vertices, facets, edges)) is not None:
+        facets, uv = changed[0], None if uv is None else uv.reshape(-1, 2)[changed[1]]
+        edges = Edges(facets)
+    shells = wound(vertices, facets, edges)
+    facets, flipped, solid = shells.facets, shells.is_flipped, shells.is_solid
+    if uv is not None:
+        uv = np.where(flipped[:, None, None], uv[:, [0, 2, 1]], uv)
+    # Facets without an area close what is around them, and are left out only when that is known.
+    corner = vertices[facets]
+    area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
+    kept = area > 1e-15 * extent**2
+    n_degenerate += int((~kept).sum())
+    if not kept.any():
+        raise ShapeError("", "has no facet with an area", n_degenerate)
+    facets, solid, flipped, uv = facets[kept], solid[kept], flipped[kept], None if uv is None else uv[kept]
+    volume = _volume(vertices, facets)
+    extents = tuple(float(x) for x in np.ptp(vertices, axis=0))
+    n_flipped = int(flipped.sum())
+    leftover, facets = np.unique(facets, return_inverse=True)
+    n_unused, vertices = n_unused + len(vertices) - len(leftover) - n_seam, vertices[leftover]
+    facets = facets.reshape(-1, 3)
+    other_side = None
+    if shells.n_two_sided:
+        other_side = _other_sides(facets)
+        vertices, facets = _with_own_backs(vertices, facets, other_side)
+    facets = facets.astype(np.int32)
+    for array in (vertices, facets, uv, solid, other_side):
+        if array is not None:
+            array.setflags(write=False)
+    report = ShapeReport(
+        n_vertices=len(vertices), n_facets=len(facets), n_shells=shells.n_shells, n_cavities=shells.n_cavities,
+        n_two_sided=shells.n_two_sided, n_welded=n_welded + n_seam, n_seam=n_seam, seam_tolerance_m=tolerance_m,
+        seam_gap_m=gap_m, n_unused=n_unused, n_degenerate=n_degenerate, n_duplicate=n_duplicate, n_flipped=n_flipped,
+        n_open_edges=shells.n_open_edges, n_non_manifold_edges=shells.n_non_manifold_edges, volume_m3=volume,
+        extent_m=extents, warnings=())
+    return Shape(vertices_m=vertices, facets=facets, uv=uv, solid=solid, other_side=other_side,
+                 report=replace(report, warnings=_warnings(report, shells.n_holed_edges)))
+
+
+def _warnings(report: ShapeReport, n_holed_edges: int) -> tuple[str, ...]:
+    """What a user should know of a shape, and what to do about it."""
+    told, n_open = [], report.n_open_edges - n_holed_edges
+    if n_holed_edges:
+        told.append(f"{n_holed_edges} open edges of holes in a surface that is closed else: light and sight pass "
+                    "through, and it is not turned outward; close them in the program that made the shape")
+    if n_open:
+        told.append(f"{n_open} open edges of a surface that encloses nothing, as terrain: it is seen and lit from the "
+                    "front of its facets alone; if it is dark from above, wind them the other way")
+    if report.n_non_manifold_edges:
+        told.append(f"{report.n_non_manifold_edges} edges with more than two facets: surfaces part there, and one that "
+                    "is not closed without the others is not turned outward; leave out walls that nobody sees")
+    if report.has_odd_extent:
+        told.append(f"extent of {max(report.extent_m):.4g} m: is the length unit right (km or m)?")
+    if report.n_shells > 1:
+        cavities = f", {report.n_cavities} of cavities" if report.n_cavities else ""
+        told.append(f"{report.n_shells} separate shells{cavities}")
+    if report.n_flipped:
+        told.append(f"{report.n_flipped} facets turned over, so that neighbours agree, closed shells face outward and "
+                    "those of cavities inward; where that is wrong, see that no shell cuts another")
+    if report.n_seam:
+        told.append(f"{report.n_seam} vertices on open edges welded to others within {report.seam_tolerance_m:.3g} m, "
+                    f"over gaps of up to {report.seam_gap_m:.3g} m; where gaps are meant, make them wider")
+    if report.n_degenerate:
+        told.append(f"{report.n_degenerate} facets without an area left out")
+    if report.n_duplicate:
+        told.append(f"{report.n_duplicate} facets left out that are there twice with the same side")
+    return tuple(told)
+
+
+def _without_copies(facets: np.ndarray, uv: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None, int, int]:
+    """Facets with three corners, each side of one once, and how many of both kinds are left out."""
+    a, b, c = facets.T
+    kept = np.flatnonzero((a != b) & (b != c) & (c != a))
+    if not len(kept):
+        raise ShapeError("", "has no facet with an area", len(facets))
+    n_degenerate, once = len(facets) - len(kept), kept
+    if not are_all_different(facets[kept]):
+        first = np.argmin(facets[kept], axis=1)
+        turned = np.take_along_axis(facets[kept], (first[:, None] + np.arange(3)) % 3, axis=1)
+        once = kept[np.sort(np.unique(turned, axis=0, return_index=True)[1])]
+    if len(once) < len(facets):
+        facets, uv = facets[once], None if uv is None else uv[once]
+    return facets, uv, n_degenerate, len(kept) - len(once)
+
+
+def _other_sides(facets: np.ndarray) -> np.ndarray:
+    """Which facet (F,) is the other side of each, or -1."""
+    _, same, count = np.unique(np.sort(facets, axis=1), axis=0, return_inverse=True, return_counts=True)
+    order = np.argsort(same.ravel(), kind="stable")
+    first = (np.cumsum(count) - count)[count == 2]
+    found = np.full(len(facets), -1)
+    found[order[first]], found[order[first + 1]] = order[first + 1], order[first]
+    return found
+
+
+def _with_own_backs(vertices: np.ndarray, facets: np.ndarray, other_side: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Facets whose other side comes before them with vertices of their own, so that each side has its normals there."""
+    is_back = (other_side >= 0) & (other_side < np.arange(len(facets)))
+    own, corner = np.unique(facets[is_back], return_inverse=True)
+    facets[is_back] = corner.reshape(-1, 3) + len(vertices)
+    return np.concatenate([vertices, vertices[own]]), facets
+
+
+def _unit_doubt(shape: Shape) -> tuple[str, ...]:
+    """Whether a file's unit of length is right: of what looks like a small body, closed, in one piece and rough."""
+    report, extent = shape.report, max(shape.report.extent_m)
+    low, high = _LIKELY_NATURAL_M
+    if report.has_odd_extent or low <= extent <= high:
+        return ()
+    if not report.is_watertight or report.n_shells > 1 or report.n_facets < _NATURAL_FACETS:
+        return ()
+    planes = np.unique(np.round(shape.facet_normals, _NORMAL_DIGITS), axis=0)
+    if len(planes) < _NATURAL_PLANES * report.n_facets:
+        return ()
+    size, unit = ("small", "kilometres") if extent < low else ("large", "metres")
+    return (f"extent of {extent:.4g} m: is the length unit right (km or m)? Few bodies of this kind are so {size}; if "
+            f"the file is in {unit}, say so",)
+
+
+def _volume(vertices: np.ndarray, facets: np.ndarray) -> float:
+    corner = vertices[facets] - vertices.mean(axis=0)
+    return float(np.einsum("ij,ij->", corner[:, 0], np.cross(corner[:, 1], corner[:, 2]))) / 6.0
+
+
+def longest_sides_m(vertices_m: np.ndarray, facets: np.ndarray) -> np.ndarray:
+    """Longest sides (F,) of facets (F, 3) between vertices (V, 3) [m]."""
+    a, b, c = (vertices_m.take(corner, axis=0) for corner in facets.T)
+    return np.sqrt(np.maximum.reduce([np.einsum("fx,fx->f", side, side) for side in (b - a, c - b, a - c)]))

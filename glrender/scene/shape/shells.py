@@ -1,0 +1,395 @@
+"""The shells of a mesh: seams welded, winding made one, closed shells turned outward and those of cavities inward.
+
+Open shells and panels that are given with both their sides stay as the file has them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import breadth_first_order, connected_components
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from .convex_hull import surface_distance_m
+
+# Gaps of seams: steps of float32 at the largest coordinate, and a share of an open edge's length.
+_SEAM_STEPS, _SEAM_OF_EDGE = 4.0, 1e-3
+# Of the shortest open edge at a vertex, how far it may be moved: no facet collapses.
+_MOST_OF_EDGE = 0.25
+# Of the extent, below which vertices are one wherever they are: a text file's last digit.
+WELD_RTOL = 1e-9
+# Vertices around one at which a seam is looked for: corners where tiles meet.
+_AROUND = 8
+# The sum of a shell's area vectors over its area, below which it is closed but for holes: a hemisphere has a half.
+_HOLED = 0.25
+# Of a shell's extent times its area, a volume that is none, and of the extent a distance that is none.
+_VOLUME_RTOL, _TOUCH_RTOL = 1e-12, 1e-6
+# Vertices and middles of facets of a shell by which it is told whether it is within another.
+_PLACES = 64
+# Frames, their axes in rows, that no mesh is built along.
+_FRAMES = Rotation.from_rotvec([[0.31, 0.52, -0.27], [-1.62, 0.78, 0.44], [0.65, -1.71, 0.86]]).as_matrix()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Shells:
+    """Facets wound as they should be, and what was found.
+
+    Attributes
+    ----------
+    facets : (F, 3) int
+    is_flipped : (F,) bool
+        Which of them were turned over.
+    is_solid : (F,) bool
+        Which belong to a shell that has an inside: closed, or closed but for holes.
+    n_shells, n_cavities, n_two_sided : int
+        Shells, those of them that bound a cavity, and facets that are there with both their sides.
+    n_open_edges, n_holed_edges, n_non_manifold_edges : int
+        Edges of one facet, those of them in shells that are closed else, and of more than two.
+    """
+
+    facets: np.ndarray
+    is_flipped: np.ndarray
+    is_solid: np.ndarray
+    n_shells: int
+    n_cavities: int
+    n_two_sided: int
+    n_open_edges: int
+    n_holed_edges: int
+    n_non_manifold_edges: int
+
+
+class Edges:
+    """Edges of facets (F, 3), each passed by sides of facets, of which those of a facet follow each other.
+
+    Attributes
+    ----------
+    start, end : (3 F,) int
+        Vertices of the sides.
+    order, begin, size : (3 F,), (E,), (E,) int
+        Sides sorted by their edges, where each edge's begin among them, and how many it has.
+    """
+
+    def __init__(self, facets: np.ndarray):
+        self.start, self.end = facets.ravel(), np.roll(facets, -1, axis=1).ravel()
+        key = np.minimum(self.start, self.end) * (facets.max(initial=0) + 1) + np.maximum(self.start, self.end)
+        self.order = np.argsort(key, kind="stable")
+        key = key[self.order]
+        self.begin = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]]))
+        self.size = np.diff(np.append(self.begin, len(key)))
+
+    def sides(self, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Sides (N,) of edges that are chosen (E,), and the edges (N,)."""
+        edge = np.repeat(np.flatnonzero(chosen), self.size[chosen])
+        place = np.arange(len(edge)) - np.repeat(np.cumsum(self.size[chosen]) - self.size[chosen], self.size[chosen])
+        return self.order[self.begin[edge] + place], edge
+
+
+def seams(vertices: np.ndarray, edges: Edges) -> tuple[np.ndarray, float, float]:
+    """Which vertex (V,) each is welded to, itself most, the tolerance and the widest gap [m].
+
+    Only vertices on open edges are welded: what is closed already keeps its thinnest features.
+    """
+    own = np.arange(len(vertices))
+    sides, _ = edges.sides(edges.size == 1)
+    if not len(sides):
+        return own, 0.0, 0.0
+    start, end = edges.start[sides], edges.end[sides]
+    length = np.linalg.norm(vertices[start] - vertices[end], axis=1)
+    rim, place = np.unique(np.concatenate([start, end]), return_inverse=True)
+    shortest = np.full(len(rim), np.inf)
+    np.minimum.at(shortest, place.ravel(), np.tile(length, 2))
+    step = float(np.finfo(np.float32).eps) * float(np.abs(vertices[rim]).max())
+    tolerance = max(_SEAM_STEPS * step, _SEAM_OF_EDGE * float(np.median(length)))
+    least = WELD_RTOL * float(np.ptp(vertices, axis=0).max())
+    most = np.minimum(np.maximum(_MOST_OF_EDGE * shortest, least), tolerance)
+    distance, other = cKDTree(vertices[rim]).query(vertices[rim], k=min(_AROUND, len(rim)),
+                                                   distance_upper_bound=tolerance)
+    one = np.repeat(np.arange(len(rim)), other.shape[1])
+    distance, other = distance.ravel(), other.ravel()
+    near = np.flatnonzero(np.isfinite(distance) & (other != one))
+    near = near[distance[near] <= np.minimum(most[one[near]], most[other[near]])]
+    if not len(near):
+        return own, tolerance, 0.0
+    group = connected_components(coo_array((np.ones(len(near)), (one[near], other[near])), shape=(len(rim), len(rim))),
+                                 directed=False)[1]
+    first = np.full(group.max() + 1, len(vertices))
+    np.minimum.at(first, group, rim)
+    own[rim] = first[group]
+    return own, tolerance, float(distance[near].max())
+
+
+def of_one_diagonal(vertices: np.ndarray, facets: np.ndarray, edges: Edges
+                    ) -> tuple[np.ndarray, np.ndarray] | None:
+    """Facets (F, 3) of which both sides of a flat quadrilateral have one diagonal: each is the other's other side then.
+
+    With the facets' corners (F, 3) from 0 to 3 F - 1 that each corner was; None where there is nothing to change.
+    """
+    first = edges.begin[edges.size == 2]
+    a, b = edges.order[first], edges.order[first + 1]
+    beyond = [facets.ravel()[side - side % 3 + (side + 2) % 3] for side in (a, b)]
+    quad = np.sort(np.stack([edges.start[a], edges.end[a], *beyond], axis=1), axis=1)
+    mixed = _hashed(quad)
+    twice = _repeated(mixed)
+    if not len(twice):
+        return None
+    chosen = np.flatnonzero(np.isin(mixed, twice) & (edges.start[a] == edges.end[b]))
+    # One plane, and one side of it.
+    p, q, r, s = (vertices[each[chosen]] for each in (edges.start[a], edges.end[a], *beyond))
+    normal, other = np.cross(q - p, r - p), np.cross(p - q, s - q)
+    longest = np.maximum(np.linalg.norm(r - s, axis=1), np.linalg.norm(q - p, axis=1))
+    area = np.linalg.norm(normal, axis=1)
+    is_flat = ((np.einsum("ij,ij->i", normal, other) > 0.0)
+               & (np.abs(np.einsum("ij,ij->i", normal, s - p)) <= _TOUCH_RTOL * longest * area))
+    chosen, normal = chosen[is_flat], normal[is_flat]
+    _, same, count = np.unique(quad[chosen], axis=0, return_inverse=True, return_counts=True)
+    order = np.argsort(same.ravel(), kind="stable")
+    begin = (np.cumsum(count) - count)[count == 2]
+    one, two = order[begin], order[begin + 1]
+    turned = np.einsum("ij,ij->i", normal[one], normal[two]) < 0.0
+    one, two = chosen[one[turned]], chosen[two[turned]]
+    if not len(one):
+        return None
+    here, there = (np.stack([a[each] // 3, b[each] // 3], axis=1) for each in (one, two))
+    made = facets.copy()
+    made[there] = facets[here][..., ::-1]
+    was = np.arange(facets.size).reshape(-1, 3)
+    corners = was[there].reshape(len(there), 1, 6)
+    is_it = facets.ravel()[corners] == made[there].reshape(len(there), 6, 1)
+    was[there] = np.take_along_axis(corners[:, 0], np.argmax(is_it, axis=2), axis=1).reshape(-1, 2, 3)
+    return made, was
+
+
+def wound(vertices: np.ndarray, facets: np.ndarray, edges: Edges) -> Shells:
+    """The shells of a mesh, each turned as it should be.
+
+    Facets that share an edge with one other are of one shell. Within a shell, winding is made that of most of its
+    facets. A closed shell is turned outward, or into the cavity where it is within an odd number of others.
+    """
+    is_flipped, is_solid = np.zeros(len(facets), bool), np.zeros(len(facets), bool)
+    is_twin = _are_twins(facets)
+    single = np.flatnonzero(~is_twin)
+    n_twin_shells = _n_pieces(facets[is_twin])
+    if not len(single):
+        return Shells(facets=facets, is_flipped=is_flipped, is_solid=is_solid, n_shells=n_twin_shells, n_cavities=0,
+                      n_two_sided=len(facets) // 2, n_open_edges=0, n_holed_edges=0, n_non_manifold_edges=0)
+    rest = facets[single]
+    if is_twin.any():
+        edges = Edges(rest)
+    shell, flipped, is_one_sided = _made_one(rest, edges)
+    n_shells = int(shell.max()) + 1
+    rest = np.where(flipped[:, None], rest[:, [0, 2, 1]], rest)
+    is_closed = _are_closed(edges, shell, n_shells) & is_one_sided
+    owner = _Owner(shell, n_shells)
+    extents = owner.extents(vertices, rest)
+    corner = vertices[rest] - extents.mean(axis=0)[shell][:, None]
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    area = np.bincount(shell, np.linalg.norm(normal, axis=1), n_shells)
+    openness = np.linalg.norm([np.bincount(shell, axis, n_shells) for axis in normal.T], axis=0)
+    is_holed = is_one_sided & ~is_closed & (openness < _HOLED * area)
+    volume = np.bincount(shell, np.einsum("ij,ij->i", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])), n_shells)
+    has_volume = np.abs(volume) > _VOLUME_RTOL * area * np.linalg.norm(extents[1] - extents[0], axis=1)
+    depth = _depths(vertices, rest, owner, extents, is_closed & has_volume, (is_closed | is_holed) & has_volume)
+    is_inward = is_closed & has_volume & ((volume < 0.0) != (depth % 2 == 1))
+    rest = np.where(is_inward[shell][:, None], rest[:, [0, 2, 1]], rest)
+    facets = facets.copy()
+    facets[single], is_flipped[single] = rest, flipped ^ is_inward[shell]
+    is_solid[single] = ((is_closed | is_holed) & has_volume)[shell]
+    open_sides, _ = edges.sides(edges.size == 1)
+    return Shells(
+        facets=facets, is_flipped=is_flipped, is_solid=is_solid, n_shells=n_shells + n_twin_shells,
+        n_cavities=int((is_closed & has_volume & (depth % 2 == 1)).sum()), n_two_sided=int(is_twin.sum()) // 2,
+        n_open_edges=len(open_sides), n_holed_edges=int(is_holed[shell[open_sides // 3]].sum()),
+        n_non_manifold_edges=int((edges.size > 2).sum()))
+
+
+class _Owner:
+    """Facets of each of some shells."""
+
+    def __init__(self, shell: np.ndarray, n_shells: int):
+        self._order = np.argsort(shell, kind="stable")
+        self._begins = np.searchsorted(shell[self._order], np.arange(n_shells + 1))
+
+    def facets(self, number: int) -> np.ndarray:
+        """Of one shell (N,)."""
+        return self._order[self._begins[number]:self._begins[number + 1]]
+
+    def extents(self, vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
+        """Least and largest coordinates (2, S, 3)."""
+        corners = [vertices[corner[self._order]] for corner in facets.T]
+        return np.stack([of.reduceat(of.reduce(corners), self._begins[:-1]) for of in (np.minimum, np.maximum)])
+
+
+def are_all_different(facets: np.ndarray) -> bool:
+    """Whether no two facets have the same corners, told sooner than which: by a hash that may say no for yes."""
+    return not len(_repeated(_hashed(np.sort(facets, axis=1))))
+
+
+def _repeated(numbers: np.ndarray) -> np.ndarray:
+    """Those of some numbers (N,) that are there more than once."""
+    numbers = np.sort(numbers)
+    return numbers[1:][numbers[1:] == numbers[:-1]]
+
+
+def _hashed(rows: np.ndarray) -> np.ndarray:
+    """A number (N,) for each row (N, K): the same for equal ones."""
+    mixed = np.zeros(len(rows), np.uint64)
+    for column in rows.T:
+        mixed = (mixed ^ column.astype(np.uint64)) * np.uint64(0x9E3779B97F4A7C15)
+        mixed ^= mixed >> np.uint64(32)
+    return mixed
+
+
+def _are_twins(facets: np.ndarray) -> np.ndarray:
+    """Facets (F,) whose other side is there too; none is there twice with the same side."""
+    if are_all_different(facets):
+        return np.zeros(len(facets), bool)
+    _, same, count = np.unique(np.sort(facets, axis=1), axis=0, return_inverse=True, return_counts=True)
+    return count[same.ravel()] == 2
+
+
+def _n_pieces(facets: np.ndarray) -> int:
+    """How many pieces facets are of that share vertices."""
+    if not len(facets):
+        return 0
+    used, corner = np.unique(facets, return_inverse=True)
+    corner = corner.reshape(-1, 3)
+    pairs = np.concatenate([corner[:, :2], corner[:, 1:]])
+    return int(connected_components(coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])),
+                                              shape=(len(used), len(used))), directed=False)[0])
+
+
+def _made_one(facets: np.ndarray, edges: Edges) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Shells (F,), which facets (F,) to turn over so that neighbours agree, and which shells can agree at all."""
+    count = len(facets)
+    first = edges.begin[edges.size == 2]
+    a, b = edges.order[first], edges.order[first + 1]
+    # Two facets that run along an edge the same way are wound against each other.
+    against = edges.start[a] == edges.start[b]
+    owner_a, owner_b = a // 3, b // 3
+    n_shells, shell = connected_components(coo_array((np.ones(len(a)), (owner_a, owner_b)), shape=(count, count)),
+                                           directed=False)
+    flipped, is_one_sided = np.zeros(count, bool), np.ones(n_shells, bool)
+    if against.any():
+        flipped = _two_coloured(count, owner_a, owner_b, against, shell)
+        # As most facets have it.
+        most = 2 * np.bincount(shell, flipped, n_shells) > np.bincount(shell, minlength=n_shells)
+        flipped ^= most[shell]
+        # A Moebius strip has one side: it stays as it is.
+        still = against != (flipped[owner_a] != flipped[owner_b])
+        is_one_sided[shell[owner_a[still]]] = False
+        flipped &= is_one_sided[shell]
+    return shell, flipped, is_one_sided
+
+
+def _two_coloured(count: int, owner_a: np.ndarray, owner_b: np.ndarray, against: np.ndarray,
+                  shell: np.ndarray) -> np.ndarray:
+    """Which facets to flip so that neighbours agree, each shell from its first facet outward."""
+    graph = coo_array((np.where(against, 2, 1), (owner_a, owner_b)), shape=(count, count)).tocsr()
+    graph = graph.maximum(graph.T).tocsr()
+    flipped = np.zeros(count, bool)
+    seeds = np.unique(shell, return_index=True)[1]
+    for seed in seeds[np.unique(shell[owner_a[against]])]:
+        order, parent = breadth_first_order(graph, seed, directed=False)
+        rows = order[1:]
+        if not len(rows):
+            continue
+        turns = np.asarray(graph[parent[rows], rows]).ravel() == 2
+        for facet, before, turn in zip(rows.tolist(), parent[rows].tolist(), turns.tolist(), strict=True):
+            flipped[facet] = flipped[before] ^ turn
+    return flipped
+
+
+def _are_closed(edges: Edges, shell: np.ndarray, n_shells: int) -> np.ndarray:
+    """Whether each shell passes each edge an even number of times."""
+    sides, edge = edges.sides(edges.size != 2)
+    key, count = np.unique(edge * np.int64(n_shells) + shell[sides // 3], return_counts=True)
+    is_closed = np.ones(n_shells, bool)
+    is_closed[key[count % 2 == 1] % n_shells] = False
+    return is_closed
+
+
+def _depths(vertices: np.ndarray, facets: np.ndarray, owner: _Owner, extents: np.ndarray, is_inner: np.ndarray,
+            is_outer: np.ndarray) -> np.ndarray:
+    """Within how many others (S,) each shell is; only of those that may be inner, by those that may be outer ones."""
+    low, high = extents
+    depth = np.zeros(len(is_inner), int)
+    inner = np.flatnonzero(is_inner)
+    for outer in np.flatnonzero(is_outer):
+        within = inner[(low[inner] >= low[outer]).all(axis=1) & (high[inner] <= high[outer]).all(axis=1)
+                       & (inner != outer)]
+        if len(within):
+            mesh = _Mesh(vertices, facets[owner.facets(outer)])
+            for number in within:
+                depth[number] += mesh.holds(facets[owner.facets(number)], float((high[number] - low[number]).max()))
+    return depth
+
+
+class _Mesh:
+    """A shell, asked what is within it by how often lines in three directions pass it."""
+
+    def __init__(self, vertices: np.ndarray, facets: np.ndarray):
+        self._vertices, self._facets = vertices, facets
+        self._is_own = np.zeros(len(vertices), bool)
+        self._is_own[facets] = True
+        corner = vertices[facets]
+        self._views = []
+        for frame in _FRAMES:
+            placed = corner @ frame.T
+            self._views.append((frame, placed, *_tree(placed[..., :2])))
+        self._around = _tree(corner)
+
+    def holds(self, facets: np.ndarray, extent: float) -> bool:
+        """Whether another shell of such facets is within: no place of it outside, but such as touch, and one inside."""
+        own = np.unique(facets)
+        own = own[~self._is_own[own]]
+        middles = self._vertices[facets[_some(np.arange(len(facets)))]].mean(axis=1)
+        places = np.concatenate([self._vertices[_some(own)], middles])
+        is_inside, touch = self._are_inside(places), _TOUCH_RTOL * extent
+        return (not any(self._is_beyond(place, touch) for place in places[~is_inside])
+                and any(self._is_beyond(place, touch) for place in places[is_inside]))
+
+    def _is_beyond(self, place: np.ndarray, distance: float) -> bool:
+        """Whether no facet is as near as this."""
+        tree, reach = self._around
+        near = tree.query_ball_point(place, reach + distance)
+        return not near or surface_distance_m(self._vertices, self._facets[near], place) > distance
+
+    def _are_inside(self, places: np.ndarray) -> np.ndarray:
+        odd = np.zeros(len(places), int)
+        for frame, placed, tree, reach in self._views:
+            points = places @ frame.T
+            near = tree.query_ball_point(points[:, :2], reach)
+            of = np.repeat(np.arange(len(places)), [len(some) for some in near])
+            facet = np.concatenate([np.array(some, int) for some in near])
+            is_above = _are_above(placed[facet], self._facets[facet], points[of])
+            odd += np.bincount(of[is_above], minlength=len(places)) % 2
+        return odd >= 2
+
+
+def _tree(corner: np.ndarray) -> tuple[cKDTree, float]:
+    """Middles of triangles (N, 3, 2 or 3), and how far their corners are from them at most."""
+    middle = corner.mean(axis=1)
+    return cKDTree(middle), float(np.linalg.norm(corner - middle[:, None], axis=2).max())
+
+
+def _are_above(corner: np.ndarray, number: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """Whether lines along +z from points (N, 3) pass triangles (N, 3, 3); on an edge that two share, one of them."""
+    sides = []
+    for k in range(3):
+        a, b = corner[:, k], corner[:, (k + 1) % 3]
+        # The same number whichever way an edge is passed.
+        turned = number[:, k] > number[:, (k + 1) % 3]
+        low, high = np.where(turned[:, None], b, a), np.where(turned[:, None], a, b)
+        across, aside = high - low, point - low
+        sides.append((across[:, 0] * aside[:, 1] - across[:, 1] * aside[:, 0] > 0.0) ^ turned)
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    height = np.einsum("ij,ij->i", normal, corner[:, 0] - point)
+    return (sides[0] == sides[1]) & (sides[1] == sides[2]) & (height * normal[:, 2] > 0.0)
+
+
+def _some(numbers: np.ndarray) -> np.ndarray:
+    """At most `_PLACES` of numbers, evenly."""
+    return numbers if len(numbers) <= _PLACES else numbers[np.linspace(0, len(numbers) - 1, _PLACES).astype(int)]

@@ -1,0 +1,40 @@
+"""The Sun's disc as a few points, each with hard edges of shadows: their mean has penumbras."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from ..base.rotations import sun_from_body
+from .view import BodyView
+
+POINT_COUNTS = ((4, 0.4), (8, 0.25))
+"""Points of the disc, and the share of a hard edge's error [1] that steps of so many leave (tests/test_penumbra.py)."""
+PENUMBRA_SHARE = 0.7
+"""Of the error tolerance [1], what penumbras may take of it."""
+
+
+def fewest_points(error: float, tolerance: float) -> tuple[int, float] | None:
+    """The fewest points, and their share, with which a penumbra's error fits a tolerance; None if none do."""
+    return next(((n_points, share) for n_points, share in POINT_COUNTS if share * error <= PENUMBRA_SHARE * tolerance),
+                None)
+
+
+def on_disc(n_points: int) -> np.ndarray:
+    """Points (K, 2) of a disc of radius 1: Vogel's spiral (1979), about its own middle."""
+    k = np.arange(n_points)
+    turn = k * np.pi * (3.0 - math.sqrt(5.0))
+    points = np.sqrt((k + 0.5) / n_points) * np.array([np.cos(turn), np.sin(turn)])
+    return (points - points.mean(axis=1, keepdims=True)).T
+
+
+def lit_from(views: list[BodyView], point: np.ndarray) -> list[BodyView]:
+    """Views that are lit from a point (2,) of the Sun's disc of radius 1."""
+    across = sun_from_body(views[0].camera_from_body @ views[0].sun_direction_body)[:2].T @ point
+    lit = []
+    for view in views:
+        towards = view.sun_direction_body + view.camera_from_body.T @ across * view.sun_radius_rad
+        lit.append(replace(view, sun_direction_body=towards / np.linalg.norm(towards)))
+    return lit

@@ -1,0 +1,202 @@
+"""Where a state puts a body in front of a camera: all of it in float64, the camera subtracted first."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from glrender_camera import PinholeCamera
+
+from ..base import rotations as frames
+from ..base.constants import AU_M, SUN_RADIUS_M
+from ..base.errors import ConfigError, SceneError
+from ..scene.shape.clusters import Chunks
+from ..scene.shape.convex_hull import Hull
+from .state import State
+
+FINE_FOOTPRINT = 1e-5
+"""Side of what a pixel sees, in radii, below which rays are cast in float64: some hundred float32 steps."""
+# The outline's edges, float64 pixel coordinates, are then good to 1e-4 of its size.
+_MIN_SIZE_PX = 1e-9
+# Radii: the range of a camera at the origin of open terrain, or in a cavity, by which others divide.
+_LEAST_RANGE = 1e-9
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BodyView:
+    """One body as one camera sees it.
+
+    Attributes
+    ----------
+    camera_from_body : (3, 3) float64
+    r_camera_body_m : (3,) float64 [m]
+        The camera, body-fixed, about the origin.
+    sun_direction_body : (3,) float64 [1]
+        Towards the Sun.
+    sun_distance_au : float [au]
+    range_m : float [m]
+        Camera to the origin.
+    phase_rad : float [rad]
+        At the origin.
+    depth_m : (float, float) [m]
+        Nearest and farthest depth along the boresight; both > 0.
+    bounds_px : (4,) float64 [px] or None
+        x0, y0, x1, y1 of the outline, `pixel` frame; None when part of the body is beside or
+        behind the camera, so that it may fill any of the image.
+    is_visible : bool
+        Whether any of it may be in the image.
+    is_whole : bool
+        Whether all of it is.
+    footprint_m : float [m]
+        Side of what a pixel sees of its nearest point.
+    centre_m : (3,) float64 [m]
+        `Shape.centre_m`: in the body's frame, the origin of all places here. Zero but for shapes far from their own.
+    """
+
+    name: str
+    camera_from_body: np.ndarray
+    r_camera_body_m: np.ndarray
+    sun_direction_body: np.ndarray
+    sun_distance_au: float
+    range_m: float
+    phase_rad: float
+    depth_m: tuple[float, float]
+    bounds_px: np.ndarray | None
+    is_visible: bool
+    is_whole: bool
+    footprint_m: float = np.inf
+    centre_m: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+    @cached_property
+    def size_px(self) -> float:
+        """Larger side of the outline's box [px]; infinite when it has none."""
+        return np.inf if self.bounds_px is None else float(np.max(self.bounds_px[2:] - self.bounds_px[:2]))
+
+    @property
+    def cos_off_axis(self) -> float:
+        """Cosine of the angle between the body's origin and the boresight."""
+        return -float(self.camera_from_body[2] @ self.r_camera_body_m) / self.range_m
+
+    @property
+    def sun_radius_rad(self) -> float:
+        """Angular radius of the Sun: its sine, from which it differs by 4e-6 of itself at 1 au."""
+        return SUN_RADIUS_M / (self.sun_distance_au * AU_M)
+
+    @property
+    def finest_px(self) -> float:
+        """Its size [px] were all of it as near as its nearest point: what a shadow map must resolve."""
+        near, far = self.depth_m
+        return min(self.size_px * 0.5 * (near + far) / near, 1e5)
+
+    def is_within(self, bounds_px: tuple[float, float, float, float]) -> bool:
+        """Whether the whole outline is inside a window x0, y0, x1, y1 [px]."""
+        return _is_within(self.bounds_px, bounds_px)
+
+
+def _is_within(box: np.ndarray | None, bounds_px: tuple[float, float, float, float]) -> bool:
+    x0, y0, x1, y1 = bounds_px
+    return box is not None and bool(x0 <= box[0] and y0 <= box[1] and box[2] <= x1 and box[3] <= y1)
+
+
+def between(view: BodyView, other: BodyView) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation (3, 3) and shift (3,) [m] from a body's frame to another's."""
+    if other is view:
+        return np.eye(3), np.zeros(3)
+    rotation = other.camera_from_body.T @ view.camera_from_body
+    return rotation, other.r_camera_body_m - rotation @ view.r_camera_body_m
+
+
+def phase_angle(to_sun: np.ndarray, to_camera: np.ndarray) -> float:
+    """Between two unit vectors (3,) [rad]: exact also where it is small, or nearly pi."""
+    return float(2.0 * np.arctan2(np.linalg.norm(to_sun - to_camera), np.linalg.norm(to_sun + to_camera)))
+
+
+def chunks_in_window(chunks: Chunks, view: BodyView, camera: PinholeCamera,
+                     bounds_px: tuple[float, float, float, float]) -> np.ndarray:
+    """Chunks (C,) bool of a body that may be in a window x0, y0, x1, y1 [px] of the image."""
+    if view.is_within(bounds_px):
+        return np.ones(len(chunks), bool)
+    clip = frames.clip_from_camera(camera.focal_length_px, camera.principal_point_px, bounds_px, *view.depth_m)
+    return chunks.in_window(clip @ frames.transform(
+        view.camera_from_body, -view.camera_from_body @ view.r_camera_body_m))
+
+
+def view_bodies(state: State, camera: PinholeCamera, hulls: dict[str, Hull]) -> list[BodyView]:
+    """Views of all bodies of a scene.
+
+    Parameters
+    ----------
+    state : State
+    camera : PinholeCamera
+    hulls : dict
+        Body name to its Hull, in the scene's order.
+
+    Raises
+    ------
+    ConfigError
+        What is no State.
+    SceneError
+        A body that the state lacks or the scene does not know, a camera or a Sun inside a body,
+        a visible body of less than 1e-9 px.
+    """
+    if not isinstance(state, State):
+        raise ConfigError("state", "must be a State", state, "State.from_dict makes one of a dictionary")
+    for name in hulls:
+        if name not in state.bodies:
+            raise SceneError(f"state.bodies.{name}", "missing", hint="give the pose of every body of the scene")
+    for name in state.bodies:
+        if name not in hulls:
+            raise SceneError(f"state.bodies.{name}", "unknown body", hint=f"the scene has {', '.join(hulls)}")
+    spacecraft_from_inertial, camera_from_spacecraft, *bodies_from_inertial = frames.dcm(np.array(
+        [state.spacecraft.q_from_inertial, camera.q_camera_from_spacecraft,
+         *(state.bodies[name].q_from_inertial for name in hulls)]))
+    camera_from_inertial = camera_from_spacecraft @ spacecraft_from_inertial
+    r_camera_inertial_m = state.spacecraft.r_inertial_m + spacecraft_from_inertial.T @ camera.r_camera_spacecraft_m
+    return [_view(name, hull, state, camera, camera_from_inertial, r_camera_inertial_m, body_from_inertial)
+            for (name, hull), body_from_inertial in zip(hulls.items(), bodies_from_inertial, strict=True)]
+
+
+def _view(name: str, hull: Hull, state: State, camera: PinholeCamera, camera_from_inertial: np.ndarray,
+          r_camera_inertial_m: np.ndarray, body_from_inertial: np.ndarray) -> BodyView:
+    pose = state.bodies[name]
+    r_camera = body_from_inertial @ (r_camera_inertial_m - pose.r_inertial_m) - hull.centre_m
+    r_sun = body_from_inertial @ (state.r_sun_inertial_m - pose.r_inertial_m) - hull.centre_m
+    sun_distance, range_m = float(np.linalg.norm(r_sun)), float(np.linalg.norm(r_camera))
+    if not sun_distance > hull.radius_m:
+        raise SceneError("state.r_sun_inertial_m", f"must be outside body {name!r}",
+                         state.r_sun_inertial_m.tolist())
+    if not sun_distance > SUN_RADIUS_M:
+        raise SceneError("state.r_sun_inertial_m", f"must be a solar radius, {SUN_RADIUS_M:g} m, from body {name!r}",
+                         state.r_sun_inertial_m.tolist(), "it is a position in metres, not a direction")
+    if not hull.is_outside(r_camera):
+        raise SceneError("state.spacecraft.r_inertial_m", f"the camera must be outside body {name!r}",
+                         state.spacecraft.r_inertial_m.tolist(), f"it is {range_m:.6g} m from the body's origin, and "
+                         f"the body reaches {hull.radius_m:.6g} m: is its length unit right?")
+    sun_direction = r_sun / sun_distance
+    camera_from_body = camera_from_inertial @ body_from_inertial.T
+    points = camera_from_body @ (hull.points_m - r_camera[:, None])
+    depth = points[2]
+    nearest, farthest = float(depth.min()), float(depth.max())
+    bounds, edge = None, np.array([camera.width_px, camera.height_px]) - 0.5
+    if nearest > 0.0:
+        across = points[:2] / depth
+        bounds = np.concatenate([edges * camera.focal_length_px + np.array(camera.principal_point_px)
+                                 for edges in (across.min(axis=1), across.max(axis=1))])
+        is_visible = bool((bounds[:2] < edge).all() and (bounds[2:] > -0.5).all())
+        if is_visible and not (bounds[2:] - bounds[:2]).max() > _MIN_SIZE_PX:
+            raise SceneError("state.spacecraft.r_inertial_m", f"body {name!r} must be {_MIN_SIZE_PX:g} px across",
+                             state.spacecraft.r_inertial_m.tolist(), f"it is less at {range_m:.6g} m")
+    else:
+        is_visible = farthest > 0.0
+        # Depth is range times the cosine off the boresight: least in the image's corner.
+        corner = np.array([[x, y] for x in (-0.5, camera.width_px - 0.5) for y in (-0.5, camera.height_px - 0.5)])
+        nearest = hull.distance_m(r_camera) * float(camera.directions(corner)[:, 2].min())
+    to_camera = r_camera / range_m if range_m > 0.0 else sun_direction
+    return BodyView(
+        name=name, camera_from_body=camera_from_body, r_camera_body_m=r_camera, sun_direction_body=sun_direction,
+        sun_distance_au=sun_distance / AU_M, range_m=max(range_m, _LEAST_RANGE * hull.radius_m),
+        phase_rad=phase_angle(sun_direction, to_camera),
+        depth_m=(nearest, farthest), bounds_px=bounds, is_visible=is_visible,
+        is_whole=_is_within(bounds, camera.bounds_px), footprint_m=nearest / camera.focal_length_px,
+        centre_m=hull.centre_m)

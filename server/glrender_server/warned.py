@@ -1,0 +1,60 @@
+"""Warnings in the server's log: each once, however many frames of a closed loop have it."""
+
+from __future__ import annotations
+
+import logging
+from collections import OrderedDict
+from collections.abc import Iterable, Mapping, Sequence
+
+from glrender.engines.advice import Advice
+
+log = logging.getLogger(__name__)
+
+AWAY_S = 10.0
+"""Time that a warning must be away from a camera's frames [s] until it is told anew: one line of what comes and goes
+as a spacecraft tumbles."""
+_MAX_CAMERAS = 256
+
+
+class WarningLog:
+    """Writes what frames and scenes warn of to the log, where it has not been told already."""
+
+    def __init__(self):
+        # Of each client's camera, when it last had which warning.
+        self._known: OrderedDict[tuple[str, str], dict[tuple[str, str], float]] = OrderedDict()
+        self._of_scene: list[Mapping[str, str]] = []
+
+    def scene(self, warnings: Sequence[Mapping[str, str]]) -> None:
+        """Tell of a scene that is served from now on; its frames' warnings are all new."""
+        self._known.clear()
+        for told in warnings:
+            if told not in self._of_scene:
+                log.warning("%s", told["message"], extra={"code": told["code"], "path": told["path"]})
+        self._of_scene = list(warnings)
+
+    def frames(self, client: str, warnings: Iterable[tuple[str, Sequence[Advice]]], now_s: float) -> None:
+        """Tell of the frames of one request.
+
+        Parameters
+        ----------
+        client : str
+        warnings : iterable of (str, sequence of Advice)
+            Each frame's camera and what it warns of: nothing, most often.
+        now_s : float [s]
+            Of a monotonic clock.
+        """
+        of_cameras: dict[str, dict[tuple[str, str], Advice]] = {}
+        for camera, found in warnings:
+            of_cameras.setdefault(camera, {}).update({(advice.code, advice.path): advice for advice in found})
+        for camera, found in of_cameras.items():
+            known = self._known.pop((client, camera), {})
+            for key, advice in found.items():
+                if key not in known:
+                    log.warning("%s: %s", camera if camera.isprintable() else repr(camera), advice.message, extra={
+                        "client": client, "camera": camera, "code": advice.code, "path": advice.path})
+            lately = {key: last_s for key, last_s in known.items() if now_s - last_s < AWAY_S}
+            known = {**lately, **dict.fromkeys(found, now_s)}
+            if known:
+                self._known[client, camera] = known
+        while len(self._known) > _MAX_CAMERAS:
+            self._known.popitem(last=False)

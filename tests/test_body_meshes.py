@@ -1,0 +1,46 @@
+"""What the planner knows of a body: by its law, against finite differences of images of a sphere."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from glrender import Body, generate
+from glrender.brdf import Lambert, LommelSeeliger
+from glrender.engines.raster.meshes import body_traits, view_slopes
+from glrender.planner.error_model import SLOPE_PHASES_RAD
+
+
+def test_a_lambert_surface_is_as_bright_from_everywhere():
+    np.testing.assert_allclose(view_slopes(Lambert(normal_albedo=0.3)), 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("index", range(len(SLOPE_PHASES_RAD)))
+def test_the_slope_of_lommel_seeliger_is_a_finite_difference(index):
+    """Its radiance goes as 1 / (mu0 + mu): its relative change with a tilt of the view is known, all over a sphere."""
+    phase_rad, step_rad = SLOPE_PHASES_RAD[index], 1e-5
+    rng = np.random.default_rng(index)
+    normal = rng.standard_normal((400_000, 3))
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    to_sun = np.array([math.sin(phase_rad), 0.0, math.cos(phase_rad)])
+    mu0, mu = normal @ to_sun, normal[:, 2]
+    lit = (mu0 > 0.0) & (mu > 1e-3)
+    mu0, mu, normal = mu0[lit], mu[lit], normal[lit]
+    squared = 0.0
+    for axis in range(2):
+        tilted = (normal[:, axis] * step_rad + normal[:, 2]) / math.hypot(1.0, step_rad)
+        squared += np.where(tilted > 0.0, ((mu0 + mu) / (mu0 + tilted) - 1.0) / step_rad, 0.0) ** 2
+    light = mu * mu0 / (mu0 + mu)
+    assert view_slopes(LommelSeeliger(single_scattering_albedo=0.3))[index] == pytest.approx(
+        math.sqrt((light * squared).sum() / light.sum()), rel=0.05)
+
+
+def test_facets_that_are_not_as_bright_all_over_have_no_size():
+    """Those of an icosphere of 100 m: 4 pi r^2 over their number, within the facets' own spread."""
+    shape = generate.icosphere(radius_m=100.0, subdivisions=3)
+    law = Lambert(normal_albedo=0.3)
+    flat, smooth = (body_traits(Body(name="body", shape=shape, brdf=law, smooth_normals=is_smooth))
+                    for is_smooth in (False, True))
+    assert flat.facet_m == pytest.approx(math.sqrt(4.0 * math.pi * 1e4 / len(shape.facets)), rel=0.03)
+    assert smooth.facet_m == math.inf and flat.n_facets == len(shape.facets) == 1280

@@ -1,0 +1,266 @@
+"""Facets lit or dark by their centroids: horizons by closed form, light by rays, radiance by laws, frames by truth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import solids
+import views
+from glrender import Body, Pose, Renderer, Shape, generate
+from glrender.brdf import Hapke, Lambert, LommelSeeliger
+from glrender.engines.coverage.brdf_tables import BrdfTables
+from glrender.engines.coverage.centroid_horizons import CentroidHorizons
+from glrender.engines.coverage.engine import CoverageEngine
+from glrender.engines.rays.backend import RayTracer
+from glrender.engines.rays.engine import RayEngine
+from glrender.engines.rays.mesh import RayMesh
+from glrender.scene.surface import Surface
+from glrender.view.regions import region
+from glrender.view.view import view_bodies
+from glrender_camera import threads
+
+GREY = Lambert(normal_albedo=0.3)
+LAWS = [GREY, LommelSeeliger(single_scattering_albedo=0.3),
+        Hapke(single_scattering_albedo=0.1, b=0.3, c=0.5, shoe_amplitude=1.0, shoe_width=0.05,
+              roughness_deg=20.0)]
+
+
+@pytest.fixture(scope="module")
+def rough():
+    return views.rough_body(GREY)
+
+
+def horizons(shape):
+    """Centroids (3, F) of a shape's facets, and their horizons."""
+    middle_m = shape.vertices_m[shape.facets].mean(axis=1).T
+    return middle_m, CentroidHorizons.of(middle_m, np.ascontiguousarray(shape.facet_normals.T),
+                                         RayMesh(shape.vertices_m, shape.facets))
+
+
+def test_horizons_in_a_walled_yard_are_those_of_its_walls():
+    """A floor of two facets within walls 40 m high: the sine of the elevation of their tops, all around."""
+    walls = [solids.box(low, high) for low, high in (
+        ((-60, -60, 0), (-50, 60, 40)), ((50, -60, 0), (60, 60, 40)), ((-50, -60, 0), (50, -50, 40)),
+        ((-50, 50, 0), (50, 60, 40)))]
+    floor = solids.box((-50, -50, -10), (50, 50, 0))
+    shape = Shape.from_arrays(*solids.joined(floor, *walls))
+    middle_m, told = horizons(shape)
+    flat = np.flatnonzero((shape.facet_normals[:, 2] > 0.99) & (np.abs(middle_m[2]) < 1e-9))
+    assert len(flat) == 2
+    for facet in flat:
+        x, y = middle_m[:2, facet]
+        # Around +z the axes are x and y; azimuths are even on a square around.
+        for k, height in enumerate(told.heights[facet]):
+            place = k / 4.0
+            s, t = ((1.0 - place, place) if place <= 1 else (1.0 - place, 2.0 - place) if place <= 2
+                    else (place - 3.0, 2.0 - place) if place <= 3 else (place - 3.0, place - 4.0))
+            ray = np.array([s, t]) / np.hypot(s, t)
+            away = min((50.0 * np.sign(r) - p) / r for r, p in zip(ray, (x, y), strict=True) if r)
+            assert height == pytest.approx(255.0 * 40.0 / np.hypot(40.0, away), abs=1.1), (facet, k)
+
+
+def test_an_open_plain_and_a_convex_body_have_no_horizon():
+    _, told = horizons(generate.icosphere(radius_m=100.0, subdivisions=3))
+    assert (told.heights == 0).all()
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.glsl)
+@pytest.mark.parametrize("phase_deg", [0.0, 3.0, 60.0, 140.0])
+@pytest.mark.parametrize("range_m", [800.0, 1e5])
+def test_radiance_of_a_free_facet_is_that_of_its_law(law, phase_deg, range_m):
+    """Of each facet of a sphere, from where it is seen, by the area that it shows: to 1 %, 0.3 % on average."""
+    body = Body(name="body", shape=generate.icosphere(radius_m=100.0, subdivisions=4), brdf=law)
+    camera = views.camera(64, 10.0)
+    scene = views.scene([body], [camera], sun_disc=False)
+    view, = view_bodies(views.state(phase_deg=phase_deg, range_m=range_m), camera, scene.hulls)
+    middle_m, told = horizons(body.shape)
+    found, asked, _ = told.shade(view.sun_direction_body, view.r_camera_body_m,
+                                 *BrdfTables().of(Surface(body), view, 100.0, 1.0))
+    to_camera = view.r_camera_body_m - middle_m.T
+    to_camera /= np.linalg.norm(to_camera, axis=1, keepdims=True)
+    normal, sun = body.shape.facet_normals, view.sun_direction_body
+    shown = np.einsum("ij,ij->i", normal, to_camera)
+    faces = (normal @ sun > 0.0) & (shown > 0.0)
+    expected = np.where(faces, law.brdf(sun, to_camera, normal) * (normal @ sun), 0.0) * shown
+    assert len(asked) == 0 and (found[~faces] == 0.0).all() and faces.sum() > 50
+    error = np.abs(found * shown - expected)
+    assert error.max() < 0.01 * expected.max() and error[faces].mean() < 3e-3 * expected[faces].mean()
+
+
+class Counted:
+    """A surface that counts how often its law is asked."""
+
+    def __init__(self, body):
+        self._surface, self.n = Surface(body), 0
+
+    def brdf(self, *given):
+        self.n += 1
+        return self._surface.brdf(*given)
+
+
+def test_what_is_known_of_a_surface_is_not_worked_out_again(rough):
+    camera, tables, surface = views.camera(64, 400.0), BrdfTables(), Counted(rough)
+    scene = views.scene([rough], [camera], sun_disc=False)
+    found = []
+    for phase_deg, is_new in ((60.0, True), (60.1, False), (30.0, True), (60.0, False)):
+        view, = view_bodies(views.state(phase_deg=phase_deg, range_m=2000.0), camera, scene.hulls)
+        n_before = surface.n
+        found.append(tables.of(surface, view, 100.0, 2.0)[0])
+        assert surface.n - n_before == (len(found[-1]) if is_new else 0), phase_deg
+    assert found[-1].tobytes() == found[0].tobytes() and all(5 <= len(each) <= 10 for each in found)
+
+
+@pytest.mark.parametrize("phase_deg", [30.0, 100.0])
+def test_centroids_are_lit_and_seen_where_rays_say_so(rough, phase_deg):
+    """Of rough facets: 2 % of those that face both differ, of few is asked; so it is for those that are asked."""
+    camera = views.camera(64, 400.0)
+    scene = views.scene([rough], [camera], sun_disc=False)
+    view, = view_bodies(views.state(phase_deg=phase_deg, range_m=2000.0), camera, scene.hulls)
+    middle_m, told = horizons(rough.shape)
+    normal = rough.shape.facet_normals
+    found, asked, is_asked = told.shade(view.sun_direction_body, view.r_camera_body_m,
+                                        *BrdfTables().of(Surface(rough), view, 100.0, 1.0))
+    rays, every = RayEngine(scene), np.arange(len(normal))
+    faces = (normal @ view.sun_direction_body > 1e-6) & (
+        np.einsum("ij,ij->i", normal, view.r_camera_body_m - middle_m.T) > 1e-6)
+    solid = rays.solid("body")
+    sees = rays.in_view(solid, middle_m, every, view, [view], faces)
+    free = rays.in_light(solid, middle_m, every, view, [view], sees)
+    known = np.ones(len(normal), bool)
+    known[asked] = False
+    assert np.mean((found > 0.0)[faces & known] != free[faces & known]) < 0.02
+    assert 0.0 < len(asked) < 0.14 * faces.sum() and is_asked.any(axis=0).all()
+    assert 0.2 < free[asked].mean() < 0.8, "it is worth asking"
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.glsl)
+def test_a_frame_by_centroids_is_within_its_predicted_error(law, rough):
+    """Against rays: the image, its flux within a tenth of the budget; the same bytes again; the plan says so."""
+    scene = views.scene([replace(rough, brdf=law)], [views.camera(160, 1000.0)], sun_disc=False)
+    state, budget = views.state(phase_deg=50.0, range_m=2000.0), 0.07
+    with Renderer(scene) as renderer, RayTracer(scene) as tracer:
+        image, again = (renderer.render(state, max_error=budget) for _ in range(2))
+        truth = tracer.render(state, samples=12).irradiance_W_m2.astype(float)
+    window, = image.plan.windows
+    assert window.engine == "coverage" and window.by_centroids
+    assert image.plan.to_dict()["windows"][0]["by_centroids"]
+    assert any("lit or dark by its centroid" in line for line in image.plan.left_out)
+    assert image.irradiance_W_m2.tobytes() == again.irradiance_W_m2.tobytes()
+    light = image.irradiance_W_m2.astype(float)
+    assert views.relative_rms(light, truth) <= image.plan.predicted_error <= budget
+    assert light.sum() == pytest.approx(truth.sum(), rel=0.1 * budget)
+
+
+# Albedos of a planet and its moon.
+ALIKE = (0.3, 0.3)
+
+
+@pytest.mark.parametrize("radius_m, place_m, most, effect, albedos", [
+    (20.0, (150.0, 0.0, 0.0), 0.01, 0.2, ALIKE), (20.0, (0.0, 150.0, 0.0), 0.01, 0.2, ALIKE),
+    (20.0, (80.0, 80.0, 0.0), 0.02, 0.4, ALIKE), (1.0, (150.0, 0.0, 0.0), 0.006, 0.009, ALIKE),
+    (20.0, (-150.0, 0.0, 0.0), 0.01, 0.1, ALIKE), (20.0, (0.0, -150.0, 95.0), 0.01, 0.1, ALIKE),
+    (90.0, (0.0, 300.0, 0.0), 0.025, 0.5, ALIKE), (2.0, (150.0, 0.0, 0.0), 0.01, 0.02, (0.03, 0.9)),
+], ids=["transit", "shadow", "both", "smaller than a facet", "hidden", "half in shadow", "of a large moon",
+        "bright before dark"])
+def test_what_bodies_hide_and_shade_of_each_other_is_cut_out(radius_m, place_m, most, effect, albedos):
+    """Two smooth spheres by centroids against those that are clipped at 0.4 %; alone, a planet errs by 0.5 %.
+
+    The moon stands so far from the planet's middle towards the camera, towards the Sun at 60 deg, and off the latter
+    line on the camera's side.
+    """
+    planet, moon = (views.sphere(Lambert(normal_albedo=albedo), subdivisions=5, radius_m=size_m, name=name)
+                    for name, size_m, albedo in zip(("planet", "moon"), (100.0, radius_m), albedos, strict=True))
+    camera = views.camera(400, 2000.0)
+    scene = views.scene([planet, moon], [camera], sun_disc=False)
+    state = views.state(phase_deg=60.0, range_m=2000.0, bodies=("planet", "moon"))
+    ahead, sunward = (each / np.linalg.norm(each) for each in (state.spacecraft.r_inertial_m, state.r_sun_inertial_m))
+    aside = ahead - (ahead @ sunward) * sunward
+    axes = np.array([ahead, sunward, aside / np.linalg.norm(aside)])
+    state = replace(state, bodies={"planet": Pose(r_inertial_m=np.zeros(3)),
+                                   "moon": Pose(r_inertial_m=np.array(place_m) @ axes)})
+    engine = CoverageEngine(scene, RayEngine(scene))
+    seen = view_bodies(state, camera, scene.hulls)
+
+    def where(drawn):
+        x0, y0, x1, y1 = region(seen, camera)
+        return ([view.name for view in drawn], camera, drawn, (x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5),
+                (x1 - x0, y1 - y0))
+
+    (truth, told), (light, _) = engine.draw(*where(seen), 0.004), engine.draw_by_centroids(*where(seen), 1.0)
+    apart = sum(engine.draw(*where([view]), 0.004)[0] for view in seen)
+    assert told < 0.01 and views.relative_rms(light, truth) < most
+    assert views.relative_rms(apart, truth) > effect, "each hides or shades the other"
+    assert light.sum() == pytest.approx(truth.sum(), rel=1e-3)
+
+
+def engine_of(shape):
+    """A scene with a shape alone, and its engine."""
+    scene = views.scene([Body(name="body", shape=shape, brdf=GREY)], [views.camera(300, 1000.0)], sun_disc=False)
+    return scene, CoverageEngine(scene, RayEngine(scene))
+
+
+def whole(camera, seen):
+    """Arguments of the engine for a body's region, in pixels."""
+    x0, y0, x1, y1 = region(seen, camera)
+    return ("body",), camera, seen, (x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5), (x1 - x0, y1 - y0)
+
+
+@pytest.mark.parametrize("kind", ["rough", "binary"])
+@pytest.mark.parametrize("size_px", [40, 240])
+def test_boundary_facets_tell_the_error_of_a_frame(rough, kind, size_px):
+    """Also of one lobe's shadow on the other, and not far too much: beside facets that are clipped."""
+    shape = rough.shape if kind == "rough" else generate.contact_binary(radius_m=100.0, seed=2, subdivisions=6)
+    scene, engine = engine_of(shape)
+    camera, ratios = views.camera(300, size_px * 10.0), []
+    for phase_deg, direction in ((30.0, (1, 0, 0)), (60.0, (0, 1, 0.3)), (90.0, (0.2, -1, 0.5)), (110.0, (1, 1, 0.2)),
+                                 (75.0, (-1, 0.4, 0.1))):
+        state = views.state(phase_deg=phase_deg, range_m=2000.0, direction=direction)
+        given = whole(camera, view_bodies(state, camera, scene.hulls))
+        image, told = engine.draw_by_centroids(*given, 1.0)
+        exact, _ = engine.draw(*given, 0.004)
+        ratios.append(views.relative_rms(image, exact) / np.hypot(told, 0.003))
+    assert 0.2 < np.median(ratios) < 0.8 and max(ratios) < 1.0
+
+
+def test_a_frame_tells_its_error_before_it_is_drawn(rough):
+    """The frame is dark where that exceeds the tolerance."""
+    scene, engine = engine_of(rough.shape)
+    camera, = scene.cameras
+    given = whole(camera, view_bodies(views.state(phase_deg=60.0, range_m=2000.0), camera, scene.hulls))
+    image, told = engine.draw_by_centroids(*given, 1.0)
+    again, told_again = engine.draw_by_centroids(*given, 1.01 * told)
+    assert told_again == told > 0.0 and again.tobytes() == image.tobytes()
+    dark, unknown = engine.draw_by_centroids(*given, 0.99 * told)
+    assert not dark.any() and np.isinf(unknown), "it is no image, and may not be taken for the best one"
+
+
+def test_the_image_does_not_depend_on_the_number_of_threads(rough, monkeypatch):
+    scene, engine = engine_of(rough.shape)
+    camera, = scene.cameras
+    given = whole(camera, view_bodies(views.state(phase_deg=60.0, range_m=2000.0), camera, scene.hulls))
+    image, told = engine.draw_by_centroids(*given, 1.0)
+    monkeypatch.setattr(threads, "N_CORES", 1)
+    again, told_again = engine.draw_by_centroids(*given, 1.0)
+    assert again.tobytes() == image.tobytes() and told_again == told
+
+
+@pytest.mark.parametrize("phase_deg", [60.0, 100.0])
+def test_a_frame_whose_boundaries_are_too_long_is_clipped_instead(phase_deg):
+    """Its own estimate keeps it within the budget, and its plan says how it was drawn."""
+    scene, engine = engine_of(generate.contact_binary(radius_m=100.0, seed=2, subdivisions=6))
+    camera, = scene.cameras
+    state = views.state(phase_deg=phase_deg, range_m=1500.0, direction=(0.2, -1.0, 0.5))
+    given = whole(camera, view_bodies(state, camera, scene.hulls))
+    exact, _ = engine.draw(*given, 0.003)
+    with Renderer(scene) as renderer:
+        told = 0.1
+        for budget_share, by_centroids in ((1.0, True), (0.8, False)):
+            budget = budget_share * told
+            image = renderer.render(state, max_error=budget)
+            window, = image.plan.windows
+            assert window.engine == "coverage" and window.by_centroids == by_centroids
+            told = image.plan.predicted_error
+            x0, y0, x1, y1 = image.roi
+            assert views.relative_rms(image.irradiance_W_m2[y0:y1, x0:x1], exact) < told <= budget

@@ -1,0 +1,114 @@
+"""Which bodies may cast on which, how wide their penumbras are, and what hard edges in their place cost."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import views
+from glrender import Pose, frames, generate
+from glrender.base.constants import AU_M, SUN_RADIUS_M
+from glrender.brdf import Lambert
+from glrender.scene.shape.convex_hull import Hull
+from glrender.view.occluders import cast_penumbra, casters
+from glrender.view.view import view_bodies
+from missing import needed_module
+from scipy.spatial.transform import Rotation
+
+LAW, SUN_RAD = Lambert(normal_albedo=0.3), SUN_RADIUS_M / AU_M
+FOCAL_PX = 400.0
+
+
+def eclipsed(place_m, radius_m, phase_deg=0.0, sun_radius_rad=0.0):
+    """A sphere of 100 m and a moon at a place [m]: along the Sun, and aside; the casters on the sphere."""
+    bodies = [views.sphere(LAW, 4, 100.0, "body"), views.sphere(LAW, 4, radius_m, "moon")]
+    scene = views.scene(bodies, [views.camera(64, FOCAL_PX)], sun_disc=sun_radius_rad > 0.0)
+    state = views.state(phase_deg, bodies=("body", "moon"))
+    aside_x, aside_y, sunward = frames.sun_from_body(state.r_sun_inertial_m / np.linalg.norm(state.r_sun_inertial_m))
+    along, x, y = place_m
+    state = replace(state, bodies={**state.bodies, "moon": Pose(
+        r_inertial_m=along * sunward + x * aside_x + y * aside_y)})
+    seen = view_bodies(state, scene.cameras[0], scene.hulls)
+    return casters(seen[0], seen, scene.hulls, sun_radius_rad), seen[0], scene, state
+
+
+@pytest.mark.parametrize("place_m, sun_radius_rad, is_caster", [
+    ((400.0, 0.0, 0.0), 0.0, True), ((400.0, 119.0, 0.0), 0.0, True), ((400.0, 121.0, 0.0), 0.0, False),
+    ((-150.0, 0.0, 0.0), 0.0, False), ((0.0, 119.0, 0.0), 0.0, True), ((20_000.0, 200.0, 0.0), 0.0, False),
+    ((20_000.0, 200.0, 0.0), SUN_RAD, True), ((20_000.0, 0.0, 215.0), SUN_RAD, False)],
+    ids=["before it", "grazing", "beside it", "behind it", "at its side", "far aside", "its penumbra reaches",
+         "its penumbra does not"])
+def test_what_is_before_the_sun_casts(place_m, sun_radius_rad, is_caster):
+    """A moon of 20 m, a body of 100 m; at 20,000 m the Sun's radius is as wide as 93 m."""
+    found, *_ = eclipsed(place_m, 20.0, sun_radius_rad=sun_radius_rad)
+    assert [name for name, _ in found] == (["moon"] if is_caster else [])
+
+
+def test_a_caster_s_place_is_told_in_the_receiver_s_frame():
+    (found,), view, _, state = eclipsed((400.0, 30.0, -10.0), 20.0, phase_deg=50.0)
+    np.testing.assert_allclose(found[1][:3, :3], np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(found[1][:3, 3], state.bodies["moon"].r_inertial_m, atol=1e-6)
+    assert found[1][:3, 3] @ view.sun_direction_body == pytest.approx(400.0, rel=1e-6)
+
+
+@pytest.mark.parametrize("widths_m", [(60.0, 60.0, 300.0), (100.0, 100.0, 10.0)])
+def test_a_tilted_body_casts_on_what_its_sunward_end_is_before(widths_m):
+    """Of a long or flat ellipsoid the sunward end; the middle of a small sphere is sunward of its own."""
+    sphere = generate.icosphere(radius_m=1.0, subdivisions=4)
+    turned = Rotation.from_euler("y", 45.0 if widths_m[2] > 100.0 else -45.0, degrees=True)
+    hulls = {"small": Hull(10.0 * sphere.vertices_m, sphere.facets),
+             "tilted": Hull(turned.apply(sphere.vertices_m * widths_m), sphere.facets)}
+    state, camera = views.state(60.0, bodies=["small", "tilted"]), views.camera(64, 400.0)
+    end_m = 0.5 * max(widths_m)
+    posed = replace(state, r_sun_inertial_m=[0.0, 0.0, AU_M], bodies={
+        "small": Pose(r_inertial_m=[end_m, 0.0, 0.4 * end_m]), "tilted": Pose(r_inertial_m=np.zeros(3))})
+    small, tilted = view_bodies(posed, camera, hulls)
+    assert [name for name, _ in casters(small, [small, tilted], hulls)] == ["tilted"]
+
+
+@pytest.mark.parametrize("gap_m", [400.0, 4000.0])
+@pytest.mark.parametrize("footprint_m", [0.5, 5.0])
+def test_the_width_of_a_penumbra_is_the_sun_s_angle_times_the_gap(gap_m, footprint_m):
+    cast, view, scene, _ = eclipsed((gap_m, 0.0, 0.0), 50.0, sun_radius_rad=SUN_RAD)
+    _, width_px = cast_penumbra(view, cast, scene.hulls, footprint_m, SUN_RAD)
+    assert width_px == pytest.approx(2.0 * SUN_RAD * gap_m / footprint_m, rel=1e-3)
+
+
+def test_no_penumbra_is_wider_than_what_casts_it():
+    """From 1e6 m away the Sun is far wider than the moon: no more than its diameter is lit in part at once."""
+    cast, view, scene, _ = eclipsed((1e6, 0.0, 0.0), 10.0, sun_radius_rad=SUN_RAD)
+    _, width_px = cast_penumbra(view, cast, scene.hulls, 1.0, SUN_RAD)
+    assert width_px == pytest.approx(20.0, rel=0.01)
+
+
+def test_a_point_sun_and_no_caster_have_no_penumbra():
+    for place_m, sun_radius_rad in (((4000.0, 0.0, 0.0), 0.0), ((4000.0, 900.0, 0.0), SUN_RAD)):
+        cast, view, scene, _ = eclipsed(place_m, 50.0, sun_radius_rad=sun_radius_rad)
+        assert cast_penumbra(view, cast, scene.hulls, 1.0, sun_radius_rad) == (0.0, 0.0)
+
+
+def test_a_planet_far_from_its_moon_overflows_nowhere():
+    with np.errstate(all="raise"):
+        cast, view, scene, _ = eclipsed((4e9, 0.0, 0.0), 7e6, sun_radius_rad=SUN_RAD)
+        error, width_px = cast_penumbra(view, cast, scene.hulls, 5.0, SUN_RAD)
+    assert 0.0 < error <= 1.0 and np.isfinite(width_px)
+
+
+def test_hard_edges_cost_less_than_is_predicted():
+    """Beside rays with and without the Sun's disc: a moon over a sphere, at twelve places; and not far too much."""
+    needed_module("embreex", "pip install 'glrender[raytrace]'")
+    from glrender.engines.rays.backend import RayTracer
+
+    rng, ratios = np.random.default_rng(3), []
+    for _ in range(12):
+        place_m = (rng.uniform(300.0, 3000.0), *rng.uniform(-60.0, 60.0, 2))
+        cast, view, scene, state = eclipsed(place_m, rng.uniform(20.0, 60.0), rng.uniform(20.0, 80.0), SUN_RAD)
+        images = []
+        for sun_disc in (True, False):
+            with RayTracer(replace(scene, sun_disc=sun_disc)) as tracer:
+                image = tracer.render(state, samples=6, products=["body_id"])
+                images.append(np.where(image.products["body_id"] != 1, image.irradiance_W_m2.astype(float), 0.0))
+        error, _ = cast_penumbra(view, cast, scene.hulls, view.depth_m[0] / FOCAL_PX, SUN_RAD)
+        ratios.append(views.relative_rms(images[1], images[0]) / error)
+    assert np.mean(np.array(ratios) <= 1.0) >= 0.9 and max(ratios) > 0.3, np.round(ratios, 2)

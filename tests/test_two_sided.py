@@ -1,0 +1,153 @@
+"""Panels that are given with both their sides, by each engine. Truth: a Lambertian plate, E = A/pi F cos(incidence)."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import views
+from glrender import Body, Pose, Shape, State, frames, open_renderer
+from glrender.base.constants import AU_M
+from glrender.brdf import Lambert
+from glrender.engines.cycles.blender_terms import BlenderTerms
+from solids import box
+
+GREY = Lambert(normal_albedo=0.3)
+N = 6
+PRODUCTS = ("facet_id", "incidence", "emission", "sunlit")
+
+
+def panel(scale=1.0, bend_m=0.0):
+    """A rectangle of 4 m x 2 m in 72 triangles, bent along x, from x = 1 m on."""
+    x, y = np.meshgrid(np.linspace(1.0, 5.0, N + 1), np.linspace(-1.0, 1.0, N + 1))
+    first = (np.arange(N)[:, None] * (N + 1) + np.arange(N)).ravel()
+    facets = np.concatenate([np.stack([first, first + 1, first + N + 2], 1),
+                             np.stack([first, first + N + 2, first + N + 1], 1)])
+    return scale * np.stack([x, y, bend_m * ((x - 3.0) / 2.0) ** 2], axis=-1).reshape(-1, 3), facets
+
+
+def craft(scale=1.0, with_box=True, **kwargs):
+    """A panel with both its sides, alone or beside a box."""
+    places, sheet = panel(scale)
+    corners, facets = (scale * box((-0.5,) * 3, (0.5,) * 3)[0], box((-0.5,) * 3, (0.5,) * 3)[1]) if with_box else (
+        np.zeros((0, 3)), np.zeros((0, 3), int))
+    sheet = sheet + len(corners)
+    return Body(name="body", shape=Shape.from_arrays(
+        np.concatenate([corners, places]), np.concatenate([facets, sheet, sheet[:, ::-1]])), brdf=GREY, **kwargs)
+
+
+def pose(r_camera, target):
+    return Pose(r_inertial_m=r_camera, q_from_inertial=frames.look_at(np.array(r_camera), np.array(target)))
+
+
+def looking(side, incidence_deg, scale=1.0, sun_side=None):
+    """A camera 20 m before the panel's middle, on a side of it; the Sun at an angle from the panel's normal there."""
+    angle = np.radians(incidence_deg)
+    to_sun = np.array([0.0, np.sin(angle), (sun_side or side) * np.cos(angle)])
+    r_camera = scale * np.array([3.0, 0.0, 20.0 * side])
+    return State(r_sun_inertial_m=AU_M * to_sun, bodies={"body": Pose(r_inertial_m=np.zeros(3))},
+                 spacecraft=pose(r_camera, scale * np.array([3.0, 0.0, 0.0])))
+
+
+@pytest.mark.parametrize("backend, options", [
+    ("auto", {"samples": 4}), ("raytrace", {}), ("auto", {"max_error": 0.001}), ("auto", {"max_error": 0.02}),
+    ("auto", {"max_error": 0.2})], ids=["OpenGL", "rays", "0.001", "0.02", "0.2"])
+@pytest.mark.parametrize("scale, with_box", [(1.0, True), (1.0, False), (1000.0, True)])
+def test_each_side_is_lit_as_a_plate_is(backend, options, scale, with_box):
+    """To 4e-4 in the middle 16 x 16 pixels, where cos^3 off the boresight is no less; no side shades its other one."""
+    scene = views.scene([craft(scale, with_box)], [views.camera(100, 1000.0)])
+    with open_renderer(scene, backend) as renderer:
+        for side in (-1.0, 1.0):
+            for incidence_deg in (0.0, 45.0, 80.0, 88.0):
+                image = renderer.render(looking(side, incidence_deg, scale), **options).irradiance_W_m2[42:58, 42:58]
+                truth = 0.3 / np.pi * views.SOLAR_IRRADIANCE_W_M2 * np.cos(np.radians(incidence_deg)) / 1000.0**2
+                np.testing.assert_allclose(image, truth, rtol=4e-4)
+            behind = renderer.render(looking(side, 20.0, scale, sun_side=-side), **options)
+            assert not behind.irradiance_W_m2[42:58, 42:58].any(), "the side that the Sun does not light is dark"
+
+
+QUAD = "v 1 -1 0\nv 5 -1 0\nv 5 1 0\nv 1 1 0\n"
+BENT = "v 1 -1 0\nv 3 -1 0\nv 5 -1 0\nv 5 1 0\nv 3 0.9 0\nv 1 1 0\n"
+
+
+@pytest.mark.parametrize("text, n_facets", [
+    (QUAD + "f 1 2 3 4\nf 4 3 2 1\n", 4), (QUAD + "f 1 2 3 4\nf 1 4 3 2\n", 4),
+    (QUAD + QUAD + "f 1 2 3 4\nf 8 7 6 5\n", 4), (QUAD + "f 1 2 3\nf 1 3 4\nf 4 3 2\nf 4 2 1\n", 4),
+    (BENT + "f 1 2 3 4 5 6\nf 6 5 4 3 2 1\n", 8), (BENT + "f 1 2 3 4 5 6\nf 3 2 1 6 5 4\n", 8)],
+    ids=["turned", "from the first corner", "corners of its own", "other diagonals", "concave", "concave, turned"])
+def test_sides_that_begin_elsewhere_are_sides_all_the_same(tmp_path, text, n_facets):
+    """Of polygons wound the other way from any corner, and of triangles along the other diagonal: rays see each."""
+    (tmp_path / "panel.obj").write_text(text)
+    body = Body.from_file(tmp_path / "panel.obj", name="body", length_unit="m", brdf=GREY)
+    assert (body.shape.report.n_facets, body.shape.report.n_two_sided) == (n_facets, n_facets // 2)
+    assert not body.shape.report.warnings
+    with open_renderer(views.scene([body], [views.camera(100, 1000.0)]), "raytrace") as renderer:
+        for side in (-1.0, 1.0):
+            image = renderer.render(looking(side, 60.0)).irradiance_W_m2[42:58, 42:58]
+            np.testing.assert_allclose(image, 0.3 / np.pi * views.SOLAR_IRRADIANCE_W_M2 * 0.5 / 1000.0**2, rtol=4e-4)
+
+
+def test_texture_coordinates_stay_with_their_corners_where_a_diagonal_changes():
+    places = np.array([[0.0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]])
+    sheet = [[0, 1, 2], [0, 2, 3], [3, 2, 1], [3, 1, 0]]
+    shape = Shape.from_arrays(places, np.array(sheet), uv=places[sheet][..., :2] / 4.0)
+    np.testing.assert_array_equal(4.0 * shape.uv, shape.vertices_m[shape.facets][..., :2])
+
+
+@pytest.mark.parametrize("backend, options", [("auto", {"samples": 4}), ("raytrace", {})])
+def test_smooth_normals_of_each_side_are_its_own(backend, options):
+    scene = views.scene([craft(smooth_normals=True)], [views.camera(100, 1000.0)])
+    with open_renderer(scene, backend) as renderer:
+        for side in (-1.0, 1.0):
+            image = renderer.render(looking(side, 60.0), **options).irradiance_W_m2[42:58, 42:58]
+            np.testing.assert_allclose(image, 0.3 / np.pi * views.SOLAR_IRRADIANCE_W_M2 * 0.5 / 1000.0**2, rtol=4e-4)
+
+
+def test_what_a_pixel_sees_is_told_of_the_side_that_it_faces():
+    """Facets, incidence and emission: 30 deg and 0 at the middle from either side, another facet from each."""
+    scene = views.scene([craft(with_box=False)], [views.camera(33, 400.0)])
+    seen = []
+    for backend in ("auto", "raytrace"):
+        with open_renderer(scene, backend) as renderer:
+            for side in (-1.0, 1.0):
+                told = renderer.render(looking(side, 30.0), products=PRODUCTS).products
+                np.testing.assert_allclose(np.degrees(told["incidence"][16, 16]), 30.0, atol=0.1)
+                np.testing.assert_allclose(np.degrees(told["emission"][16, 16]), 0.0, atol=0.1)
+                assert told["sunlit"][16, 16] == 1
+                seen.append(set(np.unique(told["facet_id"][told["facet_id"] >= 0])))
+    assert not seen[0] & seen[1] and seen[0] == seen[2] and seen[1] == seen[3]
+
+
+@pytest.mark.parametrize("backend", ["auto", "raytrace"])
+def test_a_flat_panel_from_its_edge_is_dark_and_from_one_side_only_is_seen_there(backend):
+    """Without a thickness there is nothing to see along it; of a sheet with one side the other is seen through."""
+    places, sheet = panel()
+    sheet = Body(name="body", shape=Shape.from_arrays(places, sheet), brdf=GREY)
+    along = State(r_sun_inertial_m=[0.0, 0.0, AU_M], bodies={"body": Pose(r_inertial_m=np.zeros(3))},
+                  spacecraft=pose([30.0, 0.0, 0.0], [3.0, 0.0, 0.0]))
+    for body in (craft(with_box=False), sheet):
+        with open_renderer(views.scene([body], [views.camera(64, 300.0)]), backend) as renderer:
+            assert renderer.render(along).irradiance_W_m2.sum() < 1e-9
+            lit = [renderer.render(looking(side, 20.0)).irradiance_W_m2[32, 32] > 0.0 for side in (-1.0, 1.0)]
+            assert lit == ([True, True] if body is not sheet else [False, True])
+
+
+@pytest.mark.parametrize("backend, options", [("auto", {"samples": 4}), ("raytrace", {}), ("auto", {})])
+def test_a_panel_shades_what_is_behind_it_once(backend, options):
+    """A wall 5 m behind, half in the panel's shadow: lit as a plate where the Sun passes, dark behind the panel."""
+    places, sheet = panel()
+    wall = np.array([[-20.0, -20, -5], [20, -20, -5], [20, 20, -5], [-20, 20, -5]])
+    facets = np.concatenate([sheet, sheet[:, ::-1], np.array([[0, 1, 2], [0, 2, 3]]) + len(places)])
+    body = Body(name="body", shape=Shape.from_arrays(np.concatenate([places, wall]), facets), brdf=GREY)
+    with open_renderer(views.scene([body], [views.camera(65, 500.0)]), backend) as renderer:
+        behind, aside = (renderer.render(State(
+            r_sun_inertial_m=[0.0, 0.0, AU_M], bodies={"body": Pose(r_inertial_m=np.zeros(3))},
+            spacecraft=pose([-30.0, 0.0, 30.0], [3.0, y, -5.0])), **options).irradiance_W_m2 for y in (0.0, 6.0))
+    assert not behind[30:35, 30:35].any()
+    np.testing.assert_allclose(aside[32, 32], 0.3 / np.pi * views.SOLAR_IRRADIANCE_W_M2 / 500.0**2, rtol=1e-3)
+
+
+def test_blender_gets_one_of_two_sides_as_it_draws_both():
+    """Two facets in one place would hide each other at random."""
+    body = craft()
+    facets = BlenderTerms(views.scene([body], [views.camera()])).arrays(body)["facets"]
+    assert len(facets) == 12 + 72 and len(body.shape.facets) == 12 + 144
