@@ -10,8 +10,8 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from glrender import Body, PinholeCamera, Pose, Renderer, Scene, State, frames, generate
+from glrender.base.constants import AU_M
 from glrender.brdf import Lambert
-from glrender.constants import AU_M
 from matplotlib.collections import LineCollection
 from PIL import Image
 
