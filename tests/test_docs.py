@@ -14,10 +14,8 @@ from glrender import Scene, generate
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "camera_model" / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-# stability.md is about to be folded into accuracy.md.
-DOCUMENTS = [*(page for page in PAGES if page.name != "stability.md"), ROOT / "CHANGELOG.md",
-             *sorted((ROOT / "docs" / "decisions").glob("*.md")), *sorted((ROOT / "benchmarks").glob("*.md")),
-             *sorted((ROOT / "clients").glob("*/README.md"))]
+DOCUMENTS = [*PAGES, ROOT / "CHANGELOG.md", *sorted((ROOT / "docs" / "decisions").glob("*.md")),
+             *sorted((ROOT / "benchmarks").glob("*.md")), *sorted((ROOT / "clients").glob("*/README.md"))]
 PRIVATE_WORDS = ("middles", "lit triangles", "kept at nodes", "as lit as", "is told", "are told", "mixed facets",
                  "looks closer", "looking closer")
 """Words that docs/glossary.md has a term of the field for."""
