@@ -14,19 +14,18 @@ import solids
 import sweeps
 import views
 from glrender import Body, ConfigError, Pose, Renderer, Shape, State, frames, generate
-from glrender.backends.raytrace import RayTracer
-from glrender.constants import AU_M
-from glrender.costs import EngineCosts
+from glrender.base.constants import AU_M
 from glrender.emission.layers import Layers
-from glrender.hull import Hull
-from glrender.ranging import first_hits, laser_ranges
-from glrender.rays import RayMesh
-from glrender.view import view_bodies
+from glrender.engines.rays.backend import RayTracer
+from glrender.engines.rays.laser_ranges import first_hits
+from glrender.engines.rays.mesh import RayMesh
+from glrender.ranging import laser_ranges
+from glrender.scene.shape.convex_hull import Hull
+from glrender.view.view import view_bodies
 from glrender_server.cli import default_state
 from missing import needed_module
 
 RATIOS = [10.0**k for k in range(1, 9)]
-OPENGL = EngineCosts(facet_ns=100.0, sample_ns=20.0, ray_ns=math.inf, lone_ray_ns=math.inf)
 
 
 def _body(shape, name="body"):
@@ -66,11 +65,10 @@ def test_a_pillar_shades_ground_however_large(pillar, ratio):
 
 
 @pytest.mark.parametrize("ratio", [1e3, 1e5, 1e7])
-def test_opengl_alone_tells_that_its_map_is_too_coarse(pillar, ratio, monkeypatch):
+def test_opengl_alone_tells_that_its_map_is_too_coarse(pillar, ratio):
     camera, truth = pillar
     with Renderer(views.scene([_body(sweeps.pillar_on_ground(ratio))], [camera], sun_disc=False)) as renderer:
-        monkeypatch.setattr(renderer, "_costs", OPENGL)
-        image = renderer.render(sweeps.before_the_pillar(), max_error=0.02)
+        image = renderer.render(sweeps.before_the_pillar(), max_error=0.02, engine="raster")
     assert _told(image, truth, 0.02) > 0.02
 
 
@@ -132,7 +130,7 @@ def test_the_sun_and_the_phase_are_those_of_the_shape_not_of_its_far_origin():
 
 
 @pytest.mark.parametrize("height", [1e-2 * 10.0**-k for k in range(7)])
-def test_a_facet_from_close_above_is_as_bright_as_it_is(height, monkeypatch):
+def test_a_facet_from_close_above_is_as_bright_as_it_is(height):
     """From 1e-2 to 1e-8 radii above a sphere's facet: radiance, range and incidence in closed form.
 
     By rays at 1e-8 the camera was under the ground: a wholly dark frame was told as exact.
@@ -157,8 +155,7 @@ def test_a_facet_from_close_above_is_as_bright_as_it_is(height, monkeypatch):
     scene = views.scene([_body(shape)], [camera])
     with Renderer(scene) as renderer:
         image = renderer.render(state, max_error=0.02, products=["range", "facet_id", "incidence"])
-        monkeypatch.setattr(renderer, "_costs", OPENGL)
-        by_opengl = renderer.render(state, max_error=0.02)
+        by_opengl = renderer.render(state, max_error=0.02, engine="raster")
     assert _told(image, truth, 0.02) < 1e-3
     assert image.plan.predicted_error <= 0.02
     _told(by_opengl, truth, 0.02)

@@ -222,13 +222,13 @@ def _rays(members: Sequence[BodyView], known: Sequence[BodyTraits], drawn: Seque
 def _raster(members: Sequence[BodyView], known: Sequence[BodyTraits], drawn: Sequence[BodyPlan],
             request: Request) -> WindowPlan:
     """By OpenGL, with the shadow maps that were planned."""
-    shares = [(shadow_share(view, body.shadow_map_px, bool(body.casters)), body.modelling_error**2, sum(
-        squared_errors(view, traits))) for view, traits, body in zip(members, known, drawn, strict=True)
-        if body.shadow_map_px is not None]
+    shares = [0.0 if body.shadow_map_px is None else shadow_share(view, body.shadow_map_px, bool(body.casters))
+              for view, body in zip(members, drawn, strict=True)]
     # The image itself tells what the texels leave at the edges of shadows.
-    smooth = max((squared - share * errors for share, squared, errors in shares), default=0.0)
+    smooth = max(body.modelling_error**2 - share * sum(squared_errors(view, traits))
+                 for view, traits, body, share in zip(members, known, drawn, shares, strict=True))
     return _sampled("raster", members, known, drawn, request, modelling_error=math.sqrt(max(smooth, 0.0)),
-                    shadow_share=max((share for share, *_ in shares), default=0.0))
+                    shadow_share=max(shares))
 
 
 def _sampled(engine: str, members: Sequence[BodyView], known: Sequence[BodyTraits], drawn: Sequence[BodyPlan],

@@ -30,7 +30,7 @@ def solar_spectrum() -> tuple[np.ndarray, np.ndarray]:
 
     Source: ASTM E490-00a, Table 3; see the file's head.
     """
-    file = resources.files(__package__).joinpath("data", "solar_spectrum_e490.csv")
+    file = resources.files("glrender").joinpath("data", "solar_spectrum_e490.csv")
     table = np.loadtxt(file.read_text(encoding="utf-8").splitlines(), delimiter=",")
     wavelength_nm, irradiance = table[:, 0] * 1e3, table[:, 1] * 1e-3
     for array in (wavelength_nm, irradiance):

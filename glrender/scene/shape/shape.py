@@ -279,7 +279,9 @@ def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None) -
     # Facets without an area close what is around them, and are left out only when that is known.
     corner = vertices[facets]
     area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
-    kept = area > 1e-15 * extent**2
+    longest = np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).max(axis=1)
+    # What float64 can tell of a facet's height: that is its corners' rounding, however small it is.
+    kept = area > 1e-15 * extent * longest
     n_degenerate += int((~kept).sum())
     if not kept.any():
         raise ShapeError("", "has no facet with an area", n_degenerate)
