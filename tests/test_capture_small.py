@@ -91,7 +91,7 @@ def test_crescents_are_points_while_an_image_would_lose_them(phase_deg, size_px,
     """Lit pixels of the frame over their mean, against rays on 12 x 12 cells a pixel behind the continuous optics.
 
     With all bodies from 24 px on in the image the error was 7 % at 150 deg. At 23.5 px it is 0.5 % where 2 % is asked
-    for; it was 0.3 % with a grid of more samples than that needs (docs/decisions, 0023).
+    for; it was 0.3 % with a grid of more samples than that needs.
     """
     n, side, place = 12, int(size_px) + 14, 0.5 * (int(size_px) + 13) + np.array([0.2, -0.3])
     each = views.camera(side, focal_length_px(size_px), name="c", principal_point_px=tuple(place), model=model(0.7))

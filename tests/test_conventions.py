@@ -181,7 +181,7 @@ def test_what_the_wire_sends_has_its_units(served):
         "image": "DN", "range": "m", "body_id": "1", "facet_id": "1", "incidence": "rad", "emission": "rad",
         "phase": "rad", "r_body": "m", "sunlit": "1"}
     assert served("render", state=state, camera="bare")[0]["arrays"][0]["unit"] == "W/m2"
-    # The plan's and the stages' words are docs/planner.md's.
+    # The plan's and the stages' words are docs/protocol.md's.
     found = {*numbers_of({key: header[key] for key in header if key not in ("plan", "stages")}), *numbers_of(state)}
     assert {"t_s", "exposure_s", "timings_ms", "r_inertial_m", "roi", "n_saturated_px"} <= found
     assert without_unit(found) <= PURE_ON_THE_WIRE, without_unit(found) - PURE_ON_THE_WIRE

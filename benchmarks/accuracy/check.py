@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from glrender import GlrenderError, Renderer
+from glrender.planner.plan import RenderPlan
 
 from .metrics import errors
 from .random_scenes import Draw
@@ -17,7 +18,7 @@ FIXED = {"samples": 8, "max_error": 0.01}
 
 
 def check(case: Draw, n_rays: float = 10e6, rounds: int = 5) -> dict[str, Any] | None:
-    """A row; None when nothing is lit.
+    """A row; None when nothing is lit. With no rounds nothing is timed.
 
     Returns
     -------
@@ -36,7 +37,7 @@ def check(case: Draw, n_rays: float = 10e6, rounds: int = 5) -> dict[str, Any] |
         with Renderer(case.scene) as renderer:
             image = renderer.render(case.state, max_error=case.max_error)
             full = errors(renderer.render(case.state, **FIXED).irradiance_W_m2, exact)
-            times = _times(renderer, case, rounds)
+            times = _times(renderer, case, rounds) if rounds else {}
     except GlrenderError as error:
         return {**row, "failure": str(error)}
     found = errors(image.irradiance_W_m2, exact)
@@ -46,8 +47,15 @@ def check(case: Draw, n_rays: float = 10e6, rounds: int = 5) -> dict[str, Any] |
         "fixed_rms": full["rms"], "fixed_flux": full["flux"], "truth_error": exact.own_error,
         "n_lit_px": int((exact.irradiance_W_m2 > 0.0).sum()),
         "facets_per_px": 0.5 * row["n_facets"] / (0.6 * case.body_px**2), "predicted": plan.predicted_error,
-        "samples": plan.samples, "shadow_map_px": plan.bodies[0].shadow_map_px or 0, "warnings": list(plan.warnings),
+        "engine": _engine(plan), "samples": plan.samples,
+        "shadow_map_px": plan.bodies[0].shadow_map_px or 0, "warnings": list(plan.warnings),
         **times}
+
+
+def _engine(plan: RenderPlan) -> str:
+    """The engine that drew the frame's only body."""
+    window = plan.windows[0]
+    return "centroids" if window.by_centroids else window.engine
 
 
 def is_within(row: dict[str, Any]) -> bool:

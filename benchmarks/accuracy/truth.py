@@ -86,7 +86,8 @@ def _key(scene: Scene, state: State, n_rays: float, least_samples: float) -> str
         for part in (body.shape.vertices_m, body.shape.facets, pose.r_inertial_m, pose.q_from_inertial):
             digest.update(np.ascontiguousarray(part).tobytes())
         digest.update(repr((body.name, body.brdf, body.smooth_normals)).encode())
-    digest.update(repr((state.to_dict(), scene.solar_irradiance_1au_W_m2, n_rays, least_samples)).encode())
+    digest.update(repr((state.to_dict(), scene.solar_irradiance_1au_W_m2, scene.sun_disc, n_rays,
+                        least_samples)).encode())
     for camera in scene.cameras:
         digest.update(repr((camera.width_px, camera.height_px, camera.focal_length_px,
                             tuple(np.ravel(camera.principal_point_px)), tuple(camera.q_camera_from_spacecraft),

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 # Error of a sample's area over the contrast within 3 x 3 samples: 0.18 as measured against rays
-# (docs/planner.md), and 0.3 of it more, so that the truth is within.
+# (docs/accuracy.md), and 0.3 of it more, so that the truth is within.
 _ERROR_PER_CONTRAST = 0.235
 SAMPLE_COUNTS = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
 """Samples along a pixel's side that a refinement may take: up to 16, and more where they are asked for."""

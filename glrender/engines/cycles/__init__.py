@@ -1,4 +1,4 @@
-"""Blender's Cycles as a backend: inter-reflection, and the Sun as a disc. See docs/cycles.md."""
+"""Blender's Cycles as a backend: inter-reflection, and the Sun as a disc. See docs/plugins.md."""
 
 from .backend import Cycles
 
