@@ -702,9 +702,9 @@ def test_lambert_is_its_albedo_over_pi():
 
 
 def test_the_suns_direction_is_that_of_the_bodys_origin():
-    """A facet 3000 km from its body's origin, the Sun at 5e9 m: incidences differ by 4e-4 rad; within 1e-5."""
-    body = Body(name="b", shape=Shape.from_arrays(1e5 * PYRAMID + [3e6, 0.0, 0.0], PYRAMID_FACETS),
-                brdf=Lambert(normal_albedo=0.3))
+    """One direction for all of a body; of a shape 3000 km from its origin that of its middle, 4e-4 rad off; to 1e-5."""
+    shape = Shape.from_arrays(1e5 * PYRAMID + [3e6, 0.0, 0.0], PYRAMID_FACETS)
+    body = Body(name="b", shape=shape, brdf=Lambert(normal_albedo=0.3))
     camera = PinholeCamera(name="c", width_px=32, height_px=32, focal_length_px=100.0)
     sun = 5e9 * np.array([0.6, 0.0, -0.8])
     state = State(r_sun_inertial_m=sun, spacecraft=Pose(r_inertial_m=[3e6, 0, -1e6]),
@@ -712,9 +712,9 @@ def test_the_suns_direction_is_that_of_the_bodys_origin():
     with Renderer(Scene(bodies=[body], cameras=[camera])) as renderer:
         incidence = renderer.render(state, products=["incidence"]).products["incidence"]
     seen = incidence[np.isfinite(incidence)]
-    own = np.array([3e6, 0.0, 0.0]) - sun
-    assert len(seen) > 100 and abs(np.arccos(own[2] / np.linalg.norm(own)) - np.arccos(0.8)) > 3e-4
-    np.testing.assert_allclose(seen, np.arccos(0.8), atol=1e-5)
+    middle = 0.5 * (shape.vertices_m.min(axis=0) + shape.vertices_m.max(axis=0)) - sun
+    assert len(seen) > 100 and abs(np.arccos(middle[2] / np.linalg.norm(middle)) - np.arccos(0.8)) > 3e-4
+    np.testing.assert_allclose(seen, np.arccos(middle[2] / np.linalg.norm(middle)), atol=1e-5)
 
 
 def test_the_suns_distance_is_that_of_each_bodys_origin():
