@@ -310,11 +310,11 @@ def test_what_was_found_reaches_the_command_line_the_log_and_the_client(tmp_path
     told = list(shape.report.warnings)
     assert len(told) == 1 and told[0].startswith("3 open edges of holes")
     made = run("render", "scene.toml", "--camera", "bare", "--out", "a.npy", cwd=tmp_path)
-    assert made.returncode == 0 and f"holed.obj: {told[0]}" in made.stderr
+    assert made.returncode == 0 and told[0] in made.stderr
     with serving.server(tmp_path, scene=SCENE) as (endpoint, _), Client(endpoint) as client:
         assert client.hello()["bodies"][0]["warnings"] == told
         whole = {"name": "b", "generated": {"kind": "icosphere", "radius_m": 9.0}, "brdf": {"law": "lambert",
                                                                                            "normal_albedo": 0.1}}
         cameras = [{"name": "c", "width_px": 16, "height_px": 16, "focal_length_px": 50.0}]
         assert client.load_scene({"bodies": [whole], "cameras": cameras})["bodies"][0]["warnings"] == []
-    assert f"holed.obj: {told[0]}" in (tmp_path / "server.log").read_text()
+    assert told[0] in (tmp_path / "server.log").read_text()

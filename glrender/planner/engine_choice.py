@@ -193,7 +193,8 @@ def _coverage(members: Sequence[BodyView], known: Sequence[BodyTraits], drawn: S
             error = math.hypot(error, cell_error(cell_px, phase_rad))
         where = {"samples": 0, "bounds_px": bounds, "grid": grid}
     # Light falls in slivers far smaller than facets: what none of their corners sees is lost.
-    below_rad = min(math.pi - view.phase_rad for view in members)
+    below_rad = min((math.pi - view.phase_rad for view, traits in zip(members, known, strict=True)
+                     if not traits.is_convex), default=math.inf)
     error = math.hypot(error, _CRESCENT_LOSS / max(below_rad, 1e-3) ** 3)
     # Of a body within another's penumbra a few points of the Sun's disc do not tell how much of it is left.
     is_within = any(body.casters and body.penumbra_px > _WITHIN_PENUMBRA * view.size_px

@@ -27,6 +27,8 @@ from glrender.engines.advice import scene_advice
 from glrender.scene.plugins import registry as plugins
 from glrender_camera.validate import within
 
+from .logs import leave_shapes_to_us
+
 _DISPLAY_GAMMA = 2.2
 
 
@@ -78,6 +80,7 @@ def main(argv: list[str] | None = None) -> int:
     arguments = parser.parse_args(argv)
     logging.basicConfig(level=logging.INFO if arguments.verbose else logging.WARNING,
                         format="%(levelname)s %(name)s: %(message)s")
+    leave_shapes_to_us()
     try:
         return arguments.run(arguments) or 0
     except (GlrenderError, OSError) as error:

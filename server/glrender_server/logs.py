@@ -36,3 +36,9 @@ def set_up(level: int, form: str) -> None:
     handler.setFormatter(JsonFormatter() if form == "json" else logging.Formatter(
         "%(asctime)s %(levelname)s %(name)s[%(process)d]: %(message)s"))
     logging.basicConfig(level=level, handlers=[handler], force=True)
+    leave_shapes_to_us()
+
+
+def leave_shapes_to_us() -> None:
+    """Silence what the reader of shapes warns of: a program tells it of its scene, once and with the body's name."""
+    logging.getLogger("glrender.scene.shape").setLevel(logging.ERROR)

@@ -46,8 +46,8 @@ _LARGE, _LARGE_SHARE, _OTHERS, _TORN = 2.0, 2e-3, 60.0, 0.25
 _UNDIVIDED, _LEAST_LEFT, _MOST_DIVISIONS = 0.25, 0.1, 6
 # How many facets are few, and too many to look again; most looks; of the budget, what may be missed without another.
 _FEW, _MANY, _MOST_LOOKS, _ENOUGH = 3000, 120_000, 4, 0.5
-# Area for which the Sun's middle has set but not its disc, over the lit area, from which rays have to look.
-_FEW_SET = 0.02
+# Mean of max(0, u + t) over the Sun's disc and over u from -1 to 0 [1], in units of the Sun's radius: closed form.
+_MEAN_SET = 0.0625
 # What hard edges cost over a ramp's error, as measured (docs/planner.md).
 _PENUMBRA = 0.65
 # Facets that a thread looks at in a turn, and that it shades; and from which on two threads draw, on an image each: so
@@ -188,22 +188,21 @@ class SunlitAreas:
         """What a Sun without a disc misses of facets that part of its disc lights: squared error, and light.
 
         A facet at which the Sun's middle stands as high as a share u of its radius has the mean of max(0, u + t) over
-        the disc (closed form) in place of u. Those for which it has set are as bright, as their area has it.
+        the disc (closed form) in place of u. Those for which it has set are taken to be alike, with the mean over u.
         """
-        angle = self._view.sun_radius_rad
+        angle, cosines = self._view.sun_radius_rad, self._cos_incidence
         facet = np.concatenate([self._whole, self._mixed.facet])
         area_px = np.concatenate([self._facet_px(self._whole), self._mixed.area_px])
-        low = np.flatnonzero(self._cos_incidence.take(facet) < angle)
-        facet, area_px = facet.take(low), area_px.take(low)
-        risen_px = float(area_px.sum())
-        if not risen_px > 0.0:
-            return (math.inf, math.inf) if self._set_px > _FEW_SET * self.area_px else (0.0, 0.0)
-        u = self._cos_incidence.take(facet) / angle
+        brdf = self._radiance.take(facet) / np.maximum(cosines.take(facet), 1e-9 * angle)
+        set_light = self._set_px * _MEAN_SET * angle * float((brdf * area_px).sum()) / max(self.area_px, 1e-300)
+        low = np.flatnonzero(cosines.take(facet) < angle)
+        u, area_px = cosines.take(facet[low]) / angle, area_px.take(low)
         root = np.sqrt(np.maximum(1.0 - u * u, 0.0))
         missed = u * ((u * root + np.arcsin(np.minimum(u, 1.0))) / np.pi - 0.5) + 2.0 / (3.0 * np.pi) * root**3
-        light = self._radiance.take(facet) / np.maximum(u, 1e-9) * missed
-        both = 1.0 + self._set_px / risen_px
-        return both * float(_pixels_squared(light, area_px).sum()), both * float((light * area_px).sum())
+        light = brdf.take(low) * angle * missed
+        # Of pixels, those of both are alike.
+        squared = float(_pixels_squared(light, area_px).sum()) + set_light**2 / max(self._set_px, 1.0)
+        return squared, float((light * area_px).sum()) + set_light
 
     def add_to(self, changes: np.ndarray, origin_px: np.ndarray, per_px: np.ndarray, off_axis_power: float) -> None:
         """Add what the areas change in the cells of an image: `accumulate`.
