@@ -175,13 +175,13 @@ def _polygon_coverage(outline: np.ndarray, shape: tuple[int, int], n: int) -> np
 def crescent(phase_deg: float, is_rough: bool, max_error: float = 0.02) -> tuple[float, float, bool]:
     """Relative flux error of a thin crescent, the error predicted for it, and whether the plan warns.
 
-    A sphere against the sum over its facets, a rough body against 12 x 12 rays a pixel.
+    A sphere, lit from a point, against the sum over its facets; a rough body against 12 x 12 rays a pixel.
     """
     # From far: near by, parallax alone changes a thin crescent.
     range_m = 1e6
     camera, state = views.camera(160, 140.0 * range_m / 200.0), views.state(phase_deg=phase_deg, range_m=range_m)
     body = _binary() if is_rough else views.sphere(GREY, 6)
-    scene = views.scene([body], [camera])
+    scene = views.scene([body], [camera], sun_disc=is_rough)
     if is_rough:
         with RayTracer(scene) as tracer:
             exact = flux(tracer.render(state, samples=12))

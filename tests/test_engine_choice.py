@@ -145,7 +145,7 @@ def test_a_small_body_has_a_grid_of_its_own():
 
 
 @pytest.mark.parametrize("size_px", [0.001, 0.3, 1.0, 3.9])
-@pytest.mark.parametrize("phase_deg", [20.0, 120.0, 150.0])
+@pytest.mark.parametrize("phase_deg", [20.0, 90.0, 120.0])
 def test_cells_leave_coverage_most_of_the_tolerance(size_px, phase_deg):
     """Or coverage is not planned: it would be drawn for nothing."""
     planned = [options[0].modelling_error / tolerance for tolerance in (1e-4, 1e-3, 0.01, 0.1)

@@ -54,7 +54,7 @@ def looking(side, incidence_deg, scale=1.0, sun_side=None):
 @pytest.mark.parametrize("scale, with_box", [(1.0, True), (1.0, False), (1000.0, True)])
 def test_each_side_is_lit_as_a_plate_is(backend, options, scale, with_box):
     """To 4e-4 in the middle 16 x 16 pixels, where cos^3 off the boresight is no less; no side shades its other one."""
-    scene = views.scene([craft(scale, with_box)], [views.camera(100, 1000.0)])
+    scene = views.scene([craft(scale, with_box)], [views.camera(100, 1000.0)], sun_disc=False)
     with open_renderer(scene, backend) as renderer:
         for side in (-1.0, 1.0):
             for incidence_deg in (0.0, 45.0, 80.0, 88.0):
@@ -80,7 +80,7 @@ def test_sides_that_begin_elsewhere_are_sides_all_the_same(tmp_path, text, n_fac
     body = Body.from_file(tmp_path / "panel.obj", name="body", length_unit="m", brdf=GREY)
     assert (body.shape.report.n_facets, body.shape.report.n_two_sided) == (n_facets, n_facets // 2)
     assert not body.shape.report.warnings
-    with open_renderer(views.scene([body], [views.camera(100, 1000.0)]), "raytrace") as renderer:
+    with open_renderer(views.scene([body], [views.camera(100, 1000.0)], sun_disc=False), "raytrace") as renderer:
         for side in (-1.0, 1.0):
             image = renderer.render(looking(side, 60.0)).irradiance_W_m2[42:58, 42:58]
             np.testing.assert_allclose(image, 0.3 / np.pi * views.SOLAR_IRRADIANCE_W_M2 * 0.5 / 1000.0**2, rtol=4e-4)
@@ -95,7 +95,7 @@ def test_texture_coordinates_stay_with_their_corners_where_a_diagonal_changes():
 
 @pytest.mark.parametrize("backend, options", [("auto", {"samples": 4}), ("raytrace", {})])
 def test_smooth_normals_of_each_side_are_its_own(backend, options):
-    scene = views.scene([craft(smooth_normals=True)], [views.camera(100, 1000.0)])
+    scene = views.scene([craft(smooth_normals=True)], [views.camera(100, 1000.0)], sun_disc=False)
     with open_renderer(scene, backend) as renderer:
         for side in (-1.0, 1.0):
             image = renderer.render(looking(side, 60.0), **options).irradiance_W_m2[42:58, 42:58]
@@ -143,7 +143,7 @@ def test_a_panel_shades_what_is_behind_it_once(backend, options):
             r_sun_inertial_m=[0.0, 0.0, AU_M], bodies={"body": Pose(r_inertial_m=np.zeros(3))},
             spacecraft=pose([-30.0, 0.0, 30.0], [3.0, y, -5.0])), **options).irradiance_W_m2 for y in (0.0, 6.0))
     assert not behind[30:35, 30:35].any()
-    np.testing.assert_allclose(aside[32, 32], 0.3 / np.pi * views.SOLAR_IRRADIANCE_W_M2 / 500.0**2, rtol=1e-3)
+    np.testing.assert_allclose(aside[32, 32], 0.3 / np.pi * views.SOLAR_IRRADIANCE_W_M2 / 500.0**2, rtol=4e-4)
 
 
 def test_blender_gets_one_of_two_sides_as_it_draws_both():

@@ -26,7 +26,7 @@ from .small_bodies import SmallBody, add_by_area
 
 # Samples drawn at once: 16 Mi samples of float32 and depth are 128 MiB.
 _MAX_WINDOW_SAMPLES = 4096 * 4096
-# Of the tolerance [1], what samples are asked for at least, however much the texels of a shadow map have of it.
+# Of the tolerance [1], what is asked for at least, however much of it is taken by what is modelled otherwise.
 _LEAST_LEFT = 0.3
 
 
@@ -113,7 +113,8 @@ class IrradiancePass:
     def _draw_coverage(self, window: WindowPlan, frame: Frame, error_gain: float, clock: Clock
                        ) -> tuple[np.ndarray, WindowPlan]:
         """Means of the region's cells and its plan, whose error is infinite where nothing could be drawn."""
-        left = math.sqrt(max(window.tolerance**2 - window.modelling_error**2, 0.0))
+        left = max(math.sqrt(max(window.tolerance**2 - window.modelling_error**2, 0.0)),
+                   _LEAST_LEFT * window.tolerance)
         draw = self._coverage.draw_by_centroids if window.by_centroids else self._coverage.draw
         means, error = draw(window.bodies, frame.camera, list(frame.views), window.bounds_px, window.grid, left)
         clock.lap("surface")

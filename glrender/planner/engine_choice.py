@@ -41,6 +41,8 @@ _MOST_LARGER = 4.0
 _FLUX_SHARE = 0.1
 _PIXELS_SHARE = 0.9
 _CELL_SHARE = 0.3
+# Error of cells of several bodies over that of one [1]: pairs with a gap between them (tests/test_small_bodies.py).
+_SEVERAL_CELLS = 2.0
 # Cells across a small body's own grid, at most.
 _MOST_CELLS = 2048
 # First samples along a pixel's side, and at phases [rad] from which light falls in narrow crescents.
@@ -148,7 +150,8 @@ def _options(members: Sequence[BodyView], traits: Mapping[str, BodyTraits], draw
     coverage = made.get("coverage", [])
     rays = [made["rays"]] if made.get("rays") is not None else []
     raster = [made["raster"]] if "raster" in made else []
-    is_fine_enough = raster and raster[0].modelling_error <= request.tolerance
+    is_fine_enough = (raster and raster[0].modelling_error <= request.tolerance
+                      and not _is_within_penumbra(members, drawn))
     if request.has_gpu and is_fine_enough:
         return [*raster, *coverage, *rays]
     if _is_crowded(members, known) or not (coverage or is_fine_enough):
@@ -186,21 +189,20 @@ def _coverage(members: Sequence[BodyView], known: Sequence[BodyTraits], drawn: S
         bounds, sides = _own_bounds(members)
         size_px, phase_rad = outline_px(members), max(view.phase_rad for view in members)
         is_apart = apart_size_px(members) < request.apart_px
-        cell_px = CELL_PX if is_apart else min(CELL_PX, cell_size(_CELL_SHARE * tolerance, phase_rad))
+        several = _SEVERAL_CELLS if len(members) > 1 else 1.0
+        cell_px = CELL_PX if is_apart else min(CELL_PX, cell_size(_CELL_SHARE * tolerance / several, phase_rad))
         grid = tuple(max(math.ceil(side / max(cell_px, size_px / _MOST_CELLS)), 8) for side in sides)
         if not is_apart:
             cell_px = max(side / count for side, count in zip(sides, grid, strict=True))
-            error = math.hypot(error, cell_error(cell_px, phase_rad))
+            error = math.hypot(error, several * cell_error(cell_px, phase_rad))
         where = {"samples": 0, "bounds_px": bounds, "grid": grid}
     # Light falls in slivers far smaller than facets: what none of their corners sees is lost.
     below_rad = min((math.pi - view.phase_rad for view, traits in zip(members, known, strict=True)
                      if not traits.is_convex), default=math.inf)
-    error = math.hypot(error, _CRESCENT_LOSS / max(below_rad, 1e-3) ** 3)
-    # Of a body within another's penumbra a few points of the Sun's disc do not tell how much of it is left.
-    is_within = any(body.casters and body.penumbra_px > _WITHIN_PENUMBRA * view.size_px
-                    for view, body in zip(members, drawn, strict=True))
-    if error > PENUMBRA_SHARE * tolerance or is_within:
+    # A few points of the Sun's disc do not tell how much of it is left of a body within another's penumbra.
+    if error > PENUMBRA_SHARE * tolerance or _is_within_penumbra(members, drawn):
         return []
+    error = math.hypot(error, _CRESCENT_LOSS / max(below_rad, 1e-3) ** 3)
     clipped = _window("coverage", members, request, modelling_error=error, predicted_error=tolerance, **where)
     by_centroids = math.hypot(error, _CENTROIDS_LEAST, max(body.penumbra_error for body in drawn))
     # Of a part of a body another one's shadow may be all that is seen: what is predicted of a whole body does not hold.
@@ -267,6 +269,12 @@ def _sampled(engine: str, members: Sequence[BodyView], known: Sequence[BodyTrait
     error = math.sqrt(max(sum(squared_errors(view, traits)) for view, traits in pairs) * count**-3)
     return _window(engine, members, request, **_whole(members, request.camera, count), noise=noise,
                    modelling_error=modelling_error, predicted_error=math.hypot(modelling_error, error), **told, **asked)
+
+
+def _is_within_penumbra(members: Sequence[BodyView], drawn: Sequence[BodyPlan]) -> bool:
+    """Whether a body may be within another's penumbra, which sharpens no edge on it."""
+    return any(body.casters and body.penumbra_px > _WITHIN_PENUMBRA * view.size_px
+               for view, body in zip(members, drawn, strict=True))
 
 
 def _in_penumbra(view: BodyView, body: BodyPlan) -> float:

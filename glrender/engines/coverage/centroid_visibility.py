@@ -33,6 +33,10 @@ _MOST_DIVISIONS = 5
 # 49k to 197k facets, 30 to 480 px, 20 to 120 deg, beside clipped ones; it is less in 98.9 %, 0.28 to 0.64 in half.
 _BOUNDARY_ERROR = 0.42
 _ALIKE = 0.6
+# Error of several bodies over that [1]: pairs of 1 to 4 px (tests/test_small_bodies.py).
+_SEVERAL = 1.5
+# Error tolerance for pixels over that for the flux [1]: design.md.
+_FLUX = 10.0
 # One facet of so many tells of boundaries: an odd number, as divided shapes come in fours.
 _SAMPLED = 3
 
@@ -43,7 +47,10 @@ def centroid_error(boundaries: Sequence[np.ndarray]) -> float:
     if not squared:
         return 0.0
     # Errors of small facets next to each other are alike.
-    return _BOUNDARY_ERROR * math.sqrt(squared * min(of_area / squared, 1.0) ** _ALIKE * area) / light
+    pixels = _BOUNDARY_ERROR * math.sqrt(squared * min(of_area / squared, 1.0) ** _ALIKE * area) / light
+    # One facet in a few was asked: all of them have as many times the light, and the root of it as error of the flux.
+    flux = _FLUX * _BOUNDARY_ERROR * math.sqrt(of_area / _SAMPLED) / light
+    return max(pixels * (1.0 if len(boundaries) == 1 else _SEVERAL), flux)
 
 
 class CentroidVisibility:
