@@ -73,13 +73,13 @@ def _python(code: str, **environment: str) -> subprocess.CompletedProcess:
 def test_without_egl_auto_falls_back_to_osmesa():
     """EGL finds no vendor library: OSMesa draws, and nothing is asked of the caller."""
     backend_or_skip("osmesa")
-    run = _python("from glrender.gl.context import Context\nprint(Context('auto').info['backend'])",
+    run = _python("from glrender.engines.raster.gl.context import Context\nprint(Context('auto').info['backend'])",
                   __EGL_VENDOR_LIBRARY_FILENAMES="/nonexistent.json")
     assert run.stdout.split() == ["osmesa"], run.stderr
 
 
 def test_when_nothing_works_the_error_says_what_to_install():
-    run = _python("import glrender.gl.context as c, glrender.gl.osmesa as o\n"
+    run = _python("import glrender.engines.raster.gl.context as c, glrender.engines.raster.gl.osmesa as o\n"
                   "o.find_osmesa = lambda: None\n"
                   "try:\n    c.Context('auto')\nexcept c.DeviceError as e:\n    print(e)",
                   __EGL_VENDOR_LIBRARY_FILENAMES="/nonexistent.json")
@@ -93,8 +93,8 @@ def test_a_thousand_contexts_leak_no_more_than_mesa_itself(backend):
     backend_or_skip(backend)
     run = _python(f"""
 import os
-from glrender.gl.context import Context
-from glrender.gl.targets import Target
+from glrender.engines.raster.gl.context import Context
+from glrender.engines.raster.gl.targets import Target
 def cycle():
     with Context({backend!r}) as context, Target(context, [1, 4]) as target:
         target.begin(64, 64)

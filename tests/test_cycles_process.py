@@ -116,7 +116,7 @@ def test_blender_ends_when_we_are_killed_amid_a_frame():
 import sys
 sys.path.append({str(Path(__file__).parent)!r})
 import test_cycles_process as t, views
-from glrender.backends.cycles import Cycles
+from glrender.engines.cycles import Cycles
 cycles = Cycles(t.SCENE)
 print(cycles._blender.pid, flush=True)
 cycles.render(views.state(), samples=128, on_progress=lambda share: print("drawing", flush=True))

@@ -38,7 +38,7 @@ def cutter(*boxes, phase_deg=0.0, turn_deg=0.0):
     rays = RayEngine(scene)
     tables = FacetTables(body, np.zeros(len(shape.facets), bool), rays.solid("body"))
     facing = facet_loops.facing(
-        tables.normal, tables.offset_m, 0, tables.n_facets, view.sun_direction_body, view.r_camera_body_m,
+        tables.normal, tables.offset_m, 0, tables.n_facets, view.sun_direction_body, 0.0, view.r_camera_body_m,
         np.zeros((2, tables.vertices_m.shape[1])), tables.corners, np.array([-1.0, -1.0, 1.0, 1.0]))[0]
     top = facing[tables.corner_m(facing)[:, 2].max(axis=0) == boxes[0][1][2]]
     return FacetCutter(tables, view, seen, rays, top), top
@@ -193,9 +193,10 @@ def test_what_faces_both_is_found_in_parts_with_what_is_shown_of_it():
     r_camera_m = np.array([3.0, 1.0, 2.0])
     to_sun, xy = np.array([0.6, 0.0, 0.8]), rng.uniform(-10.0, 30.0, (2, 300))
     corners, bounds = rng.integers(0, 300, (3, n_facets)), np.array([0.0, -5.0, 20.0, 12.0])
-    parts = [facet_loops.facing(normal, offset_m, first, last, to_sun, r_camera_m, xy, corners, bounds)
+    parts = [facet_loops.facing(normal, offset_m, first, last, to_sun, 0.1, r_camera_m, xy, corners, bounds)
              for first, last in ((0, 150), (150, 150), (150, n_facets))]
-    found, cosine, shown = (np.concatenate(each) for each in zip(*parts, strict=True))
+    *parts, set_px = zip(*parts, strict=True)
+    found, cosine, shown = (np.concatenate(each) for each in parts)
     low, high = (join(xy[:, corners], axis=1) for join in (np.min, np.max))
     inside = np.minimum(high, bounds[2:, None]) - np.maximum(low, bounds[:2, None])
     share = np.prod(np.maximum(inside, 0.0) / (high - low), axis=0)
@@ -204,3 +205,8 @@ def test_what_faces_both_is_found_in_parts_with_what_is_shown_of_it():
     np.testing.assert_allclose(cosine, (to_sun @ normal)[faces], rtol=1e-12)
     np.testing.assert_allclose(shown, share[faces], rtol=1e-12)
     assert 20 < (shown < 1.0).sum() < len(found)
+    cosines = to_sun @ normal
+    is_set = (cosines > -0.1) & (cosines <= 0.0) & (r_camera_m @ normal > offset_m)
+    (ax, ay), (bx, by), (cx, cy) = xy[:, corners].transpose(1, 0, 2)
+    area = 0.5 * np.abs((bx - ax) * (cy - ay) - (cx - ax) * (by - ay))
+    np.testing.assert_allclose(sum(set_px), (share * area)[is_set].sum(), rtol=1e-12)

@@ -64,7 +64,7 @@ def test_a_law_that_fails_is_named_before_its_scene_serves(add, name, good, bad,
 
 
 EMISSION = """
-from glrender.emission_frame import EmissionPlan
+from glrender.engines.emission_interface import EmissionPlan
 class Pass:
     def __enter__(self): return self
     def __exit__(self, *exception): pass

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from glrender import ConfigError, Scene
+from glrender import ConfigError, Scene, open_renderer
 from glrender.base.errors import PluginError
 from glrender.scene.plugins import registry as plugins
 
@@ -60,7 +60,8 @@ def test_the_example_installed_as_a_package_draws(tmp_path):
 import sys
 sys.path.append({str(Path(__file__).parent)!r})
 import numpy as np, views
-from glrender import Renderer, Scene, plugins
+from glrender import Renderer, Scene
+from glrender.scene.plugins import registry as plugins
 scene = Scene.from_dict({{**{SCENE!r}, "bodies": [{{**{SCENE["bodies"][0]!r}, "brdf":
     {{"law": "dusty_lambert", "normal_albedo": 0.4, "scale_deg": 40.0}}}}]}})
 law = scene.bodies[0].brdf
@@ -145,19 +146,19 @@ class Blank:
 def test_a_backend_from_outside_with_options_of_its_own(add):
     add("blank", plugins.BACKEND_GROUP, {"blank": "blank_module:Blank"}, BACKEND)
     scene = Scene.from_dict(SCENE)
-    with plugins.open_renderer(scene, "blank", level=0.25) as renderer:
+    with open_renderer(scene, "blank", level=0.25) as renderer:
         assert renderer.render(None) == 0.25
     with pytest.raises(ConfigError, match="bounces: is no option of backend 'blank'; it has level"):
-        plugins.open_renderer(scene, "blank", bounces=3)
+        open_renderer(scene, "blank", bounces=3)
     with pytest.raises(ConfigError, match="level: is no option of backend 'auto'; it has none"):
-        plugins.open_renderer(scene, level=0.5)
+        open_renderer(scene, level=0.5)
 
 
 def test_a_backend_that_lacks_a_method(add):
     add("half", plugins.BACKEND_GROUP, {"half": "half_module:X"}, "class X: glrender_api = 1")
     assert {"raytrace", "cycles", "half"} <= set(plugins.backends())
     with pytest.raises(PluginError, match="of half 1.5 must have render, info, close, __enter__, __exit__"):
-        plugins.open_renderer(Scene.from_dict(SCENE), "half")
+        open_renderer(Scene.from_dict(SCENE), "half")
     assert plugins.backends()["raytrace"]
 
 
