@@ -81,7 +81,8 @@ def test_surface_detail_is_drawn_by_opengl_alone():
 def test_from_ten_thousand_facets_on_centroids_come_first():
     assert FEWEST_CENTROIDS == 10_000
     for n_facets, is_first in ((9_999, False), (10_000, True)):
-        assert (order(NEAR, traits(n_facets=n_facets))[0] == "centroids") == is_first
+        assert (order([view(size_px=300.0)], traits(n_facets=n_facets))[0] == "centroids") == is_first
+    assert order([view(size_px=500.0)], traits(n_facets=10_000))[0] == "coverage", "each covers 50 pixels"
 
 
 def test_centroids_are_not_tried_where_hard_edges_of_other_bodies_cost_too_much():

