@@ -62,7 +62,8 @@ def test_the_first_that_meets_the_budget_draws(renderer):
         truth = tracer.render(STATE, samples=48).irradiance_W_m2.astype(np.float64)
     lit = truth > 0.0
     error = np.sqrt(np.mean((image.irradiance_W_m2 - truth)[lit] ** 2)) / truth[lit].mean()
-    assert error < 1.3 * MISSED
+    # The truth has a third of that of its own.
+    assert error < 1.5 * MISSED
 
 
 def test_progress_rises_through_backends_and_poses(monkeypatch):
@@ -161,13 +162,13 @@ def test_the_server_draws_slowly_tells_how_far_it_is_and_has_a_deadline_of_its_o
 
             thread = threading.Thread(target=watch)
             thread.start()
-            reply = client.render(state, "navcam", max_error=2e-3, allow_slow="cycles")
+            reply = client.render(state, "navcam", max_error=1e-3, allow_slow="cycles")
             done.set()
             thread.join()
             assert watcher.status()["slow_frames"] == []
     assert reply.header["timings_ms"]["total"] > 500.0, "slower than the deadline, or this test tells nothing"
     assert any(warning.startswith("drawn by cycles") for warning in reply.header["plan"]["warnings"])
-    assert reply.header["plan"]["predicted_error"] <= 2e-3
+    assert reply.header["plan"]["predicted_error"] <= 1e-3
     assert seen == sorted(seen) and 0.0 <= seen[0] < seen[-1] <= 1.0
 
 
