@@ -13,7 +13,7 @@ import numpy as np
 from ..base.stopwatch import Clock
 from ..planner import error_model
 from ..planner.adaptive_samples import frame_error, pixel_errors, pixel_means, plan_refinement
-from ..planner.engine_choice import MAX_RAYS_ACROSS, apart_size_px
+from ..planner.engine_choice import MAX_RAYS_ACROSS, MAX_SAMPLES, apart_size_px
 from ..planner.plan import WindowPlan
 from ..view.regions import outline_px
 from .coverage.engine import CoverageEngine
@@ -28,6 +28,11 @@ from .small_bodies import SmallBody, add_by_area
 _MAX_WINDOW_SAMPLES = 4096 * 4096
 # Of the tolerance [1], what is asked for at least, however much of it is taken by what is modelled otherwise.
 _LEAST_LEFT = 0.3
+# Phase angle [rad] from which rays are cast at what faces Sun and camera alone, and how many of them at first: 0.1 s.
+_CRESCENT_RAD = 2.6
+_FIRST_RAYS = 3e5
+# Side [px] of the parts of an image that are passed over where nothing faces both.
+_FACING_TILE_PX = 32
 
 
 class IrradiancePass:
@@ -126,17 +131,31 @@ class IrradiancePass:
         """The region's pixels and its plan: few samples everywhere, then more where their contrast is high."""
         x0, y0, x1, y1 = window.roi
         mean, error = (np.zeros((y1 - y0, x1 - x0), np.float32) for _ in range(2))
-        draw = partial(self._draw_tile, window, frame, clock)
         members = [view for view in frame.views if view.name in window.bodies]
+        facing = None
+        if window.engine == "rays" and max(view.phase_rad for view in members) > _CRESCENT_RAD:
+            facing = self._coverage.may_be_lit(window.bodies, frame.camera, list(frame.views), window.bounds_px,
+                                               (x1 - x0, y1 - y0))
+        if facing is not None:
+            n_facing = np.count_nonzero(facing)
+            if not n_facing:
+                return mean, replace(window, predicted_error=0.0)
+            # Few pixels have light: more samples find slivers of it.
+            count = max(window.samples, min(int(math.sqrt(_FIRST_RAYS / n_facing)), MAX_SAMPLES))
+            window = replace(window, samples=count, grid=((x1 - x0) * count, (y1 - y0) * count))
+        draw = partial(self._draw_tile, window, frame, clock)
         crease_rad, facets_per_px = window.noise
         noise = error_model.noise_gain(crease_rad, facets_per_px / window.samples**2)
         gain = noise * error_model.crescent_gain(max(view.phase_rad for view in members))
         # Beside the bodies' outlines it is dark; beyond the frame, nobody knows.
         sides = (y0 > 0, x0 > 0, y1 < frame.camera.height_px, x1 < frame.camera.width_px)
-        for tile in self._tiles(mean.shape, window.samples):
+        for tile in self._tiles(mean.shape, window.samples, math.inf if facing is None else _FACING_TILE_PX):
+            if facing is not None and not facing[tile].any():
+                continue
             ends = (tile[0].start == 0, tile[1].start == 0, tile[0].stop == y1 - y0, tile[1].stop == x1 - x0)
             dark = tuple(side and end for side, end in zip(sides, ends, strict=True))
-            mean[tile], error[tile] = pixel_errors(draw(tile, window.samples), window.samples, gain, dark)
+            samples = draw(tile, window.samples, None if facing is None else facing[tile])
+            mean[tile], error[tile] = pixel_errors(samples, window.samples, gain, dark)
         now, power = frame_error(mean, error), error_model.noise_power(noise)
         # Edges of shadows lie where the map's texels put them, however many samples see them.
         floor = math.hypot(window.modelling_error,
@@ -158,11 +177,11 @@ class IrradiancePass:
         return mean, replace(window, predicted_error=error_gain * math.hypot(refinement.predicted_error, floor),
                              refined_samples=refinement.samples, refined_share=refinement.share)
 
-    def _tiles(self, shape: tuple[int, int], samples: int) -> Iterator[tuple[slice, slice]]:
-        """Parts of a window that fit a framebuffer, as rows and columns of pixels."""
-        limit = self._context.info["max_texture_px"]
-        columns = max(min(shape[1], limit // samples), 1)
-        rows = max(min(shape[0], limit // samples, _MAX_WINDOW_SAMPLES // (columns * samples**2)), 1)
+    def _tiles(self, shape: tuple[int, int], samples: int, most_px: float = math.inf) -> Iterator[tuple[slice, slice]]:
+        """Parts of a window that fit a framebuffer, and have no longer side, as rows and columns of pixels."""
+        limit = min(self._context.info["max_texture_px"] // samples, most_px)
+        columns = max(min(shape[1], limit), 1)
+        rows = max(min(shape[0], limit, _MAX_WINDOW_SAMPLES // (columns * samples**2)), 1)
         for top in range(0, shape[0], rows):
             for left in range(0, shape[1], columns):
                 yield (slice(top, min(top + rows, shape[0])), slice(left, min(left + columns, shape[1])))

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import cv2
 import numpy as np
 from glrender_camera import PinholeCamera, threads
 
@@ -19,10 +20,12 @@ from ...scene.surface import Surface
 from ...view.sun_disc import PENUMBRA_SHARE, fewest_points, lit_from, on_disc
 from ...view.view import BodyView
 from ..rays.engine import RayEngine
+from ..rays.mesh import dot
 from . import accumulate
 from .brdf_tables import BrdfTables
 from .centroid_visibility import CentroidVisibility, centroid_error
 from .facet_tables import FacetTables
+from .sub_triangles import projected
 from .visible_sunlit import SunlitAreas
 
 # Error tolerance for pixels over that for the flux [1]: design.md.
@@ -130,6 +133,29 @@ class CoverageEngine:
             # Each body has its own cover: a bright one is not to be dimmed by what is left of a dark one behind it.
             total += self._added_up(changes, cells, camera, 1.0, 1.0)[0]
         return total, error
+
+    def may_be_lit(self, names: Sequence[str], camera: PinholeCamera, views: list[BodyView],
+                   bounds_px: tuple[float, float, float, float], grid: tuple[int, int]) -> np.ndarray | None:
+        """Cells (rows, columns) uint8 that a facet touches which faces the camera and any of the Sun's disc.
+
+        None where a body is not drawn by coverage, or not all of it is before the camera.
+        """
+        members = [view for view in views if view.name in names and view.is_visible]
+        if any(view.name not in self._facets or view.bounds_px is None for view in members):
+            return None
+        cells, changes = _Cells(camera, bounds_px, grid), accumulate.no_changes(grid[::-1])
+        for view in members:
+            facets, sun = self._facets[view.name], view.sun_direction_body[:, None]
+            least = -view.sun_radius_rad if self._scene.sun_disc else 0.0
+            faces = (dot(facets.normal, sun) > least) & (
+                dot(facets.normal, view.r_camera_body_m[:, None]) > facets.offset_m)
+            shown = np.where(faces, 1.0 + 1.0j, 0.0j)
+            accumulate.add_facets(changes, projected(facets.vertices_m, view, camera), facets.corners,
+                                  facets.neighbours, np.flatnonzero(faces), shown, cells.corner, cells.per_px)
+        found, cover = np.empty((2, *grid[::-1]))
+        largest = accumulate.means(changes, 0, len(found), found, cover)
+        # A cell beside one that is touched may have what rounding, or another sample's place, leaves of it.
+        return cv2.dilate((cover > accumulate.ROUNDING * largest).astype(np.uint8), np.ones((3, 3), np.uint8))
 
     def _clipped(self, names: Sequence[str], camera: PinholeCamera, views: list[BodyView],
                  bounds_px: tuple[float, float, float, float], grid: tuple[int, int], tolerance: float,
