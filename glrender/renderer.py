@@ -151,7 +151,7 @@ class Renderer:
             What is left of an error that is independent from pixel to pixel where others average them, as a lens does
             that has several cells a pixel: the budget holds for that.
         apart_px : float [px], 0..256
-            Bodies that are smaller, and alone in their pixels, are told in `Image.small_bodies` instead of the
+            Bodies that are smaller, and alone in their pixels, are in `Image.small_bodies` instead of the
             image: sub-pixel places that a point spread function can use. At a phase angle g those up to 1 / cos(g / 2)
             as large are, at most 4 times. Of several the smallest, as many as together cover no more than one body of
             this size; none in an emission that dims.

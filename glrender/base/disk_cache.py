@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 _log = logging.getLogger(__name__)
-# Facets from which waits are told of.
+# Facets from which a wait is announced.
 _LARGE = 100_000
 
 

@@ -1,4 +1,4 @@
-"""How far a slow frame is: its parts tell theirs, and what is told of the whole never falls."""
+"""How far a slow frame is: its parts report theirs, and the share of the whole never falls."""
 
 from __future__ import annotations
 

@@ -162,7 +162,7 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
         given_motion(state, sub_states, exposure_s, row_s, n_rows) if sub_states else
         plan_motion(scene, state, pinhole, exposure_s, row_s, margin_px))
     motion = planned(exposure) if is_moving and exposure != "auto" else STILL
-    # How many poses an exposure takes that is metered first is not known: then the first is told as half of all.
+    # How many poses an exposure takes that is metered first is not known: then the first counts as half of all.
     first = 0.5 if is_moving and exposure == "auto" else 1.0 / _n_drawn(motion)
     still = drawing.still(state, products, (0.0, first))
     irradiance, roi = still.irradiance_W_m2, still.roi

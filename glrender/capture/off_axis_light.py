@@ -38,7 +38,7 @@ def light_beyond(renderer: Any, camera: PinholeCamera, margin_px: int,
     margin_px : int [px]
         Of the image.
     poses : sequence of (State, names, float)
-        With the names of bodies whose light, all of it, is told as points already, and a pose's weight.
+        With the names of bodies whose light, all of it, is given as points already, and a pose's weight.
 
     Returns
     -------

@@ -128,7 +128,7 @@ class Drawing:
         return f"drawn alone: {list(self._box)} px"
 
     def still(self, state: State, products: Iterable[str] = (), part: tuple[float, float] = (0.0, 1.0)) -> Still:
-        """One pose, which is `part` of what `on_progress` is told of: from one share of the whole to another."""
+        """One pose, which is `part` of the whole that `on_progress` reports: from one share of the whole to another."""
         wanted = checked_products(products)
         asked = wanted if self.lens is None or not set(wanted) & set(_SMOOTH) else {*wanted, *_SMOOTH, "body_id"}
         told = {"on_progress": self.progress.part(*part)} if self._tells else {}

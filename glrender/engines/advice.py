@@ -21,9 +21,9 @@ from ..view.state import State
 from ..view.view import BodyView, view_bodies
 
 SATURATED_SHARE = 0.5
-"""Share of a frame's pixels, or of its lit ones, from which on saturation is told."""
+"""Share of a frame's pixels, or of its lit ones, from which on a warning names saturation."""
 MIN_LIT_PX = 100
-"""Lit pixels of which a share is told: fewer are a point source, which saturates its few pixels."""
+"""Least number of lit pixels for a warning of their share: fewer are a point source, which saturates its few pixels."""
 NIGHT_PHASE_DEG = 175.0
 """Phase angle from which on a body shows its night side: a Lambert sphere has 7e-5 of its light at zero phase."""
 SUN_DISTANCES_AU = (0.04, 200.0)

@@ -75,7 +75,7 @@ class IrradiancePass:
         small : list of SmallBody
             Gets the body that has a grid of its own.
         apart_px : float [px]
-            A body of a smaller `apart_size_px` is told there alone, and not added to the image.
+            A body of a smaller `apart_size_px` stands there alone, and is not added to the image.
         deadline : float [s]
             Of `time.monotonic`: nothing is begun after it, once there is an image.
         """

@@ -1,7 +1,7 @@
 """Samples where they matter: what a first, coarse image tells of its own error, and which pixels to draw again.
 
 Most of a frame's sampling error sits in few of its pixels: limb, terminator, shadow edges,
-creases. They are told by contrast: between neighbours when a pixel has one sample, between its
+creases. Contrast shows them: between neighbours when a pixel has one sample, between its
 samples when it has more.
 """
 

@@ -41,7 +41,7 @@ class Stars:
         if not isinstance(self.aberration, bool):
             raise ConfigError("aberration", "must be true or false", self.aberration)
         try:
-            self.catalogue  # noqa: B018 (a catalogue that is missing is told at load)
+            self.catalogue  # noqa: B018 (a missing catalogue is an error at load)
         except ConfigError as error:
             error.path = ""
             raise

@@ -74,7 +74,7 @@ class FacetCutter:
     def keep_even(self, triangles: FacetParts) -> FacetParts:
         """Those of some triangles that are not mixed are done; the mixed ones.
 
-        Where the Sun is low, light falls in slivers: those whose middles are not as their corners are divided in three
+        Where the Sun is low, light falls in slivers: those whose centroids differ from their corners are cut in three
         about that, and mixed.
         """
         is_mixed = self.are_mixed(triangles)
@@ -94,7 +94,7 @@ class FacetCutter:
                                            for three in ([a, b, middle], [b, c, middle], [c, a, middle]))])
 
     def quarters(self, triangles: FacetParts) -> FacetParts:
-        """Each divided in four between the middles of its sides."""
+        """Each divided in four between the midpoints of its sides."""
         points, corner = self.points, triangles.corner
         ends, first, side = facet_loops.distinct_pairs(corner.ravel(), corner[[1, 2, 0]].ravel())
         r_m = 0.5 * (points.r_m.take(ends[0], axis=1) + points.r_m.take(ends[1], axis=1))

@@ -228,7 +228,7 @@ class _Cells:
 
     @property
     def squared(self) -> list[np.ndarray]:
-        """Squares of the tangents of angles off the boresight, of the cells' middles across (C,) and down (R,).
+        """Squares of the tangents of angles off the boresight, of the cells' centres across (C,) and down (R,).
 
         A pixel's solid angle is (1 + both)^-1.5 of that on the boresight.
         """

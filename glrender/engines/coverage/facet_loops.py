@@ -48,7 +48,7 @@ def lit_edges(facets, radiance, neighbours, corners, xy, every, to_sun, r_camera
     """Of one in `every` so many facets, all lit or all dark by their radiance (F,), what may be wrong.
 
     Sums (4,): areas and light of lit facets; and of those beside a dark one that faces Sun and camera, squared radiance
-    times the area, and times its square. Facets (F, 6) float32 have normals and middles [m].
+    times the area, and times its square. Facets (F, 6) float32 have normals and centroids [m].
     """
     found = np.zeros(4)
     for facet in range(0, len(radiance), every):
@@ -75,9 +75,9 @@ def lit_edges(facets, radiance, neighbours, corners, xy, every, to_sun, r_camera
 
 @compiled(write(intp, 1)(read(float32, 2), read(float64, 1), _VECTOR, _VECTOR, _POINTS, read(float64, 1)))
 def may_be_hidden(facets, radiance, to_sun, r_camera_m, places_m, radii_m):
-    """Of facets with radiance (F,), those (N,) whose middles have one of some spheres towards camera or Sun.
+    """Of facets with radiance (F,), those (N,) whose centroids have one of some spheres towards camera or Sun.
 
-    Facets (F, 6) float32 have normals and middles [m]; spheres have places (3, K) [m] and radii (K,) [m].
+    Facets (F, 6) float32 have normals and centroids [m]; spheres have places (3, K) [m] and radii (K,) [m].
     """
     found, n = np.empty(len(radiance), np.intp), 0
     for facet in range(len(radiance)):
@@ -172,7 +172,7 @@ def areas(xy, corners, facets):
 
 @compiled(write(float64, 2)(_TABLE, _CORNERS, _NUMBERS, _VECTOR))
 def to_camera(vertices_m, corners, facets, r_camera_m):
-    """Unit vectors (3, N) from the middles of facets (N,)."""
+    """Unit vectors (3, N) from the centroids of facets (N,)."""
     found = np.empty((3, len(facets)))
     for i in range(len(facets)):
         a, b, c = corners[0, facets[i]], corners[1, facets[i]], corners[2, facets[i]]

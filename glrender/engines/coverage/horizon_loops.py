@@ -130,9 +130,9 @@ def _radiance(incidence, emission, squared, brdf, least_root, per_root):
                write(float64, 1), write(intp, 1), write(boolean, 2)))
 def shade_centroids(facets, heights, first, last, to_sun, r_camera_m, brdf, least_root, per_root, found, asked,
                     is_asked):
-    """Write the radiance of facets first to last, each as lit as its middle is: 0 of those that are dark or not seen.
+    """Write the radiance of facets first to last, each lit or dark by its centroid: 0 of what is dark or not seen.
 
-    Facets (F, 6) float32 have normals and middles [m], and heights (F, sectors) of the horizon. Their BRDF times the
+    Facets (F, 6) float32 have normals and centroids [m], and heights (F, sectors) of the horizon. Their BRDF times the
     sum of the cosines of incidence and emission, which is smooth at the limb, is in a table (C, 2 S + 1, S + 1):
     by the root of the distance of the unit vectors to Sun and camera; by the normal's place around a square in the
     plane of both, from -1 to 1; by its part in that plane, from 0 to 1.

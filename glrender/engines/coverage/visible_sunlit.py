@@ -27,7 +27,7 @@ _CUT_ERRORS, _CROWD = (0.066, 0.0205, 0.018), 0.2
 _CUT_BIASES = (0.015, 0.003, 0.0)
 # Of the squared light of the largest facet, what another body may take between its corners unseen.
 _OF_LARGEST = 0.1
-# All that is told is times: a least, and one over the root of the number of facets that bring the error, as the sum of
+# Factor on all estimated errors: a least, and one over the root of the number of facets that bring the error, as the sum of
 # few scatters; at most; and more from a phase angle on, over so many radians: edges pass between corners that agree.
 _SPREAD, _SPREAD_OF_FEW, _MOST_SPREAD = 0.5, 7.0, 3.0
 _LOW_SPREAD, _LOW_SPREAD_RAD, _OVER_RAD = 0.5, 2.0, 0.52
@@ -128,7 +128,7 @@ class SunlitAreas:
         return tuple(np.concatenate(each) for each in found)
 
     def _cut(self, most_squared: float, flux_weight: float) -> float:
-        """Cut what is mixed, with what looking closer finds."""
+        """Clip partially visible facets, with those that subdivision finds."""
         triangles = self._mixed
         light = float((self._radiance.take(triangles.facet) * triangles.area_px).sum())
         light_squared = self._light_squared(triangles)
@@ -359,7 +359,7 @@ class SunlitAreas:
         return self._of_facets(np.flatnonzero(chosen))
 
     def _shade(self, facet: np.ndarray) -> None:
-        """Work out radiance at the middles of facets (N,): in 1/sr of the Sun's irradiance at 1 au."""
+        """Evaluate the radiance at the centroids of facets (N,): in 1/sr of the Sun's irradiance at 1 au."""
         facets, surface, view = self._facets, self._facets.surface, self._view
 
         def work(part: slice) -> None:
@@ -374,7 +374,7 @@ class SunlitAreas:
         threads.run_in_parts(work, len(facet), _SHADED_AT_ONCE)
 
     def _spread_of(self, n_cuts: float, least: float) -> float:
-        """Error over what is told by the squared errors of so many cuts: they are as good as they are many."""
+        """Safety factor of the estimate from so many clipped facets: it falls with their number."""
         low = min(max((self._view.phase_rad - _LOW_SPREAD_RAD) / _OVER_RAD, 0.0), 1.0)
         return ((1.0 + _LOW_SPREAD * low) * (1.0 + min(_OPEN_SPREAD * self._facets.open_share, _MOST_OPEN))
                 * min(least + _SPREAD_OF_FEW / math.sqrt(max(n_cuts, 1.0)), _MOST_SPREAD))

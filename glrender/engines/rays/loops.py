@@ -93,7 +93,7 @@ def _look_for_blocks(scene, rays, valid, n):
 
 @compiled(void(uintp, _RAYS, _VALID, read(intp, 1), intp, boolean, write(boolean, 1, "A")))
 def _tell_blocked(scene, rays, valid, which, n, value, found):
-    """Write a value of those of the first n rays that meet a mesh: of which points they are is told."""
+    """Write a value for the points whose rays, the first n, meet a mesh."""
     if n == 0:
         return
     _look_for_blocks(scene, rays, valid, n)
@@ -123,7 +123,7 @@ def find_blocked(scene, start_m, direction, radius_m, found):
 def keep_free(scene, radius_m, turn, shift_m, points_m, facets, normals, lift_m, unsure_m, towards, is_place, is_free):
     """Of points (3, N) [m] of a surface that are free (N,), find those from which a mesh hides a direction or a place.
 
-    They are lifted off the surface along the normals of their facets (N,), and more by what is told of each facet; not
+    They are lifted off the surface along the normals of their facets (N,), and more by each facet's own rounding; not
     at all where the lift is 0.
     `turn` (3, 3) and `shift_m` (3,) lead to the mesh's frame from theirs; `towards` (3,) is in theirs, a unit vector
     or a place [m].

@@ -1,4 +1,4 @@
-"""Plug-ins are tried before they are trusted: what one does wrong is told with its name, when its scene opens.
+"""Plug-ins are tried before they are trusted: an error names the plug-in, when its scene opens.
 
 glrender's own classes are not tried here: what is wrong with those is a bug, and keeps its traceback.
 """

@@ -20,7 +20,7 @@ _CONVEX_AREA_RTOL = 1e-4
 _FLAT_RTOL = 1e-6
 # Of its radius, how near a hull the distance of a surface with dips is measured.
 _CLOSE = 0.02
-# Directions by which a hull's outlines are told.
+# Directions that give a hull's outlines.
 _EXTREMES = 500
 
 

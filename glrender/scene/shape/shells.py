@@ -27,7 +27,7 @@ _AROUND = 8
 _HOLED = 0.25
 # Of a shell's extent times its area, a volume that is none, and of the extent a distance that is none.
 _VOLUME_RTOL, _TOUCH_RTOL = 1e-12, 1e-6
-# Vertices and middles of facets of a shell by which it is told whether it is within another.
+# Vertices and centroids of facets of a shell that decide whether it is within another.
 _PLACES = 64
 # Frames, their axes in rows, that no mesh is built along.
 _FRAMES = Rotation.from_rotvec([[0.31, 0.52, -0.27], [-1.62, 0.78, 0.44], [0.65, -1.71, 0.86]]).as_matrix()
@@ -345,8 +345,8 @@ class _Mesh:
         """Whether another shell of such facets is within: no place of it outside, but such as touch, and one inside."""
         own = np.unique(facets)
         own = own[~self._is_own[own]]
-        middles = self._vertices[facets[_some(np.arange(len(facets)))]].mean(axis=1)
-        places = np.concatenate([self._vertices[_some(own)], middles])
+        centroids = self._vertices[facets[_some(np.arange(len(facets)))]].mean(axis=1)
+        places = np.concatenate([self._vertices[_some(own)], centroids])
         is_inside, touch = self._are_inside(places), _TOUCH_RTOL * extent
         return (not any(self._is_beyond(place, touch) for place in places[~is_inside])
                 and any(self._is_beyond(place, touch) for place in places[is_inside]))

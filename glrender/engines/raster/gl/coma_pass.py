@@ -35,7 +35,7 @@ class Grid:
 
     @classmethod
     def around(cls, width: int, height: int, per_node: int) -> Grid:
-        """Nodes in the middles of cells of `per_node` pixels, one more cell on each side."""
+        """Nodes at the centres of cells of `per_node` pixels, one more cell on each side."""
         first = -0.5 * (per_node + 1)
         return cls(first_px=(first, first), per_node=per_node,
                    shape=(-(-width // per_node) + 2, -(-height // per_node) + 2))
