@@ -27,7 +27,7 @@ _CUT_ERRORS, _CROWD = (0.066, 0.0205, 0.018), 0.2
 _CUT_BIASES = (0.015, 0.003, 0.0)
 # Of the squared light of the largest facet, what another body may take between its corners unseen.
 _OF_LARGEST = 0.1
-# Factor on all estimated errors: a least, and one over the root of the number of facets that bring the error, as the sum of
+# Factor on all estimated errors: a least, and one over the root of the number of facets that bring them, as the sum of
 # few scatters; at most; and more from a phase angle on, over so many radians: edges pass between corners that agree.
 _SPREAD, _SPREAD_OF_FEW, _MOST_SPREAD = 0.5, 7.0, 3.0
 _LOW_SPREAD, _LOW_SPREAD_RAD, _OVER_RAD = 0.5, 2.0, 0.52
