@@ -20,39 +20,66 @@ from .boundary_clip import LOW_SUN_RAD, FacetCutter
 from .facet_tables import FacetTables
 from .sub_triangles import FacetParts, projected
 
-# Squared error of what 1, 2, 3 bisections cut off a triangle, over its light squared: times its area in pixels, or the
-# square of it, and of a crowd of small ones, which err together, more.
-_CUT_ERRORS, _CROWD = (0.066, 0.0205, 0.018), 0.2
-# Of their light, what images are too dark by, as what overlaps where cuts are coarse is taken off: at 60 deg.
+# Fitted to 35 low-poly and 12 finer shapes at 20 to 160 deg beside rays (tests/test_coverage_engine.py,
+# benchmarks/heldout.py), all dimensionless unless they say otherwise.
+# Squared error of a facet clipped by 1, 2, 3 bisections, over its squared light in a pixel.
+_CUT_ERRORS = (0.066, 0.0205, 0.018)
+# Share of a pixel that a crowd of facets far smaller than one errs as: they err together.
+_CROWD = 0.2
+# Share of their light that clipped facets are too dark by, after 1, 2, 3 bisections at 60 deg.
 _CUT_BIASES = (0.015, 0.003, 0.0)
-# Of the squared light of the largest facet, what another body may take between its corners unseen.
+# Share of the squared light of the largest facet that another body may take between its corners unseen.
 _OF_LARGEST = 0.1
-# Factor on all estimated errors: a least, and one over the root of the number of facets that bring them, as the sum of
-# few scatters; at most; and more from a phase angle on, over so many radians: edges pass between corners that agree.
-_SPREAD, _SPREAD_OF_FEW, _MOST_SPREAD = 0.5, 7.0, 3.0
-_LOW_SPREAD, _LOW_SPREAD_RAD, _OVER_RAD = 0.5, 2.0, 0.52
-# That least where so many were looked at closer: what passes between corners is found then, and told already. And the
-# bisections of their cuts: a third takes as long as dividing three in ten, which tells more.
-_MANY_CUTS, _SPREAD_OF_MANY, _BISECTIONS_OF_MANY = 1000.0, 0.4, 2
-# More of it where edges have one facet only, over their share of all: sheets and blades are thin, terrain is not.
-_OPEN_SPREAD, _MOST_OPEN = 10.0, 1.0
-# Squared error of edges that pass between corners that agree, as of a cut; where they are looked for, that, and the
-# error over what was found, at first and at last, all of it less from look to look.
-_MISSED, _STILL_MISSED, _OF_FOUND, _OF_EARLIER, _OF_LOOK, _WHOLE_ERROR = 0.0065, 1.8e-4, 0.6, 0.4, 0.5, 0.1
-# Squared light of a facet over the squared error that is allowed for all, from which it is divided first: of one that
-# has more than a share of all light, of others, and of all that may have light between dark corners.
-_LARGE, _LARGE_SHARE, _OTHERS, _TORN = 2.0, 2e-3, 60.0, 0.25
-# What may be left of the error when the triangles that are divided are chosen, and of the budget for them.
-_UNDIVIDED, _LEAST_LEFT, _MOST_DIVISIONS = 0.25, 0.1, 6
-# How many facets are few, and too many to look again; most looks; of the budget, what may be missed without another.
-_FEW, _MANY, _MOST_LOOKS, _ENOUGH = 3000, 120_000, 4, 0.5
-# Mean of max(0, u + t) over the Sun's disc and over u from -1 to 0 [1], in units of the Sun's radius: closed form.
+# Safety factor of the estimate: with many clipped facets; times the root of their number, of few; at most.
+_SPREAD = 0.5
+_SPREAD_OF_FEW = 7.0
+_MOST_SPREAD = 3.0
+# The same for a low Sun: more by this, from a phase angle [rad] on, over so many radians.
+_LOW_SPREAD = 0.5
+_LOW_SPREAD_RAD = 2.0
+_OVER_RAD = 0.52
+# Clipped facets from which subdivision finds what passes between corners: the factor then, and bisections.
+_MANY_CUTS = 1000.0
+_SPREAD_OF_MANY = 0.4
+_BISECTIONS_OF_MANY = 2
+# Factor of open shapes over the share of open edges, and at most: sheets and blades are thin, terrain is not.
+_OPEN_SPREAD = 10.0
+_MOST_OPEN = 1.0
+# Squared error of boundaries that pass between corners that agree, over that of clipped facets: before subdivision, and
+# what is left after it.
+_MISSED = 0.0065
+_STILL_MISSED = 1.8e-4
+# What may be missed after a subdivision: over what it found, over what the one before found, over itself each time, and
+# of whole facets.
+_OF_FOUND = 0.6
+_OF_EARLIER = 0.4
+_OF_LOOK = 0.5
+_WHOLE_ERROR = 0.1
+# Squared light of a facet over the squared tolerance of all, from which it is divided first: of large facets with more
+# than a share of all light, of others, and of all that may have light between dark corners.
+_LARGE = 2.0
+_LARGE_SHARE = 2e-3
+_OTHERS = 60.0
+_TORN = 0.25
+# Share of the error that is left undivided, and of the tolerance that division aims at; most divisions.
+_UNDIVIDED = 0.25
+_LEAST_LEFT = 0.1
+_MOST_DIVISIONS = 6
+# Facets that are few, and too many to subdivide again; most subdivisions; share of the tolerance that may be missed.
+_FEW = 3000
+_MANY = 120_000
+_MOST_LOOKS = 4
+_ENOUGH = 0.5
+# Mean of max(0, u + t) over the Sun's disc and over u from -1 to 0, in units of the Sun's radius: closed form.
 _MEAN_SET = 0.0625
-# What hard edges cost over a ramp's error, as measured (docs/planner.md).
+# RMS error of a hard edge over that of the ramp in its place: Itokawa at 60 and 120 deg (tests/test_penumbra.py).
 _PENUMBRA = 0.65
-# Facets that a thread looks at in a turn, and that it shades; and from which on two threads draw, on an image each: so
-# many, and so many for each of its cells.
-_FOUND_AT_ONCE, _SHADED_AT_ONCE, _TWO_IMAGES, _OF_CELLS = 1 << 16, 1 << 14, 20_000, 0.125
+# Facets that a thread looks at in a turn, and that it shades.
+_FOUND_AT_ONCE = 1 << 16
+_SHADED_AT_ONCE = 1 << 14
+# Facets from which two threads draw, on an image each: so many, and so many for each cell.
+_TWO_IMAGES = 20_000
+_OF_CELLS = 0.125
 
 
 class SunlitAreas:
