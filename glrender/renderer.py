@@ -50,7 +50,8 @@ _MOST_ROUNDING_PX = 0.02
 # Side of a shadow map that only a coma asks for.
 _EMISSION_SHADOW_PX = 1024
 # What to do where an engine that was asked for cannot draw a body.
-_NO_ENGINE = {"coverage": "exact coverage draws flat facets that are all before the camera; leave engine out",
+_NO_ENGINE = {"coverage": "exact coverage draws bodies that are all before the camera, of facets without texture, "
+                          "smooth normals or surface detail; leave engine out",
               "rays": "rays draw no surface detail; leave engine out"}
 
 
@@ -183,6 +184,8 @@ class Renderer:
             samples = integer("samples", samples, 1, MAX_SAMPLES)
         if engine is not None and engine not in self._engines:
             raise ConfigError("engine", f"must be one of {', '.join(self._engines)}", engine)
+        if samples is not None and engine not in (None, "raster"):
+            raise ConfigError("engine", "must be raster, or left out, where samples are given", engine)
         deadline = math.inf if deadline_s is None else time.monotonic() + within("deadline_s", deadline_s, 1e-6, 1e6)
         apart_px = within("apart_px", apart_px, 0.0, 256.0)
         may_be_slow = checked_allow_slow(allow_slow) and samples is None and engine is None
@@ -211,7 +214,13 @@ class Renderer:
         small: list[SmallBody] = []
         windows = [self._irradiance.draw(irradiance, options, frame, gain, clock, small, apart_px, deadline)
                    for options in choices]
-        frame_plan = plan.frame_plan(pinhole, budget, views, self._traits, bodies, windows, self.scene.sun_disc)
+        if hopeless := [window for window in windows if math.isinf(window.predicted_error)]:
+            names = ", ".join(name for window in hopeless for name in window.bodies)
+            raise ConfigError("engine", f"cannot draw {names}", engine,
+                              "light falls between the corners of facets; leave engine out")
+        remedy = ("give more time than deadline_s" if time.monotonic() > deadline else "leave engine out"
+                  if engine is not None else "" if may_be_slow else "allow_slow=True has a reference engine draw it")
+        frame_plan = plan.frame_plan(pinhole, budget, views, self._traits, bodies, windows, self.scene.sun_disc, remedy)
         slow = None
         if may_be_slow and misses_budget(frame_plan):
             fast = Image(irradiance_W_m2=irradiance, products={}, plan=frame_plan, timings_ms=clock.laps_ms)

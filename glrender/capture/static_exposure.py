@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from glrender_camera import ConfigError, DistortingLens, PinholeCamera, PointSources, lens_of
 from glrender_camera.projection import MAX_IMAGE_PX
+from glrender_camera.validate import integer
 
 from ..base.progress import Progress
 from ..engines.image import checked_products
@@ -29,6 +30,8 @@ _LARGEST_STEP = 4.0
 _APART_PX = 24.0
 # Options that a renderer may take, besides those that all do.
 _OPTIONS = ("allow_slow", "on_progress", "out")
+# What `render` takes that a capture gives itself.
+_NOT_OPTIONS = {"state", "camera", "products", "after_psf", "error_gain", "apart_px"}
 # Of products beside the bodies, where it is not NaN.
 _BESIDE = {"body_id": -1, "facet_id": -1, "sunlit": 0}
 
@@ -91,12 +94,15 @@ class Drawing:
         self.lens = lens_of(wide)
         self.source = wide if self.lens is None else self.lens.source
         self._box = None
+        if roi is not None:
+            roi = _region(roi, wide)
         if roi is not None and self.lens is None:
             self._box, self._shape, self.source = roi, (wide.height_px, wide.width_px), _part(wide, roi)
         taken = inspect.signature(renderer.render).parameters
         for name, value in options.items():
             if name not in (*taken, *_OPTIONS):
-                raise ConfigError(name, "is no option", value, f"there are max_error, samples, {', '.join(_OPTIONS)}")
+                known = sorted({*taken, *_OPTIONS} - _NOT_OPTIONS)
+                raise ConfigError(name, "is no option", value, f"there are {', '.join(known)}")
         self._options = {name: value for name, value in options.items() if name in taken}
         self._tells = on_progress is not None and "on_progress" in taken
         self._budget = renderer.scene.max_error if max_error is None else checked_max_error(max_error)
@@ -290,3 +296,14 @@ def sampled(products: dict[str, np.ndarray], lens: DistortingLens, camera: Pinho
         mean = sum(weight.reshape(shape) * part for weight, part in zip(weights, parts, strict=True))
         made[name] = np.where(is_smooth.reshape(shape), mean, made[name]).astype(products[name].dtype)
     return made
+
+
+def _region(roi: tuple[int, int, int, int], camera: PinholeCamera) -> tuple[int, int, int, int]:
+    """A region of interest x0, y0, x1, y1 [px], one past the last, within the image."""
+    if not isinstance(roi, (tuple, list)) or len(roi) != 4:
+        raise ConfigError("roi", "must be four integers: x0, y0, x1, y1, one past the last", roi)
+    x0, y0, x1, y1 = (integer(f"roi[{k}]", number, 0, limit) for k, (number, limit) in enumerate(
+        zip(roi, (camera.width_px, camera.height_px) * 2, strict=True)))
+    if not (x0 < x1 and y0 < y1):
+        raise ConfigError("roi", "must have x0 < x1 and y0 < y1", roi)
+    return x0, y0, x1, y1

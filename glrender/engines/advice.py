@@ -343,6 +343,9 @@ def _exposure_limit(model: CameraModel | MosaicModel, asked: float | str, frame:
     rules, exposure_s = model.auto_exposure, frame.exposure_s
     if "auto" not in (asked, model.exposure_s) or rules.min_s < exposure_s < rules.max_s or rules.min_s == rules.max_s:
         return []
+    # A loop that sends the exposure back which the rules gave is at their limit too; one with its own is not.
+    if asked != "auto" and exposure_s not in (rules.min_s, rules.max_s):
+        return []
     detector, is_long = model.detector, exposure_s >= rules.max_s
     free = replace(rules, min_s=1e-12, max_s=MAX_EXPOSURE_S, max_step=1e6)
     wanted_s = free.after(frame, detector)

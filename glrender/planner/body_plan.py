@@ -102,8 +102,12 @@ def is_close(view: BodyView, radius_m: float, footprint_m: float) -> bool:
 
 
 def frame_plan(camera: PinholeCamera, max_error: float, views: Sequence[BodyView], traits: Mapping[str, BodyTraits],
-               bodies: Sequence[BodyPlan], windows: Sequence[WindowPlan], has_sun_disc: bool) -> RenderPlan:
-    """The frame's plan as its windows were drawn: what was left out, and where the tolerance was not met."""
+               bodies: Sequence[BodyPlan], windows: Sequence[WindowPlan], has_sun_disc: bool,
+               remedy: str = "") -> RenderPlan:
+    """The frame's plan as its windows were drawn: what was left out, and where the tolerance was not met.
+
+    The warning of that ends with a `remedy`, if there is one.
+    """
     drawn = {name: window for window in windows for name in window.bodies}
     done, left_out, warnings = [], [], []
     for view, body in zip(views, bodies, strict=True):
@@ -133,8 +137,8 @@ def frame_plan(camera: PinholeCamera, max_error: float, views: Sequence[BodyView
                    and view.name in drawn and drawn[view.name].engine != "raster"), default=0.0)
     predicted = math.hypot(max((window.predicted_error for window in windows), default=0.0), parallel, by_rays)
     if predicted > max_error * (1.0 + 1e-6) and any(math.isfinite(window.tolerance) for window in windows):
-        warnings.append(f"predicted error {predicted:.2g} exceeds max_error {max_error:g}; "
-                        "pass allow_slow=True to use the reference ray tracer")
+        warnings.append(f"predicted error {predicted:.2g} exceeds max_error {max_error:g}"
+                        + (f"; {remedy}" if remedy else ""))
     return RenderPlan(camera=camera.name, max_error=max_error, roi=grouping.union([w.roi for w in windows]),
                       windows=tuple(windows), bodies=tuple(done), left_out=tuple(left_out),
                       warnings=tuple(warnings), predicted_error=predicted)
