@@ -29,7 +29,7 @@ from glrender.engines.advice import scene_advice
 from glrender.scene.plugins import registry as plugins
 from glrender_camera.validate import within
 
-from .logs import leave_shapes_to_us
+from .logs import is_ours
 
 _DISPLAY_GAMMA = 2.2
 _STARTED = time.monotonic()
@@ -90,9 +90,10 @@ def main(argv: list[str] | None = None) -> int:
     keygen.set_defaults(run=_keygen)
 
     arguments = parser.parse_args(argv)
-    logging.basicConfig(level=logging.INFO if arguments.verbose else logging.WARNING,
+    handler = logging.StreamHandler()
+    handler.addFilter(is_ours)
+    logging.basicConfig(level=logging.INFO if arguments.verbose else logging.WARNING, handlers=[handler],
                         format="%(levelname)s %(name)s: %(message)s")
-    leave_shapes_to_us()
     try:
         return arguments.run(arguments) or 0
     except (GlrenderError, OSError) as error:

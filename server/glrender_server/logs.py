@@ -35,10 +35,10 @@ def set_up(level: int, form: str) -> None:
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(JsonFormatter() if form == "json" else logging.Formatter(
         "%(asctime)s %(levelname)s %(name)s[%(process)d]: %(message)s"))
+    handler.addFilter(is_ours)
     logging.basicConfig(level=level, handlers=[handler], force=True)
-    leave_shapes_to_us()
 
 
-def leave_shapes_to_us() -> None:
-    """Silence what the reader of shapes warns of: a program tells it of its scene, once and with the body's name."""
-    logging.getLogger("glrender.scene.shape").setLevel(logging.ERROR)
+def is_ours(record: logging.LogRecord) -> bool:
+    """Whether a program writes a record: warnings of a shape's file it gives itself, once and with the body's name."""
+    return record.levelno > logging.WARNING or not record.name.startswith("glrender.scene.shape")
