@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from glrender import PinholeCamera, frames
+from glrender import ConfigError, PinholeCamera, frames
 
 HALF = np.sqrt(0.5)
 
@@ -31,6 +31,11 @@ def test_look_at_puts_the_target_on_the_boresight_and_up_on_top():
     np.testing.assert_allclose(camera_from_inertial @ -r, [0.0, 0.0, np.linalg.norm(r)], atol=1e-13)
     assert (camera_from_inertial @ [0.0, 0.0, 1.0])[1] < 0.0, "inertial +z must point up in the image (-Y)"
     np.testing.assert_allclose(np.linalg.det(camera_from_inertial), 1.0, atol=1e-14)
+
+
+def test_look_at_the_own_place_is_refused():
+    with pytest.raises(ConfigError, match="r_to_m: must be another point than r_from_m"):
+        frames.look_at(np.ones(3), np.ones(3))
 
 
 @pytest.mark.parametrize("bounds", [(-0.5, -0.5, 639.5, 479.5), (100, 50, 132, 300), (-3.2, 5.1, 9.7, 6)])

@@ -15,6 +15,8 @@ import numpy as np
 from pyrr import matrix44
 from scipy.spatial.transform import Rotation
 
+from .errors import ConfigError
+
 GOLDEN_ANGLE_RAD = np.pi * (3.0 - np.sqrt(5.0))
 
 EYE_FROM_CAMERA = np.diag([1.0, -1.0, -1.0])
@@ -48,9 +50,17 @@ def look_at(r_from_m: np.ndarray, r_to_m: np.ndarray, up: np.ndarray = (0.0, 0.0
     -------
     (4,) float64
         `q_camera_from_f`, [w, x, y, z].
+
+    Raises
+    ------
+    ConfigError
+        Where the two points are one.
     """
     boresight = np.asarray(r_to_m, float) - np.asarray(r_from_m, float)
-    boresight = boresight / np.linalg.norm(boresight)
+    distance_m = np.linalg.norm(boresight)
+    if not distance_m > 0.0:
+        raise ConfigError("r_to_m", "must be another point than r_from_m", r_to_m, "there is no direction to look in")
+    boresight = boresight / distance_m
     right = np.cross(boresight, np.asarray(up, float))
     if np.linalg.norm(right) < 1e-9:
         right = np.cross(boresight, np.eye(3)[np.argmin(np.abs(boresight))])
