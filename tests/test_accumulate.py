@@ -143,7 +143,7 @@ def test_blocks_of_facets_change_cells_as_all_at_once_do(rng):
     """Every block once, the sides that neighbours share once: the cover of facets that have a radiance, and light."""
     shape = generate.icosphere(radius_m=100.0, subdivisions=5)
     corners = np.ascontiguousarray(shape.facets.T, np.intp)
-    n_facets, across = corners.shape[1], neighbours(corners, len(shape.vertices_m))
+    n_facets, across = corners.shape[1], neighbours(corners)
     radiance = np.where(rng.random(n_facets) < 0.5, rng.random(n_facets), 0.0)
     xy = np.ascontiguousarray(shape.vertices_m.T[:2] * 0.25 + 32.0)
     lit, where = np.flatnonzero(radiance), (np.zeros(2), np.ones(2))

@@ -265,13 +265,13 @@ def test_an_open_shell_has_its_rim():
 
 def test_neighbours_are_found_across_every_edge_and_not_across_others():
     corners = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]]).T
-    np.testing.assert_array_equal(neighbours(corners, 4), [[2, 0, 1, 2], [3, 3, 3, 1], [1, 2, 0, 0]])
-    open_shell = neighbours(corners[:, :3], 4)
+    np.testing.assert_array_equal(neighbours(corners), [[2, 0, 1, 2], [3, 3, 3, 1], [1, 2, 0, 0]])
+    open_shell = neighbours(corners[:, :3])
     np.testing.assert_array_equal(open_shell, [[2, 0, 1], [-1, -1, -1], [1, 2, 0]])
     # A third facet along an edge, and one that runs along it the same way: neither has a neighbour there.
-    twice = neighbours(np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4]]).T, 5)
+    twice = neighbours(np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4]]).T)
     assert (twice[0] == -1).all()
-    assert (neighbours(np.array([[0, 1, 2], [0, 1, 3]]).T, 4) == -1).all()
+    assert (neighbours(np.array([[0, 1, 2], [0, 1, 3]]).T) == -1).all()
 
 
 @pytest.mark.parametrize("budget", [0.1, 0.03])

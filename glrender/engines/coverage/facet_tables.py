@@ -7,6 +7,7 @@ import numpy as np
 from ...base.morton import morton_order
 from ...planner.error_model import FEWEST_CENTROIDS
 from ...scene.scene import Body
+from ...scene.shape.edges import Edges
 from ...scene.shape.shape import longest_sides_m
 from ...scene.surface import Surface
 from ..rays.mesh import RayMesh, dot
@@ -77,7 +78,7 @@ class FacetTables:
         self.is_coarse, self.solid = is_coarse[self.number], solid
         self.offset_m = dot(self.normal, self.vertices_m.take(self.corners[0], axis=1))
         # Now: a first frame that had to wait for them would be late.
-        self.neighbours = neighbours(self.corners, self.vertices_m.shape[1])
+        self.neighbours = neighbours(self.corners)
         middle_m = self.corner_m(slice(None)).mean(axis=0)
         height_m = np.stack([np.where(across < 0, 0.0, dot(self.normal, middle_m.take(across, axis=1)) - self.offset_m)
                              for across in self.neighbours])
@@ -95,22 +96,15 @@ class FacetTables:
         return np.stack([self.vertices_m.take(corner[facet], axis=1) for corner in self.corners])
 
 
-def neighbours(corners: np.ndarray, n_vertices: int) -> np.ndarray:
+def neighbours(corners: np.ndarray) -> np.ndarray:
     """Facets (3, F) int32 across the edges of facets, from each of their corners (3, F) to the next.
 
     -1 where an edge has not exactly two facets that run along it in opposite directions.
     """
-    following = corners[[1, 2, 0]]
-    key = (np.minimum(corners, following) * n_vertices + np.maximum(corners, following)).ravel()
-    order = np.argsort(key, kind="stable")
-    key = key[order]
-    is_new = np.concatenate([[True], key[1:] != key[:-1]])
-    first = np.flatnonzero(is_new)
-    pairs = first[np.diff(np.append(first, len(key))) == 2]
-    one, other = order[pairs], order[pairs + 1]
-    goes_up = (corners < following).ravel()
-    opposite = goes_up[one] != goes_up[other]
+    edges = Edges(corners.T)
+    one, other = edges.pairs()
+    opposite = edges.start[one] != edges.start[other]
     one, other = one[opposite], other[opposite]
-    found = np.full(len(key), -1, np.int32)
-    found[one], found[other] = other % corners.shape[1], one % corners.shape[1]
-    return found.reshape(3, -1)
+    found = np.full(corners.size, -1, np.int32)
+    found[one], found[other] = other // 3, one // 3
+    return np.ascontiguousarray(found.reshape(-1, 3).T)

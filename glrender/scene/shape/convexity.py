@@ -6,6 +6,8 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from .edges import Edges
+
 # Sine of the angle by which facets may rise above one another: the digits of a shape's file leave as much.
 _LEAST_SINE = 2e-3
 
@@ -16,13 +18,10 @@ def bends_outwards(vertices_m: np.ndarray, facets: np.ndarray) -> bool:
     Volumes and areas do not tell of what is far smaller than the body. Of edges within 2e-3 rad of flat nothing is
     asked.
     """
-    start, end = facets.ravel().astype(np.int64), np.roll(facets, -1, axis=1).ravel().astype(np.int64)
-    key = np.minimum(start, end) * len(vertices_m) + np.maximum(start, end)
-    order = np.argsort(key, kind="stable")
-    key = key[order]
-    if len(key) % 2 or (key[::2] != key[1::2]).any() or (key[1:-1:2] == key[2::2]).any():
+    edges = Edges(facets)
+    if (edges.size != 2).any():
         return False
-    one, other = order[::2], order[1::2]
+    one, other = edges.pairs()
     n_shells, _ = connected_components(coo_array(
         (np.ones(len(one), bool), (one // 3, other // 3)), shape=(len(facets),) * 2), directed=False)
     if n_shells > 1:
@@ -31,7 +30,7 @@ def bends_outwards(vertices_m: np.ndarray, facets: np.ndarray) -> bool:
     normal = np.cross(b - a, c - a)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     # The corner across the edge, from the edge's begin: its height over the facet, and its distance from the edge.
-    begin, along = vertices_m[start[one]], vertices_m[end[one]] - vertices_m[start[one]]
+    begin, along = vertices_m[edges.start[one]], vertices_m[edges.end[one]] - vertices_m[edges.start[one]]
     across = vertices_m[facets[other // 3, (other + 2) % 3]] - begin
     height = np.einsum("ij,ij->i", normal[one // 3], across)
     distance = np.linalg.norm(np.cross(along, across), axis=1) / np.linalg.norm(along, axis=1)

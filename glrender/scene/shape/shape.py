@@ -12,8 +12,9 @@ import numpy as np
 from glrender_camera.validate import integer, within
 
 from ...base.errors import ShapeError, error_path
+from .edges import Edges
 from .files import MAX_FACETS, read_shape_file
-from .shells import WELD_RTOL, Edges, are_all_different, of_one_diagonal, seams, wound
+from .shells import WELD_RTOL, are_all_different, of_one_diagonal, seams, wound
 
 _log = logging.getLogger(__name__)
 

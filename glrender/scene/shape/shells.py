@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from .convex_hull import surface_distance_m
+from .edges import Edges
 
 # Gaps of seams: steps of float32 at the largest coordinate, and a share of an open edge's length.
 _SEAM_STEPS, _SEAM_OF_EDGE = 4.0, 1e-3
@@ -61,32 +62,6 @@ class Shells:
     n_non_manifold_edges: int
 
 
-class Edges:
-    """Edges of facets (F, 3), each passed by sides of facets, of which those of a facet follow each other.
-
-    Attributes
-    ----------
-    start, end : (3 F,) int
-        Vertices of the sides.
-    order, begin, size : (3 F,), (E,), (E,) int
-        Sides sorted by their edges, where each edge's begin among them, and how many it has.
-    """
-
-    def __init__(self, facets: np.ndarray):
-        self.start, self.end = facets.ravel(), np.roll(facets, -1, axis=1).ravel()
-        key = np.minimum(self.start, self.end) * (facets.max(initial=0) + 1) + np.maximum(self.start, self.end)
-        self.order = np.argsort(key, kind="stable")
-        key = key[self.order]
-        self.begin = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]]))
-        self.size = np.diff(np.append(self.begin, len(key)))
-
-    def sides(self, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Sides (N,) of edges that are chosen (E,), and the edges (N,)."""
-        edge = np.repeat(np.flatnonzero(chosen), self.size[chosen])
-        place = np.arange(len(edge)) - np.repeat(np.cumsum(self.size[chosen]) - self.size[chosen], self.size[chosen])
-        return self.order[self.begin[edge] + place], edge
-
-
 def seams(vertices: np.ndarray, edges: Edges) -> tuple[np.ndarray, float, float]:
     """Which vertex (V,) each is welded to, itself most, the tolerance and the widest gap [m].
 
@@ -127,8 +102,7 @@ def of_one_diagonal(vertices: np.ndarray, facets: np.ndarray, edges: Edges
 
     With the facets' corners (F, 3) from 0 to 3 F - 1 that each corner was; None where there is nothing to change.
     """
-    first = edges.begin[edges.size == 2]
-    a, b = edges.order[first], edges.order[first + 1]
+    a, b = edges.pairs()
     beyond = [facets.ravel()[side - side % 3 + (side + 2) % 3] for side in (a, b)]
     quad = np.sort(np.stack([edges.start[a], edges.end[a], *beyond], axis=1), axis=1)
     mixed = _hashed(quad)
@@ -264,8 +238,7 @@ def _n_pieces(facets: np.ndarray) -> int:
 def _made_one(facets: np.ndarray, edges: Edges) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Shells (F,), which facets (F,) to turn over so that neighbours agree, and which shells can agree at all."""
     count = len(facets)
-    first = edges.begin[edges.size == 2]
-    a, b = edges.order[first], edges.order[first + 1]
+    a, b = edges.pairs()
     # Two facets that run along an edge the same way are wound against each other.
     against = edges.start[a] == edges.start[b]
     owner_a, owner_b = a // 3, b // 3
