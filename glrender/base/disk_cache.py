@@ -12,8 +12,6 @@ from pathlib import Path
 import numpy as np
 
 _log = logging.getLogger(__name__)
-# Facets from which a wait is announced.
-_LARGE = 100_000
 
 
 def cache_folder() -> Path:
@@ -43,13 +41,6 @@ def cached_bytes(name: str, size: tuple[int, ...], make: Callable[[], np.ndarray
     """A table of uint8 of a size, kept as `cached_arrays` are: for loops that look at no bounds."""
     return cached_arrays(name, ["table"], lambda: {"table": make()}, is_right=lambda kept: (
         kept["table"].shape == size and kept["table"].dtype == np.uint8))["table"]
-
-
-def tell_of_wait(log: logging.Logger, what: str, n_facets: int, facet_s: float) -> None:
-    """Say of a large shape that something takes long, before it does: who waits in silence takes it to hang."""
-    if n_facets >= _LARGE:
-        log.warning("%s of %d facets: some %.0f s, once; kept in %s", what, n_facets, n_facets * facet_s,
-                    cache_folder())
 
 
 def _kept(file: Path, keys: list[str], is_right: Callable[[dict[str, np.ndarray]], bool]

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
 
-from ..base.rotations import sun_from_body
+from ..base.rotations import GOLDEN_ANGLE_RAD, sun_from_body
 from .view import BodyView
 
 POINT_COUNTS = ((4, 0.4), (8, 0.25))
@@ -25,7 +24,7 @@ def fewest_points(error: float, tolerance: float) -> tuple[int, float] | None:
 def on_disc(n_points: int) -> np.ndarray:
     """Points (K, 2) of a disc of radius 1: Vogel's spiral (1979), about its own middle."""
     k = np.arange(n_points)
-    turn = k * np.pi * (3.0 - math.sqrt(5.0))
+    turn = k * GOLDEN_ANGLE_RAD
     points = np.sqrt((k + 0.5) / n_points) * np.array([np.cos(turn), np.sin(turn)])
     return (points - points.mean(axis=1, keepdims=True)).T
 
