@@ -88,7 +88,7 @@ class Renderer:
                 coverage = CoverageEngine(scene, rays)
                 stack.callback(coverage.close)
             except DeviceError:
-                pass  # embreex is optional
+                pass  # embreex has no wheel for every machine: OpenGL draws all there
             self._rays, self._engines = rays, ENGINES if rays is not None else ("raster",)
             self._shadows = Shadows(self._context, scene.hulls, self._meshes)
             stack.callback(self._shadows.close)

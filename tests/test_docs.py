@@ -146,3 +146,14 @@ def test_the_checks_of_pages_can_fail(tmp_path):
         page.write_text(text, encoding="utf-8")
         with pytest.raises(AssertionError):
             check(page)
+
+
+def test_every_extra_that_a_text_names_is_one_of_ours():
+    """Of pages and of messages: `pip install 'glrender[...]'` that installs nothing helps nobody."""
+    ours = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    sources = [path for folder in ("glrender", "camera_model", "server", "clients", "tests", "benchmarks")
+               for path in (ROOT / folder).rglob("*.py")]
+    named = {extra for path in [*DOCUMENTS, *sources]
+             for found in re.findall(r"glrender\[([a-z][a-z0-9,]*)\]", path.read_text(encoding="utf-8"))
+             for extra in found.split(",")}
+    assert named and named <= set(ours)

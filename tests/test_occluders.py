@@ -97,7 +97,7 @@ def test_a_planet_far_from_its_moon_overflows_nowhere():
 
 def test_hard_edges_cost_less_than_is_predicted():
     """Beside rays with and without the Sun's disc: a moon over a sphere, at twelve places; and not far too much."""
-    needed_module("embreex", "pip install 'glrender[raytrace]'")
+    needed_module("embreex", "pip install embreex")
     from glrender.engines.rays.backend import RayTracer
 
     rng, ratios = np.random.default_rng(3), []

@@ -115,7 +115,7 @@ def test_pixels_and_rays_agree(two_bodies):
 
 
 def test_embree_agrees(two_bodies):
-    needed_module("embreex", "pip install 'glrender[raytrace]'")
+    needed_module("embreex", "pip install embreex")
     from glrender import open_renderer
 
     scene, state = two_bodies

@@ -69,7 +69,7 @@ class Samples:
 @pytest.mark.parametrize("name", shapes())
 def test_the_error_of_a_grid_holds_beside_rays(name):
     """Of ten attitudes, 10 to 130 deg, 0.1 to 15 px, 64 to 256 samples across: nine in ten, and not four times it."""
-    needed_module("embreex", "pip install 'glrender[raytrace]'")
+    needed_module("embreex", "pip install embreex")
     from glrender.engines.rays.engine import RayEngine
 
     shape, rng, told = shapes()[name], np.random.default_rng(7), []
@@ -98,7 +98,7 @@ def test_the_error_of_a_grid_holds_beside_rays(name):
     (0.5, 20.0, 12_000.0, 60.0), (3.0, 30.0, 1500.0, 60.0), (3.0, 40.0, 1500.0, 60.0)])
 def test_the_flux_holds_in_another_body_s_penumbra(size_px, offset_m, gap_m, moon_m):
     """Each sample meets one point of the Sun's disc: noise. A moon sunward, beside 2000 x 1200 rays."""
-    needed_module("embreex", "pip install 'glrender[raytrace]'")
+    needed_module("embreex", "pip install embreex")
     from glrender.engines.rays.engine import RayEngine
 
     camera = views.camera(40, 10.0 * size_px)
@@ -125,7 +125,7 @@ def test_the_flux_holds_in_another_body_s_penumbra(size_px, offset_m, gap_m, moo
 @pytest.mark.parametrize("sizes_px", [(0.5, 3.5), (4.5, 14.0)])
 def test_the_error_of_several_bodies_holds(sizes_px, seed):
     """Two to four, smooth and lumpy, bright and dark, within so many pixels: beside 1500 rays across all of them."""
-    needed_module("embreex", "pip install 'glrender[raytrace]'")
+    needed_module("embreex", "pip install embreex")
     from glrender.engines.rays.engine import RayEngine
 
     rng = np.random.default_rng(seed)
@@ -161,7 +161,7 @@ def test_the_error_of_several_bodies_holds(sizes_px, seed):
 
 def test_rays_of_a_lattice_are_those_of_its_places():
     """More places than are taken at once: 1001 x 701, of which every thirteenth is cast alone."""
-    needed_module("embreex", "pip install 'glrender[raytrace]'")
+    needed_module("embreex", "pip install embreex")
     from glrender.engines.rays import engine as ray_engine
 
     camera = views.camera(32, 150.0)

@@ -51,7 +51,7 @@ def pillar():
 @pytest.mark.parametrize("ratio", RATIOS)
 def test_a_pillar_shades_ground_however_large(pillar, ratio):
     """Hulls take the slab for convex from 1e3 on, by its volume; float32 coordinates lose the pillar at 1e7."""
-    needed_module("embreex", "pip install 'glrender[raytrace]'")
+    needed_module("embreex", "pip install embreex")
     camera, truth = pillar
     scene = views.scene([_body(sweeps.pillar_on_ground(max(ratio, 20.0)))], [camera], sun_disc=False)
     with Renderer(scene) as renderer:
@@ -135,7 +135,7 @@ def test_a_facet_from_close_above_is_as_bright_as_it_is(height):
 
     By rays at 1e-8 the camera was under the ground: a wholly dark frame was told as exact.
     """
-    needed_module("embreex", "pip install 'glrender[raytrace]'")
+    needed_module("embreex", "pip install embreex")
     shape = generate.icosphere(radius_m=100.0, subdivisions=2)
     k = int(np.argmax(shape.facet_normals @ [0.5, 0.2, 0.84]))
     normal, middle = shape.facet_normals[k], shape.vertices_m[shape.facets[k]].mean(axis=0)
@@ -170,7 +170,7 @@ def test_a_facet_from_close_above_is_as_bright_as_it_is(height):
 @pytest.mark.parametrize("ratio", RATIOS)
 def test_a_small_body_before_a_large_one(ratio):
     """A cube over a slab that is larger by a ratio: it hides it, shades it, and is not shaded by it."""
-    needed_module("embreex", "pip install 'glrender[raytrace]'")
+    needed_module("embreex", "pip install embreex")
     camera = views.camera(40, 60.0)
     large = max(ratio, 20.0)
     bodies = [_body(solids.several(((-0.5, -0.5, 0.2), (0.5, 0.5, 1.2))), "small"),
@@ -188,7 +188,7 @@ def test_a_small_body_before_a_large_one(ratio):
 @pytest.mark.parametrize("range_radii", [3.0 * 10.0**k for k in range(1, 10)])
 def test_rays_from_far_off_do_not_shade_what_they_meet(range_radii):
     """A sphere's flux as the sum over its facets; at 3e9 radii a fourth of it was in its own shadow."""
-    needed_module("embreex", "pip install 'glrender[raytrace]'")
+    needed_module("embreex", "pip install embreex")
     body = views.sphere(sweeps.GREY, 4)
     state = views.state(phase_deg=60.0, range_m=100.0 * range_radii)
     scene = views.scene([body], [views.camera(64, 28.0 * range_radii)], sun_disc=False)
@@ -309,7 +309,7 @@ def test_the_distance_close_to_the_hull_is_that_of_the_surface(above):
 
 def test_float64_rays_meet_what_float32_rays_meet(rng):
     """Where both can tell: the same facets of a rough body, and the same shadows."""
-    needed_module("embreex", "pip install 'glrender[raytrace]'")
+    needed_module("embreex", "pip install embreex")
     shape = generate.three_lobes(radius_m=100.0, subdivisions=4)
     mesh = RayMesh(shape.vertices_m, shape.facets)
     fine = mesh.at(0.0)
@@ -332,7 +332,7 @@ def test_float64_rays_meet_what_float32_rays_meet(rng):
 
 def test_float64_rays_leave_no_gap(rng):
     """At corners and along edges of a sphere, from near and from 1e8 radii."""
-    needed_module("embreex", "pip install 'glrender[raytrace]'")
+    needed_module("embreex", "pip install embreex")
     shape = generate.icosphere(radius_m=1.0, subdivisions=3)
     fine = RayMesh(shape.vertices_m, shape.facets).at(0.0)
     for range_m in (3.0, 1e4, 1e8):

@@ -70,7 +70,7 @@ def library() -> ctypes.CDLL:
     try:
         from embreex import rtcore_scene
     except ImportError as error:
-        raise DeviceError("rays need embreex: pip install 'glrender[raytrace]'") from error
+        raise DeviceError("rays need embreex, which has no wheel for every machine: pip install embreex") from error
     # A library's symbols are found through those that it needs too.
     embree = ctypes.CDLL(rtcore_scene.__file__)
     try:
@@ -78,7 +78,7 @@ def library() -> ctypes.CDLL:
             function = getattr(embree, name)
             function.restype, function.argtypes = result, arguments
     except AttributeError as error:
-        raise DeviceError(f"rays need embreex of Embree 4: pip install -U 'glrender[raytrace]' ({error})") from error
+        raise DeviceError(f"rays need embreex of Embree 4: pip install -U embreex ({error})") from error
     return embree
 
 
@@ -87,5 +87,5 @@ def _device() -> int:
     embree = library()
     device = embree.rtcNewDevice(None)
     if not device or embree.rtcGetDeviceProperty(device, _VERSION_MAJOR) != 4:
-        raise DeviceError("rays need embreex of Embree 4: pip install -U 'glrender[raytrace]'")
+        raise DeviceError("rays need embreex of Embree 4: pip install -U embreex")
     return device

@@ -19,7 +19,8 @@ from .exact_rays import ExactMesh
 
 try:
     from . import loops as ray_loops
-except ImportError:
+except DeviceError:
+    # Without embreex no `RayMesh` is made: `EmbreeMesh` says so.
     ray_loops = None
 
 LIFT = 6e-7
@@ -85,12 +86,10 @@ class RayMesh:
     Raises
     ------
     DeviceError
-        embreex or numba is not installed.
+        embreex is not installed.
     """
 
     def __init__(self, vertices_m: np.ndarray, facets: np.ndarray, other_side: np.ndarray | None = None):
-        if ray_loops is None:
-            raise DeviceError("rays need embreex, which has no wheel for every machine: pip install embreex")
         self.facets, self._other_side = facets, other_side
         self.radius_m = float(np.linalg.norm(vertices_m, axis=1).max())
         corners = vertices_m[facets]
