@@ -218,8 +218,12 @@ class Renderer:
             names = ", ".join(name for window in hopeless for name in window.bodies)
             raise ConfigError("engine", f"cannot draw {names}", engine,
                               "light falls between the corners of facets; leave engine out")
-        remedy = ("give more time than deadline_s" if time.monotonic() > deadline else "leave engine out"
-                  if engine is not None else "" if may_be_slow else "allow_slow=True has a reference engine draw it")
+        if time.monotonic() > deadline:
+            remedy = "give more time than deadline_s"
+        elif engine is not None:
+            remedy = "leave engine out"
+        else:
+            remedy = "" if may_be_slow else "allow_slow=True has a reference engine draw it"
         frame_plan = plan.frame_plan(pinhole, budget, views, self._traits, bodies, windows, self.scene.sun_disc, remedy)
         slow = None
         if may_be_slow and misses_budget(frame_plan):
