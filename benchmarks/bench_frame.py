@@ -20,7 +20,7 @@ from glrender import Body, PinholeCamera, Pose, Renderer, Scene, Shape, State, f
 from glrender.base.constants import AU_M
 from glrender.brdf import Hapke, Lambert, LunarLambert
 
-sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "support"))
 from raytracer import Tracer
 
 SHARED = Path(os.environ.get("GLRENDER_SHARED") or Path(__file__).parent.parent.parent / "shared")

@@ -11,6 +11,6 @@ mkdir -p out
     echo "gpu.sh needs glrender's packages: make setup, or GLRENDER_PYTHON=/path/to/python" >&2
     exit 1
 }
-timeout 200 "$python" -m pytest -q tests/test_context.py tests/test_shaders.py tests/test_brdf_twins.py \
-    tests/test_renderer_geometry.py tests/test_renderer_photometry.py || echo "tests failed on this card (above)" >&2
+timeout 200 "$python" -m pytest -q tests/engines/raster/test_context.py tests/shaders/test_shaders.py tests/brdf/test_brdf_twins.py \
+    tests/engines/raster/test_renderer_geometry.py tests/engines/raster/test_renderer_photometry.py || echo "tests failed on this card (above)" >&2
 timeout 260 "$python" benchmarks/gpu.py --out out/gpu.json

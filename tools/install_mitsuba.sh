@@ -10,5 +10,5 @@ works && exit 0
 echo "Mitsuba 3 is missing: installing the extra 'peers' for the tests of the backend raytrace" >&2
 "$python" -m pip install --quiet --disable-pip-version-check --retries 5 -e '.[peers]' || true
 works && exit 0
-echo "MITSUBA 3 IS NOT HERE: tests/test_raytrace_mitsuba.py CANNOT RUN; try again with 'make mitsuba'" >&2
+echo "MITSUBA 3 IS NOT HERE: tests/engines/rays/test_raytrace_mitsuba.py CANNOT RUN; try again with 'make mitsuba'" >&2
 [ "${CI:-}" != true ]

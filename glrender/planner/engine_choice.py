@@ -41,7 +41,7 @@ _MOST_LARGER = 4.0
 _FLUX_SHARE = 0.1
 _PIXELS_SHARE = 0.9
 _CELL_SHARE = 0.3
-# Error of cells of several bodies over that of one [1]: pairs with a gap between them (tests/test_small_bodies.py).
+# Error of cells of several bodies over that of one [1]: pairs with a gap between them (test_small_bodies.py).
 _SEVERAL_CELLS = 2.0
 # Cells across a small body's own grid, at most.
 _MOST_CELLS = 2048

@@ -14,7 +14,7 @@ SAMPLES_ACROSS = (64, 96, 128, 192, 256, 384, 512, 768, 1024)
 """Samples across the outline of a body that has a grid of its own."""
 # Relative error of one sample across a body: edges fall as N^-1.5, creases between facets as N^-1 while a sample is
 # larger than a facet and as N^-1.5 from there on. Seven shapes of 8,000 to 3.1 million facets, 0.1 to 20 px across, at
-# 3 to 152 deg, 64 to 512 samples across: 98 of 100 are within (tests/test_small_bodies.py).
+# 3 to 152 deg, 64 to 512 samples across: 98 of 100 are within (tests/planner/test_small_bodies.py).
 _EDGES = 0.47
 _CREASES = 0.67
 _CREASE_POWER = 0.8

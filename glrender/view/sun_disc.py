@@ -10,7 +10,7 @@ from ..base.rotations import GOLDEN_ANGLE_RAD, sun_from_body
 from .view import BodyView
 
 POINT_COUNTS = ((4, 0.4), (8, 0.25))
-"""Points of the disc, and the share of a hard edge's error [1] that steps of so many leave (tests/test_penumbra.py)."""
+"""Points of the disc, and the share of a hard edge's error [1] that steps of so many leave (test_penumbra.py)."""
 PENUMBRA_SHARE = 0.7
 """Of the error tolerance [1], what penumbras may take of it."""
 

@@ -33,7 +33,7 @@ _MOST_DIVISIONS = 5
 # 49k to 197k facets, 30 to 480 px, 20 to 120 deg, beside clipped ones; it is less in 98.9 %, 0.28 to 0.64 in half.
 _BOUNDARY_ERROR = 0.42
 _ALIKE = 0.6
-# Error of several bodies over that [1]: pairs of 1 to 4 px (tests/test_small_bodies.py).
+# Error of several bodies over that [1]: pairs of 1 to 4 px (tests/planner/test_small_bodies.py).
 _SEVERAL = 1.5
 # Error tolerance for pixels over that for the flux [1]: design.md.
 _FLUX = 10.0

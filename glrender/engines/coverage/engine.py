@@ -31,7 +31,7 @@ from .visible_sunlit import SunlitAreas
 # Error tolerance for pixels over that for the flux [1]: design.md.
 _FLUX = 10.0
 # Share of a cell covered twice from which it counts; and the part of the excess that is taken off a closed surface that
-# is alone: as much is missing where its facets are clipped too small (tests/test_areas.py).
+# is alone: as much is missing where its facets are clipped too small (tests/engines/coverage/test_coverage_engine.py).
 _OVERLAP = 1e-3
 _EXCESS = 0.5
 # Rows that a thread adds up in a turn.

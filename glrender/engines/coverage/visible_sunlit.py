@@ -20,7 +20,7 @@ from .boundary_clip import LOW_SUN_RAD, FacetCutter
 from .facet_tables import FacetTables
 from .sub_triangles import FacetParts, projected
 
-# Fitted to 35 low-poly and 12 finer shapes at 20 to 160 deg beside rays (tests/test_coverage_engine.py,
+# Fitted to 35 low-poly and 12 finer shapes at 20 to 160 deg beside rays (test_coverage_engine.py,
 # benchmarks/heldout.py), all dimensionless unless they say otherwise.
 # Squared error of a facet clipped by 1, 2, 3 bisections, over its squared light in a pixel.
 _CUT_ERRORS = (0.066, 0.0205, 0.018)
@@ -72,7 +72,7 @@ _MOST_LOOKS = 4
 _ENOUGH = 0.5
 # Mean of max(0, u + t) over the Sun's disc and over u from -1 to 0, in units of the Sun's radius: closed form.
 _MEAN_SET = 0.0625
-# RMS error of a hard edge over that of the ramp in its place: Itokawa at 60 and 120 deg (tests/test_penumbra.py).
+# RMS error of a hard edge over that of the ramp in its place: Itokawa at 60 and 120 deg (test_penumbra.py).
 _PENUMBRA = 0.65
 # Facets that a thread looks at in a turn, and that it shades.
 _FOUND_AT_ONCE = 1 << 16

@@ -24,7 +24,7 @@ from glrender_server import keys, operations
 from glrender_server.cli import main as glrender
 
 STATE = views.state().to_dict()
-EXAMPLES = Path(__file__).parent.parent / "examples" / "service"
+EXAMPLES = Path(__file__).parents[2] / "examples" / "service"
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from missing import missing, needed_module
 
-TOOLS = Path(__file__).parent.parent / "tools"
+TOOLS = Path(__file__).parents[2] / "tools"
 
 
 def test_in_ci_it_is_a_failure(monkeypatch):

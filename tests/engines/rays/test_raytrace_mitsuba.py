@@ -13,7 +13,7 @@ from glrender.brdf import Lambert
 from glrender.engines.rays.backend import RayTracer
 from missing import needed_module
 
-sys.path.insert(0, str(Path(__file__).parent.parent / "benchmarks"))
+sys.path.insert(0, str(Path(__file__).parents[3] / "benchmarks"))
 from peers.from_glrender import peer_scene
 from peers.mitsuba3 import prepare
 

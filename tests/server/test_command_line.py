@@ -38,7 +38,7 @@ def test_render_draws_a_picture_and_an_array(folder):
     assert irradiance.shape == (32, 32) and irradiance.dtype == np.float32 and irradiance.max() > 0.0
 
 
-EXAMPLES = Path(__file__).parents[1] / "examples"
+EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 @pytest.mark.parametrize("scene", sorted(EXAMPLES.glob("*.toml")), ids=lambda path: path.name)

@@ -14,7 +14,7 @@ from glrender_client import Client, ServerError
 from glrender_server.cli import main as glrender
 from test_capture import BODIES, OPTICS, READ, table
 
-EXAMPLES = Path(__file__).parent.parent / "examples"
+EXAMPLES = Path(__file__).parents[2] / "examples"
 DETECTOR = ("detector = { quantum_efficiency = 0.5, full_well_electrons = 30000.0, gain_DN_per_electron = 0.1, "
             "bit_depth = 12, read_noise_electrons = 10.0, rolling_shutter_row_s = 1e-4 }")
 SCENE = f"""

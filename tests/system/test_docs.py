@@ -12,7 +12,7 @@ import pytest
 import serving
 from glrender import Scene, generate
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", ROOT / "camera_model" / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 DOCUMENTS = [*PAGES, ROOT / "CHANGELOG.md", *sorted((ROOT / "docs" / "decisions").glob("*.md")),
              *sorted((ROOT / "benchmarks").glob("*.md")), *sorted((ROOT / "clients").glob("*/README.md"))]

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+SUPPORT = Path(__file__).parents[1] / "support"
 FRAMES = """
 import hashlib, sys
 sys.path.insert(0, sys.argv[1])
@@ -32,7 +33,7 @@ def test_two_fresh_processes_draw_the_same_bytes(tmp_path):
     load = subprocess.Popen([sys.executable, "-c", "while True: pass"])
     try:
         folders = (tmp_path / "cache", Path("/proc/none"))
-        runs = [subprocess.Popen([sys.executable, "-c", FRAMES, str(Path(__file__).parent)], stdout=subprocess.PIPE,
+        runs = [subprocess.Popen([sys.executable, "-c", FRAMES, str(SUPPORT)], stdout=subprocess.PIPE,
                                  stderr=subprocess.PIPE, text=True, env={**os.environ, "GLRENDER_CACHE": str(folder)})
                 for folder in folders]
         told = [run.communicate(timeout=240) for run in runs]

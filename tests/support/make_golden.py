@@ -1,4 +1,4 @@
-"""Write tests/data/golden.json: `python tests/make_golden.py`. Once; a change of it is a change of the protocol."""
+"""Write tests/data/golden.json: `python tests/support/make_golden.py`. A change of it is a change of the protocol."""
 
 from __future__ import annotations
 
@@ -67,5 +67,5 @@ def golden() -> dict[str, list[str]]:
 
 
 if __name__ == "__main__":
-    Path(__file__).with_name("data").joinpath("golden.json").write_text(
+    Path(__file__).parents[1].joinpath("data", "golden.json").write_text(
         json.dumps(golden(), indent=1) + "\n", encoding="ascii")

@@ -12,7 +12,7 @@ import views
 from glrender_client import Client
 from octave_runner import REPOSITORY, SIMULINK, octave
 
-STUBS = REPOSITORY / "tests" / "octave" / "stubs"
+STUBS = REPOSITORY / "tests" / "clients" / "octave" / "stubs"
 STATE = views.state().to_dict()
 SCENE = serving.SCENE + """
 [[cameras]]

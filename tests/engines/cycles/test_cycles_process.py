@@ -114,7 +114,7 @@ def test_a_caller_who_gives_up_gets_the_next_frame_and_not_the_last():
 def test_blender_ends_when_we_are_killed_amid_a_frame():
     code = f"""
 import sys
-sys.path.append({str(Path(__file__).parent)!r})
+sys.path.append({str(Path(__file__).parents[2] / 'support')!r})
 import test_cycles_process as t, views
 from glrender.engines.cycles import Cycles
 cycles = Cycles(t.SCENE)

@@ -16,7 +16,7 @@ import views
 from glrender_client import Client
 from serving import Framed
 
-REPOSITORY = Path(__file__).parent.parent
+REPOSITORY = Path(__file__).parents[2]
 STATE = views.state().to_dict()
 
 

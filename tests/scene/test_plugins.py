@@ -14,7 +14,7 @@ from glrender import ConfigError, Scene, open_renderer
 from glrender.base.errors import PluginError
 from glrender.scene.plugins import registry as plugins
 
-EXAMPLE = Path(__file__).parent.parent / "examples" / "plugin_law"
+EXAMPLE = Path(__file__).parents[2] / "examples" / "plugin_law"
 SCENE = {"bodies": [{"name": "body", "generated": {"kind": "icosphere", "radius_m": 100.0},
                      "brdf": {"law": "lambert", "normal_albedo": 0.4}}],
          "cameras": [{"name": "navcam", "width_px": 64, "height_px": 64, "focal_length_px": 5000.0}]}
@@ -58,7 +58,7 @@ def test_the_example_installed_as_a_package_draws(tmp_path):
                     "--no-build-isolation", "--target", installed, EXAMPLE], check=True, timeout=120)
     code = f"""
 import sys
-sys.path.append({str(Path(__file__).parent)!r})
+sys.path.append({str(Path(__file__).parents[1] / 'support')!r})
 import numpy as np, views
 from glrender import Renderer, Scene
 from glrender.scene.plugins import registry as plugins

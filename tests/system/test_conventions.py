@@ -46,7 +46,7 @@ from glrender_server.operations import Operations
 from missing import missing, needed_module
 from scipy.spatial.transform import Rotation
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "conventions.md").read_text(encoding="utf-8")
 
 # Which tests try which block: by the page's headings, and the words that a paragraph, an item or a row begins with.
@@ -63,7 +63,7 @@ CHECKS = {
                           "test_a_norm_beyond_1e_3_is_refused", "test_both_signs_of_a_quaternion_are_one_attitude"],
         "`r_x_f_m`": ["test_the_mounting_is_applied"],
         "From other tools": ["test_a_row_of_the_table_gives_the_attitude"],
-        "`tests/test_conventions.py`": ["test_a_row_of_the_table_gives_the_attitude"],
+        "`tests/system/test_conventions.py`": ["test_a_row_of_the_table_gives_the_attitude"],
         **dict.fromkeys(("SciPy", "SPICE", "Basilisk", "MATLAB Aerospace", "MATLAB Robotics", "ROS tf2", "ROS `Pose",
                          "CCSDS"), ["test_a_row_of_the_table_gives_the_attitude"])},
     "Frames": {

@@ -15,7 +15,7 @@ from glrender_client.wire import Packer, frames_fields, read_header, read_reply,
 from glrender_server import codec, framing
 
 GOLDEN = {name: [bytes.fromhex(part) for part in parts] for name, parts in json.loads(
-    (Path(__file__).parent / "data" / "golden.json").read_text(encoding="ascii")).items()}
+    (Path(__file__).parents[1] / "data" / "golden.json").read_text(encoding="ascii")).items()}
 
 
 def test_the_server_still_writes_the_golden_messages():

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from missing import missing
 
-REPOSITORY = Path(__file__).parent.parent
+REPOSITORY = Path(__file__).parents[2]
 SIMULINK = REPOSITORY / "clients" / "simulink"
 MARK = "GLRENDER CHECKED"
 REMEDY = "sh tools/install_octave.sh brings it"
@@ -28,14 +28,14 @@ def _octave():
 
 
 def octave(script, *arguments, timeout=120, paths=(), environment=()):
-    """Run tests/octave/<script>; it must end with rc 0 and say its mark. Returns what it said."""
+    """Run tests/clients/octave/<script>; it must end with rc 0 and say its mark. Returns what it said."""
     program = _octave()
     if program is None:
         missing("GNU OCTAVE WITH INSTRUMENT-CONTROL", REMEDY)
-    folders = [SIMULINK, REPOSITORY / "tests" / "octave", *paths]
+    folders = [SIMULINK, REPOSITORY / "tests" / "clients" / "octave", *paths]
     run = subprocess.run([program, "-q", "--no-history", "--no-init-file",
                           *(word for folder in folders for word in ("--path", str(folder))),
-                          str(REPOSITORY / "tests" / "octave" / script), *map(str, arguments)],
+                          str(REPOSITORY / "tests" / "clients" / "octave" / script), *map(str, arguments)],
                          capture_output=True, text=True, timeout=timeout, env={**os.environ, **dict(environment)})
     assert run.returncode == 0 and MARK in run.stdout, f"rc {run.returncode}\n{run.stdout}\n{run.stderr}"
     return run.stdout
