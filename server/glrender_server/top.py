@@ -15,6 +15,8 @@ from typing import Any
 from glrender import GlrenderError
 from glrender_camera.validate import within
 
+from .logs import printable
+
 _HOME_AND_CLEAR = "\x1b[H\x1b[J"
 _SECONDS = (0.001, 86400.0)
 
@@ -46,12 +48,12 @@ def run_top(arguments: argparse.Namespace) -> int:
                 try:
                     now, status = time.monotonic(), client.status()
                     rate = None if before is None else _n_requests(status, before[1]) / (now - before[0])
-                    lines = list(screen(arguments.endpoint, status, rate))
+                    lines = [printable(line) for line in screen(arguments.endpoint, status, rate)]
                     before = now, status
                 except (RequestTimeout, ServerError) as error:  # gone, or about to
                     if arguments.once:
                         raise
-                    lines, before = [str(error)], None
+                    lines, before = [printable(str(error))], None
                 _show(lines)
                 if arguments.once:
                     return 0

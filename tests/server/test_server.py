@@ -183,7 +183,7 @@ def test_numpy_arrays_are_welcome_in_a_state(client):
         "bodies": [{"name": "b", "generated": {"kind": "icosphere", "radius_m": 1.0},
                     "brdf": {"law": "lambert", "normal_albedo": 0.1}}],
         "cameras": [{"name": "c", "width_px": 16000, "height_px": 16000, "focal_length_px": 9.0}]}}, "config",
-     "scene.cameras[0]", "at most 67108864 pixels"),
+     "scene.cameras", "at most 67108864 pixels"),
 ])
 def test_what_is_wrong_is_answered_by_code_path_and_message(endpoint, changes, code, path, message):
     with Raw(endpoint) as raw:
