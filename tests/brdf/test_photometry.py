@@ -25,6 +25,7 @@ from glrender.brdf.integrals import (
 from glrender.brdf.presets import LUNAR_LAMBERT_WEIGHTS, PRESETS
 from glrender.engines.raster.gl.context import Context
 from glrender.engines.raster.gl.evaluate import BrdfEvaluator
+from phase_functions import K_TABLE
 
 ISOTROPIC = {"b": 0.0, "c": 0.0}
 EROS = Hapke.one_term(single_scattering_albedo=0.33, asymmetry=-0.25, shoe_amplitude=1.4, shoe_width=0.01,
@@ -228,19 +229,6 @@ def test_h_of_1981_changes_a_spheres_flux_as_published(name, published):
 
 
 # ---- Roughness.
-
-# Hapke (1984), table 1; (2012), table 12.1: K(g, mean slope) for 10, 20, ... 60 deg.
-K_TABLE = {
-    2: (0.997, 0.991, 0.984, 0.974, 0.961, 0.943), 5: (0.994, 0.981, 0.965, 0.944, 0.918, 0.881),
-    10: (0.991, 0.970, 0.943, 0.909, 0.866, 0.809), 20: (0.988, 0.957, 0.914, 0.861, 0.797, 0.715),
-    30: (0.986, 0.947, 0.892, 0.825, 0.744, 0.644), 40: (0.984, 0.938, 0.871, 0.789, 0.692, 0.577),
-    50: (0.982, 0.926, 0.846, 0.748, 0.635, 0.509), 60: (0.979, 0.911, 0.814, 0.698, 0.570, 0.438),
-    70: (0.974, 0.891, 0.772, 0.637, 0.499, 0.366), 80: (0.968, 0.864, 0.719, 0.566, 0.423, 0.296),
-    90: (0.959, 0.827, 0.654, 0.487, 0.346, 0.231), 100: (0.946, 0.777, 0.575, 0.403, 0.273, 0.175),
-    110: (0.926, 0.708, 0.484, 0.320, 0.208, 0.130), 120: (0.894, 0.617, 0.386, 0.243, 0.153, 0.094),
-    130: (0.840, 0.503, 0.290, 0.175, 0.107, 0.064), 140: (0.747, 0.374, 0.201, 0.117, 0.070, 0.041),
-    150: (0.590, 0.244, 0.123, 0.069, 0.040, 0.023), 160: (0.366, 0.127, 0.060, 0.032, 0.018, 0.010)}
-
 
 @pytest.mark.parametrize("g", K_TABLE)
 def test_roughness_dims_a_sphere_as_hapkes_table(g):

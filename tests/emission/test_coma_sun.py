@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import comae as coma
 import numpy as np
 import pytest
-import test_coma_render as coma
 from glrender import Renderer
 from glrender.base.rotations import dcm, look_at
 from glrender.emission import layers

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import comae as coma
 import cv2
 import numpy as np
 import pytest
-import test_coma_render as coma
 from glrender import DeviceError, Pose, Renderer, frames, open_renderer
 from glrender.emission import Dust, drawing
 from glrender.emission.column import columns

@@ -115,9 +115,10 @@ def test_blender_ends_when_we_are_killed_amid_a_frame():
     code = f"""
 import sys
 sys.path.append({str(Path(__file__).parents[2] / 'support')!r})
-import test_cycles_process as t, views
+import views
+from glrender.brdf import Lambert
 from glrender.engines.cycles import Cycles
-cycles = Cycles(t.SCENE)
+cycles = Cycles(views.scene([views.sphere(Lambert(normal_albedo=0.4), 3)], [views.camera(48, 300.0)]))
 print(cycles._blender.pid, flush=True)
 cycles.render(views.state(), samples=128, on_progress=lambda share: print("drawing", flush=True))
 """
