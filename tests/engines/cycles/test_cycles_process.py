@@ -68,6 +68,7 @@ def test_equal_requests_give_equal_bytes_whatever_came_between():
     assert drawn[0] == drawn[2] == drawn[5] != drawn[1] == drawn[4]
 
 
+@pytest.mark.usefixtures("blender")
 def test_progress_rises_to_the_end():
     told = []
     with Cycles(SCENE) as cycles:
