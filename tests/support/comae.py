@@ -52,17 +52,21 @@ def grid():
 
 def drawn_columns(renderer, at, monkeypatch, **options):
     """Columns of a frame, the image, and the layers that were drawn."""
-    taken, original = [], drawing.ComaDrawing._columns
+    taken, layers, add_light, told = [], [], drawing.add_light, drawing.told
 
-    def keep(self, *inputs):
-        made = original(self, *inputs)
-        taken.append((made[0].copy(), made[1].copy(), [layer for layer, _ in self._volumes.values()]))
-        return made
+    def keep(irradiance, column, hidden, *others):
+        taken.append((column.copy(), hidden.copy()))
+        add_light(irradiance, column, hidden, *others)
+
+    def tell(coma, drawn, *others, **known):
+        layers.extend(layer for layer, _ in drawn)
+        return told(coma, drawn, *others, **known)
 
     with monkeypatch.context() as patch:
-        patch.setattr(drawing.ComaDrawing, "_columns", keep)
+        patch.setattr(drawing, "add_light", keep)
+        patch.setattr(drawing, "told", tell)
         image = renderer.render(at, **options)
-    return (*taken[0], image)
+    return (*taken[0], layers, image)
 
 
 def pixel_rays(pinhole):

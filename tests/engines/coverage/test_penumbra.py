@@ -107,7 +107,7 @@ def test_a_narrow_penumbra_of_an_eclipse_is_drawn_with_hard_edges():
 @pytest.mark.parametrize("phase_deg", [60.0, 120.0])
 def test_hard_edges_cost_less_than_predicted(phase_deg):
     """Of a body on itself: rays with a disc against rays without."""
-    scene = views.scene([sweeps._binary(6)], [views.camera(400, 4000.0)])
+    scene = views.scene([sweeps.binary(6)], [views.camera(400, 4000.0)])
     state = views.state(phase_deg=phase_deg)
     point = Scene(bodies=scene.bodies, cameras=scene.cameras, sun_disc=False, solar_irradiance_1au_W_m2=1000.0)
     images = []
@@ -125,7 +125,7 @@ def test_hard_edges_cost_less_than_predicted(phase_deg):
 @pytest.mark.parametrize("phase_deg", [45.0, 95.0, 120.0])
 def test_coverage_tells_what_hard_edges_cost(phase_deg):
     """A rough binary at 1 %: by coverage, within the budget of rays with the disc."""
-    scene = views.scene([sweeps._binary(6)], [views.camera(240, 2000.0)])
+    scene = views.scene([sweeps.binary(6)], [views.camera(240, 2000.0)])
     state = views.state(phase_deg=phase_deg)
     with Renderer(scene) as renderer, RayTracer(scene) as tracer:
         image, tight = (renderer.render(state, max_error=budget) for budget in (0.01, 0.0007))
@@ -139,7 +139,7 @@ def test_coverage_tells_what_hard_edges_cost(phase_deg):
 @pytest.mark.parametrize("phase_deg", [100.0, 140.0])
 def test_a_small_body_s_penumbras_cost_nothing(phase_deg):
     """Far narrower than a pixel they have a hard edge's light: one image, lit by the Sun's middle, does."""
-    scene = views.scene([sweeps._binary(6)], [views.camera(40, 200.0)])
+    scene = views.scene([sweeps.binary(6)], [views.camera(40, 200.0)])
     state = views.state(phase_deg=phase_deg)
     with Renderer(scene) as renderer, RayTracer(scene) as tracer:
         image = renderer.render(state, max_error=0.01)
