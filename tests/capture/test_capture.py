@@ -11,14 +11,7 @@ from glrender import Body, ConfigError, Pose, Scene, State, draw_still, frames, 
 from glrender.base.constants import AU_M, SUN_RADIUS_M
 from glrender.brdf import Lambert
 from glrender.engines.rays.laser_ranges import laser_ranges
-from glrender_camera import (
-    BrownConrady,
-    CameraModel,
-    Detector,
-    MosaicModel,
-    Optics,
-    PinholeCamera,
-)
+from glrender_camera import BrownConrady, CameraModel, Detector, MosaicModel, Optics, PinholeCamera
 
 GREY = Lambert(normal_albedo=0.4)
 QUIET = CameraModel(optics=Optics(aperture_diameter_m=0.01), detector=DETECTOR, exposure_s=1e-3)

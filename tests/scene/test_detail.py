@@ -8,20 +8,7 @@ import numpy as np
 import pytest
 import solids
 import views
-from glrender import (
-    Body,
-    Boulders,
-    ConfigError,
-    Craters,
-    Detail,
-    Noise,
-    Pose,
-    Renderer,
-    Scene,
-    State,
-    frames,
-    generate,
-)
+from glrender import Body, Boulders, ConfigError, Craters, Detail, Noise, Pose, Renderer, Scene, State, frames, generate
 from glrender.base.constants import AU_M
 from glrender.brdf import Hapke, Lambert
 from glrender.engines.cycles import Cycles
