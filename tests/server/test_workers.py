@@ -20,35 +20,13 @@ import views
 from glrender import DeviceError, load_scene
 from glrender_client import Client, ServerError
 from glrender_server import slots, workers
-from serving import Framed
+from serving import Framed, children, until
 
 STATE = views.state().to_dict()
 
 
-def children(process):
-    """Process numbers of a server's workers."""
-    found = []
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                fields = (entry / "stat").read_text().rpartition(")")[2].split()
-                command = (entry / "cmdline").read_bytes()
-            except OSError:
-                continue
-            if int(fields[1]) == process.pid and b"spawn_main" in command:
-                found.append(int(entry.name))
-    return found
-
-
 def ready_workers(client):
     return client.status()["workers"]["ready"]
-
-
-def until(condition, seconds=30.0):
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, "it did not come to pass"
-        time.sleep(0.05)
 
 
 @pytest.fixture(scope="module")
