@@ -28,7 +28,8 @@ with Renderer(scene) as renderer:
 
 
 def test_opengl_draws_and_rays_are_refused_by_name():
-    told = subprocess.run([sys.executable, "-c", _DRAWS], cwd=Path(__file__).parents[2] / "support", capture_output=True, text=True)
+    told = subprocess.run([sys.executable, "-c", _DRAWS], cwd=Path(__file__).parents[2] / "support",
+                          capture_output=True, text=True)
     assert told.returncode == 0, told.stderr
     assert told.stdout.splitlines() == [
         "engine: must be one of raster, got 'rays'",
