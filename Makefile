@@ -5,12 +5,12 @@ PYTHON ?= python3
 BIN    := $(VENV)/bin
 export PYTHONUNBUFFERED = 1
 
-.PHONY: demo test test-all bench chart setup opengl octave blender mitsuba basilisk lint clean
+.PHONY: demo test test-all bench chart setup opengl octave clang blender mitsuba basilisk lint clean
 
 demo: setup
 	$(BIN)/glrender demo --out out/demo
 
-test: setup octave blender mitsuba basilisk
+test: setup octave clang blender mitsuba basilisk
 	$(BIN)/ruff check .
 	$(BIN)/python -m pytest $(PYTEST_OPTIONS)
 
@@ -45,6 +45,9 @@ opengl: $(VENV)/.ready
 
 octave:
 	@sh tools/install_octave.sh
+
+clang:
+	@sh tools/install_clang.sh
 
 blender: $(VENV)/.ready
 	@sh tools/install_blender.sh $(BIN)/python

@@ -36,10 +36,19 @@ static void read_error(glr_reader *in, glr_error *error) {
     }
 }
 
+/* A number that must not lose its upper half. */
+static uint32_t read_uint32(glr_reader *in) {
+    uint64_t value = glr_get_uint(in);
+    if (value > UINT32_MAX)
+        in->failed = 1;
+    return (uint32_t)value;
+}
+
 /* {name, dtype, shape, order, unit, part, frame}; the number of the part. */
 static uint64_t read_image(glr_reader *in, glr_image *image) {
     uint32_t n_pairs = glr_get_map(in), n_axes, k;
     uint64_t part = 0;
+    memset(image, 0, sizeof *image);
     image->depth = 1;
     for (k = 0; k < n_pairs && !in->failed; k++) {
         glr_text key = glr_get_text(in);
@@ -51,14 +60,14 @@ static uint64_t read_image(glr_reader *in, glr_image *image) {
             n_axes = glr_get_list(in);
             if (n_axes != 2 && n_axes != 3)
                 in->failed = 1;
-            image->height = (uint32_t)glr_get_uint(in);
-            image->width = (uint32_t)glr_get_uint(in);
+            image->height = read_uint32(in);
+            image->width = read_uint32(in);
             if (n_axes == 3)
-                image->depth = (uint32_t)glr_get_uint(in);
+                image->depth = read_uint32(in);
         } else if (glr_text_is(key, "part")) {
             part = glr_get_uint(in);
         } else if (glr_text_is(key, "frame")) {
-            image->frame = (uint32_t)glr_get_uint(in);
+            image->frame = read_uint32(in);
         } else {
             glr_skip(in);
         }

@@ -9,6 +9,7 @@
  * samples, products, roi, allow_slow (docs/protocol.md; the first struct's allow_slow holds for all).
  * Errors: glrender:CODE, glrender:argument.
  */
+#include <ctype.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <string.h>
@@ -172,17 +173,34 @@ static mxArray *array_of(const glr_image *image) {
         mxClassID id;
     } known[] = {{"uint8", mxUINT8_CLASS}, {"uint16", mxUINT16_CLASS}, {"int32", mxINT32_CLASS},
                  {"float32", mxSINGLE_CLASS}, {"float64", mxDOUBLE_CLASS}};
+    enum { N_KNOWN = sizeof known / sizeof known[0] };
     mwSize shape[3];
     mxArray *array;
     size_t k = 0;
     shape[0] = image->height;
     shape[1] = image->width;
     shape[2] = image->depth;
-    while (strcmp(image->dtype, known[k].dtype))
-        k++; /* glr_reply.c lets no other through */
+    while (k < N_KNOWN && strcmp(image->dtype, known[k].dtype))
+        k++;
+    if (k == N_KNOWN)
+        mexErrMsgIdAndTxt("glrender:protocol", "an array of %s", image->dtype);
     array = mxCreateNumericArray(image->depth > 1 ? 3 : 2, shape, known[k].id, mxREAL);
+    if (mxGetNumberOfElements(array) * mxGetElementSize(array) != image->n_bytes)
+        mexErrMsgIdAndTxt("glrender:protocol", "array %s has %.0f bytes", image->name, (double)image->n_bytes);
     memcpy(mxGetData(array), image->pixels, image->n_bytes);
     return array;
+}
+
+/* A new field of this name: a server's word, which may be no name at all, or one that is there. */
+static void put_array(mxArray *target, const glr_image *image) {
+    const char *at = image->name;
+    int field, is_name = isalpha((unsigned char)*at) != 0;
+    for (; *at; at++)
+        is_name = is_name && (isalnum((unsigned char)*at) || *at == '_');
+    field = is_name && mxGetFieldNumber(target, image->name) < 0 ? mxAddField(target, image->name) : -1;
+    if (field < 0)
+        mexErrMsgIdAndTxt("glrender:protocol", "an array is named %s", is_name ? image->name : "otherwise than a field");
+    mxSetFieldByNumber(target, 0, field, array_of(image));
 }
 
 static mxArray *render(glr_client *client, const mxArray *given_state, const mxArray *given_options) {
@@ -213,7 +231,7 @@ static mxArray *render(glr_client *client, const mxArray *given_state, const mxA
         if (image->frame >= n_frames)
             mexErrMsgIdAndTxt("glrender:protocol", "an image of frame %u of %u", (unsigned)image->frame,
                               (unsigned)n_frames);
-        mxSetFieldByNumber(made[image->frame], 0, mxAddField(made[image->frame], image->name), array_of(image));
+        put_array(made[image->frame], image);
     }
     if (!is_list)
         return made[0];

@@ -10,6 +10,7 @@
 
 #include "simstruc.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -20,6 +21,8 @@ enum { HOST, PORT, CAMERA, BODIES, PIXEL_CLASS, IMAGE_SIZE, EXPOSURE_S, SEED, SA
 enum { SUN, SPACECRAFT, BODY_POSES, N_INPUTS };
 #define MAX_BODIES 32
 #define TEXT_BYTES 1024
+#define MAX_SIDE_PX 32768 /* of the image: beyond what a server draws, and its area fits Simulink's int */
+#define MAX_SEED 9007199254740992.0 /* 2^53: every integer below is a double */
 
 /* What a block keeps between steps. */
 typedef struct {
@@ -32,7 +35,11 @@ typedef struct {
     uint32_t n_bodies;
 } block;
 
-static double parameter(SimStruct *S, int index) { return mxGetScalar(ssGetSFcnParam(S, index)); }
+/* NaN where the parameter is not one number. */
+static double parameter(SimStruct *S, int index) {
+    const mxArray *value = ssGetSFcnParam(S, index);
+    return mxIsDouble(value) && mxGetNumberOfElements(value) == 1 ? mxGetPr(value)[0] : NAN;
+}
 
 /* 0 where the parameter is no text or too long. */
 static int text_parameter(SimStruct *S, int index, char *text) {
@@ -71,6 +78,8 @@ static uint32_t count_bodies(SimStruct *S) {
     return text_parameter(S, BODIES, text) ? cut_names(text, names) : 0;
 }
 
+static int is_side(double size) { return size >= 1.0 && size <= MAX_SIDE_PX && size == floor(size); }
+
 #define MDL_CHECK_PARAMETERS
 static void mdlCheckParameters(SimStruct *S) {
     char text[TEXT_BYTES];
@@ -83,11 +92,11 @@ static void mdlCheckParameters(SimStruct *S) {
         ssSetErrorStatus(S, "glrender: Bodies must name 1 to 32 bodies, separated by commas");
     else if (class_id(S) < 0)
         ssSetErrorStatus(S, "glrender: PixelClass must be uint8, uint16 or single");
-    else if (!mxIsDouble(size) || mxGetNumberOfElements(size) != 2 || !(mxGetPr(size)[0] >= 1)
-             || !(mxGetPr(size)[1] >= 1))
-        ssSetErrorStatus(S, "glrender: ImageSize must be [height width] in pixels");
-    else if (!(parameter(S, EXPOSURE_S) >= 0.0) || !(parameter(S, SEED) >= 0.0))
-        ssSetErrorStatus(S, "glrender: Exposure_s and Seed must be >= 0");
+    else if (!mxIsDouble(size) || mxGetNumberOfElements(size) != 2 || !is_side(mxGetPr(size)[0])
+             || !is_side(mxGetPr(size)[1]))
+        ssSetErrorStatus(S, "glrender: ImageSize must be [height width] in pixels, integers from 1 to 32768");
+    else if (!(parameter(S, EXPOSURE_S) >= 0.0) || !(parameter(S, SEED) >= 0.0 && parameter(S, SEED) <= MAX_SEED))
+        ssSetErrorStatus(S, "glrender: Exposure_s and Seed must be >= 0, Seed at most 2^53");
     else if (!(parameter(S, SAMPLE_TIME_S) > 0.0) || !(parameter(S, TIMEOUT_S) > 0.0))
         ssSetErrorStatus(S, "glrender: SampleTime and Timeout must be > 0");
 }
@@ -153,18 +162,28 @@ static void get_pose(glr_pose *pose, const real_T *values) {
     memcpy(pose->q_from_inertial, values + 3, sizeof pose->q_from_inertial);
 }
 
+/* Whether the image is the output's to the last byte: what a server sends must never reach beyond it. */
+static int fits_output(SimStruct *S, const glr_image *image, const char *dtype, size_t item_bytes) {
+    const double *size = mxGetPr(ssGetSFcnParam(S, IMAGE_SIZE));
+    return image->height == size[0] && image->width == size[1] && image->depth == 1 && !strcmp(image->dtype, dtype)
+           && image->n_bytes == (size_t)ssGetOutputPortWidth(S, 0) * item_bytes;
+}
+
 static void mdlOutputs(SimStruct *S, int_T tid) {
     static char message[2048]; /* Simulink reads it after this function has returned */
-    static const char *const classes[] = {"uint8", "uint16", "float32"};
+    static const struct {
+        const char *dtype;
+        size_t item_bytes;
+    } classes[] = {{"uint8", 1}, {"uint16", 2}, {"float32", 4}}, *wanted;
     block *self = ssGetPWorkValue(S, 0);
     int_T id = class_id(S);
-    const char *wanted = classes[id == SS_UINT8 ? 0 : id == SS_UINT16 ? 1 : 2];
     const double *size = mxGetPr(ssGetSFcnParam(S, IMAGE_SIZE));
     const real_T *poses = ssGetInputPortSignal(S, BODY_POSES);
     glr_state state;
     glr_image image;
     uint32_t k;
     (void)tid;
+    wanted = &classes[id == SS_UINT8 ? 0 : id == SS_UINT16 ? 1 : 2];
     state.t_s = ssGetT(S);
     memcpy(state.r_sun_inertial_m, ssGetInputPortSignal(S, SUN), sizeof state.r_sun_inertial_m);
     get_pose(&state.spacecraft, ssGetInputPortSignal(S, SPACECRAFT));
@@ -178,9 +197,11 @@ static void mdlOutputs(SimStruct *S, int_T tid) {
         snprintf(message, sizeof message, "glrender:%s: %s", glr_error_code(self->client),
                  glr_error_message(self->client));
         ssSetErrorStatus(S, message);
-    } else if (image.height != size[0] || image.width != size[1] || strcmp(image.dtype, wanted)) {
-        snprintf(message, sizeof message, "glrender: camera %s gives %u x %u %s, the block expects %.0f x %.0f %s",
-                 self->camera, (unsigned)image.height, (unsigned)image.width, image.dtype, size[0], size[1], wanted);
+    } else if (!fits_output(S, &image, wanted->dtype, wanted->item_bytes)) {
+        snprintf(message, sizeof message, "glrender: camera %s gives %u x %u%s %s, the block expects %.0f x %.0f %s",
+                 self->camera, (unsigned)image.height, (unsigned)image.width,
+                 image.depth == 1 ? "" : image.depth == 2 ? " x 2" : " x 3", image.dtype, size[0], size[1],
+                 wanted->dtype);
         ssSetErrorStatus(S, message);
     } else {
         memcpy(ssGetOutputPortSignal(S, 0), image.pixels, image.n_bytes);

@@ -87,6 +87,9 @@ def _read_npz(path: Path) -> Grid:
     density = arrays["density"]
     if density.ndim != 3 or density.dtype.kind not in "fiu" or not 0 < density.size <= MAX_CELLS:
         raise ConfigError("density", f"must be three-dimensional, numbers, at most {MAX_CELLS} cells", density.shape)
+    for name in ("low_m", "high_m"):
+        if arrays[name].shape != (3,):
+            raise ConfigError(name, "must have shape (3,)", arrays[name].shape)
     return Grid(density=density.astype(np.float32), low_m=vector("low_m", arrays["low_m"].tolist()),
                 high_m=vector("high_m", arrays["high_m"].tolist()))
 

@@ -99,12 +99,17 @@ def _facets(table: Mapping[str, Any], body: Body, dust: Dust, resolve: Resolve) 
 def _facet_table(path: Path) -> np.ndarray:
     """Strengths (F,): a `.npy`, or text with one number a line."""
     try:
-        values = np.load(path, allow_pickle=False) if path.suffix == ".npy" else np.loadtxt(path, delimiter=",")
-    except (OSError, ValueError, EOFError) as error:
+        if path.suffix == ".npy":
+            # Mapped: a header that promises more than the file holds is refused before memory is taken.
+            values = np.load(path, allow_pickle=False, mmap_mode="r")
+        else:
+            # Lines: given a name, NumPy would unpack what is compressed.
+            values = np.loadtxt(path.read_text(encoding="utf-8").splitlines(), delimiter=",")
+    except Exception as error:  # a broken file raises anything
         raise ConfigError("table", f"cannot be read: {error}", str(path)) from None
-    if values.dtype.kind not in "fiu":
+    if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiu":
         raise ConfigError("table", "must hold numbers", str(path))
-    return values
+    return np.array(values)
 
 
 def _tail(table: Mapping[str, Any], body: Body, dust: Dust, resolve: Resolve) -> Tail:

@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from glrender_camera.projection import MAX_IMAGE_PX
 from glrender_camera.validate import name_of, positive
 
 from ..base.errors import ConfigError, ShapeError, error_path
@@ -118,6 +119,12 @@ class Body:
                       self.drawn_shape.radius_m)
 
 
+MAX_TEXTURE_PX = 2**27
+"""Of a texture [px]: 16384 x 8192, 0.5 GiB as float32."""
+# Of what Pillow reads, those that are pictures alone: others start programs (EPS) or unpack to any size.
+_TEXTURE_FORMATS = ("PNG", "TIFF", "JPEG", "JPEG2000", "BMP", "PPM", "WEBP")
+
+
 def read_texture(path: Path) -> np.ndarray:
     """(H, W) float32 [1]: an image's grey value over its full scale.
 
@@ -127,12 +134,17 @@ def read_texture(path: Path) -> np.ndarray:
     """
     from PIL import Image
 
-    # Planetary maps are large; a decompression bomb is larger.
-    Image.MAX_IMAGE_PIXELS = 2**29
+    # Planetary maps are large: ours is the limit, told before a pixel is decoded.
+    Image.MAX_IMAGE_PIXELS = None
     try:
-        with Image.open(path) as image:
+        with Image.open(path, formats=_TEXTURE_FORMATS) as image:
+            if max(image.size) > MAX_IMAGE_PX or image.width * image.height > MAX_TEXTURE_PX:
+                raise ShapeError("", f"must be a texture of at most {MAX_IMAGE_PX} pixels a side and "
+                                 f"{MAX_TEXTURE_PX} in all", image.size, "make it coarser")
             values = np.asarray(image if image.mode in ("L", "I;16", "I", "F") else image.convert("L"))
-    except (OSError, ValueError, Image.DecompressionBombError) as error:
+    except ShapeError:
+        raise
+    except Exception as error:  # broken images raise anything
         raise ShapeError("", f"texture cannot be read: {error}", str(path)) from None
     if values.dtype.kind == "f":
         return values.astype(np.float32)

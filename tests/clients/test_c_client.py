@@ -84,6 +84,9 @@ def test_the_c_s_function_gives_pythons_pixels(build, live, tmp_path, camera, ki
     ({"sample_time": "0"}, "mdlInitializeSizes", "SampleTime and Timeout must be > 0"),
     ({"sample_time": "nan"}, "mdlInitializeSizes", "SampleTime and Timeout must be > 0"),
     ({"size": (0, 96)}, "mdlInitializeSizes", "ImageSize must be"),
+    ({"size": (64.5, 96)}, "mdlInitializeSizes", "ImageSize must be"),
+    ({"size": (64, 1e300)}, "mdlInitializeSizes", "ImageSize must be"),
+    ({"seed": "1e300"}, "mdlInitializeSizes", "Seed at most 2^53"),
     ({"exposure": "-1"}, "mdlInitializeSizes", "must be >= 0"),
 ])
 def test_the_c_s_function_says_what_is_wrong_and_frees_all(build, live, tmp_path, changes, where, message):
@@ -96,11 +99,35 @@ def test_without_a_server_the_c_s_function_says_how_to_start_one(build, tmp_path
     assert code == 3 and "glrender:connection" in said and "glrender-server scene.toml" in said
 
 
-class FakeServer:
-    """Answers each connection with what `reply` makes of a request, then hangs up or serves on as it says."""
+@pytest.mark.parametrize("shape, size, gives", [
+    ([64, 96, 3], 6 * 64 * 96, "64 x 96 x 3"), ([64, 96, 2], 4 * 64 * 96, "64 x 96 x 2"),
+    ([96, 64], 2 * 64 * 96, "96 x 64"), ([64, 97], 2 * 64 * 97, "64 x 97")])
+def test_an_image_of_other_sizes_never_reaches_the_blocks_output(build, tmp_path, shape, size, gives):
+    """The output has 12 KiB, to the byte; three numbers a pixel would write 24 KiB beyond it."""
+    def reply(request):
+        return array_reply(request, [("image", "uint16", shape, 0, bytes(size))]), True
 
-    def __init__(self, reply):
-        self.requests, self._reply = [], reply
+    with FakeServer(reply) as fake:
+        code, said = simulate(build, ("127.0.0.1", fake.port), tmp_path / "out")
+    assert code == 3
+    assert f"camera navcam gives {gives} uint16, the block expects 64 x 96 uint16" in said
+
+
+def array_reply(request, arrays):
+    """The TCP frame of a sound reply with arrays (name, dtype, shape, frame, bytes)."""
+    described = [{"name": name, "dtype": dtype, "shape": shape, "order": "F", "unit": "", "part": k, "frame": frame}
+                 for k, (name, dtype, shape, frame, _) in enumerate(arrays, 1)]
+    header = msgpack.packb({"v": 1, "op": "render", "id": request["id"], "client": "", "ok": True, "arrays": described})
+    return serving.Framed.frame(header, *(data for *_, data in arrays))
+
+
+class FakeServer:
+    """Answers each connection with what `reply` makes of a request, then hangs up or serves on as it says.
+
+    `serve`, if given, writes to the connection whatever it wants instead."""
+
+    def __init__(self, reply, serve=None):
+        self.requests, self._reply, self._serve_at_will = [], reply, serve
         self._listener = socket.create_server(("127.0.0.1", 0))
         self.port = self._listener.getsockname()[1]
         self._thread = threading.Thread(target=self._serve, daemon=True)
@@ -128,6 +155,8 @@ class FakeServer:
                     while True:
                         (request,) = framed.receive()
                         self.requests.append(msgpack.unpackb(request))
+                        if self._serve_at_will:
+                            self._serve_at_will(self.requests[-1], peer)
                         data, stays = self._reply(self.requests[-1])
                         peer.sendall(data)
                         if not stays:
@@ -240,3 +269,54 @@ def test_hostile_replies_are_refused_and_never_read_beyond(build, rng, name, pro
     kinds = [next((kind for kind in ("image", "error connection", "error protocol") if line.startswith(kind)), "other")
              for line in said]
     assert len(said) >= 300 and min(map(kinds.count, ("image", "error connection", "error protocol"))) > 10
+
+
+def test_a_client_for_one_image_takes_no_other_array(build):
+    arrays = [("range", "float64", [1, 2], 0, bytes(16))]
+    with FakeServer(lambda r: (array_reply(r, arrays), True)) as fake:
+        said = run_many(build(HERE / "render_many.c"), fake.port, 1)
+    assert said[0].startswith("error protocol: the first array is range, no image"), said
+
+
+def test_sizes_beyond_32_bits_are_not_cut(build):
+    """2^32 + 1 rows must not be taken for one."""
+    arrays = [("image", "uint8", [2**32 + 1, 3], 0, bytes(3))]
+    with FakeServer(lambda r: (array_reply(r, arrays), True)) as fake:
+        said = run_many(build(HERE / "render_many.c"), fake.port, 1)
+    assert said[0].startswith("error protocol: a reply's header"), said
+
+
+def test_replies_to_others_without_a_pause_end_with_the_timeout(build):
+    other = array_reply({"id": 99}, [("image", "uint8", [1, 1], 0, bytes(1))]) * 1000
+
+    def flood(request, peer):
+        while True:
+            peer.sendall(other)
+
+    with FakeServer(None, serve=flood) as fake:
+        said = run_many(build(HERE / "render_many.c"), fake.port, 1, timeout_s=0.5)
+    assert said[0].startswith("error timeout"), said
+
+
+def mex_run(build, arrays):
+    """What the MEX function, in a stand-in for MATLAB, says of a reply with these arrays."""
+    with FakeServer(lambda r: (array_reply(r, arrays), True)) as fake:
+        return run_many(build(HERE / "render_mex.c"), fake.port, 1)[0]
+
+
+def test_the_mex_function_keeps_each_array_under_its_frame_and_name(build):
+    arrays = [("image", "uint16", [2, 3], 0, bytes([1] * 12)), ("r_body", "float32", [2, 3, 3], 0, bytes([2] * 72)),
+              ("image", "uint8", [1, 1], 1, bytes([9]))]
+    assert mex_run(build, arrays) == "frames | image 6 12 | r_body 18 144 | image 1 9"
+
+
+@pytest.mark.parametrize("names", [("image", "image"), ("",), ("1st",), ("a b",), ("_x",), ("%n%s",),
+                                   ("a" * 40, "a" * 40)])
+def test_a_servers_names_that_are_no_fields_are_refused_by_the_mex_function(build, names):
+    """MATLAB gives -1 for them; writing to field -1 ends it."""
+    arrays = [(name, "uint8", [1, 1], 0, bytes(1)) for name in names]
+    assert mex_run(build, arrays).startswith("error glrender:protocol: an array is named")
+
+
+def test_an_array_of_a_frame_that_was_not_asked_for_is_refused_by_the_mex_function(build):
+    assert "an image of frame 2 of 2" in mex_run(build, [("image", "uint8", [1, 1], 2, bytes(1))])

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import trimesh
 
 from ...base.errors import ShapeError
+from .foreign_files import read_glb, read_off
 from .ply_files import read_ply
-from .polygons import triangulated
+from .polygons import MAX_CORNERS, triangulated
 from .stl_files import read_stl
 
 MAX_FACETS = 20_000_000
@@ -142,7 +142,7 @@ def _obj(path: Path, max_facets: int) -> FileMesh:
     text = " ".join(face[0] for face in faces)
     slashes = text.count("/")
     tokens = text.split()
-    if plain and "-" not in text and all(len(face[0].split()) == 3 for face in faces):
+    if plain and "-" not in text and len(tokens) == 3 * len(faces) and all(len(face[0].split()) == 3 for face in faces):
         # The common case, all at once: triangles, positive indices.
         if slashes == 0:
             return FileMesh(vertices, _integers(path, tokens).reshape(-1, 3) - 1)
@@ -154,6 +154,9 @@ def _obj(path: Path, max_facets: int) -> FileMesh:
         polygon = [token.split("/") for token in face.split()]
         if len(polygon) < 3:
             raise ShapeError("", "has a facet with fewer than 3 corners", f"f {face}")
+        if len(polygon) > MAX_CORNERS:
+            raise ShapeError("", f"has a polygon of {len(polygon)} corners, where {MAX_CORNERS} are allowed", str(path),
+                             "triangulate it first")
         try:
             corners += [_from_one(int(corner[0]), n_vertices) for corner in polygon]
             if all(len(corner) > 1 and corner[1] for corner in polygon):
@@ -274,14 +277,19 @@ def _icq(path: Path, max_facets: int) -> FileMesh:
     return FileMesh(vertices, np.concatenate([first, second]))
 
 
-def _by_trimesh(path: Path, max_facets: int) -> FileMesh:
-    """What trimesh reads of other formats: all meshes of a file in one, where its scene has them."""
-    mesh = trimesh.load_mesh(path, process=False)
-    _limit(len(mesh.faces), max_facets, path)
-    return FileMesh(np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64))
+def _glb(path: Path, max_facets: int) -> FileMesh:
+    vertices, facets = read_glb(path, max_facets)
+    _limit(len(facets), max_facets, path)
+    return FileMesh(vertices, facets)
+
+
+def _off(path: Path, max_facets: int) -> FileMesh:
+    vertices, facets = read_off(path)
+    _limit(len(facets), max_facets, path)
+    return FileMesh(vertices, facets)
 
 
 _READERS: dict[str, Callable[[Path, int], FileMesh]] = {
     ".obj": _obj, ".ply": _ply, ".stl": _stl, ".tab": _plate_model, ".plt": _plate_model,
-    ".icq": _icq, ".glb": _by_trimesh, ".off": _by_trimesh,
+    ".icq": _icq, ".glb": _glb, ".off": _off,
 }

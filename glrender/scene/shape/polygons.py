@@ -14,7 +14,7 @@ _SIDE_RTOL = (1e-6, 0.0)
 # Corners from which a fan is tried before ears are cut, and polygons looked at together.
 _FANS, _TOGETHER = 8, 500_000
 MAX_CORNERS = 10_000
-"""Of a polygon that is no fan: ears take the square of it in time."""
+"""Of a polygon: ears take the square of it in time."""
 
 
 def triangulated(vertices: np.ndarray, corners: np.ndarray, sizes: np.ndarray) -> np.ndarray:
@@ -35,8 +35,10 @@ def triangulated(vertices: np.ndarray, corners: np.ndarray, sizes: np.ndarray) -
     Raises
     ------
     ValueError
-        A polygon that is no fan has more than `MAX_CORNERS` corners.
+        A polygon has more than `MAX_CORNERS` corners.
     """
+    if len(sizes) and sizes.max() > MAX_CORNERS:
+        raise ValueError(f"a polygon of {sizes.max()} corners, where {MAX_CORNERS} are allowed: triangulate it first")
     begins = np.cumsum(sizes) - sizes
     known = (corners >= 0) & (corners < len(vertices))
     points = np.where(known[:, None], vertices[np.where(known, corners, 0)], np.nan)
@@ -73,8 +75,6 @@ def _cut(points: np.ndarray, begins: np.ndarray, size: int) -> tuple[np.ndarray,
         left = left[~is_fan]
         if not len(left):
             break
-    if len(left) and size > MAX_CORNERS:
-        raise ValueError(f"a concave polygon of {size} corners, where {MAX_CORNERS} are allowed: triangulate it first")
     fans = np.setdiff1d(everyone, left)
     place = (fan.ravel() + start[fans, None]) % size
     triangles = [np.take_along_axis(ring[fans], place, axis=1)]

@@ -14,7 +14,7 @@ _HEAD, _FACET = 84, 50
 _ROW = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("word", "<u2")])
 # Bytes in which a text file's first facet is looked for.
 _LOOKED_AT = 1 << 20
-_LOOP = re.compile(r"\bouter\s+loop\b(.*?)\bend\s*loop\b", re.IGNORECASE | re.DOTALL)
+_MARK = re.compile(r"\b(?:outer\s+(?P<begin>loop)|end\s*loop)\b", re.IGNORECASE)
 # A solid's name may hold any word of STL's own: it ends where a facet begins.
 _NAME = re.compile(r"\b(?:end\s*)?solid\b.*?(?=\bfacet\s+normal\b|\Z)", re.IGNORECASE | re.DOTALL)
 
@@ -44,8 +44,14 @@ def read_stl(path: Path) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
 
 def _text(text: str) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
     text = _NAME.sub(" ", text)
-    loops = [loop.split() for loop in _LOOP.findall(text)]
-    begun = len(re.findall(r"\bouter\s+loop\b", text, re.IGNORECASE))
+    # Mark by mark: a pattern of both would look for each loop's end through the whole rest of a file that lacks them.
+    loops, begun, start = [], 0, None
+    for mark in _MARK.finditer(text):
+        if mark["begin"]:
+            begun, start = begun + 1, mark.end() if start is None else start
+        elif start is not None:
+            loops.append(text[start:mark.start()].split())
+            start = None
     if begun != len(loops):
         raise ShapeError("", "ends, or begins anew, within a facet: outer loops and endloops differ in number",
                          (begun, len(loops)))

@@ -13,7 +13,7 @@ int main(int argc, char **argv) {
     glr_options frames[] = {{.camera = "navcam", .is_dn = 1, .exposure_s = 0.1, .seed = 7, .is_column_major = 1},
                             {.is_column_major = 1}};
     glr_client *client;
-    glr_reply reply;
+    glr_reply reply = {0};
     FILE *out;
     uint32_t i;
     int k;

@@ -46,6 +46,7 @@ typedef struct {
 #define ssSetInputPortDirectFeedThrough(S, k, is) ((S)->inputs[k].is_direct = (is))
 #define ssSetInputPortRequiredContiguous(S, k, is) ((S)->inputs[k].is_contiguous = (is))
 #define ssSetOutputPortMatrixDimensions(S, k, h, w) (assert((k) < (S)->n_outputs), (S)->height = (h), (S)->width = (w))
+#define ssGetOutputPortWidth(S, k) (assert((k) < (S)->n_outputs), (S)->height * (S)->width)
 #define ssSetOutputPortDataType(S, k, t) ((S)->output_type = (t))
 #define ssSetNumSampleTimes(S, n) ((S)->n_sample_times = (n))
 #define ssSetNumPWork(S, n) (assert((n) <= 1), (S)->n_pwork = (n))
