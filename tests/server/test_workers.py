@@ -283,7 +283,7 @@ def test_the_server_does_not_wait_while_a_worker_starts(pool):
 def test_a_system_without_room_for_a_worker_is_asked_again(pool, monkeypatch):
     pool._workers[0].process.kill()
     with monkeypatch.context() as patch:
-        patch.setattr(pool._spawn, "Pipe", mock.Mock(side_effect=OSError(24, "Too many open files")))
+        patch.setattr(workers.socket, "socketpair", mock.Mock(side_effect=OSError(24, "Too many open files")))
         until(lambda: pool.turn({}) or pool.restarts == 2)
         assert not pool.outage
         until(lambda: pool.turn({}) or pool.restarts == 3)
