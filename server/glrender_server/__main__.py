@@ -74,13 +74,14 @@ def main(argv: list[str] | None = None) -> int:
         operators = _operators(arguments)
         of_zmq, of_tcp = limits.max_connections()
         with ExitStack() as stack:
-            engine = stack.enter_context(closing(_engine(arguments)))
+            # First what fails at once: a port that another program has.
             fronts: list[Front] = [stack.enter_context(closing(ZmqFront(endpoint, arguments.curve, of_zmq)))]
             if address is not None:
                 fronts.append(stack.enter_context(closing(TcpFront(address, of_tcp))))
                 if arguments.curve is not None:
                     log.warning("--tcp beside --curve: whoever reaches %s, as every user of this machine does, asks "
                                 "without a key", address)
+            engine = stack.enter_context(closing(_engine(arguments)))
             dispatcher = stack.enter_context(closing(Dispatcher(engine, fronts, operators)))
             where = " and ".join(front.endpoint for front in fronts)
             said = [f"{engine.described['gl_renderer']} by {engine.described['backend']}"]

@@ -8,7 +8,6 @@
 
 from __future__ import annotations
 
-import base64
 import contextlib
 import math
 import os
@@ -24,6 +23,8 @@ from zmq.auth.thread import ThreadAuthenticator
 
 # A key that is added or taken away counts after so long [s].
 _READ_AGAIN_S = 1.0
+# Of ZAP (RFC 27): a handler of another domain is not asked.
+_DOMAIN = "glrender"
 
 
 def generate(folder: Path, clients: list[str]) -> list[Path]:
@@ -103,10 +104,10 @@ class Admission:
 
     def callback(self, domain: str, key: bytes) -> bool:
         """Whether a public key (Z85) may connect; called in the authenticator's thread."""
-        return _user_id(key) in self._admitted()
+        return key.decode() in self._admitted()
 
     def name_of(self, user_id: str) -> str:
-        """The name of the key file of a message's `User-Id`; empty if it is not admitted (any more)."""
+        """The name of the key file of a message's `User-Id`, its public key; empty if it is not admitted (any more)."""
         return self._admitted().get(user_id, "")
 
     def protect(self, socket: zmq.Socket) -> ThreadAuthenticator:
@@ -117,8 +118,8 @@ class Admission:
         """
         authenticator = ThreadAuthenticator(socket.context)
         authenticator.start()
-        authenticator.configure_curve_callback(domain="*", credentials_provider=self)
-        socket.zap_domain = b"glrender"
+        authenticator.configure_curve_callback(domain=_DOMAIN, credentials_provider=self)
+        socket.zap_domain = _DOMAIN.encode()
         socket.set(zmq.ZAP_ENFORCE_DOMAIN, 1)
         socket.curve_publickey, socket.curve_secretkey = self._public, self._secret
         socket.curve_server = True
@@ -132,10 +133,7 @@ class Admission:
             for path in sorted(self._folder.glob("*.key")):
                 # A file that is being written, or has just gone, admits nobody.
                 with contextlib.suppress(OSError, ValueError):
-                    found[_user_id(zmq.auth.load_certificate(path)[0])] = path.stem
+                    found[zmq.auth.load_certificate(path)[0].decode()] = path.stem
             self._names, self._read_at = found, now
         return self._names
 
-
-def _user_id(key: bytes) -> str:
-    return base64.b64encode(key).decode("ascii")

@@ -79,6 +79,12 @@ class Sparing(logging.Filter):
         return True
 
 
+def formatter(form: str) -> logging.Formatter:
+    """Of lines for people ("text") or for programs ("json")."""
+    return JsonFormatter() if form == "json" else TextFormatter(
+        "%(asctime)s %(levelname)s %(name)s[%(process)d]: %(message)s")
+
+
 def set_up(level: int, form: str) -> None:
     """Write the log of this process to standard error.
 
@@ -89,8 +95,7 @@ def set_up(level: int, form: str) -> None:
     form : "text" or "json"
     """
     handler = logging.StreamHandler(sys.stderr)
-    handler.setFormatter(JsonFormatter() if form == "json" else TextFormatter(
-        "%(asctime)s %(levelname)s %(name)s[%(process)d]: %(message)s"))
+    handler.setFormatter(formatter(form))
     handler.addFilter(is_ours)
     handler.addFilter(Sparing())
     logging.basicConfig(level=level, handlers=[handler], force=True)

@@ -231,8 +231,7 @@ def scene_asked(header: Mapping[str, Any], shape_dir: Path | None) -> Scene:
         scene = Scene.from_dict(table, shape_dir=shape_dir, restricted=True)
     except ConfigError as error:
         if shape_dir is not None:
-            error.path, error.rule, error.hint = (text.replace(f"{shape_dir.resolve()}/", "").replace(
-                f"{shape_dir}/", "") for text in (error.path, error.rule, error.hint))
+            _hide(error, shape_dir)
         raise
     n_pixels = sum(camera.width_px * camera.height_px for camera in scene.cameras)
     n_drawn = sum(drawn_pixels(camera) for camera in scene.cameras)
@@ -243,6 +242,14 @@ def scene_asked(header: Mapping[str, Any], shape_dir: Path | None) -> Scene:
     if n_facets > limits.MAX_SCENE_FACETS:
         raise ConfigError("scene.bodies", f"must have at most {limits.MAX_SCENE_FACETS} facets together", n_facets)
     return scene
+
+
+def _hide(error: ConfigError, folder: Path) -> None:
+    """Take a folder out of all that an error says."""
+    for name in ("path", "rule", "hint", "got"):
+        value = getattr(error, name)
+        if isinstance(value, str | Path):
+            setattr(error, name, str(value).replace(f"{folder.resolve()}/", "").replace(f"{folder}/", ""))
 
 
 def _check_counts(table: Mapping[str, Any]) -> None:

@@ -48,7 +48,7 @@ def run_top(arguments: argparse.Namespace) -> int:
                 try:
                     now, status = time.monotonic(), client.status()
                     rate = None if before is None else _n_requests(status, before[1]) / (now - before[0])
-                    lines = [printable(line) for line in screen(arguments.endpoint, status, rate)]
+                    lines = list(screen(arguments.endpoint, status, rate))
                     before = now, status
                 except (RequestTimeout, ServerError) as error:  # gone, or about to
                     if arguments.once:
@@ -70,7 +70,7 @@ def run_top(arguments: argparse.Namespace) -> int:
 
 
 def screen(endpoint: str, status: Mapping[str, Any], rate: float | None = None) -> Iterator[str]:
-    """The lines that tell a server's `status`.
+    """The lines that tell a server's `status`; what it says moves nothing on the terminal.
 
     Parameters
     ----------
@@ -80,6 +80,10 @@ def screen(endpoint: str, status: Mapping[str, Any], rate: float | None = None) 
     rate : float [1/s], optional
         Requests since the last screen.
     """
+    return map(printable, _lines(endpoint, status, rate))
+
+
+def _lines(endpoint: str, status: Mapping[str, Any], rate: float | None) -> Iterator[str]:
     counted = lambda counts: ", ".join(  # noqa: E731
         f"{count} {name}" for name, count in sorted(counts.items(), key=lambda pair: -pair[1])) or "none"
     yield f"{endpoint}  up {timedelta(seconds=int(status['uptime_s']))}  {status['gl_renderer']} by {status['backend']}"

@@ -142,7 +142,7 @@ class ZmqFront:
                               (zmq.TCP_KEEPALIVE_IDLE, _KEEP_ALIVE_IDLE_S), (zmq.TCP_KEEPALIVE_CNT, _KEEP_ALIVE_COUNT),
                               (zmq.TCP_KEEPALIVE_INTVL, _KEEP_ALIVE_INTERVAL_S)):
             self._socket.set(option, value)
-        self._monitor = self._socket.get_monitor_socket(zmq.EVENT_ACCEPTED | zmq.EVENT_DISCONNECTED)
+        self._monitor: zmq.Socket | None = None
         self._connections: dict[int, _Connection] = {}
         self._backlogs: dict[bytes, _Backlog] = {}
         self._max_connections, self._patrolled = max_connections, 0.0
@@ -155,12 +155,13 @@ class ZmqFront:
             self._socket.bind(endpoint)
             if self._claim is not None:
                 self._claim.restrict()
-        except (ConfigError, OSError) as error:
+        except (ConfigError, OSError):
             self.close()
-            if isinstance(error, zmq.ZMQError):
-                raise OSError(f"cannot listen on {endpoint}: {error.strerror}; choose another with --zmq, e.g. "
-                              f"--zmq tcp://127.0.0.1:0, or stop the program that has it") from None
             raise
+        except zmq.ZMQError as error:
+            self.close()
+            raise OSError(f"cannot listen on {endpoint}: {error.strerror}; choose another with --zmq, e.g. "
+                          f"--zmq tcp://127.0.0.1:0, or stop the program that has it") from None
         self.endpoint = self._socket.getsockopt_string(zmq.LAST_ENDPOINT)
 
     @property
@@ -170,6 +171,7 @@ class ZmqFront:
 
     def start(self, poller: zmq.Poller) -> None:
         """Register what wakes the loop."""
+        self._monitor = self._socket.get_monitor_socket(zmq.EVENT_ACCEPTED | zmq.EVENT_DISCONNECTED)
         poller.register(self._socket, zmq.POLLIN)
         poller.register(self._monitor, zmq.POLLIN)
 
@@ -229,8 +231,9 @@ class ZmqFront:
 
     def close(self) -> None:
         """Close the socket, after what it has taken is sent or three seconds are over."""
-        self._socket.disable_monitor()
-        self._monitor.close(0)
+        if self._monitor is not None:
+            self._socket.disable_monitor()
+            self._monitor.close(0)
         self._socket.close()
         if self._authenticator is not None and self._authenticator.is_alive():
             self._authenticator.stop()
@@ -240,7 +243,7 @@ class ZmqFront:
 
     def _follow_connections(self) -> None:
         """Keep account of ZeroMQ's connections, and of their number."""
-        while self._monitor.poll(0):
+        while self._monitor is not None and self._monitor.poll(0):
             event = recv_monitor_message(self._monitor, zmq.NOBLOCK)
             descriptor = event["value"]
             if event["event"] != zmq.EVENT_ACCEPTED:
