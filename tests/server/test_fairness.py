@@ -121,15 +121,17 @@ def test_a_new_scene_shows_in_every_reply_after_it(pair):
 
 def test_status_is_answered_while_the_only_worker_draws(tmp_path):
     with serving.server(tmp_path, scene=LARGE) as (endpoint, _), Client(endpoint, timeout_s=60.0) as client, \
-            Client(endpoint, timeout_s=60.0) as other:
-        client.render(STATE, "bare")
-        drawing = threading.Thread(target=lambda: client.render(STATE, **COSTLY))
-        drawing.start()
-        time.sleep(0.2)
+            zmq.Context() as context, context.socket(zmq.DEALER) as socket:
+        socket.set(zmq.LINGER, 0)
+        socket.connect(endpoint)
+        client.hello()
+        socket.send(head("render", 1, "other", state=STATE, **COSTLY))
+        time.sleep(0.5)
         began = time.monotonic()
-        other.hello()
-        assert other.status()["workers"]["ready"] == 1 and time.monotonic() - began < 1.0 and drawing.is_alive()
-        drawing.join()
+        client.hello()
+        assert client.status()["workers"]["ready"] == 1 and time.monotonic() - began < 1.0
+        assert not socket.poll(0), "it is still drawn"
+        assert socket.poll(60_000)
 
 
 def test_who_does_not_read_is_told_busy_and_keeps_no_memory(pair, greedy):
@@ -141,8 +143,9 @@ def test_who_does_not_read_is_told_busy_and_keeps_no_memory(pair, greedy):
         client.render(STATE, "large", samples=1)
         before, errors = held_bytes(), client.status()["errors"].get("busy", 0)
         for number in range(40):  # of 16 MiB
-            greedy.send(head("render", number, "greedy", state={**STATE, "t_s": float(number)}, camera="large", samples=1))
-            client.render({**STATE, "t_s": float(number)}, "bare")
+            state = {**STATE, "t_s": float(number)}
+            greedy.send(head("render", number, "greedy", state=state, camera="large", samples=1))
+            client.render(state, "bare")
         serving.until(lambda: client.status()["waiting"] == 0)
         assert held_bytes() - before < 200 * 2**20, "64 MiB untaken, those under way, and what is kept for retries"
         assert client.status()["errors"].get("busy", 0) - errors > 20

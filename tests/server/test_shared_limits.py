@@ -65,7 +65,7 @@ def asked(dispatcher, engine=None, **fields):
     return [msgpack.unpackb(replies[0][0]), *replies[0][1:]]
 
 
-@pytest.mark.parametrize("options", [(), ("--workers", "2")], ids=["in process", "workers"])
+@pytest.mark.parametrize("options", [("--in-process",), ("--workers", "2")], ids=["in process", "workers"])
 def test_a_client_that_keeps_every_frame_gets_them_all(tmp_path, options):
     """More than may be left in place: each slot takes three descriptors of the 1024 that a process commonly has."""
     n_frames = slots.MAX_SHARED_SLOTS + 12
@@ -125,7 +125,7 @@ def test_a_server_that_ends_sends_its_pixels(local):
     assert "shared" not in header and len(image) == 4 * 160**2
 
 
-@pytest.mark.parametrize("options", [(), ("--workers", "1", "--deadline", "50")], ids=["in process", "workers"])
+@pytest.mark.parametrize("options", [("--in-process",), ("--deadline", "50")], ids=["in process", "workers"])
 def test_sigterm_sends_the_pixels_of_what_is_under_way(tmp_path, options):
     with serving.server(tmp_path, *options, scene=SCENE) as (endpoint, process), zmq.Context() as context, \
             context.socket(zmq.DEALER) as socket:

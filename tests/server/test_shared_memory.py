@@ -25,7 +25,7 @@ from lending import ENOUGH, SCENE, STATE, lent
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="shared memory for clients is Linux's")
 
 
-@pytest.fixture(scope="module", params=[(), ("--workers", "2")], ids=["in process", "workers"])
+@pytest.fixture(scope="module", params=[("--in-process",), ("--workers", "2")], ids=["in process", "workers"])
 def endpoint(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp("shared")
     with serving.server(folder, "--zmq", f"ipc://{folder}/z", *request.param, scene=SCENE) as (endpoint, _):

@@ -23,7 +23,7 @@ OUTSIDE = [(0, 0, WIDTH + 1, 1), (0, 0, 1, HEIGHT + 1), (-1, 0, 1, 1), (WIDTH, 0
            (0, 0, 1, 1, 1), (True, 0, 2, 2), ("0", 0, 1, 1), ()]
 
 
-@pytest.fixture(scope="module", params=[(), ("--workers", "2")], ids=["in process", "workers"])
+@pytest.fixture(scope="module", params=[("--in-process",), ("--workers", "2")], ids=["in process", "workers"])
 def clients(request, tmp_path_factory):
     """One that reads in place, and one that does not."""
     folder = tmp_path_factory.mktemp("region")

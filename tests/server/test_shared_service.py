@@ -151,7 +151,7 @@ def test_a_frame_that_is_held_outlives_its_server(tmp_path, truth):
             np.testing.assert_array_equal(reply.pixels, truth(2))
 
 
-@pytest.mark.parametrize("options", [(), ("--workers", "2")], ids=["in process", "workers"])
+@pytest.mark.parametrize("options", [("--in-process",), ("--workers", "2")], ids=["in process", "workers"])
 def test_requests_that_are_cancelled_disturb_nobody_who_shares(tmp_path, truth, options, caplog):
     """What is cancelled is drawn nevertheless: six times fifty a second fill the server's queue.
 
