@@ -1,17 +1,21 @@
-# Two front doors: `make demo` and `make test`. Each sets up what is missing.
+# Two front doors: `make demo` and `make test`. Each sets up what is missing. `make test` runs a few cells of each heavy
+# sweep, `make test-all` every one of them.
 VENV   := .venv
 PYTHON ?= python3
 BIN    := $(VENV)/bin
 export PYTHONUNBUFFERED = 1
 
-.PHONY: demo test bench chart setup opengl octave clang blender mitsuba basilisk lint clean
+.PHONY: demo test test-all bench chart setup opengl octave clang blender mitsuba basilisk lint clean
 
 demo: setup
 	$(BIN)/glrender demo --out out/demo
 
 test: setup octave clang blender mitsuba basilisk
 	$(BIN)/ruff check .
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest $(PYTEST_OPTIONS)
+
+test-all: PYTEST_OPTIONS = -m ""
+test-all: test
 
 bench: setup
 	mkdir -p out/bench

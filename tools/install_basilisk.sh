@@ -1,5 +1,5 @@
 #!/bin/sh
-# Bring Basilisk, whose attitudes tests/system/test_conventions.py reads: install_basilisk.sh PYTHON, that of glrender's
+# Bring Basilisk, whose attitudes tests/system/test_attitudes.py reads: install_basilisk.sh PYTHON, that of glrender's
 # environment. PyPI's bsk (70 MB) holds Pillow below ours, so it gets an environment of its own; what is tried there needs
 # NumPy alone of all that bsk asks for. In CI it must be there; elsewhere those tests are skipped, loudly.
 set -eu

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -54,9 +55,25 @@ def _rebuild(kind: type, path: str, rule: str, hint: str, *got: object) -> Confi
     return kind(path, rule, *(got or (_NO_VALUE,)), hint)
 
 
-def _short(value: object, limit: int = 200) -> str:
-    text = " ".join(repr(value).split())
-    return text if len(text) <= limit else text[: limit - 3] + "..."
+class _Brief(reprlib.Repr):
+    """Values for messages: what a stranger sent costs no more than what is said of it."""
+
+    def __init__(self):
+        super().__init__()
+        self.maxlevel, self.maxdict, self.maxlist, self.maxtuple, self.maxstring, self.maxother = 3, 6, 16, 16, 120, 200
+
+    def repr_bytes(self, value: bytes, level: int) -> str:
+        return repr(value[:24]) + ("..." if len(value) > 24 else "")
+
+    repr_bytearray = repr_bytes
+
+
+_MAX_CHARACTERS = 200
+
+
+def _short(value: object) -> str:
+    text = " ".join(_Brief().repr(value).split())
+    return text if len(text) <= _MAX_CHARACTERS else text[:_MAX_CHARACTERS - 3] + "..."
 
 
 @contextmanager

@@ -18,7 +18,7 @@ from .errors import ConfigError
 from .lateral import magnified, magnified_points
 from .mosaic import MosaicModel
 from .points import PointSources
-from .validate import integer, position, text, unit_quaternion, vector, within
+from .validate import integer, name_of, position, unit_quaternion, vector, within
 
 MAX_IMAGE_PX = 16384
 """Widest image [px]: the texture limit of every OpenGL that glrender runs on."""
@@ -72,7 +72,7 @@ class PinholeCamera:
 
     def __post_init__(self):
         put = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731 (frozen dataclass)
-        text("name", self.name)
+        name_of("name", self.name)
         put("width_px", integer("width_px", self.width_px, 1, MAX_IMAGE_PX))
         put("height_px", integer("height_px", self.height_px, 1, MAX_IMAGE_PX))
         put("focal_length_px", within("focal_length_px", self.focal_length_px, *_FOCAL_LENGTHS_PX))

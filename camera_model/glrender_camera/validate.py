@@ -73,6 +73,18 @@ def text(name: str, value: object) -> str:
     return value
 
 
+def name_of(name: str, value: object) -> str:
+    """A name: 1 to 128 printable characters, as it will stand in messages, logs and on terminals."""
+    if not isinstance(value, str) or not 0 < len(value) <= 128 or not value.isprintable():
+        raise ConfigError(name, "must be a name of 1 to 128 printable characters", value)
+    return value
+
+
+def shortened(text: str, most: int = 64) -> str:
+    """A text of at most so many characters."""
+    return text if len(text) <= most else text[:most - 3] + "..."
+
+
 def one_of(name: str, value: object, allowed: Iterable[str]) -> str:
     """A string out of `allowed`."""
     allowed = list(allowed)
@@ -158,7 +170,8 @@ def known_keys(name: str, table: object, allowed: Iterable[str], required: Itera
     allowed = list(allowed)
     for key in table:
         if key not in allowed:
-            raise ConfigError(f"{name}.{key}" if name else str(key), "unknown key",
+            key = shortened(str(key))
+            raise ConfigError(f"{name}.{key}" if name else key, "unknown key",
                               hint=f"known keys are {', '.join(sorted(allowed))}")
     for key in required:
         if key not in table:

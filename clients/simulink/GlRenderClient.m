@@ -18,7 +18,7 @@ classdef GlRenderClient < handle
   properties (SetAccess = private)
     Host
     Port
-    Timeout   % [s], of each try
+    Timeout   % [s], of each try; a busy server is asked again meanwhile, in pauses that grow
     Retries   % further tries after a timeout or a lost connection, each over a new connection
     Name      % of this client; the server answers a repeated request from its last reply
     SharedMemory  % whether frames are read in the memory of a server on this machine; by default on Linux
@@ -31,6 +31,7 @@ classdef GlRenderClient < handle
     IsClosed = false
     Packed = []  % of the last request, for the next like it: see glr_request
     Read = []    % of the last reply, likewise: see glr_header
+    RetryAfter = 0.05  % [s], as the last `busy` told
   end
 
   methods
@@ -179,16 +180,31 @@ classdef GlRenderClient < handle
         progress = [];
       end
       request = self.packed(op, pairs, state);
-      for attempt = 0:self.Retries
+      attempt = 0;
+      busy = 0;
+      began = tic();
+      while true
         try
           [arrays, header_bytes] = self.once(request, progress);
           return
         catch problem
-          is_ours = any(strcmp(problem.identifier, {'glrender:timeout', 'glrender:connection'}));
           self.disconnect_after(problem.identifier);
+          if strcmp(problem.identifier, 'glrender:busy')
+            % Longer each time, and by chance: that of the clock, as rand is the caller's.
+            chance = 0.5 + mod(now() * 86400e3, 1);
+            seconds = min(self.RetryAfter * 1.5 ^ min(busy, 20), 5) * chance;
+            busy = busy + 1;
+            if toc(began) + seconds > self.Timeout
+              rethrow(problem);
+            end
+            pause(seconds);
+            continue
+          end
+          is_ours = any(strcmp(problem.identifier, {'glrender:timeout', 'glrender:connection'}));
           if ~is_ours || attempt == self.Retries
             rethrow(problem);
           end
+          attempt = attempt + 1;
         end
       end
     end
@@ -225,6 +241,9 @@ classdef GlRenderClient < handle
       end
       if ~header.ok
         problem = glr_unpack(header_bytes).error;
+        if isfield(problem, 'retry_after_s')
+          self.RetryAfter = problem.retry_after_s;
+        end
         error(['glrender:', problem.code], '%s', problem.message);
       end
       arrays = {struct()};

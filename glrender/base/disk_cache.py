@@ -13,6 +13,9 @@ import numpy as np
 
 _log = logging.getLogger(__name__)
 
+MAX_CACHE_BYTES = 2 * 1024**3
+"""All that is kept [bytes]; what was used longest ago goes first. A shape of 327,000 facets has some 20 MB."""
+
 
 def cache_folder() -> Path:
     """$GLRENDER_CACHE, or `glrender` in the user's cache folder; an empty variable counts as not set."""
@@ -51,6 +54,8 @@ def _kept(file: Path, keys: list[str], is_right: Callable[[dict[str, np.ndarray]
     except Exception:
         # A damaged file may raise anything.
         return None
+    with suppress(OSError):
+        os.utime(file)
     return arrays if is_right(arrays) else None
 
 
@@ -83,8 +88,20 @@ def _made_and_kept(file: Path, make: Callable[[], dict[str, np.ndarray]]) -> dic
         file.parent.mkdir(parents=True, exist_ok=True)
         np.savez(apart, **arrays)
         os.replace(apart, file)
+        _trim(file.parent)
     except OSError as error:
         _log.warning("%s is not kept in %s: %s", file.stem, file.parent, error)
         with suppress(OSError):
             apart.unlink()
     return arrays
+
+
+def _trim(folder: Path) -> None:
+    """Remove what was used longest ago, beyond `MAX_CACHE_BYTES`."""
+    kept = sorted(((file.stat(), file) for file in folder.glob("*.npz")), key=lambda entry: entry[0].st_mtime)
+    surplus = sum(status.st_size for status, _ in kept) - MAX_CACHE_BYTES
+    for status, file in kept[:-1]:
+        if surplus <= 0:
+            return
+        file.unlink(missing_ok=True)
+        surplus -= status.st_size

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from glrender_camera.projection import MAX_IMAGE_PX
-from glrender_camera.validate import positive, text
+from glrender_camera.validate import name_of, positive
 
 from ..base.errors import ConfigError, ShapeError, error_path
 from ..brdf import Law
@@ -45,7 +45,7 @@ class Body:
     detail: Detail | None = None
 
     def __post_init__(self):
-        text("name", self.name)
+        name_of("name", self.name)
         if not isinstance(self.shape, Shape):
             raise ConfigError("shape", "must be a glrender.Shape", self.shape)
         if not isinstance(self.brdf, Law):

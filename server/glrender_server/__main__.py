@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import ipaddress
 import logging
+import os
 import sys
 from contextlib import ExitStack, closing
 from pathlib import Path
@@ -13,7 +14,7 @@ from urllib.parse import urlsplit
 from glrender import ConfigError, GlrenderError, __version__, load_scene
 from glrender_camera.validate import integer, positive
 
-from . import logs
+from . import limits, logs
 from .dispatcher import Dispatcher
 from .front import Front
 from .job import LocalEngine
@@ -24,8 +25,11 @@ from .tcp_front import TcpFront
 from .workers import SLOW_DEADLINE_S, WorkerPool
 from .zmq_front import ZmqFront
 
+log = logging.getLogger(__name__)
+
 MAX_WORKERS = 64
 DEADLINE_S = 60.0
+_SHARE_OF_MEMORY = 0.8
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -38,12 +42,19 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--tcp", metavar="HOST:PORT",
                         help="listen for framed TCP too (MATLAB, Simulink, C), e.g. 127.0.0.1:5556; never encrypted")
     parser.add_argument("--backend", default="auto", help="auto, egl, osmesa, or a plug-in such as raytrace")
-    parser.add_argument("--workers", type=int, default=1, metavar="N",
-                        help="processes that render; with 1 (the default) and no --deadline the server renders itself")
-    parser.add_argument("--deadline", type=float, metavar="S",
-                        help="kill a worker that takes longer over one request [s]; default: 60 with several workers")
+    parser.add_argument("--workers", type=int, default=1, metavar="N", help="processes that render (1)")
+    parser.add_argument("--in-process", action="store_true",
+                        help="render in the server's own process: some 2 ms sooner, but nobody is answered meanwhile, "
+                             "no deadline is kept, and what ends the renderer ends the server")
+    parser.add_argument("--deadline", type=float, metavar="S", help="kill a worker that takes longer over one request "
+                                                                    f"({DEADLINE_S:g} s)")
     parser.add_argument("--slow-deadline", type=float, default=SLOW_DEADLINE_S, metavar="S",
-                        help="the same for a request with allow_slow (600 s)")
+                        help=f"the same for a request with allow_slow, or that loads a scene ({SLOW_DEADLINE_S:g} s)")
+    parser.add_argument("--worker-memory", type=float, metavar="GIB",
+                        help="data that a worker may have; default: four fifths of the machine's memory, shared evenly")
+    parser.add_argument("--no-load-scene", action="store_true", help="serve this one scene: nobody may replace it")
+    parser.add_argument("--operator", action="append", metavar="NAME",
+                        help="with --curve: only the client of this key may replace the scene; may be given again")
     parser.add_argument("--shape-dir", type=Path, help="folder whose shape files `load_scene` may name")
     parser.add_argument("--curve", type=Path, metavar="FOLDER",
                         help="encrypt ZeroMQ, and admit the clients of this folder alone (glrender keygen makes it)")
@@ -60,12 +71,18 @@ def main(argv: list[str] | None = None) -> int:
         address = None if arguments.tcp is None else checked_address(arguments.tcp, arguments.allow_remote)
         if arguments.shape_dir is not None and not arguments.shape_dir.is_dir():
             raise ConfigError("--shape-dir", "must be a folder", str(arguments.shape_dir))
+        operators = _operators(arguments)
+        of_zmq, of_tcp = limits.max_connections()
         with ExitStack() as stack:
-            engine = stack.enter_context(closing(_engine(arguments)))
-            dispatcher = stack.enter_context(closing(Dispatcher(engine)))
-            fronts: list[Front] = [stack.enter_context(closing(ZmqFront(endpoint, arguments.curve)))]
+            # First what fails at once: a port that another program has.
+            fronts: list[Front] = [stack.enter_context(closing(ZmqFront(endpoint, arguments.curve, of_zmq)))]
             if address is not None:
-                fronts.append(stack.enter_context(closing(TcpFront(address))))
+                fronts.append(stack.enter_context(closing(TcpFront(address, of_tcp))))
+                if arguments.curve is not None:
+                    log.warning("--tcp beside --curve: whoever reaches %s, as every user of this machine does, asks "
+                                "without a key", address)
+            engine = stack.enter_context(closing(_engine(arguments)))
+            dispatcher = stack.enter_context(closing(Dispatcher(engine, fronts, operators)))
             where = " and ".join(front.endpoint for front in fronts)
             said = [f"{engine.described['gl_renderer']} by {engine.described['backend']}"]
             if arguments.curve is not None:
@@ -87,12 +104,28 @@ def main(argv: list[str] | None = None) -> int:
 def _engine(arguments: argparse.Namespace) -> LocalEngine | WorkerPool:
     n_workers = integer("--workers", arguments.workers, 1, MAX_WORKERS)
     what = load_scene(arguments.scene), arguments.backend, arguments.shape_dir
-    # Only a process can be killed: a deadline wants one even where one would do.
-    if n_workers == 1 and arguments.deadline is None:
+    if arguments.in_process:
+        if n_workers > 1 or arguments.deadline is not None:
+            raise ConfigError("--in-process", "goes with no --workers and no --deadline",
+                              hint="only a process can be killed")
         return LocalEngine(Operations(*what))
     deadline_s = DEADLINE_S if arguments.deadline is None else positive("--deadline", arguments.deadline)
+    if arguments.worker_memory is None:
+        memory_bytes = int(_SHARE_OF_MEMORY * os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / n_workers)
+    else:
+        memory_bytes = int(2**30 * positive("--worker-memory", arguments.worker_memory))
     return WorkerPool(*what, n_workers=n_workers, deadline_s=deadline_s, log_format=arguments.log_format,
-                      slow_deadline_s=positive("--slow-deadline", arguments.slow_deadline))
+                      slow_deadline_s=positive("--slow-deadline", arguments.slow_deadline), memory_bytes=memory_bytes)
+
+
+def _operators(arguments: argparse.Namespace) -> frozenset[str] | None:
+    """Names of the keys that may replace the scene; None for everyone."""
+    if arguments.no_load_scene:
+        return frozenset()
+    if arguments.operator and arguments.curve is None:
+        raise ConfigError("--operator", "names a key of --curve FOLDER", arguments.operator,
+                          "without keys use --no-load-scene")
+    return frozenset(arguments.operator) if arguments.operator else None
 
 
 def checked_endpoint(endpoint: str, allow_remote: bool) -> str:

@@ -10,8 +10,9 @@ import msgpack
 import numpy as np
 from glrender import ProtocolError
 
+from .limits import MAX_DEPTH, MAX_HEADER_BYTES, MAX_VALUES
+
 VERSION = 1
-MAX_HEADER_BYTES = 1 << 20
 _FIRST = ("v", "op", "id", "client", "ok")
 # Rows transposed at a time: their columns stay in the cache, which 2048 bytes apart fall on few of its lines.
 _STRIP = 256
@@ -81,18 +82,48 @@ def unpack_request(parts: Sequence[bytes]) -> dict[str, Any]:
     Raises
     ------
     ProtocolError
+        No map in msgpack, too long, too many values, too deep, or a key given twice.
     """
     if len(parts) != 1:
         raise ProtocolError("", "a request must have one part, the header", len(parts))
     if len(parts[0]) > MAX_HEADER_BYTES:
         raise ProtocolError("", f"a header must not exceed {MAX_HEADER_BYTES} bytes", len(parts[0]))
+    n_values = 0
+
+    def counted(entries: list[Any]) -> list[Any]:
+        nonlocal n_values
+        n_values += len(entries)
+        if n_values > MAX_VALUES:
+            raise ProtocolError("", f"a header must have at most {MAX_VALUES} values")
+        return entries
+
+    def table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        made = dict(counted(pairs))
+        if len(made) != len(pairs):
+            raise ProtocolError("", "a key must not be given twice in one map")
+        return made
+
     try:
-        header = msgpack.unpackb(parts[0], max_ext_len=0)
+        header = msgpack.unpackb(parts[0], max_ext_len=0, max_array_len=MAX_VALUES, max_map_len=MAX_VALUES,
+                                 list_hook=counted, object_pairs_hook=table)
+    except ProtocolError:
+        raise
     except Exception as error:  # msgpack raises a dozen kinds on hostile bytes
         raise ProtocolError("", f"the header is not msgpack: {type(error).__name__}") from None
     if not isinstance(header, dict) or not all(isinstance(key, str) for key in header):
         raise ProtocolError("", "the header must be a map with text keys")
+    _check_depth(header)
     return header
+
+
+def _check_depth(header: dict[str, Any]) -> None:
+    level: list[Any] = [header]
+    for _ in range(MAX_DEPTH):
+        level = [entry for container in level for entry in (
+            container.values() if type(container) is dict else container) if type(entry) in (dict, list)]
+        if not level:
+            return
+    raise ProtocolError("", f"lists and maps must not be deeper than {MAX_DEPTH} in each other")
 
 
 def _write(array: np.ndarray, part: memoryview, order: str) -> None:

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import hashlib
 import logging
+import math
 import time
 from collections import Counter, OrderedDict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any, Protocol
 
@@ -20,21 +21,22 @@ from glrender.engines.image import PRODUCTS
 from glrender.engines.rays.laser_ranges import MAX_DIRECTIONS
 from glrender_camera.validate import known_keys
 
-from . import codec, operations
+from . import codec, limits, operations
 from .envelope import ENVELOPE, checked_envelope, echo, refusal
 from .frame import MAX_ARRAYS, MAX_FRAME_BYTES, OUTPUTS
-from .front import Answer, FairQueue, Request
-from .job import Done, Job
+from .front import Answer, FairQueue, Front, Request
+from .job import QUICK_S, Done, Job
 from .metrics import Histogram, counter, escaped, gauge
 from .warned import WarningLog
 
 log = logging.getLogger(__name__)
 
 OPERATIONS = ("hello", *operations.OPERATIONS, "status", "close")
-QUEUE_LENGTH = 32
-"""Requests that may wait for a renderer; the next is answered `busy`."""
-# Replies kept for retries: the last of each client, together at most this large.
-_MAX_KEPT_BYTES, _MAX_KEPT = 256 * 1024**2, 64
+# A client that is told `busy` asks again after the time that the waiting requests take, within these [s].
+_MIN_RETRY_S, _MAX_RETRY_S = 0.05, 5.0
+_UNTAKEN = "this client has not taken its replies; read them first"
+# Senders whose last request's time is remembered.
+_MAX_SENDERS = 4096
 
 
 class Engine(Protocol):
@@ -42,11 +44,12 @@ class Engine(Protocol):
 
     described: dict[str, Any]
     """Scene and OpenGL, as `hello` tells them."""
+    draws_here: bool
+    """Whether `start` draws in the loop's thread, and returns when it is done."""
     outage: str
     """Why nothing can be rendered until further notice; empty if something can."""
 
-    @property
-    def has_room(self) -> bool:
+    def has_room(self, job: Job) -> bool:
         """Whether a job would be begun at once."""
 
     @property
@@ -69,6 +72,10 @@ class Dispatcher:
     Parameters
     ----------
     engine : Engine
+    fronts : sequence of Front
+        Whose untaken replies are bounded together.
+    operators : collection of str, optional
+        Names of the CURVE keys that may `load_scene`; without it everyone may, with an empty one nobody.
 
     Attributes
     ----------
@@ -76,15 +83,19 @@ class Dispatcher:
         Whether the server is about to close, its shared memory with it.
     """
 
-    def __init__(self, engine: Engine):
-        self._engine = engine
+    def __init__(self, engine: Engine, fronts: Sequence[Front] = (), operators: Collection[str] | None = None):
+        self._engine, self._fronts, self._operators = engine, fronts, operators
         self.is_ending = False
-        self._queue = FairQueue(QUEUE_LENGTH)
+        self._queue = FairQueue(limits.MAX_WAITING, limits.MAX_WAITING_BYTES)
         self._started = time.monotonic()
         self.requests: Counter[str] = Counter()
         self.errors: Counter[str] = Counter()
         self._kept: OrderedDict[str, tuple[bytes, list, list]] = OrderedDict()
         self._under_way: dict[bytes, list[Answer]] = {}
+        # Counts the scenes: a reply that shows an old one is no answer to a retry.
+        self._generation = 0
+        self._seconds_of: OrderedDict[Hashable, float] = OrderedDict()
+        self._mean_seconds = 0.0
         self._last_timings_ms: dict[str, float] = {}
         self._durations = Histogram("glrender_request_seconds", "op")
         self._stages = Histogram("glrender_stage_seconds", "stage")
@@ -116,69 +127,87 @@ class Dispatcher:
 
     @property
     def can_work(self) -> bool:
-        """Whether `work` would begin something at once."""
-        return bool(self._queue) and (self._engine.has_room or bool(self._engine.outage))
+        """Whether `work` would draw something in this thread at once."""
+        return bool(self._queue) and self._engine.draws_here
 
     def submit(self, request: Request, is_closing: bool = False) -> None:
         """Take a request; it is answered now, or later from `work`. Raises nothing."""
         header: dict[str, Any] = {}
         try:
-            header = codec.unpack_request(request.parts)
-            client = checked_envelope(header, OPERATIONS)
-            digest = hashlib.sha256(request.parts[0]).digest()
-            kept = self._kept.get(client)
-            if kept is not None and kept[0] == digest:
-                request.answer(kept[1])
-            elif digest in self._under_way:
-                # A retry of what is being drawn: both get the one reply.
-                self._under_way[digest].append(request.answer)
-            elif is_closing:
-                self._refuse(request, header, "closing", "", "the server is shutting down")
-            elif header["op"] not in operations.OPERATIONS:
-                self.requests[header["op"]] += 1
-                request.answer(getattr(self, f"_{header['op']}")(header))
-            else:
-                self._enqueue(header, digest, request)
-        except GlrenderError as error:
-            self._refuse(request, header, error.code, getattr(error, "path", ""), str(error))
+            try:
+                header = codec.unpack_request(request.parts)
+                client = checked_envelope(header, OPERATIONS)
+                self._take(request, header, client, is_closing)
+            except GlrenderError as error:
+                self._refuse(request, header, error.code, getattr(error, "path", ""), str(error))
         except Exception:
             log.exception("request %s failed", header.get("op"))
-            self._refuse(request, header, "internal", "", "the server failed on this request; its log has the "
-                                                          "traceback")
+            self._refuse(request, {}, "internal", "", "the server failed on this request; its log has the traceback")
+
+    def _take(self, request: Request, header: dict[str, Any], client: str, is_closing: bool) -> None:
+        digest = self._digest(request.parts[0])
+        kept, answers = self._kept.get(client), self._under_way.get(digest)
+        if kept is not None and kept[0] == digest:
+            request.answer(kept[1])
+        elif answers is not None and len(answers) < limits.MAX_COPIES:
+            # A retry of what is being drawn: both get the one reply.
+            answers.append(request.answer)
+        elif is_closing:
+            self._refuse(request, header, "closing", "", "the server is shutting down")
+        elif header["op"] not in operations.OPERATIONS:
+            self.requests[header["op"]] += 1
+            request.answer(getattr(self, f"_{header['op']}")(header))
+        elif header["op"] == "load_scene" and self._operators is not None and request.user not in self._operators:
+            self._refuse(request, header, "forbidden", "op", "this server's scene is replaced by its operators alone"
+                         if self._operators else "this server's scene is not replaced (--no-load-scene)")
+        elif answers is not None or self._has_not_taken(request):
+            self._busy(header, [request.answer], _UNTAKEN)
+        else:
+            self._enqueue(header, digest, request)
+
+    def _digest(self, message: bytes) -> bytes:
+        return hashlib.sha256(b"%d:" % self._generation + message).digest()
+
+    def _has_not_taken(self, request: Request) -> bool:
+        own = request.untaken_bytes()
+        return own > limits.MAX_UNTAKEN_BYTES or (
+            own > 0 and sum(front.untaken_bytes for front in self._fronts) > limits.MAX_UNTAKEN_BYTES_IN_ALL)
 
     def _enqueue(self, header: dict[str, Any], digest: bytes, request: Request) -> None:
         self._under_way[digest] = [request.answer]
-        refused = self._queue.put(request.sender, (header, digest, request, time.monotonic()))
-        if refused is None or refused[1] != digest:
-            self.requests[header["op"]] += 1
-        if refused is not None:
-            header, digest, _, _ = refused
-            self.errors["busy"] += 1
-            reply = refusal(header, "busy", "", f"{len(self._queue)} requests are waiting; try again")
-            for answer in self._under_way.pop(digest):
-                answer(reply)
+        self.requests[header["op"]] += 1
+        finish = partial(self._finish, request, header, digest, time.monotonic())
+        is_quick = self._seconds_of.get(request.sender, QUICK_S) < QUICK_S
+        job = Job(header, request.parts[0], finish, request.sender, is_quick)
+        for refused, of_it, _ in self._queue.put(request.sender, (job, digest, request), len(request.parts[0])):
+            self._busy(refused.header, self._under_way.pop(of_it), f"{len(self._queue)} requests are waiting")
 
     def work(self) -> None:
-        """Begin the next job, if the engine has room for it."""
-        if not self._queue:
+        """Begin jobs while the engine has room for them."""
+        if self._engine.outage:
+            while found := self._queue.get():
+                found[0].done(Done(refusal(found[0].header, "device", "", self._engine.outage), "device", {}))
             return
-        if not (self._engine.has_room or self._engine.outage):
-            return
-        header, digest, request, came = self._queue.get()
-        finish = partial(self._finish, header, digest, came)
-        if self._engine.has_room:
-            self._engine.start(Job(header, request.parts[0], finish))
-        else:
-            finish(Done(refusal(header, "device", "", self._engine.outage), "device", {}))
+        while found := self._queue.get(lambda item: self._engine.has_room(item[0])):
+            job, digest, request = found
+            if self._has_not_taken(request):
+                self._busy(job.header, self._under_way.pop(digest),
+                           _UNTAKEN)
+                continue
+            self._engine.start(job)
+            if self._engine.draws_here:
+                return  # others have their turn
 
-    def _finish(self, header: Mapping[str, Any], digest: bytes, began: float, done: Done) -> None:
-        seconds = time.monotonic() - began
+    def _finish(self, request: Request, header: Mapping[str, Any], digest: bytes, came: float, done: Done) -> None:
+        seconds = time.monotonic() - came
         self._durations.observe(header["op"], seconds)
         for stage, milliseconds in done.timings_ms.items():
             self._stages.observe(stage, 1e-3 * milliseconds)
         log.debug("request", extra={"op": header["op"], "client": header["client"], "id": header["id"],
                                     "code": done.code, "ms": 1e3 * seconds,
                                     "render_ms": done.timings_ms.get("total", 0.0)})
+        self._mean_seconds += 0.1 * (seconds - self._mean_seconds)
+        self._remember(request.sender, done)
         reply = done.reply
         if done.code:
             self.errors[done.code] += 1
@@ -186,12 +215,31 @@ class Dispatcher:
             # Shared memory ends with the server: what a client would come for too late goes over the socket.
             if header.get("shared") and done.place is not None and not self.is_ending:
                 reply = [codec.with_field(reply[0], "shared", done.place)]
-            self._keep(header["client"], digest, reply, done.reply[1:])
-            self._warned.frames(header["client"], done.warnings, time.monotonic())
+            of_reply = digest
             if header["op"] == "load_scene":
+                self._generation += 1
+                self._kept.clear()
                 self._warned.scene(self._engine.described.get("warnings", ()))
+                of_reply = self._digest(request.parts[0])
+            self._keep(header["client"], of_reply, reply, done.reply[1:])
+            self._warned.frames(header["client"], done.warnings, time.monotonic())
         self._last_timings_ms = done.timings_ms or self._last_timings_ms
         for answer in self._under_way.pop(digest):
+            answer(reply)
+
+    def _remember(self, sender: Hashable, done: Done) -> None:
+        """How long the sender's last request kept a renderer."""
+        if done.timings_ms or done.code == "poison":
+            self._seconds_of[sender] = 1e-3 * done.timings_ms["total"] if done.timings_ms else math.inf
+            self._seconds_of.move_to_end(sender)
+            while len(self._seconds_of) > _MAX_SENDERS:
+                self._seconds_of.popitem(last=False)
+
+    def _busy(self, header: Mapping[str, Any], answers: Sequence[Answer], why: str) -> None:
+        self.errors["busy"] += 1
+        wait_s = min(max(_MIN_RETRY_S, self._mean_seconds), _MAX_RETRY_S)
+        reply = refusal(header, "busy", "", why, retry_after_s=wait_s)
+        for answer in answers:
             answer(reply)
 
     def _refuse(self, request: Request, header: Mapping[str, Any], code: str, path: str, message: str) -> None:
@@ -203,7 +251,7 @@ class Dispatcher:
         self._kept[client] = (digest, list(reply), list(pixels))
         self._kept.move_to_end(client)
         size = lambda: sum(len(part) for _, _, pixels in self._kept.values() for part in pixels)  # noqa: E731
-        while len(self._kept) > 1 and (len(self._kept) > _MAX_KEPT or size() > _MAX_KEPT_BYTES):
+        while len(self._kept) > 1 and (len(self._kept) > limits.MAX_KEPT_REPLIES or size() > limits.MAX_KEPT_BYTES):
             self._kept.popitem(last=False)
 
     # Operations that need no renderer.
@@ -214,8 +262,7 @@ class Dispatcher:
             **echo(header), "ok": True, "protocol": [codec.VERSION], "server": f"glrender {glrender.__version__}",
             "operations": list(OPERATIONS), "outputs": list(OUTPUTS), "products": list(PRODUCTS),
             **self._engine.described,
-            "limits": {"max_header_bytes": codec.MAX_HEADER_BYTES, "max_image_pixels": operations.MAX_IMAGE_PIXELS,
-                       "max_frame_bytes": MAX_FRAME_BYTES, "max_arrays": MAX_ARRAYS,
+            "limits": {**limits.described(), "max_frame_bytes": MAX_FRAME_BYTES, "max_arrays": MAX_ARRAYS,
                        "max_directions": MAX_DIRECTIONS}})
 
     def _status(self, header: Mapping[str, Any]) -> list[Any]:

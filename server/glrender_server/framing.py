@@ -8,7 +8,7 @@ from typing import Any
 
 from glrender import ProtocolError
 
-from .codec import MAX_HEADER_BYTES
+from .limits import MAX_HEADER_BYTES
 
 MAGIC = b"GLR1"
 MAX_PARTS = 16

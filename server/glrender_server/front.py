@@ -16,17 +16,26 @@ Answer = Callable[[Sequence[Any]], None]
 
 
 class Request(NamedTuple):
-    """A message that came, where from, and the way back."""
+    """A message that came, from whom, and the way back."""
 
     sender: Hashable
+    """Who takes turns: the client's CURVE key, another machine's address, or the connection."""
     parts: list[bytes]
     answer: Answer
+    untaken_bytes: Callable[[], int] = lambda: 0
+    """Bytes of replies that the connection has not taken."""
+    user: str = ""
+    """Name of the client's key file, without CURVE empty."""
 
 
 class Front(Protocol):
     """A transport: sockets that live in the loop's thread and never block it."""
 
     endpoint: str
+
+    @property
+    def untaken_bytes(self) -> int:
+        """Bytes of replies that all connections have not taken."""
 
     def start(self, poller: zmq.Poller) -> None:
         """Register what wakes the loop."""
@@ -49,36 +58,47 @@ class FairQueue:
     ----------
     length : int
         Items that may wait, of all senders together.
+    n_bytes : int
+        Their bytes together.
     """
 
-    def __init__(self, length: int):
-        self._length, self._size = length, 0
-        self._waiting: OrderedDict[Hashable, deque[Any]] = OrderedDict()
+    def __init__(self, length: int, n_bytes: int):
+        self._length, self._max_bytes = length, n_bytes
+        self._size = self.n_bytes = 0
+        self._waiting: OrderedDict[Hashable, deque[tuple[Any, int]]] = OrderedDict()
 
     def __len__(self) -> int:
         return self._size
 
-    def put(self, sender: Hashable, item: Any) -> Any | None:
-        """Add an item; the one that found no place, if the queue was full.
+    def put(self, sender: Hashable, item: Any, n_bytes: int = 0) -> list[Any]:
+        """Add an item; those that found no place, if the queue was full.
 
-        That is the newest of whoever has most waiting: nobody keeps the others out.
+        They are the newest of whoever has most waiting: nobody keeps the others out.
         """
-        refused = None
-        if self._size >= self._length:
+        refused = []
+        while self._size >= self._length or self.n_bytes + n_bytes > self._max_bytes:
             greediest = max(self._waiting.values(), key=len)
             if len(greediest) <= len(self._waiting.get(sender, ())) + 1:
-                return item
-            refused = greediest.pop()
-            self._size -= 1
-        self._waiting.setdefault(sender, deque()).append(item)
+                return [*refused, item]
+            refused.append(self._removed(greediest.pop()))
+        self._waiting.setdefault(sender, deque()).append((item, n_bytes))
         self._size += 1
+        self.n_bytes += n_bytes
         return refused
 
-    def get(self) -> Any:
-        """The oldest item of the sender who has waited longest for a turn."""
-        sender, items = self._waiting.popitem(last=False)
-        item = items.popleft()
+    def get(self, is_free: Callable[[Any], bool] = lambda item: True) -> Any | None:
+        """The oldest item of the sender who has waited longest for a turn, among those whose oldest `is_free`."""
+        sender = next((sender for sender, items in self._waiting.items() if is_free(items[0][0])), None)
+        if sender is None:
+            return None
+        items = self._waiting.pop(sender)
+        item = self._removed(items.popleft())
         if items:
             self._waiting[sender] = items
+        return item
+
+    def _removed(self, entry: tuple[Any, int]) -> Any:
+        item, n_bytes = entry
         self._size -= 1
+        self.n_bytes -= n_bytes
         return item

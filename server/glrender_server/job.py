@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from typing import Any, NamedTuple
 
 import zmq
@@ -13,6 +13,9 @@ from .operations import Operations
 from .slots import SlotStore, offsets, room
 
 log = logging.getLogger(__name__)
+
+QUICK_S = 0.5
+"""A request that keeps a renderer for less [s] keeps nobody waiting."""
 
 
 class Done(NamedTuple):
@@ -27,11 +30,26 @@ class Done(NamedTuple):
 
 
 class Job(NamedTuple):
-    """A request that needs a renderer: its header, its bytes, and what to call with the reply."""
+    """A request that needs a renderer."""
 
     header: dict[str, Any]
     message: bytes
+    """The header's bytes."""
     done: Callable[[Done], None]
+    """Called once, with the reply."""
+    sender: Hashable
+    is_quick: bool
+    """Whether the sender's last request took less than `QUICK_S`: such a sender may take every worker."""
+
+    @property
+    def is_load(self) -> bool:
+        """Whether it replaces the scene."""
+        return self.header["op"] == "load_scene"
+
+    @property
+    def is_slow(self) -> bool:
+        """Whether it may take minutes."""
+        return self.is_load or bool(self.header.get("allow_slow"))
 
 
 class LocalEngine:
@@ -43,11 +61,15 @@ class LocalEngine:
         Owned.
     """
 
-    has_room, is_idle, outage = True, True, ""
+    is_idle, draws_here, outage = True, True, ""
 
     def __init__(self, operations: Operations):
         self._operations, self._slots = operations, SlotStore()
         self.described = operations.described
+
+    def has_room(self, job: Job) -> bool:
+        """Always: a job is done when it is begun."""
+        return True
 
     def start(self, job: Job) -> None:
         """Render, and answer."""
@@ -63,7 +85,7 @@ class LocalEngine:
             return room(slot, sizes)
 
         reply, code = self._operations.answer(job.header, memory if job.header.get("shared") is True else None)
-        if job.header["op"] == "load_scene" and not code:
+        if job.is_load and not code:
             self.described = self._operations.described
         if slot is not None and code:
             self._slots.give_back(slot)

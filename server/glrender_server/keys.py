@@ -8,14 +8,23 @@
 
 from __future__ import annotations
 
+import contextlib
+import math
 import os
 import re
 import stat
+import time
 from pathlib import Path
 
+import zmq
 import zmq.auth
 from glrender import ConfigError
 from zmq.auth.thread import ThreadAuthenticator
+
+# A key that is added or taken away counts after so long [s].
+_READ_AGAIN_S = 1.0
+# Of ZAP (RFC 27): a handler of another domain is not asked.
+_DOMAIN = "glrender"
 
 
 def generate(folder: Path, clients: list[str]) -> list[Path]:
@@ -69,22 +78,62 @@ def load_secret(path: Path) -> tuple[bytes, bytes]:
     return public, secret
 
 
-def protect(socket: zmq.Socket, folder: Path) -> ThreadAuthenticator:
-    """Make a socket answer only the clients of a folder, encrypted; stop the authenticator at the end.
+class Admission:
+    """Who may ask: the clients whose public keys lie in a folder now, and no longer than they lie there.
 
-    Without an authenticator CURVE encrypts for anyone: it must never be left out.
+    Parameters
+    ----------
+    folder : path
 
     Raises
     ------
     ConfigError
-        No server key, or no client at all.
+        No server key, no client at all, or a folder to which others may write.
     """
-    public, secret = load_secret(folder / "server.key_secret")
-    if not list((folder / "clients").glob("*.key")):
-        raise ConfigError(str(folder / "clients"), "admits no client", hint=f"glrender keygen {folder} --client NAME")
-    authenticator = ThreadAuthenticator(socket.context)
-    authenticator.start()
-    authenticator.configure_curve(domain="*", location=str(folder / "clients"))
-    socket.curve_publickey, socket.curve_secretkey = public, secret
-    socket.curve_server = True
-    return authenticator
+
+    def __init__(self, folder: Path):
+        self._public, self._secret = load_secret(folder / "server.key_secret")
+        self._folder = folder / "clients"
+        for each in (folder, self._folder):
+            if each.is_dir() and stat.S_IMODE(each.stat().st_mode) & 0o022:
+                raise ConfigError(str(each), "must be writable by its owner alone: who writes there admits clients",
+                                  hint=f"chmod go-w {each}")
+        self._read_at, self._names = -math.inf, {}
+        if not self._admitted():
+            raise ConfigError(str(self._folder), "admits no client", hint=f"glrender keygen {folder} --client NAME")
+
+    def callback(self, domain: str, key: bytes) -> bool:
+        """Whether a public key (Z85) may connect; called in the authenticator's thread."""
+        return key.decode() in self._admitted()
+
+    def name_of(self, user_id: str) -> str:
+        """The name of the key file of a message's `User-Id`, its public key; empty if it is not admitted (any more)."""
+        return self._admitted().get(user_id, "")
+
+    def protect(self, socket: zmq.Socket) -> ThreadAuthenticator:
+        """Make a socket answer these clients alone, encrypted; stop the authenticator at the end.
+
+        Without an authenticator CURVE would encrypt for anyone: where it has gone, ZeroMQ lets nobody in
+        (ZMQ_ZAP_ENFORCE_DOMAIN).
+        """
+        authenticator = ThreadAuthenticator(socket.context)
+        authenticator.start()
+        authenticator.configure_curve_callback(domain=_DOMAIN, credentials_provider=self)
+        socket.zap_domain = _DOMAIN.encode()
+        socket.set(zmq.ZAP_ENFORCE_DOMAIN, 1)
+        socket.curve_publickey, socket.curve_secretkey = self._public, self._secret
+        socket.curve_server = True
+        return authenticator
+
+    def _admitted(self) -> dict[str, str]:
+        """Names of the key files by `User-Id`, read anew every second."""
+        now = time.monotonic()
+        if now - self._read_at > _READ_AGAIN_S:
+            found = {}
+            for path in sorted(self._folder.glob("*.key")):
+                # A file that is being written, or has just gone, admits nobody.
+                with contextlib.suppress(OSError, ValueError):
+                    found[zmq.auth.load_certificate(path)[0].decode()] = path.stem
+            self._names, self._read_at = found, now
+        return self._names
+

@@ -30,7 +30,7 @@ from glrender.engines.reference_fallback import checked_allow_slow
 from glrender_camera import MosaicModel
 from glrender_camera.validate import known_keys, one_of
 
-from . import codec
+from . import codec, limits
 from .envelope import ENVELOPE, echo, refusal
 from .frame import FRAME_KEYS, FrameRequest, frames_asked
 
@@ -38,10 +38,6 @@ log = logging.getLogger(__name__)
 
 OPERATIONS = ("render", "range", "load_scene")
 """Those that are served here; the dispatcher answers the others."""
-MAX_IMAGE_PIXELS = 2**26
-"""Largest image of a scene that came over the wire, 67 megapixels."""
-MAX_DRAWN_PIXELS = 2 * MAX_IMAGE_PIXELS
-"""Of such a scene: what is drawn of a camera's frame with its margin, in the cells of its distortion."""
 _RANGE_KEYS = ("state", "camera", "directions_camera", "noise")
 _UNITS = {"irradiance": "W/m2", "dn": "DN", "range": "m", "r_body": "m", "body_id": "1", "facet_id": "1",
           "incidence": "rad", "emission": "rad", "phase": "rad", "sunlit": "1"}
@@ -106,6 +102,10 @@ class Operations:
             return getattr(self, f"_{header['op']}")(header), ""
         except GlrenderError as error:
             return refusal(header, error.code, getattr(error, "path", ""), str(error)), error.code
+        except MemoryError:
+            log.exception("request %s needs more memory than there is", header.get("op"))
+            return refusal(header, "device", "", "the server has not the memory for this request; ask for less, or "
+                                                 "start it with more --worker-memory"), "device"
         except Exception:
             log.exception("request %s failed", header.get("op"))
             return refusal(header, "internal", "", "the server failed on this request; its log has the "
@@ -114,12 +114,7 @@ class Operations:
             self._memory = None  # whoever lent it may close it now
 
     def _load_scene(self, header: Mapping[str, Any]) -> list[Any]:
-        known_keys("", header, (*ENVELOPE, "scene"), required=("scene",))
-        scene = Scene.from_dict(header["scene"], shape_dir=self._shape_dir, restricted=True)
-        for index, camera in enumerate(scene.cameras):
-            if camera.width_px * camera.height_px > MAX_IMAGE_PIXELS or drawn_pixels(camera) > MAX_DRAWN_PIXELS:
-                raise ConfigError(f"scene.cameras[{index}]", f"must have at most {MAX_IMAGE_PIXELS} pixels, and "
-                                  f"{MAX_DRAWN_PIXELS} where margin and distortion are drawn", drawn_pixels(camera))
+        scene = scene_asked(header, self._shape_dir)
         prepare(scene)
         # The old scene serves on if the new one fails.
         renderer = open_renderer(scene, self._backend)
@@ -218,6 +213,59 @@ class Operations:
             self._renderer.close()
             self._renderer = open_renderer(self.scene, self._backend)
             return draw(self._renderer, state, camera, **options)
+
+
+def scene_asked(header: Mapping[str, Any], shape_dir: Path | None) -> Scene:
+    """The scene of a `load_scene` request, within the bounds of `limits`.
+
+    Raises
+    ------
+    ConfigError, ShapeError
+        Messages name shape files without their folder, which is the server's own matter.
+    """
+    known_keys("", header, (*ENVELOPE, "scene"), required=("scene",))
+    table = header["scene"]
+    if isinstance(table, Mapping):
+        _check_counts(table)
+    try:
+        scene = Scene.from_dict(table, shape_dir=shape_dir, restricted=True)
+    except ConfigError as error:
+        if shape_dir is not None:
+            _hide(error, shape_dir)
+        raise
+    n_pixels = sum(camera.width_px * camera.height_px for camera in scene.cameras)
+    n_drawn = sum(drawn_pixels(camera) for camera in scene.cameras)
+    if n_pixels > limits.MAX_SCENE_PIXELS or n_drawn > 2 * limits.MAX_SCENE_PIXELS:
+        raise ConfigError("scene.cameras", f"must have at most {limits.MAX_SCENE_PIXELS} pixels together, and twice as "
+                          "many where margins and distortion are drawn", max(n_pixels, n_drawn))
+    n_facets = sum(len(body.shape.facets) for body in scene.bodies)
+    if n_facets > limits.MAX_SCENE_FACETS:
+        raise ConfigError("scene.bodies", f"must have at most {limits.MAX_SCENE_FACETS} facets together", n_facets)
+    return scene
+
+
+def _hide(error: ConfigError, folder: Path) -> None:
+    """Take a folder out of all that an error says."""
+    for name in ("path", "rule", "hint", "got"):
+        value = getattr(error, name)
+        if isinstance(value, str | Path):
+            setattr(error, name, str(value).replace(f"{folder.resolve()}/", "").replace(f"{folder}/", ""))
+
+
+def _check_counts(table: Mapping[str, Any]) -> None:
+    """Refuse a scene before it is made, if its table tells that it is too large."""
+    for name, most in (("bodies", limits.MAX_SCENE_BODIES), ("cameras", limits.MAX_SCENE_CAMERAS)):
+        if isinstance(table.get(name), list) and len(table[name]) > most:
+            raise ConfigError(f"scene.{name}", f"must be at most {most}", len(table[name]))
+    sides = [(c.get("width_px"), c.get("height_px")) for c in table.get("cameras") or () if isinstance(c, Mapping)]
+    n_pixels = sum(w * h for w, h in sides if isinstance(w, int | float) and isinstance(h, int | float))
+    if n_pixels > limits.MAX_SCENE_PIXELS:
+        raise ConfigError("scene.cameras", f"must have at most {limits.MAX_SCENE_PIXELS} pixels together", n_pixels)
+    made = [b["generated"].get("subdivisions") for b in table.get("bodies") or ()
+            if isinstance(b, Mapping) and isinstance(b.get("generated"), Mapping)]
+    n_facets = sum(20 * 4 ** min(n, 20) for n in made if isinstance(n, int) and n > 0)
+    if n_facets > limits.MAX_SCENE_FACETS:
+        raise ConfigError("scene.bodies", f"must have at most {limits.MAX_SCENE_FACETS} facets together", n_facets)
 
 
 def _summed(timings_ms: Iterable[Mapping[str, float]]) -> dict[str, float]:

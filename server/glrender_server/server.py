@@ -11,6 +11,7 @@ import zmq
 
 from .dispatcher import Dispatcher, Engine
 from .front import Front
+from .systemd import Systemd
 
 log = logging.getLogger(__name__)
 
@@ -33,6 +34,7 @@ class Server:
     def __init__(self, dispatcher: Dispatcher, engine: Engine, fronts: Sequence[Front]):
         self._dispatcher, self._engine, self._fronts = dispatcher, engine, list(fronts)
         self._poller = zmq.Poller()
+        self._systemd = Systemd()
         self._stopping = False
 
     def stop(self, *_) -> None:
@@ -47,8 +49,10 @@ class Server:
                 front.start(self._poller)
             self._engine.watch(self._poller)
             on_ready()
+            self._systemd.say_ready()
             while not self._stopping:
                 self._turn()
+            self._systemd.say_stopping()
             self._turn(is_last=True)
             while not self._dispatcher.is_idle:
                 self._turn(is_closing=True)
@@ -73,4 +77,5 @@ class Server:
         for request in requests:
             self._dispatcher.submit(request, is_closing)
         self._dispatcher.work()
+        self._systemd.say_alive()
         return len(requests)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import os
+import re
 import secrets
+import stat
 import struct
 import weakref
 from collections.abc import Iterable, Sequence
@@ -86,7 +88,10 @@ class SlotStore:
         for slot in sorted(self._free, key=lambda free: free.size):
             if slot.size >= n_bytes and self._claim(slot):
                 self._free.remove(slot)
-                return slot
+                if self._is_there(slot):
+                    return slot
+                del self._all[slot.name]
+                self._release(slot)
         slot = SharedMemory(f"{self._name}-{secrets.token_hex(4)}", create=True,
                             size=max(1, -(-n_bytes // _STEP_BYTES)) * _STEP_BYTES)
         try:
@@ -152,22 +157,50 @@ class SlotStore:
             fcntl.flock(lock, fcntl.LOCK_UN)
         return True
 
+    def _is_there(self, slot: SharedMemory) -> bool:
+        """Whether its file has still its name, by which a worker opens it: somebody may have tidied /dev/shm."""
+        return slot.name not in self._locks or os.fstat(self._locks[slot.name]).st_nlink > 0
+
     def _release(self, slot: SharedMemory) -> None:
         if slot.name in self._locks:
             os.close(self._locks.pop(slot.name))
-        slot.unlink()
+        with contextlib.suppress(FileNotFoundError):
+            slot.unlink()
         # A view that is still being sent keeps the mapping.
         with contextlib.suppress(BufferError):
             slot.close()
 
 
 def _remove_what_the_dead_left() -> None:
-    """Slots whose store's own file nobody locks: the server was killed, with all that would have tidied up."""
-    for owner in _FOLDER.glob(f"{_PREFIX}{'?' * 12}"):
-        with contextlib.suppress(OSError), open(owner, "rb") as file:  # another user's, or just gone
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            for path in (*_FOLDER.glob(f"{owner.name}-*"), owner):
-                path.unlink()
+    """Slots whose store's own file nobody locks: the server was killed, with all that would have tidied up.
+
+    Every user of the machine may put files there, under any name: only our own regular files are opened.
+    """
+    for name in os.listdir(_FOLDER):
+        if re.fullmatch(_PREFIX + "[0-9a-f]{12}", name) and _is_ownerless(_FOLDER / name):
+            for other in os.listdir(_FOLDER):
+                if other == name or re.fullmatch(name + "-[0-9a-f]{8}", other):
+                    with contextlib.suppress(OSError):  # just gone, or another user's
+                        os.unlink(_FOLDER / other)
+
+
+def _is_ownerless(path: Path) -> bool:
+    """Whether no living server locks a store's file; another user's, or no plain file, has an owner."""
+    try:
+        # A FIFO would be waited for, a link lead elsewhere.
+        file = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC)
+    except OSError:
+        return False
+    try:
+        status = os.fstat(file)
+        if not stat.S_ISREG(status.st_mode) or status.st_uid != os.getuid():
+            return False
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return True
+    except OSError:
+        return False
+    finally:
+        os.close(file)
 
 
 def _number(slot: SharedMemory) -> int:

@@ -4,30 +4,32 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import ipaddress
 import logging
 import socket
 import time
-from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from typing import Any
 
 import zmq
 from glrender import ProtocolError
 
+from . import limits
 from .envelope import refusal
-from .framing import Decoder, framed
+from .framing import Decoder
 from .front import LOOPBACK_BUFFER, Request
+from .stream import Outbox
 
 log = logging.getLogger(__name__)
 
-MAX_CONNECTIONS = 128
-MAX_OWED, MAX_OUTPUT_BYTES = 16, 1 << 26
-"""Requests of one connection that may wait for their answer, and bytes of answers that it may not have taken,
-before its further requests stay where they are."""
+MAX_OWED = 16
+"""Requests of one connection that may wait for their answer, before its further requests stay where they are."""
 STALL_S = 30.0
 """A message begun and not finished, or a reply not taken, for this long ends its connection."""
 _RECEIVE_BYTES = 1 << 18
 _HANG_UP_S = 2.0
+# Where the system has no descriptor for a new connection, the next is tried after a while.
+_PAUSE_S = 1.0
 # A peer that has vanished without a word is noticed after about two minutes.
 _KEEP_ALIVE = (("TCP_KEEPIDLE", 60), ("TCP_KEEPINTVL", 20), ("TCP_KEEPCNT", 3))
 
@@ -39,6 +41,8 @@ class TcpFront:
     ----------
     address : str
         ``127.0.0.1:5556``; port 0 takes a free one.
+    max_connections : int
+        Beyond them the connection that has been silent longest, and is owed nothing, is closed for a new one.
 
     Raises
     ------
@@ -46,19 +50,25 @@ class TcpFront:
         The address cannot be bound.
     """
 
-    def __init__(self, address: str):
+    def __init__(self, address: str, max_connections: int = 128):
         host, _, port = address.rpartition(":")
         host = host.strip("[]")
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         try:
-            self._listener = socket.create_server((host, int(port)), family=family, backlog=MAX_CONNECTIONS)
+            self._listener = socket.create_server((host, int(port)), family=family, backlog=max_connections)
         except OSError as error:
             raise OSError(f"cannot listen on {address}: {error.strerror}; choose another with --tcp, e.g. "
                           f"--tcp 127.0.0.1:0, or stop the program that has it") from None
         self._listener.setblocking(False)
         bound, port = self._listener.getsockname()[:2]
         self.endpoint = f"{f'[{bound}]' if ':' in bound else bound}:{port}"
+        self._max_connections, self._accepts_at = max_connections, 0.0
         self._connections: dict[int, _Connection] = {}
+
+    @property
+    def untaken_bytes(self) -> int:
+        """Bytes of replies that all connections have not taken."""
+        return sum(connection.untaken_bytes for connection in self._connections.values())
 
     def start(self, poller: zmq.Poller) -> None:
         """Register what wakes the loop."""
@@ -67,7 +77,10 @@ class TcpFront:
 
     def take_in(self, ready: dict[Any, int]) -> list[Request]:
         """Requests that have come; sends on what slow readers have room for."""
-        if ready.get(self._listener.fileno()):
+        if self._accepts_at and time.monotonic() >= self._accepts_at:
+            self._accepts_at = 0.0
+            self._poller.register(self._listener.fileno(), zmq.POLLIN)
+        elif ready.get(self._listener.fileno()):
             self._accept()
         requests = []
         for number, connection in list(self._connections.items()):
@@ -91,22 +104,33 @@ class TcpFront:
         self._listener.close()
 
     def _accept(self) -> None:
-        while True:
+        for _ in range(limits.MAX_TURN):
             try:
                 peer, address = self._listener.accept()
             except BlockingIOError:
                 return
             except OSError as error:
-                if error.errno not in (errno.EMFILE, errno.ENFILE, errno.ECONNABORTED):
+                if error.errno not in (errno.EMFILE, errno.ENFILE, errno.ECONNABORTED, errno.ENOBUFS, errno.ENOMEM):
                     raise
                 log.warning("a connection was not accepted: %s", error.strerror)
+                self._poller.unregister(self._listener.fileno())
+                self._accepts_at = time.monotonic() + _PAUSE_S
                 return
-            if len(self._connections) >= MAX_CONNECTIONS:
-                log.warning("%s: refused, %d connections are open", address, len(self._connections))
-                _refuse(peer)
+            if len(self._connections) >= self._max_connections and not self._make_room():
+                log.warning("%s: refused, %d connections are open and at work", address, len(self._connections))
+                _refuse(peer, len(self._connections))
                 continue
-            self._connections[peer.fileno()] = connection = _Connection(peer, self._watch)
+            self._connections[peer.fileno()] = connection = _Connection(peer, address[0], self._watch)
             self._watch(connection)
+
+    def _make_room(self) -> bool:
+        """Close the connection that has been silent longest, if one is owed nothing."""
+        silent = [connection for connection in self._connections.values() if connection.is_silent]
+        if not silent:
+            return False
+        log.warning("%d connections are open: the one that was silent longest is closed", len(self._connections))
+        self._forget(min(silent, key=lambda connection: (connection.has_asked, connection.moved)))
+        return True
 
     def _watch(self, connection: _Connection) -> None:
         """Let the loop wake for what a connection waits for now."""
@@ -123,7 +147,8 @@ class TcpFront:
 class _Connection:
     """One client: bytes that came, requests it is owed replies to, and bytes that it has to take."""
 
-    def __init__(self, peer: socket.socket, on_answer: Callable[[_Connection], None] = lambda connection: None):
+    def __init__(self, peer: socket.socket, host: str,
+                 on_answer: Callable[[_Connection], None] = lambda connection: None):
         peer.setblocking(False)
         peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         peer.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
@@ -134,13 +159,24 @@ class _Connection:
                 peer.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
         self._peer, self._decoder, self._on_answer = peer, Decoder(), on_answer
         self.number = peer.fileno()
-        self._output: deque[memoryview] = deque()
+        # Another machine's connections take one turn together.
+        self._sender: Hashable = id(self) if ipaddress.ip_address(host).is_loopback else host
+        self._output, self.has_asked = Outbox(), False
         self._owed, self._is_open, self._has_ended, self._is_lost = 0, True, False, False
-        self._moved, self._hang_up_at, self._error = time.monotonic(), None, None
+        self.moved, self._hang_up_at, self._error = time.monotonic(), None, None
 
     @property
     def has_output(self) -> bool:
         return bool(self._output)
+
+    @property
+    def untaken_bytes(self) -> int:
+        return self._output.n_bytes
+
+    @property
+    def is_silent(self) -> bool:
+        """Whether nothing is owed, nor half sent."""
+        return not (self._owed or self._output or self._hang_up_at or self._error)
 
     @property
     def wants_input(self) -> bool:
@@ -148,7 +184,7 @@ class _Connection:
 
     @property
     def _has_room(self) -> bool:
-        return self._owed < MAX_OWED and sum(map(len, self._output)) < MAX_OUTPUT_BYTES
+        return self._owed < MAX_OWED and self._output.n_bytes < limits.MAX_UNTAKEN_BYTES
 
     @property
     def is_done(self) -> bool:
@@ -170,7 +206,7 @@ class _Connection:
         is_stuck = self._output or (self._is_open and not self._decoder.is_between_messages and not self._owed)
         if self._hang_up_at is not None and time.monotonic() > self._hang_up_at:
             self._is_lost = True
-        elif is_stuck and time.monotonic() - self._moved > STALL_S:
+        elif is_stuck and time.monotonic() - self.moved > STALL_S:
             log.warning("a client on TCP stood still for %g s within a message: closed", STALL_S)
             self._is_lost = True
         elif events & zmq.POLLERR:
@@ -183,8 +219,8 @@ class _Connection:
             return
         self._owed -= 1
         if not self._output:
-            self._moved = time.monotonic()
-        self._output += framed(reply)
+            self.moved = time.monotonic()
+        self._output.put(reply)
         self._write()
         self._break_off()
         # What the system did not take must not wait for the loop's next turn.
@@ -202,7 +238,7 @@ class _Connection:
             self._is_lost = not data and not self._output
         elif data:
             self._decoder.feed(data)
-            self._moved = time.monotonic()
+            self.moved = time.monotonic()
         else:
             # The client may have closed its side alone, and still wait for replies.
             self._has_ended = True
@@ -213,7 +249,8 @@ class _Connection:
             messages = self._decoder.messages()
             while self._is_open and self._has_room and (parts := next(messages, None)) is not None:
                 self._owed += 1
-                requests.append(Request(id(self), parts, self.answer))
+                self.has_asked = True
+                requests.append(Request(self._sender, parts, self.answer, lambda: self._output.n_bytes))
         except ProtocolError as error:
             self._is_open, self._error = False, error
             self._break_off()
@@ -229,30 +266,24 @@ class _Connection:
         # What is on its way is read and thrown away: to close on unread bytes would reset the
         # connection, and the client would lose the answer.
         self._hang_up_at = time.monotonic() + _HANG_UP_S
-        self._output += framed(refusal({}, self._error.code, "", str(self._error)))
+        self._output.put(refusal({}, self._error.code, "", str(self._error)))
         self._error = None
         self._write()
 
     def _write(self) -> None:
         try:
-            while self._output:
-                sent = self._peer.sendmsg(list(self._output)[:64])
-                self._moved = time.monotonic()
-                while self._output and sent >= len(self._output[0]):
-                    sent -= len(self._output.popleft())
-                if sent:
-                    self._output[0] = self._output[0][sent:]
+            if self._output.write(self._peer):
+                self.moved = time.monotonic()
             if self._hang_up_at is not None and not self._output:
                 self._peer.shutdown(socket.SHUT_WR)
-        except BlockingIOError:
-            return
         except OSError:
             self._is_lost = True
 
 
-def _refuse(peer: socket.socket) -> None:
+def _refuse(peer: socket.socket, n_open: int) -> None:
     """Say `busy` to a connection too many, as far as it fits at once, and close it."""
-    reply = refusal({}, "busy", "", f"{MAX_CONNECTIONS} connections are open; close one")
+    outbox = Outbox()
+    outbox.put(refusal({}, "busy", "", f"{n_open} connections are open; close one", retry_after_s=_PAUSE_S))
     with peer, contextlib.suppress(OSError):
         peer.setblocking(False)
-        peer.sendmsg(framed(reply))
+        outbox.write(peer)

@@ -15,6 +15,8 @@ from typing import Any
 from glrender import GlrenderError
 from glrender_camera.validate import within
 
+from .logs import printable
+
 _HOME_AND_CLEAR = "\x1b[H\x1b[J"
 _SECONDS = (0.001, 86400.0)
 
@@ -51,7 +53,7 @@ def run_top(arguments: argparse.Namespace) -> int:
                 except (RequestTimeout, ServerError) as error:  # gone, or about to
                     if arguments.once:
                         raise
-                    lines, before = [str(error)], None
+                    lines, before = [printable(str(error))], None
                 _show(lines)
                 if arguments.once:
                     return 0
@@ -68,7 +70,7 @@ def run_top(arguments: argparse.Namespace) -> int:
 
 
 def screen(endpoint: str, status: Mapping[str, Any], rate: float | None = None) -> Iterator[str]:
-    """The lines that tell a server's `status`.
+    """The lines that tell a server's `status`; what it says moves nothing on the terminal.
 
     Parameters
     ----------
@@ -78,6 +80,10 @@ def screen(endpoint: str, status: Mapping[str, Any], rate: float | None = None) 
     rate : float [1/s], optional
         Requests since the last screen.
     """
+    return map(printable, _lines(endpoint, status, rate))
+
+
+def _lines(endpoint: str, status: Mapping[str, Any], rate: float | None) -> Iterator[str]:
     counted = lambda counts: ", ".join(  # noqa: E731
         f"{count} {name}" for name, count in sorted(counts.items(), key=lambda pair: -pair[1])) or "none"
     yield f"{endpoint}  up {timedelta(seconds=int(status['uptime_s']))}  {status['gl_renderer']} by {status['backend']}"

@@ -3,25 +3,28 @@
 from __future__ import annotations
 
 import pickle
+import resource
 import signal
+import socket
 from collections import OrderedDict
 from collections.abc import Sequence
 from functools import partial
-from multiprocessing.connection import Connection
 from multiprocessing.shared_memory import SharedMemory
 from pathlib import Path
 
 from glrender import DeviceError, GlrenderError
 
 from . import codec, logs
-from .operations import Operations
+from .operations import Operations, scene_asked
 from .slots import offsets, room
+from .stream import Channel
 
 _MAX_ATTACHED = 16
 
 
-def work(connection: Connection, backend: str, shape_dir: Path | None, log_level: int, log_format: str) -> None:
-    """Serve jobs until the pipe closes.
+def work(peer: socket.socket, backend: str, shape_dir: Path | None, memory_bytes: int | None, log_level: int,
+         log_format: str) -> None:
+    """Serve jobs until the channel closes.
 
     Said: ``("awake",)``, answered by the pickled scene and by the `load_scene` request that replaced it since, or
     None; ``("ready", described)`` or ``("failed", text)``; then for each ``("job", message, slot)``: ``("begun",)``,
@@ -29,36 +32,41 @@ def work(connection: Connection, backend: str, shape_dir: Path | None, log_level
     ``("need", n_bytes)`` where the slot is too small (answered by a slot's name, empty if there is none), and
     ``("done", header, sizes, code, timings_ms, warnings, described)``, the parts in the slot at their `offsets`.
     """
-    # The server drains on a signal to the group; then the pipe closes.
+    # The server drains on a signal to the group; then the channel closes.
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, signal.SIG_IGN)
     logs.set_up(log_level, log_format)
+    if memory_bytes is not None:
+        _, most = resource.getrlimit(resource.RLIMIT_DATA)
+        resource.setrlimit(resource.RLIMIT_DATA, (memory_bytes, most))
+    channel = Channel(peer, is_blocking=True)
     try:
-        connection.send(("awake",))
-        scene, scene_message = pickle.loads(connection.recv_bytes()), connection.recv()
+        channel.send("awake")
+        scene_pickle, scene_message = channel.receive()
     except (EOFError, OSError):
         return  # the server is gone
     try:
+        scene = (pickle.loads(scene_pickle) if scene_message is None
+                 else scene_asked(codec.unpack_request([scene_message]), shape_dir))
+        del scene_pickle
         operations = Operations(scene, backend, shape_dir)
-        operations.on_progress = lambda share: connection.send(("progress", share))
-        if scene_message is not None:
-            operations.answer(codec.unpack_request([scene_message]))
-    except GlrenderError as error:
-        connection.send(("failed", str(error)))
+        operations.on_progress = lambda share: channel.send("progress", share)
+    except (GlrenderError, MemoryError) as error:
+        channel.send("failed", str(error))
         return
     slots: OrderedDict[str, SharedMemory] = OrderedDict()
     try:
-        connection.send(("ready", operations.described))
+        channel.send("ready", operations.described)
         while True:
-            _, message, name = connection.recv()
-            connection.send(("begun",))
+            _, message, name = channel.receive()
+            channel.send("begun")
             header = codec.unpack_request([message])
-            (head, *parts), code = operations.answer(header, partial(_room, connection, slots, name))
+            (head, *parts), code = operations.answer(header, partial(_room, channel, slots, name))
             sizes = [len(part) for part in parts]
             del parts
             described = operations.described if header["op"] == "load_scene" and not code else None
-            connection.send(("done", bytes(head), sizes, code, {} if code else operations.last_timings_ms,
-                             operations.last_warnings, described))
+            channel.send("done", bytes(head), sizes, code, {} if code else operations.last_timings_ms,
+                         operations.last_warnings, described)
     except (EOFError, OSError):
         pass  # the server is gone
     finally:
@@ -67,12 +75,12 @@ def work(connection: Connection, backend: str, shape_dir: Path | None, log_level
             slot.close()
 
 
-def _room(connection: Connection, slots: OrderedDict[str, SharedMemory], name: str,
+def _room(channel: Channel, slots: OrderedDict[str, SharedMemory], name: str,
           sizes: Sequence[int]) -> list[memoryview]:
     n_bytes = offsets(sizes)[-1]
     if not name or n_bytes > _attached(slots, name).size:
-        connection.send(("need", n_bytes))
-        name = connection.recv()
+        channel.send("need", n_bytes)
+        (name,) = channel.receive()
         if not name:
             raise DeviceError(f"the system has no shared memory for the {n_bytes} bytes of this reply")
     return room(_attached(slots, name), sizes)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import contextlib
 import logging
 import pickle
+import socket
 import time
 from collections import deque
 from dataclasses import dataclass
 from multiprocessing import get_context
-from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from multiprocessing.shared_memory import SharedMemory
 from pathlib import Path
@@ -22,6 +22,7 @@ from glrender.engines.advice import Advice
 from .envelope import refusal
 from .job import Done, Job
 from .slots import SlotStore, offsets
+from .stream import Channel
 from .worker import work
 
 log = logging.getLogger(__name__)
@@ -32,6 +33,8 @@ SLOW_DEADLINE_S = 600.0
 """Of a request that allows slow frames, or loads a scene."""
 _FIRST_BACK_OFF_S, _MAX_BACK_OFF_S = 0.1, 30.0
 _MAX_TRIES = 2
+# A killed process that is not dead by then hangs in a driver: the server's end does not wait for it.
+_DEATH_S = 5.0
 
 
 @dataclass(eq=False)
@@ -42,10 +45,10 @@ class _Task:
 
 @dataclass(eq=False)
 class _Worker:
-    """A place for a process. It is down, starting, idle, or busy with a task (None: bringing its scene up to date)."""
+    """A place for a process. It is down, starting, idle, busy with a task, or loading the scene that others have."""
 
     process: BaseProcess | None = None
-    connection: Connection | None = None
+    channel: Channel | None = None
     state: str = "down"
     task: _Task | None = None
     slot: SharedMemory | None = None
@@ -55,6 +58,7 @@ class _Worker:
     progress: float | None = None
     overran: bool = False
     generation: int = 0
+    loads: int = 0
     failures: int = 0
     start_at: float = 0.0
 
@@ -71,7 +75,9 @@ class WorkerPool:
         A worker that takes longer over one request is killed. The request is tried once more, then
         answered `poison`; so is one whose worker dies.
     slow_deadline_s : float [s]
-        Instead, for a request that allows slow frames or loads a scene.
+        Instead, for a request that allows slow frames or loads a scene; the latter is not tried again.
+    memory_bytes : int, optional
+        Data that a worker may have (RLIMIT_DATA); a request that needs more is answered `device`.
 
     Raises
     ------
@@ -80,18 +86,20 @@ class WorkerPool:
     """
 
     def __init__(self, scene: Scene, backend: str = "auto", shape_dir: Path | None = None, *, n_workers: int,
-                 deadline_s: float, slow_deadline_s: float = SLOW_DEADLINE_S, log_format: str = "text"):
-        self._scene_pickle, self._arguments = pickle.dumps(scene), (backend, shape_dir)
+                 deadline_s: float, slow_deadline_s: float = SLOW_DEADLINE_S, memory_bytes: int | None = None,
+                 log_format: str = "text"):
+        self._scene_pickle, self._arguments = pickle.dumps(scene), (backend, shape_dir, memory_bytes)
         self._start_s = START_S + START_S_PER_FACET * sum(len(body.shape.facets) for body in scene.bodies)
         self._deadline_s, self._slow_deadline_s, self._log_format = deadline_s, slow_deadline_s, log_format
         self._spawn = get_context("spawn")
         self._slots, self._frame_bytes = SlotStore(), 0
         self._workers = [_Worker() for _ in range(n_workers)]
         self._again: deque[_Task] = deque()
+        self._dying: list[tuple[BaseProcess, SharedMemory | None]] = []
         self._generation, self._scene_message = 0, None
         self._poller: zmq.Poller | None = None
         self._described: dict[str, Any] = {}
-        self.outage, self.restarts = "", 0
+        self.draws_here, self.outage, self.restarts = False, "", 0
         try:
             for worker in self._workers:
                 self._start(worker)
@@ -112,10 +120,23 @@ class WorkerPool:
                                                "of": len(self._workers), "restarts": self.restarts},
                 "slow_frames": slow}
 
-    @property
-    def has_room(self) -> bool:
-        """Whether a job would be begun at once."""
-        return not self._again and not self._is_loading and any(w.state == "idle" for w in self._workers)
+    def has_room(self, job: Job) -> bool:
+        """Whether a job would be begun at once.
+
+        Where there are several workers, the last free one is kept from slow frames, and from a sender who has all the
+        others and is not known to be quick. One scene is loaded at a time; its sender waits for it.
+        """
+        if self._again or not (idle := self._free_workers()):
+            return False
+        tasks = [worker.task.job for worker in self._workers if worker.task is not None]
+        if any(task.is_load and (job.is_load or task.sender == job.sender) for task in tasks):
+            return False
+        others = len(self._workers) - 1
+        if len(idle) > 1 or others == 0:
+            return True
+        if job.is_slow and sum(task.is_slow for task in tasks) == others:
+            return False
+        return job.is_quick or sum(task.sender == job.sender for task in tasks) < others
 
     @property
     def is_idle(self) -> bool:
@@ -124,59 +145,57 @@ class WorkerPool:
 
     def start(self, job: Job) -> None:
         """Hand a job to a free worker."""
-        self._hand_over(_Task(job))
+        self._begin(_Task(job))
 
     def watch(self, poller: zmq.Poller) -> None:
         """Register what wakes the loop, now and later."""
         self._poller = poller
         for worker in self._workers:
-            if worker.connection is not None:
-                poller.register(worker.connection.fileno(), zmq.POLLIN)
+            self._watch(worker)
 
     def turn(self, ready: dict[Any, int]) -> None:
         """Take in what is finished; replace what has died or taken too long."""
         self._turn_all()
-        while self._again and not self._is_loading and any(w.state == "idle" for w in self._workers):
-            self._hand_over(self._again.popleft())
+        self._reap()
+        while self._again and self._free_workers():
+            self._begin(self._again.popleft())
         self._slots.trim()
 
     def close(self) -> None:
         """End every worker and release the shared memory."""
         for worker in self._workers:
             self._end(worker)
+        self._reap(timeout_s=_DEATH_S)
         self._slots.close()
 
-    @property
-    def _is_loading(self) -> bool:
-        """A scene that replaces the old one lets no later request pass."""
-        return any(w.task is not None and w.task.job.header["op"] == "load_scene" for w in self._workers)
+    def _free_workers(self) -> list[_Worker]:
+        """Those that wait for a job, and have the scene that is served."""
+        return [w for w in self._workers if w.state == "idle" and w.generation == self._generation]
 
-    def _hand_over(self, task: _Task) -> None:
-        # The last to have finished has the warmest caches; one with an old scene is the last choice.
-        idle = [worker for worker in self._workers if worker.state == "idle"]
-        worker = max(idle, key=lambda w: (w.generation, w.deadline))
-        worker.task = task
-        if worker.generation != self._generation:
-            worker.deadline_s = self._slow_deadline_s
-            self._send(worker, self._scene_message)
-            worker.state = "catching up"
-        else:
-            self._begin(worker)
-
-    def _begin(self, worker: _Worker) -> None:
-        worker.state = "busy"
-        header = worker.task.job.header
-        is_slow = header.get("allow_slow") or header["op"] == "load_scene"
-        worker.deadline_s = self._slow_deadline_s if is_slow else self._deadline_s
-        self._send(worker, worker.task.job.message)
+    def _begin(self, task: _Task) -> None:
+        # The last to have finished has the warmest caches.
+        worker = max(self._free_workers(), key=lambda free: free.deadline)
+        worker.task, worker.state = task, "busy"
+        worker.deadline_s = self._slow_deadline_s if task.job.is_slow else self._deadline_s
+        self._send(worker, task.job.message)
 
     def _send(self, worker: _Worker, message: bytes) -> None:
         worker.has_begun, worker.progress = False, None
         worker.slot = worker.slot or self._take(self._frame_bytes)
         worker.deadline = time.monotonic() + worker.deadline_s
-        # A dead worker is found by the next turn.
+        self._tell(worker, "job", message, worker.slot.name if worker.slot else "")
+
+    def _tell(self, worker: _Worker, *said: Any) -> None:
+        # A dead worker is found by the next turn; one that reads nothing, at its deadline.
         with contextlib.suppress(OSError):
-            worker.connection.send(("job", message, worker.slot.name if worker.slot else ""))
+            worker.channel.send(*said)
+        self._watch(worker)
+
+    def _watch(self, worker: _Worker) -> None:
+        """Let the loop wake for what a worker says, and for room in what it has not read."""
+        if self._poller is not None and worker.channel is not None:
+            self._poller.register(worker.channel.fileno(),
+                                  zmq.POLLIN | (zmq.POLLOUT if worker.channel.outbox else 0))
 
     def _take(self, n_bytes: int) -> SharedMemory | None:
         try:
@@ -193,31 +212,42 @@ class WorkerPool:
                     self._start(worker)
                 continue
             try:
-                while worker.state != "down" and worker.connection.poll():
-                    self._hear(worker, worker.connection.recv())
+                self._exchange(worker)
             except (EOFError, OSError):
                 self._bury(worker)
                 continue
-            if worker.state in ("starting", "busy", "catching up") and now > worker.deadline:
+            if worker.state in ("starting", "busy", "loading") and now > worker.deadline:
                 worker.overran = True
-                worker.process.kill()
                 self._bury(worker)
-        if any(worker.state in ("idle", "busy", "catching up") for worker in self._workers):
+            elif worker.state == "idle" and worker.generation != self._generation:
+                worker.state, worker.deadline_s, worker.loads = "loading", self._slow_deadline_s, self._generation
+                self._send(worker, self._scene_message)
+        if any(worker.state in ("idle", "busy", "loading") for worker in self._workers):
             self.outage = ""
+
+    def _exchange(self, worker: _Worker) -> None:
+        """Take in what a worker has said, and send it what it has room for."""
+        channel = worker.channel
+        if channel.outbox:
+            channel.flush()
+            self._watch(worker)
+        for said in channel.messages():
+            self._hear(worker, said)
+            if worker.channel is not channel:
+                return  # it is buried
 
     def _hear(self, worker: _Worker, said: tuple) -> None:
         kind, *rest = said
         if kind == "awake":
-            # Not before: what a pipe cannot hold waits for its reader, and one that died unread would be waited for.
-            worker.connection.send_bytes(self._scene_pickle)
-            worker.connection.send(self._scene_message)
+            # Not before: one that dies unread leaves nothing behind.
+            self._tell(worker, self._scene_pickle, self._scene_message)
             worker.generation = self._generation
         elif kind == "ready":
             worker.state, self.outage = "idle", ""
             self._described = rest[0]
         elif kind == "failed":
             self.outage = f"a worker did not start: {rest[0]}"
-            log.error(self.outage)
+            log.error("%s", self.outage)
             self._bury(worker)
         elif kind == "begun":
             worker.has_begun = True
@@ -227,15 +257,18 @@ class WorkerPool:
             if worker.slot is not None:
                 self._slots.give_back(worker.slot)
             worker.slot = self._take(rest[0])
-            worker.connection.send(worker.slot.name if worker.slot else "")
+            self._tell(worker, worker.slot.name if worker.slot else "")
         else:
             self._done(worker, *rest)
 
     def _done(self, worker: _Worker, head: bytes, sizes: list[int], code: str, timings_ms: dict[str, float],
               warnings: list[tuple[str, tuple[Advice, ...]]], described: dict[str, Any] | None) -> None:
-        if worker.state == "catching up":
-            worker.generation = self._generation
-            self._begin(worker)
+        if worker.state == "loading":
+            if code:
+                log.error("a worker cannot load the scene that another has loaded: %s", code)
+                self._bury(worker)
+                return
+            worker.state, worker.generation, worker.deadline = "idle", worker.loads, time.monotonic()
             return
         task, worker.task = worker.task, None
         worker.state, worker.failures, worker.deadline, worker.progress = "idle", 0, time.monotonic(), None
@@ -249,12 +282,14 @@ class WorkerPool:
             self._described, self._scene_message = described, task.job.message
             self._generation += 1
             worker.generation = self._generation
+            log.info("a new scene is served; %d workers still load it", len(self._workers) - 1)
         task.job.done(Done([head, *parts], code, timings_ms, place, warnings))
 
     def _start(self, worker: _Worker) -> None:
         worker.state, worker.overran, worker.deadline = "starting", False, time.monotonic() + self._start_s
         try:
-            worker.connection, theirs = self._spawn.Pipe()
+            ours, theirs = socket.socketpair()
+            worker.channel = Channel(ours)
             with theirs:
                 arguments = theirs, *self._arguments, log.getEffectiveLevel(), self._log_format
                 process = self._spawn.Process(target=work, name="glrender-worker", daemon=True, args=arguments)
@@ -264,8 +299,7 @@ class WorkerPool:
             self._bury(worker)
             return
         worker.process = process
-        if self._poller is not None:
-            self._poller.register(worker.connection.fileno(), zmq.POLLIN)
+        self._watch(worker)
 
     def _bury(self, worker: _Worker) -> None:
         """Another in the place of a worker that died, after a while that doubles; its task again, once."""
@@ -285,25 +319,35 @@ class WorkerPool:
         if task is None:
             return
         task.tries += is_its_fault
-        if task.tries < _MAX_TRIES:
+        if task.tries < (1 if task.job.is_load else _MAX_TRIES):
             self._again.append(task)
             return
-        log.error("poison: request %s of %s", task.job.header["id"], task.job.header["client"])
-        task.job.done(Done(refusal(task.job.header, "poison", "", f"the worker {how} on this request, {_MAX_TRIES} "
-                                   "times; it is not tried again"), "poison", {}))
+        log.error("poison: request %s of %r", task.job.header["id"], task.job.header["client"])
+        times = "once" if task.tries == 1 else f"{task.tries} times"
+        task.job.done(Done(refusal(task.job.header, "poison", "", f"the worker {how} on this request, {times}; it is "
+                                   "not tried again"), "poison", {}))
 
     def _end(self, worker: _Worker) -> None:
         worker.state = "down"
-        if worker.connection is not None:
-            if self._poller is not None and worker.connection.fileno() in self._poller:
-                self._poller.unregister(worker.connection.fileno())
-            worker.connection.close()
-            worker.connection = None
+        if worker.channel is not None:
+            if self._poller is not None and worker.channel.fileno() in self._poller:
+                self._poller.unregister(worker.channel.fileno())
+            worker.channel.close()
+            worker.channel = None
         if worker.process is not None:
             worker.process.kill()
-            worker.process.join()
-            worker.process.close()
-            worker.process = None
-        if worker.slot is not None:
+            self._dying.append((worker.process, worker.slot))
+        elif worker.slot is not None:
             self._slots.give_back(worker.slot)
-            worker.slot = None
+        worker.process = worker.slot = None
+
+    def _reap(self, timeout_s: float = 0.0) -> None:
+        """Take back what killed workers had, once they are dead: until then one may write to its slot."""
+        for process, slot in list(self._dying):
+            process.join(timeout_s)
+            if process.exitcode is None:
+                continue
+            process.close()
+            self._dying.remove((process, slot))
+            if slot is not None:
+                self._slots.give_back(slot)

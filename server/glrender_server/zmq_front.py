@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
+import os
+import socket
+import struct
 import time
 from collections import deque
 from collections.abc import Sequence
@@ -13,27 +17,96 @@ from typing import Any
 
 import zmq
 from glrender import ConfigError
+from zmq.utils.monitor import recv_monitor_message
 
-from . import keys
-from .codec import MAX_HEADER_BYTES
+from . import ipc_path, keys, limits
 from .front import LOOPBACK_BUFFER, Request
 
 log = logging.getLogger(__name__)
 
 # From this size a part is handed to ZeroMQ without a copy; below, the bookkeeping costs more.
 _ZERO_COPY_BYTES = 65536
-# Replies that ZeroMQ may hold for one client, and that wait here when it holds so many.
-_HIGH_WATER, _MAX_BACKLOG = 32, 256
+# Messages that ZeroMQ may hold for one client before it is asked to wait, either way, and replies that wait here then.
+_SEND_HIGH_WATER, _RECEIVE_HIGH_WATER, _MAX_BACKLOG = 32, 32, 256
 # A Unix socket is quickest when it holds the whole of a 4 MiB frame.
 _IPC_BUFFER = 1 << 22
 _STALL_S = 10.0
 _LINGER_MS = 3000
+# A peer that has vanished without a word is noticed after about two minutes.
+_KEEP_ALIVE_IDLE_S, _KEEP_ALIVE_INTERVAL_S, _KEEP_ALIVE_COUNT = 60, 20, 3
+_PATROL_S = 0.5
+# Bytes of ZMTP around one part, with CURVE, at most.
+_PART_OVERHEAD_BYTES = 80
+# Places of tcpi_bytes_acked and tcpi_bytes_received (u64) in struct tcp_info, since Linux 4.1 (linux/tcp.h).
+_TCP_INFO_ACKED, _TCP_INFO_RECEIVED = 120, 128
+
+
+@dataclass(eq=False)
+class _Connection:
+    """A socket of ZeroMQ's, by its descriptor here; its inode tells whether the descriptor is still this socket's."""
+
+    descriptor: int
+    inode: int
+    heard: float = field(default_factory=time.monotonic)
+    has_asked: bool = False
+    n_owed: int = 0
+    n_read_bytes: int = 0
+    n_acknowledged_bytes: int = 0
+
+    @property
+    def is_there(self) -> bool:
+        try:
+            return os.fstat(self.descriptor).st_ino == self.inode
+        except OSError:
+            return False
+
+    def unfinished_bytes(self) -> int:
+        """Bytes that the system has received on it and that no message has brought us."""
+        received = self._counted(_TCP_INFO_RECEIVED)
+        # What surrounds parts is reckoned high: no credit comes of it.
+        self.n_read_bytes = min(self.n_read_bytes, received)
+        return received - self.n_read_bytes
+
+    def has_moved(self) -> bool:
+        """Whether its peer has taken bytes since this was asked last."""
+        before, self.n_acknowledged_bytes = self.n_acknowledged_bytes, self._counted(_TCP_INFO_ACKED)
+        return self.n_acknowledged_bytes > before
+
+    def _counted(self, place: int) -> int:
+        """A count of the system's of a TCP connection; 0 of a Unix socket, which only our own user reaches."""
+        try:
+            with socket.socket(fileno=os.dup(self.descriptor)) as twin:
+                told = twin.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, place + 8)
+        except OSError:
+            return 0
+        return struct.unpack_from("Q", told, place)[0] if len(told) >= place + 8 else 0
+
+    def hang_up(self) -> None:
+        """End it: ZeroMQ forgets all that it holds of it."""
+        if self.is_there:
+            with contextlib.suppress(OSError), socket.socket(fileno=os.dup(self.descriptor)) as twin:
+                twin.shutdown(socket.SHUT_RDWR)
 
 
 @dataclass
 class _Backlog:
+    """What a client has still to take: replies that ZeroMQ did not take, and buffers that it has not let go of."""
+
     replies: deque[list[Any]] = field(default_factory=deque)
+    on_their_way: deque[tuple[zmq.MessageTracker, int]] = field(default_factory=deque)
     since: float = field(default_factory=time.monotonic)
+    connection: _Connection | None = None
+
+    @property
+    def n_bytes(self) -> int:
+        self.forget_sent()
+        return (sum(n_bytes for _, n_bytes in self.on_their_way)
+                + sum(len(part) for reply in self.replies for part in reply))
+
+    def forget_sent(self) -> None:
+        while self.on_their_way and self.on_their_way[0][0].done:
+            self.on_their_way.popleft()
+            self.since = time.monotonic()
 
 
 class ZmqFront:
@@ -45,6 +118,8 @@ class ZmqFront:
         ``tcp://127.0.0.1:5555``, ``tcp://127.0.0.1:*`` or ``ipc:///path``.
     key_folder : path, optional
         Encrypt, and admit the clients of this folder alone (`keys`).
+    max_connections : int
+        Beyond them the connection that has been silent longest, and is owed nothing, is closed for a new one.
 
     Raises
     ------
@@ -54,24 +129,33 @@ class ZmqFront:
         The folder has no keys.
     """
 
-    def __init__(self, endpoint: str, key_folder: Path | None = None):
+    def __init__(self, endpoint: str, key_folder: Path | None = None, max_connections: int = 512):
         self._context = zmq.Context()
         self._socket = self._context.socket(zmq.ROUTER)
-        self._socket.set(zmq.LINGER, _LINGER_MS)
-        self._socket.set(zmq.MAXMSGSIZE, MAX_HEADER_BYTES + 1024)
-        # A reply to nobody or to a full pipe is an error to handle, not a silent drop; a client
-        # that reconnects under its name takes over.
-        self._socket.set(zmq.ROUTER_MANDATORY, 1)
-        self._socket.set(zmq.ROUTER_HANDOVER, 1)
-        self._socket.set(zmq.SNDHWM, _HIGH_WATER)
-        self._socket.set(zmq.SNDBUF, _send_buffer(endpoint))
+        for option, value in ((zmq.LINGER, _LINGER_MS), (zmq.MAXMSGSIZE, limits.MAX_HEADER_BYTES + 1024),
+                              # A reply to nobody or to a full pipe is an error to handle, not a silent drop.
+                              (zmq.ROUTER_MANDATORY, 1),
+                              # Nobody takes over the name, and so the replies, of another who is connected.
+                              (zmq.ROUTER_HANDOVER, 0),
+                              (zmq.SNDHWM, _SEND_HIGH_WATER), (zmq.RCVHWM, _RECEIVE_HIGH_WATER),
+                              (zmq.SNDBUF, _send_buffer(endpoint)), (zmq.TCP_KEEPALIVE, 1),
+                              (zmq.TCP_KEEPALIVE_IDLE, _KEEP_ALIVE_IDLE_S), (zmq.TCP_KEEPALIVE_CNT, _KEEP_ALIVE_COUNT),
+                              (zmq.TCP_KEEPALIVE_INTVL, _KEEP_ALIVE_INTERVAL_S)):
+            self._socket.set(option, value)
+        self._monitor: zmq.Socket | None = None
+        self._connections: dict[int, _Connection] = {}
         self._backlogs: dict[bytes, _Backlog] = {}
-        self._authenticator = None
+        self._max_connections, self._patrolled = max_connections, 0.0
+        self._admission, self._authenticator, self._claim = None, None, None
         try:
             if key_folder is not None:
-                self._authenticator = keys.protect(self._socket, key_folder)
+                self._admission = keys.Admission(key_folder)
+                self._authenticator = self._admission.protect(self._socket)
+            self._claim = ipc_path.claimed(endpoint)
             self._socket.bind(endpoint)
-        except ConfigError:
+            if self._claim is not None:
+                self._claim.restrict()
+        except (ConfigError, OSError):
             self.close()
             raise
         except zmq.ZMQError as error:
@@ -80,64 +164,175 @@ class ZmqFront:
                           f"--zmq tcp://127.0.0.1:0, or stop the program that has it") from None
         self.endpoint = self._socket.getsockopt_string(zmq.LAST_ENDPOINT)
 
+    @property
+    def untaken_bytes(self) -> int:
+        """Bytes of replies that all clients have not taken."""
+        return sum(backlog.n_bytes for backlog in self._backlogs.values())
+
     def start(self, poller: zmq.Poller) -> None:
         """Register what wakes the loop."""
+        self._monitor = self._socket.get_monitor_socket(zmq.EVENT_ACCEPTED | zmq.EVENT_DISCONNECTED)
         poller.register(self._socket, zmq.POLLIN)
+        poller.register(self._monitor, zmq.POLLIN)
 
     def take_in(self, ready: dict[Any, int]) -> list[Request]:
-        """Requests that have come; tries again what a slow client has not taken."""
+        """Requests that have come, some at a time; tries again what a slow client has not taken."""
+        self._follow_connections()
         for identity in list(self._backlogs):
             self._flush(identity)
+        self._patrol()
         requests = []
-        while self._socket.poll(0):
-            identity, *parts = self._socket.recv_multipart()
-            # A REQ socket puts an empty part between its identity and the message.
-            envelope = [identity, b""] if parts and parts[0] == b"" else [identity]
-            requests.append(Request(identity, parts[len(envelope) - 1:], partial(self._answer, envelope)))
+        for _ in range(limits.MAX_TURN):
+            try:
+                frames = self._socket.recv_multipart(zmq.NOBLOCK, copy=False)
+            except zmq.Again:
+                break
+            if (request := self._request(frames)) is not None:
+                requests.append(request)
         return requests
+
+    def _request(self, frames: list[zmq.Frame]) -> Request | None:
+        identity, *parts = frames
+        name = identity.bytes
+        connection = self._connection_of(parts[0] if parts else identity)
+        if connection is not None:
+            connection.heard = time.monotonic()
+            connection.n_read_bytes += sum(len(part) + _PART_OVERHEAD_BYTES for part in frames)
+        user = ""
+        if self._admission is not None:
+            user = self._admission.name_of(parts[0].get("User-Id") if parts else "")
+            if not user:
+                # A key that has been taken away since.
+                if connection is not None:
+                    connection.hang_up()
+                return None
+        # A REQ socket puts an empty part between its identity and the message.
+        envelope = [name, b""] if parts and not len(parts[0]) else [name]
+        if connection is not None:
+            connection.has_asked = True
+            connection.n_owed += 1
+        return Request(user or name, [part.bytes for part in parts[len(envelope) - 1:]],
+                       partial(self._answer, envelope, connection), partial(self._untaken_by, name), user)
+
+    def _connection_of(self, frame: zmq.Frame) -> _Connection | None:
+        """The connection that a message came over."""
+        try:
+            descriptor = frame.get(zmq.SRCFD)
+        except zmq.ZMQError:
+            return None
+        if descriptor not in self._connections:
+            self._follow_connections()
+        return self._connections.get(descriptor)
 
     @property
     def is_idle(self) -> bool:
         """Whether ZeroMQ has taken every reply."""
-        return not self._backlogs
+        return not any(backlog.replies for backlog in self._backlogs.values())
 
     def close(self) -> None:
         """Close the socket, after what it has taken is sent or three seconds are over."""
+        if self._monitor is not None:
+            self._socket.disable_monitor()
+            self._monitor.close(0)
         self._socket.close()
         if self._authenticator is not None and self._authenticator.is_alive():
             self._authenticator.stop()
         self._context.term()
+        if self._claim is not None:
+            self._claim.release()
 
-    def _answer(self, envelope: list[bytes], reply: Sequence[Any]) -> None:
+    def _follow_connections(self) -> None:
+        """Keep account of ZeroMQ's connections, and of their number."""
+        while self._monitor is not None and self._monitor.poll(0):
+            event = recv_monitor_message(self._monitor, zmq.NOBLOCK)
+            descriptor = event["value"]
+            if event["event"] != zmq.EVENT_ACCEPTED:
+                self._connections.pop(descriptor, None)
+                continue
+            with contextlib.suppress(OSError):  # it may have gone already
+                self._connections[descriptor] = _Connection(descriptor, os.fstat(descriptor).st_ino)
+            if len(self._connections) > self._max_connections:
+                self._make_room(descriptor)
+
+    def _make_room(self, newest: int) -> None:
+        silent = [c for c in self._connections.values() if not c.n_owed and c.descriptor != newest]
+        if not silent:
+            silent = [self._connections[newest]]
+        log.warning("%d connections are open: the one that was silent longest is closed", len(self._connections))
+        victim = min(silent, key=lambda connection: (connection.has_asked, connection.heard))
+        victim.hang_up()
+        del self._connections[victim.descriptor]
+
+    def _patrol(self) -> None:
+        """Hang up on who does not end messages of many parts: ZeroMQ bounds the size of one part alone."""
+        now = time.monotonic()
+        if now - self._patrolled < _PATROL_S:
+            return
+        self._patrolled = now
+        unfinished = sorted(((connection.unfinished_bytes(), connection) for connection in self._connections.values()),
+                            key=lambda entry: -entry[0])
+        total = sum(n_bytes for n_bytes, _ in unfinished)
+        for n_bytes, connection in unfinished:
+            if n_bytes <= limits.MAX_UNFINISHED_BYTES and total <= limits.MAX_UNFINISHED_BYTES_IN_ALL:
+                return
+            log.warning("a client sent %d bytes of messages that it did not end: closed", n_bytes)
+            connection.hang_up()
+            total -= n_bytes
+
+    def _untaken_by(self, identity: bytes) -> int:
+        backlog = self._backlogs.get(identity)
+        return 0 if backlog is None else backlog.n_bytes
+
+    def _answer(self, envelope: list[bytes], connection: _Connection | None, reply: Sequence[Any]) -> None:
+        if connection is not None:
+            connection.n_owed -= 1
+            if not connection.is_there:
+                return  # whoever has its name now has not asked for this
         identity = envelope[0]
         backlog = self._backlogs.setdefault(identity, _Backlog())
+        backlog.connection = connection
         if len(backlog.replies) < _MAX_BACKLOG:
             backlog.replies.append([*envelope, *reply])
         else:
-            log.warning("client %s takes nothing: a reply was dropped", identity.hex())
+            log.warning("a client takes nothing: replies were dropped")
         self._flush(identity)
 
     def _flush(self, identity: bytes) -> None:
         backlog = self._backlogs[identity]
         try:
             while backlog.replies:
-                self._send(backlog.replies[0])
-                backlog.replies.popleft()
+                self._send(backlog)
                 backlog.since = time.monotonic()
         except zmq.Again:
-            if time.monotonic() - backlog.since < _STALL_S:
-                return
-            log.warning("client %s took nothing for %g s: %d replies were dropped", identity.hex(), _STALL_S,
-                        len(backlog.replies))
+            pass
         except zmq.ZMQError as error:
-            log.warning("%d replies to client %s were not sent: %s", len(backlog.replies), identity.hex(),
-                        error.strerror)
-        del self._backlogs[identity]
+            log.warning("replies to a client were not sent: %s", error.strerror)
+            del self._backlogs[identity]
+            return
+        backlog.forget_sent()
+        if not backlog.replies and not backlog.on_their_way:
+            del self._backlogs[identity]
+        elif time.monotonic() - backlog.since > _STALL_S and (
+                backlog.replies or backlog.n_bytes > limits.MAX_UNTAKEN_BYTES):
+            # A part that a slow network carries takes its time.
+            if backlog.connection is not None and backlog.connection.has_moved():
+                backlog.since = time.monotonic()
+                return
+            log.warning("a client took nothing for %g s: it is hung up on", _STALL_S)
+            del self._backlogs[identity]
+            if backlog.connection is not None:
+                backlog.connection.hang_up()
 
-    def _send(self, message: list[Any]) -> None:
+    def _send(self, backlog: _Backlog) -> None:
+        message = backlog.replies[0]
         for index, part in enumerate(message):
             more = zmq.SNDMORE if index + 1 < len(message) else 0
-            self._socket.send(part, zmq.NOBLOCK | more, copy=len(part) < _ZERO_COPY_BYTES)
+            if len(part) < _ZERO_COPY_BYTES:
+                self._socket.send(part, zmq.NOBLOCK | more)
+            else:
+                tracker = self._socket.send(part, zmq.NOBLOCK | more, copy=False, track=True)
+                backlog.on_their_way.append((tracker, len(part)))
+        backlog.replies.popleft()
 
 
 def _send_buffer(endpoint: str) -> int:

@@ -8,21 +8,12 @@ import numpy as np
 import photometry_truth as truth
 import pytest
 from glrender.brdf import Akimov, Hapke, Lambert, LommelSeeliger, LunarLambert, Minnaert, OrenNayar, Rolo
-from glrender.engines.raster.gl.context import Context
-from glrender.engines.raster.gl.evaluate import BrdfEvaluator
 
 MARS_DEG = tuple(float(g) for g in range(0, 181, 10))
 # ISIS mars.pvl.
 MARS = (0.946, 0.748, 0.616, 0.522, 0.435, 0.350, 0.266, 0.187, 0.118, 0.062, 0.018, -0.012, -0.027, -0.035,
         -0.036, -0.037, -0.031, -0.012, 0.010)
 BENNU = (-4.36e-2, 2.69e-4, -9.90e-7)
-
-
-@pytest.fixture(scope="module")
-def evaluate():
-    """The shader, on arrays."""
-    with Context("auto") as context:
-        yield BrdfEvaluator(context)
 
 
 def mcewen(g_deg):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from cells import slow_but
 from glrender_camera import Aberrations, CameraModel, ConfigError, Detector, Optics, PinholeCamera, psf, pupil
 from glrender_camera.light import light_on_frame
 from scipy.integrate import quad
@@ -140,7 +141,7 @@ def kernel_at(field_xy, radius_px=20, **terms):
                                   opd_m=lambda x, y: 1e-9 * lens.opd_nm(x, y, field_xy))
 
 
-@pytest.mark.parametrize("coma_nm", [60.0, -60.0])
+@pytest.mark.parametrize("coma_nm", slow_but([60.0, -60.0], 0))
 def test_coma_points_away_from_the_axis_and_grows_with_the_field(coma_nm):
     """Centroid by the mean slope of the wavefront, 2 N sqrt(8) h C outwards, 0.5 %.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+from cells import slow_but
 from glrender_camera import BrownConrady, ConfigError
 
 LENSES = {
@@ -78,11 +79,25 @@ def random_lens(seed):
     return BrownConrady(**dict(zip(("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"), values, strict=True)))
 
 
+def jacobian_anywhere(lens, xy):
+    """Of OpenCV's formula as printed, beyond the fold too: complex steps, exact to round-off."""
+    columns = []
+    for step in ((1e-20j, 0.0), (0.0, 1e-20j)):
+        x, y = (xy + step).T
+        rr = x * x + y * y
+        radial = ((1 + lens.k1 * rr + lens.k2 * rr**2 + lens.k3 * rr**3)
+                  / (1 + lens.k4 * rr + lens.k5 * rr**2 + lens.k6 * rr**3))
+        moved = (x * radial + 2 * lens.p1 * x * y + lens.p2 * (rr + 2 * x * x),
+                 y * radial + lens.p1 * (rr + 2 * y * y) + 2 * lens.p2 * x * y)
+        columns.append(np.stack(moved, axis=-1).imag / 1e-20)
+    return np.stack(columns, axis=-1)
+
+
 def determinant(matrix):
     return matrix[..., 0, 0] * matrix[..., 1, 1] - matrix[..., 0, 1] * matrix[..., 1, 0]
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", slow_but(range(20), 0, 1, 2))
 def test_random_lenses_fold_where_they_are_told_to(seed):
     """Forty each: the Jacobian's determinant on 1000 x 73 places inside is > 0, just beyond it is not."""
     angle = np.linspace(-np.pi, np.pi, 73)
@@ -96,10 +111,10 @@ def test_random_lenses_fold_where_they_are_told_to(seed):
         if lens.max_radius < tangential.max_radius:
             ring = np.linspace(-np.pi, np.pi, 20001)
             beyond = lens.max_radius * (1.0 + 1e-5) * np.stack([np.cos(ring), np.sin(ring)], axis=-1)
-            assert determinant(lens._map(beyond)[1]).min() < 0.0
+            assert determinant(jacobian_anywhere(lens, beyond)).min() < 0.0
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", slow_but(range(20), 0, 1, 2))
 def test_the_inverse_of_random_lenses_is_never_another_branch(seed):
     """Forty each, 200 places up to 1e-7 of the fold: the place or NaN, and NaN only in the last thousandth.
 

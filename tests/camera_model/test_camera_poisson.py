@@ -84,8 +84,8 @@ def test_each_step_of_the_distribution_is_where_it_belongs(mean):
     means = np.full(w.size, mean, np.float32)
     near = w.astype(np.float32)
     below = np.where(near.astype(np.float64) < w, near, np.nextafter(near, np.float32(-np.inf)))
-    np.testing.assert_array_equal(poisson._large(Deviates(below), means), k)
-    np.testing.assert_array_equal(poisson._large(Deviates(np.nextafter(below, np.float32(np.inf))), means), k + 1.0)
+    np.testing.assert_array_equal(poisson.draw(Deviates(below), means), k)
+    np.testing.assert_array_equal(poisson.draw(Deviates(np.nextafter(below, np.float32(np.inf))), means), k + 1.0)
 
 
 @pytest.mark.parametrize("mean", [32.0, 700.0])
@@ -99,6 +99,6 @@ def test_the_quantile_is_found_from_any_guess(mean):
 
 def test_mean_and_variance_at_an_overfull_well():
     """A million electrons: variance over mean is 1 within 5 sigma (numpy fails at 1e15)."""
-    counts = poisson._large(generator(), np.full(10**6, 1e6, np.float32)).astype(np.float64)
+    counts = poisson.draw(generator(), np.full(10**6, 1e6, np.float32)).astype(np.float64)
     np.testing.assert_allclose(counts.var() / 1e6, 1.0, atol=5.0 * np.sqrt(2e-6))
     np.testing.assert_allclose(counts.mean(), 1e6, atol=5.0)

@@ -7,12 +7,12 @@ import sys
 import numpy as np
 import pytest
 import views
+from chain import LENS, MOSAIC, opencv, table
 from glrender import ConfigError, Pose, Scene, State, frames, open_renderer, take_frame
 from glrender.brdf import Lambert
 from glrender.capture.sky_background import stars_behind
 from glrender.scene.stars import Stars
 from glrender_camera import BrownConrady, CameraModel, Detector, MosaicModel, Optics, hipparcos, stars_in_view
-from test_capture import LENS, MOSAIC, opencv, table
 
 GREY = Lambert(normal_albedo=0.2)
 DETECTOR = Detector(quantum_efficiency=0.5, full_well_electrons=1e11, gain_DN_per_electron=1e-7, bit_depth=16)

@@ -14,8 +14,7 @@ import pytest
 import serving
 import views
 from glrender_client import Client
-from octave_runner import REPOSITORY, SIMULINK, compiler
-from test_octave import SCENE
+from octave_runner import REPOSITORY, SCENE, SIMULINK, compiler
 
 STATE = views.state().to_dict()
 GOLDEN = {name: [bytes.fromhex(part) for part in parts] for name, parts in json.loads(

@@ -128,22 +128,60 @@ def test_a_refusal_comes_in_its_place(pooled):
         assert client.hello()["ok"]
 
 
-def test_a_full_queue_is_waited_for(endpoint):
-    clients = [Client(endpoint, timeout_s=60.0) for _ in range(4)]
-    times = [[] for _ in clients]
+class Busy:
+    """A server that says `busy` to the first requests, and that it wants to be asked again in 20 ms."""
 
-    def fly(client, seen):
-        seen += [reply.header["t_s"] for reply in client.render_many(requests(30), in_flight=16)]
+    def __init__(self, n_refusals):
+        self.n_asked, self.n_refusals = 0, n_refusals
+        self.context = zmq.Context()
+        self.socket = self.context.socket(zmq.ROUTER)
+        self.endpoint = f"tcp://127.0.0.1:{self.socket.bind_to_random_port('tcp://127.0.0.1')}"
+        self.is_open = True
+        self.thread = threading.Thread(target=self.serve)
+        self.thread.start()
 
-    threads = [threading.Thread(target=fly, args=pair) for pair in zip(clients, times, strict=True)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert times == [list(range(30))] * 4
-    assert clients[0].status()["errors"].get("busy", 0) > 0, "64 in flight do not fit into 32"
-    for client in clients:
-        client.close()
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exception):
+        self.is_open = False
+        self.thread.join()
+        self.socket.close(0)
+        self.context.term()
+
+    def serve(self):
+        while self.is_open:
+            if self.socket.poll(50):
+                identity, message = self.socket.recv_multipart()
+                header = msgpack.unpackb(message)
+                self.n_asked += header["op"] != "close"
+                said = ({"ok": True} if self.n_asked > self.n_refusals else {"ok": False, "error": {
+                    "code": "busy", "path": "", "message": "others", "retry_after_s": 0.02}})
+                self.socket.send_multipart([identity, msgpack.packb({
+                    "v": 1, "op": header["op"], "id": header["id"], "client": "", "arrays": [], **said})])
+
+
+def test_a_busy_server_is_asked_again():
+    with Busy(n_refusals=4) as server, Client(server.endpoint) as client:
+        assert client.status()["ok"] and server.n_asked == 5
+    with Busy(n_refusals=4) as server, Client(server.endpoint) as client:
+        assert len(list(client.render_many(requests(3), in_flight=2))) == 3
+
+    async def ask(endpoint):
+        async with AsyncClient(endpoint) as client:
+            return await client.status()
+
+    with Busy(n_refusals=4) as server:
+        assert asyncio.run(ask(server.endpoint))["ok"] and server.n_asked == 5
+
+
+def test_a_server_that_stays_busy_is_told_in_time():
+    with Busy(n_refusals=1000) as server, Client(server.endpoint, timeout_s=0.5) as client:
+        began = time.monotonic()
+        with pytest.raises(ServerError, match="others") as caught:
+            client.status()
+        assert caught.value.code == "busy" and caught.value.retry_after_s == 0.02
+        assert time.monotonic() - began < 0.5 + 0.2 and 3 < server.n_asked < 12
 
 
 def test_lost_requests_are_asked_again(endpoint):

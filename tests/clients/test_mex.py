@@ -10,8 +10,7 @@ import pytest
 import serving
 import views
 from glrender_client import Client
-from octave_runner import mkoctfile, octave
-from test_octave import SCENE
+from octave_runner import SCENE, mkoctfile, octave
 
 STATE = views.state().to_dict()
 PRODUCTS = ["range", "body_id", "facet_id", "incidence", "emission", "phase", "r_body", "sunlit"]

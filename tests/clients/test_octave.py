@@ -10,24 +10,10 @@ import pytest
 import serving
 import views
 from glrender_client import Client
-from octave_runner import REPOSITORY, SIMULINK, octave
+from octave_runner import REPOSITORY, SCENE, SIMULINK, octave
 
 STUBS = REPOSITORY / "tests" / "clients" / "octave" / "stubs"
 STATE = views.state().to_dict()
-SCENE = serving.SCENE + """
-[[cameras]]
-name = "byte"
-width_px = 48
-height_px = 40
-focal_length_px = 200.0
-[cameras.model]
-exposure_s = 0.01
-optics = { aperture_diameter_m = 0.01, psf_sigma_px = 0.5 }
-detector = { quantum_efficiency = 0.5, full_well_electrons = 30000.0, gain_DN_per_electron = 0.006, bit_depth = 8, \
-read_noise_electrons = 10.0 }
-"""
-
-
 @pytest.fixture(scope="module")
 def live(tmp_path_factory):
     with serving.server(tmp_path_factory.mktemp("octave"), "--tcp", "127.0.0.1:0", scene=SCENE) as (endpoint, process):

@@ -6,10 +6,10 @@ import json
 import resource
 import sys
 
+import comae as coma
 import numpy as np
 import OpenEXR
 import pytest
-import test_coma_render as coma
 from glrender import Renderer, Scene
 from glrender.base.errors import ConfigError
 from glrender.emission.grid_files import Grid, read_grid, write_exr, write_grid, write_tile_sheet

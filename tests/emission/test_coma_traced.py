@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import comae as coma
 import cv2
 import numpy as np
 import pytest
-import test_coma_render as coma
+from cells import slow_but
 from glrender import DeviceError, Pose, Renderer, frames, open_renderer
 from glrender.emission import Dust, drawing
 from glrender.emission.column import columns
@@ -40,7 +41,7 @@ def middles(monkeypatch):
 
 @pytest.mark.usefixtures("middles")
 @pytest.mark.parametrize("source", ["haser", "jets", "grid"])
-@pytest.mark.parametrize("has_shadow", [False, True])
+@pytest.mark.parametrize("has_shadow", slow_but([False, True], 1))
 def test_rays_and_opengl_draw_the_same_coma(source, has_shadow):
     """Away from edges 0.6 % RMS, the budget of steps and nodes (to 0.56 % measured); the sum within 0.15 %.
 
@@ -176,7 +177,7 @@ def area_means(source, pinhole, body, q, every, samples):
     return tuple(np.concatenate(part) for part in zip(*parts, strict=True))
 
 
-@pytest.mark.parametrize("name", ["jets", "grid"])
+@pytest.mark.parametrize("name", slow_but(["jets", "grid"], 1))
 def test_the_error_of_a_large_nucleus_is_below_its_budget_and_the_one_told(name, monkeypatch):
     """Against area means: 1 % of the mean over all pixels, edges among them, which middles alone miss by more."""
     source, q = {"jets": coma.three_jets(), "grid": coma.grid()}[name], frames.look_at(ASIDE_M, np.zeros(3))
@@ -197,7 +198,7 @@ def test_the_error_of_a_large_nucleus_is_below_its_budget_and_the_one_told(name,
     assert error()[0] > 1.4 * reached
 
 
-@pytest.mark.parametrize("at", [(0.0, 0.0, -5e4), (2.5e3, 1.5e3, -5e4), (9e3, 0.0, -5e4)],
+@pytest.mark.parametrize("at", slow_but([(0.0, 0.0, -5e4), (2.5e3, 1.5e3, -5e4), (9e3, 0.0, -5e4)], 1),
                          ids=["middle", "aside", "out of view"])
 def test_what_is_far_has_no_seam(at, monkeypatch):
     """Linear between far nodes or each pixel by itself: within 0.2 % everywhere, the nucleus in view or not."""
@@ -219,7 +220,7 @@ def test_a_surface_has_no_more_samples_than_its_budget_needs():
     assert surface_samples(1500.0, 3.0, 1750.0, 1e-4) == 1
 
 
-@pytest.mark.parametrize("to_m", [(0.0, 0.0, -9e3), (300.0, 0.0, -9e3)])
+@pytest.mark.parametrize("to_m", slow_but([(0.0, 0.0, -9e3), (300.0, 0.0, -9e3)], 1))
 def test_straight_away_from_the_nucleus_columns_are_smooth(to_m):
     """Where the nucleus is right behind the camera, rho is 0 and nothing is: within the budget of rays' image."""
     at = coma.state(r_spacecraft=(0.0, 0.0, -3e3), q=frames.look_at([0.0, 0.0, -3e3], to_m))

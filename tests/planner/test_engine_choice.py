@@ -15,7 +15,7 @@ from glrender.planner import engine_choice
 from glrender.planner.engine_choice import ENGINES, Request, plan_windows
 from glrender.planner.error_model import FEWEST_CENTROIDS, SLOPE_PHASES_RAD
 from glrender.view import regions as grouping
-from test_plan import CAMERA, body, traits, view
+from planning import CAMERA, body, traits, view
 
 GREY = Lambert(normal_albedo=0.3)
 # Not as bright all over: a texture, smooth normals or surface detail.

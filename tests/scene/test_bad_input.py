@@ -21,6 +21,7 @@ from glrender import (
     load_scene,
 )
 from glrender.brdf import Lambert
+from scipy.spatial import ConvexHull
 
 GREY = Lambert(normal_albedo=0.2)
 
@@ -175,9 +176,8 @@ def test_a_camera_in_the_neck_is_outside(renderer):
     """Inside the hull, outside the body: rendered, not refused; and inside the body by a metre: refused."""
     shape = generate.contact_binary(radius_m=100.0, seed=3, subdivisions=4)
     with Renderer(views.scene([Body(name="body", shape=shape, brdf=GREY)], [views.camera()])) as renderer:
-        hull = renderer.scene.bodies[0].hull
         centres = shape.vertices_m[shape.facets].mean(axis=1)
-        planes = hull._planes
+        planes = ConvexHull(shape.vertices_m).equations
         depth = (planes[:, :3] @ centres.T + planes[:, 3:]).max(axis=0)
         deepest = int(np.argmin(depth))
         assert depth[deepest] < -3.0, "the neck is deep enough for a camera"

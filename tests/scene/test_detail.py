@@ -8,20 +8,8 @@ import numpy as np
 import pytest
 import solids
 import views
-from glrender import (
-    Body,
-    Boulders,
-    ConfigError,
-    Craters,
-    Detail,
-    Noise,
-    Pose,
-    Renderer,
-    Scene,
-    State,
-    frames,
-    generate,
-)
+from cells import slow_but
+from glrender import Body, Boulders, ConfigError, Craters, Detail, Noise, Pose, Renderer, Scene, State, frames, generate
 from glrender.base.constants import AU_M
 from glrender.brdf import Hapke, Lambert
 from glrender.engines.cycles import Cycles
@@ -181,7 +169,7 @@ def test_equal_requests_give_equal_bytes_whatever_came_between():
     assert any("of surface detail what is" in told for told in first.plan.left_out)
 
 
-@pytest.mark.parametrize("phase_deg", [30.0, 70.0])
+@pytest.mark.parametrize("phase_deg", slow_but([30.0, 70.0], 1))
 def test_the_planners_error_is_kept(phase_deg):
     """Against 8 x 8 samples: true RMS error within what the plan says, which is within the budget."""
     camera, state = views.camera(128, 1500.0), views.state(phase_deg=phase_deg, range_m=260.0, sun_in_image=(0.3, 1.0))

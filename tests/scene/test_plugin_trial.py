@@ -5,20 +5,19 @@ from __future__ import annotations
 import msgpack
 import numpy as np
 import pytest
-import test_plugins
 import views
 from glrender import Renderer, Scene
 from glrender.base.errors import PluginError
 from glrender.scene.plugins import registry as plugins
 from glrender_server.operations import Operations
+from plugin_law import GOOD, SCENE
 
-add = test_plugins.add
 VALUE = "return self.normal_albedo / np.pi * np.exp(-geometry.phase / np.radians(self.scale_deg))"
 UNIFORM = '"law_per_rad": 1.0 / np.radians(self.scale_deg)'
 
 
 def table(law):
-    return {**test_plugins.SCENE, "bodies": [{**test_plugins.SCENE["bodies"][0], "brdf": {
+    return {**SCENE, "bodies": [{**SCENE["bodies"][0], "brdf": {
         "law": law, "normal_albedo": 0.4, "scale_deg": 30.0}}]}
 
 
@@ -44,10 +43,10 @@ def ask(operations, op, **fields):
 ])
 def test_a_law_that_fails_is_named_before_its_scene_serves(add, name, good, bad, message):
     """Before, `internal` without a name, or frames of NaN and of negative light; the server's old scene was lost."""
-    text = test_plugins.GOOD.replace('"dusty_lambert"', f'"{name}"')
+    text = GOOD.replace('"dusty_lambert"', f'"{name}"')
     assert good in text
     add(name, plugins.BRDF_GROUP, {name: f"{name}_module:DustyLambert"}, text.replace(good, bad))
-    operations = Operations(Scene.from_dict(test_plugins.SCENE))
+    operations = Operations(Scene.from_dict(SCENE))
     try:
         state = views.state(range_m=2e5).to_dict()
         before = bytes(operations.answer({"v": 1, "id": 1, "client": "test", "op": "render", "state": state})[0][1])
@@ -91,7 +90,7 @@ class Glow:
 def test_an_emission_that_fails_is_named(add, name, parts, message):
     text = EMISSION.format(**{"add": "irradiance += 1e-9", "table": "pass", "open": "pass", **parts})
     add(name, plugins.EMISSION_GROUP, {name: f"{name}_module:Glow"}, text)
-    given = {**test_plugins.SCENE, "emission": [{"kind": name}]}
+    given = {**SCENE, "emission": [{"kind": name}]}
     with pytest.raises(PluginError, match=f"{name}_module.Glow: {message}"):
         with Renderer(Scene.from_dict(given)) as renderer:
             renderer.render(views.state(range_m=2e5))
@@ -100,6 +99,6 @@ def test_an_emission_that_fails_is_named(add, name, parts, message):
 def test_an_emission_that_does_not_fail_shines(add):
     add("glow", plugins.EMISSION_GROUP, {"glow": "glow_module:Glow"},
         EMISSION.format(add="irradiance += 1e-9", table="pass", open="pass"))
-    given = Scene.from_dict({**test_plugins.SCENE, "emission": [{"kind": "glow"}]})
+    given = Scene.from_dict({**SCENE, "emission": [{"kind": "glow"}]})
     with Renderer(given) as renderer:
         assert renderer.render(views.state(range_m=2e5)).irradiance_W_m2.min() == np.float32(1e-9)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import os
 import subprocess
 import sys
@@ -13,38 +12,7 @@ import pytest
 from glrender import ConfigError, Scene, open_renderer
 from glrender.base.errors import PluginError
 from glrender.scene.plugins import registry as plugins
-
-EXAMPLE = Path(__file__).parents[2] / "examples" / "plugin_law"
-SCENE = {"bodies": [{"name": "body", "generated": {"kind": "icosphere", "radius_m": 100.0},
-                     "brdf": {"law": "lambert", "normal_albedo": 0.4}}],
-         "cameras": [{"name": "navcam", "width_px": 64, "height_px": 64, "focal_length_px": 5000.0}]}
-
-
-@pytest.fixture
-def add(tmp_path, monkeypatch):
-    """A function that puts a distribution on the path: name, group, entry points, the module's text."""
-    def add(name, group, entries, text):
-        folder = tmp_path / name
-        told = folder / f"{name}-1.5.dist-info"
-        told.mkdir(parents=True)
-        (told / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.5\n")
-        points = "".join(f"{key} = {value}\n" for key, value in entries.items())
-        (told / "entry_points.txt").write_text(f"[{group}]\n{points}")
-        (folder / f"{name}_module.py").write_text(text)
-        monkeypatch.syspath_prepend(folder)
-        forget()
-
-    def forget():
-        importlib.invalidate_caches()
-        for found in (plugins.laws, plugins.backends, plugins.emissions):
-            found.cache_clear()
-
-    yield add
-    monkeypatch.undo()
-    forget()
-
-
-GOOD = (EXAMPLE / "glrender_dusty_lambert.py").read_text()
+from plugin_law import EXAMPLE, GOOD, SCENE
 
 
 def scene_with(law, **parameters):

@@ -12,9 +12,9 @@ import views
 from glrender import Body, Pose, Renderer, SceneError, Shape, State, frames, generate
 from glrender.brdf import Lambert
 from glrender_client import Client
+from programs import run
 from scipy.spatial.transform import Rotation
 from solids import box, joined
-from test_command_line import run
 
 BALL = generate.icosphere(radius_m=1.0, subdivisions=3)
 BALL_M3 = BALL.report.volume_m3

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import serving
 import views
+from chain import BODIES, OPTICS, READ, table
 from glrender import Pose, State, draw_still, load_scene, open_renderer, take_frame
 from glrender_client import Client, ServerError
 from glrender_server.cli import main as glrender
-from test_capture import BODIES, OPTICS, READ, table
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 DETECTOR = ("detector = { quantum_efficiency = 0.5, full_well_electrons = 30000.0, gain_DN_per_electron = 0.1, "

@@ -13,12 +13,7 @@ import pytest
 import serving
 import views
 from PIL import Image
-
-GLRENDER = Path(sys.executable).with_name("glrender")
-
-
-def run(*arguments, cwd, timeout=120):
-    return subprocess.run([GLRENDER, *map(str, arguments)], cwd=cwd, capture_output=True, text=True, timeout=timeout)
+from programs import GLRENDER, run
 
 
 @pytest.fixture

@@ -24,7 +24,7 @@ from glrender_server.job import LocalEngine
 from glrender_server.operations import Operations
 from glrender_server.slots import SlotStore
 from glrender_server.workers import WorkerPool
-from test_shared_memory import ENOUGH, SCENE, STATE, lent
+from lending import ENOUGH, SCENE, STATE, lent
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="shared memory for clients is Linux's")
 REQUEST = {"v": 1, "op": "render", "id": 1, "client": "raw", "state": STATE, "camera": "bare", "shared": True}

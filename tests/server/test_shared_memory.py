@@ -19,15 +19,10 @@ from glrender_client.shared import NotShared, SharedFrames
 from glrender_server import slots
 from glrender_server.codec import pack, with_field
 from glrender_server.operations import Operations
-from glrender_server.slots import SlotStore, offsets, room
+from glrender_server.slots import SlotStore, room
+from lending import ENOUGH, SCENE, STATE, lent
 
-# Images above the size from which they are left in place.
-SCENE = serving.SCENE.replace("= 96", "= 256").replace("= 64", "= 192").replace("= 32\n", "= 160\n")
-ENOUGH = slots.MIN_SHARED_BYTES
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="shared memory for clients is Linux's")
-STATE = {"t_s": 0.0, "r_sun_inertial_m": [1e11, 0.0, -1.1e11],
-         "spacecraft": {"r_inertial_m": [0.0, 0.0, -2000.0], "q_from_inertial": [1.0, 0.0, 0.0, 0.0]},
-         "bodies": {"body": {"r_inertial_m": [0.0, 0.0, 0.0], "q_from_inertial": [1.0, 0.0, 0.0, 0.0]}}}
 
 
 @pytest.fixture(scope="module", params=[(), ("--workers", "2")], ids=["in process", "workers"])
@@ -35,15 +30,6 @@ def endpoint(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp("shared")
     with serving.server(folder, "--zmq", f"ipc://{folder}/z", *request.param, scene=SCENE) as (endpoint, _):
         yield endpoint
-
-
-def lent(store, *parts):
-    """Parts in a slot of a store: the store's own views, and the place."""
-    sizes = [len(part) for part in parts]
-    slot = store.take(offsets(sizes)[-1])
-    for place, part in zip(room(slot, sizes), parts, strict=True):
-        place[:] = part
-    return store.lend(slot, sizes)
 
 
 @pytest.fixture

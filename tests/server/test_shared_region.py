@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import serving
 from glrender_client import Client, ServerError
-from test_shared_memory import SCENE, STATE
+from lending import SCENE, STATE
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="shared memory for clients is Linux's")
 PRODUCTS = ["range", "body_id", "facet_id", "incidence", "emission", "phase", "r_body", "sunlit"]

@@ -19,8 +19,8 @@ import zmq
 from glrender_client import AsyncClient, Client, RequestTimeout, ServerError, replay
 from glrender_client.recording import Recorder
 from glrender_server.cli import main as glrender
-from test_shared_memory import SCENE, STATE
-from test_workers import children, until
+from lending import SCENE, STATE
+from serving import children, until
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="shared memory for clients is Linux's")
 LARGE = SCENE + "".join(f"""

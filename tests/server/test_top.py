@@ -132,7 +132,7 @@ def test_a_screen_fits_its_terminal(live, columns, lines):
     assert code == 0 and len(screens) > 3
     for one in screens:
         shown = one.decode().replace("\r", "").splitlines()
-        assert len(shown) == min(8, lines - 1) and max(map(len, shown)) <= columns
+        assert len(shown) == min(9, lines - 1) and max(map(len, shown)) <= columns
         assert shown[0] == f"{live}  up"[:columns] + shown[0][len(f"{live}  up"):]
 
 

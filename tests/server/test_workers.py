@@ -20,35 +20,13 @@ import views
 from glrender import DeviceError, load_scene
 from glrender_client import Client, ServerError
 from glrender_server import slots, workers
-from serving import Framed
+from serving import Framed, children, until
 
 STATE = views.state().to_dict()
 
 
-def children(process):
-    """Process numbers of a server's workers."""
-    found = []
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                fields = (entry / "stat").read_text().rpartition(")")[2].split()
-                command = (entry / "cmdline").read_bytes()
-            except OSError:
-                continue
-            if int(fields[1]) == process.pid and b"spawn_main" in command:
-                found.append(int(entry.name))
-    return found
-
-
 def ready_workers(client):
     return client.status()["workers"]["ready"]
-
-
-def until(condition, seconds=30.0):
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, "it did not come to pass"
-        time.sleep(0.05)
 
 
 @pytest.fixture(scope="module")
@@ -305,7 +283,7 @@ def test_the_server_does_not_wait_while_a_worker_starts(pool):
 def test_a_system_without_room_for_a_worker_is_asked_again(pool, monkeypatch):
     pool._workers[0].process.kill()
     with monkeypatch.context() as patch:
-        patch.setattr(pool._spawn, "Pipe", mock.Mock(side_effect=OSError(24, "Too many open files")))
+        patch.setattr(workers.socket, "socketpair", mock.Mock(side_effect=OSError(24, "Too many open files")))
         until(lambda: pool.turn({}) or pool.restarts == 2)
         assert not pool.outage
         until(lambda: pool.turn({}) or pool.restarts == 3)

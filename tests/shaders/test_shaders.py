@@ -8,9 +8,10 @@ import moderngl
 import numpy as np
 import pytest
 from glrender.base.errors import ShaderError
+from glrender.brdf import GlslText, Lambert
 from glrender.engines.raster.gl.context import Context
+from glrender.engines.raster.gl.evaluate import BrdfEvaluator
 from glrender.shaders import ConstantBlock, UniformBlock, compose, constants_glsl
-from glrender.shaders import compose as compose_function
 from glrender.shaders.compose import Source
 
 
@@ -40,23 +41,21 @@ def test_unknown_names_and_missing_laws_are_refused():
         compose("surface.frag.glsl", brdf="nonsense")
 
 
-def test_include_cycle_is_refused(monkeypatch):
-    module = __import__("sys").modules[compose_function.__module__]
-    files = {"a.glsl": '#include "b.glsl"', "b.glsl": '#include "a.glsl"'}
-    monkeypatch.setattr(module, "_read", files.__getitem__)
-    with pytest.raises(ShaderError, match="cycle: a.glsl -> b.glsl -> a.glsl"):
-        compose("a.glsl")
+def test_include_cycle_is_refused():
+    law = GlslText("loop", '#include "brdf"')
+    with pytest.raises(ShaderError, match=r"cycle: surface\.frag\.glsl -> brdf/loop\.glsl -> brdf/loop\.glsl"):
+        compose("surface.frag.glsl", brdf=law)
 
 
-def test_a_driver_message_names_file_and_line(context, monkeypatch):
-    module = __import__("sys").modules[compose_function.__module__]
-    files = {"broken.frag.glsl": '#include "ok.glsl"\nout vec4 c;\nvoid main() { c = nonsense; }',
-             "ok.glsl": "// fine\n// fine"}
-    monkeypatch.setattr(module, "_read", files.__getitem__)
-    fragment = compose("broken.frag.glsl")
-    monkeypatch.undo()
-    with pytest.raises(ShaderError, match=r"broken\.frag\.glsl:3"):
-        context.program(compose("fullscreen.vert.glsl"), fragment)
+def test_a_driver_message_names_file_and_line(context):
+    """Of a law's own text, after what it includes."""
+    class Broken(Lambert):
+        glsl = GlslText("broken", '#include "brdf/angles.glsl"\nfloat brdf(vec3 a, vec3 b, vec3 n, float s)\n'
+                                  '{ return nonsense; }')
+
+    up = np.array([[0.0, 0.0, 1.0]])
+    with pytest.raises(ShaderError, match=r"brdf/broken\.glsl:3"):
+        BrdfEvaluator(context)(Broken(normal_albedo=0.3), up, up, up)
 
 
 def test_explain_leaves_other_numbers_alone():

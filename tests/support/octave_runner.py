@@ -8,12 +8,26 @@ import subprocess
 from functools import cache
 from pathlib import Path
 
+import serving
 from missing import missing
 
 REPOSITORY = Path(__file__).parents[2]
 SIMULINK = REPOSITORY / "clients" / "simulink"
 MARK = "GLRENDER CHECKED"
 REMEDY = "sh tools/install_octave.sh brings it"
+# With a camera of one byte a pixel.
+SCENE = serving.SCENE + """
+[[cameras]]
+name = "byte"
+width_px = 48
+height_px = 40
+focal_length_px = 200.0
+[cameras.model]
+exposure_s = 0.01
+optics = { aperture_diameter_m = 0.01, psf_sigma_px = 0.5 }
+detector = { quantum_efficiency = 0.5, full_well_electrons = 30000.0, gain_DN_per_electron = 0.006, bit_depth = 8, \
+read_noise_electrons = 10.0 }
+"""
 
 
 @cache

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from contextlib import contextmanager
+from pathlib import Path
 
 SCENE = """
 max_error = 0.1
@@ -65,6 +66,28 @@ def server(folder, *arguments, scene=SCENE):
             process.kill()
             process.wait()
             process.stdout.close()
+
+
+def children(process):
+    """Process numbers of a server's workers."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            try:
+                fields = (entry / "stat").read_text().rpartition(")")[2].split()
+                command = (entry / "cmdline").read_bytes()
+            except OSError:
+                continue
+            if int(fields[1]) == process.pid and b"spawn_main" in command:
+                found.append(int(entry.name))
+    return found
+
+
+def until(condition, seconds=30.0):
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline, "it did not come to pass"
+        time.sleep(0.05)
 
 
 def tcp_address(process):

@@ -90,13 +90,13 @@ def _light_of_a_binary(phase_deg: float) -> tuple[np.ndarray, State, float]:
     """A contact binary's light by rays, 300 px across, its state and its focal length [px] there."""
     focal_length_px = 300.0 * 2000.0 / 200.0
     state = views.state(phase_deg=phase_deg)
-    with RayTracer(views.scene([_binary()], [views.camera(340, focal_length_px)])) as tracer:
+    with RayTracer(views.scene([binary()], [views.camera(340, focal_length_px)])) as tracer:
         image = tracer.render(state, samples=4).irradiance_W_m2.astype(np.float64)
     return image, state, focal_length_px
 
 
 @cache
-def _binary(subdivisions: int = 5) -> Body:
+def binary(subdivisions: int = 5) -> Body:
     return Body(name="body", shape=generate.contact_binary(radius_m=100.0, seed=2, subdivisions=subdivisions),
                 brdf=GREY)
 
@@ -115,7 +115,7 @@ def small_body(size_px: float, phase_deg: float, offset_px: tuple[float, float],
     edges = (np.arange(light.shape[0] + 1) - 0.5 * light.shape[0]) * focal_length_px / fine_px
     columns, rows = (_shares(edges + p + 0.5, side) for p in place)
     truth = rows.T @ light @ columns
-    with Renderer(views.scene([_binary()], [camera])) as renderer:
+    with Renderer(views.scene([binary()], [camera])) as renderer:
         image = renderer.render(state, **how).irradiance_W_m2.astype(np.float64)
     if not image.sum() > 0.0:
         return -1.0, np.inf
@@ -180,7 +180,7 @@ def crescent(phase_deg: float, is_rough: bool, max_error: float = 0.02) -> tuple
     # From far: near by, parallax alone changes a thin crescent.
     range_m = 1e6
     camera, state = views.camera(160, 140.0 * range_m / 200.0), views.state(phase_deg=phase_deg, range_m=range_m)
-    body = _binary() if is_rough else views.sphere(GREY, 6)
+    body = binary() if is_rough else views.sphere(GREY, 6)
     scene = views.scene([body], [camera], sun_disc=is_rough)
     if is_rough:
         with RayTracer(scene) as tracer:

@@ -10,6 +10,7 @@ import time
 import numpy as np
 import pytest
 import views
+from cells import slow_but
 from glrender import Body, Renderer, generate
 from glrender.brdf import Lambert
 from glrender.engines.coverage.brdf_tables import BrdfTables
@@ -45,7 +46,7 @@ def scene():
     return views.scene([Body(name="body", shape=shape, brdf=GREY)], [views.camera(512, 4000.0)], sun_disc=False)
 
 
-@pytest.mark.parametrize("px", [3.0, 12.0, 400.0])
+@pytest.mark.parametrize("px", slow_but([3.0, 12.0, 400.0], 0, 2))
 @pytest.mark.parametrize("engine", ENGINES)
 def test_no_thread_works_on_after_a_frame(scene, engine, px):
     with Renderer(scene) as renderer:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import sweeps
 import views
+from cells import slow_but
 from glrender import Body, Pose, Renderer, Shape, State, frames, generate
 from glrender.base.constants import AU_M
 from glrender.brdf import Lambert
@@ -16,14 +17,15 @@ from glrender.engines.rays.backend import RayTracer
 
 
 @pytest.mark.parametrize("size_px", [50.0, 200.0])
-@pytest.mark.parametrize("phase_deg, share", [(0.0, 5e-4), (30.0, 5e-4), (60.0, 5e-4), (90.0, 5e-4), (120.0, 5e-4),
-                                              (150.0, 2e-3), (165.0, 1e-2), (175.0, 0.2)])
+@pytest.mark.parametrize("phase_deg, share", slow_but(
+    [(0.0, 5e-4), (30.0, 5e-4), (60.0, 5e-4), (90.0, 5e-4), (120.0, 5e-4), (150.0, 2e-3), (165.0, 1e-2), (175.0, 0.2)],
+    0, 2, 5, 7))
 def test_a_convex_body_casts_no_shadow_on_itself(phase_deg, size_px, share):
     """The goal is 0.05 % of the lit flux; from 150 deg on the low Sun costs what is stated here."""
     assert abs(sweeps.false_shadow(phase_deg, size_px, samples=4)) <= share
 
 
-@pytest.mark.parametrize("phase_deg", [5.0, 30.0, 60.0, 90.0, 120.0, 150.0, 170.0, 175.0])
+@pytest.mark.parametrize("phase_deg", slow_but([5.0, 30.0, 60.0, 90.0, 120.0, 150.0, 170.0, 175.0], 0, 2, 5, 7))
 def test_a_shadow_stays_with_what_casts_it(phase_deg):
     """A pillar's shadow begins at its foot and ends where it must: its length within half a pixel."""
     assert abs(sweeps.pillar_shadow(phase_deg)) <= 0.5
@@ -74,7 +76,7 @@ def terrain(n=65):
 
 
 @pytest.mark.parametrize("engine", ["raster", "coverage"])
-@pytest.mark.parametrize("max_error", [0.05, 0.01])
+@pytest.mark.parametrize("max_error", slow_but([0.05, 0.01], 1))
 def test_open_ground_casts_its_shadow(engine, max_error):
     """The Sun sees backs of hills too: without them the flux was 23 % too large, and told as 1 %."""
     sun, place = np.array([0.9, 0.2, 0.38]), np.array([60.0, 20.0, 120.0])

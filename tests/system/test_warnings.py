@@ -13,10 +13,10 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import comae as coma
 import numpy as np
 import pytest
 import serving
-import test_coma_render as coma
 import trimesh
 import views
 from glrender import (

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import itertools
+import time
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -13,7 +15,7 @@ import zmq.asyncio
 
 from .connection import connected, positive_s
 from .curve import curve_keys
-from .errors import GlrenderClientError, RequestTimeout
+from .errors import Busy, GlrenderClientError, RequestTimeout
 from .owner import Owner
 from .presence import told_presence
 from .wire import HasDict, Packer, Reply, frames_fields, range_fields, read_header, read_reply, render_fields
@@ -94,20 +96,36 @@ class AsyncClient:
             raise GlrenderClientError("use this client inside `async with`")
         self._owner.check()
         number, message = self._pack(op, fields)
+        for _ in range(self._retries + 1):
+            found = await self._try_while_busy(message, number, timeout_s)
+            if found is not None:
+                return found
+        presence = await asyncio.to_thread(told_presence, self._endpoint, self._keys)
+        raise RequestTimeout.after(self._endpoint, op, timeout_s, self._retries + 1, presence)
+
+    async def _try_while_busy(self, message: bytes, number: int, timeout_s: float) -> Reply | None:
+        """One try; a busy server is asked again later, until the time is over."""
+        deadline = time.monotonic() + timeout_s
+        for n_before in itertools.count():
+            try:
+                return await self._try_once(message, number, deadline - time.monotonic())
+            except Busy as error:
+                pause_s = error.pause_s(n_before)
+                if time.monotonic() + pause_s > deadline:
+                    raise
+                await asyncio.sleep(pause_s)
+
+    async def _try_once(self, message: bytes, number: int, timeout_s: float) -> Reply | None:
         future: asyncio.Future[Reply] = asyncio.get_running_loop().create_future()
         self._waiting[number] = future
         try:
-            for _ in range(self._retries + 1):
-                await self._socket.send(message)
-                done, _ = await asyncio.wait([future], timeout=timeout_s)
-                if done:
-                    return future.result()
+            await self._socket.send(message)
+            done, _ = await asyncio.wait([future], timeout=max(0.0, timeout_s))
+            return future.result() if done else None
         finally:
             del self._waiting[number]
             if not future.cancel() and not future.cancelled():
                 future.exception()  # of a request given up when its answer was there: nobody else asks
-        presence = await asyncio.to_thread(told_presence, self._endpoint, self._keys)
-        raise RequestTimeout.after(self._endpoint, op, timeout_s, self._retries + 1, presence)
 
     async def _read(self) -> None:
         while True:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import sys
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -12,7 +13,7 @@ import zmq
 
 from .connection import MAX_POLL_MS, connected, positive_s
 from .curve import curve_keys
-from .errors import GlrenderClientError, RequestTimeout
+from .errors import Busy, GlrenderClientError, RequestTimeout
 from .notebook import described
 from .owner import Owner
 from .pipeline import in_order
@@ -35,7 +36,7 @@ class Client:
     endpoint : str
         ``tcp://127.0.0.1:5555`` or ``ipc:///path``.
     timeout_s : float [s]
-        For each try of a request.
+        For each try of a request. A server that says `busy` is asked again meanwhile, in pauses that grow.
     retries : int
         Further tries after a timeout, each over a new connection; the server answers a request
         that it has already done from its last reply, so nothing is drawn twice.
@@ -256,12 +257,24 @@ class Client:
                 raise GlrenderClientError(f"a request must have at most {most} bytes, `{op}` has {len(message)}: "
                                           "shapes and textures are file names, not data")
         for _ in range(self._retries + 1):
-            found = self._try_once(message, number, timeout_s)
+            found = self._try_while_busy(message, number, timeout_s)
             if found is not None:
                 return found
             # The request or the reply may be lost with the connection: ask anew over another.
             self._disconnect()
         raise self._timeout(op, timeout_s)
+
+    def _try_while_busy(self, message: bytes, number: int, timeout_s: float) -> Reply | None:
+        """One try; a busy server is asked again later, until the time is over."""
+        deadline = time.monotonic() + timeout_s
+        for n_before in itertools.count():
+            try:
+                return self._try_once(message, number, deadline - time.monotonic())
+            except Busy as error:
+                pause_s = error.pause_s(n_before)
+                if time.monotonic() + pause_s > deadline:
+                    raise
+                time.sleep(pause_s)
 
     def _timeout(self, op: str, timeout_s: float) -> RequestTimeout:
         return RequestTimeout.after(self._endpoint, op, timeout_s, self._retries + 1,

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import random
+
+# A pause grows by half with each `busy` in a row, up to 5 s.
+_GROWTH, _MAX_PAUSE_S = 1.5, 5.0
+
 
 class GlrenderClientError(Exception):
     """Base of all that this package raises."""
@@ -24,8 +29,8 @@ class ServerError(GlrenderClientError):
     Attributes
     ----------
     code : str
-        ``config``, ``scene``, ``shape``, ``protocol``, ``device``, ``shader``, ``busy``, ``closing``,
-        ``internal``.
+        ``config``, ``scene``, ``shape``, ``protocol``, ``device``, ``shader``, ``busy``, ``forbidden``,
+        ``poison``, ``closing``, ``internal``.
     path : str
         The field that is wrong, e.g. ``state.spacecraft.q_from_inertial``.
     message : str
@@ -37,4 +42,18 @@ class ServerError(GlrenderClientError):
 
 
 class Busy(ServerError):
-    """The server's queue is full; the same request later will do."""
+    """The server has too much to do, for all of the time that the request was given.
+
+    Attributes
+    ----------
+    retry_after_s : float [s]
+        When the server wants to be asked again.
+    """
+
+    def __init__(self, code: str, path: str, message: str, retry_after_s: float = 0.05):
+        super().__init__(code, path, message)
+        self.retry_after_s = retry_after_s
+
+    def pause_s(self, n_before: int) -> float:
+        """How long to wait after this and so many others in a row: longer each time, and by chance [s]."""
+        return min(self.retry_after_s * _GROWTH**min(n_before, 20), _MAX_PAUSE_S) * random.uniform(0.5, 1.5)

@@ -7,10 +7,10 @@ from collections import OrderedDict
 from collections.abc import Iterator
 from typing import Any
 
+from .errors import Busy
 from .wire import Reply, read_reply
 
 MAX_IN_FLIGHT = 16
-_BUSY_PAUSE_S = 0.01
 
 
 def in_order(client: Any, packed: Iterator[tuple[int, bytes]], in_flight: int) -> Iterator[Reply]:
@@ -23,7 +23,7 @@ def in_order(client: Any, packed: Iterator[tuple[int, bytes]], in_flight: int) -
 def _replies(client: Any, packed: Iterator[tuple[int, bytes]], in_flight: int) -> Iterator[Reply]:
     waiting: OrderedDict[int, bytes] = OrderedDict()
     come: dict[int, tuple[dict[str, Any], list[Any]]] = {}
-    tries, deadline = 0, 0.0
+    tries, n_busy, deadline = 0, 0, 0.0
     while True:
         while len(waiting) < in_flight and (request := next(packed, None)) is not None:
             waiting[request[0]] = request[1]
@@ -52,7 +52,11 @@ def _replies(client: Any, packed: Iterator[tuple[int, bytes]], in_flight: int) -
             header = found[0]
             if not header.get("ok") and header["error"]["code"] == "busy":
                 # Others fill the server's queue: the same request again, in a while.
-                time.sleep(_BUSY_PAUSE_S)
+                told_s = header["error"].get("retry_after_s", 0.05)
+                pause_s = Busy("busy", "", "", told_s).pause_s(n_busy)
+                time.sleep(min(pause_s, max(0.0, deadline - time.monotonic())))
+                n_busy += 1
                 client._send(waiting[header["id"]])
             else:
+                n_busy = 0
                 come[header["id"]] = found

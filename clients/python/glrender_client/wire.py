@@ -140,8 +140,8 @@ def read_reply(header: dict[str, Any], parts: Sequence[Any]) -> Reply:
     """
     if not header.get("ok"):
         error = header.get("error", {})
-        kind = Busy if error.get("code") == "busy" else ServerError
-        raise kind(error.get("code", ""), error.get("path", ""), error.get("message", ""))
+        told = error.get("code", ""), error.get("path", ""), error.get("message", "")
+        raise Busy(*told, error.get("retry_after_s", 0.05)) if told[0] == "busy" else ServerError(*told)
     own, of_frames = {}, [{} for _ in header.get("frames", ())]
     for entry in header.get("arrays", []):
         flat = np.frombuffer(parts[entry["part"]], np.dtype(entry["dtype"]).newbyteorder("<"))

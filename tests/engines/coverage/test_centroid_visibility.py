@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import solids
 import views
+from cells import slow_but
 from glrender import Body, Pose, Renderer, Shape, generate
 from glrender.brdf import Hapke, Lambert, LommelSeeliger
 from glrender.engines.coverage.brdf_tables import BrdfTables
@@ -208,7 +209,7 @@ def whole(camera, seen):
 
 
 @pytest.mark.parametrize("kind", ["rough", "binary"])
-@pytest.mark.parametrize("size_px", [40, 240])
+@pytest.mark.parametrize("size_px", slow_but([40, 240], 1))
 def test_boundary_facets_tell_the_error_of_a_frame(rough, kind, size_px):
     """Also of one lobe's shadow on the other, and not far too much: beside facets that are clipped."""
     shape = rough.shape if kind == "rough" else generate.contact_binary(radius_m=100.0, seed=2, subdivisions=6)
@@ -246,7 +247,7 @@ def test_the_image_does_not_depend_on_the_number_of_threads(rough, monkeypatch):
     assert again.tobytes() == image.tobytes() and told_again == told
 
 
-@pytest.mark.parametrize("phase_deg", [60.0, 100.0])
+@pytest.mark.parametrize("phase_deg", slow_but([60.0, 100.0], 0))
 def test_a_frame_whose_boundaries_are_too_long_is_clipped_instead(phase_deg):
     """Its own estimate keeps it within the budget, and its plan says how it was drawn."""
     scene, engine = engine_of(generate.contact_binary(radius_m=100.0, seed=2, subdivisions=6))

@@ -11,6 +11,7 @@ import pytest
 import solids
 import sweeps
 import views
+from cells import slow_but
 from glrender import Body, Renderer, Shape, frames, generate
 from glrender.base.constants import AU_M
 from glrender.brdf import Hapke, Lambert, LommelSeeliger
@@ -83,7 +84,8 @@ def test_a_convex_body_sends_the_sum_of_its_facets(law, phase_deg):
     np.testing.assert_allclose(image.sum(), expected, rtol=3e-5)
 
 
-@pytest.mark.parametrize("phase_deg, size_px", [(30.0, 150.0), (90.0, 150.0), (130.0, 200.0), (60.0, 12.0)])
+@pytest.mark.parametrize("phase_deg, size_px", slow_but([(30.0, 150.0), (90.0, 150.0), (130.0, 200.0), (60.0, 12.0)],
+                                                        1, 2, 3))
 def test_a_rough_body_is_within_what_is_told(phase_deg, size_px):
     state, camera = views.state(phase_deg=phase_deg, range_m=50_000.0), views.camera(256, 250.0 * size_px)
     bodies = [Body(name="body", shape=rough(), brdf=LAW)]
@@ -187,7 +189,7 @@ def boulders_on_a_coarse_body():
     return Shape.from_arrays(np.concatenate(vertices), np.concatenate(facets))
 
 
-@pytest.mark.parametrize("phase_deg, budget", [(60.0, 0.05), (90.0, 0.05), (90.0, 0.03)])
+@pytest.mark.parametrize("phase_deg, budget", slow_but([(60.0, 0.05), (90.0, 0.05), (90.0, 0.03)], 2))
 def test_few_facets_with_most_of_the_error_are_not_hidden_by_many_with_little(phase_deg, budget):
     """The boulders' shadows end in a dozen large facets, and a thousand small ones are mixed."""
     state, camera = views.state(phase_deg=phase_deg, direction=(0.1, -1.0, 0.2)), views.camera(256, 1400.0)
@@ -274,7 +276,7 @@ def test_neighbours_are_found_across_every_edge_and_not_across_others():
     assert (neighbours(np.array([[0, 1, 2], [0, 1, 3]]).T) == -1).all()
 
 
-@pytest.mark.parametrize("budget", [0.1, 0.03])
+@pytest.mark.parametrize("budget", slow_but([0.1, 0.03], 1))
 def test_a_moon_before_the_middle_of_a_facet_is_found_or_told(budget):
     """All corners of a planet of eighty facets agree: nothing is mixed, and nothing would be looked at."""
     planet = views.sphere(LAW, 1, 100.0, "planet")
@@ -291,7 +293,7 @@ def test_a_moon_before_the_middle_of_a_facet_is_found_or_told(budget):
     assert views.relative_rms(image, truth) <= told <= budget
 
 
-@pytest.mark.parametrize("share", [0.01, 0.02])
+@pytest.mark.parametrize("share", slow_but([0.01, 0.02], 0))
 def test_facets_that_are_there_twice_are_bright_once(share):
     """Otherwise triangulated, so that no edge tells: nothing is missing for what overlaps, and all of it is taken off.
 
@@ -327,7 +329,7 @@ def tube(n_sides=48):
     return Body(name="body", shape=Shape.from_arrays(vertices_m, np.concatenate(facets)), brdf=LAW)
 
 
-@pytest.mark.parametrize("budget", [0.1, 0.05, 0.02])
+@pytest.mark.parametrize("budget", slow_but([0.1, 0.05, 0.02], 1))
 @pytest.mark.parametrize(("camera_deg", "sun_deg", "aside_deg"), [(30.0, -15.0, 40.0), (25.0, -20.0, 0.0)])
 def test_light_between_corners_that_are_all_dark_is_found(budget, camera_deg, sun_deg, aside_deg):
     """The camera sees the upper half of a wall and the Sun the lower one: no corner of a facet is both seen and lit."""

@@ -68,6 +68,7 @@ def test_equal_requests_give_equal_bytes_whatever_came_between():
     assert drawn[0] == drawn[2] == drawn[5] != drawn[1] == drawn[4]
 
 
+@pytest.mark.usefixtures("blender")
 def test_progress_rises_to_the_end():
     told = []
     with Cycles(SCENE) as cycles:
@@ -115,9 +116,10 @@ def test_blender_ends_when_we_are_killed_amid_a_frame():
     code = f"""
 import sys
 sys.path.append({str(Path(__file__).parents[2] / 'support')!r})
-import test_cycles_process as t, views
+import views
+from glrender.brdf import Lambert
 from glrender.engines.cycles import Cycles
-cycles = Cycles(t.SCENE)
+cycles = Cycles(views.scene([views.sphere(Lambert(normal_albedo=0.4), 3)], [views.camera(48, 300.0)]))
 print(cycles._blender.pid, flush=True)
 cycles.render(views.state(), samples=128, on_progress=lambda share: print("drawing", flush=True))
 """

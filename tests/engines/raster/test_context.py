@@ -9,16 +9,9 @@ import threading
 from pathlib import Path
 
 import pytest
+from backends import WORKING, backend_or_skip
 from glrender.base.errors import ConfigError, DeviceError
-from glrender.engines.raster.gl.context import BACKENDS, Context, probe
-
-WORKING = [entry["backend"] for entry in probe() if "error" not in entry]
-
-
-def backend_or_skip(backend: str) -> str:
-    if backend not in WORKING:
-        pytest.skip(f"SKIPPED FOR WANT OF {backend.upper()}: this machine has {WORKING}")
-    return backend
+from glrender.engines.raster.gl.context import BACKENDS, Context
 
 
 @pytest.mark.parametrize("backend", BACKENDS)

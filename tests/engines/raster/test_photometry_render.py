@@ -8,7 +8,7 @@ import views
 from glrender import Renderer
 from glrender.brdf import Akimov, Hapke, Lambert, LommelSeeliger, LunarLambert, Minnaert, OrenNayar, Rolo
 from glrender.brdf.integrals import disc_albedo
-from test_photometry import K_TABLE
+from phase_functions import K_TABLE
 
 FULL = Hapke(single_scattering_albedo=0.4, b=0.3, c=0.4, shoe_amplitude=1.2, shoe_width=0.05, cboe_amplitude=0.3,
              cboe_width=0.02, roughness_deg=25.0, filling_factor=0.3, multiple_scattering="anisotropic")

@@ -8,22 +8,10 @@ import numpy as np
 import pytest
 import raytracer
 import views
+from backends import WORKING, backend_or_skip
 from glrender import Body, Pose, Renderer, frames, generate
 from glrender.brdf import Hapke, Lambert, LommelSeeliger, LunarLambert
-from test_context import WORKING, backend_or_skip
-
-
-def phi_lambert(g):
-    return (np.sin(g) + (np.pi - g) * np.cos(g)) / np.pi
-
-
-def phi_lommel_seeliger(g):
-    return np.where(g > 0, 1 - np.sin(g / 2) * np.tan(g / 2) * np.log(1 / np.tan(np.maximum(g, 1e-9) / 4)), 1.0)
-
-
-def mcewen(g_deg):
-    return 1 - 0.019 * g_deg + 2.42e-4 * g_deg**2 - 1.46e-6 * g_deg**3
-
+from phase_functions import mcewen, phi_lambert, phi_lommel_seeliger
 
 HAPKE = Hapke(single_scattering_albedo=0.33, b=0.25, c=1.0, shoe_amplitude=1.4, shoe_width=0.05, roughness_deg=28.0)
 

@@ -17,8 +17,8 @@ from glrender.engines.rays.backend import RayTracer
 from glrender.engines.rays.engine import RAYS_AT_ONCE
 from glrender.engines.rays.mesh import LEAST_LIFT, RayMesh
 from glrender.scene.shape.ray_triangle import intersect
+from phase_functions import phi_lambert
 from scipy.spatial.transform import Rotation
-from test_renderer_photometry import phi_lambert
 
 GREY = Lambert(normal_albedo=0.4)
 

@@ -1,0 +1,71 @@
+"""Every bound of the service in one place: `hello` tells them, `docs/service.md` lists them.
+
+A client that exceeds one is answered `busy` with the time after which to ask again, is refused by name, or is hung up
+on; the others are served meanwhile.
+"""
+
+from __future__ import annotations
+
+import resource
+
+MAX_HEADER_BYTES = 1 << 20
+"""Of one request."""
+MAX_VALUES = 60_000
+"""Entries of all lists and maps of a header together: the 10,000 directions of a `range` have 40,000."""
+MAX_DEPTH = 16
+"""Lists and maps of a header inside each other: a scene has 6."""
+
+MAX_WAITING = 1024
+"""Requests that wait for a renderer, of all clients: more than there may be connections, so that each has a place."""
+MAX_WAITING_BYTES = 1 << 26
+"""Their headers together."""
+MAX_COPIES = 16
+"""Copies of one request under way that get its reply."""
+MAX_TURN = 32
+"""Messages that are taken in of one transport before others have their turn."""
+
+MAX_UNTAKEN_BYTES = 1 << 26
+"""Replies that one client has not taken; its next frame is answered `busy`."""
+MAX_UNTAKEN_BYTES_IN_ALL = 1 << 30
+"""Of all clients; beyond it only clients that have taken everything get frames."""
+MAX_UNFINISHED_BYTES = 1 << 25
+"""Parts of a message that one client has begun over ZeroMQ and not finished."""
+MAX_UNFINISHED_BYTES_IN_ALL = 1 << 28
+MAX_KEPT_REPLIES, MAX_KEPT_BYTES = 64, 1 << 28
+"""The last replies that are kept for clients that ask again."""
+
+MAX_SCENE_PIXELS = 1 << 26
+"""All cameras of a scene that came over the wire; with margins and the cells of distortion twice as many."""
+MAX_SCENE_FACETS = 10_000_000
+MAX_SCENE_BODIES = 64
+MAX_SCENE_CAMERAS = 64
+
+LOG_LINES, LOG_PERIOD_S = 10, 10.0
+"""Lines of one kind that are logged in a period; the next one says how many were left out."""
+MAX_METRICS_CONNECTIONS = 16
+
+_MAX_CONNECTIONS, _MAX_TCP_CONNECTIONS = 512, 128
+# A worker takes about eight descriptors, a slot of shared memory two.
+_SHARE_OF_DESCRIPTORS = 0.4
+
+
+def max_connections() -> tuple[int, int]:
+    """Connections over ZeroMQ and over TCP for which this process has descriptors; it first asks for all it may have.
+
+    Beyond them the connection that has been silent longest is closed for a new one.
+    """
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if hard != resource.RLIM_INFINITY and soft < hard:
+        soft = min(hard, 1 << 16)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+    of_zmq = min(_MAX_CONNECTIONS, int(_SHARE_OF_DESCRIPTORS * soft))
+    return of_zmq, min(_MAX_TCP_CONNECTIONS, of_zmq // 2)
+
+
+def described() -> dict[str, int | float]:
+    """The bounds as `hello` tells them."""
+    of_zmq, of_tcp = max_connections()
+    return {"max_header_bytes": MAX_HEADER_BYTES, "max_values": MAX_VALUES, "max_depth": MAX_DEPTH,
+            "max_waiting": MAX_WAITING, "max_untaken_bytes": MAX_UNTAKEN_BYTES, "max_connections": of_zmq,
+            "max_tcp_connections": of_tcp, "max_image_pixels": MAX_SCENE_PIXELS, "max_scene_facets": MAX_SCENE_FACETS,
+            "max_scene_bodies": MAX_SCENE_BODIES, "max_scene_cameras": MAX_SCENE_CAMERAS}

@@ -1,0 +1,179 @@
+"""What one client asks for leaves the others served: its slow frames, scenes, floods, and what it does not read."""
+
+from __future__ import annotations
+
+import threading
+import time
+import tomllib
+from pathlib import Path
+
+import msgpack
+import pytest
+import serving
+import views
+import zmq
+from glrender_client import Client, ServerError
+from glrender_server.job import Job
+from glrender_server.workers import WorkerPool, _Task, _Worker
+
+STATE = views.state().to_dict()
+LARGE = serving.SCENE + """
+[[cameras]]
+name = "large"
+width_px = 2048
+height_px = 2048
+focal_length_px = 12000.0
+"""
+COSTLY = {"camera": "large", "samples": 16, "products": ["incidence", "emission"]}
+
+
+def head(op, number, client, **fields):
+    return msgpack.packb({"v": 1, "op": op, "id": number, "client": client, **fields})
+
+
+@pytest.fixture(scope="module")
+def pair(tmp_path_factory):
+    """A server of two workers."""
+    with serving.server(tmp_path_factory.mktemp("pair"), "--workers", "2", "--slow-deadline", "8",
+                        scene=LARGE) as (endpoint, process):
+        with Client(endpoint, timeout_s=60.0) as client:
+            serving.until(lambda: client.status()["workers"]["ready"] == 2)
+        yield endpoint, process
+
+
+@pytest.fixture
+def greedy(pair):
+    """A connection that sends ahead and reads nothing by itself."""
+    with zmq.Context() as context, context.socket(zmq.DEALER) as socket:
+        socket.set(zmq.LINGER, 0)
+        socket.set(zmq.RCVHWM, 1)
+        socket.connect(pair[0])
+        yield socket
+
+
+def longest_s(client, n_frames=5):
+    waits = []
+    for number in range(n_frames):
+        began = time.monotonic()
+        assert client.render({**STATE, "t_s": float(number)}, "bare").pixels.any()
+        waits.append(time.monotonic() - began)
+    return max(waits)
+
+
+def test_costly_frames_of_one_client_leave_a_worker_for_others(pair, greedy):
+    with Client(pair[0], timeout_s=60.0) as client:
+        assert client.render(STATE, "bare").pixels.any()
+        for number in range(4):
+            greedy.send(head("render", number, "greedy", state={**STATE, "t_s": float(number)}, **COSTLY))
+        time.sleep(0.3)
+        alone, beside = client.status()["waiting"], longest_s(client)
+        assert alone == 3, "one is drawn"
+        assert beside < 3.0
+        for number in range(4):
+            assert greedy.poll(60_000)
+            assert msgpack.unpackb(greedy.recv_multipart()[0])["id"] == number
+
+
+def test_the_old_scene_is_served_while_a_new_one_is_loaded(pair):
+    scene = tomllib.loads(LARGE)
+    scene["bodies"] = [{"name": f"b{k}", "generated": {"kind": "icosphere", "radius_m": 10.0 + k, "subdivisions": 8},
+                        "brdf": scene["bodies"][0]["brdf"]} for k in range(6)]
+    told = []
+
+    def load():
+        with Client(pair[0], timeout_s=60.0, retries=0) as operator:
+            try:
+                told.append(operator.load_scene(scene)["bodies"])
+            except ServerError as error:
+                told.append(error.code)
+
+    with Client(pair[0], timeout_s=60.0) as client:
+        loading = threading.Thread(target=load)
+        loading.start()
+        time.sleep(0.3)
+        assert longest_s(client) < 3.0 and loading.is_alive(), "it takes longer than its deadline"
+        loading.join()
+        assert told == ["poison"], "and is not tried twice"
+        assert client.hello()["bodies"][0]["name"] == "body"
+
+
+def test_a_new_scene_shows_in_every_reply_after_it(pair):
+    scene = tomllib.loads(LARGE)
+    dark = {**scene, "bodies": [{**scene["bodies"][0], "brdf": {"law": "lambert", "normal_albedo": 0.02}}]}
+    request = head("render", 7, "bench", state=STATE, camera="bare")
+    with zmq.Context() as context, context.socket(zmq.DEALER) as socket, Client(pair[0], timeout_s=60.0) as client:
+        socket.set(zmq.LINGER, 0)
+        socket.connect(pair[0])
+
+        def pixels():
+            socket.send(request)
+            assert socket.poll(30_000)
+            return socket.recv_multipart()[1]
+
+        before = pixels()
+        assert pixels() == before
+        client.load_scene(dark)
+        after = pixels()
+        assert after == client.render(STATE, "bare").pixels.tobytes() != before
+        client.load_scene(scene)
+        assert pixels() == before
+
+
+def test_status_is_answered_while_the_only_worker_draws(tmp_path):
+    with serving.server(tmp_path, scene=LARGE) as (endpoint, _), Client(endpoint, timeout_s=60.0) as client, \
+            Client(endpoint, timeout_s=60.0) as other:
+        client.render(STATE, "bare")
+        drawing = threading.Thread(target=lambda: client.render(STATE, **COSTLY))
+        drawing.start()
+        time.sleep(0.2)
+        began = time.monotonic()
+        other.hello()
+        assert other.status()["workers"]["ready"] == 1 and time.monotonic() - began < 1.0 and drawing.is_alive()
+        drawing.join()
+
+
+def test_who_does_not_read_is_told_busy_and_keeps_no_memory(pair, greedy):
+    def held_bytes():
+        status = Path(f"/proc/{pair[1].pid}/status").read_text().splitlines()
+        return 1024 * sum(int(line.split()[1]) for line in status if line.startswith(("RssAnon", "RssShmem")))
+
+    with Client(pair[0], timeout_s=60.0) as client:
+        client.render(STATE, "large", samples=1)
+        before, errors = held_bytes(), client.status()["errors"].get("busy", 0)
+        for number in range(40):  # of 16 MiB
+            greedy.send(head("render", number, "greedy", state={**STATE, "t_s": float(number)}, camera="large", samples=1))
+            client.render({**STATE, "t_s": float(number)}, "bare")
+        serving.until(lambda: client.status()["waiting"] == 0)
+        assert held_bytes() - before < 200 * 2**20, "64 MiB untaken, those under way, and what is kept for retries"
+        assert client.status()["errors"].get("busy", 0) - errors > 20
+
+
+class Pool(WorkerPool):
+    """Workers of which only the states are looked at."""
+
+    def __init__(self, *jobs):
+        self._workers = [_Worker(state="idle" if job is None else "busy", task=job and _Task(job)) for job in jobs]
+        self._again, self._generation = [], 0
+
+
+def job(sender, op="render", is_quick=True, **fields):
+    return Job({"op": op, **fields}, b"", lambda done: None, sender, is_quick)
+
+
+@pytest.mark.parametrize("under_way, asked, has_room", [
+    ([None], job("a", is_quick=False), True),
+    ([job("a")], job("b"), False),
+    ([job("a"), None], job("a"), True),
+    ([job("a"), None], job("a", is_quick=False), False),
+    ([job("a"), None], job("b", is_quick=False), True),
+    ([job("a"), None, None], job("a", is_quick=False), True),
+    ([job("a"), job("a"), None], job("a", is_quick=False), False),
+    ([job("a"), job("b"), None], job("a", is_quick=False), True),
+    ([job("a", allow_slow=True), None], job("b", allow_slow=True), False),
+    ([job("a", allow_slow=True), None], job("b"), True),
+    ([job("a", "load_scene"), None], job("b", "load_scene"), False),
+    ([job("a", "load_scene"), None], job("a"), False),
+    ([job("a", "load_scene"), None], job("b"), True),
+])
+def test_the_last_free_worker_is_kept_from_who_has_the_others(under_way, asked, has_room):
+    assert Pool(*under_way).has_room(asked) is has_room

@@ -1,0 +1,197 @@
+"""Requests that would end, fill or forge something are refused by name, and the server serves on."""
+
+from __future__ import annotations
+
+import io
+import json
+import logging
+import time
+import tomllib
+
+import msgpack
+import pytest
+import serving
+import views
+import zmq
+from glrender import ConfigError
+from glrender_camera import PinholeCamera
+from glrender_client import Client, ServerError
+from glrender_server import codec, limits, logs
+from glrender_server.operations import scene_asked
+from glrender_server.top import screen
+
+STATE = views.state().to_dict()
+RENDER = {"v": 1, "op": "render", "id": 5, "client": "hostile", "state": STATE, "camera": "bare"}
+
+
+def nested(depth):
+    """MessagePack of a list in a list in a list."""
+    return b"\x91" * depth + b"\xc0"
+
+
+def with_raw(fields, name, raw):
+    """A packed map with one more value, given as bytes."""
+    packed = msgpack.packb({key: value for key, value in fields.items() if key != name})
+    return bytes([packed[0] + 1]) + packed[1:] + msgpack.packb(name) + raw
+
+
+@pytest.fixture(scope="module")
+def live(tmp_path_factory):
+    with serving.server(tmp_path_factory.mktemp("hostile"), "--tcp", "127.0.0.1:0") as (endpoint, process):
+        yield endpoint, process
+
+
+@pytest.fixture
+def ask(live):
+    """Sends bytes over ZeroMQ and gives the reply's header."""
+    with zmq.Context() as context, context.socket(zmq.DEALER) as socket:
+        socket.set(zmq.LINGER, 0)
+        socket.connect(live[0])
+
+        def asked(message):
+            socket.send(message)
+            assert socket.poll(30_000), "no reply"
+            return msgpack.unpackb(socket.recv_multipart()[0])
+
+        yield asked
+
+
+@pytest.mark.parametrize("field", ["client", "op", "v", "id", "state", "roi", "frames", "camera"])
+@pytest.mark.parametrize("depth", [20, 500, 1010])
+def test_values_nested_deep_are_refused(ask, field, depth):
+    reply = ask(with_raw(RENDER, field, nested(depth)))
+    assert not reply["ok"] and reply["error"]["code"] == "protocol", reply
+    assert ask(msgpack.packb(RENDER))["ok"]
+
+
+@pytest.mark.parametrize("message, rule", [
+    (with_raw(RENDER, "roi", b"\xdd" + (10**6).to_bytes(4, "big") + b"\x80" * 10**6), "msgpack"),
+    (with_raw(RENDER, "roi", b"\x92" + 2 * (b"\xdc\x9c\x40" + b"\x80" * 40_000)), "at most 60000"),
+    (with_raw(RENDER, "roi", nested(17)), "deeper than 16"),
+    (msgpack.packb(RENDER)[:1].replace(b"\x86", b"\x87") + msgpack.packb(RENDER)[1:] + msgpack.packb("op")
+     + msgpack.packb("hello"), "twice"),
+])
+def test_a_header_is_bounded_while_it_is_decoded(message, rule):
+    began = time.process_time()
+    with pytest.raises(ConfigError, match=rule):
+        codec.unpack_request([message])
+    assert time.process_time() - began < 0.5
+
+
+def test_the_longest_request_that_is_allowed_is_decoded():
+    directions = [[0.0, 0.0, 1.0]] * 10_000
+    assert codec.unpack_request([msgpack.packb({**RENDER, "directions_camera": directions})])
+
+
+def test_an_error_costs_no_more_than_it_says():
+    for value in ("x" * 10**6, b"\xff" * 10**6, [[1] * 1000] * 1000, {str(k): k for k in range(10**5)}):
+        began = time.process_time()
+        text = str(ConfigError("roi", "must be four numbers", value))
+        assert len(text) < 300 and time.process_time() - began < 0.05
+
+
+def test_a_float_with_a_whole_value_is_an_id(ask):
+    """MATLAB's numbers are floats."""
+    assert ask(msgpack.packb({"v": 1, "op": "hello", "id": 7.0, "client": "m"}))["id"] == 7
+    reply = ask(msgpack.packb({"v": 1, "op": "hello", "id": 7.5, "client": "m"}))
+    assert (reply["ok"], reply["error"]["path"]) == (False, "id")
+
+
+SCENE = tomllib.loads(serving.SCENE)
+
+
+def camera(number, side_px):
+    return {"name": f"c{number}", "width_px": side_px, "height_px": side_px, "focal_length_px": 100.0 + number}
+
+
+def body(number, **generated):
+    return {**SCENE["bodies"][0], "name": f"b{number}",
+            "generated": {"kind": "icosphere", "radius_m": 1.0, "subdivisions": 1, **generated}}
+
+
+@pytest.mark.parametrize("changes, path, rule", [
+    ({"cameras": [camera(k, 4096) for k in range(5)]}, "scene.cameras", "67108864 pixels together"),
+    ({"cameras": [camera(k, 8) for k in range(65)]}, "scene.cameras", "at most 64"),
+    ({"bodies": [body(k) for k in range(1500)]}, "scene.bodies", "at most 64"),
+    ({"bodies": [body(k, subdivisions=9) for k in range(3)]}, "scene.bodies", "10000000 facets together"),
+])
+def test_the_sums_of_a_scene_are_bounded_before_it_is_made(changes, path, rule):
+    began = time.process_time()
+    with pytest.raises(ConfigError, match=rule) as caught:
+        scene_asked({"v": 1, "op": "load_scene", "id": 1, "client": "c", "scene": {**SCENE, **changes}}, None)
+    assert caught.value.path == path and time.process_time() - began < 0.5
+
+
+@pytest.mark.parametrize("name", ["cam\x1b[2J", "two\nlines", "x" * 129, ""])
+def test_names_are_printable_text(name):
+    with pytest.raises(ConfigError, match="printable"):
+        PinholeCamera(**{**camera(0, 8), "name": name})
+    with pytest.raises(ConfigError, match="printable"):
+        scene_asked({"v": 1, "op": "load_scene", "id": 1, "client": "c",
+                     "scene": {**SCENE, "bodies": [{**SCENE["bodies"][0], "name": name}]}}, None)
+
+
+def test_messages_about_shapes_do_not_tell_the_servers_folders(tmp_path):
+    (tmp_path / "bad.obj").write_text("v 1 2 nan\nf 1 2 3\n")
+    for name in ("bad.obj", "none.obj"):
+        named = {"name": "b", "shape": name, "length_unit": "m", "brdf": SCENE["bodies"][0]["brdf"]}
+        with pytest.raises(ConfigError) as caught:
+            scene_asked({"v": 1, "op": "load_scene", "id": 1, "client": "c",
+                         "scene": {**SCENE, "bodies": [named]}}, tmp_path)
+        assert name in str(caught.value) and str(tmp_path) not in str(caught.value)
+
+
+EVIL = "a\n2031-01-01 00:00:00,000 ERROR glrender_server[1]: forged\x1b[2J\x1b]0;owned\x07\u2028\x9b1m"
+
+
+@pytest.mark.parametrize("form", logs.FORMATS)
+def test_a_log_record_is_one_line_without_control_characters(form):
+    stream = io.StringIO()
+    handler = logging.StreamHandler(stream)
+    handler.setFormatter(logs.formatter(form))
+    logger = logging.Logger("test")
+    logger.addHandler(handler)
+    logger.error("poison: request of %s", EVIL)
+    line, = stream.getvalue().splitlines()
+    assert not any(ord(character) < 32 or 127 <= ord(character) < 160 for character in line) and "forged" in line
+    try:
+        raise ValueError(EVIL)
+    except ValueError:
+        logger.exception("request failed")
+    if form == "text":
+        first, *others = stream.getvalue().split("\n")[1:-1]
+        assert "request failed" in first and others and all(other.startswith("    ") for other in others)
+    else:
+        assert "forged" in json.loads(stream.getvalue().splitlines()[1])["traceback"]
+    assert "\x1b" not in stream.getvalue()
+
+
+def test_lines_of_one_kind_are_counted_rather_than_written(monkeypatch):
+    clock, sparing = [0.0], logs.Sparing()
+    monkeypatch.setattr(logs.time, "monotonic", lambda: clock[0])
+
+    def record(level, form, *values):
+        return logging.LogRecord("server", level, "", 0, form, values, None)
+
+    passed = [sparing.filter(record(logging.WARNING, "client %s takes nothing", k)) for k in range(1000)]
+    assert sum(passed) == limits.LOG_LINES
+    assert sparing.filter(record(logging.WARNING, "another kind"))
+    assert all(sparing.filter(record(logging.DEBUG, "request")) for _ in range(1000)), "asked for by --verbose"
+    clock[0] += 1.1 * limits.LOG_PERIOD_S
+    last = record(logging.WARNING, "client %s takes nothing", 1000)
+    assert sparing.filter(last) and last.getMessage() == "client 1000 takes nothing (990 more like it were left out)"
+
+
+def test_top_shows_what_a_server_says_without_control_characters():
+    status = {"uptime_s": 1.0, "gl_renderer": EVIL, "backend": EVIL, "requests": {EVIL: 1}, "errors": {}, "waiting": 0,
+              "clients": 0, "last_timings_ms": {}, "bodies": [],
+              "cameras": [{"name": EVIL, "width_px": 1, "height_px": 1}]}
+    for line in screen("tcp://127.0.0.1:5555", status):
+        assert not any(ord(character) < 32 or 127 <= ord(character) < 160 for character in line)
+
+
+def test_a_scene_that_nobody_may_replace(tmp_path):
+    with serving.server(tmp_path, "--no-load-scene") as (endpoint, _), Client(endpoint, timeout_s=30.0) as client:
+        with pytest.raises(ServerError, match="--no-load-scene") as caught:
+            client.load_scene(SCENE)
+        assert caught.value.code == "forbidden" and client.render(STATE, "bare").pixels.any()

@@ -1,0 +1,279 @@
+"""Other users of the machine, and other clients, can neither block a server nor take what is another's."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import stat
+import struct
+import threading
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import msgpack
+import pytest
+import serving
+import views
+import zmq
+from glrender_server import ipc_path, keys, slots
+from glrender_server.zmq_front import ZmqFront
+from serving import children
+
+STATE = views.state().to_dict()
+SHARED_MEMORY = Path("/dev/shm")
+needs_shared_memory = pytest.mark.skipif(not SHARED_MEMORY.is_dir(), reason="SKIPPED FOR WANT OF /dev/shm")
+
+
+def head(op, number, client="neighbour", **fields):
+    return msgpack.packb({"v": 1, "op": op, "id": number, "client": client, **fields})
+
+
+@contextmanager
+def peer(endpoint, **options):
+    with zmq.Context() as context, context.socket(zmq.DEALER) as dealer:
+        dealer.set(zmq.LINGER, 0)
+        for name, value in options.items():
+            dealer.set(getattr(zmq, name), value)
+        dealer.connect(endpoint)
+        yield dealer
+
+
+def reply(dealer, seconds=10.0):
+    return msgpack.unpackb(dealer.recv_multipart()[0]) if dealer.poll(1e3 * seconds) else None
+
+
+@contextmanager
+def serving_front(*arguments, **options):
+    """A front and a function that takes in what comes within a while."""
+    front, poller = ZmqFront(*arguments, **options), zmq.Poller()
+    front.start(poller)
+
+    def taken_in(seconds=1.0, enough=1):
+        requests, deadline = [], time.monotonic() + seconds
+        while time.monotonic() < deadline and len(requests) < enough:
+            requests += front.take_in(dict(poller.poll(20)))
+        return requests
+
+    try:
+        yield front, taken_in
+    finally:
+        front.close()
+
+
+@needs_shared_memory
+def test_what_others_leave_in_shared_memory_neither_blocks_nor_removes_anything():
+    store = slots.SlotStore()
+    slot = store.take(1000)
+    owner = next(path for path in SHARED_MEMORY.glob("glrender-slot-*") if slot.name.startswith(path.name + "-"))
+    pipe, pattern = (SHARED_MEMORY / name for name in ("glrender-slot-ffffffffffff", owner.name[:-1] + "?"))
+    try:
+        os.mkfifo(pipe)
+        pattern.touch()
+        slots.SlotStore().close()  # removes what the dead left; a FIFO would be waited for
+        assert (SHARED_MEMORY / slot.name).exists() and owner.exists()
+    finally:
+        pipe.unlink(missing_ok=True)
+        pattern.unlink(missing_ok=True)
+        store.close()
+
+
+@needs_shared_memory
+def test_memory_that_somebody_removed_is_not_used_again():
+    store = slots.SlotStore()
+    try:
+        slot = store.take(1000)
+        store.give_back(slot)
+        (SHARED_MEMORY / slot.name).unlink()
+        other = store.take(1000)
+        assert other.name != slot.name and (SHARED_MEMORY / other.name).exists()
+    finally:
+        store.close()
+
+
+def test_a_unix_socket_is_not_taken_from_a_server_and_admits_its_user_alone(tmp_path):
+    endpoint = f"ipc://{tmp_path}/socket"
+    with serving_front(endpoint) as (front, taken_in), peer(endpoint) as dealer:
+        assert stat.S_IMODE((tmp_path / "socket").stat().st_mode) == 0o600
+        with pytest.raises(OSError, match="a server listens there"):
+            ZmqFront(endpoint)
+        dealer.send(head("hello", 1))
+        assert taken_in(), "the first is still reached"
+    with serving_front(endpoint):
+        pass  # it is free again
+
+
+def test_a_socket_that_a_killed_server_left_is_taken(tmp_path):
+    path = tmp_path / "socket"
+    with socket.socket(socket.AF_UNIX) as left:
+        left.bind(str(path))
+    ipc_path.Claim(path).release()
+    with serving_front(f"ipc://{path}"):
+        pass
+
+
+def test_a_file_that_is_no_socket_is_left_alone(tmp_path):
+    (tmp_path / "thesis.txt").write_text("years of work")
+    with pytest.raises(OSError, match="no socket"):
+        ZmqFront(f"ipc://{tmp_path}/thesis.txt")
+    assert (tmp_path / "thesis.txt").read_text() == "years of work"
+
+
+def test_who_takes_a_clients_identity_does_not_get_its_replies():
+    with serving_front("tcp://127.0.0.1:*") as (front, taken_in), peer(front.endpoint, IDENTITY=b"loop") as first:
+        first.send(head("hello", 1))
+        request, = taken_in()
+        with peer(front.endpoint, IDENTITY=b"loop") as second:
+            second.send(head("hello", 2))
+            taken_in(0.3)
+            request.answer([msgpack.packb({"id": 1})])
+            assert reply(second, 0.3) is None and reply(first) == {"id": 1}
+
+
+def test_a_reply_to_who_has_gone_reaches_nobody_of_that_identity():
+    with serving_front("tcp://127.0.0.1:*") as (front, taken_in):
+        with peer(front.endpoint, IDENTITY=b"loop") as first:
+            first.send(head("hello", 1))
+            request, = taken_in()
+        taken_in(0.3)
+        with peer(front.endpoint, IDENTITY=b"loop") as second:
+            second.send(head("hello", 2))
+            other, = taken_in()
+            request.answer([msgpack.packb({"id": 1})])
+            other.answer([msgpack.packb({"id": 2})])
+            assert reply(second) == {"id": 2}
+
+
+def test_the_connection_that_was_silent_longest_makes_room():
+    with serving_front("tcp://127.0.0.1:*", max_connections=3) as (front, taken_in):
+        host, _, port = front.endpoint.removeprefix("tcp://").rpartition(":")
+        silent = [socket.create_connection((host, int(port))) for _ in range(6)]
+        try:
+            with peer(front.endpoint) as dealer:
+                dealer.send(head("hello", 1))
+                request, = taken_in(5.0)
+                request.answer([msgpack.packb({"id": 1})])
+                assert reply(dealer) == {"id": 1}
+        finally:
+            for connection in silent:
+                connection.close()
+
+
+def spoken_to(endpoint):
+    """A socket that has shaken hands as a DEALER; ZMTP 3.0 (RFC 23) by hand, as a library sends only whole messages."""
+    host, _, port = endpoint.removeprefix("tcp://").rpartition(":")
+    raw = socket.create_connection((host, int(port)))
+    raw.sendall(b"\xff" + bytes(8) + b"\x7f\x03\x00" + b"NULL".ljust(20, b"\0") + bytes(32))
+    ready = b"\x05READY\x0bSocket-Type" + struct.pack(">I", 6) + b"DEALER"
+    raw.sendall(bytes([4, len(ready)]) + ready)
+    return raw
+
+
+def test_who_never_ends_a_message_is_hung_up_on():
+    """ZeroMQ keeps the parts of a message until its last has come, and bounds the size of each alone."""
+    with serving_front("tcp://127.0.0.1:*") as (front, taken_in), peer(front.endpoint) as honest, \
+            spoken_to(front.endpoint) as raw:
+        honest.send(head("hello", 1))
+        assert taken_in(5.0)
+        one_mebibyte = b"\x03" + struct.pack(">Q", 2**20) + bytes(2**20)  # more will follow, long
+        is_hung_up = threading.Event()
+
+        def send():
+            try:
+                for _ in range(400):
+                    raw.sendall(one_mebibyte)
+            except OSError:
+                is_hung_up.set()
+
+        threading.Thread(target=send, daemon=True).start()
+        deadline = time.monotonic() + 20.0
+        while not is_hung_up.is_set() and time.monotonic() < deadline:
+            taken_in(0.1)
+        assert is_hung_up.is_set()
+        honest.send(head("hello", 2))
+        assert taken_in(), "the other is served"
+
+
+@pytest.fixture
+def folder(tmp_path):
+    keys.generate(tmp_path / "keys", ["loop", "old"])
+    return tmp_path / "keys"
+
+
+def curve(folder, name):
+    public, secret = zmq.auth.load_certificate(folder / f"{name}.key_secret") if name else zmq.curve_keypair()
+    return {"CURVE_PUBLICKEY": public, "CURVE_SECRETKEY": secret,
+            "CURVE_SERVERKEY": zmq.auth.load_certificate(folder / "server.key")[0]}
+
+
+def test_requests_carry_the_name_of_their_key_and_take_turns_by_it(folder):
+    with serving_front("tcp://127.0.0.1:*", folder) as (front, taken_in):
+        with peer(front.endpoint, **curve(folder, "loop")) as one, peer(front.endpoint, **curve(folder, "loop")) as two:
+            for dealer in (one, two):
+                dealer.send(head("hello", 1))
+            requests = taken_in(5.0, enough=2)
+            assert [request.user for request in requests] == ["loop", "loop"]
+            assert requests[0].sender == requests[1].sender
+        with peer(front.endpoint, **curve(folder, None)) as stranger:
+            stranger.send(head("hello", 1))
+            assert not taken_in(0.5)
+
+
+def test_a_key_that_is_taken_away_or_added_counts_without_a_restart(folder, monkeypatch):
+    monkeypatch.setattr(keys, "_READ_AGAIN_S", 0.0)
+    with serving_front("tcp://127.0.0.1:*", folder) as (front, taken_in), \
+            peer(front.endpoint, **curve(folder, "old")) as old:
+        old.send(head("hello", 1))
+        assert taken_in()
+        (folder / "clients" / "old.key").unlink()
+        old.send(head("hello", 2))
+        assert not taken_in(0.5), "a connection that stands is not served either"
+        keys.generate(folder, ["new"])
+        with peer(front.endpoint, **curve(folder, "new")) as new:
+            new.send(head("hello", 1))
+            assert [request.user for request in taken_in(5.0)] == ["new"]
+
+
+def test_without_its_authenticator_a_server_with_keys_admits_nobody(folder):
+    with serving_front("tcp://127.0.0.1:*", folder) as (front, taken_in):
+        front._authenticator.stop()
+        with peer(front.endpoint, **curve(folder, None)) as stranger:
+            stranger.send(head("hello", 1))
+            assert not taken_in(1.0)
+
+
+@pytest.mark.parametrize("which", [".", "clients"])
+def test_a_folder_of_keys_to_which_others_may_write_is_refused(folder, which):
+    (folder / which).chmod(0o777)
+    with pytest.raises(ValueError, match="writable by its owner alone"):
+        ZmqFront("tcp://127.0.0.1:*", folder)
+
+
+def test_with_keys_operators_alone_load_scenes_and_tcp_is_warned_of(folder, tmp_path):
+    arguments = "--curve", folder, "--operator", "loop", "--tcp", "127.0.0.1:0"
+    with serving.server(tmp_path, *map(str, arguments)) as (endpoint, process):
+        assert "without a key" in (tmp_path / "server.log").read_text()
+        for name, code in (("old", "forbidden"), ("loop", "config")):
+            with peer(endpoint, **curve(folder, name)) as dealer:
+                dealer.send(head("load_scene", 1, scene={}))
+                assert reply(dealer, 30.0)["error"]["code"] == code
+        with serving.Framed(serving.tcp_address(process)) as framed:
+            assert msgpack.unpackb(framed.ask(head("load_scene", 1, scene={}))[0])["error"]["code"] == "forbidden"
+
+
+def test_a_stopped_worker_stops_nobody(tmp_path):
+    """The request does not fit into what the system holds between server and worker."""
+    with serving.server(tmp_path, "--deadline", "3") as (endpoint, process), peer(endpoint) as dealer, \
+            peer(endpoint) as other:
+        dealer.send(head("render", 1, state=STATE, camera="bare"))
+        assert reply(dealer, 60.0)["ok"]
+        worker, = children(process)
+        os.kill(worker, signal.SIGSTOP)
+        dealer.send(head("range", 2, state=STATE, camera="bare", directions_camera=[[0.0, 0.0, 1.0]] * 10_000))
+        for number in range(5):
+            other.send(head("status", number, "other"))
+            assert reply(other, 2.0)["ok"]
+        assert reply(dealer, 60.0)["ok"], "by the worker after it"
+        process.terminate()
+        assert process.wait(20.0) == 0

@@ -1,0 +1,14 @@
+"""Sweeps of which a few cells run by default, and all of them by `make test-all`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import pytest
+
+
+def slow_but(cells: Iterable, *fast: int) -> list:
+    """Cells for `pytest.mark.parametrize`: those at the places `fast` as they are, the others marked slow."""
+    return [cell if place in fast else pytest.param(*(cell if isinstance(cell, tuple) else (cell,)),
+                                                    marks=pytest.mark.slow)
+            for place, cell in enumerate(cells)]

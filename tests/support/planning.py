@@ -1,0 +1,32 @@
+"""Views and traits of bodies for the planner's tests; without GL."""
+
+from __future__ import annotations
+
+import numpy as np
+import views
+from glrender.planner import body_plan
+from glrender.planner.error_model import BodyTraits
+from glrender.view.view import BodyView
+
+
+def view(name="body", size_px=200.0, phase_deg=60.0, bounds_px=None, depth_m=(900.0, 1100.0), is_visible=True):
+    """A body's view, as large as it is asked for; of infinite size it reaches beside the camera."""
+    if bounds_px is None and np.isfinite(size_px):
+        bounds_px = np.array([100.0, 80.0, 100.0 + size_px, 80.0 + 0.8 * size_px])
+    return BodyView(name=name, camera_from_body=np.eye(3), r_camera_body_m=np.array([0.0, 0.0, -1000.0]),
+                    sun_direction_body=np.array([0.0, 0.0, -1.0]), sun_distance_au=1.0, range_m=1000.0,
+                    phase_rad=np.radians(phase_deg), depth_m=depth_m, bounds_px=bounds_px, is_visible=is_visible,
+                    is_whole=bool(np.isfinite(size_px)))
+
+
+CAMERA = views.camera(1024, 1000.0)
+
+
+def traits(n_facets=50_000, crease_rad=0.15, facet_m=0.3, **known):
+    """Of a body of 100 m with flat facets; `facet_m` infinite for those that are not as bright everywhere."""
+    return BodyTraits(**{"radius_m": 100.0, "is_convex": False, "law": "lambert", "max_phase_rad": np.pi,
+                         "n_facets": n_facets, "crease_rad": crease_rad, "facet_m": facet_m, **known})
+
+
+def body(member, known=None, tolerance=0.02, casters=(), **given):
+    return body_plan.plan_body(member, known or traits(), CAMERA, casters, tolerance, **given)
