@@ -4,10 +4,10 @@
     python benchmarks/fuzz.py --messages 20000 --sockets               # a server behind ZeroMQ and TCP
     python benchmarks/fuzz.py --messages 20000 --sockets --workers 2
 
-Random bytes; golden requests with bytes changed, cut or added, or a value wrong; TCP frames changed, cut short, in odd
-pieces; connections that stay half open, are reset, or ask and do not read. Each message must be answered once (or its
-connection closed), never `internal`; every thousandth is a good request, which must give the very pixels within
-its deadline. Prints one JSON line; exit code 1 if anything was amiss.
+Random bytes; golden requests with bytes changed, cut or added, a value wrong, very deep or very long, or a key twice;
+TCP frames changed, cut short, in odd pieces; connections that stay half open, are reset, or ask and do not read. Each
+message must be answered once (or its connection closed), never `internal`; every thousandth is a good request, which
+must give the very pixels within its deadline. Prints one JSON line; exit code 1 if anything was amiss.
 """
 
 from __future__ import annotations

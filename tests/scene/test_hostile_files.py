@@ -97,6 +97,40 @@ def test_a_polygon_as_large_as_allowed_is_cut(tmp_path):
     np.testing.assert_allclose(shape.facet_areas_m2.sum(), 100.0 * np.pi, rtol=1e-6)
 
 
+def test_an_outline_that_crosses_itself_everywhere_takes_no_cube_of_time(tmp_path, rng):
+    """500 corners took 29 s, 1000 took 190 s; 10,000 are allowed."""
+    rows = [f"v {x:.6f} {y:.6f} 0" for x, y in rng.uniform(0.0, 1.0, (1000, 2))]
+    (tmp_path / "tangle.obj").write_text("\n".join([*rows, "f " + " ".join(map(str, range(1, 1001)))]))
+    with pytest.raises(ShapeError, match="outlines cross themselves in too many places: triangulate them first"):
+        Shape.from_file(tmp_path / "tangle.obj", length_unit="m")
+
+
+@pytest.mark.parametrize("outline", ["comb", "spiral"])
+def test_outlines_that_are_long_and_wound_are_cut(tmp_path, outline):
+    n = 600
+    if outline == "comb":
+        x = np.arange(n // 2)
+        xy = np.concatenate([np.stack([x, np.where(x % 2, 100.0, 1.0)], 1)[::-1], np.stack([x, 0.0 * x], 1)])
+    else:
+        t = np.linspace(1.0, 20.0 * np.pi, n // 2)
+        turn = np.stack([np.cos(t), np.sin(t)], 1)
+        xy = np.concatenate([t[:, None] * turn, (t[:, None] + 2.5)[::-1] * turn[::-1]])
+    rows = [f"v {x:.9f} {y:.9f} 0" for x, y in xy]
+    (tmp_path / "body.obj").write_text("\n".join([*rows, "f " + " ".join(map(str, range(1, len(xy) + 1)))]))
+    shape = Shape.from_file(tmp_path / "body.obj", length_unit="m")
+    area = 0.5 * abs(np.sum(xy[:, 0] * np.roll(xy[:, 1], -1) - xy[:, 1] * np.roll(xy[:, 0], -1)))
+    np.testing.assert_allclose(shape.facet_areas_m2.sum(), area, rtol=1e-6)
+
+
+def test_shells_in_shells_without_end_are_refused_before_each_is_asked_for_each():
+    """80 took 6 s, 500 more than four minutes."""
+    corner = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
+    facets = np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])
+    sizes, number = np.linspace(1.0, 1000.0, 500)[:, None, None], np.arange(500)[:, None, None]
+    with soon_and_small(), pytest.raises(ShapeError, match="more than 50000 pairs of shells"):
+        Shape.from_arrays((sizes * corner).reshape(-1, 3), (facets + 4 * number).reshape(-1, 3))
+
+
 def test_loops_that_never_end_take_no_square_of_time(tmp_path):
     """280 kB of them took 93 s."""
     (tmp_path / "open.stl").write_text("solid x\nfacet normal 0 0 1\n" + "outer loop vertex 0 0 0\n" * 40_000)

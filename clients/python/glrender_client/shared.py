@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-_FOLDER = Path("/dev/shm")
+_FOLDER = Path("/dev/shm")  # noqa: S108 (POSIX shared memory; only names that a server told are opened)
 _MAX_MAPPED = 16
 
 

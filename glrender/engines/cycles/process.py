@@ -37,7 +37,7 @@ class BlenderProcess:
         # It leaves a folder behind where it is killed, as it is in the end.
         self._said, self._folder = tempfile.TemporaryFile(), tempfile.TemporaryDirectory(prefix="glrender-blender-")
         try:
-            self._process = subprocess.Popen(
+            self._process = subprocess.Popen(  # noqa: S603 (this machine's Blender, with no word from the wire)
                 [*blender_command(), str(theirs.fileno())], stdin=subprocess.DEVNULL, stdout=self._said,
                 stderr=self._said, pass_fds=[theirs.fileno()], start_new_session=True,
                 env=os.environ | {"TMPDIR": self._folder.name})

@@ -15,6 +15,9 @@ _SIDE_RTOL = (1e-6, 0.0)
 _FANS, _TOGETHER = 8, 500_000
 MAX_CORNERS = 10_000
 """Of a polygon: ears take the square of it in time."""
+# Corners that are no ears though they turn the right way, of all polygons: so many, and as many more an ear. Combs
+# and spirals of 1000 corners have one an ear or less; one that crosses itself everywhere has half of its corners.
+_TRIED, _TRIED_PER_EAR = 3_000, 10
 
 
 def triangulated(vertices: np.ndarray, corners: np.ndarray, sizes: np.ndarray) -> np.ndarray:
@@ -35,26 +38,43 @@ def triangulated(vertices: np.ndarray, corners: np.ndarray, sizes: np.ndarray) -
     Raises
     ------
     ValueError
-        A polygon has more than `MAX_CORNERS` corners.
+        A polygon has more than `MAX_CORNERS` corners, or outlines cross themselves in too many places.
     """
     if len(sizes) and sizes.max() > MAX_CORNERS:
         raise ValueError(f"a polygon of {sizes.max()} corners, where {MAX_CORNERS} are allowed: triangulate it first")
     begins = np.cumsum(sizes) - sizes
     known = (corners >= 0) & (corners < len(vertices))
     points = np.where(known[:, None], vertices[np.where(known, corners, 0)], np.nan)
-    triangles, owners = [], []
+    triangles, owners, search = [], [], _Search()
     for size in np.unique(sizes):
         alike = np.flatnonzero(sizes == size)
         for first in range(0, len(alike), _TOGETHER):
             some = alike[first:first + _TOGETHER]
-            cut, of = _cut(points, begins[some], int(size))
+            cut, of = _cut(points, begins[some], int(size), search)
             triangles.append(cut)
             owners.append(some[of])
     owner = np.concatenate(owners)
     return np.concatenate(triangles)[np.argsort(owner, kind="stable")]
 
 
-def _cut(points: np.ndarray, begins: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
+class _Search:
+    """How long ears were looked for: an outline that crosses itself everywhere takes the cube of its corners."""
+
+    def __init__(self):
+        self._left = _TRIED
+
+    def found(self) -> None:
+        """An ear."""
+        self._left += _TRIED_PER_EAR
+
+    def missed(self) -> None:
+        """A corner that is none."""
+        self._left -= 1
+        if self._left < 0:
+            raise ValueError("polygons whose outlines cross themselves in too many places: triangulate them first")
+
+
+def _cut(points: np.ndarray, begins: np.ndarray, size: int, search: _Search) -> tuple[np.ndarray, np.ndarray]:
     """Triangles (T, 3) of polygons of one size (P,), and which of them each is of."""
     everyone = np.arange(len(begins))
     if size == 3:
@@ -80,7 +100,7 @@ def _cut(points: np.ndarray, begins: np.ndarray, size: int) -> tuple[np.ndarray,
     triangles = [np.take_along_axis(ring[fans], place, axis=1)]
     owners = [np.repeat(fans, size - 2)]
     for polygon in left:
-        ears = _ears(points[ring[polygon]])
+        ears = _ears(points[ring[polygon]], search)
         triangles.append(ring[polygon][np.array(ears, int).reshape(-1)])
         owners.append(np.full(len(ears), polygon))
     triangle, owner = np.concatenate([some.reshape(-1, 3) for some in triangles]), np.concatenate(owners)
@@ -104,7 +124,7 @@ def _rings(corner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return (start[:, None] + np.where(is_reversed, -1, 1)[:, None] * np.arange(size)) % size, is_reversed
 
 
-def _ears(points: np.ndarray) -> list[tuple[int, int, int]]:
+def _ears(points: np.ndarray, search: _Search) -> list[tuple[int, int, int]]:
     """Triangles of a polygon's corners (K, 3)."""
     xy = _flattened(points)
     extent = np.ptp(xy, axis=0).max()
@@ -119,13 +139,15 @@ def _ears(points: np.ndarray) -> list[tuple[int, int, int]]:
             continue
         area = _cross(here - before, after - here)
         sides = (here - before, after - here, after - before)
-        k = _best_ear(here, area / np.maximum.reduce([(side**2).sum(axis=1) for side in sides]), extent)
+        k = _best_ear(here, area / np.maximum.reduce([(side**2).sum(axis=1) for side in sides]), extent,
+                      search)
+        search.found()
         ears.append((left[k - 1], left[k], left[(k + 1) % len(left)]))
         del left[k]
     return ears
 
 
-def _best_ear(here: np.ndarray, shape: np.ndarray, extent: float) -> int:
+def _best_ear(here: np.ndarray, shape: np.ndarray, extent: float, search: _Search) -> int:
     """Of corners (K, 2), the best shaped ear; where the outline crosses itself and there is none, the best triangle."""
     order = np.argsort(-shape, kind="stable")
     if len(here) == 3:
@@ -140,6 +162,7 @@ def _best_ear(here: np.ndarray, shape: np.ndarray, extent: float) -> int:
                 inside &= _cross(end - start, others - start) >= -rtol * extent * np.hypot(*(end - start))
             if not inside.any():
                 return int(k)
+            search.missed()
     return int(order[0])
 
 

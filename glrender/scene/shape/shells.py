@@ -13,6 +13,7 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from ...base.errors import ShapeError
 from .convex_hull import surface_distance_m
 from .edges import Edges
 
@@ -30,6 +31,8 @@ _HOLED = 0.25
 _VOLUME_RTOL, _TOUCH_RTOL = 1e-12, 1e-6
 # Vertices and centroids of facets of a shell that decide whether it is within another.
 _PLACES = 64
+MAX_SHELL_PAIRS = 50_000
+"""Shells whose boxes are within those of others: each pair is asked for, some 0.5 ms each."""
 # Frames, their axes in rows, that no mesh is built along.
 _FRAMES = Rotation.from_rotvec([[0.31, 0.52, -0.27], [-1.62, 0.78, 0.44], [0.65, -1.71, 0.86]]).as_matrix()
 
@@ -286,17 +289,29 @@ def _are_closed(edges: Edges, shell: np.ndarray, n_shells: int) -> np.ndarray:
 
 def _depths(vertices: np.ndarray, facets: np.ndarray, owner: _Owner, extents: np.ndarray, is_inner: np.ndarray,
             is_outer: np.ndarray) -> np.ndarray:
-    """Within how many others (S,) each shell is; only of those that may be inner, by those that may be outer ones."""
+    """Within how many others (S,) each shell is; only of those that may be inner, by those that may be outer ones.
+
+    Raises
+    ------
+    ShapeError
+        More than `MAX_SHELL_PAIRS` to ask.
+    """
     low, high = extents
     depth = np.zeros(len(is_inner), int)
-    inner = np.flatnonzero(is_inner)
+    inner, pairs, n_pairs = np.flatnonzero(is_inner), [], 0
     for outer in np.flatnonzero(is_outer):
         within = inner[(low[inner] >= low[outer]).all(axis=1) & (high[inner] <= high[outer]).all(axis=1)
                        & (inner != outer)]
         if len(within):
-            mesh = _Mesh(vertices, facets[owner.facets(outer)])
-            for number in within:
-                depth[number] += mesh.holds(facets[owner.facets(number)], float((high[number] - low[number]).max()))
+            pairs.append((outer, within))
+            n_pairs += len(within)
+        if n_pairs > MAX_SHELL_PAIRS:
+            raise ShapeError("", f"has more than {MAX_SHELL_PAIRS} pairs of shells of which one may be within "
+                             "the other", n_pairs, "leave out what nobody sees, or join shells that touch")
+    for outer, within in pairs:
+        mesh = _Mesh(vertices, facets[owner.facets(outer)])
+        for number in within:
+            depth[number] += mesh.holds(facets[owner.facets(number)], float((high[number] - low[number]).max()))
     return depth
 
 

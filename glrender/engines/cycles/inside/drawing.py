@@ -17,6 +17,7 @@ sys.path += glob.glob(os.path.join(bpy.utils.resource_path("LOCAL"), "python", "
 warnings.simplefilter("ignore", DeprecationWarning)
 
 
+_MEMORY = "/dev/shm"  # noqa: S108 (a folder of mode 0700 with a random name is made in it)
 # Samples beyond which Cycles' tables grow no more.
 _MOST_TABLED = 8192
 
@@ -37,7 +38,7 @@ class Stage:
     def __init__(self, head: dict, arrays: dict):
         bpy.ops.wm.read_factory_settings(use_empty=True)
         self._scene = bpy.context.scene
-        self._folder = tempfile.TemporaryDirectory(prefix="glrender", dir="/dev/shm" if _has_room() else None)
+        self._folder = tempfile.TemporaryDirectory(prefix="glrender", dir=_MEMORY if _has_room() else None)
         self._path = os.path.join(self._folder.name, "frame.exr")
         # Before the bodies: Blender compiles OSL for the engine that is set.
         self._set_up(any(told["law"] for told in head["bodies"]), head["threads"])
@@ -247,7 +248,7 @@ def _listener(progress):
 
 def _has_room() -> bool:
     try:
-        told = os.statvfs("/dev/shm")
+        told = os.statvfs(_MEMORY)
     except OSError:
         return False
     return told.f_bavail * told.f_frsize > 1 << 30
