@@ -31,7 +31,7 @@ def with_sun(direction):
                    r_sun_inertial_m=SUN_M * direction / np.linalg.norm(direction))
 
 
-@pytest.mark.parametrize("first", slow_but([(-1.0, -0.2, 0.3), (0.0, 0.0, 1.0)], 0))
+@pytest.mark.parametrize("first", slow_but([(-1.0, -0.2, 0.3), (0.0, 0.0, 1.0)], 0, are_values=True))
 def test_a_frame_is_the_same_whatever_the_sun_lit_first(first):
     """Before, its steps were those that the first frame's Sun needed: a retry at another worker got other bytes."""
     scene, asked = coma.scene(coma.three_jets(), body=coma.LOBES), with_sun((1.0, 0.3, -0.5))
@@ -46,7 +46,7 @@ def test_a_frame_is_the_same_whatever_the_sun_lit_first(first):
 
 
 @pytest.mark.parametrize("sun", slow_but([(1.0, 0.2, -0.3), (0.1, 1.0, 0.3), (0.3, -0.2, -1.0), (1.0, 1.0, -1.0)],
-                                         0, 2))
+                                         0, 2, are_values=True))
 def test_the_error_told_holds_after_a_frame_with_all_vents_in_the_dark(sun, monkeypatch):
     """A dark first frame had 8 steps taken and 0 told ever after: an error of 3.0, not 0.02, of the mean."""
     with Renderer(coma.scene(ONE_JET, body=coma.LOBES)) as renderer:
