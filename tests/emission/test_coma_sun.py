@@ -54,7 +54,7 @@ def test_the_error_told_holds_after_a_frame_with_all_vents_in_the_dark(sun, monk
         column, _, (layer,), image = coma.drawn_columns(renderer, with_sun(sun), monkeypatch, products=["range"])
         rays = coma.pixel_rays(renderer.scene.cameras[0]) @ dcm(look_at(ASIDE_M, np.zeros(3)))
     end = np.where(np.isnan(image.products["range"]), np.inf, image.products["range"]).ravel()
-    truth = columns(layer.field, ASIDE_M, rays, 500, end).reshape(column.shape)
+    truth, column = columns(layer.field, ASIDE_M, rays[::5], 500, end[::5]), column.ravel()[::5]
     assert truth.max() > 0.0
     error = float(np.sqrt(np.mean((column - truth) ** 2)) / truth.mean())
     assert error < 0.02 and error < 1.5 * image.plan.emission[0].predicted_error + 1e-3
