@@ -10,7 +10,7 @@ import pytest
 def slow_but(cells: Iterable, *fast: int, are_values: bool = False) -> list:
     """Cells for `pytest.mark.parametrize`: those at the places `fast` as they are, the others marked slow.
 
-    Tuples are the values of several arguments, but where cells are values of one.
+    A tuple holds the values of several arguments; with `are_values` each cell is the value of one.
     """
     return [cell if place in fast else pytest.param(*(cell if isinstance(cell, tuple) and not are_values else (cell,)),
                                                     marks=pytest.mark.slow)
