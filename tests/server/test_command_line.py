@@ -36,9 +36,12 @@ def test_render_draws_a_picture_and_an_array(folder):
 
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
+SCENES = sorted(EXAMPLES.glob("*.toml"))
 
 
-@pytest.mark.parametrize("scene", sorted(EXAMPLES.glob("*.toml")), ids=lambda path: path.name)
+# The starry one is drawn with its state by test_capture_server.py.
+@pytest.mark.parametrize("scene", slow_but(
+    SCENES, *(place for place, file in enumerate(SCENES) if file.stem != "starry_flyby")), ids=lambda path: path.name)
 def test_every_example_scene_renders(scene, tmp_path):
     made = run("render", str(scene), "--out", "frame.png", cwd=tmp_path)
     assert made.returncode == 0 and "warning" not in made.stderr, made.stderr
@@ -113,7 +116,7 @@ def test_info_as_json_names_the_backends(folder):
     assert [entry["backend"] for entry in entries] == ["egl", "osmesa"]
 
 
-@pytest.mark.parametrize("shape", [None, "itokawa/itokawa_8q_768.obj"])
+@pytest.mark.parametrize("shape", slow_but([None, "itokawa/itokawa_8q_768.obj"], 0))
 def test_the_demo_flies_its_loop_and_leaves_its_pictures(folder, shape, request):
     arguments = []
     if shape is not None:
