@@ -146,3 +146,11 @@ def test_import_opens_no_context(name):
 def test_folders_that_hold_packages_are_none():
     for folder in ("camera_model", "server", "clients", "clients/python", "clients/simulink"):
         assert not (REPOSITORY / folder / "__init__.py").exists()
+
+
+def test_no_test_imports_another():
+    """What tests share lies in tests/support."""
+    files = sorted((REPOSITORY / "tests").rglob("test_*.py"))
+    found = [f"{path.relative_to(REPOSITORY)}: {name}" for path in files for name in _imports(path.stem, path)
+             if name.split(".")[0] in {other.stem for other in files}]
+    assert files and not found, found

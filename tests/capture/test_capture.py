@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 import views
+from cells import slow_but
 from chain import COLOURS, DETECTOR, LENS, MOSAIC, OPTICS, READ, opencv, table
 from glrender import Body, ConfigError, Pose, Scene, State, draw_still, frames, generate, open_renderer, take_frame
 from glrender.base.constants import AU_M, SUN_RADIUS_M
@@ -248,7 +249,7 @@ def test_the_sun_in_view_has_its_flux_and_saturates(lens):
     assert capture.stages["sun"] == "in view"
 
 
-@pytest.mark.parametrize("aside_px", [4.0, 20.0, 26.0])
+@pytest.mark.parametrize("aside_px", slow_but([4.0, 20.0, 26.0], 1))
 def test_a_body_hides_its_part_of_the_sun(aside_px):
     """A disc of 10 px before one of 18.6 px: two circles' overlap in closed form, 1 % of the hidden part."""
     camera = views.camera(128, 4000.0, model=QUIET)

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 import views
+from cells import slow_but
 from glrender import Body, Pose, Renderer, State, frames, generate, take_frame
 from glrender.brdf import Lambert
 from glrender.emission import Coma, Dust
@@ -65,7 +66,7 @@ def captures(phase_deg):
                 for case, each in zip(cases, cameras, strict=True)]
 
 
-@pytest.mark.parametrize("phase_deg", [20.0, 70.0, 110.0])
+@pytest.mark.parametrize("phase_deg", slow_but([20.0, 70.0, 110.0], 1))
 def test_a_body_keeps_flux_and_place_from_a_hundredth_of_a_pixel_to_twenty(phase_deg):
     """Electrons of the frame: flux 1 %, centre 0.01 px, at three places in a pixel behind three optics.
 
@@ -84,9 +85,9 @@ def test_a_body_keeps_flux_and_place_from_a_hundredth_of_a_pixel_to_twenty(phase
         assert capture.stages["points"].startswith("0 stars, 1 bod") == (size < 24.0 or phase_deg > 100.0), told
 
 
-@pytest.mark.parametrize("phase_deg, size_px, is_apart, rms", [
+@pytest.mark.parametrize("phase_deg, size_px, is_apart, rms", slow_but([
     (20.0, 23.5, True, 0.006), (20.0, 25.5, False, 0.006), (110.0, 38.0, True, 0.007), (110.0, 45.0, False, 0.02),
-    (150.0, 30.0, True, 0.015), (150.0, 88.0, True, 0.02), (150.0, 98.0, False, 0.035)])
+    (150.0, 30.0, True, 0.015), (150.0, 88.0, True, 0.02), (150.0, 98.0, False, 0.035)], 1, 2, 4))
 def test_crescents_are_points_while_an_image_would_lose_them(phase_deg, size_px, is_apart, rms):
     """Lit pixels of the frame over their mean, against rays on 12 x 12 cells a pixel behind the continuous optics.
 

@@ -66,16 +66,17 @@ def test_an_even_coma_has_the_irradiance_of_its_afrho():
 @pytest.mark.parametrize("source", ["haser", "jets", "grid"])
 @pytest.mark.parametrize("budget", slow_but([0.05, 0.01], 1))
 def test_the_shader_equals_its_twin_within_the_plan(source, budget, monkeypatch):
-    """Against 500 float64 steps of each pixel's ray to the surface that its middle sees."""
+    """Against 500 float64 steps of every fifth pixel's ray to the surface that its middle sees."""
     made = {"haser": Haser(weight_m=5.0), "jets": three_jets(), "grid": grid()}[source]
     with Renderer(scene(made, body=LOBES, max_error=budget)) as renderer:
         at, pinhole = state(), renderer.scene.cameras[0]
         column, _, (layer,), image = drawn_columns(renderer, at, monkeypatch, products=["range"])
+    assert column.min() >= 0.0
     end = np.where(np.isnan(image.products["range"]), np.inf, image.products["range"]).ravel()
-    truth = columns(layer.field, np.array([0.0, 0.0, -5e4]), pixel_rays(pinhole), 500, end).reshape(column.shape)
+    truth = columns(layer.field, np.array([0.0, 0.0, -5e4]), pixel_rays(pinhole)[::5], 500, end[::5])
+    column = column.ravel()[::5]
     error = float(np.sqrt(np.mean((column - truth) ** 2)) / truth.mean())
     told = image.plan.emission[0]
-    assert column.min() >= 0.0
     assert error < budget
     assert error < 1.5 * told.predicted_error + 1e-3
     assert abs(column.sum() / truth.sum() - 1.0) < 0.1 * budget + 1e-3
@@ -137,8 +138,8 @@ def test_the_camera_inside_the_volume_sees_what_is_ahead(monkeypatch):
             column, _, (layer,), image = drawn_columns(renderer, at, monkeypatch, products=["range"])
             rays = pixel_rays(renderer.scene.cameras[0]) @ frames.dcm(attitude)
         end = np.where(np.isnan(image.products["range"]), np.inf, image.products["range"]).ravel()
-        truth = columns(layer.field, np.array(r), rays, 500, end).reshape(column.shape)
-        assert np.sqrt(np.mean((column - truth) ** 2)) / truth.mean() < 0.02
+        truth = columns(layer.field, np.array(r), rays[::5], 500, end[::5])
+        assert np.sqrt(np.mean((column.ravel()[::5] - truth) ** 2)) / truth.mean() < 0.02
 
 
 def test_the_nucleus_casts_its_shadow_through_the_coma(monkeypatch):

@@ -31,7 +31,7 @@ def with_sun(direction):
                    r_sun_inertial_m=SUN_M * direction / np.linalg.norm(direction))
 
 
-@pytest.mark.parametrize("first", slow_but([(-1.0, -0.2, 0.3), (0.0, 0.0, 1.0)], 0))
+@pytest.mark.parametrize("first", slow_but([(-1.0, -0.2, 0.3), (0.0, 0.0, 1.0)], 0, are_values=True))
 def test_a_frame_is_the_same_whatever_the_sun_lit_first(first):
     """Before, its steps were those that the first frame's Sun needed: a retry at another worker got other bytes."""
     scene, asked = coma.scene(coma.three_jets(), body=coma.LOBES), with_sun((1.0, 0.3, -0.5))
@@ -46,7 +46,7 @@ def test_a_frame_is_the_same_whatever_the_sun_lit_first(first):
 
 
 @pytest.mark.parametrize("sun", slow_but([(1.0, 0.2, -0.3), (0.1, 1.0, 0.3), (0.3, -0.2, -1.0), (1.0, 1.0, -1.0)],
-                                         0, 2))
+                                         0, 2, are_values=True))
 def test_the_error_told_holds_after_a_frame_with_all_vents_in_the_dark(sun, monkeypatch):
     """A dark first frame had 8 steps taken and 0 told ever after: an error of 3.0, not 0.02, of the mean."""
     with Renderer(coma.scene(ONE_JET, body=coma.LOBES)) as renderer:
@@ -54,7 +54,7 @@ def test_the_error_told_holds_after_a_frame_with_all_vents_in_the_dark(sun, monk
         column, _, (layer,), image = coma.drawn_columns(renderer, with_sun(sun), monkeypatch, products=["range"])
         rays = coma.pixel_rays(renderer.scene.cameras[0]) @ dcm(look_at(ASIDE_M, np.zeros(3)))
     end = np.where(np.isnan(image.products["range"]), np.inf, image.products["range"]).ravel()
-    truth = columns(layer.field, ASIDE_M, rays, 500, end).reshape(column.shape)
+    truth, column = columns(layer.field, ASIDE_M, rays[::5], 500, end[::5]), column.ravel()[::5]
     assert truth.max() > 0.0
     error = float(np.sqrt(np.mean((column - truth) ** 2)) / truth.mean())
     assert error < 0.02 and error < 1.5 * image.plan.emission[0].predicted_error + 1e-3

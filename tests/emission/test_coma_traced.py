@@ -198,7 +198,7 @@ def test_the_error_of_a_large_nucleus_is_below_its_budget_and_the_one_told(name,
     assert error()[0] > 1.4 * reached
 
 
-@pytest.mark.parametrize("at", slow_but([(0.0, 0.0, -5e4), (2.5e3, 1.5e3, -5e4), (9e3, 0.0, -5e4)], 1),
+@pytest.mark.parametrize("at", slow_but([(0.0, 0.0, -5e4), (2.5e3, 1.5e3, -5e4), (9e3, 0.0, -5e4)], 1, are_values=True),
                          ids=["middle", "aside", "out of view"])
 def test_what_is_far_has_no_seam(at, monkeypatch):
     """Linear between far nodes or each pixel by itself: within 0.2 % everywhere, the nucleus in view or not."""
@@ -220,7 +220,7 @@ def test_a_surface_has_no_more_samples_than_its_budget_needs():
     assert surface_samples(1500.0, 3.0, 1750.0, 1e-4) == 1
 
 
-@pytest.mark.parametrize("to_m", slow_but([(0.0, 0.0, -9e3), (300.0, 0.0, -9e3)], 1))
+@pytest.mark.parametrize("to_m", slow_but([(0.0, 0.0, -9e3), (300.0, 0.0, -9e3)], 1, are_values=True))
 def test_straight_away_from_the_nucleus_columns_are_smooth(to_m):
     """Where the nucleus is right behind the camera, rho is 0 and nothing is: within the budget of rays' image."""
     at = coma.state(r_spacecraft=(0.0, 0.0, -3e3), q=frames.look_at([0.0, 0.0, -3e3], to_m))

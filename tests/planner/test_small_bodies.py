@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import views
+from cells import slow_but
 from glrender import Pose, Renderer, frames, generate
 from glrender.brdf import Lambert
 from glrender.engines.small_bodies import add_by_area
@@ -66,7 +67,7 @@ class Samples:
         return image.astype(float)
 
 
-@pytest.mark.parametrize("name", shapes())
+@pytest.mark.parametrize("name", slow_but(shapes(), 1))
 def test_the_error_of_a_grid_holds_beside_rays(name):
     """Of ten attitudes, 10 to 130 deg, 0.1 to 15 px, 64 to 256 samples across: nine in ten, and not four times it."""
     needed_module("embreex", "pip install embreex")
@@ -93,9 +94,9 @@ def test_the_error_of_a_grid_holds_beside_rays(name):
     assert 0.25 <= np.median(told) <= 1.0
 
 
-@pytest.mark.parametrize("size_px, offset_m, gap_m, moon_m", [
+@pytest.mark.parametrize("size_px, offset_m, gap_m, moon_m", slow_but([
     (3.0, 20.0, 12_000.0, 60.0), (3.0, 40.0, 12_000.0, 60.0), (3.0, 60.0, 12_000.0, 60.0), (0.1, 40.0, 12_000.0, 60.0),
-    (0.5, 20.0, 12_000.0, 60.0), (3.0, 30.0, 1500.0, 60.0), (3.0, 40.0, 1500.0, 60.0)])
+    (0.5, 20.0, 12_000.0, 60.0), (3.0, 30.0, 1500.0, 60.0), (3.0, 40.0, 1500.0, 60.0)], 1, 3))
 def test_the_flux_holds_in_another_body_s_penumbra(size_px, offset_m, gap_m, moon_m):
     """Each sample meets one point of the Sun's disc: noise. A moon sunward, beside 2000 x 1200 rays."""
     needed_module("embreex", "pip install embreex")
@@ -121,7 +122,7 @@ def test_the_flux_holds_in_another_body_s_penumbra(size_px, offset_m, gap_m, moo
             assert error <= min(image.plan.predicted_error, max(0.125 * max_error, 2e-3)), image.plan.windows
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", slow_but(range(4), 1))
 @pytest.mark.parametrize("sizes_px", [(0.5, 3.5), (4.5, 14.0)])
 def test_the_error_of_several_bodies_holds(sizes_px, seed):
     """Two to four, smooth and lumpy, bright and dark, within so many pixels: beside 1500 rays across all of them."""

@@ -182,7 +182,7 @@ def test_the_planners_error_is_kept(phase_deg):
 
 
 @pytest.mark.usefixtures("blender")
-@pytest.mark.parametrize("phase_deg, correlation, flux", [(30.0, 0.99, 0.005), (60.0, 0.98, 0.01)])
+@pytest.mark.parametrize("phase_deg, correlation, flux", slow_but([(30.0, 0.99, 0.005), (60.0, 0.98, 0.01)], 1))
 def test_cycles_draws_the_ground_that_opengl_shades(phase_deg, correlation, flux):
     """Displaced facets of a pixel's size: Cycles equals rays at them; OpenGL, which lacks their shadows, correlates."""
     camera, state = views.camera(128, 5000.0), views.state(phase_deg=phase_deg)

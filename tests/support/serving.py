@@ -10,7 +10,8 @@ import subprocess
 import sys
 import time
 from contextlib import contextmanager
-from pathlib import Path
+
+import processes
 
 SCENE = """
 max_error = 0.1
@@ -70,17 +71,7 @@ def server(folder, *arguments, scene=SCENE):
 
 def children(process):
     """Process numbers of a server's workers."""
-    found = []
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                fields = (entry / "stat").read_text().rpartition(")")[2].split()
-                command = (entry / "cmdline").read_bytes()
-            except OSError:
-                continue
-            if int(fields[1]) == process.pid and b"spawn_main" in command:
-                found.append(int(entry.name))
-    return found
+    return processes.children(process.pid, b"spawn_main")
 
 
 def until(condition, seconds=30.0):

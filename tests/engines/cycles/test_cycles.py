@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import solids
 import views
+from cells import slow_but
 from glrender import Body, Pose, Renderer, State, generate
 from glrender.base.constants import AU_M, SUN_RADIUS_M
 from glrender.brdf import Hapke, Lambert, LommelSeeliger, LunarLambert, Minnaert
@@ -33,7 +34,7 @@ def pixels(image):
 
 
 @pytest.mark.filterwarnings("ignore:.*is used beyond the phase")
-@pytest.mark.parametrize("law", LAWS, ids=[f"{law.glsl}{index}" for index, law in enumerate(LAWS)])
+@pytest.mark.parametrize("law", slow_but(LAWS, 0, 3, 5), ids=[f"{law.glsl}{index}" for index, law in enumerate(LAWS)])
 def test_a_sphere_of_each_law_is_as_opengl_draws_it(law):
     """16 x 16 samples each, off-axis principal point: flux within 0.05 %, 1 % RMS, centre within 0.01 px."""
     camera = views.camera(96, 640.0, height_px=72, principal_point_px=(50.3, 31.8))
@@ -64,7 +65,7 @@ def test_itokawa(shared, phase_deg, n_inner, rms, flux):
     np.testing.assert_allclose(image.sum(), truth.sum(), rtol=flux)
 
 
-@pytest.mark.parametrize("phase_deg", [0.0, 60.0, 120.0])
+@pytest.mark.parametrize("phase_deg", slow_but([0.0, 60.0, 120.0], 1))
 def test_a_lambert_sphere(phase_deg):
     """Away from edges 0.2 % RMS of OpenGL, flux within 0.01 %, at one grid of 16 x 16 samples (asked for: 1, 0.3 %)."""
     scene = views.scene([views.sphere(Lambert(normal_albedo=0.3), 5)], [views.camera(128, 1088.0)])
@@ -90,7 +91,7 @@ def test_the_limb_is_where_opengl_puts_it():
             assert abs(ends.mean()) < 0.01
 
 
-@pytest.mark.parametrize("range_m", [1e6, 1e9])
+@pytest.mark.parametrize("range_m", slow_but([1e6, 1e9], 1))
 def test_a_body_far_away_is_drawn_as_well(range_m):
     """Beyond 1e6 px of focal length Blender's float32 would scatter the rays."""
     camera = views.camera(64, 0.22 * range_m, principal_point_px=(20.2, 44.7))
@@ -101,7 +102,7 @@ def test_a_body_far_away_is_drawn_as_well(range_m):
     np.testing.assert_allclose(views.centroid_px(image), views.centroid_px(truth), atol=0.01)
 
 
-@pytest.mark.parametrize("size_px", [20.0, 0.8, 1e-5])
+@pytest.mark.parametrize("size_px", slow_but([20.0, 0.8, 1e-5], 1))
 def test_a_body_of_few_pixels_has_finer_cells(size_px):
     """Flux within 0.1 % and the centre within 0.005 px of OpenGL's grid of its own."""
     camera = views.camera(64, size_px * 1000.0, principal_point_px=(20.3, 40.8))
@@ -112,7 +113,7 @@ def test_a_body_of_few_pixels_has_finer_cells(size_px):
     np.testing.assert_allclose(views.centroid_px(image), views.centroid_px(truth), atol=5e-3)
 
 
-@pytest.mark.parametrize("range_m, rms", [(2e6, 0.03), (2e7, 0.15)])
+@pytest.mark.parametrize("range_m, rms", slow_but([(2e6, 0.03), (2e7, 0.15)], 1))
 def test_bodies_far_away_and_far_apart_in_depth(range_m, rms):
     """No nearer camera sees both as they are: Blender's float32 moves them by 1e-7 f, and the plan says so."""
     scene = views.scene([views.sphere(GREY, 4, name="body"), views.sphere(GREY, 4, 10.0, "moon")],
@@ -129,8 +130,8 @@ def test_bodies_far_away_and_far_apart_in_depth(range_m, rms):
     assert any("Blender's float32" in told for told in image.plan.warnings) == (range_m > 1e7)
 
 
-@pytest.mark.parametrize("law", [Lambert(normal_albedo=0.6), LunarLambert(normal_albedo=0.6, weight=(0.0,))],
-                         ids=["closure", "osl"])
+@pytest.mark.parametrize("law", slow_but([Lambert(normal_albedo=0.6), LunarLambert(normal_albedo=0.6, weight=(0.0,))],
+                                         0), ids=["closure", "osl"])
 def test_light_between_facets_of_a_bowl_is_the_closed_series(law):
     """The shaded part of a bowl's wall: A/pi times A cos(i)/4 (1 + A/2 + (A/2)^2 + ...), within 1 %."""
     incidence, range_m = np.radians(60.0), 1e5

@@ -17,11 +17,18 @@ import views
 from glrender import Body, DeviceError
 from glrender.brdf import GlslText, Lambert, LommelSeeliger
 from glrender.engines.cycles import Cycles
+from glrender.engines.cycles.finder import SERVE
 from glrender.engines.cycles.inside import framing
 from glrender.engines.cycles.process import BlenderProcess
 from glrender.engines.cycles.rounds import MAX_SAMPLES, Rounds
+from processes import children
 
 SCENE = views.scene([views.sphere(Lambert(normal_albedo=0.4), 3)], [views.camera(48, 300.0)])
+
+
+def blenders(pid):
+    """Process numbers of the Blenders that a process began."""
+    return children(pid, SERVE.name.encode())
 
 
 def is_alive(pid):
@@ -42,9 +49,9 @@ def wait_until(condition, seconds=10.0):
 @pytest.mark.usefixtures("blender")
 def test_one_process_draws_all_frames_and_ends_with_the_renderer():
     with Cycles(SCENE) as cycles:
-        pid = cycles._blender.pid
+        pid, = blenders(os.getpid())
         images = [cycles.render(views.state(phase_deg=phase), samples=4).irradiance_W_m2 for phase in (20, 90, 20)]
-        assert cycles._blender.pid == pid
+        assert blenders(os.getpid()) == [pid]
     assert not is_alive(pid)
     np.testing.assert_array_equal(images[0], images[2])
     assert images[0].sum() > 1.5 * images[1].sum()
@@ -79,7 +86,7 @@ def test_progress_rises_to_the_end():
 @pytest.mark.usefixtures("blender")
 def test_a_frame_beyond_its_deadline_is_given_up_and_the_next_is_drawn():
     with Cycles(SCENE, deadline_s=0.6) as cycles:
-        pid = cycles._blender.pid
+        pid, = blenders(os.getpid())
         with pytest.raises(DeviceError, match="took longer than its deadline"):
             cycles.render(views.state(), samples=128)
         assert not is_alive(pid)
@@ -90,7 +97,7 @@ def test_a_frame_beyond_its_deadline_is_given_up_and_the_next_is_drawn():
 @pytest.mark.usefixtures("blender")
 def test_blender_that_dies_is_told_and_replaced():
     with Cycles(SCENE) as cycles:
-        os.kill(cycles._blender.pid, signal.SIGKILL)
+        os.kill(*blenders(os.getpid()), signal.SIGKILL)
         with pytest.raises(DeviceError, match="Blender (died|does not take the request)"):
             cycles.render(views.state(), samples=2)
         assert cycles.render(views.state(), samples=2).irradiance_W_m2.sum() > 0.0
@@ -120,11 +127,12 @@ import views
 from glrender.brdf import Lambert
 from glrender.engines.cycles import Cycles
 cycles = Cycles(views.scene([views.sphere(Lambert(normal_albedo=0.4), 3)], [views.camera(48, 300.0)]))
-print(cycles._blender.pid, flush=True)
+print("open", flush=True)
 cycles.render(views.state(), samples=128, on_progress=lambda share: print("drawing", flush=True))
 """
     ours = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
-    pid = int(ours.stdout.readline())
+    assert ours.stdout.readline() == "open\n"
+    pid, = blenders(ours.pid)
     assert ours.stdout.readline() == "drawing\n"
     assert is_alive(pid)
     ours.kill()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import views
+from cells import slow_but
 from glrender import Renderer
 from glrender.brdf import Akimov, Hapke, Lambert, LommelSeeliger, LunarLambert, Minnaert, OrenNayar, Rolo
 from glrender.brdf.integrals import disc_albedo
@@ -30,7 +31,7 @@ def sphere(law):
     return Renderer(views.scene([views.sphere(law, 6)], [views.camera(256, 1.1 * RANGE_M)]))
 
 
-@pytest.mark.parametrize("law", LAWS, ids=lambda law: type(law).__name__)
+@pytest.mark.parametrize("law", slow_but(LAWS, 0, 2, 7), ids=lambda law: type(law).__name__)
 def test_flux_of_a_sphere_at_phases_0_to_170(law):
     """Mesh bias + 0.1 % to 120 deg; beyond, the crescent is a few rows of flat facets (photometry.md 3).
 
@@ -43,7 +44,7 @@ def test_flux_of_a_sphere_at_phases_0_to_170(law):
                                        rtol=tolerance, err_msg=f"phase {phase_deg}")
 
 
-@pytest.mark.parametrize("theta_deg", [20, 40])
+@pytest.mark.parametrize("theta_deg", slow_but([20, 40], 1))
 def test_roughness_factor_from_two_renders(theta_deg):
     """K(g, slope) of Hapke's table 12.1 as a ratio of rendered fluxes: 0.002 of it."""
     dark = {"single_scattering_albedo": 1e-4, "b": 0.0, "c": 0.0}

@@ -10,6 +10,7 @@ import raytracer
 import solids
 import trimesh
 import views
+from cells import slow_but
 from glrender import Body, ConfigError, Pose, Renderer, Shape, State, generate, open_renderer
 from glrender.base.constants import AU_M
 from glrender.brdf import Hapke, Lambert
@@ -32,7 +33,7 @@ def test_flux_of_a_sphere(phase_deg):
     np.testing.assert_allclose(image.irradiance_W_m2.sum(dtype=np.float64), expected, rtol=2e-3)
 
 
-@pytest.mark.parametrize("range_m", [2e6, 2e7, 2e9, 2e11])
+@pytest.mark.parametrize("range_m", slow_but([2e6, 2e7, 2e9, 2e11], 0, 3))
 def test_a_body_is_no_larger_from_far(range_m):
     """Rays that pass a sphere by more than 1 % meet nothing, from 2e9 radii; light at 150 deg as in closed form, 0.3 %.
 
@@ -86,7 +87,7 @@ def test_agrees_with_the_tests_own_rays():
     assert (np.abs(image.irradiance_W_m2 - truth) > 1e-5 * truth.max()).mean() < 5e-3
 
 
-@pytest.mark.parametrize("budget", [0.05, 0.02])
+@pytest.mark.parametrize("budget", slow_but([0.05, 0.02], 0))
 def test_the_stated_error_is_the_scatter_between_seeds(budget):
     """Ten seeds: the standard deviation over the mean is what the plan says, within a quarter."""
     shape = generate.contact_binary(radius_m=100.0, seed=2)
