@@ -2,13 +2,15 @@
 
     python benchmarks/soak.py --frames 50000 --kill-client-every 100 --kill-worker-every 500
     python benchmarks/soak.py --seconds 600                                  # nobody is killed: fairness
+    python benchmarks/soak.py --seconds 900 --kill-worker-seconds 5 --hostile
 
 Every client asks for frames of its own times and checks that each reply has its time and the very pixels of its
-state. Prints one JSON line; exit code 1 if a request was lost, a reply crossed or wrong, memory or descriptors grew
-by more than 2 %, or (when nobody is killed) the slowest client got less than 80 % of the fastest's frames. Both are
-measured with all clients flying, as the median of some moments: a client that was killed is a descriptor for a while.
-The server keeps the last reply of 64 clients: memory is flat only after as many
-have come, so give it 220 deaths of clients, 300 with --ipc (each reply three descriptors), or none.
+state. Prints one JSON line; exit code 1 if a request was lost, a reply crossed or wrong, there was no worker for more
+than 10 s, memory or descriptors grew by more than 2 % (not with --hostile), or (when no client is killed) the slowest
+client got less than 80 % of the fastest's frames. Both are measured with all clients flying, as the median of some
+moments: a client that was killed is a descriptor for a while. The server keeps the last reply of 64 clients: memory is
+flat only after as many have come, so give it 220 deaths of clients, 300 with --ipc (each reply three descriptors), or
+none.
 """
 
 from __future__ import annotations
@@ -23,12 +25,14 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from contextlib import suppress
 from multiprocessing import get_context
 from pathlib import Path
 from statistics import median
 
+import hostile
 from glrender_client import Client, GlrenderClientError, RequestTimeout, ServerError
 
 SCENE = """
@@ -44,6 +48,8 @@ height_px = 96
 focal_length_px = 300.0
 """
 N_PHASES, WARM_UP = 4, 0.3
+# Without a worker that is ready, at most.
+MAX_OUTAGE_S = 10.0
 # Longer than a client waits for a frame, shorter than the test does for the run.
 _STALLED_S = 90.0
 
@@ -114,6 +120,11 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--kill-client-every", type=int, default=0, metavar="FRAMES")
     parser.add_argument("--kill-worker-every", type=int, default=0, metavar="FRAMES")
+    parser.add_argument("--kill-worker-seconds", type=float, default=0.0, metavar="S",
+                        help="any of them, also one that starts")
+    parser.add_argument("--hostile", action="store_true", help="beside who floods, hoards, connects and never ends; one "
+                                                               "kill in five only stops the worker")
+    parser.add_argument("--deadline", type=float, default=30.0)
     parser.add_argument("--ipc", action="store_true", help="larger frames, which clients read in shared memory")
     arguments = parser.parse_args(argv)
     if (arguments.frames is None) == (arguments.seconds is None):
@@ -124,7 +135,7 @@ def main(argv: list[str] | None = None) -> int:
         where = f"ipc://{folder}/z" if arguments.ipc else "tcp://127.0.0.1:*"
         with open(Path(folder) / "log", "wb") as log:
             process = subprocess.Popen([sys.executable, "-m", "glrender_server", str(scene), "--zmq", where,
-                                        "--workers", str(arguments.workers), "--deadline", "30"],
+                                        "--workers", str(arguments.workers), "--deadline", str(arguments.deadline)],
                                        stdout=subprocess.PIPE, stderr=log, text=True)
         # Where it hangs before its first frames or after its last, its stacks tell where.
         faulthandler.dump_traceback_later(2.0 * _STALLED_S, exit=True)
@@ -139,6 +150,32 @@ def main(argv: list[str] | None = None) -> int:
             process.wait(timeout=60.0)
     sys.stdout.write(json.dumps(record) + "\n")
     return int(not record["passed"])
+
+
+class Outages:
+    """Watches how long the server has no worker that is ready, and how long it takes to say so."""
+
+    def __init__(self, endpoint: str):
+        self.longest_s = self.longest_status_s = 0.0
+        self._endpoint, self._is_over = endpoint, threading.Event()
+        self._thread = threading.Thread(target=self._watch)
+        self._thread.start()
+
+    def _watch(self) -> None:
+        since = None
+        with Client(self._endpoint, timeout_s=60.0) as client:
+            while not self._is_over.wait(0.1):
+                asked = time.monotonic()
+                n_ready = client.status()["workers"]["ready"]
+                now = time.monotonic()
+                self.longest_status_s = max(self.longest_status_s, now - asked)
+                since = None if n_ready else since or asked
+                self.longest_s = max(self.longest_s, now - since if since else 0.0)
+
+    def close(self) -> None:
+        """Watch no longer."""
+        self._is_over.set()
+        self._thread.join()
 
 
 def is_due(n_frames: int, n_killed: int, every: int) -> bool:
@@ -160,6 +197,10 @@ def soak(process: subprocess.Popen, endpoint: str, arguments: argparse.Namespace
         return flyer
 
     flyers = [start(index) for index in range(arguments.clients)]
+    others = [spawn.Process(target=each, args=(endpoint,), daemon=True) for each in hostile.ALL * arguments.hostile]
+    for other in others:
+        other.start()
+    outages = Outages(endpoint)
     deadline = time.monotonic() + 60.0
     while not all(counts):
         if time.monotonic() > deadline:
@@ -168,7 +209,7 @@ def soak(process: subprocess.Popen, endpoint: str, arguments: argparse.Namespace
     faulthandler.cancel_dump_traceback_later()
     first, began, before = list(counts), time.monotonic(), None
     killed = {"clients": 0, "workers": 0}
-    most, moved = 0, began
+    most, moved, last_kill = 0, began, began
     while True:
         time.sleep(0.02)
         done, elapsed = sum(counts) - sum(first), time.monotonic() - began
@@ -192,13 +233,19 @@ def soak(process: subprocess.Popen, endpoint: str, arguments: argparse.Namespace
             flyers[index].join()
             flyers[index] = start(index)
             killed["clients"] += 1
+        if arguments.kill_worker_seconds and time.monotonic() - last_kill > arguments.kill_worker_seconds:
+            last_kill, is_worker_due = time.monotonic(), True
         if is_worker_due:
             for number in rng.sample(found, 1) if (found := workers_of(process)) else []:
-                os.kill(number, signal.SIGKILL)
                 killed["workers"] += 1
+                if arguments.hostile and killed["workers"] % 5 == 0:
+                    hostile.stop(number)
+                else:
+                    os.kill(number, signal.SIGKILL)
     faulthandler.dump_traceback_later(2.0 * _STALLED_S, exit=True)
     last, after = list(counts), usage(process)
-    for flyer in flyers:
+    outages.close()
+    for flyer in (*flyers, *others):
         flyer.kill()
         flyer.join()
     with Client(endpoint, timeout_s=60.0) as client:
@@ -207,12 +254,15 @@ def soak(process: subprocess.Popen, endpoint: str, arguments: argparse.Namespace
     each = [b - a for a, b in zip(first, last, strict=True)]
     fairness = min(each) / max(each)
     is_flat = all(after[what] <= 1.02 * before[what] for what in before)
+    is_served = outages.longest_s <= MAX_OUTAGE_S
     is_fair = bool(arguments.kill_client_every) or fairness >= 0.8
     is_sound = not (found["lost"] or found["crossed"] or found["wrong"] or found["other"])
     return {"benchmark": "soak", "frames": sum(each), "seconds": round(elapsed, 1), "frames_each": each,
             "fairness": round(fairness, 3), "killed": killed, "faults": found, "before": before, "after": after,
             "server_errors": status["errors"], "restarts": status["workers"]["restarts"],
-            "is_sound": is_sound, "is_flat": is_flat, "passed": is_sound and is_flat and is_fair}
+            "longest_outage_s": round(outages.longest_s, 2), "longest_status_s": round(outages.longest_status_s, 3),
+            "is_sound": is_sound, "is_flat": is_flat,
+            "passed": is_sound and is_served and (is_flat or arguments.hostile) and is_fair}
 
 
 if __name__ == "__main__":

@@ -8,6 +8,9 @@ import threading
 from collections import defaultdict
 from collections.abc import Callable, Iterable
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
+
+from .limits import MAX_METRICS_CONNECTIONS
 
 log = logging.getLogger(__name__)
 
@@ -65,6 +68,30 @@ def escaped(text: str) -> str:
     return text.replace("\\", r"\\").replace('"', r"\"").replace("\n", r"\n")
 
 
+class _FewConnections(ThreadingHTTPServer):
+    """A thread for each connection, and no more of them than are good for the machine."""
+
+    daemon_threads = True
+
+    def __init__(self, *arguments: Any):
+        self._places = threading.BoundedSemaphore(MAX_METRICS_CONNECTIONS)
+        super().__init__(*arguments)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Serve one connection in a thread, or close it if there are too many."""
+        if self._places.acquire(blocking=False):
+            super().process_request(request, client_address)
+        else:
+            self.shutdown_request(request)
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        """In the thread."""
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            self._places.release()
+
+
 class MetricsServer:
     """Answers `GET /metrics` on 127.0.0.1, in threads of its own.
 
@@ -86,6 +113,10 @@ class MetricsServer:
             timeout = 10.0
 
             def do_GET(self) -> None:
+                # A page in a browser must not read them by a name that it lets point here.
+                if self.headers.get("Host", "").rpartition(":")[0] not in ("127.0.0.1", "localhost"):
+                    self.send_error(403)
+                    return
                 if self.path != "/metrics":
                     self.send_error(404)
                     return
@@ -100,11 +131,10 @@ class MetricsServer:
                 log.debug(form, *values)
 
         try:
-            self._server = ThreadingHTTPServer(("127.0.0.1", port), Handler)
+            self._server = _FewConnections(("127.0.0.1", port), Handler)
         except OSError as error:
             raise OSError(f"cannot listen on 127.0.0.1:{port}: {error.strerror}; choose another with --metrics, e.g. "
                           f"--metrics 0") from None
-        self._server.daemon_threads = True
         self.endpoint = f"http://127.0.0.1:{self._server.server_address[1]}/metrics"
         self._thread = threading.Thread(target=self._server.serve_forever, name="metrics", daemon=True)
         self._thread.start()

@@ -31,7 +31,9 @@ START_S, START_S_PER_FACET = 120.0, 2e-4
 """A worker that is not ready by then has failed: a new shape's levels of detail are made and measured once."""
 SLOW_DEADLINE_S = 600.0
 """Of a request that allows slow frames, or loads a scene."""
-_FIRST_BACK_OFF_S, _MAX_BACK_OFF_S = 0.1, 30.0
+# The next start waits longer each time: of a worker that ends by itself, and of one that a signal ends (killed by hand,
+# by a driver, for want of memory), so that a service which somebody keeps killing is back within seconds.
+_FIRST_BACK_OFF_S, _MAX_BACK_OFF_S, _MAX_BACK_OFF_AFTER_SIGNAL_S = 0.1, 30.0, 1.0
 _MAX_TRIES = 2
 # A killed process that is not dead by then hangs in a driver: the server's end does not wait for it.
 _DEATH_S = 5.0
@@ -248,7 +250,7 @@ class WorkerPool:
         elif kind == "failed":
             self.outage = f"a worker did not start: {rest[0]}"
             log.error("%s", self.outage)
-            self._bury(worker)
+            self._bury(worker, has_failed=True)
         elif kind == "begun":
             worker.has_begun = True
         elif kind == "progress":
@@ -266,7 +268,7 @@ class WorkerPool:
         if worker.state == "loading":
             if code:
                 log.error("a worker cannot load the scene that another has loaded: %s", code)
-                self._bury(worker)
+                self._bury(worker, has_failed=True)
                 return
             worker.state, worker.generation, worker.deadline = "idle", worker.loads, time.monotonic()
             return
@@ -296,19 +298,22 @@ class WorkerPool:
                 process.start()
         except OSError as error:
             log.error("the system has no room for a worker: %s", error)
-            self._bury(worker)
+            self._bury(worker, has_failed=True)
             return
         worker.process = process
         self._watch(worker)
 
-    def _bury(self, worker: _Worker) -> None:
+    def _bury(self, worker: _Worker, has_failed: bool = False) -> None:
         """Another in the place of a worker that died, after a while that doubles; its task again, once."""
         how = f"overran its deadline of {worker.deadline_s:g} s" if worker.overran else "died"
         was_starting = worker.state == "starting"
         # A worker that was dying when it got the request is not the request's fault: no try.
         is_its_fault = worker.state == "busy" and (worker.has_begun or worker.overran)
+        exit_code = None if worker.process is None else worker.process.exitcode
+        is_by_signal = not (worker.overran or has_failed) and (exit_code is None or exit_code < 0)
         self._end(worker)
-        back_off = min(_FIRST_BACK_OFF_S * 2**worker.failures, _MAX_BACK_OFF_S)
+        back_off = min(_FIRST_BACK_OFF_S * 2**worker.failures,
+                       _MAX_BACK_OFF_AFTER_SIGNAL_S if is_by_signal else _MAX_BACK_OFF_S)
         worker.failures, worker.start_at = worker.failures + 1, time.monotonic() + back_off
         self.restarts += 1
         # Another may start in a moment: requests wait for that.

@@ -56,4 +56,5 @@ class Busy(ServerError):
 
     def pause_s(self, n_before: int) -> float:
         """How long to wait after this and so many others in a row: longer each time, and by chance [s]."""
-        return min(self.retry_after_s * _GROWTH**min(n_before, 20), _MAX_PAUSE_S) * random.uniform(0.5, 1.5)
+        chance = random.uniform(0.5, 1.5)  # noqa: S311 - so that clients do not come back all at once
+        return chance * min(self.retry_after_s * _GROWTH**min(n_before, 20), _MAX_PAUSE_S)
