@@ -56,4 +56,4 @@ class Busy(ServerError):
 
     def pause_s(self, n_before: int) -> float:
         """How long to wait after this and so many others in a row: longer each time, and by chance [s]."""
-        return min(self.retry_after_s * _GROWTH**min(n_before, 20), _MAX_PAUSE_S) * random.uniform(0.5, 1.5)
+        return min(self.retry_after_s * _GROWTH**min(n_before, 20), _MAX_PAUSE_S) * random.uniform(0.5, 1.5)  # noqa: S311 (no secret)
