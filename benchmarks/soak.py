@@ -122,8 +122,8 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--kill-worker-every", type=int, default=0, metavar="FRAMES")
     parser.add_argument("--kill-worker-seconds", type=float, default=0.0, metavar="S",
                         help="any of them, also one that starts")
-    parser.add_argument("--hostile", action="store_true", help="beside who floods, hoards, connects and never ends; one "
-                                                               "kill in five only stops the worker")
+    parser.add_argument("--hostile", action="store_true", help="beside who floods, hoards, connects and never "
+                                                               "ends; one kill in five only stops the worker")
     parser.add_argument("--deadline", type=float, default=30.0)
     parser.add_argument("--ipc", action="store_true", help="larger frames, which clients read in shared memory")
     arguments = parser.parse_args(argv)

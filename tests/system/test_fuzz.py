@@ -26,7 +26,6 @@ def fuzzed(target, folder, *more, seconds=SECONDS):
                            "--corpus", str(folder), *more], capture_output=True, text=True, timeout=seconds + 240)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("target", LEAST)
 def test_any_bytes_give_a_value_or_an_error_of_ours(tmp_path, target):
     run = fuzzed(target, tmp_path)

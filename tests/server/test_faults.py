@@ -1,0 +1,159 @@
+"""Faults of the machine: no memory, no descriptors, no disk. The request is told, and the server serves on."""
+
+from __future__ import annotations
+
+import errno
+import multiprocessing
+import os
+import re
+import resource
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import msgpack
+import numpy as np
+import pytest
+import serving
+import views
+import zmq
+from glrender.base import disk_cache
+from glrender_client import Client, ServerError
+from glrender_server import tcp_front
+from glrender_server.stream import Channel
+from glrender_server.systemd import Systemd
+from glrender_server.worker import work
+
+STATE = views.state().to_dict()
+REPOSITORY = Path(__file__).parents[2]
+HUGE = serving.SCENE + """
+[[cameras]]
+name = "huge"
+width_px = 8000
+height_px = 8000
+focal_length_px = 40000.0
+"""
+
+
+def test_a_frame_that_needs_more_memory_than_a_worker_may_have_is_told(tmp_path):
+    with serving.server(tmp_path, "--worker-memory", "0.9", scene=HUGE) as (endpoint, _), \
+            Client(endpoint, timeout_s=60.0) as client:
+        expected = client.render(STATE, "bare").pixels
+        with pytest.raises(ServerError) as caught:
+            client.render(STATE, "huge", products=["range", "r_body"])
+        assert caught.value.code == "device" and "--worker-memory" in caught.value.message
+        np.testing.assert_array_equal(client.render({**STATE, "t_s": 1.0}, "bare").pixels, expected)
+        assert client.status()["workers"]["restarts"] == 0
+
+
+def test_without_descriptors_the_listener_rests(monkeypatch):
+    """It would wake the loop without end, and fill the log."""
+    front, poller = tcp_front.TcpFront("127.0.0.1:0"), zmq.Poller()
+    front.start(poller)
+    host, _, port = front.endpoint.rpartition(":")
+    listener, tries = front._listener, []
+
+    class Exhausted:
+        fileno = listener.fileno
+
+        def accept(self):
+            tries.append(time.monotonic())
+            raise OSError(errno.EMFILE, "Too many open files")
+
+    try:
+        with serving.Framed((host, int(port))) as framed:
+            framed.send(msgpack.packb({"v": 1, "op": "hello", "id": 1, "client": "c"}))
+            monkeypatch.setattr(front, "_listener", Exhausted())
+            deadline = time.monotonic() + 1.5
+            while time.monotonic() < deadline:
+                assert not front.take_in(dict(poller.poll(20)))
+            assert 1 <= len(tries) <= 2, "once a second"
+            monkeypatch.setattr(front, "_listener", listener)
+            deadline, requests = time.monotonic() + 5.0, []
+            while time.monotonic() < deadline and not requests:
+                requests = front.take_in(dict(poller.poll(20)))
+            assert len(requests) == 1, "then it is served"
+    finally:
+        front.close()
+
+
+def test_with_few_descriptors_there_are_fewer_connections():
+    """ZeroMQ would take connections until none is left for workers and frames."""
+    code = ("import resource; resource.setrlimit(resource.RLIMIT_NOFILE, (128, 256)); "
+            "from glrender_server import limits; print(*limits.max_connections(), "
+            "resource.getrlimit(resource.RLIMIT_NOFILE)[0])")
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60)
+    assert told.stdout.split() == ["102", "51", "256"]
+
+
+def test_a_cache_is_bounded_and_the_longest_unused_goes(tmp_path, monkeypatch):
+    monkeypatch.setattr(disk_cache, "MAX_CACHE_BYTES", 50_000)
+    made = []
+
+    def table(name):
+        made.append(name)
+        return {"table": np.zeros(2000)}  # 16 kB
+
+    def use(name):
+        disk_cache.cached_arrays(name, ["table"], lambda: table(name), cache=tmp_path)
+        time.sleep(0.02)
+
+    for name in ("a", "b", "c", "a", "d"):
+        use(name)
+    assert made == ["a", "b", "c", "d"] and sorted(path.stem for path in tmp_path.glob("*.npz")) == ["a", "c", "d"]
+
+
+def test_a_full_disk_costs_the_table_alone(tmp_path, monkeypatch):
+    def full(*_, **__):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(np, "savez", full)
+    made = disk_cache.cached_arrays("a", ["table"], lambda: {"table": np.ones(3)}, cache=tmp_path)
+    assert made["table"].sum() == 3.0 and not list(tmp_path.glob("*.npz"))
+
+
+def test_no_wait_goes_by_the_clock_on_the_wall():
+    """It jumps."""
+    for folder in ("server/glrender_server", "clients/python/glrender_client"):
+        for path in (REPOSITORY / folder).glob("*.py"):
+            assert not re.search(r"\btime\.time\(|datetime\.now|utcnow", path.read_text()), path
+
+
+def test_systemd_is_told_that_the_loop_turns(tmp_path, monkeypatch):
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+        manager.bind(str(tmp_path / "notify"))
+        manager.settimeout(10.0)
+        environment = {**os.environ, "NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "400000"}
+        monkeypatch.setattr(os, "environ", environment)
+        with serving.server(tmp_path) as (_, process):
+            assert [manager.recv(100) for _ in range(3)] == [b"READY=1", b"WATCHDOG=1", b"WATCHDOG=1"]
+            process.terminate()
+            said = manager.recv(100)
+            while said == b"WATCHDOG=1":
+                said = manager.recv(100)
+            assert said == b"STOPPING=1"
+
+
+def test_without_systemd_nothing_is_said(monkeypatch):
+    monkeypatch.delenv("NOTIFY_SOCKET", raising=False)
+    systemd = Systemd()
+    systemd.say_ready()
+    systemd.say_alive()
+
+
+def test_a_workers_memory_is_limited_by_the_system():
+    ours, theirs = socket.socketpair()
+    spawn = multiprocessing.get_context("spawn")
+    process = spawn.Process(target=work, args=(theirs, "auto", None, 2 * 2**30, 30, "text"), daemon=True)
+    process.start()
+    theirs.close()
+    channel = Channel(ours, is_blocking=True)
+    try:
+        assert channel.receive() == ("awake",)
+        assert resource.prlimit(process.pid, resource.RLIMIT_DATA)[0] == 2 * 2**30
+    finally:
+        channel.close()
+        process.join(20.0)
+    assert process.exitcode == 0, "it ends with the server"
