@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import mmap
 import os
+import re
 import weakref
 from collections import OrderedDict
 from collections.abc import Mapping
@@ -14,6 +15,7 @@ from typing import Any
 import numpy as np
 
 _FOLDER = Path("/dev/shm")  # noqa: S108 (POSIX shared memory; only names that a server told are opened)
+_NAME = "glrender-slot-[0-9a-f]{12}-[0-9a-f]{8}"
 _MAX_MAPPED = 16
 
 
@@ -39,10 +41,11 @@ class SharedFrames:
         import fcntl
 
         name = place["name"]
-        if "/" in name:
+        if not re.fullmatch(_NAME, name):
             raise NotShared(name)
         try:
-            file = os.open(_FOLDER / name, os.O_RDONLY | os.O_CLOEXEC)
+            # Whatever a server of another user names: nothing is waited for, no link is followed.
+            file = os.open(_FOLDER / name, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK | os.O_NOFOLLOW)
         except OSError as error:
             raise NotShared(str(error)) from None
         with contextlib.ExitStack() as stack:
@@ -52,6 +55,8 @@ class SharedFrames:
             except BlockingIOError:
                 raise NotShared(f"{name} is taken") from None
             whole = np.frombuffer(self._mapping(name), np.uint8)
+            if any(start + size > whole.size for start, size in zip(place["offsets"], place["sizes"], strict=True)):
+                raise NotShared(f"{name} is smaller than its frame")
             if int(whole[:8].view("<u8")[0]) != place["number"]:
                 raise NotShared(f"{name} holds another frame")
             weakref.finalize(whole, os.close, file)
@@ -67,7 +72,12 @@ class SharedFrames:
             while len(self._mapped) >= _MAX_MAPPED:
                 self._mapped.popitem(last=False)
             # Of a file of its own: a mapping keeps its file open, and so would keep the lock.
-            with open(_FOLDER / name, "rb") as file:
-                self._mapped[name] = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+            file = os.open(_FOLDER / name, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK | os.O_NOFOLLOW)
+            try:
+                self._mapped[name] = mmap.mmap(file, 0, access=mmap.ACCESS_READ)
+            except (OSError, ValueError) as error:  # no plain file, or an empty one
+                raise NotShared(str(error)) from None
+            finally:
+                os.close(file)
         self._mapped.move_to_end(name)
         return self._mapped[name]
