@@ -111,11 +111,20 @@ def _engine(arguments: argparse.Namespace) -> LocalEngine | WorkerPool:
         return LocalEngine(Operations(*what))
     deadline_s = DEADLINE_S if arguments.deadline is None else positive("--deadline", arguments.deadline)
     if arguments.worker_memory is None:
-        memory_bytes = int(_SHARE_OF_MEMORY * os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / n_workers)
+        memory_bytes = int(_SHARE_OF_MEMORY * _memory_bytes() / n_workers)
     else:
         memory_bytes = int(2**30 * positive("--worker-memory", arguments.worker_memory))
     return WorkerPool(*what, n_workers=n_workers, deadline_s=deadline_s, log_format=arguments.log_format,
                       slow_deadline_s=positive("--slow-deadline", arguments.slow_deadline), memory_bytes=memory_bytes)
+
+
+def _memory_bytes() -> int:
+    """Memory of the machine, or of the container."""
+    whole = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    try:
+        return min(whole, int(Path("/sys/fs/cgroup/memory.max").read_text()))
+    except (OSError, ValueError):  # none, or "max"
+        return whole
 
 
 def _operators(arguments: argparse.Namespace) -> frozenset[str] | None:

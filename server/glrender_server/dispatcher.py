@@ -160,7 +160,9 @@ class Dispatcher:
         elif header["op"] == "load_scene" and self._operators is not None and request.user not in self._operators:
             self._refuse(request, header, "forbidden", "op", "this server's scene is replaced by its operators alone"
                          if self._operators else "this server's scene is not replaced (--no-load-scene)")
-        elif answers is not None or self._has_not_taken(request):
+        elif answers is not None:
+            self._busy(header, [request.answer], f"{limits.MAX_COPIES} copies of this request are under way")
+        elif self._has_not_taken(request):
             self._busy(header, [request.answer], _UNTAKEN)
         else:
             self._enqueue(header, digest, request)
