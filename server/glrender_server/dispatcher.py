@@ -193,8 +193,7 @@ class Dispatcher:
         while found := self._queue.get(lambda item: self._engine.has_room(item[0])):
             job, digest, request = found
             if self._has_not_taken(request):
-                self._busy(job.header, self._under_way.pop(digest),
-                           _UNTAKEN)
+                self._busy(job.header, self._under_way.pop(digest), _UNTAKEN)
                 continue
             self._engine.start(job)
             if self._engine.draws_here:

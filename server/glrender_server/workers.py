@@ -28,7 +28,7 @@ from .worker import work
 log = logging.getLogger(__name__)
 
 START_S, START_S_PER_FACET = 120.0, 2e-4
-"""A worker that is not ready by then has failed: a new shape's levels of detail are made and measured once."""
+"""A worker that is not ready by then has failed; the first time, tables of its shapes are made."""
 SLOW_DEADLINE_S = 600.0
 """Of a request that allows slow frames, or loads a scene."""
 # The next start waits longer each time: of a worker that ends by itself, and of one that a signal ends (killed by hand,
@@ -246,7 +246,9 @@ class WorkerPool:
             worker.generation = self._generation
         elif kind == "ready":
             worker.state, self.outage = "idle", ""
-            self._described = rest[0]
+            # Meanwhile another may have loaded a newer scene.
+            if worker.generation == self._generation:
+                self._described = rest[0]
         elif kind == "failed":
             self.outage = f"a worker did not start: {rest[0]}"
             log.error("%s", self.outage)
