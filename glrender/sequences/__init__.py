@@ -1,0 +1,1 @@
+"""Files of many states' frames: drawn by several processes, and gone on with where it was stopped."""

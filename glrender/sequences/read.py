@@ -1,0 +1,38 @@
+"""Images of a sequence's files, read back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ..base.errors import ConfigError
+
+
+def read_image(path: Path) -> np.ndarray:
+    """The (height, width) image of a frame's file, its first row on top.
+
+    Raises
+    ------
+    ConfigError
+        A file that is none of a sequence's.
+    """
+    ending = path.suffix.removeprefix(".")
+    if ending == "npz":
+        with np.load(path, allow_pickle=False) as stored:
+            return stored["image"]
+    if ending == "png":
+        from PIL import Image
+
+        with Image.open(path) as picture:
+            return np.asarray(picture)
+    if ending == "fits":
+        from astropy.io import fits
+
+        return np.flipud(fits.getdata(path, 0)).astype(fits.getdata(path, 0).dtype.newbyteorder("="))
+    if ending == "exr":
+        import OpenEXR
+
+        with OpenEXR.File(str(path)) as file:
+            return file.channels()["Y"].pixels
+    raise ConfigError("path", "must be a frame's file", str(path))

@@ -1,0 +1,269 @@
+"""A sequence: frames of many states, drawn by processes that each have a renderer, into files of one folder."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import os
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from multiprocessing import connection, get_context, parent_process
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from glrender_camera.validate import integer, one_of
+
+from ..base.errors import ConfigError
+from ..capture.capture import draw_still, take_frame
+from ..renderer import open_renderer
+from ..scene.scene import Scene
+from ..scene.shape.shape import Shape
+from ..view.state import State
+from .formats import FrameFile, checked_ending, write
+
+MANIFEST = "manifest.json"
+# Frames given to a process ahead of those that it draws.
+_AHEAD = 2
+_MAX_PROCESSES = 256
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FrameOptions:
+    """What is drawn of each state.
+
+    Parameters
+    ----------
+    camera : str
+        Name.
+    output : "irradiance" or "dn"
+    format : "fits", "npz", "png" or "exr"
+    seed : int
+        Of the first frame's noise, with "dn"; each further frame has the next.
+    exposure_s : float [s] or "auto", optional
+        With "dn"; the camera's by default.
+    products : tuple of str
+        As of `Renderer.render`.
+    max_error : float, optional
+        The scene's by default.
+    backend : str
+        As of `open_renderer`.
+    """
+
+    camera: str
+    output: str = "irradiance"
+    format: str = "fits"
+    seed: int = 0
+    exposure_s: float | str | None = None
+    products: tuple[str, ...] = ()
+    max_error: float | None = None
+    backend: str = "auto"
+
+    def __post_init__(self):
+        one_of("output", self.output, ("irradiance", "dn"))
+        checked_ending(self.format, self.unit)
+        integer("seed", self.seed, 0, 2**63)
+
+    @property
+    def unit(self) -> str:
+        """Of the pixels."""
+        return "DN" if self.output == "dn" else "W/m2"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FrameSequence:
+    """Frames of many states in one folder.
+
+    A frame's file depends on its state, its number and the options alone: it has the same bytes whichever process
+    draws it, and whether the sequence is drawn at once or in parts.
+
+    Parameters
+    ----------
+    scene : Scene
+    states : sequence of State
+    folder : path
+        Made if it is missing. `MANIFEST` in it says whose frames it holds.
+    options : FrameOptions
+
+    Raises
+    ------
+    ConfigError
+        No states, an unknown camera, or a folder with the frames of another sequence.
+    """
+
+    scene: Scene
+    states: Sequence[State]
+    folder: Path
+    options: FrameOptions
+    digits: int = field(init=False, default=5)
+
+    def __post_init__(self):
+        if not self.states:
+            raise ConfigError("states", "must be one or more", 0)
+        camera = self.scene.camera(self.options.camera)
+        if self.options.output == "dn" and camera.model is None:
+            raise ConfigError("output", f"camera {camera.name!r} has no optics and detector", "dn",
+                              "give it a `model` in the scene, or ask for 'irradiance'")
+
+    def path(self, index: int) -> Path:
+        """Of one frame's file."""
+        return self.folder / f"frame_{index:0{self.digits}d}.{self.options.format}"
+
+    def missing(self) -> list[int]:
+        """Numbers of the frames that are not drawn yet."""
+        return [index for index in range(len(self.states)) if not self.path(index).exists()]
+
+    def draw(self, n_processes: int | None = None) -> Iterator[int]:
+        """Draw what is missing; yields the number of each frame when its file is there.
+
+        Parameters
+        ----------
+        n_processes : int, optional
+            As many as the machine has cores by default.
+
+        Raises
+        ------
+        GlrenderError
+            With the number of the frame that cannot be drawn; the others' files stay.
+        """
+        n_processes = integer("processes", n_processes or os.cpu_count() or 1, 1, _MAX_PROCESSES)
+        self._claim_folder()
+        left = iter(self.missing())
+        pool = ProcessPoolExecutor(n_processes, mp_context=get_context("spawn"), initializer=_start,
+                                   initargs=(self.scene, self.options))
+        under_way: dict[Future, int] = {}
+        try:
+            while True:
+                while len(under_way) < _AHEAD * n_processes and (index := next(left, None)) is not None:
+                    under_way[pool.submit(_draw, self.path(index), index, self.states[index])] = index
+                if not under_way:
+                    return
+                done, _ = wait(under_way, return_when=FIRST_COMPLETED)
+                for future in done:
+                    index = under_way.pop(future)
+                    future.result()
+                    yield index
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+    def _claim_folder(self) -> None:
+        """Write the manifest, or find it the same.
+
+        Raises
+        ------
+        ConfigError
+        """
+        self.folder.mkdir(parents=True, exist_ok=True)
+        file, ours = self.folder / MANIFEST, self.manifest()
+        try:
+            theirs = json.loads(file.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            apart = file.with_suffix(".part")
+            apart.write_text(json.dumps(ours, indent=1), encoding="utf-8")
+            os.replace(apart, file)
+            return
+        except ValueError:
+            theirs = {}
+        if differing := [name for name in ours if theirs.get(name) != ours[name]]:
+            raise ConfigError("out", f"holds the frames of another sequence: {', '.join(differing)} differ",
+                              str(self.folder), "choose another folder, or remove this one")
+
+    def manifest(self) -> dict[str, Any]:
+        """What the frames depend on: versions, digests of scene and states, options."""
+        states = hashlib.sha256("\n".join(json.dumps(state.to_dict()) for state in self.states).encode())
+        return {"glrender": version("glrender"), "n_frames": len(self.states), "states_sha256": states.hexdigest(),
+                "scene_sha256": _digest_of_scene(self.scene), "options": dataclasses.asdict(self.options) | {
+                    "products": list(self.options.products)}}
+
+
+def _digest_of_scene(scene: Scene) -> str:
+    """Of shapes, laws, textures and cameras, by what they are and not where they were read."""
+    digest = hashlib.sha256()
+    _feed(digest, scene)
+    return digest.hexdigest()
+
+
+def _feed(digest: Any, value: Any) -> None:
+    if isinstance(value, np.ndarray):
+        digest.update(repr((value.dtype.str, value.shape)).encode() + np.ascontiguousarray(value).tobytes())
+    elif isinstance(value, Shape):
+        _feed(digest, (value.vertices_m, value.facets))
+    elif dataclasses.is_dataclass(value):
+        for part in dataclasses.fields(value):
+            digest.update(f"{type(value).__name__}.{part.name}=".encode())
+            _feed(digest, getattr(value, part.name))
+    elif isinstance(value, Mapping):
+        for key in sorted(value, key=str):
+            digest.update(f"{key}:".encode())
+            _feed(digest, value[key])
+    elif isinstance(value, list | tuple):
+        for entry in value:
+            _feed(digest, entry)
+            digest.update(b",")
+    else:
+        digest.update(repr(value).encode())
+
+
+# Of a process that draws: its renderer, and what is asked of it.
+_renderer: Any = None
+_options: FrameOptions | None = None
+
+
+def _start(scene: Scene, options: FrameOptions) -> None:
+    global _renderer, _options
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    _renderer, _options = open_renderer(scene, options.backend), options
+
+
+def _end_with_parent() -> None:
+    """A process whose parent was killed would wait for work for ever."""
+    connection.wait([parent_process().sentinel])
+    os._exit(1)
+
+
+def _draw(path: Path, index: int, state: State) -> None:
+    try:
+        write(path, drawn(_renderer, index, state, _options))
+    except ConfigError as error:
+        error.path = f"states[{index}]" + (f".{error.path}" if error.path else "")
+        raise
+
+
+def drawn(renderer: Any, index: int, state: State, options: FrameOptions) -> FrameFile:
+    """One frame of a sequence.
+
+    Parameters
+    ----------
+    renderer
+        Of `open_renderer`.
+    index : int
+        Number of the frame: it is added to the options' seed.
+    state : State
+    options : FrameOptions
+
+    Raises
+    ------
+    ConfigError, SceneError
+    """
+    asked = {"products": options.products, "max_error": options.max_error}
+    camera, header = renderer.scene.camera(options.camera), {}
+    if options.output == "dn":
+        seed = options.seed + index
+        capture = take_frame(renderer, state, camera.name, seed=seed, exposure_s=options.exposure_s, **asked)
+        pixels = capture.frame.dn
+        header = {"seed": seed, "exposure_s": capture.frame.exposure_s}
+    else:
+        capture = draw_still(renderer, state, camera.name, **asked)
+        pixels = capture.irradiance_W_m2
+    return FrameFile(pixels=pixels, unit=options.unit, products=capture.products, header={
+        "glrender": version("glrender"), "index": index, "state": state.to_dict(), "unit": options.unit,
+        "camera": {"name": camera.name, "width_px": camera.width_px, "height_px": camera.height_px,
+                   "focal_length_px": camera.focal_length_px, "principal_point_px": list(camera.principal_point_px),
+                   "r_camera_spacecraft_m": list(camera.r_camera_spacecraft_m),
+                   "q_camera_from_spacecraft": list(camera.q_camera_from_spacecraft)},
+        "plan": {"max_error": capture.plan.max_error, "predicted_error": capture.plan.predicted_error},
+        "warnings": [str(advice) for advice in capture.warnings], **header})

@@ -1,0 +1,74 @@
+"""`glrender sequence`: frames of many states as files, on all cores; started again, it goes on where it was stopped."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+from glrender import ConfigError, State, load_scene
+from glrender.sequences.contact_sheet import contact_sheet
+from glrender.sequences.formats import FORMATS
+from glrender.sequences.read import read_image
+from glrender.sequences.sequence import FrameOptions, FrameSequence
+from tqdm import tqdm
+
+_ON_SHEET = 25
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """What `glrender sequence` takes."""
+    parser.add_argument("scene", type=Path, help="scene file (TOML)")
+    parser.add_argument("--states", type=Path, required=True, help="one state vector (JSON) a line")
+    parser.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="made if it is missing")
+    parser.add_argument("--camera", help="default: the first")
+    parser.add_argument("--output", default="irradiance", choices=("irradiance", "dn"))
+    parser.add_argument("--format", default="fits", choices=FORMATS, help="png: 16 bits, with --output dn alone (fits)")
+    parser.add_argument("--products", nargs="*", default=[], metavar="NAME", help="range, body_id, incidence, ...")
+    parser.add_argument("--seed", type=int, default=0, help="of the first frame's noise; each further one has the next")
+    parser.add_argument("--max-error", type=float)
+    parser.add_argument("--processes", type=int, metavar="N", help="default: one for each core")
+    parser.add_argument("--backend", default="auto")
+
+
+def run_sequence(arguments: argparse.Namespace) -> int:
+    """Draw what is missing in the folder, then a contact sheet."""
+    scene = load_scene(arguments.scene)
+    camera = scene.camera(arguments.camera) if arguments.camera else scene.cameras[0]
+    options = FrameOptions(camera=camera.name, output=arguments.output, format=arguments.format, seed=arguments.seed,
+                           products=tuple(arguments.products), max_error=arguments.max_error,
+                           backend=arguments.backend)
+    sequence = FrameSequence(scene=scene, states=read_states(arguments.states), folder=arguments.out, options=options)
+    n_frames = len(sequence.states)
+    n_there = n_frames - len(sequence.missing())
+    with tqdm(total=n_frames, initial=n_there, unit="frame", disable=None) as bar:
+        for _ in sequence.draw(arguments.processes):
+            bar.update()
+    shown = np.unique(np.linspace(0, n_frames - 1, min(n_frames, _ON_SHEET)).astype(int)).tolist()
+    sheet = arguments.out / "contact_sheet.png"
+    contact_sheet(sheet, [(str(index), read_image(sequence.path(index))) for index in shown])
+    sys.stdout.write(f"{arguments.out}: {n_frames} frames, {n_frames - n_there} drawn now; {sheet}\n")
+    return 0
+
+
+def read_states(path: Path) -> list[State]:
+    """States of a file with one JSON object a line, as `State.to_dict` gives them; blank lines are passed over.
+
+    Raises
+    ------
+    ConfigError
+        With the number of the line.
+    """
+    found = []
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+        if line.strip():
+            try:
+                table = json.loads(line)
+            except json.JSONDecodeError as error:
+                raise ConfigError(f"{path}, line {number}", f"is not JSON: {error}") from None
+            found.append(State.from_dict(table, f"{path.name}[{number}]"))
+    if not found:
+        raise ConfigError(str(path), "holds no state", hint="write one State.to_dict() a line, as JSON")
+    return found

@@ -1,0 +1,153 @@
+"""Sequences: the same bytes by one process or several, in one go or in parts; files that other programs read."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+import serving
+import views
+from glrender import ConfigError, load_scene, open_renderer, take_frame
+from glrender.sequences.formats import FORMATS
+from glrender.sequences.read import read_image
+from glrender.sequences.sequence import FrameOptions, FrameSequence
+from PIL import Image
+
+STATES = [views.state(phase_deg=20.0 + 20.0 * k, range_m=2000.0 + 100.0 * k) for k in range(6)]
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """A scene file and a file of states."""
+    folder = tmp_path_factory.mktemp("scene")
+    (folder / "scene.toml").write_text(serving.SCENE)
+    (folder / "states.jsonl").write_text("".join(json.dumps(state.to_dict()) + "\n" for state in STATES))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def scene(files):
+    return load_scene(files / "scene.toml")
+
+
+def sequence(scene, folder, **options):
+    return FrameSequence(scene=scene, states=STATES, folder=folder, options=FrameOptions(
+        **{"camera": "navcam", "output": "dn", "format": "npz", "seed": 7, **options}))
+
+
+def contents(folder):
+    return {path.name: path.read_bytes() for path in folder.glob("frame_*")}
+
+
+@pytest.fixture(scope="module")
+def whole(scene, tmp_path_factory):
+    """The folder of a sequence that one process drew in one go."""
+    made = sequence(scene, tmp_path_factory.mktemp("whole"))
+    assert sorted(made.draw(1)) == list(range(len(STATES))) and not made.missing()
+    return made.folder
+
+
+def test_a_frame_is_the_one_that_take_frame_gives(scene, whole):
+    with open_renderer(scene) as renderer:
+        for k in (0, 5):
+            frame = take_frame(renderer, STATES[k], "navcam", seed=7 + k).frame
+            np.testing.assert_array_equal(read_image(whole / f"frame_{k:05d}.npz"), frame.dn)
+
+
+def test_two_processes_and_two_sittings_write_the_same_bytes(scene, whole, tmp_path):
+    made = sequence(scene, tmp_path)
+    for _ in zip(range(2), made.draw(2), strict=False):
+        pass
+    assert 2 <= len(STATES) - len(made.missing()) < len(STATES)
+    (tmp_path / "frame_00003.npz").unlink(missing_ok=True)
+    list(made.draw(2))
+    assert contents(tmp_path) == contents(whole)
+
+
+def test_a_command_that_is_killed_goes_on_where_it_was(files, whole, tmp_path):
+    command = [sys.executable, "-m", "glrender_server.cli", "sequence", files / "scene.toml", "--states",
+               files / "states.jsonl", "--out", tmp_path, "--output", "dn", "--format", "npz", "--seed", "7",
+               "--camera", "navcam", "--processes", "1"]
+    with subprocess.Popen(command, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL) as first:
+        deadline = time.monotonic() + 60.0
+        while not contents(tmp_path) and time.monotonic() < deadline:
+            time.sleep(0.002)
+        first.send_signal(signal.SIGKILL)
+    time.sleep(0.5)  # its process ends with it
+    n_left = len(STATES) - len(contents(tmp_path))
+    told = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    assert f"6 frames, {n_left} drawn now" in told.stdout
+    assert contents(tmp_path) == contents(whole) and not list(tmp_path.glob("*.part.npz"))
+    assert Image.open(tmp_path / "contact_sheet.png").size[0] > 500
+
+
+@pytest.mark.parametrize("format", FORMATS)
+def test_every_format_gives_the_pixels_back(scene, whole, tmp_path, format):
+    pytest.importorskip({"fits": "astropy", "exr": "OpenEXR"}.get(format, "numpy"))
+    made = sequence(scene, tmp_path, format=format)
+    next(iter(made.draw(1)))
+    found, expected = read_image(made.path(0)), read_image(whole / "frame_00000.npz")
+    np.testing.assert_array_equal(found, expected.astype(found.dtype))
+    assert found.max() > 100
+
+
+def test_a_fits_file_says_what_it_holds(scene, tmp_path):
+    fits = pytest.importorskip("astropy.io.fits")
+    made = sequence(scene, tmp_path, format="fits", output="irradiance", products=("range", "body_id", "r_body"))
+    next(iter(made.draw(1)))
+    with fits.open(made.path(0)) as opened:
+        opened.verify("exception")
+        header = opened[0].header
+        assert (header["BUNIT"], header["INSTRUME"], header["FOCALPX"]) == ("W/m2", "navcam", 400.0)
+        assert header["SC_X"] == STATES[0].spacecraft.r_inertial_m[0]
+        assert opened["R_BODY"].data.shape == (3, 64, 96)
+        told = json.loads(opened["GLRENDER"].data.tobytes())
+        assert told["state"] == STATES[0].to_dict()
+        # The boresight is where the header says, by FITS' own count: the body is in the middle of the frame.
+        lit = np.argwhere(np.isfinite(opened["RANGE"].data))
+        assert np.abs(lit.mean(axis=0)[::-1] + 1.0 - (header["CRPIX1"], header["CRPIX2"])).max() < 4.0
+
+
+@pytest.mark.parametrize("changes, differing", [({"seed": 8}, "options"), ({"camera": "bare", "output": "irradiance"},
+                                                                           "options")])
+def test_a_folder_with_another_sequence_is_refused(scene, whole, changes, differing):
+    with pytest.raises(ConfigError, match=f"another sequence: {differing} differ.*choose another folder"):
+        list(sequence(scene, whole, **changes).draw(1))
+
+
+def test_another_scene_is_another_sequence(files, whole, tmp_path):
+    (tmp_path / "scene.toml").write_text(serving.SCENE.replace("radius_m = 100.0", "radius_m = 101.0"))
+    with pytest.raises(ConfigError, match="scene_sha256 differ"):
+        list(sequence(load_scene(tmp_path / "scene.toml"), whole).draw(1))
+
+
+@pytest.mark.parametrize("options, message", [
+    ({"format": "jpg"}, "format: must be one of fits"),
+    ({"format": "png", "output": "irradiance"}, "png holds digital"),
+    ({"output": "image"}, "output"), ({"seed": -1}, "seed")])
+def test_options_that_are_none(scene, tmp_path, options, message):
+    with pytest.raises(ConfigError, match=message):
+        sequence(scene, tmp_path, **options)
+
+
+def test_what_cannot_be_drawn_is_told_with_its_number(scene, tmp_path):
+    inside = views.state(range_m=10.0)
+    made = FrameSequence(scene=scene, states=[*STATES[:2], inside], folder=tmp_path,
+                         options=FrameOptions(camera="bare", format="npz"))
+    with pytest.raises(ConfigError, match=r"states\[2\]"):
+        list(made.draw(1))
+    assert len(contents(tmp_path)) == 2
+
+
+def test_states_that_are_none_are_told_with_their_line(files, tmp_path):
+    from glrender_server.sequence_command import read_states
+
+    for text, message in (("{}\n", r"s\[1\]\.r_sun_inertial_m"), ("\n{\n", "line 2: is not JSON"), ("\n", "no state")):
+        (tmp_path / "s").write_text(text)
+        with pytest.raises(ConfigError, match=message):
+            read_states(tmp_path / "s")
