@@ -1,4 +1,4 @@
-"""Time of the camera model on one megapixel, by what fills the frame, beside a plain NumPy chain.
+"""Time of the camera model on one megapixel, by the content of the frame, beside a plain NumPy chain.
 
 Prints one JSON line: p50, p95, p99 and max [ms] after warm-up, and the ratio of the medians. Both
 chains run alternately in the same process, as these machines are noisy: read the ratios.
@@ -44,7 +44,7 @@ def images(size_px: int) -> dict[str, np.ndarray]:
 
 
 def plain(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """The same chain in a few lines of NumPy and OpenCV, one thread of random numbers."""
+    """The chain of the camera model in a few lines of NumPy and OpenCV, one thread of random numbers."""
     detector = MODEL.detector
     scale = MODEL.optics.aperture_area_m2 * MODEL.electrons_per_joule * MODEL.exposure_s
     electrons = MODEL.optics.spread(image) * np.float32(scale)

@@ -1,4 +1,4 @@
-"""What each stage of the camera model costs and what it does to the frame: one JSON line and a chart.
+"""Cost of each stage of the camera model, and its effect on the frame: one JSON line and a chart.
 
 A bare camera (aperture, quantum efficiency, shot noise, full well, converter) looks at a shaded disc
 half the frame wide; one stage at a time is added. Cost: least processor time over that of the

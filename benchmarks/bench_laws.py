@@ -1,4 +1,4 @@
-"""What a law costs beside Lambert: frames of two renderers in turn, so that a noisy machine is noisy for both.
+"""Cost of a law over that of Lambert: frames of two renderers in turn, so that a noisy machine is noisy for both.
 
 Itokawa (49k facets), 1024 x 1024, phase 60 degrees; ratios of medians, fresh and reused shadow map. Prints
 one JSON line.

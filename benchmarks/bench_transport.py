@@ -1,4 +1,4 @@
-"""What the service adds to a rendered frame: per transport, client and size, the median, p95 and p99.
+"""Time that the service adds to a rendered frame: per transport, client and size, the median, p95 and p99.
 
 The time of a request at its client, less the time that the server spent on the frame. The reach, on two quiet
 cores: Python, 4 MiB, 1.5 ms over tcp, 0.8 ms over ipc or shared memory; C 3 ms; Octave 5 ms for 1 MiB, 12 ms for 4 MiB.
@@ -107,7 +107,7 @@ def python_frame(client: Client, camera: str, output: str, k: int) -> tuple[floa
 
 
 def native_clients(folder: Path, record: dict) -> dict:
-    """How to run the C and the Octave client: each gives the milliseconds of every frame."""
+    """Commands that run the C and the Octave client: each gives the milliseconds of every frame."""
     found = {}
     compiler, octave = shutil.which("cc"), shutil.which("octave-cli")
     if compiler:
@@ -187,7 +187,7 @@ def percentiles(milliseconds) -> dict[str, float]:
 
 
 def note(record: dict, who: str, camera: str, told, rendered) -> None:
-    """The frame's own time beside what is added to it: where it is far above the shortest, others had the cores."""
+    """The frame's own time beside the added time: where it is far above the shortest, other work had the cores."""
     found = percentiles(np.subtract(told, rendered))
     found["render_p50"] = percentiles(rendered)["p50"]
     floor = record["floor_ms"]["ipc" if "ipc" in who else "tcp"][camera]["p50"]

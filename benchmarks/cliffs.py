@@ -23,7 +23,7 @@ from glrender.brdf import Hapke, Lambert, LommelSeeliger, LunarLambert, Minnaert
 from glrender_camera import BrownConrady, PinholeCamera
 
 MOST_TIMES = 30.0
-"""Of the median processor time of frames of a like size."""
+"""Largest processor time over the median of frames of a like size."""
 MOST_S = 1.0
 """Processor time [s] of a frame of 1024 x 1024 px at a tolerance of 0.01 or more."""
 FRAME_PX = 1024
@@ -37,7 +37,7 @@ _LENS = BrownConrady(k1=-0.05)
 
 @dataclass(frozen=True, kw_only=True)
 class Frame:
-    """A random frame and what was drawn for it."""
+    """A random frame and its random numbers."""
 
     scene: Scene
     state: State

@@ -71,7 +71,7 @@ def fly(endpoint: str, first: int, n_clients: int, seconds: float, results) -> N
 
 
 def measured(endpoint: str, n_clients: int, seconds: float) -> dict:
-    """One row."""
+    """Measure one row."""
     spawn = get_context("spawn")
     results, n_each = spawn.Queue(), n_clients // N_PROCESSES
     flyers = [spawn.Process(target=fly, args=(endpoint, k * n_each, n_each, seconds, results))

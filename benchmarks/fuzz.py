@@ -43,7 +43,7 @@ GOOD_EVERY = 1000
 MAX_HELD_OPEN = 60
 ALLOWED = {"protocol", "config", "scene", "shape", "busy"}
 class Tally:
-    """What was answered, and what was amiss."""
+    """Counts of the answers, and the faults found."""
 
     def __init__(self):
         self.answers, self.faults, self.longest_s = Counter(), [], 0.0
@@ -58,19 +58,19 @@ class Tally:
             self.fault(f"{code}: {header['error']['message']}")
 
     def fault(self, text: str) -> None:
-        """Something that must not be."""
+        """Record a fault."""
         if len(self.faults) < 20:
             self.faults.append(text[:300])
 
     def waited(self, seconds: float) -> None:
-        """How long a good request took."""
+        """Record the time [s] that a good request took."""
         self.longest_s = max(self.longest_s, seconds)
         if seconds > DEADLINE_S:
             self.fault(f"a good request took {seconds:.1f} s")
 
 
 def in_process(folder: Path, n_messages: int, seed: int) -> Tally:
-    """Through decoder, codec and dispatcher, as a ROUTER and a TCP front would hand them over, without sockets."""
+    """Send messages through decoder, codec and dispatcher without sockets, as ROUTER and TCP fronts would."""
     mutator, tally = Mutator(seed), Tally()
     rng = mutator.rng
     slots.MIN_SHARED_BYTES = 1  # else none of these small frames would be left in shared memory
@@ -142,7 +142,7 @@ def good_requests(count: int) -> list[list[bytes]]:
 
 
 def through_sockets(folder: Path, n_messages: int, seed: int, workers: int) -> Tally:
-    """To a server of its own, over ZeroMQ and TCP in turn."""
+    """Send messages to a server of its own, over ZeroMQ and TCP in turn."""
     mutator, tally = Mutator(seed), Tally()
     rng = mutator.rng
     with open(folder / "log", "w+") as log:
@@ -203,7 +203,7 @@ class Peer:
         self._context.destroy(0)
 
     def by_zmq(self, burst: list[list[bytes]]) -> None:
-        """One reply to each."""
+        """Send messages over ZeroMQ, which gives one reply to each."""
         for parts in burst:
             self._zmq.send_multipart(parts)
         for parts in burst:
@@ -215,7 +215,7 @@ class Peer:
             self._tally.take(reply[1] if reply[0] == b"" else reply[0])
 
     def by_tcp(self, burst: list[list[bytes]]) -> None:
-        """One reply to each sound frame; a stream that is spoilt or cut may end with its connection."""
+        """Send frames over TCP: each sound one gets a reply; a spoilt or cut stream may end with its connection."""
         rng = self._mutator.rng
         stream, kind = b"".join(map(frame, burst)), rng.random()
         if self._tcp is None:

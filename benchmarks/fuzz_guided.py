@@ -1,4 +1,4 @@
-"""Bytes without end for what reads a stranger's bytes: a value or a GlrenderError, in bounded time and memory.
+"""Bytes without end for the readers of a stranger's bytes: a value or a GlrenderError, in bounded time and memory.
 
     python benchmarks/fuzz_guided.py codec --seconds 3600 --corpus out/codec      # also framing, scene, shape, texture
 
@@ -55,7 +55,7 @@ def _not_ours() -> list[str]:
 
 
 def bounded_memory() -> None:
-    """What is there already, and 2 GiB: more raises MemoryError."""
+    """Limit the memory to what the process has, and 2 GiB: more raises MemoryError."""
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     most = pages * resource.getpagesize() + MEMORY_BYTES
     resource.setrlimit(resource.RLIMIT_AS, (most, most))

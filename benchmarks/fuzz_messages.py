@@ -95,7 +95,7 @@ class Mutator:
         return [self.message() for _ in range(self.rng.choice([1, 3, 10]))]
 
     def spoilt(self, data: bytes, count: int) -> bytes:
-        """With `count` bytes changed."""
+        """A message with `count` bytes changed."""
         changed = bytearray(data)
         for _ in range(count):
             changed[self.rng.randrange(len(changed))] = self.rng.randrange(256)
@@ -109,7 +109,7 @@ class Mutator:
         return b"\xde" + struct.pack(">H", len(pairs)) + b"".join(msgpack.packb(k) + msgpack.packb(v) for k, v in pairs)
 
     def costly(self, data: bytes) -> bytes:
-        """With a value somewhere that is very deep or very long; or nothing but depth, beyond what can be packed."""
+        """A message with a value that is very deep or very long; or nothing but depth, beyond what can be packed."""
         rng = self.rng
         if rng.random() < 0.1:
             depth = rng.choice([600, 990, 1100, 20_000])
@@ -128,7 +128,7 @@ class Mutator:
         return packed
 
     def make_wrong(self, node: dict | list, wrong: list = WRONG) -> None:
-        """Somewhere below: a value replaced or taken away, or a field too many."""
+        """Change a value somewhere in a message: a value replaced or taken away, or a field too many."""
         rng = self.rng
         keys = list(node) if isinstance(node, dict) else list(range(len(node)))
         key = rng.choice(keys) if keys else None

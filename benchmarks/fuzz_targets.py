@@ -1,4 +1,4 @@
-"""What `fuzz_guided.py` hands bytes to, and the sound inputs that it begins with."""
+"""Targets to which `fuzz_guided.py` hands bytes, and the sound inputs that it begins with."""
 
 from __future__ import annotations
 
@@ -204,7 +204,7 @@ def _scene(folder: Path) -> tuple[Target, list[bytes]]:
 
 
 def _small(node: Any) -> Any:
-    """The same, without bodies of so many facets that making them is slow."""
+    """A scene without bodies whose many facets are slow to make."""
     bodies = node.get("bodies") if isinstance(node, dict) else None
     for entry in bodies if isinstance(bodies, list) else ():
         body = entry.get("generated") if isinstance(entry, dict) else None

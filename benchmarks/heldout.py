@@ -72,7 +72,7 @@ def summarise(rows: list[dict]) -> dict:
 
 
 def tables(rows: list[dict]) -> str:
-    """Where the prediction holds, by each of the quantities."""
+    """Tables of the scenes in which the prediction holds, by each of the quantities."""
     good = [row for row in rows if "failure" not in row]
     groups = {name: [(f"{low:g} to {high:g}", [row for row in good if low <= row[name] < high])
                      for low, high in zip(edges, edges[1:], strict=False)] for name, edges in _EDGES.items()}

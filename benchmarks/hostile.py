@@ -1,4 +1,4 @@
-"""What `soak.py --hostile` lets loose beside the honest clients: each does one thing, for as long as it lives."""
+"""Hostile clients that `soak.py --hostile` starts beside the honest ones: each does one thing until it ends."""
 
 from __future__ import annotations
 

@@ -65,7 +65,7 @@ def main() -> None:
 
 
 def _write(report: dict, out: Path) -> None:
-    """After each scene, so that a run that is stopped leaves what it has."""
+    """Write the rows after each scene, so that a run that is stopped leaves its rows."""
     order = [case.name for case in scenes.CASES]
     cases = report["cases"] = sorted(report["cases"], key=lambda case: order.index(case["name"]))
     report["planner_gain_geometric_mean"] = {

@@ -269,7 +269,7 @@ class Renderer:
         self._shadows.close()
 
     def _add_emission(self, irradiance: np.ndarray, state: State, frame: Frame, frame_plan: RenderPlan) -> RenderPlan:
-        """Add what the scene's emission plug-ins draw; where their light falls is the whole image."""
+        """Add the light that the scene's emission plug-ins draw; where their light falls is the whole image."""
         views, camera = {view.name: view for view in frame.views}, frame.camera
 
         def draw_surfaces(target, stage, bounds_px, grid):

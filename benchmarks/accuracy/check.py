@@ -18,7 +18,7 @@ FIXED = {"samples": 8, "max_error": 0.01}
 
 
 def check(case: Draw, n_rays: float = 10e6, rounds: int = 5) -> dict[str, Any] | None:
-    """A row; None when nothing is lit. With no rounds nothing is timed.
+    """A row of the table; None when nothing is lit. With no rounds nothing is timed.
 
     Returns
     -------

@@ -22,9 +22,9 @@ RAY_SAMPLES = (1, 2)
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """How long a scene may take: rounds of glrender's frames, and seconds for them and for each peer.
+    """Limits of a scene's time: rounds of glrender's frames, and seconds for these and for each peer.
 
-    And the truth: at least so many rays, and more where its own error is above what is named.
+    The truth has a least number of rays, and more where its own error is above a limit.
     """
 
     least: int = 5

@@ -1,4 +1,4 @@
-"""How far an image is from the truth, in the words that a navigation engineer uses."""
+"""Distances of an image from the truth, in the words that a navigation engineer uses."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ _MADE: dict[str, Callable[[], Shape]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class Draw:
-    """One scene and what was drawn for it."""
+    """One scene and its random numbers."""
 
     scene: Scene
     state: State

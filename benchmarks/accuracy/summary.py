@@ -1,4 +1,4 @@
-"""What the rows of the chart say in a few numbers: Pareto front, the planner's gain, the lead over the peers."""
+"""Summary of the rows of the chart in a few numbers: Pareto front, the planner's gain, the lead over the peers."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ _LEAST, _MOST = 9, 101
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Truth:
-    """What rays say.
+    """The truth by rays.
 
     Attributes
     ----------

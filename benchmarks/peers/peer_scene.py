@@ -14,7 +14,7 @@ import numpy as np
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PeerScene:
-    """What every peer gets.
+    """The scene that every peer gets.
 
     Attributes
     ----------

@@ -88,7 +88,7 @@ class CameraModel:
 
     @property
     def psf_margin_px(self) -> int:
-        """How far light is spread [px]."""
+        """Distance over which light is spread [px]."""
         return max(self.optics.psf_margin_px)
 
     @property
@@ -106,7 +106,7 @@ class CameraModel:
                roi: tuple[int, int, int, int] | None = None,
                relative_illumination: np.ndarray | None = None, previous: Frame | None = None,
                margin_px: int = 0, points: PointSources | None = None) -> Frame:
-        """One frame.
+        """Expose one frame.
 
         The mean number of photo-electrons is
 
@@ -184,7 +184,7 @@ class CameraModel:
 
     def stages(self, is_lit: bool, points: PointSources | None = None,
                light_text: str = "skipped: none") -> dict[str, str]:
-        """What is modelled and what is skipped, and why; with the account of the light."""
+        """Stages in words: modelled, or skipped with the reason; with the account of the light."""
         optics, detector = self.optics, self.detector
         unlit = None if is_lit else "no pixel is lit"
 

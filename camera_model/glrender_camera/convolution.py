@@ -44,7 +44,7 @@ class Convolution:
             "direct" if max(self.shape) <= _LARGEST_DIRECT_PX else "Fourier")
 
     def __call__(self, image: np.ndarray) -> np.ndarray:
-        """Darkness beyond the edges, no wrap-around: (H, W) float32 -> (H, W) float32."""
+        """Convolve, with darkness beyond the edges and no wrap-around: (H, W) float32 -> (H, W) float32."""
         height, margin = image.shape[0], self.shape[0] // 2
         n_bands = min(_MAX_BANDS, image.size // _BAND_PX, height // max(4 * margin, 1))
         if n_bands < 2:
@@ -124,7 +124,7 @@ class FieldConvolution:
 
     They sit on nodes evenly spaced from the frame's first to its last pixel. The light, not the
     result, is shared out between the four nodes around it with bilinear weights that sum to 1: no
-    light is lost or made, and there is no seam (photometry.md section 4.5).
+    light is lost or made, and there is no seam.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """The detector: from mean photo-electrons to digital numbers, the EMVA 1288 linear model.
 
 One Poisson draw of (signal x PRNU + dark x t), full well, read noise and fixed offset, gain,
-rounding, clipping: photometry.md section 5. The fixed pattern belongs to the sensor's seed, the
+rounding, clipping. The fixed pattern belongs to the sensor's seed, the
 temporal noise to the frame's.
 """
 
@@ -30,7 +30,7 @@ from .validate import integer, known_keys, positive, vector, within
 # cache, but threads that call NumPy more often wait for each other: 2**17 takes a quarter longer on two cores.
 _BLOCK_PX = 2**18
 # Beyond this many full wells the drawn number says nothing more, and NumPy's Poisson loses its
-# variance (photometry.md section 4.6).
+# variance.
 _MAX_FULL_WELLS = 100.0
 # Of the read noise, that the offset should hold: 0.13 % are clipped beyond it.
 _HELD_SIGMA = 3.0
@@ -38,7 +38,7 @@ _HELD_SIGMA = 3.0
 _MAX_NUMBER = 1e9
 MAX_SEED = 2**64 - 1
 MAX_COSMIC_RAY_HITS = 100_000
-"""Of one frame: two seconds."""
+"""Most hits of cosmic rays in a frame: they take two seconds."""
 _scratch = Scratch()
 _log = logging.getLogger(__name__)
 
@@ -175,7 +175,7 @@ class Detector:
 
     @property
     def clipping_text(self) -> str:
-        """What of the read noise is cut off where no light falls, in words; empty where the offset holds 3 sigma."""
+        """The part of the read noise that is cut off in darkness, in words; empty where the offset holds 3 sigma."""
         sigma_DN = self.read_noise_electrons * self.gain_DN_per_electron
         # Half a digital number is rounded to 0.
         if not self.offset_DN + 0.5 < _HELD_SIGMA * sigma_DN:

@@ -1,7 +1,7 @@
 """Lens distortion after Brown and Conrady, in OpenCV's convention, with a domain and a checked inverse.
 
 The model folds over beyond some field angle: there one image point belongs to two directions and
-an iterative inverse gives a wrong one in silence (photometry.md section 4.4). Here the radius up
+an iterative inverse gives a wrong one in silence. Here the radius up
 to which the radial part rises is found at load, and nothing outside it is accepted.
 """
 
@@ -85,7 +85,7 @@ class BrownConrady:
 
     @property
     def text(self) -> str:
-        """In words: the coefficients that are not zero."""
+        """The distortion in words: the coefficients that are not zero."""
         return ", ".join(f"{f.name} {getattr(self, f.name):g}" for f in fields(self) if getattr(self, f.name) != 0.0)
 
     @cached_property
@@ -271,7 +271,7 @@ class BrownConrady:
 
 
 def _real_roots(polynomial: np.polynomial.Polynomial) -> np.ndarray:
-    """The positive ones."""
+    """The positive real roots."""
     roots = polynomial.trim().roots()
     # A double root is an inflection that float64 splits into a complex pair of 1e-8.
     return roots.real[(np.abs(roots.imag) < 1e-7 * np.maximum(np.abs(roots), 1.0)) & (roots.real > 0.0)]

@@ -1,4 +1,4 @@
-"""What the detector gives."""
+"""The frame that the detector gives."""
 
 from __future__ import annotations
 

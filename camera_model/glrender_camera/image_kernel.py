@@ -135,7 +135,7 @@ def _centre(light: np.ndarray) -> float:
 
 
 def non_negative(kernel: np.ndarray) -> np.ndarray:
-    """What is below zero is filled up by its four neighbours, in equal parts as far as they have light.
+    """Fill up weights below zero from their four neighbours, in equal parts as far as these have light.
 
     Parameters
     ----------
@@ -167,7 +167,7 @@ def _filled(kernel: np.ndarray) -> np.ndarray:
 
 
 def _fourth_integral(x: np.ndarray, sigma_px: float) -> np.ndarray:
-    """Of a Gaussian of unit area: x^3 / 6 far to the right of it."""
+    """The fourth integral of a Gaussian of unit area: x^3 / 6 far to the right of it."""
     if sigma_px == 0.0:
         return np.maximum(x, 0.0) ** 3 / 6.0
     z = x / sigma_px

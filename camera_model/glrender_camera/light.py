@@ -21,7 +21,7 @@ _BRIGHT_SHARE = 0.999
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Light:
-    """What the optics put on the frame.
+    """Light that the optics put on the frame.
 
     Attributes
     ----------
@@ -125,7 +125,7 @@ def _total(image: np.ndarray) -> float:
 
 def _around(lit: tuple[slice, slice], xy_px: np.ndarray, reach_px: tuple[int, int],
             shape: tuple[int, int]) -> tuple[slice, slice]:
-    """The lit part of an image and what points at x, y [px] may reach."""
+    """Box of the lit part of an image and of the pixels that points at x, y [px] may reach."""
     # A kernel is put around the nearest pixel, or shared out between two.
     reach = np.array(reach_px[::-1]) + 2.0
     near = xy_px[((xy_px > -reach) & (xy_px < np.array(shape[::-1]) + reach)).all(axis=1)]
@@ -140,7 +140,7 @@ def _around(lit: tuple[slice, slice], xy_px: np.ndarray, reach_px: tuple[int, in
 
 
 def _brightest(points: PointSources) -> PointSources:
-    """Those that have nearly all of their light."""
+    """The brightest points, which have nearly all of the light."""
     index = np.argsort(-points.irradiance_W_m2, kind="stable")
     light = np.cumsum(points.irradiance_W_m2[index])
     n = int(np.searchsorted(light, _BRIGHT_SHARE * light[-1])) + 1 if light.size else 0

@@ -99,7 +99,7 @@ class MosaicModel:
 
     @property
     def psf_margin_px(self) -> int:
-        """How far any band's light is spread [px]."""
+        """Largest distance over which a band's light is spread [px]."""
         return max(model.psf_margin_px for model in self.bands.values())
 
     @property
@@ -111,7 +111,7 @@ class MosaicModel:
                exposure_s: float | str | None = None, roi: tuple[int, int, int, int] | None = None,
                relative_illumination: np.ndarray | None = None, previous: Frame | None = None, margin_px: int = 0,
                points: Mapping[str, PointSources] | None = None) -> Frame:
-        """One frame, not demosaiced.
+        """Expose one frame, not demosaiced.
 
         Parameters
         ----------

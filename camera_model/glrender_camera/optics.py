@@ -149,12 +149,12 @@ class Optics:
 
     @property
     def image_kernel(self) -> np.ndarray:
-        """The same, of the same sum, for images whose pixels hold the mean over their area: `image_kernel.py`."""
+        """Kernel for images whose pixels hold the mean over their area, made with `psf_kernel` (`image_kernel.py`)."""
         return self._kernels[1]
 
     @cached_property
     def _kernels(self) -> tuple[np.ndarray, np.ndarray]:
-        """Of points and of images."""
+        """Kernels of points and of images."""
         gaussian_px = math.ceil(_KERNEL_RADIUS_SIGMAS * self.psf_sigma_px)
         if self.psf_measured is not None:
             measured = np.array(self.psf_measured)
@@ -219,7 +219,7 @@ class Optics:
 
     @property
     def psf_margin_px(self) -> tuple[int, int]:
-        """How far light is spread along rows' and columns' index [px]."""
+        """Distance over which light is spread along rows' and columns' index [px]."""
         shape = self.psf_kernel.shape[-2:]
         return shape[0] // 2, shape[-1] // 2
 
@@ -232,7 +232,7 @@ class Optics:
 
     @cached_property
     def psf_noise_gain(self) -> float:
-        """What is left of the RMS of errors independent from pixel to pixel: sqrt(sum k^2); of a grid, the most."""
+        """Factor on the RMS of errors independent from pixel to pixel: sqrt(sum k^2), the largest of a grid."""
         kernel = self.image_kernel
         return float((kernel**2).sum() if kernel.ndim == 1 else np.sqrt((kernel**2).sum(axis=(-2, -1)).max()))
 

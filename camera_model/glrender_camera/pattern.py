@@ -19,7 +19,7 @@ def stream(seed: int, *key: int) -> np.random.Generator:
 
 @dataclass(frozen=True, kw_only=True)
 class PatternStatistics:
-    """What of a `Detector` its fixed pattern depends on: the fields of the same names."""
+    """The fields of a `Detector` that its fixed pattern depends on, by the same names."""
 
     sensor_seed: int
     photo_response_nonuniformity: float

@@ -97,7 +97,7 @@ class PointSources:
         return PointSources(self.xy_px, self.irradiance_W_m2 * relative_illumination[place[:, 1], place[:, 0]])
 
     def chosen(self, index: np.ndarray) -> PointSources:
-        """Some of the sources."""
+        """The chosen sources."""
         return PointSources(self.xy_px[index], self.irradiance_W_m2[index])
 
     def is_inside(self, shape: tuple[int, int], margin_px: int = 0) -> np.ndarray:
@@ -171,7 +171,7 @@ class _Lattice:
         return total.reshape(shape)
 
     def add_to(self, out: np.ndarray, spread: np.ndarray) -> None:
-        """Add what the kernels make of it: as many more rows and columns on each side as they reach."""
+        """Add the crowd's light, spread by the kernels: as many more rows and columns on each side as they reach."""
         reach_y, reach_x = (spread.shape[0] - self.rows) // 2, (spread.shape[1] - self.columns) // 2
         _add_part(out, np.maximum(spread, 0.0), self.corner[1] - reach_y, self.corner[0] - reach_x)
 
@@ -202,7 +202,7 @@ def _add_crowd(out: np.ndarray, xy: np.ndarray, fluxes: np.ndarray, optics: Opti
 
 
 def _add_gaussian_crowd(out: np.ndarray, xy: np.ndarray, fluxes: np.ndarray, optics: Optics, *_: object) -> None:
-    """The same of Gaussians: along the columns, then along the rows."""
+    """Spread a crowd of sources by Gaussians: along the columns, then along the rows."""
     lattice, radius_px = _Lattice(xy), optics.psf_margin_px[0] + 1
     weights = psf.gaussian_weights((np.arange(FINE) - FINE // 2) / FINE, optics.psf_sigma_px, radius_px)
 
@@ -217,7 +217,7 @@ def _add_gaussian_crowd(out: np.ndarray, xy: np.ndarray, fluxes: np.ndarray, opt
 
 
 def _add_gaussians(out: np.ndarray, xy: np.ndarray, fluxes: np.ndarray, sigma_px: float, radius_px: int) -> None:
-    """All at once: one of them costs more to begin than to spread."""
+    """Spread all Gaussians at once: one of them costs more to begin than to spread."""
     middle = np.rint(xy)
     across, down = (psf.gaussian_weights(offset, sigma_px, radius_px).T for offset in (xy - middle).T)
     steps = np.arange(-radius_px, radius_px + 1)

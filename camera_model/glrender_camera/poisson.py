@@ -2,7 +2,7 @@
 
 Two methods, chosen per pixel by its mean, both exact but for the rounding of the random numbers that
 they start from (32-bit fractions refined where it matters, float32 normal deviates); no normal
-approximation anywhere (photometry.md section 4.6). `Generator.poisson` costs 30 to 90 ms per
+approximation anywhere. `Generator.poisson` costs 30 to 90 ms per
 megapixel on the machines this was written for; these are vectorised and take about a fifth.
 """
 

@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 PRESETS = MappingProxyType({
     # No instrument's data sheet: round numbers of the size that small-body navigation cameras
-    # have, and the optics of photometry.md's worked example (15.1 mm, 80 %, 450-950 nm), so that
+    # have, and optics (15.1 mm, 80 %, 450-950 nm) with which
     # I/F = 0.02 at 1.2 au on pixels of 1e-4 rad fills 7.5e5 e- in 0.1 s. Meant for 1024 x 1024.
     "generic_navigation_camera": {
         "optics": {"aperture_diameter_m": 0.0151, "transmission": 0.8, "band_nm": (450.0, 950.0),

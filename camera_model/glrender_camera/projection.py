@@ -140,7 +140,7 @@ class PinholeCamera:
         return np.moveaxis(ray, 0, -1)
 
     def normalised(self, pixel: np.ndarray) -> np.ndarray:
-        """X / Z, Y / Z in `camera` (..., 2) float64 [1] of what is seen at pixel coordinates (..., 2) [px].
+        """X / Z, Y / Z in `camera` (..., 2) float64 [1] of pixel coordinates (..., 2) [px].
 
         NaN where a distortion images no direction.
         """
@@ -178,7 +178,7 @@ class PinholeCamera:
 
     @property
     def _cosine(self) -> np.ndarray:
-        """Of each pixel's field angle (height, width) float64 [1]."""
+        """Cosine of each pixel's field angle (height, width) float64 [1]."""
         if self.distortion is not None:
             return (1.0 + np.sum(self.seen**2, axis=-1)) ** -0.5
         x = (np.arange(self.width_px) - self.principal_point_px[0]) / self.focal_length_px
@@ -210,7 +210,7 @@ class PinholeCamera:
                exposure_s: float | str | None = None, roi: tuple[int, int, int, int] | None = None,
                previous: Frame | None = None, margin_px: int = 0,
                points: PointSources | Mapping[str, PointSources] | None = None) -> Frame:
-        """One frame of this camera: `CameraModel.expose` with the aperture foreshortened off axis.
+        """Expose one frame of this camera: `CameraModel.expose` with the aperture foreshortened off axis.
 
         With `margin_px` the image is one of `with_margin(margin_px)`. Behind a mosaic irradiance and points are
         those of each letter's band: `MosaicModel.expose`.

@@ -59,7 +59,7 @@ class DistortingLens:
         self.source = self._source()
 
     def _least_oversampling(self) -> int:
-        """From 2 on: so many cells a pixel that none is stretched beyond a pixel anywhere in the frame."""
+        """Least number of cells a pixel, from 2 on, with which no cell is stretched beyond a pixel."""
         x, y = (np.linspace(-_RIM_PX, size - 1 + _RIM_PX, _STRETCH_NODES)
                 for size in (self.camera.width_px, self.camera.height_px))
         seen = self.undistort(np.stack(np.broadcast_arrays(x, y[:, None]), axis=-1).reshape(-1, 2))
@@ -158,7 +158,7 @@ class DistortingLens:
         return frame
 
     def prepare(self) -> None:
-        """Do now what the first frame would need: 2.5 s a megapixel."""
+        """Prepare what the first frame would wait for: 2.5 s a megapixel."""
         self._weights  # noqa: B018 (a cached property)
 
     @cached_property

@@ -1,4 +1,4 @@
-"""What moves during an exposure: motion blur and the rolling shutter, averaged in irradiance."""
+"""Motion blur and the rolling shutter, averaged in irradiance."""
 
 from __future__ import annotations
 

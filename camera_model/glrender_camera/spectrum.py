@@ -90,7 +90,7 @@ def electrons_per_joule(band_nm: tuple[float, float], transmission: Curve, quant
     -------
     float [1/J]
 
-    Source: photometry.md section 1.6. Against the Sun's own spectrum (ASTM E490-00a) photons per
+    Source: Planck's law at 5772 K. Against the Sun's own spectrum (ASTM E490-00a) photons per
     joule agree within 0.3 % in 400-700 nm and 0.9 % in any band of 300-1100 nm.
     """
     energy, electrons = _band_integrals(band_nm, transmission, quantum_efficiency, np.array([SUN_TEMPERATURE_K]))

@@ -15,7 +15,7 @@ from .spectrum import SPEED_OF_LIGHT_M_S, stellar_response
 from .validate import finite, positive, unit_quaternion, vector
 
 SUN_V_MAGNITUDE = -26.76
-"""At 1 au: photometry.md section 6."""
+"""V magnitude of the Sun at 1 au."""
 SUN_RADIUS_M = 6.957e8
 """Nominal: IAU 2015 Resolution B3."""
 HIPPARCOS_YEAR = 1991.25
@@ -55,7 +55,7 @@ class StarCatalogue:
 
     @property
     def temperature_K(self) -> np.ndarray:
-        """Of the black body with the star's colour (N,) [K].
+        """Temperature of the black body with the star's colour (N,) [K].
 
         Source: Ballesteros (2012), Europhys. Lett. 97, 34008.
         """

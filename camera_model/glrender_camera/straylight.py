@@ -80,7 +80,7 @@ class StrayLight:
 
     @property
     def text(self) -> str:
-        """In words."""
+        """The stray light in words."""
         wing = f"{self.wing_fraction:g} in a wing of core {self.wing_core_px:g} px, power {self.wing_exponent:g}"
         parts = [wing] * (self.wing_fraction > 0.0) + [f"{self.veiling_glare:g} as a veil"] * (self.veiling_glare > 0.0)
         parts += [f"{self.veiling_glare_beyond:g} of light from beyond"] * (self.veiling_glare_beyond > 0.0)
@@ -88,7 +88,7 @@ class StrayLight:
 
     @property
     def direct_share(self) -> float:
-        """Of the light, what goes no farther than the point spread function [1]."""
+        """Share of the light that goes no farther than the point spread function [1]."""
         return 1.0 - self.wing_fraction - self.veiling_glare
 
     def add(self, image: np.ndarray, margin_px: int = 0) -> np.ndarray:
@@ -114,7 +114,7 @@ class StrayLight:
         return out
 
     def add_from_beyond(self, image: np.ndarray, xy_px: np.ndarray, flux: np.ndarray, margin_px: int = 0) -> None:
-        """Add what sources beyond an image throw into it.
+        """Add the light that sources beyond an image throw into it.
 
         Parameters
         ----------
@@ -151,7 +151,7 @@ class StrayLight:
 
     @property
     def _density(self) -> float:
-        """Of the wing's middle [1/px2], of a wing of all light."""
+        """Density in the middle of a wing that has all light [1/px2]."""
         return (self.wing_exponent - 2.0) / (2.0 * np.pi * self.wing_core_px**2)
 
     def _wing(self, image: np.ndarray) -> np.ndarray:

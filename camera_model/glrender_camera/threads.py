@@ -16,15 +16,15 @@ import numpy as np
 from . import forks
 
 N_CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-"""That this process is allowed."""
+"""Number of cores that this process may use."""
 N_THREADS = min(4, os.cpu_count() or 1)
-"""Of the camera model, at most: more gain nothing on a megapixel."""
+"""Most threads of the camera model: more gain nothing on a megapixel."""
 # Of all that run at a time; they are made when they are needed.
 _MOST_THREADS = 64
 
 
 def run(task: Callable[[int], None], items: Iterable[int], n_threads: int = N_THREADS) -> None:
-    """Do a task for each item, on so many threads at most; errors are raised here. Not from inside a task.
+    """Do a task for each item, on a limited number of threads; errors are raised here. Not from inside a task.
 
     The caller works as well: a thread that only waits has to be woken, and sends another to sleep.
     """

@@ -1,4 +1,4 @@
-"""Checks that turn what a user or a wire sent into trusted values, or raise ConfigError.
+"""Checks that turn values from a user or the wire into trusted ones, or raise ConfigError.
 
 Each takes the field's name first and returns the checked value. `not x > 0` is
 written so that NaN fails.
@@ -18,7 +18,7 @@ from .errors import ConfigError, path_of
 # A norm this far from 1 is round-off, or seven digits: renormalised.
 UNIT_TOLERANCE = 1e-6
 # A norm this far from 1 has the four digits that people type: renormalised, with a warning. Beyond it the
-# quaternion is a mistake (photometry.md section 4.3) and is refused.
+# quaternion is a mistake and is refused.
 ROUNDED_UNIT_TOLERANCE = 1e-3
 # A light year: beyond it a position is a mistake of units, and float32 irradiance is 0.
 MAX_DISTANCE_M = 1e16
@@ -81,7 +81,7 @@ def name_of(name: str, value: object) -> str:
 
 
 def shortened(text: str, most: int = 64) -> str:
-    """A text of at most so many characters."""
+    """A text cut to at most `most` characters."""
     return text if len(text) <= most else text[:most - 3] + "..."
 
 
@@ -143,7 +143,7 @@ def unit_vectors(name: str, array: np.ndarray, hint: str) -> np.ndarray:
 
 
 def near_unit(name: str, off: float, rule: str, got: object, hint: str) -> None:
-    """Refuse what is farther than 1e-3 from unity; warn of what is farther than 1e-6, once a process for each field.
+    """Refuse a norm farther than 1e-3 from unity; warn of what is farther than 1e-6, once a process for each field.
 
     Parameters
     ----------

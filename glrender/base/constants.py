@@ -17,4 +17,4 @@ SUN_RADIUS_M = 695_700_000.0
 """Nominal solar radius [m]; IAU 2015 resolution B3."""
 
 GLSL_CONSTANTS = {"PI": PI}
-"""What `constants.glsl` holds."""
+"""Constants that `constants.glsl` holds, by name."""

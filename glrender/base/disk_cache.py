@@ -14,7 +14,7 @@ import numpy as np
 _log = logging.getLogger(__name__)
 
 MAX_CACHE_BYTES = 2 * 1024**3
-"""All that is kept [bytes]; what was used longest ago goes first. A shape of 327,000 facets has some 20 MB."""
+"""Largest size of the cache [bytes]; the longest unused files go first. A shape of 327,000 facets has some 20 MB."""
 
 
 def cache_folder() -> Path:
@@ -26,7 +26,7 @@ def cache_folder() -> Path:
 
 def cached_arrays(name: str, keys: list[str], make: Callable[[], dict[str, np.ndarray]], cache: Path | None = None,
                   is_right: Callable[[dict[str, np.ndarray]], bool] = lambda _: True) -> dict[str, np.ndarray]:
-    """Arrays from the cache's file `name`, made and kept there when it lacks them, or has what is not right.
+    """Arrays from the cache's file `name`, made and kept there when it lacks them or is spoilt.
 
     By one process at a time: others wait for it.
     """
@@ -97,7 +97,7 @@ def _made_and_kept(file: Path, make: Callable[[], dict[str, np.ndarray]]) -> dic
 
 
 def _trim(folder: Path) -> None:
-    """Remove what was used longest ago, beyond `MAX_CACHE_BYTES`."""
+    """Remove the files unused for longest, beyond `MAX_CACHE_BYTES`."""
     kept = sorted(((file.stat(), file) for file in folder.glob("*.npz")), key=lambda entry: entry[0].st_mtime)
     surplus = sum(status.st_size for status, _ in kept) - MAX_CACHE_BYTES
     for status, file in kept[:-1]:

@@ -31,7 +31,7 @@ class ShaderError(GlrenderError):
 
 
 class DeviceError(GlrenderError):
-    """No OpenGL, or an OpenGL that failed."""
+    """OpenGL is missing, or failed."""
 
     code = "device"
 

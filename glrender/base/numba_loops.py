@@ -1,6 +1,6 @@
-"""How loops are compiled: by Numba, when their file is imported, and kept beside it or in the user's cache folder.
+"""Numba compiles loops when their file is imported, and keeps the code beside it or in the user's cache folder.
 
-Numba tells from a file's text whether what it kept is old, and from nothing else: a loop calls none of another file.
+Numba tells from a file's text alone whether the code that it kept is old, so a loop calls no loop of another file.
 """
 
 from __future__ import annotations

@@ -15,11 +15,11 @@ class OwnProcess:
 
     @property
     def is_here(self) -> bool:
-        """Whether this is that process."""
+        """Whether this process made the renderer."""
         return os.getpid() == self._pid
 
     def check(self) -> None:
-        """Let that process alone pass.
+        """Refuse a process that did not make the renderer.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""How far a slow frame is: its parts report theirs, and the share of the whole never falls."""
+"""Progress of a slow frame: its parts report their shares, and the share of the whole never falls."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ class Progress:
         self._report, self._told = report, 0.0
 
     def part(self, begin: float, end: float) -> Callable[[float], None]:
-        """What a part of the whole, from one share of it to another, is to call with its own share."""
+        """A callback for a part of the whole, from one share of it to another; the part calls it with its own share."""
         return lambda share: self._tell(begin + share * (end - begin))
 
     def finish(self) -> None:
-        """All is done: told if a part told anything."""
+        """Report the whole as done, if a part reported anything."""
         if self._told > 0.0:
             self._tell(1.0)
 

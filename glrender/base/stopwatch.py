@@ -1,4 +1,4 @@
-"""What a frame's steps take."""
+"""A stopwatch for the steps of a frame."""
 
 from __future__ import annotations
 

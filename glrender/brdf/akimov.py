@@ -24,7 +24,7 @@ class Akimov(WithPhaseFunction):
     phase_function : sequence of float or table, optional
         f(g): see `PhaseFunction`; 1 by default.
 
-    Source: Akimov (1988); Shkuratov et al. (2011); photometry.md section 1.3.
+    Source: Akimov (1988); Shkuratov et al. (2011).
     Twin: shaders/brdf/akimov.glsl, rtol 1e-5.
     """
 

@@ -34,7 +34,7 @@ class Geometry:
         Unit vectors away from the surface; broadcast together.
     cos_incidence, cos_emission : (...) float64 [1], > 0
 
-    Source: photometry.md section 4.2. tan(phase / 2) = |s - v| / |s + v| keeps 1e-6 deg at opposition,
+    Source: half-angle identity. tan(phase / 2) = |s - v| / |s + v| keeps 1e-6 deg at opposition,
     where acos(dot(s, v)) of float32 vectors jumps from 0 to 0.02 deg.
     Twin: shaders/brdf/angles.glsl.
     """

@@ -61,7 +61,7 @@ class Hapke(Law):
     multiple_scattering : {"isotropic", "anisotropic"}
         H H - 1 of 1981, or the anisotropic approximation of 2002.
 
-    Source: Hapke (1981), (1984) eqs 45-58, (2002), (2008), (2012); formulas in photometry.md section 1.5.
+    Source: Hapke (1981), (1984) eqs 45-58, (2002), (2008), (2012).
     Twin: shaders/brdf/hapke.glsl, rtol 1e-5 to 89 deg of incidence (1e-4 above 60 deg of roughness),
     5e-4 beyond.
     """

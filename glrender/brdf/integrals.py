@@ -1,4 +1,4 @@
-"""What a law gives for a whole sphere, by quadrature in float64: albedos, phase curve, centre of light."""
+"""Integrals of a law over a whole sphere, by quadrature in float64: albedos, phase curve, centre of light."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def disc_albedo(law: Law, phase: float, n_nodes: int = N_NODES) -> float:
     float [1]
         The irradiance of an unresolved sphere is this times F(d) (R / range)^2.
 
-    Source: photometry.md section 3.
+    Source: Hapke (2012), integrated reflectances of a sphere.
     """
     disc = Disc.at(phase, n_nodes)
     return float(disc.weight @ disc.radf(law))

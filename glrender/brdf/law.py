@@ -1,4 +1,4 @@
-"""What a reflectance law is: a float64 BRDF and the GLSL twin's structure and values."""
+"""The base class of reflectance laws: a float64 BRDF and the GLSL twin's structure and values."""
 
 from __future__ import annotations
 

@@ -58,7 +58,7 @@ class LommelSeeliger(WithPhaseFunction):
     phase_function : sequence of float or table, optional
         f(g): see `PhaseFunction`; 1 by default.
 
-    Source: Hapke (2012); photometry.md section 1.2.
+    Source: Hapke (2012).
     Twin: shaders/brdf/lommel_seeliger.glsl, rtol 1e-6.
     """
 

@@ -22,7 +22,7 @@ MAX_WEIGHT = 1e3
 """|L(g)| beyond this is a mistake."""
 MIN_WEIGHT = -0.05
 """A polynomial is held from the phase at which it falls through this: the best weights of Hapke bodies
-stay above it at all phases (photometry.md section 1.2), and McEwen's cubic, let go, makes a whole
+stay above it at all phases, and McEwen's cubic, let go, makes a whole
 sphere negative beyond 132.67 deg."""
 
 
@@ -43,7 +43,7 @@ class LunarLambert(WithPhaseFunction):
     phase_function : sequence of float or table, optional
         f(g): see `PhaseFunction`; 1 by default.
 
-    Source: McEwen (1991); photometry.md section 1.2.
+    Source: McEwen (1991).
     Twin: shaders/brdf/lunar_lambert.glsl, rtol 1e-5.
     """
 

@@ -27,7 +27,7 @@ class Minnaert(WithPhaseFunction):
     phase_function : sequence of float or table, optional
         f(g): see `PhaseFunction`; 1 by default.
 
-    Source: Minnaert (1941); photometry.md section 1.2.
+    Source: Minnaert (1941).
     Twin: shaders/brdf/minnaert.glsl, rtol 1e-5.
     """
 

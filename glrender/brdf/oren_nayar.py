@@ -26,7 +26,7 @@ class OrenNayar(Law):
     roughness_deg : float [deg], 0 <= roughness < 90
         Standard deviation of the slopes; 0 is Lambert's law.
 
-    Source: Oren and Nayar (1994); photometry.md section 1.4.
+    Source: Oren and Nayar (1994).
     Twin: shaders/brdf/oren_nayar.glsl, rtol 1e-6.
     """
 

@@ -26,7 +26,7 @@ class Rolo(Law):
         A0, A1, ...; |A(g)| must stay within 1e6. Some authors tabulate 1/pi of these: check
         I/F(0, 0, 0) = (C0 + A0) / 2.
 
-    Source: Hillier et al. (1999), Buratti et al. (2011); photometry.md section 1.3.
+    Source: Hillier et al. (1999), Buratti et al. (2011).
     Twin: shaders/brdf/rolo.glsl, rtol 1e-5.
     """
 

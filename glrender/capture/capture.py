@@ -1,4 +1,4 @@
-"""From a state to what a camera sees of it: the one chain that server, command line and users share.
+"""From a state to a camera's frame: the one chain that server, command line and users share.
 
     bodies → distortion → mean over the exposure → the camera model (point spread, stars, detector)
 
@@ -35,7 +35,7 @@ _BEYOND_POSES = 9
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Capture:
-    """What a camera sees of a state.
+    """The frame of a camera at a state.
 
     Attributes
     ----------
@@ -247,6 +247,6 @@ def _in_frame(roi: tuple[int, int, int, int], margin_px: int, camera: PinholeCam
 
 
 def _timings(still: Still, began: float) -> dict[str, float]:
-    """The renderer's laps, and what lens, Sun and stars took besides."""
+    """The renderer's laps, and the time that lens, Sun and stars took besides."""
     rest = 1e3 * (time.perf_counter() - began) - sum(still.timings_ms.values())
     return {**still.timings_ms, "lens_and_sky": max(rest, 0.0)}

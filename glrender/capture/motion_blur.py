@@ -1,4 +1,4 @@
-"""What moves during an exposure: how far in the image, and at which times to draw it."""
+"""Motion during an exposure: its length in the image, and the times at which poses are drawn."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from .sky_background import Place
 # Light is linear in time between poses: half a pixel apart they widen a blurred edge by 0.04 px2.
 _STEP_PX = 0.5
 MAX_POSES = 65
-"""Of one frame: 32 pixels of motion at half a pixel; what moves farther is drawn in longer steps, and told."""
+"""Most poses of a frame: 32 pixels of motion at half a pixel; longer motion is drawn in longer steps, and told."""
 MAX_GIVEN_POSES = 257
-"""Of one frame, where a request gives them."""
+"""Most poses of a frame, where a request gives them."""
 # A frame that moves by less stands still: the blur of 0.05 px adds 2e-4 px2 to any point spread function.
 _STILL_PX = 0.05
 # Turn between the instants at which a path is measured, about; and how many there are at most.
@@ -58,7 +58,7 @@ STILL = Motion(times_s=np.zeros(1), text="skipped: the state has no rates")
 
 
 def checked_sub_states(value: object) -> tuple[State, ...]:
-    """None, or 2 to 257 states of rising `t_s`.
+    """Check `sub_states`: none, or 2 to 257 states of rising `t_s`.
 
     Raises
     ------
@@ -105,7 +105,7 @@ def given_motion(state: State, sub_states: tuple[State, ...], exposure_s: float,
 
 def plan_motion(scene: Scene, state: State, camera: PinholeCamera, exposure_s: float, row_s: float,
                 margin_px: int) -> Motion:
-    """How many poses a frame needs.
+    """Choose the poses of a frame from the rates of its state.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def plan_motion(scene: Scene, state: State, camera: PinholeCamera, exposure_s: f
 
 
 def motion_px(scene: Scene, state: State, camera: PinholeCamera, half_s: float) -> float:
-    """Longest path [px] in the image, from so long [s] before the state to so long after it, of bodies and sky."""
+    """Longest path [px] in the image, of bodies and sky, from `half_s` before the state to `half_s` after it."""
     # A turn between two instants is a chord; of whole turns it would be nothing.
     turn_rad = 2.0 * half_s * max(
         0.0 if pose.angular_velocity_rad_s is None else float(np.linalg.norm(pose.angular_velocity_rad_s))

@@ -27,7 +27,7 @@ _LEAST_COSINE = 1e-3
 
 def light_beyond(renderer: Any, camera: PinholeCamera, margin_px: int,
                  poses: Sequence[tuple[State, Container[str], float]]) -> tuple[PointSources, str]:
-    """Sources beyond an image in the mean over some poses, and what they are in words.
+    """Sources beyond an image in the mean over some poses, and their names in words.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def light_beyond(renderer: Any, camera: PinholeCamera, margin_px: int,
 
 def _kept(rays: np.ndarray, light: np.ndarray, wide: PinholeCamera, stray: list[StrayLight],
           margin_px: int) -> PointSources:
-    """Of light (N,) from unit vectors (N, 3), what is beside the image and before the baffle's edge, in the frame."""
+    """Sources in the frame, of light (N,) from unit vectors (N, 3) that is beside the image and within the baffle."""
     chosen = rays[:, 2] > max(_LEAST_COSINE, np.cos(np.radians(max(each.baffle_deg for each in stray))))
     rays, light = rays[chosen], light[chosen]
     xy, cosine = _place_px(rays, wide), rays[:, 2]
@@ -85,7 +85,7 @@ def _kept(rays: np.ndarray, light: np.ndarray, wide: PinholeCamera, stray: list[
 
 
 def _place_px(rays: np.ndarray, wide: PinholeCamera) -> np.ndarray:
-    """Where a lens images rays (N, 3); beyond its fold as much farther out as they are from it."""
+    """Places of rays (N, 3) in a lens's image [px]; rays at k > 1 times its fold lie at k times the fold's place."""
     lens, ratio = wide.distortion, rays[:, :2] / rays[:, 2:]
     if lens is not None:
         times = np.maximum(np.hypot(*ratio.T) / (lens.max_radius * (1.0 - 1e-9)), 1.0)[:, None]

@@ -16,7 +16,7 @@ from .sky_background import merged, stars_behind
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PosePoints:
-    """What one pose of an exposure has beside its image.
+    """One pose of an exposure: its state and the points beside its image.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Sensor:
         self._n_stars = 0
 
     def stars(self, poses: Sequence[PosePoints]) -> dict[str, PointSources]:
-        """Of each band, in the mean over some poses."""
+        """The stars of each band, in the mean over some poses."""
         if self._scene.stars is None:
             return {}
         parts: dict[str, list] = {}
@@ -62,7 +62,7 @@ class Sensor:
         return {letter: merged(each) for letter, each in parts.items()}
 
     def bodies(self, poses: Sequence[PosePoints]) -> PointSources:
-        """Of small bodies in the camera's band, in the mean over some poses."""
+        """The light of small bodies in the camera's band, in the mean over some poses."""
         return merged([(pose.bodies, self._share(pose.bodies, pose)) for pose in poses])
 
     def _share(self, points: PointSources, pose: PosePoints) -> np.ndarray | float:
@@ -101,7 +101,7 @@ class Sensor:
         return self._camera.expose(images, seed, points=points if has_points else None, **options)
 
     def told(self, frame: Frame, n_bodies: int) -> dict[str, str]:
-        """The frame's stages, with what the points are."""
+        """The frame's stages, with the number and kind of the points."""
         text = f"{self._n_stars} stars, {n_bodies} bodies of a few pixels or less"
         return {**frame.stages, **({"points": text} if self._n_stars + n_bodies else {})}
 

@@ -1,4 +1,4 @@
-"""What stands behind the bodies of a state: stars and the Sun, hidden where bodies cover them."""
+"""Stars and the Sun behind the bodies of a state, hidden where bodies cover them."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _SUN_CELLS, _MAX_FINE_SUN_PX = 4, 128
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Place:
-    """Where a state puts a camera: `camera_from_inertial` (3, 3), `r_inertial_m` (3,)."""
+    """The place and attitude of a camera at a state: `camera_from_inertial` (3, 3), `r_inertial_m` (3,)."""
 
     camera_from_inertial: np.ndarray
     r_inertial_m: np.ndarray
@@ -76,7 +76,7 @@ def stars_behind(scene: Scene, state: State, camera: PinholeCamera) -> dict[str,
 
 
 def merged(parts: list[tuple[PointSources, np.ndarray | float]]) -> PointSources:
-    """All of several sources, each with its weights (N,) [1], or one, on the irradiance."""
+    """The points of several sources together, the irradiance of each times its weights (N,) [1], or times one."""
     return PointSources(np.concatenate([points.xy_px for points, _ in parts]),
                         np.concatenate([points.irradiance_W_m2 * weight for points, weight in parts]))
 
@@ -165,7 +165,7 @@ def _in_band(camera: PinholeCamera, letter: str) -> PinholeCamera:
 
 @lru_cache(maxsize=16)
 def _cosine_of_rim(camera: PinholeCamera) -> float:
-    """Of the angle [rad] from the boresight within which all lies whose light reaches the frame."""
+    """Cosine of the angle from the boresight within which sources lie whose light reaches the frame."""
     corner = np.arccos(camera.directions(frame_border(camera.width_px, camera.height_px))[:, 2].min())
     reach_px = 2.0 + camera.model.psf_margin_px
     return float(np.cos(min(corner + np.arctan(2.0 * reach_px / camera.focal_length_px), np.pi)))

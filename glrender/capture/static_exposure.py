@@ -38,7 +38,7 @@ _BESIDE = {"body_id": -1, "facet_id": -1, "sunlit": 0}
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Still:
-    """What stands still: irradiance (h, w) with the margin, its region `roi`, products (height, width) without it.
+    """One static exposure: irradiance (h, w) with the margin, its region `roi`, products (height, width) without it.
 
     `points` is the light of `n_small` bodies, or groups, of a few pixels or less, in the frame's `pixel`; it is not in
     the image. `apart` are these bodies' names.
@@ -196,7 +196,7 @@ def _part(camera: PinholeCamera, box: tuple[int, int, int, int]) -> PinholeCamer
 
 
 def margin_of(scene: Scene, state: State, camera: PinholeCamera, is_moving: bool) -> tuple[int, str]:
-    """How far beyond the frame of a camera with a model to draw [px], and why."""
+    """The margin to draw beyond the frame of a camera with a model [px], and the reason in words."""
     reach = _largest_margin(camera)
     if not reach:
         why = "the lens images nothing there" if camera.model.psf_margin_px > 0 else "no light is spread that far"
@@ -225,7 +225,7 @@ def drawn_pixels(camera: PinholeCamera) -> int:
 
 
 def prepare(scene: Scene) -> None:
-    """Do now what first frames would wait for: kernels, the sensors' patterns, the moves of lenses."""
+    """Prepare what first frames would wait for: kernels, the sensors' patterns, the moves of lenses."""
     for camera in scene.cameras:
         wide = camera.with_margin(lens_margin(camera))
         if camera.model is not None:
@@ -245,7 +245,7 @@ def lens_margin(camera: PinholeCamera) -> int:
 
 @lru_cache(maxsize=16)
 def _largest_margin(camera: PinholeCamera) -> int:
-    """As far as light is spread, or 0 where the lens images nothing there [px]."""
+    """The distance over which light is spread [px], or 0 where the lens images nothing there."""
     reach = min(camera.model.psf_margin_px, (MAX_IMAGE_PX - max(camera.width_px, camera.height_px)) // 2)
     try:
         lens_of(camera.with_margin(reach))

@@ -1,4 +1,4 @@
-"""Warnings of what a frame shows too little of, or too much, though nothing is wrong enough to refuse it. Pure.
+"""Warnings of frames that show too little or too much, though nothing is wrong enough to refuse them. Pure.
 
 A lit frame costs some microseconds of looking; only of a dark one it is found out why it is dark.
 """
@@ -27,9 +27,9 @@ MIN_LIT_PX = 100
 NIGHT_PHASE_DEG = 175.0
 """Phase angle from which on a body shows its night side: a Lambert sphere has 7e-5 of its light at zero phase."""
 SUN_DISTANCES_AU = (0.04, 200.0)
-"""Where the Sun is likely to be: beyond Parker Solar Probe's perihelion of 0.046 au, within the heliopause."""
+"""Likely distances of the Sun [au]: beyond Parker Solar Probe's perihelion of 0.046 au, within the heliopause."""
 LIMIT_RATIO = 1.5
-"""How many times longer, or shorter, an automatic exposure must be wanted than its limit for that to be told."""
+"""Least ratio of the exposure that is wanted to the limit that it stopped at, either way, for a warning."""
 LEAST_DN = 0.5
 """Signal of the brightest pixel [DN] below which rounding leaves nothing of it."""
 # Closed bodies of less than this may stand around their camera, as a spacecraft does.
@@ -53,7 +53,7 @@ class Advice:
 
 
 def scene_advice(scene: Scene) -> tuple[Advice, ...]:
-    """What the reports of a scene's shapes warn of."""
+    """Warnings of the reports of a scene's shapes."""
     return tuple(Advice("shape", f"bodies[{index}].shape", _printable(f"{body.name}: {text}"))
                  for index, body in enumerate(scene.bodies) for text in body.shape.report.warnings)
 
@@ -61,7 +61,7 @@ def scene_advice(scene: Scene) -> tuple[Advice, ...]:
 def image_advice(scene: Scene, state: State, camera: PinholeCamera, plan: RenderPlan, light: np.ndarray,
                  roi: tuple[int, int, int, int], *, region: tuple[int, int, int, int] | None = None,
                  has_points: bool = False, has_stars: bool = False) -> tuple[Advice, ...]:
-    """What is to be said of an irradiance image, and of what its plan warns.
+    """Warnings of an irradiance image, with those of its plan.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def image_advice(scene: Scene, state: State, camera: PinholeCamera, plan: Render
 def frame_advice(scene: Scene, camera: PinholeCamera, asked: float | str, frame: Frame, light: np.ndarray,
                  roi: tuple[int, int, int, int], *, has_stars: bool = False,
                  has_sun: bool = False) -> tuple[Advice, ...]:
-    """What is to be said of a detector's frame: saturation, an exposure at its limit, light that it has nothing of.
+    """Warnings of a detector's frame: saturation, an exposure at its limit, light that it does not show.
 
     Parameters
     ----------
@@ -267,7 +267,7 @@ def _shaded_by(view: BodyView, views: Sequence[BodyView], scene: Scene, state: S
 
 
 def _out_of_view(state: State, camera: PinholeCamera, views: Sequence[BodyView]) -> Advice:
-    """Where the body is that is nearest to the boresight, and the attitude that would have it in view."""
+    """A warning with the place of the body nearest to the boresight, and the attitude that would have it in view."""
     nearest = max(views, key=_cos_off_axis)
     off_deg = math.degrees(math.acos(min(max(_cos_off_axis(nearest), -1.0), 1.0)))
     is_behind, name = off_deg > 90.0, _printable(nearest.name)
@@ -289,7 +289,7 @@ def _out_of_view(state: State, camera: PinholeCamera, views: Sequence[BodyView])
 
 
 def _attitude_in_view(state: State, camera: PinholeCamera, name: str) -> str:
-    """Which usual mistake with the spacecraft's quaternion would, undone, have a body's origin in the image."""
+    """The usual mistake with the spacecraft's quaternion that, once undone, has a body's origin in the image."""
     w, x, y, z = state.spacecraft.q_from_inertial
     meant = {"its conjugate [w, -x, -y, -z], inertial from spacecraft,": (w, -x, -y, -z),
              "read as [x, y, z, w] it": (z, w, x, y),

@@ -1,4 +1,4 @@
-"""The interface of what draws a scene: `Renderer`, and the plug-ins of the group `glrender.backend`."""
+"""The interface of backends, which draw a scene: `Renderer`, and the plug-ins of the group `glrender.backend`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .image import Image
 
 
 class Backend(Protocol):
-    """What draws a scene: a class of the group `glrender.backend`, called with a `Scene` and its own options.
+    """A backend draws a scene: a class of the group `glrender.backend`, called with a `Scene` and its own options.
 
     It may raise DeviceError, then and in `render`, with a message that says what to install.
     """
@@ -24,10 +24,10 @@ class Backend(Protocol):
 
     def render(self, state: State, camera: str | None = None, *, max_error: float | None = None,
                products: Iterable[str] = ("irradiance",), samples: int | None = None) -> Image:
-        """As `Renderer.render`."""
+        """Draw one frame, with the arguments of `Renderer.render`."""
 
     def close(self) -> None:
-        """Release what it holds; once more does no harm."""
+        """Release the backend's resources; a second call does no harm."""
 
     def __enter__(self) -> Backend: ...
 

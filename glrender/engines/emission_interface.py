@@ -1,10 +1,10 @@
-"""What a frame gives an emission plug-in (entry-point group `glrender.emission`), and what it gives back.
+"""The interface of an emission plug-in (entry-point group `glrender.emission`): its input and its output.
 
-A plug-in is a class with `from_table(table, resolve, bodies)`, which reads a `[[emission]]` table of a scene: of
-that come objects with `body`, the name of the body that the light is around, and `open(context, scene)`, which
-gives a context manager with `add(irradiance, frame)`. They may also have `trace(scene)`, which gives something with
-`add` for the frames of backends that trace rays; those leave out what has none, and say so. One with `dims` false
-never dims the surfaces: small bodies in it may then be told as points, beside the image.
+A plug-in is a class with `from_table(table, resolve, bodies)`, which reads a `[[emission]]` table of a scene and
+returns an object with `body`, the name of the body that the light is around, and `open(context, scene)`, which
+gives a context manager with `add(irradiance, frame)`. The object may also have `trace(scene)`, which gives an object
+with `add` for backends that trace rays; these leave out emissions without it, and say so. An emission with `dims`
+false never dims the surfaces: small bodies in it may then be points beside the image.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class TracedEmission(Protocol):
     """An emission for backends that trace rays."""
 
     def add(self, irradiance: np.ndarray, frame: TracedFrame) -> EmissionPlan:
-        """As `EmissionPass.add`."""
+        """Add light to the irradiance, as `EmissionPass.add` does."""
 
 
 class EmissionPass(Protocol):
@@ -107,4 +107,4 @@ class Emission(Protocol):
         """From a scene's `[[emission]]` table less its `kind`; `resolve(field, name)` is a file's path."""
 
     def open(self, context: Context, scene: Scene) -> EmissionPass:
-        """Its resources in a context."""
+        """Create the resources of the emission in a context."""

@@ -1,4 +1,4 @@
-"""What a renderer gives back, whichever backend drew it."""
+"""The image that every backend returns."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .advice import Advice, image_advice
 from .small_bodies import SmallBody
 
 PRODUCTS = ("irradiance", "range", "body_id", "facet_id", "incidence", "emission", "phase", "r_body", "sunlit")
-"""What `Renderer.render` can return."""
+"""Names of the products that `Renderer.render` can return."""
 
 _BYTES = {"range": 8, "body_id": 4, "facet_id": 4, "incidence": 4, "emission": 4, "phase": 4, "r_body": 12, "sunlit": 4}
 # What products are made from: three layers of four float32.
@@ -59,7 +59,7 @@ class Image:
 
     @cached_property
     def warnings(self) -> tuple[Advice, ...]:
-        """What is odd in it: no body in view, nothing lit, distances of another unit; the plan's warnings."""
+        """Oddities of the image: no body in view, nothing lit, distances of another unit; the plan's warnings."""
         if self.request is None:
             return ()
         has_points = any(body.is_apart and body.irradiance_W_m2 > 0.0 for body in self.small_bodies)

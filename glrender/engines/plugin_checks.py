@@ -39,7 +39,7 @@ def try_twin(law: Law, evaluate: Callable[..., np.ndarray]) -> None:
 
 
 def check_light(emission: Any, irradiance: np.ndarray, plan: Any) -> None:
-    """Refuse what a foreign emission made of an image if it is no light, or tells no plan.
+    """Refuse an image of a foreign emission that is no light, or comes without a plan.
 
     Raises
     ------

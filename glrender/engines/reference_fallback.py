@@ -18,7 +18,7 @@ from ..view.state import State
 from .image import Image
 
 SLOW_BACKENDS = ("raytrace", "cycles")
-"""In the order in which they are tried."""
+"""Slow backends in the order in which they are tried."""
 # What the slow frame models is what OpenGL models: light between facets is asked for by backend="cycles".
 _OPTIONS: dict[str, dict[str, Any]] = {"cycles": {"bounces": 0}}
 
@@ -36,7 +36,7 @@ def checked_allow_slow(value: object) -> bool | str:
 
 
 def misses_budget(plan: RenderPlan) -> bool:
-    """Whether a frame's error is above what was asked for."""
+    """Whether a frame's error is above the tolerance."""
     return plan.predicted_error > plan.max_error * (1.0 + 1e-6)
 
 
@@ -61,7 +61,7 @@ class SlowFrames:
         self._opened: dict[str, Any] = {}
 
     def close(self) -> None:
-        """Release them; more frames open them anew."""
+        """Release the backends; more frames open them anew."""
         for backend in self._opened.values():
             backend.close()
         self._opened.clear()

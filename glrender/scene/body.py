@@ -112,7 +112,7 @@ class Body:
 
     @cached_property
     def relief(self) -> Relief | None:
-        """The ground that its detail makes."""
+        """The height field of the body's surface detail."""
         if self.detail is None:
             return None
         return Relief(self.detail, math.sqrt(self.shape.facet_areas_m2.mean() * 4.0 / math.sqrt(3.0)),
@@ -120,7 +120,7 @@ class Body:
 
 
 MAX_TEXTURE_PX = 2**27
-"""Of a texture [px]: 16384 x 8192, 0.5 GiB as float32."""
+"""Most pixels of a texture: 16384 x 8192, 0.5 GiB as float32."""
 # Of what Pillow reads, those that are pictures alone: others start programs (EPS) or unpack to any size.
 _TEXTURE_FORMATS = ("PNG", "TIFF", "JPEG", "JPEG2000", "BMP", "PPM", "WEBP")
 

@@ -28,7 +28,7 @@ _SCENE_KEYS = ("bodies", "cameras", "stars", "solar_irradiance_1au_W_m2", "max_e
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Scene:
-    """What does not change from frame to frame.
+    """A scene holds the bodies, cameras and settings that do not change from frame to frame.
 
     Parameters
     ----------

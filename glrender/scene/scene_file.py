@@ -33,7 +33,7 @@ _GENERATORS = ("icosphere", "contact_binary", "gaussian_random_sphere", "three_l
 
 @dataclass(frozen=True)
 class Files:
-    """Where names of files lead, and whether they may lead anywhere."""
+    """The folder that names of files are relative to, and whether they may lead out of it."""
 
     directory: Path | None
     restricted: bool

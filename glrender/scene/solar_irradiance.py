@@ -80,7 +80,7 @@ class Band:
 
     @classmethod
     def box(cls, low_nm: float, high_nm: float) -> Band:
-        """All light between two wavelengths [nm]."""
+        """A band that passes all light between two wavelengths [nm]."""
         return cls(wavelength_nm=np.array([low_nm, high_nm]), transmission=np.ones(2))
 
     def _integral(self, power: int) -> float:

@@ -1,4 +1,4 @@
-"""Where a moving spacecraft sees bodies: light time and aberration, applied to a state where they are asked for."""
+"""Apparent places of bodies from a moving spacecraft: light time and aberration, applied to a state on request."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which bodies may cast shadows on which, and how wide the penumbra of such a shadow is. Pure."""
+"""Bodies that may cast shadows on each other, and the width of the penumbra of such a shadow. No side effects."""
 
 from __future__ import annotations
 

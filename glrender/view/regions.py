@@ -1,4 +1,4 @@
-"""Which bodies are drawn together: regions of the image that they touch, ranges of depth that they share."""
+"""Groups of bodies that are drawn together: regions of the image that they touch, ranges of depth that they share."""
 
 from __future__ import annotations
 

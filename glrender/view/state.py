@@ -75,7 +75,7 @@ class Pose:
         return any(rate is not None and bool(rate.any()) for rate in (self.v_inertial_m_s, self.angular_velocity_rad_s))
 
     def after(self, dt_s: float) -> Pose:
-        """Where it is a time later [s], at these rates: straight on, and turning about a fixed axis."""
+        """The pose a time later [s], at these rates: straight on, and turning about a fixed axis."""
         if not self.is_moving:
             return self
         r, q = self.r_inertial_m, self.q_from_inertial

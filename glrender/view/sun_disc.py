@@ -12,7 +12,7 @@ from .view import BodyView
 POINT_COUNTS = ((4, 0.4), (8, 0.25))
 """Points of the disc, and the share of a hard edge's error [1] that steps of so many leave (test_penumbra.py)."""
 PENUMBRA_SHARE = 0.7
-"""Of the error tolerance [1], what penumbras may take of it."""
+"""Share of the error tolerance [1] that penumbrae may take."""
 
 
 def fewest_points(error: float, tolerance: float) -> tuple[int, float] | None:

@@ -1,4 +1,4 @@
-"""Where a state puts a body in front of a camera: all of it in float64, the camera subtracted first."""
+"""Geometry of the bodies of a state before a camera, in float64, the camera's position subtracted first."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..scene.shape.convex_hull import Hull
 from .state import State
 
 FINE_FOOTPRINT = 1e-5
-"""Side of what a pixel sees, in radii, below which rays are cast in float64: some hundred float32 steps."""
+"""Side of a pixel's footprint, in radii, below which rays are cast in float64: some hundred float32 steps."""
 # The outline's edges, float64 pixel coordinates, are then good to 1e-4 of its size.
 _MIN_SIZE_PX = 1e-9
 # Radii: the range of a camera at the origin of open terrain, or in a cavity, by which others divide.
@@ -85,7 +85,7 @@ class BodyView:
 
     @property
     def finest_px(self) -> float:
-        """Its size [px] were all of it as near as its nearest point: what a shadow map must resolve."""
+        """Size [px] of the body if all of it were as near as its nearest point: a shadow map must resolve this."""
         near, far = self.depth_m
         return min(self.size_px * 0.5 * (near + far) / near, 1e5)
 
@@ -108,7 +108,7 @@ def between(view: BodyView, other: BodyView) -> tuple[np.ndarray, np.ndarray]:
 
 
 def phase_angle(to_sun: np.ndarray, to_camera: np.ndarray) -> float:
-    """Between two unit vectors (3,) [rad]: exact also where it is small, or nearly pi."""
+    """Phase angle between two unit vectors (3,) [rad]: exact also where it is small, or nearly pi."""
     return float(2.0 * np.arctan2(np.linalg.norm(to_sun - to_camera), np.linalg.norm(to_sun + to_camera)))
 
 

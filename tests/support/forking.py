@@ -9,7 +9,7 @@ LIMIT_S = 60.0
 
 
 def in_child(task, limit_s=LIMIT_S):
-    """What a task returns in a forked child; its error, or its silence, fails the test."""
+    """The result of a task in a forked child; its error, or its silence, fails the test."""
     fork = multiprocessing.get_context("fork")
     ours, theirs = fork.Pipe()
 

@@ -40,7 +40,7 @@ WARNED_REPLY = {**REGION_REPLY, "warnings": [
     {"code": "behind_camera", "path": "state.spacecraft.q_from_inertial", "message": "body is behind the camera"},
     {"code": "sun_distance", "path": "state.r_sun_inertial_m", "message": "the Sun is 0.01 au from body"}]}
 PLACE = {"name": "glrender-slot-golden", "number": 300, "offsets": [64, 128], "sizes": [12, 48]}
-"""Where the parts of `reply_shared` stand: in `slot_shared`, the file's bytes."""
+"""Places of the parts of `reply_shared`: in `slot_shared`, the file's bytes."""
 
 
 def golden() -> dict[str, list[str]]:

@@ -1,4 +1,4 @@
-"""What a test needs and this machine lacks: in CI a failure, elsewhere a loud skip. A skip must not hide a gap."""
+"""Needs of a test that this machine lacks: in CI a failure, elsewhere a loud skip. A skip must not hide a gap."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ CAMERA = views.camera(1024, 1000.0)
 
 
 def traits(n_facets=50_000, crease_rad=0.15, facet_m=0.3, **known):
-    """Of a body of 100 m with flat facets; `facet_m` infinite for those that are not as bright everywhere."""
+    """Traits of a body of 100 m with flat facets; `facet_m` is infinite for facets that are not uniform."""
     return BodyTraits(**{"radius_m": 100.0, "is_convex": False, "law": "lambert", "max_phase_rad": np.pi,
                          "n_facets": n_facets, "crease_rad": crease_rad, "facet_m": facet_m, **known})
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 
 def children(pid: int, word: bytes) -> list[int]:
-    """Process numbers of those that a process began and whose command has a word in it."""
+    """Numbers of the processes that a process began and whose command has a word in it."""
     found = []
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit():

@@ -18,7 +18,7 @@ AU_M = 149_597_870_700.0
 
 
 def trace(bodies, camera, state, solar_irradiance_1au_W_m2, samples=4):
-    """Irradiance of each pixel, and what its centre sees.
+    """Irradiance of each pixel, and the facet at its centre.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class Tracer:
         self._sun = sun / np.linalg.norm(sun, axis=1, keepdims=True)
 
     def irradiance(self, solar_irradiance_1au_W_m2, samples):
-        """See `trace`."""
+        """Irradiance as of `trace`."""
         camera, scene, scale = self._camera, self._scene, self._scale
         height, width = camera.height_px, camera.width_px
         total = np.zeros(height * width)

@@ -66,7 +66,7 @@ def false_shadow(phase_deg: float, size_px: float = 200.0, samples: int | None =
 
 
 def pillar_shadow(phase_deg: float, samples: int | None = 8, max_error: float = 0.02) -> float:
-    """How much too long a pillar's shadow is [px] across the slab that it stands on, by its area (`solids.slab_flux`).
+    """Excess length of a pillar's shadow [px] across the slab that it stands on, by its area (`solids.slab_flux`).
 
     Seen against the Sun, incidence = emission; a metre of the slab is 0.88 px across.
     """
@@ -212,7 +212,7 @@ def sliver_sphere(n_sectors: int, n_rings: int = 12) -> Shape:
 
 
 def turned(state: State, q: np.ndarray, shift_m: np.ndarray) -> State:
-    """The same scene in another inertial frame: turned by `q_new_from_old`, then shifted [m]."""
+    """A scene turned into another inertial frame: turned by `q_new_from_old`, then shifted [m]."""
     rotation = frames.dcm(q)
 
     def pose(p: Pose) -> Pose:
@@ -264,7 +264,7 @@ def traced_by_hand(bodies, camera, state: State, samples: int = 4, law=GREY) -> 
 
 
 def _distances_by_hand(corner: np.ndarray, normal: np.ndarray, start: np.ndarray, ray: np.ndarray) -> np.ndarray:
-    """Of rays (N, 3) from points (N, 3) to a facet (3, 3): (N,), infinite beside it."""
+    """Distances (N,) along rays (N, 3) from points (N, 3) to a facet (3, 3), infinite beside it."""
     with np.errstate(divide="ignore", invalid="ignore"):
         t = (corner[0] - start) @ normal / (ray @ normal)
         point = start + t[:, None] * ray

@@ -22,7 +22,7 @@ from .wire import HasDict, Packer, Reply, frames_fields, range_fields, read_head
 
 
 class AsyncClient:
-    """As `Client`, for one event loop, in its thread and process.
+    """A `Client` for one event loop, in its thread and process.
 
         async with AsyncClient("tcp://127.0.0.1:5555") as client:
             replies = await asyncio.gather(*(client.render(state, "navcam", seed=k, output="dn") for k in range(8)))
@@ -65,11 +65,11 @@ class AsyncClient:
         self._context = None
 
     async def hello(self) -> dict[str, Any]:
-        """What the server is."""
+        """Description of the server, as of `Client.hello`."""
         return (await self._ask("hello", {})).header
 
     async def status(self) -> dict[str, Any]:
-        """How the server does."""
+        """Counters of the server, as of `Client.status`."""
         return (await self._ask("status", {})).header
 
     async def load_scene(self, scene: Mapping[str, Any], *, timeout_s: float | None = None) -> dict[str, Any]:
@@ -77,7 +77,7 @@ class AsyncClient:
         return (await self._ask("load_scene", {"scene": dict(scene)}, timeout_s)).header
 
     async def render(self, state: Mapping[str, Any] | HasDict, camera: str | None = None, **options: Any) -> Reply:
-        """One frame; arguments and errors are those of `Client.render`."""
+        """Ask for one frame; arguments and errors are those of `Client.render`."""
         return await self._ask("render", render_fields(state, camera, **options))
 
     async def render_frames(self, state: Mapping[str, Any] | HasDict, frames: Iterable[Mapping[str, Any]], *,
@@ -104,7 +104,7 @@ class AsyncClient:
         raise RequestTimeout.after(self._endpoint, op, timeout_s, self._retries + 1, presence)
 
     async def _try_while_busy(self, message: bytes, number: int, timeout_s: float) -> Reply | None:
-        """One try; a busy server is asked again later, until the time is over."""
+        """Try a request once; a busy server is asked again later, until the time is over."""
         deadline = time.monotonic() + timeout_s
         for n_before in itertools.count():
             try:

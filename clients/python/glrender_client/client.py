@@ -100,12 +100,12 @@ class Client:
             self._recorder.close()
 
     def hello(self) -> dict[str, Any]:
-        """What the server is: protocol versions, cameras, bodies, products, limits, OpenGL."""
+        """Description of the server: protocol versions, cameras, bodies, products, limits, OpenGL."""
         self._hello = self._ask("hello", {}).header
         return self._hello
 
     def status(self) -> dict[str, Any]:
-        """How the server does: uptime, requests, errors by code, last timings."""
+        """Counters of the server: uptime, requests, errors by code, last timings."""
         return self._ask("status", {}).header
 
     def load_scene(self, scene: Mapping[str, Any], *, timeout_s: float | None = None) -> dict[str, Any]:
@@ -123,7 +123,7 @@ class Client:
                exposure_s: float | str | None = None, seed: int | None = None, max_error: float | None = None,
                samples: int | None = None, products: Sequence[str] = (), roi: Sequence[int] | None = None,
                order: str = "C", allow_slow: bool | str = False) -> Reply:
-        """One frame.
+        """Ask for one frame.
 
         Parameters
         ----------
@@ -265,7 +265,7 @@ class Client:
         raise self._timeout(op, timeout_s)
 
     def _try_while_busy(self, message: bytes, number: int, timeout_s: float) -> Reply | None:
-        """One try; a busy server is asked again later, until the time is over."""
+        """Try a request once; a busy server is asked again later, until the time is over."""
         deadline = time.monotonic() + timeout_s
         for n_before in itertools.count():
             try:

@@ -8,7 +8,7 @@ from .curve import Keys, set_curve
 from .errors import GlrenderClientError
 
 MAX_POLL_MS = 2**31 - 1
-"""Longer than this ZeroMQ cannot wait."""
+"""Longest time that ZeroMQ can wait."""
 
 
 def positive_s(timeout_s: float) -> float:

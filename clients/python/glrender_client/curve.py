@@ -8,7 +8,7 @@ import zmq
 import zmq.auth
 
 Keys = tuple[bytes, bytes, bytes]
-"""Own public, own secret, the server's public key."""
+"""The client's public and secret keys, and the server's public key."""
 
 
 def curve_keys(key: Path | None, server_key: Path | None) -> Keys | None:
@@ -31,6 +31,6 @@ def curve_keys(key: Path | None, server_key: Path | None) -> Keys | None:
 
 
 def set_curve(socket: zmq.Socket, keys: Keys | None) -> None:
-    """Encrypt what this socket sends."""
+    """Encrypt the messages of this socket."""
     if keys is not None:
         socket.curve_publickey, socket.curve_secretkey, socket.curve_serverkey = keys

@@ -1,4 +1,4 @@
-"""What can go wrong between a client and the service."""
+"""Errors between a client and the service."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ class GlrenderClientError(Exception):
 
 
 class RequestTimeout(GlrenderClientError, TimeoutError):
-    """No reply within the time allowed, on any try."""
+    """The server gave no reply within the time allowed, on any try."""
 
     @classmethod
     def after(cls, endpoint: str, op: str, timeout_s: float, n_tries: int, presence: str) -> RequestTimeout:
-        """Of an operation that was tried so often, for so long each time [s]; `presence` is of `told_presence`."""
+        """The error of an operation after `n_tries` of `timeout_s` each [s]; `presence` is of `told_presence`."""
         why = ("; a large shape takes minutes the first time: give load_scene a longer `timeout_s`"
                if op == "load_scene" else "")
         return cls(f"{endpoint} did not answer `{op}` within {timeout_s:g} s, {n_tries} times: {presence}{why}")
@@ -55,6 +55,6 @@ class Busy(ServerError):
         self.retry_after_s = retry_after_s
 
     def pause_s(self, n_before: int) -> float:
-        """How long to wait after this and so many others in a row: longer each time, and by chance [s]."""
+        """Pause [s] after this error and `n_before` others in a row: longer each time, with a random part."""
         chance = random.uniform(0.5, 1.5)  # noqa: S311 - so that clients do not come back all at once
         return chance * min(self.retry_after_s * _GROWTH**min(n_before, 20), _MAX_PAUSE_S)

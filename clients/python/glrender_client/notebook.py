@@ -1,4 +1,4 @@
-"""What a notebook shows of a frame and of a client."""
+"""Views of a frame and of a client in a notebook."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ class Owner:
                 "item)")
 
     def check(self) -> None:
-        """Let one thread of that process pass.
+        """Let one thread of the process that made the client pass.
 
         Raises
         ------

@@ -12,13 +12,13 @@ from .curve import Keys
 from .errors import GlrenderClientError
 
 PROBE_S = 1.0
-"""Within it a handshake on a network is over [s]."""
+"""Time within which a handshake on a network is over [s]."""
 _REFUSED = (zmq.Event.HANDSHAKE_FAILED_AUTH, zmq.Event.HANDSHAKE_FAILED_PROTOCOL,
             zmq.Event.HANDSHAKE_FAILED_NO_DETAIL, zmq.Event.DISCONNECTED)
 
 
 def told_presence(endpoint: str, keys: Keys | None) -> str:
-    """What a new connection finds at an endpoint, in words that say what to do."""
+    """The finding of a new connection to an endpoint, in words that say what to do."""
     context = zmq.Context()
     try:
         found = _found(context, endpoint, keys)

@@ -37,7 +37,7 @@ class Exchange(NamedTuple):
 
 
 class Difference(NamedTuple):
-    """Where a reply is not the one recorded: the exchange's number from 0, the request's id, and what differs."""
+    """A reply that differs from the recorded one: the exchange's number from 0, the request's id, and what differs."""
 
     index: int
     id: int

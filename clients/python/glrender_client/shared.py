@@ -64,7 +64,7 @@ class SharedFrames:
         return [whole[start:start + size] for start, size in zip(place["offsets"], place["sizes"], strict=True)]
 
     def close(self) -> None:
-        """Forget what is mapped; arrays that live keep theirs."""
+        """Unmap the server's memory; arrays that live keep theirs."""
         self._mapped.clear()
 
     def _mapping(self, name: str) -> mmap.mmap:

@@ -18,7 +18,7 @@ PROTOCOL_VERSION = 1
 
 
 class FrameWarning(NamedTuple):
-    """What is odd in a frame that was made nevertheless: its kind, the field to look at, and a sentence."""
+    """A warning of a frame that was made nevertheless: its kind, the field to look at, and a sentence."""
 
     code: str
     path: str
@@ -29,7 +29,7 @@ class FrameWarning(NamedTuple):
 
 
 class HasDict(Protocol):
-    """A `glrender.State`, or what tells itself as it does."""
+    """A `glrender.State`, or another object with its `to_dict`."""
 
     def to_dict(self) -> dict[str, Any]: ...
 
@@ -60,7 +60,7 @@ class Reply:
 
     @property
     def warnings(self) -> tuple[FrameWarning, ...]:
-        """What is odd in the frame, or in any of several: nothing in view, saturation (docs/protocol.md)."""
+        """Warnings of the frame, or of any of several: nothing in view, saturation (docs/protocol.md)."""
         own = (FrameWarning(each["code"], each["path"], each["message"]) for each in self.header.get("warnings", ()))
         return (*own, *(told for frame in self.frames for told in frame.warnings))
 

@@ -84,7 +84,7 @@ class Cycles:
 
     @property
     def info(self) -> dict[str, Any]:
-        """Which engine draws."""
+        """The name and the version of the engine that draws."""
         version = "" if self._blender is None else self._blender.version
         return {"backend": "cycles", "gl_renderer": f"Cycles (Blender {version})", "gl_version": ""}
 
@@ -223,5 +223,5 @@ class Cycles:
 
 
 def _part_of(on_progress: Callable[[float], None] | None, index: int, count: int) -> Callable[[float], None]:
-    """What one of several equal parts reports of the whole."""
+    """A callback by which one of several equal parts reports the share of the whole."""
     return lambda share: None if on_progress is None else on_progress((index + share) / count)

@@ -53,7 +53,7 @@ class BlenderTerms:
         return _arrays(body, self._origin_m[body.name], self._unit_m)
 
     def view(self, main: BodyView, members: list[BodyView], views: list[BodyView], lens: Lens) -> dict[str, Any]:
-        """What `drawing.Stage.draw` asks of a view: poses in the axes of one body, about its middle, so that it is
+        """The view as `drawing.Stage.draw` takes it: poses in the axes of one body, about its middle, so that it is
         built once.
 
         Parameters
@@ -143,7 +143,7 @@ def _axes_along(direction: np.ndarray) -> np.ndarray:
 
 
 def warnings_of(main: BodyView, views: list[BodyView], lens: Lens, asked: dict[str, Any]) -> tuple[str, ...]:
-    """What a draw that was asked for gets wrong: one Sun for all bodies, Blender's float32 at long focal lengths."""
+    """Warnings of errors that Blender's draw has: one Sun for all bodies, Blender's float32 at long focal lengths."""
     warnings = []
     beside_px = _FLOAT32 * asked["focal_length"] / lens.cells_per_px
     if beside_px > _MAX_BESIDE_PX:

@@ -16,7 +16,7 @@ from ...scene.shape.shape import Shape
 from ...view.view import BodyView
 
 MAX_FACETS = 1 << 22
-"""Most that a shape is split into: beyond it, edges may be longer."""
+"""Most facets that a shape is split into: beyond this, edges may be longer."""
 # Of a pixel, the length of an edge; and of the frame, what is split beside it.
 _EDGE_PX, _MARGIN = 1.0, 0.05
 # Facets that turn away by more than this cosine are not split.
@@ -34,7 +34,7 @@ def displaced(body: Body, view: BodyView, camera: PinholeCamera) -> Body:
     sides = _inward_normals(camera, _MARGIN * max(camera.width_px, camera.height_px))
 
     def footprint_m(r: np.ndarray, reach_m: np.ndarray | float = 0.0) -> np.ndarray:
-        """Of a pixel, the least within a reach; infinite where the camera sees none of that."""
+        """Footprint of a pixel [m], the least within a reach; infinite where the camera sees nothing there."""
         r = (r - view.r_camera_body_m) @ view.camera_from_body.T
         is_in = ((r @ sides.T).min(axis=1) > -reach_m)
         return np.where(is_in, np.maximum(np.linalg.norm(r, axis=1) - reach_m, 0.0) / camera.focal_length_px, np.inf)
@@ -117,7 +117,7 @@ def _split_facets(facets: np.ndarray, source: np.ndarray, middles: np.ndarray) -
 
 
 def _inward_normals(camera: PinholeCamera, margin_px: float) -> np.ndarray:
-    """Of the planes through the camera and the frame's sides, moved outwards (4, 3), in its axes."""
+    """Inward normals (4, 3), in the camera's axes, of the planes through it and the frame's sides, moved outwards."""
     x0, y0, x1, y1 = camera.bounds_px
     f, (cx, cy) = camera.focal_length_px, camera.principal_point_px
     normals = np.array([[f, 0.0, cx - x0 + margin_px], [-f, 0.0, x1 - cx + margin_px],

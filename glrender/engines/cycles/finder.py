@@ -1,4 +1,4 @@
-"""Where Blender is on this machine: a Python that has bpy, or the program itself."""
+"""The search for Blender on this machine: a Python that has bpy, or the program itself."""
 
 from __future__ import annotations
 

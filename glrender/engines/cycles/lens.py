@@ -17,7 +17,7 @@ _MARGIN = 0.02
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lens:
-    """Where Blender draws: an image of cells, of which a region is drawn, and the pixels that they give.
+    """The image that Blender draws: cells, of which a region is drawn, and the pixels that they give.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class Lens:
 
     @classmethod
     def of(cls, members: list[BodyView], camera: PinholeCamera) -> Lens:
-        """That of bodies which are drawn together."""
+        """The lens for bodies that are drawn together."""
         roi = region(members, camera)
         if any(view.bounds_px is None for view in members):
             low, sides = np.full(2, -0.5), np.full(2, np.inf)
@@ -72,7 +72,7 @@ class Lens:
                    cells_per_px=per_px)
 
     def solid_angles_sr(self) -> np.ndarray:
-        """Of a whole pixel at each cell of the region, (rows, columns)."""
+        """Solid angle [sr] of a whole pixel at each cell of the region, (rows, columns)."""
         x0, y0, x1, y1 = self.region
         x, y = ((np.arange(low, high) - c) / self.focal_length for low, high, c in (
             (x0, x1, self.centre[0]), (y0, y1, self.centre[1])))
@@ -89,7 +89,7 @@ class Lens:
 
     @property
     def min_cosine(self) -> float:
-        """Of the angle off the boresight: that of the corner farthest off."""
+        """Least cosine of the angle off the boresight: that of the farthest corner."""
         corner = np.array([[x, y] for x in (-0.5, self.size[0] - 0.5) for y in (-0.5, self.size[1] - 0.5)])
         return float(1.0 / np.sqrt(1.0 + (((corner - self.centre) / self.focal_length) ** 2).sum(axis=1)).max())
 

@@ -91,7 +91,7 @@ def _with_locals(text: str, values: dict[str, str]) -> str:
 
 
 def _closing(text: str, start: int, brackets: str = "{}") -> int:
-    """Where the bracket that was opened before `start` closes."""
+    """The index at which the bracket that was opened before `start` closes."""
     depth = 1
     for index in range(start, len(text)):
         depth += (text[index] == brackets[0]) - (text[index] == brackets[1])

@@ -54,12 +54,12 @@ class BlenderProcess:
 
     @property
     def pid(self) -> int:
-        """Of the process."""
+        """Identifier of the process."""
         return self._process.pid
 
     def ask(self, head: dict[str, Any], arrays: dict[str, np.ndarray] | None = None, *, deadline_s: float,
             on_progress: Callable[[float], None] | None = None) -> dict[str, np.ndarray]:
-        """Send a request and wait for what comes back.
+        """Send a request and wait for the answer.
 
         Parameters
         ----------

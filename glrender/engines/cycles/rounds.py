@@ -35,7 +35,7 @@ class Rounds:
 
     @property
     def mean(self) -> np.ndarray:
-        """Of all samples."""
+        """Mean of all samples."""
         return 0.5 * (self._halves[0] + self._halves[1])
 
     def fixed(self, n_samples: int) -> float:

@@ -1,4 +1,4 @@
-"""Which chunks' boxes in the image touch a mask: others need not be drawn again."""
+"""Boxes of meshlets in the image that touch a mask: other meshlets need not be drawn again."""
 
 from __future__ import annotations
 

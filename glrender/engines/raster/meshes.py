@@ -24,7 +24,7 @@ def body_mesh(context: Context, body: Body) -> Mesh:
 
 
 def body_traits(body: Body) -> BodyTraits:
-    """What the planner knows of a body."""
+    """The properties of a body that the planner uses."""
     shape = body.drawn_shape
     areas = shape.facet_areas_m2
     return BodyTraits(

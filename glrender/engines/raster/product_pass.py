@@ -1,4 +1,4 @@
-"""What each pixel's centre sees: range, body and facet, angles, place, sunlight."""
+"""Products at the centre of each pixel: range, body and facet, angles, place, sunlight."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ _DEPTH_MARGIN_TEXELS = 21.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Shadow:
-    """What a body's surface needs to look its shadows up.
+    """The shadow map of a body, and the transforms by which its surface looks it up.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class Shadows:
         self._needed.clear()
 
     def seen_share(self, view: BodyView, camera: PinholeCamera) -> float:
-        """Largest side of what is seen over that of the body, as the Sun sees both: what a map must cover."""
+        """Largest side of the visible part over that of the body, as the Sun sees both: what a map must cover."""
         if view.is_whole:
             return 1.0
         low, high, seen = self._bounds(view, frames.sun_from_body(view.sun_direction_body), camera)
@@ -83,7 +83,7 @@ class Shadows:
 
     def _bounds(self, view: BodyView, sun_from_body: np.ndarray, camera: PinholeCamera
                 ) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray] | None]:
-        """Least and largest coordinates (3,) [m] of a body in frame `sun`, and of what is seen of it in sunlight."""
+        """Least and largest coordinates (3,) [m] of a body in frame `sun`, and of its visible sunlit part."""
         points = sun_from_body @ self._hulls[view.name].points_m
         chunks, seen = self._meshes[view.name].chunks, None
         if not view.is_whole:

@@ -22,7 +22,7 @@ from .shadow_maps import NO_SHADOW, Shadow
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Frame:
-    """What all passes of a frame share.
+    """The inputs that all passes of a frame share.
 
     Attributes
     ----------

@@ -22,7 +22,7 @@ from .config import Detail
 from .layers import layers_of, product
 
 MAX_LAYERS = 64
-"""Of a body: what the shader has room for."""
+"""Most layers of a body: the shader has room for no more."""
 TEXELS_PER_LAYER = 5
 """vec4s of a layer in `Relief.uniforms`."""
 # Footprints of a pixel: below the first a scale is left out, from the second on it is whole.
@@ -67,11 +67,11 @@ class Relief:
 
     @property
     def bound_m(self) -> float:
-        """Most that |h| can be."""
+        """Upper bound of |h| [m]."""
         return sum(layer.bound_m for layer in self.layers)
 
     def scales_m(self) -> np.ndarray:
-        """What a pixel must resolve of each layer (L,): never more than two facets."""
+        """Length [m] that a pixel must resolve of each layer (L,): never more than two facets."""
         return np.minimum([layer.scale_m for layer in self.layers], FADE[0] * self.facet_m)
 
     def active(self, footprint_m: float) -> list[int]:
@@ -79,7 +79,7 @@ class Relief:
         return [k for k, scale in enumerate(self.scales_m()) if scale > FADE[0] * footprint_m]
 
     def slope_rms(self, footprint_m: float) -> float:
-        """RMS slope [1] of what pixels of a footprint resolve."""
+        """RMS slope [1] of the ground that pixels of a footprint resolve."""
         return float(np.linalg.norm(self._weights(footprint_m) * self._slopes))
 
     def _weights(self, footprint_m: float) -> np.ndarray:
@@ -137,7 +137,7 @@ class Relief:
         return tilted / np.linalg.norm(tilted, axis=1, keepdims=True)
 
     def uniforms(self, r_origin_body_m: np.ndarray, footprint_m: float) -> dict[str, Any]:
-        """What the shader reads: layers, how many there are of each kind, and how many of them move what is seen.
+        """Uniforms of the shader: layers, their number by kind, and the number of those that move the visible point.
 
         Parameters
         ----------

@@ -60,7 +60,7 @@ class Layer:
 
     @property
     def bound_m(self) -> float:
-        """Most that it rises or falls."""
+        """Largest rise or fall of the layer [m]."""
         return self.size * (1.0 if self.kind == NOISE else self.radius * self.cell_m)
 
     @property
@@ -70,7 +70,7 @@ class Layer:
 
     @property
     def slope_rms(self) -> float:
-        """Along a surface: two thirds of the gradient's square, over some cubes."""
+        """Slope along a surface: two thirds of the gradient's square, over some cubes."""
         place = np.random.default_rng(0).uniform(0.0, 64.0, (3, 2048))
         _, slope = self._at(place)
         return self.size * float(np.sqrt(2.0 / 3.0 * np.mean(sum(part * part for part in slope))))
@@ -119,7 +119,7 @@ class Layer:
 
 
 def layers_of(detail: Detail) -> tuple[Layer, ...]:
-    """What a detail is made of, each kind from its largest scale to its smallest."""
+    """The layers of a detail, each kind from its largest scale to its smallest."""
     made: list[Layer] = []
 
     def add(kind: int, cell_m: float, **values: float) -> None:
@@ -181,6 +181,6 @@ def _crater(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _boulder(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """As `_crater`."""
+    """A boulder, with the arguments and results of `_crater`."""
     u = np.maximum(1.0 - t, 0.0)
     return u * u, -2.0 * u

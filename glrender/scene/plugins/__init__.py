@@ -1,1 +1,1 @@
-"""The registry of plug-ins, and checks of what they give."""
+"""The registry of plug-ins, and checks of their results."""

@@ -32,7 +32,7 @@ def named(plugin: type) -> str:
 
 @contextmanager
 def blamed_on(plugin: type) -> Iterator[None]:
-    """What a foreign class raises becomes a PluginError that names it; rules of glrender that it applies stay."""
+    """An error that a foreign class raises becomes a PluginError that names it; errors of glrender's own stay."""
     try:
         yield
     except GlrenderError:

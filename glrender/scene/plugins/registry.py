@@ -75,7 +75,7 @@ class Plugins(Mapping[str, type]):
         return self._loaded[name]
 
     def problems(self) -> list[PluginError]:
-        """What is wrong with each plug-in that cannot be used; loads them all."""
+        """Errors of the plug-ins that cannot be used; each plug-in is loaded."""
         found = []
         for name, entries in self._entries.items():
             if name in self._own or name in self._reserved:
@@ -137,7 +137,7 @@ def emissions() -> Plugins:
 
 
 def problems() -> list[PluginError]:
-    """What is wrong with the installed plug-ins, of all groups; each is loaded."""
+    """Errors of the installed plug-ins, of all groups; each plug-in is loaded."""
     return [problem for plugins in (laws(), backends(), emissions()) for problem in plugins.problems()]
 
 

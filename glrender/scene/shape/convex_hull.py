@@ -121,7 +121,7 @@ def _thickened(vertices_m: np.ndarray) -> np.ndarray:
 
 
 def winding_number(vertices_m: np.ndarray, facets: np.ndarray, point_m: np.ndarray) -> float:
-    """How often a closed surface goes round a point: 1 inside, 0 outside.
+    """Number of turns of a closed surface round a point: 1 inside, 0 outside.
 
     Source: Van Oosterom and Strackee (1983), solid angle of a triangle.
     """

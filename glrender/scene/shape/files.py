@@ -43,7 +43,7 @@ class FileMesh:
 
 
 def read_shape_file(path: Path, max_facets: int) -> FileMesh:
-    """What a shape file holds, polygons cut into triangles.
+    """Read a shape file, its polygons cut into triangles.
 
     Raises
     ------

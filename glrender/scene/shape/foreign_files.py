@@ -56,7 +56,7 @@ def read_glb(path: Path, max_facets: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _loaded(data: bytes, kind: str, **options: bool) -> tuple[np.ndarray, np.ndarray]:
-    """By trimesh, from memory: it must find no other file by this one's name."""
+    """The mesh that trimesh reads from memory: it must find no other file by this one's name."""
     mesh = trimesh.load_mesh(io.BytesIO(data), file_type=kind, process=False, **options)
     return np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
 
@@ -94,7 +94,7 @@ def _indices(about: dict, key: str) -> list[int]:
 
 
 def _n_facets(mesh: dict, counts: list[int]) -> int:
-    """Of a mesh, at most: corners as triangles, strips or fans."""
+    """Most facets of a mesh: its corners as triangles, strips or fans."""
     total = 0
     for primitive in _entries(mesh, "primitives"):
         attributes = primitive.get("attributes")

@@ -32,11 +32,11 @@ class _Element:
 
     @property
     def lists(self) -> list[str]:
-        """Names of those that are lists."""
+        """Names of the properties that are lists."""
         return [name for name, _, count in self.properties if count]
 
     def too_many(self) -> ShapeError:
-        """That the file ends before the rows do."""
+        """The error of a file that ends before its rows do."""
         return ShapeError("", f"promises more {self.name} rows than the file can hold", self.count)
 
 
@@ -130,7 +130,7 @@ class _BinaryRows:
         return self._scalars(element, starts), self._lists(element, starts, wanted)
 
     def _walk(self, element: _Element) -> np.ndarray:
-        """Where each property of each row begins (rows, properties); lists at their counts."""
+        """Offsets at which each property of each row begins (rows, properties); lists begin at their counts."""
         sizes = [(np.dtype(kind).itemsize, np.dtype(count).itemsize if count else 0, count and count[0] == "i")
                  for _, kind, count in element.properties]
         order, data, at, starts = "big" if self._order == ">" else "little", self._data, self._at, []
@@ -171,7 +171,7 @@ class _BinaryRows:
 
 
 class _TextRows:
-    """The same, of words; a row need not be a line."""
+    """Rows of elements as words; a row need not be a line."""
 
     def __init__(self, words: list[bytes]):
         self._words, self._at = words, 0

@@ -14,7 +14,7 @@ _SIDE_RTOL = (1e-6, 0.0)
 # Corners from which a fan is tried before ears are cut, and polygons looked at together.
 _FANS, _TOGETHER = 8, 500_000
 MAX_CORNERS = 10_000
-"""Of a polygon: ears take the square of it in time."""
+"""Most corners of a polygon: the time to find ears goes with their square."""
 # Corners that are no ears though they turn the right way, of all polygons: so many, and as many more an ear. Combs
 # and spirals of 1000 corners have one an ear or less; one that crosses itself everywhere has half of its corners.
 _TRIED, _TRIED_PER_EAR = 3_000, 10
@@ -58,17 +58,17 @@ def triangulated(vertices: np.ndarray, corners: np.ndarray, sizes: np.ndarray) -
 
 
 class _Search:
-    """How long ears were looked for: an outline that crosses itself everywhere takes the cube of its corners."""
+    """Time spent in the search for ears: an outline that crosses itself everywhere takes the cube of its corners."""
 
     def __init__(self):
         self._left = _TRIED
 
     def found(self) -> None:
-        """An ear."""
+        """Note that an ear was found."""
         self._left += _TRIED_PER_EAR
 
     def missed(self) -> None:
-        """A corner that is none."""
+        """Note a corner that is no ear."""
         self._left -= 1
         if self._left < 0:
             raise ValueError("polygons whose outlines cross themselves in too many places: triangulate them first")
@@ -148,7 +148,7 @@ def _ears(points: np.ndarray, search: _Search) -> list[tuple[int, int, int]]:
 
 
 def _best_ear(here: np.ndarray, shape: np.ndarray, extent: float, search: _Search) -> int:
-    """Of corners (K, 2), the best shaped ear; where the outline crosses itself and there is none, the best triangle."""
+    """The best shaped ear of corners (K, 2); without any, as where the outline crosses itself, the best triangle."""
     order = np.argsort(-shape, kind="stable")
     if len(here) == 3:
         return int(order[0])

@@ -1,4 +1,4 @@
-"""Where rays meet triangles, in float64."""
+"""Intersections of rays and triangles, in float64."""
 
 from __future__ import annotations
 

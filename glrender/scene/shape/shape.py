@@ -22,7 +22,7 @@ _METRES_PER_UNIT = {"m": 1.0, "km": 1000.0}
 # Facets whose edges tell how rough a shape is.
 _CREASE_FACETS = 100_000
 MIN_EXTENT_M, MAX_COORDINATE_M = 1e-3, 1e10
-"""What a body may span: a grain of sand, whose facets' areas float32 still holds, to seven Suns."""
+"""Bounds of extent and coordinates: a grain of sand, whose facets have areas that float32 holds, and seven Suns."""
 # Small bodies span metres to a few thousand kilometres.
 _LIKELY_EXTENT_M = (1.0, 6e6)
 # What looks like one of those that are visited, by a file: 170 m (Dimorphos) to 279 km (Psyche). Kilometres read as
@@ -44,7 +44,7 @@ def metres_per_unit(length_unit: str | float) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class ShapeReport:
-    """What was found in a shape, and what was repaired."""
+    """Report of the faults found in a shape, and of the repairs."""
 
     n_vertices: int
     n_facets: int
@@ -312,7 +312,7 @@ def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None) -
 
 
 def _warnings(report: ShapeReport, n_holed_edges: int) -> tuple[str, ...]:
-    """What a user should know of a shape, and what to do about it."""
+    """Warnings of a shape, each with a way out."""
     told, n_open = [], report.n_open_edges - n_holed_edges
     if n_holed_edges:
         told.append(f"{n_holed_edges} open edges of holes in a surface that is closed else: light and sight pass "
@@ -358,7 +358,7 @@ def _without_copies(facets: np.ndarray, uv: np.ndarray | None) -> tuple[np.ndarr
 
 
 def _other_sides(facets: np.ndarray) -> np.ndarray:
-    """Which facet (F,) is the other side of each, or -1."""
+    """Number (F,) of the facet that is the other side of each, or -1."""
     _, same, count = np.unique(np.sort(facets, axis=1), axis=0, return_inverse=True, return_counts=True)
     order = np.argsort(same.ravel(), kind="stable")
     first = (np.cumsum(count) - count)[count == 2]

@@ -39,7 +39,7 @@ _FRAMES = Rotation.from_rotvec([[0.31, 0.52, -0.27], [-1.62, 0.78, 0.44], [0.65,
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Shells:
-    """Facets wound as they should be, and what was found.
+    """Facets with outward winding, and the faults found.
 
     Attributes
     ----------
@@ -66,9 +66,9 @@ class Shells:
 
 
 def seams(vertices: np.ndarray, edges: Edges) -> tuple[np.ndarray, float, float]:
-    """Which vertex (V,) each is welded to, itself most, the tolerance and the widest gap [m].
+    """Vertex (V,) that each is welded to, most to themselves, with the tolerance and the widest gap [m].
 
-    Only vertices on open edges are welded: what is closed already keeps its thinnest features.
+    Only vertices on open edges are welded: closed parts keep their thinnest features.
     """
     own = np.arange(len(vertices))
     sides, _ = edges.sides(edges.size == 1)
@@ -190,7 +190,7 @@ class _Owner:
         self._begins = np.searchsorted(shell[self._order], np.arange(n_shells + 1))
 
     def facets(self, number: int) -> np.ndarray:
-        """Of one shell (N,)."""
+        """Facets (N,) of one shell."""
         return self._order[self._begins[number]:self._begins[number + 1]]
 
     def extents(self, vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
@@ -205,7 +205,7 @@ def are_all_different(facets: np.ndarray) -> bool:
 
 
 def _repeated(numbers: np.ndarray) -> np.ndarray:
-    """Those of some numbers (N,) that are there more than once."""
+    """Numbers that occur more than once among some numbers (N,)."""
     numbers = np.sort(numbers)
     return numbers[1:][numbers[1:] == numbers[:-1]]
 
@@ -228,7 +228,7 @@ def _are_twins(facets: np.ndarray) -> np.ndarray:
 
 
 def _n_pieces(facets: np.ndarray) -> int:
-    """How many pieces facets are of that share vertices."""
+    """Number of pieces that facets make by shared vertices."""
     if not len(facets):
         return 0
     used, corner = np.unique(facets, return_inverse=True)
@@ -262,7 +262,7 @@ def _made_one(facets: np.ndarray, edges: Edges) -> tuple[np.ndarray, np.ndarray,
 
 def _two_coloured(count: int, owner_a: np.ndarray, owner_b: np.ndarray, against: np.ndarray,
                   shell: np.ndarray) -> np.ndarray:
-    """Which facets to flip so that neighbours agree, each shell from its first facet outward."""
+    """Facets to flip so that neighbours agree, each shell from its first facet outward."""
     graph = coo_array((np.where(against, 2, 1), (owner_a, owner_b)), shape=(count, count)).tocsr()
     graph = graph.maximum(graph.T).tocsr()
     flipped = np.zeros(count, bool)
@@ -289,7 +289,7 @@ def _are_closed(edges: Edges, shell: np.ndarray, n_shells: int) -> np.ndarray:
 
 def _depths(vertices: np.ndarray, facets: np.ndarray, owner: _Owner, extents: np.ndarray, is_inner: np.ndarray,
             is_outer: np.ndarray) -> np.ndarray:
-    """Within how many others (S,) each shell is; only of those that may be inner, by those that may be outer ones.
+    """Number (S,) of other shells around each shell; only of those that may be inner, by those that may be outer ones.
 
     Raises
     ------
@@ -316,7 +316,7 @@ def _depths(vertices: np.ndarray, facets: np.ndarray, owner: _Owner, extents: np
 
 
 class _Mesh:
-    """A shell, asked what is within it by how often lines in three directions pass it."""
+    """A shell that tells what is inside it by the number of times that lines in three directions pass it."""
 
     def __init__(self, vertices: np.ndarray, facets: np.ndarray):
         self._vertices, self._facets = vertices, facets

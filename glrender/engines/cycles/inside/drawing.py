@@ -206,7 +206,7 @@ class Stage:
         return material
 
     def _set_up(self, has_scripts: bool, threads: int) -> None:
-        """No denoiser, clamp, light threshold or tone curve: each would change the radiance."""
+        """Switch off denoiser, clamp, light threshold and tone curve: each would change the radiance."""
         scene, render, cycles = self._scene, self._scene.render, self._scene.cycles
         render.engine = "CYCLES"
         cycles.device, cycles.shading_system = "CPU", has_scripts
@@ -231,7 +231,7 @@ class Stage:
 
 
 def _place(thing, matrix: list) -> None:
-    """Move only what moved: Blender builds again what was touched."""
+    """Move only the objects whose pose has changed: Blender builds again what was touched."""
     wanted = Matrix(matrix)
     if thing.matrix_world != wanted:
         thing.matrix_world = wanted

@@ -20,7 +20,7 @@ _MAX_ARRAY_BYTES = 1 << 34
 
 
 class FramingError(Exception):
-    """What arrived is no message."""
+    """The bytes that arrived are no message."""
 
 
 def send(link: socket.socket, head: dict, arrays: dict | None = None) -> None:

@@ -42,7 +42,7 @@ class Grid:
 
 
 def coma_block(n_bodies: int) -> UniformBlock:
-    """What the passes read; pixels count from the middle of the tile's first one."""
+    """The uniform block of the passes; pixels count from the middle of the tile's first one."""
     return UniformBlock("Coma", {
         "field_from_camera": "mat4", "shadow_from_field": "mat4",
         "body_px": "vec4", "near_px": "vec2", "focus_px": "vec2", "focus_slope": "vec2", "principal_point_px": "vec2",

@@ -134,7 +134,7 @@ def _create_egl(index: int) -> moderngl.Context:
 
 
 def probe() -> list[dict[str, Any]]:
-    """What each backend answers: its `info`, or its `error`. Opens and closes one context each."""
+    """Open and close one context of each backend, and return its `info`, or its `error`."""
     found = []
     for backend in BACKENDS:
         try:

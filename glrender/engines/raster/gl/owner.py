@@ -1,4 +1,4 @@
-"""Who creates a GL resource owns it: moderngl frees nothing by itself."""
+"""The creator of a GL resource owns it: moderngl frees nothing by itself."""
 
 from __future__ import annotations
 

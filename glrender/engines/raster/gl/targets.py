@@ -1,4 +1,4 @@
-"""What is drawn into: shadow maps, images, and masks of pixels that are drawn."""
+"""Targets of drawing: shadow maps, images, and masks of pixels that are drawn."""
 
 from __future__ import annotations
 
