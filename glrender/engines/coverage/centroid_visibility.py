@@ -21,8 +21,6 @@ from .sub_triangles import FacetParts, projected
 
 # Bisections by which the edges of other bodies are found within facets.
 _BISECTIONS = 3
-# Squared side of facets, times their number, over the squared diameter of the body.
-_FACETS_SQUARED = 1.2
 # Area of a facet over the squared radius of another body that may stand before it, from which its edge is looked for
 # anyway, and least [px2]; largest part that is clipped [px2]; most divisions.
 _LARGE = 0.06
@@ -150,14 +148,8 @@ class CentroidVisibility:
         per_px : (2,) float64 [1/px]
         """
         facets = self._facets
-        # Large facets share lines; small ones are soon shared among the few cells that they have.
-        size_px = 2.0 * facets.solid.radius_m * self._camera.focal_length_px / self._view.range_m
-        if size_px * math.sqrt(_FACETS_SQUARED * per_px.prod() / facets.n_facets) < 1.0:
-            accumulate.in_two_images(changes, facets.n_facets, lambda image, *turn: accumulate.add_small(
-                image, self._xy, facets.corners, self._radiance, *turn, origin_px, per_px))
-        else:
-            accumulate.in_two_images(changes, facets.n_facets, lambda image, *turn: accumulate.add_lit(
-                image, self._xy, facets.corners, facets.neighbours, self._radiance, *turn, origin_px, per_px))
+        accumulate.in_two_images(changes, facets.n_facets, lambda image, *turn: accumulate.add_facets(
+            image, self._xy, facets.corners, facets.neighbours, self._radiance, *turn, origin_px, per_px))
         points_xy = projected(self._points_m, self._view, self._camera)
         for corner, radiance in self._polygons:
             accumulate.add_polygons(changes, points_xy, corner, radiance + 1j, origin_px, per_px)

@@ -15,7 +15,7 @@ from glrender_camera import PinholeCamera, threads
 
 from ...planner.error_model import crescent_gain
 from ...scene.scene import Scene
-from ...scene.shape.shape import Shape, longest_sides_m
+from ...scene.shape.shape import Shape
 from ...scene.surface import Surface
 from ...view.sun_disc import PENUMBRA_SHARE, fewest_points, lit_from, on_disc
 from ...view.view import BodyView
@@ -40,8 +40,6 @@ _ROWS = 64
 _FINE = 0.15
 # Of the squared tolerance [1], what is left for facets that turn out to overlap.
 _AIM = 0.9
-# Longest side of a facet over the scene's smallest, from which it is large.
-_COARSE = 2.0
 # Least error [1] that is estimated: a facet's radiance at its centroid for all of it, and rays in float32.
 _LEAST = 5e-4
 
@@ -58,12 +56,9 @@ class CoverageEngine:
 
     def __init__(self, scene: Scene, rays: RayEngine):
         self._scene, self._rays, self._brdf_tables = scene, rays, BrdfTables()
-        sides_m = {body.name: longest_sides_m(body.drawn_shape.vertices_m, body.shape.facets)
-                   for body in scene.bodies}
-        smallest_m = min(each[each > 0.0].min() for each in sides_m.values())
         # Facets of several bodies, of shells and of surfaces that are there twice overlap with nothing missing for it.
         self._is_one_surface = len(scene.bodies) == 1 and _is_one_surface(scene.bodies[0].shape)
-        self._facets = {body.name: FacetTables(body, sides_m[body.name] > _COARSE * smallest_m, rays.solid(body.name))
+        self._facets = {body.name: FacetTables(body, rays.solid(body.name))
                         for body in scene.bodies if Surface(body).is_even}
 
     def close(self) -> None:
@@ -149,9 +144,9 @@ class CoverageEngine:
             least = -view.sun_radius_rad if self._scene.sun_disc else 0.0
             faces = (dot(facets.normal, sun) > least) & (
                 dot(facets.normal, view.r_camera_body_m[:, None]) > facets.offset_m)
-            shown = np.where(faces, 1.0 + 1.0j, 0.0j)
             accumulate.add_facets(changes, projected(facets.vertices_m, view, camera), facets.corners,
-                                  facets.neighbours, np.flatnonzero(faces), shown, cells.corner, cells.per_px)
+                                  facets.neighbours, faces.astype(float), 0, facets.n_facets, facets.n_facets,
+                                  cells.corner, cells.per_px)
         found, cover = np.empty((2, *grid[::-1]))
         largest = accumulate.means(changes, 0, len(found), found, cover)
         # A cell beside one that is touched may have what rounding, or another sample's place, leaves of it.
