@@ -17,7 +17,7 @@ import numpy as np
 from glrender_camera import threads
 from numba.types import complex128, float64, int32, intp, void
 
-from ...base.numba_loops import compiled, read, write
+from ...base.numba_loops import VECTOR, compiled, read, write
 
 ROUNDING = 1e-12
 """Of an image's largest mean, what rounding leaves in cells that are dark, at most."""
@@ -26,8 +26,7 @@ _FARTHEST = 1e12
 # Triangles in a turn of each of the two images that are made at once; so few that waking a thread takes longer.
 _BLOCK = 1 << 12
 _FEW = 1 << 14
-_CHANGES, _NUMBERS, _VALUES, _VECTOR = write(complex128, 2), read(intp, 1), read(complex128, 1), read(float64, 1, "A")
-_TABLE = read(float64, 2)
+_CHANGES, _VALUES = write(complex128, 2), read(complex128, 1)
 
 
 def no_changes(shape: tuple[int, int]) -> np.ndarray:
@@ -117,8 +116,8 @@ def add_line(changes, x0, y0, x1, y1, step):
             _add_in_cell(changes, row, column, 0.5 * (begins + ends), per_column * (ends - begins))
 
 
-@compiled(void(_CHANGES, read(float64, 2), read(intp, 2), read(int32, 2), read(float64, 1), intp, intp, intp, _VECTOR,
-               _VECTOR))
+@compiled(void(_CHANGES, read(float64, 2), read(intp, 2), read(int32, 2), read(float64, 1), intp, intp, intp, VECTOR,
+               VECTOR))
 def add_facets(changes, xy, corners, neighbours, radiance, first, block, every, origin, per_px):
     """Add what lines around facets that have a radiance (F,) change in cells; one line for two facets that share it.
 
@@ -139,7 +138,7 @@ def add_facets(changes, xy, corners, neighbours, radiance, first, block, every, 
                              (xy[0, b] - origin[0]) * per_px[0], (xy[1, b] - origin[1]) * per_px[1], step)
 
 
-@compiled(void(_CHANGES, read(float64, 2), read(intp, 2, "A"), _VALUES, _VECTOR, _VECTOR))
+@compiled(void(_CHANGES, read(float64, 2), read(intp, 2, "A"), _VALUES, VECTOR, VECTOR))
 def add_polygons(changes, xy, corners, values, origin, per_px):
     """Add what lines around polygons change in cells: corners (K, N) at places (2, P) [px], values (N,)."""
     n_corners = len(corners)

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from glrender_camera import PinholeCamera
 
+from ...planner.error_model import FLUX_SHARE
 from ...view.view import BodyView, between
 from ..rays.engine import RayEngine
 from . import accumulate, facet_loops
@@ -33,8 +34,6 @@ _BOUNDARY_ERROR = 0.42
 _ALIKE = 0.6
 # Error of several bodies over that [1]: pairs of 1 to 4 px (tests/planner/test_small_bodies.py).
 _SEVERAL = 1.5
-# Error tolerance for pixels over that for the flux [1]: design.md.
-_FLUX = 10.0
 # One facet of so many tells of boundaries: an odd number, as divided shapes come in fours.
 _SAMPLED = 3
 
@@ -47,7 +46,7 @@ def centroid_error(boundaries: Sequence[np.ndarray]) -> float:
     # Errors of small facets next to each other are alike.
     pixels = _BOUNDARY_ERROR * math.sqrt(squared * min(of_area / squared, 1.0) ** _ALIKE * area) / light
     # One facet in a few was asked: all of them have as many times the light, and the root of it as error of the flux.
-    flux = _FLUX * _BOUNDARY_ERROR * math.sqrt(of_area / _SAMPLED) / light
+    flux = _BOUNDARY_ERROR * math.sqrt(of_area / _SAMPLED) / (FLUX_SHARE * light)
     return max(pixels * (1.0 if len(boundaries) == 1 else _SEVERAL), flux)
 
 

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from glrender_camera import PinholeCamera, threads
 
-from ...planner.error_model import crescent_gain
+from ...planner.error_model import FLUX_SHARE, crescent_gain
 from ...scene.scene import Scene
 from ...scene.shape.shape import Shape
 from ...scene.surface import Surface
@@ -28,8 +28,6 @@ from .facet_tables import FacetTables
 from .sub_triangles import projected
 from .visible_sunlit import SunlitAreas
 
-# Error tolerance for pixels over that for the flux [1]: design.md.
-_FLUX = 10.0
 # Share of a cell covered twice from which it counts; and the part of the excess that is taken off a closed surface that
 # is alone: as much is missing where its facets are clipped too small (tests/engines/coverage/test_coverage_engine.py).
 _OVERLAP = 1e-3
@@ -167,20 +165,20 @@ class CoverageEngine:
         if not light > 0.0:
             # Light between corners that are all dark is for rays to find.
             return dark, math.inf if any(body.has_facing for body in bodies) else 0.0, 0.0
-        # Of the root of a sum of squares: RMS over the lit pixels over their mean, or ten times the flux.
+        # Of the root of a sum of squares: RMS over the lit pixels over their mean, or the flux over its share.
         crescents = crescent_gain(max(view.phase_rad for view in members))
-        per_root = crescents * max(math.sqrt(n_px), _FLUX) / light
+        per_root = crescents * max(math.sqrt(n_px), 1.0 / FLUX_SHARE) / light
         most = max(tolerance**2 - _LEAST**2, _LEAST**2) / per_root**2
+        flux_weight = (FLUX_SHARE * per_root * light) ** -2
         penumbras = penumbra = 0.0
         if has_disc:
             low = [body.low_sun() for body in bodies]
             # By pixels alone: penumbras take no flux, a low Sun does.
-            penumbras = sum(body.penumbra() for body in bodies) * min(n_px / _FLUX**2, 1.0) + max(
-                sum(squared for squared, _ in low), (_FLUX / per_root / light * sum(missed for _, missed in low)) ** 2)
+            penumbras = sum(body.penumbra() for body in bodies) * min(n_px * FLUX_SHARE**2, 1.0) + max(
+                sum(squared for squared, _ in low), flux_weight * sum(missed for _, missed in low) ** 2)
             penumbra = per_root * math.sqrt(penumbras)
         if penumbra > PENUMBRA_SHARE * tolerance:
             return dark, math.inf, penumbra
-        flux_weight = (_FLUX / (per_root * light)) ** 2
         squared = penumbras + sum(body.refine(_AIM * (most - penumbras) / len(bodies), flux_weight) for body in bodies)
         if math.isinf(squared):
             return dark, math.inf, penumbra

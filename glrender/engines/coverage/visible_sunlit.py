@@ -27,8 +27,8 @@ _CLIPPED_ERROR = 0.0205
 # Share [1] of their light that clipped triangles are too dark by, at 60 deg.
 _CLIPPED_BIAS = 0.003
 # Safety factor [1] of the estimate: of many clipped triangles, what it has more over the root of their number, at most.
-_SAFETY = 0.6
-_SAFETY_OF_FEW = 7.0
+_SAFETY = 0.5
+_SAFETY_OF_FEW = 8.0
 _MOST_SAFETY = 3.0
 # Squared error of boundaries that pass between corners that agree, over squared light of clipped triangles [1]: before
 # adaptive subdivision, and what is left after it.
@@ -43,6 +43,8 @@ _LARGE = 2.0
 _LARGE_OF_MANY = 20.0
 # The same, summed over all facets that may have light between dark corners.
 _HIDDEN_LIGHT = 0.25
+# Share of the squared tolerance that triangles which are not divided may have [1].
+_UNDIVIDED = 0.25
 # Most divisions of a triangle by four, and subdivisions that look for boundaries.
 _MOST_DIVISIONS = 6
 _MOST_LOOKS = 2
@@ -154,13 +156,21 @@ class SunlitAreas:
 
     def _divide(self, triangles: FacetParts, missed: float, most_squared: float) -> tuple[FacetParts, float]:
         """Divide triangles until clipping them, with what is missed, errs by no more than a square; and their error."""
+        left, error = [], missed
         allowed = missed if missed > most_squared else most_squared - missed
-        for n in range(_MOST_DIVISIONS + 1):
-            error = _CLIPPED_ERROR * float(self._squared(triangles).sum())
-            if error <= allowed or n == _MOST_DIVISIONS:
+        for _ in range(_MOST_DIVISIONS):
+            squared = _CLIPPED_ERROR * self._squared(triangles)
+            if squared.sum() <= allowed:
                 break
-            triangles = self._cutter.keep_even(self._cutter.quarters(triangles))
-        return triangles, missed + error
+            # The dimmest ones stay as they are.
+            order = np.argsort(squared)
+            n_left = int(np.searchsorted(np.cumsum(squared[order]), _UNDIVIDED * allowed))
+            left.append(triangles.at(order[:n_left]))
+            rest = float(squared[order[:n_left]].sum())
+            error, allowed = error + rest, allowed - rest
+            triangles = self._cutter.keep_even(self._cutter.quarters(triangles.at(order[n_left:])))
+        error += _CLIPPED_ERROR * float(self._squared(triangles).sum())
+        return FacetParts.joined([*left, triangles]), error
 
     def penumbra(self) -> float:
         """Squared error of hard edges of shadows in place of penumbras, in units of radiance squared.

@@ -10,17 +10,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba.types import Tuple, UniTuple, boolean, float64, intp, void
+from numba.types import Tuple, boolean, float64, intp, void
 
-from ...base.numba_loops import compiled, inlined, read, write
+from ...base.numba_loops import PLACE, POINTS, TABLE, compiled, inlined, read, write
 
 # Deeper than any tree: of 2^60 facets.
 _DEPTH = 64
 # Share [1] of the distance of the farthest corner by which a ray may pass beside a box or an edge and meets it still:
 # four roundings of float64, of places and unit vectors. A ray that is aimed at a corner meets it.
 _ROUNDING = 4.0 * 2.0**-52
-_POINTS, _BOXES, _CORNERS = read(float64, 2, "A"), read(float64, 2), read(float64, 2)
-_PLACE = UniTuple(float64, 3)
 
 
 @inlined
@@ -72,7 +70,7 @@ def _distance(corners, i, place, ray, right, down):
     return found
 
 
-@compiled(Tuple((intp, float64))(_BOXES, _CORNERS, intp, _PLACE, _PLACE, float64, boolean, write(intp, 1)))
+@compiled(Tuple((intp, float64))(TABLE, TABLE, intp, PLACE, PLACE, float64, boolean, write(intp, 1)))
 def _walk(boxes, corners, n_leaves, place, ray, reach, is_any, stack):
     """The first facet that a ray meets within a reach, or any, and how far off; -1 if it meets none."""
     inverse = (1.0 / ray[0] if ray[0] != 0.0 else math.inf, 1.0 / ray[1] if ray[1] != 0.0 else math.inf,
@@ -112,7 +110,7 @@ def _walk(boxes, corners, n_leaves, place, ray, reach, is_any, stack):
     return hit, nearest
 
 
-@compiled(void(_BOXES, _CORNERS, intp, _POINTS, _POINTS, write(intp, 1), write(float64, 1)))
+@compiled(void(TABLE, TABLE, intp, POINTS, POINTS, write(intp, 1), write(float64, 1)))
 def find_first(boxes, corners, n_leaves, start_m, direction, facet, distance_m):
     """Write which facets (N,) rays from points (3, 1 or N) in directions (3, N) meet first, or -1, and how far off."""
     stack = np.empty(_DEPTH, np.intp)
@@ -122,7 +120,7 @@ def find_first(boxes, corners, n_leaves, start_m, direction, facet, distance_m):
                                         (direction[0, i], direction[1, i], direction[2, i]), math.inf, False, stack)
 
 
-@compiled(void(_BOXES, _CORNERS, intp, _POINTS, _POINTS, read(float64, 1), write(boolean, 1)))
+@compiled(void(TABLE, TABLE, intp, POINTS, POINTS, read(float64, 1), write(boolean, 1)))
 def find_blocked(boxes, corners, n_leaves, start_m, direction, reach_m, found):
     """Write whether rays from points (3, N) in directions (3, 1 or N) meet a facet within a reach (1 or N,)."""
     stack = np.empty(_DEPTH, np.intp)
