@@ -13,12 +13,13 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from .engine_choice import MAX_SAMPLES
+
 # Error of a sample's area over the contrast within 3 x 3 samples: 0.18 as measured against rays
 # (docs/accuracy.md), and 0.3 of it more, so that the truth is within.
 _ERROR_PER_CONTRAST = 0.235
 SAMPLE_COUNTS = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
 """Samples along a pixel's side that a refinement may take: up to 16, and more where they are asked for."""
-_USUAL_SAMPLES = 16
 # Values by which pixels are sorted by their errors.
 _BINS = 256
 
@@ -132,7 +133,7 @@ def plan_refinement(mean: np.ndarray, error: np.ndarray, count: int, tolerance: 
     refined = np.cumsum(population[::-1])[::-1]
     choices = []
     for samples in SAMPLE_COUNTS:
-        if samples <= count or samples > max(_USUAL_SAMPLES, most):
+        if samples <= count or samples > max(MAX_SAMPLES, most):
             continue
         left = above[0] - above + above * (count / samples) ** power
         meets = np.flatnonzero(left <= tolerance**2)
