@@ -32,7 +32,7 @@ from glrender.emission.planning import Sampling
 from glrender.emission.sources.haser import Haser
 from glrender.emission.sources.jets import Jet, Jets, surface_point
 from glrender.emission.sources.volume import Volume
-from glrender.engines.rays.mesh import RayMesh
+from glrender.engines.rays.exact_rays import ExactMesh
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
@@ -127,7 +127,7 @@ def _truth(coma: Coma, body: Body, state: State, camera: PinholeCamera, kept: Pa
     if kept is not None and kept.exists():
         return Truth(**np.load(kept))
     field = Layers(coma.sources, body.shape).at(state.r_sun_inertial_m)[0].field
-    mesh, r_camera = RayMesh(body.shape.vertices_m, body.shape.facets), np.array([0.0, 0.0, -RANGE_M])
+    mesh, r_camera = ExactMesh(body.shape.vertices_m, body.shape.facets), np.array([0.0, 0.0, -RANGE_M])
 
     def ranges(pixel: np.ndarray) -> np.ndarray:
         return mesh.hit(r_camera, camera.directions(pixel))[1]

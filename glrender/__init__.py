@@ -12,7 +12,6 @@ from glrender_camera import PinholeCamera
 from .base import rotations as frames
 from .base.attitude import from_basilisk_mrp, from_matlab_dcm, from_matlab_quat, from_spice
 from .base.errors import ConfigError, DeviceError, GlrenderError, ProtocolError, SceneError, ShaderError, ShapeError
-from .capture.capture import Capture, draw_still, take_frame
 from .engines.image import Image  # noqa: F401 (glrender.Image)
 from .scene.detail.config import Boulders, Craters, Detail, Noise
 from .scene.scene import Body, Scene, load_scene
@@ -29,8 +28,12 @@ __all__ = ["Body", "Boulders", "Capture", "ConfigError", "Craters", "Detail", "D
            "from_matlab_quat", "from_spice", "generate", "load_scene", "open_renderer", "take_frame"]
 
 
+# Not before they are asked for: the renderer loads OpenGL, frames load compiled loops.
+_LATER = {"Renderer": ".renderer", "open_renderer": ".renderer", "Capture": ".capture.capture",
+          "draw_still": ".capture.capture", "take_frame": ".capture.capture"}
+
+
 def __getattr__(name: str):
-    # Not before it is asked for: it loads OpenGL.
-    if name in ("Renderer", "open_renderer"):
-        return getattr(import_module(".renderer", __name__), name)
+    if name in _LATER:
+        return getattr(import_module(_LATER[name], __name__), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from typing import Any
@@ -31,12 +31,12 @@ from .engines.raster.shadow_maps import Shadows
 from .engines.raster.surface_pass import Frame, SurfacePass
 from .engines.rays.engine import RayEngine
 from .engines.rays.products import traced_products
-from .engines.reference_fallback import SlowFrames, checked_allow_slow, misses_budget, with_emission
+from .engines.reference_fallback import SlowFrames, checked_allow_slow, misses_tolerance, with_emission
 from .engines.small_bodies import SmallBody
 from .planner import body_plan as plan
 from .planner.engine_choice import ENGINES, MAX_SAMPLES, Request, apart_limit, plan_windows
 from .planner.error_model import own_penumbra, rounding_px
-from .planner.plan import BodyPlan, RenderPlan
+from .planner.plan import BodyPlan, RenderPlan, WindowPlan
 from .scene.plugins.checks import blamed_on
 from .scene.plugins.registry import OPENGL_BACKENDS, backends
 from .scene.scene import Scene, checked_max_error
@@ -137,7 +137,7 @@ class Renderer:
         camera : str or PinholeCamera, optional
             Name; the scene's only camera by default. Or a camera that draws for one of the scene's, whose name it has.
         max_error : float [1], optional
-            Budget instead of the scene's.
+            Error tolerance instead of the scene's.
         products : iterable of str
             Out of `PRODUCTS`; ``irradiance`` is always drawn.
         samples : int, optional
@@ -147,10 +147,10 @@ class Renderer:
         deadline_s : float [s], > 0, optional
             After which nothing more is begun: the frame is then the best so far, and its plan says so.
         after_psf : bool
-            Whether the budget holds for the image after the camera's PSF.
+            Whether the tolerance holds for the image after the camera's PSF.
         error_gain : float [1], 1e-9..1
             What is left of an error that is independent from pixel to pixel where others average them, as a lens does
-            that has several cells a pixel: the budget holds for that.
+            that has several cells a pixel: the tolerance holds for that.
         apart_px : float [px], 0..256
             Bodies that are smaller, and alone in their pixels, are in `Image.small_bodies` instead of the
             image: sub-pixel places that a point spread function can use. At a phase angle g those up to 1 / cos(g / 2)
@@ -158,7 +158,7 @@ class Renderer:
             this size; none in an emission that dims.
         allow_slow : bool or {"raytrace", "cycles"}
             Whether another backend may draw the frame, in seconds or minutes, where OpenGL's error is above
-            the budget and no `samples` or `engine` is asked for; or which one.
+            the tolerance and no `samples` or `engine` is asked for; or which one.
         on_progress : callable, optional
             Called by the slow backend with the share done, 0..1.
         out : (height, width) float32 array, optional
@@ -179,7 +179,7 @@ class Renderer:
         clock = Clock()
         pinhole = self.scene.drawn_camera(camera)
         wanted = checked_products(products)
-        budget = self.scene.max_error if max_error is None else checked_max_error(max_error)
+        tolerance = self.scene.max_error if max_error is None else checked_max_error(max_error)
         if samples is not None:
             samples = integer("samples", samples, 1, MAX_SAMPLES)
         if engine is not None and engine not in self._engines:
@@ -197,9 +197,9 @@ class Renderer:
             # What dims the image does not reach points beside it.
             apart_px = 0.0
         apart_px = apart_limit(views, apart_px)
-        bodies = self._plan_bodies(views, pinhole, budget / gain)
+        bodies = self._plan_bodies(views, pinhole, tolerance / gain)
         choices = plan_windows(views, self._traits, bodies, Request(
-            camera=pinhole, tolerance=budget / gain, error_gain=gain, engines=self._engines,
+            camera=pinhole, tolerance=tolerance / gain, error_gain=gain, engines=self._engines,
             has_gpu=not self._context.is_software, samples=samples, engine=engine, apart_px=apart_px))
         if not all(choices):
             raise ConfigError("engine", f"cannot draw {_named(views, choices)}", engine, _NO_ENGINE.get(engine, ""))
@@ -218,15 +218,10 @@ class Renderer:
             names = ", ".join(name for window in hopeless for name in window.bodies)
             raise ConfigError("engine", f"cannot draw {names}", engine,
                               "light falls between the corners of facets; leave engine out")
-        if time.monotonic() > deadline:
-            remedy = "give more time than deadline_s"
-        elif engine is not None:
-            remedy = "leave engine out"
-        else:
-            remedy = "" if may_be_slow else "allow_slow=True has a reference engine draw it"
-        frame_plan = plan.frame_plan(pinhole, budget, views, self._traits, bodies, windows, self.scene.sun_disc, remedy)
+        frame_plan = plan.frame_plan(pinhole, tolerance, views, self._traits, bodies, windows, self.scene.sun_disc,
+                                     _remedy(time.monotonic() > deadline, engine, may_be_slow))
         slow = None
-        if may_be_slow and misses_budget(frame_plan):
+        if may_be_slow and misses_tolerance(frame_plan):
             fast = Image(irradiance_W_m2=irradiance, products={}, plan=frame_plan, timings_ms=clock.laps_ms)
             slow = self._slow.instead_of(fast, allow_slow, state, pinhole, error_gain=gain,
                                           on_progress=on_progress)
@@ -237,17 +232,22 @@ class Renderer:
             clock.lap("emission")
         arrays = {}
         if wanted:
-            shadows, _ = self._shadows.draw(views, bodies, pinhole) if "sunlit" in wanted else ({}, None)
-            arrays = self._products.draw(wanted, replace(frame, shadows=shadows), windows)
-            # OpenGL tells them, if its coordinates are fine enough.
-            if self._rays is not None and max(rounding_px(view, self._traits[view.name], body.relative_to_camera)
-                                              for view, body in zip(views, bodies, strict=True)) > _MOST_ROUNDING_PX:
-                traced = traced_products(self._rays, wanted, pinhole, views, grouping.union([w.roi for w in windows]))
-                arrays = {name: values.astype(arrays[name].dtype) for name, values in traced.items()}
+            arrays = self._drawn_products(wanted, frame, windows)
             clock.lap("products")
         return Image(irradiance_W_m2=irradiance, products=arrays, timings_ms=clock.laps_ms, small_bodies=tuple(small),
                      request=(self.scene, state, pinhole),
                      plan=frame_plan if slow is None else with_emission(slow.plan, frame_plan))
+
+    def _drawn_products(self, wanted: Sequence[str], frame: Frame, windows: list[WindowPlan]) -> dict[str, np.ndarray]:
+        """Products by OpenGL, or by rays where OpenGL's coordinates are too coarse."""
+        views, bodies, camera = list(frame.views), frame.bodies, frame.camera
+        shadows, _ = self._shadows.draw(views, bodies, camera) if "sunlit" in wanted else ({}, None)
+        arrays = self._products.draw(wanted, replace(frame, shadows=shadows), windows)
+        if self._rays is not None and max(rounding_px(view, self._traits[view.name], body.relative_to_camera)
+                                          for view, body in zip(views, bodies, strict=True)) > _MOST_ROUNDING_PX:
+            traced = traced_products(self._rays, wanted, camera, views, grouping.union([w.roi for w in windows]))
+            arrays = {name: values.astype(arrays[name].dtype) for name, values in traced.items()}
+        return arrays
 
     def _plan_bodies(self, views: list[BodyView], camera: PinholeCamera, tolerance: float) -> list[BodyPlan]:
         bodies, hulls = [], self.scene.hulls
@@ -330,6 +330,15 @@ def open_renderer(scene: Scene, backend: str = "auto", device_index: int | None 
             raise ConfigError(name, f"is no option of backend {backend!r}",
                               hint=f"it has {', '.join(known)}" if known else "it has none")
     return made(scene, **arguments, **options)
+
+
+def _remedy(is_late: bool, engine: str | None, may_be_slow: bool) -> str:
+    """What a caller can change where the tolerance is missed."""
+    if is_late:
+        return "give more time than deadline_s"
+    if engine is not None:
+        return "leave engine out"
+    return "" if may_be_slow else "allow_slow=True has a reference engine draw it"
 
 
 def _blank(shape: tuple[int, int], out: np.ndarray | None) -> np.ndarray:

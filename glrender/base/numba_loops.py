@@ -11,6 +11,7 @@ from collections.abc import Callable
 from typing import Any
 
 from numba import njit, types
+from numba.types import UniTuple, float64, intp
 
 _log = logging.getLogger(__name__)
 
@@ -73,3 +74,9 @@ def read(dtype: types.Type, n_dimensions: int, layout: str = "C") -> types.Array
 def write(dtype: types.Type, n_dimensions: int, layout: str = "C") -> types.Array:
     """An array that is written or returned."""
     return types.Array(dtype, n_dimensions, layout)
+
+
+# Types that several files of loops take: vectors, points in columns, tables, lists of numbers, a place or a direction.
+VECTOR, POINTS = read(float64, 1, "A"), read(float64, 2, "A")
+TABLE, NUMBERS = read(float64, 2), read(intp, 1)
+PLACE = UniTuple(float64, 3)

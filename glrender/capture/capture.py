@@ -80,7 +80,7 @@ def draw_still(renderer: Any, state: State, camera: str | None = None, *, produc
         As of `Renderer.render`.
     roi : (x0, y0, x1, y1) int [px], optional
         The part that is asked for, one past the last: no other is drawn where there is neither a lens nor a coma, and
-        the rest of the arrays is dark. The budget is held in it, with samples that the planner chose for it alone.
+        the rest of the arrays is dark. The tolerance is held in it, with samples that the planner chose for it alone.
     **options
         `max_error`, `samples`, `allow_slow`, `on_progress`, `out` of `Renderer.render`; those that another renderer
         does not take are left out.
@@ -126,7 +126,7 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
         Poses during the exposure, of rising `t_s` that spans it, around `state.t_s`: drawn instead of those that
         rates would make; the light is linear in time between them.
     **options
-        `max_error`, `samples`, `allow_slow`, `on_progress`, as of `draw_still`; the budget holds after the point
+        `max_error`, `samples`, `allow_slow`, `on_progress`, as of `draw_still`; the tolerance holds after the point
         spread function. A frame is that of the whole detector: there is no `roi`, and each pose has its own image.
 
     Returns

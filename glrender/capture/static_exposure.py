@@ -66,7 +66,7 @@ class Drawing:
         One of the scene's.
     margin_px : int [px]
     is_for_detector : bool
-        Whether the budget holds after the point spread function, and the Sun is drawn.
+        Whether the tolerance holds after the point spread function, and the Sun is drawn.
     roi : (x0, y0, x1, y1) int [px], optional
         The part of the image that is asked for: where no lens distorts no more is drawn, and the rest is dark,
         without a body.
@@ -105,7 +105,7 @@ class Drawing:
                 raise ConfigError(name, "is no option", value, f"there are {', '.join(known)}")
         self._options = {name: value for name, value in options.items() if name in taken}
         self._tells = on_progress is not None and "on_progress" in taken
-        self._budget = renderer.scene.max_error if max_error is None else checked_max_error(max_error)
+        self._tolerance = renderer.scene.max_error if max_error is None else checked_max_error(max_error)
         # What the frame keeps of the drawn image's errors, but for the flux's: for the renderer to know, where it can.
         # Cells' errors are independent: their mean has 1 / n of them.
         n = 1 if self.lens is None else self.lens.oversampling
@@ -114,7 +114,7 @@ class Drawing:
             self._options["error_gain"], self._share = self._share, 1.0
         if is_for_detector and "apart_px" in taken:
             self._options["apart_px"] = _APART_PX * n
-        self._options["max_error"] = min(self._budget / self._share, 1.0)
+        self._options["max_error"] = min(self._tolerance / self._share, 1.0)
         self._options["samples"] = -(-samples // n) if isinstance(samples, int) else samples
 
     @property
@@ -155,7 +155,7 @@ class Drawing:
             light = self._in_place(light, 0.0)
             made = {name: self._in_place(values, _BESIDE.get(name, np.nan)) for name, values in made.items()}
         if self._share != 1.0:
-            plan = replace(plan, max_error=self._budget, predicted_error=plan.predicted_error * self._share)
+            plan = replace(plan, max_error=self._tolerance, predicted_error=plan.predicted_error * self._share)
         if self.lens is not None:
             light, roi = self.lens.apply(light, roi), self.lens.reached_box(roi)
             made = sampled(made, self.lens, self._camera, wanted)

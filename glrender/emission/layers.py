@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from ..base.errors import ConfigError
+from ..engines.rays.exact_rays import exact_mesh
 from ..scene.shape.shape import Shape
 from .bake import SphericalBake
 from .fields import CartesianField, Field, SphericalField
-from .hits import body_hits
-from .measuring import FieldErrors, measured_errors, worst
+from .measuring import FieldErrors, Hits, measured_errors, worst
 
 # Activity is that of the Sun's nearest node: half a degree at most away, cos(incidence) within 1 % of its largest.
 _SUN_NODES = 64
@@ -117,3 +117,9 @@ class Layers:
     def _errors_beside(sun: np.ndarray, by_axis: Sequence[FieldErrors]) -> FieldErrors:
         """The worst with the Sun on one of the half axes around it: what any of them lights is all that it lights."""
         return worst([errors for axis, errors in zip(_HALF_AXES, by_axis, strict=True) if axis @ sun > 0.0])
+
+
+def body_hits(shape: Shape) -> Hits:
+    """Distances along rays at which they first meet a shape."""
+    mesh, back_m = exact_mesh(shape), 4.0 * float(np.linalg.norm(shape.vertices_m, axis=1).max())
+    return lambda place_m, direction: mesh.hit(place_m - back_m * direction, direction)[1] - back_m

@@ -1,4 +1,4 @@
-"""How finely a coma is drawn: the cheapest steps and nodes that meet the budget, from errors measured on it."""
+"""How finely a coma is drawn: the cheapest steps and nodes that meet the tolerance, from errors measured on it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ NEAR_NODES = 12
 between nodes, which leaves (n / rho)^2 / 12 of 1/rho."""
 NEAR_RADII = 1.5
 """Body radii within which it has so too."""
-# Of the budget, what steps and nodes may take; float32 and the light's map have the rest.
+# Of the tolerance, what steps and nodes may take; float32 and the light's map have the rest.
 _SHARE = 0.6
 # Some hundred rays miss the worst places: a vent, an edge of the body. On 67P the truth is up to that much above
 # what they tell of steps, of nodes beside the body and of nodes before it (docs/coma.md).
@@ -49,10 +49,10 @@ class Sampling:
     far_pixels_per_node: int = 0
 
 
-def choose(errors: FieldErrors, footprint_m: float, body_m: float, image_px: float, budget: float,
+def choose(errors: FieldErrors, footprint_m: float, body_m: float, image_px: float, tolerance: float,
            has_shadow: bool = False, pixel_rad: float = 0.0, per_node: Sequence[int] = PIXELS_PER_NODE,
            per_far: Sequence[int] = FAR_PIXELS_PER_NODE) -> Sampling:
-    """The cheapest steps and nodes that take their share of the budget, or the finest there are.
+    """The cheapest steps and nodes that take their share of the tolerance, or the finest there are.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def choose(errors: FieldErrors, footprint_m: float, body_m: float, image_px: flo
         Typical distance of the surface from the origin.
     image_px : float [px]
         Half of the image's side.
-    budget : float [1]
+    tolerance : float [1]
     has_shadow : bool
         Whether the body's shadow, whose edges no table of errors knows, is drawn too.
     pixel_rad : float [rad]
@@ -110,7 +110,7 @@ def choose(errors: FieldErrors, footprint_m: float, body_m: float, image_px: flo
     cost = ((steps[s] + _NODE_STEPS) * (near_area[g] / node[n] ** 2 + far_area[g]) + _PIXEL_STEPS * near_area[g]
             + (steps[t] / 3.0 + _NODE_STEPS) * min(front_area, area) / node[f] ** 2)
     cost, squared = np.broadcast_arrays(cost, squared)
-    fits = squared <= (_SHARE * budget) ** 2
+    fits = squared <= (_SHARE * tolerance) ** 2
     best = np.argmin(np.where(fits, cost, np.inf)) if fits.any() else np.argmin(squared)
     s, t, n, f, g = np.unravel_index(best, cost.shape)
     return Sampling(steps=int(steps[s]), front_steps=int(steps[t]), pixels_per_node=int(node[n]),
@@ -118,15 +118,15 @@ def choose(errors: FieldErrors, footprint_m: float, body_m: float, image_px: flo
                     predicted_error=math.sqrt(squared.flat[best]))
 
 
-def surface_samples(size_px: float, footprint_m: float, body_m: float, budget: float) -> int:
+def surface_samples(size_px: float, footprint_m: float, body_m: float, tolerance: float) -> int:
     """Samples along a pixel's side that tell where bodies are: 1, 2 or 4.
 
-    A body below 256 px is cheap to draw with 4; a larger one has as few as leave `edge_error` its share of the budget,
-    and no more than 2048 across it.
+    A body below 256 px is cheap to draw with 4. A larger one has the fewest that leave `edge_error` its share of the
+    tolerance, and no more than 2048 across it.
     """
     if size_px < _SMALL_PX:
         return 4
-    return next((n for n in (1, 2, 4) if edge_error(footprint_m, body_m, n) <= _EDGE_SHARE * budget
+    return next((n for n in (1, 2, 4) if edge_error(footprint_m, body_m, n) <= _EDGE_SHARE * tolerance
                  or 2 * n * size_px > _MOST_SAMPLES), 4)
 
 

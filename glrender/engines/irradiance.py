@@ -28,8 +28,7 @@ from .small_bodies import SmallBody, add_by_area
 _MAX_WINDOW_SAMPLES = 4096 * 4096
 # Of the tolerance [1], what is asked for at least, however much of it is taken by what is modelled otherwise.
 _LEAST_LEFT = 0.3
-# Phase angle [rad] from which rays are cast at what faces Sun and camera alone, and how many of them at first: 0.1 s.
-_CRESCENT_RAD = 2.6
+# Rays that are cast at first at what faces Sun and camera of a crescent: 0.1 s.
 _FIRST_RAYS = 3e5
 # Side [px] of the parts of an image that are passed over where nothing faces both.
 _FACING_TILE_PX = 32
@@ -133,7 +132,7 @@ class IrradiancePass:
         mean, error = (np.zeros((y1 - y0, x1 - x0), np.float32) for _ in range(2))
         members = [view for view in frame.views if view.name in window.bodies]
         facing = None
-        if window.engine == "rays" and max(view.phase_rad for view in members) > _CRESCENT_RAD:
+        if window.engine == "rays" and max(view.phase_rad for view in members) > error_model.CRESCENT_RAD:
             facing = self._coverage.may_be_lit(window.bodies, frame.camera, list(frame.views), window.bounds_px,
                                                (x1 - x0, y1 - y0))
         if facing is not None:

@@ -1,4 +1,4 @@
-"""Slow frames: another backend draws what OpenGL could not within its budget, where the caller allows it."""
+"""Reference fallback: another backend draws a frame whose error exceeds the tolerance, where the caller allows it."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def checked_allow_slow(value: object) -> bool | str:
     raise ConfigError("allow_slow", f"must be true, false, or one of {', '.join(SLOW_BACKENDS)}", value)
 
 
-def misses_budget(plan: RenderPlan) -> bool:
+def misses_tolerance(plan: RenderPlan) -> bool:
     """Whether a frame's error is above the tolerance."""
     return plan.predicted_error > plan.max_error * (1.0 + 1e-6)
 
@@ -68,14 +68,14 @@ class SlowFrames:
 
     def instead_of(self, fast: Image, allow_slow: bool | str, state: State, camera: PinholeCamera, *, error_gain: float,
                    on_progress: Callable[[float], None] | None) -> Image:
-        """The surfaces once more, by a backend that samples until their error is within the budget.
+        """The surfaces once more, by a backend that samples until their error is within the tolerance.
 
         Parameters
         ----------
         fast : Image
             What OpenGL made of them.
         allow_slow : bool or str
-            True for the first backend that meets the budget, else its name.
+            True for the first backend that meets the tolerance, else its name.
         state : State
         camera : PinholeCamera
             One of the scene's, or one that draws for it.
@@ -109,7 +109,7 @@ class SlowFrames:
             slow = _drawn(backend, name, fast, state, camera, error_gain,
                           progress.part(index / len(names), (index + 1) / len(names)))
             best = min(best, slow, key=lambda image: image.plan.predicted_error)
-            if not misses_budget(slow.plan):
+            if not misses_tolerance(slow.plan):
                 progress.finish()
                 return slow
             reasons.append(f"{name} leaves {slow.plan.predicted_error:.2g}")
@@ -129,7 +129,7 @@ def _drawn(backend: Any, name: str, fast: Image, state: State, camera: PinholeCa
     slow = backend.render(state, camera, max_error=min(plan.max_error / error_gain, 1.0),
                           **({"on_progress": on_progress} if takes_progress else {}))
     reached = slow.plan.predicted_error * error_gain
-    told = (f"drawn by {name}: OpenGL leaves an error of {plan.predicted_error:.2g}, above the budget of "
+    told = (f"drawn by {name}: OpenGL leaves an error of {plan.predicted_error:.2g}, above the tolerance of "
             f"{plan.max_error:g}",)
     return replace(slow, plan=replace(slow.plan, max_error=plan.max_error, predicted_error=reached,
                                       warnings=(*slow.plan.warnings, *told)))

@@ -13,16 +13,14 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from .engine_choice import MAX_SAMPLES
+
 # Error of a sample's area over the contrast within 3 x 3 samples: 0.18 as measured against rays
 # (docs/accuracy.md), and 0.3 of it more, so that the truth is within.
 _ERROR_PER_CONTRAST = 0.235
 SAMPLE_COUNTS = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
 """Samples along a pixel's side that a refinement may take: up to 16, and more where they are asked for."""
-_USUAL_SAMPLES = 16
-# Cost of a sample that is drawn, of one that is passed over, and of a pass, in that of a sample.
-_PASSED_OVER, _PASS = 0.45, 5e5
-# Pixels along the side of a block that is passed over whole where none of it is drawn again: about a chunk.
-_BLOCK_PX = 16
+# Values by which pixels are sorted by their errors.
 _BINS = 256
 
 
@@ -98,9 +96,9 @@ def frame_error(mean: np.ndarray, error: np.ndarray) -> float:
     return math.sqrt(float(np.square(error, dtype=np.float64).sum())) * math.sqrt(n_lit) / total
 
 
-def plan_refinement(mean: np.ndarray, error: np.ndarray, count: int, budget: float,
+def plan_refinement(mean: np.ndarray, error: np.ndarray, count: int, tolerance: float,
                     power: float = 3.0, most: float = 0.0) -> Refinement | None:
-    """The cheapest refinement that meets a budget.
+    """The cheapest refinement that meets a tolerance.
 
     Parameters
     ----------
@@ -108,7 +106,7 @@ def plan_refinement(mean: np.ndarray, error: np.ndarray, count: int, budget: flo
         Of `pixel_errors`.
     count : int
         Samples along a pixel's side that `mean` was drawn with.
-    budget : float [1]
+    tolerance : float [1]
         RMS error over the mean of the lit pixels.
     power : float
         n x n samples have n^-power of one sample's squared error: 3 at edges, 2 in noise.
@@ -118,10 +116,10 @@ def plan_refinement(mean: np.ndarray, error: np.ndarray, count: int, budget: flo
     Returns
     -------
     Refinement or None
-        None where the budget is met, or nothing is lit. Where no refinement meets the budget, the
+        None where the tolerance is met, or nothing is lit. Where no refinement meets the tolerance, the
         best there is.
     """
-    if frame_error(mean, error) <= budget:
+    if frame_error(mean, error) <= tolerance:
         return None
     n_lit, largest = int(np.count_nonzero(mean > 0.0)), float(error.max())
     scale = n_lit * float(mean.sum(dtype=np.float64) / n_lit) ** 2
@@ -133,23 +131,16 @@ def plan_refinement(mean: np.ndarray, error: np.ndarray, count: int, budget: flo
     # Refined are the bins from k on, for each k and each count of samples.
     above = np.cumsum(squared[::-1])[::-1]
     refined = np.cumsum(population[::-1])[::-1]
-    touched = np.cumsum(np.bincount(_block_maxima(index).ravel(), minlength=_BINS)[::-1])[::-1] * _BLOCK_PX**2
     choices = []
     for samples in SAMPLE_COUNTS:
-        if samples <= count or samples > max(_USUAL_SAMPLES, most):
+        if samples <= count or samples > max(MAX_SAMPLES, most):
             continue
         left = above[0] - above + above * (count / samples) ** power
-        meets = np.flatnonzero(left <= budget**2)
+        meets = np.flatnonzero(left <= tolerance**2)
         first = int(meets[-1]) if len(meets) else 1
-        cost = samples**2 * (refined[first] + _PASSED_OVER * touched[first]) + _PASS
-        choices.append((not len(meets), cost if len(meets) else -samples, samples, first, float(np.sqrt(left[first]))))
+        cost = samples**2 * refined[first] if len(meets) else -samples
+        choices.append((not len(meets), cost, samples, first, float(np.sqrt(left[first]))))
     if not choices:
         return None
     _, _, samples, first, reached = min(choices)
     return Refinement(samples=samples, mask=(index >= first).astype(np.uint8), predicted_error=reached)
-
-
-def _block_maxima(index: np.ndarray) -> np.ndarray:
-    """Largest value (rows, columns) of each block of (height, width) uint8."""
-    largest = cv2.dilate(index, np.ones((_BLOCK_PX, _BLOCK_PX), np.uint8), anchor=(0, 0), borderValue=0)
-    return largest[::_BLOCK_PX, ::_BLOCK_PX]

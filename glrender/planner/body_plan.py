@@ -12,6 +12,7 @@ from glrender_camera import PinholeCamera
 from ..view import regions as grouping
 from ..view.view import BodyView
 from .error_model import (
+    FLUX_SHARE,
     BodyTraits,
     leaked_flux,
     parallel_error,
@@ -26,9 +27,8 @@ SHADOW_SIZES_PX = tuple(2**k for k in range(8, 17))
 """Texels across a body; float32 coordinates have 256 steps in the finest."""
 MAX_SHADOW_SIDE_PX = 4096
 """Most texels along a side of a shadow map."""
-# Of the error tolerance [1], what the shadow map may take of the image and of the flux.
+# Of the error tolerance [1], what the shadow map may take of the image.
 _SHADOW_SHARE = 0.4
-_FLUX_SHARE = 0.1
 # RMS error [1] of light that leaks over that of the flux: the data of `error_model.leaked_flux`.
 _LEAK_RMS = 2.0
 # Share of the sunlit surface in cast shadow, per radian of phase: engine.md, 6 % at 10 deg.
@@ -86,10 +86,10 @@ def plan_shadow(view: BodyView, traits: BodyTraits, has_casters: bool, tolerance
     if not has_casters:
         if traits.is_convex:
             return None
-        if _SHADOWED_PER_RAD * view.phase_rad < 0.1 * tolerance:
+        if _SHADOWED_PER_RAD * view.phase_rad < FLUX_SHARE * tolerance:
             return None
     one_sample = shadow_share(view, 1, has_casters) * sum(squared_errors(view, traits))
-    texels = max(view.finest_px, leaked_flux(view, traits, 1) / (_FLUX_SHARE * tolerance),
+    texels = max(view.finest_px, leaked_flux(view, traits, 1) / (FLUX_SHARE * tolerance),
                  math.cbrt(one_sample / (_SHADOW_SHARE * tolerance) ** 2))
     sizes = [size for size in SHADOW_SIZES_PX if size * seen_share <= MAX_SHADOW_SIDE_PX]
     return next((size for size in sizes if size >= texels), sizes[-1])

@@ -17,7 +17,7 @@ from glrender_camera import PinholeCamera
 from ..view.regions import outline, outline_px, region, touching
 from ..view.sun_disc import PENUMBRA_SHARE
 from ..view.view import BodyView
-from .error_model import BodyTraits, facets_per_px, shadow_share, squared_errors
+from .error_model import FLUX_SHARE, BodyTraits, facets_per_px, shadow_share, squared_errors
 from .plan import BodyPlan, WindowPlan
 from .small_body_grid import CELL_PX, cell_error, cell_size, samples_across, sampling_errors
 
@@ -37,8 +37,7 @@ _SMALL_PX = 4.0
 _FLUX_PX = 32.0
 # Widest of a crescent apart over a full disc apart [1]: its own grid has only so many samples.
 _MOST_LARGER = 4.0
-# Of the tolerance [1]: what the flux may take (design.md), what samples of a small body's pixels may, and its cells.
-_FLUX_SHARE = 0.1
+# Of the tolerance [1]: what samples of a small body's pixels may take, and its cells.
 _PIXELS_SHARE = 0.9
 _CELL_SHARE = 0.3
 # Error of cells of several bodies over that of one [1]: pairs with a gap between them (test_small_bodies.py).
@@ -245,7 +244,7 @@ def _sampled(engine: str, members: Sequence[BodyView], known: Sequence[BodyTrait
              request: Request, modelling_error: float = 0.0, **told) -> WindowPlan:
     """On a regular grid of samples, the first of them few: the image itself tells where more are needed."""
     pairs, size_px = list(zip(members, known, strict=True)), outline_px(members)
-    flux_error = _FLUX_SHARE * request.tolerance * request.error_gain
+    flux_error = FLUX_SHARE * request.tolerance * request.error_gain
     if request.samples is None and _is_small(members, request):
         bounds, sides = _own_bounds(members)
         wanted = {view.name: samples_across(view, traits, flux_error, _PIXELS_SHARE * request.tolerance,

@@ -55,9 +55,12 @@ FEWEST_CENTROIDS = 10_000
 """Facets from which a shape is drawn by centroids: fewer are soon clipped."""
 FACETS_SEEN = 0.5 / 0.6
 """Facets that a pixel sees times squared size over all facets: half of them face it, on 0.6 of the square."""
-# Error over the estimate of an image, per radian of phase beyond one: 24 crescents at 136 to 162 deg, 40 to 300 px.
+CRESCENT_RAD = 2.55
+"""Phase angle [rad] from which light falls in crescents that samples miss."""
+# Error over the estimate of an image, per radian of phase beyond it: 24 crescents at 136 to 162 deg, 40 to 300 px.
 _CRESCENTS_PER_RAD = 2.5
-_CRESCENTS_FROM_RAD = 2.55
+FLUX_SHARE = 0.1
+"""Of the error tolerance [1], what the total flux may err by (docs/accuracy.md)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,7 +152,6 @@ def parallel_error(view: BodyView, traits: BodyTraits) -> float:
     return traits.radius_m / (view.sun_distance_au * AU_M)
 
 
-
 def lit_share(phase_rad: float, least: float = 1e-3) -> float:
     """Of a sphere's disc, what is lit at a phase angle, and a least."""
     return max(0.5 * (1.0 + math.cos(phase_rad)), least)
@@ -191,7 +193,7 @@ def crescent_gain(phase_rad: float) -> float:
 
     Of 24 crescents at 136 to 162 deg, 40 to 300 px, those beyond 150 deg had up to 1.5 times the error that was told.
     """
-    return 1.0 + _CRESCENTS_PER_RAD * max(phase_rad - _CRESCENTS_FROM_RAD, 0.0)
+    return 1.0 + _CRESCENTS_PER_RAD * max(phase_rad - CRESCENT_RAD, 0.0)
 
 
 def facets_per_px(view: BodyView, n_facets: int) -> float:

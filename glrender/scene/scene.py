@@ -1,4 +1,4 @@
-"""The scene: bodies, cameras, the Sun and the error budget, validated once."""
+"""The scene: bodies, cameras, the Sun and the error tolerance, validated once."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Scene:
         In the cameras' band, at 1 au. By default each camera has its own: that of its optics' `band_nm`
         (ASTM E490-00a), or the total solar irradiance, 1360.8 W/m2, of a camera without a model.
     max_error : float [1], 0..1
-        Budget: RMS irradiance error over the mean of the lit pixels.
+        Error tolerance: RMS irradiance error over the mean of the lit pixels.
     sun_disc : bool
         Whether the Sun has a disc, and shadows penumbras where they show; a point otherwise.
     stars : Stars, optional
@@ -180,7 +180,7 @@ def load_scene(path: str | Path) -> Scene:
 
 
 def checked_max_error(value: float, name: str = "max_error") -> float:
-    """An error budget in (0, 1], at least 1e-15: float64 tells no more, and the quotients of a planner stay finite."""
+    """An error tolerance in (0, 1], at least 1e-15: float64 has no more digits, and quotients stay finite."""
     number = finite(name, value)
     if not 0.0 < number <= 1.0:
         raise ConfigError(name, "must be > 0 and <= 1", value)

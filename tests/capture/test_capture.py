@@ -389,7 +389,7 @@ def test_a_distorted_edge_needs_more_cells_where_it_is_stretched():
 @pytest.mark.parametrize("lens", [None, BrownConrady(k1=-0.05)])
 def test_a_slow_frame_has_the_margin_and_the_lens_too(lens, monkeypatch):
     """Were OpenGL to miss the budget, across the frame's edge: rays draw the same wide image; 1 % of the light."""
-    monkeypatch.setattr("glrender.renderer.misses_budget", lambda plan: True)
+    monkeypatch.setattr("glrender.renderer.misses_tolerance", lambda plan: True)
     camera = views.camera(48, 200.0, model=soft(), distortion=lens)
     scene, state = views.scene([views.sphere(GREY, 5)], [camera]), views.state(phase_deg=70.0, target=(200.0, 0.0, 0.0))
     with open_renderer(scene) as renderer:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from glrender import generate
 from glrender.emission.bake import SphericalBake
 from glrender.emission.column import columns
 from glrender.emission.dust import Dust
@@ -15,7 +14,6 @@ from glrender.emission.fields import (
     octahedral_from_direction,
     spherical_nodes,
 )
-from glrender.emission.hits import body_hits, first_hits
 from glrender.emission.interpolation import refined
 from glrender.emission.phase_function import HenyeyGreenstein, Isotropic, PhaseTable
 from glrender.emission.sources.haser import Haser
@@ -199,14 +197,3 @@ def test_extinction_is_the_solution_of_radiative_transfer():
         radiance += step * k(s + 0.5 * step) * (1.0 - 2.0 * radiance)
     np.testing.assert_allclose(dust.thin(np.array(quad(k, 0.0, 3.0)[0])), radiance, rtol=1e-3)
     np.testing.assert_allclose(dust.transmission(np.array(0.5)), np.exp(-1.0), rtol=1e-12)
-
-
-def test_hits_without_embree_are_its_hits(rng):
-    """What a machine without rays falls back to."""
-    shape = generate.contact_binary(radius_m=100.0, seed=1, subdivisions=4)
-    direction = rng.standard_normal((200, 3))
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    place = 60.0 * rng.standard_normal((200, 3))
-    ours = first_hits(place, direction, shape.vertices_m[shape.facets])
-    assert 50 < np.isfinite(ours).sum() < 190
-    np.testing.assert_allclose(ours, body_hits(shape)(place, direction), atol=1e-9)

@@ -28,7 +28,7 @@ from glrender.brdf import Lambert
 from glrender.emission import Dust, drawing
 from glrender.emission.column import columns
 from glrender.emission.geometry import phase_rad, solid_angle_sr
-from glrender.emission.hits import body_hits
+from glrender.emission.layers import body_hits
 from glrender.emission.phase_function import Isotropic
 from glrender.emission.sources.activity import Activity
 from glrender.emission.sources.haser import Haser

@@ -15,6 +15,7 @@ from glrender.emission.phase_function import Isotropic
 from glrender.emission.planning import Sampling, surface_samples
 from glrender.emission.sources.haser import Haser
 from glrender.engines.rays.backend import RayTracer
+from glrender.engines.rays.exact_rays import ExactMesh
 from glrender.engines.rays.mesh import RayMesh
 
 
@@ -161,7 +162,7 @@ ASIDE_M = 5e4 * np.array([0.3, -0.5, -0.812])
 
 def area_means(source, pinhole, body, q, every, samples):
     """Columns averaged over pixels' areas in float64, nothing of OpenGL: (y, x, mean, is at an edge) of some pixels."""
-    mesh, turn = RayMesh(body.shape.vertices_m, body.shape.facets), frames.dcm(q)
+    mesh, turn = ExactMesh(body.shape.vertices_m, body.shape.facets), frames.dcm(q)
     field = Layers([source], body.shape).at(coma.SUN_M / np.linalg.norm(coma.SUN_M))[0].field
     ranges = lambda pixel: mesh.hit(ASIDE_M, pinhole.directions(pixel) @ turn)[1]  # noqa: E731
     y, x = (axis.ravel() for axis in np.mgrid[:pinhole.height_px, :pinhole.width_px])

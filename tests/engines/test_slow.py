@@ -68,7 +68,7 @@ def test_the_first_that_meets_the_budget_draws(renderer):
 
 def test_progress_rises_through_backends_and_poses(monkeypatch):
     """To 1, in steps that a frame's poses share, whether its exposure is given, metered, or its poses are."""
-    monkeypatch.setattr("glrender.renderer.misses_budget", lambda plan: True)
+    monkeypatch.setattr("glrender.renderer.misses_tolerance", lambda plan: True)
     model = CameraModel(optics=Optics(aperture_diameter_m=0.01), exposure_s=0.1,
                         detector=Detector(quantum_efficiency=0.5, full_well_electrons=1e6, bit_depth=12,
                                           gain_DN_per_electron=4e-3))

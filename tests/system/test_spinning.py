@@ -68,7 +68,7 @@ def test_no_thread_works_on_after_large_shapes():
     camera = views.camera(64, 500.0)
     scene = views.scene([body], [camera], sun_disc=False)
     rays = RayEngine(scene)
-    tables = FacetTables(body, np.zeros(len(body.shape.facets), bool), rays.solid("body"))
+    tables = FacetTables(body, rays.solid("body"))
     facets = np.concatenate([tables.normal, tables.corner_m(slice(None)).mean(axis=0)]).T
     tables.horizons = CentroidHorizons(facets=facets.astype(np.float32, order="C"),
                                        heights=np.zeros((tables.n_facets, 16), np.uint8))

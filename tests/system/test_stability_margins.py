@@ -18,7 +18,7 @@ from glrender import Body, ConfigError, Pose, Renderer, Shape, State, frames, ge
 from glrender.base.constants import AU_M
 from glrender.emission.layers import Layers
 from glrender.engines.rays.backend import RayTracer
-from glrender.engines.rays.laser_ranges import first_hits
+from glrender.engines.rays.exact_rays import ExactMesh
 from glrender.engines.rays.mesh import RayMesh
 from glrender.ranging import laser_ranges
 from glrender.scene.shape.convex_hull import Hull
@@ -223,7 +223,7 @@ def test_a_laser_does_not_slip_between_facets(solid, range_m, rng):
         targets = np.concatenate([corner.reshape(-1, 3), *(
             share * corner[:, k] + (1.0 - share) * corner[:, (k + 1) % 3] for k in range(3))])
         expected = np.linalg.norm(targets, axis=1)
-        distance, _ = first_hits(seen, facets, targets / expected[:, None])
+        _, distance = ExactMesh(seen, facets).hit(np.zeros(3), targets / expected[:, None])
         # Of the place of the camera, over the least cosine.
         np.testing.assert_allclose(distance, expected, rtol=0.0, atol=1e-13 + 400.0 * np.finfo(float).eps * range_m)
 

@@ -10,7 +10,7 @@ import numpy as np
 from glrender_camera.validate import positive, vector, within
 
 from ...base.errors import ConfigError
-from ...scene.shape.ray_triangle import intersect
+from ...engines.rays.exact_rays import exact_mesh
 from ...scene.shape.shape import Shape
 from .activity import Activity
 from .source import EVERYWHERE
@@ -121,9 +121,9 @@ def surface_point(shape: Shape, direction: np.ndarray) -> tuple[np.ndarray, np.n
     ConfigError
         Nothing is there.
     """
-    distance = intersect(shape.vertices_m[shape.facets], direction[None])[0]
-    hit = np.isfinite(distance)
-    if not hit.any():
+    # From outside, so that the first place is the outermost.
+    start_m = 2.0 * float(np.linalg.norm(shape.vertices_m, axis=1).max())
+    (facet,), (distance_m,) = exact_mesh(shape).hit(start_m * direction, -direction[None])
+    if not distance_m < start_m:
         raise ConfigError("longitude_deg", "no surface in this direction from the body's origin", direction.tolist())
-    facet = int(np.argmax(np.where(hit, distance, -np.inf)))
-    return distance[facet] * direction, shape.facet_normals[facet]
+    return (start_m - distance_m) * direction, shape.facet_normals[facet]

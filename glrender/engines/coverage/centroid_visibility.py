@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from glrender_camera import PinholeCamera
 
+from ...planner.error_model import FLUX_SHARE
 from ...view.view import BodyView, between
 from ..rays.engine import RayEngine
 from . import accumulate, facet_loops
@@ -21,8 +22,6 @@ from .sub_triangles import FacetParts, projected
 
 # Bisections by which the edges of other bodies are found within facets.
 _BISECTIONS = 3
-# Squared side of facets, times their number, over the squared diameter of the body.
-_FACETS_SQUARED = 1.2
 # Area of a facet over the squared radius of another body that may stand before it, from which its edge is looked for
 # anyway, and least [px2]; largest part that is clipped [px2]; most divisions.
 _LARGE = 0.06
@@ -35,8 +34,6 @@ _BOUNDARY_ERROR = 0.42
 _ALIKE = 0.6
 # Error of several bodies over that [1]: pairs of 1 to 4 px (tests/planner/test_small_bodies.py).
 _SEVERAL = 1.5
-# Error tolerance for pixels over that for the flux [1]: design.md.
-_FLUX = 10.0
 # One facet of so many tells of boundaries: an odd number, as divided shapes come in fours.
 _SAMPLED = 3
 
@@ -49,7 +46,7 @@ def centroid_error(boundaries: Sequence[np.ndarray]) -> float:
     # Errors of small facets next to each other are alike.
     pixels = _BOUNDARY_ERROR * math.sqrt(squared * min(of_area / squared, 1.0) ** _ALIKE * area) / light
     # One facet in a few was asked: all of them have as many times the light, and the root of it as error of the flux.
-    flux = _FLUX * _BOUNDARY_ERROR * math.sqrt(of_area / _SAMPLED) / light
+    flux = _BOUNDARY_ERROR * math.sqrt(of_area / _SAMPLED) / (FLUX_SHARE * light)
     return max(pixels * (1.0 if len(boundaries) == 1 else _SEVERAL), flux)
 
 
@@ -150,14 +147,8 @@ class CentroidVisibility:
         per_px : (2,) float64 [1/px]
         """
         facets = self._facets
-        # Large facets share lines; small ones are soon shared among the few cells that they have.
-        size_px = 2.0 * facets.solid.radius_m * self._camera.focal_length_px / self._view.range_m
-        if size_px * math.sqrt(_FACETS_SQUARED * per_px.prod() / facets.n_facets) < 1.0:
-            accumulate.in_two_images(changes, facets.n_facets, lambda image, *turn: accumulate.add_small(
-                image, self._xy, facets.corners, self._radiance, *turn, origin_px, per_px))
-        else:
-            accumulate.in_two_images(changes, facets.n_facets, lambda image, *turn: accumulate.add_lit(
-                image, self._xy, facets.corners, facets.neighbours, self._radiance, *turn, origin_px, per_px))
+        accumulate.in_two_images(changes, facets.n_facets, lambda image, *turn: accumulate.add_facets(
+            image, self._xy, facets.corners, facets.neighbours, self._radiance, *turn, origin_px, per_px))
         points_xy = projected(self._points_m, self._view, self._camera)
         for corner, radiance in self._polygons:
             accumulate.add_polygons(changes, points_xy, corner, radiance + 1j, origin_px, per_px)

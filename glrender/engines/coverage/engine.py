@@ -13,9 +13,9 @@ import cv2
 import numpy as np
 from glrender_camera import PinholeCamera, threads
 
-from ...planner.error_model import crescent_gain
+from ...planner.error_model import FLUX_SHARE, crescent_gain
 from ...scene.scene import Scene
-from ...scene.shape.shape import Shape, longest_sides_m
+from ...scene.shape.shape import Shape
 from ...scene.surface import Surface
 from ...view.sun_disc import PENUMBRA_SHARE, fewest_points, lit_from, on_disc
 from ...view.view import BodyView
@@ -28,8 +28,6 @@ from .facet_tables import FacetTables
 from .sub_triangles import projected
 from .visible_sunlit import SunlitAreas
 
-# Error tolerance for pixels over that for the flux [1]: design.md.
-_FLUX = 10.0
 # Share of a cell covered twice from which it counts; and the part of the excess that is taken off a closed surface that
 # is alone: as much is missing where its facets are clipped too small (tests/engines/coverage/test_coverage_engine.py).
 _OVERLAP = 1e-3
@@ -40,8 +38,6 @@ _ROWS = 64
 _FINE = 0.15
 # Of the squared tolerance [1], what is left for facets that turn out to overlap.
 _AIM = 0.9
-# Longest side of a facet over the scene's smallest, from which it is large.
-_COARSE = 2.0
 # Least error [1] that is estimated: a facet's radiance at its centroid for all of it, and rays in float32.
 _LEAST = 5e-4
 
@@ -58,12 +54,9 @@ class CoverageEngine:
 
     def __init__(self, scene: Scene, rays: RayEngine):
         self._scene, self._rays, self._brdf_tables = scene, rays, BrdfTables()
-        sides_m = {body.name: longest_sides_m(body.drawn_shape.vertices_m, body.shape.facets)
-                   for body in scene.bodies}
-        smallest_m = min(each[each > 0.0].min() for each in sides_m.values())
         # Facets of several bodies, of shells and of surfaces that are there twice overlap with nothing missing for it.
         self._is_one_surface = len(scene.bodies) == 1 and _is_one_surface(scene.bodies[0].shape)
-        self._facets = {body.name: FacetTables(body, sides_m[body.name] > _COARSE * smallest_m, rays.solid(body.name))
+        self._facets = {body.name: FacetTables(body, rays.solid(body.name))
                         for body in scene.bodies if Surface(body).is_even}
 
     def close(self) -> None:
@@ -149,9 +142,9 @@ class CoverageEngine:
             least = -view.sun_radius_rad if self._scene.sun_disc else 0.0
             faces = (dot(facets.normal, sun) > least) & (
                 dot(facets.normal, view.r_camera_body_m[:, None]) > facets.offset_m)
-            shown = np.where(faces, 1.0 + 1.0j, 0.0j)
             accumulate.add_facets(changes, projected(facets.vertices_m, view, camera), facets.corners,
-                                  facets.neighbours, np.flatnonzero(faces), shown, cells.corner, cells.per_px)
+                                  facets.neighbours, faces.astype(float), 0, facets.n_facets, facets.n_facets,
+                                  cells.corner, cells.per_px)
         found, cover = np.empty((2, *grid[::-1]))
         largest = accumulate.means(changes, 0, len(found), found, cover)
         # A cell beside one that is touched may have what rounding, or another sample's place, leaves of it.
@@ -172,20 +165,20 @@ class CoverageEngine:
         if not light > 0.0:
             # Light between corners that are all dark is for rays to find.
             return dark, math.inf if any(body.has_facing for body in bodies) else 0.0, 0.0
-        # Of the root of a sum of squares: RMS over the lit pixels over their mean, or ten times the flux.
+        # Of the root of a sum of squares: RMS over the lit pixels over their mean, or the flux over its share.
         crescents = crescent_gain(max(view.phase_rad for view in members))
-        per_root = crescents * max(math.sqrt(n_px), _FLUX) / light
+        per_root = crescents * max(math.sqrt(n_px), 1.0 / FLUX_SHARE) / light
         most = max(tolerance**2 - _LEAST**2, _LEAST**2) / per_root**2
+        flux_weight = (FLUX_SHARE * per_root * light) ** -2
         penumbras = penumbra = 0.0
         if has_disc:
             low = [body.low_sun() for body in bodies]
             # By pixels alone: penumbras take no flux, a low Sun does.
-            penumbras = sum(body.penumbra() for body in bodies) * min(n_px / _FLUX**2, 1.0) + max(
-                sum(squared for squared, _ in low), (_FLUX / per_root / light * sum(missed for _, missed in low)) ** 2)
+            penumbras = sum(body.penumbra() for body in bodies) * min(n_px * FLUX_SHARE**2, 1.0) + max(
+                sum(squared for squared, _ in low), flux_weight * sum(missed for _, missed in low) ** 2)
             penumbra = per_root * math.sqrt(penumbras)
         if penumbra > PENUMBRA_SHARE * tolerance:
             return dark, math.inf, penumbra
-        flux_weight = (_FLUX / (per_root * light)) ** 2
         squared = penumbras + sum(body.refine(_AIM * (most - penumbras) / len(bodies), flux_weight) for body in bodies)
         if math.isinf(squared):
             return dark, math.inf, penumbra

@@ -7,14 +7,13 @@ import math
 import numpy as np
 from numba.types import Tuple, float32, float64, int32, intp, void
 
-from ...base.numba_loops import compiled, read, write
+from ...base.numba_loops import NUMBERS, POINTS, TABLE, VECTOR, compiled, read, write
 
-_TABLE, _CORNERS, _NUMBERS = read(float64, 2), read(intp, 2), read(intp, 1)
-_VECTOR, _POINTS = read(float64, 1, "A"), read(float64, 2, "A")
+_CORNERS = read(intp, 2)
 
 
 @compiled(Tuple((write(intp, 1), write(float64, 1), write(float64, 1), float64))(
-    _TABLE, read(float64, 1), intp, intp, _VECTOR, float64, _VECTOR, _TABLE, _CORNERS, _VECTOR))
+    TABLE, read(float64, 1), intp, intp, VECTOR, float64, VECTOR, TABLE, _CORNERS, VECTOR))
 def facing(normal, offset_m, first, last, to_sun, sun_radius, r_camera_m, xy, corners, bounds):
     """Facets (N,) out of first to last that face Sun and camera and are shown.
 
@@ -42,8 +41,8 @@ def facing(normal, offset_m, first, last, to_sun, sun_radius, r_camera_m, xy, co
     return found[:n].copy(), cosines[:n].copy(), shown[:n].copy(), set_area
 
 
-@compiled(write(float64, 1)(read(float32, 2), read(float64, 1), read(int32, 2), _CORNERS, _TABLE, intp, _VECTOR,
-                            _VECTOR))
+@compiled(write(float64, 1)(read(float32, 2), read(float64, 1), read(int32, 2), _CORNERS, TABLE, intp, VECTOR,
+                            VECTOR))
 def lit_edges(facets, radiance, neighbours, corners, xy, every, to_sun, r_camera_m):
     """Of one in `every` so many facets, all lit or all dark by their radiance (F,), what may be wrong.
 
@@ -73,7 +72,7 @@ def lit_edges(facets, radiance, neighbours, corners, xy, every, to_sun, r_camera
     return found
 
 
-@compiled(write(intp, 1)(read(float32, 2), read(float64, 1), _VECTOR, _VECTOR, _POINTS, read(float64, 1)))
+@compiled(write(intp, 1)(read(float32, 2), read(float64, 1), VECTOR, VECTOR, POINTS, read(float64, 1)))
 def may_be_hidden(facets, radiance, to_sun, r_camera_m, places_m, radii_m):
     """Of facets with radiance (F,), those (N,) whose centroids have one of some spheres towards camera or Sun.
 
@@ -99,7 +98,7 @@ def may_be_hidden(facets, radiance, to_sun, r_camera_m, places_m, radii_m):
     return found[:n].copy()
 
 
-@compiled(Tuple((write(intp, 1), write(intp, 1), write(intp, 2)))(_CORNERS, _NUMBERS, intp))
+@compiled(Tuple((write(intp, 1), write(intp, 1), write(intp, 2)))(_CORNERS, NUMBERS, intp))
 def vertices_of(corners, facets, n_vertices):
     """Vertices (M,) of facets (N,), one facet (M,) of each, and which of them (3, N) the facets' corners are."""
     number = np.full(n_vertices, -1, np.intp)
@@ -116,7 +115,7 @@ def vertices_of(corners, facets, n_vertices):
     return vertices[:n].copy(), of[:n].copy(), places
 
 
-@compiled(Tuple((write(intp, 2), write(intp, 1), write(intp, 1)))(_NUMBERS, _NUMBERS))
+@compiled(Tuple((write(intp, 2), write(intp, 1), write(intp, 1)))(NUMBERS, NUMBERS))
 def distinct_pairs(ones, others):
     """Of pairs of numbers (N,), in either order, those that are distinct.
 
@@ -147,7 +146,7 @@ def distinct_pairs(ones, others):
     return pairs[:, :n].copy(), first[:n].copy(), number
 
 
-@compiled(void(_POINTS, intp, intp, _POINTS, _VECTOR, float64, _VECTOR, write(float64, 2)))
+@compiled(void(POINTS, intp, intp, POINTS, VECTOR, float64, VECTOR, write(float64, 2)))
 def project(r_body_m, first, last, camera_from_body, r_camera_m, focal_length_px, principal_point_px, places):
     """Write places (2, N) [px] of points first to last of some (3, N) [m]."""
     turn = camera_from_body
@@ -159,7 +158,7 @@ def project(r_body_m, first, last, camera_from_body, r_camera_m, focal_length_px
                 turn[axis, 0] * a + turn[axis, 1] * b + turn[axis, 2] * c)
 
 
-@compiled(write(float64, 1)(_TABLE, _CORNERS, _NUMBERS))
+@compiled(write(float64, 1)(TABLE, _CORNERS, NUMBERS))
 def areas(xy, corners, facets):
     """Areas (N,) in the image of facets (N,) whose vertices are at places (2, V)."""
     found = np.empty(len(facets))
@@ -170,7 +169,7 @@ def areas(xy, corners, facets):
     return found
 
 
-@compiled(write(float64, 2)(_TABLE, _CORNERS, _NUMBERS, _VECTOR))
+@compiled(write(float64, 2)(TABLE, _CORNERS, NUMBERS, VECTOR))
 def to_camera(vertices_m, corners, facets, r_camera_m):
     """Unit vectors (3, N) from the centroids of facets (N,)."""
     found = np.empty((3, len(facets)))

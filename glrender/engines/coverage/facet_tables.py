@@ -26,9 +26,6 @@ class FacetTables:
     Parameters
     ----------
     body : Body
-    is_coarse : (F,) bool
-        Of the shape's facets: whether one is far larger than the smallest of the scene, so that there are things that
-        it does not know of.
     solid : RayMesh
         Of the same facets.
 
@@ -40,13 +37,8 @@ class FacetTables:
     n_facets : int
     longest_side_m : float [m]
         Of any facet.
-    is_coarse : (F,) bool
     solid : RayMesh
-        As they were given.
-    is_closed : bool
-        Every edge has two facets, or is taken to have.
-    open_share : float [1]
-        Of the facets' edges, those that have one facet.
+        As it was given.
     is_convex : bool
         Without a dip: the hull's word is good to a thousandth of its volume.
     horizons : CentroidHorizons or None
@@ -64,7 +56,7 @@ class FacetTables:
         Whether the facet across an edge rises above the plane of this one.
     """
 
-    def __init__(self, body: Body, is_coarse: np.ndarray, solid: RayMesh):
+    def __init__(self, body: Body, solid: RayMesh):
         shape = body.drawn_shape
         self.surface = Surface(body)
         self.n_facets = len(shape.facets)
@@ -75,7 +67,7 @@ class FacetTables:
             np.ascontiguousarray(shape.facets.T, np.intp), self.number, len(shape.vertices_m))
         self.vertices_m = np.ascontiguousarray(shape.vertices_m[self.vertex_number].T)
         self.normal = np.ascontiguousarray(shape.facet_normals[self.number].T)
-        self.is_coarse, self.solid = is_coarse[self.number], solid
+        self.solid = solid
         self.offset_m = dot(self.normal, self.vertices_m.take(self.corners[0], axis=1))
         # Now: a first frame that had to wait for them would be late.
         self.neighbours = neighbours(self.corners)
@@ -83,10 +75,8 @@ class FacetTables:
         height_m = np.stack([np.where(across < 0, 0.0, dot(self.normal, middle_m.take(across, axis=1)) - self.offset_m)
                              for across in self.neighbours])
         self.rises = height_m > 0.0
-        self.open_share = float((self.neighbours < 0).mean())
-        self.is_closed = not self.open_share
         is_flat = float(height_m.max()) <= _FLAT * body.hull.radius_m
-        self.is_convex = self.is_closed and body.hull.is_convex and is_flat
+        self.is_convex = bool((self.neighbours >= 0).all()) and body.hull.is_convex and is_flat
         self.horizons = None
         if self.n_facets >= FEWEST_CENTROIDS:
             self.horizons = CentroidHorizons.of(middle_m, self.normal, solid)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numba.types import boolean, float32, float64, intp, uint8
 
-from ...base.numba_loops import compiled, inlined, read, write
+from ...base.numba_loops import POINTS, VECTOR, compiled, inlined, read, write
 
 N_AZIMUTHS = 16
 # Height that is not known, of 255 steps of its sine.
@@ -17,8 +17,6 @@ _LAST = N_AZIMUTHS - 1
 _NEAR = 3.0
 # Sine of the phase angle below which a place around does not matter.
 _LEAST_SINE = 1e-4
-_VECTOR = read(float64, 1, "A")
-_POINTS, _TABLES = read(float64, 2, "A"), read(float64, 3)
 
 
 @inlined
@@ -42,7 +40,7 @@ def _azimuth(s, t):
     return (ahead if s >= 0.0 else 2.0 - part) * (N_AZIMUTHS / 4)
 
 
-@compiled(write(float64, 2)(_POINTS))
+@compiled(write(float64, 2)(POINTS))
 def axes_across(normals):
     """The axes (6, N) across normals (3, N) from which azimuths count: two unit vectors."""
     found = np.empty((6, normals.shape[1]))
@@ -126,7 +124,7 @@ def _radiance(incidence, emission, squared, brdf, least_root, per_root):
         min(math.sqrt(emission * emission + aside * aside), 1.0) * (brdf.shape[2] - 1))
 
 
-@compiled(intp(read(float32, 2), read(uint8, 2), intp, intp, _VECTOR, _VECTOR, _TABLES, float64, float64,
+@compiled(intp(read(float32, 2), read(uint8, 2), intp, intp, VECTOR, VECTOR, read(float64, 3), float64, float64,
                write(float64, 1), write(intp, 1), write(boolean, 2)))
 def shade_centroids(facets, heights, first, last, to_sun, r_camera_m, brdf, least_root, per_root, found, asked,
                     is_asked):

@@ -1,8 +1,7 @@
-"""What both the camera and the Sun see of a body: its facets, cut where that ends.
+"""This module finds the visible, sunlit part of a body's facets, and estimates the error of what it finds.
 
-Rays tell it of the facets' corners. Between corners that differ runs the edge of a shadow, or of what hides the rest:
-nearly straight within a small triangle, so that such facets are divided where it matters and then cut where bisection
-finds it.
+Rays decide at the facets' corners. Between corners that differ runs the edge of a shadow, or of what hides the rest,
+which is nearly straight within a small triangle: such facets are divided where the error asks for it, then clipped.
 """
 
 from __future__ import annotations
@@ -20,66 +19,45 @@ from .boundary_clip import LOW_SUN_RAD, FacetCutter
 from .facet_tables import FacetTables
 from .sub_triangles import FacetParts, projected
 
-# Fitted to 35 low-poly and 12 finer shapes at 20 to 160 deg beside rays (test_coverage_engine.py,
-# benchmarks/heldout.py), all dimensionless unless they say otherwise.
-# Squared error of a facet clipped by 1, 2, 3 bisections, over its squared light in a pixel.
-_CUT_ERRORS = (0.066, 0.0205, 0.018)
-# Share of a pixel that a crowd of facets far smaller than one errs as: they err together.
-_CROWD = 0.2
-# Share of their light that clipped facets are too dark by, after 1, 2, 3 bisections at 60 deg.
-_CUT_BIASES = (0.015, 0.003, 0.0)
-# Share of the squared light of the largest facet that another body may take between its corners unseen.
-_OF_LARGEST = 0.1
-# Safety factor of the estimate: with many clipped facets; times the root of their number, of few; at most.
-_SPREAD = 0.5
-_SPREAD_OF_FEW = 7.0
-_MOST_SPREAD = 3.0
-# The same for a low Sun: more by this, from a phase angle [rad] on, over so many radians.
-_LOW_SPREAD = 0.5
-_LOW_SPREAD_RAD = 2.0
-_OVER_RAD = 0.52
-# Clipped facets from which subdivision finds what passes between corners: the factor then, and bisections.
-_MANY_CUTS = 1000.0
-_SPREAD_OF_MANY = 0.4
-_BISECTIONS_OF_MANY = 2
-# Factor of open shapes over the share of open edges, and at most: sheets and blades are thin, terrain is not.
-_OPEN_SPREAD = 10.0
-_MOST_OPEN = 1.0
-# Squared error of boundaries that pass between corners that agree, over that of clipped facets: before subdivision, and
-# what is left after it.
+# Errors are estimated from the light of triangles that are clipped: 35 low-poly and 12 finer shapes at 20 to 160 deg
+# beside rays (test_coverage_engine.py, benchmarks/heldout.py).
+_BISECTIONS = 2
+# Squared error of a clipped triangle over its squared light [1].
+_CLIPPED_ERROR = 0.0205
+# Share [1] of their light that clipped triangles are too dark by, at 60 deg.
+_CLIPPED_BIAS = 0.003
+# Safety factor [1] of the estimate: of many clipped triangles, what it has more over the root of their number, at most.
+_SAFETY = 0.5
+_SAFETY_OF_FEW = 8.0
+_MOST_SAFETY = 3.0
+# Squared error of boundaries that pass between corners that agree, over squared light of clipped triangles [1]: before
+# adaptive subdivision, and what is left after it.
 _MISSED = 0.0065
 _STILL_MISSED = 1.8e-4
-# What may be missed after a subdivision: over what it found, over what the one before found, over itself each time, and
-# of whole facets.
-_OF_FOUND = 0.6
-_OF_EARLIER = 0.4
-_OF_LOOK = 0.5
-_WHOLE_ERROR = 0.1
-# Squared light of a facet over the squared tolerance of all, from which it is divided first: of large facets with more
-# than a share of all light, of others, and of all that may have light between dark corners.
+# What a subdivision may miss over what it found, both squared [1].
+_MISSED_OF_FOUND = 0.036
+# Share of the squared light of the brightest facet that another body may take between its corners unseen [1].
+_MISSED_BEHIND = 0.1
+# Squared light of a facet over the squared tolerance from which it is divided first [1]: of few facets, and of many.
 _LARGE = 2.0
-_LARGE_SHARE = 2e-3
-_OTHERS = 60.0
-_TORN = 0.25
-# Share of the error that is left undivided, and of the tolerance that division aims at; most divisions.
+_LARGE_OF_MANY = 20.0
+# The same, summed over all facets that may have light between dark corners.
+_HIDDEN_LIGHT = 0.25
+# Share of the squared tolerance that triangles which are not divided may have [1].
 _UNDIVIDED = 0.25
-_LEAST_LEFT = 0.1
+# Most divisions of a triangle by four, and subdivisions that look for boundaries.
 _MOST_DIVISIONS = 6
-# Facets that are few, and too many to subdivide again; most subdivisions; share of the tolerance that may be missed.
+_MOST_LOOKS = 2
+# Facets that are few, and triangles that are too many to be divided again.
 _FEW = 3000
 _MANY = 120_000
-_MOST_LOOKS = 4
-_ENOUGH = 0.5
-# Mean of max(0, u + t) over the Sun's disc and over u from -1 to 0, in units of the Sun's radius: closed form.
-_MEAN_SET = 0.0625
-# RMS error of a hard edge over that of the ramp in its place: Itokawa at 60 and 120 deg (test_penumbra.py).
+# Mean [1] of max(0, u + t) over the Sun's disc and over u from -1 to 0, in units of the Sun's radius: closed form.
+_MEAN_SET = 1.0 / 16.0
+# RMS error of a hard edge over that of the ramp in its place [1]: Itokawa at 60 and 120 deg (test_penumbra.py).
 _PENUMBRA = 0.65
 # Facets that a thread looks at in a turn, and that it shades.
 _FOUND_AT_ONCE = 1 << 16
 _SHADED_AT_ONCE = 1 << 14
-# Facets from which two threads draw, on an image each: so many, and so many for each cell.
-_TWO_IMAGES = 20_000
-_OF_CELLS = 0.125
 
 
 class SunlitAreas:
@@ -108,41 +86,51 @@ class SunlitAreas:
                                                          view.sun_radius_rad if has_disc else 0.0)
         self._radiance, self._off_axis, self._cos_incidence = np.zeros((3, facets.n_facets))
         self._cos_incidence[facing] = cos_incidence
-        # Parts of large facets that are lit or dark as far as is known.
-        self._even = FacetParts(np.zeros((3, 0), np.intp), np.zeros(0, np.intp), np.zeros(0))
+        # Parts of divided facets whose corners agree.
+        self._uniform = FacetParts(np.zeros((3, 0), np.intp), np.zeros(0, np.intp), np.zeros(0))
         self._is_alone = len(views) == 1
         self._cutter = FacetCutter(facets, view, views, rays, facing)
         self._facing, self._corner = facing, self._cutter.corner
         n_lit, n_seen = (of.take(self._corner).sum(axis=0) for of in (self._cutter.points.is_lit,
                                                                       self._cutter.points.is_seen))
-        # Where the camera sees one end, in shadow, the Sun may see the other, and both what is between: of few facets.
-        self._is_torn = np.zeros(facets.n_facets, bool)
-        self._is_torn[facing[(n_lit == 0) & (n_seen > 0) & (n_seen < 3) & (facets.n_facets < 2 * _FEW)]] = True
-        mixed = np.flatnonzero((n_lit > 0) & (n_lit < 3))
+        # Where the camera sees one end of a facet in shadow, the Sun may see the other, and both what is between.
+        self._may_hide_light = np.zeros(facets.n_facets, bool)
+        self._may_hide_light[facing[(n_lit == 0) & (n_seen > 0) & (n_seen < 3) & (len(facing) <= _FEW)]] = True
+        boundary = np.flatnonzero((n_lit > 0) & (n_lit < 3))
         whole = np.flatnonzero(n_lit == 3)
         self._whole = facing[whole]
         self._shade(facing[n_lit > 0])
-        self._mixed = self._of_facets(mixed)
-        facet = np.concatenate([self._whole, self._mixed.facet])
-        area_px = np.concatenate([self._facet_px(self._whole), self._mixed.area_px * n_lit.take(mixed) / 3.0])
-        area_px *= np.concatenate([shown.take(whole), shown.take(mixed)])
+        self._boundary = self._of_facets(boundary)
+        facet = np.concatenate([self._whole, self._boundary.facet])
+        area_px = np.concatenate([self._facet_px(self._whole), self._boundary.area_px * n_lit.take(boundary) / 3.0])
+        area_px *= np.concatenate([shown.take(whole), shown.take(boundary)])
         self.area_px, self.n_areas, self.has_facing = float(area_px.sum()), len(area_px), bool(
             len(facing) or self._set_px)
         # No product of matrices here: BLAS keeps threads of its own spinning, which takes the time of others' frames.
         self.light = float((area_px * self._radiance[facet]).sum())
-        self._spread = self._spread_of(_n_bringing(self._light_squared(self._mixed)), _SPREAD)
+        self._safety_squared = 1.0
+        self._safety_squared = _safety(self._squared(self._boundary)) ** 2
 
     def refine(self, most_squared: float, flux_weight: float) -> float:
-        """Cut, and look closer and divide before, until the pixels' squared errors are below this, if they can be.
+        """Clip facets, and divide them before, until the estimated squared error of all pixels is small enough.
 
-        A squared error of all light counts as so many times that of pixels. Returns what their sum is then, in units of
-        radiance squared; infinite, and nothing is cut, if too much light is in too few facets.
+        Parameters
+        ----------
+        most_squared : float
+            The largest sum of squared errors, in units of radiance squared times pixels.
+        flux_weight : float
+            Weight of the squared error of the total light in that sum.
+
+        Returns
+        -------
+        float
+            The estimated sum; infinite, and nothing is clipped, if too much light is in too few facets.
         """
         if not self._divide_large(most_squared):
             return math.inf
-        told = self._cut(most_squared, flux_weight)
-        self._cutter.keep_lit(self._even)
-        return told
+        error = self._clip(most_squared, flux_weight)
+        self._cutter.keep_lit(self._uniform)
+        return error
 
     def _find_facing(self, bounds_px: np.ndarray, sun_radius_rad: float) -> tuple[np.ndarray, ...]:
         """Facets (N,) that face camera and Sun, cosines (N,) of incidence, and the share (N,) that is shown, about."""
@@ -154,39 +142,35 @@ class SunlitAreas:
         self._set_px = sum(set_px)
         return tuple(np.concatenate(each) for each in found)
 
-    def _cut(self, most_squared: float, flux_weight: float) -> float:
-        """Clip partially visible facets, with those that subdivision finds."""
-        triangles = self._mixed
-        light = float((self._radiance.take(triangles.facet) * triangles.area_px).sum())
-        light_squared = self._light_squared(triangles)
-        squared = self._spread**2 * float(light_squared.sum())
-        unseen = _MISSED * squared + self._behind_others()
-        for n, (error, bias) in enumerate(zip(_CUT_ERRORS, _CUT_BIASES, strict=True), 1):
-            told = error * squared + unseen + flux_weight * (bias * light) ** 2
-            if told <= most_squared:
-                self._cutter.cut_off(triangles, n)
-                return told
-        n_bisections, n_cuts = len(_CUT_ERRORS), _n_bringing(light_squared)
-        if n_cuts > _MANY_CUTS:
-            n_bisections, self._spread = _BISECTIONS_OF_MANY, self._spread_of(n_cuts, _SPREAD_OF_MANY)
-            squared = self._spread**2 * float(light_squared.sum())
-        cut_error = _CUT_ERRORS[n_bisections - 1]
-        triangles, told = self._closer(triangles, _STILL_MISSED * squared, most_squared)
-        left = []
-        allowed = told if told > most_squared else max(most_squared - told, _LEAST_LEFT * most_squared)
+    def _clip(self, most_squared: float, flux_weight: float) -> float:
+        """Clip triangles that are partly visible and sunlit, divided before as far as the tolerance asks for it."""
+        triangles = self._boundary
+        squared = float(self._squared(triangles).sum())
+        bias = _CLIPPED_BIAS * float((self._radiance.take(triangles.facet) * triangles.area_px).sum())
+        error = (_CLIPPED_ERROR + _MISSED) * squared + self._missed_behind() + flux_weight * bias**2
+        if error > most_squared:
+            triangles, missed = self._look_closer(triangles, _STILL_MISSED * squared, most_squared)
+            triangles, error = self._divide(triangles, missed, most_squared)
+        self._cutter.cut_off(triangles, _BISECTIONS)
+        return error
+
+    def _divide(self, triangles: FacetParts, missed: float, most_squared: float) -> tuple[FacetParts, float]:
+        """Divide triangles until clipping them, with what is missed, errs by no more than a square; and their error."""
+        left, error = [], missed
+        allowed = missed if missed > most_squared else most_squared - missed
         for _ in range(_MOST_DIVISIONS):
-            squared = cut_error * self._squared(triangles)
+            squared = _CLIPPED_ERROR * self._squared(triangles)
             if squared.sum() <= allowed:
                 break
-            order = np.argsort(-squared)
-            n = len(order) - int(np.searchsorted(np.cumsum(squared[order[::-1]]), _UNDIVIDED * allowed))
-            left.append(triangles.at(order[n:]))
-            rest = float(squared[order[n:]].sum())
-            told, allowed = told + rest, allowed - rest
-            triangles = self._cutter.keep_even(self._cutter.quarters(triangles.at(order[:n])))
-        told += cut_error * float(self._squared(triangles).sum())
-        self._cutter.cut_off(FacetParts.joined([*left, triangles]), n_bisections)
-        return told
+            # The dimmest ones stay as they are.
+            order = np.argsort(squared)
+            n_left = int(np.searchsorted(np.cumsum(squared[order]), _UNDIVIDED * allowed))
+            left.append(triangles.at(order[:n_left]))
+            rest = float(squared[order[:n_left]].sum())
+            error, allowed = error + rest, allowed - rest
+            triangles = self._cutter.keep_even(self._cutter.quarters(triangles.at(order[n_left:])))
+        error += _CLIPPED_ERROR * float(self._squared(triangles).sum())
+        return FacetParts.joined([*left, triangles]), error
 
     def penumbra(self) -> float:
         """Squared error of hard edges of shadows in place of penumbras, in units of radiance squared.
@@ -196,18 +180,18 @@ class SunlitAreas:
         pixels' sides cross it: the mean over how they lie, as one that lies along a ramp may cross all of it. To be
         asked for before anything is cut.
         """
-        mixed, view, points = self._mixed, self._view, self._cutter.points
-        is_dark = (points.is_seen & ~points.is_lit).take(mixed.corner)
+        parts, view, points = self._boundary, self._view, self._cutter.points
+        is_dark = (points.is_seen & ~points.is_lit).take(parts.corner)
         chosen = np.flatnonzero(is_dark.any(axis=0))
         corner = np.argmax(is_dark[:, chosen], axis=0)
-        r_body_m, facet = points.r_m.take(mixed.corner[corner, chosen], axis=1), mixed.facet.take(chosen)
+        r_body_m, facet = points.r_m.take(parts.corner[corner, chosen], axis=1), parts.facet.take(chosen)
         range_m = self._rays.shade_ranges(self._facets.solid, r_body_m, self._facets.number.take(facet), view,
                                           self._views)
         depth_m = dot(view.camera_from_body[2], r_body_m - view.r_camera_body_m[:, None])
         angle = 2.0 * view.sun_radius_rad
         wide_px = (np.where(np.isfinite(range_m), range_m.clip(0.0), 0.0) * angle * self._camera.focal_length_px
                    / (depth_m * np.sqrt(np.maximum(self._cos_incidence.take(facet), angle))))
-        squared = (self._radiance.take(facet) ** 2 * np.sqrt(mixed.area_px.take(chosen))
+        squared = (self._radiance.take(facet) ** 2 * np.sqrt(parts.area_px.take(chosen))
                    * wide_px * np.minimum(wide_px, 1.0) ** 2)
         return _PENUMBRA**2 * float(squared.sum()) / 12.0
 
@@ -218,8 +202,8 @@ class SunlitAreas:
         the disc (closed form) in place of u. Those for which it has set are taken to be alike, with the mean over u.
         """
         angle, cosines = self._view.sun_radius_rad, self._cos_incidence
-        facet = np.concatenate([self._whole, self._mixed.facet])
-        area_px = np.concatenate([self._facet_px(self._whole), self._mixed.area_px])
+        facet = np.concatenate([self._whole, self._boundary.facet])
+        area_px = np.concatenate([self._facet_px(self._whole), self._boundary.area_px])
         brdf = self._radiance.take(facet) / np.maximum(cosines.take(facet), 1e-9 * angle)
         set_light = self._set_px * _MEAN_SET * angle * float((brdf * area_px).sum()) / max(self.area_px, 1e-300)
         low = np.flatnonzero(cosines.take(facet) < angle)
@@ -250,58 +234,41 @@ class SunlitAreas:
             radiance = self._radiance.take(facet)
             if off_axis_power:
                 radiance *= self._off_axis.take(facet) ** off_axis_power
-            return radiance + 1j
+            return radiance
 
-        facets, whole = self._facets, self._whole
-        shown = np.zeros(facets.n_facets, complex)
-        shown[whole] = values(whole)
+        facets = self._facets
+        radiance = np.zeros(facets.n_facets)
+        radiance[self._whole] = values(self._whole)
+        accumulate.in_two_images(changes, len(self._whole), lambda image, *turn: accumulate.add_facets(
+            image, self._xy, facets.corners, facets.neighbours, radiance, *turn, origin_px, per_px))
         points_xy = projected(self._cutter.points.r_m, self._view, self._camera)
-        # Two halves always, whatever the number of threads: the same bytes.
-        is_much = len(whole) > max(_TWO_IMAGES, _OF_CELLS * changes.size)
-        halves = [changes, np.zeros_like(changes)] if is_much else [changes]
-
-        def add(half: int) -> None:
-            def part(n: int) -> slice:
-                return slice(n * half // len(halves), n * (half + 1) // len(halves))
-
-            accumulate.add_facets(halves[half], self._xy, facets.corners, facets.neighbours, whole[part(len(whole))],
-                                shown, origin_px, per_px)
-            for corner, facet in self._cutter.polygons:
-                some = part(len(facet))
-                accumulate.add_polygons(halves[half], points_xy, corner[:, some], values(facet[some]), origin_px,
-                                        per_px)
-
-        threads.run(add, range(len(halves)), threads.N_CORES)
-        for other in halves[1:]:
-            changes += other
+        for corner, facet in self._cutter.polygons:
+            accumulate.add_polygons(changes, points_xy, corner, values(facet) + 1j, origin_px, per_px)
 
     def _divide_large(self, most_squared: float) -> bool:
-        """Divide facets that have more light than may be missed, coarse ones sooner: small parts find what is between.
+        """Divide facets that have more light than may be missed, few facets sooner: parts find what is between.
 
         Returns whether none is left.
         """
-        def squared(facet: np.ndarray, area_px: np.ndarray, radiance: np.ndarray | float) -> np.ndarray:
-            is_large = self._facets.is_coarse.take(facet) & (
-                self._facet_px(facet) * radiance > _LARGE_SHARE * self.light)
-            least = np.where(is_large | may_all, _LARGE, _OTHERS)
-            return _pixels_squared(radiance, area_px) / np.where(self._is_torn.take(facet), of_torn, least)
-
         if self._cutter.is_free:
             return True
-        # All that are torn may be lit.
-        of_torn = _TORN / max(int(self._is_torn.sum()), 1)
-        # Another body may be before any of few facets.
-        may_all = not self._is_alone and len(self._facing) < _FEW
+        least = _LARGE if len(self._facing) <= _FEW else _LARGE_OF_MANY
+        of_hidden = _HIDDEN_LIGHT / max(int(self._may_hide_light.sum()), 1)
+
+        def are_large(facet: np.ndarray, area_px: np.ndarray, radiance: np.ndarray | float) -> np.ndarray:
+            most = np.where(self._may_hide_light.take(facet), of_hidden, least) * most_squared
+            return _pixels_squared(radiance, area_px) > most
+
         area_px = self._facet_px(self._facing)
-        large = np.flatnonzero(squared(self._facing, area_px, float(self._radiance.max())) > most_squared)
+        large = np.flatnonzero(are_large(self._facing, area_px, float(self._radiance.max())))
         facet = self._facing[large]
         self._shade(facet)
-        large = large[squared(facet, area_px[large], self._radiance[facet]) > most_squared]
+        large = large[are_large(facet, area_px[large], self._radiance[facet])]
         if not len(large):
             return True
         is_large, parts = np.zeros(self._facets.n_facets, bool), self._of_facets(large)
         is_large[self._facing[large]] = True
-        mixed = self._mixed.at(np.flatnonzero(~is_large.take(self._mixed.facet)))
+        boundary = self._boundary.at(np.flatnonzero(~is_large.take(self._boundary.facet)))
         self._whole = self._whole[~is_large.take(self._whole)]
         self._facing, self._corner = (np.delete(each, large, axis=-1) for each in (self._facing, self._corner))
         small = []
@@ -309,7 +276,7 @@ class SunlitAreas:
             if len(parts.facet) > _MANY:
                 return False
             parts = self._cutter.quarters(parts)
-            is_small = squared(parts.facet, parts.area_px, self._radiance[parts.facet]) <= most_squared
+            is_small = ~are_large(parts.facet, parts.area_px, self._radiance[parts.facet])
             small.append(parts.at(np.flatnonzero(is_small)))
             parts = parts.at(np.flatnonzero(~is_small))
             if not len(parts.facet):
@@ -317,26 +284,25 @@ class SunlitAreas:
         else:
             return False
         small = FacetParts.joined(small)
-        is_mixed = self._cutter.are_mixed(small)
-        self._mixed = FacetParts.joined([mixed, small.at(np.flatnonzero(is_mixed))])
-        self._even = small.at(np.flatnonzero(~is_mixed))
+        is_boundary = self._cutter.are_mixed(small)
+        self._boundary = FacetParts.joined([boundary, small.at(np.flatnonzero(is_boundary))])
+        self._uniform = small.at(np.flatnonzero(~is_boundary))
         return True
 
-    def _closer(self, triangles: FacetParts, told: float, most_squared: float) -> tuple[FacetParts, float]:
-        """Mixed parts of what seemed to be even, with those of others; and what may be missed still, squared."""
-        whole = self._worth_a_look(triangles)
-        large, n_looks = self._even, _MOST_LOOKS
-        if len(whole.facet) + len(large.facet) > _MANY:
-            self._cutter.keep_lit(large)
-            large, n_looks = large.at(np.zeros(0, np.intp)), 1
+    def _look_closer(self, triangles: FacetParts, missed: float, most_squared: float) -> tuple[FacetParts, float]:
+        """Divide facets whose corners agree, for boundaries that pass between corners.
+
+        Returns the boundary triangles, given ones and new ones, and the squared error of what may be missed still.
+        """
+        whole = self._may_have_boundary(triangles)
+        large = self._uniform
+        n_looks = 1 if len(whole.facet) + len(large.facet) > _MANY else _MOST_LOOKS
         even = FacetParts.joined([whole, large])
         was_lit = self._cutter.points.is_lit.take(even.corner[0])
-        # Of each part which of these it is within; and which of them were found to be mixed.
+        # The triangle that each part is within, and the triangles in which a boundary was found.
         parts, within = even, np.arange(len(was_lit))
         is_found = np.zeros(len(was_lit), bool)
-        # What is thin, or another body, may pass between corners at every look.
-        of_look = _OF_LOOK if self._facets.is_closed and self._is_alone else 1.0
-        found, looked, missed = [triangles], 0.0, told
+        found, least = [triangles], missed
         for look in range(n_looks):
             parts, within = self._cutter.quarters(parts), np.tile(within, 4)
             is_new = np.zeros(len(was_lit), bool)
@@ -345,40 +311,39 @@ class SunlitAreas:
             of_new, new = is_new.take(within), even.at(np.flatnonzero(is_new))
             self._shade(new.facet)
             found.append(self._cutter.keep_even(parts.at(np.flatnonzero(of_new))))
-            looked = _OF_EARLIER**2 * looked + _WHOLE_ERROR * float(
+            missed = least + _MISSED_OF_FOUND * self._safety_squared * float(
                 _pixels_squared(self._radiance[new.facet], new.area_px / 4.0**look).sum())
-            missed = of_look ** (2 * look) * (told + (_OF_FOUND * self._spread) ** 2 * looked)
             rest = np.flatnonzero(~of_new)
             parts, within = parts.at(rest), within.take(rest)
-            if len(rest) > (_FEW if missed <= _ENOUGH * most_squared else _MANY):
+            if len(rest) > (_FEW if missed <= most_squared else _MANY):
                 break
         is_cut = np.zeros(self._facets.n_facets, bool)
         is_cut[whole.facet[is_found[:len(whole.facet)]]] = True
         self._whole = self._whole[~is_cut.take(self._whole)]
-        self._even = large.at(np.flatnonzero(~is_found[len(whole.facet):]))
+        self._uniform = large.at(np.flatnonzero(~is_found[len(whole.facet):]))
         return FacetParts.joined(found), missed
 
-    def _behind_others(self) -> float:
+    def _missed_behind(self) -> float:
         """Squared error of what other bodies may hide or shade between corners that agree."""
         if self._is_alone:
             return 0.0
-        facet = np.concatenate([self._whole, self._even.facet])
-        area = np.concatenate([self._facet_px(self._whole), self._even.area_px])
-        return _OF_LARGEST * float(_pixels_squared(self._radiance.take(facet), area).max(initial=0.0))
+        facet = np.concatenate([self._whole, self._uniform.facet])
+        area = np.concatenate([self._facet_px(self._whole), self._uniform.area_px])
+        return _MISSED_BEHIND * float(_pixels_squared(self._radiance.take(facet), area).max(initial=0.0))
 
-    def _worth_a_look(self, triangles: FacetParts) -> FacetParts:
-        """Facets, none of which has any of the mixed triangles, in which light may end all the same.
+    def _may_have_boundary(self, triangles: FacetParts) -> FacetParts:
+        """Facets without boundary triangles in which light may end all the same.
 
-        Those beside mixed ones and below what rises over an edge and faces away; all where they are few or the Sun is
-        low.
+        These are the facets beside boundary ones, and those below a neighbour that rises over an edge and faces away;
+        all facets where they are few or the Sun is low.
         """
         facets, facing = self._facets, self._facing
-        is_mixed = np.zeros(facets.n_facets, bool)
-        is_mixed[triangles.facet] = True
-        chosen = ~is_mixed.take(facing)
+        is_boundary = np.zeros(facets.n_facets, bool)
+        is_boundary[triangles.facet] = True
+        chosen = ~is_boundary.take(facing)
         if self._view.phase_rad < LOW_SUN_RAD and len(facing) > _FEW:
             touched = np.zeros(facets.vertices_m.shape[1], bool)
-            touched[facets.corners[:, is_mixed]] = True
+            touched[facets.corners[:, is_boundary]] = True
             faces = np.zeros(facets.n_facets + 1, bool)
             faces[facing] = True
             below = facets.rises.take(facing, axis=1) & ~faces.take(facets.neighbours.take(facing, axis=1))
@@ -400,21 +365,9 @@ class SunlitAreas:
 
         threads.run_in_parts(work, len(facet), _SHADED_AT_ONCE)
 
-    def _spread_of(self, n_cuts: float, least: float) -> float:
-        """Safety factor of the estimate from so many clipped facets: it falls with their number."""
-        low = min(max((self._view.phase_rad - _LOW_SPREAD_RAD) / _OVER_RAD, 0.0), 1.0)
-        return ((1.0 + _LOW_SPREAD * low) * (1.0 + min(_OPEN_SPREAD * self._facets.open_share, _MOST_OPEN))
-                * min(least + _SPREAD_OF_FEW / math.sqrt(max(n_cuts, 1.0)), _MOST_SPREAD))
-
     def _squared(self, triangles: FacetParts) -> np.ndarray:
-        """Squared errors (N,), over those of cuts, in units of radiance squared."""
-        return self._spread**2 * self._light_squared(triangles)
-
-    def _light_squared(self, triangles: FacetParts) -> np.ndarray:
-        """Squared light (N,) of triangles, of a pixel's share of each: what cuts' errors are in proportion to."""
-        area = triangles.area_px
-        crowd = _CROWD * min(float(area.sum()) / max(self.area_px, 1e-300), 1.0)
-        return self._radiance.take(triangles.facet) ** 2 * area * np.clip(area, crowd, 1.0)
+        """Squared light (N,) of triangles with the safety factor: their errors are in proportion to it."""
+        return self._safety_squared * _pixels_squared(self._radiance.take(triangles.facet), triangles.area_px)
 
     def _of_facets(self, chosen: np.ndarray) -> FacetParts:
         """Whole facets, by their numbers (N,) among those that face camera and Sun."""
@@ -426,9 +379,10 @@ class SunlitAreas:
         return facet_loops.areas(self._xy, self._facets.corners, facet)
 
 
-def _n_bringing(squared: np.ndarray) -> float:
-    """How many of some squared errors (N,), in any unit, bring their sum."""
-    return float(squared.sum()) ** 2 / max(float((squared * squared).sum()), 1e-300)
+def _safety(squared: np.ndarray) -> float:
+    """Safety factor of an estimate from some squared lights (N,): it falls with the number of those that matter."""
+    n_clipped = float(squared.sum()) ** 2 / max(float((squared * squared).sum()), 1e-300)
+    return min(_SAFETY + _SAFETY_OF_FEW / math.sqrt(max(n_clipped, 1.0)), _MOST_SAFETY)
 
 
 def _pixels_squared(radiance: np.ndarray | float, area_px: np.ndarray) -> np.ndarray:

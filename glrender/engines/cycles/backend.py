@@ -91,7 +91,7 @@ class Cycles:
     def render(self, state: State, camera: str | PinholeCamera | None = None, *, max_error: float | None = None,
                products: Iterable[str] = ("irradiance",), samples: int | None = None, seed: int = 0,
                bounces: int | None = None, on_progress: Callable[[float], None] | None = None) -> Image:
-        """Draw one frame until the standard error of its pixels is below the budget.
+        """Draw one frame until the standard error of its pixels is below the tolerance.
 
         Parameters
         ----------
@@ -123,7 +123,7 @@ class Cycles:
         began = time.perf_counter()
         pinhole = self.scene.drawn_camera(camera)
         wanted = checked_products(products)
-        budget = self.scene.max_error if max_error is None else checked_max_error(max_error)
+        tolerance = self.scene.max_error if max_error is None else checked_max_error(max_error)
         samples = None if samples is None else integer("samples", samples, 1, 128)
         seed = integer("seed", seed, 0, 2**20)
         bounces = self._bounces if bounces is None else integer("bounces", bounces, 0, MAX_BOUNCES)
@@ -140,20 +140,20 @@ class Cycles:
             self._shape_ground(members, pinhole)
             draw = partial(self._pixels, asked, lens, solar, bounces)
             rounds = Rounds(draw, seed, _part_of(on_progress, index, len(groups)))
-            error = rounds.fixed(samples**2) if samples is not None else rounds.until(budget)
+            error = rounds.fixed(samples**2) if samples is not None else rounds.until(tolerance)
             most = max(most, rounds.n_samples)
             x0, y0, x1, y1 = lens.roi
             irradiance[y0:y1, x0:x1] = rounds.mean
             reached = max(reached, error)
             warnings += tuple(told for told in warnings_of(main, views, lens, asked) if told not in warnings)
-        if samples is None and reached > budget:
-            warnings += (f"the budget of {budget:g} is not met: {reached:.2g} with {most} samples, and out of reach "
-                         f"with {MAX_SAMPLES}",)
+        if samples is None and reached > tolerance:
+            warnings += (f"the tolerance of {tolerance:g} is not met: {reached:.2g} with {most} samples, and out of "
+                         f"reach with {MAX_SAMPLES}",)
         arrays = {}
         if wanted:
             arrays = traced_products(self._ray_engine(), wanted, pinhole, views, roi)
         left_out = ("light between facets",) if bounces == 0 else ()
-        frame_plan = full_shape_plan(self.scene, pinhole, views, max_error=budget, predicted_error=reached, roi=roi,
+        frame_plan = full_shape_plan(self.scene, pinhole, views, max_error=tolerance, predicted_error=reached, roi=roi,
                                      warnings=warnings, left_out=left_out)
         frame_plan = self._emitted.add(irradiance, state, pinhole, views, frame_plan)
         return Image(irradiance_W_m2=irradiance, products=arrays, plan=frame_plan,

@@ -45,19 +45,19 @@ class Rounds:
             return 0.0
         return self._round(n_samples // 2, n_samples - n_samples // 2, 0.0, 1.0)
 
-    def until(self, budget: float) -> float:
-        """Draw until the error is below the budget, or known to stay above it by MAX_SAMPLES; the error."""
+    def until(self, tolerance: float) -> float:
+        """Draw until the error is below the tolerance, or known to stay above it by MAX_SAMPLES; the error."""
         n, done = _FIRST_SAMPLES, 0.0
         while True:
             # Of all the work, at the pace of n^-1/2, were this round the last.
             error = self._round(n // 2, n // 2, done, 0.5 * (1.0 + done))
-            # A budget out of reach is not paid for: the samples that it needs go with the error's square.
-            is_hopeless = self.n_samples * (error / budget) ** 2 > _HOPELESS * MAX_SAMPLES
-            if error <= budget or is_hopeless or self.n_samples >= MAX_SAMPLES:
+            # A tolerance out of reach is not paid for: the samples that it needs go with the error's square.
+            is_hopeless = self.n_samples * (error / tolerance) ** 2 > _HOPELESS * MAX_SAMPLES
+            if error <= tolerance or is_hopeless or self.n_samples >= MAX_SAMPLES:
                 self._report(1.0)
                 return error
-            done = min((budget / error) ** 2, 0.95)
-            more = self.n_samples * ((error / budget) ** 2 - 1.0)
+            done = min((tolerance / error) ** 2, 0.95)
+            more = self.n_samples * ((error / tolerance) ** 2 - 1.0)
             n = int(min(max(more, 8.0), _GROWTH * self.n_samples, MAX_SAMPLES - self.n_samples)) // 2 * 2
             if n < 2:
                 return error

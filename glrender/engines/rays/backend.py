@@ -67,7 +67,7 @@ class RayTracer:
     def render(self, state: State, camera: str | PinholeCamera | None = None, *, max_error: float | None = None,
                products: Iterable[str] = ("irradiance",), samples: int | None = None, seed: int = 0,
                on_progress: Callable[[float], None] | None = None) -> Image:
-        """Draw one frame until the standard error of its pixels is below the budget.
+        """Draw one frame until the standard error of its pixels is below the tolerance.
 
         Parameters
         ----------
@@ -91,7 +91,7 @@ class RayTracer:
         began = time.perf_counter()
         pinhole = self.scene.drawn_camera(camera)
         wanted = checked_products(products)
-        budget = self.scene.max_error if max_error is None else checked_max_error(max_error)
+        tolerance = self.scene.max_error if max_error is None else checked_max_error(max_error)
         if samples is not None:
             samples = integer("samples", samples, 1, 256)
         views = view_bodies(state, pinhole, self.scene.hulls)
@@ -107,20 +107,20 @@ class RayTracer:
             mean = sum((shoot(pixel + place, draw) for draw, place in enumerate(places)), np.zeros(len(pixel)))
             mean, reached = mean / samples**2, 0.0
         else:
-            mean, reached = _adapt(shoot, pixel, (y1 - y0, x1 - x0), budget, np.random.default_rng(seed),
+            mean, reached = _adapt(shoot, pixel, (y1 - y0, x1 - x0), tolerance, np.random.default_rng(seed),
                                    on_progress or (lambda share: None))
         irradiance[y, x] = mean
         irradiance = irradiance.astype(np.float32)
         arrays = traced_products(self._engine, wanted, pinhole, views, roi)
-        frame_plan = full_shape_plan(self.scene, pinhole, views, max_error=budget, predicted_error=reached, roi=roi)
+        frame_plan = full_shape_plan(self.scene, pinhole, views, max_error=tolerance, predicted_error=reached, roi=roi)
         frame_plan = self._emitted.add(irradiance, state, pinhole, views, frame_plan)
         return Image(irradiance_W_m2=irradiance, products=arrays, plan=frame_plan,
                      request=(self.scene, state, pinhole), timings_ms={"trace": 1e3 * (time.perf_counter() - began)})
 
 
-def _adapt(shoot, pixel: np.ndarray, shape: tuple[int, int], budget: float,
+def _adapt(shoot, pixel: np.ndarray, shape: tuple[int, int], tolerance: float,
            rng: np.random.Generator, report: Callable[[float], None]) -> tuple[np.ndarray, float]:
-    """Mean of each pixel, sampled until the frame's standard error meets the budget, and that error.
+    """Mean of each pixel, sampled until the frame's standard error meets the tolerance, and that error.
 
     Each round puts one jittered sample into each cell of a pixel; the scatter of the rounds'
     means is the pixel's variance. Pixels that scatter less than their share stop early.
@@ -152,11 +152,11 @@ def _adapt(shoot, pixel: np.ndarray, shape: tuple[int, int], budget: float,
             return mean, 0.0
         level = mean[lit].mean()
         reached = float(np.sqrt(variance[lit].mean()) / level)
-        told = max(told, min((budget / max(reached, 1e-30)) ** 2, 1.0), count / _MAX_ROUNDS)
+        told = max(told, min((tolerance / max(reached, 1e-30)) ** 2, 1.0), count / _MAX_ROUNDS)
         report(told)
-        if reached <= budget:
+        if reached <= tolerance:
             break
-        active = np.flatnonzero(variance > (0.5 * budget * level) ** 2)
+        active = np.flatnonzero(variance > (0.5 * tolerance * level) ** 2)
     return mean, reached
 
 

@@ -10,16 +10,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba.types import Tuple, UniTuple, boolean, float64, intp, void
+from numba.types import Tuple, boolean, float64, intp, void
 
-from ...base.numba_loops import compiled, inlined, read, write
+from ...base.numba_loops import PLACE, POINTS, TABLE, compiled, inlined, read, write
 
 # Deeper than any tree: of 2^60 facets.
 _DEPTH = 64
-# A box is met a little beyond its sides: three roundings of float64, of distances of both ends.
-_ROUNDED = 1.0 + 4e-15
-_POINTS, _BOXES, _CORNERS = read(float64, 2, "A"), read(float64, 2), read(float64, 2)
-_PLACE = UniTuple(float64, 3)
+# Share [1] of the distance of the farthest corner by which a ray may pass beside a box or an edge and meets it still:
+# four roundings of float64, of places and unit vectors. A ray that is aimed at a corner meets it.
+_ROUNDING = 4.0 * 2.0**-52
 
 
 @inlined
@@ -39,26 +38,39 @@ def _towards(corners, i, first, place, axis):
 
 
 @inlined
+def _lowest(a, b, c):
+    return min(a, min(b, c))
+
+
+@inlined
+def _highest(a, b, c):
+    return max(a, max(b, c))
+
+
+@inlined
 def _distance(corners, i, place, ray, right, down):
-    """From a place along a ray to facet i of some (F, 9); infinite beside it."""
+    """Distance from a place along a ray to facet i of some (F, 9); infinite beside it."""
     ax, bx, cx = (_towards(corners, i, 0, place, right), _towards(corners, i, 3, place, right),
                   _towards(corners, i, 6, place, right))
     ay, by, cy = (_towards(corners, i, 0, place, down), _towards(corners, i, 3, place, down),
                   _towards(corners, i, 6, place, down))
     u, v, w = bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx
-    found = math.inf
-    if (u >= 0.0 and v >= 0.0 and w >= 0.0) or (u <= 0.0 and v <= 0.0 and w <= 0.0):
-        area = u + v + w
-        if area != 0.0:
-            az, bz, cz = (_towards(corners, i, 0, place, ray), _towards(corners, i, 3, place, ray),
-                          _towards(corners, i, 6, place, ray))
-            found = az + (v * (bz - az) + w * (cz - az)) / area
-            # Of one seen edge-on the quotient is noise: it is between its corners all the same.
-            found = min(max(found, min(az, min(bz, cz))), max(az, max(bz, cz)))
+    area, found = u + v + w, math.inf
+    least = _lowest(u, v, w) if area > 0.0 else -_highest(u, v, w)
+    low_x, high_x, low_y, high_y = _lowest(ax, bx, cx), _highest(ax, bx, cx), _lowest(ay, by, cy), _highest(ay, by, cy)
+    az, bz, cz = (_towards(corners, i, 0, place, ray), _towards(corners, i, 3, place, ray),
+                  _towards(corners, i, 6, place, ray))
+    low_z, high_z = _lowest(az, bz, cz), _highest(az, bz, cz)
+    far = _ROUNDING * max(max(high_x, -low_x), max(max(high_y, -low_y), max(high_z, -low_z)))
+    # A side is no longer than the box across the ray; nor is what is beside the box on a side.
+    if (least >= -far * (high_x - low_x + high_y - low_y) and low_x <= far and high_x >= -far and low_y <= far
+            and high_y >= -far):
+        # Of a facet that is seen edge-on the quotient is noise: the place is between its corners all the same.
+        found = min(max(az + (v * (bz - az) + w * (cz - az)) / area, low_z), high_z)
     return found
 
 
-@compiled(Tuple((intp, float64))(_BOXES, _CORNERS, intp, _PLACE, _PLACE, float64, boolean, write(intp, 1)))
+@compiled(Tuple((intp, float64))(TABLE, TABLE, intp, PLACE, PLACE, float64, boolean, write(intp, 1)))
 def _walk(boxes, corners, n_leaves, place, ray, reach, is_any, stack):
     """The first facet that a ray meets within a reach, or any, and how far off; -1 if it meets none."""
     inverse = (1.0 / ray[0] if ray[0] != 0.0 else math.inf, 1.0 / ray[1] if ray[1] != 0.0 else math.inf,
@@ -66,19 +78,22 @@ def _walk(boxes, corners, n_leaves, place, ray, reach, is_any, stack):
     right, down = _across(ray[0], ray[1], ray[2])
     n_stacked, hit, nearest = 1, -1, reach
     stack[0] = 1
-    n_facets = len(corners)
+    n_facets, far = len(corners), 0.0
+    for axis in range(3):
+        far = max(far, max(boxes[1, axis + 3] - place[axis], place[axis] - boxes[1, axis]))
+    far *= _ROUNDING
     while n_stacked:
         n_stacked -= 1
         node = stack[n_stacked]
         begin, end = 0.0, nearest
         for axis in range(3):
-            low, high = boxes[node, axis] - place[axis], boxes[node, axis + 3] - place[axis]
+            low, high = boxes[node, axis] - place[axis] - far, boxes[node, axis + 3] - place[axis] + far
             if ray[axis] == 0.0:
                 if low > 0.0 or high < 0.0:
                     end = -1.0
             else:
                 one, other = low * inverse[axis], high * inverse[axis]
-                begin, end = max(begin, min(one, other)), min(end, max(one, other) * _ROUNDED)
+                begin, end = max(begin, min(one, other)), min(end, max(one, other))
         if begin > end:
             continue
         if node < n_leaves:
@@ -95,7 +110,7 @@ def _walk(boxes, corners, n_leaves, place, ray, reach, is_any, stack):
     return hit, nearest
 
 
-@compiled(void(_BOXES, _CORNERS, intp, _POINTS, _POINTS, write(intp, 1), write(float64, 1)))
+@compiled(void(TABLE, TABLE, intp, POINTS, POINTS, write(intp, 1), write(float64, 1)))
 def find_first(boxes, corners, n_leaves, start_m, direction, facet, distance_m):
     """Write which facets (N,) rays from points (3, 1 or N) in directions (3, N) meet first, or -1, and how far off."""
     stack = np.empty(_DEPTH, np.intp)
@@ -105,7 +120,7 @@ def find_first(boxes, corners, n_leaves, start_m, direction, facet, distance_m):
                                         (direction[0, i], direction[1, i], direction[2, i]), math.inf, False, stack)
 
 
-@compiled(void(_BOXES, _CORNERS, intp, _POINTS, _POINTS, read(float64, 1), write(boolean, 1)))
+@compiled(void(TABLE, TABLE, intp, POINTS, POINTS, read(float64, 1), write(boolean, 1)))
 def find_blocked(boxes, corners, n_leaves, start_m, direction, reach_m, found):
     """Write whether rays from points (3, N) in directions (3, 1 or N) meet a facet within a reach (1 or N,)."""
     stack = np.empty(_DEPTH, np.intp)

@@ -1,10 +1,13 @@
-"""A shape for rays in float64: of what is so near, or so small, that Embree's float32 cannot tell it apart."""
+"""Rays in float64 against a shape: laser ranges, and pixels so near that Embree's float32 is too coarse for them."""
 
 from __future__ import annotations
+
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from ...base.morton import morton_order
+from ...scene.shape.shape import Shape
 from . import exact_loops
 
 _FACETS_PER_LEAF = 4
@@ -42,8 +45,25 @@ class ExactMesh:
         place = np.flatnonzero(facet >= 0)
         return place, self._order.take(facet.take(place)), distance_m.take(place)
 
+    def hit(self, origin_m: np.ndarray, ray: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Facet (N,) or -1, and distance (N,) [m] or infinity, of rays (N, 3) from a point or points (3,), (N, 3)."""
+        place, met, distance_m = self.first(np.transpose(origin_m).reshape(3, -1), ray.T)
+        facet, distance = np.full(len(ray), -1), np.full(len(ray), np.inf)
+        facet[place], distance[place] = met, distance_m
+        return facet, distance
+
     def are_blocked(self, start_m: np.ndarray, direction: np.ndarray, reach_m: np.ndarray) -> np.ndarray:
         """Whether rays (3, 1 or N) from points (3, N) [m] meet the shape within a reach (1 or N,) [m]: (N,) bool."""
         found = np.empty(start_m.shape[1], bool)
         exact_loops.find_blocked(self._boxes, self._corners, self._n_leaves, start_m, direction, reach_m, found)
         return found
+
+
+def exact_mesh(shape: Shape) -> ExactMesh:
+    """The float64 acceleration structure of a shape: made once, kept as long as the shape is."""
+    if shape not in _kept:
+        _kept[shape] = ExactMesh(shape.vertices_m, shape.facets)
+    return _kept[shape]
+
+
+_kept: WeakKeyDictionary[Shape, ExactMesh] = WeakKeyDictionary()

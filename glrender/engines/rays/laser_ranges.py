@@ -1,9 +1,4 @@
-"""Laser ranges: float64 rays from one point against the facets themselves, without OpenGL.
-
-All rays start at the instrument, so a facet can only be met by rays inside its outline as seen from
-there. Outlines are boxes on the faces of a cube around the instrument; rays and facets are halved
-together until few are left, and those are intersected exactly: edges and corners leave no gap.
-"""
+"""Laser ranges: float64 rays against the facets themselves, without OpenGL or Embree."""
 
 from __future__ import annotations
 
@@ -14,14 +9,12 @@ from glrender_camera.validate import finite, integer, positive, unit_vectors
 
 from ...base.errors import ConfigError
 from ...scene.scene import Scene
-from ...scene.shape.ray_triangle import distances
 from ...view.state import State
 from ...view.view import view_bodies
+from .exact_rays import exact_mesh
 
 MAX_DIRECTIONS = 10_000
 """In one request."""
-# So many pairs of ray and facet are tested at once; more are halved first.
-_MAX_PAIRS = 30_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,13 +95,11 @@ def laser_ranges(scene: Scene, state: State, directions_camera: np.ndarray, came
     facet_id, incidence = np.full(len(rays), -1, np.int32), np.full(len(rays), np.nan)
     views = view_bodies(state, pinhole, scene.hulls)
     for index, (body, view) in enumerate(zip(scene.bodies, views, strict=True)):
-        vertices = body.drawn_shape.vertices_m - view.r_camera_body_m
         ray_body = rays @ view.camera_from_body
-        distance, facet = first_hits(vertices, body.drawn_shape.facets, ray_body)
+        facet, distance = exact_mesh(body.drawn_shape).hit(view.r_camera_body_m, ray_body)
         nearer = np.flatnonzero(distance < nearest)
         nearest[nearer], body_id[nearer], facet_id[nearer] = distance[nearer], index, facet[nearer]
-        a, b, c = np.moveaxis(vertices[body.drawn_shape.facets[facet[nearer]]], 1, 0)
-        normal = np.cross(b - a, c - a)
+        normal = body.drawn_shape.facet_normals[facet[nearer]]
         # The angle between two vectors that is exact near 0 as well.
         back = -ray_body[nearer]
         incidence[nearer] = np.arctan2(np.linalg.norm(np.cross(normal, back), axis=1),
@@ -143,74 +134,3 @@ def checked_directions(value: object) -> np.ndarray:
     if len(rays) > MAX_DIRECTIONS:
         raise ConfigError(path, f"must be at most {MAX_DIRECTIONS}", len(rays), "ask several times")
     return unit_vectors(path, rays, "normalise before sending")
-
-
-def first_hits(vertices: np.ndarray, facets: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The facet that each ray from the origin meets first.
-
-    Parameters
-    ----------
-    vertices : (V, 3) float64 [m]
-        Relative to the rays' origin.
-    facets : (M, 3) int
-    rays : (N, 3) float64
-        Unit vectors.
-
-    Returns
-    -------
-    distance : (N,) float64 [m]
-        Infinite where nothing is met.
-    facet : (N,) int64
-        -1 there.
-    """
-    distance, facet = np.full(len(rays), np.inf), np.full(len(rays), -1)
-    axis = np.argmax(np.abs(rays), axis=1)
-    face = 2 * axis + (rays[np.arange(len(rays)), axis] < 0.0)
-    for side in np.unique(face):
-        mine = np.flatnonzero(face == side)
-        depth_axis = side // 2
-        others = [k for k in range(3) if k != depth_axis]
-        depth = vertices[:, depth_axis] * (-1.0 if side % 2 else 1.0)
-        ahead = depth > 0.0
-        with np.errstate(divide="ignore", invalid="ignore"):
-            outline = vertices[:, others] / depth[:, None]
-        corners = [outline[facets[:, k]] for k in range(3)]
-        low = np.minimum(np.minimum(corners[0], corners[1]), corners[2])
-        high = np.maximum(np.maximum(corners[0], corners[1]), corners[2])
-        n_ahead = ahead[facets[:, 0]].astype(np.int8) + ahead[facets[:, 1]] + ahead[facets[:, 2]]
-        # A facet that reaches behind the instrument has no outline here: it may be anywhere.
-        behind = n_ahead < 3
-        low[behind], high[behind] = -np.inf, np.inf
-        candidates = np.flatnonzero(n_ahead)
-        if len(candidates) < len(facets):
-            low, high = low[candidates], high[candidates]
-        place = rays[mine][:, others] / np.abs(rays[mine, depth_axis])[:, None]
-        _halve(vertices, facets, rays, distance, facet, mine, place, candidates, low, high)
-    return distance, facet
-
-
-def _halve(vertices: np.ndarray, facets: np.ndarray, rays: np.ndarray, distance: np.ndarray, facet: np.ndarray,
-           mine: np.ndarray, place: np.ndarray, candidates: np.ndarray, low: np.ndarray, high: np.ndarray) -> None:
-    """Intersect these rays with the candidates whose boxes they touch, halving both while they are many."""
-    # Beyond round-off of the projection: no facet is lost at its box's edge.
-    margin = 1e-9
-    touched = ((low <= place.max(axis=0) + margin) & (high >= place.min(axis=0) - margin)).all(axis=1)
-    candidates, low, high = candidates[touched], low[touched], high[touched]
-    if not len(candidates):
-        return
-    if len(mine) > 1 and len(mine) * len(candidates) > _MAX_PAIRS:
-        order = np.argsort(place[:, np.argmax(np.ptp(place, axis=0))])
-        for half in np.array_split(order, 2):
-            _halve(vertices, facets, rays, distance, facet, mine[half], place[half], candidates, low, high)
-        return
-    # An axis at a time: over pairs of columns NumPy takes three times as long.
-    (x, y), (x0, y0), (x1, y1) = (np.ascontiguousarray(each.T) for each in (place, low - margin, high + margin))
-    x, y = x[:, None], y[:, None]
-    ray, near = np.nonzero((x0 <= x) & (x <= x1) & (y0 <= y) & (y <= y1))
-    ray, near = mine[ray], candidates[near]
-    t = distances([vertices.take(corner, axis=0).T for corner in facets[near].T], rays[ray].T)
-    # Of each ray the nearest first; of two as near the first of the shape.
-    order = np.lexsort((t, ray))
-    order = order[np.diff(ray[order], prepend=-1) > 0]
-    hit = order[t[order] < distance[ray[order]]]
-    distance[ray[hit]], facet[ray[hit]] = t[hit], near[hit]

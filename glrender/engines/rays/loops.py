@@ -13,7 +13,7 @@ from llvmlite import binding
 from numba import types
 from numba.types import Tuple, boolean, float32, float64, int32, intp, uint8, uint32, uintp, void
 
-from ...base.numba_loops import compiled, inlined, read, write
+from ...base.numba_loops import PLACE, POINTS, compiled, inlined, read, write
 from .embree import library
 
 # Of the bounding sphere, in radii: what passes beyond meets nothing, and float32 has no room for a start far off.
@@ -39,8 +39,7 @@ for _name in ("rtcOccluded8", "rtcIntersect8"):
     binding.add_symbol(_name, ctypes.cast(getattr(library(), _name), ctypes.c_void_p).value)
 _rtc_occluded = types.ExternalFunction("rtcOccluded8", void(uintp, uintp, uintp, uintp))
 _rtc_intersect = types.ExternalFunction("rtcIntersect8", void(uintp, uintp, uintp, uintp))
-_POINTS = read(float64, 2, "A")
-_RAYS, _VALID, _PLACE = write(float32, 2), write(int32, 1), types.UniTuple(float64, 3)
+_RAYS, _VALID = write(float32, 2), write(int32, 1)
 
 
 @compiled(write(uint32, 1)(intp))
@@ -59,7 +58,7 @@ def _new_rays():
     return bits.view(np.float32), bits, _aligned(_LANES).view(np.int32)
 
 
-@compiled(boolean(_RAYS, intp, _PLACE, _PLACE, float64))
+@compiled(boolean(_RAYS, intp, PLACE, PLACE, float64))
 def _aim(rays, lane, place, towards, reach):
     """Write a ray; whether it may meet a mesh of radius 1 within a distance."""
     x, y, z = place
@@ -102,7 +101,7 @@ def _tell_blocked(scene, rays, valid, which, n, value, found):
             found[which[lane]] = value
 
 
-@compiled(void(uintp, _POINTS, _POINTS, float64, write(boolean, 1, "A")))
+@compiled(void(uintp, POINTS, POINTS, float64, write(boolean, 1, "A")))
 def find_blocked(scene, start_m, direction, radius_m, found):
     """Whether rays from points (3, N) [m] in directions (3, 1 or N) meet a mesh in units of its radius [m]."""
     (rays, _, valid), which, n = _new_rays(), np.empty(_LANES, np.intp), 0
@@ -118,7 +117,7 @@ def find_blocked(scene, start_m, direction, radius_m, found):
     _tell_blocked(scene, rays, valid, which, n, True, found)
 
 
-@compiled(void(uintp, float64, _POINTS, read(float64, 1), _POINTS, read(intp, 1, "A"), _POINTS, float64,
+@compiled(void(uintp, float64, POINTS, read(float64, 1), POINTS, read(intp, 1, "A"), POINTS, float64,
                read(float64, 1), read(float64, 1), boolean, write(boolean, 1, "A")))
 def keep_free(scene, radius_m, turn, shift_m, points_m, facets, normals, lift_m, unsure_m, towards, is_place, is_free):
     """Of points (3, N) [m] of a surface that are free (N,), find those from which a mesh hides a direction or a place.
@@ -172,7 +171,7 @@ def _around(axes, i, s, t):
     return s * axes[0, i] + t * axes[3, i], s * axes[1, i] + t * axes[4, i], s * axes[2, i] + t * axes[5, i]
 
 
-@compiled(boolean(uintp, _RAYS, _VALID, _PLACE, _POINTS, intp, _PLACE, read(float64, 2), intp, write(uint8, 2, "A")))
+@compiled(boolean(uintp, _RAYS, _VALID, PLACE, POINTS, intp, PLACE, read(float64, 2), intp, write(uint8, 2, "A")))
 def _stands_else(scene, rays, valid, place, axes, i, normal, azimuths, in_row, heights):
     """Whether a few rays from point i, which is in a row of neighbours, find anything else than its heights tell."""
     # Each neighbour at places of its own in both.
@@ -200,7 +199,7 @@ def _stands_else(scene, rays, valid, place, axes, i, normal, azimuths, in_row, h
     return False
 
 
-@compiled(void(uintp, float64, _POINTS, _POINTS, _POINTS, float64, read(float64, 2), intp, write(uint8, 2, "A")))
+@compiled(void(uintp, float64, POINTS, POINTS, POINTS, float64, read(float64, 2), intp, write(uint8, 2, "A")))
 def find_heights(scene, radius_m, points_m, normals, axes, lift_m, azimuths, unknown, found):
     """Write how high a mesh stands around points (3, N) [m] of its surface, over the plane across their normals (3, N).
 
@@ -250,7 +249,7 @@ def find_heights(scene, radius_m, points_m, normals, axes, lift_m, azimuths, unk
 
 
 @compiled(Tuple((write(intp, 1), write(intp, 1), write(float64, 1), write(float64, 2), write(float64, 2)))(
-    uintp, _POINTS, _POINTS, float64, _POINTS, read(float64, 1)))
+    uintp, POINTS, POINTS, float64, POINTS, read(float64, 1)))
 def find_first(scene, start_m, direction, radius_m, normals, offset_m):
     """What rays from points (3, 1 or N) [m] in directions (3, N) meet first of a mesh in units of its radius [m].
 

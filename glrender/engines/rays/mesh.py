@@ -126,13 +126,6 @@ class RayMesh:
         height_m = dot(normal, r_body_m) - self._offset_m.take(facet)
         return r_body_m + normal * (self.lift_m(facet, least) - height_m)
 
-    def hit(self, origin_m: np.ndarray, ray: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Facet (N,) or -1, and distance (N,) float64 [m] or infinity, of rays (N, 3) from a point or points."""
-        hits = self.first(np.transpose(origin_m), ray.T)
-        facet, distance = np.full(len(ray), -1), np.full(len(ray), np.inf)
-        facet[hits.place], distance[hits.place] = hits.facet, hits.distance_m
-        return facet, distance
-
     def first(self, origin_m: np.ndarray, ray: np.ndarray) -> Hits:
         """What rays (3, N) from a point (3,) [m], or from points (3, N), meet first."""
         place, facet, distance_m, ray, normal = ray_loops.find_first(

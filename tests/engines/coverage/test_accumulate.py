@@ -5,16 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from glrender import generate
-from glrender.engines.coverage.accumulate import (
-    add_facets,
-    add_line,
-    add_lit,
-    add_small,
-    cell_means,
-    means,
-    no_changes,
-    settle,
-)
+from glrender.engines.coverage.accumulate import ROUNDING, add_facets, add_line, means, no_changes, settle
 from glrender.engines.coverage.facet_tables import neighbours
 
 
@@ -44,6 +35,15 @@ def lines_around(polygon, value):
     if x @ np.roll(y, -1) - y @ np.roll(x, -1) > 0.0:
         points = points[::-1]
     return points.T, np.roll(points, -1, axis=0).T, np.full(len(points), value, complex)
+
+
+def cell_means(start, end, steps, shape):
+    """Means over cells of what lines from (2, E) to (2, E) with steps (E,) enclose: real and imaginary parts."""
+    changes, found = no_changes(shape), np.empty((2, *shape))
+    for (x0, y0), (x1, y1), step in zip(start.T, end.T, steps, strict=True):
+        add_line(changes, x0, y0, x1, y1, step)
+    means(changes, 0, shape[0], *found)
+    return [np.where(part < ROUNDING * part.max(initial=0.0), 0.0, part) for part in found]
 
 
 @pytest.mark.parametrize("size", [0.3, 2.0, 9.0])
@@ -114,31 +114,6 @@ def test_cells_are_added_up_over_their_cover_and_by_their_solid_angles(right, le
     np.testing.assert_allclose(unsure, [n_twice * half**2, n_twice * half**2], rtol=1e-12)
 
 
-def test_small_facets_are_shared_among_their_cells_as_their_lines_tell(rng):
-    """Points, slivers, facets on edges of cells and beyond the image, and some that are large."""
-    n, rows, columns = 4000, 20, 30
-    middle = rng.uniform(-2.0, 1.0, (2, n)) + rng.uniform(0.0, 1.0, (2, n)) * np.array([[columns + 2.0], [rows + 2.0]])
-    size = 10.0 ** rng.uniform(-4.0, 0.7, n)
-    xy = middle[:, None] + size * rng.uniform(-1.0, 1.0, (2, 3, n))
-    xy[:, :, : n // 4] = np.round(xy[:, :, : n // 4] * 2.0) / 2.0
-    xy[:, 2, n // 4 : n // 3] = xy[:, 1, n // 4 : n // 3]
-    xy[0, 0, -1] = xy[1, 1, -2] = xy[0, 2, -3] = np.nan
-    # Counter-clockwise from outside: as `add_lit` takes them.
-    a, b, c = xy.transpose(1, 0, 2)
-    turned = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) > 0.0
-    xy[:, 1:, turned] = xy[:, 2:0:-1, turned]
-    corners = np.arange(3 * n).reshape(3, n)
-    radiance = np.where(rng.random(n) < 0.2, 0.0, rng.uniform(0.1, 1.0, n))
-    given = np.ascontiguousarray(xy.reshape(2, 3 * n)), corners
-    turns = radiance, 0, n, n, np.zeros(2), np.ones(2)
-    expected, found = no_changes((rows, columns)), no_changes((rows, columns))
-    add_lit(expected, *given, np.full((3, n), -1, np.int32), *turns)
-    add_small(found, *given, *turns)
-    images = [np.cumsum(changes, axis=1)[:, :columns] for changes in (expected, found)]
-    np.testing.assert_allclose(images[1], images[0], atol=1e-10 * np.abs(images[0]).max())
-    assert images[0].imag.max() > 1.0
-
-
 def test_blocks_of_facets_change_cells_as_all_at_once_do(rng):
     """Every block once, the sides that neighbours share once: the cover of facets that have a radiance, and light."""
     shape = generate.icosphere(radius_m=100.0, subdivisions=5)
@@ -146,9 +121,12 @@ def test_blocks_of_facets_change_cells_as_all_at_once_do(rng):
     n_facets, across = corners.shape[1], neighbours(corners)
     radiance = np.where(rng.random(n_facets) < 0.5, rng.random(n_facets), 0.0)
     xy = np.ascontiguousarray(shape.vertices_m.T[:2] * 0.25 + 32.0)
-    lit, where = np.flatnonzero(radiance), (np.zeros(2), np.ones(2))
+    where = np.zeros(2), np.ones(2)
     expected, found = no_changes((64, 64)), no_changes((64, 64))
-    add_facets(expected, xy, corners, across, lit, np.where(radiance > 0.0, radiance + 1j, 0.0), *where)
+    for facet in np.flatnonzero(radiance):
+        places = xy[:, corners[:, facet]].T
+        for start, end in zip(places, np.roll(places, -1, axis=0), strict=True):
+            add_line(expected, *start, *end, radiance[facet] + 1j)
     for k in range(3):
-        add_lit(found, xy, corners, across, radiance, k * 1000, 1000, 3000, *where)
+        add_facets(found, xy, corners, across, radiance, k * 1000, 1000, 3000, *where)
     np.testing.assert_allclose(found, expected, atol=1e-9)

@@ -62,7 +62,7 @@ def images(body, phase_deg):
     scene = views.scene([body], [camera], sun_disc=False)
     view, = seen = view_bodies(views.state(phase_deg=phase_deg, range_m=20.0 * body.hull.radius_m), camera, scene.hulls)
     rays, drawn = RayEngine(scene), []
-    tables = FacetTables(body, np.zeros(len(body.shape.facets), bool), rays.solid("body"))
+    tables = FacetTables(body, rays.solid("body"))
     heights = tables.horizons.heights
     for known in (heights, np.full_like(heights, UNKNOWN)):
         tables.horizons = CentroidHorizons(facets=tables.horizons.facets, heights=known)

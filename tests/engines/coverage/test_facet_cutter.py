@@ -36,7 +36,7 @@ def cutter(*boxes, phase_deg=0.0, turn_deg=0.0):
     state = replace(state, r_sun_inertial_m=AU_M * np.array([np.sin(half), 0.0, np.cos(half)]))
     (view,) = seen = view_bodies(state, scene.cameras[0], scene.hulls)
     rays = RayEngine(scene)
-    tables = FacetTables(body, np.zeros(len(shape.facets), bool), rays.solid("body"))
+    tables = FacetTables(body, rays.solid("body"))
     facing = facet_loops.facing(
         tables.normal, tables.offset_m, 0, tables.n_facets, view.sun_direction_body, 0.0, view.r_camera_body_m,
         np.zeros((2, tables.vertices_m.shape[1])), tables.corners, np.array([-1.0, -1.0, 1.0, 1.0]))[0]

@@ -8,7 +8,8 @@ import serving
 import views
 from glrender import Body, ConfigError, Renderer, SceneError, generate
 from glrender.brdf import Lambert
-from glrender.engines.rays.laser_ranges import RangeNoise, first_hits, laser_ranges
+from glrender.engines.rays.exact_rays import ExactMesh
+from glrender.engines.rays.laser_ranges import RangeNoise, laser_ranges
 from glrender_client import Client, ServerError
 from missing import needed_module
 
@@ -37,11 +38,11 @@ def brute(vertices, facets, ray):
                                       (0.0, 0.0, 125.0)])
 def test_the_nearest_facet_is_found_as_by_testing_all(origin_m, rng):
     shape = generate.three_lobes(radius_m=100.0, subdivisions=4)
-    vertices = shape.vertices_m - np.array(origin_m)
+    mesh, vertices = ExactMesh(shape.vertices_m, shape.facets), shape.vertices_m - np.array(origin_m)
     aim = unit(rng.uniform(-120.0, 120.0, (400, 3)) - np.array(origin_m))
     anywhere = unit(rng.normal(size=(100, 3)))
     rays = np.concatenate([aim, anywhere, np.eye(3), -np.eye(3)])
-    distance, facet = first_hits(vertices, shape.facets, rays)
+    facet, distance = mesh.hit(np.array(origin_m), rays)
     truth = np.array([brute(vertices, shape.facets, ray) for ray in rays])
     np.testing.assert_allclose(distance, truth, rtol=1e-11)
     assert 0.2 < np.isfinite(truth).mean() < 1.0
@@ -57,14 +58,14 @@ def test_no_ray_slips_between_facets(rng):
     targets = np.concatenate([vertices, corner[:, 0] * weight + corner[:, 1] * (1.0 - weight)])
     # Grazing ones at the limb may pass by.
     targets = targets[np.einsum("ij,ij->i", targets + [400.0, 0.0, 0.0], -unit(targets)) > 10.0]
-    distance, _ = first_hits(vertices, shape.facets, unit(targets))
+    _, distance = ExactMesh(vertices, shape.facets).hit(np.zeros(3), unit(targets))
     np.testing.assert_allclose(distance, np.linalg.norm(targets, axis=1), rtol=1e-9)
 
 
 def test_far_beyond_float32_the_range_is_exact():
     """At 5e8 m float32 resolves 32 m; a facet square to the ray answers to 1e-15."""
     vertices = np.array([[-1.0, -1.0, 5e8 + 0.125], [1.0, -1.0, 5e8 + 0.125], [0.0, 1.0, 5e8 + 0.125]])
-    distance, _ = first_hits(vertices, np.array([[0, 1, 2]]), np.array([[0.0, 0.0, 1.0]]))
+    _, distance = ExactMesh(vertices, np.array([[0, 1, 2]])).hit(np.zeros(3), np.array([[0.0, 0.0, 1.0]]))
     np.testing.assert_allclose(distance, 5e8 + 0.125, rtol=1e-15)
 
 
