@@ -333,7 +333,7 @@ def open_renderer(scene: Scene, backend: str = "auto", device_index: int | None 
 
 
 def _remedy(is_late: bool, engine: str | None, may_be_slow: bool) -> str:
-    """What a caller can change where the tolerance is missed."""
+    """The caller's way out where the tolerance is missed."""
     if is_late:
         return "give more time than deadline_s"
     if engine is not None:

@@ -66,7 +66,7 @@ def columns(field: Field, r_camera_m: np.ndarray, directions: np.ndarray, steps:
 
 def _edges(lit: Callable[[np.ndarray], np.ndarray], closest: np.ndarray, directions: np.ndarray, a: np.ndarray,
            border: np.ndarray, width: np.ndarray, is_low_lit: np.ndarray) -> np.ndarray:
-    """Where shadows end (N,), in steps of a width [rad] from the border of two: to a 32nd of one."""
+    """The ends of shadows (N,), in steps of a width [rad] from the border of two, are found to a 32nd of one."""
     low, high = np.full(len(a), -0.5), np.full(len(a), 0.5)
     for _ in range(4):
         middle = 0.5 * (low + high)
@@ -78,7 +78,7 @@ def _edges(lit: Callable[[np.ndarray], np.ndarray], closest: np.ndarray, directi
 
 def ray_geometry(field: Field, r_camera_m: np.ndarray,
                  directions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of rays: the camera's s (N,), the point closest to the origin (N, 3), and a (N,), all [m]."""
+    """Rays are given by the camera's s (N,), the point closest to the origin (N, 3), and a (N,), all [m]."""
     along = directions @ r_camera_m
     closest = r_camera_m - along[:, None] * directions
     return along, closest, np.maximum(np.linalg.norm(closest, axis=1), field.least_m)

@@ -26,7 +26,7 @@ _LEAST_EFFICIENCY = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class Dust:
-    """How grains scatter.
+    """Dust grains scatter light by this size, albedo and phase function.
 
     Parameters
     ----------

@@ -65,7 +65,7 @@ class SphericalField:
 
     @property
     def texel_counts(self) -> tuple[int, int, int]:
-        """Of the texture, x first."""
+        """The texture's size, x first."""
         n_r, n, _ = self.values_m.shape
         return n + 2, n + 2, n_r
 
@@ -120,7 +120,7 @@ class CartesianField:
 
     @property
     def texel_counts(self) -> tuple[int, int, int]:
-        """Of the texture, x first."""
+        """The texture's size, x first."""
         return self.values_m.shape
 
     def texels(self) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Where a field is in front of a camera, as the shaders want it: worked out in float64, rounded once."""
+"""Geometry of a field before a camera, as the shaders want it: worked out in float64, rounded once."""
 
 from __future__ import annotations
 

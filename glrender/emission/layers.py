@@ -78,7 +78,7 @@ class Layers:
                      errors=self._errors(field)[0])
 
     def _measured_by_axis(self) -> list[tuple[FieldErrors, ...]]:
-        """Of each field around the body, its errors with the Sun on each half axis."""
+        """The errors of each field around the body, with the Sun on each half axis."""
         by_axis = [[field for field, _ in self._bake.fields(axis)] for axis in _HALF_AXES]
         made = []
         for fields in zip(*by_axis, strict=True):

@@ -1,4 +1,4 @@
-"""What steps and coarse nodes do to a field: measured on it when it is made, along some rays, in float64."""
+"""Errors that steps and coarse nodes make in a field: measured on it when it is made, along some rays, in float64."""
 
 from __future__ import annotations
 

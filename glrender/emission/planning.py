@@ -1,4 +1,4 @@
-"""How finely a coma is drawn: the cheapest steps and nodes that meet the tolerance, from errors measured on it."""
+"""The planner of a coma takes the cheapest steps and nodes that meet the tolerance, from errors measured on it."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _NODE_STEPS, _PIXEL_STEPS = 6.0, 5.0
 
 @dataclass(frozen=True, kw_only=True)
 class Sampling:
-    """What a frame uses for one field: nodes beside the body, before it, and far from it; 0 if nothing is far."""
+    """A frame's nodes for one field: beside the body, before it, and far from it; 0 if nothing is far."""
 
     steps: int
     front_steps: int

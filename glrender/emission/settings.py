@@ -1,4 +1,4 @@
-"""What a coma is: dust around one body, as a `[[emission]]` table of a scene asks for it."""
+"""Settings of a coma: dust around one body, as a `[[emission]]` table of a scene asks for it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a frame says of its coma, whoever drew it."""
+"""The account that a frame gives of its coma, whichever engine drew it."""
 
 from __future__ import annotations
 

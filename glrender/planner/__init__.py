@@ -1,1 +1,1 @@
-"""What to draw, by which engine, and the error to expect: pure functions of views and tolerance."""
+"""The planner decides what is drawn, by which engine, and the error to expect: functions of views and tolerance."""

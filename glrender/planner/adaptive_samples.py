@@ -44,7 +44,7 @@ class Refinement:
 
     @property
     def share(self) -> float:
-        """Of the window's pixels."""
+        """Shape of the window's pixels."""
         return float(self.mask.mean())
 
 

@@ -1,4 +1,4 @@
-"""What is modelled of each body, and what a frame's plan says of it. Pure: no GL, no images."""
+"""The plan of each body: features that are modelled, and their account in a frame's plan. Pure: no GL, no images."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _SHADOWED_PER_RAD = 0.34
 
 def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, casters: Sequence[str], tolerance: float,
               *, seen_share: float = 1.0, penumbra: tuple[float, float] = (0.0, 0.0)) -> BodyPlan:
-    """What is modelled of a body.
+    """The features of a body that are modelled.
 
     Parameters
     ----------

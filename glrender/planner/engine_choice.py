@@ -71,7 +71,7 @@ _PENUMBRA_NOISE = (0.4, 1e4)
 
 @dataclass(frozen=True, kw_only=True)
 class Request:
-    """What a frame asks of all its regions.
+    """A frame's demands on all its regions.
 
     Attributes
     ----------
@@ -136,7 +136,7 @@ def apart_size_px(views: Sequence[BodyView]) -> float:
 
 
 def facing_share(phase_rad: float) -> float:
-    """Of a body's facets, the share that faces both camera and Sun, about."""
+    """The share of a body's facets that faces both camera and Sun, about."""
     return (math.pi - phase_rad) / (2.0 * math.pi)
 
 

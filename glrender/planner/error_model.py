@@ -65,7 +65,7 @@ FLUX_SHARE = 0.1
 
 @dataclass(frozen=True, kw_only=True)
 class BodyTraits:
-    """What the planner must know of a body.
+    """The traits of a body that the planner needs.
 
     Attributes
     ----------
@@ -118,7 +118,7 @@ class BodyTraits:
 
 
 def rounding_px(view: BodyView, traits: BodyTraits, is_relative: bool) -> float:
-    """How far [px] OpenGL's float32 coordinates put what is nearest, about the body's origin or relative to the camera.
+    """Errors [px] of the nearest points by OpenGL's float32 coordinates, about the body's origin or the camera.
 
     Relative to it the ends of long facets are off, and all that is between them.
     """
@@ -153,7 +153,7 @@ def parallel_error(view: BodyView, traits: BodyTraits) -> float:
 
 
 def lit_share(phase_rad: float, least: float = 1e-3) -> float:
-    """Of a sphere's disc, what is lit at a phase angle, and a least."""
+    """The share of a sphere's disc that is lit at a phase angle, and a least."""
     return max(0.5 * (1.0 + math.cos(phase_rad)), least)
 
 

@@ -11,7 +11,7 @@ EMISSION_LEFT_OUT = "emission around"
 
 @dataclass(frozen=True, kw_only=True)
 class BodyPlan:
-    """What is modelled of one body."""
+    """The features of one body that are modelled."""
 
     name: str
     is_visible: bool
@@ -95,7 +95,7 @@ class WindowPlan:
 
 @dataclass(frozen=True, kw_only=True)
 class EmissionPlan:
-    """What was modelled of one emission, for the plan that a reply carries.
+    """The account of one emission, for the plan that a reply carries.
 
     Attributes
     ----------
@@ -119,7 +119,7 @@ class EmissionPlan:
 
 @dataclass(frozen=True, kw_only=True)
 class RenderPlan:
-    """What a frame models, what it leaves out, and the error that is expected of it.
+    """A frame's account of its models, of those that it leaves out, and of the error that is expected.
 
     Attributes
     ----------

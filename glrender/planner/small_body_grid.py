@@ -1,4 +1,4 @@
-"""How many samples an image of a body needs across it, and cells when it has a grid of its own. Pure."""
+"""The samples that an image of a body needs across it, and cells when it has a grid of its own. Pure."""
 
 from __future__ import annotations
 

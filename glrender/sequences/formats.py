@@ -110,7 +110,7 @@ def _write_fits(path: Path, frame: FrameFile) -> None:
 
 
 def _add_keywords(cards: Any, header: Mapping[str, Any]) -> None:
-    """What an astronomer looks for; all of it is in the extension GLRENDER as JSON."""
+    """The keywords that an astronomer looks for; the extension GLRENDER has everything as JSON."""
     camera, state, plan = header["camera"], header["state"], header["plan"]
     keywords = {
         "ORIGIN": (f"glrender {header['glrender']}", "program"),

@@ -34,7 +34,7 @@ _MAX_PROCESSES = 256
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FrameOptions:
-    """What is drawn of each state.
+    """Options of every frame of a sequence.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class FrameOptions:
 
     @property
     def unit(self) -> str:
-        """Of the pixels."""
+        """The pixels' unit."""
         return "DN" if self.output == "dn" else "W/m2"
 
 
@@ -110,7 +110,7 @@ class FrameSequence:
                               "give it a `model` in the scene, or ask for 'irradiance'")
 
     def path(self, index: int) -> Path:
-        """Of one frame's file."""
+        """The path of one frame's file."""
         return self.folder / f"frame_{index:0{self.digits}d}.{self.options.format}"
 
     def missing(self) -> list[int]:
@@ -173,7 +173,7 @@ class FrameSequence:
                               str(self.folder), "choose another folder, or remove this one")
 
     def manifest(self) -> dict[str, Any]:
-        """What the frames depend on: versions, digests of scene and states, options."""
+        """The frames depend on these: version, digests of scene and states, options."""
         states = hashlib.sha256("\n".join(json.dumps(state.to_dict()) for state in self.states).encode())
         return {"glrender": version("glrender"), "n_frames": len(self.states), "states_sha256": states.hexdigest(),
                 "scene_sha256": _digest_of_scene(self.scene), "options": dataclasses.asdict(self.options) | {
@@ -181,7 +181,7 @@ class FrameSequence:
 
 
 def _digest_of_scene(scene: Scene) -> str:
-    """Of shapes, laws, textures and cameras, by what they are and not where they were read."""
+    """The digest of shapes, laws, textures and cameras, by their content and not by where they were read."""
     digest = hashlib.sha256()
     _feed(digest, scene)
     return digest.hexdigest()

@@ -1,4 +1,4 @@
-"""What the demo leaves to look at."""
+"""Plots that the demo leaves to look at."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ _MAX_SENDERS = 4096
 
 
 class Engine(Protocol):
-    """Where requests are rendered: in this thread (`LocalEngine`) or in processes (`WorkerPool`)."""
+    """Engines render requests: in this thread (`LocalEngine`) or in processes (`WorkerPool`)."""
 
     described: dict[str, Any]
     """Scene and OpenGL, as `hello` tells them."""
@@ -229,7 +229,7 @@ class Dispatcher:
             answer(reply)
 
     def _remember(self, sender: Hashable, done: Done) -> None:
-        """How long the sender's last request kept a renderer."""
+        """Keep the time for which the sender's last request had a renderer."""
         if done.timings_ms or done.code == "poison":
             self._seconds_of[sender] = 1e-3 * done.timings_ms["total"] if done.timings_ms else math.inf
             self._seconds_of.move_to_end(sender)

@@ -29,7 +29,7 @@ def checked_envelope(header: dict[str, Any], operations: Iterable[str]) -> str:
 
 
 def echo(header: Mapping[str, Any]) -> dict[str, Any]:
-    """What every reply repeats of its request."""
+    """The fields of its request that every reply repeats."""
     number = header.get("id")
     op, client = header.get("op"), header.get("client")
     return {"v": codec.VERSION, "op": op if isinstance(op, str) and len(op) <= 128 else "",

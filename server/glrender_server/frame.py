@@ -25,7 +25,7 @@ _OF_THE_REQUEST = ("state", "allow_slow", "shared")
 
 @dataclass(frozen=True, kw_only=True)
 class FrameRequest:
-    """What one camera shall see, and how.
+    """One camera's frame, as it is asked for.
 
     `max_error` and `samples` are the renderer's to check. `path` leads to the fields in the request; it is empty where
     they are the request's own. `peak_bytes` is the memory that the frame takes at its largest.

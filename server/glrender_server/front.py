@@ -1,4 +1,4 @@
-"""What the server's loop and its front ends say to each other."""
+"""Terms between the server's loop and its front ends, and the queue in which requests wait."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the dispatcher and an engine hand each other, and the engine that renders in the loop's own thread."""
+"""Jobs between the dispatcher and an engine, and the engine that renders in the loop's own thread."""
 
 from __future__ import annotations
 

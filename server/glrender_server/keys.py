@@ -79,7 +79,7 @@ def load_secret(path: Path) -> tuple[bytes, bytes]:
 
 
 class Admission:
-    """Who may ask: the clients whose public keys lie in a folder now, and no longer than they lie there.
+    """Admission of the clients whose public keys lie in a folder now, and no longer than they lie there.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""How the server writes its log: lines for people, or one JSON object a line for programs."""
+"""The server's log: lines for people, or one JSON object a line for programs."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ class Sparing(logging.Filter):
 
 
 def formatter(form: str) -> logging.Formatter:
-    """Of lines for people ("text") or for programs ("json")."""
+    """The formatter of lines for people ("text") or for programs ("json")."""
     return JsonFormatter() if form == "json" else TextFormatter(
         "%(asctime)s %(levelname)s %(name)s[%(process)d]: %(message)s")
 

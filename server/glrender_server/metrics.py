@@ -1,4 +1,4 @@
-"""What a Prometheus reads, on loopback: counters, gauges and histograms of one server."""
+"""Metrics for a Prometheus, on loopback: counters, gauges and histograms of one server."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _BUCKETS_S = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5,
 
 
 class Histogram:
-    """How often how long, by a label: written by one thread, read by another.
+    """Counts of durations, by a label: written by one thread, read by another.
 
     Parameters
     ----------

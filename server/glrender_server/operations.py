@@ -1,4 +1,4 @@
-"""What needs a renderer: one scene, one renderer, one request after the other."""
+"""Operations that need a renderer: one scene, one renderer, one request after the other."""
 
 from __future__ import annotations
 
@@ -150,7 +150,7 @@ class Operations:
         return codec.pack({**echo(header), "ok": True, "t_s": state.t_s, **fields}, arrays, order, self._memory)
 
     def _place(self, asked: FrameRequest) -> dict[str, np.ndarray]:
-        """Where to draw a lone image, if it is sent from memory that we are given and as it is drawn."""
+        """The place of a lone image, if it is sent from memory that we are given and as it is drawn."""
         camera = asked.camera
         if self._memory is None or asked.output != "irradiance" or asked.products or asked.roi or camera.distortion:
             return {}
@@ -160,7 +160,7 @@ class Operations:
 
     def _frame(self, state: State, asked: FrameRequest,
                slow: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, tuple[np.ndarray, str]]]:
-        """What the reply says of one frame, and its arrays with their units."""
+        """The reply's fields of one frame, and its arrays with their units."""
         camera, fields = asked.camera, {}
         options = {"products": asked.products, "max_error": asked.max_error, "samples": asked.samples, **slow}
         if asked.output == "dn":
@@ -205,7 +205,7 @@ class Operations:
         self.on_progress(share)
 
     def _drawn(self, draw: Callable[..., Capture], state: State, camera: str, **options) -> Capture:
-        """What `draw` makes; a context that was lost is made anew, once."""
+        """The capture that `draw` makes; a context that was lost is made anew, once."""
         try:
             return draw(self._renderer, state, camera, **options)
         except DeviceError as error:

@@ -19,7 +19,7 @@ _ON_SHEET = 25
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What `glrender sequence` takes."""
+    """Add the arguments of `glrender sequence`."""
     parser.add_argument("scene", type=Path, help="scene file (TOML)")
     parser.add_argument("--states", type=Path, required=True, help="one state vector (JSON) a line")
     parser.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="made if it is missing")

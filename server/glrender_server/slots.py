@@ -33,7 +33,7 @@ _PREFIX = "glrender-slot-"
 
 
 def offsets(sizes: Iterable[int]) -> list[int]:
-    """Where parts of these sizes [bytes] begin in a slot; the last is where the next would."""
+    """Offsets [bytes] of parts of these sizes in a slot; the last is that of a part after them."""
     found = [_ALIGNMENT]
     for size in sizes:
         found.append(found[-1] + -(-size // _ALIGNMENT) * _ALIGNMENT)
@@ -41,7 +41,7 @@ def offsets(sizes: Iterable[int]) -> list[int]:
 
 
 def room(slot: SharedMemory, sizes: Sequence[int]) -> list[memoryview]:
-    """Where parts of these sizes [bytes] are written; let go of them before the slot is closed."""
+    """Views of a slot for parts of these sizes [bytes]; let go of them before the slot is closed."""
     return [slot.buf[start:start + size] for start, size in zip(offsets(sizes), sizes, strict=False)]
 
 

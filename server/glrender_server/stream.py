@@ -77,7 +77,7 @@ class Channel:
         self._peer, self._decoder, self.outbox = peer, Decoder(_MAX_PICKLE_BYTES), Outbox()
 
     def fileno(self) -> int:
-        """Of the socket, for a poller."""
+        """The socket's descriptor, for a poller."""
         return self._peer.fileno()
 
     def send(self, *said: Any) -> None:

@@ -22,7 +22,7 @@ _SECONDS = (0.001, 86400.0)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What `glrender top` takes."""
+    """Add the arguments of `glrender top`."""
     parser.add_argument("endpoint", nargs="?", default="tcp://127.0.0.1:5555",
                         help="of the server's --zmq (tcp://127.0.0.1:5555)")
     parser.add_argument("--once", action="store_true", help="print one screen and leave: 0, or 1 if there is no answer")

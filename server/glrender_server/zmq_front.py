@@ -90,7 +90,7 @@ class _Connection:
 
 @dataclass
 class _Backlog:
-    """What a client has still to take: replies that ZeroMQ did not take, and buffers that it has not let go of."""
+    """Replies that a client has still to take: those that ZeroMQ did not take, and buffers that it still holds."""
 
     replies: deque[list[Any]] = field(default_factory=deque)
     on_their_way: deque[tuple[zmq.MessageTracker, int]] = field(default_factory=deque)

@@ -1,1 +1,1 @@
-"""What puts dust around a body: one file each."""
+"""Sources of the dust around a body, one file each."""

@@ -1,4 +1,4 @@
-"""How strongly a place on the surface is active, by its local time."""
+"""The activity of a place on the surface, by its local time."""
 
 from __future__ import annotations
 

@@ -73,7 +73,7 @@ class Facets:
 
     @property
     def feature_rad(self) -> float:
-        """What a facet sends spreads over that, whatever lies beside it."""
+        """Dust of one facet spreads over this angle, whatever lies beside it."""
         return 0.5 / np.sqrt(self.spread)
 
     def components(self, r_m: np.ndarray) -> np.ndarray:

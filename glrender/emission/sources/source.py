@@ -1,4 +1,4 @@
-"""What every source of dust around a nucleus gives: weights K = k r^2 that add up, each times its activity."""
+"""Every source of dust around a nucleus gives weights K = k r^2 that add up, each times its activity."""
 
 from __future__ import annotations
 

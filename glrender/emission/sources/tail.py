@@ -105,7 +105,7 @@ class Tail:
                 / (16.0 * math.pi * SUN_GM_M3_S2 * _SPEED_OF_LIGHT_M_S * self.density_kg_m3 * radius_m))
 
     def grains(self, beta: np.ndarray, age_s: np.ndarray, speed_m_s: np.ndarray | None = None) -> np.ndarray:
-        """Where grains are now: (N, 3) [m] from the nucleus, frame `tail`.
+        """Present places of grains: (N, 3) [m] from the nucleus, frame `tail`.
 
         Parameters
         ----------

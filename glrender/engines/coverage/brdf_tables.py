@@ -64,7 +64,7 @@ class BrdfTables:
 
 @cache
 def _places() -> tuple[np.ndarray, ...]:
-    """Of a table, angles in the plane, and parts of the normal in it and out of it."""
+    """A table's angles in the plane, and parts of the normal in it and out of it."""
     place, part = np.meshgrid(np.arange(-_STEPS, _STEPS + 1) / _STEPS, np.arange(_STEPS + 1) / _STEPS, indexing="ij")
     part = np.maximum(part, _EDGE_ON)
     return np.arctan2(place, 1.0 - np.abs(place)), part, np.sqrt(1.0 - part * part)

@@ -91,7 +91,7 @@ class CentroidHorizons:
 
 def heights_around(points_m: np.ndarray, normal: np.ndarray, solid: RayMesh, n_azimuths: int, unknown: int
                    ) -> np.ndarray:
-    """How high a shape stands around points of its surface, in azimuths of even steps on a square: (N, A) uint8.
+    """Horizons of a shape around points of its surface, in azimuths of even steps on a square: (N, A) uint8.
 
     Parameters
     ----------

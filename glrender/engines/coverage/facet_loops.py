@@ -44,7 +44,7 @@ def facing(normal, offset_m, first, last, to_sun, sun_radius, r_camera_m, xy, co
 @compiled(write(float64, 1)(read(float32, 2), read(float64, 1), read(int32, 2), _CORNERS, TABLE, intp, VECTOR,
                             VECTOR))
 def lit_edges(facets, radiance, neighbours, corners, xy, every, to_sun, r_camera_m):
-    """Of one in `every` so many facets, all lit or all dark by their radiance (F,), what may be wrong.
+    """Light that may be wrong in one of every `every` facets, each all lit or all dark by its radiance (F,).
 
     Sums (4,): areas and light of lit facets; and of those beside a dark one that faces Sun and camera, squared radiance
     times the area, and times its square. Facets (F, 6) float32 have normals and centroids [m].
@@ -74,7 +74,7 @@ def lit_edges(facets, radiance, neighbours, corners, xy, every, to_sun, r_camera
 
 @compiled(write(intp, 1)(read(float32, 2), read(float64, 1), VECTOR, VECTOR, POINTS, read(float64, 1)))
 def may_be_hidden(facets, radiance, to_sun, r_camera_m, places_m, radii_m):
-    """Of facets with radiance (F,), those (N,) whose centroids have one of some spheres towards camera or Sun.
+    """Facets (N,) among those with radiance (F,) whose centroids have one of some spheres towards camera or Sun.
 
     Facets (F, 6) float32 have normals and centroids [m]; spheres have places (3, K) [m] and radii (K,) [m].
     """
@@ -117,7 +117,7 @@ def vertices_of(corners, facets, n_vertices):
 
 @compiled(Tuple((write(intp, 2), write(intp, 1), write(intp, 1)))(NUMBERS, NUMBERS))
 def distinct_pairs(ones, others):
-    """Of pairs of numbers (N,), in either order, those that are distinct.
+    """Distinct pairs among pairs of numbers (N,), in either order.
 
     They (2, K), the first (K,) of the N that each is, and which each of the N is.
     """

@@ -30,7 +30,7 @@ def _across(x, y, z):
 
 @inlined
 def _azimuth(s, t):
-    """Where a direction is around, in sectors: by its place on a square, which needs no angle.
+    """The azimuth of a direction, in sectors: by its place on a square, which needs no angle.
 
     Without a branch: of many facets the next one's quarter is not known.
     """
@@ -84,7 +84,7 @@ def _faces(facets, facet, to_sun, r_camera_m):
 
 @inlined
 def _look(facets, facet, to_sun, r_camera_m):
-    """Of a facet's middle, across the normal twice and along it: unit vectors to camera and Sun.
+    """Unit vectors to camera and Sun from a facet's middle, across the normal twice and along it.
 
     And the squared distance of both.
     """
@@ -101,7 +101,7 @@ def _look(facets, facet, to_sun, r_camera_m):
 
 @inlined
 def _between(table, root, around, out):
-    """What a table has at a place, in steps of each of its axes."""
+    """A table's value at a place, in steps of each of its axes."""
     i = min(max(intp(root), 0), table.shape[0] - 2)
     j, k = min(intp(around), table.shape[1] - 2), min(intp(out), table.shape[2] - 2)
     a, b, c = root - i, around - j, out - k

@@ -196,7 +196,7 @@ class SunlitAreas:
         return _PENUMBRA**2 * float(squared.sum()) / 12.0
 
     def low_sun(self) -> tuple[float, float]:
-        """What a Sun without a disc misses of facets that part of its disc lights: squared error, and light.
+        """Facets that part of the Sun's disc lights, drawn with a Sun without a disc: squared error, and light.
 
         A facet at which the Sun's middle stands as high as a share u of its radius has the mean of max(0, u + t) over
         the disc (closed form) in place of u. Those for which it has set are taken to be alike, with the mean over u.

@@ -1,4 +1,4 @@
-"""What shines by itself in the frames of backends that trace the full shapes: added to the surfaces' light."""
+"""Comae in the frames of backends that trace the full shapes: their light is added to the surfaces'."""
 
 from __future__ import annotations
 

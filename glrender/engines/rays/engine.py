@@ -160,7 +160,7 @@ class RayEngine:
         return found
 
     def products(self, pixel: np.ndarray, camera: PinholeCamera, views: list[BodyView]) -> dict[str, np.ndarray]:
-        """What places in the image (N, 2) [px] see, by the names of `BESIDE`."""
+        """Products at places in the image (N, 2) [px], by the names of `BESIDE`."""
         made = {name: np.full((len(pixel), *np.shape(value)), value, _DTYPES[name]) for name, value in BESIDE.items()}
 
         def look(part: slice) -> None:
@@ -220,7 +220,7 @@ class RayEngine:
         return facing, r_body, to_sun, self._has_free_line(r_body, above, to_sun, view, views)
 
     def _first(self, ray_camera: np.ndarray, views: Iterable[BodyView]) -> list[tuple[int, Hits]]:
-        """What rays (3, N) from the camera meet first: of each body, by its number, what no other hides."""
+        """First hits of rays (3, N) from the camera: those of each body, by its number, that no other body hides."""
         views = list(views)
         met = [(index, self._mesh(view, views).first(view.r_camera_body_m, view.camera_from_body.T @ ray_camera))
                for index, view in enumerate(views) if view.is_visible]
@@ -273,7 +273,7 @@ class _Solid(RayMesh):
 
 
 def _points(hits: Hits, view: BodyView) -> np.ndarray:
-    """Where rays from the camera meet a body (3, K) [m], in its frame."""
+    """Points (3, K) [m] at which rays from the camera meet a body, in its frame."""
     return view.r_camera_body_m[:, None] + hits.ray * hits.distance_m
 
 

@@ -32,7 +32,7 @@ def _across(u, v, w):
 
 @inlined
 def _towards(corners, i, first, place, axis):
-    """Of a facet's corner, from a place along an axis."""
+    """A coordinate of a facet's corner, from a place along an axis."""
     return ((corners[i, first] - place[0]) * axis[0] + (corners[i, first + 1] - place[1]) * axis[1]
             + (corners[i, first + 2] - place[2]) * axis[2])
 

@@ -39,7 +39,7 @@ class ExactMesh:
             boxes[n:2 * n, 3:] = np.maximum(left[:, 3:], right[:, 3:])
 
     def first(self, origin_m: np.ndarray, ray: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Of rays (3, N) from points (3, 1 or N) [m] those (K,) that meet the shape, its facets, and distances [m]."""
+        """Rays (K,) of (3, N) from points (3, 1 or N) [m] that meet the shape, their facets, and distances [m]."""
         facet, distance_m = np.empty(ray.shape[1], np.intp), np.empty(ray.shape[1])
         exact_loops.find_first(self._boxes, self._corners, self._n_leaves, origin_m, ray, facet, distance_m)
         place = np.flatnonzero(facet >= 0)

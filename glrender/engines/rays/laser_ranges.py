@@ -49,7 +49,7 @@ class RangeNoise:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Ranges:
-    """What each ray of a rangefinder met first.
+    """First hits of a rangefinder's rays.
 
     Attributes
     ----------

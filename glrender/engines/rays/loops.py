@@ -120,7 +120,7 @@ def find_blocked(scene, start_m, direction, radius_m, found):
 @compiled(void(uintp, float64, POINTS, read(float64, 1), POINTS, read(intp, 1, "A"), POINTS, float64,
                read(float64, 1), read(float64, 1), boolean, write(boolean, 1, "A")))
 def keep_free(scene, radius_m, turn, shift_m, points_m, facets, normals, lift_m, unsure_m, towards, is_place, is_free):
-    """Of points (3, N) [m] of a surface that are free (N,), find those from which a mesh hides a direction or a place.
+    """Points (3, N) [m] of a surface that are free (N,) lose it where a mesh hides a direction or a place from them.
 
     They are lifted off the surface along the normals of their facets (N,), and more by each facet's own rounding; not
     at all where the lift is 0.
@@ -251,7 +251,7 @@ def find_heights(scene, radius_m, points_m, normals, axes, lift_m, azimuths, unk
 @compiled(Tuple((write(intp, 1), write(intp, 1), write(float64, 1), write(float64, 2), write(float64, 2)))(
     uintp, POINTS, POINTS, float64, POINTS, read(float64, 1)))
 def find_first(scene, start_m, direction, radius_m, normals, offset_m):
-    """What rays from points (3, 1 or N) [m] in directions (3, N) meet first of a mesh in units of its radius [m].
+    """First hits on a mesh in units of its radius [m], by rays from points (3, 1 or N) [m] in directions (3, N).
 
     Their numbers (K,), the facets (K,), distances (K,) [m] to the facets' planes, rays and normals (3, K).
     """

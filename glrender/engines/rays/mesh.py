@@ -43,7 +43,7 @@ def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Hits:
-    """Where rays first meet a shape.
+    """First hits of rays on a shape.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ class RayMesh:
         return _FineMesh(self)
 
     def lift_m(self, facet: np.ndarray, least: float) -> np.ndarray:
-        """How far (N,) [m] off facets (N,) rays start: a least, in radii, and what float32 errs by there."""
+        """Distances (N,) [m] off facets (N,) at which rays start: a least, in radii, and float32's error there."""
         return least * self.radius_m + self._unsure_m.take(facet)
 
     def raised(self, r_body_m: np.ndarray, facet: np.ndarray, normal: np.ndarray, least: float) -> np.ndarray:
@@ -127,7 +127,7 @@ class RayMesh:
         return r_body_m + normal * (self.lift_m(facet, least) - height_m)
 
     def first(self, origin_m: np.ndarray, ray: np.ndarray) -> Hits:
-        """What rays (3, N) from a point (3,) [m], or from points (3, N), meet first."""
+        """First hits of rays (3, N) from a point (3,) [m], or from points (3, N)."""
         place, facet, distance_m, ray, normal = ray_loops.find_first(
             self._mesh.scene, origin_m.reshape(3, -1), ray, self.radius_m, self.normals.T, self._offset_m)
         return self._faced(Hits(place=place, facet=facet, distance_m=distance_m, ray=ray, normal=normal))
@@ -156,7 +156,7 @@ class RayMesh:
 
     def keep_free(self, own: RayMesh, turn: np.ndarray, shift_m: np.ndarray, r_body_m: np.ndarray, facet: np.ndarray,
                   towards: np.ndarray, is_place: bool, is_free: np.ndarray) -> None:
-        """Of points of a shape's surface that are free, find those that this one hides something from.
+        """Points of a shape's surface that are free lose it where this shape hides something from them.
 
         Parameters
         ----------

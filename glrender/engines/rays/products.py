@@ -1,4 +1,4 @@
-"""What the backends that trace the full shapes say of a frame, and the products that they share."""
+"""Plans and products that the backends which trace the full shapes share."""
 
 from __future__ import annotations
 
