@@ -24,6 +24,7 @@ from ..renderer import open_renderer
 from ..scene.scene import Scene
 from ..scene.shape.shape import Shape
 from ..view.state import State
+from . import labels
 from .formats import FrameFile, checked_ending, write
 
 MANIFEST = "manifest.json"
@@ -48,6 +49,8 @@ class FrameOptions:
         With "dn"; the camera's by default.
     products : tuple of str
         As of `Renderer.render`.
+    has_labels : bool
+        Whether the header has the labels of `frame_labels`.
     max_error : float, optional
         The scene's by default.
     backend : str
@@ -60,6 +63,7 @@ class FrameOptions:
     seed: int = 0
     exposure_s: float | str | None = None
     products: tuple[str, ...] = ()
+    has_labels: bool = False
     max_error: float | None = None
     backend: str = "auto"
 
@@ -249,7 +253,8 @@ def drawn(renderer: Any, index: int, state: State, options: FrameOptions) -> Fra
     ------
     ConfigError, SceneError
     """
-    asked = {"products": options.products, "max_error": options.max_error}
+    products = dict.fromkeys((*options.products, *(labels.PRODUCTS if options.has_labels else ())))
+    asked = {"products": tuple(products), "max_error": options.max_error}
     camera, header = renderer.scene.camera(options.camera), {}
     if options.output == "dn":
         seed = options.seed + index
@@ -259,7 +264,10 @@ def drawn(renderer: Any, index: int, state: State, options: FrameOptions) -> Fra
     else:
         capture = draw_still(renderer, state, camera.name, **asked)
         pixels = capture.irradiance_W_m2
-    return FrameFile(pixels=pixels, unit=options.unit, products=capture.products, header={
+    if options.has_labels:
+        header["labels"] = labels.frame_labels(renderer.scene, state, camera, pixels, capture.products)
+    kept = {name: capture.products[name] for name in options.products}
+    return FrameFile(pixels=pixels, unit=options.unit, products=kept, header={
         "glrender": version("glrender"), "index": index, "state": state.to_dict(), "unit": options.unit,
         "camera": {"name": camera.name, "width_px": camera.width_px, "height_px": camera.height_px,
                    "focal_length_px": camera.focal_length_px, "principal_point_px": list(camera.principal_point_px),

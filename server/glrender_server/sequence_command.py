@@ -27,6 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--output", default="irradiance", choices=("irradiance", "dn"))
     parser.add_argument("--format", default="fits", choices=FORMATS, help="png: 16 bits, with --output dn alone (fits)")
     parser.add_argument("--products", nargs="*", default=[], metavar="NAME", help="range, body_id, incidence, ...")
+    parser.add_argument("--labels", action="store_true", help="pose, box and centres of each body, in the header")
     parser.add_argument("--seed", type=int, default=0, help="of the first frame's noise; each further one has the next")
     parser.add_argument("--max-error", type=float)
     parser.add_argument("--processes", type=int, metavar="N", help="default: one for each core")
@@ -38,8 +39,8 @@ def run_sequence(arguments: argparse.Namespace) -> int:
     scene = load_scene(arguments.scene)
     camera = scene.camera(arguments.camera) if arguments.camera else scene.cameras[0]
     options = FrameOptions(camera=camera.name, output=arguments.output, format=arguments.format, seed=arguments.seed,
-                           products=tuple(arguments.products), max_error=arguments.max_error,
-                           backend=arguments.backend)
+                           products=tuple(arguments.products), has_labels=arguments.labels,
+                           max_error=arguments.max_error, backend=arguments.backend)
     sequence = FrameSequence(scene=scene, states=read_states(arguments.states), folder=arguments.out, options=options)
     n_frames = len(sequence.states)
     n_there = n_frames - len(sequence.missing())

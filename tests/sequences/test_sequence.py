@@ -98,7 +98,7 @@ def test_every_format_gives_the_pixels_back(scene, whole, tmp_path, format):
 
 def test_a_fits_file_says_what_it_holds(scene, tmp_path):
     fits = pytest.importorskip("astropy.io.fits")
-    made = sequence(scene, tmp_path, format="fits", output="irradiance", products=("range", "body_id", "r_body"))
+    made = sequence(scene, tmp_path, format="fits", output="irradiance", products=("range", "r_body"), has_labels=True)
     next(iter(made.draw(1)))
     with fits.open(made.path(0)) as opened:
         opened.verify("exception")
@@ -108,6 +108,9 @@ def test_a_fits_file_says_what_it_holds(scene, tmp_path):
         assert opened["R_BODY"].data.shape == (3, 64, 96)
         told = json.loads(opened["GLRENDER"].data.tobytes())
         assert told["state"] == STATES[0].to_dict()
+        x0, y0, x1, y1 = told["labels"]["bodies"]["body"]["box_px"]
+        is_seen = np.isfinite(np.flipud(opened["RANGE"].data))
+        assert is_seen[y0:y1, x0:x1].sum() == is_seen.sum()
         # The boresight is where the header says, by FITS' own count: the body is in the middle of the frame.
         lit = np.argwhere(np.isfinite(opened["RANGE"].data))
         assert np.abs(lit.mean(axis=0)[::-1] + 1.0 - (header["CRPIX1"], header["CRPIX2"])).max() < 4.0
