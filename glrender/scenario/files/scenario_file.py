@@ -12,6 +12,8 @@ from glrender_camera.validate import known_keys, one_of, text
 from ...base.errors import ConfigError, error_path
 from ...scene.scene import Scene
 from ..scenario import SPACECRAFT, SUN, Scenario
+from ..spice.instrument import camera_of_kernel
+from ..spice.kernels import Spice
 from .attitude_fields import read_body_attitude, read_craft_attitude
 from .fields import Known, a_table
 from .time_fields import SAMPLER_KEYS, TimeFields
@@ -19,6 +21,7 @@ from .trajectory_fields import read_encounter, read_motion_of_body, read_spice, 
 
 _OWN_KEYS = ("scene", "encounter", "trajectory", "attitude", "time", "sun", "spice", "output")
 _BODY_KEYS = ("orbit", "trajectory", "spin", "attitude")
+_KERNEL_CAMERA_KEYS = ("instrument", "spacecraft_frame", "width_px", "height_px", "focal_length_px", "image_right")
 
 
 def load_scenario(path: str | Path) -> Scenario:
@@ -59,7 +62,13 @@ def _scenario(table: dict[str, Any], folder: Path) -> Scenario:
     if isinstance(entries, list):
         table["bodies"] = [{key: value for key, value in entry.items() if key not in _BODY_KEYS}
                            if isinstance(entry, Mapping) else entry for entry in entries]
-    known = Known(scene=Scene.from_dict(table, shape_dir=folder, path=""), folder=folder)
+    spice = None
+    if "spice" in own:
+        with error_path("spice"):
+            spice = read_spice(own["spice"], folder)
+    if isinstance(cameras := table.get("cameras"), list):
+        table["cameras"] = [_camera_table(entry, f"cameras[{index}]", spice) for index, entry in enumerate(cameras)]
+    known = Known(scene=Scene.from_dict(table, shape_dir=folder, path=""), folder=folder, spice=spice)
     for index, name in enumerate(known.names):
         if name in (SUN, SPACECRAFT):
             raise ConfigError(f"bodies[{index}].name", "must be another name in a scenario", name)
@@ -68,9 +77,6 @@ def _scenario(table: dict[str, Any], folder: Path) -> Scenario:
     with error_path("time"):
         times = TimeFields(own.get("time", {}))
     known.start = times.start
-    if "spice" in own:
-        with error_path("spice"):
-            known.spice = read_spice(known, own["spice"])
     for index, entry in enumerate(entries):
         with error_path(f"bodies[{index}]"):
             read_motion_of_body(known, entry["name"], entry)
@@ -97,6 +103,20 @@ def _scenario(table: dict[str, Any], folder: Path) -> Scenario:
         output = a_table(own.get("output", {}))
     return Scenario(trajectories=known.trajectories, attitudes=attitudes, origin=origin, start=known.start,
                     sampler=sampler, scene=known.scene, output=output)
+
+
+def _camera_table(entry: object, path: str, spice: Spice | None) -> object:
+    """A camera's table, with what an instrument kernel tells of its `instrument`."""
+    if not isinstance(entry, Mapping) or "instrument" not in entry:
+        return entry
+    with error_path(path):
+        if spice is None:
+            raise ConfigError("instrument", "needs [spice] with its kernels", entry["instrument"])
+        of_kernel = {key: entry[key] for key in _KERNEL_CAMERA_KEYS if key in entry}
+        camera = camera_of_kernel(spice, name=entry.get("name", str(entry["instrument"])), **of_kernel)
+    return {"name": camera.name, **{key: value for key, value in entry.items() if key not in _KERNEL_CAMERA_KEYS},
+            "width_px": camera.width_px, "height_px": camera.height_px, "focal_length_px": camera.focal_length_px,
+            "q_camera_from_spacecraft": camera.q_camera_from_spacecraft.tolist()}
 
 
 def _toml(path: Path) -> dict[str, Any]:

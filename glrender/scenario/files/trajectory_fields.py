@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -68,13 +69,13 @@ def read_encounter(known: Known, value: object) -> Encounter:
     return encounter
 
 
-def read_spice(known: Known, value: object) -> Spice:
+def read_spice(value: object, folder: Path) -> Spice:
     """The kernels of [spice]."""
     table = a_table(value)
     kernels = table.get("kernels")
     if not isinstance(kernels, list) or not kernels:
         raise ConfigError("kernels", "must be a list of files that is not empty", kernels)
-    table["kernels"] = [known.folder / text(f"kernels[{index}]", kernel) for index, kernel in enumerate(kernels)]
+    table["kernels"] = [folder / text(f"kernels[{index}]", kernel) for index, kernel in enumerate(kernels)]
     return made(Spice, table)
 
 

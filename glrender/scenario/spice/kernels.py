@@ -70,9 +70,11 @@ class Spice:
 
     def code(self, name: str, path: str = "ids") -> int:
         """SPICE's number of a name of the scenario, or of SPICE's own."""
+        if name in self._codes:
+            return self._codes[name]
         asked = {SUN: "SUN", SPACECRAFT: self.observer}.get(name, str(self.ids.get(name, name)))
         try:
-            return self.tool.bods2c(asked)
+            return self._codes.setdefault(name, self.tool.bods2c(asked))
         except self.error:
             raise ConfigError(path, "must lead to a name or number that SPICE knows", asked,
                               f"give spice.ids of {name!r}, or load the kernel that defines it") from None
@@ -84,18 +86,22 @@ class Spice:
     def seen(self, target: str, observer: str, et_s: float, aberration: str | None = None) -> tuple[np.ndarray, float]:
         """State (6,) [m, m/s] in J2000 of a target from an observer, and its light time [s]."""
         codes = self.code(target), self.code(observer)
-        state, light_time = self.asked(et_s, target, self.tool.spkez, codes[0], et_s, "J2000",
+        state, light_time = self.asked(et_s, "", self.tool.spkez, codes[0], et_s, "J2000",
                                         self.aberration if aberration is None else aberration, codes[1])
         return np.asarray(state) * _M_PER_KM, float(light_time)
 
     def turned(self, frame: str, et_s: float) -> tuple[np.ndarray, np.ndarray | None]:
         """`frame_from_j2000` (3, 3), and its angular velocity (3,) [rad/s] in the frame, or None if not known."""
-        try:
-            rotation, rate = self.tool.xf2rav(self.tool.sxform("J2000", frame, et_s))
-            return rotation, rotation @ rate
-        except self.error:
-            # A CK may have attitudes without rates.
-            return self.asked(et_s, "frame", self.tool.pxform, "J2000", frame, et_s), None
+        if frame not in self._without_rates:
+            try:
+                rotation, rate = self.tool.xf2rav(self.tool.sxform("J2000", frame, et_s))
+                return rotation, rotation @ rate
+            except self.error:
+                pass
+        # A CK may have attitudes without rates; to ask for them at each time costs 0.5 ms.
+        rotation = self.asked(et_s, "frame", self.tool.pxform, "J2000", frame, et_s)
+        self._without_rates.add(frame)
+        return rotation, None
 
     def coverage(self) -> list[str]:
         """What the kernels cover, a line for each object of each SPK and CK."""
@@ -121,6 +127,14 @@ class Spice:
             when = "" if et_s is None else f" at {_date(et_s)}"
             raise ConfigError(path, f"is not in the kernels{when}: {told_by(error)}", hint="coverage: " + (
                 "; ".join(self.coverage()) or f"none in {', '.join(Path(k).name for k in self.kernels)}")) from None
+
+    @cached_property
+    def _codes(self) -> dict[str, int]:
+        return {}
+
+    @cached_property
+    def _without_rates(self) -> set[str]:
+        return set()
 
     def _loaded(self) -> set[str]:
         return {self.tool.kdata(index, "ALL")[0] for index in range(self.tool.ktotal("ALL"))}
