@@ -11,7 +11,7 @@ from glrender_camera.validate import finite, one_of, unit_quaternion, vector
 from scipy.spatial.transform import Rotation
 
 from ..base.errors import ConfigError, SceneError
-from .epochs import Epoch
+from .epochs import Epoch, needed
 from .paths import unit
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
@@ -216,14 +216,6 @@ class Pointing:
             normal = np.cross(r, v)
             return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300), np.zeros_like(r)
         return np.tile(np.eye(3)[2] if rule == "north" else self.up, (len(r), 1)), np.zeros_like(r)
-
-
-def needed(start: Epoch | None) -> Epoch:
-    """The start of a scenario; refused where there is none and something turns or moves by the calendar."""
-    if start is None:
-        raise ConfigError("time.start_tdb", "missing: an orbit, a spin or a kernel needs the date",
-                          hint="or give start_utc")
-    return start
 
 
 def _unit_and_rate(r: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

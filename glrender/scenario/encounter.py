@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 from ..base.constants import GM_SUN_M3_S2
 from ..base.errors import ConfigError
-from .epochs import Epoch
+from .epochs import Epoch, needed
 from .kepler import EQUATORIAL_FROM_ECLIPTIC
 from .paths import Trajectory
 
@@ -142,7 +142,7 @@ class Encounter:
         The relative motion is integrated, with the Sun's tide: the difference of two orbits would be good to 2e-5 m
         of rounding alone.
         """
-        dt = np.asarray(t_s, float) + (start - self.date)
+        dt = np.asarray(t_s, float) + (needed(start) - self.date)
         r0, v0 = self.closest_approach
         out = np.empty((dt.size, 6))
         out[dt == 0.0] = np.concatenate([r0, v0])

@@ -137,6 +137,14 @@ class Epoch:
         return (self.whole_s - other.whole_s) + (self.fraction_s - other.fraction_s)
 
 
+def needed(start: Epoch | None) -> Epoch:
+    """The start of a scenario; refused where there is none and something turns or moves by the calendar."""
+    if start is None:
+        raise ConfigError("time.start_tdb", "missing: an orbit, a spin or a kernel needs the date",
+                          hint="or give start_utc")
+    return start
+
+
 def _of_tt(tt: Epoch) -> Epoch:
     """The epoch of TT seconds past J2000."""
     mean_anomaly = 6.239996 + 1.99096871e-7 * tt.et_s

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from ..base.constants import GM_SUN_M3_S2, OBLIQUITY_J2000_RAD
 from ..base.errors import ConfigError
-from .epochs import Epoch
+from .epochs import Epoch, needed
 
 EQUATORIAL_FROM_ECLIPTIC = Rotation.from_euler("x", OBLIQUITY_J2000_RAD).as_matrix()
 """(3, 3): components in the ecliptic of J2000 to components in ICRF."""
@@ -98,7 +98,7 @@ class Kepler:
 
     def at(self, start: Epoch, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Positions (N, 3) [m] and velocities (N, 3) [m/s] relative to `about`, at times (N,) [s] from a start."""
-        return propagated(self.r_m, self.v_m_s, np.asarray(t_s, float) + (start - self.epoch),
+        return propagated(self.r_m, self.v_m_s, np.asarray(t_s, float) + (needed(start) - self.epoch),
                           self.gravitational_parameter_m3_s2)
 
 

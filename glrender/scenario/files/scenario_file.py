@@ -68,7 +68,7 @@ def _scenario(table: dict[str, Any], folder: Path) -> Scenario:
             spice = read_spice(own["spice"], folder)
     if isinstance(cameras := table.get("cameras"), list):
         table["cameras"] = [_camera_table(entry, f"cameras[{index}]", spice) for index, entry in enumerate(cameras)]
-    known = Known(scene=Scene.from_dict(table, shape_dir=folder, path=""), folder=folder, spice=spice)
+    known = Known(scene=_scene(table, folder), folder=folder, spice=spice)
     for index, name in enumerate(known.names):
         if name in (SUN, SPACECRAFT):
             raise ConfigError(f"bodies[{index}].name", "must be another name in a scenario", name)
@@ -76,7 +76,7 @@ def _scenario(table: dict[str, Any], folder: Path) -> Scenario:
         raise ConfigError("encounter", "needs exactly one of [encounter] and [trajectory]")
     with error_path("time"):
         times = TimeFields(own.get("time", {}))
-    known.start = times.start
+    known.start = times.start if "encounter" in own else times.start or times.first
     for index, entry in enumerate(entries):
         with error_path(f"bodies[{index}]"):
             read_motion_of_body(known, entry["name"], entry)
@@ -103,6 +103,15 @@ def _scenario(table: dict[str, Any], folder: Path) -> Scenario:
         output = a_table(own.get("output", {}))
     return Scenario(trajectories=known.trajectories, attitudes=attitudes, origin=origin, start=known.start,
                     sampler=sampler, scene=known.scene, output=output)
+
+
+def _scene(table: Mapping[str, Any], folder: Path) -> Scene:
+    try:
+        return Scene.from_dict(table, shape_dir=folder, path="scene")
+    except ConfigError as error:
+        # The scene's tables are at the top of the scenario's.
+        error.path = error.path.removeprefix("scene.")
+        raise
 
 
 def _camera_table(entry: object, path: str, spice: Spice | None) -> object:

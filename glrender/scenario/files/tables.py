@@ -11,8 +11,8 @@ from scipy.interpolate import KroghInterpolator
 from scipy.spatial.transform import Rotation, RotationSpline, Slerp
 
 from ...base.errors import ConfigError
-from ..attitude import Geometry, needed
-from ..epochs import Epoch
+from ..attitude import Geometry
+from ..epochs import Epoch, needed
 
 # Rows about a time that its polynomial goes through: degree 7, as CCSDS ephemerides recommend, with velocities or not.
 _ROWS_WITH_VELOCITY, _ROWS = 4, 8

@@ -8,9 +8,8 @@ from typing import Any
 from glrender_camera.validate import known_keys, one_of
 
 from ...base.errors import ConfigError, error_path
-from ..attitude import needed
 from ..encounter import Encounter
-from ..epochs import Epoch
+from ..epochs import Epoch, needed
 from ..paths import Trajectory
 from ..samplers import EqualTurns, Exponential, FixedRate, Linear, Times
 from .fields import a_table, made, with_scales
@@ -31,6 +30,8 @@ class TimeFields:
     Attributes
     ----------
     start : Epoch or None
+    first : Epoch or None
+        Of the epochs that are listed.
     """
 
     def __init__(self, value: object):
@@ -41,7 +42,8 @@ class TimeFields:
                 raise ConfigError(stem, "has no time scale", table[stem], f"write {' or '.join(with_scales(stem))}")
         known_keys("", table, (*_KEYS, *with_scales("start"), *with_scales("epochs")))
         self._epochs = _listed(table)
-        self.start = Epoch.of_field(table, "start") or (self._epochs[0] if self._epochs else None)
+        self.start = Epoch.of_field(table, "start")
+        self.first = self._epochs[0] if self._epochs else None
         self._table = {key: table[key] for key in _KEYS if key in table}
 
     def sampler(self, craft: Trajectory, start: Epoch | None, encounter: Mapping[str, Any]) -> Any:

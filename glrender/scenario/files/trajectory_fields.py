@@ -10,8 +10,8 @@ import numpy as np
 from glrender_camera.validate import known_keys, one_of, text
 
 from ...base.errors import ConfigError, error_path
-from ..attitude import needed
 from ..encounter import Encounter
+from ..epochs import needed
 from ..kepler import Kepler
 from ..paths import AtRest, Hovering, Trajectory, circular_orbit
 from ..scenario import SPACECRAFT, SUN

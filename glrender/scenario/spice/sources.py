@@ -8,8 +8,8 @@ import numpy as np
 from glrender_camera.validate import text
 
 from ...base.attitude import from_spice
-from ..attitude import Geometry, needed
-from ..epochs import Epoch
+from ..attitude import Geometry
+from ..epochs import Epoch, needed
 from .kernels import SPACECRAFT, SUN, Spice
 
 
