@@ -31,3 +31,9 @@ def integrated_pair(r_body, v_body, r_craft, v_craft, times_s):
                        t_eval=ordered)
     relative = (solved.y[6:9] - solved.y[:3]).T
     return relative if sign > 0.0 else relative[::-1]
+
+
+def small_orbit() -> Kepler:
+    """An eccentric orbit about Didymos, twelve hours long."""
+    return Kepler(r_m=[1200.0, 300.0, 500.0], v_m_s=[-0.02, 0.11, 0.12], epoch=DATE, about="didymos",
+                  gravitational_parameter_m3_s2=35.0)
