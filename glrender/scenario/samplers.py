@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +14,9 @@ from .epochs import Epoch
 MAX_FRAMES = 10_000_000
 # sinh of more overflows no float64, but leaves no two times apart in the middle.
 _MAX_SLOW_MOTION = 30.0
+# Nodes, each a fraction of the turn apart, and how often they are spread anew: a pass as short as 1e-12 of the
+# duration is found.
+_NODES, _REFINEMENTS = 4001, 8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,6 +154,41 @@ class Times:
     def t_s(self) -> np.ndarray:
         """(N,) float64 times [s], ascending."""
         return self.times_s
+
+
+def equal_turns(r_of: Callable[[np.ndarray], np.ndarray], *, duration_s: float, frames: int) -> Times:
+    """Frames between which the line of sight turns by one angle, on any trajectory.
+
+    Parameters
+    ----------
+    r_of : callable
+        Of times (N,) [s] from the start, to positions (N, 3) [m] relative to what is looked at.
+    duration_s : float [s], > 0
+    frames : int, 1..1e7
+
+    Raises
+    ------
+    ConfigError
+        A line of sight that does not turn.
+    """
+    even = Linear(duration_s=duration_s, frames=frames).t_s()
+    t = np.linspace(0.0, even[-1] if frames > 1 else duration_s, max(_NODES, 2 * frames))
+    for _ in range(_REFINEMENTS):
+        r = r_of(t)
+        before, after = r[:-1], r[1:]
+        steps = np.arctan2(np.linalg.norm(np.cross(before, after), axis=1), np.einsum("ij,ij->i", before, after))
+        turned = np.concatenate([[0.0], np.cumsum(steps)])
+        if not turned[-1] > 0.0:
+            raise ConfigError("sampler", "needs a line of sight that turns", "equal_turns", 'give "linear"')
+        # A little of time itself keeps the nodes apart where nothing turns.
+        place = turned / turned[-1] + 1e-9 * t / duration_s
+        finer = np.interp(np.linspace(0.0, place[-1], len(t)), place, t)
+        finer[0], finer[-1] = t[0], t[-1]
+        t, last = finer, (place, t)
+    place, nodes = last
+    if frames == 1:
+        return Times(times_s=[float(np.interp(0.5 * place[-1], place, nodes))])
+    return Times(times_s=np.interp(np.linspace(0.0, place[-1], frames), place, nodes))
 
 
 def _places(frames: int) -> np.ndarray:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from glrender import ConfigError
 from glrender.scenario import Epoch, EqualTurns, Exponential, FixedRate, Linear, Times
+from glrender.scenario.samplers import equal_turns
 from missing import needed_module
 
 UTC = ["2016-12-31T23:59:60.5", "2016-12-31T23:59:59", "2017-01-01T00:00:00", "1972-01-01", "2029-02-13T12:34:56.789",
@@ -84,6 +85,19 @@ def test_equal_turns_are_equal():
     turns = np.diff(np.arctan2(1e4 * (t - 300.0), 2e5))
     np.testing.assert_allclose(turns, turns[0], rtol=1e-12)
     np.testing.assert_allclose(t[[0, 12, -1]], [0.0, 300.0, 600.0], atol=1e-10)
+
+
+@pytest.mark.parametrize("distance_m", [2e5, 20.0, 1e-3])
+def test_equal_turns_of_any_trajectory(distance_m):
+    """To a thousandth of the angle between frames, on straight passes as short as 1e-7 s of 600 s, and on a circle."""
+    t = equal_turns(lambda t: np.stack([1e4 * (t - 300.0), np.full_like(t, distance_m), 0.0 * t], axis=1),
+                    duration_s=600.0, frames=25).t_s()
+    turns = np.diff(np.arctan2(1e4 * (t - 300.0), distance_m))
+    np.testing.assert_allclose(turns, turns.mean(), rtol=1e-3)
+    circle = equal_turns(lambda t: np.stack([np.cos(t), np.sin(t), 0.0 * t], axis=1), duration_s=60.0, frames=7)
+    np.testing.assert_allclose(circle.t_s(), np.arange(0.0, 61.0, 10.0), atol=1e-6)
+    with pytest.raises(ConfigError, match="sampler: needs a line of sight that turns"):
+        equal_turns(lambda t: np.tile([1.0, 0.0, 0.0], (len(t), 1)), duration_s=60.0, frames=7)
 
 
 def test_rates_and_lists():

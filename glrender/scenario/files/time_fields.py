@@ -11,7 +11,7 @@ from ...base.errors import ConfigError, error_path
 from ..encounter import Encounter
 from ..epochs import Epoch, needed
 from ..paths import Trajectory
-from ..samplers import EqualTurns, Exponential, FixedRate, Linear, Times
+from ..samplers import EqualTurns, Exponential, FixedRate, Linear, Times, equal_turns
 from .fields import a_table, made, with_scales
 
 SAMPLER_KEYS = ("frames", "sampler", "slow_motion")
@@ -53,22 +53,22 @@ class TimeFields:
             if self._table or self._epochs:
                 raise ConfigError("time", "is given beside frames in [encounter]", hint="give one of them")
             with error_path("encounter"):
-                return _spread(own, craft)
+                return _spread(own, craft, start)
         with error_path("time"):
             if self._epochs or "times_s" in self._table:
                 if len(self._table) + bool(self._epochs) > 1:
                     raise ConfigError("", "gives times in two ways", sorted(self._table), "give one of them")
                 return (Times.of_epochs(self._epochs, needed(start)) if self._epochs else made(Times, self._table))
             table = {**({"duration_s": craft.duration_s} if isinstance(craft, Encounter) else {}), **self._table}
-            return made(FixedRate, table) if "rate_hz" in table else _spread(table, craft)
+            return made(FixedRate, table) if "rate_hz" in table else _spread(table, craft, start)
 
 
-def _spread(table: dict[str, Any], craft: Trajectory) -> Any:
+def _spread(table: dict[str, Any], craft: Trajectory, start: Epoch | None) -> Any:
     """A sampler that spreads a number of frames over a duration."""
     kind = one_of("sampler", table.pop("sampler", "linear"), _SAMPLERS)
     if kind == "equal_turns":
-        if not isinstance(craft, Encounter):
-            raise ConfigError("sampler", 'must be "linear" or "exponential" without [encounter]', kind)
+        if not isinstance(craft, Encounter) or craft.gravitational_parameter_m3_s2 > 0.0:
+            return made(equal_turns, table, r_of=lambda t: craft.at(start, t)[0])
         table |= {"distance_m": craft.distance_m, "relative_velocity_m_s": craft.relative_velocity_m_s}
     return made(_SAMPLERS[kind], table)
 
