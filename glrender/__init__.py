@@ -10,7 +10,7 @@ from importlib import import_module
 from glrender_camera import PinholeCamera
 
 from .base import rotations as frames
-from .base.attitude import from_basilisk_mrp, from_matlab_dcm, from_matlab_quat, from_spice
+from .base.attitude import from_basilisk_mrp, from_matlab_dcm, from_matlab_quat, from_ros, from_scipy, from_spice
 from .base.errors import ConfigError, DeviceError, GlrenderError, ProtocolError, SceneError, ShaderError, ShapeError
 from .engines.image import Image  # noqa: F401 (glrender.Image)
 from .scene.detail.config import Boulders, Craters, Detail, Noise
@@ -25,7 +25,8 @@ __version__ = "0.1.0"
 __all__ = ["Body", "Boulders", "Capture", "ConfigError", "Craters", "Detail", "DeviceError", "GlrenderError", "Noise",
            "PinholeCamera", "Pose", "ProtocolError", "Renderer", "Scene", "SceneError", "Shape", "ShaderError",
            "ShapeError", "Stars", "State", "draw_still", "frames", "from_basilisk_mrp", "from_matlab_dcm",
-           "from_matlab_quat", "from_spice", "generate", "load_scene", "open_renderer", "take_frame"]
+           "from_matlab_quat", "from_ros", "from_scipy", "from_spice", "generate", "load_scene", "open_renderer",
+           "take_frame"]
 
 
 # Not before they are asked for: the renderer loads OpenGL, frames load compiled loops.

@@ -120,6 +120,56 @@ def from_spice(rotation: np.ndarray) -> np.ndarray:
     return _of_matrices("rotation", rotation)
 
 
+def from_scipy(rotation: Rotation) -> np.ndarray:
+    """The attitude of a SciPy `Rotation` whose `apply` takes components in a to components in b.
+
+    Parameters
+    ----------
+    rotation : scipy.spatial.transform.Rotation
+        One, or a stack of N. Of a frame's axes, as `from_euler` builds them, it is the inverse that is meant.
+
+    Returns
+    -------
+    (4,) or (N, 4) float64
+        `q_b_from_a`.
+
+    Raises
+    ------
+    ConfigError
+        Another type: SciPy's quaternions are scalar last, and an array does not tell.
+    """
+    if not isinstance(rotation, Rotation):
+        raise ConfigError("rotation", "must be a scipy Rotation", rotation, "of numbers take Rotation.from_quat(...)")
+    return _canonical(rotation.as_quat(scalar_first=True))
+
+
+def from_ros(orientation: object) -> np.ndarray:
+    """The attitude of a ROS orientation of frame b in frame a: the conjugate, scalar first.
+
+    Parameters
+    ----------
+    orientation : geometry_msgs Quaternion, or (..., 4) float [1]
+        [x, y, z, w] of `Pose.orientation` of b in `header.frame_id` a, or of a transform with the parent a and the
+        child b. (`lookup_transform(b, a)` gives the transform with the parent b: its result here is `q_a_from_b`.)
+
+    Returns
+    -------
+    (..., 4) float64
+        `q_b_from_a`.
+
+    Raises
+    ------
+    ConfigError
+        A norm farther from 1 than 1e-3.
+
+    Source: geometry_msgs/Pose and TransformStamped; REP 103.
+    """
+    if all(hasattr(orientation, name) for name in "xyzw"):
+        orientation = [orientation.x, orientation.y, orientation.z, orientation.w]
+    q = unit_vectors("orientation", _numbers("orientation", orientation, (4,)), "normalise [x, y, z, w] first")
+    return _canonical(np.roll(q, 1, axis=-1) * [1.0, -1.0, -1.0, -1.0])
+
+
 def _of_matrices(name: str, matrices: np.ndarray) -> np.ndarray:
     off = np.abs(matrices @ np.swapaxes(matrices, -1, -2) - np.eye(3)).max(axis=(-1, -2))
     determinant = np.linalg.det(matrices)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from glrender import ConfigError, State, load_scene
+from glrender.scenario import load_scenario
 from glrender.sequences.contact_sheet import contact_sheet
 from glrender.sequences.formats import FORMATS
 from glrender.sequences.read import read_image
@@ -20,9 +21,10 @@ _ON_SHEET = 25
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `glrender sequence`."""
-    parser.add_argument("scene", type=Path, help="scene file (TOML)")
-    parser.add_argument("--states", type=Path, required=True, help="one state vector (JSON) a line")
-    parser.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="made if it is missing")
+    parser.add_argument("scene", type=Path, metavar="SCENARIO", help="scenario file (TOML), or with --states a scene file")
+    parser.add_argument("--states", type=Path, help="file of state vectors, one (JSON) a line, instead of a scenario's")
+    parser.add_argument("--write-states", type=Path, metavar="FILE", help="write the scenario's states there, and no frames")
+    parser.add_argument("--out", type=Path, metavar="FOLDER", help="made if it is missing")
     parser.add_argument("--camera", help="default: the first")
     parser.add_argument("--output", default="irradiance", choices=("irradiance", "dn"))
     parser.add_argument("--format", default="fits", choices=FORMATS, help="png: 16 bits, with --output dn alone (fits)")
@@ -36,12 +38,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run_sequence(arguments: argparse.Namespace) -> int:
     """Draw what is missing in the folder, then a contact sheet."""
-    scene = load_scene(arguments.scene)
+    if arguments.states is None:
+        scenario = load_scenario(arguments.scene)
+        for warning in scenario.check():
+            sys.stderr.write(f"glrender: warning: {warning}\n")
+        scene, states = scenario.scene, list(scenario.iter_states())
+    else:
+        scene, states = load_scene(arguments.scene), read_states(arguments.states)
+    if arguments.write_states is not None:
+        lines = (json.dumps(state.to_dict()) + "\n" for state in states)
+        arguments.write_states.write_text("".join(lines), encoding="utf-8")
+        sys.stdout.write(f"{arguments.write_states}: {len(states)} states\n")
+        return 0
+    if arguments.out is None:
+        raise ConfigError("--out", "missing", hint="name a folder for the frames")
     camera = scene.camera(arguments.camera) if arguments.camera else scene.cameras[0]
     options = FrameOptions(camera=camera.name, output=arguments.output, format=arguments.format, seed=arguments.seed,
                            products=tuple(arguments.products), has_labels=arguments.labels,
                            max_error=arguments.max_error, backend=arguments.backend)
-    sequence = FrameSequence(scene=scene, states=read_states(arguments.states), folder=arguments.out, options=options)
+    sequence = FrameSequence(scene=scene, states=states, folder=arguments.out, options=options)
     n_frames = len(sequence.states)
     n_there = n_frames - len(sequence.missing())
     with tqdm(total=n_frames, initial=n_there, unit="frame", disable=None) as bar:

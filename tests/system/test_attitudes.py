@@ -7,6 +7,7 @@ import logging
 import os
 import re
 import subprocess
+from types import SimpleNamespace
 
 import glrender
 import numpy as np
@@ -27,6 +28,8 @@ from glrender import (
     from_basilisk_mrp,
     from_matlab_dcm,
     from_matlab_quat,
+    from_ros,
+    from_scipy,
     from_spice,
     load_scene,
 )
@@ -395,3 +398,21 @@ def test_a_marker_is_seen_where_the_matrix_puts_it(marker_renderer, convert, num
 def place_px(renderer, state):
     y, x = np.nonzero(renderer.render(state, products=["body_id"]).products["body_id"] >= 0)
     return np.array([x.mean(), y.mean()])
+
+
+def test_scipys_and_ross_are_what_the_page_says():
+    """Rotations one by one and in a stack; a pose of a rover that looks north, as a message and as numbers."""
+    for dcm in MATRICES:
+        np.testing.assert_allclose(frames.dcm(from_scipy(Rotation.from_matrix(dcm))), dcm, atol=1e-14)
+    assert from_scipy(Rotation.from_matrix(MATRICES)).shape == (len(MATRICES), 4)
+    ((matrix, orientation),) = of_ros_pose()
+    message = SimpleNamespace(**dict(zip("xyzw", orientation, strict=True)))
+    for given in (message, orientation, np.tile(orientation, (2, 1))):
+        np.testing.assert_allclose(frames.dcm(from_ros(given)).reshape(-1, 3, 3)[-1], matrix, atol=1e-4)
+    ((matrix, orientation),) = of_ros_lookup()
+    np.testing.assert_allclose(frames.dcm(from_ros(orientation)).T, matrix, atol=1e-4)
+    for wrong, message in ((lambda: from_scipy([0.0, 0.0, 0.0, 1.0]), "rotation: must be a scipy Rotation"),
+                           (lambda: from_ros([0.0, 0.0, 1.0, 1.0]), "orientation: norm must be 1 within 0.001"),
+                           (lambda: from_ros([0.0, 0.0, 1.0]), "orientation: must have shape")):
+        with pytest.raises(ConfigError, match=message):
+            wrong()

@@ -1,0 +1,100 @@
+"""What disturbs an attitude: an offset, and jitter of a given spectrum."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from glrender_camera.validate import integer, unit_quaternion, vector
+from scipy.spatial.transform import Rotation
+
+from ..base.errors import ConfigError
+from .attitude import IDENTITY, Attitude, Geometry
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Disturbed:
+    """An attitude with a constant offset, and with jitter.
+
+    Parameters
+    ----------
+    attitude : Attitude
+        Of the spacecraft.
+    offset_rad : (3,) float [rad]
+        Turns of the camera about its X, Y and Z, as a rotation vector: +X lifts the view, +Y moves it right.
+    jitter : Jitter, optional
+    q_camera_from_spacecraft : (4,) float
+        The camera's mounting; both disturbances are about the camera's axes.
+    """
+
+    attitude: Attitude
+    offset_rad: np.ndarray = field(default=(0.0, 0.0, 0.0))
+    jitter: Jitter | None = None
+    q_camera_from_spacecraft: np.ndarray = field(default=IDENTITY)
+
+    def __post_init__(self):
+        object.__setattr__(self, "offset_rad", vector("offset_rad", self.offset_rad))
+        object.__setattr__(self, "q_camera_from_spacecraft",
+                           unit_quaternion("q_camera_from_spacecraft", self.q_camera_from_spacecraft))
+
+    def at(self, geometry: Geometry, owner: str) -> tuple[np.ndarray, np.ndarray]:
+        """Attitudes and rates, as `Attitude` has them; of jitter to first order in its angles."""
+        q, rates = self.attitude.at(geometry, owner)
+        camera = Rotation.from_quat(self.q_camera_from_spacecraft, scalar_first=True)
+        angles, angle_rates = np.zeros((len(q), 3)), np.zeros((len(q), 3))
+        if self.jitter is not None:
+            angles, angle_rates = self.jitter.angles(geometry.t_s)
+        turn = camera.inv() * Rotation.from_rotvec(-angles) * Rotation.from_rotvec(-self.offset_rad) * camera
+        return ((turn * Rotation.from_quat(q, scalar_first=True)).as_quat(scalar_first=True),
+                None if rates is None else turn.apply(rates) + camera.inv().apply(angle_rates))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Jitter:
+    """Small turns of a camera with a given spectrum: a sum of sines of random phases, the same for the same seed.
+
+    Parameters
+    ----------
+    frequency_hz : (K,) float [Hz], ascending, > 0, K >= 2
+    density_rad2_hz : (K,) or (K, 3) float [rad2/Hz], >= 0
+        One-sided power spectral density about X, Y and Z; linear between the frequencies.
+    seed : int
+    lines : int
+        Sines about each axis.
+
+    Source: Shinozuka and Deodatis (1991), spectral representation: amplitudes sqrt(2 S df).
+    """
+
+    frequency_hz: np.ndarray
+    density_rad2_hz: np.ndarray
+    seed: int
+    lines: int = 200
+
+    def __post_init__(self):
+        frequency = np.array(self.frequency_hz, float)
+        if frequency.ndim != 1 or len(frequency) < 2 or not (np.diff(frequency) > 0.0).all() or not frequency[0] > 0.0:
+            raise ConfigError("frequency_hz", "must be at least two ascending frequencies > 0", self.frequency_hz)
+        density = np.array(self.density_rad2_hz, float)
+        density = np.repeat(density[:, None], 3, axis=1) if density.ndim == 1 else density
+        if density.shape != (len(frequency), 3) or not (density >= 0.0).all() or not np.isfinite(density).all():
+            raise ConfigError("density_rad2_hz", "must be >= 0, one number or three for each frequency",
+                              self.density_rad2_hz)
+        integer("lines", self.lines, 1, 100_000)
+        integer("seed", self.seed, 0, 2**63)
+        edges = np.linspace(frequency[0], frequency[-1], int(self.lines) + 1)
+        middle = 0.5 * (edges[1:] + edges[:-1])
+        power = np.stack([np.interp(middle, frequency, column) for column in density.T], axis=1)
+        rng = np.random.default_rng(self.seed)
+        object.__setattr__(self, "_omega", 2.0 * np.pi * middle)
+        object.__setattr__(self, "_amplitude", np.sqrt(2.0 * power * np.diff(edges)[:, None]))
+        object.__setattr__(self, "_phase", rng.uniform(0.0, 2.0 * np.pi, power.shape))
+
+    def angles(self, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Angles (N, 3) [rad] about X, Y and Z, and their rates (N, 3) [rad/s], at times (N,) [s]."""
+        angles, rates = np.empty((len(t_s), 3)), np.empty((len(t_s), 3))
+        # A frame at a time: all at once would need lines x frames of memory.
+        for index, t in enumerate(t_s):
+            argument = (self._omega * t)[:, None] + self._phase
+            angles[index] = (self._amplitude * np.sin(argument)).sum(axis=0)
+            rates[index] = (self._amplitude * self._omega[:, None] * np.cos(argument)).sum(axis=0)
+        return angles, rates

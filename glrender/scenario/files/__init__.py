@@ -1,0 +1,1 @@
+"""What scenarios are read from: TOML scenario files, CSV tables, CCSDS messages."""

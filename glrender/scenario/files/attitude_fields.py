@@ -1,0 +1,93 @@
+"""Attitudes of a scenario file: [attitude] of the spacecraft, and a body's `spin` or `attitude`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from glrender_camera.validate import known_keys, one_of, vector
+
+from ...base.errors import ConfigError, error_path
+from ..attitude import Attitude, Fixed, Pointing, Spin
+from ..disturbances import Disturbed, Jitter
+from ..dynamics import GravityGradient, RigidBody
+from ..scenario import SPACECRAFT, SUN
+from ..spice.sources import SpiceAttitude
+from .ccsds import attitude_of_aem
+from .csv_files import attitude_of_csv
+from .fields import Known, a_table, made, parameters_of, taken_epoch
+
+
+def read_craft_attitude(known: Known, value: object, target: str) -> Attitude:
+    """The attitude of [attitude]; `target` is looked at where the table names none."""
+    table = a_table(value)
+    offset_deg, jitter = table.pop("offset_deg", None), table.pop("jitter", None)
+    mounting = known.scene.camera(table.pop("camera", known.scene.cameras[0].name)).q_camera_from_spacecraft
+    mode = one_of("mode", table.pop("mode", None), ("target", "nadir", *_MODES))
+    if mode in ("target", "nadir"):
+        rule = {"up": "orbit_normal"} if mode == "nadir" else {}
+        attitude = made(Pointing, {"target": target, **rule, **table}, q_camera_from_spacecraft=mounting)
+        one_of("target", attitude.target, [SUN, *known.names])
+    else:
+        attitude = _MODES[mode](known, table, SPACECRAFT)
+    if offset_deg is None and jitter is None:
+        return attitude
+    offset = np.radians(vector("offset_deg", (0.0, 0.0, 0.0) if offset_deg is None else offset_deg))
+    with error_path("jitter"):
+        shaken = None if jitter is None else made(Jitter, jitter)
+    return Disturbed(attitude=attitude, offset_rad=offset, jitter=shaken, q_camera_from_spacecraft=mounting)
+
+
+def read_body_attitude(known: Known, name: str, entry: Mapping[str, Any]) -> Attitude | None:
+    """The attitude of a body, of its `spin` or `attitude`; None where it has neither."""
+    if "spin" in entry and "attitude" in entry:
+        raise ConfigError("spin", "is given beside attitude", hint="give one of them")
+    if "spin" in entry:
+        with error_path("spin"):
+            table, epoch = taken_epoch(entry["spin"], "epoch")
+            return made(Spin.about_pole, table, epoch=epoch)
+    if "attitude" not in entry:
+        return None
+    with error_path("attitude"):
+        table = a_table(entry["attitude"])
+        return _MODES[one_of("mode", table.pop("mode", None), _MODES)](known, table, name)
+
+
+def _fixed(known: Known, table: dict[str, Any], owner: str) -> Fixed:
+    return made(Fixed, table)
+
+
+def _spin(known: Known, table: dict[str, Any], owner: str) -> Spin:
+    table, epoch = taken_epoch(table, "epoch")
+    return made(Spin, table, epoch=epoch)
+
+
+def _csv(known: Known, table: dict[str, Any], owner: str) -> Attitude:
+    known_keys("", table, ("file", "interpolation"), required=("file",))
+    return attitude_of_csv(known.file(table), table.get("interpolation", "spline"))
+
+
+def _aem(known: Known, table: dict[str, Any], owner: str) -> Attitude:
+    known_keys("", table, ("file", "object_name"), required=("file",))
+    return attitude_of_aem(known.file(table), table.get("object_name"))
+
+
+def _spice(known: Known, table: dict[str, Any], owner: str) -> Attitude:
+    return made(SpiceAttitude, table, spice=known.kernels())
+
+
+def _rigid_body(known: Known, table: dict[str, Any], owner: str) -> RigidBody:
+    mu = table.pop("gravity_gradient_m3_s2", None)
+    known_keys("", table, [name for name in parameters_of(RigidBody) if name != "torques"])
+    if mu is None:
+        return made(RigidBody, table)
+    if owner not in known.trajectories:
+        raise ConfigError("gravity_gradient_m3_s2", "needs a trajectory about the attracting mass", mu)
+    torque = GravityGradient(inertia_kg_m2=table.get("inertia_kg_m2"), gravitational_parameter_m3_s2=mu,
+                             trajectory=known.trajectories[owner], start=known.start)
+    return made(RigidBody, table, torques=(torque,))
+
+
+_MODES: dict[str, Callable[[Known, dict[str, Any], str], Attitude]] = {
+    "fixed": _fixed, "spin": _spin, "csv": _csv, "aem": _aem, "spice": _spice, "rigid_body": _rigid_body}

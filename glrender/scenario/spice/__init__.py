@@ -1,0 +1,1 @@
+"""Positions, attitudes and cameras of NAIF's kernels (extra `spice`), on the caller's side alone."""

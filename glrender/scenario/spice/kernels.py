@@ -1,0 +1,163 @@
+"""SPICE's kernels: loaded, asked, and told of where they have no answer."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from glrender_camera.validate import one_of, text
+
+from ...base.errors import ConfigError
+from ..epochs import Epoch
+
+ABERRATIONS = ("NONE", "LT", "LT+S", "CN+S")
+_M_PER_KM = 1000.0
+SUN, SPACECRAFT = "sun", "spacecraft"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Spice:
+    """Kernels, loaded once a process, and what positions are wanted of them.
+
+    Parameters
+    ----------
+    kernels : sequence of path
+        SPK, CK, PCK, FK, IK, SCLK, leap seconds, or meta-kernels. They stay loaded until `close`.
+    observer : str
+        SPICE's name or number of the spacecraft.
+    aberration : "NONE", "LT", "LT+S" or "CN+S"
+        Of bodies as the observer sees them, as `spkezr` has it; bodies turn back by the light time too, and the Sun
+        stands where each body saw it then.
+    ids : mapping of name to str
+        SPICE's names or numbers of bodies that have others in the scenario.
+
+    Raises
+    ------
+    ConfigError
+        No spiceypy, a kernel that is missing or that SPICE refuses, with its name.
+    """
+
+    kernels: Sequence[str | Path]
+    observer: str
+    aberration: str = "NONE"
+    ids: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self):
+        one_of("aberration", self.aberration, ABERRATIONS)
+        text("observer", self.observer)
+        if not isinstance(self.ids, Mapping):
+            raise ConfigError("ids", "must map names to SPICE's names or numbers", self.ids)
+        loaded = self._loaded()
+        for index, kernel in enumerate(self.kernels):
+            if not Path(kernel).is_file():
+                raise ConfigError(f"kernels[{index}]", "is not there", str(kernel))
+            if str(kernel) not in loaded:
+                try:
+                    self.tool.furnsh(str(kernel))
+                except self.error as error:
+                    raise ConfigError(f"kernels[{index}]", f"is refused by SPICE: {told_by(error)}",
+                                      str(kernel)) from None
+
+    def close(self) -> None:
+        """Unload the kernels."""
+        for kernel in self.kernels:
+            self.tool.unload(str(kernel))
+
+    def code(self, name: str, path: str = "ids") -> int:
+        """SPICE's number of a name of the scenario, or of SPICE's own."""
+        if name in self._codes:
+            return self._codes[name]
+        asked = {SUN: "SUN", SPACECRAFT: self.observer}.get(name, str(self.ids.get(name, name)))
+        try:
+            return self._codes.setdefault(name, self.tool.bods2c(asked))
+        except self.error:
+            raise ConfigError(path, "must lead to a name or number that SPICE knows", asked,
+                              f"give spice.ids of {name!r}, or load the kernel that defines it") from None
+
+    def light_time_s(self, body: str, et_s: float) -> float:
+        """How long light takes from a body to the observer [s]; 0 where no aberration is asked for."""
+        return 0.0 if self.aberration == "NONE" else self.seen(body, SPACECRAFT, et_s)[1]
+
+    def seen(self, target: str, observer: str, et_s: float, aberration: str | None = None) -> tuple[np.ndarray, float]:
+        """State (6,) [m, m/s] in J2000 of a target from an observer, and its light time [s]."""
+        codes = self.code(target), self.code(observer)
+        state, light_time = self.asked(et_s, "", self.tool.spkez, codes[0], et_s, "J2000",
+                                        self.aberration if aberration is None else aberration, codes[1])
+        return np.asarray(state) * _M_PER_KM, float(light_time)
+
+    def turned(self, frame: str, et_s: float) -> tuple[np.ndarray, np.ndarray | None]:
+        """`frame_from_j2000` (3, 3), and its angular velocity (3,) [rad/s] in the frame, or None if not known."""
+        if frame not in self._without_rates:
+            try:
+                rotation, rate = self.tool.xf2rav(self.tool.sxform("J2000", frame, et_s))
+                return rotation, rotation @ rate
+            except self.error:
+                pass
+        # A CK may have attitudes without rates; to ask for them at each time costs 0.5 ms.
+        rotation = self.asked(et_s, "frame", self.tool.pxform, "J2000", frame, et_s)
+        self._without_rates.add(frame)
+        return rotation, None
+
+    def coverage(self) -> list[str]:
+        """What the kernels cover, a line for each object of each SPK and CK."""
+        lines = []
+        for kernel in map(str, self.kernels):
+            kind = self.tool.getfat(kernel)[1]
+            if kind in ("SPK", "CK"):
+                tool = self.tool
+                for code in tool.spkobj(kernel) if kind == "SPK" else tool.ckobj(kernel):
+                    cover = (tool.spkcov(kernel, code) if kind == "SPK"
+                             else tool.ckcov(kernel, code, False, "INTERVAL", 0.0, "TDB"))
+                    spans = [tool.wnfetd(cover, index) for index in range(tool.wncard(cover))]
+                    if spans:
+                        lines.append(f"{Path(kernel).name} has {code} from {_date(spans[0][0])} to "
+                                     f"{_date(spans[-1][1])}{f' in {len(spans)} parts' if len(spans) > 1 else ''}")
+        return lines
+
+    def asked(self, et_s: float | None, path: str, function: Any, *arguments: Any) -> Any:
+        """Ask SPICE; what it refuses is told with the epoch and the coverage that there is."""
+        try:
+            return function(*arguments)
+        except self.error as error:
+            when = "" if et_s is None else f" at {_date(et_s)}"
+            raise ConfigError(path, f"is not in the kernels{when}: {told_by(error)}", hint="coverage: " + (
+                "; ".join(self.coverage()) or f"none in {', '.join(Path(k).name for k in self.kernels)}")) from None
+
+    @cached_property
+    def _codes(self) -> dict[str, int]:
+        return {}
+
+    @cached_property
+    def _without_rates(self) -> set[str]:
+        return set()
+
+    def _loaded(self) -> set[str]:
+        return {self.tool.kdata(index, "ALL")[0] for index in range(self.tool.ktotal("ALL"))}
+
+    @property
+    def tool(self) -> Any:
+        """spiceypy, imported when it is needed first."""
+        try:
+            return import_module("spiceypy")
+        except ImportError as error:
+            raise ConfigError("spice", f"needs spiceypy: {error}", hint="pip install 'glrender[spice]'") from None
+
+    @cached_property
+    def error(self) -> type[Exception]:
+        """The root of spiceypy's errors."""
+        return self.tool.utils.exceptions.SpiceyError
+
+
+def _date(et_s: float) -> str:
+    return f"{Epoch.from_et(et_s).tdb[:19]} TDB"
+
+
+def told_by(error: Exception) -> str:
+    """What SPICE says, in its short and long words."""
+    short, long = getattr(error, "short", ""), getattr(error, "long", "")
+    return " ".join(f"{short} {long}".split()) or str(error)
