@@ -21,9 +21,11 @@ _ON_SHEET = 25
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `glrender sequence`."""
-    parser.add_argument("scene", type=Path, metavar="SCENARIO", help="scenario file (TOML), or with --states a scene file")
+    parser.add_argument("scene", type=Path, metavar="SCENARIO",
+                        help="scenario file (TOML), or with --states a scene file")
     parser.add_argument("--states", type=Path, help="file of state vectors, one (JSON) a line, instead of a scenario's")
-    parser.add_argument("--write-states", type=Path, metavar="FILE", help="write the scenario's states there, and no frames")
+    parser.add_argument("--write-states", type=Path, metavar="FILE",
+                        help="write the scenario's states there, and no frames")
     parser.add_argument("--out", type=Path, metavar="FOLDER", help="made if it is missing")
     parser.add_argument("--camera", help="default: the first")
     parser.add_argument("--output", default="irradiance", choices=("irradiance", "dn"))

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,8 +17,10 @@ from glrender import ConfigError, load_scene, open_renderer, take_frame
 from glrender.sequences.formats import FORMATS
 from glrender.sequences.read import read_image
 from glrender.sequences.sequence import FrameOptions, FrameSequence
+from glrender_server.cli import main
 from PIL import Image
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
 STATES = [views.state(phase_deg=20.0 + 20.0 * k, range_m=2000.0 + 100.0 * k) for k in range(6)]
 
 
@@ -154,3 +157,14 @@ def test_states_that_are_none_are_told_with_their_line(files, tmp_path):
         (tmp_path / "s").write_text(text)
         with pytest.raises(ConfigError, match=message):
             read_states(tmp_path / "s")
+
+
+def test_a_scenarios_states_are_written(tmp_path, capsys):
+    example = str(EXAMPLES / "comet_flyby.toml")
+    assert main(["sequence", example, "--write-states", str(tmp_path / "states.jsonl")]) == 0
+    lines = (tmp_path / "states.jsonl").read_text().splitlines()
+    assert len(lines) == 25 and "25 states" in capsys.readouterr().out
+    middle = json.loads(lines[12])
+    nearest = np.linalg.norm(np.subtract(middle["spacecraft"]["r_inertial_m"], middle["bodies"]["67p"]["r_inertial_m"]))
+    assert nearest == pytest.approx(20000.0, abs=1.0)
+    assert main(["sequence", example]) == 1 and "--out: missing" in capsys.readouterr().err
