@@ -46,6 +46,8 @@ class Engine(Protocol):
     """Scene and OpenGL, as `hello` tells them."""
     draws_here: bool
     """Whether `start` draws in the loop's thread, and returns when it is done."""
+    generation: int
+    """Counts the scenes: a reply that shows an old one is no answer to a retry."""
     outage: str
     """Why nothing can be rendered until further notice; empty if something can."""
 
@@ -92,8 +94,7 @@ class Dispatcher:
         self.errors: Counter[str] = Counter()
         self._kept: OrderedDict[str, tuple[bytes, list, list]] = OrderedDict()
         self._under_way: dict[bytes, list[Answer]] = {}
-        # Counts the scenes: a reply that shows an old one is no answer to a retry.
-        self._generation = 0
+        self._headers: dict[bytes, Mapping[str, Any]] = {}
         self._seconds_of: OrderedDict[Hashable, float] = OrderedDict()
         self._mean_seconds = 0.0
         self._last_timings_ms: dict[str, float] = {}
@@ -168,21 +169,23 @@ class Dispatcher:
             self._enqueue(header, digest, request)
 
     def _digest(self, message: bytes) -> bytes:
-        return hashlib.sha256(b"%d:" % self._generation + message).digest()
+        return hashlib.sha256(b"%d:" % self._engine.generation + message).digest()
 
     def _has_not_taken(self, request: Request) -> bool:
         own = request.untaken_bytes()
-        return own > limits.MAX_UNTAKEN_BYTES or (
-            own > 0 and sum(front.untaken_bytes for front in self._fronts) > limits.MAX_UNTAKEN_BYTES_IN_ALL)
+        if own <= limits.FEW_UNTAKEN_BYTES:
+            return False
+        in_all = sum(front.untaken_bytes for front in self._fronts)
+        return own > limits.MAX_UNTAKEN_BYTES or in_all > limits.MAX_UNTAKEN_BYTES_IN_ALL
 
     def _enqueue(self, header: dict[str, Any], digest: bytes, request: Request) -> None:
-        self._under_way[digest] = [request.answer]
+        self._under_way[digest], self._headers[digest] = [request.answer], header
         self.requests[header["op"]] += 1
         finish = partial(self._finish, request, header, digest, time.monotonic())
         is_quick = self._seconds_of.get(request.sender, QUICK_S) < QUICK_S
         job = Job(header, request.parts[0], finish, request.sender, is_quick)
         for refused, of_it, _ in self._queue.put(request.sender, (job, digest, request), len(request.parts[0])):
-            self._busy(refused.header, self._under_way.pop(of_it), f"{len(self._queue)} requests are waiting")
+            self._busy(refused.header, self._answers(of_it), f"{len(self._queue)} requests are waiting")
 
     def work(self) -> None:
         """Begin jobs while the engine has room for them."""
@@ -193,7 +196,7 @@ class Dispatcher:
         while found := self._queue.get(lambda item: self._engine.has_room(item[0])):
             job, digest, request = found
             if self._has_not_taken(request):
-                self._busy(job.header, self._under_way.pop(digest), _UNTAKEN)
+                self._busy(job.header, self._answers(digest), _UNTAKEN)
                 continue
             self._engine.start(job)
             if self._engine.draws_here:
@@ -218,15 +221,28 @@ class Dispatcher:
                 reply = [codec.with_field(reply[0], "shared", done.place)]
             of_reply = digest
             if header["op"] == "load_scene":
-                self._generation += 1
                 self._kept.clear()
                 self._warned.scene(self._engine.described.get("warnings", ()))
                 of_reply = self._digest(request.parts[0])
             self._keep(header["client"], of_reply, reply, done.reply[1:])
             self._warned.frames(header["client"], done.warnings, time.monotonic())
         self._last_timings_ms = done.timings_ms or self._last_timings_ms
-        for answer in self._under_way.pop(digest):
+        for answer in self._answers(digest):
             answer(reply)
+
+    def _answers(self, digest: bytes) -> list[Answer]:
+        """The ways back to all who asked the same, which is no longer under way."""
+        self._headers.pop(digest, None)
+        return self._under_way.pop(digest, [])
+
+    def give_up(self) -> None:
+        """Tell all that still wait that the server ends."""
+        while self._queue.get() is not None:
+            pass
+        for digest, header in list(self._headers.items()):
+            self.errors["closing"] += 1
+            for answer in self._answers(digest):
+                answer(refusal(header, "closing", "", "the server is shutting down"))
 
     def _remember(self, sender: Hashable, done: Done) -> None:
         """Keep the time for which the sender's last request had a renderer."""

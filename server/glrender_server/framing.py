@@ -47,6 +47,15 @@ class Decoder:
         """Whether nothing of a next message has come yet."""
         return not self._held
 
+    @property
+    def has_message(self) -> bool:
+        """Whether a whole message is here, or what is none."""
+        try:
+            size = self._message_size()
+        except ProtocolError:
+            return True
+        return size is not None and len(self._held) >= size
+
     def feed(self, data: bytes) -> None:
         """Add bytes that came."""
         self._held += data

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict, deque
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from typing import Any, NamedTuple, Protocol
 
 import zmq
@@ -40,7 +40,11 @@ class Front(Protocol):
     def start(self, poller: zmq.Poller) -> None:
         """Register what wakes the loop."""
 
-    def take_in(self, ready: dict[Any, int]) -> list[Request]:
+    @property
+    def has_more(self) -> bool:
+        """Whether `take_in` would give a request at once."""
+
+    def take_in(self, ready: dict[Any, int]) -> Iterable[Request]:
         """Requests that have come, after `poller.poll` said what is ready; sends what is due."""
 
     @property
@@ -77,8 +81,10 @@ class FairQueue:
         """
         refused = []
         while self._size >= self._length or self.n_bytes + n_bytes > self._max_bytes:
-            greediest = max(self._waiting.values(), key=len)
-            if len(greediest) <= len(self._waiting.get(sender, ())) + 1:
+            # By that of which there is too much.
+            amount, more = (len, 1) if self._size >= self._length else (_bytes_of, n_bytes)
+            greediest = max(self._waiting.values(), key=amount, default=())
+            if amount(greediest) <= amount(self._waiting.get(sender, ())) + more:
                 return [*refused, item]
             refused.append(self._removed(greediest.pop()))
         self._waiting.setdefault(sender, deque()).append((item, n_bytes))
@@ -102,3 +108,7 @@ class FairQueue:
         self._size -= 1
         self.n_bytes -= n_bytes
         return item
+
+
+def _bytes_of(items: Iterable[tuple[Any, int]]) -> int:
+    return sum(n_bytes for _, n_bytes in items)

@@ -64,7 +64,7 @@ class LocalEngine:
     is_idle, draws_here, outage = True, True, ""
 
     def __init__(self, operations: Operations):
-        self._operations, self._slots = operations, SlotStore()
+        self._operations, self._slots, self.generation = operations, SlotStore(), 0
         self.described = operations.described
 
     def has_room(self, job: Job) -> bool:
@@ -86,6 +86,7 @@ class LocalEngine:
 
         reply, code = self._operations.answer(job.header, memory if job.header.get("shared") is True else None)
         if job.is_load and not code:
+            self.generation += 1
             self.described = self._operations.described
         if slot is not None and code:
             self._slots.give_back(slot)

@@ -129,11 +129,18 @@ class Admission:
         """Names of the key files by `User-Id`, read anew every second."""
         now = time.monotonic()
         if now - self._read_at > _READ_AGAIN_S:
-            found = {}
-            for path in sorted(self._folder.glob("*.key")):
-                # A file that is being written, or has just gone, admits nobody.
-                with contextlib.suppress(OSError, ValueError):
-                    found[zmq.auth.load_certificate(path)[0].decode()] = path.stem
-            self._names, self._read_at = found, now
+            self._read_at = now
+            # Without a descriptor for the folder those that were known stay.
+            with contextlib.suppress(OSError):
+                self._names = self._read()
         return self._names
+
+    def _read(self) -> dict[str, str]:
+        found = {}
+        for name in sorted(os.listdir(self._folder)):
+            # A file that is being written, or has just gone, admits nobody.
+            with contextlib.suppress(FileNotFoundError, ValueError):
+                if name.endswith(".key"):
+                    found[zmq.auth.load_certificate(self._folder / name)[0].decode()] = name.removesuffix(".key")
+        return found
 

@@ -22,15 +22,15 @@ MAX_WAITING_BYTES = 1 << 26
 MAX_COPIES = 16
 """Copies of one request under way that get its reply."""
 MAX_TURN = 32
-"""Messages that are taken in of one transport before others have their turn."""
+"""Connections that are accepted over TCP before others have their turn."""
 
 MAX_UNTAKEN_BYTES = 1 << 26
 """Replies that one client has not taken; its next frame is answered `busy`."""
-MAX_UNTAKEN_BYTES_IN_ALL = 1 << 30
-"""Of all clients; beyond it only clients that have taken everything get frames."""
-MAX_UNFINISHED_BYTES = 1 << 25
+MAX_UNTAKEN_BYTES_IN_ALL, FEW_UNTAKEN_BYTES = 1 << 30, 1 << 20
+"""Of all clients; beyond it only clients that have few left to take get frames."""
+MAX_UNFINISHED_BYTES = 1 << 23
 """Parts of a message that one client has begun over ZeroMQ and not finished."""
-MAX_UNFINISHED_BYTES_IN_ALL = 1 << 28
+MAX_UNFINISHED_BYTES_IN_ALL = 1 << 26
 MAX_KEPT_REPLIES, MAX_KEPT_BYTES = 64, 1 << 28
 """The last replies that are kept for clients that ask again."""
 

@@ -97,7 +97,7 @@ class Operations:
         What the caller did wrong is answered with `code`, `path` and `message`; anything else is a bug:
         logged with its traceback, answered `internal`, and survived.
         """
-        self._memory, self.last_warnings = memory, []
+        self._memory, self.last_warnings, self.last_timings_ms = memory, [], {}
         try:
             return getattr(self, f"_{header['op']}")(header), ""
         except GlrenderError as error:

@@ -16,7 +16,8 @@ from .systemd import Systemd
 log = logging.getLogger(__name__)
 
 _POLL_MS, _RETRY_MS = 100, 10
-_DRAIN_S = 3.0
+# For what waits and is under way when the end is asked for, and then for clients to take it.
+_FINISH_S, _DRAIN_S = 40.0, 3.0
 
 
 class Server:
@@ -54,8 +55,13 @@ class Server:
                 self._turn()
             self._systemd.say_stopping()
             self._turn(is_last=True)
+            deadline = time.monotonic() + _FINISH_S
             while not self._dispatcher.is_idle:
                 self._turn(is_closing=True)
+                if time.monotonic() > deadline:
+                    log.warning("not all requests were answered within %g s: the rest is told", _FINISH_S)
+                    self._dispatcher.give_up()
+                    break
             deadline = time.monotonic() + _DRAIN_S
             while self._turn(is_closing=True) or not all(front.is_idle for front in self._fronts):
                 if time.monotonic() > deadline:
@@ -67,15 +73,17 @@ class Server:
 
     def _turn(self, is_last: bool = False, is_closing: bool = False) -> int:
         """Take in what has come, send what can be sent, begin what can be begun; how many requests came."""
-        if self._dispatcher.can_work or is_last:
+        if self._dispatcher.can_work or is_last or any(front.has_more for front in self._fronts):
             timeout_ms = 0
         else:
             timeout_ms = _POLL_MS if all(front.is_idle for front in self._fronts) and not is_closing else _RETRY_MS
         ready = dict(self._poller.poll(timeout_ms))
         self._engine.turn(ready)
-        requests = [request for front in self._fronts for request in front.take_in(ready)]
-        for request in requests:
-            self._dispatcher.submit(request, is_closing)
+        n_requests = 0
+        for front in self._fronts:
+            for request in front.take_in(ready):
+                self._dispatcher.submit(request, is_closing)
+                n_requests += 1
         self._dispatcher.work()
         self._systemd.say_alive()
-        return len(requests)
+        return n_requests

@@ -88,7 +88,7 @@ class SlotStore:
         for slot in sorted(self._free, key=lambda free: free.size):
             if slot.size >= n_bytes and self._claim(slot):
                 self._free.remove(slot)
-                if self._is_there(slot):
+                if self.is_there(slot):
                     return slot
                 del self._all[slot.name]
                 self._release(slot)
@@ -157,7 +157,7 @@ class SlotStore:
             fcntl.flock(lock, fcntl.LOCK_UN)
         return True
 
-    def _is_there(self, slot: SharedMemory) -> bool:
+    def is_there(self, slot: SharedMemory) -> bool:
         """Whether its file has still its name, by which a worker opens it: somebody may have tidied /dev/shm."""
         return slot.name not in self._locks or os.fstat(self._locks[slot.name]).st_nlink > 0
 

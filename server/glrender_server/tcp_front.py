@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 import ipaddress
 import logging
 import socket
@@ -92,6 +91,11 @@ class TcpFront:
         return requests
 
     @property
+    def has_more(self) -> bool:
+        """Whether a whole request is here that could be taken in at once."""
+        return any(connection.has_request for connection in self._connections.values())
+
+    @property
     def is_idle(self) -> bool:
         """Whether every reply has been handed to the system."""
         return not any(connection.has_output for connection in self._connections.values())
@@ -110,8 +114,6 @@ class TcpFront:
             except BlockingIOError:
                 return
             except OSError as error:
-                if error.errno not in (errno.EMFILE, errno.ENFILE, errno.ECONNABORTED, errno.ENOBUFS, errno.ENOMEM):
-                    raise
                 log.warning("a connection was not accepted: %s", error.strerror)
                 self._poller.unregister(self._listener.fileno())
                 self._accepts_at = time.monotonic() + _PAUSE_S
@@ -185,6 +187,10 @@ class _Connection:
     @property
     def _has_room(self) -> bool:
         return self._owed < MAX_OWED and self._output.n_bytes < limits.MAX_UNTAKEN_BYTES
+
+    @property
+    def has_request(self) -> bool:
+        return self._is_open and self._has_room and self._decoder.has_message
 
     @property
     def is_done(self) -> bool:

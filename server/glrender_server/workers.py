@@ -98,7 +98,7 @@ class WorkerPool:
         self._workers = [_Worker() for _ in range(n_workers)]
         self._again: deque[_Task] = deque()
         self._dying: list[tuple[BaseProcess, SharedMemory | None]] = []
-        self._generation, self._scene_message = 0, None
+        self.generation, self._scene_message, self._n_failed_scenes = 0, None, 0
         self._poller: zmq.Poller | None = None
         self._described: dict[str, Any] = {}
         self.draws_here, self.outage, self.restarts = False, "", 0
@@ -161,6 +161,9 @@ class WorkerPool:
         self._reap()
         while self._again and self._free_workers():
             self._begin(self._again.popleft())
+        while self._again and self.outage:
+            job = self._again.popleft().job
+            job.done(Done(refusal(job.header, "device", "", self.outage), "device", {}))
         self._slots.trim()
 
     def close(self) -> None:
@@ -172,7 +175,7 @@ class WorkerPool:
 
     def _free_workers(self) -> list[_Worker]:
         """Those that wait for a job, and have the scene that is served."""
-        return [w for w in self._workers if w.state == "idle" and w.generation == self._generation]
+        return [w for w in self._workers if w.state == "idle" and w.generation == self.generation]
 
     def _begin(self, task: _Task) -> None:
         # The last to have finished has the warmest caches.
@@ -183,6 +186,9 @@ class WorkerPool:
 
     def _send(self, worker: _Worker, message: bytes) -> None:
         worker.has_begun, worker.progress = False, None
+        if worker.slot is not None and not self._slots.is_there(worker.slot):
+            self._slots.give_back(worker.slot)  # somebody has tidied up
+            worker.slot = None
         worker.slot = worker.slot or self._take(self._frame_bytes)
         worker.deadline = time.monotonic() + worker.deadline_s
         self._tell(worker, "job", message, worker.slot.name if worker.slot else "")
@@ -221,8 +227,10 @@ class WorkerPool:
             if worker.state in ("starting", "busy", "loading") and now > worker.deadline:
                 worker.overran = True
                 self._bury(worker)
-            elif worker.state == "idle" and worker.generation != self._generation:
-                worker.state, worker.deadline_s, worker.loads = "loading", self._slow_deadline_s, self._generation
+            elif worker.state == "idle" and worker.generation != self.generation and self._scene_message is None:
+                self._bury(worker)  # it has a scene that is not served any more
+            elif worker.state == "idle" and worker.generation != self.generation:
+                worker.state, worker.deadline_s, worker.loads = "loading", self._slow_deadline_s, self.generation
                 self._send(worker, self._scene_message)
         if any(worker.state in ("idle", "busy", "loading") for worker in self._workers):
             self.outage = ""
@@ -243,11 +251,11 @@ class WorkerPool:
         if kind == "awake":
             # Not before: one that dies unread leaves nothing behind.
             self._tell(worker, self._scene_pickle, self._scene_message)
-            worker.generation = self._generation
+            worker.generation = self.generation
         elif kind == "ready":
-            worker.state, self.outage = "idle", ""
+            worker.state, self.outage, self._n_failed_scenes = "idle", "", 0
             # Meanwhile another may have loaded a newer scene.
-            if worker.generation == self._generation:
+            if worker.generation == self.generation:
                 self._described = rest[0]
         elif kind == "failed":
             self.outage = f"a worker did not start: {rest[0]}"
@@ -284,13 +292,16 @@ class WorkerPool:
             worker.slot = None
         if described is not None:
             self._described, self._scene_message = described, task.job.message
-            self._generation += 1
-            worker.generation = self._generation
+            self.generation += 1
+            worker.generation = self.generation
             log.info("a new scene is served; %d workers still load it", len(self._workers) - 1)
         task.job.done(Done([head, *parts], code, timings_ms, place, warnings))
 
     def _start(self, worker: _Worker) -> None:
-        worker.state, worker.overran, worker.deadline = "starting", False, time.monotonic() + self._start_s
+        worker.state, worker.overran = "starting", False
+        # A scene that was loaded may take as long again.
+        worker.deadline_s = self._start_s if self._scene_message is None else max(self._start_s, self._slow_deadline_s)
+        worker.deadline = time.monotonic() + worker.deadline_s
         try:
             ours, theirs = socket.socketpair()
             worker.channel = Channel(ours)
@@ -314,6 +325,11 @@ class WorkerPool:
         exit_code = None if worker.process is None else worker.process.exitcode
         is_by_signal = not (worker.overran or has_failed) and (exit_code is None or exit_code < 0)
         self._end(worker)
+        if was_starting and (worker.overran or has_failed) and self._scene_message is not None:
+            self._n_failed_scenes += 1
+            if self._n_failed_scenes > _MAX_TRIES:
+                log.error("the scene that was loaded cannot be opened any more: the server's own is served again")
+                self.generation, self._scene_message, self._n_failed_scenes = self.generation + 1, None, 0
         back_off = min(_FIRST_BACK_OFF_S * 2**worker.failures,
                        _MAX_BACK_OFF_AFTER_SIGNAL_S if is_by_signal else _MAX_BACK_OFF_S)
         worker.failures, worker.start_at = worker.failures + 1, time.monotonic() + back_off

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import logging
 import os
 import socket
+import stat
 import struct
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -30,7 +32,11 @@ _ZERO_COPY_BYTES = 65536
 _SEND_HIGH_WATER, _RECEIVE_HIGH_WATER, _MAX_BACKLOG = 32, 32, 256
 # A Unix socket is quickest when it holds the whole of a 4 MiB frame.
 _IPC_BUFFER = 1 << 22
-_STALL_S = 10.0
+_STALL_S = 30.0
+# Messages are taken in for so long, before other transports and workers have their turn [s].
+_TURN_S = 0.005
+# A request has one part behind its envelope of one or two; of a message with more, the rest is thrown away.
+_MAX_PARTS, _THROWN_AWAY_AT_ONCE = 4, 1000
 _LINGER_MS = 3000
 # A peer that has vanished without a word is noticed after about two minutes.
 _KEEP_ALIVE_IDLE_S, _KEEP_ALIVE_INTERVAL_S, _KEEP_ALIVE_COUNT = 60, 20, 3
@@ -51,6 +57,7 @@ class _Connection:
     has_asked: bool = False
     n_owed: int = 0
     n_read_bytes: int = 0
+    n_sent_bytes: int = 0
     n_acknowledged_bytes: int = 0
 
     @property
@@ -66,6 +73,12 @@ class _Connection:
         # What surrounds parts is reckoned high: no credit comes of it.
         self.n_read_bytes = min(self.n_read_bytes, received)
         return received - self.n_read_bytes
+
+    def unacknowledged_bytes(self) -> int:
+        """Bytes of replies that its peer's system has not taken; 0 of a Unix socket."""
+        taken = self._counted(_TCP_INFO_ACKED)
+        self.n_sent_bytes = max(self.n_sent_bytes, taken)
+        return self.n_sent_bytes - taken if taken else 0
 
     def has_moved(self) -> bool:
         """Whether its peer has taken bytes since this was asked last."""
@@ -83,8 +96,9 @@ class _Connection:
 
     def hang_up(self) -> None:
         """End it: ZeroMQ forgets all that it holds of it."""
-        if self.is_there:
-            with contextlib.suppress(OSError), socket.socket(fileno=os.dup(self.descriptor)) as twin:
+        with contextlib.suppress(OSError), socket.socket(fileno=os.dup(self.descriptor)) as twin:
+            # The descriptor may be another socket's by now; the twin's will not change.
+            if os.fstat(twin.fileno()).st_ino == self.inode:
                 twin.shutdown(socket.SHUT_RDWR)
 
 
@@ -100,8 +114,10 @@ class _Backlog:
     @property
     def n_bytes(self) -> int:
         self.forget_sent()
-        return (sum(n_bytes for _, n_bytes in self.on_their_way)
-                + sum(len(part) for reply in self.replies for part in reply))
+        handed_over = sum(n_bytes for _, n_bytes in self.on_their_way)
+        if self.connection is not None:
+            handed_over = max(handed_over, self.connection.unacknowledged_bytes())
+        return handed_over + sum(len(part) for reply in self.replies for part in reply)
 
     def forget_sent(self) -> None:
         while self.on_their_way and self.on_their_way[0][0].done:
@@ -130,6 +146,9 @@ class ZmqFront:
     """
 
     def __init__(self, endpoint: str, key_folder: Path | None = None, max_connections: int = 512):
+        # ZeroMQ numbers its clients from rand() on, and ends the process where one has taken the next number as its
+        # name: it must not be the same number in every process.
+        ctypes.CDLL(None).srand(int.from_bytes(os.urandom(4), "little"))
         self._context = zmq.Context()
         self._socket = self._context.socket(zmq.ROUTER)
         for option, value in ((zmq.LINGER, _LINGER_MS), (zmq.MAXMSGSIZE, limits.MAX_HEADER_BYTES + 1024),
@@ -145,6 +164,7 @@ class ZmqFront:
         self._monitor: zmq.Socket | None = None
         self._connections: dict[int, _Connection] = {}
         self._backlogs: dict[bytes, _Backlog] = {}
+        self._is_throwing_away = False
         self._max_connections, self._patrolled = max_connections, 0.0
         self._admission, self._authenticator, self._claim = None, None, None
         try:
@@ -172,24 +192,51 @@ class ZmqFront:
     def start(self, poller: zmq.Poller) -> None:
         """Register what wakes the loop."""
         self._monitor = self._socket.get_monitor_socket(zmq.EVENT_ACCEPTED | zmq.EVENT_DISCONNECTED)
+        self._adopt_connections()
         poller.register(self._socket, zmq.POLLIN)
         poller.register(self._monitor, zmq.POLLIN)
 
-    def take_in(self, ready: dict[Any, int]) -> list[Request]:
-        """Requests that have come, some at a time; tries again what a slow client has not taken."""
+    @property
+    def has_more(self) -> bool:
+        """ZeroMQ wakes the loop itself."""
+        return False
+
+    def take_in(self, ready: dict[Any, int]) -> Iterator[Request]:
+        """Requests that have come, for a while; tries again what a slow client has not taken."""
         self._follow_connections()
-        for identity in list(self._backlogs):
+        for identity in [identity for identity, backlog in self._backlogs.items() if backlog.replies]:
             self._flush(identity)
         self._patrol()
-        requests = []
-        for _ in range(limits.MAX_TURN):
+        end = time.monotonic() + _TURN_S
+        while time.monotonic() < end and (frames := self._message()) is not None:
             try:
-                frames = self._socket.recv_multipart(zmq.NOBLOCK, copy=False)
+                request = self._request(frames) if frames else None
+            except Exception:
+                log.exception("a message was passed over")
+                continue
+            if request is not None:
+                yield request
+
+    def _message(self) -> list[zmq.Frame] | None:
+        """The parts of the next message, of one with too many none; None if there is none now."""
+        frames: list[zmq.Frame] = []
+        for _ in range(_THROWN_AWAY_AT_ONCE):
+            try:
+                frame = self._socket.recv(zmq.NOBLOCK, copy=False)
             except zmq.Again:
-                break
-            if (request := self._request(frames)) is not None:
-                requests.append(request)
-        return requests
+                return None
+            if not self._is_throwing_away:
+                frames.append(frame)
+                if len(frames) > _MAX_PARTS and frame.more:
+                    self._is_throwing_away = True
+                    if (connection := self._connection_of(frame)) is not None:
+                        log.warning("a client sent a message of many parts: closed")
+                        connection.hang_up()
+            if not frame.more:
+                frames = [] if self._is_throwing_away else frames
+                self._is_throwing_away = False
+                return frames
+        return []
 
     def _request(self, frames: list[zmq.Frame]) -> Request | None:
         identity, *parts = frames
@@ -222,7 +269,22 @@ class ZmqFront:
             return None
         if descriptor not in self._connections:
             self._follow_connections()
+            self._adopt(descriptor)
         return self._connections.get(descriptor)
+
+    def _adopt_connections(self) -> None:
+        """Take account of the connections that were accepted before the monitor was there."""
+        for name in os.listdir("/proc/self/fd") if os.path.isdir("/proc/self/fd") else ():
+            with contextlib.suppress(OSError):
+                if stat.S_ISSOCK(os.fstat(int(name)).st_mode):
+                    with socket.socket(fileno=os.dup(int(name))) as twin:
+                        ours, theirs = twin.getsockname(), twin.getpeername()
+                    if theirs and isinstance(ours, tuple) and self.endpoint.endswith(f":{ours[1]}"):
+                        self._adopt(int(name))
+
+    def _adopt(self, descriptor: int) -> None:
+        with contextlib.suppress(OSError):
+            self._connections.setdefault(descriptor, _Connection(descriptor, os.fstat(descriptor).st_ino))
 
     @property
     def is_idle(self) -> bool:
@@ -249,26 +311,33 @@ class ZmqFront:
             if event["event"] != zmq.EVENT_ACCEPTED:
                 self._connections.pop(descriptor, None)
                 continue
-            with contextlib.suppress(OSError):  # it may have gone already
-                self._connections[descriptor] = _Connection(descriptor, os.fstat(descriptor).st_ino)
+            self._connections.pop(descriptor, None)
+            self._adopt(descriptor)  # it may have gone already
             if len(self._connections) > self._max_connections:
                 self._make_room(descriptor)
 
     def _make_room(self, newest: int) -> None:
         silent = [c for c in self._connections.values() if not c.n_owed and c.descriptor != newest]
         if not silent:
-            silent = [self._connections[newest]]
+            silent = [connection for connection in (self._connections.get(newest),) if connection is not None]
+        if not silent:
+            return
         log.warning("%d connections are open: the one that was silent longest is closed", len(self._connections))
         victim = min(silent, key=lambda connection: (connection.has_asked, connection.heard))
         victim.hang_up()
-        del self._connections[victim.descriptor]
+        self._connections.pop(victim.descriptor, None)
 
     def _patrol(self) -> None:
-        """Hang up on who does not end messages of many parts: ZeroMQ bounds the size of one part alone."""
+        """Forget what has been taken, and hang up on who takes nothing, or does not end messages of many parts.
+
+        ZeroMQ bounds the size of one part alone.
+        """
         now = time.monotonic()
         if now - self._patrolled < _PATROL_S:
             return
         self._patrolled = now
+        for identity in list(self._backlogs):
+            self._flush(identity)
         unfinished = sorted(((connection.unfinished_bytes(), connection) for connection in self._connections.values()),
                             key=lambda entry: -entry[0])
         total = sum(n_bytes for n_bytes, _ in unfinished)
@@ -290,7 +359,9 @@ class ZmqFront:
                 return  # whoever has its name now has not asked for this
         identity = envelope[0]
         backlog = self._backlogs.setdefault(identity, _Backlog())
-        backlog.connection = connection
+        if connection is not None and backlog.connection is not connection:
+            backlog.connection = connection
+            connection.has_moved()  # counts from now on
         if len(backlog.replies) < _MAX_BACKLOG:
             backlog.replies.append([*envelope, *reply])
         else:
@@ -309,11 +380,9 @@ class ZmqFront:
             log.warning("replies to a client were not sent: %s", error.strerror)
             del self._backlogs[identity]
             return
-        backlog.forget_sent()
-        if not backlog.replies and not backlog.on_their_way:
+        if not backlog.n_bytes:
             del self._backlogs[identity]
-        elif time.monotonic() - backlog.since > _STALL_S and (
-                backlog.replies or backlog.n_bytes > limits.MAX_UNTAKEN_BYTES):
+        elif time.monotonic() - backlog.since > _STALL_S:
             # A part that a slow network carries takes its time.
             if backlog.connection is not None and backlog.connection.has_moved():
                 backlog.since = time.monotonic()
@@ -333,6 +402,8 @@ class ZmqFront:
                 tracker = self._socket.send(part, zmq.NOBLOCK | more, copy=False, track=True)
                 backlog.on_their_way.append((tracker, len(part)))
         backlog.replies.popleft()
+        if backlog.connection is not None:
+            backlog.connection.n_sent_bytes += sum(map(len, message))
 
 
 def _send_buffer(endpoint: str) -> int:

@@ -156,7 +156,7 @@ class Pool(WorkerPool):
 
     def __init__(self, *jobs):
         self._workers = [_Worker(state="idle" if job is None else "busy", task=job and _Task(job)) for job in jobs]
-        self._again, self._generation = [], 0
+        self._again, self.generation = [], 0
 
 
 def job(sender, op="render", is_quick=True, **fields):

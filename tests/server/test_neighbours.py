@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import socket
 import stat
 import struct
+import subprocess
+import sys
 import threading
 import time
 from contextlib import contextmanager
@@ -193,6 +196,50 @@ def test_who_never_ends_a_message_is_hung_up_on():
         assert is_hung_up.is_set()
         honest.send(head("hello", 2))
         assert taken_in(), "the other is served"
+
+
+def test_a_message_of_very_many_parts_is_hung_up_on_and_holds_up_nobody():
+    """Each empty part has two bytes on the wire, and 64 in ZeroMQ."""
+    with serving_front("tcp://127.0.0.1:*") as (front, taken_in), peer(front.endpoint) as honest, \
+            spoken_to(front.endpoint) as raw:
+        honest.send(head("hello", 1))
+        assert taken_in(5.0)
+        with contextlib.suppress(OSError):
+            raw.sendall(b"\x01\x00" * 500_000 + b"\x00\x00")
+        honest.send(head("hello", 2))
+        began = time.monotonic()
+        assert taken_in(5.0) and time.monotonic() - began < 1.0
+        taken_in(2.0, enough=2)
+        raw.settimeout(5.0)
+        with contextlib.suppress(ConnectionResetError):
+            while raw.recv(4096):
+                pass
+
+
+def test_connections_made_before_the_loop_starts_count_too():
+    front, poller = ZmqFront("tcp://127.0.0.1:*", max_connections=4), zmq.Poller()
+    host, _, port = front.endpoint.removeprefix("tcp://").rpartition(":")
+    early = [socket.create_connection((host, int(port))) for _ in range(3)]
+    try:
+        time.sleep(0.3)
+        front.start(poller)
+        assert len(front._connections) == 3
+    finally:
+        for connection in early:
+            connection.close()
+        front.close()
+
+
+def test_nobody_can_know_what_zeromq_will_name_the_next_client():
+    """It ends the process where a client has given itself that name."""
+    code = ("import sys, time, zmq\nsys.path[:0] = sys.argv[1:]\nfrom glrender_server.zmq_front import ZmqFront\n"
+            "front, poller = ZmqFront('tcp://127.0.0.1:*'), zmq.Poller()\nfront.start(poller)\n"
+            "dealer = zmq.Context().socket(zmq.DEALER)\ndealer.connect(front.endpoint)\ndealer.send(b'x')\n"
+            "requests = []\nwhile not requests:\n    requests = list(front.take_in(dict(poller.poll(100))))\n"
+            "print(requests[0].sender.hex())\ndealer.close(0)\nfront.close()\n")
+    names = {subprocess.run([sys.executable, "-c", code, *sys.path], capture_output=True, text=True, timeout=60,
+                            check=True).stdout for _ in range(2)}
+    assert len(names) == 2
 
 
 @pytest.fixture

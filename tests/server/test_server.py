@@ -242,7 +242,7 @@ def test_many_waiting_requests_are_answered_each_once_or_told_busy(endpoint):
 class Occupied:
     """An engine that is busy for ever."""
 
-    described, outage, draws_here, is_idle = {}, "", False, False
+    described, outage, draws_here, is_idle, generation = {}, "", False, False, 0
 
     def has_room(self, job):
         return False
@@ -269,6 +269,16 @@ def test_one_that_fills_the_queue_keeps_nobody_out():
     assert dispatcher.errors["busy"] == 12
 
 
+def test_what_is_not_done_in_time_is_told_that_the_server_ends():
+    dispatcher, told = Dispatcher(Occupied()), []
+    for number in range(3):
+        parts = [msgpack.packb({"v": 1, "op": "render", "id": number, "client": "late", "state": STATE})]
+        dispatcher.submit(Request("late", parts, lambda reply: told.append(msgpack.unpackb(reply[0]))))
+    assert not told
+    dispatcher.give_up()
+    assert [(reply["id"], reply["error"]["code"]) for reply in told] == [(0, "closing"), (1, "closing"), (2, "closing")]
+
+
 def test_a_full_queue_refuses_the_newest_of_who_has_most_waiting():
     queue = FairQueue(6, 100)
     assert [queue.put("a", k) for k in range(5)] == 5 * [[]] and queue.put("b", 10) == []
@@ -283,7 +293,8 @@ def test_a_queue_is_bounded_by_bytes_too():
     queue = FairQueue(100, 10)
     assert [queue.put("a", k, n_bytes=3) for k in range(4)] == [[], [], [], [3]]
     assert queue.put("b", 10, n_bytes=4) == [2] and queue.n_bytes == 10
-    assert [queue.get() for _ in range(3)] == [0, 10, 1] and queue.n_bytes == 0
+    assert queue.put("c", 20, n_bytes=2) == [1], "of who has most bytes, however few requests"
+    assert [queue.get() for _ in range(3)] == [0, 10, 20] and queue.n_bytes == 0
 
 
 def test_an_item_that_is_held_back_holds_up_its_sender_alone():

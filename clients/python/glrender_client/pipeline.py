@@ -23,7 +23,7 @@ def in_order(client: Any, packed: Iterator[tuple[int, bytes]], in_flight: int) -
 def _replies(client: Any, packed: Iterator[tuple[int, bytes]], in_flight: int) -> Iterator[Reply]:
     waiting: OrderedDict[int, bytes] = OrderedDict()
     come: dict[int, tuple[dict[str, Any], list[Any]]] = {}
-    tries, n_busy, deadline = 0, 0, 0.0
+    tries, n_busy, deadline, refusal = 0, 0, 0.0, None
     while True:
         while len(waiting) < in_flight and (request := next(packed, None)) is not None:
             waiting[request[0]] = request[1]
@@ -43,6 +43,8 @@ def _replies(client: Any, packed: Iterator[tuple[int, bytes]], in_flight: int) -
         if found is None:
             tries, deadline = tries + 1, 0.0
             client._disconnect()
+            if refusal is not None:
+                read_reply(refusal, [])  # raises: it was busy for all of the time
             if tries > client._retries:
                 raise client._timeout("render", client._timeout_s)
             for number, message in waiting.items():
@@ -55,8 +57,8 @@ def _replies(client: Any, packed: Iterator[tuple[int, bytes]], in_flight: int) -
                 told_s = header["error"].get("retry_after_s", 0.05)
                 pause_s = Busy("busy", "", "", told_s).pause_s(n_busy)
                 time.sleep(min(pause_s, max(0.0, deadline - time.monotonic())))
-                n_busy += 1
+                n_busy, refusal = n_busy + 1, header
                 client._send(waiting[header["id"]])
             else:
-                n_busy = 0
+                n_busy, refusal = 0, None
                 come[header["id"]] = found
