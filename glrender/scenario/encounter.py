@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 from glrender_camera.validate import finite, one_of, positive, vector, within
-from scipy.integrate import solve_ivp
+from scipy.integrate import OdeSolution, solve_ivp
 
 from ..base.constants import GM_SUN_M3_S2
 from ..base.errors import ConfigError
@@ -143,19 +143,27 @@ class Encounter:
         of rounding alone.
         """
         dt = np.asarray(t_s, float) + (needed(start) - self.date)
-        r0, v0 = self.closest_approach
-        out = np.empty((dt.size, 6))
-        out[dt == 0.0] = np.concatenate([r0, v0])
+        out = np.tile(np.concatenate(self.closest_approach), (dt.size, 1))
         for sign in (-1.0, 1.0):
-            place = np.flatnonzero(dt * sign > 0.0)
-            if place.size:
-                order = place[np.argsort(np.abs(dt[place]))]
-                times, back = np.unique(dt[order] * sign, return_inverse=True)
-                solved = solve_ivp(lambda t, y, sign=sign: self._rates(t * sign, y) * sign, (0.0, times[-1]),
-                                   np.concatenate([r0, v0]), method="DOP853", t_eval=times, rtol=1e-13,
-                                   atol=1e-12 * np.repeat([self.distance_m, self.relative_velocity_m_s], 3))
-                out[order] = solved.y.T[back]
+            here = dt * sign > 0.0
+            if here.any():
+                out[here] = self._flown(sign, float(np.abs(dt[here]).max()))(np.abs(dt[here])).T
         return out[:, :3], out[:, 3:]
+
+    def _flown(self, sign: float, until_s: float) -> OdeSolution:
+        """The relative motion after the closest approach (sign 1) or before it (-1), over half the duration or more."""
+        if sign not in self._flights or self._flights[sign].t_max < until_s:
+            # A little more than half: rounding must not make later requests integrate anew, to other bits.
+            until_s = max(until_s, 0.5 * self.duration_s * (1.0 + 1e-9))
+            scale = np.repeat([self.distance_m, self.relative_velocity_m_s], 3)
+            self._flights[sign] = solve_ivp(
+                lambda t, y: self._rates(t * sign, y) * sign, (0.0, until_s), np.concatenate(self.closest_approach),
+                method="DOP853", dense_output=True, rtol=1e-13, atol=1e-12 * scale).sol
+        return self._flights[sign]
+
+    @cached_property
+    def _flights(self) -> dict[float, OdeSolution]:
+        return {}
 
     def _rates(self, dt_s: float, y: np.ndarray) -> np.ndarray:
         return np.concatenate([y[3:], self._acceleration(dt_s, y[:3])])

@@ -178,6 +178,64 @@ def test_hovering_and_circling():
         assert abs(np.degrees(np.arccos(r @ sun / 10e3 / np.linalg.norm(sun))) - 90.0) < 0.05
 
 
+def test_attitudes_of_a_file():
+    """Each mode of the spacecraft and of a body, read as its class has it."""
+    made = table()
+    made["cameras"][0]["q_camera_from_spacecraft"] = [0.5, 0.5, 0.5, 0.5]
+    made["attitude"] = {"mode": "nadir", "offset_deg": [0.0, 1.0, 0.0],
+                        "jitter": {"frequency_hz": [1.0, 2.0], "density_rad2_hz": [1e-16, 1e-16], "seed": 1}}
+    made["bodies"][0]["spin"] = {"pole_right_ascension_deg": 0.0, "pole_declination_deg": 90.0,
+                                 "prime_meridian_deg": 10.0, "rotation_period_s": 3600.0,
+                                 "epoch_tdb": "2022-10-11T00:00:00"}
+    (state,) = scenario_of_table(made).states(np.array([300.0]))
+    to_camera = frames.dcm([0.5, 0.5, 0.5, 0.5]) @ frames.dcm(state.spacecraft.q_from_inertial)
+    seen = to_camera @ -state.spacecraft.r_inertial_m
+    np.testing.assert_allclose(seen[:2] / seen[2], [-np.tan(np.radians(1.0)), 0.0], atol=1e-7)
+    x = frames.dcm(state.bodies["didymos"].q_from_inertial).T @ [1.0, 0.0, 0.0]
+    # W counts from the ascending node of the equator, 90 deg on from the pole's right ascension.
+    np.testing.assert_allclose(np.degrees(np.arctan2(x[1], x[0])), 100.0, atol=1e-9)
+
+    rates = [0.0, 1e-3, 2e-3]
+    made["attitude"] = {"mode": "spin", "angular_velocity_rad_s": rates}
+    made["bodies"][0]["attitude"] = {"mode": "rigid_body", "inertia_kg_m2": [2.0, 2.5, 3.0],
+                                     "angular_velocity_rad_s": rates}
+    del made["bodies"][0]["spin"]
+    first, last = scenario_of_table(made).states(np.array([0.0, 600.0]))
+    np.testing.assert_allclose(first.spacecraft.q_from_inertial, [1.0, 0.0, 0.0, 0.0], atol=1e-15)
+    np.testing.assert_allclose(last.spacecraft.q_from_inertial[0], np.cos(0.3 * np.sqrt(5.0)), atol=1e-12)
+    w = last.bodies["didymos"].angular_velocity_rad_s
+    np.testing.assert_allclose([2.0, 2.5, 3.0] @ w**2, [2.0, 2.5, 3.0] @ np.square(rates), rtol=1e-8)
+    assert np.abs(w - rates).max() > 1e-4
+
+    made["attitude"] = {"mode": "rigid_body", "inertia_kg_m2": [1.0, 3.0, 3.5], "gravity_gradient_m3_s2": 1e12,
+                        "angular_velocity_rad_s": [0.0, 0.0, 0.0]}
+    assert np.linalg.norm(scenario_of_table(made).states()[-1].spacecraft.angular_velocity_rad_s) > 1e-4
+
+
+def test_a_binary_circles_and_eclipses():
+    """Dimorphos about Didymos in 11.9 h; in the ecliptic it passes the Sun's line, so it is shaded once a turn."""
+    made = table()
+    del made["encounter"]
+    radius_m, mu = 1190.0, 35.4
+    moon = {"name": "dimorphos", "generated": {"kind": "icosphere", "radius_m": 80.0, "subdivisions": 2},
+            "brdf": {"law": "lambert", "normal_albedo": 0.2},
+            "trajectory": {"kind": "circular", "about": "didymos", "radius_m": radius_m, "plane": "ecliptic",
+                           "gravitational_parameter_m3_s2": mu}}
+    period_s = 2.0 * np.pi * np.sqrt(radius_m**3 / mu)
+    made |= {"bodies": [*made["bodies"], moon], "trajectory": {"kind": "hovering", "r_hill_m": [9e3, 2e3, 5e3]},
+             "time": {"start_utc": "2022-10-11T00:00:00", "duration_s": period_s, "frames": 201}}
+    scenario = scenario_of_table(made)
+    assert scenario.check() == []
+    states = scenario.states()
+    r = np.array([state.bodies["dimorphos"].r_inertial_m for state in states])
+    np.testing.assert_allclose(r[-1], r[0], atol=1e-3)
+    to_sun = np.array([state.r_sun_inertial_m / np.linalg.norm(state.r_sun_inertial_m) for state in states])
+    along = np.einsum("ij,ij->i", r, to_sun)
+    shaded = (along < 0.0) & (np.linalg.norm(r - along[:, None] * to_sun, axis=1) < 400.0 - 80.0)
+    # The chord of the shadow over the orbit.
+    np.testing.assert_allclose(shaded.mean(), np.arcsin(320.0 / radius_m) / np.pi, atol=0.011)
+
+
 def test_no_calendar_is_needed_where_nothing_moves_by_it():
     scenario = scenario_of_table(hovering())
     assert scenario.start is None and scenario.epochs() == [] and scenario.check() == []
