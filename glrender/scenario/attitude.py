@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-from glrender_camera.validate import finite, one_of, unit_quaternion, vector
+from glrender_camera.validate import finite, one_of, unit_quaternion, within
 from scipy.spatial.transform import Rotation
 
 from ..base.errors import ConfigError, SceneError
+from .checks import angle_deg, rates, unit
 from .epochs import Epoch, needed
-from .paths import unit
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
 UP_RULES = ("north", "sun", "orbit_normal")
@@ -96,8 +96,7 @@ class Spin:
 
     def __post_init__(self):
         object.__setattr__(self, "q_from_inertial", unit_quaternion("q_from_inertial", self.q_from_inertial))
-        object.__setattr__(self, "angular_velocity_rad_s",
-                           vector("angular_velocity_rad_s", self.angular_velocity_rad_s))
+        object.__setattr__(self, "angular_velocity_rad_s", rates("angular_velocity_rad_s", self.angular_velocity_rad_s))
 
     @classmethod
     def about_pole(cls, *, pole_right_ascension_deg: float, pole_declination_deg: float,
@@ -121,14 +120,14 @@ class Spin:
         if (rotation_period_s is None) == (rate_deg_day is None):
             raise ConfigError("rotation_period_s", "needs exactly one of `rotation_period_s` and `rate_deg_day`")
         if rotation_period_s is not None:
-            if finite("rotation_period_s", rotation_period_s) == 0.0:
-                raise ConfigError("rotation_period_s", "must not be 0", rotation_period_s)
+            if not abs(finite("rotation_period_s", rotation_period_s)) > 1e-2:
+                raise ConfigError("rotation_period_s", "must be longer than 0.01 s", rotation_period_s)
             rate = 2.0 * np.pi / rotation_period_s
         else:
             rate = np.radians(finite("rate_deg_day", rate_deg_day)) / 86400.0
-        angles = [finite("pole_right_ascension_deg", pole_right_ascension_deg) + 90.0,
-                  90.0 - finite("pole_declination_deg", pole_declination_deg),
-                  finite("prime_meridian_deg", prime_meridian_deg)]
+        angles = [angle_deg("pole_right_ascension_deg", pole_right_ascension_deg) + 90.0,
+                  90.0 - within("pole_declination_deg", pole_declination_deg, -90.0, 90.0),
+                  angle_deg("prime_meridian_deg", prime_meridian_deg)]
         # The rotation takes the frame's axes to where they are: it is inertial from body.
         inertial_from_body = Rotation.from_euler("ZXZ", angles, degrees=True)
         return cls(q_from_inertial=inertial_from_body.inv().as_quat(scalar_first=True),
@@ -174,7 +173,7 @@ class Pointing:
             one_of("up", self.up, UP_RULES)
         else:
             object.__setattr__(self, "up", unit("up", self.up))
-        object.__setattr__(self, "roll_deg", finite("roll_deg", self.roll_deg))
+        object.__setattr__(self, "roll_deg", angle_deg("roll_deg", self.roll_deg))
         object.__setattr__(self, "q_camera_from_spacecraft",
                            unit_quaternion("q_camera_from_spacecraft", self.q_camera_from_spacecraft))
 

@@ -10,6 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from ..base.errors import ConfigError
 from .attitude import IDENTITY, Attitude, Geometry
+from .checks import numbers
+
+_MAX_FREQUENCY_HZ = 1e6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -34,6 +37,8 @@ class Disturbed:
 
     def __post_init__(self):
         object.__setattr__(self, "offset_rad", vector("offset_rad", self.offset_rad))
+        if not (np.abs(self.offset_rad) <= 2.0 * np.pi).all():
+            raise ConfigError("offset_rad", "must be within a turn", self.offset_rad.tolist())
         object.__setattr__(self, "q_camera_from_spacecraft",
                            unit_quaternion("q_camera_from_spacecraft", self.q_camera_from_spacecraft))
 
@@ -56,7 +61,7 @@ class Jitter:
     Parameters
     ----------
     frequency_hz : (K,) float [Hz], ascending, > 0, K >= 2
-    density_rad2_hz : (K,) or (K, 3) float [rad2/Hz], >= 0
+    density_rad2_hz : (K,) or (K, 3) float [rad2/Hz], 0..1
         One-sided power spectral density about X, Y and Z; linear between the frequencies.
     seed : int
     lines : int
@@ -71,13 +76,15 @@ class Jitter:
     lines: int = 200
 
     def __post_init__(self):
-        frequency = np.array(self.frequency_hz, float)
-        if frequency.ndim != 1 or len(frequency) < 2 or not (np.diff(frequency) > 0.0).all() or not frequency[0] > 0.0:
-            raise ConfigError("frequency_hz", "must be at least two ascending frequencies > 0", self.frequency_hz)
-        density = np.array(self.density_rad2_hz, float)
+        frequency = numbers("frequency_hz", self.frequency_hz)
+        if (frequency.ndim != 1 or len(frequency) < 2 or not (np.diff(frequency) > 0.0).all()
+                or not (frequency[0] > 0.0 and frequency[-1] <= _MAX_FREQUENCY_HZ)):
+            raise ConfigError("frequency_hz", "must be at least two ascending frequencies > 0, up to "
+                              f"{_MAX_FREQUENCY_HZ:g} Hz", self.frequency_hz)
+        density = numbers("density_rad2_hz", self.density_rad2_hz)
         density = np.repeat(density[:, None], 3, axis=1) if density.ndim == 1 else density
-        if density.shape != (len(frequency), 3) or not (density >= 0.0).all() or not np.isfinite(density).all():
-            raise ConfigError("density_rad2_hz", "must be >= 0, one number or three for each frequency",
+        if density.shape != (len(frequency), 3) or not ((density >= 0.0) & (density <= 1.0)).all():
+            raise ConfigError("density_rad2_hz", "must be 0..1, one number or three for each frequency",
                               self.density_rad2_hz)
         integer("lines", self.lines, 1, 100_000)
         integer("seed", self.seed, 0, 2**63)

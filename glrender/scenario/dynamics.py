@@ -6,12 +6,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from glrender_camera.validate import positive, unit_quaternion, vector
+from glrender_camera.validate import unit_quaternion, vector, within
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from ..base.errors import ConfigError
 from .attitude import IDENTITY, Geometry
+from .checks import MAX_RATE_RAD_S, gm, numbers, rates
 from .epochs import Epoch
 from .paths import Trajectory
 
@@ -56,9 +57,13 @@ class RigidBody:
     def __post_init__(self):
         object.__setattr__(self, "inertia_kg_m2", _checked_inertia(self.inertia_kg_m2))
         object.__setattr__(self, "q_from_inertial", unit_quaternion("q_from_inertial", self.q_from_inertial))
-        for name in ("angular_velocity_rad_s", "wheel_momentum_N_m_s"):
-            object.__setattr__(self, name, vector(name, getattr(self, name)))
-        positive("rtol", self.rtol)
+        object.__setattr__(self, "angular_velocity_rad_s", rates("angular_velocity_rad_s", self.angular_velocity_rad_s))
+        momentum = vector("wheel_momentum_N_m_s", self.wheel_momentum_N_m_s)
+        if not (np.abs(momentum) <= MAX_RATE_RAD_S * np.linalg.norm(self.inertia_kg_m2)).all():
+            raise ConfigError("wheel_momentum_N_m_s", "must turn the body at no more than "
+                              f"{MAX_RATE_RAD_S:g} rad/s", momentum.tolist())
+        object.__setattr__(self, "wheel_momentum_N_m_s", momentum)
+        within("rtol", self.rtol, 1e-13, 1e-3)
         if not all(callable(torque) for torque in self.torques):
             raise ConfigError("torques", "must be callables", self.torques)
 
@@ -127,7 +132,7 @@ class GravityGradient:
 
     def __post_init__(self):
         object.__setattr__(self, "inertia_kg_m2", _checked_inertia(self.inertia_kg_m2))
-        positive("gravitational_parameter_m3_s2", self.gravitational_parameter_m3_s2)
+        gm("gravitational_parameter_m3_s2", self.gravitational_parameter_m3_s2)
 
     def __call__(self, t_s: float, q_from_inertial: np.ndarray, angular_velocity_rad_s: np.ndarray) -> np.ndarray:
         """The torque (3,) [N m] in the frame."""
@@ -140,10 +145,10 @@ class GravityGradient:
 def _checked_inertia(value: np.ndarray) -> np.ndarray:
     """(3, 3) inertia that a body can have."""
     name = "inertia_kg_m2"
-    inertia = np.array(value, float)
+    inertia = numbers(name, value)
     inertia = np.diag(inertia) if inertia.shape == (3,) else inertia
-    if inertia.shape != (3, 3) or not np.isfinite(inertia).all():
-        raise ConfigError(name, "must be three finite moments, or 3 x 3 numbers", value)
+    if inertia.shape != (3, 3) or not (np.abs(inertia) <= 1e40).all():
+        raise ConfigError(name, "must be three moments, or 3 x 3 numbers, within 1e40", value)
     if not np.allclose(inertia, inertia.T, rtol=1e-9, atol=1e-9 * np.abs(inertia).max()):
         raise ConfigError(name, "must be symmetric", inertia.tolist())
     moments = np.linalg.eigvalsh(inertia)

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from glrender_camera.validate import finite, one_of, positive, vector, within
+from glrender_camera.validate import one_of, within
 from scipy.integrate import OdeSolution, solve_ivp
 
 from ..base.constants import GM_SUN_M3_S2
 from ..base.errors import ConfigError
+from .checks import MAX_GM_M3_S2, duration, length, speed, unit
 from .epochs import Epoch, needed
 from .kepler import EQUATORIAL_FROM_ECLIPTIC
 from .paths import Trajectory
@@ -71,8 +72,8 @@ class Encounter:
     gravitational_parameter_m3_s2: float = 0.0
 
     def __post_init__(self):
-        for name in ("distance_m", "relative_velocity_m_s", "duration_s"):
-            object.__setattr__(self, name, positive(name, getattr(self, name)))
+        for name, check in (("distance_m", length), ("relative_velocity_m_s", speed), ("duration_s", duration)):
+            object.__setattr__(self, name, check(name, getattr(self, name)))
         if (self.side is None) == (self.phase_angle_deg is None):
             raise ConfigError("side", "needs exactly one of `side` and `phase_angle_deg`", self.side)
         if self.side is None:
@@ -80,13 +81,9 @@ class Encounter:
         else:
             one_of("side", self.side, SIDES)
         one_of("over", self.over, ("north", "south"))
-        if not finite("gravitational_parameter_m3_s2", self.gravitational_parameter_m3_s2) >= 0.0:
-            raise ConfigError("gravitational_parameter_m3_s2", "must be >= 0", self.gravitational_parameter_m3_s2)
+        within("gravitational_parameter_m3_s2", self.gravitational_parameter_m3_s2, 0.0, MAX_GM_M3_S2)
         if self.direction is not None:
-            direction = vector("direction", self.direction)
-            if not np.linalg.norm(direction) > 0.0:
-                raise ConfigError("direction", "must not be zero", direction.tolist())
-            object.__setattr__(self, "direction", direction)
+            object.__setattr__(self, "direction", unit("direction", self.direction))
         # Computed here for its errors, and kept.
         r, v = self.closest_approach
         if not v @ v + r @ self._acceleration(0.0, r) > 0.0:

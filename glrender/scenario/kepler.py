@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from glrender_camera.validate import finite, one_of, positive, vector, within
+from glrender_camera.validate import finite, one_of, position, within
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from ..base.constants import GM_SUN_M3_S2, OBLIQUITY_J2000_RAD
 from ..base.errors import ConfigError
+from .checks import angle_deg, gm, length, velocity
 from .epochs import Epoch, needed
 
 EQUATORIAL_FROM_ECLIPTIC = Rotation.from_euler("x", OBLIQUITY_J2000_RAD).as_matrix()
@@ -42,10 +43,10 @@ class Kepler:
     gravitational_parameter_m3_s2: float | None = None
 
     def __post_init__(self):
-        for name in ("r_m", "v_m_s"):
-            object.__setattr__(self, name, vector(name, getattr(self, name)))
-        if not np.linalg.norm(self.r_m) > 0.0:
-            raise ConfigError("r_m", "must not be zero", self.r_m.tolist())
+        object.__setattr__(self, "r_m", position("r_m", self.r_m))
+        object.__setattr__(self, "v_m_s", velocity("v_m_s", self.v_m_s))
+        if not np.linalg.norm(self.r_m) > 1e-3:
+            raise ConfigError("r_m", "must be at least a millimetre away", self.r_m.tolist())
         object.__setattr__(self, "gravitational_parameter_m3_s2",
                            _checked_gm(self.about, self.gravitational_parameter_m3_s2))
 
@@ -76,17 +77,18 @@ class Kepler:
 
         Source: Vallado (2013), algorithm 10, COE2RV.
         """
-        e = finite("eccentricity", eccentricity)
-        if not (e >= 0.0 and e != 1.0):
-            raise ConfigError("eccentricity", "must be >= 0 and not 1", e, "a parabola is given by r_m and v_m_s")
+        e = within("eccentricity", eccentricity, 0.0, 1e6)
+        if not abs(e - 1.0) > 1e-9:
+            raise ConfigError("eccentricity", "must not be 1", e, "a parabola is given by r_m and v_m_s")
         a = finite("semi_major_axis_m", semi_major_axis_m)
+        length("semi_major_axis_m", abs(a))
         if not a * (1.0 - e) > 0.0:
             raise ConfigError("semi_major_axis_m", f"must be {'> 0' if e < 1.0 else '< 0 for a hyperbola'}", a)
         mu = _checked_gm(about, gravitational_parameter_m3_s2)
-        angles = [np.radians(within(name, value, -3600.0, 3600.0)) for name, value in (
+        angles = [np.radians(angle_deg(name, value)) for name, value in (
             ("argument_of_periapsis_deg", argument_of_periapsis_deg), ("inclination_deg", inclination_deg),
             ("longitude_ascending_node_deg", longitude_ascending_node_deg))]
-        cos_nu, sin_nu = _true_anomaly(np.radians(finite("mean_anomaly_deg", mean_anomaly_deg)), e)
+        cos_nu, sin_nu = _true_anomaly(np.radians(angle_deg("mean_anomaly_deg", mean_anomaly_deg)), e)
         p = a * (1.0 - e * e)
         orbit = np.array([[cos_nu, sin_nu, 0.0], [-sin_nu, e + cos_nu, 0.0]])
         orbit *= [[p / (1.0 + e * cos_nu)], [np.sqrt(mu / p)]]
@@ -181,4 +183,4 @@ def _checked_gm(about: str, value: float | None) -> float:
         if about != "sun":
             raise ConfigError("gravitational_parameter_m3_s2", "missing", hint=f"of {about!r}: only the Sun's is known")
         return GM_SUN_M3_S2
-    return positive("gravitational_parameter_m3_s2", value)
+    return gm("gravitational_parameter_m3_s2", value)

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from glrender_camera.validate import one_of, position, positive, unit_vectors, vector
+from glrender_camera.validate import one_of, position, positive, vector
 
 from ..base.errors import ConfigError
+from .checks import gm, length, unit
 from .epochs import Epoch
 from .kepler import EQUATORIAL_FROM_ECLIPTIC, Kepler
 
@@ -103,15 +104,13 @@ def circular_orbit(*, about: str, gravitational_parameter_m3_s2: float, radius_m
             raise ConfigError("sun_direction", "missing: a terminator orbit needs it")
         normal = sun_direction if plane == "terminator" else EQUATORIAL_FROM_ECLIPTIC[:, 2]
     else:
-        normal = vector("plane", plane)
-    if not np.linalg.norm(normal) > 0.0:
-        raise ConfigError("plane", "must not be zero", plane)
-    normal = normal / np.linalg.norm(normal)
+        normal = plane
+    normal = unit("plane", normal)
     north = np.eye(3)[2] if abs(normal[2]) < 1.0 - 1e-9 else np.eye(3)[0]
     out = north - (north @ normal) * normal
     out = out / np.linalg.norm(out)
-    radius = positive("radius_m", radius_m)
-    speed = np.sqrt(positive("gravitational_parameter_m3_s2", gravitational_parameter_m3_s2) / radius)
+    radius = length("radius_m", radius_m)
+    speed = np.sqrt(gm("gravitational_parameter_m3_s2", gravitational_parameter_m3_s2) / radius)
     return Kepler(r_m=radius * out, v_m_s=speed * np.cross(normal, out), epoch=epoch, about=about,
                   gravitational_parameter_m3_s2=gravitational_parameter_m3_s2)
 
@@ -149,12 +148,3 @@ class OfFunction:
             return vector("r_m", got[0]), vector("v_m_s", got[1])
         r, half = vector("r_m", got), 0.5 * self.step_s
         return r, (vector("r_m", self.function(t_s + half)) - vector("r_m", self.function(t_s - half))) / self.step_s
-
-
-def unit(name: str, value: np.ndarray) -> np.ndarray:
-    """A direction (3,) made a unit vector; zero is refused."""
-    direction = vector(name, value)
-    length = float(np.linalg.norm(direction))
-    if not length > 0.0:
-        raise ConfigError(name, "must not be zero", direction.tolist())
-    return unit_vectors(name, direction / length, "")

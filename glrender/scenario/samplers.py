@@ -9,6 +9,7 @@ import numpy as np
 from glrender_camera.validate import integer, positive
 
 from ..base.errors import ConfigError
+from .checks import MAX_DURATION_S, duration, length, numbers, speed
 from .epochs import Epoch
 
 MAX_FRAMES = 10_000_000
@@ -33,7 +34,7 @@ class Linear:
     frames: int
 
     def __post_init__(self):
-        object.__setattr__(self, "duration_s", positive("duration_s", self.duration_s))
+        object.__setattr__(self, "duration_s", duration("duration_s", self.duration_s))
         object.__setattr__(self, "frames", integer("frames", self.frames, 1, MAX_FRAMES))
 
     def t_s(self) -> np.ndarray:
@@ -90,8 +91,8 @@ class EqualTurns(Linear):
 
     def __post_init__(self):
         Linear.__post_init__(self)
-        for name in ("distance_m", "relative_velocity_m_s"):
-            object.__setattr__(self, name, positive(name, getattr(self, name)))
+        object.__setattr__(self, "distance_m", length("distance_m", self.distance_m))
+        object.__setattr__(self, "relative_velocity_m_s", speed("relative_velocity_m_s", self.relative_velocity_m_s))
 
     def t_s(self) -> np.ndarray:
         """(N,) float64 times [s], ascending."""
@@ -113,8 +114,8 @@ class FixedRate:
     rate_hz: float
 
     def __post_init__(self):
-        for name in ("duration_s", "rate_hz"):
-            object.__setattr__(self, name, positive(name, getattr(self, name)))
+        object.__setattr__(self, "duration_s", duration("duration_s", self.duration_s))
+        object.__setattr__(self, "rate_hz", positive("rate_hz", self.rate_hz))
         if not self.duration_s * self.rate_hz < MAX_FRAMES:
             raise ConfigError("rate_hz", f"times duration_s must be below {MAX_FRAMES} frames", self.rate_hz)
 
@@ -137,9 +138,10 @@ class Times:
     times_s: Sequence[float]
 
     def __post_init__(self):
-        times = np.array(self.times_s, dtype=np.float64)
-        if times.ndim != 1 or not times.size or not np.isfinite(times).all():
-            raise ConfigError("times_s", "must be a list of finite numbers that is not empty", self.times_s)
+        times = numbers("times_s", self.times_s)
+        if times.ndim != 1 or not times.size or not (np.abs(times) <= MAX_DURATION_S).all():
+            raise ConfigError("times_s", f"must be a list of times within {MAX_DURATION_S:g} s that is not empty",
+                              self.times_s)
         if not (np.diff(times) > 0.0).all():
             later = int(np.argmin(np.diff(times))) + 1
             raise ConfigError(f"times_s[{later}]", "must be later than the one before", times[later])

@@ -66,7 +66,7 @@ def test_a_parabola_falls_from_rest_at_infinity():
 
 
 @pytest.mark.parametrize("change, message", [
-    ({"eccentricity": 1.0}, "eccentricity: must be >= 0 and not 1, got 1.0; a parabola is given by r_m and v_m_s"),
+    ({"eccentricity": 1.0}, "eccentricity: must not be 1, got 1.0; a parabola is given by r_m and v_m_s"),
     ({"eccentricity": 1.2}, "semi_major_axis_m: must be < 0 for a hyperbola"),
     ({"semi_major_axis_m": -1e11}, "semi_major_axis_m: must be > 0"),
     ({"about": "didymos"}, "gravitational_parameter_m3_s2: missing; of 'didymos': only the Sun's is known"),

@@ -313,12 +313,54 @@ def spoilt(path, value):
     ("attitude", {"mode": "spice", "frame": "J2000"}, "scenario.attitude: needs [spice] with its kernels"),
     ("attitude", {"mode": "target", "camera": "wide"}, "scenario.attitude.camera: unknown camera, got 'wide'"),
     ("movie", {}, "scenario.movie: unknown key"),
+    ("sun", {"r_m": [1e11, 0.0, 0.0]}, "scenario.sun: is given beside an orbit about the Sun"),
     ("output", 3, "scenario.output: must be a table, got 3"),
 ])
 def test_a_wrong_field_is_told_by_its_path(path, value, message):
     with pytest.raises(ConfigError) as caught:
         scenario_of_table(spoilt(path, value))
     assert message in str(caught.value)
+
+
+def _leaves(value, path=()):
+    if path:
+        yield path
+    for key, entry in value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ():
+        yield from _leaves(entry, (*path, key))
+
+
+def _everything():
+    """A table with most of the fields that there are."""
+    made = table()
+    made["encounter"] |= {"frames": 3, "over": "south", "direction": [1.0, 2.0, 3.0],
+                          "gravitational_parameter_m3_s2": 1.0, "sampler": "exponential", "slow_motion": 2.0}
+    made["attitude"] = {"mode": "target", "target": "didymos", "up": [0.0, 1.0, 0.0], "roll_deg": 3.0,
+                        "offset_deg": [1.0, 2.0, 3.0], "camera": "navcam",
+                        "jitter": {"frequency_hz": [1.0, 2.0], "density_rad2_hz": [1e-9, 1e-9], "seed": 3, "lines": 5}}
+    made["bodies"][0]["spin"] = {"pole_right_ascension_deg": 1.0, "pole_declination_deg": 3.0, "rate_deg_day": 700.0,
+                                 "prime_meridian_deg": 3.0, "epoch_tdb": "2000-01-01"}
+    return made
+
+
+BAD = ["x", -1.5, 0, float("nan"), 1e308, 1e-320, [], {}, True, None, ["a", "b", "c"], [0, 0, 0], [1e200] * 3, 10**400]
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("bad", BAD, ids=lambda bad: repr(bad)[:12])
+def test_a_senseless_value_is_refused_or_used_but_never_crashes(bad):
+    """In each field of a scenario: a ConfigError, or states."""
+    for path in [path for path in _leaves(_everything()) if path[0] not in ("cameras", "max_error")]:
+        made = _everything()
+        if path[0] == "bodies" and (len(path) < 3 or path[2] not in ("orbit", "spin")):
+            continue
+        place = made
+        for key in path[:-1]:
+            place = place[key]
+        place[path[-1]] = bad
+        try:
+            scenario_of_table(made).states()
+        except ConfigError as error:
+            assert error.path.startswith(("scenario", "trajectories", "attitudes")) and ".." not in error.path, error
 
 
 def test_a_spacecraft_inside_a_body_is_told_before_a_frame():

@@ -110,7 +110,7 @@ def test_rates_and_lists():
     (lambda: Linear(duration_s=600.0, frames=0), "frames: must be an integer between 1 and"),
     (lambda: Linear(duration_s=float("nan"), frames=3), "duration_s: must be a finite number"),
     (lambda: Exponential(duration_s=1.0, frames=3, slow_motion=0.0), "slow_motion: must be > 0"),
-    (lambda: Times(times_s=[]), "times_s: must be a list of finite numbers that is not empty"),
+    (lambda: Times(times_s=[]), "times_s: must be a list of times within 1e+11 s that is not empty"),
     (lambda: Times(times_s=[0.0, 2.0, 1.0]), "times_s[2]: must be later than the one before"),
     (lambda: FixedRate(duration_s=1e9, rate_hz=1e9), "rate_hz: times duration_s must be below"),
 ])

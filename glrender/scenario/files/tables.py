@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation, RotationSpline, Slerp
 
 from ...base.errors import ConfigError
 from ..attitude import Geometry
+from ..checks import numbers
 from ..epochs import Epoch, needed
 
 # Rows about a time that its polynomial goes through: degree 7, as CCSDS ephemerides recommend, with velocities or not.
@@ -137,8 +138,8 @@ class AttitudeTable:
 
 
 def _ascending(times_s: np.ndarray) -> np.ndarray:
-    times = np.array(times_s, float)
-    if times.ndim != 1 or len(times) < 2 or not np.isfinite(times).all():
+    times = numbers("times_s", times_s)
+    if times.ndim != 1 or len(times) < 2:
         raise ConfigError("times_s", "must be at least two finite numbers", times_s)
     if not (np.diff(times) > 0.0).all():
         row = int(np.argmin(np.diff(times))) + 1
@@ -147,9 +148,9 @@ def _ascending(times_s: np.ndarray) -> np.ndarray:
 
 
 def _rows(name: str, value: np.ndarray, count: int, width: int) -> np.ndarray:
-    rows = np.array(value, float)
-    if rows.shape != (count, width) or not np.isfinite(rows).all():
-        raise ConfigError(name, f"must be finite numbers of shape ({count}, {width})", rows.shape)
+    rows = numbers(name, value)
+    if rows.shape != (count, width):
+        raise ConfigError(name, f"must be numbers of shape ({count}, {width})", rows.shape)
     return rows
 
 

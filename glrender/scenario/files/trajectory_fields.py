@@ -45,6 +45,8 @@ def read_sun(known: Known, table: Mapping[str, Any]) -> None:
     """Add the Sun where [sun] or SPICE puts it, unless orbits are about it."""
     if "sun" in table:
         with error_path("sun"):
+            if any(path.about == SUN for path in known.trajectories.values()):
+                raise ConfigError("", "is given beside an orbit about the Sun", hint="give one of them")
             known.trajectories[SUN] = _at_rest(known, a_table(table["sun"]), SUN)
     elif not any(path.about == SUN for path in known.trajectories.values()):
         if known.spice is None:

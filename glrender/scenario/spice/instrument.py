@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from ...base.attitude import from_spice
 from ...base.errors import ConfigError
-from ..paths import unit
+from ..checks import unit
 from .kernels import Spice, told_by
 
 # By how much focal length over pixel size may differ from what the field of view says.
