@@ -1,4 +1,4 @@
-"""`glrender`: info, render, sequence, demo, top, keygen."""
+"""`glrender`: info, render, check, sequence, demo, top, keygen."""
 
 from __future__ import annotations
 
@@ -72,11 +72,14 @@ def main(argv: list[str] | None = None) -> int:
                         help=".npy: float32 irradiance [W/m2 per pixel] or DN; .png: a display picture, gamma 2.2")
     render.set_defaults(run=_render)
 
+    check = commands.add_parser("check", help="what a scenario is, and what is odd in it; draws nothing")
+    check.add_argument("scenario", type=Path, help="scenario file (TOML)")
     sequence = commands.add_parser("sequence", help="draw frames of many states as files, on all cores")
     from . import sequence_command
 
     sequence_command.add_arguments(sequence)
     sequence.set_defaults(run=sequence_command.run_sequence)
+    check.set_defaults(run=sequence_command.run_check)
 
     demo = commands.add_parser("demo", help="fly a closed loop around a body through the server")
     from .demo import add_arguments, run_demo

@@ -71,6 +71,17 @@ def run_sequence(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def run_check(arguments: argparse.Namespace) -> int:
+    """Say what a scenario is, and what is odd in it, before the first frame is drawn."""
+    scenario = load_scenario(arguments.scenario)
+    for warning in scenario.check():
+        sys.stderr.write(f"glrender: warning: {warning}\n")
+    states = list(scenario.iter_states())
+    sys.stdout.write(f"{arguments.scenario}: {len(states)} states over {states[-1].t_s - states[0].t_s:g} s, bodies "
+                     f"{', '.join(states[0].bodies)}\n")
+    return 0
+
+
 def read_states(path: Path) -> list[State]:
     """States of a file with one JSON object a line, as `State.to_dict` gives them; blank lines are passed over.
 
