@@ -5,7 +5,7 @@ function parts = glr_shared(place)
   parts = cell(1, numel(place.sizes));
   path = ['/dev/shm/', place.name];
   file = -1;
-  if ~isempty(regexp(place.name, '^glrender-slot-[0-9a-f]+-[0-9a-f]+$', 'once'))
+  if ~isempty(regexp(place.name, '^glrender-slot-[0-9a-z-]+$', 'once'))
     file = fopen(path, 'r');
   end
   if file < 0

@@ -65,7 +65,7 @@ def test_no_reply_leads_the_c_client_astray(tmp_path, corpus):
     guided = clang and built(tmp_path, clang, f"-fsanitize=fuzzer,{SANITIZERS}")
     if guided:
         (tmp_path / "found").mkdir()
-        command = [guided, f"-max_total_time={SECONDS}", "-max_len=16384", "-timeout=10", "-rss_limit_mb=1024",
+        command = [guided, f"-max_total_time={SECONDS}", "-max_len=16384", "-timeout=10", "-rss_limit_mb=4096",
                    "-verbosity=0", "-print_final_stats=1", f"-artifact_prefix={tmp_path}/", tmp_path / "found", corpus]
     else:
         plain = built(tmp_path, compiler(), f"-fsanitize={SANITIZERS}", "-DPLAIN_DRIVER")

@@ -26,7 +26,7 @@ from glrender.scenario import (
 )
 from orbits import DATE
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "comet_flyby.toml"
+EXAMPLE = Path(__file__).parents[2] / "examples" / "scenarios" / "comet_flyby.toml"
 ISSUE = """
 [[bodies]]
 name = "didymos"

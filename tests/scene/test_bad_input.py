@@ -227,7 +227,7 @@ def test_a_body_too_small_for_float64_pixels_is_refused(renderer):
     ({"focal_length_px": 10**400}, "focal_length_px: must be a finite number"),
     ({"principal_point_px": (1.0,)}, "principal_point_px"),
     ({"q_camera_from_spacecraft": (1, 1, 0, 0)}, "q_camera_from_spacecraft: norm must be 1"),
-    ({"name": ""}, "name: must be a string that is not empty"),
+    ({"name": ""}, "name: must be a name of 1 to 128 printable characters"),
 ])
 def test_a_wrong_camera_names_its_field(changes, message):
     with pytest.raises(ConfigError, match=message):

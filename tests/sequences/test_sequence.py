@@ -160,7 +160,7 @@ def test_states_that_are_none_are_told_with_their_line(files, tmp_path):
 
 
 def test_a_scenarios_states_are_written(tmp_path, capsys):
-    example = str(EXAMPLES / "comet_flyby.toml")
+    example = str(EXAMPLES / "scenarios" / "comet_flyby.toml")
     assert main(["sequence", example, "--write-states", str(tmp_path / "states.jsonl")]) == 0
     lines = (tmp_path / "states.jsonl").read_text().splitlines()
     assert len(lines) == 25 and "25 states" in capsys.readouterr().out

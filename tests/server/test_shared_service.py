@@ -117,7 +117,7 @@ def test_a_client_that_gave_up_gets_its_next_frame_and_no_other(tmp_path, truth)
                 client.render(at(100 + seed), "wide", samples=4)
             client._timeout_s = 60.0
             np.testing.assert_array_equal(client.render(at(seed), "navcam", output="dn", seed=seed).pixels, truth(seed))
-        assert len(slots_of(process)) <= 4
+        assert len(slots_of(process)) <= 6
 
 
 def test_memory_is_shared_with_keys_too(tmp_path, truth):

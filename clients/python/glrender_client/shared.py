@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 _FOLDER = Path("/dev/shm")  # noqa: S108 (POSIX shared memory; only names that a server told are opened)
-_NAME = "glrender-slot-[0-9a-f]{12}-[0-9a-f]{8}"
+_NAME = "glrender-slot-[0-9a-z-]{1,64}"
 _MAX_MAPPED = 16
 
 
