@@ -24,7 +24,7 @@ width_px = 2048
 height_px = 2048
 focal_length_px = 12000.0
 """
-COSTLY = {"camera": "large", "samples": 16, "products": ["incidence", "emission"]}
+COSTLY = {"camera": "large", "samples": 10}
 
 
 def head(op, number, client, **fields):
