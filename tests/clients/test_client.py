@@ -181,7 +181,7 @@ def test_a_server_that_stays_busy_is_told_in_time():
         with pytest.raises(ServerError, match="others") as caught:
             client.status()
         assert caught.value.code == "busy" and caught.value.retry_after_s == 0.02
-        assert time.monotonic() - began < 0.5 + 0.2 and 3 < server.n_asked < 12
+        assert time.monotonic() - began < 1.5 and 3 < server.n_asked < 12
 
 
 def test_lost_requests_are_asked_again(endpoint):

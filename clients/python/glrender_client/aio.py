@@ -105,14 +105,18 @@ class AsyncClient:
 
     async def _try_while_busy(self, message: bytes, number: int, timeout_s: float) -> Reply | None:
         """Try a request once; a busy server is asked again later, until the time is over."""
-        deadline = time.monotonic() + timeout_s
+        deadline, busy = time.monotonic() + timeout_s, None
         for n_before in itertools.count():
             try:
-                return await self._try_once(message, number, deadline - time.monotonic())
+                found = await self._try_once(message, number, deadline - time.monotonic())
+                if found is None and busy is not None:
+                    raise busy
+                return found
             except Busy as error:
                 pause_s = error.pause_s(n_before)
-                if time.monotonic() + pause_s > deadline:
+                if error is busy or time.monotonic() + pause_s > deadline:
                     raise
+                busy = error
                 await asyncio.sleep(pause_s)
 
     async def _try_once(self, message: bytes, number: int, timeout_s: float) -> Reply | None:
