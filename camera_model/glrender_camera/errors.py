@@ -72,8 +72,12 @@ _MAX_CHARACTERS = 200
 
 
 def _short(value: object) -> str:
-    text = " ".join(_Brief().repr(value).split())
-    return text if len(text) <= _MAX_CHARACTERS else text[:_MAX_CHARACTERS - 3] + "..."
+    return shortened(" ".join(_Brief().repr(value).split()), _MAX_CHARACTERS)
+
+
+def shortened(text: str, most: int) -> str:
+    """A text of at most so many characters."""
+    return text if len(text) <= most else text[:most - 3] + "..."
 
 
 @contextmanager

@@ -13,7 +13,7 @@ from numbers import Integral, Real
 
 import numpy as np
 
-from .errors import ConfigError, path_of
+from .errors import ConfigError, path_of, shortened
 
 # A norm this far from 1 is round-off, or seven digits: renormalised.
 UNIT_TOLERANCE = 1e-6
@@ -78,11 +78,6 @@ def name_of(name: str, value: object) -> str:
     if not isinstance(value, str) or not 0 < len(value) <= 128 or not value.isprintable():
         raise ConfigError(name, "must be a name of 1 to 128 printable characters", value)
     return value
-
-
-def shortened(text: str, most: int = 64) -> str:
-    """A text cut to at most `most` characters."""
-    return text if len(text) <= most else text[:most - 3] + "..."
 
 
 def one_of(name: str, value: object, allowed: Iterable[str]) -> str:
@@ -170,7 +165,7 @@ def known_keys(name: str, table: object, allowed: Iterable[str], required: Itera
     allowed = list(allowed)
     for key in table:
         if key not in allowed:
-            key = shortened(str(key))
+            key = shortened(str(key), 64)
             raise ConfigError(f"{name}.{key}" if name else key, "unknown key",
                               hint=f"known keys are {', '.join(sorted(allowed))}")
     for key in required:

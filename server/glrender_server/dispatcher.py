@@ -12,7 +12,7 @@ import time
 from collections import Counter, OrderedDict
 from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
 from functools import partial
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import glrender
 import zmq
@@ -37,6 +37,13 @@ _MIN_RETRY_S, _MAX_RETRY_S = 0.05, 5.0
 _UNTAKEN = "this client has not taken its replies; read them first"
 # Senders whose last request's time is remembered.
 _MAX_SENDERS = 4096
+
+
+class _UnderWay(NamedTuple):
+    """A request that waits or is drawn, and the ways back to all who have asked it."""
+
+    header: Mapping[str, Any]
+    answers: list[Answer]
 
 
 class Engine(Protocol):
@@ -93,8 +100,7 @@ class Dispatcher:
         self.requests: Counter[str] = Counter()
         self.errors: Counter[str] = Counter()
         self._kept: OrderedDict[str, tuple[bytes, list, list]] = OrderedDict()
-        self._under_way: dict[bytes, list[Answer]] = {}
-        self._headers: dict[bytes, Mapping[str, Any]] = {}
+        self._under_way: dict[bytes, _UnderWay] = {}
         self._seconds_of: OrderedDict[Hashable, float] = OrderedDict()
         self._mean_seconds = 0.0
         self._last_timings_ms: dict[str, float] = {}
@@ -147,12 +153,12 @@ class Dispatcher:
 
     def _take(self, request: Request, header: dict[str, Any], client: str, is_closing: bool) -> None:
         digest = self._digest(request.parts[0])
-        kept, answers = self._kept.get(client), self._under_way.get(digest)
+        kept, under_way = self._kept.get(client), self._under_way.get(digest)
         if kept is not None and kept[0] == digest:
             request.answer(kept[1])
-        elif answers is not None and len(answers) < limits.MAX_COPIES:
+        elif under_way is not None and len(under_way.answers) < limits.MAX_COPIES:
             # A retry of what is being drawn: both get the one reply.
-            answers.append(request.answer)
+            under_way.answers.append(request.answer)
         elif is_closing:
             self._refuse(request, header, "closing", "", "the server is shutting down")
         elif header["op"] not in operations.OPERATIONS:
@@ -161,7 +167,7 @@ class Dispatcher:
         elif header["op"] == "load_scene" and self._operators is not None and request.user not in self._operators:
             self._refuse(request, header, "forbidden", "op", "this server's scene is replaced by its operators alone"
                          if self._operators else "this server's scene is not replaced (--no-load-scene)")
-        elif answers is not None:
+        elif under_way is not None:
             self._busy(header, [request.answer], f"{limits.MAX_COPIES} copies of this request are under way")
         elif self._has_not_taken(request):
             self._busy(header, [request.answer], _UNTAKEN)
@@ -179,13 +185,15 @@ class Dispatcher:
         return own > limits.MAX_UNTAKEN_BYTES or in_all > limits.MAX_UNTAKEN_BYTES_IN_ALL
 
     def _enqueue(self, header: dict[str, Any], digest: bytes, request: Request) -> None:
-        self._under_way[digest], self._headers[digest] = [request.answer], header
+        header = {**{name: header[name] for name in ENVELOPE}, "allow_slow": bool(header.get("allow_slow")),
+                  "shared": header.get("shared") is True}
+        self._under_way[digest] = _UnderWay(header, [request.answer])
         self.requests[header["op"]] += 1
         finish = partial(self._finish, request, header, digest, time.monotonic())
         is_quick = self._seconds_of.get(request.sender, QUICK_S) < QUICK_S
         job = Job(header, request.parts[0], finish, request.sender, is_quick)
         for refused, of_it, _ in self._queue.put(request.sender, (job, digest, request), len(request.parts[0])):
-            self._busy(refused.header, self._answers(of_it), f"{len(self._queue)} requests are waiting")
+            self._busy(refused.header, self._under_way.pop(of_it).answers, f"{len(self._queue)} requests are waiting")
 
     def work(self) -> None:
         """Begin jobs while the engine has room for them."""
@@ -196,7 +204,7 @@ class Dispatcher:
         while found := self._queue.get(lambda item: self._engine.has_room(item[0])):
             job, digest, request = found
             if self._has_not_taken(request):
-                self._busy(job.header, self._answers(digest), _UNTAKEN)
+                self._busy(job.header, self._under_way.pop(digest).answers, _UNTAKEN)
                 continue
             self._engine.start(job)
             if self._engine.draws_here:
@@ -217,7 +225,7 @@ class Dispatcher:
             self.errors[done.code] += 1
         else:
             # Shared memory ends with the server: what a client would come for too late goes over the socket.
-            if header.get("shared") and done.place is not None and not self.is_ending:
+            if header["shared"] and done.place is not None and not self.is_ending:
                 reply = [codec.with_field(reply[0], "shared", done.place)]
             of_reply = digest
             if header["op"] == "load_scene":
@@ -227,22 +235,19 @@ class Dispatcher:
             self._keep(header["client"], of_reply, reply, done.reply[1:])
             self._warned.frames(header["client"], done.warnings, time.monotonic())
         self._last_timings_ms = done.timings_ms or self._last_timings_ms
-        for answer in self._answers(digest):
+        # None of a request that was given up.
+        for answer in self._under_way.pop(digest, _UnderWay(header, [])).answers:
             answer(reply)
-
-    def _answers(self, digest: bytes) -> list[Answer]:
-        """The ways back to all who asked the same, which is no longer under way."""
-        self._headers.pop(digest, None)
-        return self._under_way.pop(digest, [])
 
     def give_up(self) -> None:
         """Tell all that still wait that the server ends."""
         while self._queue.get() is not None:
             pass
-        for digest, header in list(self._headers.items()):
+        for header, answers in self._under_way.values():
             self.errors["closing"] += 1
-            for answer in self._answers(digest):
+            for answer in answers:
                 answer(refusal(header, "closing", "", "the server is shutting down"))
+        self._under_way.clear()
 
     def _remember(self, sender: Hashable, done: Done) -> None:
         """Keep the time for which the sender's last request had a renderer."""

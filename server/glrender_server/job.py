@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import zmq
 from glrender.engines.advice import Advice
 
+from . import codec
 from .operations import Operations
 from .slots import SlotStore, offsets, room
 
@@ -30,11 +31,11 @@ class Done(NamedTuple):
 
 
 class Job(NamedTuple):
-    """A request that needs a renderer."""
+    """A request that needs a renderer; its bytes wait, which are decoded where it is drawn."""
 
     header: dict[str, Any]
+    """The envelope, `allow_slow` and `shared`: two bytes of an empty map are 64 of an object."""
     message: bytes
-    """The header's bytes."""
     done: Callable[[Done], None]
     """Called once, with the reply."""
     sender: Hashable
@@ -49,7 +50,7 @@ class Job(NamedTuple):
     @property
     def is_slow(self) -> bool:
         """Whether it may take minutes."""
-        return self.is_load or bool(self.header.get("allow_slow"))
+        return self.is_load or self.header["allow_slow"]
 
 
 class LocalEngine:
@@ -84,7 +85,8 @@ class LocalEngine:
                 return [memoryview(bytearray(size)) for size in sizes]
             return room(slot, sizes)
 
-        reply, code = self._operations.answer(job.header, memory if job.header.get("shared") is True else None)
+        reply, code = self._operations.answer(codec.unpack_request([job.message]),
+                                                memory if job.header["shared"] else None)
         if job.is_load and not code:
             self.generation += 1
             self.described = self._operations.described

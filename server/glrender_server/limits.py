@@ -6,6 +6,7 @@ on; the others are served meanwhile.
 
 from __future__ import annotations
 
+import functools
 import resource
 
 MAX_HEADER_BYTES = 1 << 20
@@ -49,6 +50,7 @@ _MAX_CONNECTIONS, _MAX_TCP_CONNECTIONS = 512, 128
 _SHARE_OF_DESCRIPTORS = 0.4
 
 
+@functools.cache
 def max_connections() -> tuple[int, int]:
     """Connections over ZeroMQ and over TCP for which this process has descriptors; it first asks for all it may have.
 

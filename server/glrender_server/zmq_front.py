@@ -100,6 +100,8 @@ class _Connection:
         with contextlib.suppress(OSError), socket.socket(fileno=os.dup(self.descriptor)) as twin:
             # The descriptor may be another socket's by now; the twin's will not change.
             if os.fstat(twin.fileno()).st_ino == self.inode:
+                # A peer that writes into a full window would not hear of the end for a minute: ZeroMQ's close resets.
+                twin.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
                 twin.shutdown(socket.SHUT_RDWR)
 
 
@@ -309,24 +311,19 @@ class ZmqFront:
         while self._monitor is not None and self._monitor.poll(0):
             event = recv_monitor_message(self._monitor, zmq.NOBLOCK)
             descriptor = event["value"]
-            if event["event"] != zmq.EVENT_ACCEPTED:
-                self._connections.pop(descriptor, None)
-                continue
             self._connections.pop(descriptor, None)
-            self._adopt(descriptor)  # it may have gone already
-            if len(self._connections) > self._max_connections:
-                self._make_room(descriptor)
+            if event["event"] == zmq.EVENT_ACCEPTED:
+                self._adopt(descriptor)  # it may have gone already
+                if len(self._connections) > self._max_connections:
+                    self._make_room(descriptor)
 
     def _make_room(self, newest: int) -> None:
         silent = [c for c in self._connections.values() if not c.n_owed and c.descriptor != newest]
-        if not silent:
-            silent = [connection for connection in (self._connections.get(newest),) if connection is not None]
-        if not silent:
-            return
-        log.warning("%d connections are open: the one that was silent longest is closed", len(self._connections))
-        victim = min(silent, key=lambda connection: (connection.has_asked, connection.heard))
-        victim.hang_up()
-        self._connections.pop(victim.descriptor, None)
+        victim = min(silent, key=lambda each: (each.has_asked, each.heard), default=self._connections.get(newest))
+        if victim is not None:
+            log.warning("%d connections are open: the one that was silent longest is closed", len(self._connections))
+            victim.hang_up()
+            del self._connections[victim.descriptor]
 
     def _patrol(self) -> None:
         """Forget what has been taken, and hang up on who takes nothing, or does not end messages of many parts.

@@ -93,6 +93,8 @@ def test_an_error_costs_no_more_than_it_says():
 def test_a_float_with_a_whole_value_is_an_id(ask):
     """MATLAB's numbers are floats."""
     assert ask(msgpack.packb({"v": 1, "op": "hello", "id": 7.0, "client": "m"}))["id"] == 7
+    drawn = ask(msgpack.packb({**RENDER, "id": 8.0}))
+    assert drawn["ok"] and drawn["id"] == 8
     reply = ask(msgpack.packb({"v": 1, "op": "hello", "id": 7.5, "client": "m"}))
     assert (reply["ok"], reply["error"]["path"]) == (False, "id")
 

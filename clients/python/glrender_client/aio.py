@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import itertools
-import time
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -15,7 +13,7 @@ import zmq.asyncio
 
 from .connection import connected, positive_s
 from .curve import curve_keys
-from .errors import Busy, GlrenderClientError, RequestTimeout
+from .errors import Busy, GlrenderClientError, Patience, RequestTimeout
 from .owner import Owner
 from .presence import told_presence
 from .wire import HasDict, Packer, Reply, frames_fields, range_fields, read_header, read_reply, render_fields
@@ -105,19 +103,16 @@ class AsyncClient:
 
     async def _try_while_busy(self, message: bytes, number: int, timeout_s: float) -> Reply | None:
         """Try a request once; a busy server is asked again later, until the time is over."""
-        deadline, busy = time.monotonic() + timeout_s, None
-        for n_before in itertools.count():
+        patience = Patience(timeout_s)
+        while True:
             try:
-                found = await self._try_once(message, number, deadline - time.monotonic())
-                if found is None and busy is not None:
-                    raise busy
-                return found
+                found = await self._try_once(message, number, patience.left_s)
             except Busy as error:
-                pause_s = error.pause_s(n_before)
-                if error is busy or time.monotonic() + pause_s > deadline:
-                    raise
-                busy = error
-                await asyncio.sleep(pause_s)
+                await asyncio.sleep(patience.pause_s(error))
+            else:
+                if found is None:
+                    patience.check()
+                return found
 
     async def _try_once(self, message: bytes, number: int, timeout_s: float) -> Reply | None:
         future: asyncio.Future[Reply] = asyncio.get_running_loop().create_future()

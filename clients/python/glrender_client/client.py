@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import sys
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -13,7 +12,7 @@ import zmq
 
 from .connection import MAX_POLL_MS, connected, positive_s
 from .curve import curve_keys
-from .errors import Busy, GlrenderClientError, RequestTimeout
+from .errors import Busy, GlrenderClientError, Patience, RequestTimeout
 from .notebook import described
 from .owner import Owner
 from .pipeline import in_order
@@ -266,19 +265,16 @@ class Client:
 
     def _try_while_busy(self, message: bytes, number: int, timeout_s: float) -> Reply | None:
         """Try a request once; a busy server is asked again later, until the time is over."""
-        deadline, busy = time.monotonic() + timeout_s, None
-        for n_before in itertools.count():
+        patience = Patience(timeout_s)
+        while True:
             try:
-                found = self._try_once(message, number, deadline - time.monotonic())
-                if found is None and busy is not None:
-                    raise busy
-                return found
+                found = self._try_once(message, number, patience.left_s)
             except Busy as error:
-                pause_s = error.pause_s(n_before)
-                if error is busy or time.monotonic() + pause_s > deadline:
-                    raise
-                busy = error
-                time.sleep(pause_s)
+                time.sleep(patience.pause_s(error))
+            else:
+                if found is None:
+                    patience.check()
+                return found
 
     def _timeout(self, op: str, timeout_s: float) -> RequestTimeout:
         return RequestTimeout.after(self._endpoint, op, timeout_s, self._retries + 1,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import time
 
 # A pause grows by half with each `busy` in a row, up to 5 s.
 _GROWTH, _MAX_PAUSE_S = 1.5, 5.0
@@ -58,3 +59,45 @@ class Busy(ServerError):
         """Pause [s] after this error and `n_before` others in a row: longer each time, with a random part."""
         chance = random.uniform(0.5, 1.5)  # noqa: S311 - so that clients do not come back all at once
         return chance * min(self.retry_after_s * _GROWTH**min(n_before, 20), _MAX_PAUSE_S)
+
+
+class Patience:
+    """Goes on with one try of a request while the server is busy, until its time is over.
+
+    Parameters
+    ----------
+    timeout_s : float [s]
+    """
+
+    def __init__(self, timeout_s: float):
+        self._deadline, self._n_before, self._busy = time.monotonic() + timeout_s, 0, None
+
+    @property
+    def left_s(self) -> float:
+        """Time that is left [s]."""
+        return self._deadline - time.monotonic()
+
+    def pause_s(self, busy: Busy) -> float:
+        """How long to wait before the next question [s].
+
+        Raises
+        ------
+        Busy
+            The time is over by then.
+        """
+        pause_s = busy.pause_s(self._n_before)
+        if pause_s > self.left_s:
+            raise busy
+        self._n_before, self._busy = self._n_before + 1, busy
+        return pause_s
+
+    def check(self) -> None:
+        """Nothing has come in the time that was left.
+
+        Raises
+        ------
+        Busy
+            The server had been busy all the while.
+        """
+        if self._busy is not None:
+            raise self._busy

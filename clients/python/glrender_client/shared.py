@@ -44,8 +44,7 @@ class SharedFrames:
         if not re.fullmatch(_NAME, name):
             raise NotShared(name)
         try:
-            # Whatever a server of another user names: nothing is waited for, no link is followed.
-            file = os.open(_FOLDER / name, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK | os.O_NOFOLLOW)
+            file = _opened(name)
         except OSError as error:
             raise NotShared(str(error)) from None
         with contextlib.ExitStack() as stack:
@@ -72,7 +71,7 @@ class SharedFrames:
             while len(self._mapped) >= _MAX_MAPPED:
                 self._mapped.popitem(last=False)
             # Of a file of its own: a mapping keeps its file open, and so would keep the lock.
-            file = os.open(_FOLDER / name, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK | os.O_NOFOLLOW)
+            file = _opened(name)
             try:
                 self._mapped[name] = mmap.mmap(file, 0, access=mmap.ACCESS_READ)
             except (OSError, ValueError) as error:  # no plain file, or an empty one
@@ -81,3 +80,8 @@ class SharedFrames:
                 os.close(file)
         self._mapped.move_to_end(name)
         return self._mapped[name]
+
+
+def _opened(name: str) -> int:
+    """A descriptor; whatever a server of another user names, nothing is waited for and no link is followed."""
+    return os.open(_FOLDER / name, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK | os.O_NOFOLLOW)
