@@ -18,7 +18,7 @@ SUN_RADIUS_M = 695_700_000.0
 GM_SUN_M3_S2 = 1.327_124_400_412_794_2e20
 """Gravitational parameter of the Sun [m3/s2], TDB; Park et al. (2021), DE440."""
 OBLIQUITY_J2000_RAD = math.radians(84_381.448 / 3600.0)
-"""Of the ecliptic of J2000 to the equator of ICRF [rad]; IAU 1976, as SPICE's ECLIPJ2000 has it."""
+"""Obliquity of the ecliptic of J2000 to the equator of ICRF [rad]; IAU 1976, as SPICE's ECLIPJ2000 has it."""
 
 GLSL_CONSTANTS = {"PI": PI}
 """Constants that `constants.glsl` holds, by name."""

@@ -138,4 +138,4 @@ def _grid(table: Mapping[str, Any], body: Body, dust: Dust, resolve: Resolve) ->
 
 MODELS: dict[str, Callable[[Mapping[str, Any], Body, Dust, Resolve], Any]] = {
     "haser": _haser, "jets": _jets, "facets": _facets, "tail": _tail, "grid": _grid}
-"""What `model` may name."""
+"""Names that `model` may have."""

@@ -22,7 +22,7 @@ from .plan import BodyPlan, WindowPlan
 from .small_body_grid import CELL_PX, cell_error, cell_size, samples_across, sampling_errors
 
 ENGINES = ("coverage", "rays", "raster")
-"""What `engine=` may ask for."""
+"""Names that `engine=` may have."""
 MAX_SAMPLES = 16
 """Most samples along a pixel's side by OpenGL."""
 MAX_RAYS_ACROSS = 1024

@@ -60,7 +60,7 @@ CRESCENT_RAD = 2.55
 # Error over the estimate of an image, per radian of phase beyond it: 24 crescents at 136 to 162 deg, 40 to 300 px.
 _CRESCENTS_PER_RAD = 2.5
 FLUX_SHARE = 0.1
-"""Of the error tolerance [1], what the total flux may err by (docs/accuracy.md)."""
+"""Share of the error tolerance [1] by which the total flux may err (docs/accuracy.md)."""
 
 
 @dataclass(frozen=True, kw_only=True)

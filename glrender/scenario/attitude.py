@@ -22,7 +22,7 @@ _LEAST_SINE = 1e-6
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Geometry:
-    """Where everything is at the times of a scenario.
+    """Places and velocities of everything at the times of a scenario.
 
     Parameters
     ----------

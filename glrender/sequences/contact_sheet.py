@@ -30,10 +30,15 @@ def contact_sheet(path: Path, images: list[tuple[str, np.ndarray]]) -> None:
     sheet = Image.new("L", (n_columns * (cell[0] + _GAP_PX) + _GAP_PX, n_rows * (cell[1] + 20 + _GAP_PX) + _GAP_PX), 30)
     draw = ImageDraw.Draw(sheet)
     for k, (name, image) in enumerate(images):
-        grey = 255.0 * np.clip(image.astype(np.float64) / white, 0.0, 1.0) ** (1.0 / _DISPLAY_GAMMA)
-        thumb = Image.fromarray(np.rint(grey).astype(np.uint8)).resize(cell, Image.Resampling.BOX)
+        thumb = Image.fromarray(grey_levels(image, white)).resize(cell, Image.Resampling.BOX)
         x = _GAP_PX + (k % n_columns) * (cell[0] + _GAP_PX)
         y = _GAP_PX + (k // n_columns) * (cell[1] + 20 + _GAP_PX)
         sheet.paste(thumb, (x, y))
         draw.text((x, y + cell[1] + 3), name, fill=200)
     sheet.save(path)
+
+
+def grey_levels(image: np.ndarray, white: float) -> np.ndarray:
+    """The (height, width) uint8 of an image for the eye: `white` and what is brighter are 255, gamma 2.2."""
+    grey = np.clip(image / white, 0.0, 1.0) ** (1.0 / _DISPLAY_GAMMA)
+    return np.rint(255.0 * grey).astype(np.uint8)

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 from glrender_camera import PinholeCamera
 
+from ..base.constants import AU_M
 from ..base.errors import ConfigError
-from ..base.rotations import dcm, quaternion
+from ..base.rotations import quaternion
 from ..scene.scene import Scene
 from ..view.state import State
-from ..view.view import phase_angle
+from ..view.view import view_bodies
 
 PRODUCTS = ("range", "body_id")
 """Products that labels are made of."""
@@ -55,26 +56,22 @@ def frame_labels(scene: Scene, state: State, camera: PinholeCamera, image: np.nd
     for name in keypoints or {}:
         if name not in state.bodies:
             raise ConfigError(f"keypoints.{name}", "is no body of the scene", hint=f"bodies: {', '.join(state.bodies)}")
-    camera_from_inertial = dcm(camera.q_camera_from_spacecraft) @ dcm(state.spacecraft.q_from_inertial)
-    r_camera = state.spacecraft.r_inertial_m + dcm(state.spacecraft.q_from_inertial).T @ camera.r_camera_spacecraft_m
-    to_sun = state.r_sun_inertial_m - r_camera
     beside = image[products["body_id"] < 0]
-    background = float(np.median(beside)) if beside.size else 0.0
+    light = image.astype(np.float64) - (np.median(beside) if beside.size else 0.0)
     bodies = {}
-    for number, body in enumerate(scene.bodies):
-        pose = state.bodies[body.name]
-        r = camera_from_inertial @ (pose.r_inertial_m - r_camera)
-        camera_from_body = camera_from_inertial @ dcm(pose.q_from_inertial).T
-        to_camera, body_to_sun = r_camera - pose.r_inertial_m, state.r_sun_inertial_m - pose.r_inertial_m
-        phase = phase_angle(body_to_sun / np.linalg.norm(body_to_sun), to_camera / np.linalg.norm(to_camera))
-        bodies[body.name] = {
-            "r_camera_m": r.tolist(), "q_camera_from_body": quaternion(camera_from_body).tolist(),
-            "range_m": float(np.linalg.norm(r)), "phase_deg": float(np.degrees(phase)),
+    views = view_bodies(state, camera, {body.name: body.hull for body in scene.bodies})
+    for number, view in enumerate(views):
+        r = -view.camera_from_body @ (view.r_camera_body_m + view.centre_m)
+        bodies[view.name] = {
+            "r_camera_m": r.tolist(), "q_camera_from_body": quaternion(view.camera_from_body).tolist(),
+            "range_m": float(np.linalg.norm(r)), "phase_deg": float(np.degrees(view.phase_rad)),
             "origin_px": camera.project(r).tolist() if r[2] > 0.0 else None,
-            **_silhouette(products["body_id"] == number, image.astype(np.float64) - background),
-            "keypoints": {name: _keypoint(camera, r + camera_from_body @ np.asarray(place, float), products["range"])
-                          for name, place in (keypoints or {}).get(body.name, {}).items()}}
-    sun = camera_from_inertial @ (to_sun / np.linalg.norm(to_sun))
+            **_silhouette(products["body_id"] == number, light),
+            "keypoints": {
+                name: _keypoint(camera, r + view.camera_from_body @ np.asarray(place, float), products["range"])
+                for name, place in (keypoints or {}).get(view.name, {}).items()}}
+    to_sun = views[0].sun_direction_body * views[0].sun_distance_au * AU_M - views[0].r_camera_body_m
+    sun = views[0].camera_from_body @ (to_sun / np.linalg.norm(to_sun))
     return {"sun_direction_camera": sun.tolist(), "bodies": bodies}
 
 

@@ -29,7 +29,8 @@ def read_image(path: Path) -> np.ndarray:
     if ending == "fits":
         from astropy.io import fits
 
-        return np.flipud(fits.getdata(path, 0)).astype(fits.getdata(path, 0).dtype.newbyteorder("="))
+        stored = fits.getdata(path, 0)
+        return np.flipud(stored).astype(stored.dtype.newbyteorder("="))
     if ending == "exr":
         import OpenEXR
 

@@ -9,7 +9,7 @@ import os
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib.metadata import version
 from multiprocessing import connection, get_context, parent_process
 from pathlib import Path
@@ -28,6 +28,8 @@ from . import labels
 from .formats import FrameFile, checked_ending, write
 
 MANIFEST = "manifest.json"
+_VERSION = version("glrender")
+_DIGITS = 5
 # Frames given to a process ahead of those that it draws.
 _AHEAD = 2
 _MAX_PROCESSES = 256
@@ -103,7 +105,6 @@ class FrameSequence:
     states: Sequence[State]
     folder: Path
     options: FrameOptions
-    digits: int = field(init=False, default=5)
 
     def __post_init__(self):
         if not self.states:
@@ -115,7 +116,7 @@ class FrameSequence:
 
     def path(self, index: int) -> Path:
         """The path of one frame's file."""
-        return self.folder / f"frame_{index:0{self.digits}d}.{self.options.format}"
+        return self.folder / f"frame_{index:0{_DIGITS}d}.{self.options.format}"
 
     def missing(self) -> list[int]:
         """Numbers of the frames that are not drawn yet."""
@@ -179,7 +180,7 @@ class FrameSequence:
     def manifest(self) -> dict[str, Any]:
         """The frames depend on these: version, digests of scene and states, options."""
         states = hashlib.sha256("\n".join(json.dumps(state.to_dict()) for state in self.states).encode())
-        return {"glrender": version("glrender"), "n_frames": len(self.states), "states_sha256": states.hexdigest(),
+        return {"glrender": _VERSION, "n_frames": len(self.states), "states_sha256": states.hexdigest(),
                 "scene_sha256": _digest_of_scene(self.scene), "options": dataclasses.asdict(self.options) | {
                     "products": list(self.options.products)}}
 
@@ -268,7 +269,7 @@ def drawn(renderer: Any, index: int, state: State, options: FrameOptions) -> Fra
         header["labels"] = labels.frame_labels(renderer.scene, state, camera, pixels, capture.products)
     kept = {name: capture.products[name] for name in options.products}
     return FrameFile(pixels=pixels, unit=options.unit, products=kept, header={
-        "glrender": version("glrender"), "index": index, "state": state.to_dict(), "unit": options.unit,
+        "glrender": _VERSION, "index": index, "state": state.to_dict(), "unit": options.unit,
         "camera": {"name": camera.name, "width_px": camera.width_px, "height_px": camera.height_px,
                    "focal_length_px": camera.focal_length_px, "principal_point_px": list(camera.principal_point_px),
                    "r_camera_spacecraft_m": list(camera.r_camera_spacecraft_m),

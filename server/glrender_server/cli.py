@@ -27,11 +27,11 @@ from glrender import (
 from glrender.base.constants import AU_M
 from glrender.engines.advice import scene_advice
 from glrender.scene.plugins import registry as plugins
+from glrender.sequences.contact_sheet import grey_levels
 from glrender_camera.validate import within
 
 from .logs import is_ours
 
-_DISPLAY_GAMMA = 2.2
 _STARTED = time.monotonic()
 
 
@@ -215,8 +215,7 @@ def write_picture(path: Path, irradiance: np.ndarray) -> None:
 
     lit = irradiance[irradiance > 0.0]
     white = np.quantile(lit, 0.999) if lit.size else 1.0
-    grey = np.clip(irradiance / white, 0.0, 1.0) ** (1.0 / _DISPLAY_GAMMA)
-    Image.fromarray(np.rint(255.0 * grey).astype(np.uint8)).save(path)
+    Image.fromarray(grey_levels(irradiance, white)).save(path)
 
 
 if __name__ == "__main__":

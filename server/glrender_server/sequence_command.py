@@ -8,13 +8,12 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from glrender import ConfigError, State, load_scene
+from glrender import ConfigError, GlrenderError, State, load_scene
 from glrender.scenario import load_scenario
 from glrender.sequences.contact_sheet import contact_sheet
 from glrender.sequences.formats import FORMATS
 from glrender.sequences.read import read_image
 from glrender.sequences.sequence import FrameOptions, FrameSequence
-from tqdm import tqdm
 
 _ON_SHEET = 25
 
@@ -40,6 +39,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run_sequence(arguments: argparse.Namespace) -> int:
     """Draw what is missing in the folder, then a contact sheet."""
+    try:
+        from tqdm import tqdm
+    except ImportError as error:
+        raise GlrenderError("`sequence` shows its progress by tqdm: pip install 'glrender[demo]'") from error
     if arguments.states is None:
         scenario = load_scenario(arguments.scene)
         for warning in scenario.check():

@@ -20,7 +20,7 @@ from numba.types import complex128, float64, int32, intp, void
 from ...base.numba_loops import VECTOR, compiled, read, write
 
 ROUNDING = 1e-12
-"""Of an image's largest mean, what rounding leaves in cells that are dark, at most."""
+"""Light that rounding leaves in dark cells, at most, as a share of an image's largest mean."""
 # Cells.
 _FARTHEST = 1e12
 # Triangles in a turn of each of the two images that are made at once; so few that waking a thread takes longer.

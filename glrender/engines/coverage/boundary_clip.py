@@ -72,7 +72,7 @@ class FacetCutter:
         self.polygons.append((triangles.corner.take(lit, axis=1), triangles.facet.take(lit)))
 
     def keep_even(self, triangles: FacetParts) -> FacetParts:
-        """Those of some triangles that are not mixed are done; the mixed ones.
+        """Triangles that are not mixed are done; the mixed ones are given back.
 
         Where the Sun is low, light falls in slivers: those whose centroids differ from their corners are cut in three
         about that, and mixed.

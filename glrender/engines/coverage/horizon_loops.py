@@ -115,7 +115,7 @@ def _between(table, root, around, out):
 
 @inlined
 def _radiance(incidence, emission, squared, brdf, least_root, per_root):
-    """That of a facet by its cosines and the squared distance of the unit vectors to Sun and camera."""
+    """Radiance of a facet by its cosines and the squared distance of the unit vectors to Sun and camera."""
     cosine = 1.0 - 0.5 * squared
     aside = (incidence - emission * cosine) / math.sqrt(max(1.0 - cosine * cosine, _LEAST_SINE**2))
     return incidence / (incidence + emission) * _between(

@@ -65,7 +65,7 @@ class FacetParts:
     area_px: np.ndarray
 
     def at(self, chosen: np.ndarray) -> FacetParts:
-        """Those of given numbers (M,)."""
+        """Parts of given numbers (M,)."""
         return FacetParts(*(getattr(self, field.name).take(chosen, axis=-1) for field in fields(self)))
 
     @classmethod

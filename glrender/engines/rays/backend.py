@@ -61,7 +61,7 @@ class RayTracer:
 
     @property
     def info(self) -> dict[str, Any]:
-        """Which engine draws."""
+        """Name of the engine that draws."""
         return {"backend": "raytrace", "gl_renderer": "Embree (embreex)", "gl_version": ""}
 
     def render(self, state: State, camera: str | PinholeCamera | None = None, *, max_error: float | None = None,

@@ -36,7 +36,7 @@ _DTYPES = {name: np.int32 if name.endswith("_id") else np.float64 for name in BE
 
 
 def draws(row: np.ndarray, column: np.ndarray, across: int) -> np.ndarray:
-    """Which of its pixel's draws of the Sun's disc each place of a lattice has, with so many places along its side."""
+    """Number of the draw of the Sun's disc that each place of a lattice has, with so many places along a pixel's side."""
     return row % across * across + column % across
 
 

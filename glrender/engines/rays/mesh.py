@@ -62,7 +62,7 @@ class Hits:
     normal: np.ndarray
 
     def at(self, chosen: np.ndarray) -> Hits:
-        """Those of given numbers (M,)."""
+        """Hits of given numbers (M,)."""
         return Hits(**{field.name: getattr(self, field.name).take(chosen, axis=-1) for field in fields(self)})
 
 
