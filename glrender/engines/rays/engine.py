@@ -36,7 +36,7 @@ _DTYPES = {name: np.int32 if name.endswith("_id") else np.float64 for name in BE
 
 
 def draws(row: np.ndarray, column: np.ndarray, across: int) -> np.ndarray:
-    """Number of the draw of the Sun's disc that each place of a lattice has, with so many places along a pixel's side."""
+    """Number of the Sun's draw that each place of a lattice has, with `across` places along a pixel's side."""
     return row % across * across + column % across
 
 
