@@ -160,7 +160,7 @@ class Pool(WorkerPool):
 
 
 def job(sender, op="render", is_quick=True, **fields):
-    return Job({"op": op, **fields}, b"", lambda done: None, sender, is_quick)
+    return Job({"op": op, "allow_slow": False, **fields}, b"", lambda done: None, sender, is_quick)
 
 
 @pytest.mark.parametrize("under_way, asked, has_room", [
