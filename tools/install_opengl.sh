@@ -5,7 +5,7 @@ set -eu
 glrender=$1
 . "$(dirname "$0")/apt.sh"
 
-works() { "$glrender" info 2>/dev/null | grep -q "^$1: works"; }
+works() { "$glrender" doctor 2>/dev/null | grep -q "^ok *OpenGL by $1 "; }
 
 found=
 works egl || { echo "EGL does not work here: installing Mesa" >&2
@@ -17,6 +17,6 @@ if [ -z "$found" ] || [ "${CI:-}" = true ]; then
     works osmesa && found="$found osmesa"
 fi
 if [ -z "$found" ]; then
-    "$glrender" info >&2 || true
+    "$glrender" doctor >&2 || true
     exit 1
 fi

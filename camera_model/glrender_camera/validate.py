@@ -6,6 +6,7 @@ written so that NaN fails.
 
 from __future__ import annotations
 
+import difflib
 import logging
 import math
 from collections.abc import Iterable, Mapping
@@ -84,8 +85,17 @@ def one_of(name: str, value: object, allowed: Iterable[str]) -> str:
     """A string out of `allowed`."""
     allowed = list(allowed)
     if value not in allowed:
-        raise ConfigError(name, f"must be one of {', '.join(map(repr, allowed))}", value)
+        raise ConfigError(name, f"must be one of {', '.join(map(repr, allowed))}", value, did_you_mean(value, allowed))
     return value
+
+
+def did_you_mean(value: object, known: Iterable[str]) -> str:
+    """The question which of the known words a misspelt one stands for; empty where none is like it."""
+    if not isinstance(value, str):
+        return ""
+    folded = {word.casefold(): word for word in known}
+    like = difflib.get_close_matches(shortened(value, 64).casefold(), folded, n=1)
+    return f"did you mean {folded[like[0]]!r}?" if like else ""
 
 
 def vector(name: str, value: object, length: int = 3) -> np.ndarray:
@@ -166,8 +176,8 @@ def known_keys(name: str, table: object, allowed: Iterable[str], required: Itera
     for key in table:
         if key not in allowed:
             key = shortened(str(key), 64)
-            raise ConfigError(f"{name}.{key}" if name else key, "unknown key",
-                              hint=f"known keys are {', '.join(sorted(allowed))}")
+            raise ConfigError(f"{name}.{key}" if name else key, "unknown key", hint=" ".join(
+                (did_you_mean(key, allowed), f"known keys are {', '.join(sorted(allowed))}")).strip())
     for key in required:
         if key not in table:
             raise ConfigError(f"{name}.{key}" if name else key, "missing")

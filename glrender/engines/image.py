@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 from glrender_camera import PinholeCamera
+from glrender_camera.validate import did_you_mean
 
 from ..base.errors import ConfigError
 from ..planner.plan import RenderPlan
@@ -73,7 +74,8 @@ def checked_products(products: Iterable[str]) -> tuple[str, ...]:
     products = (products,) if isinstance(products, str) else tuple(products)
     for index, name in enumerate(products):
         if name not in PRODUCTS:
-            raise ConfigError(f"products[{index}]", f"must be one of {', '.join(PRODUCTS)}", name)
+            raise ConfigError(f"products[{index}]", f"must be one of {', '.join(PRODUCTS)}", name,
+                              did_you_mean(name, PRODUCTS))
     return tuple(name for name in PRODUCTS if name in products and name != "irradiance")
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+# Lines of a plan as text.
+_MOST_LINES = 10
 EMISSION_LEFT_OUT = "emission around"
 """How a plan begins to say that light which no surface scatters is not in the image."""
 
@@ -92,6 +94,17 @@ class WindowPlan:
     refined_samples: int = 0
     refined_share: float = 0.0
 
+    @property
+    def method(self) -> str:
+        """How it is drawn, in words."""
+        if self.engine == "coverage":
+            how = "lit or dark by their centroids" if self.by_centroids else "clipped at shadow boundaries"
+            return f"exact area coverage, facets {how}"
+        name = {"rays": "rays", "raster": "OpenGL"}[self.engine]
+        grid = f"a grid of {self.grid[0]} x {self.grid[1]}" if self.samples == 0 else \
+            f"{self.samples} x {self.samples} samples a pixel"
+        return f"{name}, {grid}"
+
 
 @dataclass(frozen=True, kw_only=True)
 class EmissionPlan:
@@ -151,6 +164,24 @@ class RenderPlan:
     def samples(self) -> int:
         """Most samples along a pixel's side in any window."""
         return max((window.samples for window in self.windows), default=0)
+
+    def __str__(self) -> str:
+        """At most ten lines: errors, engines, bodies, what is left out, warnings."""
+        lines = [f"camera {self.camera}: predicted RMS error {100.0 * self.predicted_error:.2g} % of the mean lit "
+                 f"pixel, {100.0 * self.max_error:g} % allowed"]
+        if not self.windows:
+            lines.append("nothing is in view")
+        sizes = {body.name: f"{body.name} ({body.n_facets} facets, {body.size_px:.0f} px, {body.law})"
+                 for body in self.bodies}
+        lines += [f"{', '.join(sizes[name] for name in window.bodies)}: {window.method}, "
+                  f"{100.0 * window.predicted_error:.2g} %" for window in self.windows]
+        lines += [f"emission of {added.body}: {added.kind}, {100.0 * added.predicted_error:.2g} %"
+                  for added in self.emission]
+        if self.left_out:
+            lines.append(f"left out: {', '.join(self.left_out)}")
+        lines += [f"warning: {text}" for text in self.warnings]
+        return "\n".join(lines if len(lines) <= _MOST_LINES else
+                         [*lines[:_MOST_LINES - 1], f"and {len(lines) - _MOST_LINES + 1} more: to_dict() has all"])
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, for the wire."""

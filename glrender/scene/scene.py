@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from glrender_camera import CameraModel, MosaicModel, PinholeCamera
-from glrender_camera.validate import finite, known_keys, within
+from glrender_camera.validate import did_you_mean, finite, known_keys, within
 
 from ..base.constants import TOTAL_SOLAR_IRRADIANCE_W_M2
 from ..base.errors import ConfigError, SceneError, error_path
@@ -110,7 +110,8 @@ class Scene:
             if camera.name == name:
                 return camera
         raise SceneError("camera", "unknown camera", name,
-                         f"the scene has {', '.join(camera.name for camera in self.cameras)}")
+                         did_you_mean(name, names := [camera.name for camera in self.cameras])
+                         or f"the scene has {', '.join(names)}")
 
     def drawn_camera(self, camera: str | PinholeCamera | None) -> PinholeCamera:
         """The camera that a renderer draws for: one of the scene's by name, or one that draws for it.
@@ -183,7 +184,8 @@ def checked_max_error(value: float, name: str = "max_error") -> float:
     """An error tolerance in (0, 1], at least 1e-15: float64 has no more digits, and quotients stay finite."""
     number = finite(name, value)
     if not 0.0 < number <= 1.0:
-        raise ConfigError(name, "must be > 0 and <= 1", value)
+        raise ConfigError(name, "must be > 0 and <= 1", value,
+                          f"{number:g} % is {number / 100.0:g}" if 1.0 < number < 100.0 else "")
     return within(name, value, 1e-15, 1.0)
 
 

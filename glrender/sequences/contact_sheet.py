@@ -8,6 +8,8 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 _DISPLAY_GAMMA = 2.2
+# White over the level where these stretches turn from linear to logarithmic.
+_LOG_RANGE, _ASINH_RANGE = 1000.0, 100.0
 _THUMB_PX, _COLUMNS, _GAP_PX = 220, 5, 6
 
 
@@ -38,7 +40,26 @@ def contact_sheet(path: Path, images: list[tuple[str, np.ndarray]]) -> None:
     sheet.save(path)
 
 
-def grey_levels(image: np.ndarray, white: float) -> np.ndarray:
-    """The (height, width) uint8 of an image for the eye: `white` and what is brighter are 255, gamma 2.2."""
-    grey = np.clip(image / white, 0.0, 1.0) ** (1.0 / _DISPLAY_GAMMA)
-    return np.rint(255.0 * grey).astype(np.uint8)
+def grey_levels(image: np.ndarray, white: float, stretch: str = "gamma") -> np.ndarray:
+    """The grey levels of an image for the eye.
+
+    Parameters
+    ----------
+    image : (height, width) array
+    white : float
+        What is as bright or brighter has level 255.
+    stretch : "gamma", "linear", "log" or "asinh"
+        Gamma 2.2; the logarithm over three decades; asinh, linear below a hundredth of white and logarithmic above.
+
+    Returns
+    -------
+    (height, width) uint8
+    """
+    grey = np.clip(image / white, 0.0, 1.0)
+    return np.rint(255.0 * _STRETCHES[stretch](grey)).astype(np.uint8)
+
+
+_STRETCHES = {"gamma": lambda grey: grey ** (1.0 / _DISPLAY_GAMMA), "linear": lambda grey: grey,
+              "log": lambda grey: np.log10(1.0 + _LOG_RANGE * grey) / np.log10(1.0 + _LOG_RANGE),
+              "asinh": lambda grey: np.arcsinh(_ASINH_RANGE * grey) / np.arcsinh(_ASINH_RANGE)}
+STRETCHES = tuple(_STRETCHES)

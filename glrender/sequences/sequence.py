@@ -19,7 +19,7 @@ import numpy as np
 from glrender_camera.validate import integer, one_of
 
 from ..base.errors import ConfigError
-from ..capture.capture import draw_still, take_frame
+from ..capture.capture import Capture, draw_still, take_frame
 from ..renderer import open_renderer
 from ..scene.scene import Scene
 from ..scene.shape.shape import Shape
@@ -239,7 +239,7 @@ def _draw(path: Path, index: int, state: State) -> None:
 
 
 def drawn(renderer: Any, index: int, state: State, options: FrameOptions) -> FrameFile:
-    """One frame of a sequence.
+    """One frame of a sequence, as it is written.
 
     Parameters
     ----------
@@ -254,19 +254,28 @@ def drawn(renderer: Any, index: int, state: State, options: FrameOptions) -> Fra
     ------
     ConfigError, SceneError
     """
+    return frame_file(renderer.scene, index, state, options, captured(renderer, index, state, options))
+
+
+def captured(renderer: Any, index: int, state: State, options: FrameOptions, **asked: Any) -> Capture:
+    """One frame of a sequence, with options of `take_frame` or `draw_still` besides; arguments as of `drawn`."""
     products = dict.fromkeys((*options.products, *(labels.PRODUCTS if options.has_labels else ())))
-    asked = {"products": tuple(products), "max_error": options.max_error}
-    camera, header = renderer.scene.camera(options.camera), {}
+    asked |= {"products": tuple(products), "max_error": options.max_error}
     if options.output == "dn":
-        seed = options.seed + index
-        capture = take_frame(renderer, state, camera.name, seed=seed, exposure_s=options.exposure_s, **asked)
+        return take_frame(renderer, state, options.camera, seed=options.seed + index, exposure_s=options.exposure_s,
+                          **asked)
+    return draw_still(renderer, state, options.camera, **asked)
+
+
+def frame_file(scene: Scene, index: int, state: State, options: FrameOptions, capture: Capture) -> FrameFile:
+    """What is written of a frame of `captured`."""
+    camera, header = scene.camera(options.camera), {}
+    pixels = capture.irradiance_W_m2
+    if capture.frame is not None:
         pixels = capture.frame.dn
-        header = {"seed": seed, "exposure_s": capture.frame.exposure_s}
-    else:
-        capture = draw_still(renderer, state, camera.name, **asked)
-        pixels = capture.irradiance_W_m2
+        header = {"seed": capture.frame.seed, "exposure_s": capture.frame.exposure_s}
     if options.has_labels:
-        header["labels"] = labels.frame_labels(renderer.scene, state, camera, pixels, capture.products)
+        header["labels"] = labels.frame_labels(scene, state, camera, pixels, capture.products)
     kept = {name: capture.products[name] for name in options.products}
     return FrameFile(pixels=pixels, unit=options.unit, products=kept, header={
         "glrender": _VERSION, "index": index, "state": state.to_dict(), "unit": options.unit,

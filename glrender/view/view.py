@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 from glrender_camera import PinholeCamera
+from glrender_camera.validate import did_you_mean
 
 from ..base import rotations as frames
 from ..base.constants import AU_M, SUN_RADIUS_M
@@ -142,12 +143,13 @@ def view_bodies(state: State, camera: PinholeCamera, hulls: dict[str, Hull]) -> 
     """
     if not isinstance(state, State):
         raise ConfigError("state", "must be a State", state, "State.from_dict makes one of a dictionary")
+    for name in state.bodies:
+        if name not in hulls:
+            raise SceneError(f"state.bodies.{name}", "unknown body",
+                             hint=did_you_mean(name, hulls) or f"the scene has {', '.join(hulls)}")
     for name in hulls:
         if name not in state.bodies:
             raise SceneError(f"state.bodies.{name}", "missing", hint="give the pose of every body of the scene")
-    for name in state.bodies:
-        if name not in hulls:
-            raise SceneError(f"state.bodies.{name}", "unknown body", hint=f"the scene has {', '.join(hulls)}")
     spacecraft_from_inertial, camera_from_spacecraft, *bodies_from_inertial = frames.dcm(np.array(
         [state.spacecraft.q_from_inertial, camera.q_camera_from_spacecraft,
          *(state.bodies[name].q_from_inertial for name in hulls)]))

@@ -41,14 +41,14 @@ OUTSIDE = {
     "glrender.emission": {"numpy", "scipy", "cv2", "OpenEXR", "glrender_camera"},
     "glrender.capture": {"numpy", "scipy", "cv2", "glrender_camera"},
     "glrender.sequences": {"numpy", "PIL", "astropy", "OpenEXR", "glrender_camera"},
-    "glrender_server.sequence_command": {"numpy", "tqdm", "glrender", "glrender_camera"},
     "glrender.scenario": {"numpy", "scipy", "spiceypy", "glrender_camera"},
     "glrender_server": {"numpy", "cv2", "zmq", "msgpack", "glrender", "glrender_camera"},
-    # The demo, its plots and `top` are applications on top of everything: they also drive the client.
-    "glrender_server.top": {"glrender", "glrender_camera", "glrender_client"},
-    "glrender_server.demo": {"numpy", "tqdm", "glrender", "glrender_camera", "glrender_client"},
-    "glrender_server.demo_plots": {"numpy", "matplotlib"},
-    "glrender_server.cli": {"numpy", "PIL", "glrender", "glrender_camera"},
+    "glrender_server.cli": {"glrender", "glrender_camera"},
+    "glrender_server.commands": {"numpy", "tqdm", "PIL", "shtab", "glrender", "glrender_camera"},
+    # The demo and `top` also drive the client.
+    "glrender_server.commands.top": {"glrender", "glrender_camera", "glrender_client"},
+    "glrender_server.commands.demo": {"numpy", "tqdm", "glrender", "glrender_camera", "glrender_client"},
+    "glrender_server.commands.demo_plots": {"numpy", "matplotlib"},
     "glrender_client": {"numpy", "zmq", "msgpack"},
 }
 

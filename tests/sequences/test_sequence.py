@@ -151,7 +151,7 @@ def test_what_cannot_be_drawn_is_told_with_its_number(scene, tmp_path):
 
 
 def test_states_that_are_none_are_told_with_their_line(files, tmp_path):
-    from glrender_server.sequence_command import read_states
+    from glrender_server.commands.sequence import read_states
 
     for text, message in (("{}\n", r"s\[1\]\.r_sun_inertial_m"), ("\n{\n", "line 2: is not JSON"), ("\n", "no state")):
         (tmp_path / "s").write_text(text)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import socket
 import subprocess
 import sys
 import tomllib
@@ -13,7 +14,11 @@ import pytest
 import serving
 import views
 from cells import slow_but
-from glrender_server.cli import main
+from glrender import generate, load_scene
+from glrender.sequences.contact_sheet import STRETCHES, grey_levels
+from glrender.sequences.read import read_image
+from glrender_server.cli import COMMANDS, main
+from glrender_server.commands import doctor
 from PIL import Image
 from programs import GLRENDER, run
 
@@ -29,7 +34,7 @@ def test_render_draws_a_picture_and_an_array(folder):
     assert made.returncode == 0 and "a.png: 96 x 64" in made.stdout, made.stderr
     picture = np.asarray(Image.open(folder / "a.png"))
     assert picture.shape == (64, 96) and picture.max() == 255
-    assert 0.05 < (picture > 0).mean() < 0.6, "the body fills about half of the frame's height"
+    assert 0.05 < (picture > 0).mean() < 0.6, "the body fills most of the frame's height"
     assert run("render", "scene.toml", "--camera", "bare", "--out", "b.npy", cwd=folder).returncode == 0
     irradiance = np.load(folder / "b.npy")
     assert irradiance.shape == (32, 32) and irradiance.dtype == np.float32 and irradiance.max() > 0.0
@@ -70,12 +75,44 @@ def test_render_takes_a_state_file(folder):
 
 
 @pytest.mark.parametrize("arguments, message", [
-    (["render", "none.toml"], "none.toml: cannot be read"),
-    (["render", "scene.toml", "--camera", "wac"], "camera: unknown camera, got 'wac'"),
+    (["render", "none.toml"], "none.toml: is no file"),
+    (["render", "scne.toml"], "scne.toml: is no file; did you mean 'scene.toml'?"),
+    (["render", "nowhere/scene.toml"], "nowhere/scene.toml: is no file; there is no folder 'nowhere'"),
+    (["render", "."], ".: is no file"),
+    (["render", "ball.obj"], "--unit: missing: shape files carry no unit; --unit km, or --unit m"),
+    (["render", "ball.obj", "--unit", "mile"], "--unit.length_unit: must be 'm', 'km' or metres per unit, got 'mile'"),
+    (["render", "scene.toml", "--unit", "km"], "--unit: is of shape files alone"),
+    (["render", "holes.toml"], "holes.toml: is not TOML"),
+    (["render", "typo.toml"], "cameras[0].widht_px: unknown key; did you mean 'width_px'? known keys are"),
+    (["render", "law.toml"], "brdf.law: must be one of 'akimov'"),
+    (["render", "law.toml"], "got 'lunar_lamber'; did you mean 'lunar_lambert'?"),
+    (["render", "scene.toml", "--camera", "navcm"], "camera: unknown camera, got 'navcm'; did you mean 'navcam'?"),
     (["render", "scene.toml", "--samples", "0"], "samples: must be an integer between 1 and 16"),
-    (["render", "scene.toml", "--state", "none.json"], "none.json"),
+    (["render", "scene.toml", "--max-error", "2"], "max_error: must be > 0 and <= 1, got 2.0; 2 % is 0.02"),
+    (["render", "scene.toml", "--state", "none.json"], "none.json: is no file"),
     (["render", "scene.toml", "--state", "scene.toml"], "scene.toml: is not JSON"),
-    (["render", "scene.toml", "--out", "frame.gif2"], "frame.gif2: must end in .png or .npy"),
+    (["render", "scene.toml", "--state", "body.json"], "state.bodies.Body: unknown body; did you mean 'body'?"),
+    (["render", "scene.toml", "--state", "norm.json"], "q_from_inertial: norm must be 1 within 0.001"),
+    (["render", "scene.toml", "--at", "3"], "--at: is of scenarios alone; a scene has no time, got '3'"),
+    (["render", "scene.toml", "--out", "frame.gif2"], "--out: must end in .png, .jpg"),
+    (["render", "scene.toml", "--out", "frame.fit"], "got 'frame.fit'; did you mean '.fits'?"),
+    (["render", "scene.toml", "--out", "no/frame.png"], "--out: must be in a folder that is there"),
+    (["render", "scene.toml", "--products", "range"], "--products: need a file that holds them, got 'frame.png'"),
+    (["render", "scene.toml", "--products", "rang", "--out", "a.npz"], "did you mean 'range'?"),
+    (["render", "scene.toml", "--raw"], "--raw: is of digital numbers in a PNG"),
+    (["render", "scene.toml", "--white", "-1"], "--white: must be > 0, got -1.0"),
+    (["render", "scene.toml", "--exposure-s", "1"], "--exposure-s: is of digital numbers alone"),
+    (["render", "scene.toml", "--output", "dn", "--exposure-s", "5ms"], "--exposure-s: must be a number"),
+    (["render", "scene.toml", "--output", "dn", "--exposure-s", "0"], "exposure_s: must be"),
+    (["render", "scene.toml", "--output", "dn", "--camera", "bare"], "output: camera 'bare' has no optics"),
+    (["render", "scene.toml", "--backend", "cuda"], "backend: must be one of auto, egl, osmesa"),
+    (["init", "--out", "scene.toml"], "--out: is there already, got 'scene.toml'; choose another name"),
+    (["init", "none.obj", "--unit", "m", "--out", "new.toml"], "none.obj: is no file"),
+    (["init", "ball.obj", "--out", "new.toml"], "--unit: missing"),
+    (["init", "--out", "new.ini"], "--out: must end in .toml"),
+    (["check", "holes.toml"], "holes.toml: is not TOML"),
+    (["plan", "scene.toml", "--phase-deg", "-1"], "phase-deg: must be between 0 and 180, got -1.0"),
+    (["bench", "scene.toml", "--seconds", "0"], "--seconds: must be between 0.1 and 3600, got 0.0"),
     (["demo", "--frames", "0"], "frames: must be an integer between 24"),
     (["demo", "--frames", "23"], "frames: must be an integer between 24"),
     (["demo", "--max-error", "0"], "max-error: must be > 0 and <= 1, got 0.0"),
@@ -88,14 +125,135 @@ def test_render_takes_a_state_file(folder):
 def test_mistakes_are_told_in_one_line(folder, arguments, message, monkeypatch, capfd):
     """By the program's entry point, within this process: each new one takes two seconds to begin."""
     monkeypatch.chdir(folder)
+    (folder / "ball.obj").write_text("v 0 0 0\nv 100 0 0\nv 0 100 0\nv 0 0 100\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n")
+    (folder / "holes.toml").write_text("[[bodies]")
+    (folder / "typo.toml").write_text(serving.SCENE.replace("width_px", "widht_px"))
+    (folder / "law.toml").write_text(serving.SCENE.replace('"lunar_lambert"', '"lunar_lamber"'))
+    state = views.state().to_dict()
+    (folder / "body.json").write_text(json.dumps(state | {"bodies": {"Body": state["bodies"]["body"]}}))
+    (folder / "norm.json").write_text(json.dumps(state | {"spacecraft": state["spacecraft"] | {
+        "q_from_inertial": [1.0, 0.1, 0.0, 0.0]}}))
+    before = sorted(folder.rglob("*"))
     assert main(arguments) == 1
     told = capfd.readouterr().err
     assert message in told and "Traceback" not in told and told.count("\n") == 1
+    assert sorted(folder.rglob("*")) == before
+
+
+@pytest.mark.parametrize("arguments, message", [
+    (["rendr", "scene.toml"], "unknown command 'rendr'; did you mean 'render'?"),
+    (["draw"], "unknown command 'draw'; init, check"),
+    (["render", "scene.toml", "--ouput", "dn"], "unknown argument '--ouput'; did you mean '--output'?"),
+    (["render"], "required: FILE"),
+    ([], "required: COMMAND"),
+    (["render", "scene.toml", "--seed", "x"], "argument --seed: invalid int value: 'x'"),
+    (["render", "a.toml", "--phase-deg", "3", "--at", "1"], "argument --at: not allowed with argument --phase-deg"),
+])
+def test_wrong_arguments_are_told_in_one_line(arguments, message, capsys):
+    with pytest.raises(SystemExit) as left:
+        main(arguments)
+    told = capsys.readouterr().err
+    assert left.value.code == 2 and message in told and told.count("\n") == 1
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_explains_itself(name, capsys):
+    with pytest.raises(SystemExit) as left:
+        main([name, "--help"])
+    assert left.value.code == 0 and f"usage: glrender {name}" in capsys.readouterr().out
+
+
+def test_a_shape_needs_no_scene_file(folder, capsys, monkeypatch):
+    monkeypatch.chdir(folder)
+    generate.icosphere(radius_m=100.0, subdivisions=3).to_file(folder / "ball.obj")
+    assert main(["render", "ball.obj", "--unit", "m", "--output", "dn", "--out", "a.fits", "--products", "range"]) == 0
+    line = capsys.readouterr().out
+    assert "1024 x 1024" in line and " DN, exposure " in line and "% saturated, predicted error" in line
+    dn = read_image(folder / "a.fits")
+    assert dn.dtype == np.uint16 and abs((dn > dn.max() // 2).any(axis=1).sum() - 0.8 * 1024) < 40, "fills the frame"
+    assert main(["render", "ball.obj", "--unit", "m", "--output", "dn", "--out", "a.png", "--raw", "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert (read_image(folder / "a.png") == dn).all()
+    assert (said["min"], said["max"], said["saturated_share"]) == (dn.min(), dn.max(), 0.0) and not said["warnings"]
+
+
+def test_init_writes_a_scene_that_renders(folder, capsys, monkeypatch):
+    monkeypatch.chdir(folder)
+    generate.icosphere(radius_m=100.0, subdivisions=2).to_file(folder / "my ball.obj")
+    assert main(["init", "my ball.obj", "--unit", "m", "--out", "own.toml"]) == 0
+    assert main(["check", "own.toml", "--out", "own.jpg"]) == 0
+    told = capsys.readouterr()
+    assert "body my ball: 320 facets, closed, 200 x 200 x 200 m" in told.out and not told.err
+    assert "seen: my ball" in told.out and "819 px across" in told.out
+    assert np.asarray(Image.open(folder / "own.jpg")).max() > 200
+    # All that is commented out is right, too.
+    lines = [line.removeprefix("# ") if " = " in line or "[stars]" in line else line
+             for line in (folder / "own.toml").read_text().splitlines() if "albedo_texture" not in line]
+    (folder / "all.toml").write_text("\n".join(lines))
+    assert load_scene(folder / "all.toml").stars is not None
+
+
+def test_check_tells_what_is_odd_in_a_shape(folder, capsys, monkeypatch):
+    monkeypatch.chdir(folder)
+    generate.icosphere(radius_m=2.0, subdivisions=3).to_file(folder / "ball.obj")
+    text = (folder / "ball.obj").read_text().splitlines()
+    (folder / "holed.obj").write_text("\n".join(text[:-3]))
+    assert main(["check", "holed.obj", "--unit", "1000", "--phase-deg", "178"]) == 0
+    told = capsys.readouterr()
+    assert "open and 0 shared edges" in told.out and "open edges" in told.err and "phase 178 deg" in told.err
+
+
+def test_a_plan_is_ten_lines_at_most(folder, capsys, monkeypatch):
+    monkeypatch.chdir(folder)
+    assert main(["plan", "scene.toml"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("camera navcam: predicted RMS error") and 2 <= len(lines) <= 10
+    assert main(["plan", "scene.toml", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["camera"] == "navcam"
+
+
+def test_a_scenario_is_rendered_at_a_time(folder, capsys, monkeypatch):
+    monkeypatch.chdir(folder)
+    flyby = str(EXAMPLES / "scenarios" / "comet_flyby.toml")
+    made = []
+    for at in ("3.0", "2014-08-08T12:00:00"):
+        assert main(["render", flyby, "--at", at, "--out", "a.npy", "--max-error", "0.2"]) == 0
+        made.append(np.load("a.npy"))
+    assert made[0].max() > 0.0 and np.abs(made[0] - made[1]).max() <= 1e-6 * made[0].max(), "3 s from its start"
+    assert main(["render", flyby, "--at", "noon"]) == 1
+    assert "epoch_tdb: must be" in capsys.readouterr().err
+
+
+def test_pictures_are_stretched(folder):
+    image = np.array([[0.0, 0.001, 0.01, 0.1, 1.0, 2.0]], np.float32)
+    levels = {name: grey_levels(image, 1.0, name)[0].tolist() for name in STRETCHES}
+    assert levels["linear"] == [0, 0, 3, 26, 255, 255]
+    assert levels["gamma"] == [0, 11, 31, 90, 255, 255]
+    assert levels["log"] == [0, 26, 89, 170, 255, 255]
+    assert levels["asinh"] == [0, 5, 42, 144, 255, 255]
+
+
+def test_bench_tells_medians(folder, capsys, monkeypatch):
+    monkeypatch.chdir(folder)
+    assert main(["bench", "scene.toml", "--camera", "bare", "--seconds", "0.1", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert [row["max_error"] for row in rows] == [0.1, 0.05, 0.02, 0.01]
+    assert all(row["frames"] >= 3 and 0.0 < row["median_ms"] <= row["p95_ms"] for row in rows)
+
+
+def test_a_shell_completes_commands_and_options(folder):
+    made = run("completion", "bash", cwd=folder)
+    assert made.returncode == 0
+    (folder / "complete").write_text(made.stdout)
+    asked = (f"source {folder}/complete; COMP_WORDS=(glrender render --out); COMP_CWORD=2; "
+             "_shtab_glrender_server_cli 2>/dev/null || _shtab_glrender; printf '%s\\n' \"${COMPREPLY[@]}\"")
+    offered = subprocess.run(["bash", "-c", asked], capture_output=True, text=True, timeout=20).stdout.split()
+    assert {"--out", "--output"} <= set(offered)
 
 
 def test_a_mistake_is_the_exit_status_of_the_program(folder):
     made = run("render", "none.toml", cwd=folder)
-    assert made.returncode == 1 and made.stderr.startswith("glrender: none.toml: cannot be read"), made.stderr
+    assert made.returncode == 1 and made.stderr.startswith("glrender: none.toml: is no file"), made.stderr
 
 
 @pytest.mark.parametrize("estimator, seed", slow_but([("model", 1), ("sphere", 3)], 0))
@@ -111,9 +269,16 @@ def test_render_takes_capital_endings(folder):
     assert np.asarray(Image.open(folder / "A.PNG")).shape == np.load(folder / "A.NPY").shape == (32, 32)
 
 
-def test_info_as_json_names_the_backends(folder):
-    entries = json.loads(run("info", "--json", cwd=folder).stdout)
-    assert [entry["backend"] for entry in entries] == ["egl", "osmesa"]
+def test_doctor_finds_what_hinders(folder):
+    made = run("doctor", cwd=folder)
+    assert made.returncode == 0 and made.stdout.count("OpenGL by ") == 2
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+        taken.listen()
+        (finding,) = doctor.look_at_ports({port: "a test"})
+    assert finding.level == "note" and "glrender top" in finding.remedy
+    assert doctor.look_at_folder("cache", Path("/proc/none"), "a way out").remedy == "a way out"
 
 
 @pytest.mark.parametrize("shape", slow_but([None, "itokawa/itokawa_8q_768.obj"], 0))

@@ -17,8 +17,8 @@ from glrender import ConfigError
 from glrender_camera import PinholeCamera
 from glrender_client import Client, ServerError
 from glrender_server import codec, limits, logs
+from glrender_server.commands.top import screen
 from glrender_server.operations import scene_asked
-from glrender_server.top import screen
 
 STATE = views.state().to_dict()
 RENDER = {"v": 1, "op": "render", "id": 5, "client": "hostile", "state": STATE, "camera": "bare"}

@@ -21,8 +21,8 @@ import pytest
 import serving
 import views
 from glrender_client import Client, ServerError
-from glrender_server import top
 from glrender_server.cli import main
+from glrender_server.commands import top
 
 STATE = views.state().to_dict()
 CLEAR = b"\x1b[H\x1b[J"

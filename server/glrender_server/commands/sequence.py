@@ -8,12 +8,13 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from glrender import ConfigError, GlrenderError, State, load_scene
+from glrender import ConfigError, State, load_scene
 from glrender.scenario import load_scenario
 from glrender.sequences.contact_sheet import contact_sheet
 from glrender.sequences.formats import FORMATS
 from glrender.sequences.read import read_image
 from glrender.sequences.sequence import FrameOptions, FrameSequence
+from tqdm import tqdm
 
 _ON_SHEET = 25
 
@@ -37,12 +38,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--backend", default="auto")
 
 
-def run_sequence(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> int:
     """Draw what is missing in the folder, then a contact sheet."""
-    try:
-        from tqdm import tqdm
-    except ImportError as error:
-        raise GlrenderError("`sequence` shows its progress by tqdm: pip install 'glrender[demo]'") from error
     if arguments.states is None:
         scenario = load_scenario(arguments.scene)
         for warning in scenario.check():
@@ -71,17 +68,6 @@ def run_sequence(arguments: argparse.Namespace) -> int:
     sheet = arguments.out / "contact_sheet.png"
     contact_sheet(sheet, [(str(index), read_image(sequence.path(index))) for index in shown])
     sys.stdout.write(f"{arguments.out}: {n_frames} frames, {n_frames - n_there} drawn now; {sheet}\n")
-    return 0
-
-
-def run_check(arguments: argparse.Namespace) -> int:
-    """Say what a scenario is, and what is odd in it, before the first frame is drawn."""
-    scenario = load_scenario(arguments.scenario)
-    for warning in scenario.check():
-        sys.stderr.write(f"glrender: warning: {warning}\n")
-    states = list(scenario.iter_states())
-    sys.stdout.write(f"{arguments.scenario}: {len(states)} states over {states[-1].t_s - states[0].t_s:g} s, bodies "
-                     f"{', '.join(states[0].bodies)}\n")
     return 0
 
 

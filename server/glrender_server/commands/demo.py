@@ -63,7 +63,7 @@ class _Log:
     handover_error_m: float
 
 
-def run_demo(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> int:
     """Fly the loop and leave pictures, plots and `summary.json`."""
     try:
         from glrender_client import Client
@@ -72,9 +72,9 @@ def run_demo(arguments: argparse.Namespace) -> int:
     integer("frames", arguments.frames, _MIN_FRAMES, 100_000)
     integer("size-px", arguments.size_px, 64, 4096)
     checked_max_error(arguments.max_error, "max-error")
-    arguments.out.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="glrender-demo-") as folder:
         scene_file, shape = _write_scene(Path(folder), arguments)
+        arguments.out.mkdir(parents=True, exist_ok=True)
         say(f"Body: {len(shape.facets)} facets, {2.0 * shape.radius_m:.4g} m across")
         with _Server(scene_file, arguments.backend) as endpoint:
             with Client(endpoint, timeout_s=30.0) as client:

@@ -15,7 +15,7 @@ from typing import Any
 from glrender import GlrenderError
 from glrender_camera.validate import within
 
-from .logs import printable
+from ..logs import printable
 
 _HOME_AND_CLEAR = "\x1b[H\x1b[J"
 _SECONDS = (0.001, 86400.0)
@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--server-key", type=Path, help="and the server's server.key")
 
 
-def run_top(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> int:
     """Show the server's status until Ctrl-C, or once."""
     try:
         from glrender_client import Client, GlrenderClientError, RequestTimeout, ServerError

@@ -1,0 +1,81 @@
+"""`glrender check`: what a shape, a scene or a scenario is, and what is odd in it, before a loop is flown."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+import numpy as np
+from glrender import Body, PinholeCamera
+from glrender.scenario import Scenario
+from glrender.view.view import view_bodies
+
+from .drawing import Drawn, add_drawing, draw, in_words, summary
+from .picture import add_picture, check_picture, write_picture
+from .subject import add_subject, read_subject
+from .waited import waited_s
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `glrender check`."""
+    add_subject(parser)
+    add_drawing(parser)
+    add_picture(parser, None)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Tell of bodies and cameras; then of a scenario's sequence, or else of one frame, which is drawn."""
+    if arguments.out is not None:
+        check_picture(arguments, "DN" if arguments.output == "dn" else "W/m2")
+    subject = read_subject(arguments.subject, arguments.unit)
+    for line in (*map(_of_body, subject.scene.bodies), *map(_of_camera, subject.scene.cameras)):
+        sys.stdout.write(line + "\n")
+    is_one_frame = (arguments.state, arguments.at, arguments.phase_deg, arguments.out) != (None,) * 4
+    if subject.scenario is not None and not is_one_frame:
+        return _check_sequence(subject.scenario)
+    sys.stdout.flush()
+    drawn = draw(arguments)
+    for line in _of_view(drawn):
+        sys.stdout.write(line + "\n")
+    sys.stdout.write(f"frame: {in_words(summary(drawn))}, {waited_s():.1f} s with start-up\n")
+    if arguments.out is not None:
+        write_picture(arguments.out, drawn.capture.irradiance_W_m2, arguments.stretch, arguments.white)
+        sys.stdout.write(f"picture: {arguments.out}\n")
+    return 0
+
+
+def _check_sequence(scenario: Scenario) -> int:
+    for warning in scenario.check():
+        sys.stderr.write(f"glrender: warning: {warning}\n")
+    t_s = scenario.t_s
+    sys.stdout.write(f"sequence: {len(t_s)} states over {t_s[-1] - t_s[0]:g} s"
+                     f"{'' if scenario.start is None else f' from {scenario.start.tdb} TDB'}\n")
+    return 0
+
+
+def _of_body(body: Body) -> str:
+    report = body.shape.report
+    size = " x ".join(f"{extent:.4g}" for extent in sorted(report.extent_m, reverse=True))
+    mended = [f"{count} {what}" for count, what in (
+        (report.n_welded, "vertices welded"), (report.n_unused, "unused vertices left out"),
+        (report.n_degenerate + report.n_duplicate, "facets without area or twice left out"),
+        (report.n_flipped, "facets turned outward")) if count]
+    closed = "closed" if report.is_watertight else \
+        f"{report.n_open_edges} open and {report.n_non_manifold_edges} shared edges"
+    return (f"body {body.name}: {report.n_facets} facets, {closed}, {size} m, {report.volume_m3:.4g} m3, "
+            f"{type(body.brdf).__name__}{', ' + ', '.join(mended) if mended else ''}")
+
+
+def _of_camera(camera: PinholeCamera) -> str:
+    field = " x ".join(f"{np.degrees(2.0 * np.arctan(0.5 * side / camera.focal_length_px)):.3g}"
+                       for side in (camera.width_px, camera.height_px))
+    return (f"camera {camera.name}: {camera.width_px} x {camera.height_px} px, {field} deg, "
+            f"{1e6 / camera.focal_length_px:.4g} urad a pixel, {'no ' if camera.model is None else ''}detector")
+
+
+def _of_view(drawn: Drawn) -> list[str]:
+    lines = []
+    for view in view_bodies(drawn.state, drawn.camera, drawn.scene.hulls):
+        seen = f"{view.size_px:.0f} px across" if view.is_visible else "not in the field"
+        lines.append(f"seen: {view.name} from {view.range_m:.4g} m, phase {np.degrees(view.phase_rad):.1f} deg, {seen}")
+    return lines

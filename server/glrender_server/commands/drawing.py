@@ -1,0 +1,96 @@
+"""One frame that a command draws, with what is said of it."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import sys
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from glrender import ConfigError, Scene, State, open_renderer
+from glrender.capture.capture import Capture
+from glrender.engines.advice import scene_advice
+from glrender.sequences.sequence import FrameOptions, captured
+from glrender_camera import PinholeCamera
+
+from .subject import is_number, read_subject, state_of
+
+
+def add_drawing(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments that say how a frame is drawn."""
+    parser.add_argument("--max-error", type=float, metavar="SHARE", help="error tolerance, 0.02 for 2 %%; the scene's")
+    parser.add_argument("--samples", type=int, metavar="N", help="along a pixel's side, by OpenGL; default: planned")
+    parser.add_argument("--output", default="irradiance", choices=("irradiance", "dn"),
+                        help="irradiance, or the digital numbers of the camera's detector")
+    parser.add_argument("--exposure-s", metavar="S", help="with dn: seconds, or auto; the camera's")
+    parser.add_argument("--seed", type=int, default=0, help="of the noise, with dn (0)")
+    parser.add_argument("--backend", default="auto", help="auto, egl, osmesa, or a plug-in such as raytrace or cycles")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Drawn:
+    """A frame that was drawn, and what it is of."""
+
+    scene: Scene
+    camera: PinholeCamera
+    state: State
+    options: FrameOptions
+    capture: Capture
+
+    @property
+    def warnings(self) -> list[str]:
+        """What is odd in the scene's shapes and in the frame."""
+        return [str(advice) for advice in (*scene_advice(self.scene), *self.capture.warnings)]
+
+
+def draw(arguments: argparse.Namespace) -> Drawn:
+    """Draw the frame that the arguments of `add_subject` and `add_drawing` ask for; its warnings go to stderr.
+
+    Raises
+    ------
+    GlrenderError
+    """
+    exposure_s = arguments.exposure_s
+    if exposure_s not in (None, "auto"):
+        if not is_number(exposure_s):
+            raise ConfigError("--exposure-s", "must be a number of seconds, or auto", exposure_s)
+        exposure_s = float(exposure_s)
+    if exposure_s is not None and arguments.output != "dn":
+        raise ConfigError("--exposure-s", "is of digital numbers alone", arguments.exposure_s, "add --output dn")
+    subject = read_subject(arguments.subject, arguments.unit)
+    scene = subject.scene
+    camera = scene.camera(arguments.camera) if arguments.camera else scene.cameras[0]
+    state = state_of(subject, arguments, camera)
+    options = FrameOptions(camera=camera.name, output=arguments.output, seed=arguments.seed, exposure_s=exposure_s,
+                           products=tuple(getattr(arguments, "products", ())), max_error=arguments.max_error)
+    with open_renderer(scene, arguments.backend) as renderer:
+        capture = captured(renderer, 0, state, options, samples=arguments.samples)
+    drawn = Drawn(scene=scene, camera=camera, state=state, options=options, capture=capture)
+    for warning in drawn.warnings:
+        sys.stderr.write(f"glrender: warning: {warning}\n")
+    for stage, text in capture.stages.items():
+        logging.getLogger(__name__).info("%s: %s", stage, text)
+    return drawn
+
+
+def summary(drawn: Drawn) -> dict[str, Any]:
+    """Plain data of a frame: size, unit, least and greatest pixel, exposure, share at full well, errors, warnings."""
+    capture, frame = drawn.capture, drawn.capture.frame
+    pixels = capture.irradiance_W_m2 if frame is None else frame.dn
+    said = {"width_px": drawn.camera.width_px, "height_px": drawn.camera.height_px, "unit": drawn.options.unit,
+            "min": pixels.min().item(), "max": pixels.max().item()}
+    if frame is not None:
+        said |= {"exposure_s": float(frame.exposure_s), "saturated_share": float(np.mean(frame.saturated))}
+    return said | {"predicted_error": float(capture.plan.predicted_error), "max_error": float(capture.plan.max_error),
+                   "warnings": drawn.warnings}
+
+
+def in_words(said: dict[str, Any]) -> str:
+    """One line of a `summary`."""
+    parts = [f"{said['width_px']} x {said['height_px']}", f"{said['min']:.3g} to {said['max']:.3g} {said['unit']}"]
+    if "exposure_s" in said:
+        parts += [f"exposure {said['exposure_s']:.3g} s", f"{100.0 * said['saturated_share']:.2g} % saturated"]
+    parts.append(f"predicted error {said['predicted_error']:.2g} of {said['max_error']:g} allowed")
+    return ", ".join(parts)

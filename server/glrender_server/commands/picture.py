@@ -1,0 +1,81 @@
+"""A frame as a file: pictures for the eye, arrays, and the formats of sequences."""
+
+from __future__ import annotations
+
+import argparse
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+from glrender import ConfigError
+from glrender.sequences.contact_sheet import STRETCHES, grey_levels
+from glrender.sequences.formats import FORMATS, FrameFile, write
+from glrender_camera.validate import did_you_mean, positive
+
+_PICTURES = (".png", ".jpg", ".jpeg")
+ENDINGS = (*_PICTURES, ".npy", *(f".{name}" for name in FORMATS if name != "png"))
+_LIBRARIES = {".fits": ("astropy", "fits"), ".exr": ("OpenEXR", "exr")}
+
+
+def add_picture(parser: argparse.ArgumentParser, default: str | None) -> None:
+    """Add the arguments that say how a frame is written."""
+    parser.add_argument("--out", type=Path, default=default and Path(default), metavar="FILE",
+                        help=f"by its ending {', '.join(ENDINGS)}: a picture for the eye of 8 bits, or the numbers"
+                             + (f" ({default})" if default else ""))
+    parser.add_argument("--stretch", choices=STRETCHES, default="gamma", help="of a picture: gamma 2.2 by default")
+    parser.add_argument("--white", type=float, metavar="VALUE",
+                        help="of a picture: what is shown white, in the frame's unit; the brightest 0.1 %% by default")
+    parser.add_argument("--raw", action="store_true", help="digital numbers as they are in a PNG of 8 or 16 bits")
+
+
+def check_picture(arguments: argparse.Namespace, unit: str) -> None:
+    """Refuse, before anything is drawn, what cannot be written.
+
+    Raises
+    ------
+    ConfigError
+    """
+    path, ending = arguments.out, arguments.out.suffix.lower()
+    if ending not in ENDINGS:
+        raise ConfigError("--out", f"must end in {', '.join(ENDINGS)}", str(path), did_you_mean(ending, ENDINGS))
+    if not path.parent.is_dir():
+        raise ConfigError("--out", "must be in a folder that is there", str(path), f"mkdir -p {path.parent}")
+    if path.is_dir():
+        raise ConfigError("--out", "is a folder", str(path), "name a file in it")
+    library, extra = _LIBRARIES.get(ending, ("numpy", ""))
+    if find_spec(library) is None:
+        raise ConfigError("--out", f"{ending} needs {library}", str(path), f"pip install 'glrender[{extra}]'")
+    if arguments.raw and (ending != ".png" or unit != "DN"):
+        raise ConfigError("--raw", "is of digital numbers in a PNG", str(path), "--output dn --out frame.png")
+    if arguments.white is not None:
+        positive("--white", arguments.white)
+
+
+def write_frame(arguments: argparse.Namespace, frame: FrameFile, dark: float = 0.0) -> None:
+    """Write a frame as the arguments of `add_picture` say.
+
+    Parameters
+    ----------
+    arguments : Namespace
+    frame : FrameFile
+    dark : float
+        What a pixel without light has, in the frame's unit: black in a picture.
+    """
+    path, ending = arguments.out, arguments.out.suffix.lower()
+    if ending == ".npy":
+        with open(path, "wb") as file:  # given a name, NumPy would add its own ending to .NPY
+            np.save(file, frame.pixels)
+    elif ending in _PICTURES and not arguments.raw:
+        write_picture(path, frame.pixels.astype(np.float32) - np.float32(dark), arguments.stretch, arguments.white)
+    else:
+        write(path, frame)
+
+
+def write_picture(path: Path, image: np.ndarray, stretch: str = "gamma", white: float | None = None) -> None:
+    """An 8-bit picture for the eye; what is brighter than `white`, the brightest 0.1 % by default, is white."""
+    from PIL import Image
+
+    lit = image[image > 0.0]
+    if white is None:
+        white = float(np.quantile(lit, 0.999)) if lit.size else 1.0
+    Image.fromarray(grey_levels(image, white, stretch)).save(path)

@@ -1,0 +1,24 @@
+"""`glrender plan`: how a frame is drawn, which errors are expected, and what is left out."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+
+from .drawing import add_drawing, draw
+from .subject import add_subject
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `glrender plan`."""
+    add_subject(parser)
+    add_drawing(parser)
+    parser.add_argument("--json", action="store_true", help="the whole plan, as replies of the server carry it")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Draw the frame, and print its plan."""
+    plan = draw(arguments).capture.plan
+    sys.stdout.write((json.dumps(plan.to_dict()) if arguments.json else str(plan)) + "\n")
+    return 0

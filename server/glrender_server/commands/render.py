@@ -1,0 +1,43 @@
+"""`glrender render`: one frame of a scene, a scenario or a shape file."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+
+from glrender import ConfigError
+from glrender.engines.image import checked_products
+from glrender.sequences.sequence import frame_file
+
+from .drawing import add_drawing, draw, in_words, summary
+from .picture import add_picture, check_picture, write_frame
+from .subject import add_subject
+from .waited import waited_s
+
+_WITHOUT_PRODUCTS = (".png", ".jpg", ".jpeg", ".npy")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `glrender render`."""
+    add_subject(parser)
+    add_drawing(parser)
+    add_picture(parser, "frame.png")
+    parser.add_argument("--products", nargs="+", default=[], metavar="NAME",
+                        help="in the file besides: range, body_id, incidence, ...")
+    parser.add_argument("--json", action="store_true", help="what was drawn, as JSON")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Draw a frame, write it, and say in one line what it is."""
+    check_picture(arguments, "DN" if arguments.output == "dn" else "W/m2")
+    checked_products(arguments.products)
+    if arguments.products and arguments.out.suffix.lower() in _WITHOUT_PRODUCTS:
+        raise ConfigError("--products", "need a file that holds them", str(arguments.out), "--out frame.fits")
+    drawn = draw(arguments)
+    dark = 0.0 if drawn.capture.frame is None else drawn.camera.model.detector.offset_DN
+    write_frame(arguments, frame_file(drawn.scene, 0, drawn.state, drawn.options, drawn.capture), dark)
+    said = {"file": str(arguments.out), **summary(drawn), "waited_s": round(waited_s(), 2)}
+    sys.stdout.write(json.dumps(said) + "\n" if arguments.json else
+                     f"{arguments.out}: {in_words(said)}, {said['waited_s']:.1f} s with start-up\n")
+    return 0
