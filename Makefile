@@ -36,7 +36,7 @@ lint: setup
 
 setup: $(VENV)/.ready opengl
 
-$(VENV)/.ready: pyproject.toml clients/python/pyproject.toml tools/make_venv.sh
+$(VENV)/.ready: pyproject.toml tools/make_venv.sh
 	sh tools/make_venv.sh $(PYTHON) $(VENV)
 	touch $@
 

@@ -1,40 +1,66 @@
 """glrender: headless OpenGL frames for closed-loop navigation around small bodies.
 
-Importing it opens no context and loads no OpenGL: laws, scenes and cameras work on a bare machine.
+Each name is loaded when it is first asked for: importing the package takes no time and opens no context.
 """
 
 from __future__ import annotations
 
 from importlib import import_module
+from importlib.metadata import version
+from typing import TYPE_CHECKING
 
-from glrender_camera import PinholeCamera
+if TYPE_CHECKING:
+    from glrender_camera import PinholeCamera
 
-from .base import rotations as frames
-from .base.attitude import from_basilisk_mrp, from_matlab_dcm, from_matlab_quat, from_ros, from_scipy, from_spice
-from .base.errors import ConfigError, DeviceError, GlrenderError, ProtocolError, SceneError, ShaderError, ShapeError
-from .engines.image import Image  # noqa: F401 (glrender.Image)
-from .scene.detail.config import Boulders, Craters, Detail, Noise
-from .scene.scene import Body, Scene, load_scene
-from .scene.shape import generate
-from .scene.shape.shape import Shape
-from .scene.stars import Stars
-from .view.state import Pose, State
+    from .base import rotations as frames
+    from .base.attitude import from_basilisk_mrp, from_matlab_dcm, from_matlab_quat, from_ros, from_scipy, from_spice
+    from .base.errors import ConfigError, DeviceError, GlrenderError, ProtocolError, SceneError, ShaderError, ShapeError
+    from .capture.capture import Capture, draw_still, take_frame
+    from .engines.image import Image  # noqa: F401 (not in __all__: `import *` would hide PIL's)
+    from .renderer import Renderer, open_renderer
+    from .scene.detail.config import Boulders, Craters, Detail, Noise
+    from .scene.scene import Body, Scene, load_scene
+    from .scene.shape import generate
+    from .scene.shape.shape import Shape
+    from .scene.stars import Stars
+    from .view.state import Pose, State
 
-__version__ = "0.1.0"
-# `Image` is a name of this module that `import *` leaves alone: it would hide PIL's.
+__version__ = version("glrender")
 __all__ = ["Body", "Boulders", "Capture", "ConfigError", "Craters", "Detail", "DeviceError", "GlrenderError", "Noise",
            "PinholeCamera", "Pose", "ProtocolError", "Renderer", "Scene", "SceneError", "Shape", "ShaderError",
            "ShapeError", "Stars", "State", "draw_still", "frames", "from_basilisk_mrp", "from_matlab_dcm",
            "from_matlab_quat", "from_ros", "from_scipy", "from_spice", "generate", "load_scene", "open_renderer",
            "take_frame"]
 
-
-# Not before they are asked for: the renderer loads OpenGL, frames load compiled loops.
-_LATER = {"Renderer": ".renderer", "open_renderer": ".renderer", "Capture": ".capture.capture",
-          "draw_still": ".capture.capture", "take_frame": ".capture.capture"}
+_MODULES = {"frames": ".base.rotations", "generate": ".scene.shape.generate"}
+_NAMES = {
+    "glrender_camera": ("PinholeCamera",),
+    ".base.attitude": ("from_basilisk_mrp", "from_matlab_dcm", "from_matlab_quat", "from_ros", "from_scipy",
+                       "from_spice"),
+    ".base.errors": ("ConfigError", "DeviceError", "GlrenderError", "ProtocolError", "SceneError", "ShaderError",
+                     "ShapeError"),
+    ".capture.capture": ("Capture", "draw_still", "take_frame"),
+    ".engines.image": ("Image",),
+    ".renderer": ("Renderer", "open_renderer"),
+    ".scene.detail.config": ("Boulders", "Craters", "Detail", "Noise"),
+    ".scene.scene": ("Body", "Scene", "load_scene"),
+    ".scene.shape.shape": ("Shape",),
+    ".scene.stars": ("Stars",),
+    ".view.state": ("Pose", "State"),
+}
+_HOMES = {name: module for module, names in _NAMES.items() for name in names}
 
 
 def __getattr__(name: str):
-    if name in _LATER:
-        return getattr(import_module(_LATER[name], __name__), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if name in _MODULES:
+        found = import_module(_MODULES[name], __name__)
+    elif name in _HOMES:
+        found = getattr(import_module(_HOMES[name], __name__), name)
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__, *_HOMES})

@@ -14,6 +14,6 @@ if ! "$python" -m venv --clear "$venv" >/dev/null 2>&1; then
     apt_install "python$version-venv" || apt_install python3-venv
     "$python" -m venv --clear "$venv"
 fi
-"$venv/bin/python" -m pip install --quiet --disable-pip-version-check -e '.[test]' -e clients/python
+"$venv/bin/python" -m pip install --quiet --disable-pip-version-check -e '.[test]'
 # Loops are compiled now, not at the first start.
 "$venv/bin/python" -c 'import glrender.renderer' || echo "rays and areas are not here (above)" >&2

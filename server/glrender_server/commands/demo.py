@@ -23,6 +23,8 @@ from glrender import ConfigError, GlrenderError, Pose, Shape, State, frames, gen
 from glrender.base.constants import AU_M
 from glrender.scene.scene import checked_max_error
 from glrender_camera.validate import integer
+from glrender_client import Client
+from tqdm import tqdm
 
 from .autopilot import CenterFinder, Navigator, ReferencePath
 
@@ -65,10 +67,6 @@ class _Log:
 
 def run(arguments: argparse.Namespace) -> int:
     """Fly the loop and leave pictures, plots and `summary.json`."""
-    try:
-        from glrender_client import Client
-    except ImportError as error:
-        raise GlrenderError("the demo needs the Python client: `pip install ./clients/python`") from error
     integer("frames", arguments.frames, _MIN_FRAMES, 100_000)
     integer("size-px", arguments.size_px, 64, 4096)
     checked_max_error(arguments.max_error, "max-error")
@@ -172,8 +170,6 @@ class _Server:
 
 
 def _fly(client, shape: Shape, arguments: argparse.Namespace) -> tuple[_Log, float]:
-    from tqdm import tqdm
-
     rng = np.random.default_rng(arguments.seed)
     size = arguments.size_px
     focal_length_px = _FOCAL_LENGTH_PX_PER_WIDTH * size

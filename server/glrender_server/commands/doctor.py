@@ -79,9 +79,6 @@ def _versions() -> Iterator[Finding]:
             yield Finding(package, "ok", version(package))
         except PackageNotFoundError:
             yield Finding(package, "bad", "is not installed", f"pip install {package}")
-    has_client = find_spec("glrender_client") is not None
-    yield Finding("Python client", "ok" if has_client else "note", "glrender_client" if has_client else "not installed",
-                  "" if has_client else "pip install ./clients/python")
 
 
 def _machine() -> Iterator[Finding]:

@@ -12,8 +12,8 @@ from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
-from glrender import GlrenderError
 from glrender_camera.validate import within
+from glrender_client import Client, GlrenderClientError, RequestTimeout, ServerError
 
 from ..logs import printable
 
@@ -34,10 +34,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Show the server's status until Ctrl-C, or once."""
-    try:
-        from glrender_client import Client, GlrenderClientError, RequestTimeout, ServerError
-    except ImportError as error:
-        raise GlrenderError("`top` needs the Python client: `pip install ./clients/python`") from error
     interval_s = within("--interval", arguments.interval, *_SECONDS)
     timeout_s = within("--timeout", arguments.timeout, *_SECONDS)
     before: tuple[float, Mapping[str, Any]] | None = None
