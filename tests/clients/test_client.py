@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import gzip
 import os
 import pickle
 import signal
 import socket
+import subprocess
+import sys
 import threading
 import time
 import zlib
@@ -444,28 +447,52 @@ def test_a_replay_finds_another_scene_and_a_changed_byte(recording, tmp_path, ca
         # All frames differ; hello and the refusal do not.
         assert [difference.index for difference in found] == [1, 2, 4, 5, 6, 7, 8]
         assert main([str(recording), other]) == 1
-    data = bytearray(recording.read_bytes())
+    data = bytearray(gzip.decompress(recording.read_bytes()))
     second = list(read_recording(recording))[1].reply[1]
     data[data.index(second) + len(second) // 2] ^= 1
-    (tmp_path / "changed").write_bytes(data)
+    (tmp_path / "changed").write_bytes(gzip.compress(data))
     found = list(replay(tmp_path / "changed", endpoint))
     assert found[1] == (1, 2, "pixels of image") and found.count(None) == 9
 
 
 def test_a_recording_cut_short_says_so(recording, tmp_path, rng):
     data = recording.read_bytes()
-    for size in rng.integers(1, len(data) - 1, 30):
-        (tmp_path / "cut").write_bytes(data[:size])
-        whole = 0
-        with pytest.raises(GlrenderClientError, match="ends within a message"):
-            for _ in read_recording(tmp_path / "cut"):
-                whole += 1
-        assert whole < 10
-    (tmp_path / "none").write_bytes(b"PNG and more")
-    with pytest.raises(GlrenderClientError, match="is no recording"):
-        list(read_recording(tmp_path / "none"))
-    assert main([str(tmp_path / "none")]) == 1
+    plain = gzip.decompress(data)
+    for content, size in [*((data, size) for size in rng.integers(10, len(data) - 1, 20)),
+                          *((plain, size) for size in rng.integers(1, len(plain) - 1, 20))]:
+        cut = content[:size]
+        (tmp_path / "cut").write_bytes(cut if content is data else gzip.compress(cut))
+        with pytest.raises(GlrenderClientError, match="has no end" if content is data else "ends within a message"):
+            for whole, exchange in enumerate(read_recording(tmp_path / "cut")):
+                assert whole < 10 and exchange.reply
+    for foreign in (b"PNG and more", gzip.compress(b"PNG and more"), data[:40] + bytes(40) + data[80:]):
+        (tmp_path / "none").write_bytes(foreign)
+        with pytest.raises(GlrenderClientError, match="is no recording|has no end"):
+            list(read_recording(tmp_path / "none"))
 
+
+def recorded_apart(endpoint, path, code):
+    """A process that records with its `client`, and ends as `code` has it."""
+    code = f"import os, resource, time; from glrender_client import Client\n{code}".replace(
+        "CLIENT", f"Client({endpoint!r}, record={str(path)!r})")
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+
+
+def test_a_killed_client_leaves_what_it_recorded(endpoint, tmp_path):
+    recorded_apart(endpoint, tmp_path / "killed.glr", "client = CLIENT\nfor _ in range(3): client.status()\n"
+                                                      "time.sleep(2.0); os.kill(os.getpid(), 9)")
+    found = []
+    with pytest.raises(GlrenderClientError, match="who recorded it was killed, or still records"):
+        for exchange in read_recording(tmp_path / "killed.glr"):
+            found.append(exchange)
+    assert len(found) == 3
+
+
+def test_a_full_disk_ends_the_loop_that_records(endpoint, tmp_path):
+    run = recorded_apart(endpoint, tmp_path / "full.glr", "resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))\n"
+                                                          "with CLIENT as client:\n"
+                                                          "    for _ in range(1000): client.status()")
+    assert run.returncode == 1 and "File too large" in run.stderr, run.stderr
 
 
 @pytest.mark.parametrize("address", ["nonsense", "", "tcp://127.0.0.1", "tcp://127.0.0.1:port"])

@@ -1,7 +1,7 @@
 """Requests and replies in one file, and their reproduction, byte for byte.
 
-The file holds messages framed as on TCP (docs/protocol.md); the flags are 0 for a request and 1 for its reply,
-which follows it.
+The file, of gzip, holds messages framed as on TCP (docs/protocol.md); the flags are 0 for a request and 1 for its
+reply, which follows it.
 
     python -m glrender_client.recording FILE [ENDPOINT]       sends the requests again and compares the replies
 """
@@ -9,9 +9,13 @@ which follows it.
 from __future__ import annotations
 
 import argparse
+import gzip
 import struct
 import sys
+import zlib
+from collections import deque
 from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -25,6 +29,8 @@ from .presence import told_presence
 
 _PREFIX = struct.Struct("<4sHH")
 _REQUEST, _REPLY = 0, 1
+# Fastest of gzip's levels, in a thread beside the loop, and exchanges that may wait for it.
+_LEVEL, _MOST_WAITING = 1, 8
 # What may differ between two drawings of one frame.
 _OF_THE_MOMENT = ("timings_ms", "uptime_s", "requests", "errors", "clients", "waiting", "last_timings_ms", "workers")
 
@@ -45,7 +51,7 @@ class Difference(NamedTuple):
 
 
 class Recorder:
-    """Writes exchanges to a new file.
+    """Writes exchanges to a new file, in a thread of its own.
 
     Raises
     ------
@@ -54,20 +60,42 @@ class Recorder:
 
     def __init__(self, path: Path):
         try:
-            self._file = open(path, "xb")
+            self._file = gzip.open(path, "xb", compresslevel=_LEVEL)
         except FileExistsError:
             raise FileExistsError(f"record: {path} is there already, and no recording is written over; give the name "
                                   "of a new file, or move that one away") from None
+        self._thread, self._waiting = ThreadPoolExecutor(1), deque[Future]()
 
     def keep(self, request: bytes, reply: Sequence[Any]) -> None:
-        """Append one exchange."""
+        """Append one exchange: soon, or once few others wait.
+
+        Raises
+        ------
+        OSError
+            An earlier one could not be written.
+        """
+        self._waiting.append(self._thread.submit(self._append, request, reply))
+        while len(self._waiting) > _MOST_WAITING or self._waiting and self._waiting[0].done():
+            self._waiting.popleft().result()
+
+    def _append(self, request: bytes, reply: Sequence[Any]) -> None:
         _write(self._file, [request], _REQUEST)
         _write(self._file, reply, _REPLY)
-        self._file.flush()
+        self._file.flush()  # who is killed leaves all but those that wait
 
     def close(self) -> None:
-        """End the file."""
-        self._file.close()
+        """Write what waits, and end the file.
+
+        Raises
+        ------
+        OSError
+        """
+        try:
+            while self._waiting:
+                self._waiting.popleft().result()
+        finally:
+            self._thread.shutdown()
+            self._file.close()
 
 
 def read_recording(path: Path) -> Iterator[Exchange]:
@@ -78,12 +106,17 @@ def read_recording(path: Path) -> Iterator[Exchange]:
     GlrenderClientError
         It is no recording, or ends within a message; what came before was yielded.
     """
-    with open(path, "rb") as file:
-        while (request := _read(file, _REQUEST, path)) is not None:
-            reply = _read(file, _REPLY, path)
-            if reply is None:
-                raise GlrenderClientError(f"{path} ends within a message")
-            yield Exchange(request[0], reply)
+    with gzip.open(path, "rb") as file:
+        try:
+            while (request := _read(file, _REQUEST, path)) is not None:
+                reply = _read(file, _REPLY, path)
+                if reply is None:
+                    raise GlrenderClientError(f"{path} ends within a message")
+                yield Exchange(request[0], reply)
+        except (gzip.BadGzipFile, zlib.error):
+            raise GlrenderClientError(f"{path} is no recording of requests and replies") from None
+        except EOFError:
+            raise GlrenderClientError(f"{path} has no end: who recorded it was killed, or still records") from None
 
 
 def replay(path: Path, endpoint: str = "tcp://127.0.0.1:5555", *, timeout_s: float = 60.0,
