@@ -5,7 +5,7 @@ PYTHON ?= python3
 BIN    := $(VENV)/bin
 export PYTHONUNBUFFERED = 1
 
-.PHONY: demo test test-all bench chart setup opengl octave clang blender mitsuba basilisk lint clean
+.PHONY: demo test test-all bench chart docs setup opengl octave clang blender mitsuba basilisk lint clean
 
 demo: setup
 	$(BIN)/glrender demo --out out/demo
@@ -30,6 +30,10 @@ bench: setup
 
 chart: setup
 	$(BIN)/python benchmarks/speed_accuracy.py
+
+docs: setup
+	$(BIN)/python -m sphinx -W --keep-going -q -c docs . out/site
+	@echo "out/site/docs/index.html"
 
 lint: setup
 	$(BIN)/ruff check .

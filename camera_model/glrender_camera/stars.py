@@ -77,8 +77,8 @@ def hipparcos(max_magnitude: float = 8.0) -> StarCatalogue:
     ConfigError
         The package is not installed.
 
-    Source: van Leeuwen (2007), CDS I/311; V from Hp by Harmanec (1998), Astron. Astrophys. 335, 173:
-    0.03 mag on bright stars of B - V < 1.4, up to 0.15 on red giants.
+    Source: van Leeuwen (2007), CDS I/311; V from Hp by Harmanec (1998), Astron. Astrophys. 335, 173
+    (within 0.03 mag on bright stars of B - V < 1.4, up to 0.15 on red giants).
     """
     finite("max_magnitude", max_magnitude)
     try:

@@ -39,7 +39,7 @@ class LunarLambert(WithPhaseFunction):
     weight : "mcewen", "gaskell", sequence of float, or table
         L(g): coefficients in powers of g in DEGREES, constant first, at most 8; or a table of
         `phase_deg` and `value`. A polynomial is held from where it falls through -0.05, a table
-        beyond its ends. |L| must stay within 1e3.
+        beyond its ends. L must stay within ±1e3.
     phase_function : sequence of float or table, optional
         f(g): see `PhaseFunction`; 1 by default.
 

@@ -23,7 +23,7 @@ class Rolo(Law):
     surge : (2,) float [1], [1/deg]
         C0 and C1 >= 0.
     coefficients : (1..5) float [1/deg^n]
-        A0, A1, ...; |A(g)| must stay within 1e6. Some authors tabulate 1/pi of these: check
+        A0, A1, ...; A(g) must stay within ±1e6. Some authors tabulate 1/pi of these: check
         I/F(0, 0, 0) = (C0 + A0) / 2.
 
     Source: Hillier et al. (1999), Buratti et al. (2011).

@@ -20,7 +20,7 @@ from .wire import HasDict, Packer, Reply, frames_fields, range_fields, read_head
 
 
 class AsyncClient:
-    """A `Client` for one event loop, in its thread and process.
+    """A `Client` for one event loop, in its thread and process. ::
 
         async with AsyncClient("tcp://127.0.0.1:5555") as client:
             replies = await asyncio.gather(*(client.render(state, "navcam", seed=k, output="dn") for k in range(8)))
