@@ -10,6 +10,7 @@ from .epochs import Epoch
 from .files.ccsds import attitude_of_aem, trajectory_of_oem
 from .files.csv_files import attitude_of_csv, trajectory_of_csv
 from .files.scenario_file import load_scenario, scenario_of_table
+from .files.sum_files import SumImage, image_of_sum
 from .files.tables import AttitudeTable, Segments, TrajectoryTable
 from .kepler import Kepler
 from .paths import AtRest, Hovering, OfFunction, Trajectory, circular_orbit
@@ -22,5 +23,6 @@ from .spice.sources import SpiceAttitude, SpiceTrajectory
 __all__ = ["AtRest", "Attitude", "AttitudeTable", "Disturbed", "Encounter", "Epoch", "EqualTurns", "Exponential",
            "Fixed", "FixedRate", "Geometry", "GravityGradient", "Hovering", "Jitter", "Kepler", "Linear", "OfFunction",
            "Pointing", "RigidBody", "Scenario", "Segments", "Spice", "SpiceAttitude", "SpiceTrajectory", "Spin",
-           "Times", "Trajectory", "TrajectoryTable", "attitude_of_aem", "attitude_of_csv", "camera_of_kernel",
-           "circular_orbit", "load_scenario", "scenario_of_table", "trajectory_of_csv", "trajectory_of_oem"]
+           "SumImage", "Times", "Trajectory", "TrajectoryTable", "attitude_of_aem", "attitude_of_csv",
+           "camera_of_kernel", "circular_orbit", "image_of_sum", "load_scenario", "scenario_of_table",
+           "trajectory_of_csv", "trajectory_of_oem"]
