@@ -49,6 +49,7 @@ OUTSIDE = {
     "glrender_server.commands.top": {"glrender", "glrender_camera", "glrender_client"},
     "glrender_server.commands.demo": {"numpy", "tqdm", "glrender", "glrender_camera", "glrender_client"},
     "glrender_server.commands.demo_plots": {"numpy", "matplotlib"},
+    "glrender_server.commands.scenario_plots": {"numpy", "matplotlib", "glrender"},
     "glrender_client": {"numpy", "zmq", "msgpack"},
 }
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import argparse
 import sys
+from pathlib import Path
 
 import numpy as np
-from glrender import Body, PinholeCamera
+from glrender import Body, ConfigError, GlrenderError, PinholeCamera
 from glrender.scenario import Scenario
 from glrender.view.view import view_bodies
 
@@ -21,6 +22,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_subject(parser)
     add_drawing(parser)
     add_picture(parser, None)
+    parser.add_argument("--plot", type=Path, metavar="FILE.png",
+                        help="of a scenario: draw its range, phase, Sun, field of view and path there")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -31,8 +34,15 @@ def run(arguments: argparse.Namespace) -> int:
     for line in (*map(_of_body, subject.scene.bodies), *map(_of_camera, subject.scene.cameras)):
         sys.stdout.write(line + "\n")
     is_one_frame = (arguments.state, arguments.at, arguments.phase_deg, arguments.out) != (None,) * 4
-    if subject.scenario is not None and not is_one_frame:
-        return _check_sequence(subject.scenario)
+    is_sequence = subject.scenario is not None and not is_one_frame
+    if arguments.plot is not None and not is_sequence:
+        raise ConfigError("--plot", "is of a scenario's sequence, not of one frame", str(arguments.plot),
+                          "give a scenario file alone")
+    if is_sequence:
+        _check_sequence(subject.scenario)
+        if arguments.plot is not None:
+            _plot(subject.scenario, arguments)
+        return 0
     sys.stdout.flush()
     drawn = draw(arguments)
     for line in _of_view(drawn):
@@ -44,13 +54,25 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _check_sequence(scenario: Scenario) -> int:
+def _plot(scenario: Scenario, arguments: argparse.Namespace) -> None:
+    try:
+        from .scenario_plots import scenario_plot
+    except ImportError as error:
+        raise GlrenderError("`check --plot` draws by matplotlib: pip install 'glrender[demo]'") from error
+    camera = scenario.scene.camera(arguments.camera or scenario.scene.cameras[0].name)
+    try:
+        scenario_plot(arguments.plot, arguments.subject.name, scenario.scene, scenario.states(), camera)
+    except ValueError as error:
+        raise ConfigError("--plot", f"cannot be written: {error}", str(arguments.plot)) from None
+    sys.stdout.write(f"plot: {arguments.plot}\n")
+
+
+def _check_sequence(scenario: Scenario) -> None:
     for warning in scenario.check():
         sys.stderr.write(f"glrender: warning: {warning}\n")
     t_s = scenario.t_s
     sys.stdout.write(f"sequence: {len(t_s)} states over {t_s[-1] - t_s[0]:g} s"
                      f"{'' if scenario.start is None else f' from {scenario.start.tdb} TDB'}\n")
-    return 0
 
 
 def _of_body(body: Body) -> str:
