@@ -7,6 +7,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 from compare import fitted, residual_percent
+from PIL import Image
 
 plt.switch_backend("Agg")
 
@@ -50,12 +51,23 @@ def body_figure(path: Path, rows: list) -> None:
     axis = figure.add_subplot(grid[3, :])
     for view, mark in zip(views, "ox", strict=False):
         scores = [row[3] for row in rows if row[1] == view]
-        axis.plot(scores, mark, label=f"pose of {view}: median {np.median(scores):.3f}")
+        axis.plot(scores, mark, label=f"{view} pose: median {np.median(scores):.3f}")
     axis.set(xlabel=f"image, of {len(best)} in order of time", ylabel="NCC, whole frame", ylim=(None, 1.0))
     axis.grid(True, alpha=0.3)
     axis.legend(loc="lower right")
     figure.savefig(path, dpi=72, pil_kwargs={"quality": 82})
     plt.close(figure)
+
+
+def beside(path: Path, frame, ours: np.ndarray, size_px: int = 448) -> None:
+    """One image and ours, cut to the body, in one scale of grey."""
+    box, white = _box(ours, frame.pixels), np.quantile(frame.pixels, 0.9995)
+    sheet = Image.new("L", (2 * size_px + 4, size_px), 255)
+    for index, pixels in enumerate((frame.pixels, fitted(ours, frame.pixels))):
+        grey = (255.0 * (pixels[box] / white).clip(0.0, 1.0)).astype(np.uint8)
+        half = Image.fromarray(grey).resize((size_px, size_px), Image.Resampling.LANCZOS)
+        sheet.paste(half, (index * (size_px + 4), 0))
+    sheet.save(path, quality=88)
 
 
 def _single(path: Path, frame, view: str, ours: np.ndarray, score: float) -> None:

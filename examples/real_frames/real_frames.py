@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 from compare import ncc
-from figures import body_figure, pair_figure
+from figures import beside, body_figure, pair_figure
 from glrender import Body, PinholeCamera, Pose, Renderer, Scene, State, frames
 from glrender.brdf import Hapke, Lambert, LommelSeeliger, LunarLambert
 from glrender.scenario import image_of_sum
@@ -119,6 +119,9 @@ def main(out: Path, only: list[str]) -> None:
         for frame, view, ours, score in rows:
             pair_figure(out / f"{frame.name}_{view}.png", frame, view, ours, score)
         body_figure(out / f"real_{body}.jpg", rows)
+    if rows := shown.get("67p"):
+        best = max(rows, key=lambda row: row[3])
+        beside(out / "real_beside_rendered.jpg", best[0], best[2])
     for body in shown:
         for view in dict.fromkeys(row[1] for row in shown[body]):
             scores = [row[3] for row in shown[body] if row[1] == view]

@@ -90,11 +90,12 @@ def scenario_plot(path: Path, title: str, scene: Scene, states: Sequence[State],
     figure.suptitle(title)
     (ranges, phases, sun), (field, icrf, ground) = axes
     colours = dict(zip(tracks, cycle(_BODIES), strict=False))
-    size, length = _length(max(track.range_m.max() for track in tracks.values()))
+    farthest_m = max(track.range_m.max() for track in tracks.values())
+    size, length = _length(farthest_m)
     for name, track in tracks.items():
         ranges.plot(time, track.range_m / size, color=colours[name], label=name, **style)
         phases.plot(time, track.phase_deg, color=colours[name], label=name, **style)
-    ranges.set(title="Range to the body's origin", ylabel=f"range [{length}]", ylim=(0.0, None))
+    ranges.set(title="Range to the body's origin", ylabel=f"range [{length}]", ylim=(0.0, 1.05 * farthest_m / size))
     phases.set(title="Phase angle", ylabel="phase [deg]")
     _sun_panel(sun, time, sun_in_camera_deg(states, camera), camera, style)
     _field_panel(field, time, tracks, scene, camera, colours, style)
@@ -104,14 +105,15 @@ def scenario_plot(path: Path, title: str, scene: Scene, states: Sequence[State],
         axis.set_xlabel(f"time [{unit}]")
     for axis in axes.flat:
         axis.grid(True, alpha=0.3)
-        axis.legend(fontsize=8)
+        if axis is not field:
+            axis.legend(fontsize=8)
     figure.savefig(path, dpi=90)
 
 
 def _sun_panel(axis, time, sun_deg, camera, style) -> None:
     half = np.degrees(np.arctan(0.5 * np.hypot(camera.width_px, camera.height_px) / camera.focal_length_px))
     axis.plot(time, sun_deg[:, 0], color=_SUN, label="from the boresight", **style)
-    axis.plot(time, sun_deg[:, 1], color=_SUN, linestyle=":", label="in the image, from +x to +y", **style)
+    axis.plot(*_cut(time, sun_deg[:, 1]), color=_SUN, linestyle=":", label="in the image, from +x to +y", **style)
     axis.axhspan(0.0, half, color="0.85", label=f"field of {camera.name!r}, to the corner")
     axis.set(title="Direction to the Sun", ylabel="angle [deg]", ylim=(-185.0, 185.0), yticks=range(-180, 181, 60))
 
@@ -127,7 +129,8 @@ def _field_panel(axis, time, tracks, scene, camera, colours, style) -> None:
         axis.plot(time, np.where(track.off_axis_m > 1e-6 * largest, track.off_axis_m, np.nan) / size, color=colour,
                   linestyle=":", label=f"{name} from the boresight" + _none(track, largest), **style)
     axis.set(title=f"Field of view of {camera.name!r}, {2 * np.degrees(np.arctan(half)):.3g} deg",
-             ylabel=f"length at the body [{unit}]", ylim=(0.0, None))
+             ylabel=f"length at the body [{unit}]", ylim=(0.0, 1.4 * axis.dataLim.y1))
+    axis.legend(loc="upper left", fontsize=8, ncols=min(len(tracks), 2))
 
 
 def _none(track, largest) -> str:
@@ -167,16 +170,17 @@ def _ground_panel(axis, tracks, colours, style) -> None:
         for points, colour, text in ((track.subsolar_deg, _SUN, "under the Sun"),
                                      (track.sub_camera_deg, colours[name], "under the spacecraft")):
             line = ":" if colour == _SUN and name != next(iter(tracks)) else "-"
-            axis.plot(*_unwrapped(points), color=colour, linestyle=line, label=f"{name}: {text}", **style)
+            latitude, longitude = _cut(points[:, 1], points[:, 0])
+            axis.plot(longitude, latitude, color=colour, linestyle=line, label=f"{name}: {text}", **style)
             axis.plot(*points[0], "o", color=colour, fillstyle="none")
     axis.set(title="Path in the body's frame (o: start)", xlabel="longitude [deg]", ylabel="latitude [deg]",
              xlim=(-180.0, 180.0), ylim=(-90.0, 90.0), xticks=range(-180, 181, 60), yticks=range(-90, 91, 30))
 
 
-def _unwrapped(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Longitude and latitude with a gap where the path crosses 180 degrees."""
-    cut = np.nonzero(np.abs(np.diff(points[:, 0])) > 180.0)[0] + 1
-    return tuple(np.insert(points.T, cut, np.nan, axis=1))
+def _cut(along: np.ndarray, angle_deg: np.ndarray) -> np.ndarray:
+    """Both (2, N + n) with a gap at the n places where the angle goes from 180 to -180 degrees."""
+    gaps = np.nonzero(np.abs(np.diff(angle_deg)) > 180.0)[0] + 1
+    return np.insert(np.stack([along, angle_deg]), gaps, np.nan, axis=1)
 
 
 def _camera_axes(state: State, camera: PinholeCamera) -> np.ndarray:
