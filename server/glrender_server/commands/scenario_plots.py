@@ -124,17 +124,17 @@ def _field_panel(axis, time, tracks, scene, camera, colours, style) -> None:
     size, unit = _length(largest)
     for name, track in tracks.items():
         colour = colours[name]
-        axis.plot(time, half * track.range_m / size, color=colour, label=f"half the field at {name}", **style)
-        axis.axhline(scene.hulls[name].radius_m / size, color=colour, linestyle="--", label=f"radius of {name}")
+        axis.plot(time, half * track.range_m / size, color=colour, label=f"half the field: {name}", **style)
+        axis.axhline(scene.hulls[name].radius_m / size, color=colour, linestyle="--", label=f"radius: {name}")
         axis.plot(time, np.where(track.off_axis_m > 1e-6 * largest, track.off_axis_m, np.nan) / size, color=colour,
-                  linestyle=":", label=f"{name} from the boresight" + _none(track, largest), **style)
+                  linestyle=":", label=f"off axis: {name}" + _none(track, largest), **style)
     axis.set(title=f"Field of view of {camera.name!r}, {2 * np.degrees(np.arctan(half)):.3g} deg",
              ylabel=f"length at the body [{unit}]", ylim=(0.0, 1.4 * axis.dataLim.y1))
-    axis.legend(loc="upper left", fontsize=8, ncols=min(len(tracks), 2))
+    axis.legend(loc="upper left", fontsize=7.5, ncols=min(len(tracks), 2))
 
 
 def _none(track, largest) -> str:
-    return "" if (track.off_axis_m > 1e-6 * largest).any() else ": on it"
+    return "" if (track.off_axis_m > 1e-6 * largest).any() else ", none"
 
 
 def _icrf_panel(axis, states, camera, scene, colours, style) -> None:
