@@ -20,7 +20,7 @@ BODY = {"name": "moon", "generated": {"kind": "icosphere", "radius_m": 100.0, "s
 @pytest.fixture
 def plots():
     needed_module("matplotlib", "pip install -e '.[test]'")
-    from glrender_server import scenario_plots
+    from glrender_server.commands import scenario_plots
 
     return scenario_plots
 
@@ -78,7 +78,7 @@ def test_a_line_is_cut_where_an_angle_wraps(plots):
 
 def test_the_command_draws_it(plots, tmp_path, capsys):
     assert main(["check", str(EXAMPLE), "--plot", str(tmp_path / "flyby.png")]) == 0
-    assert capsys.readouterr().out.endswith(f"{tmp_path / 'flyby.png'}\n")
+    assert capsys.readouterr().out.endswith(f"plot: {tmp_path / 'flyby.png'}\n")
     picture = np.asarray(Image.open(tmp_path / "flyby.png").convert("L"))
     assert picture.shape[0] > 500 and 0.02 < (picture < 200).mean() < 0.3
 
@@ -87,6 +87,7 @@ def test_the_command_draws_it(plots, tmp_path, capsys):
     (["--plot", "plot.gif2"], "--plot: cannot be written: Format 'gif2' is not supported"),
     (["--plot", "nowhere/plot.png"], "No such file or directory"),
     (["--plot", "plot.png", "--camera", "wac"], "camera: unknown camera, got 'wac'"),
+    (["--plot", "plot.png", "--phase-deg", "30"], "--plot: is of a scenario's sequence, not of one frame"),
 ])
 def test_mistakes_are_told(plots, tmp_path, monkeypatch, capfd, arguments, message):
     monkeypatch.chdir(tmp_path)

@@ -21,7 +21,7 @@ ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", ROOT / "camera_model" / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 DOCUMENTS = [*PAGES, ROOT / "CHANGELOG.md", ROOT / "SECURITY.md", *sorted((ROOT / "docs" / "decisions").glob("*.md")),
              *sorted((ROOT / "benchmarks").glob("*.md")), *sorted((ROOT / "clients").glob("*/README.md")),
-             *sorted((ROOT / "examples").glob("*/README.md"))]
+             *sorted((ROOT / "examples").glob("**/README.md"))]
 PRIVATE_WORDS = ("middles", "lit triangles", "kept at nodes", "as lit as", "is told", "are told", "mixed facets",
                  "looks closer", "looking closer")
 """Words that docs/glossary.md has a term of the field for."""
