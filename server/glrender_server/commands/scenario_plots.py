@@ -14,8 +14,7 @@ from matplotlib.patches import Circle
 
 _M_PER_KM = 1e3
 _TIMES = ((86400.0, "d"), (3600.0, "h"), (60.0, "min"), (1.0, "s"))
-_SUN = "tab:orange"
-_BODIES = ("tab:blue", "tab:green", "tab:red", "tab:purple", "tab:brown")
+_SUN, _BODIES = "tab:orange", ("tab:blue", "tab:green", "tab:red", "tab:purple", "tab:brown")
 _FEW = 60
 """Frames up to which each has a dot."""
 
@@ -69,7 +68,7 @@ def sun_in_camera_deg(states: Sequence[State], camera: PinholeCamera) -> np.ndar
 
 
 def scenario_plot(path: Path, title: str, scene: Scene, states: Sequence[State], camera: PinholeCamera) -> None:
-    """Six panels: range, phase angle, the Sun, the field of view, the path in ICRF, and the path over the body.
+    """Six panels show range, phase angle, the Sun, the field of view, the path in ICRF, and the path over the body.
 
     Parameters
     ----------
@@ -120,21 +119,15 @@ def _sun_panel(axis, time, sun_deg, camera, style) -> None:
 
 def _field_panel(axis, time, tracks, scene, camera, colours, style) -> None:
     half = 0.5 * min(camera.width_px, camera.height_px) / camera.focal_length_px
-    largest = half * max(track.range_m.max() for track in tracks.values())
-    size, unit = _length(largest)
+    size, unit = _length(half * max(track.range_m.max() for track in tracks.values()))
     for name, track in tracks.items():
         colour = colours[name]
         axis.plot(time, half * track.range_m / size, color=colour, label=f"half the field: {name}", **style)
         axis.axhline(scene.hulls[name].radius_m / size, color=colour, linestyle="--", label=f"radius: {name}")
-        axis.plot(time, np.where(track.off_axis_m > 1e-6 * largest, track.off_axis_m, np.nan) / size, color=colour,
-                  linestyle=":", label=f"off axis: {name}" + _none(track, largest), **style)
+        axis.plot(time, track.off_axis_m / size, color=colour, linestyle=":", label=f"off axis: {name}", **style)
     axis.set(title=f"Field of view of {camera.name!r}, {2 * np.degrees(np.arctan(half)):.3g} deg",
              ylabel=f"length at the body [{unit}]", ylim=(0.0, 1.4 * axis.dataLim.y1))
     axis.legend(loc="upper left", fontsize=7.5, ncols=min(len(tracks), 2))
-
-
-def _none(track, largest) -> str:
-    return "" if (track.off_axis_m > 1e-6 * largest).any() else ", none"
 
 
 def _icrf_panel(axis, states, camera, scene, colours, style) -> None:
@@ -152,17 +145,13 @@ def _icrf_panel(axis, states, camera, scene, colours, style) -> None:
         axis.add_patch(Circle(r[0, [first, second]] / size, scene.hulls[name].radius_m / size, color=colours[name],
                               alpha=0.5, label=f"{name}, at the start"))
     sun = states[0].r_sun_inertial_m - foot
-    tip = foot + 0.4 * _reach_m(craft, foot) * sun / np.linalg.norm(sun)
+    tip = foot + 0.4 * np.linalg.norm(craft - foot, axis=1).max() * sun / np.linalg.norm(sun)
     axis.annotate("", xy=tip[[first, second]] / size, xytext=foot[[first, second]] / size,
                   arrowprops={"arrowstyle": "->", "color": _SUN})
     axis.plot(*tip[[first, second]] / size, color=_SUN, label="to the Sun, at the start")
     names = "xyz"
     axis.set(title="Path in ICRF", xlabel=f"{names[first]} [{unit}]", ylabel=f"{names[second]} [{unit}]")
     axis.set_aspect("equal", adjustable="datalim")
-
-
-def _reach_m(craft: np.ndarray, foot: np.ndarray) -> float:
-    return float(np.linalg.norm(craft - foot, axis=1).max())
 
 
 def _ground_panel(axis, tracks, colours, style) -> None:
