@@ -25,6 +25,15 @@ def plots():
     return scenario_plots
 
 
+@pytest.fixture
+def flyby(tmp_path):
+    """The example of a fly-by with fewer facets."""
+    text = EXAMPLE.read_text()
+    assert "seed = 67 }" in text
+    (tmp_path / "flyby.toml").write_text(text.replace("seed = 67 }", "seed = 67, subdivisions = 3 }"))
+    return str(tmp_path / "flyby.toml")
+
+
 def scene(**camera):
     return Scene.from_dict({"bodies": [BODY], "cameras": [{"name": "c", "width_px": 64, "height_px": 64,
                                                            "focal_length_px": 300.0, **camera}]})
@@ -76,8 +85,8 @@ def test_a_line_is_cut_where_an_angle_wraps(plots):
     np.testing.assert_array_equal(along, [0.0, np.nan, 1.0, 2.0, np.nan, 3.0])
 
 
-def test_the_command_draws_it(plots, tmp_path, capsys):
-    assert main(["check", str(EXAMPLE), "--plot", str(tmp_path / "flyby.png")]) == 0
+def test_the_command_draws_it(plots, flyby, tmp_path, capsys):
+    assert main(["check", flyby, "--plot", str(tmp_path / "flyby.png")]) == 0
     assert capsys.readouterr().out.endswith(f"plot: {tmp_path / 'flyby.png'}\n")
     picture = np.asarray(Image.open(tmp_path / "flyby.png").convert("L"))
     assert picture.shape[0] > 500 and 0.02 < (picture < 200).mean() < 0.3
@@ -89,9 +98,9 @@ def test_the_command_draws_it(plots, tmp_path, capsys):
     (["--plot", "plot.png", "--camera", "wac"], "camera: unknown camera, got 'wac'"),
     (["--plot", "plot.png", "--phase-deg", "30"], "--plot: is of a scenario's sequence, not of one frame"),
 ])
-def test_mistakes_are_told(plots, tmp_path, monkeypatch, capfd, arguments, message):
+def test_mistakes_are_told(plots, flyby, tmp_path, monkeypatch, capfd, arguments, message):
     monkeypatch.chdir(tmp_path)
-    assert main(["check", str(EXAMPLE), *arguments]) == 1
+    assert main(["check", flyby, *arguments]) == 1
     told = capfd.readouterr().err
     assert message in told and "Traceback" not in told
 
