@@ -11,6 +11,8 @@ from .files.ccsds import attitude_of_aem, trajectory_of_oem
 from .files.csv_files import attitude_of_csv, trajectory_of_csv
 from .files.scenario_file import load_scenario, scenario_of_table
 from .files.tables import AttitudeTable, Segments, TrajectoryTable
+from .instruments.focal_plane import FittedCamera, FocalPlane
+from .instruments.isd import Isd
 from .kepler import Kepler
 from .paths import AtRest, Hovering, OfFunction, Trajectory, circular_orbit
 from .samplers import EqualTurns, Exponential, FixedRate, Linear, Times
@@ -20,7 +22,8 @@ from .spice.kernels import Spice
 from .spice.sources import SpiceAttitude, SpiceTrajectory
 
 __all__ = ["AtRest", "Attitude", "AttitudeTable", "Disturbed", "Encounter", "Epoch", "EqualTurns", "Exponential",
-           "Fixed", "FixedRate", "Geometry", "GravityGradient", "Hovering", "Jitter", "Kepler", "Linear", "OfFunction",
-           "Pointing", "RigidBody", "Scenario", "Segments", "Spice", "SpiceAttitude", "SpiceTrajectory", "Spin",
-           "Times", "Trajectory", "TrajectoryTable", "attitude_of_aem", "attitude_of_csv", "camera_of_kernel",
-           "circular_orbit", "load_scenario", "scenario_of_table", "trajectory_of_csv", "trajectory_of_oem"]
+           "FittedCamera", "Fixed", "FixedRate", "FocalPlane", "Geometry", "GravityGradient", "Hovering", "Isd",
+           "Jitter", "Kepler", "Linear", "OfFunction", "Pointing", "RigidBody", "Scenario", "Segments", "Spice",
+           "SpiceAttitude", "SpiceTrajectory", "Spin", "Times", "Trajectory", "TrajectoryTable", "attitude_of_aem",
+           "attitude_of_csv", "camera_of_kernel", "circular_orbit", "load_scenario", "scenario_of_table",
+           "trajectory_of_csv", "trajectory_of_oem"]

@@ -12,6 +12,7 @@ from ...base.errors import ConfigError, error_path
 from ..attitude import Attitude, Fixed, Pointing, Spin
 from ..disturbances import Disturbed, Jitter
 from ..dynamics import GravityGradient, RigidBody
+from ..instruments.images import AttitudesAtImages
 from ..scenario import SPACECRAFT, SUN
 from ..spice.sources import SpiceAttitude
 from .ccsds import attitude_of_aem
@@ -39,8 +40,8 @@ def read_craft_attitude(known: Known, value: object, target: str) -> Attitude:
     return Disturbed(attitude=attitude, offset_rad=offset, jitter=shaken, q_camera_from_spacecraft=mounting)
 
 
-def read_body_attitude(known: Known, name: str, entry: Mapping[str, Any]) -> Attitude | None:
-    """The attitude of a body, of its `spin` or `attitude`; None where it has neither."""
+def read_body_attitude(known: Known, name: str, entry: Mapping[str, Any], origin: str) -> Attitude | None:
+    """The attitude of a body, of its `spin` or `attitude`, or of the ISDs of the origin; None where it has none."""
     if "spin" in entry and "attitude" in entry:
         raise ConfigError("spin", "is given beside attitude", hint="give one of them")
     if "spin" in entry:
@@ -48,7 +49,7 @@ def read_body_attitude(known: Known, name: str, entry: Mapping[str, Any]) -> Att
             table, epoch = taken_epoch(entry["spin"], "epoch")
             return made(Spin.about_pole, table, epoch=epoch)
     if "attitude" not in entry:
-        return None
+        return AttitudesAtImages(images=known.images, is_body=True) if known.images and name == origin else None
     with error_path("attitude"):
         table = a_table(entry["attitude"])
         return _MODES[one_of("mode", table.pop("mode", None), _MODES)](known, table, name)
@@ -77,6 +78,13 @@ def _spice(known: Known, table: dict[str, Any], owner: str) -> Attitude:
     return made(SpiceAttitude, table, spice=known.kernels())
 
 
+def _isd(known: Known, table: dict[str, Any], owner: str) -> AttitudesAtImages:
+    if not known.images:
+        raise ConfigError("mode", "needs [trajectory] of ISDs", "isd", 'give trajectory.kind = "isd" and its files')
+    known_keys("", table, ())
+    return AttitudesAtImages(images=known.images, is_body=owner != SPACECRAFT)
+
+
 def _rigid_body(known: Known, table: dict[str, Any], owner: str) -> RigidBody:
     mu = table.pop("gravity_gradient_m3_s2", None)
     known_keys("", table, [name for name in parameters_of(RigidBody) if name != "torques"])
@@ -90,4 +98,5 @@ def _rigid_body(known: Known, table: dict[str, Any], owner: str) -> RigidBody:
 
 
 _MODES: dict[str, Callable[[Known, dict[str, Any], str], Attitude]] = {
-    "fixed": _fixed, "spin": _spin, "csv": _csv, "aem": _aem, "spice": _spice, "rigid_body": _rigid_body}
+    "fixed": _fixed, "spin": _spin, "csv": _csv, "aem": _aem, "spice": _spice, "isd": _isd,
+    "rigid_body": _rigid_body}

@@ -10,6 +10,7 @@ from glrender_camera.validate import known_keys, one_of
 from ...base.errors import ConfigError, error_path
 from ..encounter import Encounter
 from ..epochs import Epoch, needed
+from ..instruments.images import PlacesAtImages
 from ..paths import Trajectory
 from ..samplers import EqualTurns, Exponential, FixedRate, Linear, Times, equal_turns
 from .fields import a_table, made, with_scales
@@ -48,6 +49,11 @@ class TimeFields:
 
     def sampler(self, craft: Trajectory, start: Epoch | None, encounter: Mapping[str, Any]) -> Any:
         """The time sampler, of [encounter] where it has `frames`."""
+        if isinstance(craft, PlacesAtImages):
+            if self._table:
+                raise ConfigError("time", "is given beside ISDs, which have the times", sorted(self._table),
+                                  "leave [time] out")
+            return Times.of_epochs([image.epoch for image in craft.images], needed(start))
         own = {key: encounter[key] for key in (*SAMPLER_KEYS, "duration_s") if key in encounter}
         if "frames" in own:
             if self._table or self._epochs:
