@@ -8,8 +8,8 @@ from .dynamics import GravityGradient, RigidBody
 from .encounter import Encounter
 from .epochs import Epoch
 from .files.ccsds import attitude_of_aem, trajectory_of_oem
-from .files.csv_files import attitude_of_csv, trajectory_of_csv
 from .files.scenario_file import load_scenario, scenario_of_table
+from .files.state_files import attitude_of_csv, attitude_of_parquet, trajectory_of_csv, trajectory_of_parquet
 from .files.tables import AttitudeTable, Segments, TrajectoryTable
 from .instruments.focal_plane import FittedCamera, FocalPlane
 from .instruments.isd import Isd
@@ -25,5 +25,5 @@ __all__ = ["AtRest", "Attitude", "AttitudeTable", "Disturbed", "Encounter", "Epo
            "FittedCamera", "Fixed", "FixedRate", "FocalPlane", "Geometry", "GravityGradient", "Hovering", "Isd",
            "Jitter", "Kepler", "Linear", "OfFunction", "Pointing", "RigidBody", "Scenario", "Segments", "Spice",
            "SpiceAttitude", "SpiceTrajectory", "Spin", "Times", "Trajectory", "TrajectoryTable", "attitude_of_aem",
-           "attitude_of_csv", "camera_of_kernel", "circular_orbit", "load_scenario", "scenario_of_table",
-           "trajectory_of_csv", "trajectory_of_oem"]
+           "attitude_of_csv", "attitude_of_parquet", "camera_of_kernel", "circular_orbit", "load_scenario",
+           "scenario_of_table", "trajectory_of_csv", "trajectory_of_oem", "trajectory_of_parquet"]

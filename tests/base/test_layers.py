@@ -41,7 +41,7 @@ OUTSIDE = {
     "glrender.emission": {"numpy", "scipy", "cv2", "OpenEXR", "glrender_camera"},
     "glrender.capture": {"numpy", "scipy", "cv2", "glrender_camera"},
     "glrender.sequences": {"numpy", "PIL", "astropy", "OpenEXR", "glrender_camera"},
-    "glrender.scenario": {"numpy", "scipy", "spiceypy", "glrender_camera"},
+    "glrender.scenario": {"numpy", "scipy", "spiceypy", "pyarrow", "glrender_camera"},
     "glrender_server": {"numpy", "cv2", "zmq", "msgpack", "glrender", "glrender_camera"},
     "glrender_server.cli": {"glrender", "glrender_camera"},
     "glrender_server.commands": {"numpy", "tqdm", "PIL", "shtab", "glrender", "glrender_camera"},

@@ -16,8 +16,8 @@ from ..instruments.images import AttitudesAtImages
 from ..scenario import SPACECRAFT, SUN
 from ..spice.sources import SpiceAttitude
 from .ccsds import attitude_of_aem
-from .csv_files import attitude_of_csv
 from .fields import Known, a_table, made, parameters_of, taken_epoch
+from .state_files import attitude_of_csv, attitude_of_parquet
 
 
 def read_craft_attitude(known: Known, value: object, target: str) -> Attitude:
@@ -69,6 +69,11 @@ def _csv(known: Known, table: dict[str, Any], owner: str) -> Attitude:
     return attitude_of_csv(known.file(table), table.get("interpolation", "spline"))
 
 
+def _parquet(known: Known, table: dict[str, Any], owner: str) -> Attitude:
+    known_keys("", table, ("file", "interpolation"), required=("file",))
+    return attitude_of_parquet(known.file(table), table.get("interpolation", "spline"))
+
+
 def _aem(known: Known, table: dict[str, Any], owner: str) -> Attitude:
     known_keys("", table, ("file", "object_name"), required=("file",))
     return attitude_of_aem(known.file(table), table.get("object_name"))
@@ -98,5 +103,5 @@ def _rigid_body(known: Known, table: dict[str, Any], owner: str) -> RigidBody:
 
 
 _MODES: dict[str, Callable[[Known, dict[str, Any], str], Attitude]] = {
-    "fixed": _fixed, "spin": _spin, "csv": _csv, "aem": _aem, "spice": _spice, "isd": _isd,
+    "fixed": _fixed, "spin": _spin, "csv": _csv, "parquet": _parquet, "aem": _aem, "spice": _spice, "isd": _isd,
     "rigid_body": _rigid_body}

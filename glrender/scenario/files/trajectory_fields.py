@@ -19,8 +19,8 @@ from ..scenario import SPACECRAFT, SUN
 from ..spice.kernels import Spice
 from ..spice.sources import SpiceTrajectory
 from .ccsds import trajectory_of_oem
-from .csv_files import trajectory_of_csv
 from .fields import Known, a_table, made, taken_epoch
+from .state_files import trajectory_of_csv, trajectory_of_parquet
 
 
 def read_trajectory(known: Known, value: object, target: str) -> Trajectory:
@@ -134,6 +134,11 @@ def _csv(known: Known, table: dict[str, Any], target: str) -> Trajectory:
     return trajectory_of_csv(known.file(table), known.about(table))
 
 
+def _parquet(known: Known, table: dict[str, Any], target: str) -> Trajectory:
+    known_keys("", table, ("file", "about"), required=("file",))
+    return trajectory_of_parquet(known.file(table), known.about(table))
+
+
 def _oem(known: Known, table: dict[str, Any], target: str) -> Trajectory:
     known_keys("", table, ("file", "about", "object_name"), required=("file",))
     return trajectory_of_oem(known.file(table), known.about(table), table.get("object_name"))
@@ -153,5 +158,5 @@ def _isd(known: Known, table: dict[str, Any], target: str) -> PlacesAtImages:
 
 
 _KINDS: dict[str, Callable[[Known, dict[str, Any], str], Trajectory]] = {
-    "kepler": _kepler, "at_rest": _at_rest, "hovering": _hovering, "circular": _circular, "csv": _csv, "oem": _oem,
-    "spice": _spice, "isd": _isd}
+    "kepler": _kepler, "at_rest": _at_rest, "hovering": _hovering, "circular": _circular, "csv": _csv,
+    "parquet": _parquet, "oem": _oem, "spice": _spice, "isd": _isd}

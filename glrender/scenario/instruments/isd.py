@@ -16,7 +16,7 @@ from ...base.attitude import from_spice
 from ...base.errors import ConfigError, error_path
 from ..checks import numbers
 from ..epochs import Epoch
-from ..files.csv_files import text_of
+from ..files.state_files import text_of
 from .focal_plane import FocalPlane
 from .lens import lens_of
 
