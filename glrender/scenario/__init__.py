@@ -20,10 +20,12 @@ from .scenario import Scenario
 from .spice.instrument import camera_of_kernel
 from .spice.kernels import Spice
 from .spice.sources import SpiceAttitude, SpiceTrajectory
+from .torques import DustImpacts, GasDrag, Plate, Thruster, Wheels
 
-__all__ = ["AtRest", "Attitude", "AttitudeTable", "Disturbed", "Encounter", "Epoch", "EqualTurns", "Exponential",
-           "FittedCamera", "Fixed", "FixedRate", "FocalPlane", "Geometry", "GravityGradient", "Hovering", "Isd",
-           "Jitter", "Kepler", "Linear", "OfFunction", "Pointing", "RigidBody", "Scenario", "Segments", "Spice",
-           "SpiceAttitude", "SpiceTrajectory", "Spin", "Times", "Trajectory", "TrajectoryTable", "attitude_of_aem",
-           "attitude_of_csv", "attitude_of_parquet", "camera_of_kernel", "circular_orbit", "load_scenario",
-           "scenario_of_table", "trajectory_of_csv", "trajectory_of_oem", "trajectory_of_parquet"]
+__all__ = ["AtRest", "Attitude", "AttitudeTable", "Disturbed", "DustImpacts", "Encounter", "Epoch", "EqualTurns",
+           "Exponential", "FittedCamera", "Fixed", "FixedRate", "FocalPlane", "GasDrag", "Geometry", "GravityGradient",
+           "Hovering", "Isd", "Jitter", "Kepler", "Linear", "OfFunction", "Plate", "Pointing", "RigidBody", "Scenario",
+           "Segments", "Spice", "SpiceAttitude", "SpiceTrajectory", "Spin", "Thruster", "Times", "Trajectory",
+           "TrajectoryTable", "Wheels", "attitude_of_aem", "attitude_of_csv", "attitude_of_parquet",
+           "camera_of_kernel", "circular_orbit", "load_scenario", "scenario_of_table", "trajectory_of_csv",
+           "trajectory_of_oem", "trajectory_of_parquet"]

@@ -15,6 +15,7 @@ from ..dynamics import GravityGradient, RigidBody
 from ..instruments.images import AttitudesAtImages
 from ..scenario import SPACECRAFT, SUN
 from ..spice.sources import SpiceAttitude
+from ..torques import DustImpacts, GasDrag, Plate, Thruster, Wheels
 from .ccsds import attitude_of_aem
 from .fields import Known, a_table, made, parameters_of, taken_epoch
 from .state_files import attitude_of_csv, attitude_of_parquet
@@ -91,17 +92,49 @@ def _isd(known: Known, table: dict[str, Any], owner: str) -> AttitudesAtImages:
 
 
 def _rigid_body(known: Known, table: dict[str, Any], owner: str) -> RigidBody:
-    mu = table.pop("gravity_gradient_m3_s2", None)
-    known_keys("", table, [name for name in parameters_of(RigidBody) if name != "torques"])
-    if mu is None:
-        return made(RigidBody, table)
-    if owner not in known.trajectories:
-        raise ConfigError("gravity_gradient_m3_s2", "needs a trajectory about the attracting mass", mu)
-    torque = GravityGradient(inertia_kg_m2=table.get("inertia_kg_m2"), gravitational_parameter_m3_s2=mu,
-                             trajectory=known.trajectories[owner], start=known.start)
-    return made(RigidBody, table, torques=(torque,))
+    given = {name: table.pop(name) for name in _TORQUES if name in table}
+    known_keys("", table, [*_TORQUES, *(name for name in parameters_of(RigidBody) if name not in _NOT_IN_FILES)])
+    if (moved := [name for name in given if name not in ("thrusters", "wheels")]) and owner not in known.trajectories:
+        raise ConfigError(moved[0], f"needs a trajectory of {owner!r} about another body",
+                          hint="give the body one, with `about`")
+    for name in ("gas_drag", "dust_impacts"):
+        if name in given and known.trajectories[owner].about == SUN:
+            raise ConfigError(name, f"needs a trajectory of {owner!r} about the body that it flows from, not the Sun")
+    torques, impulses = [], []
+    if "gravity_gradient_m3_s2" in given:
+        torques.append(GravityGradient(
+            inertia_kg_m2=table.get("inertia_kg_m2"), trajectory=known.trajectories[owner], start=known.start,
+            gravitational_parameter_m3_s2=given["gravity_gradient_m3_s2"]))
+    if "gas_drag" in given:
+        with error_path("gas_drag"):
+            drag = a_table(given["gas_drag"])
+            drag["plates"] = [_made_of(f"plates[{index}]", Plate, entry)
+                              for index, entry in enumerate(_listed("plates", drag.get("plates", [])))]
+            torques.append(made(GasDrag, drag, trajectory=known.trajectories[owner], start=known.start))
+    if "dust_impacts" in given:
+        with error_path("dust_impacts"):
+            dust = {"duration_s": known.duration_s, **a_table(given["dust_impacts"])}
+            impulses.append(made(DustImpacts, dust, trajectory=known.trajectories[owner], start=known.start))
+    torques += [_made_of(f"thrusters[{index}]", Thruster, entry)
+                for index, entry in enumerate(_listed("thrusters", given.get("thrusters", [])))]
+    if "wheels" in given:
+        torques.append(_made_of("wheels", Wheels, given["wheels"]))
+    return made(RigidBody, table, torques=tuple(torques), impulses=tuple(impulses))
 
 
+def _listed(name: str, value: object) -> list:
+    if not isinstance(value, list):
+        raise ConfigError(name, "must be a list of tables", value)
+    return value
+
+
+def _made_of(path: str, make: Callable, entry: object) -> Any:
+    with error_path(path):
+        return made(make, entry)
+
+
+_TORQUES = ("gravity_gradient_m3_s2", "gas_drag", "dust_impacts", "thrusters", "wheels")
+_NOT_IN_FILES = ("torques", "impulses")
 _MODES: dict[str, Callable[[Known, dict[str, Any], str], Attitude]] = {
     "fixed": _fixed, "spin": _spin, "csv": _csv, "parquet": _parquet, "aem": _aem, "spice": _spice, "isd": _isd,
     "rigid_body": _rigid_body}

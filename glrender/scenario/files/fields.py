@@ -26,6 +26,7 @@ class Known:
     scene: Scene
     folder: Path
     start: Epoch | None = None
+    duration_s: float = 0.0
     spice: Spice | None = None
     images: list[Isd] = field(default_factory=list)
     trajectories: dict[str, Trajectory] = field(default_factory=dict)

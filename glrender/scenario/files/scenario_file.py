@@ -99,6 +99,7 @@ def _scenario(table: dict[str, Any], folder: Path) -> Scenario:
     known.trajectories[SPACECRAFT] = craft
     origin = craft.about if craft.about in known.names else known.names[0]
     sampler = times.sampler(craft, known.start, encounter)
+    known.duration_s = float(sampler.t_s()[-1])
     attitudes = {}
     with error_path("attitude"):
         attitudes[SPACECRAFT] = read_craft_attitude(
