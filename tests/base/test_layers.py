@@ -40,7 +40,7 @@ OUTSIDE = {
     "glrender.engines.cycles.inside": {"numpy", "bpy", "mathutils", "framing", "drawing"},
     "glrender.emission": {"numpy", "scipy", "cv2", "OpenEXR", "glrender_camera"},
     "glrender.capture": {"numpy", "scipy", "cv2", "glrender_camera"},
-    "glrender.sequences": {"numpy", "PIL", "astropy", "OpenEXR", "glrender_camera"},
+    "glrender.sequences": {"numpy", "cv2", "PIL", "astropy", "OpenEXR", "glrender_camera"},
     "glrender.scenario": {"numpy", "scipy", "spiceypy", "pyarrow", "glrender_camera"},
     "glrender_server": {"numpy", "cv2", "zmq", "msgpack", "glrender", "glrender_camera"},
     "glrender_server.cli": {"glrender", "glrender_camera"},
