@@ -183,7 +183,7 @@ class Scenario:
         told = []
         if with_sun:
             told.append(f"camera {camera.name!r}: the Sun is in the field, behind what is looked at, in "
-                        f"{_frames(with_sun)}: bodies show their dark sides")
+                        f"{_frames(with_sun)}: bodies show their dark sides; check the side of the trajectory")
         if empty:
             told.append(f"camera {camera.name!r}: no body is in the field in {_frames(empty)}"
                         f"{', the whole sequence' if len(empty) == len(states) else ''}: check [attitude]")

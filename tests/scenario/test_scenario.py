@@ -382,7 +382,7 @@ def test_the_sun_in_the_field_and_empty_frames_are_warned_of():
     made["trajectory"]["r_m"] = [-9000.0, 30.0, 0.0]
     (told,) = scenario_of_table(made).check()
     assert told == ("camera 'navcam': the Sun is in the field, behind what is looked at, in 3 frames (0 to 2): bodies "
-                    "show their dark sides")
+                    "show their dark sides; check the side of the trajectory")
     made["trajectory"]["r_m"] = [0.0, -9000.0, 0.0]
     made["attitude"] = {"mode": "fixed", "q_from_inertial": [1.0, 0.0, 0.0, 0.0]}
     (told,) = scenario_of_table(made).check()

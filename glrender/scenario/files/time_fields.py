@@ -65,6 +65,9 @@ class TimeFields:
                 if len(self._table) + bool(self._epochs) > 1:
                     raise ConfigError("", "gives times in two ways", sorted(self._table), "give one of them")
                 return (Times.of_epochs(self._epochs, needed(start)) if self._epochs else made(Times, self._table))
+            if not self._table and not isinstance(craft, Encounter):
+                raise ConfigError("", "tells no times",
+                                  hint="give duration_s with frames or rate_hz, times_s, or epochs_tdb")
             table = {**({"duration_s": craft.duration_s} if isinstance(craft, Encounter) else {}), **self._table}
             return made(FixedRate, table) if "rate_hz" in table else _spread(table, craft, start)
 

@@ -79,6 +79,8 @@ def camera_of_kernel(spice: Spice, *, instrument: str, name: str, spacecraft_fra
         focal_length_mm, px_per_mm = _focal_plane(spice, code, np.asarray(corners) @ axes.T, width)
     mounting = axes
     if spacecraft_frame is not None:
+        for name_of_frame in (frame, spacecraft_frame):
+            spice.refuse_shears(name_of_frame)
         mounting = axes @ spice.asked(None, "spacecraft_frame", spice.tool.pxform, spacecraft_frame, frame, 0.0)
     model, coefficients = _lens(spice, code, lens, focal_length_px)
     with error_path("lens"):
