@@ -151,14 +151,16 @@ class Spice:
 
     def refuse_shears(self, frame: str) -> None:
         """Refuse a frame that kernels define by a matrix that is no rotation, or relative to such a one."""
-        code = self.tool.namfrm(frame)
-        for key in (code, frame):
-            if self.tool.expool(f"TKFRAME_{key}_MATRIX"):
-                with error_path("frame"):
-                    # Of rows and columns both hold, so their order does not matter.
-                    _of_matrix(f"TKFRAME_{key}_MATRIX", self.tool.gdpool(f"TKFRAME_{key}_MATRIX", 0, 9))
-            with contextlib.suppress(self.error):
-                self.refuse_shears(self.tool.gcpool(f"TKFRAME_{key}_RELATIVE", 0, 1)[0])
+        chain: list[str] = []
+        while frame not in chain:
+            chain.append(frame)
+            for key in (self.tool.namfrm(frame), frame):
+                if self.tool.expool(f"TKFRAME_{key}_MATRIX"):
+                    with error_path("frame"):
+                        # Of rows and columns both hold, so their order does not matter.
+                        _of_matrix(f"TKFRAME_{key}_MATRIX", self.tool.gdpool(f"TKFRAME_{key}_MATRIX", 0, 9))
+                with contextlib.suppress(self.error):
+                    frame = self.tool.gcpool(f"TKFRAME_{key}_RELATIVE", 0, 1)[0]
 
     @cached_property
     def _codes(self) -> dict[str, int]:
