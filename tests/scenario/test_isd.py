@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import copy
 import json
+import re
+import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -309,3 +312,17 @@ def test_what_does_not_go_with_isds_is_told(shared, tmp_path):
         with pytest.raises(ConfigError) as caught:
             scenario_of_table(scenario(shared, AMICA, **changes))
         assert message in str(caught.value)
+
+
+def test_the_pages_scenario_loads(shared):
+    """docs/scenario.md, its ISD and shape replaced by the real ones."""
+    page = (Path(__file__).parents[2] / "docs" / "scenario.md").read_text(encoding="utf-8")
+    text = re.findall(r"```toml\n(.*?)```", page, re.S)[0]
+    text = text.replace("st_2458542208.json", str(shared / "spice_state" / AMICA)).replace(
+        'shape = "itokawa.obj"', f'shape = "{shared}/itokawa/itokawa_8q_768.obj", length_unit = "km"')
+    made = scenario_of_table(tomllib.loads(text))
+    notes = made.check()
+    assert [note.split(": ", 1)[1][:25] for note in notes] == ["the ISD's focal length 0.", "the file counts lines upw"]
+    assert made.scene.cameras[0].name == "HAYABUSA_AMICA" and len(made.states()) == 1
+    assert "[2.21e-5, 1.71e-4, 5.96e-5, 0.0, 0.0, -0.5202, -0.21505]" in " ".join(page.split())
+    np.testing.assert_allclose(OCAMS["coefficients"], [2.21e-5, 1.71e-4, 5.96e-5, 0.0, 0.0, -0.5202, -0.21505])
