@@ -50,9 +50,9 @@ def test_the_table_gives_the_options_and_what_is_asked_overrides_it(scene):
 
 
 @pytest.mark.parametrize("output, message", [
-    ("formt = 'npz'", "output.formt: unknown key; known keys are camera, exposure_s, format, labels, max_error, "
-                      "output, products, seed; did you mean 'format'?"),
-    ("exposure = 0.1", "output, products, seed; did you mean 'exposure_s'?"),
+    ("formt = 'npz'", "output.formt: unknown key; did you mean 'format'? known keys are camera, exposure_s, format, "
+                      "labels, max_error, output, products, seed"),
+    ("exposure = 0.1", "output.exposure: unknown key; did you mean 'exposure_s'?"),
     ("format = 'jpg'", "output.format: must be one of fits, npz, png, exr, got 'jpg'"),
     ("format = 'png'", "output.format: png holds digital numbers alone, got 'W/m2'; use fits, npz or exr, or"),
     ("output = 'frames'", "output.output: must be one of 'irradiance', 'dn', got 'frames'"),
