@@ -272,7 +272,7 @@ def test_an_image_between_rows_moves_and_turns_on(shared, tmp_path):
     ("optical_distortion", {"kaguyalism": {}}, "optical_distortion.model: must be one of 'radial', 'transverse'"),
     ("optical_distortion", {"radial": {"coefficients": [1.0]}}, "optical_distortion.coefficients: must be 3 numbers"),
     ("optical_distortion", {"radial": {"coefficients": [0.0, 0.1, 0.1]}}, "cameras[0].lens: turns the image round"),
-    ("optical_distortion", {"dawnfc": {"coefficients": [-1e-2]}}, "distortion: images no direction to some"),
+    ("optical_distortion", {"dawnfc": {"coefficients": [-1e-2]}}, "cameras[0].lens: images no direction to some"),
     ("focal_length_model.focal_length", -3.0, "focal_length_model.focal_length: must be > 0"),
     ("focal_length_model.focal_length", 1e-6, "gives a field of 180 deg"),
 ])

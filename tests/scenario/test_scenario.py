@@ -287,7 +287,7 @@ def spoilt(path, value):
 
 
 @pytest.mark.parametrize("path, value, message", [
-    ("encounter.distance", 1.0, "scenario.encounter.distance: unknown key; known keys are body, direction, distance_m"),
+    ("encounter.distance", 1.0, "scenario.encounter.distance: unknown key; did you mean 'distance_m'? known keys are"),
     ("encounter.distance_m", -1.0, "scenario.encounter.distance_m: must be > 0, got -1.0"),
     ("encounter.distance_m", None, "scenario.encounter.distance_m: missing"),
     ("encounter.date_tdb", None, "scenario.encounter.date_tdb: missing; or date_utc, or date_et_s"),

@@ -115,7 +115,7 @@ class FocalPlane:
         pixels = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
         ratios = self.ratios(pixels) @ axes[:2, :2].T
         if not np.isfinite(ratios).all():
-            raise ConfigError("distortion", "images no direction to some of the detector",
+            raise ConfigError("lens", "images no direction to some of the detector",
                               hint="check coefficients and their unit, 1/mm^2 and 1/mm^4")
         if self.is_mirrored:
             pixels[:, 1] = self.height_px - 1.0 - pixels[:, 1]
