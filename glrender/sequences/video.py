@@ -18,11 +18,19 @@ from .read import read_image
 _CODECS = ("vp09", "mp4v")
 
 
-def checked_video(path: Path) -> Path:
-    """The path of a video, which ends in .mp4; ConfigError for another."""
+def check_video(path: Path, rate_hz: float) -> None:
+    """Refuse a video that cannot be written, before the frames are drawn.
+
+    Raises
+    ------
+    ConfigError
+        Another ending than .mp4, a folder that is not there, a rate beyond 1..240 Hz.
+    """
     if path.suffix.lower() != ".mp4":
         raise ConfigError("video", "must end in .mp4", str(path))
-    return path
+    if not path.absolute().parent.is_dir():
+        raise ConfigError("video", "must be in a folder that is there", str(path), "make the folder first")
+    within("video_rate_hz", rate_hz, 1.0, 240.0)
 
 
 def write_video(path: Path, frames: Sequence[Path], rate_hz: float = 25.0) -> None:
@@ -42,10 +50,9 @@ def write_video(path: Path, frames: Sequence[Path], rate_hz: float = 25.0) -> No
     Raises
     ------
     ConfigError
-        Another ending; an OpenCV without a codec.
+        As of `check_video`; an OpenCV without a codec.
     """
-    checked_video(path)
-    rate_hz = within("video_rate_hz", rate_hz, 1.0, 240.0)
+    check_video(path, rate_hz)
     white = max(_white(read_image(frame)) for frame in frames) or 1.0
     height, width = read_image(frames[0]).shape
     # Codecs have even sizes; OpenCV would cut the last row off.

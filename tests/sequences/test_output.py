@@ -118,5 +118,8 @@ def test_a_dark_sequence_gives_a_dark_video(tmp_path):
     np.savez(tmp_path / "0.npz", image=np.zeros((32, 32), np.float32))
     write_video(tmp_path / "v.mp4", [tmp_path / "0.npz"])
     assert frames_of(tmp_path / "v.mp4").max() <= 2
-    with pytest.raises(ConfigError, match="video_rate_hz: must be between 1 and 240"):
-        write_video(tmp_path / "v.mp4", [tmp_path / "0.npz"], rate_hz=0.0)
+    for name, rate_hz, message in (("v.mp4", 0.0, "video_rate_hz: must be between 1 and 240"),
+                                   ("no/v.mp4", 25.0, "video: must be in a folder that is there"),
+                                   ("v.webm", 25.0, "video: must end in .mp4")):
+        with pytest.raises(ConfigError, match=message):
+            write_video(tmp_path / name, [tmp_path / "0.npz"], rate_hz=rate_hz)

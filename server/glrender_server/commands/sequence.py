@@ -16,7 +16,7 @@ from glrender.sequences.formats import FORMATS
 from glrender.sequences.options import OUTPUT_KEYS, options_of
 from glrender.sequences.read import read_image
 from glrender.sequences.sequence import FrameSequence
-from glrender.sequences.video import checked_video, write_video
+from glrender.sequences.video import check_video, write_video
 from tqdm import tqdm
 
 _ON_SHEET = 25
@@ -63,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.out is None:
         raise ConfigError("--out", "missing", hint="name a folder for the frames")
     if arguments.video is not None:
-        checked_video(arguments.video)
+        check_video(arguments.video, arguments.video_rate_hz)
     with error_path("output"):
         options = options_of(scene, table, {key: getattr(arguments, key) for key in OUTPUT_KEYS}, arguments.backend)
     sequence = FrameSequence(scene=scene, states=states, folder=arguments.out, options=options)
