@@ -8,10 +8,12 @@ from .dynamics import GravityGradient, RigidBody
 from .encounter import Encounter
 from .epochs import Epoch
 from .files.ccsds import attitude_of_aem, trajectory_of_oem
-from .files.csv_files import attitude_of_csv, trajectory_of_csv
 from .files.scenario_file import load_scenario, scenario_of_table
+from .files.state_files import attitude_of_csv, attitude_of_parquet, trajectory_of_csv, trajectory_of_parquet
 from .files.sum_files import SumImage, image_of_sum
 from .files.tables import AttitudeTable, Segments, TrajectoryTable
+from .instruments.focal_plane import FittedCamera, FocalPlane
+from .instruments.isd import Isd
 from .kepler import Kepler
 from .paths import AtRest, Hovering, OfFunction, Trajectory, circular_orbit
 from .samplers import EqualTurns, Exponential, FixedRate, Linear, Times
@@ -19,10 +21,12 @@ from .scenario import Scenario
 from .spice.instrument import camera_of_kernel
 from .spice.kernels import Spice
 from .spice.sources import SpiceAttitude, SpiceTrajectory
+from .torques import DustImpacts, GasDrag, Plate, Thruster, Wheels
 
-__all__ = ["AtRest", "Attitude", "AttitudeTable", "Disturbed", "Encounter", "Epoch", "EqualTurns", "Exponential",
-           "Fixed", "FixedRate", "Geometry", "GravityGradient", "Hovering", "Jitter", "Kepler", "Linear", "OfFunction",
-           "Pointing", "RigidBody", "Scenario", "Segments", "Spice", "SpiceAttitude", "SpiceTrajectory", "Spin",
-           "SumImage", "Times", "Trajectory", "TrajectoryTable", "attitude_of_aem", "attitude_of_csv",
-           "camera_of_kernel", "circular_orbit", "image_of_sum", "load_scenario", "scenario_of_table",
-           "trajectory_of_csv", "trajectory_of_oem"]
+__all__ = ["AtRest", "Attitude", "AttitudeTable", "Disturbed", "DustImpacts", "Encounter", "Epoch", "EqualTurns",
+           "Exponential", "FittedCamera", "Fixed", "FixedRate", "FocalPlane", "GasDrag", "Geometry",
+           "GravityGradient", "Hovering", "Isd", "Jitter", "Kepler", "Linear", "OfFunction", "Plate", "Pointing",
+           "RigidBody", "Scenario", "Segments", "Spice", "SpiceAttitude", "SpiceTrajectory", "Spin", "SumImage",
+           "Thruster", "Times", "Trajectory", "TrajectoryTable", "Wheels", "attitude_of_aem", "attitude_of_csv",
+           "attitude_of_parquet", "camera_of_kernel", "circular_orbit", "image_of_sum", "load_scenario",
+           "scenario_of_table", "trajectory_of_csv", "trajectory_of_oem", "trajectory_of_parquet"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -42,6 +42,8 @@ class Scenario:
         Checked against where it is given.
     output : mapping
         The table of that name of a scenario file, as it was read.
+    notes : sequence of str
+        Sentences that `check` tells too: what was found when cameras were read.
 
     Raises
     ------
@@ -57,6 +59,7 @@ class Scenario:
     start: Epoch | None = None
     scene: Scene | None = None
     output: Mapping[str, Any] = field(default_factory=dict)
+    notes: Sequence[str] = ()
 
     def __post_init__(self):
         names = self.names
@@ -145,8 +148,8 @@ class Scenario:
         states = self.states()
         for index, state in enumerate(states):
             self._refuse_inside(index, state)
-        return [] if self.scene is None else [told for camera in self.scene.cameras
-                                              for told in self._of_camera(camera, states)]
+        cameras = [] if self.scene is None else self.scene.cameras
+        return [*self.notes, *(told for camera in cameras for told in self._of_camera(camera, states))]
 
     def _refuse_inside(self, index: int, state: State) -> None:
         for name, pose in state.bodies.items():
@@ -180,7 +183,7 @@ class Scenario:
         told = []
         if with_sun:
             told.append(f"camera {camera.name!r}: the Sun is in the field, behind what is looked at, in "
-                        f"{_frames(with_sun)}: bodies show their dark sides")
+                        f"{_frames(with_sun)}: bodies show their dark sides; check the side of the trajectory")
         if empty:
             told.append(f"camera {camera.name!r}: no body is in the field in {_frames(empty)}"
                         f"{', the whole sequence' if len(empty) == len(states) else ''}: check [attitude]")
@@ -215,8 +218,6 @@ class Scenario:
             if step not in there:
                 place = place - steps[step]
         return place
-
-
 
 
 def _off_axis_rad(r_camera: np.ndarray) -> float:

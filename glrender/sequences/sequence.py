@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from glrender_camera.validate import integer, one_of
+from glrender_camera.validate import integer
 
 from ..base.errors import ConfigError
 from ..capture.capture import Capture, draw_still, take_frame
@@ -25,7 +25,8 @@ from ..scene.scene import Scene
 from ..scene.shape.shape import Shape
 from ..view.state import State
 from . import labels
-from .formats import FrameFile, checked_ending, write
+from .formats import FrameFile, write
+from .options import FrameOptions, require_model
 
 MANIFEST = "manifest.json"
 _VERSION = version("glrender")
@@ -33,51 +34,6 @@ _DIGITS = 5
 # Frames given to a process ahead of those that it draws.
 _AHEAD = 2
 _MAX_PROCESSES = 256
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class FrameOptions:
-    """Options of every frame of a sequence.
-
-    Parameters
-    ----------
-    camera : str
-        Name.
-    output : "irradiance" or "dn"
-    format : "fits", "npz", "png" or "exr"
-    seed : int
-        Of the first frame's noise, with "dn"; each further frame has the next.
-    exposure_s : float [s] or "auto", optional
-        With "dn"; the camera's by default.
-    products : tuple of str
-        As of `Renderer.render`.
-    has_labels : bool
-        Whether the header has the labels of `frame_labels`.
-    max_error : float, optional
-        The scene's by default.
-    backend : str
-        As of `open_renderer`.
-    """
-
-    camera: str
-    output: str = "irradiance"
-    format: str = "fits"
-    seed: int = 0
-    exposure_s: float | str | None = None
-    products: tuple[str, ...] = ()
-    has_labels: bool = False
-    max_error: float | None = None
-    backend: str = "auto"
-
-    def __post_init__(self):
-        one_of("output", self.output, ("irradiance", "dn"))
-        checked_ending(self.format, self.unit)
-        integer("seed", self.seed, 0, 2**63)
-
-    @property
-    def unit(self) -> str:
-        """The pixels' unit."""
-        return "DN" if self.output == "dn" else "W/m2"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -109,10 +65,7 @@ class FrameSequence:
     def __post_init__(self):
         if not self.states:
             raise ConfigError("states", "must be one or more", 0)
-        camera = self.scene.camera(self.options.camera)
-        if self.options.output == "dn" and camera.model is None:
-            raise ConfigError("output", f"camera {camera.name!r} has no optics and detector", "dn",
-                              "give it a `model` in the scene, or ask for 'irradiance'")
+        require_model(self.scene, self.options)
 
     def path(self, index: int) -> Path:
         """The path of one frame's file."""

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
+import sys
+from datetime import UTC, datetime
+
 import numpy as np
 import orbits
 import pytest
@@ -13,10 +17,13 @@ from glrender.scenario import (
     TrajectoryTable,
     attitude_of_aem,
     attitude_of_csv,
+    attitude_of_parquet,
     scenario_of_table,
     trajectory_of_csv,
     trajectory_of_oem,
+    trajectory_of_parquet,
 )
+from missing import needed_module
 from orbits import DATE
 from scipy.spatial.transform import Rotation
 
@@ -175,7 +182,13 @@ def test_an_aem_of_two_inertial_frames_is_refused(tmp_path):
         attitude_of_aem(tmp_path / "x.aem")
 
 
-def test_csv_files_in_a_scenario_file(tmp_path):
+def save_parquet(path, columns):
+    arrow = needed_module("pyarrow", "pip install -e '.[test]'")
+    importlib.import_module("pyarrow.parquet").write_table(arrow.table(columns), path)
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet"])
+def test_state_files_in_a_scenario_file(tmp_path, kind):
     """One file of both, by epochs: positions, velocities and attitudes as in its rows."""
     times, r, v = orbit_rows()
     q = Rotation.from_rotvec(1e-3 * times[:, None] * [0.0, 0.6, 0.8]).as_quat(scalar_first=True)
@@ -183,11 +196,16 @@ def test_csv_files_in_a_scenario_file(tmp_path):
             for t, *parts in zip(times, r, v, q, strict=True)]
     head = "epoch_tdb,r_x_m,r_y_m,r_z_m,v_x_m_s,v_y_m_s,v_z_m_s,q_w,q_x,q_y,q_z"
     (tmp_path / "states.csv").write_text("\n".join([head, *rows]))
+    if kind == "parquet":
+        columns = dict(zip(head.split(","), zip(*(row.split(",") for row in rows), strict=True), strict=True))
+        save_parquet(tmp_path / "states.parquet", {
+            name: list(cells) if name == "epoch_tdb" else [float(cell) for cell in cells]
+            for name, cells in columns.items()})
     table = {"bodies": [{"name": "b", "generated": {"kind": "icosphere", "radius_m": 100.0, "subdivisions": 1},
                          "brdf": {"law": "lambert", "normal_albedo": 0.1}}],
              "cameras": [{"name": "c", "width_px": 64, "height_px": 64, "focal_length_px": 64.0}],
-             "sun": {"r_m": [1.5e11, 0.0, 0.0]}, "trajectory": {"kind": "csv", "file": "states.csv"},
-             "attitude": {"mode": "csv", "file": "states.csv"},
+             "sun": {"r_m": [1.5e11, 0.0, 0.0]}, "trajectory": {"kind": kind, "file": f"states.{kind}"},
+             "attitude": {"mode": kind, "file": f"states.{kind}"},
              "time": {"start_tdb": "2022-10-11T00:00:00", "times_s": times.tolist()}}
     states = scenario_of_table(table, folder=tmp_path).states()
     np.testing.assert_allclose([state.spacecraft.r_inertial_m for state in states], r, atol=1e-6)
@@ -202,7 +220,7 @@ def test_csv_files_in_a_scenario_file(tmp_path):
 
 
 @pytest.mark.parametrize("text, message", [
-    ("t_s,r_x_m,r_y_m,r_z_m\n0,1,2,3\n", "t.csv: must have a line of column names and at least two rows"),
+    ("t_s,r_x_m,r_y_m,r_z_m\n0,1,2,3\n", "t.csv: must have column names and at least two rows"),
     ("r_x_m,r_y_m,r_z_m\n1,2,3\n1,2,3\n", "t.csv: must have exactly one column of times"),
     ("t_s,r_x_m,r_y_m\n0,1,2\n1,2,3\n", "t.csv.r_z_m: missing"),
     ("t_s,r_x_m,r_y_m,r_z_m,mass\n0,1,2,3,4\n1,2,3,4,5\n", "t.csv.mass: unknown column"),
@@ -224,3 +242,48 @@ def test_a_csv_of_attitudes_counts_from_the_start(tmp_path):
     q, rates = made.at(Geometry(start=Epoch(7), t_s=np.array([5.0, 15.0]), r_m={}, v_m_s={}), "b")
     np.testing.assert_allclose(rates, np.tile([0.0, 0.0, -np.pi / 20.0], (2, 1)), atol=1e-8)
     np.testing.assert_allclose(q[0], [np.cos(np.pi / 8), 0.0, 0.0, np.sin(np.pi / 8)], atol=1e-8)
+
+
+def test_timestamps_of_a_parquet_file_keep_their_nanoseconds(tmp_path):
+    """Rows 3 ns apart in their fractions, as epoch_tdb without a zone or as epoch_utc with it, and texts."""
+    places = {"r_x_m": [0.0, 1.0, 2.0], "r_y_m": [0, 0, 0], "r_z_m": [5.0, 5.0, 5.0]}
+    stamps = np.array(["2022-10-11T00:00:00.000000001", "2022-10-11T00:00:01.000000004",
+                       "2022-10-11T00:00:02.000000007"], "datetime64[ns]")
+    save_parquet(tmp_path / "t.parquet", {"epoch_tdb": stamps, **places})
+    made = trajectory_of_parquet(tmp_path / "t.parquet", "b")
+    np.testing.assert_allclose(made.times_s, [0.0, 1.000000003, 2.000000006], atol=1e-15)
+    assert made.epoch == Epoch.from_tdb("2022-10-11T00:00:00.000000001")
+    save_parquet(tmp_path / "t.parquet",
+                 {"epoch_utc": [datetime(2022, 10, 11, 0, 0, k, tzinfo=UTC) for k in range(3)], **places})
+    made = trajectory_of_parquet(tmp_path / "t.parquet", "b")
+    assert made.epoch == Epoch.from_utc("2022-10-11T00:00:00")
+    save_parquet(tmp_path / "q.parquet", {"t_s": [0, 1], "q_w": [1.0, 1.0], "q_x": [0.0, 0.0], "q_y": [0.0, 0.0],
+                                          "q_z": [0.0, 0.0]})
+    assert attitude_of_parquet(tmp_path / "q.parquet").epoch is None
+
+
+@pytest.mark.parametrize("columns, message", [
+    ({"t_s": [0.0, 1.0], "r_x_m": [1.0, None], "r_y_m": [1.0, 2.0], "r_z_m": [0.0, 0.0]},
+     "t.parquet:1.r_x_m: must be a number, got None"),
+    ({"t_s": [0.0, 1.0], "r_x_m": [1.0, 2.0], "r_y_m": [1.0, 2.0]}, "t.parquet.r_z_m: missing"),
+    ({"epoch_tdb": [datetime(2022, 1, 1, tzinfo=UTC)] * 2}, "t.parquet.epoch_tdb: must be timestamps without a zone"),
+    ({"t_s": [0.0, 1.0], "__index_level_0__": [0, 1]}, "t.parquet.__index_level_0__: unknown column"),
+    ({"t_s": []}, "t.parquet: must have column names and at least two rows"),
+])
+def test_a_wrong_parquet_is_told_by_row_and_column(tmp_path, columns, message):
+    save_parquet(tmp_path / "t.parquet", columns)
+    with pytest.raises(ConfigError) as caught:
+        trajectory_of_parquet(tmp_path / "t.parquet", "b")
+    assert message in str(caught.value)
+
+
+def test_what_is_no_parquet_is_told(tmp_path, monkeypatch):
+    needed_module("pyarrow", "pip install -e '.[test]'")
+    (tmp_path / "t.parquet").write_text("t_s,r_x_m")
+    with pytest.raises(ConfigError, match="t.parquet: is no Parquet file"):
+        trajectory_of_parquet(tmp_path / "t.parquet", "b")
+    with pytest.raises(ConfigError, match="no.parquet: cannot be read"):
+        trajectory_of_parquet(tmp_path / "no.parquet", "b")
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(ConfigError, match=r"t.parquet: needs pyarrow: .*; pip install 'glrender\[parquet\]'"):
+        trajectory_of_parquet(tmp_path / "t.parquet", "b")

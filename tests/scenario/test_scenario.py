@@ -287,7 +287,7 @@ def spoilt(path, value):
 
 
 @pytest.mark.parametrize("path, value, message", [
-    ("encounter.distance", 1.0, "scenario.encounter.distance: unknown key; known keys are body, direction, distance_m"),
+    ("encounter.distance", 1.0, "scenario.encounter.distance: unknown key; did you mean 'distance_m'? known keys are"),
     ("encounter.distance_m", -1.0, "scenario.encounter.distance_m: must be > 0, got -1.0"),
     ("encounter.distance_m", None, "scenario.encounter.distance_m: missing"),
     ("encounter.date_tdb", None, "scenario.encounter.date_tdb: missing; or date_utc, or date_et_s"),
@@ -382,7 +382,7 @@ def test_the_sun_in_the_field_and_empty_frames_are_warned_of():
     made["trajectory"]["r_m"] = [-9000.0, 30.0, 0.0]
     (told,) = scenario_of_table(made).check()
     assert told == ("camera 'navcam': the Sun is in the field, behind what is looked at, in 3 frames (0 to 2): bodies "
-                    "show their dark sides")
+                    "show their dark sides; check the side of the trajectory")
     made["trajectory"]["r_m"] = [0.0, -9000.0, 0.0]
     made["attitude"] = {"mode": "fixed", "q_from_inertial": [1.0, 0.0, 0.0, 0.0]}
     (told,) = scenario_of_table(made).check()

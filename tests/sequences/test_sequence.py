@@ -167,5 +167,5 @@ def test_a_scenarios_states_are_written(tmp_path, capsys):
     middle = json.loads(lines[12])
     nearest = np.linalg.norm(np.subtract(middle["spacecraft"]["r_inertial_m"], middle["bodies"]["67p"]["r_inertial_m"]))
     assert nearest == pytest.approx(20000.0, abs=1.0)
-    assert main(["check", example]) == 0 and "25 states over 6 s, bodies 67p" in capsys.readouterr().out
+    assert main(["check", example]) == 0 and "sequence: 25 states over 6 s from 2014-08-08" in capsys.readouterr().out
     assert main(["sequence", example]) == 1 and "--out: missing" in capsys.readouterr().err

@@ -12,7 +12,7 @@ import numpy as np
 from ...base.errors import ConfigError, error_path
 from ..epochs import Epoch
 from ..paths import Trajectory
-from .csv_files import text_of
+from .state_files import text_of
 from .tables import AttitudeTable, Segments, TrajectoryTable
 
 # EME2000 is ICRF to 0.02 arcseconds; the files do not tell these apart any better.

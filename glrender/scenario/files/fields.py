@@ -13,6 +13,7 @@ from glrender_camera.validate import known_keys, one_of, text
 from ...base.errors import ConfigError
 from ...scene.scene import Scene
 from ..epochs import EPOCH_SUFFIXES, Epoch
+from ..instruments.isd import Isd
 from ..paths import Trajectory
 from ..scenario import SUN
 from ..spice.kernels import Spice
@@ -25,7 +26,9 @@ class Known:
     scene: Scene
     folder: Path
     start: Epoch | None = None
+    duration_s: float = 0.0
     spice: Spice | None = None
+    images: list[Isd] = field(default_factory=list)
     trajectories: dict[str, Trajectory] = field(default_factory=dict)
 
     @property

@@ -12,16 +12,21 @@ from glrender_camera.validate import known_keys, one_of, text
 from ...base.errors import ConfigError, error_path
 from ...scene.scene import Scene
 from ..scenario import SPACECRAFT, SUN, Scenario
-from ..spice.instrument import camera_of_kernel
-from ..spice.kernels import Spice
 from .attitude_fields import read_body_attitude, read_craft_attitude
+from .camera_fields import read_cameras
 from .fields import Known, a_table
 from .time_fields import SAMPLER_KEYS, TimeFields
-from .trajectory_fields import read_encounter, read_motion_of_body, read_spice, read_sun, read_trajectory
+from .trajectory_fields import (
+    read_encounter,
+    read_images_of,
+    read_motion_of_body,
+    read_spice,
+    read_sun,
+    read_trajectory,
+)
 
 _OWN_KEYS = ("scene", "encounter", "trajectory", "attitude", "time", "sun", "spice", "output")
 _BODY_KEYS = ("orbit", "trajectory", "spin", "attitude")
-_KERNEL_CAMERA_KEYS = ("instrument", "spacecraft_frame", "width_px", "height_px", "focal_length_px", "image_right")
 
 
 def load_scenario(path: str | Path) -> Scenario:
@@ -66,8 +71,7 @@ def _scenario(table: dict[str, Any], folder: Path) -> Scenario:
     if "spice" in own:
         with error_path("spice"):
             spice = read_spice(own["spice"], folder)
-    if isinstance(cameras := table.get("cameras"), list):
-        table["cameras"] = [_camera_table(entry, f"cameras[{index}]", spice) for index, entry in enumerate(cameras)]
+    notes = read_cameras(table, folder, spice)
     known = Known(scene=_scene(table, folder), folder=folder, spice=spice)
     for index, name in enumerate(known.names):
         if name in (SUN, SPACECRAFT):
@@ -77,6 +81,9 @@ def _scenario(table: dict[str, Any], folder: Path) -> Scenario:
     with error_path("time"):
         times = TimeFields(own.get("time", {}))
     known.start = times.start if "encounter" in own else times.start or times.first
+    if "trajectory" in own:
+        with error_path("trajectory"):
+            read_images_of(known, own["trajectory"])
     for index, entry in enumerate(entries):
         with error_path(f"bodies[{index}]"):
             read_motion_of_body(known, entry["name"], entry)
@@ -92,17 +99,19 @@ def _scenario(table: dict[str, Any], folder: Path) -> Scenario:
     known.trajectories[SPACECRAFT] = craft
     origin = craft.about if craft.about in known.names else known.names[0]
     sampler = times.sampler(craft, known.start, encounter)
+    known.duration_s = float(sampler.t_s()[-1])
     attitudes = {}
     with error_path("attitude"):
-        attitudes[SPACECRAFT] = read_craft_attitude(known, own.get("attitude", {"mode": "target"}), origin)
+        attitudes[SPACECRAFT] = read_craft_attitude(
+            known, own.get("attitude", {"mode": "isd" if known.images else "target"}), origin)
     for index, entry in enumerate(entries):
         with error_path(f"bodies[{index}]"):
-            if (attitude := read_body_attitude(known, entry["name"], entry)) is not None:
+            if (attitude := read_body_attitude(known, entry["name"], entry, origin)) is not None:
                 attitudes[entry["name"]] = attitude
     with error_path("output"):
         output = a_table(own.get("output", {}))
     return Scenario(trajectories=known.trajectories, attitudes=attitudes, origin=origin, start=known.start,
-                    sampler=sampler, scene=known.scene, output=output)
+                    sampler=sampler, scene=known.scene, output=output, notes=tuple(notes))
 
 
 def _scene(table: Mapping[str, Any], folder: Path) -> Scene:
@@ -112,20 +121,6 @@ def _scene(table: Mapping[str, Any], folder: Path) -> Scene:
         # The scene's tables are at the top of the scenario's.
         error.path = error.path.removeprefix("scene.")
         raise
-
-
-def _camera_table(entry: object, path: str, spice: Spice | None) -> object:
-    """A camera's table, with what an instrument kernel tells of its `instrument`."""
-    if not isinstance(entry, Mapping) or "instrument" not in entry:
-        return entry
-    with error_path(path):
-        if spice is None:
-            raise ConfigError("instrument", "needs [spice] with its kernels", entry["instrument"])
-        of_kernel = {key: entry[key] for key in _KERNEL_CAMERA_KEYS if key in entry}
-        camera = camera_of_kernel(spice, name=entry.get("name", str(entry["instrument"])), **of_kernel)
-    return {"name": camera.name, **{key: value for key, value in entry.items() if key not in _KERNEL_CAMERA_KEYS},
-            "width_px": camera.width_px, "height_px": camera.height_px, "focal_length_px": camera.focal_length_px,
-            "q_camera_from_spacecraft": camera.q_camera_from_spacecraft.tolist()}
 
 
 def _toml(path: Path) -> dict[str, Any]:

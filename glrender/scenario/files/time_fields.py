@@ -10,6 +10,7 @@ from glrender_camera.validate import known_keys, one_of
 from ...base.errors import ConfigError, error_path
 from ..encounter import Encounter
 from ..epochs import Epoch, needed
+from ..instruments.images import PlacesAtImages
 from ..paths import Trajectory
 from ..samplers import EqualTurns, Exponential, FixedRate, Linear, Times, equal_turns
 from .fields import a_table, made, with_scales
@@ -48,6 +49,11 @@ class TimeFields:
 
     def sampler(self, craft: Trajectory, start: Epoch | None, encounter: Mapping[str, Any]) -> Any:
         """The time sampler, of [encounter] where it has `frames`."""
+        if isinstance(craft, PlacesAtImages):
+            if self._table:
+                raise ConfigError("time", "is given beside ISDs, which have the times", sorted(self._table),
+                                  "leave [time] out")
+            return Times.of_epochs([image.epoch for image in craft.images], needed(start))
         own = {key: encounter[key] for key in (*SAMPLER_KEYS, "duration_s") if key in encounter}
         if "frames" in own:
             if self._table or self._epochs:
@@ -59,6 +65,9 @@ class TimeFields:
                 if len(self._table) + bool(self._epochs) > 1:
                     raise ConfigError("", "gives times in two ways", sorted(self._table), "give one of them")
                 return (Times.of_epochs(self._epochs, needed(start)) if self._epochs else made(Times, self._table))
+            if not self._table and not isinstance(craft, Encounter):
+                raise ConfigError("", "tells no times",
+                                  hint="give duration_s with frames or rate_hz, times_s, or epochs_tdb")
             table = {**({"duration_s": craft.duration_s} if isinstance(craft, Encounter) else {}), **self._table}
             return made(FixedRate, table) if "rate_hz" in table else _spread(table, craft, start)
 

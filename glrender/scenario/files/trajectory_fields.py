@@ -12,14 +12,15 @@ from glrender_camera.validate import known_keys, one_of, text
 from ...base.errors import ConfigError, error_path
 from ..encounter import Encounter
 from ..epochs import needed
+from ..instruments.images import PlacesAtImages, read_images
 from ..kepler import Kepler
 from ..paths import AtRest, Hovering, Trajectory, circular_orbit
 from ..scenario import SPACECRAFT, SUN
 from ..spice.kernels import Spice
 from ..spice.sources import SpiceTrajectory
 from .ccsds import trajectory_of_oem
-from .csv_files import trajectory_of_csv
 from .fields import Known, a_table, made, taken_epoch
+from .state_files import trajectory_of_csv, trajectory_of_parquet
 
 
 def read_trajectory(known: Known, value: object, target: str) -> Trajectory:
@@ -41,14 +42,33 @@ def read_motion_of_body(known: Known, name: str, entry: Mapping[str, Any]) -> No
             known.trajectories[name] = read_trajectory(known, entry["trajectory"], name)
 
 
-def read_sun(known: Known, table: Mapping[str, Any]) -> None:
-    """Add the Sun where [sun] or SPICE puts it, unless orbits are about it."""
-    if "sun" in table:
+def read_images_of(known: Known, value: object) -> None:
+    """Add the images of a trajectory of ISDs to what is known; the first one is the start."""
+    table = a_table(value)
+    if table.get("kind") != "isd":
+        return
+    known_keys("", table, ("kind", "about", "files"), required=("files",))
+    if known.start is not None:
+        raise ConfigError("files", "have the epochs, so [time] must not", known.start.tdb)
+    if not isinstance(table["files"], list) or not table["files"]:
+        raise ConfigError("files", "must be a list of ISD files that is not empty", table["files"])
+    known.images = read_images([known.folder / text(f"files[{index}]", name)
+                                for index, name in enumerate(table["files"])])
+    known.start = known.images[0].epoch
+
+
+def read_sun(known: Known, own: Mapping[str, Any]) -> None:
+    """Add the Sun where [sun], ISDs or SPICE put it, unless orbits are about it."""
+    if "sun" in own:
         with error_path("sun"):
             if any(path.about == SUN for path in known.trajectories.values()):
                 raise ConfigError("", "is given beside an orbit about the Sun", hint="give one of them")
-            known.trajectories[SUN] = _at_rest(known, a_table(table["sun"]), SUN)
+            known.trajectories[SUN] = _at_rest(known, a_table(own["sun"]), SUN)
     elif not any(path.about == SUN for path in known.trajectories.values()):
+        if known.images:
+            known.trajectories[SUN] = PlacesAtImages(images=known.images, is_sun=True,
+                                                     about=known.about(own["trajectory"]))
+            return
         if known.spice is None:
             raise ConfigError("bodies[0].orbit", "missing: nothing tells where the Sun is",
                               hint="give an orbit about the Sun, [spice], or [sun] with r_m")
@@ -114,6 +134,11 @@ def _csv(known: Known, table: dict[str, Any], target: str) -> Trajectory:
     return trajectory_of_csv(known.file(table), known.about(table))
 
 
+def _parquet(known: Known, table: dict[str, Any], target: str) -> Trajectory:
+    known_keys("", table, ("file", "about"), required=("file",))
+    return trajectory_of_parquet(known.file(table), known.about(table))
+
+
 def _oem(known: Known, table: dict[str, Any], target: str) -> Trajectory:
     known_keys("", table, ("file", "about", "object_name"), required=("file",))
     return trajectory_of_oem(known.file(table), known.about(table), table.get("object_name"))
@@ -126,6 +151,12 @@ def _spice(known: Known, table: dict[str, Any], target: str) -> Trajectory:
     return made(SpiceTrajectory, table, spice=known.kernels(), target=target)
 
 
+def _isd(known: Known, table: dict[str, Any], target: str) -> PlacesAtImages:
+    if target != SPACECRAFT:
+        raise ConfigError("kind", "must be of the spacecraft", "isd")
+    return PlacesAtImages(images=known.images, is_sun=False, about=known.about(table))
+
+
 _KINDS: dict[str, Callable[[Known, dict[str, Any], str], Trajectory]] = {
-    "kepler": _kepler, "at_rest": _at_rest, "hovering": _hovering, "circular": _circular, "csv": _csv, "oem": _oem,
-    "spice": _spice}
+    "kepler": _kepler, "at_rest": _at_rest, "hovering": _hovering, "circular": _circular, "csv": _csv,
+    "parquet": _parquet, "oem": _oem, "spice": _spice, "isd": _isd}

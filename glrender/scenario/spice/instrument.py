@@ -2,26 +2,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from glrender_camera import PinholeCamera
-from glrender_camera.validate import integer
+from glrender_camera.validate import integer, known_keys, vector
 from scipy.spatial.transform import Rotation
 
 from ...base.attitude import from_spice
-from ...base.errors import ConfigError
+from ...base.errors import ConfigError, error_path
 from ..checks import unit
+from ..instruments.focal_plane import FittedCamera, FocalPlane
+from ..instruments.lens import lens_of
 from .kernels import Spice, told_by
 
 # By how much focal length over pixel size may differ from what the field of view says.
 _FIELD_RTOL = 0.05
+# No detector has pixels that small.
+_LEAST_PIXEL_MM = 1e-3
+# Keywords of distortion, and their models.
+_KERNEL_LENSES = {"OD_K": "radial", "RAD_DIST_COEFF": "dawnfc"}
 
 
 def camera_of_kernel(spice: Spice, *, instrument: str, name: str, spacecraft_frame: str | None = None,
                      width_px: int | None = None, height_px: int | None = None, focal_length_px: float | None = None,
-                     image_right: np.ndarray = (1.0, 0.0, 0.0), **more: Any) -> PinholeCamera:
-    """The camera of an instrument kernel, without its distortion.
+                     image_right: np.ndarray = (1.0, 0.0, 0.0), lens: Mapping[str, Any] | None = None,
+                     **more: Any) -> FittedCamera:
+    """The camera of an instrument kernel, with the lens that the kernel has inverted.
 
     Parameters
     ----------
@@ -40,13 +48,22 @@ def camera_of_kernel(spice: Spice, *, instrument: str, name: str, spacecraft_fra
     image_right : (3,) float
         Direction in the instrument's frame that points right in the image; no kernel tells it. The boresight is
         the kernel's, and the third axis, down, follows: no frame is mirrored.
+    lens : mapping, optional
+        `model` and `coefficients` of `lens_of`, along right and down, or the model "none". By default the kernel's
+        OD_K (radial) or RAD_DIST_COEFF (dawnfc), if it has one.
     **more
-        Of `PinholeCamera`: principal_point_px, model, distortion.
+        Of `PinholeCamera`: principal_point_px, model.
+
+    Returns
+    -------
+    FittedCamera
+        `camera`, and how well its distortion follows the lens.
 
     Raises
     ------
     ConfigError
-        A keyword that the kernels lack, with its name; a focal length that does not fit the field of view.
+        A keyword that the kernels lack, with its name; a focal length that does not fit the field of view; a lens
+        that the camera's distortion does not follow.
     """
     code = spice.code(instrument, "instrument")
     try:
@@ -54,35 +71,63 @@ def camera_of_kernel(spice: Spice, *, instrument: str, name: str, spacecraft_fra
     except spice.error as error:
         raise ConfigError("instrument", f"has no field of view in the kernels: {told_by(error)}",
                           instrument) from None
-    width = integer("width_px", width_px or _number(spice, code, "PIXEL_SAMPLES"), 1, 16384)
-    height = integer("height_px", height_px or _number(spice, code, "PIXEL_LINES"), 1, 16384)
+    width = integer("width_px", width_px or _numbers(spice, code, "PIXEL_SAMPLES")[0], 1, 16384)
+    height = integer("height_px", height_px or _numbers(spice, code, "PIXEL_LINES")[0], 1, 16384)
     axes = _camera_axes(boresight, image_right)
+    focal_length_mm, px_per_mm = 1.0, np.full(2, focal_length_px)
     if focal_length_px is None:
-        focal_length_px = _focal_length_px(spice, code, np.asarray(corners) @ axes.T, width)
+        focal_length_mm, px_per_mm = _focal_plane(spice, code, np.asarray(corners) @ axes.T, width)
     mounting = axes
     if spacecraft_frame is not None:
+        for name_of_frame in (frame, spacecraft_frame):
+            spice.refuse_shears(name_of_frame)
         mounting = axes @ spice.asked(None, "spacecraft_frame", spice.tool.pxform, spacecraft_frame, frame, 0.0)
-    return PinholeCamera(name=name, width_px=width, height_px=height, focal_length_px=focal_length_px,
-                         q_camera_from_spacecraft=from_spice(mounting), **more)
+    model, coefficients = _lens(spice, code, lens, focal_length_px)
+    with error_path("lens"):
+        ideal = None if model == "none" else lens_of(model, coefficients, focal_length_mm)
+    centre = vector("principal_point_px", more.pop("principal_point_px", ((width - 1) / 2.0, (height - 1) / 2.0)), 2)
+    plane = FocalPlane(width_px=width, height_px=height, focal_length_mm=focal_length_mm, centre_px=centre,
+                       px_from_mm=np.diag(px_per_mm), lens=ideal)
+    fitted = plane.camera(name, **more)
+    return replace(fitted, camera=replace(fitted.camera, q_camera_from_spacecraft=from_spice(mounting)))
 
 
-def _number(spice: Spice, code: int, key: str) -> float:
+def _numbers(spice: Spice, code: int, key: str) -> np.ndarray:
     try:
-        return float(spice.tool.gdpool(f"INS{code}_{key}", 0, 1)[0])
+        return np.atleast_1d(spice.tool.gdpool(f"INS{code}_{key}", 0, 20))
     except spice.error:
         raise ConfigError("instrument", f"has no INS{code}_{key} in the kernels", code, "give it by hand") from None
 
 
-def _focal_length_px(spice: Spice, code: int, corners_camera: np.ndarray, width_px: int) -> float:
+def _focal_plane(spice: Spice, code: int, corners_camera: np.ndarray, width_px: int) -> tuple[float, np.ndarray]:
+    """Focal length [mm], and pixels per mm (2,) to the right and down."""
     size_key = "PIXEL_SIZE" if spice.tool.expool(f"INS{code}_PIXEL_SIZE") else "PIXEL_PITCH"
-    ratio = _number(spice, code, "FOCAL_LENGTH") / _number(spice, code, size_key)
+    length, sizes = _numbers(spice, code, "FOCAL_LENGTH")[0], _numbers(spice, code, size_key)
+    ratio = length / sizes[0]
     by_field = width_px / float(np.ptp(corners_camera[:, 0] / corners_camera[:, 2]))
     if len(corners_camera) > 2:
         for scale in (1000.0, 1.0):
             if abs(ratio * scale / by_field - 1.0) < _FIELD_RTOL:
-                return ratio * scale
+                # In one unit with pixels below a micrometre it is the metre.
+                length_mm = length * (1000.0 if scale == 1.0 and sizes[0] < _LEAST_PIXEL_MM else 1.0)
+                return float(length_mm), ratio * scale * sizes[0] / sizes[[0, min(1, len(sizes) - 1)]] / length_mm
     raise ConfigError("focal_length_px", f"is {ratio * 1000.0:.6g} px by FOCAL_LENGTH over {size_key}, in mm and "
                       f"um, but {by_field:.6g} px by the field of view", hint="give focal_length_px")
+
+
+def _lens(spice: Spice, code: int, lens: Mapping[str, Any] | None,
+          focal_length_px: float | None) -> tuple[str, np.ndarray | None]:
+    """Model and coefficients of the lens, those of the kernel by default."""
+    if lens is not None:
+        known_keys("lens", lens, ("model", "coefficients"), required=("model",))
+        return lens["model"], lens.get("coefficients")
+    for key, model in _KERNEL_LENSES.items():
+        if spice.tool.expool(f"INS{code}_{key}"):
+            if focal_length_px is not None:
+                raise ConfigError("focal_length_px", f"is given, and the kernel's {key} counts in mm", focal_length_px,
+                                  'give lens.model = "none" too, or neither')
+            return model, _numbers(spice, code, key)
+    return "none", None
 
 
 def _camera_axes(boresight: np.ndarray, image_right: np.ndarray) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -12,7 +13,8 @@ from typing import Any
 import numpy as np
 from glrender_camera.validate import one_of, text
 
-from ...base.errors import ConfigError
+from ...base.attitude import from_spice
+from ...base.errors import ConfigError, error_path
 from ..epochs import Epoch
 
 ABERRATIONS = ("NONE", "LT", "LT+S", "CN+S")
@@ -55,7 +57,8 @@ class Spice:
         loaded = self._loaded()
         for index, kernel in enumerate(self.kernels):
             if not Path(kernel).is_file():
-                raise ConfigError(f"kernels[{index}]", "is not there", str(kernel))
+                raise ConfigError(f"kernels[{index}]", "is not there", str(kernel),
+                                  "put it there; in a scenario file names are relative to that")
             if str(kernel) not in loaded:
                 try:
                     self.tool.furnsh(str(kernel))
@@ -76,8 +79,10 @@ class Spice:
         try:
             return self._codes.setdefault(name, self.tool.bods2c(asked))
         except self.error:
-            raise ConfigError(path, "must lead to a name or number that SPICE knows", asked,
-                              f"give spice.ids of {name!r}, or load the kernel that defines it") from None
+            field = "observer" if name == SPACECRAFT else path
+            raise ConfigError(field, "must lead to a name or number that SPICE knows", asked,
+                              f"give {'another spice.observer' if name == SPACECRAFT else f'spice.ids of {name!r}'}, "
+                              "or load the kernel that defines it") from None
 
     def light_time_s(self, body: str, et_s: float) -> float:
         """How long light takes from a body to the observer [s]; 0 where no aberration is asked for."""
@@ -91,7 +96,16 @@ class Spice:
         return np.asarray(state) * _M_PER_KM, float(light_time)
 
     def turned(self, frame: str, et_s: float) -> tuple[np.ndarray, np.ndarray | None]:
-        """`frame_from_j2000` (3, 3), and its angular velocity (3,) [rad/s] in the frame, or None if not known."""
+        """`frame_from_j2000` (3, 3), and its angular velocity (3,) [rad/s] in the frame, or None if not known.
+
+        Raises
+        ------
+        ConfigError
+            A frame that is not in the kernels, or that a matrix defines that mirrors or shears: SPICE would not say.
+        """
+        if frame not in self._rotations:
+            self.refuse_shears(frame)
+            self._rotations.add(frame)
         if frame not in self._without_rates:
             try:
                 rotation, rate = self.tool.xf2rav(self.tool.sxform("J2000", frame, et_s))
@@ -111,8 +125,12 @@ class Spice:
             if kind in ("SPK", "CK"):
                 tool = self.tool
                 for code in tool.spkobj(kernel) if kind == "SPK" else tool.ckobj(kernel):
-                    cover = (tool.spkcov(kernel, code) if kind == "SPK"
-                             else tool.ckcov(kernel, code, False, "INTERVAL", 0.0, "TDB"))
+                    try:
+                        cover = (tool.spkcov(kernel, code) if kind == "SPK"
+                                 else tool.ckcov(kernel, code, False, "INTERVAL", 0.0, "TDB"))
+                    except self.error:
+                        lines.append(f"{Path(kernel).name} has {code}, and needs the clock's kernel (SCLK)")
+                        continue
                     spans = [tool.wnfetd(cover, index) for index in range(tool.wncard(cover))]
                     if spans:
                         lines.append(f"{Path(kernel).name} has {code} from {_date(spans[0][0])} to "
@@ -125,12 +143,32 @@ class Spice:
             return function(*arguments)
         except self.error as error:
             when = "" if et_s is None else f" at {_date(et_s)}"
-            raise ConfigError(path, f"is not in the kernels{when}: {told_by(error)}", hint="coverage: " + (
-                "; ".join(self.coverage()) or f"none in {', '.join(Path(k).name for k in self.kernels)}")) from None
+            loaded = ", ".join(Path(kernel).name for kernel in self.kernels)
+            way_out = "coverage: " + ("; ".join(self.coverage()) or f"none in {loaded}")
+            if getattr(error, "short", "") == "SPICE(UNKNOWNFRAME)":
+                way_out = f"load the frame kernel (FK) that defines it; loaded are {loaded}"
+            raise ConfigError(path, f"is not in the kernels{when}: {told_by(error)}", hint=way_out) from None
+
+    def refuse_shears(self, frame: str) -> None:
+        """Refuse a frame that kernels define by a matrix that is no rotation, or relative to such a one."""
+        chain: list[str] = []
+        while frame not in chain:
+            chain.append(frame)
+            for key in (self.tool.namfrm(frame), frame):
+                if self.tool.expool(f"TKFRAME_{key}_MATRIX"):
+                    with error_path("frame"):
+                        # Of rows and columns both hold, so their order does not matter.
+                        _of_matrix(f"TKFRAME_{key}_MATRIX", self.tool.gdpool(f"TKFRAME_{key}_MATRIX", 0, 9))
+                with contextlib.suppress(self.error):
+                    frame = self.tool.gcpool(f"TKFRAME_{key}_RELATIVE", 0, 1)[0]
 
     @cached_property
     def _codes(self) -> dict[str, int]:
         return {}
+
+    @cached_property
+    def _rotations(self) -> set[str]:
+        return set()
 
     @cached_property
     def _without_rates(self) -> set[str]:
@@ -151,6 +189,14 @@ class Spice:
     def error(self) -> type[Exception]:
         """The root of spiceypy's errors."""
         return self.tool.utils.exceptions.SpiceyError
+
+
+def _of_matrix(name: str, values: np.ndarray) -> None:
+    try:
+        from_spice(np.reshape(values, (3, 3)))
+    except ConfigError as error:
+        error.path = error.path.replace("rotation", name)
+        raise
 
 
 def _date(et_s: float) -> str:

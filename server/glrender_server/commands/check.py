@@ -8,7 +8,9 @@ from pathlib import Path
 
 import numpy as np
 from glrender import Body, ConfigError, GlrenderError, PinholeCamera
+from glrender.base.errors import error_path
 from glrender.scenario import Scenario
+from glrender.sequences.options import options_of
 from glrender.view.view import view_bodies
 
 from .drawing import Drawn, add_drawing, draw, in_words, summary
@@ -68,11 +70,14 @@ def _plot(scenario: Scenario, arguments: argparse.Namespace) -> None:
 
 
 def _check_sequence(scenario: Scenario) -> None:
+    with error_path("output"):
+        output = options_of(scenario.scene, scenario.output)
     for warning in scenario.check():
         sys.stderr.write(f"glrender: warning: {warning}\n")
     t_s = scenario.t_s
     sys.stdout.write(f"sequence: {len(t_s)} states over {t_s[-1] - t_s[0]:g} s"
-                     f"{'' if scenario.start is None else f' from {scenario.start.tdb} TDB'}\n")
+                     f"{'' if scenario.start is None else f' from {scenario.start.tdb} TDB'}\n"
+                     f"output: {output.text}\n")
 
 
 def _of_body(body: Body) -> str:

@@ -9,11 +9,14 @@ from pathlib import Path
 
 import numpy as np
 from glrender import ConfigError, State, load_scene
+from glrender.base.errors import error_path
 from glrender.scenario import load_scenario
 from glrender.sequences.contact_sheet import contact_sheet
 from glrender.sequences.formats import FORMATS
+from glrender.sequences.options import OUTPUT_KEYS, options_of
 from glrender.sequences.read import read_image
-from glrender.sequences.sequence import FrameOptions, FrameSequence
+from glrender.sequences.sequence import FrameSequence
+from glrender.sequences.video import check_video, write_video
 from tqdm import tqdm
 
 _ON_SHEET = 25
@@ -28,23 +31,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="write the scenario's states there, and no frames")
     parser.add_argument("--out", type=Path, metavar="FOLDER", help="made if it is missing")
     parser.add_argument("--camera", help="default: the first")
-    parser.add_argument("--output", default="irradiance", choices=("irradiance", "dn"))
-    parser.add_argument("--format", default="fits", choices=FORMATS, help="png: 16 bits, with --output dn alone (fits)")
-    parser.add_argument("--products", nargs="*", default=[], metavar="NAME", help="range, body_id, incidence, ...")
-    parser.add_argument("--labels", action="store_true", help="pose, box and centres of each body, in the header")
-    parser.add_argument("--seed", type=int, default=0, help="of the first frame's noise; each further one has the next")
+    parser.add_argument("--output", choices=("irradiance", "dn"), help="default: irradiance")
+    parser.add_argument("--format", choices=FORMATS, help="png: 16 bits, with dn alone; default: fits")
+    parser.add_argument("--products", nargs="*", metavar="NAME", help="range, body_id, incidence, ...")
+    parser.add_argument("--labels", action=argparse.BooleanOptionalAction,
+                        help="pose, box and centres of each body, in the header")
+    parser.add_argument("--seed", type=int, help="of the first frame's noise, each further one has the next (0)")
+    parser.add_argument("--exposure-s", type=_exposure, help="with dn: seconds, or auto; default: the camera's")
     parser.add_argument("--max-error", type=float)
+    parser.add_argument("--video", type=Path, metavar="FILE.mp4", help="write the frames as a video for the eye too")
+    parser.add_argument("--video-rate-hz", type=float, default=25.0, metavar="HZ")
     parser.add_argument("--processes", type=int, metavar="N", help="default: one for each core")
     parser.add_argument("--backend", default="auto")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Draw what is missing in the folder, then a contact sheet."""
+    """Draw what is missing in the folder, then a contact sheet, and a video if it is asked for."""
+    table = {}
     if arguments.states is None:
         scenario = load_scenario(arguments.scene)
         for warning in scenario.check():
             sys.stderr.write(f"glrender: warning: {warning}\n")
-        scene, states = scenario.scene, list(scenario.iter_states())
+        scene, states, table = scenario.scene, list(scenario.iter_states()), scenario.output
     else:
         scene, states = load_scene(arguments.scene), read_states(arguments.states)
     if arguments.write_states is not None:
@@ -54,10 +62,10 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     if arguments.out is None:
         raise ConfigError("--out", "missing", hint="name a folder for the frames")
-    camera = scene.camera(arguments.camera) if arguments.camera else scene.cameras[0]
-    options = FrameOptions(camera=camera.name, output=arguments.output, format=arguments.format, seed=arguments.seed,
-                           products=tuple(arguments.products), has_labels=arguments.labels,
-                           max_error=arguments.max_error, backend=arguments.backend)
+    if arguments.video is not None:
+        check_video(arguments.video, arguments.video_rate_hz)
+    with error_path("output"):
+        options = options_of(scene, table, {key: getattr(arguments, key) for key in OUTPUT_KEYS}, arguments.backend)
     sequence = FrameSequence(scene=scene, states=states, folder=arguments.out, options=options)
     n_frames = len(sequence.states)
     n_there = n_frames - len(sequence.missing())
@@ -67,8 +75,16 @@ def run(arguments: argparse.Namespace) -> int:
     shown = np.unique(np.linspace(0, n_frames - 1, min(n_frames, _ON_SHEET)).astype(int)).tolist()
     sheet = arguments.out / "contact_sheet.png"
     contact_sheet(sheet, [(str(index), read_image(sequence.path(index))) for index in shown])
-    sys.stdout.write(f"{arguments.out}: {n_frames} frames, {n_frames - n_there} drawn now; {sheet}\n")
+    written = str(sheet)
+    if arguments.video is not None:
+        write_video(arguments.video, [sequence.path(index) for index in range(n_frames)], arguments.video_rate_hz)
+        written += f"; {arguments.video}"
+    sys.stdout.write(f"{arguments.out}: {n_frames} frames, {n_frames - n_there} drawn now; {written}\n")
     return 0
+
+
+def _exposure(text: str) -> float | str:
+    return text if text == "auto" else float(text)
 
 
 def read_states(path: Path) -> list[State]:

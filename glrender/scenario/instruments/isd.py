@@ -1,0 +1,227 @@
+"""ISDs: the camera and the pose of one image, as ALE writes them (JSON) for CSM's frame sensor model."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from glrender_camera.validate import finite, integer, known_keys, positive, unit_vectors
+from scipy.spatial.transform import Rotation
+
+from ...base.attitude import from_spice
+from ...base.errors import ConfigError, error_path
+from ..checks import numbers
+from ..epochs import Epoch
+from ..files.state_files import text_of
+from .focal_plane import FocalPlane
+from .lens import lens_of
+
+_M_PER_KM = 1000.0
+_J2000 = 1
+# A field wider than this is of a focal length in metres that counts as millimetres.
+_MAX_FIELD_DEG = 120.0
+# How far from a table's nearest row an image's epoch may be [s].
+_NEAR_S = 1.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Isd:
+    """The state and the camera of one image.
+
+    The spacecraft's frame is the sensor's: +Z along the boresight.
+
+    Parameters
+    ----------
+    name : str
+        The sensor's.
+    epoch : Epoch
+        Middle of the exposure.
+    r_spacecraft_m, v_spacecraft_m_s, r_sun_m, v_sun_m_s : (3,) float64 [m], [m/s]
+        Relative to the target body's centre, ICRF axes.
+    q_sensor_from_inertial, q_body_from_inertial : (4,) float64
+    rates_sensor_rad_s, rates_body_rad_s : (3,) float64 [rad/s] or None
+        In the sensor's frame and in the body's.
+    frames : tuple of int
+        NAIF's numbers of the sensor's frame and the body's.
+    focal_plane : FocalPlane
+    notes : list of str
+        What is worth a warning.
+
+    Source: ALE, formatter.py; usgscsm, UsgsAstroFrameSensorModel.cpp: pixels count from the corner of the first one.
+    """
+
+    name: str
+    epoch: Epoch
+    r_spacecraft_m: np.ndarray
+    v_spacecraft_m_s: np.ndarray
+    r_sun_m: np.ndarray
+    v_sun_m_s: np.ndarray
+    q_sensor_from_inertial: np.ndarray
+    q_body_from_inertial: np.ndarray
+    rates_sensor_rad_s: np.ndarray | None
+    rates_body_rad_s: np.ndarray | None
+    frames: tuple[int, int]
+    focal_plane: FocalPlane
+    notes: list[str]
+
+    @classmethod
+    def from_file(cls, path: str | Path, lens: Mapping[str, Any] | None = None) -> Isd:
+        """The image of a file.
+
+        Parameters
+        ----------
+        path : path
+        lens : mapping, optional
+            `model` and `coefficients` of `lens_of`, or the model "none", in place of the ISD's.
+
+        Raises
+        ------
+        ConfigError
+            A file that is no ISD of a framing camera, with the path of the field.
+        """
+        path = Path(path)
+        with error_path(path.name):
+            try:
+                table = json.loads(text_of(path))
+            except ValueError as error:
+                raise ConfigError("", f"is not JSON: {error}") from None
+            return _isd(table, lens)
+
+
+def _isd(table: object, lens: Mapping[str, Any] | None) -> Isd:
+    model = _field(table, "name_model")
+    if model != "USGS_ASTRO_FRAME_SENSOR_MODEL":
+        raise ConfigError("name_model", "must be USGS_ASTRO_FRAME_SENSOR_MODEL, a framing camera", model,
+                          "line scanners and radars see no whole frame at one time")
+    name = str(_field(table, "name_sensor"))
+    et_s = finite("center_ephemeris_time", _field(table, "center_ephemeris_time"))
+    sensor_from_inertial, sensor_rates, sensor = _turned(table, "instrument_pointing", et_s)
+    body_from_inertial, body_rates, body = _turned(table, "body_rotation", et_s)
+    r, v = _moved(table, "instrument_position", et_s)
+    r_sun, v_sun = _moved(table, "sun_position", et_s)
+    plane, notes = _focal_plane(table, name, lens)
+    return Isd(name=name, epoch=Epoch.from_et(et_s), r_spacecraft_m=r, v_spacecraft_m_s=v, r_sun_m=r_sun,
+               v_sun_m_s=v_sun, q_sensor_from_inertial=sensor_from_inertial, q_body_from_inertial=body_from_inertial,
+               rates_sensor_rad_s=sensor_rates, rates_body_rad_s=body_rates, frames=(sensor, body),
+               focal_plane=plane, notes=notes)
+
+
+def _field(table: object, path: str) -> Any:
+    """A value of a table by its dotted path; what is missing is told."""
+    for key in path.split("."):
+        if not isinstance(table, Mapping) or key not in table:
+            raise ConfigError(path, "missing", hint="must be an ISD of ALE, as `isd_generate` writes it")
+        table = table[key]
+    return table
+
+
+def _rows(table: object, path: str, width: int) -> np.ndarray:
+    rows = numbers(path, _field(table, path))
+    if rows.ndim != 2 or rows.shape[1] != width or not len(rows):
+        raise ConfigError(path, f"must be rows of {width} numbers", list(rows.shape))
+    return rows
+
+
+def _times(table: object, name: str, et_s: float, count: int) -> np.ndarray:
+    """Times of a table's rows from the image's epoch [s], which must be among them."""
+    if (frame := _field(table, f"{name}.reference_frame")) != _J2000:
+        raise ConfigError(f"{name}.reference_frame", "must be 1, J2000", frame)
+    times = numbers(f"{name}.ephemeris_times", _field(table, f"{name}.ephemeris_times")) - et_s
+    if times.shape != (count,) or not (np.diff(times) > 0.0).all():
+        raise ConfigError(f"{name}.ephemeris_times", f"must be {count} times, ascending, one a row")
+    if not (nearest := float(np.abs(times).min())) <= _NEAR_S:
+        raise ConfigError(f"{name}.ephemeris_times", f"must come within {_NEAR_S:g} s of center_ephemeris_time",
+                          nearest)
+    return times
+
+
+def _moved(table: object, name: str, et_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """Position [m] and velocity [m/s] at the image's epoch, of a table of positions."""
+    r = _rows(table, f"{name}.positions", 3) * _M_PER_KM
+    times = _times(table, name, et_s, len(r))
+    v = np.zeros_like(r)
+    if "velocities" in table[name]:
+        v = _rows(table, f"{name}.velocities", 3) * _M_PER_KM
+    elif len(times) > 1:
+        v = np.gradient(r, times, axis=0)
+    row = int(np.argmin(np.abs(times)))
+    # So near to a row no motion's curvature shows.
+    return r[row] - v[row] * times[row], v[row]
+
+
+def _turned(table: object, name: str, et_s: float) -> tuple[np.ndarray, np.ndarray | None, int]:
+    """`q_frame_from_inertial` and rates in the frame at the image's epoch, and the frame's number."""
+    q = unit_vectors(f"{name}.quaternions", _rows(table, f"{name}.quaternions", 4), "normalise [w, x, y, z] first")
+    times = _times(table, name, et_s, len(q))
+    row = int(np.argmin(np.abs(times)))
+    turned, rates = Rotation.from_quat(q[row], scalar_first=True), None
+    if "angular_velocities" in table[name]:
+        # As SPICE's `xf2rav` has them, in J2000's axes. Components turn against the frame.
+        rate = _rows(table, f"{name}.angular_velocities", 3)[row]
+        turned = turned * Rotation.from_rotvec(rate * times[row])
+        rates = turned.apply(rate)
+    frames = list(_field(table, f"{name}.time_dependent_frames"))
+    if "constant_rotation" in table[name]:
+        matrix = numbers(f"{name}.constant_rotation", table[name]["constant_rotation"])
+        if matrix.size != 9:
+            raise ConfigError(f"{name}.constant_rotation", "must be 9 numbers, rows first", matrix.shape)
+        with error_path(f"{name}.constant_rotation"):
+            constant = Rotation.from_quat(from_spice(matrix.reshape(3, 3)), scalar_first=True)
+        turned, rates = constant * turned, None if rates is None else constant.apply(rates)
+        frames = list(_field(table, f"{name}.constant_frames"))
+    return turned.as_quat(canonical=True, scalar_first=True), rates, integer(f"{name}.frames", frames[0], -2**31, 2**31)
+
+
+def _focal_plane(table: object, name: str, lens: Mapping[str, Any] | None) -> tuple[FocalPlane, list[str]]:
+    width = integer("image_samples", _field(table, "image_samples"), 1, 16384)
+    height = integer("image_lines", _field(table, "image_lines"), 1, 16384)
+    affine = np.array([numbers(path, _field(table, path)) for path in ("focal2pixel_samples", "focal2pixel_lines")])
+    if affine.shape != (2, 3) or not abs(np.linalg.det(affine[:, 1:])) > 0.0:
+        raise ConfigError("focal2pixel_samples", "and focal2pixel_lines must be three numbers each, of two directions",
+                          affine.tolist())
+    axes = ("sample", "line")
+    summing = np.array([positive(f"detector_{axis}_summing", _field(table, f"detector_{axis}_summing"))
+                        for axis in axes])
+    start = np.array([finite(f"starting_detector_{axis}", _field(table, f"starting_detector_{axis}"))
+                      for axis in axes])
+    centre = np.array([finite(f"detector_center.{axis}", _field(table, f"detector_center.{axis}")) for axis in axes])
+    focal_length_mm, notes = _focal_length_mm(table, name, affine[:, 1:], max(width * summing[0], height * summing[1]))
+    model, coefficients = _lens(table, lens)
+    with error_path("optical_distortion"):
+        ideal = None if model == "none" else lens_of(model, coefficients, focal_length_mm)
+    # CSM's pixels count from the corner of the first one: its centre is 0.5.
+    return FocalPlane(width_px=width, height_px=height, focal_length_mm=focal_length_mm,
+                      centre_px=(centre + affine[:, 0] - start) / summing - 0.5,
+                      px_from_mm=affine[:, 1:] / summing[:, None], lens=ideal), notes
+
+
+def _focal_length_mm(table: object, name: str, px_from_mm: np.ndarray, size_px: float) -> tuple[float, list[str]]:
+    given = positive("focal_length_model.focal_length", _field(table, "focal_length_model.focal_length"))
+    scale = np.sqrt(abs(np.linalg.det(px_from_mm)))
+    field_deg = [float(np.degrees(2.0 * np.arctan(0.5 * size_px / (length * scale))))
+                 for length in (given, given * 1e3)]
+    if field_deg[0] <= _MAX_FIELD_DEG:
+        return given, []
+    if field_deg[1] > _MAX_FIELD_DEG:
+        raise ConfigError("focal_length_model.focal_length", f"gives a field of {field_deg[0]:.0f} deg with "
+                          "focal2pixel_samples in px/mm", given, "must be in mm")
+    return given * 1e3, [f"camera {name!r}: the ISD's focal length {given:g} is taken in m, not mm: a field of "
+                         f"{field_deg[1]:.3g} deg, not {field_deg[0]:.0f} deg"]
+
+
+def _lens(table: object, lens: Mapping[str, Any] | None) -> tuple[str, Any]:
+    """The name of the distortion model and its coefficients."""
+    if lens is not None:
+        known_keys("lens", lens, ("model", "coefficients"), required=("model",))
+        return lens["model"], lens.get("coefficients")
+    models = _field(table, "optical_distortion")
+    if not models:
+        return "none", None
+    if not isinstance(models, Mapping) or len(models) != 1:
+        raise ConfigError("optical_distortion", "must be a table with one model", models)
+    (model, value), = models.items()
+    return model, value.get("coefficients", value) if isinstance(value, Mapping) else value
