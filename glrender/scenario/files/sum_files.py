@@ -14,7 +14,7 @@ from ...base.constants import AU_M
 from ...base.errors import ConfigError, error_path
 from ...view.state import Pose, State
 from ..epochs import Epoch
-from .csv_files import text_of
+from .state_files import text_of
 
 _M_PER_KM = 1000.0
 # Lines of numbers after name and date, each with its label behind them and how many numbers it holds.
