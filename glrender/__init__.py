@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from .base.errors import ConfigError, DeviceError, GlrenderError, ProtocolError, SceneError, ShaderError, ShapeError
     from .capture.capture import Capture, draw_still, take_frame
     from .engines.image import Image  # noqa: F401 (not in __all__: `import *` would hide PIL's)
+    from .engines.rays.laser_ranges import RangeNoise, Ranges, laser_ranges
     from .renderer import Renderer, open_renderer
     from .scene.detail.config import Boulders, Craters, Detail, Noise
     from .scene.scene import Body, Scene, load_scene
@@ -27,10 +28,10 @@ if TYPE_CHECKING:
 
 __version__ = version("glrender")
 __all__ = ["Body", "Boulders", "Capture", "ConfigError", "Craters", "Detail", "DeviceError", "GlrenderError", "Noise",
-           "PinholeCamera", "Pose", "ProtocolError", "Renderer", "Scene", "SceneError", "Shape", "ShaderError",
-           "ShapeError", "Stars", "State", "draw_still", "frames", "from_basilisk_mrp", "from_matlab_dcm",
-           "from_matlab_quat", "from_ros", "from_scipy", "from_spice", "generate", "load_scene", "open_renderer",
-           "take_frame"]
+           "PinholeCamera", "Pose", "ProtocolError", "RangeNoise", "Ranges", "Renderer", "Scene", "SceneError",
+           "Shape", "ShaderError", "ShapeError", "Stars", "State", "draw_still", "frames", "from_basilisk_mrp",
+           "from_matlab_dcm", "from_matlab_quat", "from_ros", "from_scipy", "from_spice", "generate", "laser_ranges",
+           "load_scene", "open_renderer", "take_frame"]
 
 _MODULES = {"frames": ".base.rotations", "generate": ".scene.shape.generate"}
 _NAMES = {
@@ -41,6 +42,7 @@ _NAMES = {
                      "ShapeError"),
     ".capture.capture": ("Capture", "draw_still", "take_frame"),
     ".engines.image": ("Image",),
+    ".engines.rays.laser_ranges": ("RangeNoise", "Ranges", "laser_ranges"),
     ".renderer": ("Renderer", "open_renderer"),
     ".scene.detail.config": ("Boulders", "Craters", "Detail", "Noise"),
     ".scene.scene": ("Body", "Scene", "load_scene"),

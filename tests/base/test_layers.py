@@ -18,7 +18,7 @@ PACKAGES = {"glrender_camera": "camera_model/glrender_camera", "glrender": "glre
             "glrender_server": "server/glrender_server", "glrender_client": "clients/python/glrender_client"}
 
 # Rooms of glrender, each may use those before it.
-ORDER = ("base", "brdf", "shaders", "scene", "view", "planner", "engines", "emission", "capture", "renderer", "ranging",
+ORDER = ("base", "brdf", "shaders", "scene", "view", "planner", "engines", "emission", "capture", "renderer",
          "sequences", "scenario", "__init__")
 # Rooms that use fewer than all those before them.
 ONLY = {"scenario": ("base", "scene", "view", "scenario")}

@@ -14,13 +14,12 @@ import solids
 import sweeps
 import views
 from cells import slow_but
-from glrender import Body, ConfigError, Pose, Renderer, Shape, State, frames, generate
+from glrender import Body, ConfigError, Pose, Renderer, Shape, State, frames, generate, laser_ranges
 from glrender.base.constants import AU_M
 from glrender.emission.layers import Layers
 from glrender.engines.rays.backend import RayTracer
 from glrender.engines.rays.exact_rays import ExactMesh
 from glrender.engines.rays.mesh import RayMesh
-from glrender.ranging import laser_ranges
 from glrender.scene.shape.convex_hull import Hull
 from glrender.view.view import view_bodies
 from glrender_server.commands.subject import default_state
