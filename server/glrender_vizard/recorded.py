@@ -18,7 +18,7 @@ from .dispatcher import MAX_MESSAGE_BYTES, Simulation
 
 log = logging.getLogger(__name__)
 
-_CHUNK_BYTES = 1 << 16
+_MAX_LENGTH_BYTES = 5
 _POLL_MS = 200
 # Updates of the broadcast that may wait; Basilisk does not, and what finds no room is lost.
 _HIGH_WATER = 100
@@ -104,19 +104,21 @@ def messages(path: Path) -> Iterator[bytes]:
         It ends inside a message, or a length is none.
     """
     with path.open("rb") as file:
-        waiting, place = b"", 0
-        while data := waiting + file.read(max(_CHUNK_BYTES - len(waiting), 1)):
+        place = 0
+        while head := file.read(1):
+            while head[-1] > 0x7F and len(head) < _MAX_LENGTH_BYTES and (more := file.read(1)):
+                head += more
             try:
-                length, start = wire.varint(data, 0, len(data))
+                length, _ = wire.varint(head, 0, len(head))
             except ProtocolError:
                 raise ProtocolError(path.name, f"byte {place}: no length of a message stands there") from None
             if length > MAX_MESSAGE_BYTES:
                 raise ProtocolError(path.name, f"byte {place}: a message has at most {MAX_MESSAGE_BYTES} bytes", length)
-            data += file.read(max(start + length - len(data), 0))
-            if len(data) < start + length:
-                raise ProtocolError(path.name, f"byte {place}: the last message is cut off", len(data) - start)
-            yield data[start:start + length]
-            waiting, place = data[start + length:], place + start + length
+            data = file.read(length)
+            if len(data) < length:
+                raise ProtocolError(path.name, f"byte {place}: the last message is cut off", len(data))
+            yield data
+            place += len(head) + length
 
 
 def replay(path: Path, made: FrameFiles) -> int:
