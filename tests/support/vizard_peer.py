@@ -1,4 +1,4 @@
-"""Basilisk's half of Vizard's protocol without Basilisk, an adapter to speak it with, and messages by a writer of our own.
+"""Basilisk's half of Vizard's protocol without Basilisk, an adapter to speak it with, and a writer of messages.
 
 The writer shares no line with the adapter's reader: field numbers are those of Basilisk's vizMessage.proto.
 """
@@ -17,6 +17,7 @@ import zmq
 from serving import wait_for_line
 
 AU_M = 149_597_870_700.0
+IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 
 def varint(number):
@@ -47,7 +48,7 @@ def doubles(number, values):
     return record(number, struct.pack(f"<{len(values)}d", *values))
 
 
-def body(name, r_m, radius_m, dcm=np.eye(3), ratio=1.0):
+def body(name, r_m, radius_m, dcm=IDENTITY, ratio=1.0):
     return record(2, text(1, name) + doubles(2, r_m) + doubles(3, [0.0] * 3) + doubles(4, np.ravel(dcm))
                   + double(5, 1.0) + double(6, 1e-3 * radius_m) + double(7, ratio))
 

@@ -98,7 +98,8 @@ def _read_or_refused(data):
        floats=st.lists(st.floats(allow_nan=False), max_size=20), words=st.lists(st.text(max_size=20), max_size=5))
 def test_what_is_written_is_read(numbers, floats, words):
     """By the tests' writer, which shares no line with the reader."""
-    schema = {1: ("numbers", "ints"), 2: ("floats", "doubles"), 3: ("words", "texts"), 4: ("inner", [{1: ("n", "int")}])}
+    schema = {1: ("numbers", "ints"), 2: ("floats", "doubles"), 3: ("words", "texts"),
+              4: ("inner", [{1: ("n", "int")}])}
     data = (peer.record(1, b"".join(map(peer.varint, numbers))) + peer.doubles(2, floats)
             + b"".join(peer.text(3, word) for word in words)
             + b"".join(peer.record(4, peer.whole(1, number)) for number in numbers))
