@@ -40,7 +40,7 @@ class MappedCamera:
     fields: Mapping[str, Any] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class BodyMap:
     """Bodies, cameras and settings of a map file; without one everything has its default.
 

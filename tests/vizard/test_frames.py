@@ -80,6 +80,16 @@ def test_digital_numbers_fill_the_upper_bits(tmp_path, n_bits, dtype):
     assert image.dtype == dtype and image.max() > np.iinfo(dtype).max / 50 and not (image & (1 << unused) - 1).any()
 
 
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_a_picture_survives_its_bytes(dtype):
+    """By OpenCV, as Basilisk reads them."""
+    image = np.random.default_rng(1).integers(0, np.iinfo(dtype).max, (5, 7), dtype=dtype)
+    data = np.frombuffer(frames.encoded(image), np.uint8)
+    np.testing.assert_array_equal(cv2.imdecode(data, cv2.IMREAD_UNCHANGED), image)
+    shift = 8 * image.itemsize - 8
+    np.testing.assert_array_equal(cv2.imdecode(data, cv2.IMREAD_COLOR)[..., 0], image >> shift)
+
+
 def test_the_camera_looks_where_basilisk_points_it(tmp_path):
     """A spacecraft turned by any attitude, its camera by any mounting, both undone: the body is back in the middle."""
     attitude, mounting = Rotation.random(2, random_state=3)
