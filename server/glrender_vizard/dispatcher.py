@@ -69,7 +69,7 @@ class Simulation:
 
 @dataclass(eq=False)
 class _Wanted:
-    """A frame under way, who waits for it, and since when."""
+    """A frame under way, who waits for it, and since when [s]."""
 
     order: FrameOrder
     key: Hashable
@@ -171,7 +171,7 @@ class VizardDispatcher:
         self._update_bytes -= self._simulations.pop(sender).n_bytes
 
     def _image(self, request: Request, simulation: Simulation, head: bytes, is_closing: bool) -> None:
-        matched = _IMAGE.fullmatch(head)
+        began, matched = time.monotonic(), _IMAGE.fullmatch(head)
         refused = ""
         if matched is None:
             refused = f"{head[:48]!r} names no camera by its number"
@@ -201,7 +201,7 @@ class VizardDispatcher:
         elif wanted is not None:
             self._answer_none(simulation, request.answer, f"{limits.MAX_COPIES} copies of this image are under way")
         else:
-            self._enqueue(request, _Wanted(order, key, [(simulation, request.answer)], time.monotonic()))
+            self._enqueue(request, _Wanted(order, key, [(simulation, request.answer)], began))
 
     def _enqueue(self, request: Request, wanted: _Wanted) -> None:
         message = wanted.key[1]
@@ -224,9 +224,6 @@ class VizardDispatcher:
                 self._end(wanted, None, header["error"]["message"])
                 return
             picture = frames.encoded(frames.picture(wanted.order, header, done.reply[1]))
-            draw_ms = done.timings_ms.get("total", 0.0)
-            self._seconds.observe("draw", 1e-3 * draw_ms)
-            log.debug("image", extra={"draw_ms": draw_ms, "ms": 1e3 * (time.monotonic() - wanted.since)})
             for _, warnings in done.warnings:
                 for advice in warnings:
                     self._tell(wanted.waiting[0][0], advice.message, advice.code)
@@ -235,11 +232,14 @@ class VizardDispatcher:
             self._end(wanted, None, "the adapter failed on this frame; its log has the traceback")
             return
         self._end(wanted, picture, "")
+        draw_ms, all_ms = done.timings_ms["total"], 1e3 * (time.monotonic() - wanted.since)
+        for of, milliseconds in (("draw", draw_ms), ("image", all_ms)):
+            self._seconds.observe(of, 1e-3 * milliseconds)
+        log.debug("image", extra={"draw_ms": draw_ms, "ms": all_ms})
 
     def _end(self, wanted: _Wanted, picture: memoryview | None, refused: str) -> None:
         """Answer all who wait for a frame."""
         self._under_way.pop(wanted.key, None)
-        self._seconds.observe("image", time.monotonic() - wanted.since)
         if picture is not None:
             self._keep(wanted.key, picture)
         for simulation, answer in wanted.waiting:

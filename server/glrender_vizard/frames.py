@@ -14,6 +14,7 @@ import msgpack
 import numpy as np
 from glrender import ConfigError, PinholeCamera, Scene, SceneError, from_basilisk_mrp
 from glrender.base.constants import AU_M, SUN_RADIUS_M, TOTAL_SOLAR_IRRADIANCE_W_M2
+from glrender_camera.errors import error_path
 from glrender_server.codec import VERSION
 from glrender_server.limits import MAX_SCENE_BODIES, MAX_SCENE_CAMERAS, MAX_SCENE_PIXELS
 from scipy.spatial.transform import Rotation
@@ -24,6 +25,8 @@ from .messages import Camera, CelestialBody, CustomModel, Spacecraft, Update
 _ALL_SPACECRAFT = "ALL_SPACECRAFT"
 # From OpNav's camera axes (z the boresight, x right, y down) to Vizard's, by which Basilisk multiplies before it sends.
 _CU_FROM_C = Rotation.from_quat(from_basilisk_mrp([1 / 3, 1 / 3, -1 / 3]), scalar_first=True)
+# How far a matrix may be from a rotation.
+_ORTHONORMAL = 1e-3
 # The brightest pixel of an automatic picture.
 _AUTO_DN = 204.0
 
@@ -38,9 +41,9 @@ class BodyKey:
     radius_m: float = 0.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SceneKey:
-    """What does not change from frame to frame: equal keys share a renderer."""
+    """What does not change from frame to frame: one object for equal scenes, which share a renderer."""
 
     bodies: tuple[BodyKey, ...]
     cameras: tuple[Camera, ...]
@@ -90,7 +93,7 @@ def ordered(update: Update, models: Sequence[CustomModel], camera_id: int, body_
     if not drawn:
         raise SceneError("bodies", "the last update has none to draw beside the Sun")
     body_from = Rotation.from_quat(from_basilisk_mrp(carrier.sigma_BN), scalar_first=True)
-    mounting = _CU_FROM_C.inv() * Rotation.from_quat(from_basilisk_mrp(sent.sigma_CuB), scalar_first=True)
+    mounting = _mounting(sent.sigma_CuB)
     r_camera_m = np.array(carrier.r_inertial_m) + body_from.inv().apply(sent.r_camera_body_m)
     r_sun_m = _sun(update, [pose["r_inertial_m"] for _, pose in drawn], r_camera_m, body_map, notes)
     state = {"t_s": 1e-9 * update.t_ns, "r_sun_inertial_m": r_sun_m.tolist(),
@@ -101,7 +104,7 @@ def ordered(update: Update, models: Sequence[CustomModel], camera_id: int, body_
     if pinhole.model is not None:
         fields |= {"output": "dn", "seed": zlib.crc32(b"%d:%d" % (update.t_ns, camera_id))}
     distance_au = float(np.linalg.norm(r_sun_m - r_camera_m)) / AU_M
-    key = SceneKey(tuple(key for key, _ in drawn), _still(update.cameras))
+    key = _scene_key(tuple(key for key, _ in drawn), _still(update.cameras))
     return FrameOrder(scene=key, fields=fields, pinhole=pinhole, white_radf=body_map.white_radf_of(camera_id),
                       sun_irradiance_W_m2=TOTAL_SOLAR_IRRADIANCE_W_M2 / distance_au**2, notes=tuple(notes))
 
@@ -181,9 +184,28 @@ def _radf_of_irradiance(pinhole: PinholeCamera) -> np.ndarray:
     return (math.pi * focal_px**2 * (1.0 + x**2 + y[:, None]**2)**1.5).astype(np.float32)
 
 
+@lru_cache(maxsize=64)
+def _scene_key(bodies: tuple[BodyKey, ...], cameras: tuple[Camera, ...]) -> SceneKey:
+    return SceneKey(bodies, cameras)
+
+
 @lru_cache(maxsize=256)
 def _pinhole(body_map: BodyMap, sent: Camera) -> PinholeCamera:
     return body_map.camera(sent)
+
+
+@lru_cache(maxsize=256)
+def _mounting(sigma_CuB: tuple[float, ...]) -> Rotation:
+    """From the spacecraft's axes to a camera's."""
+    return _CU_FROM_C.inv() * Rotation.from_quat(from_basilisk_mrp(sigma_CuB), scalar_first=True)
+
+
+@lru_cache(maxsize=256)
+def _quaternion(dcm: tuple[float, ...]) -> list[float]:
+    matrix = np.array(dcm).reshape(3, 3)
+    if not np.abs(matrix @ matrix.T - np.eye(3)).max() < _ORTHONORMAL or np.linalg.det(matrix) < 0.0:
+        raise SceneError("rotation", "must be a rotation matrix", matrix.tolist())
+    return Rotation.from_matrix(matrix).as_quat(scalar_first=True).tolist()
 
 
 def _carrier(update: Update, sent: Camera) -> Spacecraft:
@@ -203,11 +225,9 @@ def _drawn_bodies(update: Update, models: Sequence[CustomModel], carrier: Spacec
             continue
         key = _body_key(each.name, each.radius_m, _model_of(each.name, models, False), each, body_map, notes)
         if key is not None:
-            dcm = np.array(each.dcm_body_from_inertial).reshape(3, 3)
-            if not np.abs(dcm @ dcm.T - np.eye(3)).max() < 1e-3:
-                raise SceneError(f"body {each.name!r}.rotation", "must be a rotation matrix", dcm.tolist())
-            q = Rotation.from_matrix(dcm).as_quat(scalar_first=True)
-            drawn.append((key, {"r_inertial_m": list(each.r_inertial_m), "q_from_inertial": q.tolist()}))
+            with error_path(f"body {each.name!r}"):
+                q = _quaternion(each.dcm_body_from_inertial)
+            drawn.append((key, {"r_inertial_m": list(each.r_inertial_m), "q_from_inertial": q}))
     for each in update.spacecraft:
         if each is carrier:
             continue
