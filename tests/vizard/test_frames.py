@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 from contextlib import closing
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -225,6 +227,17 @@ def test_without_a_sun_light_comes_from_the_map(tmp_path):
         for sign in (1.0, -1.0):
             image = drawn(tmp_path, data, f"sun_direction_inertial = [{sign}, 0.0, 0.0]")
             assert sign * (peer.centroid_px(image)[0] - 32.0) > 2.0
+
+
+def test_the_map_of_the_page_loads(tmp_path):
+    """docs/basilisk.md: its table, with a shape in the place of Itokawa's."""
+    page = (Path(__file__).parents[2] / "docs" / "basilisk.md").read_text(encoding="utf-8")
+    (tmp_path / "shapes").mkdir()
+    generate.three_lobes(radius_m=0.3, subdivisions=2).to_file(tmp_path / "shapes" / "itokawa.obj")
+    (tmp_path / "map.toml").write_text(re.findall(r"```toml\n(.*?)```", page, re.S)[0])
+    loaded = BodyMap.load(tmp_path / "map.toml")
+    assert loaded.bodies["itokawa"].shape.radius_m > 100.0 and loaded.models == tmp_path / "shapes"
+    assert loaded.cameras[1].fields["model"] and loaded.white_radf == 1.0
 
 
 @pytest.mark.parametrize("text, said", [
