@@ -49,7 +49,7 @@ class Simulation:
 
     number: int
     update: Update | None = None
-    models: tuple[CustomModel, ...] = ()
+    models: tuple[CustomModel, ...] | None = None
     n_bytes: int = 0
     told: set[str] = field(default_factory=set)
 
@@ -160,6 +160,8 @@ class VizardDispatcher:
             self._tell(simulation, f"an update cannot be read: {error}")
             return b"ERROR"
         self._update_bytes += simulation.n_bytes
+        if simulation.models is None:
+            self._tell(simulation, "its settings came before the adapter did: custom models are not known")
         if update.is_last:
             self._forget(sender)
         while len(self._simulations) > MAX_SIMULATIONS or (
@@ -183,7 +185,7 @@ class VizardDispatcher:
             refused = "the simulation has not taken its images"
         else:
             try:
-                order = frames.ordered(simulation.update, simulation.models, int(matched[1]), self._map)
+                order = frames.ordered(simulation.update, simulation.models or (), int(matched[1]), self._map)
             except GlrenderError as error:
                 refused = str(error)
         if refused:

@@ -58,7 +58,7 @@ class FrameFiles:
                 continue
             path = self._folder / f"camera{camera.id}_{update.t_ns:019d}.png"
             try:
-                image = self._image(frames.ordered(update, self._simulation.models, camera.id, self._map))
+                image = self._image(frames.ordered(update, self._simulation.models or (), camera.id, self._map))
             except GlrenderError as error:
                 log.warning("%s is not drawn: %s", path.name, error)
                 continue

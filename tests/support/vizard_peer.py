@@ -72,7 +72,7 @@ def model(path, *names, offset=(0.0,) * 3, rotation=(0.0,) * 3, scale=(1.0,) * 3
                   + doubles(4, rotation) + doubles(5, scale))
 
 
-def message(*parts, t_ns=0, frame=0, models=None):
+def message(*parts, t_ns=0, frame=0, models=()):
     settings = b"" if models is None else record(7, double(1, 0.5) + b"".join(models))
     return record(1, whole(1, frame) + double(2, float(t_ns))) + b"".join(parts) + settings
 

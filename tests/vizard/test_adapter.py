@@ -74,7 +74,10 @@ def test_settings_hold_until_others_come(adapter):
         for k in range(3):
             models = [peer.model("lost.obj", "moonlet")] if k == 0 else None
             assert one.frame(scene(t_ns=k * 10**9, models=models)).max() > 100
-    assert adapter.log.count("custom model 'lost.obj'") == 1
+    assert adapter.log.count("custom model 'lost.obj'") == 1 and "came before" not in adapter.log
+    with Peer(adapter.endpoint) as one:
+        assert one.frame(scene(models=None)).max() > 100
+    assert adapter.log.count("its settings came before the adapter did") == 1
 
 
 @pytest.mark.parametrize("data, said", [
