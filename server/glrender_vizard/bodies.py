@@ -29,7 +29,8 @@ _PRIMITIVES = ("CUBE", "CYLINDER", "CAPSULE", "SPHERE", "HI_DEF_SPHERE")
 _NORMAL_ALBEDO = 0.5
 # A sphere's facets leave its outline by 8e-5 of its radius on average.
 _SUBDIVISIONS = 5
-_POLAR_RATIOS = (0.1, 1.0)
+# What is flatter is no radius ratio but a field that was left out.
+_MIN_POLAR_RATIO = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -164,8 +165,8 @@ def sphere(sent: CelestialBody) -> Body:
     ------
     ConfigError
     """
-    shape, low_high = _unit_sphere(), _POLAR_RATIOS
-    ratio = sent.polar_ratio if low_high[0] <= sent.polar_ratio <= low_high[1] else 1.0
+    shape = _unit_sphere()
+    ratio = sent.polar_ratio if _MIN_POLAR_RATIO <= sent.polar_ratio <= 1.0 else 1.0
     vertices_m = shape.vertices_m * (sent.radius_m * np.array([1.0, 1.0, ratio]))
     with error_path(f"body {sent.name!r}"):
         return Body(name=sent.name, shape=Shape.from_arrays(vertices_m, shape.facets), smooth_normals=True,
@@ -175,8 +176,8 @@ def sphere(sent: CelestialBody) -> Body:
 def modelled(name: str, radius_m: float, model: CustomModel, path: Path) -> Body:
     """A body of a custom model's file.
 
-    As in Vizard its farthest vertex is at the radius that Basilisk gives the body, and the model's scale comes on top;
-    of a body without a radius the file's unit is the metre.
+    Its farthest vertex is at the radius that Basilisk gives the body, and the model's scale comes on top; of a
+    spacecraft, or a body without a radius, the file's unit is the metre.
 
     Raises
     ------

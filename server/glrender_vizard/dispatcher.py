@@ -34,10 +34,12 @@ MAX_MESSAGE_BYTES = 1 << 22
 """Of one update: some ten thousand spacecraft."""
 MAX_SIMULATIONS = 1024
 """Whose last update is kept; Basilisk's every reset makes a new connection and leaves the old one."""
-MAX_UPDATE_BYTES = 1 << 26
-"""Of all updates that are kept."""
+MAX_UPDATE_BYTES = 1 << 28
+"""Of all updates that are kept, and of the settings that still hold."""
 MAX_CACHED_BYTES = 1 << 26
 """Of pictures that may be asked for again: Basilisk's examples ask twice."""
+# An empty body has two bytes, and some hundred when it is read.
+_BYTES_PER_ENTRY = 400
 _NO_IMAGE = (struct.pack(">i", 0), b"")
 _IMAGE = re.compile(rb"REQUEST_IMAGE_(-?\d{1,19})", re.ASCII)
 _HEADER = {"v": 1, "op": "render", "id": 0, "client": "vizard", "allow_slow": False, "shared": False}
@@ -51,6 +53,7 @@ class Simulation:
     update: Update | None = None
     models: tuple[CustomModel, ...] | None = None
     n_bytes: int = 0
+    models_bytes: int = 0
     told: set[str] = field(default_factory=set)
 
     def take(self, data: bytes) -> Update:
@@ -60,11 +63,13 @@ class Simulation:
         ------
         ProtocolError
         """
-        self.update = read_update(data)
-        self.n_bytes = len(data)
-        if self.update.models is not None:
-            self.models = self.update.models
-        return self.update
+        update = read_update(data)
+        n_bytes = len(data) + _BYTES_PER_ENTRY * (len(update.bodies) + len(update.spacecraft) + len(update.cameras)
+                                                  + len(update.models or ()))
+        if update.models is not None:
+            self.models, self.models_bytes = update.models, n_bytes
+        self.update, self.n_bytes = update, n_bytes + self.models_bytes
+        return update
 
 
 @dataclass(eq=False)
@@ -144,13 +149,14 @@ class VizardDispatcher:
         if found is None:
             self._n_seen += 1
             found = self._simulations[sender] = Simulation(self._n_seen)
+            while len(self._simulations) > MAX_SIMULATIONS:
+                self._forget(next(iter(self._simulations)))
         self._simulations.move_to_end(sender)
         return found
 
     def _updated(self, sender: Hashable, simulation: Simulation, data: bytes) -> bytes:
         """The answer to an update: Basilisk ends its run with an error at any but OK."""
-        self._update_bytes -= simulation.n_bytes
-        simulation.n_bytes, simulation.update = 0, None
+        before, simulation.update = simulation.n_bytes, None
         if len(data) > MAX_MESSAGE_BYTES:
             self._tell(simulation, f"an update has {len(data)} bytes, more than {MAX_MESSAGE_BYTES}")
             return b"ERROR"
@@ -159,13 +165,12 @@ class VizardDispatcher:
         except GlrenderError as error:
             self._tell(simulation, f"an update cannot be read: {error}")
             return b"ERROR"
-        self._update_bytes += simulation.n_bytes
+        self._update_bytes += simulation.n_bytes - before
         if simulation.models is None:
             self._tell(simulation, "its settings came before the adapter did: custom models are not known")
         if update.is_last:
             self._forget(sender)
-        while len(self._simulations) > MAX_SIMULATIONS or (
-                self._update_bytes > MAX_UPDATE_BYTES and len(self._simulations) > 1):
+        while self._update_bytes > MAX_UPDATE_BYTES and len(self._simulations) > 1:
             self._forget(next(iter(self._simulations)))
         return b"OK"
 

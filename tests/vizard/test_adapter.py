@@ -6,6 +6,7 @@ import os
 import re
 import signal
 import struct
+import sys
 import threading
 import time
 
@@ -17,8 +18,12 @@ import vizard_peer as peer
 import zmq
 from glrender import GlrenderError
 from glrender_server import logs
+from glrender_server.front import Request
 from glrender_vizard.__main__ import main
+from glrender_vizard.bodies import BodyMap
+from glrender_vizard.dispatcher import MAX_SIMULATIONS, MAX_UPDATE_BYTES, VizardDispatcher
 from glrender_vizard.engines import MAX_SCENES, Engines
+from glrender_vizard.messages import read_update
 from vizard_peer import Peer, scene
 
 
@@ -210,6 +215,31 @@ def test_the_end_waits_for_what_is_drawn(tmp_path):
         process.terminate()
         assert len(one.socket.recv_multipart()[1]) > 1 << 20
         assert process.wait(30) == 0
+
+
+CELESTIAL = read_update(scene()).bodies[0]
+
+
+def test_what_is_kept_of_simulations_is_bounded():
+    """Of those that say nothing more, of those with large updates, and of small ones that are large when read."""
+    dispatcher = VizardDispatcher(Engines(lambda key: None), BodyMap())
+    answers = []
+
+    def send(sender, *parts):
+        dispatcher.submit(Request(sender, list(parts), answers.append))
+
+    for sender in range(2 * MAX_SIMULATIONS):
+        send(sender, b"PING")
+    assert len(dispatcher._simulations) == MAX_SIMULATIONS and answers == [[b"PONG"]] * 2 * MAX_SIMULATIONS
+    for sender in range(150):
+        send(sender, b"SIM_UPDATE", b"", b"", peer.message(models=[peer.model("x" * 3_000_000, "a")]))
+        assert answers[-1] == [b"OK"]
+        send(sender, b"SIM_UPDATE", b"", b"", peer.message(models=None))
+    kept = list(dispatcher._simulations.values())
+    assert dispatcher._update_bytes == sum(each.n_bytes for each in kept) <= MAX_UPDATE_BYTES
+    assert 0 < sum(len(model.path) for each in kept for model in each.models or ()) <= MAX_UPDATE_BYTES
+    send("many", b"SIM_UPDATE", b"", b"", peer.record(2, b"") * 5000)
+    assert list(dispatcher._simulations.values())[-1].n_bytes > 5000 * sys.getsizeof(CELESTIAL)
 
 
 class Opened:
