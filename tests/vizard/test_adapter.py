@@ -124,7 +124,8 @@ def test_wrong_messages_stop_nobody(adapter):
         for k, parts in enumerate(wrong):
             answer = bad.ask(*parts)
             assert answer in ([b"OK"], [b"ERROR"]) or parts[0].startswith(b"REQUEST_IMAGE")
-            if answer == [b"OK"]:
+            # Each that is read may be a scene of its own, which takes seconds to open.
+            if answer == [b"OK"] and k % 6 == 0:
                 bad.image()
             if k % 10 == 0:
                 began = time.monotonic()
