@@ -27,6 +27,7 @@ bench: setup
 	$(BIN)/python benchmarks/bench_camera_model.py | tee out/bench/camera_model.json
 	$(BIN)/python benchmarks/bench_camera_stages.py --chart out/bench/camera_stages.png | tee out/bench/camera_stages.json
 	$(BIN)/python benchmarks/bench_transport.py | tee out/bench/transport.json
+	$(BIN)/python benchmarks/bench_vizard.py | tee out/bench/vizard.json
 
 chart: setup
 	$(BIN)/python benchmarks/speed_accuracy.py

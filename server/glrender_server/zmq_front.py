@@ -139,6 +139,8 @@ class ZmqFront:
         Encrypt, and admit the clients of this folder alone (`keys`).
     max_connections : int
         Beyond them the connection that has been silent longest, and is owed nothing, is closed for a new one.
+    max_parts, max_part_bytes : int
+        Of one message; beyond them its connection is closed.
 
     Raises
     ------
@@ -148,13 +150,14 @@ class ZmqFront:
         The folder has no keys.
     """
 
-    def __init__(self, endpoint: str, key_folder: Path | None = None, max_connections: int = 512):
+    def __init__(self, endpoint: str, key_folder: Path | None = None, max_connections: int = 512,
+                 max_parts: int = _MAX_PARTS, max_part_bytes: int = limits.MAX_HEADER_BYTES + 1024):
         # ZeroMQ numbers its clients from rand() on, and ends the process where one has taken the next number as its
         # name: it must not be the same number in every process.
         ctypes.CDLL(None).srand(int.from_bytes(os.urandom(4), "little"))
         self._context = zmq.Context()
         self._socket = self._context.socket(zmq.ROUTER)
-        for option, value in ((zmq.LINGER, _LINGER_MS), (zmq.MAXMSGSIZE, limits.MAX_HEADER_BYTES + 1024),
+        for option, value in ((zmq.LINGER, _LINGER_MS), (zmq.MAXMSGSIZE, max_part_bytes),
                               # A reply to nobody or to a full pipe is an error to handle, not a silent drop.
                               (zmq.ROUTER_MANDATORY, 1),
                               # Nobody takes over the name, and so the replies, of another who is connected.
@@ -167,7 +170,7 @@ class ZmqFront:
         self._monitor: zmq.Socket | None = None
         self._connections: dict[int, _Connection] = {}
         self._backlogs: dict[bytes, _Backlog] = {}
-        self._is_throwing_away = False
+        self._is_throwing_away, self._max_parts = False, max_parts
         self._max_connections, self._patrolled = max_connections, 0.0
         self._admission, self._authenticator, self._claim = None, None, None
         try:
@@ -230,7 +233,7 @@ class ZmqFront:
                 return None
             if not self._is_throwing_away:
                 frames.append(frame)
-                if len(frames) > _MAX_PARTS and frame.more:
+                if len(frames) > self._max_parts and frame.more:
                     self._is_throwing_away = True
                     if (connection := self._connection_of(frame)) is not None:
                         log.warning("a client sent a message of many parts: closed")

@@ -15,7 +15,8 @@ import pytest
 REPOSITORY = Path(__file__).parents[2]
 STANDARD = set(sys.stdlib_module_names)
 PACKAGES = {"glrender_camera": "camera_model/glrender_camera", "glrender": "glrender",
-            "glrender_server": "server/glrender_server", "glrender_client": "clients/python/glrender_client"}
+            "glrender_server": "server/glrender_server", "glrender_client": "clients/python/glrender_client",
+            "glrender_vizard": "server/glrender_vizard"}
 
 # Rooms of glrender, each may use those before it.
 ORDER = ("base", "brdf", "shaders", "scene", "view", "planner", "engines", "emission", "capture", "renderer",
@@ -51,6 +52,7 @@ OUTSIDE = {
     "glrender_server.commands.demo_plots": {"numpy", "matplotlib"},
     "glrender_server.commands.scenario_plots": {"numpy", "matplotlib", "glrender"},
     "glrender_client": {"numpy", "zmq", "msgpack"},
+    "glrender_vizard": {"numpy", "scipy", "cv2", "zmq", "msgpack", "glrender", "glrender_camera", "glrender_server"},
 }
 
 
@@ -111,7 +113,8 @@ def test_the_check_sees_a_backward_arrow():
                          ("glrender.brdf.law", "glrender.scene.scene"), ("glrender.planner.plan", "glrender.renderer"),
                          ("glrender.scenario.scenario", "glrender.renderer"),
                          ("glrender.renderer", "glrender.scenario.scenario"),
-                         ("glrender_client.client", "glrender"), ("glrender.scene.body", "glrender.view.view")):
+                         ("glrender_client.client", "glrender"), ("glrender_server.server", "glrender_vizard"),
+                         ("glrender_vizard.frames", "glrender_client"), ("glrender.scene.body", "glrender.view.view")):
         assert _wrong(module, {name}) == [name]
 
 

@@ -232,6 +232,23 @@ def test_two_cameras_products_and_a_region_are_pythons_pixels(build, live, tmp_p
     assert (tmp_path / "out").read_bytes() == b"".join(array.tobytes("F") for array in expected)
 
 
+def test_the_example_for_42_gives_pythons_pixels(build, live):
+    """Its quaternion is scalar last and turns frames; of a state that is refused there is no picture."""
+    endpoint, (_, port) = live
+    pose, sun = STATE["spacecraft"], STATE["r_sun_inertial_m"]
+    w, *xyz = pose["q_from_inertial"]
+    line = " ".join(f"{number:.17g}" for number in (1.5, *pose["r_inertial_m"], *(-x for x in xyz), w, *sun))
+    lines = f"{line}\n{line.replace(line.split()[1], '1e99')}\n{line}\n".encode()
+    run = subprocess.run([build(REPOSITORY / "examples" / "fsw_camera.c"), str(port), "body", "byte"], input=lines,
+                         timeout=60, capture_output=True)
+    level = {"r_inertial_m": [0.0, 0.0, 0.0], "q_from_inertial": [1.0, 0.0, 0.0, 0.0]}
+    with Client(endpoint) as client:
+        expected = client.render({**STATE, "t_s": 1.5, "bodies": {"body": level}}, "byte", output="dn").pixels
+    picture = b"P5\n48 40\n255\n" + expected.tobytes()
+    assert run.returncode == 0 and run.stdout == 2 * picture and expected.max() > 0
+    assert run.stderr.startswith(b"1.5 s: config: state.spacecraft.r_inertial_m"), run.stderr
+
+
 def test_a_refused_frame_is_named(build, live, tmp_path):
     program = build(HERE / "render_frames.c")
     said = run_many(program, live[1][1], 2, "wac", "range", 0, 0, 1, 1, tmp_path / "out", timeout_s=30.0)
