@@ -6,6 +6,7 @@ import argparse
 import ipaddress
 import logging
 import os
+import secrets
 import sys
 from contextlib import ExitStack, closing
 from pathlib import Path
@@ -21,7 +22,9 @@ from .job import LocalEngine
 from .metrics import MetricsServer
 from .operations import Operations
 from .server import Server
+from .tap import Tap
 from .tcp_front import TcpFront
+from .view.process import ViewProcess
 from .workers import SLOW_DEADLINE_S, WorkerPool
 from .zmq_front import ZmqFront
 
@@ -62,6 +65,11 @@ def main(argv: list[str] | None = None) -> int:
                         help="listen beyond this machine unencrypted, for anyone who can reach the port")
     parser.add_argument("--metrics", type=int, metavar="PORT",
                         help="serve Prometheus metrics on http://127.0.0.1:PORT/metrics; 0 takes a free one")
+    parser.add_argument("--view", type=int, metavar="PORT",
+                        help="show the frames on a page at http://127.0.0.1:PORT, whose full address is printed; 0 "
+                             "takes a free port")
+    parser.add_argument("--watch", action="store_true",
+                        help="let every client watch the frames of all (glrender view ADDRESS)")
     parser.add_argument("--log-format", choices=logs.FORMATS, default="text")
     parser.add_argument("-v", "--verbose", action="store_true", help="log every request")
     arguments = parser.parse_args(argv)
@@ -81,8 +89,14 @@ def main(argv: list[str] | None = None) -> int:
                 if arguments.curve is not None:
                     log.warning("--tcp beside --curve: whoever reaches %s, as every user of this machine does, asks "
                                 "without a key", address)
+            # Whoever watches must know the password, or nobody may.
+            password = "" if arguments.watch else secrets.token_urlsafe()
+            view = None
+            if arguments.view is not None:
+                view = stack.enter_context(closing(ViewProcess(integer("--view", arguments.view, 0, 65535))))
             engine = stack.enter_context(closing(_engine(arguments)))
-            dispatcher = stack.enter_context(closing(Dispatcher(engine, fronts, operators)))
+            tap = Tap(password) if arguments.watch or view is not None else None
+            dispatcher = stack.enter_context(closing(Dispatcher(engine, fronts, operators, tap)))
             where = " and ".join(front.endpoint for front in fronts)
             said = [f"{engine.described['gl_renderer']} by {engine.described['backend']}"]
             if arguments.curve is not None:
@@ -91,6 +105,9 @@ def main(argv: list[str] | None = None) -> int:
                 metrics = stack.enter_context(closing(MetricsServer(
                     integer("--metrics", arguments.metrics, 0, 65535), dispatcher.metrics)))
                 said.append(f"metrics on {metrics.endpoint}")
+            if view is not None:
+                view.start(fronts[0].endpoint, password, arguments.curve)
+                said.append(f"view on {view.address}")
             # Scripts wait for this line; logs go to standard error.
             Server(dispatcher, engine, fronts).serve(
                 lambda: _say(f"glrender-server ready on {where} ({'; '.join(said)})"))

@@ -27,6 +27,7 @@ COMMANDS = {
     "doctor": "what this machine has, and how to mend what it lacks",
     "demo": "fly a closed loop around a body through the server",
     "top": "how a running server does, on one screen",
+    "view": "show the frames of a running server on a page in the browser",
     "keygen": "make CURVE keys: the server's, and one pair for each client",
     "completion": "print a script that completes commands in a shell",
 }

@@ -22,19 +22,22 @@ from glrender.engines.rays.laser_ranges import MAX_DIRECTIONS
 from glrender_camera.validate import known_keys
 
 from . import codec, limits, operations
+from .background import Background
 from .envelope import ENVELOPE, checked_envelope, echo, refusal
 from .frame import MAX_ARRAYS, MAX_FRAME_BYTES, OUTPUTS
 from .front import Answer, FairQueue, Front, Request
 from .job import QUICK_S, Done, Job
-from .metrics import Histogram, counter, escaped, gauge
+from .metrics import Histogram, Recent, counter, escaped, gauge
+from .tap import Tap
 from .warned import WarningLog
 
 log = logging.getLogger(__name__)
 
-OPERATIONS = ("hello", *operations.OPERATIONS, "status", "close")
+OPERATIONS = ("hello", *operations.OPERATIONS, "status", "watch", "close")
 # A client that is told `busy` asks again after the time that the waiting requests take, within these [s].
 _MIN_RETRY_S, _MAX_RETRY_S = 0.05, 5.0
 _UNTAKEN = "this client has not taken its replies; read them first"
+_WATCHED_S = 0.1
 # Senders whose last request's time is remembered.
 _MAX_SENDERS = 4096
 
@@ -85,6 +88,8 @@ class Dispatcher:
         Whose untaken replies are bounded together.
     operators : collection of str, optional
         Names of the CURVE keys that may `load_scene`; without it everyone may, with an empty one nobody.
+    tap : Tap, optional
+        Keeps frames for those who may `watch`; without it nobody may.
 
     Attributes
     ----------
@@ -92,8 +97,9 @@ class Dispatcher:
         Whether the server is about to close, its shared memory with it.
     """
 
-    def __init__(self, engine: Engine, fronts: Sequence[Front] = (), operators: Collection[str] | None = None):
-        self._engine, self._fronts, self._operators = engine, fronts, operators
+    def __init__(self, engine: Engine, fronts: Sequence[Front] = (), operators: Collection[str] | None = None,
+                 tap: Tap | None = None):
+        self._engine, self._fronts, self._operators, self._tap = engine, fronts, operators, tap
         self.is_ending = False
         self._queue = FairQueue(limits.MAX_WAITING, limits.MAX_WAITING_BYTES)
         self._started = time.monotonic()
@@ -106,12 +112,15 @@ class Dispatcher:
         self._last_timings_ms: dict[str, float] = {}
         self._durations = Histogram("glrender_request_seconds", "op")
         self._stages = Histogram("glrender_stage_seconds", "stage")
+        self._renders, self._background = Recent(), Background()
         self._warned = WarningLog()
         self._warned.scene(engine.described.get("warnings", ()))
 
     def close(self) -> None:
         """Keep no reply any more: the engine's memory is free then."""
         self._kept.clear()
+        if self._tap is not None:
+            self._tap.clear()
 
     def metrics(self) -> Iterable[str]:
         """Lines for a Prometheus; may be called from another thread."""
@@ -130,7 +139,7 @@ class Dispatcher:
     @property
     def is_idle(self) -> bool:
         """Whether every request has been answered."""
-        return not self._queue and self._engine.is_idle
+        return not self._queue and not self._background and self._engine.is_idle
 
     @property
     def can_work(self) -> bool:
@@ -161,6 +170,8 @@ class Dispatcher:
             under_way.answers.append(request.answer)
         elif is_closing:
             self._refuse(request, header, "closing", "", "the server is shutting down")
+        elif header["op"] == "watch":
+            self._watch(request, header)
         elif header["op"] not in operations.OPERATIONS:
             self.requests[header["op"]] += 1
             request.answer(getattr(self, f"_{header['op']}")(header))
@@ -186,19 +197,28 @@ class Dispatcher:
 
     def _enqueue(self, header: dict[str, Any], digest: bytes, request: Request) -> None:
         header = {**{name: header[name] for name in ENVELOPE}, "allow_slow": bool(header.get("allow_slow")),
-                  "shared": header.get("shared") is True}
+                  "shared": header.get("shared") is True, "background": header.get("background") is True}
         self._under_way[digest] = _UnderWay(header, [request.answer])
         self.requests[header["op"]] += 1
         finish = partial(self._finish, request, header, digest, time.monotonic())
         is_quick = self._seconds_of.get(request.sender, QUICK_S) < QUICK_S
         job = Job(header, request.parts[0], finish, request.sender, is_quick)
-        for refused, of_it, _ in self._queue.put(request.sender, (job, digest, request), len(request.parts[0])):
-            self._busy(refused.header, self._under_way.pop(of_it).answers, f"{len(self._queue)} requests are waiting")
+        if header["background"]:
+            why = "a newer one, or another client's, waits in the background"
+            refusals = self._background.put(request.sender, (job, digest, request))
+        else:
+            self._background.others_ask(time.monotonic())
+            refusals = self._queue.put(request.sender, (job, digest, request), len(request.parts[0]))
+            why = f"{len(self._queue)} requests are waiting"
+        for refused, of_it, _ in refusals:
+            self._busy(refused.header, self._under_way.pop(of_it).answers, why)
 
     def work(self) -> None:
         """Begin jobs while the engine has room for them."""
         if self._engine.outage:
             while found := self._queue.get():
+                found[0].done(Done(refusal(found[0].header, "device", "", self._engine.outage), "device", {}))
+            if found := self._background.drop():
                 found[0].done(Done(refusal(found[0].header, "device", "", self._engine.outage), "device", {}))
             return
         while found := self._queue.get(lambda item: self._engine.has_room(item[0])):
@@ -209,9 +229,16 @@ class Dispatcher:
             self._engine.start(job)
             if self._engine.draws_here:
                 return  # others have their turn
+        if self._background and not self._queue:
+            if self.is_ending:
+                job = self._background.drop()[0]
+                job.done(Done(refusal(job.header, "closing", "", "the server is shutting down"), "closing", {}))
+            elif found := self._background.get(time.monotonic(), lambda item: self._engine.has_room(item[0])):
+                self._engine.start(found[0])
 
     def _finish(self, request: Request, header: Mapping[str, Any], digest: bytes, came: float, done: Done) -> None:
-        seconds = time.monotonic() - came
+        now = time.monotonic()
+        seconds = now - came
         self._durations.observe(header["op"], seconds)
         for stage, milliseconds in done.timings_ms.items():
             self._stages.observe(stage, 1e-3 * milliseconds)
@@ -233,8 +260,16 @@ class Dispatcher:
                 self._warned.scene(self._engine.described.get("warnings", ()))
                 of_reply = self._digest(request.parts[0])
             self._keep(header["client"], of_reply, reply, done.reply[1:])
-            self._warned.frames(header["client"], done.warnings, time.monotonic())
-        self._last_timings_ms = done.timings_ms or self._last_timings_ms
+            if header["op"] == "render" and not header["background"]:
+                self._renders.observe(now, seconds)
+                self._warned.frames(header["client"], done.warnings, now)
+                if self._tap is not None:
+                    self._tap.keep(header["client"], [camera for camera, _ in done.warnings], request.parts[0],
+                                   done.reply, done.place)
+        if header["background"]:
+            self._background.ended(now)
+        elif done.timings_ms:
+            self._last_timings_ms = done.timings_ms
         # None of a request that was given up.
         for answer in self._under_way.pop(digest, _UnderWay(header, [])).answers:
             answer(reply)
@@ -257,9 +292,9 @@ class Dispatcher:
             while len(self._seconds_of) > _MAX_SENDERS:
                 self._seconds_of.popitem(last=False)
 
-    def _busy(self, header: Mapping[str, Any], answers: Sequence[Answer], why: str) -> None:
+    def _busy(self, header: Mapping[str, Any], answers: Sequence[Answer], why: str, wait_s: float = 0.0) -> None:
         self.errors["busy"] += 1
-        wait_s = min(max(_MIN_RETRY_S, self._mean_seconds), _MAX_RETRY_S)
+        wait_s = wait_s or min(max(_MIN_RETRY_S, self._mean_seconds), _MAX_RETRY_S)
         reply = refusal(header, "busy", "", why, retry_after_s=wait_s)
         for answer in answers:
             answer(reply)
@@ -275,6 +310,19 @@ class Dispatcher:
         size = lambda: sum(len(part) for _, _, pixels in self._kept.values() for part in pixels)  # noqa: E731
         while len(self._kept) > 1 and (len(self._kept) > limits.MAX_KEPT_REPLIES or size() > limits.MAX_KEPT_BYTES):
             self._kept.popitem(last=False)
+
+    def _watch(self, request: Request, header: Mapping[str, Any]) -> None:
+        if self._tap is None or not self._tap.may_watch(header):
+            self._refuse(request, header, "forbidden", "op", "this server shows its frames to nobody; start it with "
+                         "--watch" if self._tap is None else "this server shows its frames by its own --view alone; "
+                         "start it with --watch")
+            return
+        reply = None if self._has_not_taken(request) else self._tap.answer(header, bool(request.user))
+        if reply is None:
+            self._busy(header, [request.answer], "this much is shown in a second; ask later", _WATCHED_S)
+        else:
+            self.requests["watch"] += 1
+            request.answer(reply)
 
     # Operations that need no renderer.
 
@@ -292,7 +340,8 @@ class Dispatcher:
         return codec.pack({
             **echo(header), "ok": True, "uptime_s": time.monotonic() - self._started,
             "requests": dict(self.requests), "errors": dict(self.errors), "clients": len(self._kept),
-            "waiting": len(self._queue), "last_timings_ms": self._last_timings_ms, **self._engine.described})
+            "waiting": len(self._queue), "last_timings_ms": self._last_timings_ms,
+            "renders": self._renders.described(time.monotonic()), **self._engine.described})
 
     def _close(self, header: Mapping[str, Any]) -> list[Any]:
         """The client says goodbye: nothing is kept for it any more. The server runs on."""

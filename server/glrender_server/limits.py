@@ -35,6 +35,15 @@ MAX_UNFINISHED_BYTES_IN_ALL = 1 << 26
 MAX_KEPT_REPLIES, MAX_KEPT_BYTES = 64, 1 << 28
 """The last replies that are kept for clients that ask again."""
 
+MAX_WATCHED_FRAMES, MAX_WATCHED_BYTES = 8, 1 << 27
+"""The newest frames that are kept for those who watch, each of another client or other cameras."""
+WATCHED_BYTES_PER_S, CURVE_COST = 1 << 26, 16
+"""Pixels for all who watch that go over sockets: a hundredth of one core; an encrypted byte counts as so many. Those
+that are read in shared memory are not counted."""
+BACKGROUND_SHARE, BACKGROUND_IDLE_S = 0.01, 2.0
+"""The part of the time that frames of the background may take while others ask, and the time without a request after
+which nobody does."""
+
 MAX_SCENE_PIXELS = 1 << 26
 """All cameras of a scene that came over the wire; with margins and the cells of distortion twice as many."""
 MAX_SCENE_FACETS = 10_000_000

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bisect
 import logging
 import threading
-from collections import defaultdict
+from collections import defaultdict, deque
 from collections.abc import Callable, Iterable
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
@@ -15,6 +15,8 @@ from .limits import MAX_METRICS_CONNECTIONS
 log = logging.getLogger(__name__)
 
 _BUCKETS_S = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 60.0)
+# Of the rate that is told, and the durations that its percentiles are taken of.
+_RATE_S, _N_RECENT = 5.0, 512
 
 
 class Histogram:
@@ -48,6 +50,29 @@ class Histogram:
                 yield f'{self._name}_bucket{{{self._label}="{escaped(value)}",le="{text}"}} {total}'
             yield f'{self._name}_sum{{{self._label}="{escaped(value)}"}} {self._sums[value]:.9g}'
             yield f'{self._name}_count{{{self._label}="{escaped(value)}"}} {total}'
+
+
+class Recent:
+    """The last durations, and how many there are in a second."""
+
+    def __init__(self):
+        self._ended: deque[tuple[float, float]] = deque(maxlen=_N_RECENT)
+
+    def observe(self, now_s: float, seconds: float) -> None:
+        """Count one duration that ends now, by a monotonic clock."""
+        self._ended.append((now_s, seconds))
+
+    def described(self, now_s: float) -> dict[str, float]:
+        """Rate in the last seconds [1/s], and percentiles of the last durations [ms]; empty if there is none."""
+        if not self._ended:
+            return {}
+        since = now_s - _RATE_S
+        n_since = sum(1 for ended, _ in self._ended if ended > since)
+        # A fast loop has more in that time than are kept.
+        span_s = now_s - self._ended[0][0] if n_since == _N_RECENT else _RATE_S
+        ordered = sorted(seconds for _, seconds in self._ended)
+        at = lambda share: 1e3 * ordered[min(len(ordered) - 1, int(share * len(ordered)))]  # noqa: E731
+        return {"per_second": n_since / span_s, "p50_ms": at(0.5), "p95_ms": at(0.95), "p99_ms": at(0.99)}
 
 
 def counter(name: str, label: str, counts: dict[str, int]) -> Iterable[str]:

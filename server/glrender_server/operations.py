@@ -38,6 +38,7 @@ log = logging.getLogger(__name__)
 
 OPERATIONS = ("render", "range", "load_scene")
 """Those that are served here; the dispatcher answers the others."""
+_TOLD_OF_DETECTORS = ("gain_DN_per_electron", "offset_DN", "bit_depth", "full_well_electrons")
 _RANGE_KEYS = ("state", "camera", "directions_camera", "noise")
 _UNITS = {"irradiance": "W/m2", "dn": "DN", "range": "m", "r_body": "m", "body_id": "1", "facet_id": "1",
           "incidence": "rad", "emission": "rad", "phase": "rad", "sunlit": "1"}
@@ -82,6 +83,10 @@ class Operations:
             "cameras": [{"name": c.name, "width_px": c.width_px, "height_px": c.height_px,
                          "focal_length_px": c.focal_length_px, "principal_point_px": list(c.principal_point_px),
                          "has_model": c.model is not None,
+                         "q_camera_from_spacecraft": list(map(float, c.q_camera_from_spacecraft)),
+                         "r_camera_spacecraft_m": list(map(float, c.r_camera_spacecraft_m)),
+                         "detector": None if c.model is None else {
+                             name: getattr(c.model.detector, name) for name in _TOLD_OF_DETECTORS},
                          "distortion": None if c.distortion is None else asdict(c.distortion),
                          "mosaic": list(c.model.pattern) if isinstance(c.model, MosaicModel) else None}
                         for c in self.scene.cameras],
@@ -123,14 +128,17 @@ class Operations:
         return codec.pack({**echo(header), "ok": True, **self.described})
 
     def _render(self, header: Mapping[str, Any]) -> list[Any]:
-        known_keys("", header, (*ENVELOPE, "state", "order", "allow_slow", "shared", "frames", *FRAME_KEYS),
-                   required=("state",))
+        known_keys("", header, (*ENVELOPE, "state", "order", "allow_slow", "shared", "background", "frames",
+                                *FRAME_KEYS), required=("state",))
         began = time.perf_counter()
         state = State.from_dict(header["state"])
         order = one_of("order", header.get("order", "C"), ("C", "F"))
         allow_slow = checked_allow_slow(header.get("allow_slow", False))
-        if not isinstance(header.get("shared", False), bool):
-            raise ConfigError("shared", "must be true or false", header["shared"])
+        for key in ("shared", "background"):
+            if not isinstance(header.get(key, False), bool):
+                raise ConfigError(key, "must be true or false", header[key])
+        if header.get("background") and allow_slow:
+            raise ConfigError("background", "goes with no allow_slow", hint="nobody waits for minutes behind it")
         asked, made, arrays = frames_asked(header, self.scene), [], []
         place = self._place(asked[0]) if len(asked) == 1 and order == "C" else {}
         for index, frame in enumerate(asked):

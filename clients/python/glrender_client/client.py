@@ -19,7 +19,18 @@ from .pipeline import in_order
 from .presence import told_presence
 from .recording import Recorder
 from .shared import NotShared, SharedFrames
-from .wire import HasDict, Packer, Reply, frames_fields, range_fields, read_header, read_reply, render_fields
+from .wire import (
+    HasDict,
+    Packer,
+    Reply,
+    Watched,
+    frames_fields,
+    range_fields,
+    read_header,
+    read_reply,
+    read_watched,
+    render_fields,
+)
 
 # Requests above this size are held against the server's limit first: ZeroMQ drops what exceeds it unanswered.
 _SURELY_TAKEN_BYTES = 65536
@@ -121,7 +132,7 @@ class Client:
     def render(self, state: Mapping[str, Any] | HasDict, camera: str | None = None, *, output: str = "irradiance",
                exposure_s: float | str | None = None, seed: int | None = None, max_error: float | None = None,
                samples: int | None = None, products: Sequence[str] = (), roi: Sequence[int] | None = None,
-               order: str = "C", allow_slow: bool | str = False) -> Reply:
+               order: str = "C", allow_slow: bool | str = False, background: bool = False) -> Reply:
         """Ask for one frame.
 
         Parameters
@@ -149,6 +160,8 @@ class Client:
         allow_slow : bool, "raytrace" or "cycles"
             Whether another backend may draw what OpenGL cannot within the budget. It takes seconds or minutes:
             give `timeout_s` of this client as much.
+        background : bool
+            Whether the frame is drawn only while nobody else waits, and in a hundredth of the time while others ask.
 
         Raises
         ------
@@ -158,7 +171,30 @@ class Client:
         """
         return self._ask_frames(render_fields(
             state, camera, output=output, exposure_s=exposure_s, seed=seed, max_error=max_error, samples=samples,
-            products=products, roi=roi, order=order, allow_slow=allow_slow))
+            products=products, roi=roi, order=order, allow_slow=allow_slow, background=background))
+
+    def watch(self, after: int = 0, *, of_client: str | None = None, camera: str | None = None,
+              password: str = "") -> Watched:
+        """See the newest frame that the server has drawn for anyone, at no cost to whoever asked for it.
+
+        Parameters
+        ----------
+        after : int
+            Number of the last frame that was seen; only a newer one comes.
+        of_client, camera : str, optional
+            Whose frames, of which camera; everyone's by default.
+        password : str
+            Of a server that shows its frames by `--view` alone.
+
+        Raises
+        ------
+        ServerError
+            ``forbidden`` where the server was not started with `--watch`.
+        RequestTimeout
+        """
+        optional = {"of_client": of_client, "camera": camera, "pass": password}
+        return read_watched(self._ask_frames(
+            {"after": after, **{name: value for name, value in optional.items() if value}}, "watch"))
 
     def render_frames(self, state: Mapping[str, Any] | HasDict, frames: Iterable[Mapping[str, Any]], *,
                       order: str = "C", allow_slow: bool | str = False) -> tuple[Reply, ...]:
@@ -234,15 +270,15 @@ class Client:
         packed = (self._pack("render", render_fields(**request)) for request in requests)
         return in_order(self, packed, in_flight)
 
-    def _ask_frames(self, fields: Mapping[str, Any]) -> Reply:
+    def _ask_frames(self, fields: Mapping[str, Any], op: str = "render") -> Reply:
         if self._shared is not None and self._n_not_shared < _MAX_NOT_SHARED:
             try:
-                reply = self._ask("render", {**fields, "shared": True})
+                reply = self._ask(op, {**fields, "shared": True})
                 self._n_not_shared = 0
                 return reply
             except NotShared:
                 self._n_not_shared += 1
-        return self._ask("render", fields)
+        return self._ask(op, fields)
 
     def _ask(self, op: str, fields: Mapping[str, Any], timeout_s: float | None = None) -> Reply:
         timeout_s = self._timeout_s if timeout_s is None else positive_s(timeout_s)

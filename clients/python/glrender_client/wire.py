@@ -79,6 +79,21 @@ class Reply:
         return png(self.pixels) if "image" in self.arrays else None
 
 
+class Watched(NamedTuple):
+    """The newest frame that a server has drawn for anyone, and the streams of frames that it has.
+
+    `streams` is a list of ``{"client", "cameras", "number"}``; `client`, `request` (the header of that client's
+    request, with its state) and `reply` are those of the newest frame, or empty and None where it is not newer than
+    the one before.
+    """
+
+    number: int
+    streams: list[dict[str, Any]]
+    client: str = ""
+    request: dict[str, Any] = {}
+    reply: Reply | None = None
+
+
 class Packer:
     """Numbers and packs the requests of one client, whose name no other has."""
 
@@ -102,9 +117,10 @@ def frame_fields(camera: str | None = None, *, output: str = "irradiance", expos
 
 
 def render_fields(state: Mapping[str, Any] | HasDict, camera: str | None = None, *, order: str = "C",
-                  allow_slow: bool | str = False, **options: Any) -> dict[str, Any]:
+                  allow_slow: bool | str = False, background: bool = False, **options: Any) -> dict[str, Any]:
     """The fields of a `render` request; the arguments are those of `Client.render`."""
-    return {"state": state, "order": order, **_slow(allow_slow), **frame_fields(camera, **options)}
+    return {"state": state, "order": order, **_slow(allow_slow), **({"background": True} if background else {}),
+            **frame_fields(camera, **options)}
 
 
 def frames_fields(state: Mapping[str, Any] | HasDict, frames: Iterable[Mapping[str, Any]], order: str = "C",
@@ -125,6 +141,14 @@ def range_fields(state: Mapping[str, Any] | HasDict, directions_camera: Any, cam
             **{name: value for name, value in optional.items() if value is not None}}
 
 
+def read_watched(reply: Reply) -> Watched:
+    """What a reply to `watch` brings."""
+    told = reply.header
+    if not reply.frames:
+        return Watched(told["number"], told["streams"])
+    return Watched(told["number"], told["streams"], told["of_client"], read_header(told["request"]), reply.frames[0])
+
+
 def read_header(part: Any) -> dict[str, Any]:
     """The header of a reply."""
     return msgpack.unpackb(part)
@@ -142,6 +166,9 @@ def read_reply(header: dict[str, Any], parts: Sequence[Any]) -> Reply:
         error = header.get("error", {})
         told = error.get("code", ""), error.get("path", ""), error.get("message", "")
         raise Busy(*told, error.get("retry_after_s", 0.05)) if told[0] == "busy" else ServerError(*told)
+    if header.get("op") == "watch" and "reply" in header:
+        # Another's reply, whose header describes the parts.
+        return Reply(header, {}, (read_reply(read_header(header["reply"]), parts),))
     own, of_frames = {}, [{} for _ in header.get("frames", ())]
     for entry in header.get("arrays", []):
         flat = np.frombuffer(parts[entry["part"]], np.dtype(entry["dtype"]).newbyteorder("<"))

@@ -1,0 +1,117 @@
+// Sun, body and camera in the plane that they span, the Sun to the right: the phase angle is seen as it is.
+
+const MAX_TRAIL = 600;
+
+export class Sketch {
+  constructor(canvas) {
+    this.canvas = canvas;
+    this.trail = [];
+    new ResizeObserver(() => this.draw()).observe(canvas);
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.draw());
+  }
+
+  show(geometry, stream) {
+    if (stream !== this.stream || geometry.body !== this.geometry?.body) this.trail = [];
+    this.stream = stream;
+    this.geometry = geometry;
+    const last = this.trail.at(-1), now = geometry.r_camera_m;
+    if (!last || last.some((value, k) => value !== now[k])) this.trail.push(now);
+    if (this.trail.length > MAX_TRAIL) this.trail.shift();
+    this.draw();
+  }
+
+  draw() {
+    const {canvas, geometry: g} = this, ratio = window.devicePixelRatio || 1, box = canvas.getBoundingClientRect();
+    canvas.width = Math.max(1, Math.round(box.width * ratio));
+    canvas.height = Math.max(1, Math.round(box.height * ratio));
+    const c = canvas.getContext("2d"), style = getComputedStyle(document.documentElement);
+    const colour = name => style.getPropertyValue(name).trim();
+    c.scale(ratio, ratio);
+    if (!g) return;
+    const {width, height} = box, middle = [width / 2 - 10, height / 2];
+    const flat = this.trail.map(r => g.plane.map(axis => axis[0] * r[0] + axis[1] * r[1] + axis[2] * r[2]));
+    const reach = [g.camera, ...flat, ...g.others.map(other => other.place)].reduce(
+      (most, [x, y]) => Math.max(most, Math.abs(x) / (width / 2 - 34), Math.abs(y) / (height / 2 - 16)), 1e-9);
+    const at = ([x, y]) => [middle[0] + x / reach, middle[1] - y / reach];
+    const ink = colour("--ink"), quiet = colour("--quiet");
+    c.lineWidth = 1.25;
+    c.font = getComputedStyle(document.body).font.replace("13px", "11px");
+    // Sunlight comes from the right.
+    c.strokeStyle = c.fillStyle = colour("--sun");
+    for (const y of [-0.28, 0, 0.28]) arrow(c, [width - 8, middle[1] + y * height], [width - 30, middle[1] + y * height]);
+    c.fillText("Sun", width - 28, middle[1] - 0.28 * height - 7);
+    // The way of the camera.
+    c.strokeStyle = quiet;
+    c.globalAlpha = 0.6;
+    c.beginPath();
+    flat.forEach((place, k) => c[k ? "lineTo" : "moveTo"](...at(place)));
+    c.stroke();
+    c.globalAlpha = 1;
+    for (const other of g.others) {
+      const [x, y] = at(other.place);
+      disc(c, x, y, Math.max(2, other.radius_m / reach), colour("--day"), colour("--night"));
+      label(c, other.name, x + 6, y + 14, quiet, width);
+    }
+    const [x0, y0] = at([0, 0]), radius = Math.max(4, g.radius_m / reach), [x, y] = at(g.camera);
+    disc(c, x0, y0, radius, colour("--day"), colour("--night"));
+    // Line of sight, and the phase angle at the body.
+    c.setLineDash([3, 3]);
+    c.strokeStyle = quiet;
+    c.beginPath();
+    c.moveTo(x, y);
+    c.lineTo(x0, y0);
+    c.lineTo(x0 + Math.min(0.4 * width, width - 40 - x0), y0);
+    c.stroke();
+    c.setLineDash([]);
+    c.beginPath();
+    c.arc(x0, y0, radius + 9, -Math.atan2(g.camera[1], g.camera[0]), 0);
+    c.stroke();
+    // The field of view about the boresight; shorter where it leaves the plane.
+    const angle = Math.atan2(-g.boresight[1], g.boresight[0]), long = Math.hypot(...g.boresight);
+    const half = g.fov_deg * Math.PI / 360, far = Math.max(30, Math.min(Math.hypot(x - x0, y - y0), 0.6 * width));
+    c.fillStyle = c.strokeStyle = colour("--accent");
+    c.globalAlpha = 0.16;
+    c.beginPath();
+    c.moveTo(x, y);
+    for (const side of [-half, half]) {
+      c.lineTo(x + far * long * Math.cos(angle + side), y + far * long * Math.sin(angle + side));
+    }
+    c.fill();
+    c.globalAlpha = 1;
+    if (long > 0.05) arrow(c, [x, y], [x + 26 * long * Math.cos(angle), y + 26 * long * Math.sin(angle)]);
+    c.beginPath();
+    c.arc(x, y, 3.5, 0, 2 * Math.PI);
+    c.fill();
+    label(c, "camera", x + 8, y - 7, ink, width);
+    label(c, g.body, x0 - 8, y0 + radius + 14, ink, width);
+  }
+}
+
+function disc(c, x, y, radius, day, night) {
+  c.fillStyle = night;
+  c.beginPath();
+  c.arc(x, y, radius, 0, 2 * Math.PI);
+  c.fill();
+  c.fillStyle = day;
+  c.beginPath();
+  c.arc(x, y, radius, -Math.PI / 2, Math.PI / 2);
+  c.fill();
+}
+
+function arrow(c, from, to) {
+  const angle = Math.atan2(to[1] - from[1], to[0] - from[0]);
+  c.beginPath();
+  c.moveTo(...from);
+  c.lineTo(...to);
+  c.stroke();
+  c.beginPath();
+  c.moveTo(...to);
+  for (const side of [-0.45, 0.45]) c.lineTo(to[0] - 6 * Math.cos(angle + side), to[1] - 6 * Math.sin(angle + side));
+  c.fill();
+}
+
+function label(c, text, x, y, colour, width) {
+  c.fillStyle = colour;
+  const size = c.measureText(text).width;
+  c.fillText(text, Math.max(2, Math.min(x, width - size - 36)), y);
+}

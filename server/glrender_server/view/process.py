@@ -1,0 +1,120 @@
+"""The server's side of its page: a child process that watches, so that nothing of it runs in the server's loop."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import logging
+import secrets
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+from glrender import ConfigError
+
+log = logging.getLogger(__name__)
+
+_NEEDED = ("starlette", "uvicorn", "websockets", "glrender_client")
+_END_S = 3.0
+
+
+def check_installed(option: str) -> None:
+    """Refuse to show a page that cannot be shown.
+
+    Raises
+    ------
+    ConfigError
+    """
+    for name in _NEEDED:
+        if importlib.util.find_spec(name) is None:
+            raise ConfigError(option, f"needs {name}, which is not installed",
+                              hint="pip install './clients/python'" if name == "glrender_client"
+                              else "pip install 'glrender[view]'")
+
+
+def listening(option: str, port: int) -> socket.socket:
+    """A socket that listens on 127.0.0.1.
+
+    Raises
+    ------
+    OSError
+        The port cannot be had.
+    """
+    try:
+        return socket.create_server(("127.0.0.1", port))
+    except OSError as error:
+        raise OSError(f"cannot listen on 127.0.0.1:{port}: {error.strerror}; choose another with {option}, e.g. "
+                      f"{option} 0") from None
+
+
+class ViewProcess:
+    """A process that shows a server's frames on a page.
+
+    Parameters
+    ----------
+    port : int
+        Of 127.0.0.1; 0 takes a free one.
+
+    Attributes
+    ----------
+    address : str
+        Of the page, with the token that admits its reader.
+
+    Raises
+    ------
+    ConfigError
+        What it needs is not installed.
+    OSError
+        The port cannot be bound.
+    """
+
+    def __init__(self, port: int):
+        check_installed("--view")
+        self._socket, self._token = listening("--view", port), secrets.token_urlsafe()
+        self.address = f"http://127.0.0.1:{self._socket.getsockname()[1]}/?token={self._token}"
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def start(self, endpoint: str, password: str, key_folder: Path | None) -> None:
+        """Start the process, which ends with this one.
+
+        Parameters
+        ----------
+        endpoint : str
+            The server's own.
+        password : str
+            With which it may watch.
+        key_folder : path, optional
+            Of a server with CURVE: the view is its client `view`.
+
+        Raises
+        ------
+        ConfigError
+            The folder has no key for it.
+        """
+        keys = None
+        if key_folder is not None:
+            keys = [str(key_folder / "view.key_secret"), str(key_folder / "server.key")]
+            if not Path(keys[0]).is_file():
+                raise ConfigError("--view", "needs a key of its own",
+                                  hint=f"glrender keygen {key_folder} --client view")
+        # Secrets go through the pipe: arguments and environments can be read by others.
+        told = {"endpoint": endpoint.replace("//0.0.0.0:", "//127.0.0.1:"), "password": password, "keys": keys,
+                "token": self._token, "socket": self._socket.fileno()}
+        self._process = subprocess.Popen([sys.executable, "-m", "glrender_server.view"], stdin=subprocess.PIPE,
+                                         pass_fds=[self._socket.fileno()])
+        self._process.stdin.write(json.dumps(told).encode() + b"\n")
+        self._process.stdin.flush()
+        self._socket.close()
+
+    def close(self) -> None:
+        """End the process."""
+        self._socket.close()
+        if self._process is None:
+            return
+        self._process.stdin.close()
+        try:
+            self._process.wait(_END_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()

@@ -1,0 +1,220 @@
+"""The page over HTTP, on loopback, read-only: each reader asks for the next frame when it has drawn the last."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import hmac
+import json
+import logging
+import os
+import socket
+import threading
+from collections.abc import AsyncIterator, Iterable
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.middleware import Middleware
+from starlette.middleware.trustedhost import TrustedHostMiddleware
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response
+from starlette.routing import Route, WebSocketRoute
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from .frame import finite
+from .source import Source
+
+log = logging.getLogger(__name__)
+
+MAX_VIEWERS, MAX_CONNECTIONS, MAX_MESSAGE_BYTES = 32, 64, 4096
+"""Pages at once, HTTP connections at once, and bytes of one message from a page."""
+BYTES_PER_S = 1 << 27
+"""Pixels that all pages get in a second; each waits for its part of it."""
+_LOWEST_PRIORITY = 19
+_KINDS = {".html": "text/html; charset=utf-8", ".css": "text/css; charset=utf-8",
+          ".js": "text/javascript; charset=utf-8", ".svg": "image/svg+xml"}
+_HEADERS = {
+    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; "
+                               "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    "Cache-Control": "no-store", "Referrer-Policy": "no-referrer", "X-Content-Type-Options": "nosniff",
+    "Cross-Origin-Opener-Policy": "same-origin", "Cross-Origin-Resource-Policy": "same-origin"}
+_NO_TOKEN = "This page needs its token: open the full address that glrender printed.\n"  # noqa: S105
+
+
+def serve(listening: socket.socket, token: str, endpoint: str, keys: Iterable[str | Path] | None, password: str,
+          ended: threading.Event) -> None:
+    """Show a server's frames until `ended` is set.
+
+    Parameters
+    ----------
+    listening : socket
+        Bound to loopback; owned.
+    token : str
+        Whoever has it in the page's address may look.
+    endpoint, keys, password
+        Of the server, as of `Source`.
+    ended : Event
+    """
+    _step_back()
+    source = Source(endpoint, keys, password)
+    config = uvicorn.Config(application(source, token), log_level="warning", access_log=False, lifespan="on",
+                            server_header=False, date_header=False, limit_concurrency=MAX_CONNECTIONS,
+                            ws_max_size=MAX_MESSAGE_BYTES, ws_per_message_deflate=False, timeout_graceful_shutdown=1)
+    server = uvicorn.Server(config)
+    # Signals are the caller's: the server ends its view, and Ctrl-C sets `ended`.
+    server.capture_signals = contextlib.nullcontext
+
+    def stop() -> None:
+        ended.wait()
+        server.should_exit = True
+
+    threading.Thread(target=stop, daemon=True).start()
+    server.run(sockets=[listening])
+
+
+def _step_back() -> None:
+    """Let renderer and clients go first wherever a core is wanted by both: this process gets 1.5 % of it then."""
+    with contextlib.suppress(OSError, AttributeError):
+        os.setpriority(os.PRIO_PROCESS, 0, _LOWEST_PRIORITY)
+        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+
+
+def application(source: Source, token: str) -> Starlette:
+    """The page of a source, for whoever has the token."""
+    pages = {entry.name: entry.read_bytes() for entry in files(__package__).joinpath("page").iterdir()
+             if Path(entry.name).suffix in _KINDS}
+    viewers: set[_Viewer] = set()
+
+    def is_admitted(given: str | None) -> bool:
+        return hmac.compare_digest((given or "").encode(), token.encode())
+
+    async def page(request: Request) -> Response:
+        if not is_admitted(request.query_params.get("token")):
+            return PlainTextResponse(_NO_TOKEN, 403, _HEADERS)
+        return Response(pages["index.html"], headers=_HEADERS, media_type=_KINDS[".html"])
+
+    async def asset(request: Request) -> Response:
+        name = request.path_params["name"]
+        if name not in pages or name == "index.html":
+            return PlainTextResponse("no such file\n", 404, _HEADERS)
+        return Response(pages[name], headers=_HEADERS, media_type=_KINDS[Path(name).suffix])
+
+    async def stream(peer: WebSocket) -> None:
+        origin = peer.headers.get("origin")
+        if not is_admitted(peer.query_params.get("token")) or (
+                origin is not None and origin != f"http://{peer.headers.get('host')}"):
+            await peer.close(1008)
+            return
+        await peer.accept()
+        if len(viewers) >= MAX_VIEWERS:
+            await peer.close(1013, f"{MAX_VIEWERS} pages are open; close one")
+            return
+        viewer = _Viewer(peer, source, viewers)
+        viewers.add(viewer)
+        try:
+            await viewer.serve()
+        finally:
+            viewers.discard(viewer)
+            viewer.tell_what_is_wanted()
+
+    @contextlib.asynccontextmanager
+    async def life(app: Starlette) -> AsyncIterator[None]:
+        source.start(asyncio.get_running_loop())
+        yield
+        source.close()
+
+    # By another name, that somebody lets point here, no page in a browser reaches this one.
+    hosts = Middleware(TrustedHostMiddleware, allowed_hosts=["127.0.0.1", "localhost"], www_redirect=False)
+    return Starlette(routes=[Route("/", page), Route("/{name}", asset), WebSocketRoute("/stream", stream)],
+                     middleware=[hosts], lifespan=life)
+
+
+class _Viewer:
+    """One page: of each kind of question the newest waits, and is answered when the page has room for the answer."""
+
+    def __init__(self, peer: WebSocket, source: Source, viewers: set[_Viewer]):
+        self._peer, self._source, self._viewers = peer, source, viewers
+        self.stream: tuple[str, str] | None = None
+        self._questions: dict[str, dict[str, Any]] = {}
+        self._asked = {kind: asyncio.Event() for kind in ("frame", "status", "pixel", "free")}
+        self._sending = asyncio.Lock()
+
+    async def serve(self) -> None:
+        """Answer until the page is closed, or breaks the rules of this conversation."""
+        self.tell_what_is_wanted()
+        answering = [asyncio.create_task(self._answer(kind)) for kind in self._asked]
+        try:
+            while True:
+                question = json.loads(await self._peer.receive_text())
+                kind = question["ask"]
+                self._questions[kind] = question
+                self._asked[kind].set()
+                if kind == "frame":
+                    chosen = question.get("stream")
+                    self.stream = None if chosen is None else (str(chosen[0]), str(chosen[1]))
+                    self.tell_what_is_wanted()
+        except WebSocketDisconnect:
+            pass
+        except (ValueError, KeyError, TypeError, IndexError, AttributeError):
+            with contextlib.suppress(RuntimeError):
+                await self._peer.close(1003, "this is no question of the page")
+        finally:
+            for task in answering:
+                task.cancel()
+            await asyncio.gather(*answering, return_exceptions=True)
+
+    def tell_what_is_wanted(self) -> None:
+        """Let the source know what all pages look at."""
+        self._source.want({viewer.stream for viewer in self._viewers})
+
+    async def _answer(self, kind: str) -> None:
+        while True:
+            await self._asked[kind].wait()
+            self._asked[kind].clear()
+            try:
+                answer = await getattr(self, f"_{kind}")(self._questions.pop(kind))
+            except (ValueError, KeyError, TypeError):
+                answer = {"trouble": "this is no question of the page"}
+            except Exception:
+                log.exception("a question of a page failed")
+                answer = {"trouble": "the view failed on this; its log has the traceback"}
+            if answer is None:
+                continue  # a newer question waits
+            async with self._sending:
+                if isinstance(answer, bytes):
+                    await self._peer.send_bytes(answer)
+                else:
+                    await self._peer.send_text(json.dumps(finite({"kind": kind, **answer})))
+            if isinstance(answer, bytes):
+                await asyncio.sleep(len(answer) * len(self._viewers) / BYTES_PER_S)
+
+    async def _frame(self, question: dict[str, Any]) -> bytes | None:
+        after = int(question["after"])
+        while (frame := self._source.newest(self.stream, after)) is None:
+            await self._source.news()
+            if self._asked["frame"].is_set():
+                return None
+        return frame.message
+
+    async def _status(self, question: dict[str, Any]) -> dict[str, Any]:
+        source = self._source
+        told = {name: value for name, value in source.status.items() if name not in ("v", "op", "id", "client", "ok",
+                                                                                     "arrays")}
+        return {"trouble": source.trouble, "endpoint": source.endpoint, "status": told, "streams": source.streams,
+                "seen": source.seen, "viewers": len(self._viewers)}
+
+    async def _pixel(self, question: dict[str, Any]) -> dict[str, Any]:
+        number, x, y = (int(question[name]) for name in ("number", "x", "y"))
+        frame = self._source.numbered(number) or self._source.newest(self.stream)
+        if frame is None or not (0 <= x < frame.camera["width_px"] and 0 <= y < frame.camera["height_px"]):
+            return {"trouble": "this pixel's frame is gone"}
+        return {"number": frame.number, "x": x, "y": y, **await self._source.pixel(frame, x, y)}
+
+    async def _free(self, question: dict[str, Any]) -> dict[str, Any] | bytes:
+        angles = [float(question[name]) for name in ("azimuth_deg", "elevation_deg", "range_m")]
+        drawn = await self._source.free(str(question["camera"]), str(question["body"]), *angles,
+                                        self._source.newest(self.stream))
+        return {"trouble": drawn} if isinstance(drawn, str) else drawn.message

@@ -1,0 +1,250 @@
+"""Frames and numbers of a running server, asked by two threads: one watches, one has frames drawn in the background."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from glrender_client import Client, GlrenderClientError, Reply, Watched
+
+from . import geometry
+from .frame import Frame
+
+log = logging.getLogger(__name__)
+
+_WATCH_S, _STATUS_S, _AGAIN_S = 0.04, 1.0, 1.0
+# The server answers `watch` and `status` at once, but for one that draws in its own process.
+_TIMEOUT_S, _BACKGROUND_TIMEOUT_S = 5.0, 20.0
+_MAX_STREAMS = 16
+# Of the free camera: an eye needs no more.
+_FREE_ERROR = 0.5
+
+Stream = tuple[str, str]
+"""A client and its camera."""
+
+
+class Source:
+    """What the page shows of one server; it asks only while somebody looks.
+
+    Parameters
+    ----------
+    endpoint : str
+    keys : (path, path), optional
+        Of a server with CURVE: the client's secret key and the server's.
+    password : str
+        Of a server that shows its frames to its own view alone.
+
+    Attributes
+    ----------
+    status : dict
+        The last reply to `status`; empty while the server does not answer.
+    trouble : str
+        Why not; empty if it does.
+    frames : dict of stream to Frame
+        The newest of each, the newest last.
+    streams : list of dict
+        What the server has: client, cameras, number.
+    """
+
+    def __init__(self, endpoint: str, keys: Iterable[str | Path] | None = None, password: str = ""):
+        self.endpoint, self._keys, self._password = endpoint, keys, password
+        self.status: dict[str, Any] = {}
+        self.trouble = "the server is being asked"
+        self.frames: OrderedDict[tuple[str, str, int], Frame] = OrderedDict()
+        self.streams: list[dict[str, Any]] = []
+        self.seen = {"frames": 0, "over_budget": 0}
+        self._number = 0
+        self._after: dict[Stream | None, int] = {}
+        self._wanted: set[Stream | None] = set()
+        self._wake, self._ended = threading.Event(), threading.Event()
+        self._drawer = ThreadPoolExecutor(1, "background")
+        self._asker: Client | None = None
+        self._on_news: Callable[[], None] = lambda: None
+        self._thread = threading.Thread(target=self._watch, name="watch", daemon=True)
+
+    def start(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Begin; `news` is for this loop."""
+        self._news = asyncio.Event()
+
+        def tell() -> None:
+            self._news.set()
+            self._news = asyncio.Event()
+
+        self._on_news = lambda: loop.call_soon_threadsafe(tell)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Ask nothing more."""
+        self._ended.set()
+        self._wake.set()
+        self._thread.join(_TIMEOUT_S)
+        self._drawer.submit(self._forget_asker)
+        self._drawer.shutdown(wait=False, cancel_futures=False)
+
+    def want(self, streams: set[Stream | None]) -> None:
+        """Say what is looked at: streams, or None for the newest of all; nothing: it sleeps."""
+        self._wanted = streams
+        if streams:
+            self._wake.set()
+
+    async def news(self) -> None:
+        """Wait until another frame has come, or the server has gone or is back."""
+        await self._news.wait()
+
+    def newest(self, stream: Stream | None, after: int = 0) -> Frame | None:
+        """The newest frame of a stream that is newer than the one with this number."""
+        for frame in reversed(self.frames.values()):
+            if frame.number > after and stream in (None, frame.stream[:2]):
+                return frame
+        return None
+
+    def numbered(self, number: int) -> Frame | None:
+        """The frame with this number, if it is still the newest of its stream."""
+        return next((frame for frame in self.frames.values() if frame.number == number), None)
+
+    # The thread that watches.
+
+    def _watch(self) -> None:
+        while not self._ended.is_set():
+            if not self._wanted:
+                self._wake.wait()
+                self._wake.clear()
+                continue
+            try:
+                with self._client(_TIMEOUT_S) as client:
+                    self._follow(client)
+            except Exception as error:
+                if not isinstance(error, GlrenderClientError):
+                    log.exception("the server could not be watched")
+                self.status, self.trouble = {}, str(error)
+                self._on_news()
+                self._ended.wait(_AGAIN_S)
+
+    def _client(self, timeout_s: float) -> Client:
+        key, server_key = self._keys or (None, None)
+        return Client(self.endpoint, timeout_s=timeout_s, retries=0, key=key, server_key=server_key,
+                      shared_memory=True)
+
+    def _follow(self, client: Client) -> None:
+        asked_at = -1e9
+        while self._wanted and not self._ended.is_set():
+            began = time.monotonic()
+            if began - asked_at > _STATUS_S:
+                self.status, self.trouble, asked_at = client.status(), "", began
+            for stream in list(self._wanted):
+                of_client, camera = stream or (None, None)
+                watched = client.watch(self._after.get(stream, 0), of_client=of_client, camera=camera,
+                                       password=self._password)
+                self.streams = watched.streams
+                if watched.reply is not None:
+                    self._after[stream] = watched.number
+                    self._take(watched)
+                    self._on_news()
+            self._ended.wait(max(0.0, _WATCH_S - (time.monotonic() - began)))
+
+    def _take(self, watched: Watched) -> None:
+        replies = watched.reply.frames or (watched.reply,)
+        counts: dict[str, int] = {}
+        frames = self.frames.copy()  # the other thread reads them
+        for reply in replies:
+            name = reply.header["camera"]
+            index = counts[name] = counts.get(name, -1) + 1
+            frame = self._frame(watched, reply, index)
+            if frame is not None:
+                frames.pop(frame.stream, None)
+                frames[frame.stream] = frame
+                plan = reply.header["plan"]
+                self.seen["frames"] += 1
+                self.seen["over_budget"] += not plan["predicted_error"] <= plan["max_error"]
+        while len(frames) > _MAX_STREAMS:
+            frames.popitem(last=False)
+        self.frames = frames
+
+    def _frame(self, watched: Watched, reply: Reply, index: int) -> Frame | None:
+        camera = self._camera(reply.header["camera"])
+        if camera is None:
+            return None  # of a scene that was replaced since
+        self._number += 1
+        return Frame(number=self._number, stream=(watched.client, camera["name"], index), header=reply.header,
+                     request=watched.request, pixels=np.array(reply.pixels, order="C"), camera=camera,
+                     bodies=self.status["bodies"])
+
+    def _camera(self, name: str) -> Mapping[str, Any] | None:
+        return next((camera for camera in self.status.get("cameras", ()) if camera["name"] == name), None)
+
+    # The thread that has frames drawn.
+
+    async def pixel(self, frame: Frame, x: int, y: int) -> dict[str, Any]:
+        """Irradiance, range and angles at one pixel of the camera's image, drawn for the state of a frame.
+
+        Returns
+        -------
+        dict
+            `irradiance_W_m2`, `range_m`, `incidence_deg`, `emission_deg`, `phase_deg`, `body`; `trouble` if it cannot
+            be drawn now. Where no body is, None.
+        """
+        products = ["range", "body_id", "incidence", "emission", "phase"]
+        asked = self._asked(frame)
+        try:
+            reply = await self._draw(frame.request["state"], frame.camera["name"], products=products,
+                                     roi=(x, y, x + 1, y + 1), max_error=asked.get("max_error"),
+                                     samples=asked.get("samples"))
+        except Exception as error:
+            return {"trouble": _told(error)}
+        at = {name: array[0, 0].item() for name, array in reply.arrays.items()}
+        body = at["body_id"]
+        degrees = {f"{name}_deg": float(np.degrees(at[name])) for name in ("incidence", "emission", "phase")}
+        return {"irradiance_W_m2": at["image"], "range_m": at["range"], **degrees,
+                "body": frame.bodies[body]["name"] if 0 <= body < len(frame.bodies) else None}
+
+    def _asked(self, frame: Frame) -> Mapping[str, Any]:
+        """The request's fields of a frame: its own, or its entry of `frames`."""
+        entries = frame.request.get("frames")
+        if not entries:
+            return frame.request
+        of_camera = [entry for entry in entries if entry.get("camera", frame.stream[1]) == frame.stream[1]]
+        return of_camera[min(frame.stream[2], len(of_camera) - 1)]
+
+    async def free(self, camera_name: str, body_name: str, azimuth_deg: float, elevation_deg: float, range_m: float,
+                   like: Frame | None) -> Frame | str:
+        """A frame of the camera that is moved by hand, at the epoch of another frame; or why there is none."""
+        camera = self._camera(camera_name)
+        bodies = self.status.get("bodies", [])
+        body = next((body for body in bodies if body["name"] == body_name), None)
+        if camera is None or body is None:
+            return self.trouble or "the scene was replaced"
+        has_same = like is not None and {body["name"] for body in bodies} == set(like.request["state"]["bodies"])
+        state = geometry.free_state(like.request["state"] if has_same else geometry.default_state(bodies), camera, body,
+                                    azimuth_deg, elevation_deg, range_m)
+        try:
+            reply = await self._draw(state, camera_name, max_error=_FREE_ERROR, samples=1)
+        except Exception as error:
+            return _told(error)
+        return Frame(number=0, stream=("free camera", camera_name, 0), header=reply.header, request={"state": state},
+                     pixels=np.array(reply.pixels, order="C"), camera=camera, bodies=bodies, kind="free")
+
+    async def _draw(self, *arguments: Any, **options: Any) -> Reply:
+        def draw() -> Reply:
+            if self._asker is None:
+                self._asker = self._client(_BACKGROUND_TIMEOUT_S)
+            return self._asker.render(*arguments, background=True, **options)
+
+        return await asyncio.get_running_loop().run_in_executor(self._drawer, draw)
+
+    def _forget_asker(self) -> None:
+        if self._asker is not None:
+            self._asker.close()
+
+
+def _told(error: Exception) -> str:
+    if not isinstance(error, GlrenderClientError):
+        log.error("a frame of the background failed", exc_info=error)
+    return str(error)
