@@ -38,7 +38,8 @@ log = logging.getLogger(__name__)
 
 OPERATIONS = ("render", "range", "load_scene")
 """Those that are served here; the dispatcher answers the others."""
-_TOLD_OF_DETECTORS = ("gain_DN_per_electron", "offset_DN", "bit_depth", "full_well_electrons")
+_TOLD_OF_DETECTORS = ("gain_DN_per_electron", "offset_DN", "bit_depth", "full_well_electrons",
+                      "read_noise_electrons")
 _RANGE_KEYS = ("state", "camera", "directions_camera", "noise")
 _UNITS = {"irradiance": "W/m2", "dn": "DN", "range": "m", "r_body": "m", "body_id": "1", "facet_id": "1",
           "incidence": "rad", "emission": "rad", "phase": "rad", "sunlit": "1"}

@@ -8,7 +8,7 @@ import {Picture} from "./picture.js";
 import {Sketch} from "./sketch.js";
 
 const find = id => document.getElementById(id);
-const PIXEL_PAUSE_MS = 120, STATUS_MS = 1000;
+const PIXEL_PAUSE_MS = 120, STATUS_MS = 1000, MAX_WARNINGS = 4;
 
 const picture = new Picture(find("picture"));
 const histogram = new Histogram(find("histogram"), picture, white => setWhite(white));
@@ -43,11 +43,9 @@ link.on("frame", (head, values) => {
 });
 link.on("free", (head, values) => {
   free.isAsking = false;
-  if (isFree) {
-    show(head, values);
-    note("");
-  }
-  if (free.isStale) askFree();
+  if (values && isFree) show(head, values);
+  if (isFree) note(head.trouble ?? "");
+  if (values && free.isStale) askFree();
 });
 
 function askFrame() {
@@ -59,6 +57,7 @@ function askFrame() {
 function show(head, values) {
   picture.show(head, values);
   find("empty").hidden = true;
+  for (const section of document.querySelectorAll("aside section[hidden]")) section.hidden = false;
   find("save").disabled = false;
   fill(find("frame"), frameRows(head));
   fill(find("plan"), planRows(head.plan));
@@ -74,7 +73,7 @@ function warn(warnings) {
   const list = find("warnings"), text = JSON.stringify(warnings);
   if (list.dataset.text === text) return;
   list.dataset.text = text;
-  list.replaceChildren(...warnings.map(({code, message}) => {
+  list.replaceChildren(...warnings.slice(0, MAX_WARNINGS).map(({code, message}) => {
     const item = document.createElement("li"), name = document.createElement("b");
     name.textContent = code.replaceAll("_", " ");
     item.append(name, message);
@@ -161,10 +160,12 @@ function setWhite(white, isAuto = false) {
 function told() {
   find("auto").setAttribute("aria-pressed", String(picture.isAuto));
   if (!picture.head) return;
-  if (document.activeElement !== find("white")) find("white").value = Number(picture.white.toPrecision(4));
+  if (document.activeElement !== find("white")) find("white").value = plain(picture.white);
   set(find("white-unit"), unitText(picture.head.unit));
   histogram.draw();
 }
+
+const plain = value => value < 1e-3 ? value.toExponential(3) : String(Number(value.toPrecision(4)));
 
 find("auto").addEventListener("click", () => setWhite(picture.white, !picture.isAuto));
 find("white").addEventListener("change", event => setWhite(Number(event.target.value.replace(",", "."))));
@@ -185,11 +186,6 @@ find("save").addEventListener("click", () => picture.store.toBlob(blob => {
 }));
 
 // The pixel below the pointer.
-
-link.on("pixel", told => {
-  answer = told;
-  if (pixel) readOut();
-});
 
 function point(place) {
   const isSame = place && pixel && place.x === pixel.x && place.y === pixel.y;
@@ -300,12 +296,6 @@ function askFree() {
   const {azimuth_deg, elevation_deg, range_m, body, camera} = free;
   link.ask("free", {azimuth_deg, elevation_deg, range_m, body, camera});
 }
-link.handlers.free = (inner => (head, values) => {
-  if (values) return inner(head, values);
-  free.isAsking = false;
-  note(head.trouble);
-})(link.handlers.free);
-
 function setFree(on) {
   isFree = on;
   choose(find("live").parentElement, find(on ? "free" : "live"));

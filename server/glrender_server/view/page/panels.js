@@ -34,10 +34,10 @@ export function frameRows(head) {
     ["client", head.stream[0]],
     ["camera", head.stream[1]],
     ["size", `${head.width} × ${head.height}`, "px"],
-    ["time", digits(head.t_s, 7), "s"],
+    ["time", grouped(Number((head.t_s ?? 0).toPrecision(10))), "s"],
     head.output === "dn" && ["exposure", digits(1e3 * head.exposure_s), "ms"],
     head.output === "dn" && ["saturated", head.n_saturated_px ? percent(head.n_saturated_px / n_pixels) : "none", "",
-                             head.n_saturated_px > 0.01 * n_pixels ? "over" : ""],
+                             head.n_saturated_px ? "saturated" : ""],
     ["drawn in", digits(total, 3), "ms"],
   ];
 }
@@ -50,22 +50,35 @@ export function planRows(plan) {
     ["allowed", percent(plan.max_error)],
   ];
   for (const window of plan.windows ?? []) {
-    const inside = (window.bodies ?? []).join(", ") || "sky";
-    const refined = window.refined_share > 0 ? `, ${percent(window.refined_share)} at ${window.refined_samples}²` : "";
-    rows.push([inside, `${NAMES[window.engine] ?? window.engine}, ${window.samples ? `${window.samples}²` : "a grid"}${
-      window.engine === "coverage" ? "" : " samples"}${refined}`]);
+    rows.push([window.bodies?.join(", ") || "sky", NAMES[window.engine] ?? window.engine]);
+    rows.push(["samples", samples(window)]);
+    if (window.bodies?.length && window.engine !== "raster") {
+      rows.push(["shadows", window.by_centroids ? "whole facets, by centroid" : "clipped at their edges"]);
+    }
   }
-  for (const [name, body] of Object.entries(plan.bodies ?? {})) {
-    if (body.is_visible) rows.push([`${name} across`, digits(body.size_px, 3), "px"]);
-    if (body.is_visible && body.shadow_map_px) rows.push([`${name} shadow map`, String(body.shadow_map_px), "px"]);
+  for (const body of plan.bodies ?? []) {
+    if (body.is_visible) rows.push([`${body.name} across`, digits(body.size_px, 3), "px"]);
+    if (body.is_visible && body.shadow_map_px) rows.push(["shadow map", String(body.shadow_map_px), "px"]);
   }
   return rows;
 }
 
-/** Sentences: what each stage did, and what was left out. */
+function samples(window) {
+  if (window.engine === "coverage") return "none: exact areas";
+  const first = window.samples ? `${window.samples}² a pixel` : "a grid of its own";
+  return window.refined_share > 0 ? `${first}, ${window.refined_samples}² in ${percent(window.refined_share)}` : first;
+}
+
+/** Sentences: what each stage did, what was not needed, and what was left out. */
 export function stageRows(head) {
-  const rows = Object.entries(head.stages ?? {}).map(([name, text]) => [name.replaceAll("_", " "), text]);
+  const rows = [], notNeeded = [];
   for (const text of head.plan?.left_out ?? []) rows.push(["left out", text]);
+  for (const [key, text] of Object.entries(head.stages ?? {})) {
+    const name = key.replaceAll("_", " ");
+    if (text.startsWith("skipped")) notNeeded.push(name);
+    else rows.push([name, text]);
+  }
+  if (notNeeded.length) rows.push(["not needed here", notNeeded.join(", ")]);
   return rows;
 }
 

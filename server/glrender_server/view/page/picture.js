@@ -41,9 +41,7 @@ export class Picture {
     this.values = values;
     const detector = head.unit === "DN" ? head.camera.detector : null;
     this.black = detector ? detector.offset_DN : 0;
-    this.full = detector ? Math.min(2 ** detector.bit_depth - 1,
-                                    detector.offset_DN + detector.full_well_electrons * detector.gain_DN_per_electron)
-                         : Infinity;
+    this.full = detector ? saturation(detector) : Infinity;
     this.count();
     if (this.isAuto) this.white = this.autoWhite();
     if (isOther) {
@@ -174,4 +172,10 @@ export class Picture {
     if (column < 0 || row < 0 || column >= this.head.width || row >= this.head.height) return undefined;
     return this.values[row * this.head.width + column];
   }
+}
+
+/** Digital number from which a pixel may be saturated: the wells are full, less the noise of reading them. */
+function saturation(detector) {
+  const well = detector.full_well_electrons - 4 * detector.read_noise_electrons;
+  return Math.min(2 ** detector.bit_depth - 1, detector.offset_DN + well * detector.gain_DN_per_electron);
 }

@@ -28,18 +28,22 @@ export class Sketch {
     const colour = name => style.getPropertyValue(name).trim();
     c.scale(ratio, ratio);
     if (!g) return;
-    const {width, height} = box, middle = [width / 2 - 10, height / 2];
+    const {width, height} = box;
     const flat = this.trail.map(r => g.plane.map(axis => axis[0] * r[0] + axis[1] * r[1] + axis[2] * r[2]));
-    const reach = [g.camera, ...flat, ...g.others.map(other => other.place)].reduce(
-      (most, [x, y]) => Math.max(most, Math.abs(x) / (width / 2 - 34), Math.abs(y) / (height / 2 - 16)), 1e-9);
-    const at = ([x, y]) => [middle[0] + x / reach, middle[1] - y / reach];
+    // All that is shown fills the room beside the Sun.
+    const places = [[-g.radius_m, -g.radius_m], [g.radius_m, g.radius_m], g.camera, ...flat,
+                    ...g.others.map(other => other.place)];
+    const [low, high] = [Math.min, Math.max].map(pick => [0, 1].map(k => pick(...places.map(place => place[k]))));
+    const reach = Math.max((high[0] - low[0]) / (width - 130), (high[1] - low[1]) / (height - 52), 1e-9);
+    const at = ([x, y]) => [(width - 60) / 2 + (x - (low[0] + high[0]) / 2) / reach,
+                            height / 2 - (y - (low[1] + high[1]) / 2) / reach];
     const ink = colour("--ink"), quiet = colour("--quiet");
     c.lineWidth = 1.25;
     c.font = getComputedStyle(document.body).font.replace("13px", "11px");
     // Sunlight comes from the right.
     c.strokeStyle = c.fillStyle = colour("--sun");
-    for (const y of [-0.28, 0, 0.28]) arrow(c, [width - 8, middle[1] + y * height], [width - 30, middle[1] + y * height]);
-    c.fillText("Sun", width - 28, middle[1] - 0.28 * height - 7);
+    for (const y of [0.25, 0.5, 0.75]) arrow(c, [width - 4, y * height], [width - 24, y * height]);
+    c.fillText("Sun", width - 24, 0.25 * height - 7);
     // The way of the camera.
     c.strokeStyle = quiet;
     c.globalAlpha = 0.6;
@@ -60,7 +64,7 @@ export class Sketch {
     c.beginPath();
     c.moveTo(x, y);
     c.lineTo(x0, y0);
-    c.lineTo(x0 + Math.min(0.4 * width, width - 40 - x0), y0);
+    c.lineTo(Math.min(x0 + radius + 60, width - 34), y0);
     c.stroke();
     c.setLineDash([]);
     c.beginPath();
