@@ -5,12 +5,12 @@ PYTHON ?= python3
 BIN    := $(VENV)/bin
 export PYTHONUNBUFFERED = 1
 
-.PHONY: demo test test-all bench chart docs setup opengl octave clang blender mitsuba basilisk lint clean
+.PHONY: demo test test-all bench chart docs setup opengl octave clang blender mitsuba basilisk chromium lint clean
 
 demo: setup
 	$(BIN)/glrender demo --out out/demo
 
-test: setup octave clang blender mitsuba basilisk
+test: setup octave clang blender mitsuba basilisk chromium
 	$(BIN)/ruff check .
 	$(BIN)/python -m pytest -n 2 --dist loadfile $(PYTEST_OPTIONS)
 
@@ -62,6 +62,9 @@ mitsuba: $(VENV)/.ready
 
 basilisk: $(VENV)/.ready
 	@sh tools/install_basilisk.sh $(BIN)/python
+
+chromium:
+	@sh tools/install_chromium.sh
 
 clean:
 	rm -rf $(VENV) out

@@ -44,6 +44,9 @@ OUTSIDE = {
     "glrender.sequences": {"numpy", "cv2", "PIL", "astropy", "OpenEXR", "glrender_camera"},
     "glrender.scenario": {"numpy", "scipy", "spiceypy", "pyarrow", "glrender_camera"},
     "glrender_server": {"numpy", "cv2", "zmq", "msgpack", "glrender", "glrender_camera"},
+    # The page watches by the client, in a process of its own.
+    "glrender_server.view": {"numpy", "starlette", "uvicorn", "glrender", "glrender_camera", "glrender_client"},
+    "glrender_server.commands.view": {"glrender", "glrender_camera", "glrender_client"},
     "glrender_server.cli": {"glrender", "glrender_camera"},
     "glrender_server.commands": {"numpy", "tqdm", "PIL", "shtab", "glrender", "glrender_camera"},
     # The demo and `top` also drive the client.

@@ -1,0 +1,222 @@
+"""Price of watching: a closed loop's frames per second and the server's processor time, with pages open and without.
+
+A loop asks for 512 x 512 digital numbers with nothing between two frames. Short windows without a page and with some
+change in turn, in an order drawn by chance, so that what else the machine does falls on both. `frozen` is a page that
+reads nothing more; `hostile` are one that asks without end and reads nothing, and one client that asks `watch` without
+end. Pages are read by a process of the lowest priority: a browser's own drawing is not ours. Prints one JSON line:
+`rate` of the loop's frames over that without a page, `processor_time` of the server and its worker for one frame
+likewise (medians of the pairs, with their standard errors), and `server_share`, the part of one core that the server's
+own process, its loop and its sockets, takes more than without.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import contextlib
+import json
+import os
+import random
+import re
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+from glrender_client import Client
+from websockets.asyncio.client import ClientConnection, connect
+
+SCENE = """
+max_error = 0.1
+[[bodies]]
+name = "body"
+generated = { kind = "three_lobes", radius_m = 100.0, subdivisions = 5 }
+brdf = { law = "lambert", normal_albedo = 0.2 }
+[[cameras]]
+name = "navcam"
+width_px = 512
+height_px = 512
+focal_length_px = 4000.0
+[cameras.model]
+exposure_s = 1e-5
+optics = { aperture_diameter_m = 0.01, psf_sigma_px = 0.5 }
+detector = { quantum_efficiency = 0.5, full_well_electrons = 30000.0, gain_DN_per_electron = 0.1, bit_depth = 12 }
+"""
+STATE = {"t_s": 0.0, "r_sun_inertial_m": [1e11, 0.0, -1.1e11],
+         "spacecraft": {"r_inertial_m": [0.0, 0.0, -2000.0], "q_from_inertial": [1.0, 0.0, 0.0, 0.0]},
+         "bodies": {"body": {"r_inertial_m": [0.0, 0.0, 0.0], "q_from_inertial": [1.0, 0.0, 0.0, 0.0]}}}
+CASES = {"one page": (1, "reading"), "ten pages": (10, "reading"), "ten pages, one frozen": (10, "frozen"),
+         "hostile": (1, "hostile")}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--pairs", type=int, default=60, help="of windows, of each case (60)")
+    parser.add_argument("--seconds", type=float, default=1.0, help="of a window (1)")
+    parser.add_argument("--pages", nargs=2, metavar=("ADDRESS", "ENDPOINT"), help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.pages:
+        os.setpriority(os.PRIO_PROCESS, 0, 19)
+        asyncio.run(Reader(*arguments.pages).run())
+        return
+    record = {"benchmark": "view", "pairs": arguments.pairs, "load_average": os.getloadavg()[0]}
+    chance = random.Random(1)
+    with tempfile.TemporaryDirectory() as folder, server(Path(folder)) as (endpoint, address, process), \
+            reader(address, endpoint) as tell, Client(endpoint, timeout_s=60.0) as client:
+        window(client, process, 2.0)
+        for name, case in CASES.items():
+            pairs, shown = [], 0
+            for _ in range(arguments.pairs):
+                pair: list[Window | None] = [None, None]
+                for k in chance.sample((0, 1), 2):
+                    if k:
+                        tell("open", *case)
+                    pair[k] = window(client, process, arguments.seconds)
+                    if k:
+                        shown += int(tell("close"))
+                pairs.append(pair)
+            record[name] = {"rate": spread([b.rate / a.rate for a, b in pairs]),
+                            "processor_time": spread([b.of_frame_s / a.of_frame_s for a, b in pairs]),
+                            "server_share": spread([b.server_share - a.server_share for a, b in pairs]),
+                            "shown_per_second": round(shown / (arguments.pairs * arguments.seconds), 1)}
+            record["loop_per_second"] = round(statistics.median(a.rate for a, _ in pairs), 1)
+    sys.stdout.write(json.dumps(record) + "\n")
+
+
+class Window(NamedTuple):
+    """Figures of one window: frames per second, processor time of server and worker a frame, share of the server."""
+
+    rate: float
+    of_frame_s: float
+    server_share: float
+
+
+def spread(values: list[float]) -> dict[str, float]:
+    """Median, and the standard error of it for independent pairs."""
+    error = 1.253 * statistics.stdev(values) / len(values) ** 0.5 if len(values) > 1 else float("nan")
+    return {"median": round(statistics.median(values), 4), "error": round(error, 4)}
+
+
+@contextlib.contextmanager
+def server(folder: Path):
+    (folder / "scene.toml").write_text(SCENE)
+    with open(folder / "log", "wb") as log:
+        process = subprocess.Popen([sys.executable, "-m", "glrender_server", str(folder / "scene.toml"), "--zmq",
+                                    "tcp://127.0.0.1:*", "--view", "0", "--watch"], stdout=subprocess.PIPE, stderr=log,
+                                   text=True)
+        line = process.stdout.readline()
+        try:
+            yield line.split()[3], re.search(r"view on (\S+?)\)", line)[1], process
+        finally:
+            process.terminate()
+            process.wait()
+            process.stdout.close()
+
+
+def window(client: Client, process: subprocess.Popen, seconds: float) -> Window:
+    """Run the loop for a while."""
+    began, count = time.monotonic(), 0
+    server_s, workers_s = processor_s(process.pid), sum(map(processor_s, workers(process.pid)))
+    while (elapsed := time.monotonic() - began) < seconds:
+        client.render(STATE, "navcam", output="dn", seed=count)
+        count += 1
+    server_s = processor_s(process.pid) - server_s
+    workers_s = sum(map(processor_s, workers(process.pid))) - workers_s
+    return Window(count / elapsed, (server_s + workers_s) / count, server_s / elapsed)
+
+
+def workers(number: int) -> list[int]:
+    """Processes of the server's, but for its view."""
+    children = Path(f"/proc/{number}/task/{number}/children").read_text().split()
+    return [int(child) for child in children if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes()]
+
+
+def processor_s(number: int) -> float:
+    """Of all threads of a process, to the nanosecond."""
+    return sum(int(task.joinpath("schedstat").read_text().split()[0]) for task in Path(
+        f"/proc/{number}/task").iterdir()) * 1e-9
+
+
+@contextlib.contextmanager
+def reader(address: str, endpoint: str):
+    """Yields a function that tells a process which pages to open or close, and returns what it answers."""
+    process = subprocess.Popen([sys.executable, __file__, "--pages", address, endpoint], text=True,
+                               stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+
+    def tell(*said: object) -> str:
+        process.stdin.write(" ".join(map(str, said)) + "\n")
+        process.stdin.flush()
+        return process.stdout.readline()
+
+    try:
+        yield tell
+    finally:
+        process.kill()
+        process.wait()
+        process.stdin.close()
+        process.stdout.close()
+
+
+class Reader:
+    """Pages without a browser, opened and closed as standard input says."""
+
+    def __init__(self, address: str, endpoint: str):
+        self._address = address.replace("http", "ws").replace("/?", "/stream?")
+        self._endpoint, self._count, self._is_hostile = endpoint, 0, threading.Event()
+
+    async def run(self) -> None:
+        """Follow what standard input says."""
+        threading.Thread(target=self._watch_without_end, daemon=True).start()
+        loop, stack, tasks = asyncio.get_running_loop(), contextlib.AsyncExitStack(), []
+        while said := (await loop.run_in_executor(None, sys.stdin.readline)).split():
+            if said[0] == "open":
+                n_pages, kind = int(said[1]), said[2]
+                for k in range(n_pages):
+                    peer = await stack.enter_async_context(connect(
+                        self._address, max_size=None, proxy=None, open_timeout=60, close_timeout=0.1))
+                    tasks.append(asyncio.create_task(self._flood(peer) if kind == "hostile" else self._read(
+                        peer, kind == "frozen" and k == 0)))
+                if kind == "hostile":
+                    self._is_hostile.set()
+            else:
+                self._is_hostile.clear()
+                for task in tasks:
+                    task.cancel()
+                await asyncio.gather(*tasks, return_exceptions=True)
+                await stack.aclose()
+                tasks = []
+            sys.stdout.write(f"{self._count}\n")
+            sys.stdout.flush()
+            self._count = 0
+
+    async def _read(self, peer: ClientConnection, is_frozen: bool) -> None:
+        after = 0
+        while True:
+            await peer.send(json.dumps({"ask": "frame", "after": after, "stream": None}))
+            data = await peer.recv()
+            self._count += 1
+            after = json.loads(data[4:4 + int.from_bytes(data[:4], "little")])["number"]
+            if is_frozen:
+                await asyncio.sleep(1e6)
+
+    async def _flood(self, peer: ClientConnection) -> None:
+        fields = {"after": 0, "stream": None, "number": 0, "x": 256, "y": 256, "camera": "navcam", "body": "body",
+                  "azimuth_deg": 0, "elevation_deg": 0, "range_m": 2000}
+        while True:
+            for kind in ("frame", "status", "pixel", "free"):
+                await peer.send(json.dumps({"ask": kind, **fields}))
+
+    def _watch_without_end(self) -> None:
+        while True:
+            self._is_hostile.wait()
+            with Client(self._endpoint) as client:
+                while self._is_hostile.is_set():
+                    client.watch()
+
+
+if __name__ == "__main__":
+    main()
