@@ -257,6 +257,8 @@ class Dispatcher:
             of_reply = digest
             if header["op"] == "load_scene":
                 self._kept.clear()
+                if self._tap is not None:
+                    self._tap.clear()
                 self._warned.scene(self._engine.described.get("warnings", ()))
                 of_reply = self._digest(request.parts[0])
             self._keep(header["client"], of_reply, reply, done.reply[1:])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import signal
 import struct
@@ -11,6 +10,7 @@ import subprocess
 import sys
 import threading
 import time
+import tomllib
 import urllib.error
 import urllib.request
 from contextlib import contextmanager
@@ -201,7 +201,7 @@ def test_bytes_and_pixels_are_exact(shown):
             assert told["body"] == "body" and told["range_m"] == at["range"]
             assert told["range_m"] == pytest.approx(reply.arrays["range"][y, x], rel=1e-7)
             for name in ("incidence", "emission", "phase"):
-                assert told[f"{name}_deg"] == np.degrees(at[name])
+                assert told[f"{name}_deg"] == np.degrees(float(at[name]))
         assert n_seen > 0
 
 
@@ -354,6 +354,30 @@ def test_without_a_frame_the_free_camera_shows_the_scene(tmp_path):
         assert head["geometry"]["off_boresight_deg"] == pytest.approx(0.0, abs=1e-6) and (pixels > 0.0).sum() > 20
         with Client(endpoint) as client, pytest.raises(ServerError, match="by its own --view alone"):
             client.watch()
+
+
+def test_a_scene_that_was_replaced_is_not_asked_about_old_frames(tmp_path):
+    with serving.server(tmp_path, "--view", "0", "--watch", scene=SCENE) as (endpoint, process), \
+            Page(address_of(process)) as page, Client(endpoint, timeout_s=60.0) as client:
+        client.render(state(), "bare")
+        page.ask("frame", after=0, stream=None)
+        old, _ = page.answer()
+        scene = tomllib.loads(SCENE)
+        scene["bodies"][0]["generated"]["radius_m"] = 50.0
+        client.load_scene(scene)
+        assert client.watch().streams == []
+        deadline = time.monotonic() + PATIENCE_S
+        while "replaced" not in (page.ask("pixel", number=old["number"], x=16, y=16), page.answer()[0])[1].get(
+                "trouble", ""):
+            assert time.monotonic() < deadline
+        client.render(state(), "bare")
+        page.ask("frame", after=old["number"], stream=["nobody", "bare"])
+        page.ask("frame", after=old["number"], stream=None)
+        new, _ = page.answer()
+        assert new["geometry"]["radius_m"] == pytest.approx(0.5 * old["geometry"]["radius_m"])
+        page.ask("pixel", number=new["number"], x=16, y=16)
+        assert page.answer()[0]["range_m"] == client.render(
+            state(), "bare", products=["range"], roi=(16, 16, 17, 17)).arrays["range"][0, 0]
 
 
 def test_the_view_ends_with_its_server(tmp_path):
@@ -511,5 +535,5 @@ def test_a_background_frame_goes_with_no_allow_slow(shown):
     with Client(shown[0]) as client, pytest.raises(ServerError, match="background.*allow_slow"):
         client.render(state(), "bare", background=True, allow_slow=True)
     with Client(shown[0]) as client:
-        assert os.getpid() and client.render(state(), "bare", background=True).pixels.tobytes() == client.render(
+        assert client.render(state(), "bare", background=True).pixels.tobytes() == client.render(
             state(), "bare").pixels.tobytes()

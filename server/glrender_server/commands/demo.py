@@ -50,6 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="phase correction by rendering the estimated state, or as of a sphere (model)")
     parser.add_argument("--seed", type=int, default=1, help="of the body, the sensor and the manoeuvres (1)")
     parser.add_argument("--backend", default="auto", choices=("auto", "egl", "osmesa"))
+    parser.add_argument("--view", type=int, metavar="PORT", help="show the frames on a page meanwhile; 0: a free port")
     parser.add_argument("--out", type=Path, default=Path("out/demo"), help="folder for pictures and plots")
 
 
@@ -74,7 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
         scene_file, shape = _write_scene(Path(folder), arguments)
         arguments.out.mkdir(parents=True, exist_ok=True)
         say(f"Body: {len(shape.facets)} facets, {2.0 * shape.radius_m:.4g} m across")
-        with _Server(scene_file, arguments.backend) as endpoint:
+        with _Server(scene_file, arguments.backend, arguments.view) as endpoint:
             with Client(endpoint, timeout_s=30.0) as client:
                 hello = client.hello()
                 say(f"Server: {endpoint}, {hello.get('gl_renderer') or hello.get('renderer')}")
@@ -136,9 +137,10 @@ def _length_unit(text: str) -> str | float:
 class _Server:
     """The server in its own process, stopped whatever happens."""
 
-    def __init__(self, scene_file: Path, backend: str):
+    def __init__(self, scene_file: Path, backend: str, view_port: int | None = None):
         self._command = [sys.executable, "-m", "glrender_server", str(scene_file),
-                         "--zmq", "tcp://127.0.0.1:*", "--backend", backend]
+                         "--zmq", "tcp://127.0.0.1:*", "--backend", backend,
+                         *(() if view_port is None else ("--view", str(view_port)))]
 
     def __enter__(self) -> str:
         self._process = subprocess.Popen(self._command, stdout=subprocess.PIPE)
@@ -148,7 +150,11 @@ class _Server:
                 if select.select([self._process.stdout], [], [], 0.2)[0]:
                     chunk = os.read(self._process.stdout.fileno(), 4096)
                     printed += chunk
-                    for word in printed.decode(errors="replace").split():
+                    words = printed.decode(errors="replace").split()
+                    if b"\n" in printed:
+                        for address in (word.rstrip(")") for word in words if word.startswith("http://")):
+                            say(f"View: {address}")
+                    for word in words:
                         if word.startswith("tcp://") and b"ready" in printed and b"\n" in printed:
                             return word.rstrip(",;")
                     if not chunk:

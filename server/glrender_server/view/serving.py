@@ -138,6 +138,7 @@ class _Viewer:
     def __init__(self, peer: WebSocket, source: Source, viewers: set[_Viewer]):
         self._peer, self._source, self._viewers = peer, source, viewers
         self.stream: tuple[str, str] | None = None
+        self._is_waiting = False
         self._questions: dict[str, dict[str, Any]] = {}
         self._asked = {kind: asyncio.Event() for kind in ("frame", "status", "pixel", "free")}
         self._sending = asyncio.Lock()
@@ -155,7 +156,9 @@ class _Viewer:
                 if kind == "frame":
                     chosen = question.get("stream")
                     self.stream = None if chosen is None else (str(chosen[0]), str(chosen[1]))
+                    self._is_waiting = True
                     self.tell_what_is_wanted()
+                    self._source.tell_news()
         except WebSocketDisconnect:
             pass
         except (ValueError, KeyError, TypeError, IndexError, AttributeError):
@@ -167,8 +170,8 @@ class _Viewer:
             await asyncio.gather(*answering, return_exceptions=True)
 
     def tell_what_is_wanted(self) -> None:
-        """Let the source know what all pages look at."""
-        self._source.want({viewer.stream for viewer in self._viewers})
+        """Let the source know what all pages wait for: a stopped one waits for nothing."""
+        self._source.want(bool(self._viewers), {viewer.stream for viewer in self._viewers if viewer._is_waiting})
 
     async def _answer(self, kind: str) -> None:
         while True:
@@ -197,6 +200,8 @@ class _Viewer:
             await self._source.news()
             if self._asked["frame"].is_set():
                 return None
+        self._is_waiting = False
+        self.tell_what_is_wanted()
         return frame.message
 
     async def _status(self, question: dict[str, Any]) -> dict[str, Any]:

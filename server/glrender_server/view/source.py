@@ -64,6 +64,7 @@ class Source:
         self._number = 0
         self._after: dict[Stream | None, int] = {}
         self._wanted: set[Stream | None] = set()
+        self._is_looked_at = False
         self._wake, self._ended = threading.Event(), threading.Event()
         self._drawer = ThreadPoolExecutor(1, "background")
         self._asker: Client | None = None
@@ -73,12 +74,7 @@ class Source:
     def start(self, loop: asyncio.AbstractEventLoop) -> None:
         """Begin; `news` is for this loop."""
         self._news = asyncio.Event()
-
-        def tell() -> None:
-            self._news.set()
-            self._news = asyncio.Event()
-
-        self._on_news = lambda: loop.call_soon_threadsafe(tell)
+        self._on_news = lambda: loop.call_soon_threadsafe(self.tell_news)
         self._thread.start()
 
     def close(self) -> None:
@@ -89,15 +85,20 @@ class Source:
         self._drawer.submit(self._forget_asker)
         self._drawer.shutdown(wait=False, cancel_futures=False)
 
-    def want(self, streams: set[Stream | None]) -> None:
-        """Say what is looked at: streams, or None for the newest of all; nothing: it sleeps."""
-        self._wanted = streams
-        if streams:
+    def want(self, is_looked_at: bool, streams: set[Stream | None]) -> None:
+        """Say whether pages are open, and from which streams they want a frame now: None is the newest of all."""
+        self._is_looked_at, self._wanted = is_looked_at, streams
+        if is_looked_at:
             self._wake.set()
 
     async def news(self) -> None:
-        """Wait until another frame has come, or the server has gone or is back."""
+        """Wait until another frame has come, or a page wants another stream."""
         await self._news.wait()
+
+    def tell_news(self) -> None:
+        """Wake who waits for `news`."""
+        self._news.set()
+        self._news = asyncio.Event()
 
     def newest(self, stream: Stream | None, after: int = 0) -> Frame | None:
         """The newest frame of a stream that is newer than the one with this number."""
@@ -114,7 +115,7 @@ class Source:
 
     def _watch(self) -> None:
         while not self._ended.is_set():
-            if not self._wanted:
+            if not self._is_looked_at:
                 self._wake.wait()
                 self._wake.clear()
                 continue
@@ -135,7 +136,7 @@ class Source:
 
     def _follow(self, client: Client) -> None:
         asked_at = -1e9
-        while self._wanted and not self._ended.is_set():
+        while self._is_looked_at and not self._ended.is_set():
             began = time.monotonic()
             if began - asked_at > _STATUS_S:
                 self.status, self.trouble, asked_at = client.status(), "", began
@@ -191,6 +192,8 @@ class Source:
             `irradiance_W_m2`, `range_m`, `incidence_deg`, `emission_deg`, `phase_deg`, `body`; `trouble` if it cannot
             be drawn now. Where no body is, None.
         """
+        if self._camera(frame.camera["name"]) != frame.camera or self.status.get("bodies") != frame.bodies:
+            return {"trouble": self.trouble or "the scene was replaced since"}
         products = ["range", "body_id", "incidence", "emission", "phase"]
         asked = self._asked(frame)
         try:
