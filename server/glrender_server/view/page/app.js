@@ -9,6 +9,7 @@ import {Sketch} from "./sketch.js";
 
 const find = id => document.getElementById(id);
 const PIXEL_PAUSE_MS = 120, STATUS_MS = 1000, MAX_WARNINGS = 4;
+const HINT = "drag to turn, wheel or + − to approach; drawn while no client waits";
 
 const picture = new Picture(find("picture"));
 const histogram = new Histogram(find("histogram"), picture, white => setWhite(white));
@@ -36,7 +37,7 @@ link.on("frame", (head, values) => {
   requestAnimationFrame(() => {
     after = head.number;
     live = {head, values};
-    sketch.show(head.geometry, String(head.stream.slice(0, 2)));
+    sketch.follow(head.geometry, head.stream);
     if (!isFree) show(head, values);
     askFrame();
   });
@@ -44,7 +45,7 @@ link.on("frame", (head, values) => {
 link.on("free", (head, values) => {
   free.isAsking = false;
   if (values && isFree) show(head, values);
-  if (isFree) note(head.trouble ?? "");
+  if (isFree) note(head.trouble ?? HINT);
   if (values && free.isStale) askFree();
 });
 
@@ -63,6 +64,7 @@ function show(head, values) {
   fill(find("plan"), planRows(head.plan));
   fill(find("stages"), stageRows(head));
   fill(find("geometry"), geometryRows(head.geometry));
+  sketch.show(head.geometry, head.stream);
   warn(head.warnings ?? []);
   told();
   readOut();
@@ -292,7 +294,6 @@ function askFree() {
   free.isStale = free.isAsking;
   if (free.isAsking) return;
   free.isAsking = true;
-  note("drag to turn, wheel or + − to approach; drawn while no client waits");
   const {azimuth_deg, elevation_deg, range_m, body, camera} = free;
   link.ask("free", {azimuth_deg, elevation_deg, range_m, body, camera});
 }
@@ -301,8 +302,9 @@ function setFree(on) {
   choose(find("live").parentElement, find(on ? "free" : "live"));
   canvas.classList.toggle("grab", on);
   point(null);
-  note("");
+  note(on ? HINT : "");
   warn([]);
+  picture.fit();
   if (on) {
     const g = live?.head.geometry;
     if (g && !free.isPlaced) {

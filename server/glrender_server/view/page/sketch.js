@@ -1,22 +1,30 @@
 // Sun, body and camera in the plane that they span, the Sun to the right: the phase angle is seen as it is.
 
-const MAX_TRAIL = 600;
+const MAX_TRAIL = 600, MAX_TRAILS = 16;
 
 export class Sketch {
   constructor(canvas) {
     this.canvas = canvas;
+    this.trails = new Map();
     this.trail = [];
     new ResizeObserver(() => this.draw()).observe(canvas);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.draw());
   }
 
+  /** Remember where a stream's camera is. */
+  follow(geometry, stream) {
+    const key = `${stream} ${geometry.body}`, trail = this.trails.get(key) ?? [];
+    this.trails.delete(key);
+    this.trails.set(key, trail);
+    if (this.trails.size > MAX_TRAILS) this.trails.delete(this.trails.keys().next().value);
+    const last = trail.at(-1), now = geometry.r_camera_m;
+    if (!last || last.some((value, k) => value !== now[k])) trail.push(now);
+    if (trail.length > MAX_TRAIL) trail.shift();
+  }
+
   show(geometry, stream) {
-    if (stream !== this.stream || geometry.body !== this.geometry?.body) this.trail = [];
-    this.stream = stream;
+    this.trail = this.trails.get(`${stream} ${geometry.body}`) ?? [];
     this.geometry = geometry;
-    const last = this.trail.at(-1), now = geometry.r_camera_m;
-    if (!last || last.some((value, k) => value !== now[k])) this.trail.push(now);
-    if (this.trail.length > MAX_TRAIL) this.trail.shift();
     this.draw();
   }
 
