@@ -2,11 +2,12 @@
 
 A loop asks for 512 x 512 digital numbers with nothing between two frames. Short windows without a page and with some
 change in turn, in an order drawn by chance, so that what else the machine does falls on both. `frozen` is a page that
-reads nothing more; `hostile` are one that asks without end and reads nothing, and one client that asks `watch` without
-end. Pages are read by a process of the lowest priority: a browser's own drawing is not ours. Prints one JSON line:
-`rate` of the loop's frames over that without a page, `processor_time` of the server and its worker for one frame
-likewise (medians of the pairs, with their standard errors), and `server_share`, the part of one core that the server's
-own process, its loop and its sockets, takes more than without.
+reads nothing more; `hostile` one that asks everything without end and reads nothing. Pages are read by a process of the
+lowest priority: a browser's own drawing is not ours. Prints one JSON line: `rate` of the loop's frames over that
+without a page, `processor_time` of the server and its worker for one frame
+likewise (medians of the pairs, with their standard errors); `server_share`, the part of one core that the server's own
+process, its loop and its sockets, takes more than without; and first, under `one_answer_us`, the processor time of the
+server's process for one answer to `watch` and `status`, of which a view asks 20 and one a second.
 """
 
 from __future__ import annotations
@@ -22,7 +23,6 @@ import statistics
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from pathlib import Path
 from typing import NamedTuple
@@ -57,17 +57,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--pairs", type=int, default=60, help="of windows, of each case (60)")
     parser.add_argument("--seconds", type=float, default=1.0, help="of a window (1)")
-    parser.add_argument("--pages", nargs=2, metavar=("ADDRESS", "ENDPOINT"), help=argparse.SUPPRESS)
+    parser.add_argument("--pages", metavar="ADDRESS", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.pages:
         os.setpriority(os.PRIO_PROCESS, 0, 19)
-        asyncio.run(Reader(*arguments.pages).run())
+        asyncio.run(Reader(arguments.pages).run())
         return
     record = {"benchmark": "view", "pairs": arguments.pairs, "load_average": os.getloadavg()[0]}
     chance = random.Random(1)
     with tempfile.TemporaryDirectory() as folder, server(Path(folder)) as (endpoint, address, process), \
-            reader(address, endpoint) as tell, Client(endpoint, timeout_s=60.0) as client:
+            reader(address) as tell, Client(endpoint, timeout_s=60.0) as client:
         window(client, process, 2.0)
+        record["one_answer_us"] = one_answer_us(endpoint, process)
         for name, case in CASES.items():
             pairs, shown = [], 0
             for _ in range(arguments.pairs):
@@ -83,8 +84,25 @@ def main() -> None:
                             "processor_time": spread([b.of_frame_s / a.of_frame_s for a, b in pairs]),
                             "server_share": spread([b.server_share - a.server_share for a, b in pairs]),
                             "shown_per_second": round(shown / (arguments.pairs * arguments.seconds), 1)}
+            sys.stderr.write(f"{name}: {record[name]}\n")
             record["loop_per_second"] = round(statistics.median(a.rate for a, _ in pairs), 1)
     sys.stdout.write(json.dumps(record) + "\n")
+
+
+def one_answer_us(endpoint: str, process: subprocess.Popen) -> dict[str, float]:
+    """Processor time of the server's process for an answer, the median of some runs."""
+    with Client(endpoint, shared_memory=True) as client:
+        newest, found = client.watch().number, {}
+        for name, ask in (("watch, with a frame", client.watch), ("watch, none newer", lambda: client.watch(newest)),
+                          ("status", client.status)):
+            runs = []
+            for _ in range(7):
+                before = processor_s(process.pid)
+                for _ in range(200):
+                    ask()
+                runs.append((processor_s(process.pid) - before) / 200 * 1e6)
+            found[name] = round(statistics.median(runs), 1)
+    return found
 
 
 class Window(NamedTuple):
@@ -142,9 +160,9 @@ def processor_s(number: int) -> float:
 
 
 @contextlib.contextmanager
-def reader(address: str, endpoint: str):
+def reader(address: str):
     """Yields a function that tells a process which pages to open or close, and returns what it answers."""
-    process = subprocess.Popen([sys.executable, __file__, "--pages", address, endpoint], text=True,
+    process = subprocess.Popen([sys.executable, __file__, "--pages", address], text=True,
                                stdin=subprocess.PIPE, stdout=subprocess.PIPE)
 
     def tell(*said: object) -> str:
@@ -164,13 +182,12 @@ def reader(address: str, endpoint: str):
 class Reader:
     """Pages without a browser, opened and closed as standard input says."""
 
-    def __init__(self, address: str, endpoint: str):
+    def __init__(self, address: str):
         self._address = address.replace("http", "ws").replace("/?", "/stream?")
-        self._endpoint, self._count, self._is_hostile = endpoint, 0, threading.Event()
+        self._count = 0
 
     async def run(self) -> None:
         """Follow what standard input says."""
-        threading.Thread(target=self._watch_without_end, daemon=True).start()
         loop, stack, tasks = asyncio.get_running_loop(), contextlib.AsyncExitStack(), []
         while said := (await loop.run_in_executor(None, sys.stdin.readline)).split():
             if said[0] == "open":
@@ -180,10 +197,7 @@ class Reader:
                         self._address, max_size=None, proxy=None, open_timeout=60, close_timeout=0.1))
                     tasks.append(asyncio.create_task(self._flood(peer) if kind == "hostile" else self._read(
                         peer, kind == "frozen" and k == 0)))
-                if kind == "hostile":
-                    self._is_hostile.set()
             else:
-                self._is_hostile.clear()
                 for task in tasks:
                     task.cancel()
                 await asyncio.gather(*tasks, return_exceptions=True)
@@ -209,13 +223,7 @@ class Reader:
         while True:
             for kind in ("frame", "status", "pixel", "free"):
                 await peer.send(json.dumps({"ask": kind, **fields}))
-
-    def _watch_without_end(self) -> None:
-        while True:
-            self._is_hostile.wait()
-            with Client(self._endpoint) as client:
-                while self._is_hostile.is_set():
-                    client.watch()
+            await asyncio.sleep(0)  # standard input has its turn
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Requests of the background: one waits until nobody else does, and takes a hundredth of the time of others."""
+"""Requests of the background: one waits until nobody else does, and takes half a percent of the time of others."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ MAX_WATCHED_FRAMES, MAX_WATCHED_BYTES = 8, 1 << 27
 WATCHED_BYTES_PER_S, CURVE_COST = 1 << 26, 16
 """Pixels for all who watch that go over sockets: a hundredth of one core; an encrypted byte counts as so many. Those
 that are read in shared memory are not counted."""
-BACKGROUND_SHARE, BACKGROUND_IDLE_S = 0.01, 2.0
+BACKGROUND_SHARE, BACKGROUND_IDLE_S = 0.005, 2.0
 """The part of the time that frames of the background may take while others ask, and the time without a request after
 which nobody does."""
 

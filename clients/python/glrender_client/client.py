@@ -161,7 +161,7 @@ class Client:
             Whether another backend may draw what OpenGL cannot within the budget. It takes seconds or minutes:
             give `timeout_s` of this client as much.
         background : bool
-            Whether the frame is drawn only while nobody else waits, and in a hundredth of the time while others ask.
+            Whether the frame is drawn only while nobody else waits, and in 0.5 % of the time while others ask.
 
         Raises
         ------
