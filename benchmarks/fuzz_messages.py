@@ -60,7 +60,8 @@ class Mutator:
     def __init__(self, seed: int):
         self.rng = random.Random(seed)
         self.bases = [bytes.fromhex(GOLDEN[name][0]) for name in GOLDEN if name.startswith("request_")]
-        self.bases += [msgpack.packb({**ENVELOPE, "op": op}) for op in ("status", "close")] + [msgpack.packb(RANGE)]
+        self.bases += [msgpack.packb({**ENVELOPE, "op": op}) for op in ("status", "watch", "close")]
+        self.bases.append(msgpack.packb(RANGE))
         self._load = msgpack.packb(LOAD)
 
     def message(self) -> list[bytes]:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from glrender import ConfigError
 from glrender_camera.validate import integer
+from glrender_client import Client, GlrenderClientError
 
 from ..view.process import check_installed, listening
 
@@ -27,8 +28,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Show the page until Ctrl-C."""
     check_installed("view")
-    from glrender_client import Client, GlrenderClientError
-
     from ..view.serving import serve
 
     keys = None if arguments.key is None and arguments.server_key is None else (arguments.key, arguments.server_key)

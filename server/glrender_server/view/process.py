@@ -15,7 +15,7 @@ from glrender import ConfigError
 
 log = logging.getLogger(__name__)
 
-_NEEDED = ("starlette", "uvicorn", "websockets", "glrender_client")
+_NEEDED = ("starlette", "uvicorn", "websockets")
 _END_S = 3.0
 
 
@@ -28,9 +28,7 @@ def check_installed(option: str) -> None:
     """
     for name in _NEEDED:
         if importlib.util.find_spec(name) is None:
-            raise ConfigError(option, f"needs {name}, which is not installed",
-                              hint="pip install './clients/python'" if name == "glrender_client"
-                              else "pip install 'glrender[view]'")
+            raise ConfigError(option, f"needs {name}, which is not installed", hint="pip install 'glrender[view]'")
 
 
 def listening(option: str, port: int) -> socket.socket:
