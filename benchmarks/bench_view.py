@@ -1,13 +1,13 @@
-"""Price of watching: a closed loop's frames per second and the server's processor time, with pages open and without.
+"""Price of watching: a closed loop's frames and the server's processor time, with pages open and without.
 
-A loop asks for 512 x 512 digital numbers with nothing between two frames. Short windows without a page and with some
-change in turn, in an order drawn by chance, so that what else the machine does falls on both. `frozen` is a page that
-reads nothing more; `hostile` one that asks everything without end and reads nothing. Pages are read by a process of the
-lowest priority: a browser's own drawing is not ours. Prints one JSON line: `rate` of the loop's frames over that
-without a page, `processor_time` of the server and its worker for one frame
-likewise (medians of the pairs, with their standard errors); `server_share`, the part of one core that the server's own
-process, its loop and its sockets, takes more than without; and first, under `one_answer_us`, the processor time of the
-server's process for one answer to `watch` and `status`, of which a view asks 20 and one a second.
+A loop asks for 512 x 512 digital numbers with nothing between two frames. Windows with pages stand each between two
+without, in an order drawn by chance anew in each round, so that what else the machine does falls on all. `frozen` is a
+page that reads nothing more; `hostile` one that asks everything without end and reads nothing. Pages are read by a
+process of the lowest priority: a browser's own drawing is not ours. Prints one JSON line. Over the same without a page,
+medians of the rounds with their standard errors: `rate`, the loop's frames per second; `quick_frame`, the time of a
+frame that other work left alone (the 20 % quantile); `processor_time`, that of the server and its worker for one frame.
+`server_share` is the part of one core that the server's own process, its loop and its sockets, takes more than without.
+`one_answer_us` is its processor time for one answer to `watch` and `status`, of which a view asks 20 and one a second.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ CASES = {"one page": (1, "reading"), "ten pages": (10, "reading"), "ten pages, o
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--pairs", type=int, default=60, help="of windows, of each case (60)")
+    parser.add_argument("--rounds", type=int, default=60, help="each has a window of every case (60)")
     parser.add_argument("--seconds", type=float, default=1.0, help="of a window (1)")
     parser.add_argument("--pages", metavar="ADDRESS", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
@@ -63,29 +63,30 @@ def main() -> None:
         os.setpriority(os.PRIO_PROCESS, 0, 19)
         asyncio.run(Reader(arguments.pages).run())
         return
-    record = {"benchmark": "view", "pairs": arguments.pairs, "load_average": os.getloadavg()[0]}
+    record = {"benchmark": "view", "rounds": arguments.rounds, "load_average": os.getloadavg()[0]}
     chance = random.Random(1)
     with tempfile.TemporaryDirectory() as folder, server(Path(folder)) as (endpoint, address, process), \
             reader(address) as tell, Client(endpoint, timeout_s=60.0) as client:
         window(client, process, 2.0)
         record["one_answer_us"] = one_answer_us(endpoint, process)
-        for name, case in CASES.items():
-            pairs, shown = [], 0
-            for _ in range(arguments.pairs):
-                pair: list[Window | None] = [None, None]
-                for k in chance.sample((0, 1), 2):
-                    if k:
-                        tell("open", *case)
-                    pair[k] = window(client, process, arguments.seconds)
-                    if k:
-                        shown += int(tell("close"))
-                pairs.append(pair)
-            record[name] = {"rate": spread([b.rate / a.rate for a, b in pairs]),
-                            "processor_time": spread([b.of_frame_s / a.of_frame_s for a, b in pairs]),
-                            "server_share": spread([b.server_share - a.server_share for a, b in pairs]),
-                            "shown_per_second": round(shown / (arguments.pairs * arguments.seconds), 1)}
-            sys.stderr.write(f"{name}: {record[name]}\n")
-            record["loop_per_second"] = round(statistics.median(a.rate for a, _ in pairs), 1)
+        found: dict[str, list[tuple[Window, Window, Window]]] = {name: [] for name in CASES}
+        shown = dict.fromkeys(CASES, 0)
+        before = window(client, process, arguments.seconds)
+        for _ in range(arguments.rounds):
+            for name in chance.sample(list(CASES), len(CASES)):
+                tell("open", *CASES[name])
+                watched = window(client, process, arguments.seconds)
+                shown[name] += int(tell("close"))
+                after = window(client, process, arguments.seconds)
+                found[name].append((before, watched, after))
+                before = after
+    for name, windows in found.items():
+        ratios = {field: spread([2.0 * getattr(b, field) / (getattr(a, field) + getattr(c, field))
+                                 for a, b, c in windows]) for field in ("rate", "quick_frame", "processor_time")}
+        record[name] = {**ratios, "server_share": spread([
+            b.server_share - 0.5 * (a.server_share + c.server_share) for a, b, c in windows]),
+            "shown_per_second": round(shown[name] / (arguments.rounds * arguments.seconds), 1)}
+    record["loop_per_second"] = round(statistics.median(a.rate for windows in found.values() for a, _, _ in windows), 1)
     sys.stdout.write(json.dumps(record) + "\n")
 
 
@@ -106,10 +107,11 @@ def one_answer_us(endpoint: str, process: subprocess.Popen) -> dict[str, float]:
 
 
 class Window(NamedTuple):
-    """Figures of one window: frames per second, processor time of server and worker a frame, share of the server."""
+    """Figures of one window: frames per second, a quick frame's time [s], processor times [s a frame, of one core]."""
 
     rate: float
-    of_frame_s: float
+    quick_frame: float
+    processor_time: float
     server_share: float
 
 
@@ -137,14 +139,15 @@ def server(folder: Path):
 
 def window(client: Client, process: subprocess.Popen, seconds: float) -> Window:
     """Run the loop for a while."""
-    began, count = time.monotonic(), 0
+    began, times = time.monotonic(), []
     server_s, workers_s = processor_s(process.pid), sum(map(processor_s, workers(process.pid)))
     while (elapsed := time.monotonic() - began) < seconds:
-        client.render(STATE, "navcam", output="dn", seed=count)
-        count += 1
+        client.render(STATE, "navcam", output="dn", seed=len(times))
+        times.append(time.monotonic() - began - elapsed)
     server_s = processor_s(process.pid) - server_s
     workers_s = sum(map(processor_s, workers(process.pid))) - workers_s
-    return Window(count / elapsed, (server_s + workers_s) / count, server_s / elapsed)
+    return Window(len(times) / elapsed, sorted(times)[len(times) // 5], (server_s + workers_s) / len(times),
+                  server_s / elapsed)
 
 
 def workers(number: int) -> list[int]:
