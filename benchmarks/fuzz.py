@@ -148,8 +148,8 @@ def through_sockets(folder: Path, n_messages: int, seed: int, workers: int) -> T
     with open(folder / "log", "w+") as log:
         process = subprocess.Popen(
             [sys.executable, "-m", "glrender_server", str(folder / "scene.toml"), "--zmq", "tcp://127.0.0.1:*", "--tcp",
-             "127.0.0.1:0", "--workers", str(workers), "--watch", "--shape-dir", str(folder)], stdout=subprocess.PIPE, stderr=log,
-            text=True)
+             "127.0.0.1:0", "--workers", str(workers), "--watch", "--shape-dir", str(folder)],
+            stdout=subprocess.PIPE, stderr=log, text=True)
         try:
             words = process.stdout.readline().split()
             host, _, port = words[5].rpartition(":")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import signal
 import struct
@@ -19,6 +20,7 @@ from pathlib import Path
 import browser
 import msgpack
 import numpy as np
+import processes
 import pytest
 import serving
 import views
@@ -389,6 +391,18 @@ def test_the_view_ends_with_its_server(tmp_path):
         process.kill()
         process.wait()
         serving.until(lambda: not answers(address), PATIENCE_S)
+
+
+def test_a_server_serves_on_without_its_view(tmp_path):
+    with serving.server(tmp_path, "--view", "0", scene=SCENE) as (endpoint, process), Client(endpoint) as client:
+        before = client.render(state(), "bare").pixels.tobytes()
+        (number,) = processes.children(process.pid, b"glrender_server.view")
+        os.kill(number, signal.SIGKILL)
+        log = tmp_path / "server.log"
+        serving.until(lambda: "the page's process has ended (-9); frames are served on" in log.read_text())
+        assert client.render(state(), "bare").pixels.tobytes() == before
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(60.0) == 0
 
 
 def answers(address):

@@ -9,6 +9,7 @@ import secrets
 import socket
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 from glrender import ConfigError
@@ -72,6 +73,7 @@ class ViewProcess:
         self._socket, self._token = listening("--view", port), secrets.token_urlsafe()
         self.address = f"http://127.0.0.1:{self._socket.getsockname()[1]}/?token={self._token}"
         self._process: subprocess.Popen[bytes] | None = None
+        self._is_closing = False
 
     def start(self, endpoint: str, password: str, key_folder: Path | None) -> None:
         """Start the process, which ends with this one.
@@ -104,9 +106,16 @@ class ViewProcess:
         self._process.stdin.write(json.dumps(told).encode() + b"\n")
         self._process.stdin.flush()
         self._socket.close()
+        threading.Thread(target=self._tell_of_its_end, args=(self._process,), daemon=True).start()
+
+    def _tell_of_its_end(self, process: subprocess.Popen[bytes]) -> None:
+        code = process.wait()
+        if not self._is_closing:
+            log.warning("the page's process has ended (%d); frames are served on, and the next start shows them", code)
 
     def close(self) -> None:
         """End the process."""
+        self._is_closing = True
         self._socket.close()
         if self._process is None:
             return
