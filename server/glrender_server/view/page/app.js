@@ -208,7 +208,7 @@ function readOut() {
   const list = find("pixel");
   if (!pixel || !picture.head) {
     set(find("place"), "");
-    fill(list, [["point at the frame", ""]]);
+    fill(list, [["point at the frame, or tap it", ""]]);
     return;
   }
   set(find("place"), `${pixel.x}, ${pixel.y}`);
@@ -227,9 +227,11 @@ link.on("pixel", told => {
 // Pointers: drag to pan, two fingers to zoom; with the free camera a drag turns it.
 
 const canvas = picture.canvas, pointers = new Map();
+let pressed = null;
 canvas.addEventListener("pointerdown", event => {
   canvas.setPointerCapture(event.pointerId);
   pointers.set(event.pointerId, event);
+  pressed = event;
 });
 canvas.addEventListener("pointermove", event => {
   const before = pointers.get(event.pointerId);
@@ -250,9 +252,15 @@ canvas.addEventListener("pointermove", event => {
   pointers.set(event.pointerId, event);
 });
 for (const kind of ["pointerup", "pointercancel"]) {
-  canvas.addEventListener(kind, event => pointers.delete(event.pointerId));
+  canvas.addEventListener(kind, event => {
+    pointers.delete(event.pointerId);
+    const isTap = Math.hypot(event.clientX - pressed.clientX, event.clientY - pressed.clientY) < 5;
+    if (isTap && !isFree) point(picture.pixelAt(event));
+  });
 }
-canvas.addEventListener("pointerleave", () => { if (document.activeElement !== canvas) point(null); });
+canvas.addEventListener("pointerleave", event => {
+  if (event.pointerType === "mouse" && document.activeElement !== canvas) point(null);
+});
 canvas.addEventListener("wheel", event => {
   event.preventDefault();
   const box = canvas.getBoundingClientRect();
