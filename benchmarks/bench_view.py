@@ -16,6 +16,7 @@ import argparse
 import asyncio
 import contextlib
 import json
+import math
 import os
 import random
 import re
@@ -81,7 +82,8 @@ def main() -> None:
                 found[name].append((before, watched, after))
                 before = after
     for name, windows in found.items():
-        ratios = {field: spread([2.0 * getattr(b, field) / (getattr(a, field) + getattr(c, field))
+        # The geometric mean: of chance alone the ratio's median is 1.
+        ratios = {field: spread([getattr(b, field) / math.sqrt(getattr(a, field) * getattr(c, field))
                                  for a, b, c in windows]) for field in ("rate", "quick_frame", "processor_time")}
         record[name] = {**ratios, "server_share": spread([
             b.server_share - 0.5 * (a.server_share + c.server_share) for a, b, c in windows]),
