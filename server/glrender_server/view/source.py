@@ -20,7 +20,7 @@ from .frame import Frame
 
 log = logging.getLogger(__name__)
 
-_WATCH_S, _STATUS_S, _AGAIN_S = 0.05, 1.0, 1.0
+_WATCH_S, _STATUS_S, _AGAIN_S = 1.0 / 15.0, 1.0, 1.0
 # The server answers `watch` and `status` at once, but for one that draws in its own process.
 _TIMEOUT_S, _BACKGROUND_TIMEOUT_S = 5.0, 20.0
 _MAX_STREAMS = 16
