@@ -16,6 +16,7 @@ from .instruments.focal_plane import FittedCamera, FocalPlane
 from .instruments.isd import Isd
 from .kepler import Kepler
 from .paths import AtRest, Hovering, OfFunction, Trajectory, circular_orbit
+from .random_states import RandomStates
 from .samplers import EqualTurns, Exponential, FixedRate, Linear, Times
 from .scenario import Scenario
 from .spice.instrument import camera_of_kernel
@@ -24,8 +25,8 @@ from .spice.sources import SpiceAttitude, SpiceTrajectory
 from .torques import DustImpacts, GasDrag, Plate, Thruster, Wheels
 
 __all__ = ["AtRest", "Attitude", "AttitudeTable", "Disturbed", "DustImpacts", "Encounter", "Epoch", "EqualTurns",
-           "Exponential", "FittedCamera", "Fixed", "FixedRate", "FocalPlane", "GasDrag", "Geometry",
-           "GravityGradient", "Hovering", "Isd", "Jitter", "Kepler", "Linear", "OfFunction", "Plate", "Pointing",
+           "Exponential", "FittedCamera", "Fixed", "FixedRate", "FocalPlane", "GasDrag", "Geometry", "GravityGradient",
+           "Hovering", "Isd", "Jitter", "Kepler", "Linear", "OfFunction", "Plate", "Pointing", "RandomStates",
            "RigidBody", "Scenario", "Segments", "Spice", "SpiceAttitude", "SpiceTrajectory", "Spin", "SumImage",
            "Thruster", "Times", "Trajectory", "TrajectoryTable", "Wheels", "attitude_of_aem", "attitude_of_csv",
            "attitude_of_parquet", "camera_of_kernel", "circular_orbit", "image_of_sum", "load_scenario",

@@ -44,6 +44,8 @@ class Scenario:
         The table of that name of a scenario file, as it was read.
     notes : sequence of str
         Sentences that `check` tells too: what was found when cameras were read.
+    keypoints : mapping
+        Places (3,) [m] in a body's frame, by the names of the body and the keypoint: for labels.
 
     Raises
     ------
@@ -60,6 +62,7 @@ class Scenario:
     scene: Scene | None = None
     output: Mapping[str, Any] = field(default_factory=dict)
     notes: Sequence[str] = ()
+    keypoints: Mapping[str, Mapping[str, np.ndarray]] = field(default_factory=dict)
 
     def __post_init__(self):
         names = self.names

@@ -1,8 +1,8 @@
-"""Labels of a frame: poses in the camera's frame, boxes, centres, and keypoints that are seen or hidden."""
+"""Labels of a frame: poses in the camera's frame, boxes, centres, limbs, and keypoints that are seen or hidden."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -11,21 +11,25 @@ from glrender_camera import PinholeCamera
 from ..base.constants import AU_M
 from ..base.errors import ConfigError
 from ..base.rotations import quaternion
+from ..engines.rays.laser_ranges import laser_ranges
 from ..scene.scene import Scene
 from ..view.state import State
 from ..view.view import view_bodies
+from .limb import limb_points
 
-PRODUCTS = ("range", "body_id")
+PRODUCTS = ("body_id",)
 """Products that labels are made of."""
-# A keypoint is seen where the surface is as far as it is, within the width of some pixels there.
-_SEEN_WITHIN_PX = 3.0
+# Of a body's radius: a keypoint is seen where the ray to it meets nothing that much before it. On a sphere that tells
+# points 0.1 degrees beyond the horizon from those before it.
+_SEEN_WITHIN = 2e-3
 
 Keypoints = Mapping[str, Mapping[str, tuple[float, float, float]]]
 """Names and places [m] in the frame of the body, by the body's name."""
 
 
 def frame_labels(scene: Scene, state: State, camera: PinholeCamera, image: np.ndarray,
-                 products: Mapping[str, np.ndarray], keypoints: Keypoints | None = None) -> dict[str, Any]:
+                 products: Mapping[str, np.ndarray], keypoints: Keypoints | None = None,
+                 n_limb_points: int = 0) -> dict[str, Any]:
     """Labels of one frame, as plain data.
 
     Parameters
@@ -38,6 +42,8 @@ def frame_labels(scene: Scene, state: State, camera: PinholeCamera, image: np.nd
     products : mapping
         With those of `PRODUCTS`.
     keypoints : mapping, optional
+    n_limb_points : int, 0..1000
+        Points of each body's outline, as of `limb_points`.
 
     Returns
     -------
@@ -46,7 +52,8 @@ def frame_labels(scene: Scene, state: State, camera: PinholeCamera, image: np.nd
         `origin_px` (of the body's frame; None behind the camera), `n_px` (pixels whose centre sees it), `box_px`
         (x0, y0, x1, y1, one past the last; None if it is not seen), `centre_of_figure_px`, `centre_of_brightness_px`
         (weighted by `image` above its median beside all bodies), `keypoints`: place, and whether it is in view
-        and seen. Pixels are as of docs/conventions.md: (0, 0) is the centre of the top-left one.
+        and seen, by a ray; `limb` where points of it are asked for. Pixels are as of docs/conventions.md: (0, 0) is
+        the centre of the top-left one.
 
     Raises
     ------
@@ -60,16 +67,19 @@ def frame_labels(scene: Scene, state: State, camera: PinholeCamera, image: np.nd
     light = image.astype(np.float64) - (np.median(beside) if beside.size else 0.0)
     bodies = {}
     views = view_bodies(state, camera, {body.name: body.hull for body in scene.bodies})
-    for number, view in enumerate(views):
+    for number, (body, view) in enumerate(zip(scene.bodies, views, strict=True)):
         r = -view.camera_from_body @ (view.r_camera_body_m + view.centre_m)
+        places = (keypoints or {}).get(view.name, {})
         bodies[view.name] = {
             "r_camera_m": r.tolist(), "q_camera_from_body": quaternion(view.camera_from_body).tolist(),
             "range_m": float(np.linalg.norm(r)), "phase_deg": float(np.degrees(view.phase_rad)),
             "origin_px": camera.project(r).tolist() if r[2] > 0.0 else None,
             **_silhouette(products["body_id"] == number, light),
-            "keypoints": {
-                name: _keypoint(camera, r + view.camera_from_body @ np.asarray(place, float), products["range"])
-                for name, place in (keypoints or {}).get(view.name, {}).items()}}
+            "keypoints": _keypoints(scene, state, camera, places, r + np.array(
+                list(places.values()), float).reshape(-1, 3) @ view.camera_from_body.T,
+                _SEEN_WITHIN * body.hull.radius_m)}
+        if n_limb_points:
+            bodies[view.name]["limb"] = limb_points(scene, state, camera, products["body_id"], number, n_limb_points)
     to_sun = views[0].sun_direction_body * views[0].sun_distance_au * AU_M - views[0].r_camera_body_m
     sun = views[0].camera_from_body @ (to_sun / np.linalg.norm(to_sun))
     return {"sun_direction_camera": sun.tolist(), "bodies": bodies}
@@ -87,14 +97,21 @@ def _silhouette(mask: np.ndarray, light: np.ndarray) -> dict[str, Any]:
             "centre_of_brightness_px": [float(weight @ x / total), float(weight @ y / total)] if total > 0.0 else None}
 
 
-def _keypoint(camera: PinholeCamera, r_camera_m: np.ndarray, range_m: np.ndarray) -> dict[str, Any]:
-    if not r_camera_m[2] > 0.0:
-        return {"px": None, "is_in_view": False, "is_seen": False}
+def _keypoints(scene: Scene, state: State, camera: PinholeCamera, names: Iterable[str], r_camera_m: np.ndarray,
+               within_m: float) -> dict[str, Any]:
+    """Labels of points (K, 3) [m] in `camera`, by their names."""
+    found = {}
+    if not len(r_camera_m):
+        return found
     place = camera.project(r_camera_m)
-    column, row = (int(np.rint(coordinate)) for coordinate in np.clip(place, -1e6, 1e6))
-    if not (0 <= column < camera.width_px and 0 <= row < camera.height_px):
-        return {"px": place.tolist(), "is_in_view": False, "is_seen": False}
-    distance = float(np.linalg.norm(r_camera_m))
-    within = _SEEN_WITHIN_PX * distance / camera.focal_length_px
-    near = range_m[max(0, row - 1):row + 2, max(0, column - 1):column + 2]
-    return {"px": place.tolist(), "is_in_view": True, "is_seen": bool((np.abs(near - distance) < within).any())}
+    distance = np.linalg.norm(r_camera_m, axis=1)
+    sides = np.array([camera.width_px, camera.height_px])
+    is_in = ((place > -0.5) & (place < sides - 0.5)).all(axis=1)
+    is_free = is_in.copy()
+    if is_in.any():
+        met = laser_ranges(scene, state, r_camera_m[is_in] / distance[is_in, None], camera.name).range_m
+        is_free[is_in] = ~(met < distance[is_in] - within_m)
+    for k, name in enumerate(names):
+        found[name] = {"px": place[k].tolist() if np.isfinite(place[k]).all() else None,
+                       "is_in_view": bool(is_in[k]), "is_seen": bool(is_free[k])}
+    return found

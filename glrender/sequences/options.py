@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 from glrender_camera.camera import checked_exposure
@@ -13,6 +13,7 @@ from ..base.errors import ConfigError
 from ..engines.image import checked_products
 from ..scene.scene import Scene
 from .formats import checked_ending
+from .labels import Keypoints
 
 OUTPUT_KEYS = ("camera", "output", "format", "products", "labels", "seed", "exposure_s", "max_error")
 """Fields of the table [output]."""
@@ -36,6 +37,10 @@ class FrameOptions:
         As of `Renderer.render`.
     has_labels : bool
         Whether the header has the labels of `frame_labels`.
+    keypoints : mapping
+        For labels: places (3,) [m] in a body's frame, by the names of the body and the keypoint.
+    limb_points : int, 0..1000
+        For labels: of each body.
     max_error : float, optional
         The scene's by default.
     backend : str
@@ -49,6 +54,8 @@ class FrameOptions:
     exposure_s: float | str | None = None
     products: tuple[str, ...] = ()
     has_labels: bool = False
+    keypoints: Keypoints = field(default_factory=dict)
+    limb_points: int = 0
     max_error: float | None = None
     backend: str = "auto"
 
@@ -56,6 +63,7 @@ class FrameOptions:
         one_of("output", self.output, ("irradiance", "dn"))
         checked_ending(self.format, self.unit)
         integer("seed", self.seed, 0, 2**63)
+        integer("limb_points", self.limb_points, 0, 1000)
         object.__setattr__(self, "products", checked_products(self.products))
         if self.exposure_s is not None:
             checked_exposure("exposure_s", self.exposure_s)
@@ -68,6 +76,13 @@ class FrameOptions:
     def unit(self) -> str:
         """The pixels' unit."""
         return "DN" if self.output == "dn" else "W/m2"
+
+    def to_dict(self) -> dict[str, Any]:
+        """The options as plain data."""
+        keypoints = {body: {name: list(map(float, place)) for name, place in places.items()}
+                     for body, places in self.keypoints.items()}
+        return {**{each.name: getattr(self, each.name) for each in fields(self)},
+                "products": list(self.products), "keypoints": keypoints}
 
     @property
     def text(self) -> str:

@@ -5,18 +5,13 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-import os
-import threading
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from dataclasses import dataclass
 from importlib.metadata import version
-from multiprocessing import connection, get_context, parent_process
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from glrender_camera.validate import integer
 
 from ..base.errors import ConfigError
 from ..capture.capture import Capture, draw_still, take_frame
@@ -25,15 +20,13 @@ from ..scene.scene import Scene
 from ..scene.shape.shape import Shape
 from ..view.state import State
 from . import labels
+from .folder import claim_folder
 from .formats import FrameFile, write
 from .options import FrameOptions, require_model
+from .processes import own_processes
 
-MANIFEST = "manifest.json"
-_VERSION = version("glrender")
+VERSION = version("glrender")
 _DIGITS = 5
-# Frames given to a process ahead of those that it draws.
-_AHEAD = 2
-_MAX_PROCESSES = 256
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,7 +41,7 @@ class FrameSequence:
     scene : Scene
     states : sequence of State
     folder : path
-        Made if it is missing. `MANIFEST` in it says whose frames it holds.
+        Made if it is missing. `manifest.json` in it says whose frames it holds.
     options : FrameOptions
 
     Raises
@@ -88,57 +81,24 @@ class FrameSequence:
         GlrenderError
             With the number of the frame that cannot be drawn; the others' files stay.
         """
-        n_processes = integer("processes", n_processes or os.cpu_count() or 1, 1, _MAX_PROCESSES)
-        self._claim_folder()
-        left = iter(self.missing())
-        pool = ProcessPoolExecutor(n_processes, mp_context=get_context("spawn"), initializer=_start,
-                                   initargs=(self.scene, self.options))
-        under_way: dict[Future, int] = {}
-        try:
-            while True:
-                while len(under_way) < _AHEAD * n_processes and (index := next(left, None)) is not None:
-                    under_way[pool.submit(_draw, self.path(index), index, self.states[index])] = index
-                if not under_way:
-                    return
-                done, _ = wait(under_way, return_when=FIRST_COMPLETED)
-                for future in done:
-                    index = under_way.pop(future)
-                    future.result()
-                    yield index
-        finally:
-            pool.shutdown(cancel_futures=True)
-
-    def _claim_folder(self) -> None:
-        """Write the manifest, or find it the same.
-
-        Raises
-        ------
-        ConfigError
-        """
-        self.folder.mkdir(parents=True, exist_ok=True)
-        file, ours = self.folder / MANIFEST, self.manifest()
-        try:
-            theirs = json.loads(file.read_text(encoding="utf-8"))
-        except FileNotFoundError:
-            apart = file.with_suffix(".part")
-            apart.write_text(json.dumps(ours, indent=1), encoding="utf-8")
-            os.replace(apart, file)
-            return
-        except ValueError:
-            theirs = {}
-        if differing := [name for name in ours if theirs.get(name) != ours[name]]:
-            raise ConfigError("out", f"holds the frames of another sequence: {', '.join(differing)} differ",
-                              str(self.folder), "choose another folder, or remove this one")
+        claim_folder(self.folder, self.manifest())
+        tasks = ((index, _draw, (self.path(index), index, self.states[index])) for index in self.missing())
+        with own_processes(n_processes, _start, (self.scene, self.options), _stop) as pool:
+            for index, _ in pool.done(tasks):
+                yield index
 
     def manifest(self) -> dict[str, Any]:
         """The frames depend on these: version, digests of scene and states, options."""
-        states = hashlib.sha256("\n".join(json.dumps(state.to_dict()) for state in self.states).encode())
-        return {"glrender": _VERSION, "n_frames": len(self.states), "states_sha256": states.hexdigest(),
-                "scene_sha256": _digest_of_scene(self.scene), "options": dataclasses.asdict(self.options) | {
-                    "products": list(self.options.products)}}
+        return {"glrender": VERSION, "n_frames": len(self.states), "states_sha256": digest_of_states(self.states),
+                "scene_sha256": digest_of_scene(self.scene), "options": self.options.to_dict()}
 
 
-def _digest_of_scene(scene: Scene) -> str:
+def digest_of_states(states: Sequence[State]) -> str:
+    """The digest of states, in their order."""
+    return hashlib.sha256("\n".join(json.dumps(state.to_dict()) for state in states).encode()).hexdigest()
+
+
+def digest_of_scene(scene: Scene) -> str:
     """The digest of shapes, laws, textures and cameras, by their content and not by where they were read."""
     digest = hashlib.sha256()
     _feed(digest, scene)
@@ -173,14 +133,14 @@ _options: FrameOptions | None = None
 
 def _start(scene: Scene, options: FrameOptions) -> None:
     global _renderer, _options
-    threading.Thread(target=_end_with_parent, daemon=True).start()
     _renderer, _options = open_renderer(scene, options.backend), options
 
 
-def _end_with_parent() -> None:
-    """A process whose parent was killed would wait for work for ever."""
-    connection.wait([parent_process().sentinel])
-    os._exit(1)
+def _stop() -> None:
+    global _renderer
+    if _renderer is not None:
+        _renderer.close()
+    _renderer = None
 
 
 def _draw(path: Path, index: int, state: State) -> None:
@@ -228,13 +188,15 @@ def frame_file(scene: Scene, index: int, state: State, options: FrameOptions, ca
         pixels = capture.frame.dn
         header = {"seed": capture.frame.seed, "exposure_s": capture.frame.exposure_s}
     if options.has_labels:
-        header["labels"] = labels.frame_labels(scene, state, camera, pixels, capture.products)
+        header["labels"] = labels.frame_labels(scene, state, camera, pixels, capture.products,
+                                               options.keypoints, options.limb_points)
     kept = {name: capture.products[name] for name in options.products}
     return FrameFile(pixels=pixels, unit=options.unit, products=kept, header={
-        "glrender": _VERSION, "index": index, "state": state.to_dict(), "unit": options.unit,
+        "glrender": VERSION, "index": index, "state": state.to_dict(), "unit": options.unit,
         "camera": {"name": camera.name, "width_px": camera.width_px, "height_px": camera.height_px,
                    "focal_length_px": camera.focal_length_px, "principal_point_px": list(camera.principal_point_px),
                    "r_camera_spacecraft_m": list(camera.r_camera_spacecraft_m),
                    "q_camera_from_spacecraft": list(camera.q_camera_from_spacecraft)},
         "plan": {"max_error": capture.plan.max_error, "predicted_error": capture.plan.predicted_error},
-        "warnings": [str(advice) for advice in capture.warnings], **header})
+        "warnings": [str(advice) for advice in capture.warnings],
+        "warning_codes": [advice.code for advice in capture.warnings], **header})

@@ -42,6 +42,8 @@ OUTSIDE = {
     "glrender.emission": {"numpy", "scipy", "cv2", "OpenEXR", "glrender_camera"},
     "glrender.capture": {"numpy", "scipy", "cv2", "glrender_camera"},
     "glrender.sequences": {"numpy", "cv2", "PIL", "astropy", "OpenEXR", "glrender_camera"},
+    "glrender.sequences.dask_processes": {"distributed"},
+    "glrender.sequences.dataset": {"numpy", "PIL", "h5py", "glrender_camera"},
     "glrender.scenario": {"numpy", "scipy", "spiceypy", "pyarrow", "glrender_camera"},
     "glrender_server": {"numpy", "cv2", "zmq", "msgpack", "glrender", "glrender_camera"},
     # The page watches by the client, in a process of its own.

@@ -296,7 +296,7 @@ def spoilt(path, value):
     ("encounter.frames", 0, "scenario.encounter.frames: must be an integer between 1 and"),
     ("encounter.frames", None, "scenario.time.frames: missing"),
     ("encounter.sampler", "quadratic", "scenario.encounter.sampler: must be one of 'linear', 'exponential'"),
-    ("encounter", None, "scenario.encounter: needs exactly one of [encounter] and [trajectory]"),
+    ("encounter", None, "scenario.encounter: needs exactly one of [encounter], [trajectory] and [random]"),
     ("bodies.0.orbit.eccentricity", 1.5, "scenario.bodies[0].orbit.semi_major_axis_m: must be < 0 for a hyperbola"),
     ("bodies.0.orbit.epoch_tdb", None, "scenario.bodies[0].orbit.epoch_tdb: missing; or epoch_utc"),
     ("bodies.0.orbit", None, "scenario.bodies[0].orbit: missing: nothing tells where the Sun is; give an orbit"),

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import views
-from glrender import ConfigError, Renderer, frames
+from glrender import ConfigError, Pose, Renderer, draw_still, frames
 from glrender.brdf import Lambert
 from glrender.sequences.labels import PRODUCTS, frame_labels
+from glrender_camera import BrownConrady
 
 RADIUS_M, RANGE_M, FOCAL_PX = 100.0, 5000.0, 3000.0
 
@@ -71,3 +74,66 @@ def test_a_body_out_of_view_has_no_box(sphere):
 def test_keypoints_of_no_body_are_refused(sphere):
     with pytest.raises(ConfigError, match=r"keypoints\.moon: is no body"):
         labels_of(sphere, views.state(), keypoints={"moon": {}})
+
+
+@pytest.mark.parametrize("lens", [None, BrownConrady(k1=-0.4, p1=0.01)])
+def test_limb_points_are_on_the_analytic_limb_of_a_sphere(lens):
+    """Directions to the limb make asin(R / D) with that to the centre; facets of 1 degree are inside by 0.002 px."""
+    camera = views.camera(160, FOCAL_PX, distortion=lens, principal_point_px=(95.0, 70.0))
+    scene = views.scene([views.sphere(Lambert(normal_albedo=0.4), 6)], [camera])
+    state = views.state(phase_deg=80.0, range_m=RANGE_M)
+    with Renderer(scene) as renderer:
+        still = draw_still(renderer, state, products=PRODUCTS)
+    labels = frame_labels(scene, state, camera, still.irradiance_W_m2, still.products, n_limb_points=64)
+    found = labels["bodies"]["body"]
+    points, centre = np.array(found["limb"]["px"]), np.array(found["r_camera_m"])
+    assert len(points) == 64
+    off_centre = np.arccos(camera.directions(points) @ centre / np.linalg.norm(centre))
+    assert np.abs(off_centre - np.arcsin(RADIUS_M / RANGE_M)).max() * FOCAL_PX < 0.005
+    # Those that face the Sun are on its side of the disc.
+    sun = np.array(labels["sun_direction_camera"][:2])
+    aside = (points - found["origin_px"]) @ sun / np.linalg.norm(sun) / 60.0
+    faces = np.array(found["limb"]["faces_sun"])
+    assert faces[aside > 0.1].all() and not faces[aside < -0.1].any()
+
+
+def test_the_images_edge_is_no_limb(sphere):
+    camera = views.camera(160, FOCAL_PX)
+    state = views.state(phase_deg=60.0, range_m=RANGE_M, target=(90.0, 60.0, 0.0))
+    found = labels_of(sphere, state, n_limb_points=1000)["bodies"]["body"]
+    points, centre = np.array(found["limb"]["px"]), np.array(found["r_camera_m"])
+    off = np.arccos(camera.directions(points) @ centre / np.linalg.norm(centre))
+    assert found["box_px"][0] == 0 and 50 < len(points) < 300
+    assert np.abs(off - np.arcsin(RADIUS_M / RANGE_M)).max() * FOCAL_PX < 0.05
+
+
+def test_an_edge_behind_a_nearer_body_is_no_limb():
+    scene = views.scene([views.sphere(Lambert(normal_albedo=0.4), 5), views.sphere(
+        Lambert(normal_albedo=0.4), 4, radius_m=30.0, name="moon")], [views.camera(160, FOCAL_PX)])
+    state = views.state(phase_deg=30.0, range_m=RANGE_M, bodies=("body", "moon"))
+    towards = state.spacecraft.r_inertial_m / RANGE_M
+    aside = np.cross(towards, [0.0, 0.0, 1.0])
+    moved = Pose(r_inertial_m=400.0 * towards + 95.0 * aside / np.linalg.norm(aside))
+    state = replace(state, bodies={**state.bodies, "moon": moved})
+    with Renderer(scene) as renderer:
+        image = renderer.render(state, products=PRODUCTS)
+    found = frame_labels(scene, state, scene.cameras[0], image.irradiance_W_m2, image.products, n_limb_points=1000)
+    for name, radius in (("body", RADIUS_M), ("moon", 30.0)):
+        label = found["bodies"][name]
+        centre, points = np.array(label["r_camera_m"]), np.array(label["limb"]["px"])
+        off = np.arccos(scene.cameras[0].directions(points) @ centre / np.linalg.norm(centre))
+        assert len(points) > 40
+        assert np.abs(off - np.arcsin(radius / np.linalg.norm(centre))).max() * FOCAL_PX < 0.05
+
+
+def test_a_keypoint_beyond_the_horizon_is_hidden(sphere):
+    """On a sphere at 50 radii the horizon is acos(R / D), 88.85 degrees, from the point below the camera."""
+    state = views.state(phase_deg=30.0, range_m=RANGE_M)
+    down = state.spacecraft.r_inertial_m / RANGE_M
+    aside = np.cross(down, [0.0, 0.0, 1.0])
+    aside /= np.linalg.norm(aside)
+    horizon = np.degrees(np.arccos(RADIUS_M / RANGE_M))
+    places = {str(angle): RADIUS_M * (np.cos(np.radians(angle)) * down + np.sin(np.radians(angle)) * aside)
+              for angle in (horizon - 2.0, horizon + 2.0)}
+    found = labels_of(sphere, state, keypoints={"body": places})["bodies"]["body"]["keypoints"]
+    assert [point["is_seen"] for point in found.values()] == [True, False]

@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from glrender_camera.validate import known_keys, one_of, text
 
+from ...base.constants import AU_M
 from ...base.errors import ConfigError, error_path
 from ...scene.scene import Scene
+from ..random_states import RandomStates
+from ..samplers import Times
 from ..scenario import SPACECRAFT, SUN, Scenario
+from ..spice.kernels import Spice
 from .attitude_fields import read_body_attitude, read_craft_attitude
 from .camera_fields import read_cameras
-from .fields import Known, a_table
+from .fields import Known, a_table, with_scales
+from .keypoint_fields import read_keypoints
+from .random_fields import place_of_craft, read_random
 from .time_fields import SAMPLER_KEYS, TimeFields
 from .trajectory_fields import (
     read_encounter,
@@ -25,12 +33,12 @@ from .trajectory_fields import (
     read_trajectory,
 )
 
-_OWN_KEYS = ("scene", "encounter", "trajectory", "attitude", "time", "sun", "spice", "output")
-_BODY_KEYS = ("orbit", "trajectory", "spin", "attitude")
+_OWN_KEYS = ("scene", "encounter", "trajectory", "random", "attitude", "time", "sun", "spice", "output")
+_BODY_KEYS = ("orbit", "trajectory", "spin", "attitude", "keypoints")
 
 
-def load_scenario(path: str | Path) -> Scenario:
-    """A scenario from a TOML file; names of files in it are relative to it.
+def load_scenario(path: str | Path) -> Scenario | RandomStates:
+    """A scenario from a TOML file, or the random states of its [random]; names of files in it are relative to it.
 
     Raises
     ------
@@ -41,8 +49,25 @@ def load_scenario(path: str | Path) -> Scenario:
     return scenario_of_table(_toml(path), folder=path.parent, path=path.name)
 
 
-def scenario_of_table(table: Mapping[str, Any], *, folder: str | Path = ".", path: str = "scenario") -> Scenario:
-    """A scenario of plain data, as a scenario file has it (`docs/scenario.md`).
+def load_setting(path: str | Path) -> tuple[Scene, dict[str, dict[str, np.ndarray]]]:
+    """The scene of a scenario file or a scene file, and its keypoints; nothing else of the file is looked at.
+
+    Raises
+    ------
+    ConfigError
+        With the path of the field.
+    """
+    path = Path(path)
+    with error_path(path.name):
+        table = _with_scene(_toml(path), path.parent)
+        own, entries = _taken(table)
+        read_cameras(table, path.parent, _spice(own, path.parent))
+        return _scene(table, path.parent), _keypoints(entries, path.parent)
+
+
+def scenario_of_table(table: Mapping[str, Any], *, folder: str | Path = ".",
+                      path: str = "scenario") -> Scenario | RandomStates:
+    """A scenario of plain data, as a scenario file has it (`docs/scenario.md`); random states of its `random`.
 
     Parameters
     ----------
@@ -61,23 +86,16 @@ def scenario_of_table(table: Mapping[str, Any], *, folder: str | Path = ".", pat
         return _scenario(_with_scene(a_table(table), Path(folder)), Path(folder))
 
 
-def _scenario(table: dict[str, Any], folder: Path) -> Scenario:
-    own = {key: table.pop(key) for key in _OWN_KEYS if key in table}
-    entries = table.get("bodies")
-    if isinstance(entries, list):
-        table["bodies"] = [{key: value for key, value in entry.items() if key not in _BODY_KEYS}
-                           if isinstance(entry, Mapping) else entry for entry in entries]
-    spice = None
-    if "spice" in own:
-        with error_path("spice"):
-            spice = read_spice(own["spice"], folder)
+def _scenario(table: dict[str, Any], folder: Path) -> Scenario | RandomStates:
+    own, entries = _taken(table)
+    spice = _spice(own, folder)
     notes = read_cameras(table, folder, spice)
     known = Known(scene=_scene(table, folder), folder=folder, spice=spice)
     for index, name in enumerate(known.names):
         if name in (SUN, SPACECRAFT):
             raise ConfigError(f"bodies[{index}].name", "must be another name in a scenario", name)
-    if ("encounter" in own) == ("trajectory" in own):
-        raise ConfigError("encounter", "needs exactly one of [encounter] and [trajectory]")
+    if len(sources := [key for key in ("encounter", "trajectory", "random") if key in own]) != 1:
+        raise ConfigError("encounter", "needs exactly one of [encounter], [trajectory] and [random]", sources)
     with error_path("time"):
         times = TimeFields(own.get("time", {}))
     known.start = times.start if "encounter" in own else times.start or times.first
@@ -87,31 +105,70 @@ def _scenario(table: dict[str, Any], folder: Path) -> Scenario:
     for index, entry in enumerate(entries):
         with error_path(f"bodies[{index}]"):
             read_motion_of_body(known, entry["name"], entry)
-    read_sun(known, own)
+    has_sun = "random" not in own or "sun" in own or spice is not None or any(
+        path.about == SUN for path in known.trajectories.values())
+    read_sun(known, own if has_sun else {**own, "sun": {"r_m": [AU_M, 0.0, 0.0], "about": known.names[0]}})
     encounter = {}
     if "encounter" in own:
         with error_path("encounter"):
             encounter = a_table(own["encounter"])
             craft = read_encounter(known, {key: encounter[key] for key in encounter if key not in SAMPLER_KEYS})
+    elif "random" in own:
+        with error_path("random"):
+            craft = place_of_craft(known, own["random"])
     else:
         with error_path("trajectory"):
             craft = read_trajectory(known, own["trajectory"], SPACECRAFT)
     known.trajectories[SPACECRAFT] = craft
     origin = craft.about if craft.about in known.names else known.names[0]
-    sampler = times.sampler(craft, known.start, encounter)
-    known.duration_s = float(sampler.t_s()[-1])
     attitudes = {}
-    with error_path("attitude"):
-        attitudes[SPACECRAFT] = read_craft_attitude(
-            known, own.get("attitude", {"mode": "isd" if known.images else "target"}), origin)
+    if "random" not in own:
+        sampler = times.sampler(craft, known.start, encounter)
+        known.duration_s = float(sampler.t_s()[-1])
+        with error_path("attitude"):
+            attitudes[SPACECRAFT] = read_craft_attitude(
+                known, own.get("attitude", {"mode": "isd" if known.images else "target"}), origin)
     for index, entry in enumerate(entries):
         with error_path(f"bodies[{index}]"):
             if (attitude := read_body_attitude(known, entry["name"], entry, origin)) is not None:
                 attitudes[entry["name"]] = attitude
     with error_path("output"):
         output = a_table(own.get("output", {}))
-    return Scenario(trajectories=known.trajectories, attitudes=attitudes, origin=origin, start=known.start,
-                    sampler=sampler, scene=known.scene, output=output, notes=tuple(notes))
+    keypoints = _keypoints(entries, folder)
+    make = partial(Scenario, trajectories=known.trajectories, origin=origin, start=known.start, scene=known.scene,
+                   output=output, keypoints=keypoints, notes=tuple(notes))
+    if "random" in own:
+        for key in ("attitude", "time"):
+            if set(a_table(own.get(key, {}))) - set(with_scales("start")):
+                raise ConfigError(key, "is given beside [random]", hint="leave it out: [random] points the camera")
+        setting = make(attitudes=attitudes, sampler=Times(times_s=[0.0]))
+        with error_path("random"):
+            return read_random(setting, own["random"], has_sun)
+    return make(attitudes=attitudes, sampler=sampler)
+
+
+def _taken(table: dict[str, Any]) -> tuple[dict[str, Any], Any]:
+    """The tables of a scenario file that no scene has, and the whole entries of its bodies; the table loses them."""
+    own = {key: table.pop(key) for key in _OWN_KEYS if key in table}
+    entries = table.get("bodies")
+    if isinstance(entries, list):
+        table["bodies"] = [{key: value for key, value in entry.items() if key not in _BODY_KEYS}
+                           if isinstance(entry, Mapping) else entry for entry in entries]
+    return own, entries
+
+
+def _spice(own: Mapping[str, Any], folder: Path) -> Spice | None:
+    with error_path("spice"):
+        return read_spice(own["spice"], folder) if "spice" in own else None
+
+
+def _keypoints(entries: Sequence[Mapping[str, Any]], folder: Path) -> dict[str, dict[str, np.ndarray]]:
+    found = {}
+    for index, entry in enumerate(entries):
+        if "keypoints" in entry:
+            with error_path(f"bodies[{index}].keypoints"):
+                found[entry["name"]] = read_keypoints(entry["keypoints"], folder)
+    return found
 
 
 def _scene(table: Mapping[str, Any], folder: Path) -> Scene:

@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 from glrender import Body, ConfigError, GlrenderError, PinholeCamera
 from glrender.base.errors import error_path
-from glrender.scenario import Scenario
+from glrender.scenario import RandomStates, Scenario
+from glrender.scenario.files.keypoint_fields import off_surface
+from glrender.sequences.dataset.dataset import most_bytes
 from glrender.sequences.options import options_of
 from glrender.view.view import view_bodies
 
@@ -40,6 +42,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.plot is not None and not is_sequence:
         raise ConfigError("--plot", "is of a scenario's sequence, not of one frame", str(arguments.plot),
                           "give a scenario file alone")
+    if arguments.plot is not None and isinstance(subject.scenario, RandomStates):
+        raise ConfigError("--plot", "is of a trajectory; random states have none", str(arguments.plot), "leave it out")
     if is_sequence:
         _check_sequence(subject.scenario)
         if arguments.plot is not None:
@@ -69,11 +73,16 @@ def _plot(scenario: Scenario, arguments: argparse.Namespace) -> None:
     sys.stdout.write(f"plot: {arguments.plot}\n")
 
 
-def _check_sequence(scenario: Scenario) -> None:
+def _check_sequence(scenario: Scenario | RandomStates) -> None:
     with error_path("output"):
         output = options_of(scenario.scene, scenario.output)
-    for warning in scenario.check():
+    for warning in (*scenario.check(), *off_surface(scenario.scene, scenario.keypoints)):
         sys.stderr.write(f"glrender: warning: {warning}\n")
+    if isinstance(scenario, RandomStates):
+        size = most_bytes(scenario.scene, scenario.camera.name, scenario.frames)
+        sys.stdout.writelines(f"random: {name} {value}\n" for name, value in scenario.told().items())
+        sys.stdout.write(f"on disk: {size / 1e6:.0f} MB at most, without products\n")
+        return
     t_s = scenario.t_s
     sys.stdout.write(f"sequence: {len(t_s)} states over {t_s[-1] - t_s[0]:g} s"
                      f"{'' if scenario.start is None else f' from {scenario.start.tdb} TDB'}\n"

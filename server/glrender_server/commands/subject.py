@@ -14,14 +14,14 @@ from glrender import Body, ConfigError, PinholeCamera, Pose, Scene, Shape, State
 from glrender.base.constants import AU_M
 from glrender.base.errors import error_path
 from glrender.brdf import LommelSeeliger
-from glrender.scenario import Scenario, load_scenario
+from glrender.scenario import RandomStates, Scenario, load_scenario
 from glrender.scenario.epochs import Epoch
 from glrender.scene.shape.shape import metres_per_unit
 from glrender_camera import CameraModel
 from glrender_camera.validate import within
 
 # Tables that a scenario file has and a scene file has not.
-_OF_SCENARIOS = ("scene", "encounter", "trajectory")
+_OF_SCENARIOS = ("scene", "encounter", "trajectory", "random")
 # Of the frame's smaller side, what the first body takes in the state that is made for it.
 _FILLED = 0.8
 # Single-scattering albedo of a shape without a scene: between comets (0.04) and S-type asteroids (0.3).
@@ -37,12 +37,12 @@ class Subject:
     path : path
         The file that it was read from.
     scene : Scene
-    scenario : Scenario or None
+    scenario : Scenario, RandomStates or None
     """
 
     path: Path
     scene: Scene
-    scenario: Scenario | None = None
+    scenario: Scenario | RandomStates | None = None
 
 
 def add_subject(parser: argparse.ArgumentParser) -> None:
@@ -112,6 +112,10 @@ def state_of(subject: Subject, arguments: argparse.Namespace, camera: PinholeCam
     if subject.scenario is None or arguments.phase_deg is not None:
         phase_deg = 60.0 if arguments.phase_deg is None else arguments.phase_deg
         return default_state(subject.scene, camera.name, np.radians(within("phase-deg", phase_deg, 0.0, 180.0)))
+    if isinstance(subject.scenario, RandomStates):
+        if arguments.at is not None:
+            raise ConfigError("--at", "is of a trajectory; random states have no order", arguments.at)
+        return subject.scenario.states()[0]
     return subject.scenario.states(np.array([_time_s(subject.scenario, arguments.at)]))[0]
 
 

@@ -1,0 +1,73 @@
+"""Keypoints of a scenario file: names and places on a body, in its table or in a CSV file."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from glrender_camera.validate import name_of, position
+
+from ...base.errors import ConfigError, error_path
+from ...scene.scene import Scene
+from ...scene.shape.convex_hull import surface_distance_m
+from .state_files import text_of
+
+_COLUMNS = ("name", "r_x_m", "r_y_m", "r_z_m")
+# Of a body's radius: a keypoint farther off its surface is likely another body's, or of another length unit.
+_OFF_SURFACE = 1e-3
+
+
+def read_keypoints(value: object, folder: Path) -> dict[str, np.ndarray]:
+    """Places (3,) [m] in the body's frame, by name.
+
+    Parameters
+    ----------
+    value : table or str
+        Of names and [x, y, z], or the name of a CSV file with the columns `name`, `r_x_m`, `r_y_m`, `r_z_m`.
+    folder : path
+        Where the file's name leads from.
+
+    Raises
+    ------
+    ConfigError
+    """
+    if isinstance(value, str):
+        return _of_csv(folder / value)
+    if not isinstance(value, Mapping) or not value:
+        raise ConfigError("", "must be a table of names and places, or a CSV file's name", value)
+    return {name_of("", name): position(name, place) for name, place in value.items()}
+
+
+def off_surface(scene: Scene, keypoints: Mapping[str, Mapping[str, np.ndarray]]) -> list[str]:
+    """A warning of each keypoint that is off its body's surface."""
+    told = []
+    for body in scene.bodies:
+        for name, place in keypoints.get(body.name, {}).items():
+            distance = surface_distance_m(body.shape.vertices_m, body.shape.facets, np.asarray(place, float))
+            if distance > _OFF_SURFACE * body.hull.radius_m:
+                told.append(f"keypoint {name!r} is {distance:.3g} m off the surface of {body.name!r}: labels say that "
+                            "it is seen where the line to it is free; is it in metres, in the body's frame?")
+    return told
+
+
+def _of_csv(path: Path) -> dict[str, np.ndarray]:
+    rows = csv.DictReader(text_of(path).splitlines(), skipinitialspace=True)
+    if missing := [name for name in _COLUMNS if name not in (rows.fieldnames or ())]:
+        raise ConfigError(path.name, f"has no column {missing[0]!r}", hint=f"columns are {', '.join(_COLUMNS)}")
+    found: dict[str, np.ndarray] = {}
+    for row in rows:
+        with error_path(f"{path.name}, line {rows.line_num}"):
+            name = name_of("name", row["name"])
+            if name in found:
+                raise ConfigError("name", "must be unique", name)
+            try:
+                found[name] = position("", [float(row[column]) for column in _COLUMNS[1:]])
+            except (TypeError, ValueError) as error:
+                if isinstance(error, ConfigError):
+                    raise
+                raise ConfigError("", "must have three numbers", [row[column] for column in _COLUMNS[1:]]) from None
+    if not found:
+        raise ConfigError(path.name, "holds no keypoint")
+    return found

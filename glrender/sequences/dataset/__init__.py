@@ -1,0 +1,1 @@
+"""Data sets: labelled frames in shards, for learning and for tests of estimators."""

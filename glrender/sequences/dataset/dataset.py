@@ -1,0 +1,251 @@
+"""A data set: labelled frames of many states, drawn in shards by processes here or elsewhere, into one folder."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+import shutil
+import time
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from glrender_camera.validate import integer, one_of
+
+from ...base.errors import ConfigError, GlrenderError
+from ...scene.scene import Scene
+from ...view.state import State
+from .. import labels
+from ..folder import MANIFEST, claim_folder, write_whole
+from ..options import FrameOptions, require_model
+from ..processes import Pool, own_processes
+from ..sequence import VERSION, digest_of_scene, digest_of_states
+from . import bop, coco
+from .drawing import Setup, draw_elsewhere, draw_here, start, stop
+from .shards import FORMATS, Files
+
+FRAMES_A_SHARD = 50
+_LIBRARIES = ("numpy", "scipy", "pillow")
+# Labels, twice: in the shard and beside it; and the heads of a tar file.
+_JSON_BYTES = 16_000
+_BYTES = {"range": 4, "incidence": 4, "emission": 4, "phase": 4, "facet_id": 4, "r_body": 12, "sunlit": 4}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DataSet:
+    """Labelled frames of many states in one folder.
+
+    A shard depends on its states, their numbers and the options alone: it has the same bytes whichever process draws
+    it, and whether the data set is drawn at once or in parts.
+
+    Parameters
+    ----------
+    scene : Scene
+    states : sequence of State
+    folder : path
+        Made if it is missing. `manifest.json` in it says whose frames it holds.
+    options : FrameOptions
+        Its `format` is not used, and labels are always made.
+    format : "webdataset", "hdf5", "coco" or "bop"
+    frames_a_shard : int, 1..10000
+    source : mapping
+        Where the states are from, as plain data, for the manifest.
+    scenario : str
+        The text of the scenario's file, for the manifest; it may change where the states and the scene do not.
+
+    Raises
+    ------
+    ConfigError
+        No states, an unknown camera, options that the format does not hold, or a folder with another data set.
+    """
+
+    scene: Scene
+    states: Sequence[State]
+    folder: Path
+    options: FrameOptions
+    format: str = "webdataset"
+    frames_a_shard: int = FRAMES_A_SHARD
+    source: Mapping[str, Any] = field(default_factory=dict)
+    scenario: str = ""
+
+    def __post_init__(self):
+        if not self.states:
+            raise ConfigError("states", "must be one or more", 0)
+        one_of("format", self.format, FORMATS)
+        integer("frames_a_shard", self.frames_a_shard, 1, 10_000)
+        camera = self.scene.camera(self.options.camera)
+        require_model(self.scene, self.options)
+        if self.options.output != "dn" and self.format in ("coco", "bop"):
+            raise ConfigError("format", f"{self.format} holds digital numbers alone", self.options.unit,
+                              "use webdataset or hdf5, or --output dn")
+        if self.format == "bop":
+            if camera.distortion is not None:
+                raise ConfigError("format", "bop has no distortion", camera.name, "use another, or a camera without")
+            if self.options.products:
+                raise ConfigError("products", "must be none with bop, which has depths", list(self.options.products),
+                                  "leave them out, or use another format")
+        for name in self.options.keypoints:
+            if name not in self.scene.hulls:
+                raise ConfigError(f"keypoints.{name}", "is no body of the scene",
+                                  hint=f"bodies: {', '.join(self.scene.hulls)}")
+        FORMATS[self.format].check()
+
+    @cached_property
+    def setup(self) -> Setup:
+        """All that a process needs besides the states."""
+        wanted = {*self.options.products, *labels.PRODUCTS, *(("range",) if self.format == "bop" else ())}
+        options = replace(self.options, has_labels=True, format="npz", products=tuple(sorted(wanted)))
+        return Setup(scene=self.scene, options=options, format=self.format, version=VERSION)
+
+    def numbers(self) -> range:
+        """Numbers of the shards."""
+        return range(-(-len(self.states) // self.frames_a_shard))
+
+    def indices(self, number: int) -> range:
+        """Numbers of the frames of a shard."""
+        first = number * self.frames_a_shard
+        return range(first, min(first + self.frames_a_shard, len(self.states)))
+
+    def path(self, number: int) -> Path:
+        """The path of a shard: a file, or a folder."""
+        return self.folder / FORMATS[self.format].name(number)
+
+    def labels_path(self, number: int) -> Path:
+        """The path of a shard's labels, one frame (JSON) a line."""
+        return self.folder / "labels" / f"{number:05d}.jsonl"
+
+    def missing(self) -> list[int]:
+        """Numbers of the shards that are not there yet."""
+        return [number for number in self.numbers() if not self.path(number).exists()]
+
+    def draw(self, n_processes: int | None = None, pool: AbstractContextManager[Pool] | None = None) -> Iterator[int]:
+        """Draw what is missing; yields the number of each shard when it is there; then write what is of all of them.
+
+        Parameters
+        ----------
+        n_processes : int, optional
+            As many as the machine has cores by default.
+        pool : context manager of Pool, optional
+            Processes elsewhere, as of `dask_processes`, instead of this machine's.
+
+        Raises
+        ------
+        GlrenderError
+            What cannot be drawn or written; shards that are there stay.
+        """
+        claim_folder(self.folder, self.claim())
+        began, told = time.monotonic(), {"n_frames": 0, "processor_s": 0.0, "renderers": set()}
+        missing = self.missing()
+        if missing:
+            with pool or own_processes(n_processes, start, (self.setup,), stop) as processes:
+                tasks = ((number, *self._task(number, processes, pool is None)) for number in missing)
+                for number, drawn in processes.done(tasks):
+                    self._put(number, drawn.files, drawn.labels)
+                    told["n_frames"] += len(self.indices(number))
+                    told["processor_s"] += drawn.processor_s
+                    told["renderers"].add(drawn.renderer)
+                    yield number
+        self._finish({**told, "wall_s": time.monotonic() - began, "renderers": sorted(told["renderers"])})
+
+    def claim(self) -> dict[str, Any]:
+        """The frames depend on these: versions, digests of scene and states, options."""
+        camera = self.scene.camera(self.options.camera)
+        keys = {name: value for name, value in self.options.to_dict().items() if name not in ("format", "has_labels")}
+        return {"glrender": VERSION, "n_frames": len(self.states), "frames_a_shard": self.frames_a_shard,
+                "format": self.format, "states_sha256": digest_of_states(self.states),
+                "scene_sha256": digest_of_scene(self.scene), "options": keys, "source": dict(self.source),
+                "bodies": [body.name for body in self.scene.bodies],
+                "camera": {"name": camera.name, "width_px": camera.width_px, "height_px": camera.height_px,
+                           "focal_length_px": camera.focal_length_px,
+                           "principal_point_px": list(camera.principal_point_px)}}
+
+    def throughput(self) -> dict[str, Any]:
+        """What the last sitting took, as the manifest has it."""
+        return json.loads((self.folder / MANIFEST).read_text(encoding="utf-8"))["throughput"]
+
+    def warnings(self) -> list[str]:
+        """The renderer's warnings: the first of each kind, and how many frames have one."""
+        counts, first = Counter(), {}
+        for number in self.numbers():
+            for line in self.labels_path(number).read_text(encoding="utf-8").splitlines():
+                frame = json.loads(line)
+                for code, text in dict(zip(frame["warning_codes"], frame["warnings"], strict=True)).items():
+                    counts[code] += 1
+                    first.setdefault(code, f"frame {frame['index']}: {text}")
+        return [f"{first[code]} ({count} of {len(self.states)} frames: {code})" for code, count in counts.items()]
+
+    def _task(self, number: int, pool: Pool, is_here: bool) -> tuple[Any, tuple]:
+        indices = self.indices(number)
+        frames = [(index, self.states[index]) for index in indices]
+        return (draw_here, (number, frames)) if is_here else (draw_elsewhere, (pool.given(self.setup), number, frames))
+
+    def _put(self, number: int, files: Files, lines: bytes) -> None:
+        """Write a shard, whole or not at all; its labels first, so that a shard that is there has them."""
+        path = self.path(number)
+        try:
+            self.labels_path(number).parent.mkdir(exist_ok=True)
+            path.parent.mkdir(exist_ok=True)
+            write_whole(self.labels_path(number), lines)
+            if isinstance(files, bytes):
+                write_whole(path, files)
+                return
+            apart = path.with_name(f".{path.name}.part")
+            shutil.rmtree(apart, ignore_errors=True)
+            try:
+                for name, content in files.items():
+                    (apart / name).parent.mkdir(parents=True, exist_ok=True)
+                    (apart / name).write_bytes(content)
+                apart.replace(path)
+            except OSError:
+                shutil.rmtree(apart, ignore_errors=True)
+                raise
+        except OSError as error:
+            n_there = len(self.numbers()) - len(self.missing())
+            raise GlrenderError(f"{path}: cannot be written: {error.strerror}; {n_there} of {len(self.numbers())} "
+                                "shards are there and stay: make room, and start again") from error
+
+    def _finish(self, told: Mapping[str, Any]) -> None:
+        """Write what is of all shards: annotations of COCO and models of BOP, and the manifest with the digests."""
+        if self.format == "coco":
+            parts = [self.path(number) for number in self.numbers()]
+            write_whole(self.folder / "annotations.json", coco.merged(self.scene, self.options.keypoints, parts))
+        if self.format == "bop":
+            for name, content in bop.models(self.scene, self.scene.camera(self.options.camera)).items():
+                (self.folder / name).parent.mkdir(exist_ok=True)
+                write_whole(self.folder / name, content)
+        shards = [{"path": str(self.path(number).relative_to(self.folder)), "n_frames": len(self.indices(number)),
+                   "sha256": digest_of_shard(self.path(number))} for number in self.numbers()]
+        file = self.folder / MANIFEST
+        before = json.loads(file.read_text(encoding="utf-8"))
+        n, wall_s, processor_s = told["n_frames"], told["wall_s"], told["processor_s"]
+        throughput = before.get("throughput", {}) if not n else {
+            "n_frames": n, "wall_s": round(wall_s, 3), "processor_s": round(processor_s, 3),
+            "frames_a_second": round(n / wall_s, 3), "frames_a_core_second": round(n / max(processor_s, 1e-9), 3),
+            "renderers": told["renderers"]}
+        versions = {"python": platform.python_version(), **{name: version(name) for name in _LIBRARIES}}
+        write_whole(file, json.dumps({**self.claim(), "versions": versions, "scenario": self.scenario,
+                                      "shards": shards, "throughput": throughput}, indent=1).encode())
+
+
+def digest_of_shard(path: Path) -> str:
+    """SHA-256 of a file, or of a folder's files and their names."""
+    if path.is_file():
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    digest = hashlib.sha256()
+    for file in sorted(file for file in path.rglob("*") if file.is_file()):
+        digest.update(f"{file.relative_to(path).as_posix()} {digest_of_shard(file)}\n".encode())
+    return digest.hexdigest()
+
+
+def most_bytes(scene: Scene, camera: str, n_frames: int, products: Sequence[str] = ()) -> int:
+    """What a data set takes on disk [byte], at most: pixels, masks and products as they are, without compression."""
+    pinhole = scene.camera(camera)
+    n_px = pinhole.width_px * pinhole.height_px
+    # A digital number has 2 bytes, an irradiance 4; a mask one.
+    return n_frames * (n_px * ((2 if pinhole.model else 4) + 1 + sum(_BYTES[name] for name in products)) + _JSON_BYTES)

@@ -1,0 +1,47 @@
+"""Folders of frames: whose they are, and files that are whole or not there."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ..base.errors import ConfigError
+
+MANIFEST = "manifest.json"
+
+
+def claim_folder(folder: Path, ours: Mapping[str, Any]) -> None:
+    """Write the manifest of a folder, made if it is missing, or find the same entries in the one that is there.
+
+    Raises
+    ------
+    ConfigError
+        The folder has the manifest of others.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / MANIFEST
+    try:
+        theirs = json.loads(file.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        write_whole(file, json.dumps(ours, indent=1).encode())
+        return
+    except ValueError:
+        theirs = {}
+    # As JSON has them: tuples are lists there.
+    if differing := [name for name, value in json.loads(json.dumps(ours)).items() if theirs.get(name) != value]:
+        raise ConfigError("out", f"holds the frames of another sequence: {', '.join(differing)} differ",
+                          str(folder), "choose another folder, or remove this one")
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file; a process that is killed meanwhile, or a disk that is full, leaves no such file."""
+    apart = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        apart.write_bytes(content)
+        os.replace(apart, path)
+    except OSError:
+        apart.unlink(missing_ok=True)
+        raise

@@ -1,0 +1,128 @@
+"""Processes that draw: those of this machine, started here."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing import connection, get_context, parent_process
+from typing import Any
+
+from glrender_camera.validate import integer
+
+from ..base.errors import DeviceError
+
+# Tasks that a process has: the one that it works on, and the next.
+_TASKS = 2
+_MAX_PROCESSES = 256
+
+Task = tuple[int, Callable[..., Any], tuple]
+"""A task's number, its function and the arguments."""
+
+
+@dataclass(frozen=True)
+class Pool:
+    """An executor and how to use it.
+
+    Attributes
+    ----------
+    executor : Executor
+    n_processes : callable
+        Returns how many there are now.
+    watch : callable
+        Called where nothing was done for `pause_s`: it may raise.
+    given : callable
+        Makes of a value what tasks take instead of it, so that it is sent once.
+    deaths : tuple of type
+        Exceptions of a task whose process died.
+    death : str
+        What is said of one.
+    n_tasks : int
+        Given to a process at a time.
+    """
+
+    executor: Executor
+    n_processes: Callable[[], int]
+    watch: Callable[[], None] = lambda: None
+    pause_s: float | None = None
+    given: Callable[[Any], Any] = lambda value: value
+    deaths: tuple[type[BaseException], ...] = (BrokenProcessPool,)
+    death: str = "a process that draws was killed: was memory short? Take fewer processes"
+    n_tasks: int = _TASKS
+
+    def done(self, tasks: Iterator[Task]) -> Iterator[tuple[int, Any]]:
+        """Numbers and results of tasks as they are done; few are given out ahead of time.
+
+        Raises
+        ------
+        What a task raises, and DeviceError where its process died.
+        """
+        under_way: dict[Future, int] = {}
+        while True:
+            room = self.n_tasks * max(self.n_processes(), 1)
+            while len(under_way) < room and (task := next(tasks, None)) is not None:
+                number, function, arguments = task
+                under_way[self.executor.submit(function, *arguments)] = number
+            if not under_way:
+                return
+            finished, _ = wait(under_way, timeout=self.pause_s, return_when=FIRST_COMPLETED)
+            if not finished:
+                self.watch()
+            for future in finished:
+                number = under_way.pop(future)
+                try:
+                    result = future.result()
+                except self.deaths:
+                    raise DeviceError(f"{self.death}; what is done stays: start again") from None
+                yield number, result
+
+
+@contextmanager
+def own_processes(n_processes: int | None, start: Callable[..., None], arguments: tuple,
+                  stop: Callable[[], None]) -> Iterator[Pool]:
+    """Processes of this machine, as many as it has cores by default; each calls `start` first, and ends with us.
+
+    One process is this one, which calls `stop` at the end.
+
+    Raises
+    ------
+    ConfigError
+    """
+    n_processes = integer("processes", n_processes or os.cpu_count() or 1, 1, _MAX_PROCESSES)
+    if n_processes == 1:
+        try:
+            start(*arguments)
+            yield Pool(_ThisProcess(), lambda: 1, n_tasks=1)
+        finally:
+            stop()
+        return
+    executor = ProcessPoolExecutor(n_processes, mp_context=get_context("spawn"), initializer=_begin,
+                                   initargs=(start, arguments))
+    try:
+        yield Pool(executor, lambda: n_processes)
+    finally:
+        executor.shutdown(cancel_futures=True)
+
+
+class _ThisProcess(Executor):
+    """Does what is asked for at once."""
+
+    def submit(self, function: Callable[..., Any], *arguments: Any) -> Future:
+        done = Future()
+        done.set_result(function(*arguments))
+        return done
+
+
+def _begin(start: Callable[..., None], arguments: tuple) -> None:
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    start(*arguments)
+
+
+def _end_with_parent() -> None:
+    """A process whose parent was killed would wait for work for ever."""
+    connection.wait([parent_process().sentinel])
+    os._exit(1)

@@ -1,0 +1,99 @@
+"""`glrender dataset`: labelled frames in shards, by the cores of this machine or by a Dask cluster."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from glrender import ConfigError
+from glrender.scenario import RandomStates, load_scenario
+from glrender.scenario.files.keypoint_fields import off_surface
+from glrender.scenario.files.random_fields import with_changes
+from glrender.scenario.files.scenario_file import load_setting
+from glrender.sequences.dask_processes import dask_processes
+from glrender.sequences.dataset.dataset import FRAMES_A_SHARD, DataSet
+from glrender.sequences.dataset.shards import FORMATS
+from glrender.sequences.dataset.sheet import label_sheet
+from glrender.sequences.options import FrameOptions
+from tqdm import tqdm
+
+from .sequence import read_states
+
+_LIMB_POINTS = 64
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `glrender dataset`."""
+    parser.add_argument("scenario", type=Path, metavar="SCENARIO",
+                        help="scenario file (TOML), with [random] or a trajectory; with --states a scene file too")
+    parser.add_argument("--frames", type=int, help="of [random] (those of the file)")
+    parser.add_argument("--states", type=Path, help="file of state vectors, one (JSON) a line, instead of a scenario's")
+    parser.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="made if it is missing")
+    parser.add_argument("--format", default="webdataset", choices=FORMATS)
+    parser.add_argument("--camera", help="default: that of [random], or the first")
+    parser.add_argument("--output", choices=("irradiance", "dn"), help="default: dn where the camera has a model")
+    parser.add_argument("--products", nargs="*", default=[], metavar="NAME",
+                        help="range, incidence, emission, phase, ... of each pixel, beside the mask")
+    parser.add_argument("--limb-points", type=int, default=_LIMB_POINTS, metavar="N", help="of a body (64)")
+    parser.add_argument("--seed", type=int, help="of [random] and of the first frame's noise (the file's, and 0)")
+    parser.add_argument("--max-error", type=float)
+    parser.add_argument("--shard-frames", type=int, default=FRAMES_A_SHARD, metavar="N", help="in each shard (50)")
+    parser.add_argument("--processes", type=int, metavar="N", help="default: one for each core")
+    parser.add_argument("--dask", metavar="ADDRESS", help="of a Dask scheduler, whose workers draw")
+    parser.add_argument("--backend", default="auto")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Draw what is missing in the folder, then a contact sheet with the labels."""
+    dataset, warnings = _dataset(arguments)
+    for warning in warnings:
+        sys.stderr.write(f"glrender: warning: {warning}\n")
+    n_frames = len(dataset.states)
+    n_left = sum(len(dataset.indices(number)) for number in dataset.missing())
+    pool = dask_processes(arguments.dask) if arguments.dask else None
+    with tqdm(total=n_frames, initial=n_frames - n_left, unit="frame", disable=None) as bar:
+        for number in dataset.draw(arguments.processes, pool):
+            bar.update(len(dataset.indices(number)))
+    for warning in dataset.warnings():
+        sys.stderr.write(f"glrender: warning: {warning}\n")
+    sheet, told = arguments.out / "contact_sheet.png", ""
+    label_sheet(sheet, dataset)
+    if n_left:
+        took = dataset.throughput()
+        told = (f", {took['frames_a_second']:.3g} frames a second, {took['frames_a_core_second']:.3g} a second a core "
+                f"({took['processor_s'] / took['n_frames']:.3f} s each)")
+    sys.stdout.write(f"{arguments.out}: {n_frames} frames in {len(dataset.numbers())} shards, {n_left} drawn now"
+                     f"{told}; {sheet}\n")
+    return 0
+
+
+def _dataset(arguments: argparse.Namespace) -> tuple[DataSet, list[str]]:
+    """The data set that the arguments ask for, and what is worth a warning."""
+    warnings, camera_name = [], arguments.camera
+    if arguments.states is not None:
+        if arguments.frames is not None:
+            raise ConfigError("--frames", "is given beside --states", arguments.frames, "leave one out")
+        scene, keypoints = load_setting(arguments.scenario)
+        states, source = read_states(arguments.states), {"states": "file"}
+    else:
+        scenario = load_scenario(arguments.scenario)
+        scene, keypoints, source = scenario.scene, scenario.keypoints, {"states": "trajectory"}
+        if isinstance(scenario, RandomStates):
+            camera = scene.camera(camera_name) if camera_name else None
+            scenario = with_changes(scenario, frames=arguments.frames, seed=arguments.seed, camera=camera)
+            camera_name = scenario.camera.name
+            source = {"states": "random", **scenario.told(), "rejected": dict(scenario.rejected)}
+        elif arguments.frames is not None:
+            raise ConfigError("--frames", "is of [random]: this scenario has its own", arguments.frames,
+                              "change its `frames`, or give it [random] instead of a trajectory")
+        warnings, states = scenario.check(), list(scenario.iter_states())
+    camera = scene.camera(camera_name) if camera_name else scene.cameras[0]
+    options = FrameOptions(camera=camera.name, output=arguments.output or ("dn" if camera.model else "irradiance"),
+                           format="npz", seed=arguments.seed or 0, products=tuple(arguments.products), has_labels=True,
+                           keypoints=keypoints, limb_points=arguments.limb_points, max_error=arguments.max_error,
+                           backend=arguments.backend)
+    dataset = DataSet(scene=scene, states=states, folder=arguments.out, options=options, format=arguments.format,
+                      frames_a_shard=arguments.shard_frames, source=source,
+                      scenario=arguments.scenario.read_text(encoding="utf-8"))
+    return dataset, [*warnings, *off_surface(scene, keypoints)]
