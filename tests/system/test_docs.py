@@ -164,7 +164,7 @@ def test_the_readme_leads_to_every_page():
 def test_documents_stay_short():
     count = {page: len(page.read_text(encoding="utf-8").splitlines()) for page in DOCUMENTS}
     assert sum(lines for page, lines in count.items() if page.is_relative_to(ROOT / "docs")) <= 2600
-    assert count[ROOT / "CHANGELOG.md"] <= 40
+    assert count[ROOT / "CHANGELOG.md"] <= 60
     assert max(lines for page, lines in count.items() if page.parent.name == "decisions") <= 20
 
 
