@@ -94,7 +94,7 @@ class Renderer:
             stack.callback(self._shadows.close)
             self._surfaces = stack.enter_context(SurfacePass(self._context, scene, self._meshes))
             self._irradiance = stack.enter_context(IrradiancePass(self._context, self._surfaces, rays, coverage))
-            self._products = stack.enter_context(ProductPass(self._context, self._surfaces, self._meshes))
+            self._products = stack.enter_context(ProductPass(self._context, self._surfaces))
             for law in {id(body.brdf): body.brdf for body in scene.bodies}.values():
                 try_twin(law, self.evaluate_brdf)
             self._emission = []
@@ -260,7 +260,6 @@ class Renderer:
             error, width_px = cast_penumbra(view, cast, hulls, view.depth_m[0] / camera.focal_length_px, sun_radius_rad)
             bodies.append(plan.plan_body(
                 view, self._traits[view.name], camera, [name for name, _ in cast], tolerance,
-                seen_share=self._shadows.seen_share(view, camera),
                 penumbra=(math.hypot(own[0], error), max(own[1], width_px))))
         return bodies
 

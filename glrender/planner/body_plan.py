@@ -36,7 +36,7 @@ _SHADOWED_PER_RAD = 0.34
 
 
 def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, casters: Sequence[str], tolerance: float,
-              *, seen_share: float = 1.0, penumbra: tuple[float, float] = (0.0, 0.0)) -> BodyPlan:
+              *, penumbra: tuple[float, float] = (0.0, 0.0)) -> BodyPlan:
     """The features of a body that are modelled.
 
     Parameters
@@ -48,8 +48,6 @@ def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, casters
         Other bodies that may cast a shadow on it.
     tolerance : float [1]
         RMS error over the mean of the lit pixels, before the camera's PSF.
-    seen_share : float [1]
-        Side of what the shadow map must cover over that of the body.
     penumbra : (float, float) [1], [px]
         RMS error of hard edges in place of penumbras, and the width of the widest.
     """
@@ -58,7 +56,7 @@ def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, casters
     is_relative = is_close(view, traits.radius_m, footprint_m)
     shadow_px, squared = None, rounding_error(view, traits, is_relative) ** 2
     if view.is_visible:
-        shadow_px = plan_shadow(view, traits, bool(casters), tolerance, seen_share)
+        shadow_px = plan_shadow(view, traits, bool(casters), tolerance, _seen_share(view, traits, camera))
     if shadow_px is None:
         error = 0.0
     else:
@@ -93,6 +91,15 @@ def plan_shadow(view: BodyView, traits: BodyTraits, has_casters: bool, tolerance
                  math.cbrt(one_sample / (_SHADOW_SHARE * tolerance) ** 2))
     sizes = [size for size in SHADOW_SIZES_PX if size * seen_share <= MAX_SHADOW_SIDE_PX]
     return next((size for size in sizes if size >= texels), sizes[-1])
+
+
+def _seen_share(view: BodyView, traits: BodyTraits, camera: PinholeCamera) -> float:
+    """Side of what the shadow map must cover over that of the body, about: no farther than a sphere's horizon."""
+    if view.is_whole:
+        return 1.0
+    horizon_m = min(math.sqrt(view.depth_m[0] * (view.depth_m[0] + 2.0 * traits.radius_m)), view.depth_m[1])
+    diagonal = math.hypot(camera.width_px, camera.height_px) / camera.focal_length_px
+    return min(0.5 * diagonal * horizon_m / traits.radius_m, 1.0)
 
 
 def is_close(view: BodyView, radius_m: float, footprint_m: float) -> bool:

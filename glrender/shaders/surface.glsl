@@ -13,9 +13,8 @@ uniform sampler2D facet_normals;
 uniform sampler2DShadow shadow_map;
 #endif
 
-uniform int first_facet; // of the draw call
 
-int facet_index() { return first_facet + gl_PrimitiveID; }
+int facet_index() { return gl_PrimitiveID; }
 
 vec3 body_position()
 {

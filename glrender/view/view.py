@@ -12,7 +12,6 @@ from glrender_camera.validate import did_you_mean
 from ..base import rotations as frames
 from ..base.constants import AU_M, SUN_RADIUS_M
 from ..base.errors import ConfigError, SceneError
-from ..scene.shape.clusters import Chunks
 from ..scene.shape.convex_hull import Hull
 from .state import State
 
@@ -111,16 +110,6 @@ def between(view: BodyView, other: BodyView) -> tuple[np.ndarray, np.ndarray]:
 def phase_angle(to_sun: np.ndarray, to_camera: np.ndarray) -> float:
     """Phase angle between two unit vectors (3,) [rad]: exact also where it is small, or nearly pi."""
     return float(2.0 * np.arctan2(np.linalg.norm(to_sun - to_camera), np.linalg.norm(to_sun + to_camera)))
-
-
-def chunks_in_window(chunks: Chunks, view: BodyView, camera: PinholeCamera,
-                     bounds_px: tuple[float, float, float, float]) -> np.ndarray:
-    """Chunks (C,) bool of a body that may be in a window x0, y0, x1, y1 [px] of the image."""
-    if view.is_within(bounds_px):
-        return np.ones(len(chunks), bool)
-    clip = frames.clip_from_camera(camera.focal_length_px, camera.principal_point_px, bounds_px, *view.depth_m)
-    return chunks.in_window(clip @ frames.transform(
-        view.camera_from_body, -view.camera_from_body @ view.r_camera_body_m))
 
 
 def view_bodies(state: State, camera: PinholeCamera, hulls: dict[str, Hull]) -> list[BodyView]:

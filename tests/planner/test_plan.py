@@ -28,9 +28,9 @@ def test_a_low_sun_and_a_tight_budget_ask_for_a_finer_shadow_map():
 
 
 def test_a_map_of_a_part_has_more_texels_across_the_body_and_no_more_along_a_side():
-    whole, part = (body(view(phase_deg=150.0), tolerance=0.001, seen_share=share) for share in (1.0, 0.05))
+    whole, part = (body(view(size_px=size_px, phase_deg=150.0, depth_m=(1.0, 200.0)), tolerance=0.001)
+                   for size_px in (200.0, np.inf))
     assert whole.shadow_map_px <= plan.MAX_SHADOW_SIDE_PX < part.shadow_map_px
-    assert 0.05 * part.shadow_map_px <= plan.MAX_SHADOW_SIDE_PX and part.modelling_error < whole.modelling_error
 
 
 def test_hard_edges_count_where_there_is_a_shadow_map():

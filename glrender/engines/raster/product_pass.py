@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from ...planner.plan import WindowPlan
 from .gl.context import Context
-from .gl.mesh import Mesh
 from .gl.targets import Target
 from .surface_pass import Frame, SurfacePass
 
@@ -20,12 +19,10 @@ class ProductPass:
     ----------
     context : Context
     surfaces : SurfacePass
-    meshes : mapping
-        Body name to its mesh, in the scene's order.
     """
 
-    def __init__(self, context: Context, surfaces: SurfacePass, meshes: Mapping[str, Mesh]):
-        self._surfaces, self._meshes = surfaces, meshes
+    def __init__(self, context: Context, surfaces: SurfacePass):
+        self._surfaces = surfaces
         self._target = Target(context, [4, 4, 4])
 
     def __enter__(self) -> ProductPass:
@@ -48,9 +45,6 @@ class ProductPass:
         body_id = identity[..., 0].astype(np.int32) - 1
         beside = body_id < 0
         facet_id = np.where(beside, -1, identity[..., 1] + 4096.0 * identity[..., 2]).astype(np.int32)
-        for index, mesh in enumerate(self._meshes.values()):
-            here = body_id == index
-            facet_id[here] = mesh.facet_ids(facet_id[here])
         origin_range_m = np.array([0.0 if body.relative_to_camera else view.range_m
                                    for view, body in zip(frame.views, frame.bodies, strict=True)] + [np.nan])
         centre_m = np.array([*(view.centre_m for view in frame.views), np.full(3, np.nan)])

@@ -10,10 +10,11 @@ import numpy as np
 from glrender_camera import PinholeCamera
 
 from ...base import rotations as frames
+from ...planner.body_plan import MAX_SHADOW_SIDE_PX
 from ...planner.plan import BodyPlan
 from ...scene.shape.convex_hull import Hull
 from ...view.occluders import casters
-from ...view.view import BodyView, chunks_in_window
+from ...view.view import BodyView
 from .gl.context import Context
 from .gl.mesh import Mesh
 from .gl.targets import ShadowMap, rounded_room
@@ -74,24 +75,23 @@ class Shadows:
         """From here on no map of the frame before is needed any more."""
         self._needed.clear()
 
-    def seen_share(self, view: BodyView, camera: PinholeCamera) -> float:
-        """Largest side of the visible part over that of the body, as the Sun sees both: what a map must cover."""
-        if view.is_whole:
-            return 1.0
-        low, high, seen = self._bounds(view, frames.sun_from_body(view.sun_direction_body), camera)
-        return min(float(np.max((seen[1] - seen[0])[:2] / (high - low)[:2])), 1.0)
+    def _seen(self, view: BodyView, sun_from_body: np.ndarray, camera: PinholeCamera) -> np.ndarray:
+        """Places (3, N) [m] in frame `sun` of the corners of facets that face Sun and camera and may be in the image.
 
-    def _bounds(self, view: BodyView, sun_from_body: np.ndarray, camera: PinholeCamera
-                ) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray] | None]:
-        """Least and largest coordinates (3,) [m] of a body in frame `sun`, and of its visible sunlit part."""
-        points = sun_from_body @ self._hulls[view.name].points_m
-        chunks, seen = self._meshes[view.name].chunks, None
-        if not view.is_whole:
-            lit = (chunks_in_window(chunks, view, camera, camera.bounds_px)
-                   & chunks.facing_point(view.r_camera_body_m) & chunks.facing_direction(sun_from_body[2]))
-            # Where nothing is lit, no shadow is looked up.
-            seen = chunks.bounds_m(lit, sun_from_body) if lit.any() else (points[:, 0], points[:, 0])
-        return points.min(axis=1), points.max(axis=1), seen
+        A single one where there are none: no shadow is looked up then.
+        """
+        mesh = self._meshes[view.name]
+        clip = frames.clip_from_camera(camera.focal_length_px, camera.principal_point_px, camera.bounds_px,
+                                       *view.depth_m) @ frames.transform(view.camera_from_body,
+                                                                         -view.camera_from_body @ view.r_camera_body_m)
+        x, y, _, w = clip[:, :3] @ mesh.vertices_m.T + clip[:, 3:]
+        beside = np.stack([x > w, x < -w, y > w, y < -w], axis=1)
+        corner_m = mesh.vertices_m[mesh.facets]
+        normal = np.cross(corner_m[:, 1] - corner_m[:, 0], corner_m[:, 2] - corner_m[:, 0])
+        shown = ((normal @ view.sun_direction_body > 0.0)
+                 & (np.einsum("fx,fx->f", normal, view.r_camera_body_m - corner_m[:, 0]) > 0.0)
+                 & ~beside[mesh.facets].all(axis=1).any(axis=1))
+        return sun_from_body @ (corner_m[shown].reshape(-1, 3).T if shown.any() else mesh.vertices_m[:1].T)
 
     def draw(self, views: Sequence[BodyView], bodies: Sequence[BodyPlan],
              camera: PinholeCamera, names: Container[str] | None = None, *, is_whole: bool = False
@@ -108,10 +108,14 @@ class Shadows:
                 done.append(body_plan)
                 continue
             sun_from_body = frames.sun_from_body(view.sun_direction_body)
-            low_m, high_m, seen = self._bounds(view, sun_from_body, camera)
+            points_m = sun_from_body @ self._hulls[view.name].points_m
+            low_m, high_m = points_m.min(axis=1), points_m.max(axis=1)
             texel_m = (high_m - low_m)[:2] / texels
-            if seen is not None and not is_whole:
-                low_m[:2], high_m[:2] = np.maximum(low_m, seen[0])[:2], np.minimum(high_m, seen[1])[:2]
+            if not (view.is_whole or is_whole):
+                seen_m = self._seen(view, sun_from_body, camera)[:2]
+                low_m[:2], high_m[:2] = seen_m.min(axis=1), seen_m.max(axis=1)
+                # The planner knows only about how much is seen.
+                texel_m *= max(float((np.ptp(seen_m, axis=1) / texel_m).max()) / MAX_SHADOW_SIDE_PX, 1.0)
             size_px = tuple(int(side) for side in np.ceil((high_m - low_m)[:2] / texel_m) + 2 * _MARGIN_TEXELS)
             centre, half = 0.5 * (low_m + high_m), 0.5 * (high_m - low_m)
             half[:2] = 0.5 * np.array(size_px) * texel_m

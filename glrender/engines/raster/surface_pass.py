@@ -12,8 +12,7 @@ from ...base import rotations as frames
 from ...planner.plan import BodyPlan
 from ...scene.scene import Scene
 from ...view import regions as grouping
-from ...view.view import BodyView, chunks_in_window
-from . import cluster_bounds as chunk_boxes
+from ...view.view import BodyView
 from .gl.context import Context
 from .gl.mesh import IRRADIANCE_STAGE, Mesh, SurfaceVariant
 from .gl.targets import PixelMask, Target
@@ -97,22 +96,10 @@ class SurfacePass:
             clip_from_camera = frames.depth_slice(index, len(groups)) @ clip_from_camera
             for view in group:
                 self._draw_body(stage, view, plans[view.name], clip_from_camera, camera,
-                                frame.shadows.get(view.name, NO_SHADOW),
-                                self._chosen(view, camera, bounds_px, mask))
-
-    def _chosen(self, view: BodyView, camera: PinholeCamera, bounds_px: tuple[float, float, float, float],
-                mask: np.ndarray | None) -> np.ndarray:
-        """Chunks (C,) bool of a body that may show in the window, on the mask if there is one."""
-        chunks = self._meshes[view.name].chunks
-        seen = chunks_in_window(chunks, view, camera, bounds_px) & chunks.facing_point(view.r_camera_body_m)
-        if mask is not None:
-            seen &= chunk_boxes.on_mask(chunks.boxes_px(
-                view.camera_from_body, view.r_camera_body_m, camera.focal_length_px, camera.principal_point_px),
-                mask, bounds_px)
-        return seen
+                                frame.shadows.get(view.name, NO_SHADOW))
 
     def _draw_body(self, stage: str, view: BodyView, body_plan: BodyPlan, clip_from_camera: np.ndarray,
-                   camera: PinholeCamera, shadow: Shadow, chosen: np.ndarray) -> None:
+                   camera: PinholeCamera, shadow: Shadow) -> None:
         r_camera = view.r_camera_body_m
         offset = np.zeros(3) if body_plan.relative_to_camera else -r_camera
         clip_from_surface = clip_from_camera @ frames.transform(
@@ -134,4 +121,4 @@ class SurfacePass:
              "irradiance_scale": solar_irradiance / camera.focal_length_px**2,
              "shadow_bias_per_texel": shadow.bias_per_texel,
              "body_id": self._ids[view.name]},
-            shadow.shadow_map and shadow.shadow_map.texture, chosen, relief)
+            shadow.shadow_map and shadow.shadow_map.texture, relief)

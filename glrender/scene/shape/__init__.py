@@ -1,1 +1,1 @@
-"""Shapes of bodies: files, repair, hull, clusters of facets, generated shapes."""
+"""Shapes of bodies: files, repair, hull, generated shapes."""

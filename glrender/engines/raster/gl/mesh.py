@@ -13,7 +13,6 @@ import moderngl
 import numpy as np
 
 from ....brdf.law import Law
-from ....scene.shape.clusters import Chunks
 from ....shaders import ConstantBlock, UniformBlock, compose
 from .context import Context
 from .owner import ResourceOwner
@@ -90,15 +89,12 @@ class Mesh(ResourceOwner):
         super().__init__(context)
         self.law, self.n_facets, self.is_closed = law, len(facets), is_closed
         self.smooth_normals = vertex_normals is not None
-        self.chunks = Chunks(vertices_m, facets)
-        facets = facets[self.chunks.order]
-        self._vertices_m, self._facets = vertices_m, facets
+        self.vertices_m, self.facets = vertices_m, facets
         context.make_current()
         gl = context.gl
         self.has_albedo = albedo_map is not None
         self.albedo_texture = None
         if uv is not None and albedo_map is not None:
-            uv = uv[self.chunks.order]
             # A seam's vertex has several texture coordinates: one GL vertex for each.
             corners = np.concatenate([facets.reshape(-1, 1).astype(np.float64), uv.reshape(-1, 2)], axis=1)
             unique, inverse = np.unique(corners, axis=0, return_inverse=True)
@@ -138,23 +134,18 @@ class Mesh(ResourceOwner):
                 self._context.gl.vertex_array(program, content, index_buffer=self._indices, index_element_size=4))
         return self._vertex_arrays[program]
 
-    def facet_ids(self, drawn: np.ndarray) -> np.ndarray:
-        """Facets of the shape for facets as the device counts them."""
-        return self.chunks.order[drawn]
-
-    def draw_shadow(self, sun_clip_from_body: np.ndarray, chosen: np.ndarray) -> None:
-        """Draw chosen chunks (C,) bool into the bound shadow map."""
+    def draw_shadow(self, sun_clip_from_body: np.ndarray) -> None:
+        """Draw the mesh into the bound shadow map."""
         program = self._context.program(compose("shadow.vert.glsl", blocks=[SHADOW_BLOCK]),
                                         compose("shadow.frag.glsl"))
         program["Shadow"].binding = _BODY_BINDING
         self._shadow_uniforms.write(SHADOW_BLOCK.pack({"sun_clip_from_body": sun_clip_from_body}))
         self._shadow_uniforms.bind_to_uniform_block(_BODY_BINDING)
-        self._draw(program, chosen)
+        self._vertex_array(program).render(moderngl.TRIANGLES)
 
     def draw_surface(self, stage: str, variant: SurfaceVariant, values: Mapping[str, Any],
-                     shadows: moderngl.Texture | None, chosen: np.ndarray,
-                     relief: Mapping[str, Any] | None = None) -> None:
-        """Draw chosen chunks (C,) bool into the bound framebuffer with `surface.frag.glsl` or `products.frag.glsl`."""
+                     shadows: moderngl.Texture | None, relief: Mapping[str, Any] | None = None) -> None:
+        """Draw the mesh into the bound framebuffer with `surface.frag.glsl` or `products.frag.glsl`."""
         context = self._context
         if variant.relative_to_camera and self._position_low is None:
             self._position_low = self.own(context.gl.buffer(self._low_values.astype(np.float32)))
@@ -172,18 +163,11 @@ class Mesh(ResourceOwner):
             self.albedo_texture.use(_ALBEDO_UNIT)
         if variant.normal_lookup:
             self._facet_normals().use(_NORMAL_UNIT)
-        self._draw(program, chosen)
-
-    def _draw(self, program: moderngl.Program, chosen: np.ndarray) -> None:
-        array = self._vertex_array(program)
-        for first, count in self.chunks.runs(chosen):
-            if "first_facet" in program:
-                program["first_facet"].value = first
-            array.render(moderngl.TRIANGLES, vertices=3 * count, first=3 * first)
+        self._vertex_array(program).render(moderngl.TRIANGLES)
 
     def _facet_normals(self) -> moderngl.Texture:
         if self._normal_texture is None:
-            corner = self._vertices_m[self._facets]
+            corner = self.vertices_m[self.facets]
             normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
             normal /= np.linalg.norm(normal, axis=1, keepdims=True)
             self._normal_texture = self.own(_lookup(self._context.gl, normal, "f4"))

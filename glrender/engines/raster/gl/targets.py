@@ -50,11 +50,7 @@ class ShadowMap(ResourceOwner):
         gl.front_face = "ccw"
         for mesh, sun_clip_from_body in casters:
             gl.enable_only(moderngl.DEPTH_TEST | (moderngl.CULL_FACE if mesh.is_closed else moderngl.NOTHING))
-            # Orthographic: the Sun is where all three rows of the matrix but the last see it.
-            to_sun = -sun_clip_from_body[2, :3] / np.linalg.norm(sun_clip_from_body[2, :3])
-            chosen = mesh.chunks.in_window(sun_clip_from_body)
-            mesh.draw_shadow(sun_clip_from_body,
-                             chosen & mesh.chunks.facing_direction(to_sun) if mesh.is_closed else chosen)
+            mesh.draw_shadow(sun_clip_from_body)
 
 
 def rounded_room(size_px: tuple[int, int]) -> tuple[int, int]:
