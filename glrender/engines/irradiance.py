@@ -13,8 +13,9 @@ import numpy as np
 from ..base.stopwatch import Clock
 from ..planner import error_model
 from ..planner.adaptive_samples import frame_error, pixel_errors, pixel_means, plan_refinement
-from ..planner.engine_choice import MAX_RAYS_ACROSS, MAX_SAMPLES, apart_size_px
+from ..planner.engine_choice import MAX_SAMPLES, apart_size_px
 from ..planner.plan import WindowPlan
+from ..planner.small_body_grid import MAX_RAYS_ACROSS
 from ..view.regions import outline_px
 from .coverage.engine import CoverageEngine
 from .raster.gl.context import Context

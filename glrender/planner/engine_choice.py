@@ -17,16 +17,14 @@ from glrender_camera import PinholeCamera
 from ..view.regions import outline, outline_px, region, touching
 from ..view.sun_disc import PENUMBRA_SHARE
 from ..view.view import BodyView
-from .error_model import FLUX_SHARE, BodyTraits, facets_per_px, shadow_share, squared_errors
+from .error_model import FLUX_SHARE, BodyTraits, facets_per_px, shadow_share
 from .plan import BodyPlan, WindowPlan
-from .small_body_grid import CELL_PX, cell_error, cell_size, samples_across, sampling_errors
+from .small_body_grid import CELL_PX, MAX_RAYS_ACROSS, cell_error, cell_size, samples_across, sampling_errors
 
 ENGINES = ("coverage", "rays", "raster")
 """Names that `engine=` may have."""
 MAX_SAMPLES = 16
 """Most samples along a pixel's side by OpenGL."""
-MAX_RAYS_ACROSS = 1024
-"""Most rays across a small body: some half a second."""
 MOST_FACETS_PER_PX = 300.0
 """Facets that face Sun and camera, a pixel, from which rays are cheaper than coverage (redesign.md, A.3)."""
 FEWEST_FACETS_FOR_RAYS = 100_000
@@ -210,12 +208,11 @@ def _coverage(members: Sequence[BodyView], known: Sequence[BodyTraits], drawn: S
     half_rad = min(0.5 * max(view.phase_rad for view in members), 1.5)
     least = _CENTROIDS_LEAST * max(math.tan(half_rad) / math.tan(math.radians(30.0)), 1.0) ** _CENTROIDS_POWER
     by_centroids = math.hypot(error, least, max(body.penumbra_error for body in drawn))
-    # Of a part of a body another one's shadow may be all that is seen: what is predicted of a whole body does not hold.
-    if by_centroids > PENUMBRA_SHARE * tolerance or not all(
-            traits.has_centroids and facets_per_px(view, traits.n_facets) >= _LEAST_FACETS_PER_PX
-            and (view.is_whole or not body.casters)
-            and view.phase_rad + traits.radius_m / view.range_m <= _CENTROIDS_RAD
-            for view, traits, body in zip(members, known, drawn, strict=True)):
+    view, traits = members[0], known[0]
+    # Where bodies hide or shade each other facets are clipped at the edges anyway.
+    if (by_centroids > PENUMBRA_SHARE * tolerance or len(members) > 1 or drawn[0].casters or not traits.has_centroids
+            or facets_per_px(view, traits.n_facets) < _LEAST_FACETS_PER_PX
+            or view.phase_rad + traits.radius_m / view.range_m > _CENTROIDS_RAD):
         return [clipped]
     return [replace(clipped, by_centroids=True, modelling_error=by_centroids), clipped]
 
@@ -233,11 +230,8 @@ def _raster(members: Sequence[BodyView], known: Sequence[BodyTraits], drawn: Seq
     """By OpenGL, with the shadow maps that were planned."""
     shares = [0.0 if body.shadow_map_px is None else shadow_share(view, body.shadow_map_px, bool(body.casters))
               for view, body in zip(members, drawn, strict=True)]
-    # The image itself tells what the texels leave at the edges of shadows.
-    smooth = max(body.modelling_error**2 - share * sum(squared_errors(view, traits))
-                 for view, traits, body, share in zip(members, known, drawn, shares, strict=True))
-    return _sampled("raster", members, known, drawn, request, modelling_error=math.sqrt(max(smooth, 0.0)),
-                    shadow_share=max(shares))
+    return _sampled("raster", members, known, drawn, request, shadow_share=max(shares),
+                    modelling_error=max(body.modelling_error for body in drawn))
 
 
 def _sampled(engine: str, members: Sequence[BodyView], known: Sequence[BodyTraits], drawn: Sequence[BodyPlan],
@@ -272,9 +266,8 @@ def _sampled(engine: str, members: Sequence[BodyView], known: Sequence[BodyTrait
              max(facets_per_px(view, traits.n_facets) for view, traits in pairs))
     if engine == "rays" and max(body.penumbra_px for body in drawn) > 1.0:
         noise = _PENUMBRA_NOISE
-    error = math.sqrt(max(sum(squared_errors(view, traits)) for view, traits in pairs) * count**-3)
     return _window(engine, members, request, **_whole(members, request.camera, count), noise=noise,
-                   modelling_error=modelling_error, predicted_error=math.hypot(modelling_error, error), **told, **asked)
+                   modelling_error=modelling_error, predicted_error=request.tolerance, **told, **asked)
 
 
 def _is_within_penumbra(members: Sequence[BodyView], drawn: Sequence[BodyPlan]) -> bool:

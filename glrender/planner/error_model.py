@@ -7,24 +7,15 @@ predictions against scenes that no constant was fitted to.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-
-import numpy as np
 
 from ..base.constants import AU_M
 from ..scene.detail.height_field import Relief
 from ..view.view import FINE_FOOTPRINT, BodyView
 
-# Squared error [1] of one sample a pixel at the limb and the terminator, times the diameter [px]: twelve shapes, 12 to
-# 1000 px, 5 to 150 deg, kept 1.2 times above the measured root.
-_LIMB_ERROR = 0.62
-_LIT_POWER = 1.15
-# The same of creases between facets, over their squared angle [rad^-2]: the same shapes.
-_CREASE_ERROR = 0.49
-_CROWDING_POWER = 0.35
-_MOST_FACETS_PER_PX = 2.06
-# The same of the surface detail's slope: three kinds at 30 and 70 deg have 0.07 to 0.2.
-_DETAIL_ERROR = 0.25
+# Creases that err as surface detail does, over its slope [rad]: three kinds of detail at 30 and 70 deg.
+_DETAIL_CREASE = 0.36
 # Error of noise over that of an edge of the same contrast [1]: four rough shapes with 0.1 to 300 facets a sample.
 _NOISE_GAIN = 0.85
 NOISE_FACETS = 20.0
@@ -49,8 +40,6 @@ _FLOAT32 = 2.0**-24
 _ROUNDING_ERROR = 0.1
 # RMS error of rays over radii that a pixel sees [1]: a pillar's shadow on a slab has 0.0055 at 5e-6 radii.
 _RAY_ROUNDING = 3e-8
-SLOPE_PHASES_RAD = tuple(math.radians(phase_deg) for phase_deg in (1.0, 3.0, 10.0, 30.0, 60.0, 90.0, 120.0, 150.0))
-"""Phase angles [rad] at which a law tells how its radiance changes with the direction of view."""
 FEWEST_CENTROIDS = 10_000
 """Facets from which a shape is drawn by centroids: fewer are soon clipped."""
 FACETS_SEEN = 0.5 / 0.6
@@ -83,8 +72,8 @@ class BodyTraits:
         RMS slope of the detail that is drawn.
     longest_side_m : float [m]
         Of any facet.
-    view_slopes : tuple of float [1/rad]
-        Relative change of its radiance with the direction that it is seen from, at `SLOPE_PHASES_RAD`.
+    view_slope : callable
+        (phase angle [rad]) gives the relative change of its radiance with the direction that it is seen from [1/rad].
     facet_m : float [m]
         Side of facets, by their areas; infinite where a facet is not as bright everywhere: with a texture, smooth
         normals or surface detail.
@@ -99,7 +88,7 @@ class BodyTraits:
     relief: Relief | None = None
     detail_slope: float = 0.0
     longest_side_m: float = 0.0
-    view_slopes: tuple[float, ...] = (0.0,) * len(SLOPE_PHASES_RAD)
+    view_slope: Callable[[float], float] = lambda phase_rad: 0.0
     facet_m: float = math.inf
 
     @property
@@ -110,11 +99,7 @@ class BodyTraits:
     @property
     def slope(self) -> float:
         """RMS angle of creases [rad] that err as its own and its surface detail do."""
-        return math.hypot(self.crease_rad, _DETAIL_ERROR * self.detail_slope / math.sqrt(_CREASE_ERROR))
-
-    def view_slope(self, phase_rad: float) -> float:
-        """Relative change of radiance with the direction of view [1/rad] at a phase angle."""
-        return float(np.interp(phase_rad, SLOPE_PHASES_RAD, self.view_slopes))
+        return math.hypot(self.crease_rad, _DETAIL_CREASE * self.detail_slope)
 
 
 def rounding_px(view: BodyView, traits: BodyTraits, is_relative: bool) -> float:
@@ -157,21 +142,6 @@ def lit_share(phase_rad: float, least: float = 1e-3) -> float:
     return max(0.5 * (1.0 + math.cos(phase_rad)), least)
 
 
-def squared_errors(view: BodyView, traits: BodyTraits) -> tuple[float, float]:
-    """Squared RMS error of one sample a pixel: of outlines, and of creases.
-
-    n x n samples have n^-3 of it. Measured on twelve shapes at 12 to 1000 px and 5 to 150 deg: within 30 %.
-    """
-    diameter = min(max(view.size_px, 1.0), 1e5)
-    lit = lit_share(view.phase_rad)
-    noise = noise_gain(traits.crease_rad, facets_per_px(view, traits.n_facets)) ** 2
-    crowding = min(facets_per_px(view, traits.n_facets), _MOST_FACETS_PER_PX) ** _CROWDING_POWER
-    tilt = (0.02 + min(math.tan(0.5 * view.phase_rad), 30.0) ** 2) ** 0.71
-    creases = _CREASE_ERROR * traits.crease_rad**2 * crowding * noise
-    return (_LIMB_ERROR / diameter * lit**-_LIT_POWER,
-            (creases + (_DETAIL_ERROR * traits.detail_slope) ** 2) * tilt)
-
-
 def noise_gain(crease_rad: float, facets_per_sample: float) -> float:
     """Error over that of edges of the same contrast: rough facets much smaller than samples are noise.
 
@@ -203,19 +173,14 @@ def facets_per_px(view: BodyView, n_facets: int) -> float:
 
 def shadow_share(view: BodyView, shadow_map_px: int, may_be_eclipsed: bool = False) -> float:
     """Share of one sample's squared error that the texels of a shadow map leave at the edges of shadows."""
-    # Of a part of a body, or of what another body's shadow leaves of it, its edges of shadows may be all that there is.
+    return usual_edges(view, may_be_eclipsed) * (view.finest_px / shadow_map_px) ** 3
+
+
+def usual_edges(view: BodyView, may_be_eclipsed: bool) -> float:
+    """Share of one sample's squared error at the edges of cast shadows."""
+    # Of a part of a body, or of what another body's shadow leaves of it, they may be all that there is.
     is_usual = view.is_whole and not may_be_eclipsed
-    return (usual_edges(view) if is_usual else 1.0) * texel_share(view, shadow_map_px)
-
-
-def usual_edges(view: BodyView) -> float:
-    """Share of one sample's squared error at the edges of cast shadows, of a whole body."""
-    return min(_SHADOW_EDGES_PER_RAD * view.phase_rad, _MOST_SHADOW_EDGES)
-
-
-def texel_share(view: BodyView, shadow_map_px: int) -> float:
-    """Squared error at the edges of shadows, with the texels of a shadow map over one sample a pixel."""
-    return (view.finest_px / shadow_map_px) ** 3
+    return min(_SHADOW_EDGES_PER_RAD * view.phase_rad, _MOST_SHADOW_EDGES) if is_usual else 1.0
 
 
 def leaked_flux(view: BodyView, traits: BodyTraits, shadow_map_px: int) -> float:

@@ -10,7 +10,9 @@ from .error_model import FACETS_SEEN, NOISE_FACETS, BodyTraits, lit_share
 CELL_PX = 0.28
 """Side of the cells of a small body, each a point: light in its middle is 0.0065 px^2 narrower, and a crowd of points
 is spread 0.0067 px^2 wider."""
-SAMPLES_ACROSS = (64, 96, 128, 192, 256, 384, 512, 768, 1024)
+MAX_RAYS_ACROSS = 1024
+"""Most rays across a small body: some half a second."""
+SAMPLES_ACROSS = range(64, MAX_RAYS_ACROSS + 1, 32)
 """Samples across the outline of a body that has a grid of its own."""
 # Relative error of one sample across a body: edges fall as N^-1.5, creases between facets as N^-1 while a sample is
 # larger than a facet and as N^-1.5 from there on. Seven shapes of 8,000 to 3.1 million facets, 0.1 to 20 px across, at

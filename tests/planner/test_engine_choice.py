@@ -13,7 +13,7 @@ from glrender.brdf import Lambert
 from glrender.engines.small_bodies import CELL_PX
 from glrender.planner import engine_choice
 from glrender.planner.engine_choice import ENGINES, Request, plan_windows
-from glrender.planner.error_model import FEWEST_CENTROIDS, SLOPE_PHASES_RAD
+from glrender.planner.error_model import FEWEST_CENTROIDS
 from glrender.view import regions as grouping
 from planning import CAMERA, body, traits, view
 
@@ -39,7 +39,7 @@ def order(*given, **request):
 NEAR = [view(size_px=500.0)]
 BESIDE = [view(bounds_px=None, size_px=np.inf)]
 # Facets of 300 m at 900 m whose radiance changes with the direction that they are seen from.
-LARGE = traits(facet_m=300.0, view_slopes=(1.0,) * len(SLOPE_PHASES_RAD))
+LARGE = traits(facet_m=300.0, view_slope=lambda phase_rad: 1.0)
 CROWDED = traits(n_facets=3_000_000, facet_m=0.1)
 
 

@@ -23,7 +23,7 @@ from ..rays.engine import RayEngine
 from ..rays.mesh import dot
 from . import accumulate
 from .brdf_tables import BrdfTables
-from .centroid_visibility import CentroidVisibility, centroid_error
+from .centroid_visibility import CentroidVisibility
 from .facet_tables import FacetTables
 from .sub_triangles import projected
 from .visible_sunlit import SunlitAreas
@@ -109,23 +109,18 @@ class CoverageEngine:
     def draw_by_centroids(self, names: Sequence[str], camera: PinholeCamera, views: list[BodyView],
                           bounds_px: tuple[float, float, float, float], grid: tuple[int, int], tolerance: float
                           ) -> tuple[np.ndarray, float]:
-        """The same with each facet lit or dark by its centroid, clipped at the edges of other bodies alone.
+        """The same of one body that no other hides or shades, with each facet lit or dark by its centroid.
 
         The error is estimated before anything is drawn; nothing is drawn, and it is infinite, where it exceeds the
         tolerance.
         """
-        bodies = [CentroidVisibility(self._facets[view.name], view, views, camera, self._rays, self._brdf_tables)
-                  for view in views if view.name in names]
-        error = centroid_error([body.boundary for body in bodies])
-        if error > tolerance:
+        view = next(view for view in views if view.name in names)
+        body = CentroidVisibility(self._facets[view.name], view, camera, self._rays, self._brdf_tables)
+        if body.error > tolerance:
             return np.zeros(grid[::-1]), math.inf
-        cells, total = _Cells(camera, bounds_px, grid), np.zeros(grid[::-1])
-        for body in bodies:
-            changes = accumulate.no_changes(grid[::-1])
-            body.add_to(changes, cells.corner, cells.per_px)
-            # Each body has its own cover: a bright one is not to be dimmed by what is left of a dark one behind it.
-            total += self._added_up(changes, cells, camera, 1.0, 1.0)[0]
-        return total, error
+        cells, changes = _Cells(camera, bounds_px, grid), accumulate.no_changes(grid[::-1])
+        body.add_to(changes, cells.corner, cells.per_px)
+        return self._added_up(changes, cells, camera, 1.0, 1.0)[0], body.error
 
     def may_be_lit(self, names: Sequence[str], camera: PinholeCamera, views: list[BodyView],
                    bounds_px: tuple[float, float, float, float], grid: tuple[int, int]) -> np.ndarray | None:

@@ -72,32 +72,6 @@ def lit_edges(facets, radiance, neighbours, corners, xy, every, to_sun, r_camera
     return found
 
 
-@compiled(write(intp, 1)(read(float32, 2), read(float64, 1), VECTOR, VECTOR, POINTS, read(float64, 1)))
-def may_be_hidden(facets, radiance, to_sun, r_camera_m, places_m, radii_m):
-    """Facets (N,) among those with radiance (F,) whose centroids have one of some spheres towards camera or Sun.
-
-    Facets (F, 6) float32 have normals and centroids [m]; spheres have places (3, K) [m] and radii (K,) [m].
-    """
-    found, n = np.empty(len(radiance), np.intp), 0
-    for facet in range(len(radiance)):
-        if not radiance[facet] > 0.0:
-            continue
-        x, y, z = float(facets[facet, 3]), float(facets[facet, 4]), float(facets[facet, 5])
-        u, v, w = r_camera_m[0] - x, r_camera_m[1] - y, r_camera_m[2] - z
-        squared = u * u + v * v + w * w
-        for k in range(len(radii_m)):
-            a, b, c = places_m[0, k] - x, places_m[1, k] - y, places_m[2, k] - z
-            # Beyond the sphere's edge, if positive; along the lines to the Sun and to the camera.
-            outside = a * a + b * b + c * c - radii_m[k] ** 2
-            sunward, ahead = a * to_sun[0] + b * to_sun[1] + c * to_sun[2], a * u + b * v + c * w
-            if outside < 0.0 or sunward > 0.0 and outside < sunward * sunward or (
-                    ahead > 0.0 and outside * squared < ahead * ahead):
-                found[n] = facet
-                n += 1
-                break
-    return found[:n].copy()
-
-
 @compiled(Tuple((write(intp, 1), write(intp, 1), write(intp, 2)))(_CORNERS, NUMBERS, intp))
 def vertices_of(corners, facets, n_vertices):
     """Vertices (M,) of facets (N,), one facet (M,) of each, and which of them (3, N) the facets' corners are."""

@@ -60,14 +60,14 @@ def images(body, phase_deg):
     """By centroids (rows, columns), as tables tell and as rays do; the share of centroids that no table tells of."""
     camera = views.camera(128, 1000.0)
     scene = views.scene([body], [camera], sun_disc=False)
-    view, = seen = view_bodies(views.state(phase_deg=phase_deg, range_m=20.0 * body.hull.radius_m), camera, scene.hulls)
+    view, = view_bodies(views.state(phase_deg=phase_deg, range_m=20.0 * body.hull.radius_m), camera, scene.hulls)
     rays, drawn = RayEngine(scene), []
     tables = FacetTables(body, rays.solid("body"))
     heights = tables.horizons.heights
     for known in (heights, np.full_like(heights, UNKNOWN)):
         tables.horizons = CentroidHorizons(facets=tables.horizons.facets, heights=known)
         changes, (image, cover) = no_changes((128, 128)), np.empty((2, 128, 128))
-        CentroidVisibility(tables, view, seen, camera, rays, BrdfTables()).add_to(
+        CentroidVisibility(tables, view, camera, rays, BrdfTables()).add_to(
             changes, np.array(camera.bounds_px[:2]), np.ones(2))
         image[image < ROUNDING * means(changes, 0, 128, image, cover)] = 0.0
         drawn.append(image)
