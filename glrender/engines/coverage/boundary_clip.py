@@ -12,9 +12,6 @@ from . import facet_loops
 from .facet_tables import FacetTables
 from .sub_triangles import FacetParts, Points
 
-LOW_SUN_RAD = 1.5
-"""Phase angle from which facets are looked at more closely everywhere: they are few, and light falls in slivers."""
-
 # Where Gauss' rule of two places has them on a length.
 _GAUSS = 0.5 - 0.5 / math.sqrt(3.0)
 # What light leaves at a lit and at a dark corner, over what that rule finds, of natural shapes: decision 0022.
@@ -72,26 +69,10 @@ class FacetCutter:
         self.polygons.append((triangles.corner.take(lit, axis=1), triangles.facet.take(lit)))
 
     def keep_even(self, triangles: FacetParts) -> FacetParts:
-        """Triangles that are not mixed are done; the mixed ones are given back.
-
-        Where the Sun is low, light falls in slivers: those whose centroids differ from their corners are cut in three
-        about that, and mixed.
-        """
+        """Triangles that are not mixed are done; the mixed ones are given back."""
         is_mixed = self.are_mixed(triangles)
-        mixed, even = (triangles.at(np.flatnonzero(chosen)) for chosen in (is_mixed, ~is_mixed))
-        if self._view.phase_rad < LOW_SUN_RAD:
-            self.keep_lit(even)
-            return mixed
-        points, is_lit = self.points, self.are_lit(even)[0]
-        middle_m = sum(points.r_m.take(corner, axis=1) for corner in even.corner) / 3.0
-        is_other = self._told(middle_m, even.facet, points.is_seen.take(even.corner).all(axis=0))[1] != is_lit
-        self.keep_lit(even.at(np.flatnonzero(~is_other)))
-        other, is_lit = even.at(np.flatnonzero(is_other)), ~is_lit[is_other]
-        # Whether dark ones are seen is not known.
-        middle = points.add(middle_m[:, is_other], is_lit, is_lit)
-        a, b, c = other.corner
-        return FacetParts.joined([mixed, *(FacetParts(np.stack(three), other.facet, other.area_px / 3.0)
-                                           for three in ([a, b, middle], [b, c, middle], [c, a, middle]))])
+        self.keep_lit(triangles.at(np.flatnonzero(~is_mixed)))
+        return triangles.at(np.flatnonzero(is_mixed))
 
     def quarters(self, triangles: FacetParts) -> FacetParts:
         """Each divided in four between the midpoints of its sides."""

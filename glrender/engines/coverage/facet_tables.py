@@ -52,8 +52,6 @@ class FacetTables:
         Of the facets' planes from the body's origin, along the normal.
     neighbours : (3, F) int32
         Facets across the edges from each corner to the next, or -1.
-    rises : (3, F) bool
-        Whether the facet across an edge rises above the plane of this one.
     """
 
     def __init__(self, body: Body, solid: RayMesh):
@@ -74,7 +72,6 @@ class FacetTables:
         middle_m = self.corner_m(slice(None)).mean(axis=0)
         height_m = np.stack([np.where(across < 0, 0.0, dot(self.normal, middle_m.take(across, axis=1)) - self.offset_m)
                              for across in self.neighbours])
-        self.rises = height_m > 0.0
         is_flat = float(height_m.max()) <= _FLAT * body.hull.radius_m
         self.is_convex = bool((self.neighbours >= 0).all()) and body.hull.is_convex and is_flat
         self.horizons = None
