@@ -19,7 +19,7 @@ FINE_FOOTPRINT = 1e-5
 """Side of a pixel's footprint, in radii, below which rays are cast in float64: some hundred float32 steps."""
 # The outline's edges, float64 pixel coordinates, are then good to 1e-4 of its size.
 _MIN_SIZE_PX = 1e-9
-# Radii: the range of a camera at the origin of open terrain, or in a cavity, by which others divide.
+# Radii: the range of a camera at the origin of open terrain, by which others divide.
 _LEAST_RANGE = 1e-9
 
 

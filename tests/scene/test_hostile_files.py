@@ -122,15 +122,6 @@ def test_outlines_that_are_long_and_wound_are_cut(tmp_path, outline):
     np.testing.assert_allclose(shape.facet_areas_m2.sum(), area, rtol=1e-6)
 
 
-def test_shells_in_shells_without_end_are_refused_before_each_is_asked_for_each():
-    """80 took 6 s, 500 more than four minutes."""
-    corner = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
-    facets = np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])
-    sizes, number = np.linspace(1.0, 1000.0, 500)[:, None, None], np.arange(500)[:, None, None]
-    with soon_and_small(), pytest.raises(ShapeError, match="more than 50000 pairs of shells"):
-        Shape.from_arrays((sizes * corner).reshape(-1, 3), (facets + 4 * number).reshape(-1, 3))
-
-
 def test_loops_that_never_end_take_no_square_of_time(tmp_path):
     """280 kB of them took 93 s."""
     (tmp_path / "open.stl").write_text("solid x\nfacet normal 0 0 1\n" + "outer loop vertex 0 0 0\n" * 40_000)

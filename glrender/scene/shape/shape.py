@@ -49,7 +49,6 @@ class ShapeReport:
     n_vertices: int
     n_facets: int
     n_shells: int
-    n_cavities: int
     n_two_sided: int
     n_welded: int
     n_seam: int
@@ -302,7 +301,7 @@ def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None) -
         if array is not None:
             array.setflags(write=False)
     report = ShapeReport(
-        n_vertices=len(vertices), n_facets=len(facets), n_shells=shells.n_shells, n_cavities=shells.n_cavities,
+        n_vertices=len(vertices), n_facets=len(facets), n_shells=shells.n_shells,
         n_two_sided=shells.n_two_sided, n_welded=n_welded + n_seam, n_seam=n_seam, seam_tolerance_m=tolerance_m,
         seam_gap_m=gap_m, n_unused=n_unused, n_degenerate=n_degenerate, n_duplicate=n_duplicate, n_flipped=n_flipped,
         n_open_edges=shells.n_open_edges, n_non_manifold_edges=shells.n_non_manifold_edges, volume_m3=volume,
@@ -326,11 +325,9 @@ def _warnings(report: ShapeReport, n_holed_edges: int) -> tuple[str, ...]:
     if report.has_odd_extent:
         told.append(f"extent of {max(report.extent_m):.4g} m: is the length unit right (km or m)?")
     if report.n_shells > 1:
-        cavities = f", {report.n_cavities} of cavities" if report.n_cavities else ""
-        told.append(f"{report.n_shells} separate shells{cavities}")
+        told.append(f"{report.n_shells} separate shells")
     if report.n_flipped:
-        told.append(f"{report.n_flipped} facets turned over, so that neighbours agree, closed shells face outward and "
-                    "those of cavities inward; where that is wrong, see that no shell cuts another")
+        told.append(f"{report.n_flipped} facets turned over, so that neighbours agree and closed shells face outward")
     if report.n_seam:
         told.append(f"{report.n_seam} vertices on open edges welded to others within {report.seam_tolerance_m:.3g} m, "
                     f"over gaps of up to {report.seam_gap_m:.3g} m; where gaps are meant, make them wider")

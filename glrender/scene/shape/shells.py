@@ -1,4 +1,4 @@
-"""The shells of a mesh: seams welded, winding made one, closed shells turned outward and those of cavities inward.
+"""The shells of a mesh: seams welded, winding made one, closed shells turned outward.
 
 Open shells and panels that are given with both their sides stay as the file has them.
 """
@@ -11,10 +11,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 from scipy.spatial import cKDTree
-from scipy.spatial.transform import Rotation
 
-from ...base.errors import ShapeError
-from .convex_hull import surface_distance_m
 from .edges import Edges
 
 # Gaps of seams: steps of float32 at the largest coordinate, and a share of an open edge's length.
@@ -29,12 +26,6 @@ _AROUND = 8
 _HOLED = 0.25
 # Of a shell's extent times its area, a volume that is none, and of the extent a distance that is none.
 _VOLUME_RTOL, _TOUCH_RTOL = 1e-12, 1e-6
-# Vertices and centroids of facets of a shell that decide whether it is within another.
-_PLACES = 64
-MAX_SHELL_PAIRS = 50_000
-"""Shells whose boxes are within those of others: each pair is asked for, some 0.5 ms each."""
-# Frames, their axes in rows, that no mesh is built along.
-_FRAMES = Rotation.from_rotvec([[0.31, 0.52, -0.27], [-1.62, 0.78, 0.44], [0.65, -1.71, 0.86]]).as_matrix()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,8 +39,8 @@ class Shells:
         Which of them were turned over.
     is_solid : (F,) bool
         Which belong to a shell that has an inside: closed, or closed but for holes.
-    n_shells, n_cavities, n_two_sided : int
-        Shells, those of them that bound a cavity, and facets that are there with both their sides.
+    n_shells, n_two_sided : int
+        Shells, and facets that are there with both their sides.
     n_open_edges, n_holed_edges, n_non_manifold_edges : int
         Edges of one facet, those of them in shells that are closed else, and of more than two.
     """
@@ -58,7 +49,6 @@ class Shells:
     is_flipped: np.ndarray
     is_solid: np.ndarray
     n_shells: int
-    n_cavities: int
     n_two_sided: int
     n_open_edges: int
     n_holed_edges: int
@@ -143,14 +133,14 @@ def wound(vertices: np.ndarray, facets: np.ndarray, edges: Edges) -> Shells:
     """The shells of a mesh, each turned as it should be.
 
     Facets that share an edge with one other are of one shell. Within a shell, winding is made that of most of its
-    facets. A closed shell is turned outward, or into the cavity where it is within an odd number of others.
+    facets. A closed shell is turned outward by its signed volume.
     """
     is_flipped, is_solid = np.zeros(len(facets), bool), np.zeros(len(facets), bool)
     is_twin = _are_twins(facets)
     single = np.flatnonzero(~is_twin)
     n_twin_shells = _n_pieces(facets[is_twin])
     if not len(single):
-        return Shells(facets=facets, is_flipped=is_flipped, is_solid=is_solid, n_shells=n_twin_shells, n_cavities=0,
+        return Shells(facets=facets, is_flipped=is_flipped, is_solid=is_solid, n_shells=n_twin_shells,
                       n_two_sided=len(facets) // 2, n_open_edges=0, n_holed_edges=0, n_non_manifold_edges=0)
     rest = facets[single]
     if is_twin.any():
@@ -159,17 +149,18 @@ def wound(vertices: np.ndarray, facets: np.ndarray, edges: Edges) -> Shells:
     n_shells = int(shell.max()) + 1
     rest = np.where(flipped[:, None], rest[:, [0, 2, 1]], rest)
     is_closed = _are_closed(edges, shell, n_shells) & is_one_sided
-    owner = _Owner(shell, n_shells)
-    extents = owner.extents(vertices, rest)
-    corner = vertices[rest] - extents.mean(axis=0)[shell][:, None]
+    # About a corner of each shell, or its volume would be lost in its distance from the origin.
+    first = np.unique(shell, return_index=True)[1]
+    corner = vertices[rest] - vertices[rest[first, 0]][shell][:, None]
+    size = np.zeros(n_shells)
+    np.maximum.at(size, shell, np.linalg.norm(corner, axis=2).max(axis=1))
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     area = np.bincount(shell, np.linalg.norm(normal, axis=1), n_shells)
     openness = np.linalg.norm([np.bincount(shell, axis, n_shells) for axis in normal.T], axis=0)
     is_holed = is_one_sided & ~is_closed & (openness < _HOLED * area)
     volume = np.bincount(shell, np.einsum("ij,ij->i", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])), n_shells)
-    has_volume = np.abs(volume) > _VOLUME_RTOL * area * np.linalg.norm(extents[1] - extents[0], axis=1)
-    depth = _depths(vertices, rest, owner, extents, is_closed & has_volume, (is_closed | is_holed) & has_volume)
-    is_inward = is_closed & has_volume & ((volume < 0.0) != (depth % 2 == 1))
+    has_volume = np.abs(volume) > _VOLUME_RTOL * area * size
+    is_inward = is_closed & has_volume & (volume < 0.0)
     rest = np.where(is_inward[shell][:, None], rest[:, [0, 2, 1]], rest)
     facets = facets.copy()
     facets[single], is_flipped[single] = rest, flipped ^ is_inward[shell]
@@ -177,26 +168,9 @@ def wound(vertices: np.ndarray, facets: np.ndarray, edges: Edges) -> Shells:
     open_sides, _ = edges.sides(edges.size == 1)
     return Shells(
         facets=facets, is_flipped=is_flipped, is_solid=is_solid, n_shells=n_shells + n_twin_shells,
-        n_cavities=int((is_closed & has_volume & (depth % 2 == 1)).sum()), n_two_sided=int(is_twin.sum()) // 2,
+        n_two_sided=int(is_twin.sum()) // 2,
         n_open_edges=len(open_sides), n_holed_edges=int(is_holed[shell[open_sides // 3]].sum()),
         n_non_manifold_edges=int((edges.size > 2).sum()))
-
-
-class _Owner:
-    """Facets of each of some shells."""
-
-    def __init__(self, shell: np.ndarray, n_shells: int):
-        self._order = np.argsort(shell, kind="stable")
-        self._begins = np.searchsorted(shell[self._order], np.arange(n_shells + 1))
-
-    def facets(self, number: int) -> np.ndarray:
-        """Facets (N,) of one shell."""
-        return self._order[self._begins[number]:self._begins[number + 1]]
-
-    def extents(self, vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
-        """Least and largest coordinates (2, S, 3)."""
-        corners = [vertices[corner[self._order]] for corner in facets.T]
-        return np.stack([of.reduceat(of.reduce(corners), self._begins[:-1]) for of in (np.minimum, np.maximum)])
 
 
 def are_all_different(facets: np.ndarray) -> bool:
@@ -285,99 +259,3 @@ def _are_closed(edges: Edges, shell: np.ndarray, n_shells: int) -> np.ndarray:
     is_closed = np.ones(n_shells, bool)
     is_closed[key[count % 2 == 1] % n_shells] = False
     return is_closed
-
-
-def _depths(vertices: np.ndarray, facets: np.ndarray, owner: _Owner, extents: np.ndarray, is_inner: np.ndarray,
-            is_outer: np.ndarray) -> np.ndarray:
-    """Number (S,) of other shells around each shell; only of those that may be inner, by those that may be outer ones.
-
-    Raises
-    ------
-    ShapeError
-        More than `MAX_SHELL_PAIRS` to ask.
-    """
-    low, high = extents
-    depth = np.zeros(len(is_inner), int)
-    inner, pairs, n_pairs = np.flatnonzero(is_inner), [], 0
-    for outer in np.flatnonzero(is_outer):
-        within = inner[(low[inner] >= low[outer]).all(axis=1) & (high[inner] <= high[outer]).all(axis=1)
-                       & (inner != outer)]
-        if len(within):
-            pairs.append((outer, within))
-            n_pairs += len(within)
-        if n_pairs > MAX_SHELL_PAIRS:
-            raise ShapeError("", f"has more than {MAX_SHELL_PAIRS} pairs of shells of which one may be within "
-                             "the other", n_pairs, "leave out what nobody sees, or join shells that touch")
-    for outer, within in pairs:
-        mesh = _Mesh(vertices, facets[owner.facets(outer)])
-        for number in within:
-            depth[number] += mesh.holds(facets[owner.facets(number)], float((high[number] - low[number]).max()))
-    return depth
-
-
-class _Mesh:
-    """A shell that tells what is inside it by the number of times that lines in three directions pass it."""
-
-    def __init__(self, vertices: np.ndarray, facets: np.ndarray):
-        self._vertices, self._facets = vertices, facets
-        self._is_own = np.zeros(len(vertices), bool)
-        self._is_own[facets] = True
-        corner = vertices[facets]
-        self._views = []
-        for frame in _FRAMES:
-            placed = corner @ frame.T
-            self._views.append((frame, placed, *_tree(placed[..., :2])))
-        self._around = _tree(corner)
-
-    def holds(self, facets: np.ndarray, extent: float) -> bool:
-        """Whether another shell of such facets is within: no place of it outside, but such as touch, and one inside."""
-        own = np.unique(facets)
-        own = own[~self._is_own[own]]
-        centroids = self._vertices[facets[_some(np.arange(len(facets)))]].mean(axis=1)
-        places = np.concatenate([self._vertices[_some(own)], centroids])
-        is_inside, touch = self._are_inside(places), _TOUCH_RTOL * extent
-        return (not any(self._is_beyond(place, touch) for place in places[~is_inside])
-                and any(self._is_beyond(place, touch) for place in places[is_inside]))
-
-    def _is_beyond(self, place: np.ndarray, distance: float) -> bool:
-        """Whether no facet is as near as this."""
-        tree, reach = self._around
-        near = tree.query_ball_point(place, reach + distance)
-        return not near or surface_distance_m(self._vertices, self._facets[near], place) > distance
-
-    def _are_inside(self, places: np.ndarray) -> np.ndarray:
-        odd = np.zeros(len(places), int)
-        for frame, placed, tree, reach in self._views:
-            points = places @ frame.T
-            near = tree.query_ball_point(points[:, :2], reach)
-            of = np.repeat(np.arange(len(places)), [len(some) for some in near])
-            facet = np.concatenate([np.array(some, int) for some in near])
-            is_above = _are_above(placed[facet], self._facets[facet], points[of])
-            odd += np.bincount(of[is_above], minlength=len(places)) % 2
-        return odd >= 2
-
-
-def _tree(corner: np.ndarray) -> tuple[cKDTree, float]:
-    """Middles of triangles (N, 3, 2 or 3), and how far their corners are from them at most."""
-    middle = corner.mean(axis=1)
-    return cKDTree(middle), float(np.linalg.norm(corner - middle[:, None], axis=2).max())
-
-
-def _are_above(corner: np.ndarray, number: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """Whether lines along +z from points (N, 3) pass triangles (N, 3, 3); on an edge that two share, one of them."""
-    sides = []
-    for k in range(3):
-        a, b = corner[:, k], corner[:, (k + 1) % 3]
-        # The same number whichever way an edge is passed.
-        turned = number[:, k] > number[:, (k + 1) % 3]
-        low, high = np.where(turned[:, None], b, a), np.where(turned[:, None], a, b)
-        across, aside = high - low, point - low
-        sides.append((across[:, 0] * aside[:, 1] - across[:, 1] * aside[:, 0] > 0.0) ^ turned)
-    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    height = np.einsum("ij,ij->i", normal, corner[:, 0] - point)
-    return (sides[0] == sides[1]) & (sides[1] == sides[2]) & (height * normal[:, 2] > 0.0)
-
-
-def _some(numbers: np.ndarray) -> np.ndarray:
-    """At most `_PLACES` of numbers, evenly."""
-    return numbers if len(numbers) <= _PLACES else numbers[np.linspace(0, len(numbers) - 1, _PLACES).astype(int)]
