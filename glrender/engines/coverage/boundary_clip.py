@@ -135,7 +135,7 @@ class FacetCutter:
         if self._facets.is_convex:
             is_open = np.ones(len(facet), bool)
         is_asked, number = np.ones(len(facet), bool) if is_seen is None else ~is_seen, self._facets.number.take(facet)
-        seen = self._rays.in_view(self._facets.solid, r_body_m, number, view, self._views, is_asked, is_open)
+        seen = self._rays.in_view(r_body_m, number, view, self._views, is_asked, is_open)
         if is_seen is not None:
             seen |= is_seen
-        return seen, self._rays.in_light(self._facets.solid, r_body_m, number, view, self._views, seen, is_open)
+        return seen, self._rays.in_light(r_body_m, number, view, self._views, seen, is_open)

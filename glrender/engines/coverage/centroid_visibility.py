@@ -74,8 +74,8 @@ class CentroidVisibility:
             *brdf_tables.of(facets.surface, view, facets.solid.radius_m, view.sun_distance_au**-2))
         centroid_m, number = facets.horizons.facets[asked, 3:].T.astype(float), facets.number.take(asked)
         # Where neither was in doubt, both are so.
-        sees = rays.in_view(facets.solid, centroid_m, number, view, [view], is_seen) | ~is_seen
-        sees &= rays.in_light(facets.solid, centroid_m, number, view, [view], is_lit & sees) | ~is_lit
+        sees = rays.in_view(centroid_m, number, view, [view], is_seen) | ~is_seen
+        sees &= rays.in_light(centroid_m, number, view, [view], is_lit & sees) | ~is_lit
         radiance[asked[~sees]] = 0.0
         return radiance
 

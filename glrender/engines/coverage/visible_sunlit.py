@@ -180,8 +180,7 @@ class SunlitAreas:
         chosen = np.flatnonzero(is_dark.any(axis=0))
         corner = np.argmax(is_dark[:, chosen], axis=0)
         r_body_m, facet = points.r_m.take(parts.corner[corner, chosen], axis=1), parts.facet.take(chosen)
-        range_m = self._rays.shade_ranges(self._facets.solid, r_body_m, self._facets.number.take(facet), view,
-                                          self._views)
+        range_m = self._rays.shade_ranges(r_body_m, self._facets.number.take(facet), view, self._views)
         depth_m = dot(view.camera_from_body[2], r_body_m - view.r_camera_body_m[:, None])
         angle = 2.0 * view.sun_radius_rad
         wide_px = (np.where(np.isfinite(range_m), range_m.clip(0.0), 0.0) * angle * self._camera.focal_length_px

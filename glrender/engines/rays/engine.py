@@ -18,7 +18,7 @@ from ...base.rotations import sun_from_body
 from ...scene.scene import Body, Scene
 from ...scene.surface import Surface
 from ...view.view import BodyView, between
-from .mesh import LEAST_LIFT, LIFT, Hits, RayMesh, dot
+from .mesh import ANY_REACH, LEAST_LIFT, LIFT, Hits, RayMesh, dot
 
 RAYS_AT_ONCE = 1 << 13
 """Most rays of a part, which one thread casts: what it needs stays in a core's cache."""
@@ -107,49 +107,45 @@ class RayEngine:
         """Whether points (N, 3) [m] in a body's frame have a free line (N,) bool to the Sun's middle."""
         return self._has_free_line(r_body_m.T, r_body_m.T, view.sun_direction_body, view, views)
 
-    def in_light(self, own: RayMesh, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView, views: list[BodyView],
+    def in_light(self, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView, views: list[BodyView],
                  is_asked: np.ndarray, is_open: np.ndarray | None = None) -> np.ndarray:
         """Whether points (3, N) [m] of a body's facets (N,) see the Sun's middle, (N,) bool; only what is asked for.
 
-        The body is as in its `own` mesh, its full shape or a level of detail; others are in full. Of some points it may
-        be known that nothing of their own body hides it, (N,) bool.
+        Of some points it may be known that nothing of their own body hides it, (N,) bool.
         """
-        return self._free(own, r_body_m, facet, view, views, is_asked, is_open, view.sun_direction_body, False)
+        return self._are_free(r_body_m, facet, view, views, is_asked, is_open, None)
 
-    def in_view(self, own: RayMesh, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView, views: list[BodyView],
+    def in_view(self, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView, views: list[BodyView],
                 is_asked: np.ndarray, is_open: np.ndarray | None = None) -> np.ndarray:
         """Whether the camera sees points (3, N) [m] of a body's facets (N,), (N,) bool; only what is asked for.
 
         As of `in_light`.
         """
-        return self._free(own, r_body_m, facet, view, views, is_asked, is_open, view.r_camera_body_m, True)
+        return self._are_free(r_body_m, facet, view, views, is_asked, is_open, view.r_camera_body_m)
 
-    def _free(self, own: RayMesh, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView, views: list[BodyView],
-              is_asked: np.ndarray, is_open: np.ndarray | None, towards: np.ndarray, is_place: bool) -> np.ndarray:
-        own = own.at(self._footprint_m(view, views))
+    def _are_free(self, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView, views: list[BodyView],
+                  is_asked: np.ndarray, is_open: np.ndarray | None, place_m: np.ndarray | None) -> np.ndarray:
+        asked, own, is_free = np.flatnonzero(is_asked), self._mesh(view, views), np.zeros(len(facet), bool)
 
-        def keep(solid: RayMesh, turn: np.ndarray, shift_m: np.ndarray, is_free: np.ndarray) -> None:
-            def ask(part: slice) -> None:
-                solid.keep_free(own, turn, shift_m, r_body_m[:, part], facet[part], towards, is_place, is_free[part])
+        def ask(part: slice) -> None:
+            some = asked[part]
+            start, number = r_body_m.take(some, axis=1), facet.take(some)
+            above = start + own.lift_m(number, LIFT) * own.normals.take(number, axis=0).T
+            towards, reach_m = view.sun_direction_body, ANY_REACH
+            if place_m is not None:
+                towards = place_m[:, None] - start
+                reach_m = np.sqrt(dot(towards, towards))
+                towards /= reach_m
+            is_free[some] = self._has_free_line(start, above, towards, view, views, reach_m,
+                                                None if is_open is None else is_open.take(some))
 
-            threads.run_in_parts(ask, len(facet), RAYS_AT_ONCE)
-
-        is_free = is_asked.copy() if is_open is None else is_asked & ~is_open
-        keep(own, *between(view, view), is_free)
-        if is_open is not None:
-            is_free |= is_asked & is_open
-        for other in views:
-            if other is not view:
-                keep(self._mesh(other, views), *between(view, other), is_free)
+        threads.run_in_parts(ask, len(asked), RAYS_AT_ONCE)
         return is_free
 
-    def shade_ranges(self, own: RayMesh, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView,
-                     views: list[BodyView]) -> np.ndarray:
-        """Distances (N,) [m] from points (3, N) [m] of a body's facets (N,) to what hides the Sun, or infinity.
-
-        As of `in_light`.
-        """
-        found, own = np.full(len(facet), np.inf), own.at(self._footprint_m(view, views))
+    def shade_ranges(self, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView, views: list[BodyView]
+                     ) -> np.ndarray:
+        """Distances (N,) [m] from points (3, N) [m] of a body's facets (N,) to what hides the Sun, or infinity."""
+        found, own = np.full(len(facet), np.inf), self._mesh(view, views)
         above = r_body_m + own.lift_m(facet, LIFT) * own.normals.T.take(facet, axis=1)
         for other in views:
             turn, shift_m = between(view, other)
@@ -245,21 +241,24 @@ class RayEngine:
             default=math.inf)
 
     def _has_free_line(self, start: np.ndarray, above: np.ndarray, towards: np.ndarray, view: BodyView,
-                       views: list[BodyView]) -> np.ndarray:
+                       views: list[BodyView], reach_m: np.ndarray = ANY_REACH, is_open: np.ndarray | None = None
+                       ) -> np.ndarray:
         """Whether points (3, N) [m] of a body have a free line in a direction (3,), or in one each (3, N).
 
-        Of the body itself from `above` its surface.
+        Of the body itself from `above` its surface, but for points that are known to have one there (N,).
         """
-        if len(views) == 1:
-            return ~self._mesh(view, views).blocks(above.T, towards.T)
         is_free = np.ones(start.shape[1], bool)
         for other in views:
+            is_own = other is view
+            rest = np.flatnonzero(is_free & ~is_open if is_own and is_open is not None else is_free)
             rotation, offset = between(view, other)
-            rest = np.flatnonzero(is_free)
-            direction = towards if towards.ndim == 1 else towards.take(rest, axis=1)
-            place = (above if other is view else start).take(rest, axis=1)
+            place, direction = (above if is_own else start).take(rest, axis=1), towards
+            if towards.ndim > 1:
+                direction = towards.take(rest, axis=1)
+            if not is_own:
+                place, direction = rotation @ place + offset[:, None], rotation @ direction
             is_free[rest] = ~self._mesh(other, views).blocks(
-                (rotation @ place + offset[:, None]).T, (rotation @ direction).T)
+                place.T, direction.T, reach_m if len(reach_m) == 1 else reach_m.take(rest))
         return is_free
 
 

@@ -90,68 +90,34 @@ def _look_for_blocks(scene, rays, valid, n):
     _rtc_occluded(valid.ctypes.data, scene, rays.ctypes.data, 0)
 
 
-@compiled(void(uintp, _RAYS, _VALID, read(intp, 1), intp, boolean, write(boolean, 1, "A")))
-def _tell_blocked(scene, rays, valid, which, n, value, found):
-    """Write a value for the points whose rays, the first n, meet a mesh."""
+@compiled(void(uintp, _RAYS, _VALID, read(intp, 1), intp, write(boolean, 1)))
+def _tell_blocked(scene, rays, valid, which, n, found):
+    """Write which points' rays, the first n, meet a mesh."""
     if n == 0:
         return
     _look_for_blocks(scene, rays, valid, n)
     for lane in range(n):
         if rays[_END, lane] < 0.0:
-            found[which[lane]] = value
+            found[which[lane]] = True
 
 
-@compiled(void(uintp, POINTS, POINTS, float64, write(boolean, 1, "A")))
-def find_blocked(scene, start_m, direction, radius_m, found):
-    """Whether rays from points (3, N) [m] in directions (3, 1 or N) meet a mesh in units of its radius [m]."""
+@compiled(void(uintp, POINTS, POINTS, read(float64, 1), float64, write(boolean, 1)))
+def find_blocked(scene, start_m, direction, reach_m, radius_m, found):
+    """Whether rays from points (3, N) [m] in directions (3, 1 or N) meet a mesh within a reach (1 or N,) [m].
+
+    The mesh is in units of its radius [m].
+    """
     (rays, _, valid), which, n = _new_rays(), np.empty(_LANES, np.intp), 0
     found[:] = False
     for i in range(start_m.shape[1]):
-        j = i if direction.shape[1] > 1 else 0
+        j, k = i if direction.shape[1] > 1 else 0, i if len(reach_m) > 1 else 0
         which[n] = i
         n += _aim(rays, n, (start_m[0, i] / radius_m, start_m[1, i] / radius_m, start_m[2, i] / radius_m),
-                  (direction[0, j], direction[1, j], direction[2, j]), _FAR)
+                  (direction[0, j], direction[1, j], direction[2, j]), reach_m[k] / radius_m)
         if n == _LANES:
-            _tell_blocked(scene, rays, valid, which, n, True, found)
+            _tell_blocked(scene, rays, valid, which, n, found)
             n = 0
-    _tell_blocked(scene, rays, valid, which, n, True, found)
-
-
-@compiled(void(uintp, float64, POINTS, read(float64, 1), POINTS, read(intp, 1, "A"), POINTS, float64,
-               read(float64, 1), read(float64, 1), boolean, write(boolean, 1, "A")))
-def keep_free(scene, radius_m, turn, shift_m, points_m, facets, normals, lift_m, unsure_m, towards, is_place, is_free):
-    """Points (3, N) [m] of a surface that are free (N,) lose it where a mesh hides a direction or a place from them.
-
-    They are lifted off the surface along the normals of their facets (N,), and more by each facet's own rounding; not
-    at all where the lift is 0.
-    `turn` (3, 3) and `shift_m` (3,) lead to the mesh's frame from theirs; `towards` (3,) is in theirs, a unit vector
-    or a place [m].
-    """
-    (rays, _, valid), which, n = _new_rays(), np.empty(_LANES, np.intp), 0
-    u, v, w = towards[0], towards[1], towards[2]
-    for i in range(points_m.shape[1]):
-        if not is_free[i]:
-            continue
-        k = facets[i]
-        up_m = lift_m + unsure_m[k] if lift_m > 0.0 else 0.0
-        x, y, z = (points_m[0, i] + up_m * normals[0, k], points_m[1, i] + up_m * normals[1, k],
-                   points_m[2, i] + up_m * normals[2, k])
-        reach = float(_FAR)
-        if is_place:
-            u, v, w = towards[0] - x, towards[1] - y, towards[2] - z
-            reach_m = math.sqrt(u * u + v * v + w * w)
-            u, v, w, reach = u / reach_m, v / reach_m, w / reach_m, reach_m / radius_m
-        which[n] = i
-        n += _aim(rays, n,
-                  ((turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z + shift_m[0]) / radius_m,
-                   (turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z + shift_m[1]) / radius_m,
-                   (turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z + shift_m[2]) / radius_m),
-                  (turn[0, 0] * u + turn[0, 1] * v + turn[0, 2] * w, turn[1, 0] * u + turn[1, 1] * v + turn[1, 2] * w,
-                   turn[2, 0] * u + turn[2, 1] * v + turn[2, 2] * w), reach)
-        if n == _LANES:
-            _tell_blocked(scene, rays, valid, which, n, False, is_free)
-            n = 0
-    _tell_blocked(scene, rays, valid, which, n, False, is_free)
+    _tell_blocked(scene, rays, valid, which, n, found)
 
 
 @inlined

@@ -34,6 +34,8 @@ _UNSURE, _MOST_UNSURE = 6e-8, 2e-5
 # What is left there of all that rays start off facets: of 2^-29, by which float64 is finer, 2^7 is for what rounding
 # adds up.
 _FINE = 2.0**-22
+ANY_REACH = np.array([np.inf])
+"""The reach of rays that end nowhere [m]."""
 
 
 def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -141,11 +143,14 @@ class RayMesh:
         return replace(hits, facet=np.where(is_turned, other, hits.facet),
                        normal=np.where(is_turned, -hits.normal, hits.normal))
 
-    def blocks(self, start_m: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """Whether rays from points (N, 3) [m] towards one direction (3,), or one each (N, 3), meet the shape."""
+    def blocks(self, start_m: np.ndarray, direction: np.ndarray, reach_m: np.ndarray = ANY_REACH) -> np.ndarray:
+        """Whether rays from points (N, 3) [m] in one direction (3,), or one each (N, 3), meet the shape: (N,) bool.
+
+        Within a reach [m] of all (1,), or of each (N,).
+        """
         is_blocked = np.zeros(len(start_m), bool)
-        ray_loops.find_blocked(self._mesh.scene, start_m.T, np.transpose(direction).reshape(3, -1), self.radius_m,
-                                 is_blocked)
+        ray_loops.find_blocked(self._mesh.scene, start_m.T, np.transpose(direction).reshape(3, -1), reach_m,
+                               self.radius_m, is_blocked)
         return is_blocked
 
     def heights(self, points_m: np.ndarray, normals: np.ndarray, axes: np.ndarray, azimuths: np.ndarray,
@@ -153,30 +158,6 @@ class RayMesh:
         """Write how high the shape stands around points (3, N) [m] of its surface: `ray_loops.find_heights`."""
         ray_loops.find_heights(self._mesh.scene, self.radius_m, points_m, normals, axes, LIFT * self.radius_m,
                                  azimuths, unknown, found)
-
-    def keep_free(self, own: RayMesh, turn: np.ndarray, shift_m: np.ndarray, r_body_m: np.ndarray, facet: np.ndarray,
-                  towards: np.ndarray, is_place: bool, is_free: np.ndarray) -> None:
-        """Points of a shape's surface that are free lose it where this shape hides something from them.
-
-        Parameters
-        ----------
-        own : RayMesh
-            That shape's, from whose facets rays start: this one, or another.
-        turn, shift_m : (3, 3), (3,) float64 [1], [m]
-            To this shape's frame from that one's.
-        r_body_m : (3, N) float64 [m]
-            In that one's frame, on its facets.
-        facet : (N,) int
-        towards : (3,) float64
-            In that one's frame: a unit vector, or a place [m].
-        is_place : bool
-        is_free : (N,) bool
-            Only those that are true are asked for, and false is written.
-        """
-        # What hides a facet of another shape may be nearer than what would be lifted over it.
-        lift_m = LIFT * own.radius_m if own is self else 0.0
-        ray_loops.keep_free(self._mesh.scene, self.radius_m, turn, shift_m, r_body_m, facet, own.normals.T,
-                              lift_m, own._unsure_m, towards, is_place, is_free)
 
 
 class _FineMesh(RayMesh):
@@ -199,18 +180,5 @@ class _FineMesh(RayMesh):
         return self._faced(Hits(place=place, facet=facet, distance_m=distance_m, ray=ray.take(place, axis=1),
                                  normal=self.normals.T.take(facet, axis=1)))
 
-    def blocks(self, start_m: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        return self._exact.are_blocked(start_m.T, np.transpose(direction).reshape(3, -1), np.array([np.inf]))
-
-    def keep_free(self, own: RayMesh, turn: np.ndarray, shift_m: np.ndarray, r_body_m: np.ndarray, facet: np.ndarray,
-                  towards: np.ndarray, is_place: bool, is_free: np.ndarray) -> None:
-        asked = np.flatnonzero(is_free)
-        start, facet = r_body_m.take(asked, axis=1), facet.take(asked)
-        if own is self:
-            start = start + own.lift_m(facet, LIFT) * own.normals.T.take(facet, axis=1)
-        towards, reach_m = towards[:, None], np.array([np.inf])
-        if is_place:
-            towards = towards - start
-            reach_m = np.sqrt(dot(towards, towards))
-            towards = towards / reach_m
-        is_free[asked[self._exact.are_blocked(turn @ start + shift_m[:, None], turn @ towards, reach_m)]] = False
+    def blocks(self, start_m: np.ndarray, direction: np.ndarray, reach_m: np.ndarray = ANY_REACH) -> np.ndarray:
+        return self._exact.are_blocked(start_m.T, np.transpose(direction).reshape(3, -1), reach_m)

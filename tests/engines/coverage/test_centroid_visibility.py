@@ -9,7 +9,7 @@ import pytest
 import solids
 import views
 from cells import slow_but
-from glrender import Body, Pose, Renderer, Shape, generate
+from glrender import Body, Renderer, Shape, generate
 from glrender.brdf import Hapke, Lambert, LommelSeeliger
 from glrender.engines.coverage.brdf_tables import BrdfTables
 from glrender.engines.coverage.centroid_horizons import CentroidHorizons
@@ -126,9 +126,8 @@ def test_centroids_are_lit_and_seen_where_rays_say_so(rough, phase_deg):
     rays, every = RayEngine(scene), np.arange(len(normal))
     faces = (normal @ view.sun_direction_body > 1e-6) & (
         np.einsum("ij,ij->i", normal, view.r_camera_body_m - middle_m.T) > 1e-6)
-    solid = rays.solid("body")
-    sees = rays.in_view(solid, middle_m, every, view, [view], faces)
-    free = rays.in_light(solid, middle_m, every, view, [view], sees)
+    sees = rays.in_view(middle_m, every, view, [view], faces)
+    free = rays.in_light(middle_m, every, view, [view], sees)
     known = np.ones(len(normal), bool)
     known[asked] = False
     assert np.mean((found > 0.0)[faces & known] != free[faces & known]) < 0.02
@@ -152,48 +151,6 @@ def test_a_frame_by_centroids_is_within_its_predicted_error(law, rough):
     light = image.irradiance_W_m2.astype(float)
     assert views.relative_rms(light, truth) <= image.plan.predicted_error <= budget
     assert light.sum() == pytest.approx(truth.sum(), rel=0.1 * budget)
-
-
-# Albedos of a planet and its moon.
-ALIKE = (0.3, 0.3)
-
-
-@pytest.mark.parametrize("radius_m, place_m, most, effect, albedos", [
-    (20.0, (150.0, 0.0, 0.0), 0.01, 0.2, ALIKE), (20.0, (0.0, 150.0, 0.0), 0.01, 0.2, ALIKE),
-    (20.0, (80.0, 80.0, 0.0), 0.02, 0.4, ALIKE), (1.0, (150.0, 0.0, 0.0), 0.006, 0.009, ALIKE),
-    (20.0, (-150.0, 0.0, 0.0), 0.01, 0.1, ALIKE), (20.0, (0.0, -150.0, 95.0), 0.01, 0.1, ALIKE),
-    (90.0, (0.0, 300.0, 0.0), 0.025, 0.5, ALIKE), (2.0, (150.0, 0.0, 0.0), 0.01, 0.02, (0.03, 0.9)),
-], ids=["transit", "shadow", "both", "smaller than a facet", "hidden", "half in shadow", "of a large moon",
-        "bright before dark"])
-def test_what_bodies_hide_and_shade_of_each_other_is_cut_out(radius_m, place_m, most, effect, albedos):
-    """Two smooth spheres by centroids against those that are clipped at 0.4 %; alone, a planet errs by 0.5 %.
-
-    The moon stands so far from the planet's middle towards the camera, towards the Sun at 60 deg, and off the latter
-    line on the camera's side.
-    """
-    planet, moon = (views.sphere(Lambert(normal_albedo=albedo), subdivisions=5, radius_m=size_m, name=name)
-                    for name, size_m, albedo in zip(("planet", "moon"), (100.0, radius_m), albedos, strict=True))
-    camera = views.camera(400, 2000.0)
-    scene = views.scene([planet, moon], [camera], sun_disc=False)
-    state = views.state(phase_deg=60.0, range_m=2000.0, bodies=("planet", "moon"))
-    ahead, sunward = (each / np.linalg.norm(each) for each in (state.spacecraft.r_inertial_m, state.r_sun_inertial_m))
-    aside = ahead - (ahead @ sunward) * sunward
-    axes = np.array([ahead, sunward, aside / np.linalg.norm(aside)])
-    state = replace(state, bodies={"planet": Pose(r_inertial_m=np.zeros(3)),
-                                   "moon": Pose(r_inertial_m=np.array(place_m) @ axes)})
-    engine = CoverageEngine(scene, RayEngine(scene))
-    seen = view_bodies(state, camera, scene.hulls)
-
-    def where(drawn):
-        x0, y0, x1, y1 = region(seen, camera)
-        return ([view.name for view in drawn], camera, drawn, (x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5),
-                (x1 - x0, y1 - y0))
-
-    (truth, told), (light, _) = engine.draw(*where(seen), 0.004), engine.draw_by_centroids(*where(seen), 1.0)
-    apart = sum(engine.draw(*where([view]), 0.004)[0] for view in seen)
-    assert told < 0.01 and views.relative_rms(light, truth) < most
-    assert views.relative_rms(apart, truth) > effect, "each hides or shades the other"
-    assert light.sum() == pytest.approx(truth.sum(), rel=1e-3)
 
 
 def engine_of(shape):
