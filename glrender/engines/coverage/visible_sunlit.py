@@ -23,7 +23,7 @@ from .sub_triangles import FacetParts, projected
 # beside rays (test_coverage_engine.py, benchmarks/heldout.py).
 _BISECTIONS = 2
 # Squared error of a clipped triangle over its squared light [1].
-_CLIPPED_ERROR = 0.0205
+_CLIPPED_ERROR = 0.0265
 # Share [1] of their light that clipped triangles are too dark by, at 60 deg.
 _CLIPPED_BIAS = 0.003
 # Safety factor [1] of the estimate: of many clipped triangles, what it has more over the root of their number, at most.
