@@ -1,12 +1,11 @@
-"""Arrays that take long to make, kept on disk from run to run."""
+"""Tables that take seconds to make are kept on disk from run to run."""
 
 from __future__ import annotations
 
-import fcntl
 import logging
 import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,7 @@ import numpy as np
 _log = logging.getLogger(__name__)
 
 MAX_CACHE_BYTES = 2 * 1024**3
-"""Largest size of the cache [bytes]; the longest unused files go first. A shape of 327,000 facets has some 20 MB."""
+"""Largest size of the cache [bytes]; the longest unused files go first. A shape of 150,000 facets has 2.4 MB."""
 
 
 def cache_folder() -> Path:
@@ -24,81 +23,37 @@ def cache_folder() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "glrender"
 
 
-def cached_arrays(name: str, keys: list[str], make: Callable[[], dict[str, np.ndarray]], cache: Path | None = None,
-                  is_right: Callable[[dict[str, np.ndarray]], bool] = lambda _: True) -> dict[str, np.ndarray]:
-    """Arrays from the cache's file `name`, made and kept there when it lacks them or is spoilt.
-
-    By one process at a time: others wait for it.
-    """
-    folder = cache_folder() if cache is None else cache
-    file = folder / f"{name}.npz"
-    kept = _kept(file, keys, is_right)
-    if kept is not None:
-        return kept
-    with _alone(folder / f"{name}.lock"):
-        kept = _kept(file, keys, is_right)
-        return _made_and_kept(file, make) if kept is None else kept
-
-
 def cached_bytes(name: str, size: tuple[int, ...], make: Callable[[], np.ndarray]) -> np.ndarray:
-    """A table of uint8 of a size, kept as `cached_arrays` are: for loops that look at no bounds."""
-    return cached_arrays(name, ["table"], lambda: {"table": make()}, is_right=lambda kept: (
-        kept["table"].shape == size and kept["table"].dtype == np.uint8))["table"]
+    """A table of uint8 of a size, made and kept in the cache's file `name` when it lacks it or is spoilt.
 
-
-def _kept(file: Path, keys: list[str], is_right: Callable[[dict[str, np.ndarray]], bool]
-          ) -> dict[str, np.ndarray] | None:
-    try:
-        with np.load(file, allow_pickle=False) as stored:
-            arrays = {key: stored[key] for key in keys}
-    except Exception:
-        # A damaged file may raise anything.
-        return None
-    with suppress(OSError):
-        os.utime(file)
-    return arrays if is_right(arrays) else None
-
-
-@contextmanager
-def _alone(file: Path) -> Iterator[None]:
-    """Keep other processes out for a while; not where nothing can be written, nor beyond the life of this one."""
+    Loops take it that look at no bounds. Where nothing can be kept it is made each time.
+    """
+    file = cache_folder() / f"{name}.npy"
+    # A damaged file may raise anything.
+    with suppress(Exception):
+        kept = np.load(file, allow_pickle=False)
+        if kept.shape == size and kept.dtype == np.uint8:
+            os.utime(file)
+            return kept
+    # Who reads it sees all of it or none; each process writes its own.
+    made, apart = make(), file.with_suffix(f".{os.getpid()}.part")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        lock = file.open("a")
-    except OSError:
-        yield
-        return
-    with lock:
-        with suppress(OSError):
-            fcntl.flock(lock, fcntl.LOCK_EX)
-        try:
-            yield
-            # Who waits for it holds it open, and finds what was made.
-            file.unlink(missing_ok=True)
-        finally:
-            # A child that was forked meanwhile has it open too, and would keep the lock.
-            with suppress(OSError):
-                fcntl.flock(lock, fcntl.LOCK_UN)
-
-
-def _made_and_kept(file: Path, make: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    # Who reads it sees all of it or none; what a process left that was killed is written over.
-    arrays, apart = make(), file.with_suffix(".part.npz")
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        np.savez(apart, **arrays)
+        with apart.open("wb") as stream:
+            np.save(stream, made)
         os.replace(apart, file)
         _trim(file.parent)
     except OSError as error:
         _log.warning("%s is not kept in %s: %s", file.stem, file.parent, error)
         with suppress(OSError):
             apart.unlink()
-    return arrays
+    return made
 
 
 def _trim(folder: Path) -> None:
-    """Remove the files unused for longest, beyond `MAX_CACHE_BYTES`."""
-    kept = sorted(((file.stat(), file) for file in folder.glob("*.npz")), key=lambda entry: entry[0].st_mtime)
+    """Remove the files unused for longest, beyond `MAX_CACHE_BYTES`; also what killed processes left."""
+    kept = sorted(((file.stat(), file) for file in folder.glob("*.np[yz]")), key=lambda entry: entry[0].st_mtime)
+    kept = [*((file.stat(), file) for file in folder.glob("*.part")), *kept]
     surplus = sum(status.st_size for status, _ in kept) - MAX_CACHE_BYTES
     for status, file in kept[:-1]:
         if surplus <= 0:

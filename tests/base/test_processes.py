@@ -17,7 +17,7 @@ import forking
 import numpy as np
 import pytest
 from glrender import DeviceError, Scene, open_renderer, take_frame
-from glrender.base.disk_cache import cache_folder, cached_arrays
+from glrender.base.disk_cache import cache_folder
 from glrender_camera import CameraModel, PinholeCamera
 from views import state
 
@@ -145,23 +145,6 @@ def test_a_module_that_a_thread_imports_is_whole_in_the_child(tmp_path, monkeypa
     assert forking.in_child(lambda: __import__("glrender_slow_module").VALUE, 20.0) == 3
     thread.join()
     del sys.modules["glrender_slow_module"]
-
-
-def test_a_child_does_not_keep_the_lock_of_what_its_parent_makes(tmp_path):
-    """It asks for the arrays that a thread of its parent is making."""
-    is_begun = threading.Event()
-
-    def make():
-        is_begun.set()
-        time.sleep(1.0)
-        return {"values": np.arange(3)}
-
-    thread = threading.Thread(target=cached_arrays, args=("slow", ["values"], make, tmp_path))
-    thread.start()
-    assert is_begun.wait(10.0)
-    found = forking.in_child(lambda: cached_arrays("slow", ["values"], lambda: {"values": np.zeros(3)}, tmp_path), 20.0)
-    thread.join()
-    np.testing.assert_array_equal(found["values"], [0, 1, 2])
 
 
 @pytest.mark.parametrize("backend", ["auto", "raytrace"])

@@ -89,28 +89,29 @@ def test_with_few_descriptors_there_are_fewer_connections():
 
 def test_a_cache_is_bounded_and_the_longest_unused_goes(tmp_path, monkeypatch):
     monkeypatch.setattr(disk_cache, "MAX_CACHE_BYTES", 50_000)
+    monkeypatch.setenv("GLRENDER_CACHE", str(tmp_path))
     made = []
 
     def table(name):
         made.append(name)
-        return {"table": np.zeros(2000)}  # 16 kB
+        return np.zeros(16_000, np.uint8)
 
     def use(name):
-        disk_cache.cached_arrays(name, ["table"], lambda: table(name), cache=tmp_path)
+        disk_cache.cached_bytes(name, (16_000,), lambda: table(name))
         time.sleep(0.02)
 
     for name in ("a", "b", "c", "a", "d"):
         use(name)
-    assert made == ["a", "b", "c", "d"] and sorted(path.stem for path in tmp_path.glob("*.npz")) == ["a", "c", "d"]
+    assert made == ["a", "b", "c", "d"] and sorted(path.stem for path in tmp_path.iterdir()) == ["a", "c", "d"]
 
 
 def test_a_full_disk_costs_the_table_alone(tmp_path, monkeypatch):
     def full(*_, **__):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(np, "savez", full)
-    made = disk_cache.cached_arrays("a", ["table"], lambda: {"table": np.ones(3)}, cache=tmp_path)
-    assert made["table"].sum() == 3.0 and not list(tmp_path.glob("*.npz"))
+    monkeypatch.setattr(np, "save", full)
+    monkeypatch.setenv("GLRENDER_CACHE", str(tmp_path))
+    assert disk_cache.cached_bytes("a", (3,), lambda: np.ones(3, np.uint8)).sum() == 3 and not list(tmp_path.iterdir())
 
 
 def test_no_wait_goes_by_the_clock_on_the_wall():
