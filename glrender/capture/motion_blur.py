@@ -161,28 +161,9 @@ def motion_px(scene: Scene, state: State, camera: PinholeCamera, half_s: float) 
                   for each, place in zip(states, places, strict=True)]
         if view.bounds_px is None and view.is_visible:
             longest = max(longest, _bound_px_s(state, camera, view, body.hull, rays[:, 2].min()) * 2.0 * half_s)
-        elif view.is_visible or _may_cross(pinhole, tracks):
+        else:
             longest = max(longest, _path_px(camera, tracks))
     return longest
-
-
-def _may_cross(camera: PinholeCamera, tracks: list[np.ndarray]) -> bool:
-    """Whether a body of points (N, 3) in `camera` at several times may be in the image at or between two of them."""
-    x0, y0, x1, y1 = camera.bounds_px
-    boxes = []
-    for points in tracks:
-        ahead = camera.project(points[points[:, 2] > 0.0])
-        is_whole = len(ahead) == len(points)
-        boxes.append((ahead.min(axis=0), ahead.max(axis=0)) if is_whole else None)
-    for a, b in pairwise(boxes):
-        if a is None and b is None:
-            continue
-        # What comes from beside the camera crosses all that is between.
-        low, high = (np.array([-np.inf] * 2), np.array([np.inf] * 2)) if a is None or b is None else (
-            np.minimum(a[0], b[0]), np.maximum(a[1], b[1]))
-        if (low < (x1, y1)).all() and (high > (x0, y0)).all():
-            return True
-    return False
 
 
 def _path_px(camera: PinholeCamera, tracks: list[np.ndarray]) -> float:

@@ -1,7 +1,4 @@
-"""Warnings of frames that show too little or too much, though nothing is wrong enough to refuse them. Pure.
-
-A lit frame costs some microseconds of looking; only of a dark one it is found out why it is dark.
-"""
+"""Warnings of frames that show too little or too much, though nothing is wrong enough to refuse them. Pure."""
 
 from __future__ import annotations
 
@@ -16,7 +13,7 @@ from glrender_camera.exposure import MAX_EXPOSURE_S
 from ..base import rotations as frames
 from ..base.constants import AU_M
 from ..planner.plan import RenderPlan
-from ..scene.scene import Body, Scene, band_irradiances
+from ..scene.scene import Scene, band_irradiances
 from ..view.state import State
 from ..view.view import BodyView, view_bodies
 
@@ -32,12 +29,8 @@ LIMIT_RATIO = 1.5
 """Least ratio of the exposure that is wanted to the limit that it stopped at, either way, for a warning."""
 LEAST_DN = 0.5
 """Signal of the brightest pixel [DN] below which rounding leaves nothing of it."""
-# Closed bodies of less than this may stand around their camera, as a spacecraft does.
-_LARGE_M = 100.0
-# Of the largest sphere about a body's origin within its hull, the part that is surely inside the body.
-_DEEP = 0.5
-# Pixels along each side of a sparse look at an image, and rays that look for a body around the camera.
-_SPARSE, _RAYS = 32, 5
+# Rays along each side of the image that look for a body around the camera.
+_RAYS = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +75,8 @@ def image_advice(scene: Scene, state: State, camera: PinholeCamera, plan: Render
     found = [Advice("plan", "plan.warnings", _printable(text)) for text in plan.warnings]
     found += _distance_advice(scene, state)
     in_view = [body.name for body in plan.bodies if body.is_visible]
-    if not has_points and not _is_lit(light, roi):
+    x0, y0, x1, y1 = roi
+    if not has_points and not light[y0:y1, x0:x1].any():
         if in_view or not has_stars:
             found += _why_dark(scene, state, camera, in_view, region, has_stars)
     elif in_view and not scene.emission and all(_is_night(state, name) for name in in_view):
@@ -112,7 +106,7 @@ def frame_advice(scene: Scene, camera: PinholeCamera, asked: float | str, frame:
     part = light[y0:y1, x0:x1]
     found = _saturation(scene, camera, frame, part, roi, has_stars, has_sun)
     found += _exposure_limit(camera.model, asked, frame, has_sun)
-    if part.size and not found and not has_stars and _signal_DN(scene, camera, frame, _sparse(part).max()) < LEAST_DN:
+    if part.size and not found and not has_stars:
         peak = float(part.max())
         signal = _signal_DN(scene, camera, frame, peak)
         if 0.0 < signal < LEAST_DN:
@@ -128,50 +122,17 @@ def _printable(text: str) -> str:
     return text if text.isprintable() else repr(text)
 
 
-def _sparse(image: np.ndarray) -> np.ndarray:
-    """At most 32 x 32 of an image's pixels, evenly spread, the first among them."""
-    step_y, step_x = (max(-(-side // _SPARSE), 1) for side in image.shape)
-    return image[::step_y, ::step_x]
-
-
-def _is_lit(light: np.ndarray, roi: tuple[int, int, int, int]) -> bool:
-    x0, y0, x1, y1 = roi
-    part = light[y0:y1, x0:x1]
-    return part.size > 0 and bool(_sparse(part).any() or part.any())
-
-
 # Distances
 
 
 def _distance_advice(scene: Scene, state: State) -> list[Advice]:
-    found, r_camera, r_sun = [], state.spacecraft.r_inertial_m.tolist(), state.r_sun_inertial_m.tolist()
+    found, r_sun = [], state.r_sun_inertial_m.tolist()
     for body in scene.bodies:
-        r_body, hull, name = state.bodies[body.name].r_inertial_m.tolist(), body.hull, body.name
-        sun_au = math.dist(r_sun, r_body) / AU_M
+        sun_au = math.dist(r_sun, state.bodies[body.name].r_inertial_m.tolist()) / AU_M
         if not SUN_DISTANCES_AU[0] <= sun_au <= SUN_DISTANCES_AU[1]:
             found.append(Advice("sun_distance", "state.r_sun_inertial_m", (
-                f"the Sun is {sun_au:.3g} au from {_printable(name)}; check state.r_sun_inertial_m: a position in "
+                f"the Sun is {sun_au:.3g} au from {_printable(body.name)}; check state.r_sun_inertial_m: a position in "
                 "metres, from the same origin as the bodies'")))
-        range_m = math.dist(r_camera, r_body)
-        if range_m < _DEEP * hull.inner_radius_m and hull.radius_m > _LARGE_M and body.shape.report.is_watertight:
-            found.append(Advice("camera_inside", "state.spacecraft.r_inertial_m", (
-                f"the camera is {range_m:.3g} m from the origin of {_printable(name)}, which reaches "
-                f"{hull.radius_m:.4g} m; check state.spacecraft.r_inertial_m: in metres, not kilometres, and the "
-                "shape's length_unit")))
-    return found + (_inside(scene.bodies, state) if len(scene.bodies) > 1 else [])
-
-
-def _inside(bodies: Sequence[Body], state: State) -> list[Advice]:
-    """Bodies that are hidden inside the largest."""
-    outer, found = max(bodies, key=lambda body: body.hull.radius_m), []
-    r_outer, deep_m = state.bodies[outer.name].r_inertial_m.tolist(), _DEEP * outer.hull.inner_radius_m
-    for body in bodies:
-        away_m = math.dist(r_outer, state.bodies[body.name].r_inertial_m.tolist())
-        if away_m + body.hull.radius_m < deep_m and body is not outer and outer.shape.report.is_watertight:
-            found.append(Advice("body_inside", f"state.bodies.{_printable(body.name)}.r_inertial_m", (
-                f"{_printable(body.name)} is hidden inside {_printable(outer.name)}: {away_m:.3g} m between their "
-                f"origins, of a body that reaches {outer.hull.radius_m:.4g} m; check r_inertial_m: in metres, not "
-                "kilometres, and from the same origin for all bodies")))
     return found
 
 
@@ -216,22 +177,12 @@ def _why_dark(scene: Scene, state: State, camera: PinholeCamera, in_view: Sequen
         return [Advice("out_of_region", "roi", (
             f"nothing of the bodies is in the region {list(map(int, region))} px; the outline of {name} is within "
             f"{_box_text(middle)}"))]
-    if shading := _shaded_by(middle, views, scene, state):
-        return [Advice("in_shadow", f"state.bodies.{name}.r_inertial_m", (
-            f"{name} is in view, but in the shadow of {_printable(shading)}; an eclipse, if the positions of the "
-            "bodies and the Sun are right"))]
     phase_deg = math.degrees(middle.phase_rad)
-    if middle.bounds_px is None and scene.hulls[middle.name].is_met(
-            middle.r_camera_body_m, np.outer([1.0, -1.0], middle.camera_from_body[2])).all():
-        # From a crater or a neck rays alone would tell sky from ground: a hull is met every way.
-        return [Advice("dark", "state.spacecraft.q_from_inertial", (
-            f"all is dark between parts of {name}, at a phase of {phase_deg:.3g} deg: the camera looks past it along "
-            "its +Z, or at ground without sunlight"))]
     if phase_deg > 90.0:
         return [_night_side(name, phase_deg)]
     return [Advice("dark", f"state.bodies.{name}", (
-        f"nothing that is in view of {name} is lit, at a phase of {phase_deg:.3g} deg: a part in its own shadow, or an "
-        "albedo of 0"))]
+        f"nothing that is in view of {name} is lit, at a phase of {phase_deg:.3g} deg: it may be in shadow, its own or "
+        "another body's, between its parts where the camera looks past it along its +Z, or have an albedo of 0"))]
 
 
 def _cos_off_axis(view: BodyView) -> float:
@@ -250,20 +201,6 @@ def _is_seen(view: BodyView, camera: PinholeCamera, scene: Scene) -> bool:
 
 def _box_text(view: BodyView) -> str:
     return "all of the image" if view.bounds_px is None else f"{[round(float(edge), 1) for edge in view.bounds_px]} px"
-
-
-def _shaded_by(view: BodyView, views: Sequence[BodyView], scene: Scene, state: State) -> str | None:
-    """The body whose shadow covers another's middle: all bodies as their bounding spheres."""
-    r_body = state.bodies[view.name].r_inertial_m
-    to_sun = state.r_sun_inertial_m - r_body
-    to_sun = to_sun / np.linalg.norm(to_sun)
-    for other in views:
-        offset = state.bodies[other.name].r_inertial_m - r_body
-        if other is not view and offset @ to_sun > 0.0:
-            aside_m = np.linalg.norm(offset - (offset @ to_sun) * to_sun)
-            if aside_m < scene.hulls[other.name].radius_m:
-                return other.name
-    return None
 
 
 def _out_of_view(state: State, camera: PinholeCamera, views: Sequence[BodyView]) -> Advice:
@@ -312,16 +249,14 @@ def _saturation(scene: Scene, camera: PinholeCamera, frame: Frame, part: np.ndar
                 has_stars: bool, has_sun: bool) -> list[Advice]:
     x0, y0, x1, y1 = roi
     saturated, text = frame.saturated, ""
-    if _may_exceed(_sparse(saturated)):
-        count, n_pixels = np.count_nonzero(saturated), saturated.size
-        if count > SATURATED_SHARE * n_pixels:
-            text = f"all {n_pixels} pixels" if count == n_pixels else f"{count} of {n_pixels} pixels"
-    if not text and not has_stars and np.count_nonzero(some := _sparse(saturated[y0:y1, x0:x1])):
-        if _may_exceed(some[_sparse(part) > 0.0]):
-            lit = part > 0.0
-            n_lit, count = np.count_nonzero(lit), np.count_nonzero(saturated[y0:y1, x0:x1] & lit)
-            if n_lit >= MIN_LIT_PX and count > SATURATED_SHARE * n_lit:
-                text = f"{'all' if count == n_lit else f'{count} of'} {n_lit} lit pixels"
+    count, n_pixels = np.count_nonzero(saturated), saturated.size
+    if count > SATURATED_SHARE * n_pixels:
+        text = f"all {n_pixels} pixels" if count == n_pixels else f"{count} of {n_pixels} pixels"
+    elif count and not has_stars:
+        lit = part > 0.0
+        n_lit, count = np.count_nonzero(lit), np.count_nonzero(saturated[y0:y1, x0:x1] & lit)
+        if n_lit >= MIN_LIT_PX and count > SATURATED_SHARE * n_lit:
+            text = f"{'all' if count == n_lit else f'{count} of'} {n_lit} lit pixels"
     if not text:
         return []
     fitting_s = _fitting_exposure_s(scene, camera, float(part.max(initial=0.0)), 1.0)
@@ -332,11 +267,6 @@ def _saturation(scene: Scene, camera: PinholeCamera, frame: Frame, part: np.ndar
         way_out = "by light from beside the image, dark current or cosmic rays, not by what is in view"
     return [Advice("saturated", "exposure_s", f"{text} are saturated at an exposure_s of {frame.exposure_s:.3g}; "
                                               f"{way_out}")]
-
-
-def _may_exceed(some: np.ndarray) -> bool:
-    """Whether the share that a few pixels tell leaves it open that the whole is above `SATURATED_SHARE`."""
-    return some.size > 0 and np.count_nonzero(some) > 0.5 * SATURATED_SHARE * some.size
 
 
 def _exposure_limit(model: CameraModel | MosaicModel, asked: float | str, frame: Frame, has_sun: bool) -> list[Advice]:

@@ -170,17 +170,6 @@ def test_ply_with_all_that_programs_add(tmp_path, form, newline):
     assert is_cube(load(tmp_path, data, "s.ply"))
 
 
-@pytest.mark.parametrize("form", FORMS)
-def test_ply_of_triangle_strips(tmp_path, form):
-    """The cube's walls as a strip that closes, its floor and lid as two behind a -1 each."""
-    walls = (0, 1, 4, 5, 6, 7, 2, 3, 0, 1)
-    strip = (*walls, -1, 0, 4, 2, 6, -1, 1, 3, 5, 7)
-    data = ply(form, [("vertex", XYZ, CUBE_V), ("tristrips", [("vertex_indices", "int", "int")], [(strip,)])])
-    shape = load(tmp_path, data, "s.ply")
-    assert shape.report.is_watertight and len(shape.facets) == 12
-    np.testing.assert_allclose(shape.report.volume_m3, 1.0, rtol=1e-6)
-
-
 CORNERS = [("vertex_indices", "uchar", "int")]
 
 

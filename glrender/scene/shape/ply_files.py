@@ -43,7 +43,7 @@ class _Element:
 def read_ply(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Vertices (V, 3) float64, corners (N,) int64 of all polygons, and how many each has (P,).
 
-    Triangle strips are turned into triangles; elements and properties that are no surface are passed over.
+    Elements and properties that are no facets, as triangle strips, are passed over.
 
     Raises
     ------
@@ -64,10 +64,8 @@ def read_ply(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
                 raise ShapeError("", "has vertices without", ", ".join(missing))
             scalars, _ = rows.take(element, None)
             vertices = np.stack([scalars[axis] for axis in "xyz"], axis=1).astype(np.float64)
-        elif element.name in ("face", "tristrips") and (lists := [n for n in element.lists if n in _CORNERS]):
+        elif element.name == "face" and (lists := [n for n in element.lists if n in _CORNERS]):
             _, (values, counts) = rows.take(element, lists[0])
-            if element.name == "tristrips":
-                values, counts = _strips(values, counts)
             corners.append(values)
             sizes.append(counts)
         else:
@@ -218,20 +216,3 @@ def _numbers(words: list[bytes], name: str) -> np.ndarray:
     except ValueError as error:
         raise ShapeError("", f"has a {name} row with a word that is no number", str(error),
                          "write decimals with a point" if "," in str(error) else "") from None
-
-
-def _strips(values: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Triangles of strips, which begin anew with their lists and behind -1, every other one wound the other way."""
-    strip = np.repeat(np.arange(len(counts)), counts)
-    is_break = values < 0
-    place = np.arange(len(values))
-    is_first = np.ones(len(values), bool)
-    is_first[1:] = (strip[1:] != strip[:-1]) | is_break[:-1]
-    since = place - np.maximum.accumulate(np.where(is_first, place, 0))
-    last = np.flatnonzero((since >= 2) & ~is_break)
-    a, b, c = values[last - 2], values[last - 1], values[last]
-    turned = since[last] % 2 == 1
-    triangle = np.stack([np.where(turned, b, a), np.where(turned, a, b), c], axis=1)
-    # A strip turns a corner by naming a vertex twice.
-    triangle = triangle[(a != b) & (b != c) & (c != a)]
-    return triangle.reshape(-1), np.full(len(triangle), 3)
