@@ -24,8 +24,7 @@ NOISE_FACETS = 20.0
 _SHADOW_EDGES_PER_RAD = 0.1
 _MOST_SHADOW_EDGES = 0.2
 # RMS error of hard edges in place of a body's own penumbras at 1 rad and 1 au: Itokawa, 500 px, 60 and 120 deg.
-_PENUMBRA_ERROR = 0.006
-_PENUMBRA_POWER = 1.2
+_PENUMBRA_ERROR = 0.0047
 _PENUMBRA_PX = 300.0
 # Width of a body's own penumbras over its size at 1 au [1]: the Sun's angle times a tenth of the size.
 _PENUMBRA_WIDTH = 1e-3
@@ -200,5 +199,5 @@ def own_penumbra(view: BodyView) -> tuple[float, float]:
     Itokawa, 500 px across at 1 au: 0.0041 at 60 deg, 0.0094 at 120; a contact binary has half as much again.
     """
     sharpness = min(view.finest_px / _PENUMBRA_PX, 1.0)
-    error = _PENUMBRA_ERROR * view.phase_rad**_PENUMBRA_POWER * sharpness / math.sqrt(view.sun_distance_au)
+    error = _PENUMBRA_ERROR * view.phase_rad * sharpness / math.sqrt(view.sun_distance_au)
     return error, _PENUMBRA_WIDTH * view.finest_px / view.sun_distance_au
