@@ -33,10 +33,12 @@ _MOST_SAFETY = 3.0
 # Squared error of boundaries that pass between corners that agree, over squared light of clipped triangles [1]: Itokawa
 # at 500 px, 60 and 120 deg, beside facets that were all divided, has 7e-4 and 4e-4.
 _MISSED = 5e-4
+# The same where the facets beside boundary ones are divided too [1].
+_STILL_MISSED = 1.8e-4
 # Share of the squared light of the brightest facet that another body may take between its corners unseen [1].
 _MISSED_BEHIND = 0.1
 # Squared light of a facet over the squared tolerance from which it is divided first [1]: of few facets, and of many.
-_LARGE = 2.0
+_LARGE = 0.15
 _LARGE_OF_MANY = 20.0
 # The same, summed over all facets that may have light between dark corners.
 _HIDDEN_LIGHT = 0.25
@@ -145,9 +147,23 @@ class SunlitAreas:
         missed = _MISSED * squared + self._missed_behind()
         error = _CLIPPED_ERROR * squared + missed + flux_weight * bias**2
         if error > most_squared:
+            if len(self._views) > 1:
+                triangles, missed = self._with_beside(triangles), missed - (_MISSED - _STILL_MISSED) * squared
             triangles, error = self._divide(triangles, missed, most_squared)
         self._cutter.cut_off(triangles, _BISECTIONS)
         return error
+
+    def _with_beside(self, triangles: FacetParts) -> FacetParts:
+        """Boundary triangles, and those in facets beside them that are divided once: another body's edge bends."""
+        facets, facing = self._facets, self._facing
+        is_boundary, touched = np.zeros(facets.n_facets, bool), np.zeros(facets.vertices_m.shape[1], bool)
+        is_boundary[triangles.facet] = True
+        touched[facets.corners[:, is_boundary]] = True
+        beside = self._of_facets(np.flatnonzero(~is_boundary.take(facing) & touched.take(
+            facets.corners.take(facing, axis=1)).any(axis=0)))
+        self._whole = np.setdiff1d(self._whole, beside.facet)
+        self._shade(beside.facet)
+        return FacetParts.joined([triangles, self._cutter.keep_even(self._cutter.quarters(beside))])
 
     def _divide(self, triangles: FacetParts, missed: float, most_squared: float) -> tuple[FacetParts, float]:
         """Divide triangles until clipping them, with what is missed, errs by no more than a square; and their error."""

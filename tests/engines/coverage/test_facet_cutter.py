@@ -170,21 +170,6 @@ def test_a_cut_is_as_oblique_as_the_edge(turn_deg):
     assert np.ptp(cut.points.r_m[1, n_vertices:]) > 150.0
 
 
-def test_where_the_sun_is_low_what_is_dark_in_the_middle_is_divided_about_that():
-    """The shadow of a box of 20 m falls into a triangle of 200 m with three lit corners: 594 m2."""
-    box = ((71, -43, 36), (91, -23, 44))
-    shadow_m2 = 20.0 * (20.0 + 8.0 * np.tan(np.radians(50.0)))
-    cut, top = cutter(((-100, -100, -20), (100, 100, 0)), box, phase_deg=100.0)
-    triangles = whole(cut, top)
-    assert cut.points.is_lit.all() and not cut.are_mixed(triangles).any()
-    mixed = cut.keep_even(triangles)
-    assert len(mixed.facet) == 3 and len(set(mixed.facet)) == 1 and cut.are_mixed(mixed).all()
-    assert mixed.area_px.sum() == pytest.approx(1.0)
-    assert lit_m2(cut) == pytest.approx(200.0 * 100.0), "the other one is done"
-    cut.cut_off(mixed, 8)
-    assert 0.3 * shadow_m2 < 200.0**2 - lit_m2(cut) < shadow_m2
-
-
 def test_what_faces_both_is_found_in_parts_with_what_is_shown_of_it():
     """Of random triangles, against NumPy: the share of their boxes in a window, none beside it, parts in order."""
     rng = np.random.default_rng(4)
