@@ -39,7 +39,7 @@ _MOST_LARGER = 4.0
 _PIXELS_SHARE = 0.9
 _CELL_SHARE = 0.3
 # Error of cells of several bodies over that of one [1]: pairs with a gap between them (test_small_bodies.py).
-_SEVERAL_CELLS = 2.0
+_SEVERAL_CELLS = 2.7
 # Cells across a small body's own grid, at most.
 _MOST_CELLS = 2048
 # First samples along a pixel's side, and at phases [rad] from which light falls in narrow crescents.
