@@ -19,7 +19,7 @@ PACKAGES = {"glrender_camera": "camera_model/glrender_camera", "glrender": "glre
             "glrender_vizard": "server/glrender_vizard"}
 
 # Rooms of glrender, each may use those before it.
-ORDER = ("base", "brdf", "shaders", "scene", "view", "planner", "engines", "emission", "capture", "renderer",
+ORDER = ("base", "brdf", "shaders", "scene", "view", "planner", "engines", "emission", "capture", "renderer", "ranging",
          "sequences", "scenario", "__init__")
 # Rooms that use fewer than all those before them.
 ONLY = {"scenario": ("base", "scene", "view", "scenario")}
