@@ -21,7 +21,10 @@ def claim_folder(folder: Path, ours: Mapping[str, Any]) -> None:
     ConfigError
         The folder has the manifest of others.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError):
+        raise ConfigError("out", "must be a folder, or not be there yet", str(folder), "name another") from None
     file = folder / MANIFEST
     try:
         theirs = json.loads(file.read_text(encoding="utf-8"))

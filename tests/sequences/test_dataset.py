@@ -376,6 +376,37 @@ def test_the_command_draws_random_states(tmp_path, capsys):
     assert "--frames: is given beside --states" in capsys.readouterr().err
 
 
+def test_the_command_follows_output_and_options_override_it(tmp_path, capsys):
+    scenario, out = tmp_path / "scenario.toml", tmp_path / "out"
+    table = 'output = "dn"\nexposure_s = 0.01\nseed = 77\nmax_error = 0.1\nproducts = ["range"]\nformat = "fits"\n'
+    scenario.write_text(f"{serving.SCENE}{RANDOM}[output]\n{table}")
+    assert main(["check", str(scenario)]) == 0
+    assert "MB at most, with products range" in capsys.readouterr().out
+    command = ["dataset", str(scenario), "--frames", "2", "--processes", "1", "--out"]
+    assert main([*command, str(out)]) == 0
+    frame = read_frame(out, 1)
+    assert (frame.labels["exposure_s"], frame.labels["seed"], list(frame.products)) == (0.01, 78, ["range"])
+    assert frame.labels["plan"]["max_error"] == 0.1
+    assert main([*command, str(tmp_path / "own"), "--exposure-s", "0.02", "--seed", "5", "--products"]) == 0
+    frame = read_frame(tmp_path / "own", 0)
+    assert (frame.labels["exposure_s"], frame.labels["seed"], list(frame.products)) == (0.02, 5, [])
+    scenario.write_text(f"{serving.SCENE}{RANDOM}[output]\nsed = 3\n")
+    assert main([*command, str(tmp_path / "no")]) == 1 and "output.sed: unknown key" in capsys.readouterr().err
+
+
+def test_files_that_hold_no_states_and_places_of_no_folder_are_told(file, tmp_path, capsys):
+    (tmp_path / "bytes").write_bytes(b"\xff\xfe\x00")
+    (tmp_path / "nested").write_text('{"t_s": ' + 9000 * "[" + "\n")
+    (tmp_path / "states").write_text(json.dumps(STATES[0].to_dict()))
+    for name, message in (("bytes", "is no UTF-8 text"), ("none", "No such file"), ("nested", "line 1: is not JSON"),
+                          ("states", "out: must be a folder, or not be there yet")):
+        for command in ("sequence", "dataset"):
+            assert main([command, str(file), "--states", str(tmp_path / name), "--out", str(tmp_path / "bytes"),
+                         "--processes", "1"]) == 1
+            told = capsys.readouterr().err
+            assert message in told and told.count("\n") == 1
+
+
 def test_quaternions_of_labels_are_the_states(whole):
     body = read_frame(whole, 3).labels["labels"]["bodies"]["body"]
     expected = frames.dcm(STATES[3].spacecraft.q_from_inertial)

@@ -78,7 +78,8 @@ def test_render_takes_a_state_file(folder):
     (["render", "none.toml"], "none.toml: is no file"),
     (["render", "scne.toml"], "scne.toml: is no file; did you mean 'scene.toml'?"),
     (["render", "nowhere/scene.toml"], "nowhere/scene.toml: is no file; there is no folder 'nowhere'"),
-    (["render", "."], ".: is no file"),
+    (["render", "."], ".: is no file; it is a folder"),
+    (["render", "scene.toml", "--state", "nested.json"], "nested.json: is not JSON"),
     (["render", "ball.obj"], "--unit: missing: shape files carry no unit; --unit km, or --unit m"),
     (["render", "ball.obj", "--unit", "mile"], "--unit.length_unit: must be 'm', 'km' or metres per unit, got 'mile'"),
     (["render", "scene.toml", "--unit", "km"], "--unit: is of shape files alone"),
@@ -127,6 +128,7 @@ def test_mistakes_are_told_in_one_line(folder, arguments, message, monkeypatch, 
     monkeypatch.chdir(folder)
     (folder / "ball.obj").write_text("v 0 0 0\nv 100 0 0\nv 0 100 0\nv 0 0 100\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n")
     (folder / "holes.toml").write_text("[[bodies]")
+    (folder / "nested.json").write_text(9000 * "[")
     (folder / "typo.toml").write_text(serving.SCENE.replace("width_px", "widht_px"))
     (folder / "law.toml").write_text(serving.SCENE.replace('"lunar_lambert"', '"lunar_lamber"'))
     state = views.state().to_dict()
@@ -147,6 +149,7 @@ def test_mistakes_are_told_in_one_line(folder, arguments, message, monkeypatch, 
     (["render"], "required: FILE"),
     ([], "required: COMMAND"),
     (["render", "scene.toml", "--seed", "x"], "argument --seed: invalid int value: 'x'"),
+    (["sequence", "scene.toml", "--exposure-s", "5ms"], "--exposure-s: must be a number of seconds, or auto, got"),
     (["render", "a.toml", "--phase-deg", "3", "--at", "1"], "argument --at: not allowed with argument --phase-deg"),
 ])
 def test_wrong_arguments_are_told_in_one_line(arguments, message, capsys):
@@ -272,6 +275,7 @@ def test_render_takes_capital_endings(folder):
 def test_doctor_finds_what_hinders(folder):
     made = run("doctor", cwd=folder)
     assert made.returncode == 0 and made.stdout.count("OpenGL by ") == 2
+    assert all(f"extra {name} " in made.stdout for name in ("fits", "parquet", "hdf5", "dask", "view"))
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         port = taken.getsockname()[1]

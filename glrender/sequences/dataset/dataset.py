@@ -34,7 +34,9 @@ FRAMES_A_SHARD = 50
 _LIBRARIES = ("numpy", "scipy", "pillow")
 # Labels, twice: in the shard and beside it; and the heads of a tar file.
 _JSON_BYTES = 16_000
-_BYTES = {"range": 4, "incidence": 4, "emission": 4, "phase": 4, "facet_id": 4, "r_body": 12, "sunlit": 4}
+# The mask has `body_id`.
+_BYTES = {"body_id": 0, "range": 4, "incidence": 4, "emission": 4, "phase": 4, "facet_id": 4,
+          "r_body": 12, "sunlit": 4}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -79,9 +79,10 @@ def _check_sequence(scenario: Scenario | RandomStates) -> None:
     for warning in (*scenario.check(), *off_surface(scenario.scene, scenario.keypoints)):
         sys.stderr.write(f"glrender: warning: {warning}\n")
     if isinstance(scenario, RandomStates):
-        size = most_bytes(scenario.scene, scenario.camera.name, scenario.frames)
+        size = most_bytes(scenario.scene, scenario.camera.name, scenario.frames, output.products)
         sys.stdout.writelines(f"random: {name} {value}\n" for name, value in scenario.told().items())
-        sys.stdout.write(f"on disk: {size / 1e6:.0f} MB at most, without products\n")
+        sys.stdout.write(f"on disk: {size / 1e6:.3g} MB at most, with{'out' * (not output.products)} products"
+                         f"{' ' * bool(output.products)}{', '.join(output.products)}\n")
         return
     t_s = scenario.t_s
     sys.stdout.write(f"sequence: {len(t_s)} states over {t_s[-1] - t_s[0]:g} s"

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 from glrender import ConfigError
+from glrender.base.errors import error_path
 from glrender.scenario import RandomStates, load_scenario
 from glrender.scenario.files.keypoint_fields import off_surface
 from glrender.scenario.files.random_fields import with_changes
@@ -15,12 +17,14 @@ from glrender.sequences.dask_processes import dask_processes
 from glrender.sequences.dataset.dataset import FRAMES_A_SHARD, DataSet
 from glrender.sequences.dataset.shards import FORMATS
 from glrender.sequences.dataset.sheet import label_sheet
-from glrender.sequences.options import FrameOptions
+from glrender.sequences.options import options_of
 from tqdm import tqdm
 
-from .sequence import read_states
+from .sequence import exposure, read_states
 
 _LIMB_POINTS = 64
+# Fields of [output] that a data set follows; it has formats and labels of its own.
+_FOLLOWED = ("camera", "output", "products", "seed", "exposure_s", "max_error")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,12 +35,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--states", type=Path, help="file of state vectors, one (JSON) a line, instead of a scenario's")
     parser.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="made if it is missing")
     parser.add_argument("--format", default="webdataset", choices=FORMATS)
-    parser.add_argument("--camera", help="default: that of [random], or the first")
+    parser.add_argument("--camera", help="default: that of [output] or [random], or the first")
     parser.add_argument("--output", choices=("irradiance", "dn"), help="default: dn where the camera has a model")
-    parser.add_argument("--products", nargs="*", default=[], metavar="NAME",
+    parser.add_argument("--products", nargs="*", metavar="NAME",
                         help="range, incidence, emission, phase, ... of each pixel, beside the mask")
     parser.add_argument("--limb-points", type=int, default=_LIMB_POINTS, metavar="N", help="of a body (64)")
     parser.add_argument("--seed", type=int, help="of [random] and of the first frame's noise (the file's, and 0)")
+    parser.add_argument("--exposure-s", type=exposure, help="with dn: seconds, or auto; default: the camera's")
     parser.add_argument("--max-error", type=float)
     parser.add_argument("--shard-frames", type=int, default=FRAMES_A_SHARD, metavar="N", help="in each shard (50)")
     parser.add_argument("--processes", type=int, metavar="N", help="default: one for each core")
@@ -70,7 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _dataset(arguments: argparse.Namespace) -> tuple[DataSet, list[str]]:
     """The data set that the arguments ask for, and what is worth a warning."""
-    warnings, camera_name = [], arguments.camera
+    warnings, table, camera_name = [], {}, arguments.camera
     if arguments.states is not None:
         if arguments.frames is not None:
             raise ConfigError("--frames", "is given beside --states", arguments.frames, "leave one out")
@@ -79,6 +84,10 @@ def _dataset(arguments: argparse.Namespace) -> tuple[DataSet, list[str]]:
     else:
         scenario = load_scenario(arguments.scenario)
         scene, keypoints, source = scenario.scene, scenario.keypoints, {"states": "trajectory"}
+        with error_path("output"):
+            options_of(scene, scenario.output)
+        table = {name: value for name, value in scenario.output.items() if name in _FOLLOWED}
+        camera_name = camera_name or table.get("camera")
         if isinstance(scenario, RandomStates):
             camera = scene.camera(camera_name) if camera_name else None
             scenario = with_changes(scenario, frames=arguments.frames, seed=arguments.seed, camera=camera)
@@ -89,10 +98,10 @@ def _dataset(arguments: argparse.Namespace) -> tuple[DataSet, list[str]]:
                               "change its `frames`, or give it [random] instead of a trajectory")
         warnings, states = scenario.check(), list(scenario.iter_states())
     camera = scene.camera(camera_name) if camera_name else scene.cameras[0]
-    options = FrameOptions(camera=camera.name, output=arguments.output or ("dn" if camera.model else "irradiance"),
-                           format="npz", seed=arguments.seed or 0, products=tuple(arguments.products), has_labels=True,
-                           keypoints=keypoints, limb_points=arguments.limb_points, max_error=arguments.max_error,
-                           backend=arguments.backend)
+    table = {"output": "dn" if camera.model else "irradiance", **table, "format": "npz", "labels": True}
+    asked = {name: getattr(arguments, name) for name in _FOLLOWED} | {"camera": camera.name}
+    options = replace(options_of(scene, table, asked, arguments.backend), keypoints=keypoints,
+                      limb_points=arguments.limb_points)
     dataset = DataSet(scene=scene, states=states, folder=arguments.out, options=options, format=arguments.format,
                       frames_a_shard=arguments.shard_frames, source=source,
                       scenario=arguments.scenario.read_text(encoding="utf-8"))

@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--labels", action=argparse.BooleanOptionalAction,
                         help="pose, box and centres of each body, in the header")
     parser.add_argument("--seed", type=int, help="of the first frame's noise, each further one has the next (0)")
-    parser.add_argument("--exposure-s", type=_exposure, help="with dn: seconds, or auto; default: the camera's")
+    parser.add_argument("--exposure-s", type=exposure, help="with dn: seconds, or auto; default: the camera's")
     parser.add_argument("--max-error", type=float)
     parser.add_argument("--video", type=Path, metavar="FILE.mp4", help="write the frames as a video for the eye too")
     parser.add_argument("--video-rate-hz", type=float, default=25.0, metavar="HZ")
@@ -83,8 +83,12 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _exposure(text: str) -> float | str:
-    return text if text == "auto" else float(text)
+def exposure(text: str) -> float | str:
+    """An exposure of the command line: seconds, or "auto"."""
+    try:
+        return text if text == "auto" else float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"must be a number of seconds, or auto, got {text!r}") from None
 
 
 def read_states(path: Path) -> list[State]:
@@ -96,11 +100,17 @@ def read_states(path: Path) -> list[State]:
         With the number of the line.
     """
     found = []
-    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "is no UTF-8 text"
+        raise ConfigError(str(path), f"cannot be read: {reason}",
+                          hint="write one State.to_dict() a line, as JSON") from None
+    for number, line in enumerate(lines, start=1):
         if line.strip():
             try:
                 table = json.loads(line)
-            except json.JSONDecodeError as error:
+            except (json.JSONDecodeError, RecursionError) as error:
                 raise ConfigError(f"{path}, line {number}", f"is not JSON: {error}") from None
             found.append(State.from_dict(table, f"{path.name}[{number}]"))
     if not found:

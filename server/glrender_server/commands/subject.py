@@ -130,7 +130,7 @@ def read_state(path: Path) -> State:
         raise ConfigError(str(path), "is no file", hint=_like(path))
     try:
         table = json.loads(path.read_text(encoding="utf-8"))
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+    except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ConfigError(str(path), f"is not JSON: {error}") from None
     return State.from_dict(table)
 
@@ -190,6 +190,8 @@ def is_number(text: str) -> bool:
 
 def _like(path: Path) -> str:
     """The question whether another file of the folder was meant."""
+    if path.is_dir():
+        return "it is a folder: name a file in it"
     if not path.parent.is_dir():
         return f"there is no folder {str(path.parent)!r}"
     like = difflib.get_close_matches(path.name, [file.name for file in path.parent.iterdir()], n=1)
