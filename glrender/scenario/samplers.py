@@ -144,7 +144,7 @@ class Times:
                               self.times_s)
         if not (np.diff(times) > 0.0).all():
             later = int(np.argmin(np.diff(times))) + 1
-            raise ConfigError(f"times_s[{later}]", "must be later than the one before", times[later])
+            raise ConfigError(f"times_s[{later}]", "must be later than the one before", float(times[later]))
         times.setflags(write=False)
         object.__setattr__(self, "times_s", times)
 

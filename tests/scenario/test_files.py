@@ -225,7 +225,7 @@ def test_state_files_in_a_scenario_file(tmp_path, kind):
     ("t_s,r_x_m,r_y_m\n0,1,2\n1,2,3\n", "t.csv.r_z_m: missing"),
     ("t_s,r_x_m,r_y_m,r_z_m,mass\n0,1,2,3,4\n1,2,3,4,5\n", "t.csv.mass: unknown column"),
     ("t_s,r_x_m,r_y_m,r_z_m\n0,1,2,3\n1,2,three,4\n", "t.csv:3.r_y_m: must be a number, got 'three'"),
-    ("t_s,r_x_m,r_y_m,r_z_m\n0,1,2,3\n0,2,3,4\n", "times_s[1]: must be later than the one before"),
+    ("t_s,r_x_m,r_y_m,r_z_m\n0,1,2,3\n0,2,3,4\n", "times_s[1]: must be later than the one before, got 0.0"),
     ("epoch_utc,r_x_m,r_y_m,r_z_m\n2022-01-01,1,2,3\nsoon,2,3,4\n", "epoch_utc: must be a date"),
 ])
 def test_a_wrong_csv_is_told_by_line_and_column(tmp_path, text, message):

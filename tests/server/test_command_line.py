@@ -225,6 +225,9 @@ def test_a_scenario_is_rendered_at_a_time(folder, capsys, monkeypatch):
     assert made[0].max() > 0.0 and np.abs(made[0] - made[1]).max() <= 1e-6 * made[0].max(), "3 s from its start"
     assert main(["render", flyby, "--at", "noon"]) == 1
     assert "epoch_tdb: must be" in capsys.readouterr().err
+    for at in ("nan", "1e300"):
+        assert main(["render", flyby, "--at", at]) == 1
+        assert "--at: must be" in capsys.readouterr().err
 
 
 def test_pictures_are_stretched(folder):

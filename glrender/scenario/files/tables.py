@@ -143,7 +143,7 @@ def _ascending(times_s: np.ndarray) -> np.ndarray:
         raise ConfigError("times_s", "must be at least two finite numbers", times_s)
     if not (np.diff(times) > 0.0).all():
         row = int(np.argmin(np.diff(times))) + 1
-        raise ConfigError(f"times_s[{row}]", "must be later than the one before", times[row])
+        raise ConfigError(f"times_s[{row}]", "must be later than the one before", float(times[row]))
     return times
 
 

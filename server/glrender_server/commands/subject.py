@@ -15,6 +15,7 @@ from glrender.base.constants import AU_M
 from glrender.base.errors import error_path
 from glrender.brdf import LommelSeeliger
 from glrender.scenario import RandomStates, Scenario, load_scenario
+from glrender.scenario.checks import MAX_DURATION_S
 from glrender.scenario.epochs import Epoch
 from glrender.scene.shape.shape import metres_per_unit
 from glrender_camera import CameraModel
@@ -172,7 +173,7 @@ def _time_s(scenario: Scenario, at: str | None) -> float:
     if at is None:
         return float(scenario.t_s[len(scenario.t_s) // 2])
     if is_number(at):
-        return float(at)
+        return within("--at", float(at), -MAX_DURATION_S, MAX_DURATION_S)
     if scenario.start is None:
         raise ConfigError("--at", "must be seconds from the start: this scenario has no epoch", at)
     with error_path("--at"):
