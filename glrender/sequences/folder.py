@@ -34,9 +34,21 @@ def claim_folder(folder: Path, ours: Mapping[str, Any]) -> None:
     except ValueError:
         theirs = {}
     # As JSON has them: tuples are lists there.
-    if differing := [name for name, value in json.loads(json.dumps(ours)).items() if theirs.get(name) != value]:
+    if differing := _differing(json.loads(json.dumps(ours)), theirs):
         raise ConfigError("out", f"holds the frames of another sequence: {', '.join(differing)} differ",
                           str(folder), "choose another folder, or remove this one")
+
+
+def _differing(ours: Mapping[str, Any], theirs: Any) -> list[str]:
+    """Names of our entries that theirs differ from, with those of the tables in them."""
+    found, theirs = [], theirs if isinstance(theirs, dict) else {}
+    for name, value in ours.items():
+        other = theirs.get(name, ...)
+        if isinstance(value, dict) and isinstance(other, dict):
+            found += [f"{name}.{key}" for key in {**value, **other} if value.get(key, ...) != other.get(key, ...)]
+        elif value != other:
+            found.append(name)
+    return found
 
 
 def write_whole(path: Path, content: bytes) -> None:

@@ -308,11 +308,14 @@ def test_options_that_are_none(scene, tmp_path, options, message):
         dataset(scene, tmp_path, **options)
 
 
-def test_a_folder_with_another_data_set_is_refused(scene, whole):
-    for changes, told in (({"seed": 8}, "options differ"), ({"states": STATES[:6]}, "n_frames, states_sha256 differ"),
-                          ({"format": "coco"}, "format differ"), ({"source": {"seed": 3}}, "source differ")):
+def test_a_folder_with_another_data_set_is_refused(scene, whole, tmp_path):
+    for changes, told in (({"seed": 8}, "options.seed differ"), ({"format": "coco"}, "format differ"),
+                          ({"states": STATES[:6]}, "n_frames, states_sha256 differ"), ({"source": {"seed": 3}}, "source.seed differ")):
         with pytest.raises(ConfigError, match=f"another sequence: {told}.*choose another folder"):
             list(dataset(scene, whole, **changes).draw(1))
+    (tmp_path / "manifest.json").write_text("[]")
+    with pytest.raises(ConfigError, match="another sequence: glrender, n_frames"):
+        list(dataset(scene, tmp_path).draw(1))
 
 
 def test_a_disk_that_is_full_leaves_what_is_done(scene, whole, tmp_path):

@@ -119,8 +119,8 @@ def test_a_fits_file_says_what_it_holds(scene, tmp_path):
         assert np.abs(lit.mean(axis=0)[::-1] + 1.0 - (header["CRPIX1"], header["CRPIX2"])).max() < 4.0
 
 
-@pytest.mark.parametrize("changes, differing", [({"seed": 8}, "options"), ({"camera": "bare", "output": "irradiance"},
-                                                                           "options")])
+@pytest.mark.parametrize("changes, differing", [
+    ({"seed": 8}, "options.seed"), ({"camera": "bare", "output": "irradiance"}, "options.camera, options.output")])
 def test_a_folder_with_another_sequence_is_refused(scene, whole, changes, differing):
     with pytest.raises(ConfigError, match=f"another sequence: {differing} differ.*choose another folder"):
         list(sequence(scene, whole, **changes).draw(1))
