@@ -471,6 +471,14 @@ def test_a_recording_cut_short_says_so(recording, tmp_path, rng):
             list(read_recording(tmp_path / "none"))
 
 
+@pytest.mark.parametrize("request_bytes", [b"xx", msgpack.packb({}), msgpack.packb([1])])
+def test_a_recording_of_other_messages_says_so(tmp_path, capsys, request_bytes):
+    message = b"GLR1" + bytes([1, 0, 0, 0, len(request_bytes), 0, 0, 0]) + request_bytes
+    (tmp_path / "other.glr").write_bytes(gzip.compress(message + message[:6] + b"\1" + message[7:]))
+    assert main([str(tmp_path / "other.glr"), "tcp://127.0.0.1:9"]) == 1
+    assert "other.glr, exchange 0: holds no request of a client" in capsys.readouterr().err
+
+
 def recorded_apart(endpoint, path, code):
     """A process that records with its `client`, and ends as `code` has it."""
     code = f"import os, resource, time; from glrender_client import Client\n{code}".replace(

@@ -149,11 +149,15 @@ def replay(path: Path, endpoint: str = "tcp://127.0.0.1:5555", *, timeout_s: flo
     index = -1
     try:
         for index, (request, recorded) in enumerate(read_recording(path)):
-            header = msgpack.unpackb(request)
+            try:
+                header = msgpack.unpackb(request)
+                sender, number = header["client"], header["id"]
+            except (ValueError, KeyError, TypeError):
+                raise GlrenderClientError(f"{path}, exchange {index}: holds no request of a client") from None
             # The server must draw anew, not answer from what it keeps of this client.
-            ask(msgpack.packb({"v": 1, "op": "close", "id": 0, "client": header["client"]}))
+            ask(msgpack.packb({"v": 1, "op": "close", "id": 0, "client": sender}))
             what = _difference(recorded, ask(request))
-            yield Difference(index, header["id"], what) if what else None
+            yield Difference(index, number, what) if what else None
         if index < 0:
             raise GlrenderClientError(f"{path} holds no exchange: nothing was recorded, and nothing can be compared")
     finally:
