@@ -310,7 +310,8 @@ def test_options_that_are_none(scene, tmp_path, options, message):
 
 def test_a_folder_with_another_data_set_is_refused(scene, whole, tmp_path):
     for changes, told in (({"seed": 8}, "options.seed differ"), ({"format": "coco"}, "format differ"),
-                          ({"states": STATES[:6]}, "n_frames, states_sha256 differ"), ({"source": {"seed": 3}}, "source.seed differ")):
+                          ({"states": STATES[:6]}, "n_frames, states_sha256 differ"),
+                          ({"source": {"seed": 3}}, "source.seed differ")):
         with pytest.raises(ConfigError, match=f"another sequence: {told}.*choose another folder"):
             list(dataset(scene, whole, **changes).draw(1))
     (tmp_path / "manifest.json").write_text("[]")

@@ -46,6 +46,8 @@ class Hull:
         Those farthest out in one of 500 directions: outlines within 0.4 % of the radius.
     radius_m : float [m]
         Of the farthest from the origin.
+    inner_radius_m : float [m]
+        Of the largest sphere about the origin that is within it; negative where the origin is outside.
     is_convex : bool
         Whether the surface is its hull: to a millionth of its volume, and at each of its edges.
 
@@ -70,6 +72,7 @@ class Hull:
             self.extreme_m = self.points_m[:, np.unique([np.argmax(way @ self.points_m) for way in directions])]
         self.radius_m = float(np.linalg.norm(points_m, axis=1).max())
         self._planes = hull.equations
+        self.inner_radius_m = -float(hull.equations[:, 3].max())
         self._corners = (vertices_m, facets)
         self._solid = facets if solid is None else facets[solid]
         # Volumes relative to the hull's own centre, or a far-off origin would cancel digits.
