@@ -337,7 +337,7 @@ def _remedy(is_late: bool, engine: str | None, may_be_slow: bool) -> str:
         return "give more time than deadline_s"
     if engine is not None:
         return "leave engine out"
-    return "" if may_be_slow else "allow_slow=True has a reference engine draw it"
+    return "" if may_be_slow else "the backend \"raytrace\" draws it, or allow_slow=True where frames are asked for"
 
 
 def _blank(shape: tuple[int, int], out: np.ndarray | None) -> np.ndarray:

@@ -31,7 +31,7 @@ from glrender_client import (
     read_recording,
     replay,
 )
-from glrender_client.recording import main
+from glrender_client.__main__ import main
 
 STATE = views.state().to_dict()
 

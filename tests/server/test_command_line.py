@@ -223,6 +223,8 @@ def test_a_scenario_is_rendered_at_a_time(folder, capsys, monkeypatch):
         assert main(["render", flyby, "--at", at, "--out", "a.npy", "--max-error", "0.2"]) == 0
         made.append(np.load("a.npy"))
     assert made[0].max() > 0.0 and np.abs(made[0] - made[1]).max() <= 1e-6 * made[0].max(), "3 s from its start"
+    assert main(["render", flyby, "--at", "7"]) == 1
+    assert "--at: must be within the scenario's frames, 0 to 6 s from its start, got '7'" in capsys.readouterr().err
     assert main(["render", flyby, "--at", "noon"]) == 1
     assert "epoch_tdb: must be" in capsys.readouterr().err
     for at in ("nan", "1e300"):

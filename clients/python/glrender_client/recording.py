@@ -3,15 +3,13 @@
 The file, of gzip, holds messages framed as on TCP (docs/protocol.md); the flags are 0 for a request and 1 for its
 reply, which follows it.
 
-    python -m glrender_client.recording FILE [ENDPOINT]       sends the requests again and compares the replies
+    python -m glrender_client FILE [ENDPOINT]       sends the requests again and compares the replies
 """
 
 from __future__ import annotations
 
-import argparse
 import gzip
 import struct
-import sys
 import zlib
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -210,27 +208,3 @@ def _read(file: BinaryIO, flags: int, path: Path) -> list[bytes] | None:
     if len(sizes) != n_parts or any(len(part) != size for part, size in zip(parts, sizes, strict=True)):
         raise GlrenderClientError(f"{path} ends within a message")
     return parts
-
-
-def main(argv: list[str] | None = None) -> int:
-    """Replay a file; 1 if a reply differs."""
-    parser = argparse.ArgumentParser(prog="python -m glrender_client.recording", description=__doc__.splitlines()[0])
-    parser.add_argument("file", type=Path)
-    parser.add_argument("endpoint", nargs="?", default="tcp://127.0.0.1:5555")
-    arguments = parser.parse_args(argv)
-    results = []
-    try:
-        for result in replay(arguments.file, arguments.endpoint):
-            results.append(result)
-            if result is not None:
-                sys.stdout.write(f"exchange {result.index}, request {result.id}: {result.what}\n")
-    except (GlrenderClientError, OSError) as error:
-        sys.stderr.write(f"{error}\n")
-        return 1
-    n_different = sum(result is not None for result in results)
-    sys.stdout.write(f"{len(results)} exchanges, {n_different} differ\n")
-    return int(n_different > 0)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

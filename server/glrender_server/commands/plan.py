@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from dataclasses import replace
 
 from .drawing import add_drawing, draw
 from .subject import add_subject
@@ -20,5 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Draw the frame, and print its plan."""
     plan = draw(arguments).capture.plan
-    sys.stdout.write((json.dumps(plan.to_dict()) if arguments.json else str(plan)) + "\n")
+    # Its warnings are among those of the frame, which were told.
+    text = json.dumps(plan.to_dict()) if arguments.json else str(replace(plan, warnings=()))
+    sys.stdout.write(text + "\n")
     return 0

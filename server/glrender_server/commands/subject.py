@@ -15,7 +15,6 @@ from glrender.base.constants import AU_M
 from glrender.base.errors import error_path
 from glrender.brdf import LommelSeeliger
 from glrender.scenario import RandomStates, Scenario, load_scenario
-from glrender.scenario.checks import MAX_DURATION_S
 from glrender.scenario.epochs import Epoch
 from glrender.scene.shape.shape import metres_per_unit
 from glrender_camera import CameraModel
@@ -115,7 +114,8 @@ def state_of(subject: Subject, arguments: argparse.Namespace, camera: PinholeCam
         return default_state(subject.scene, camera.name, np.radians(within("phase-deg", phase_deg, 0.0, 180.0)))
     if isinstance(subject.scenario, RandomStates):
         if arguments.at is not None:
-            raise ConfigError("--at", "is of a trajectory; random states have no order", arguments.at)
+            raise ConfigError("--at", "is of a trajectory; random states have no order", arguments.at,
+                              "leave it out: the first one is drawn")
         return subject.scenario.states()[0]
     return subject.scenario.states(np.array([_time_s(subject.scenario, arguments.at)]))[0]
 
@@ -173,11 +173,16 @@ def _time_s(scenario: Scenario, at: str | None) -> float:
     if at is None:
         return float(scenario.t_s[len(scenario.t_s) // 2])
     if is_number(at):
-        return within("--at", float(at), -MAX_DURATION_S, MAX_DURATION_S)
-    if scenario.start is None:
+        t_s = float(at)
+    elif scenario.start is None:
         raise ConfigError("--at", "must be seconds from the start: this scenario has no epoch", at)
-    with error_path("--at"):
-        return Epoch.from_tdb(at) - scenario.start
+    else:
+        with error_path("--at"):
+            t_s = Epoch.from_tdb(at) - scenario.start
+    first, last = float(scenario.t_s.min()), float(scenario.t_s.max())
+    if not first <= t_s <= last:
+        raise ConfigError("--at", f"must be within the scenario's frames, {first:g} to {last:g} s from its start", at)
+    return t_s
 
 
 def is_number(text: str) -> bool:
