@@ -273,8 +273,12 @@ class ZmqFront:
             descriptor = frame.get(zmq.SRCFD)
         except zmq.ZMQError:
             return None
-        if descriptor not in self._connections:
+        known = self._connections.get(descriptor)
+        if known is None or not known.is_there:
+            # The monitor tells later than the message that another has the descriptor now.
             self._follow_connections()
+            if known is self._connections.get(descriptor):
+                self._connections.pop(descriptor, None)
             self._adopt(descriptor)
         return self._connections.get(descriptor)
 

@@ -99,8 +99,11 @@ class BodyMap:
         made["bodies"] = {each.name: each for each in bodies}
         if len(made["bodies"]) < len(bodies):
             raise ConfigError("bodies", "must have each name once", sorted(each.name for each in bodies))
-        made["cameras"] = dict(_camera_entry(f"cameras[{k}]", entry, made["white_radf"]) for k, entry in enumerate(
-            tables("cameras", table["cameras"]) if "cameras" in table else ()))
+        cameras = [_camera_entry(f"cameras[{k}]", entry, made["white_radf"]) for k, entry in enumerate(
+            tables("cameras", table["cameras"]) if "cameras" in table else ())]
+        made["cameras"] = dict(cameras)
+        if len(made["cameras"]) < len(cameras):
+            raise ConfigError("cameras", "must have each id once", sorted(number for number, _ in cameras))
         if "models" in table:
             made["models"] = folder / text("models", table["models"])
             if not made["models"].is_dir():

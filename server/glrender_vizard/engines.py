@@ -20,6 +20,8 @@ MAX_SCENES = 8
 """Scenes that are open together: each has a process at least."""
 # A scene that cannot be opened is tried again after so long: somebody may have brought its file.
 _AGAIN_S = 10.0
+# One that nobody has used for so long since it was opened, nobody waits for.
+_UNUSED_S = 10.0
 _JOIN_S = 5.0
 
 
@@ -29,7 +31,7 @@ class _Place:
     def __init__(self, make: Callable[[], Engine]):
         self.engine: Engine | None = None
         self.error, self.ended = "", 0.0
-        self.is_watched = False
+        self.is_watched = self.is_used = False
         self.thread = threading.Thread(target=self._open, args=(make,), daemon=True, name="glrender-vizard-scene")
         self.thread.start()
 
@@ -50,6 +52,11 @@ class _Place:
     @property
     def is_idle(self) -> bool:
         return not self.is_opening and (self.engine is None or self.engine.is_idle)
+
+    @property
+    def may_go(self) -> bool:
+        """Whether nobody waits for it: who had it opened comes soon, or not at all."""
+        return self.is_idle and (self.is_used or time.monotonic() - self.ended > _UNUSED_S)
 
 
 class Engines:
@@ -85,6 +92,7 @@ class Engines:
     def start(self, key: Hashable, job: Job) -> str:
         """Begin a job for which there is room; why it cannot be, if it cannot."""
         place = self._places[key]
+        place.is_used = True
         if place.engine is None:
             return place.error
         if place.engine.outage:
@@ -121,7 +129,7 @@ class Engines:
 
     def _make_room(self) -> bool:
         while len(self._places) >= MAX_SCENES:
-            idle = next((key for key, place in self._places.items() if place.is_idle), None)
+            idle = next((key for key, place in self._places.items() if place.may_go), None)
             if idle is None:
                 return False
             place = self._places.pop(idle)

@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 import tracemalloc
+from contextlib import closing
 from pathlib import Path
 
 import msgpack
@@ -25,6 +26,7 @@ from glrender_server import limits
 from glrender_server.dispatcher import Dispatcher
 from glrender_server.front import FairQueue, Request
 from glrender_server.operations import Operations
+from glrender_server.zmq_front import ZmqFront
 
 STATE = views.state().to_dict()
 
@@ -323,6 +325,33 @@ def test_clients_do_not_get_each_others_frames(endpoint):
     for thread in threads:
         thread.join()
     assert not failures
+
+
+def test_who_comes_when_another_leaves_is_answered():
+    """Its connection has the other's descriptor, and its message is read before the end of the other is told."""
+    with closing(ZmqFront("tcp://127.0.0.1:*")) as front, zmq.Context() as context:
+        front.start(zmq.Poller())
+
+        def asked():
+            peer = context.socket(zmq.REQ)
+            peer.linger, peer.rcvtimeo = 0, 5000
+            peer.connect(front.endpoint)
+            peer.send(b"question")
+            return peer
+
+        def request():
+            frames = []
+            serving.until(lambda: frames.append(front._message()) or frames[-1])
+            return front._request(frames[-1])
+
+        with asked() as first:
+            request().answer([b"1"])
+            assert first.recv() == b"1"
+            (descriptor,) = front._connections
+        serving.until(lambda: not front._connections[descriptor].is_there)
+        with asked() as second:
+            request().answer([b"2"])
+            assert second.recv() == b"2" and list(front._connections) == [descriptor]
 
 
 def test_a_thousand_requests_leave_no_descriptor_and_little_memory(tmp_path):

@@ -6,6 +6,7 @@ import json
 import os
 import re
 import signal
+import socket
 import struct
 import subprocess
 import sys
@@ -14,7 +15,7 @@ import time
 import tomllib
 import urllib.error
 import urllib.request
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import browser
@@ -294,13 +295,14 @@ def test_other_names_and_methods_are_refused(shown):
 
 
 @pytest.mark.parametrize("said", ["", "nothing", "[]", "{}", '{"ask": "shell"}', '{"ask": "frame", "stream": 3}',
-                                  '{"ask": ["frame"]}', "9" * 5000])
+                                  '{"ask": ["frame"]}', "[" * 4000, "9" * 5000])
 def test_what_is_no_question_ends_that_page_alone(shown, said):
     exceptions = needed_module("websockets.exceptions", "pip install 'glrender[view]'")
     with Page(shown[1]) as page, Page(shown[1]) as other:
         page.peer.send(said)
-        with pytest.raises(exceptions.ConnectionClosed):
+        with pytest.raises(exceptions.ConnectionClosed) as caught:
             page.peer.recv(timeout=PATIENCE_S)
+        assert caught.value.rcvd.code == (1009 if len(said) > 4096 else 1003)
         other.ask("status")
         assert other.answer()[0]["kind"] == "status"
 
@@ -309,7 +311,7 @@ def test_what_is_no_question_ends_that_page_alone(shown, said):
     {"ask": "pixel", "number": 1, "x": -1, "y": 0}, {"ask": "pixel", "number": "x", "x": 1, "y": 0},
     {"ask": "free", "azimuth_deg": "a", "elevation_deg": 0, "range_m": 1, "camera": "navcam", "body": "body"},
     {"ask": "free", "azimuth_deg": 0, "elevation_deg": 0, "range_m": 1, "camera": "no", "body": "body"},
-    {"ask": "frame", "after": None}])
+    {"ask": "frame", "after": None}, {"ask": "frame", "after": float("inf")}])
 def test_a_senseless_question_is_answered_so(shown, question):
     with Page(shown[1]) as page:
         page.ask("status")
@@ -317,7 +319,30 @@ def test_a_senseless_question_is_answered_so(shown, question):
             time.sleep(0.1)
             page.ask("status")
         page.peer.send(json.dumps(question))
-        assert page.answer()[0]["trouble"]
+        told = page.answer()[0]["trouble"]
+        assert told and "the view failed" not in told
+
+
+def test_connections_that_ask_nothing_keep_nobody_out(tmp_path):
+    """Whoever reaches loopback, and has no token, can open them; what is sent in bits never ends either."""
+    with serving.server(tmp_path, "--view", "0", scene=SCENE) as (_, process), ExitStack() as stack:
+        address = address_of(process)
+        port = int(re.search(r":(\d+)/", address)[1])
+        (number,) = processes.children(process.pid, b"glrender_server.view")
+        begin = lambda: stack.enter_context(socket.create_connection(("127.0.0.1", port)))  # noqa: E731
+        page = stack.enter_context(Page(address))
+        for k in range(300):
+            begin().sendall((b"", b"GET / HTTP/1.1\r\nX", b"nonsense\r\n\r\n")[k % 3])
+        serving.until(lambda: len(os.listdir(f"/proc/{number}/fd")) < 100, PATIENCE_S)
+        assert answers(address)
+        page.ask("status")
+        assert page.answer()[0]["viewers"] == 1
+        last = begin()
+        last.settimeout(PATIENCE_S)
+        assert last.recv(1) == b"", "it is hung up on after some seconds"
+        page.ask("status")
+        assert page.answer()[0]["viewers"] == 1
+    assert "WARNING" not in (tmp_path / "server.log").read_text()
 
 
 def test_the_free_camera_disturbs_no_clients_bytes(shown, window):
@@ -424,6 +449,25 @@ def test_the_command_shows_a_server_that_lets_it(shown, tmp_path):
                 assert page.answer()[0]["camera"]["name"] in ("bare", "navcam")
             process.send_signal(signal.SIGTERM)
             assert process.wait(PATIENCE_S) == 0 and process.stderr.read() == b""
+        finally:
+            process.kill()
+
+
+def test_the_command_ends_beside_a_server_that_hangs(tmp_path):
+    with serving.server(tmp_path, "--watch", scene=SCENE) as (endpoint, server), \
+            subprocess.Popen([GLRENDER, "view", endpoint], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        try:
+            with Page(serving.wait_for_line(process, "glrender view of", PATIENCE_S).split()[-1]) as page:
+                page.ask("status")
+                while not page.answer()[0]["status"]:
+                    page.ask("status")
+                server.send_signal(signal.SIGSTOP)
+                page.ask("free", azimuth_deg=0, elevation_deg=0, range_m=1500, camera="bare", body="body")
+                page.ask("status")
+                page.answer()
+                process.send_signal(signal.SIGINT)
+                # The frame would be waited for for 20 s.
+                assert process.wait(12.0) == 0 and process.stderr.read() == b""
         finally:
             process.kill()
 

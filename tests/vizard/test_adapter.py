@@ -251,6 +251,9 @@ class Opened:
     def has_room(self, job):
         return self.is_idle
 
+    def start(self, job):
+        pass
+
     def close(self):
         self.closed = True
 
@@ -267,6 +270,7 @@ def test_scenes_beyond_the_bound_replace_the_longest_unused():
     engines = Engines(make)
     for key in range(MAX_SCENES + 1):
         serving.until(lambda key=key: engines.has_room(key, None))
+        assert engines.start(key, None) == ""
     assert [key for key, each in opened.items() if each.closed] == [0]
     for each in opened.values():
         each.is_idle = False
@@ -301,3 +305,20 @@ def _free():
     with zmq.Context() as context, context.socket(zmq.REP) as socket:
         socket.bind("tcp://127.0.0.1:*")
         return socket.getsockopt_string(zmq.LAST_ENDPOINT)
+
+
+def test_a_scene_that_was_opened_is_used_before_it_makes_room():
+    """With more scenes than places each opens in turn; none is closed before the frame that it was opened for."""
+    engines = Engines(lambda key: Opened())
+
+    def opened(key):
+        serving.until(lambda: engines.has_room(key, None), 10.0)
+
+    for key in range(MAX_SCENES):
+        opened(key)
+    assert not engines.has_room("another", None)
+    assert all(engines.has_room(key, None) for key in range(MAX_SCENES))
+    assert engines.start(3, None) == ""
+    opened("another")
+    assert engines.has_room(0, None) and not engines.has_room(3, None)
+    engines.close()

@@ -244,7 +244,8 @@ def test_the_map_of_the_page_loads(tmp_path):
     ("bodys = 1", "bodys"), ("cameras = 3", "cameras: must be a list"), ("[[cameras]]\nwhite_radf = 1.0", "id"),
     ("[[cameras]]\nid = 1\nwhite_radf = -1.0", r"cameras\[0\].white_radf"), ("models = 'nowhere'", "must be a folder"),
     ("sun_direction_inertial = [0.0, 0.0, 0.0]", "sun_direction_inertial"), ("white_radf = 'bright'", "white_radf"),
-    ("[[cameras]]\nid = 1\nwidth_px = 3", "width_px"), ("x = ", "is not TOML"),
+    ("[[cameras]]\nid = 1\nwidth_px = 3", "width_px"), ("[[cameras]]\nid = 1\n" * 2, "each id once"),
+    ("x = ", "is not TOML"),
     ("[[bodies]]\nname = 'a'\nshape = 'b.obj'\nlength_unit = 'm'\nbrdf = { law = 'lambert' }", r"bodies\[0\]")])
 def test_a_wrong_map_is_refused_by_name(tmp_path, text, said):
     (tmp_path / "map.toml").write_text(text)

@@ -23,6 +23,7 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from .frame import finite
 from .source import Source
@@ -30,7 +31,9 @@ from .source import Source
 log = logging.getLogger(__name__)
 
 MAX_VIEWERS, MAX_CONNECTIONS, MAX_MESSAGE_BYTES = 32, 64, 4096
-"""Pages at once, HTTP connections at once, and bytes of one message from a page."""
+"""Pages at once, connections at once, and bytes of one message from a page."""
+HTTP_S = 10.0
+"""The longest life of a connection that has not become a page's conversation."""
 BYTES_PER_S = 1 << 27
 """Pixels that all pages get in a second; each waits for its part of it."""
 _LOWEST_PRIORITY = 19
@@ -41,6 +44,8 @@ _HEADERS = {
                                "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
     "Cache-Control": "no-store", "Referrer-Policy": "no-referrer", "X-Content-Type-Options": "nosniff",
     "Cross-Origin-Opener-Policy": "same-origin", "Cross-Origin-Resource-Policy": "same-origin"}
+# What JSON holds may be too deep, too large for an integer, of another kind, or missing.
+_SENSELESS = (ValueError, KeyError, TypeError, OverflowError, RecursionError)
 _NO_TOKEN = "This page needs its token: open the full address that glrender printed.\n"  # noqa: S105
 
 
@@ -60,9 +65,10 @@ def serve(listening: socket.socket, token: str, endpoint: str, keys: Iterable[st
     """
     _step_back()
     source = Source(endpoint, keys, password)
-    config = uvicorn.Config(application(source, token), log_level="warning", access_log=False, lifespan="on",
-                            server_header=False, date_header=False, limit_concurrency=MAX_CONNECTIONS,
-                            ws_max_size=MAX_MESSAGE_BYTES, ws_per_message_deflate=False, timeout_graceful_shutdown=1)
+    config = uvicorn.Config(application(source, token), http=_BriefConnection, log_level="error",
+                            access_log=False, lifespan="on", server_header=False, date_header=False,
+                            limit_concurrency=MAX_CONNECTIONS, ws_max_size=MAX_MESSAGE_BYTES,
+                            ws_per_message_deflate=False, timeout_graceful_shutdown=1)
     server = uvicorn.Server(config)
     # Signals are the caller's: the server ends its view, and Ctrl-C sets `ended`.
     server.capture_signals = contextlib.nullcontext
@@ -132,6 +138,28 @@ def application(source: Source, token: str) -> Starlette:
                      middleware=[hosts], lifespan=life)
 
 
+class _BriefConnection(H11Protocol):
+    """An HTTP connection lasts some seconds, less where there are too many: no silent one keeps others out."""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:
+        super().connection_made(transport)
+        self._end = self.loop.call_later(HTTP_S, transport.abort)
+        if len(self.connections) >= MAX_CONNECTIONS:
+            brief = [each for each in self.connections if isinstance(each, _BriefConnection)]
+            oldest = min(brief, key=lambda each: each._end.when())
+            # At once: the system tells of its end later than of many another's beginning.
+            self.connections.discard(oldest)
+            oldest.transport.abort()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._end.cancel()
+        super().connection_lost(exc)
+
+    def handle_websocket_upgrade(self, event: Any) -> None:
+        self._end.cancel()
+        super().handle_websocket_upgrade(event)
+
+
 class _Viewer:
     """One page: of each kind of question the newest waits, and is answered when the page has room for the answer."""
 
@@ -161,7 +189,7 @@ class _Viewer:
                     self._source.tell_news()
         except WebSocketDisconnect:
             pass
-        except (ValueError, KeyError, TypeError, IndexError, AttributeError):
+        except (*_SENSELESS, IndexError, AttributeError):
             with contextlib.suppress(RuntimeError):
                 await self._peer.close(1003, "this is no question of the page")
         finally:
@@ -179,7 +207,7 @@ class _Viewer:
             self._asked[kind].clear()
             try:
                 answer = await getattr(self, f"_{kind}")(self._questions.pop(kind))
-            except (ValueError, KeyError, TypeError):
+            except _SENSELESS:
                 answer = {"trouble": "this is no question of the page"}
             except Exception:
                 log.exception("a question of a page failed")

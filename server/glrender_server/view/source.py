@@ -8,8 +8,9 @@ import threading
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ log = logging.getLogger(__name__)
 
 _WATCH_S, _STATUS_S, _AGAIN_S = 1.0 / 15.0, 1.0, 1.0
 # The server answers `watch` and `status` at once, but for one that draws in its own process.
-_TIMEOUT_S, _BACKGROUND_TIMEOUT_S = 5.0, 20.0
+_TIMEOUT_S, _BACKGROUND_TIMEOUT_S, _LEAVE_S = 5.0, 20.0, 0.5
 _MAX_STREAMS = 16
 # Of the free camera: an eye needs no more.
 _FREE_ERROR = 0.5
@@ -66,24 +67,28 @@ class Source:
         self._wanted: set[Stream | None] = set()
         self._is_looked_at = False
         self._wake, self._ended = threading.Event(), threading.Event()
-        self._drawer = ThreadPoolExecutor(1, "background")
-        self._asker: Client | None = None
+        self._draws: SimpleQueue[tuple[Future[Reply], Callable[[Client], Reply]] | None] = SimpleQueue()
+        self._drawer: Client | None = None
         self._on_news: Callable[[], None] = lambda: None
-        self._thread = threading.Thread(target=self._watch, name="watch", daemon=True)
+        # A server that hangs leaves questions unanswered: the threads then end with the process.
+        self._threads = [threading.Thread(target=target, name=target.__name__, daemon=True)
+                         for target in (self._watch, self._draw_in_turn)]
 
     def start(self, loop: asyncio.AbstractEventLoop) -> None:
         """Begin; `news` is for this loop."""
         self._news = asyncio.Event()
         self._on_news = lambda: loop.call_soon_threadsafe(self.tell_news)
-        self._thread.start()
+        for thread in self._threads:
+            thread.start()
 
     def close(self) -> None:
         """Ask nothing more."""
+        self._on_news = lambda: None
         self._ended.set()
         self._wake.set()
-        self._thread.join(_TIMEOUT_S)
-        self._drawer.submit(self._forget_asker)
-        self._drawer.shutdown(wait=False, cancel_futures=False)
+        self._draws.put(None)
+        for thread in self._threads:
+            thread.join(_LEAVE_S)
 
     def want(self, is_looked_at: bool, streams: set[Stream | None]) -> None:
         """Say whether pages are open, and from which streams they want a frame now: None is the newest of all."""
@@ -235,16 +240,21 @@ class Source:
                      pixels=np.array(reply.pixels, order="C"), camera=camera, bodies=bodies, kind="free")
 
     async def _draw(self, *arguments: Any, **options: Any) -> Reply:
-        def draw() -> Reply:
-            if self._asker is None:
-                self._asker = self._client(_BACKGROUND_TIMEOUT_S)
-            return self._asker.render(*arguments, background=True, **options)
+        future: Future[Reply] = Future()
+        self._draws.put((future, lambda client: client.render(*arguments, background=True, **options)))
+        return await asyncio.wrap_future(future)
 
-        return await asyncio.get_running_loop().run_in_executor(self._drawer, draw)
-
-    def _forget_asker(self) -> None:
-        if self._asker is not None:
-            self._asker.close()
+    def _draw_in_turn(self) -> None:
+        for future, draw in iter(self._draws.get, None):
+            if future.set_running_or_notify_cancel():  # else its page is closed
+                try:
+                    self._drawer = self._drawer or self._client(_BACKGROUND_TIMEOUT_S)
+                    future.set_result(draw(self._drawer))
+                except Exception as error:
+                    future.set_exception(error)
+            del future  # and with it the server's memory, where the frame is
+        if self._drawer is not None:
+            self._drawer.close()
 
 
 def _told(error: Exception) -> str:
