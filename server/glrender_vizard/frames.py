@@ -29,6 +29,8 @@ _CU_FROM_C = Rotation.from_quat(from_basilisk_mrp([1 / 3, 1 / 3, -1 / 3]), scala
 _ORTHONORMAL = 1e-3
 # The brightest pixel of an automatic picture.
 _AUTO_DN = 204.0
+# Solid angles of larger images are made for each frame: four bytes a pixel.
+_MOST_KEPT_PX = 2**22
 
 
 @dataclass(frozen=True)
@@ -156,7 +158,8 @@ def picture(order: FrameOrder, header: Mapping[str, Any], pixels: Any) -> np.nda
         return shown
     # All else is dark.
     light = image[y0:y1, x0:x1]
-    radf_per = _radf_of_irradiance(order.pinhole)[y0:y1, x0:x1]
+    is_kept = order.pinhole.width_px * order.pinhole.height_px <= _MOST_KEPT_PX
+    radf_per = (_kept_radf if is_kept else _radf_of_irradiance)(order.pinhole)[y0:y1, x0:x1]
     white, full = order.white_radf, 255.0
     if white == "auto":
         white, full = float(cv2.minMaxLoc(cv2.multiply(light, radf_per))[1]) / order.sun_irradiance_W_m2, _AUTO_DN
@@ -175,13 +178,15 @@ def encoded(image: np.ndarray) -> memoryview:
     return whole.data
 
 
-@lru_cache(maxsize=4)
 def _radf_of_irradiance(pinhole: PinholeCamera) -> np.ndarray:
     """I/F of a pixel for each W/m2 in it, where the Sun gives 1 W/m2: pi over its solid angle, cos^3 / f^2."""
     focal_px, centre_px = pinhole.focal_length_px, pinhole.principal_point_px
     x = (np.arange(pinhole.width_px) - centre_px[0]) / focal_px
     y = (np.arange(pinhole.height_px) - centre_px[1]) / focal_px
     return (math.pi * focal_px**2 * (1.0 + x**2 + y[:, None]**2)**1.5).astype(np.float32)
+
+
+_kept_radf = lru_cache(maxsize=4)(_radf_of_irradiance)
 
 
 @lru_cache(maxsize=64)

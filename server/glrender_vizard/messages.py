@@ -103,8 +103,11 @@ def read_update(data: bytes) -> Update:
     """
     found = wire.read(data, _UPDATE)
     time, settings = found.get("time", {}), found.get("settings")
+    elapsed_ns, = _finite("time", [time.get("elapsed_ns", 0.0)])
+    if not abs(elapsed_ns) < 2.0**63:
+        raise ProtocolError("time", "must be nanoseconds of 64 bits", elapsed_ns)
     return Update(
-        frame=time.get("frame", 0), t_ns=round(_finite("time", [time.get("elapsed_ns", 0.0)])[0]),
+        frame=time.get("frame", 0), t_ns=round(elapsed_ns),
         bodies=tuple(_body(f"celestialBodies[{k}]", each) for k, each in enumerate(found["bodies"])),
         spacecraft=tuple(_spacecraft(f"spacecraft[{k}]", each) for k, each in enumerate(found["spacecraft"])),
         cameras=tuple(_camera(f"cameras[{k}]", each) for k, each in enumerate(found["cameras"])),

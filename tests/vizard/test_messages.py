@@ -54,7 +54,7 @@ def test_lists_may_be_packed_or_not():
     peer.record(2, peer.record(1, b"\xff\xfe")), peer.record(2, peer.doubles(2, (1.0, 2.0))),
     peer.record(2, peer.doubles(2, (1.0, 2.0, np.nan))), peer.record(2, peer.record(2, b"1234")),
     peer.record(2, peer.whole(1, 7)), peer.record(4, peer.doubles(8, (np.inf, 0.0, 0.0))),
-    peer.whole(2, 3), b"\x0a\xff\xff\xff\xff\xff\xff\xff\xff\x7f"], ids=str)
+    peer.whole(2, 3), peer.record(1, peer.double(2, 1e305)), b"\x0a\xff\xff\xff\xff\xff\xff\xff\xff\x7f"], ids=str)
 def test_what_is_no_message_is_refused(data):
     with pytest.raises(ProtocolError):
         read_update(data)
