@@ -41,7 +41,9 @@ from glrender_server.operations import Operations
 DEADLINE_S = 5.0
 GOOD_EVERY = 1000
 MAX_HELD_OPEN = 60
-ALLOWED = {"protocol", "config", "scene", "shape", "busy"}
+# "forbidden" is `watch`, of a server that was not started with it.
+ALLOWED = {"protocol", "config", "scene", "shape", "busy", "forbidden"}
+
 class Tally:
     """Counts of the answers, and the faults found."""
 

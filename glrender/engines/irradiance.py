@@ -159,7 +159,7 @@ class IrradiancePass:
         now, power = frame_error(mean, error), error_model.noise_power(noise)
         # Edges of shadows lie where the map's texels put them, however many samples see them.
         floor = math.hypot(window.modelling_error,
-                           now * window.samples**(0.5 * power) * math.sqrt(window.shadow_share))
+                           now * window.samples**(0.5 * power) * math.sqrt(_shadow_share(window, frame)))
         left = max(math.sqrt(max(window.tolerance**2 - floor**2, 0.0)), _LEAST_LEFT * window.tolerance)
         most = MAX_RAYS_ACROSS / max(view.size_px for view in members) if window.engine == "rays" else 0.0
         refinement = None
@@ -229,3 +229,12 @@ class IrradiancePass:
         samples[row, column] = self._rays.irradiance(np.stack([x.take(column), y.take(row)]).T, frame.camera, seen,
                                                      draws(row, column, across))
         return samples
+
+
+def _shadow_share(window: WindowPlan, frame: Frame) -> float:
+    """As of `WindowPlan`, with the texels that the maps were drawn with."""
+    if window.engine != "raster":
+        return window.shadow_share
+    return max((error_model.shadow_share(view, body.shadow_map_px, bool(body.casters))
+                for view, body in zip(frame.views, frame.bodies, strict=True)
+                if view.name in window.bodies and body.shadow_map_px is not None), default=0.0)

@@ -255,7 +255,7 @@ focal_length_px = 100.0
      r"scene\.toml\.solar_irradiance_1au_W_m2: must be between 1e-06 and 1e\+09, got 1e\+300"),
     ("normal_albedo = 0.2", "normal_albedo = 1.2",
      r"bodies\[0\]\.brdf\.normal_albedo: must be between 0 and 1, got 1.2"),
-    ("normal_albedo = 0.2", "albedo = 0.2", r"bodies\[0\]\.brdf\.albedo: unknown key; known keys are normal_albedo"),
+    ("normal_albedo = 0.2", "albedo = 0.2", r"bodies\[0\]\.brdf\.albedo: unknown key; did you mean 'normal_albedo'\?"),
     (", normal_albedo = 0.2", "", r"bodies\[0\]\.brdf\.normal_albedo: missing"),
     ('law = "lambert"', 'law = "phong"', r"bodies\[0\]\.brdf\.law: must be one of .*'lambert'.*got 'phong'"),
     ('law = "lambert", normal_albedo = 0.2', 'preset = "pluto"', r"bodies\[0\]\.brdf\.preset: must be one of .*'eros"),

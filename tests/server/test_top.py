@@ -16,7 +16,6 @@ import threading
 import time
 from pathlib import Path
 
-import glrender_client
 import pytest
 import serving
 import views
@@ -159,7 +158,7 @@ def test_a_server_that_is_closing_is_shown_and_waited_for(monkeypatch, capsys):
                 raise ServerError("closing", "", "the server is shutting down")
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(glrender_client, "Client", Closing)
+    monkeypatch.setattr(top, "Client", Closing)
     assert main(["top", "--interval", "0.01"]) == 0
     assert capsys.readouterr().out == 2 * "[closing] the server is shutting down\n"
 

@@ -115,7 +115,8 @@ class Shadows:
                 seen_m = self._seen(view, sun_from_body, camera)[:2]
                 low_m[:2], high_m[:2] = seen_m.min(axis=1), seen_m.max(axis=1)
                 # The planner knows only about how much is seen.
-                texel_m *= max(float((np.ptp(seen_m, axis=1) / texel_m).max()) / MAX_SHADOW_SIDE_PX, 1.0)
+                coarser = max(float((np.ptp(seen_m, axis=1) / texel_m).max()) / MAX_SHADOW_SIDE_PX, 1.0)
+                texel_m, body_plan = texel_m * coarser, replace(body_plan, shadow_map_px=max(int(texels / coarser), 1))
             size_px = tuple(int(side) for side in np.ceil((high_m - low_m)[:2] / texel_m) + 2 * _MARGIN_TEXELS)
             centre, half = 0.5 * (low_m + high_m), 0.5 * (high_m - low_m)
             half[:2] = 0.5 * np.array(size_px) * texel_m

@@ -81,7 +81,7 @@ check(isequal(glr_pack(shared), from_hex(golden.request_shared{1})), 'request_sh
 header = glr_unpack(from_hex(golden.reply_shared{1}), 'arrays');
 check(isequal(header.shared.name, 'glrender-slot-golden') && header.shared.number == 300, 'shared');
 [~, unique] = fileparts(tempname());
-header.shared.name = ['glrender-golden-', unique];
+header.shared.name = ['glrender-slot-golden-', lower(unique)];
 file = fopen(['/dev/shm/', header.shared.name], 'w');
 fwrite(file, from_hex(golden.slot_shared{1}), 'uint8');
 fclose(file);
