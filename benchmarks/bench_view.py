@@ -159,7 +159,7 @@ def workers(number: int) -> list[int]:
 
 
 def processor_s(number: int) -> float:
-    """Of all threads of a process, to the nanosecond."""
+    """The processor time of all threads of a process [s], to the nanosecond."""
     return sum(int(task.joinpath("schedstat").read_text().split()[0]) for task in Path(
         f"/proc/{number}/task").iterdir()) * 1e-9
 

@@ -1,4 +1,4 @@
-"""What the adapter for Basilisk adds to rendering, and whether a thousand frames of three simulations keep their order.
+"""The adapter for Basilisk: time added to rendering, and the order of a thousand frames of three simulations.
 
 Peers speak Basilisk's half of the protocol (tests/support/vizard_peer.py); Basilisk itself takes part in tests/vizard.
 A body's place in the image tells simulation and step. One JSON line: the adapter's own processor time a frame, its
@@ -26,7 +26,7 @@ SIDE_PX, RADIUS_M, N_ALONE, N_SIMULATIONS = 1024, 60.0, 60, 3
 
 
 def place_px(number: int, k: int) -> np.ndarray:
-    """Where the body is in the image of a simulation's step, off the boresight: no two are within a pixel."""
+    """The body's place in the image of a simulation's step, off the boresight: no two are within a pixel."""
     index = N_SIMULATIONS * k + number
     return np.array([-380.0 + 23.0 * (index % 34), -380.0 + 23.0 * (index // 34 % 34)])
 

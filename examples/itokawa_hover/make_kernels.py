@@ -15,7 +15,7 @@ import spiceypy
 from scipy.spatial.transform import Rotation
 
 ET_S = 182502855.87767982
-"""Of the image, TDB seconds past J2000 (USGS ALE, hayabusa_amica_st2458542208_isd.json)."""
+"""Epoch of the image, TDB seconds past J2000 (USGS ALE, hayabusa_amica_st2458542208_isd.json)."""
 SUN_KM = np.array([154700502.11551195, 5443988.583930893, -2054766.29920961])
 SUN_KM_S = np.array([-6.6574479060899465, 28.813387859292327, 13.032393923917786])
 """The Sun from Itokawa, J2000; the same file."""

@@ -143,6 +143,8 @@ class IrradiancePass:
             # Few pixels have light: more samples find slivers of it.
             count = max(window.samples, min(int(math.sqrt(_FIRST_RAYS / n_facing)), MAX_SAMPLES))
             window = replace(window, samples=count, grid=((x1 - x0) * count, (y1 - y0) * count))
+        if window.engine == "raster":
+            window = replace(window, shadow_share=_shadow_share(window, frame))
         draw = partial(self._draw_tile, window, frame, clock)
         crease_rad, facets_per_px = window.noise
         noise = error_model.noise_gain(crease_rad, facets_per_px / window.samples**2)
@@ -159,7 +161,7 @@ class IrradiancePass:
         now, power = frame_error(mean, error), error_model.noise_power(noise)
         # Edges of shadows lie where the map's texels put them, however many samples see them.
         floor = math.hypot(window.modelling_error,
-                           now * window.samples**(0.5 * power) * math.sqrt(_shadow_share(window, frame)))
+                           now * window.samples**(0.5 * power) * math.sqrt(window.shadow_share))
         left = max(math.sqrt(max(window.tolerance**2 - floor**2, 0.0)), _LEAST_LEFT * window.tolerance)
         most = MAX_RAYS_ACROSS / max(view.size_px for view in members) if window.engine == "rays" else 0.0
         refinement = None
@@ -232,9 +234,7 @@ class IrradiancePass:
 
 
 def _shadow_share(window: WindowPlan, frame: Frame) -> float:
-    """As of `WindowPlan`, with the texels that the maps were drawn with."""
-    if window.engine != "raster":
-        return window.shadow_share
+    """The greatest `shadow_share` of the window's bodies, whose maps are drawn: 0 without a map."""
     return max((error_model.shadow_share(view, body.shadow_map_px, bool(body.casters))
                 for view, body in zip(frame.views, frame.bodies, strict=True)
                 if view.name in window.bodies and body.shadow_map_px is not None), default=0.0)

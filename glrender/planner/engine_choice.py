@@ -17,7 +17,7 @@ from glrender_camera import PinholeCamera
 from ..view.regions import outline, outline_px, region, touching
 from ..view.sun_disc import PENUMBRA_SHARE
 from ..view.view import BodyView
-from .error_model import FLUX_SHARE, BodyTraits, facets_per_px, shadow_share
+from .error_model import FLUX_SHARE, BodyTraits, facets_per_px
 from .plan import BodyPlan, WindowPlan
 from .small_body_grid import CELL_PX, MAX_RAYS_ACROSS, cell_error, cell_size, samples_across, sampling_errors
 
@@ -228,9 +228,7 @@ def _rays(members: Sequence[BodyView], known: Sequence[BodyTraits], drawn: Seque
 def _raster(members: Sequence[BodyView], known: Sequence[BodyTraits], drawn: Sequence[BodyPlan],
             request: Request) -> WindowPlan:
     """By OpenGL, with the shadow maps that were planned."""
-    shares = [0.0 if body.shadow_map_px is None else shadow_share(view, body.shadow_map_px, bool(body.casters))
-              for view, body in zip(members, drawn, strict=True)]
-    return _sampled("raster", members, known, drawn, request, shadow_share=max(shares),
+    return _sampled("raster", members, known, drawn, request,
                     modelling_error=max(body.modelling_error for body in drawn))
 
 

@@ -11,7 +11,7 @@ from ..base.errors import ConfigError
 MAX_DURATION_S = 1e11
 """Three thousand years; a longer time is a mistake of units."""
 MAX_RATE_RAD_S = 1e3
-"""As of a `Pose`."""
+"""The largest rate of a `Pose` [rad/s]."""
 MAX_GM_M3_S2 = 1e30
 """More than a galaxy's."""
 

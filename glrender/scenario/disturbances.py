@@ -1,4 +1,4 @@
-"""What disturbs an attitude: an offset, and jitter of a given spectrum."""
+"""Disturbances of an attitude: an offset, and jitter of a given spectrum."""
 
 from __future__ import annotations
 

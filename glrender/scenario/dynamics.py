@@ -18,7 +18,8 @@ from .epochs import Epoch
 from .paths import Trajectory
 
 Torque = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
-"""Of t_s [s], `q_from_inertial` (4,) and the angular velocity (3,) [rad/s]: a torque (3,) [N m] in the frame."""
+"""A function from t_s [s], `q_from_inertial` (4,) and angular velocity (3,) [rad/s], to a torque (3,) [N m] in
+the frame that turns."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -166,7 +166,7 @@ class Encounter:
         return np.concatenate([y[3:], self._acceleration(dt_s, y[:3])])
 
     def _acceleration(self, dt_s: float, r: np.ndarray) -> np.ndarray:
-        """Of the spacecraft relative to the body [m/s2]: the Sun's tide, and the body's own pull."""
+        """The acceleration of the spacecraft relative to the body [m/s2]: the Sun's tide, and the body's own pull."""
         r_body = self.body_trajectory.at(self.date, np.array([dt_s]))[0][0]
         r_craft = r_body + r
         tide = GM_SUN_M3_S2 * (r_body / np.linalg.norm(r_body)**3 - r_craft / np.linalg.norm(r_craft)**3)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property
@@ -171,13 +170,7 @@ def load_scene(path: str | Path) -> Scene:
         The file is missing, is not TOML, or a field breaks a rule.
     """
     path = Path(path)
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(str(path), f"cannot be read: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(str(path), f"is not TOML: {error}") from None
-    return Scene.from_dict(table, shape_dir=path.parent, path=path.name)
+    return Scene.from_dict(scene_tables.read_toml(path), shape_dir=path.parent, path=path.name)
 
 
 def checked_max_error(value: float, name: str = "max_error") -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
@@ -14,7 +13,7 @@ import numpy as np
 from glrender import Body, ConfigError, PinholeCamera, Shape, generate
 from glrender.brdf import Lambert
 from glrender.scene.scene import checked_max_error
-from glrender.scene.scene_file import Files, body, camera, tables
+from glrender.scene.scene_file import Files, body, camera, read_toml, tables
 from glrender_camera import MosaicModel
 from glrender_camera.errors import error_path
 from glrender_camera.validate import integer, known_keys, text, unit_vectors, vector, within
@@ -75,12 +74,7 @@ class BodyMap:
         ------
         ConfigError, ShapeError
         """
-        try:
-            table = tomllib.loads(path.read_text(encoding="utf-8"))
-        except OSError as error:
-            raise ConfigError(str(path), f"cannot be read: {error.strerror}") from None
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise ConfigError(str(path), f"is not TOML: {error}") from None
+        table = read_toml(path)
         with error_path(path.name):
             return cls.from_dict(table, path.parent)
 

@@ -18,6 +18,7 @@ from glrender.sequences.formats import FORMATS
 from glrender.sequences.read import read_image
 from glrender.sequences.sequence import FrameOptions, FrameSequence
 from glrender_server.cli import main
+from missing import needed_module
 from PIL import Image
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -91,7 +92,7 @@ def test_a_command_that_is_killed_goes_on_where_it_was(files, whole, tmp_path):
 
 @pytest.mark.parametrize("format", FORMATS)
 def test_every_format_gives_the_pixels_back(scene, whole, tmp_path, format):
-    pytest.importorskip({"fits": "astropy", "exr": "OpenEXR"}.get(format, "numpy"))
+    needed_module({"fits": "astropy", "exr": "OpenEXR"}.get(format, "numpy"), f"pip install 'glrender[{format}]'")
     made = sequence(scene, tmp_path, format=format)
     next(iter(made.draw(1)))
     found, expected = read_image(made.path(0)), read_image(whole / "frame_00000.npz")
@@ -100,7 +101,7 @@ def test_every_format_gives_the_pixels_back(scene, whole, tmp_path, format):
 
 
 def test_a_fits_file_says_what_it_holds(scene, tmp_path):
-    fits = pytest.importorskip("astropy.io.fits")
+    fits = needed_module("astropy.io.fits", "pip install 'glrender[fits]'")
     made = sequence(scene, tmp_path, format="fits", output="irradiance", products=("range", "r_body"), has_labels=True)
     next(iter(made.draw(1)))
     with fits.open(made.path(0)) as opened:

@@ -142,7 +142,7 @@ def range_fields(state: Mapping[str, Any] | HasDict, directions_camera: Any, cam
 
 
 def read_watched(reply: Reply) -> Watched:
-    """What a reply to `watch` brings."""
+    """A reply to `watch`, taken apart."""
     told = reply.header
     if not reply.frames:
         return Watched(told["number"], told["streams"])

@@ -1,1 +1,1 @@
-"""What scenarios are read from: TOML scenario files, CSV tables, CCSDS messages."""
+"""Files that scenarios are read from: TOML scenario files, CSV tables, CCSDS messages."""

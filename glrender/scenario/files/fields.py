@@ -1,4 +1,4 @@
-"""What all readers of a scenario file share: what is known so far, and calls with a table's fields."""
+"""The parts that all readers of a scenario file share: what is known so far, and calls with a table's fields."""
 
 from __future__ import annotations
 

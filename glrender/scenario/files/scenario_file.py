@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -14,6 +13,7 @@ from glrender_camera.validate import known_keys, one_of, text
 from ...base.constants import AU_M
 from ...base.errors import ConfigError, error_path
 from ...scene.scene import Scene
+from ...scene.scene_file import read_toml
 from ..random_states import RandomStates
 from ..samplers import Times
 from ..scenario import SPACECRAFT, SUN, Scenario
@@ -46,7 +46,7 @@ def load_scenario(path: str | Path) -> Scenario | RandomStates:
         The file is missing or is not TOML, or a field breaks a rule: with the path of the field.
     """
     path = Path(path)
-    return scenario_of_table(_toml(path), folder=path.parent, path=path.name)
+    return scenario_of_table(read_toml(path), folder=path.parent, path=path.name)
 
 
 def load_setting(path: str | Path) -> tuple[Scene, dict[str, dict[str, np.ndarray]]]:
@@ -59,7 +59,7 @@ def load_setting(path: str | Path) -> tuple[Scene, dict[str, dict[str, np.ndarra
     """
     path = Path(path)
     with error_path(path.name):
-        table = _with_scene(_toml(path), path.parent)
+        table = _with_scene(read_toml(path), path.parent)
         own, entries = _taken(table)
         read_cameras(table, path.parent, _spice(own, path.parent))
         return _scene(table, path.parent), _keypoints(entries, path.parent)
@@ -180,20 +180,11 @@ def _scene(table: Mapping[str, Any], folder: Path) -> Scene:
         raise
 
 
-def _toml(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(str(path), f"cannot be read: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(str(path), f"is not TOML: {error}") from None
-
-
 def _with_scene(table: dict[str, Any], folder: Path) -> dict[str, Any]:
     """The table with the scene's of another file in it, where `scene` names one; its bodies by name."""
     if "scene" not in table:
         return table
-    base = _toml(folder / text("scene", table["scene"]))
+    base = read_toml(folder / text("scene", table["scene"]))
     bodies, more = base.get("bodies", []), table.get("bodies", [])
     if not isinstance(more, list):
         raise ConfigError("bodies", "must be a list of tables", more)

@@ -13,7 +13,8 @@ from glrender.sequences.formats import FORMATS, FrameFile, write
 from glrender_camera.validate import did_you_mean, positive
 
 _PICTURES = (".png", ".jpg", ".jpeg")
-ENDINGS = (*_PICTURES, ".npy", *(f".{name}" for name in FORMATS if name != "png"))
+WITHOUT_PRODUCTS = (*_PICTURES, ".npy")
+ENDINGS = (*WITHOUT_PRODUCTS, *(f".{name}" for name in FORMATS if name != "png"))
 _LIBRARIES = {".fits": ("astropy", "fits"), ".exr": ("OpenEXR", "exr")}
 
 

@@ -11,11 +11,9 @@ from glrender.engines.image import checked_products
 from glrender.sequences.sequence import frame_file
 
 from .drawing import add_drawing, draw, in_words, summary
-from .picture import add_picture, check_picture, write_frame
+from .picture import WITHOUT_PRODUCTS, add_picture, check_picture, write_frame
 from .subject import add_subject
 from .waited import waited_s
-
-_WITHOUT_PRODUCTS = (".png", ".jpg", ".jpeg", ".npy")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -32,7 +30,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Draw a frame, write it, and say in one line what it is."""
     check_picture(arguments, "DN" if arguments.output == "dn" else "W/m2")
     checked_products(arguments.products)
-    if arguments.products and arguments.out.suffix.lower() in _WITHOUT_PRODUCTS:
+    if arguments.products and arguments.out.suffix.lower() in WITHOUT_PRODUCTS:
         raise ConfigError("--products", "need a file that holds them", str(arguments.out), "--out frame.fits")
     drawn = draw(arguments)
     dark = 0.0 if drawn.capture.frame is None else drawn.camera.model.detector.offset_DN

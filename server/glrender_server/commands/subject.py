@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import difflib
 import json
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from glrender.base.errors import error_path
 from glrender.brdf import LommelSeeliger
 from glrender.scenario import RandomStates, Scenario, load_scenario
 from glrender.scenario.epochs import Epoch
+from glrender.scene.scene_file import read_toml
 from glrender.scene.shape.shape import metres_per_unit
 from glrender_camera import CameraModel
 from glrender_camera.validate import within
@@ -161,10 +161,7 @@ def default_state(scene: Scene, camera_name: str, phase_rad: float) -> State:
 
 
 def _is_scenario(path: Path) -> bool:
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError):
-        return False  # `load_scene` says what is wrong
+    table = read_toml(path)
     return any(key in table for key in _OF_SCENARIOS)
 
 
