@@ -16,6 +16,7 @@ import sys
 import tempfile
 import time
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -24,9 +25,10 @@ from glrender.base.constants import AU_M
 from glrender.scene.scene import checked_max_error
 from glrender_camera.validate import integer
 from glrender_client import Client
+from glrender_navigation import ESTIMATORS, BelievedBody, Camera, Navigator
 from tqdm import tqdm
 
-from .autopilot import CenterFinder, Navigator, ReferencePath
+from .autopilot import ReferencePath
 
 _FOCAL_LENGTH_PX_PER_WIDTH = 3.2
 # 3 mm at 512 px: pixels of a smaller image see more, and would be saturated in the shortest exposure.
@@ -189,8 +191,11 @@ def _fly(client, shape: Shape, arguments: argparse.Namespace) -> tuple[_Log, flo
     navigator = Navigator(r_true + handover_m * rng.standard_normal(3) / np.sqrt(3.0),
                           v_true + 1e-4 * handover_m / _STEP_S * rng.standard_normal(3),
                           sigma_r_m=handover_m, sigma_v_m_s=0.002 * handover_m / _STEP_S)
-    finder = CenterFinder(focal_length_px=focal_length_px,
-                          principal_point_px=((size - 1) / 2.0, (size - 1) / 2.0), radius_m=_mean_radius_m(shape))
+    camera = Camera(width_px=size, height_px=size, focal_length_px=focal_length_px)
+    body = BelievedBody.from_mesh("body", shape.vertices_m, shape.facets)
+    estimator = ESTIMATORS[arguments.estimator](camera, body)
+    # The on-board model: one sample a pixel, noise of its own, from where it believes to be.
+    render_believed = partial(client.render, camera="navcam", samples=1)
     log = _Log([], [], [], [], [], float(np.linalg.norm(navigator.r_m - r_true)))
     began = time.perf_counter()
     for step in tqdm(range(arguments.frames), desc="closed loop", unit="frame"):
@@ -207,17 +212,10 @@ def _fly(client, shape: Shape, arguments: argparse.Namespace) -> tuple[_Log, flo
         reply = client.render(state.to_dict(), camera="navcam", output="dn", exposure_s="auto",
                               seed=arguments.seed * 1_000_003 + step)
         log.latency_ms.append(1e3 * (time.perf_counter() - asked))
-        inertial_from_camera = frames.dcm(q_camera).T
-        if arguments.estimator == "model":
-            # The on-board model: one sample a pixel, noise of its own, from where it believes to be.
-            believed = replace(state, spacecraft=Pose(r_inertial_m=navigator.r_m, q_from_inertial=q_camera))
-            predicted = client.render(believed.to_dict(), camera="navcam", output="dn", exposure_s="auto", samples=1,
-                                      seed=0).pixels
-            found = finder.by_prediction(reply.pixels, predicted, float(np.linalg.norm(navigator.r_m)))
-        else:
-            found = finder.as_sphere(reply.pixels, sun_direction @ inertial_from_camera)
+        believed = replace(state, spacecraft=Pose(r_inertial_m=navigator.r_m, q_from_inertial=q_camera))
+        found = estimator.measure(reply.pixels, believed, render_believed)
         if found is not None:
-            navigator.update(inertial_from_camera @ found.direction_camera, found.range_m, found.sigma)
+            navigator.update(found, frames.dcm(q_camera))
         log.t_s.append(t_s)
         log.r_true_m.append(r_true.copy())
         log.r_estimated_m.append(navigator.r_m.copy())
@@ -229,11 +227,6 @@ def _fly(client, shape: Shape, arguments: argparse.Namespace) -> tuple[_Log, flo
         r_true = r_true + v_true * _STEP_S + 0.5 * actual * _STEP_S**2
         v_true = v_true + actual * _STEP_S
     return log, time.perf_counter() - began
-
-
-def _mean_radius_m(shape: Shape) -> float:
-    """Radius of the disc that the body covers on average: a quarter of its surface (Cauchy), if convex."""
-    return float(np.sqrt(shape.facet_areas_m2.sum() / (4.0 * np.pi)))
 
 
 def _report(log: _Log, elapsed_s: float, shape: Shape, arguments: argparse.Namespace) -> int:

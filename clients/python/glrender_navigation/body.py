@@ -1,0 +1,53 @@
+"""On-board knowledge of a body: its name, mean radius and ellipsoid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BelievedBody:
+    """A body as the on-board software has it.
+
+    Parameters
+    ----------
+    name : str
+        In the believed states.
+    mean_radius_m : float [m]
+        Of the disc that the body covers on average.
+    ellipsoid_m : (3, 3) float [m], optional
+        Columns are the semi-axes of the ellipsoid that stands for it, in `body`; by default a sphere's.
+    ellipsoid_center_m : (3,) float [m], optional
+        In `body`.
+    """
+
+    name: str
+    mean_radius_m: float
+    ellipsoid_m: np.ndarray | None = None
+    ellipsoid_center_m: np.ndarray = (0.0, 0.0, 0.0)
+
+    def __post_init__(self):
+        if not self.mean_radius_m > 0.0:
+            raise ValueError(f"mean_radius_m: must be > 0, got {self.mean_radius_m!r}")
+        axes = self.mean_radius_m * np.eye(3) if self.ellipsoid_m is None else np.asarray(self.ellipsoid_m, float)
+        object.__setattr__(self, "ellipsoid_m", axes)
+        object.__setattr__(self, "ellipsoid_center_m", np.asarray(self.ellipsoid_center_m, float))
+
+    @classmethod
+    def from_mesh(cls, name: str, vertices_m: np.ndarray, facets: np.ndarray) -> BelievedBody:
+        """The body of a closed shape: vertices (V, 3) float [m], facets (F, 3) int.
+
+        The mean radius is of a quarter of the surface (Cauchy), the ellipsoid has the moments of the volume.
+        """
+        a, b, c = np.moveaxis(np.asarray(vertices_m, float)[facets], 1, 0)
+        area_m2 = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
+        # Tetrahedra between the facets and the origin.
+        volume = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0
+        total, corners = volume.sum(), a + b + c
+        center = volume @ corners / 4.0 / total
+        second = sum(np.einsum("i,ij,ik->jk", volume, x, x) for x in (a, b, c, corners)) / 20.0 / total
+        squares, axes = np.linalg.eigh(5.0 * (second - np.outer(center, center)))
+        return cls(name=name, mean_radius_m=float(np.sqrt(area_m2 / (4.0 * np.pi))),
+                   ellipsoid_m=axes * np.sqrt(squares), ellipsoid_center_m=center)
