@@ -21,12 +21,18 @@ class BelievedBody:
         Columns are the semi-axes of the ellipsoid that stands for it, in `body`; by default a sphere's.
     ellipsoid_center_m : (3,) float [m], optional
         In `body`.
+    ellipsoid_error_m : float [m], optional
+        RMS distance of the surface from the ellipsoid; by default a twentieth of the mean radius.
+    bounding_radius_m : float [m], optional
+        Of the sphere about the origin that holds the body; by default three mean radii.
     """
 
     name: str
     mean_radius_m: float
     ellipsoid_m: np.ndarray | None = None
     ellipsoid_center_m: np.ndarray = (0.0, 0.0, 0.0)
+    ellipsoid_error_m: float | None = None
+    bounding_radius_m: float | None = None
 
     def __post_init__(self):
         if not self.mean_radius_m > 0.0:
@@ -34,6 +40,10 @@ class BelievedBody:
         axes = self.mean_radius_m * np.eye(3) if self.ellipsoid_m is None else np.asarray(self.ellipsoid_m, float)
         object.__setattr__(self, "ellipsoid_m", axes)
         object.__setattr__(self, "ellipsoid_center_m", np.asarray(self.ellipsoid_center_m, float))
+        if self.ellipsoid_error_m is None:
+            object.__setattr__(self, "ellipsoid_error_m", 0.05 * self.mean_radius_m)
+        if self.bounding_radius_m is None:
+            object.__setattr__(self, "bounding_radius_m", 3.0 * self.mean_radius_m)
 
     @classmethod
     def from_mesh(cls, name: str, vertices_m: np.ndarray, facets: np.ndarray) -> BelievedBody:
@@ -49,5 +59,10 @@ class BelievedBody:
         center = volume @ corners / 4.0 / total
         second = sum(np.einsum("i,ij,ik->jk", volume, x, x) for x in (a, b, c, corners)) / 20.0 / total
         squares, axes = np.linalg.eigh(5.0 * (second - np.outer(center, center)))
-        return cls(name=name, mean_radius_m=float(np.sqrt(area_m2 / (4.0 * np.pi))),
-                   ellipsoid_m=axes * np.sqrt(squares), ellipsoid_center_m=center)
+        ellipsoid_m = axes * np.sqrt(squares)
+        arm_m = vertices_m - center
+        height_m = np.linalg.norm(arm_m, axis=1) * (1.0 - 1.0 / np.linalg.norm(arm_m @ np.linalg.inv(ellipsoid_m).T,
+                                                                               axis=1))
+        return cls(name=name, mean_radius_m=float(np.sqrt(area_m2 / (4.0 * np.pi))), ellipsoid_m=ellipsoid_m,
+                   ellipsoid_center_m=center, ellipsoid_error_m=float(np.sqrt(np.mean(height_m**2))),
+                   bounding_radius_m=float(np.linalg.norm(vertices_m, axis=1).max()))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from .measurement import Measurement
 
@@ -97,9 +98,13 @@ class Navigator:
         bool
             Whether it was taken in; `innovations` has a line for each.
         """
-        r_camera, noise = measurement.place(float(np.linalg.norm(self._x[:3])))
-        noise = camera_from_inertial.T @ noise @ camera_from_inertial
-        innovation = -camera_from_inertial.T @ r_camera - np.asarray(r_camera_inertial_m, float) - self._x[:3]
+        mount_m = np.asarray(r_camera_inertial_m, float)
+        expected = -camera_from_inertial @ (self._x[:3] + mount_m)
+        r_camera, noise = measurement.place(float(np.linalg.norm(expected)))
+        # The noise has the axes of the expected line of sight: those of the measured one err together with it.
+        turn = _turn(r_camera, expected)
+        noise = camera_from_inertial.T @ turn @ noise @ turn.T @ camera_from_inertial
+        innovation = -camera_from_inertial.T @ r_camera - mount_m - self._x[:3]
         inverse = np.linalg.inv(self._covariance[:3, :3] + noise)
         squared = float(innovation @ inverse @ innovation)
         is_accepted = not self._is_gated or squared <= _GATE
@@ -117,3 +122,8 @@ class Navigator:
         self._x = self._x + gain @ innovation
         self._covariance = left @ self._covariance @ left.T + gain @ noise @ gain.T
         return True
+
+
+def _turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The least rotation (3, 3) that takes the direction of a to that of b."""
+    return Rotation.align_vectors(b[None] / np.linalg.norm(b), a[None] / np.linalg.norm(a))[0].as_matrix()
