@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -97,21 +97,26 @@ def body(shape: Shape) -> BelievedBody:
     return BelievedBody.from_mesh("body", shape.vertices_m, shape.facets)
 
 
-def views(n: int, seed: int = 1) -> Iterator[tuple[State, State]]:
+def views(n: int, seed: int = 1, off: float = 0.01) -> Iterator[tuple[State, State]]:
     """True and believed states: a flight from 25 to 100 degrees of phase, from 6 to 2.2 km.
 
-    The believed place errs by 1 % of the range along each axis; the camera points to where the body is believed.
+    The believed place errs by the share `off` of the range along each axis; the camera points to where the body is
+    believed.
     """
     rng = np.random.default_rng(seed)
     for share in np.linspace(0.0, 1.0, n):
         phase, tilt = np.radians(25.0 + 75.0 * share), 0.25 * np.sin(2.0 * np.pi * share)
         range_m = 6000.0 * (2200.0 / 6000.0)**share
         r_m = range_m * np.array([np.cos(phase), np.sin(phase), tilt]) / np.hypot(1.0, tilt)
-        spin = 2.0 * np.pi * 3.0 * share
-        believed_r_m = r_m + 0.01 * range_m * rng.standard_normal(3)
+        believed_r_m = r_m + off * range_m * rng.standard_normal(3)
         q = frames.look_at(believed_r_m, np.zeros(3))
-        true = State(t_s=share * 3.0 * _SPIN_PERIOD_S, r_sun_inertial_m=np.array([AU_M, 0.0, 0.0]),
-                     spacecraft=Pose(r_inertial_m=r_m, q_from_inertial=q),
-                     bodies={"body": Pose(r_inertial_m=np.zeros(3),
-                                          q_from_inertial=[np.cos(spin / 2), 0.0, 0.0, -np.sin(spin / 2)])})
-        yield true, replace(true, spacecraft=Pose(r_inertial_m=believed_r_m, q_from_inertial=q))
+        yield state(3.0 * share * _SPIN_PERIOD_S, r_m, q), state(3.0 * share * _SPIN_PERIOD_S, believed_r_m, q)
+
+
+def state(t_s: float, r_m: np.ndarray, q_camera_from_inertial: np.ndarray) -> State:
+    """The spacecraft at a place (3,) [m] about the body, which turns once in four hours; the Sun along +X."""
+    spin = 2.0 * np.pi * t_s / _SPIN_PERIOD_S
+    turned = [np.cos(spin / 2.0), 0.0, 0.0, -np.sin(spin / 2.0)]
+    return State(t_s=t_s, r_sun_inertial_m=np.array([AU_M, 0.0, 0.0]),
+                 spacecraft=Pose(r_inertial_m=r_m, q_from_inertial=q_camera_from_inertial),
+                 bodies={"body": Pose(r_inertial_m=np.zeros(3), q_from_inertial=turned)})

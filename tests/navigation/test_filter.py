@@ -96,6 +96,30 @@ def test_a_filter_that_is_sure_and_wrong_finds_back():
     assert abs(navigator.r_m[0] - 3000.0) < 60.0
 
 
+def test_an_altimeter_tells_that_the_body_is_smaller_than_believed():
+    """Ranges by size 1 % too long, of a sigma of 0.1 %: the size's error and the place come out within three sigma."""
+    rng, r = np.random.default_rng(2), np.array([3000.0, 0.0, 0.0])
+    finds = []
+    for sigma_size in (0.02, 0.0):
+        navigator = Navigator(r + [40.0, 3.0, -5.0], np.zeros(3), sigma_r_m=50.0, sigma_v_m_s=1e-4,
+                              sigma_size=sigma_size, is_gated=False)
+        for _ in range(20):
+            across = 1e-4 * rng.standard_normal(2)
+            seen = np.array([-1.0, *across])
+            by_size = 3000.0 * 1.01 * (1.0 + 1e-3 * rng.standard_normal())
+            navigator.update(Measurement(direction_camera=seen / np.linalg.norm(seen), sigma_rad=1e-4, range_m=by_size,
+                                         sigma_range=1e-3, center_px=(0.0, 0.0)), np.eye(3))
+            navigator.update(Measurement(direction_camera=np.array([-1.0, 0.0, 0.0]), sigma_rad=np.inf, range_m=3000.0
+                                         + rng.standard_normal(), sigma_range=1.0 / 3000.0, center_px=(0.0, 0.0),
+                                         is_by_size=False), np.eye(3))
+        error = navigator.r_m - r
+        finds.append((error @ np.linalg.solve(navigator.covariance[:3, :3], error), navigator.size_error))
+    assert finds[0][0] < chi2.ppf(0.999, 3)
+    assert finds[0][1][0] == pytest.approx(0.01, abs=3.0 * finds[0][1][1]) and finds[0][1][1] < 1e-3
+    # A filter that takes the size for exact is sure of a wrong place.
+    assert finds[1][0] > 10.0 * chi2.ppf(0.999, 3) and finds[1][1] == (0.0, 0.0)
+
+
 def test_a_cameras_place_in_the_spacecraft_is_taken_off():
     navigator = Navigator([1000.0, 0.0, 0.0], np.zeros(3), sigma_r_m=100.0, sigma_v_m_s=1.0)
     found = Measurement(direction_camera=np.array([-1.0, 0.0, 0.0]), sigma_rad=1e-9, center_px=(0.0, 0.0),

@@ -70,14 +70,14 @@ class Altimeter(Estimator):
             if not abs(slant) > 0.1:
                 continue
             row = axes[2] / slant
-            variance_m2 = self._sigma_m**2 + sizes[2]**2 / len(ground) / slant**2
+            variance_m2 = self._sigma_m**2 + (self.body.shape_error_m**2 + sizes[2]**2 / len(ground)) / slant**2
             information += np.outer(row, row) / variance_m2
             sums += row * (range_m - ranges[y, x]) / variance_m2
             used += 1
         if not used:
             raise NotFound(f"none of {len(self._beams_px)} beams has both a return and believed ground")
         covariance = np.linalg.inv(information)
-        return Measurement.of_place(self.camera, here.r_body_camera_m + covariance @ sums, covariance)
+        return Measurement.of_place(self.camera, here.r_body_camera_m + covariance @ sums, covariance, is_by_size=False)
 
     def _checked(self, frame: np.ndarray) -> np.ndarray:
         """Ranges (N,) [m], NaN where nothing returned."""

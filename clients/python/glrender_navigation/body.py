@@ -21,6 +21,8 @@ class BelievedBody:
         Columns are the semi-axes of the ellipsoid that stands for it, in `body`; by default a sphere's.
     ellipsoid_center_m : (3,) float [m], optional
         In `body`.
+    shape_error_m : float [m], optional
+        Standard deviation of the believed shape's surface, as mapping tells it; by default 0.5 % of the mean radius.
     ellipsoid_error_m : float [m], optional
         RMS distance of the surface from the ellipsoid; by default a twentieth of the mean radius.
     bounding_radius_m : float [m], optional
@@ -31,6 +33,7 @@ class BelievedBody:
     mean_radius_m: float
     ellipsoid_m: np.ndarray | None = None
     ellipsoid_center_m: np.ndarray = (0.0, 0.0, 0.0)
+    shape_error_m: float | None = None
     ellipsoid_error_m: float | None = None
     bounding_radius_m: float | None = None
 
@@ -40,10 +43,9 @@ class BelievedBody:
         axes = self.mean_radius_m * np.eye(3) if self.ellipsoid_m is None else np.asarray(self.ellipsoid_m, float)
         object.__setattr__(self, "ellipsoid_m", axes)
         object.__setattr__(self, "ellipsoid_center_m", np.asarray(self.ellipsoid_center_m, float))
-        if self.ellipsoid_error_m is None:
-            object.__setattr__(self, "ellipsoid_error_m", 0.05 * self.mean_radius_m)
-        if self.bounding_radius_m is None:
-            object.__setattr__(self, "bounding_radius_m", 3.0 * self.mean_radius_m)
+        for name, share in (("shape_error_m", 0.005), ("ellipsoid_error_m", 0.05), ("bounding_radius_m", 3.0)):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, share * self.mean_radius_m)
 
     @classmethod
     def from_mesh(cls, name: str, vertices_m: np.ndarray, facets: np.ndarray) -> BelievedBody:

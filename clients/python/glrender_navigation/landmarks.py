@@ -58,7 +58,7 @@ class Landmarks(Estimator):
 
         place_m, covariance_m2 = Refined(frame, believed, self.camera, self.body, render, products=("r_body",),
                                          most=3)(step)
-        return Measurement.of_place(self.camera, place_m, covariance_m2)
+        return self.placed(place_m, covariance_m2)
 
     def _solved(self, r_body_m: np.ndarray, seen_px: np.ndarray, here: Sight) -> tuple[np.ndarray, np.ndarray]:
         """The body's place [m] and its covariance, of places (N, 3) on the body and where they are seen (N, 2)."""

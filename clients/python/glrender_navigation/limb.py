@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 
 from .believed import Drawn, Refined, placed
 from .camera import Sight, StateLike
-from .measurement import Estimator, Measurement, NotFound, lit_pixels
+from .measurement import N_STRETCHES, Estimator, Measurement, NotFound, lit_pixels
 
 # Smoothing before edges are looked for, and length of the profiles across them.
 _SMOOTH_PX = 1.0
@@ -26,8 +26,6 @@ _LIMB_COSINE = 0.2
 # longest one's.
 _LANE_PX = 1.0
 _LEAST_PIECE = 0.2
-# Errors of a shape are alike over a stretch of limb: so many stretches count as independent.
-_N_STRETCHES = 8.0
 # Of the believed range, which an ellipsoid's horizon is helped by: half a limb tells size and place apart badly.
 _SIGMA_RANGE = 0.2
 
@@ -53,7 +51,7 @@ class LimbEllipse(Estimator):
         radius_px = self.camera.focal_length_px * self.body.mean_radius_m / here.range_m
         error_px = radius_px * self.body.ellipsoid_error_m / self.body.mean_radius_m
         # A stretch of limb is one measurement.
-        sigma_px = np.hypot(error_px, 0.1) * np.sqrt(len(rays) / _N_STRETCHES)
+        sigma_px = np.hypot(error_px, 0.1) * np.sqrt(len(rays) / N_STRETCHES)
 
         def off(x: np.ndarray) -> np.ndarray:
             """Of a place [ranges]: from each ray to the horizon, and from the believed range, in sigmas."""
@@ -111,7 +109,7 @@ def from_shift(estimator: Estimator, place_m: np.ndarray, covariance_px2: np.nda
     along = range_m * per_px / estimator.body.mean_radius_m
     turn = np.column_stack([per_px * np.array([1.0, 0.0, -place_m[0] / place_m[2]]),
                             per_px * np.array([0.0, 1.0, -place_m[1] / place_m[2]]), -along * place_m / range_m])
-    return Measurement.of_place(camera, place_m, turn @ covariance_px2 @ turn.T)
+    return estimator.placed(place_m, turn @ covariance_px2 @ turn.T)
 
 
 def limb_points(pixels: np.ndarray, here: Sight) -> tuple[np.ndarray, np.ndarray]:
@@ -198,4 +196,4 @@ def _crossings(smooth: np.ndarray, points: np.ndarray, normals: np.ndarray,
 def _covariance(jacobian: np.ndarray, off_px: np.ndarray) -> np.ndarray:
     """Covariance of a fit whose residuals [px] are alike over stretches of limb."""
     variance = float((1.4826 * np.median(np.abs(off_px)))**2) + 0.02**2
-    return variance * len(off_px) / _N_STRETCHES * np.linalg.inv(jacobian.T @ jacobian)
+    return variance * len(off_px) / N_STRETCHES * np.linalg.inv(jacobian.T @ jacobian)

@@ -17,6 +17,8 @@ _UNKNOWN = 10.0
 # Share of the pixels at the top value beyond which a frame is blinded.
 _MOST_SATURATED = 0.5
 _LEAST_LIT_PX = 4
+N_STRETCHES = 8.0
+"""Errors of a shape are alike over stretches of it: so many count as independent."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -38,6 +40,8 @@ class Measurement:
         The body's place in `camera`, of methods that solve for it.
     covariance_m2 : (3, 3) float64 [m2] or None
         Of `r_camera_m`.
+    is_by_size : bool
+        Whether the range is of the body's apparent size, so that it errs as the believed size does.
     """
 
     direction_camera: np.ndarray
@@ -47,6 +51,7 @@ class Measurement:
     sigma_range: float | None = None
     r_camera_m: np.ndarray | None = None
     covariance_m2: np.ndarray | None = None
+    is_by_size: bool = True
 
     @classmethod
     def of_center(cls, camera: Camera, center_px: np.ndarray, sigma_px: float, range_m: float | None = None,
@@ -57,7 +62,8 @@ class Measurement:
                    range_m=None if range_m is None else float(range_m))
 
     @classmethod
-    def of_place(cls, camera: Camera, r_camera_m: np.ndarray, covariance_m2: np.ndarray) -> Measurement:
+    def of_place(cls, camera: Camera, r_camera_m: np.ndarray, covariance_m2: np.ndarray, *,
+                 is_by_size: bool = True) -> Measurement:
         """A measurement of the body's place, with its direction and range."""
         range_m = float(np.linalg.norm(r_camera_m))
         along = r_camera_m / range_m
@@ -65,7 +71,7 @@ class Measurement:
         across_m2 = 0.5 * (float(np.trace(covariance_m2)) - variance_m2)
         return cls(direction_camera=along, sigma_rad=across_m2**0.5 / range_m, range_m=range_m,
                    sigma_range=variance_m2**0.5 / range_m, center_px=tuple(map(float, camera.project(r_camera_m))),
-                   r_camera_m=r_camera_m, covariance_m2=covariance_m2)
+                   r_camera_m=r_camera_m, covariance_m2=covariance_m2, is_by_size=is_by_size)
 
     def place(self, believed_range_m: float) -> tuple[np.ndarray, np.ndarray]:
         """Place (3,) [m] and covariance (3, 3) [m2] in `camera`; an axis not measured is as wide as ten ranges."""
@@ -133,6 +139,15 @@ class Estimator:
     def _measured(self, frame: np.ndarray, believed: StateLike, here: Sight,
                   render: Callable[..., Any]) -> Measurement:
         raise NotImplementedError
+
+    def placed(self, place_m: np.ndarray, covariance_m2: np.ndarray) -> Measurement:
+        """A measurement against the believed shape, whose own error counts too: in place, and in size for the range."""
+        range_m = float(np.linalg.norm(place_m))
+        along = np.outer(place_m, place_m) / range_m**2
+        across_m2 = self.body.shape_error_m**2 / N_STRETCHES
+        along_m2 = across_m2 * (range_m / self.body.mean_radius_m)**2
+        return Measurement.of_place(self.camera, place_m,
+                                    covariance_m2 + across_m2 * (np.eye(3) - along) + along_m2 * along)
 
     def _checked(self, frame: np.ndarray) -> np.ndarray:
         """The frame, if something can be seen in it."""
