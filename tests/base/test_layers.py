@@ -45,6 +45,7 @@ OUTSIDE = {
     "glrender.sequences.dask_processes": {"distributed"},
     "glrender.sequences.dataset": {"numpy", "PIL", "h5py", "glrender_camera"},
     "glrender.scenario": {"numpy", "scipy", "spiceypy", "pyarrow", "glrender_camera"},
+    "glrender.scenario.belief": {"numpy", "scipy", "fast_simplification", "glrender_camera"},
     "glrender_server": {"numpy", "cv2", "zmq", "msgpack", "glrender", "glrender_camera"},
     # The page watches by the client, in a process of its own.
     "glrender_server.view": {"numpy", "starlette", "uvicorn", "glrender", "glrender_camera", "glrender_client"},

@@ -76,6 +76,10 @@ def _plot(scenario: Scenario, arguments: argparse.Namespace) -> None:
 def _check_sequence(scenario: Scenario | RandomStates) -> None:
     with error_path("output"):
         output = options_of(scenario.scene, scenario.output)
+    belief = (scenario.setting if isinstance(scenario, RandomStates) else scenario).belief
+    with error_path("belief"):
+        belief.scene(scenario.scene)
+    sys.stdout.writelines(f"belief of {line}\n" for line in belief.told(scenario.scene))
     for warning in (*scenario.check(), *off_surface(scenario.scene, scenario.keypoints)):
         sys.stderr.write(f"glrender: warning: {warning}\n")
     if isinstance(scenario, RandomStates):
