@@ -56,6 +56,10 @@ OUTSIDE = {
     "glrender_server.commands.top": {"glrender", "glrender_camera", "glrender_client"},
     "glrender_server.commands.demo": {"numpy", "tqdm", "glrender", "glrender_camera", "glrender_client",
                                       "glrender_navigation"},
+    "glrender_server.campaign": {"numpy", "cv2", "PIL", "glrender", "glrender_camera", "glrender_navigation"},
+    # The on-board side knows nothing of the renderer, of scenes or of the truth.
+    "glrender_server.campaign.onboard": {"numpy", "glrender_navigation"},
+    "glrender_server.campaign.plots": {"numpy", "matplotlib"},
     "glrender_server.commands.demo_plots": {"numpy", "matplotlib"},
     "glrender_server.commands.scenario_plots": {"numpy", "matplotlib", "glrender"},
     "glrender_client": {"numpy", "zmq", "msgpack"},
