@@ -86,7 +86,8 @@ def test_a_tenth_of_the_facets_keeps_the_surface(table):
     """Its vertices are on the true surface to the spacing of that one's, it is closed, and of the same bytes."""
     shape = generate.contact_binary(radius_m=250.0, seed=3, subdivisions=5)
     fewer = decimated(shape, 0.1)
-    assert len(fewer.facets) == len(shape.facets) // 10 and fewer.report.is_watertight
+    assert 0.098 < len(fewer.facets) / len(shape.facets) <= 0.1
+    assert fewer.report.is_watertight and fewer.report.n_shells == 1
     distance_m, _ = cKDTree(shape.vertices_m).query(fewer.vertices_m)
     assert distance_m.max() < np.sqrt(shape.facet_areas_m2.max())
     np.testing.assert_allclose(fewer.report.volume_m3, shape.report.volume_m3, rtol=5e-3)
@@ -177,7 +178,7 @@ def test_a_file_gives_the_believed_scene_alone(table, tmp_path, capsys):
     path.write_text(SCENARIO + "[belief.bodies.itokawa]\nfacets = 0.1\n")
     scene = load_believed_scene(path)
     assert isinstance(scene, Scene)
-    assert len(scene.bodies[0].shape.facets) == len(load_scenario(path).scene.bodies[0].shape.facets) // 10
+    assert 0.09 < len(scene.bodies[0].shape.facets) / len(load_scenario(path).scene.bodies[0].shape.facets) <= 0.1
     assert main(["check", str(path)]) == 0
     assert "belief of body itokawa: facets 0.1" in capsys.readouterr().out
     path.write_text(SCENARIO)
