@@ -21,7 +21,8 @@ from glrender.scene.scene import checked_max_error
 from glrender.scene.scene_file import read_toml
 from glrender.sequences.sequence import VERSION, digest_of_scene, digest_of_states
 from glrender_camera.validate import finite, integer, known_keys, one_of, text
-from glrender_navigation import ESTIMATORS
+
+from .onboard import OF_FRAMES
 
 _KEYS = ("scenario", "camera", "body", "pointing", "handover", "acceleration_error", "axes")
 _OWN_AXES = ("estimator", "max_error", "onboard_max_error", "faults", "seed")
@@ -248,7 +249,7 @@ def _checked(name: str, path: str, value: Any, camera: PinholeCamera) -> Any:
     if name == "seed":
         return integer(path, value, 0, 2**31 - 1)
     if name == "estimator":
-        return one_of(path, value, ESTIMATORS)
+        return one_of(path, value, OF_FRAMES)
     if name in ("max_error", "onboard_max_error"):
         return checked_max_error(value, path)
     return value

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from glrender import DeviceError, PinholeCamera, Pose, State, frames, take_frame
 from glrender.scenario import Belief, SpacecraftBelief
-from glrender_navigation import ESTIMATORS, Measurement, Navigator
+from glrender_navigation import Measurement, Navigator
 
 from .believed_side import believed_distortion, body_of, camera_of, render_of, undistortion
 from .campaign_file import Case, Setup
-from .onboard import OnBoard
+from .onboard import OF_FRAMES, OnBoard
 from .pictures import Frame, strip_of
 
 # Beyond this share of the range the body is lost.
@@ -56,7 +56,7 @@ def fly(setup: Setup, case: Case, truth: Any, believed: Any,
     r, v = (np.array(each) for each in zip(*(_relative(state, setup.body) for state in setup.states), strict=True))
     steps_s = np.diff([state.t_s for state in setup.states])
     rng = np.random.default_rng(values["seed"])
-    estimator = ESTIMATORS[values["estimator"]](camera_of(camera), body_of(believed.scene, setup.body))
+    estimator = OF_FRAMES[values["estimator"]](camera_of(camera), body_of(believed.scene, setup.body))
     onboard = OnBoard(estimator, _first_estimate(setup, belief.spacecraft, r[0], v[0], steps_s[0], rng),
                       render_of(believed, setup.camera, values["onboard_max_error"]))
     undistorted = undistortion(camera, believed_distortion(true_camera, belief))

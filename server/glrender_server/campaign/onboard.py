@@ -6,7 +6,10 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from glrender_navigation import Estimator, Measurement, Navigator, sight
+from glrender_navigation import ESTIMATORS, Estimator, Measurement, Navigator, sight
+
+OF_FRAMES = {name: made for name, made in ESTIMATORS.items() if not hasattr(made, "directions_camera")}
+"""The estimators that measure a camera's frames, by name; others measure an altimeter's ranges."""
 
 
 class OnBoard:

@@ -25,10 +25,10 @@ from glrender.scenario.belief.decimation import checked_share
 from glrender.scene.scene import checked_max_error
 from glrender_camera.validate import integer
 from glrender_client import Client
-from glrender_navigation import ESTIMATORS, BelievedBody, Camera, Navigator
+from glrender_navigation import BelievedBody, Camera, Navigator
 from tqdm import tqdm
 
-from ..campaign.onboard import OnBoard
+from ..campaign.onboard import OF_FRAMES, OnBoard
 from .autopilot import ReferencePath
 from .own_server import OwnServer
 
@@ -49,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--frames", type=int, default=240, help=f"steps of the loop, at least {_MIN_FRAMES} (240)")
     parser.add_argument("--size-px", type=int, default=512, help="side of the image (512)")
     parser.add_argument("--max-error", type=float, default=0.1, help="the planner's budget (0.1)")
-    parser.add_argument("--estimator", choices=("model", "sphere"), default="model",
+    parser.add_argument("--estimator", choices=tuple(OF_FRAMES), default="model",
                         help="how the body is found in a frame: `model` renders the estimated state by the on-board "
                              "model, `sphere` takes a sphere for it (model)")
     parser.add_argument("--belief", default="0.1", metavar="SHARE",
@@ -175,7 +175,7 @@ def _fly(client: Client, onboard_client: Client, shape: Shape, believed: Shape,
     navigator = Navigator(r_true + handover_m * rng.standard_normal(3) / np.sqrt(3.0),
                           v_true + 1e-4 * handover_m / _STEP_S * rng.standard_normal(3),
                           sigma_r_m=handover_m, sigma_v_m_s=0.002 * handover_m / _STEP_S)
-    estimator = ESTIMATORS[arguments.estimator](
+    estimator = OF_FRAMES[arguments.estimator](
         Camera(width_px=size, height_px=size, focal_length_px=focal_length_px),
         BelievedBody.from_mesh("body", believed.vertices_m, believed.facets))
     # The on-board model: one sample a pixel, noise of its own, from where it believes to be.
