@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from glrender_camera import Frame, PinholeCamera, time_average
 from glrender_camera.camera import checked_exposure
+from glrender_camera.faults.frame_faults import FrameFaults, checked_faults
 from glrender_camera.shutter import row_weights
 
 from ..base.errors import ConfigError
@@ -103,7 +104,7 @@ def draw_still(renderer: Any, state: State, camera: str | None = None, *, produc
 
 def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: int = 0,
                exposure_s: float | str | None = None, previous: Frame | None = None, products: Iterable[str] = (),
-               sub_states: Sequence[State] = (), **options: Any) -> Capture:
+               sub_states: Sequence[State] = (), faults: Sequence[Any] | None = None, **options: Any) -> Capture:
     """The frame that a camera with a model sends.
 
     Parameters
@@ -125,6 +126,8 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
     sub_states : sequence of State
         Poses during the exposure, of rising `t_s` that spans it, around `state.t_s`: drawn instead of those that
         rates would make; the light is linear in time between them.
+    faults : sequence of tables, optional
+        Instead of the model's (docs/camera_model.md); empty for none. `frame.faults` tells where they are.
     **options
         `max_error`, `samples`, `allow_slow`, `on_progress`, as of `draw_still`; the tolerance holds after the point
         spread function. A frame is that of the whole detector: there is no `roi`, and each pose has its own image.
@@ -151,6 +154,8 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
     asked = exposure
     if exposure == "auto" and previous is not None:
         exposure = model.auto_exposure.after(previous, model.detector)
+    faults = model.faults if faults is None else checked_faults("faults", faults)
+    exposure = FrameFaults(faults, seed, model.detector.sensor_seed).exposure_s or exposure
     began = time.perf_counter()
     sub_states = checked_sub_states(sub_states)
     is_moving = state.is_moving or bool(sub_states)
@@ -173,7 +178,7 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
     if is_moving:
         moved = time.perf_counter()
         if exposure == "auto":
-            exposure = sensor.expose(irradiance, seed, exposure, roi, [bodies, beyond], stars).exposure_s
+            exposure = sensor.expose(irradiance, seed, exposure, roi, [bodies, beyond], stars, ()).exposure_s
             motion = planned(exposure)
         if not motion.is_still:
             irradiance, roi, poses, apart = _mean(drawing, state, still, motion, first)
@@ -182,7 +187,7 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
         timings["motion_blur"] = 1e3 * (time.perf_counter() - moved)
     drawing.progress.finish()
     exposed = time.perf_counter()
-    frame = sensor.expose(irradiance, seed, exposure, roi, [bodies, beyond], stars)
+    frame = sensor.expose(irradiance, seed, exposure, roi, [bodies, beyond], stars, faults)
     timings["camera"] = 1e3 * (time.perf_counter() - exposed)
     stages = {"distortion": drawing.distortion_text, "margin": margin_text, "motion_blur": motion.text,
               "sun": still.sun_text, "stars": sensor.stars_text(), "beyond": beyond_text,

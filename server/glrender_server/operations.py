@@ -173,11 +173,13 @@ class Operations:
         camera, fields = asked.camera, {}
         options = {"products": asked.products, "max_error": asked.max_error, "samples": asked.samples, **slow}
         if asked.output == "dn":
-            options |= {"seed": asked.seed, "exposure_s": asked.exposure_s}
+            options |= {"seed": asked.seed, "exposure_s": asked.exposure_s, "faults": asked.faults}
             capture = self._drawn(take_frame, state, camera.name, **options)
             frame, pixels = capture.frame, capture.frame.dn
             fields = {"exposure_s": frame.exposure_s, "seed": asked.seed,
                       "n_saturated_px": int(np.count_nonzero(asked.cut(frame.saturated)))}
+            if asked.faults or camera.model.faults:
+                fields["faults"] = list(frame.faults)
             if "auto" in (asked.exposure_s, camera.model.exposure_s):
                 # The memory of an onboard loop is the client's: sent back, the same request gives the same bytes.
                 fields["next_exposure_s"] = camera.model.auto_exposure.after(frame, camera.model.detector)
