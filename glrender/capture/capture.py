@@ -20,7 +20,7 @@ from glrender_camera.faults.frame_faults import FrameFaults, checked_faults
 from glrender_camera.shutter import row_weights
 
 from ..base.errors import ConfigError
-from ..engines.advice import Advice, frame_advice, image_advice
+from ..engines.advice import Advice, frame_advice, frame_notes, image_advice
 from ..planner.plan import RenderPlan
 from ..scene.scene import Scene
 from ..view.regions import union
@@ -55,6 +55,8 @@ class Capture:
     timings_ms : dict of str to float
     warnings : tuple of Advice
         What is odd in it: nothing in view or lit, saturation, an exposure at its limit; the plan's warnings.
+    notes : tuple of Advice
+        What is worth a word: the exposure that "auto" chose.
     """
 
     irradiance_W_m2: np.ndarray
@@ -64,6 +66,7 @@ class Capture:
     stages: dict[str, str]
     timings_ms: dict[str, float]
     warnings: tuple[Advice, ...] = ()
+    notes: tuple[Advice, ...] = ()
 
 
 def draw_still(renderer: Any, state: State, camera: str | None = None, *, products: Iterable[str] = (),
@@ -155,7 +158,8 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
     if exposure == "auto" and previous is not None:
         exposure = model.auto_exposure.after(previous, model.detector)
     faults = model.faults if faults is None else checked_faults("faults", faults)
-    exposure = FrameFaults(faults, seed, model.detector.sensor_seed).exposure_s or exposure
+    if stuck_s := FrameFaults(faults, seed, model.detector.sensor_seed).exposure_s:
+        asked = exposure = stuck_s
     began = time.perf_counter()
     sub_states = checked_sub_states(sub_states)
     is_moving = state.is_moving or bool(sub_states)
@@ -198,7 +202,7 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
                               has_points=bool(bodies.irradiance_W_m2.any()), has_stars=has_stars),
                 *frame_advice(scene, pinhole, asked, frame, light, lit, has_stars=has_stars, has_sun=has_sun))
     return Capture(irradiance_W_m2=light, products=still.products, frame=replace(frame, stages=stages), plan=still.plan,
-                   stages=stages, timings_ms=timings, warnings=warnings)
+                   stages=stages, timings_ms=timings, warnings=warnings, notes=frame_notes(asked, frame))
 
 
 def _n_drawn(motion: Motion) -> int:

@@ -62,8 +62,15 @@ class Reply:
     @property
     def warnings(self) -> tuple[FrameWarning, ...]:
         """Warnings of the frame, or of any of several: nothing in view, saturation (docs/protocol.md)."""
-        own = (FrameWarning(each["code"], each["path"], each["message"]) for each in self.header.get("warnings", ()))
-        return (*own, *(told for frame in self.frames for told in frame.warnings))
+        return (*self._told("warnings"), *(told for frame in self.frames for told in frame.warnings))
+
+    @property
+    def notes(self) -> tuple[FrameWarning, ...]:
+        """Notes of the frame, or of any of several: the exposure that "auto" chose."""
+        return (*self._told("notes"), *(told for frame in self.frames for told in frame.notes))
+
+    def _told(self, name: str) -> list[FrameWarning]:
+        return [FrameWarning(each["code"], each["path"], each["message"]) for each in self.header.get(name, ())]
 
     def __repr__(self) -> str:
         header = self.header
