@@ -20,6 +20,7 @@ from glrender.scenario.files.belief_fields import read_belief
 from glrender.scene.scene import checked_max_error
 from glrender.scene.scene_file import read_toml
 from glrender.sequences.sequence import VERSION, digest_of_scene, digest_of_states
+from glrender_camera.faults.frame_faults import checked_faults
 from glrender_camera.validate import finite, integer, known_keys, one_of, text
 
 from .onboard import OF_FRAMES
@@ -172,7 +173,7 @@ def load_campaign(path: str | Path) -> Campaign:
                       handover=_share("handover", table.get("handover", 0.05)),
                       acceleration_error=_share("acceleration_error", table.get("acceleration_error", 0.02)))
         with error_path("axes"):
-            axes = _axes(table["axes"], camera, scenario.scene)
+            axes = _axes(table["axes"], scenario.scene)
         if (count := int(np.prod([len(values) for values in axes.values()], dtype=float))) > _MAX_CASES:
             raise ConfigError("axes", f"must give {_MAX_CASES} cases at most", count, "give fewer values")
         believed = read_toml(scenario_path).get("belief", {})
@@ -215,7 +216,7 @@ def _share(name: str, value: object) -> float:
     return share
 
 
-def _axes(table: object, camera: PinholeCamera, scene: Scene) -> dict[str, tuple[Any, ...]]:
+def _axes(table: object, scene: Scene) -> dict[str, tuple[Any, ...]]:
     known_keys("", table, _AXES)
     given = {**dict(_leaves("belief", table.get("belief", {}))),
              **{name: table[name] for name in _OWN_AXES if name in table}}
@@ -228,7 +229,7 @@ def _axes(table: object, camera: PinholeCamera, scene: Scene) -> dict[str, tuple
         if not values:
             raise ConfigError(name, "must have a value at least: without, the campaign has no case", values,
                               "leave the axis out, or give it values")
-        checked = tuple(_checked(name, f"{name}[{index}]", value, camera) for index, value in enumerate(values))
+        checked = tuple(_checked(name, f"{name}[{index}]", value) for index, value in enumerate(values))
         for index, value in enumerate(checked):
             if value in checked[:index]:
                 raise ConfigError(f"{name}[{index}]", "is given twice", value, "leave one out")
@@ -245,13 +246,15 @@ def _leaves(path: str, table: object) -> Iterator[tuple[str, Any]]:
         yield from _leaves(f"{path}.{key}", value)
 
 
-def _checked(name: str, path: str, value: Any, camera: PinholeCamera) -> Any:
+def _checked(name: str, path: str, value: Any) -> Any:
     if name == "seed":
         return integer(path, value, 0, 2**31 - 1)
     if name == "estimator":
         return one_of(path, value, OF_FRAMES)
     if name in ("max_error", "onboard_max_error"):
         return checked_max_error(value, path)
+    if name == "faults":
+        checked_faults(path, value)
     return value
 
 

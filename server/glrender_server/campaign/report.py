@@ -158,7 +158,17 @@ def _text(value: Any) -> str:
     """A value of an axis, for a person."""
     if isinstance(value, str):
         return value
-    return f"{value:g}" if isinstance(value, float) else "none" if value == [] else json.dumps(value, default=str)
+    if isinstance(value, float):
+        return f"{value:g}"
+    if isinstance(value, list) and all(isinstance(each, Mapping) and "kind" in each for each in value):
+        # Faults.
+        return ", ".join(map(_fault, value)) or "none"
+    return json.dumps(value, default=str)
+
+
+def _fault(table: Mapping[str, Any]) -> str:
+    share = table.get("probability", 1.0)
+    return str(table["kind"]) + f" in {share:.3g} of the frames" * (share < 1.0)
 
 
 def _figure(svg: str, alt: str) -> str:
