@@ -191,6 +191,9 @@ def believed_table(base: Mapping[str, Any], values: Mapping[str, Any]) -> dict[s
             place = table
             for step in steps[:-1]:
                 place = place.setdefault(step, {})
+                if not isinstance(place, dict):
+                    raise ConfigError(f"axes.{name}", "must be a field of a belief", value,
+                                      f"the scenario has {step} = {place!r}")
             place[steps[-1]] = value
     return table
 
@@ -218,6 +221,8 @@ def _share(name: str, value: object) -> float:
 
 def _axes(table: object, scene: Scene) -> dict[str, tuple[Any, ...]]:
     known_keys("", table, _AXES)
+    if not isinstance(table.get("belief", {}), Mapping):
+        raise ConfigError("belief", "must be a table of beliefs", table["belief"], "belief.bodies.NAME.facets = [0.1]")
     given = {**dict(_leaves("belief", table.get("belief", {}))),
              **{name: table[name] for name in _OWN_AXES if name in table}}
     axes = {**{name: None for name in given if name not in _OWN_AXES}, "estimator": ["model"],

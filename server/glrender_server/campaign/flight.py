@@ -72,15 +72,13 @@ def fly(setup: Setup, case: Case, truth: Any, believed: Any,
         lap, found = time.perf_counter(), None
         try:
             found = _taken(onboard, undistorted(pixels), belief, state, setup.body)
-            if not np.isfinite(onboard.r_m).all():
-                reason = f"frame {index}: the estimate is no number"
         except DeviceError:
             raise
         except Exception as error:  # an estimator's mistake is the result of its flight
             reason = f"frame {index}: {type(error).__name__}: {error}"
         ms["on_board"].append(1e3 * (time.perf_counter() - lap))
         frame = Frame(pixels=pixels, t_s=state.t_s, range_m=float(np.linalg.norm(r[index])),
-                      error_m=float(np.nan_to_num(np.linalg.norm(onboard.r_m - r[index]), nan=np.inf)),
+                      error_m=float(np.linalg.norm(onboard.r_m - r[index])),
                       true_px=_seen_px(state, true_camera, setup.body), reason=reason or onboard.reason,
                       found_px=None if found is None else found.center_px)
         track.append(frame)
@@ -116,7 +114,8 @@ def _lost(last: Frame) -> str:
     """Why a flight that ends with a frame lost the body; empty where it did not."""
     if last.error_m < _LOST * last.range_m:
         return ""
-    text = f"the error at the end is {last.error_m / last.range_m:.0%} of the range, above {_LOST:.0%}"
+    percent = 100.0 * last.error_m / last.range_m
+    text = f"the error at the end is {percent:.3g} % of the range, above {100.0 * _LOST:g} %"
     return f"{text}; the last frame was not measured: {last.reason}" if last.reason else text
 
 
@@ -164,6 +163,6 @@ def _errors(track: list[Frame]) -> dict[str, Any]:
             "track": [_number(each) for each in share]}
 
 
-def _number(value: float) -> float | None:
-    """Six digits; None for infinity, which JSON has not."""
-    return float(f"{value:.6g}") if np.isfinite(value) else None
+def _number(value: float) -> float:
+    """Six digits."""
+    return float(f"{value:.6g}")

@@ -53,6 +53,8 @@ def error_against(axis: str, values: Sequence[str], results: Sequence[Mapping[st
         figure.legend(fontsize=8, ncols=4, loc="outside upper right", frameon=False)
     if any(result["status"] == "kept" for result in results):
         plot.set_yscale("log")
+    # Room for the count of those that are lost.
+    plot.set_ylim(top=3.0 * plot.get_ylim()[1])
     plot.set(xticks=range(len(values)), xticklabels=values, xlim=(-0.6, len(values) - 0.4), xlabel=axis,
              ylabel="error, % of the range")
     plot.grid(True, axis="y", which="both", alpha=0.25)
@@ -66,13 +68,12 @@ def tracks(results: Sequence[Mapping[str, Any]]) -> str:
     shown = results[::-(-len(results) // _MOST_TRACKS)]
     for result in sorted(shown, key=lambda each: each["status"] == "lost"):
         is_lost = result["status"] == "lost"
-        percent = 100.0 * np.array([np.nan if share is None else share for share in result["track"]])
-        plot.semilogy(percent, color=_LOST_COLOUR if is_lost else "0.6", linewidth=1.0, alpha=0.8 if is_lost else 0.5)
+        plot.semilogy(100.0 * np.array(result["track"]), color=_LOST_COLOUR if is_lost else "0.6", linewidth=1.0,
+                      alpha=0.8 if is_lost else 0.5)
     longest = max(len(result["track"]) for result in results)
-    of_frame = [[result["track"][index] for result in results if len(result["track"]) > index
-                 and result["track"][index] is not None] for index in range(longest)]
-    plot.semilogy([100.0 * np.median(each) if each else np.nan for each in of_frame], color=_COLOURS[0], linewidth=2.5,
-                  label="median")
+    of_frame = [[result["track"][index] for result in results if len(result["track"]) > index]
+                for index in range(longest)]
+    plot.semilogy([100.0 * np.median(each) for each in of_frame], color=_COLOURS[0], linewidth=2.5, label="median")
     plot.legend(fontsize=8)
     plot.set(xlabel="frame", ylabel="error, % of the range")
     plot.grid(True, which="both", alpha=0.25)

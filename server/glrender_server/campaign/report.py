@@ -92,9 +92,8 @@ def _told(results: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _badness(result: Mapping[str, Any]) -> float:
-    share = result["error_over_range"]["rms_settled"]
-    # Lost ones first, those without a number before all.
-    return (np.inf if share is None else share) + 1e9 * (result["status"] == "lost")
+    # Lost ones first.
+    return result["error_over_range"]["rms_settled"] + 1e9 * (result["status"] == "lost")
 
 
 def _settings(campaign: Campaign) -> str:
@@ -136,8 +135,7 @@ def _article(campaign: Campaign, case: Case, result: Mapping[str, Any], folder: 
 
 
 def _error(result: Mapping[str, Any]) -> str:
-    share = result["error_over_range"]["rms_settled"]
-    return "no number" if share is None else f"{100.0 * share:.3g} %"
+    return f"{100.0 * result['error_over_range']['rms_settled']:.3g} %"
 
 
 def _lost(count: int) -> str:

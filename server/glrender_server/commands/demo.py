@@ -88,7 +88,8 @@ def run(arguments: argparse.Namespace) -> int:
             f"{len(believed.facets)}{', the same' * (share == 1.0)}")
         options = ["--backend", arguments.backend]
         view = [] if arguments.view is None else ["--view", arguments.view]
-        servers = [OwnServer([scene_file, *options, *view]), OwnServer([belief_file, "--belief", *options])]
+        servers = [OwnServer([scene_file, *options, *view]),
+                   OwnServer([belief_file, "--belief", "--no-load-scene", *options])]
         # Both start at once.
         for server in servers:
             stack.enter_context(server)
