@@ -12,9 +12,11 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from glrender import Body, PinholeCamera, Pose, Renderer, Scene, State, frames, generate
+from glrender import Body, PinholeCamera, Pose, Renderer, Scene, State, frames, generate, take_frame
 from glrender.base.constants import AU_M
 from glrender.brdf import Hapke, Lambert
+from glrender_camera import CameraModel
+from glrender_camera.faults.frame_faults import KINDS
 from PIL import Image, ImageDraw
 
 SHARED = Path(os.environ.get("GLRENDER_SHARED") or Path(__file__).parent.parent.parent / "shared")
@@ -44,14 +46,37 @@ def picture(body: Body, sun_in_image: tuple[float, float], phase_deg: float, siz
     return np.rint(255.0 * np.clip(irradiance / white, 0.0, 1.0) ** (1.0 / 2.2)).astype(np.uint8)
 
 
-def sheet(path: Path, pictures: list[tuple[str, np.ndarray]]) -> None:
-    """Pictures in a row, each with its caption."""
+def sheet(path: Path, pictures: list[tuple[str, np.ndarray]], n_columns: int = 4) -> None:
+    """Pictures in rows, each with its caption."""
     height, width = pictures[0][1].shape
-    canvas = Image.new("L", (width * len(pictures), height))
+    canvas = Image.new("L", (width * n_columns, height * -(-len(pictures) // n_columns)))
     for index, (caption, pixels) in enumerate(pictures):
-        canvas.paste(Image.fromarray(pixels), (index * width, 0))
-        ImageDraw.Draw(canvas).text((index * width + 6, 4), caption, fill=255)
-    canvas.save(path)
+        left, top = index % n_columns * width, index // n_columns * height
+        canvas.paste(Image.fromarray(pixels), (left, top))
+        ImageDraw.Draw(canvas).text((left + 6, top + 4), caption, fill=255)
+    canvas.save(path, optimize=True)
+
+
+def faults(path: Path) -> None:
+    """One body in a camera with each fault on its limb: docs/camera_model.md."""
+    body = Body(name="body", shape=generate.three_lobes(radius_m=100.0, subdivisions=6), brdf=S_TYPE)
+    model = CameraModel.from_dict({"preset": "generic_navigation_camera", "exposure_s": "auto",
+                                   "optics": {"aperture_diameter_m": 0.002}})
+    camera = PinholeCamera(name="navcam", width_px=230, height_px=230, focal_length_px=1150.0, model=model)
+    place = np.array([0.0, -1200.0, 0.0])
+    state = State(r_sun_inertial_m=AU_M * np.array([-0.8, -0.6, 0.1]), bodies={"body": Pose(r_inertial_m=np.zeros(3))},
+                  spacecraft=Pose(r_inertial_m=place, q_from_inertial=frames.look_at(place, np.zeros(3))))
+    own = {"sun_blinding": {"radius_px": 25.0, "bloom_px": 60.0, "seed": 2}, "stuck_exposure": {"exposure_s": 0.01},
+           "garbled_bytes": {"n_runs": 12}}
+    pictures = []
+    with Renderer(Scene(bodies=[body], cameras=[camera])) as renderer:
+        for kind in KINDS:
+            fault = {"kind": kind, "place": "limb", **own.get(kind, {})}
+            frame = take_frame(renderer, state, seed=4, faults=[fault]).frame
+            share = np.clip((frame.dn / 4095.0 - 0.03) / 0.8, 0.0, 1.0)
+            # Few grey levels: noise is dear in a PNG.
+            pictures.append((kind, np.rint(31.0 * share ** (1.0 / 2.2)).astype(np.uint8) * np.uint8(8)))
+    sheet(path, pictures, 5)
 
 
 def main(out: Path) -> None:
@@ -64,6 +89,7 @@ def main(out: Path) -> None:
             ("Sun behind the camera", (0, 0), 0)]
     for name, body in (("sphere", sphere), ("three_lobes", lobes), ("contact_binary", binary)):
         sheet(out / f"{name}.png", [(caption, picture(body, sun, phase, 320)) for caption, sun, phase in suns])
+    faults(out / "faults.png")
     itokawa = SHARED / "data" / "itokawa" / "itokawa_64q_49152_uv.obj"
     if itokawa.is_file():
         body = Body.from_file(itokawa, name="itokawa", length_unit="km", brdf=S_TYPE)

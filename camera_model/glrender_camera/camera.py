@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any
@@ -11,14 +11,16 @@ import numpy as np
 
 from .detector import MAX_SEED, Detector
 from .errors import ConfigError, error_path
-from .exposure import MAX_EXPOSURE_S, AutoExposure
+from .exposure import AutoExposure, checked_exposure_s
+from .faults.fault import Fault
+from .faults.frame_faults import FrameFaults, checked_faults
 from .frame import Frame
 from .light import light_on_frame
 from .optics import Optics
 from .points import PointSources
 from .presets import PRESETS
 from .spectrum import electrons_per_joule, require_overlap
-from .validate import integer, known_keys, one_of, positive, within
+from .validate import integer, known_keys, one_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,6 +35,8 @@ class CameraModel:
         Of a frame that asks for no other.
     auto_exposure : AutoExposure
         Rules of the automatic exposure.
+    faults : sequence of Fault, or of tables with their `kind`
+        That frames may have, where they ask for no others.
 
     Raises
     ------
@@ -43,6 +47,7 @@ class CameraModel:
     detector: Detector
     exposure_s: float | str
     auto_exposure: AutoExposure = field(default_factory=AutoExposure)
+    faults: tuple[Fault, ...] = ()
 
     def __post_init__(self):
         for name, kind in (("optics", Optics), ("detector", Detector), ("auto_exposure", AutoExposure)):
@@ -50,6 +55,7 @@ class CameraModel:
                 raise ConfigError(name, f"must be {kind.__name__}", getattr(self, name))
         require_overlap("detector.quantum_efficiency", self.detector.quantum_efficiency, self.optics.band_nm)
         object.__setattr__(self, "exposure_s", checked_exposure("exposure_s", self.exposure_s))
+        object.__setattr__(self, "faults", checked_faults("faults", self.faults))
 
     @classmethod
     def from_dict(cls, table: Mapping[str, Any]) -> CameraModel:
@@ -58,7 +64,7 @@ class CameraModel:
         Parameters
         ----------
         table : mapping
-            `optics`, `detector` and `exposure_s`, optionally `auto_exposure`. With `preset`, a name
+            `optics`, `detector` and `exposure_s`, optionally `auto_exposure` and `faults`. With `preset`, a name
             in `presets.PRESETS`, all are optional and their fields replace the preset's.
 
         Raises
@@ -105,7 +111,8 @@ class CameraModel:
     def expose(self, irradiance_W_m2: np.ndarray, seed: int = 0, *, exposure_s: float | str | None = None,
                roi: tuple[int, int, int, int] | None = None,
                relative_illumination: np.ndarray | None = None, previous: Frame | None = None,
-               margin_px: int = 0, points: PointSources | None = None) -> Frame:
+               margin_px: int = 0, points: PointSources | None = None,
+               faults: Sequence[Fault | Mapping[str, Any]] | None = None) -> Frame:
         """Expose one frame.
 
         The mean number of photo-electrons is
@@ -138,6 +145,8 @@ class CameraModel:
             light.
         points : PointSources, optional
             Stars, unresolved bodies: spread at their own places between the pixels, and added.
+        faults : sequence of Fault, or of tables, optional
+            Instead of the model's; empty for none.
 
         Returns
         -------
@@ -152,10 +161,12 @@ class CameraModel:
                                relative_illumination=relative_illumination)
         rate = self.optics.aperture_area_m2 * self.electrons_per_joule
         stages = self.stages(light.signal[light.lit].size > 0, points, light.text)
-        return self.read_out(light.signal, rate, seed, exposure_s, previous, lit=light.lit, stages=stages)
+        return self.read_out(light.signal, rate, seed, exposure_s, previous, lit=light.lit, stages=stages,
+                             faults=self.faults if faults is None else faults)
 
     def read_out(self, signal: np.ndarray, rate: float, seed: int, exposure_s: float | str | None,
-                 previous: Frame | None, *, lit: tuple[slice, slice] = np.s_[:, :], stages: dict[str, str]) -> Frame:
+                 previous: Frame | None, *, lit: tuple[slice, slice] = np.s_[:, :], stages: dict[str, str],
+                 faults: Sequence[Fault | Mapping[str, Any]]) -> Frame:
         """The frame of an image that the optics have spread.
 
         Parameters
@@ -163,7 +174,7 @@ class CameraModel:
         signal : (H, W) float32
             Overwritten. 0 outside `lit`.
         rate : float [e-/s per unit of signal]
-        seed, exposure_s, previous
+        seed, exposure_s, previous, faults
             As for `expose`.
         lit : (slice, slice)
         stages : dict of str to str
@@ -173,14 +184,20 @@ class CameraModel:
         exposure = checked_exposure("exposure_s", self.exposure_s if exposure_s is None else exposure_s)
         if previous is not None and not isinstance(previous, Frame):
             raise ConfigError("previous", "must be a Frame", previous)
-        if exposure == "auto":
+        struck = FrameFaults(checked_faults("faults", faults), seed, self.detector.sensor_seed)
+        if struck.exposure_s is not None:
+            exposure = struck.exposure_s
+        elif exposure == "auto":
             exposure = (self.auto_exposure.of_irradiance(signal[lit], rate, self.detector) if previous is None
                         else self.auto_exposure.after(previous, self.detector))
         # The Sun may overflow to infinity here; the detector clips it.
         with np.errstate(over="ignore"):
             signal[lit] *= np.float32(rate * exposure)
-        dn, electrons, saturated = self.detector.read(signal, exposure, seed)
-        return Frame(dn=dn, electrons=electrons, saturated=saturated, exposure_s=exposure, seed=seed, stages=stages)
+        struck.strike(signal, self.detector)
+        dn, electrons, saturated = self.detector.read(signal, exposure, seed,
+                                                      struck.collect if struck.changes_charge else None)
+        return Frame(dn=struck.sent(dn), electrons=electrons, saturated=saturated, exposure_s=exposure, seed=seed,
+                     stages=stages | {"faults": struck.text}, faults=struck.truth)
 
     def stages(self, is_lit: bool, points: PointSources | None = None,
                light_text: str = "skipped: none") -> dict[str, str]:
@@ -230,4 +247,4 @@ def checked_exposure(name: str, value: object) -> float | str:
     """An exposure [s] > 0, up to 1e6, or "auto"."""
     if isinstance(value, str) and value == "auto":
         return value
-    return within(name, positive(name, value), 0.0, MAX_EXPOSURE_S)
+    return checked_exposure_s(name, value)

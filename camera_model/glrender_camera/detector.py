@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import cv2
@@ -189,7 +189,8 @@ class Detector:
         return fixed_pattern(PatternStatistics(**{
             each.name: getattr(self, each.name) for each in fields(PatternStatistics)}), shape)
 
-    def read(self, signal_electrons: np.ndarray, exposure_s: float, seed: int) -> tuple[np.ndarray, ...]:
+    def read(self, signal_electrons: np.ndarray, exposure_s: float, seed: int,
+             collect: Callable[..., None] | None = None) -> tuple[np.ndarray, ...]:
         """Expose and read out.
 
         Parameters
@@ -199,6 +200,8 @@ class Detector:
         exposure_s : float [s], > 0
         seed : int
             Of the temporal noise.
+        collect : callable, optional
+            Changes the charge of each block of rows, as `FrameFaults.collect` does.
 
         Returns
         -------
@@ -225,8 +228,8 @@ class Detector:
         def read_block(index: int) -> None:
             rows = blocks[index]
             rng = stream(seed, FRAME, index)
-            self._read_block(rng, signal_electrons[rows], exposure_s, pattern.rows(rows),
-                             rows_of(rays, rows, width), tuple(out[rows] for out in outputs))
+            self._read_block(rng, signal_electrons[rows], exposure_s, pattern.rows(rows), rows_of(rays, rows, width),
+                             tuple(out[rows] for out in outputs), collect and partial(collect, rows=rows, block=index))
 
         run(read_block, range(len(blocks)))
         return outputs
@@ -245,13 +248,14 @@ class Detector:
         # Poisson numbers add: drawn apart, no other pixel's noise changes.
         return pixel, rng.poisson(electrons).astype(np.float32)
 
-    def _read_block(self, rng, signal, exposure_s, pattern, rays, outputs) -> None:
+    def _read_block(self, rng, signal, exposure_s, pattern, rays, outputs, collect) -> None:
         dn, electrons, saturated = outputs
         well = np.float32(self.full_well_electrons)
         most = np.float32(_MAX_FULL_WELLS) * well
         mean = np.minimum(signal, most, out=_scratch.array("mean", signal.shape))
         if pattern.response is not None:
             mean *= pattern.response
+        photo = collect and mean.copy()
         dark = min(np.float32(self.dark_rate_electrons_per_s * exposure_s), most)
         if dark > 0.0:
             mean += dark if pattern.dark is None else dark * pattern.dark
@@ -262,6 +266,8 @@ class Detector:
         charge = poisson.draw(rng, mean.ravel(), dark).reshape(mean.shape)
         if rays is not None:
             charge.ravel()[rays[0]] += rays[1]
+        if collect is not None:
+            collect(charge, photo, mean - photo, pattern.response)
         np.minimum(charge, well, out=electrons)
         np.greater_equal(electrons, well, out=saturated)
         if pattern.offset_electrons is not None:

@@ -108,6 +108,11 @@ class AutoExposure:
         return float(np.clip(exposure_s, self.min_s, self.max_s))
 
 
+def checked_exposure_s(name: str, value: object) -> float:
+    """An exposure [s] > 0, up to 1e6."""
+    return within(name, positive(name, value), 0.0, MAX_EXPOSURE_S)
+
+
 def _percentile(values: np.ndarray, percentile: float) -> float:
     return float(np.percentile(values[:: -(-values.size // _MAX_METERED_PX)], percentile))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +23,9 @@ class Frame:
     seed : int
     stages : dict of str to str
         What was modelled and what was skipped, with why, in the order of the light.
+    faults : tuple of dict
+        Kind and place of each fault that the frame has. `electrons` and `saturated` are the detector's: before lines,
+        blocks or bytes are lost.
     """
 
     dn: np.ndarray
@@ -30,3 +34,4 @@ class Frame:
     exposure_s: float
     seed: int
     stages: dict[str, str]
+    faults: tuple[dict[str, Any], ...] = ()

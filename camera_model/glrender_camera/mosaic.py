@@ -12,6 +12,8 @@ from .camera import CameraModel, Frame
 from .detector import Detector
 from .errors import ConfigError, error_path
 from .exposure import AutoExposure
+from .faults.fault import Fault
+from .faults.frame_faults import checked_faults
 from .light import light_on_frame
 from .optics import Optics
 from .points import PointSources
@@ -37,6 +39,8 @@ class MosaicModel:
     magnification : mapping of letter to float [1], 0.9..1.1
         Lateral chromatic aberration: how much larger than the camera's focal length has it a band's image is.
         Letters that are left out have 1. `PinholeCamera.expose` applies it, about the principal point.
+    faults
+        As of `CameraModel`.
 
     Raises
     ------
@@ -49,6 +53,7 @@ class MosaicModel:
     pattern: Sequence[str] = BAYER
     auto_exposure: AutoExposure = field(default_factory=AutoExposure)
     magnification: Mapping[str, float] = field(default_factory=dict)
+    faults: tuple[Fault, ...] = ()
 
     def __post_init__(self):
         rows = tuple(self.pattern)
@@ -62,6 +67,7 @@ class MosaicModel:
         known_keys("magnification", self.magnification, letters)
         object.__setattr__(self, "magnification", {
             letter: within(f"magnification.{letter}", value, 0.9, 1.1) for letter, value in self.magnification.items()})
+        object.__setattr__(self, "faults", checked_faults("faults", self.faults))
         models = {}
         for letter, optics in self.optics.items():
             with error_path(f"optics.{letter}"):
@@ -76,8 +82,8 @@ class MosaicModel:
         Parameters
         ----------
         table : mapping
-            `pattern`, `optics` (a table of each letter's), `detector`, `exposure_s`, optionally `auto_exposure`
-            and `magnification`.
+            `pattern`, `optics` (a table of each letter's), `detector`, `exposure_s`, optionally `auto_exposure`,
+            `magnification` and `faults`.
 
         Raises
         ------
@@ -110,14 +116,15 @@ class MosaicModel:
     def expose(self, irradiance_W_m2: Mapping[str, np.ndarray], seed: int = 0, *,
                exposure_s: float | str | None = None, roi: tuple[int, int, int, int] | None = None,
                relative_illumination: np.ndarray | None = None, previous: Frame | None = None, margin_px: int = 0,
-               points: Mapping[str, PointSources] | None = None) -> Frame:
+               points: Mapping[str, PointSources] | None = None,
+               faults: Sequence[Fault | Mapping[str, Any]] | None = None) -> Frame:
         """Expose one frame, not demosaiced.
 
         Parameters
         ----------
         irradiance_W_m2 : mapping of letter to (H, W) float32 [W/m2]
             Each in its band, as for `CameraModel.expose`.
-        seed, exposure_s, roi, relative_illumination, previous, margin_px
+        seed, exposure_s, roi, relative_illumination, previous, margin_px, faults
             As for `CameraModel.expose`.
         points : mapping of letter to PointSources, optional
             Each in its band.
@@ -153,4 +160,5 @@ class MosaicModel:
             stages |= {"mosaic": " ".join(self.pattern)} | {name: text for name, text in own.items()
                                                             if f"{name}_{letter}" not in stages}
         model = next(iter(self.bands.values()))
-        return model.read_out(rate, 1.0, seed, exposure_s, previous, stages=stages)
+        return model.read_out(rate, 1.0, seed, exposure_s, previous, stages=stages,
+                              faults=self.faults if faults is None else faults)

@@ -7,8 +7,8 @@ from functools import lru_cache
 
 import numpy as np
 
-# Spawn keys that keep a sensor's streams apart from a frame's when both seeds are equal.
-SENSOR, FRAME, COSMIC = 0, 1, 2
+# Spawn keys that keep the streams of a sensor, of a frame and of its faults apart when their seeds are equal.
+SENSOR, FRAME, COSMIC, FAULT = 0, 1, 2, 3
 
 
 def stream(seed: int, *key: int) -> np.random.Generator:

@@ -6,15 +6,17 @@ Frame `camera`: +Z boresight, +X to the right of the image, +Y down. Frame `pixe
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 
 from .camera import CameraModel, Frame
 from .distortion import BrownConrady, frame_border
 from .errors import ConfigError
+from .faults.fault import Fault
 from .lateral import magnified, magnified_points
 from .mosaic import MosaicModel
 from .points import PointSources
@@ -209,7 +211,8 @@ class PinholeCamera:
     def expose(self, irradiance_W_m2: np.ndarray | Mapping[str, np.ndarray], seed: int = 0, *,
                exposure_s: float | str | None = None, roi: tuple[int, int, int, int] | None = None,
                previous: Frame | None = None, margin_px: int = 0,
-               points: PointSources | Mapping[str, PointSources] | None = None) -> Frame:
+               points: PointSources | Mapping[str, PointSources] | None = None,
+               faults: Sequence[Fault | Mapping[str, Any]] | None = None) -> Frame:
         """Expose one frame of this camera: `CameraModel.expose` with the aperture foreshortened off axis.
 
         With `margin_px` the image is one of `with_margin(margin_px)`. Behind a mosaic irradiance and points are
@@ -236,7 +239,8 @@ class PinholeCamera:
             roi = None
         return self.model.expose(irradiance_W_m2, seed, exposure_s=exposure_s, roi=roi,
                                  relative_illumination=seen.cos_field_angle, previous=previous,
-                                 margin_px=margin_px, points=points)
+                                 margin_px=margin_px, points=points,
+                                 faults=faults)
 
 
 @lru_cache(maxsize=8)

@@ -16,10 +16,11 @@ from typing import Any
 import numpy as np
 from glrender_camera import Frame, PinholeCamera, time_average
 from glrender_camera.camera import checked_exposure
+from glrender_camera.faults.frame_faults import FrameFaults, checked_faults
 from glrender_camera.shutter import row_weights
 
 from ..base.errors import ConfigError
-from ..engines.advice import Advice, frame_advice, image_advice
+from ..engines.advice import Advice, frame_advice, frame_notes, image_advice
 from ..planner.plan import RenderPlan
 from ..scene.scene import Scene
 from ..view.regions import union
@@ -54,6 +55,8 @@ class Capture:
     timings_ms : dict of str to float
     warnings : tuple of Advice
         What is odd in it: nothing in view or lit, saturation, an exposure at its limit; the plan's warnings.
+    notes : tuple of Advice
+        What is worth a word: the exposure that "auto" chose.
     """
 
     irradiance_W_m2: np.ndarray
@@ -63,6 +66,7 @@ class Capture:
     stages: dict[str, str]
     timings_ms: dict[str, float]
     warnings: tuple[Advice, ...] = ()
+    notes: tuple[Advice, ...] = ()
 
 
 def draw_still(renderer: Any, state: State, camera: str | None = None, *, products: Iterable[str] = (),
@@ -103,7 +107,7 @@ def draw_still(renderer: Any, state: State, camera: str | None = None, *, produc
 
 def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: int = 0,
                exposure_s: float | str | None = None, previous: Frame | None = None, products: Iterable[str] = (),
-               sub_states: Sequence[State] = (), **options: Any) -> Capture:
+               sub_states: Sequence[State] = (), faults: Sequence[Any] | None = None, **options: Any) -> Capture:
     """The frame that a camera with a model sends.
 
     Parameters
@@ -125,6 +129,8 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
     sub_states : sequence of State
         Poses during the exposure, of rising `t_s` that spans it, around `state.t_s`: drawn instead of those that
         rates would make; the light is linear in time between them.
+    faults : sequence of tables, optional
+        Instead of the model's (docs/camera_model.md); empty for none. `frame.faults` tells where they are.
     **options
         `max_error`, `samples`, `allow_slow`, `on_progress`, as of `draw_still`; the tolerance holds after the point
         spread function. A frame is that of the whole detector: there is no `roi`, and each pose has its own image.
@@ -151,6 +157,9 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
     asked = exposure
     if exposure == "auto" and previous is not None:
         exposure = model.auto_exposure.after(previous, model.detector)
+    faults = model.faults if faults is None else checked_faults("faults", faults)
+    if stuck_s := FrameFaults(faults, seed, model.detector.sensor_seed).exposure_s:
+        asked = exposure = stuck_s
     began = time.perf_counter()
     sub_states = checked_sub_states(sub_states)
     is_moving = state.is_moving or bool(sub_states)
@@ -173,7 +182,7 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
     if is_moving:
         moved = time.perf_counter()
         if exposure == "auto":
-            exposure = sensor.expose(irradiance, seed, exposure, roi, [bodies, beyond], stars).exposure_s
+            exposure = sensor.expose(irradiance, seed, exposure, roi, [bodies, beyond], stars, ()).exposure_s
             motion = planned(exposure)
         if not motion.is_still:
             irradiance, roi, poses, apart = _mean(drawing, state, still, motion, first)
@@ -182,7 +191,7 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
         timings["motion_blur"] = 1e3 * (time.perf_counter() - moved)
     drawing.progress.finish()
     exposed = time.perf_counter()
-    frame = sensor.expose(irradiance, seed, exposure, roi, [bodies, beyond], stars)
+    frame = sensor.expose(irradiance, seed, exposure, roi, [bodies, beyond], stars, faults)
     timings["camera"] = 1e3 * (time.perf_counter() - exposed)
     stages = {"distortion": drawing.distortion_text, "margin": margin_text, "motion_blur": motion.text,
               "sun": still.sun_text, "stars": sensor.stars_text(), "beyond": beyond_text,
@@ -193,7 +202,7 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
                               has_points=bool(bodies.irradiance_W_m2.any()), has_stars=has_stars),
                 *frame_advice(scene, pinhole, asked, frame, light, lit, has_stars=has_stars, has_sun=has_sun))
     return Capture(irradiance_W_m2=light, products=still.products, frame=replace(frame, stages=stages), plan=still.plan,
-                   stages=stages, timings_ms=timings, warnings=warnings)
+                   stages=stages, timings_ms=timings, warnings=warnings, notes=frame_notes(asked, frame))
 
 
 def _n_drawn(motion: Motion) -> int:

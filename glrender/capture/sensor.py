@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from glrender_camera import Frame, MosaicModel, PinholeCamera, PointSources
@@ -81,7 +82,7 @@ class Sensor:
         return f"{self._n_stars} to magnitude {stars.magnitude_limit:g}" + stars.aberration * ", aberrated"
 
     def expose(self, irradiance: np.ndarray, seed: int, exposure_s: float | str, roi: tuple[int, int, int, int],
-               grey: Sequence[PointSources], stars: dict[str, PointSources]) -> Frame:
+               grey: Sequence[PointSources], stars: dict[str, PointSources], faults: Any = None) -> Frame:
         """The frame. What is grey is drawn once: a band's light is that times the Sun's irradiance in the band."""
         model = self._camera.model
         drawn = self._scene.solar_irradiance_of(self._camera)
@@ -94,7 +95,7 @@ class Sensor:
                 parts.append((stars[letter], 1.0))
             points[letter] = merged(parts)
         has_points = any(len(each.xy_px) for each in points.values())
-        options = {"exposure_s": exposure_s, "roi": roi, "margin_px": self._margin_px}
+        options = {"exposure_s": exposure_s, "roi": roi, "margin_px": self._margin_px, "faults": faults}
         if not is_mosaic:
             return self._camera.expose(irradiance, seed, points=points[""] if has_points else None, **options)
         images = {letter: irradiance * np.float32(share) for letter, share in shares.items()}

@@ -17,8 +17,13 @@ from ..scene.scene import Scene, band_irradiances
 from ..view.state import State
 from ..view.view import BodyView, view_bodies
 
-SATURATED_SHARE = 0.5
-"""Share of a frame's pixels, or of its lit ones, from which on a warning names saturation."""
+SATURATED_SHARE, SATURATED_LIT_SHARE = 0.5, 0.05
+"""Share of a frame's pixels, and of its lit ones, from which on a warning names saturation: an automatic exposure
+leaves one in a hundred of the lit ones."""
+LEAST_BODY_PX = 1e-3
+"""Size of a body [px] below which its unit or range is doubted: missions have seen their targets from 5e-3 px on."""
+NOTES = ("exposure",)
+"""Codes of what is worth a word and no warning."""
 MIN_LIT_PX = 100
 """Least number of lit pixels for a warning of their share: fewer are a point source, which saturates its few pixels."""
 NIGHT_PHASE_DEG = 175.0
@@ -31,6 +36,8 @@ LEAST_DN = 0.5
 """Signal of the brightest pixel [DN] below which rounding leaves nothing of it."""
 # Rays along each side of the image that look for a body around the camera.
 _RAYS = 5
+# Rows of an image that are looked at before all of it is.
+_ROWS = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,10 +80,10 @@ def image_advice(scene: Scene, state: State, camera: PinholeCamera, plan: Render
         Whether the frame has stars, so that it has something to show without a body.
     """
     found = [Advice("plan", "plan.warnings", _printable(text)) for text in plan.warnings]
-    found += _distance_advice(scene, state)
+    found += _distance_advice(scene, state) + _size_advice(state, plan)
     in_view = [body.name for body in plan.bodies if body.is_visible]
     x0, y0, x1, y1 = roi
-    if not has_points and not light[y0:y1, x0:x1].any():
+    if not has_points and not (_some_rows(light[y0:y1, x0:x1]).any() or light[y0:y1, x0:x1].any()):
         if in_view or not has_stars:
             found += _why_dark(scene, state, camera, in_view, region, has_stars)
     elif in_view and not scene.emission and all(_is_night(state, name) for name in in_view):
@@ -106,7 +113,8 @@ def frame_advice(scene: Scene, camera: PinholeCamera, asked: float | str, frame:
     part = light[y0:y1, x0:x1]
     found = _saturation(scene, camera, frame, part, roi, has_stars, has_sun)
     found += _exposure_limit(camera.model, asked, frame, has_sun)
-    if part.size and not found and not has_stars:
+    if part.size and not found and not has_stars and (
+            _signal_DN(scene, camera, frame, _some_rows(part).max()) < LEAST_DN):
         peak = float(part.max())
         signal = _signal_DN(scene, camera, frame, peak)
         if 0.0 < signal < LEAST_DN:
@@ -115,6 +123,18 @@ def frame_advice(scene: Scene, camera: PinholeCamera, asked: float | str, frame:
                 f"of the bodies; {_fitting_exposure_s(scene, camera, peak, 0.7):.2g} s would put it at 70 % of the "
                 'range, as "auto" does')))
     return tuple(found)
+
+
+def frame_notes(asked: float | str, frame: Frame) -> tuple[Advice, ...]:
+    """Notes of a detector's frame: the exposure that "auto" chose."""
+    if asked != "auto":
+        return ()
+    return (Advice("exposure", "exposure_s", f"automatic exposure of {frame.exposure_s:.4g} s"),)
+
+
+def _some_rows(part: np.ndarray) -> np.ndarray:
+    """Rows of an image at even distances, which cost little to look at."""
+    return part[:: max(1, len(part) // _ROWS)]
 
 
 def _printable(text: str) -> str:
@@ -136,6 +156,17 @@ def _distance_advice(scene: Scene, state: State) -> list[Advice]:
     return found
 
 
+def _size_advice(state: State, plan: RenderPlan) -> list[Advice]:
+    found = []
+    for body in plan.bodies:
+        if body.is_visible and body.size_px < LEAST_BODY_PX:
+            range_m = math.dist(state.bodies[body.name].r_inertial_m, state.spacecraft.r_inertial_m)
+            found.append(Advice("body_size", f"state.bodies.{body.name}.r_inertial_m", (
+                f"{_printable(body.name)} is {body.size_px:.2g} px across at a range of {range_m:.3g} m; check its "
+                "length_unit (km or m), and that positions are in metres")))
+    return found
+
+
 # Dark images
 
 
@@ -147,10 +178,11 @@ def _lit_angle(state: State, name: str) -> float:
 
 
 def _is_night(state: State, name: str) -> bool:
-    r_body = state.bodies[name].r_inertial_m
-    to_sun, to_camera = state.r_sun_inertial_m - r_body, state.spacecraft.r_inertial_m - r_body
-    # A cosine is enough to leave by, and the quickest.
-    return float(to_sun @ to_camera) < _COS_NIGHT * math.sqrt(float(to_sun @ to_sun) * float(to_camera @ to_camera))
+    r_body, r_sun, r_camera = (r_m.tolist() for r_m in (
+        state.bodies[name].r_inertial_m, state.r_sun_inertial_m, state.spacecraft.r_inertial_m))
+    # A cosine is enough to leave by, and the quickest; NumPy is slow with three numbers.
+    along = sum((sun - body) * (camera - body) for sun, camera, body in zip(r_sun, r_camera, r_body, strict=True))
+    return along < _COS_NIGHT * math.dist(r_sun, r_body) * math.dist(r_camera, r_body)
 
 
 _COS_NIGHT = math.cos(math.radians(NIGHT_PHASE_DEG))
@@ -248,15 +280,21 @@ def _attitude_in_view(state: State, camera: PinholeCamera, name: str) -> str:
 def _saturation(scene: Scene, camera: PinholeCamera, frame: Frame, part: np.ndarray, roi: tuple[int, int, int, int],
                 has_stars: bool, has_sun: bool) -> list[Advice]:
     x0, y0, x1, y1 = roi
-    saturated, text = frame.saturated, ""
+    saturated, region, text = frame.saturated, frame.saturated[y0:y1, x0:x1], ""
+    some, near = _some_rows(saturated), _some_rows(region)
+    # By half of what the rows have, so that none of them decides.
+    if np.count_nonzero(some) <= 0.5 * SATURATED_SHARE * some.size and (
+            not np.count_nonzero(near) or np.count_nonzero(near & (lit := _some_rows(part) > 0.0))
+            <= 0.5 * SATURATED_LIT_SHARE * np.count_nonzero(lit)):
+        return []
     count, n_pixels = np.count_nonzero(saturated), saturated.size
     if count > SATURATED_SHARE * n_pixels:
         text = f"all {n_pixels} pixels" if count == n_pixels else f"{count} of {n_pixels} pixels"
     elif count and not has_stars:
         lit = part > 0.0
-        n_lit, count = np.count_nonzero(lit), np.count_nonzero(saturated[y0:y1, x0:x1] & lit)
-        if n_lit >= MIN_LIT_PX and count > SATURATED_SHARE * n_lit:
-            text = f"{'all' if count == n_lit else f'{count} of'} {n_lit} lit pixels"
+        n_lit, count = np.count_nonzero(lit), np.count_nonzero(region & lit)
+        if n_lit >= MIN_LIT_PX and count > SATURATED_LIT_SHARE * n_lit:
+            text = f"{'all' if count == n_lit else f'{count / n_lit:.0%} of'} {n_lit} lit pixels"
     if not text:
         return []
     fitting_s = _fitting_exposure_s(scene, camera, float(part.max(initial=0.0)), 1.0)

@@ -15,6 +15,7 @@ from ..base.rotations import dcm
 from ..scene.scene import Scene
 from ..view.state import Pose, State
 from .attitude import Attitude, Fixed, Geometry
+from .belief.belief import Belief
 from .epochs import Epoch
 from .paths import Trajectory
 
@@ -46,6 +47,8 @@ class Scenario:
         Sentences that `check` tells too: what was found when cameras were read.
     keypoints : mapping
         Places (3,) [m] in a body's frame, by the names of the body and the keypoint: for labels.
+    belief : Belief
+        How the on-board side has the scene.
 
     Raises
     ------
@@ -63,6 +66,7 @@ class Scenario:
     output: Mapping[str, Any] = field(default_factory=dict)
     notes: Sequence[str] = ()
     keypoints: Mapping[str, Mapping[str, np.ndarray]] = field(default_factory=dict)
+    belief: Belief = field(default_factory=Belief)
 
     def __post_init__(self):
         names = self.names

@@ -96,10 +96,13 @@ def body(table: Mapping[str, Any], path: str, files: Files) -> Body:
         with error_path(f"{path}.shape"):
             shape = Shape.from_file(files.path("", table["shape"]), length_unit=length_unit)
     if "albedo_texture" in table:
+        if shape.uv is None:
+            raise ConfigError(f"{path}.albedo_texture", "needs a shape with texture coordinates, and this one has none",
+                              table["albedo_texture"], "leave it out, or take a shape that has them (`vt` of an OBJ)")
         gain = positive(f"{path}.albedo_texture_gain", table.get("albedo_texture_gain", 1.0))
         with error_path(f"{path}.albedo_texture"):
             albedo_map = read_texture(files.path("", table["albedo_texture"])) * np.float32(gain)
-    law = _law(table["brdf"], f"{path}.brdf")
+    law = read_law(table["brdf"], f"{path}.brdf")
     detail = None
     if "detail" in table:
         with error_path(f"{path}.detail"):
@@ -118,7 +121,8 @@ def _generated(table: object, path: str) -> Shape:
         return _call(getattr(generate, kind), arguments)
 
 
-def _law(table: object, path: str) -> Law:
+def read_law(table: object, path: str) -> Law:
+    """A reflectance law of its table in a scene file, or of a preset."""
     if isinstance(table, Mapping) and "preset" in table:
         known_keys(path, table, ("preset",))
         return PRESETS[one_of(f"{path}.preset", table["preset"], sorted(PRESETS))].law

@@ -187,6 +187,8 @@ def frame_file(scene: Scene, index: int, state: State, options: FrameOptions, ca
     if capture.frame is not None:
         pixels = capture.frame.dn
         header = {"seed": capture.frame.seed, "exposure_s": capture.frame.exposure_s}
+        if capture.frame.faults:
+            header["faults"] = list(capture.frame.faults)
     if options.has_labels:
         header["labels"] = labels.frame_labels(scene, state, camera, pixels, capture.products,
                                                options.keypoints, options.limb_points)

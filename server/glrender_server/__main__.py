@@ -12,7 +12,7 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from glrender import ConfigError, GlrenderError, __version__, load_scene
+from glrender import ConfigError, GlrenderError, Scene, __version__, load_scene
 from glrender_camera.validate import integer, positive
 
 from . import limits, logs
@@ -39,7 +39,10 @@ def main(argv: list[str] | None = None) -> int:
     """Entry point of the console script."""
     parser = argparse.ArgumentParser(prog="glrender-server", description=__doc__)
     parser.add_argument("--version", action="version", version=f"glrender-server {__version__}")
-    parser.add_argument("scene", type=Path, help="scene file (TOML)")
+    parser.add_argument("scene", type=Path, help="scene file (TOML), or with --belief a scenario file")
+    parser.add_argument("--belief", action="store_true",
+                        help="serve the scene that the [belief] of a scenario file makes of its own, to the on-board "
+                             "side; the true one is served by another server")
     parser.add_argument("--zmq", default="tcp://127.0.0.1:5555", metavar="ENDPOINT",
                         help="where to listen (tcp://127.0.0.1:5555); port * takes a free one; ipc:///path too")
     parser.add_argument("--tcp", metavar="HOST:PORT",
@@ -120,7 +123,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def _engine(arguments: argparse.Namespace) -> LocalEngine | WorkerPool:
     n_workers = integer("--workers", arguments.workers, 1, MAX_WORKERS)
-    what = load_scene(arguments.scene), arguments.backend, arguments.shape_dir
+    what = _scene(arguments), arguments.backend, arguments.shape_dir
     if arguments.in_process:
         if n_workers > 1 or arguments.deadline is not None:
             raise ConfigError("--in-process", "goes with no --workers and no --deadline",
@@ -133,6 +136,15 @@ def _engine(arguments: argparse.Namespace) -> LocalEngine | WorkerPool:
         memory_bytes = int(2**30 * positive("--worker-memory", arguments.worker_memory))
     return WorkerPool(*what, n_workers=n_workers, deadline_s=deadline_s, log_format=arguments.log_format,
                       slow_deadline_s=positive("--slow-deadline", arguments.slow_deadline), memory_bytes=memory_bytes)
+
+
+def _scene(arguments: argparse.Namespace) -> Scene:
+    if not arguments.belief:
+        return load_scene(arguments.scene)
+    # It takes a second to import, and few servers need it.
+    from glrender.scenario import load_believed_scene
+
+    return load_believed_scene(arguments.scene)
 
 
 def _memory_bytes() -> int:

@@ -30,6 +30,7 @@ COMMANDS = {
     "top": "how a running server does, on one screen",
     "view": "show the frames of a running server on a page in the browser",
     "keygen": "make CURVE keys: the server's, and one pair for each client",
+    "campaign": "fly a loop with other seeds, beliefs, faults and budgets, and report its errors",
     "completion": "print a script that completes commands in a shell",
 }
 

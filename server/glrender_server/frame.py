@@ -11,10 +11,12 @@ import numpy as np
 from glrender import ConfigError, PinholeCamera, ProtocolError, Scene
 from glrender.capture.static_exposure import drawn_pixels
 from glrender.engines.image import peak_bytes
+from glrender_camera.faults.fault import Fault
+from glrender_camera.faults.frame_faults import checked_faults
 from glrender_camera.validate import integer, known_keys, one_of, positive
 
 OUTPUTS = ("irradiance", "dn")
-FRAME_KEYS = ("camera", "output", "exposure_s", "seed", "max_error", "samples", "products", "roi")
+FRAME_KEYS = ("camera", "output", "exposure_s", "seed", "max_error", "samples", "products", "roi", "faults")
 """Fields of a frame: of the request itself, or of an entry of its `frames`."""
 MAX_FRAME_BYTES = 4 * 1024**3
 """Most memory that one request's images and products may take while they are made."""
@@ -41,6 +43,7 @@ class FrameRequest:
     products: list[Any]
     roi: tuple[int, int, int, int] | None
     peak_bytes: int
+    faults: tuple[Fault, ...] | None = None
 
     @classmethod
     def from_dict(cls, table: Mapping[str, Any], scene: Scene, path: str = "") -> FrameRequest:
@@ -55,7 +58,7 @@ class FrameRequest:
         products = table.get("products", [])
         if not isinstance(products, list):
             raise ProtocolError("products", "must be a list of names", products)
-        exposure_s, seed = table.get("exposure_s"), table.get("seed", 0)
+        exposure_s, seed, faults = table.get("exposure_s"), table.get("seed", 0), None
         if output == "dn":
             if camera.model is None:
                 raise ConfigError("output", f"camera {camera.name!r} has no optics and detector", output,
@@ -63,13 +66,13 @@ class FrameRequest:
             if exposure_s not in (None, "auto"):
                 exposure_s = positive("exposure_s", exposure_s)
             seed = integer("seed", seed, 0, 2**64 - 1)
-        elif "exposure_s" in table or "seed" in table:
-            raise ProtocolError("exposure_s" if "exposure_s" in table else "seed",
-                                "belongs to output 'dn'", output)
+            faults = checked_faults("faults", table["faults"]) if "faults" in table else None
+        elif found := [name for name in ("exposure_s", "seed", "faults") if name in table]:
+            raise ProtocolError(found[0], "belongs to output 'dn'", output)
         roi = _region(table["roi"], camera) if "roi" in table else None
         return cls(path=path, camera=camera, output=output, exposure_s=exposure_s, seed=seed,
                    max_error=table.get("max_error"), samples=table.get("samples"), products=products, roi=roi,
-                   peak_bytes=peak_bytes(drawn_pixels(camera), products))
+                   peak_bytes=peak_bytes(drawn_pixels(camera), products), faults=faults)
 
     @contextmanager
     def named_errors(self) -> Iterator[None]:

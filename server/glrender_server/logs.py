@@ -51,19 +51,19 @@ class TextFormatter(logging.Formatter):
 class Sparing(logging.Filter):
     """Passes a few lines of one kind in a while; the next that passes says how many were left out.
 
-    A kind is a message before its values are set in. Debug lines, of each request, all pass.
+    A kind is a message before its values are set in, or a warning's code. Debug lines, of each request, all pass.
     """
 
     def __init__(self):
         super().__init__()
         # Of each kind: when its period began, the lines in it, and those left out.
-        self._kinds: dict[tuple[str, str], list[float]] = {}
+        self._kinds: dict[tuple[str, str, str], list[float]] = {}
 
     def filter(self, record: logging.LogRecord) -> bool:
         """Whether a record is written."""
         if record.levelno <= logging.DEBUG:
             return True
-        now, kind = time.monotonic(), (record.name, str(record.msg))
+        now, kind = time.monotonic(), (record.name, str(record.msg), getattr(record, "code", ""))
         if kind not in self._kinds and len(self._kinds) >= _MAX_KINDS:
             self._kinds.clear()
         known = self._kinds.setdefault(kind, [now, 0, 0])

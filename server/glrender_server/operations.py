@@ -61,13 +61,14 @@ class Operations:
     on_progress : callable
         Called while a slow frame is drawn, with the share done of the request's frames.
     last_warnings : list of (str, tuple of Advice)
-        What the last request's frames warn of, each with its camera's name.
+        What the last request's frames warn of and note, each with its camera's name.
     """
 
     def __init__(self, scene: Scene, backend: str = "auto", shape_dir: Path | None = None):
         self._backend, self._shape_dir = backend, shape_dir
         prepare(scene)
         self.scene, self._renderer = scene, open_renderer(scene, backend)
+        self._of_shapes = [*map(asdict, scene_advice(scene))]
         self.last_timings_ms: dict[str, float] = {}
         self.last_warnings: list[tuple[str, tuple[Advice, ...]]] = []
         self._memory: codec.Memory | None = None
@@ -93,7 +94,7 @@ class Operations:
                         for c in self.scene.cameras],
             "bodies": [{"name": b.name, "n_facets": len(b.shape.facets), "radius_m": b.shape.radius_m,
                         "law": b.brdf.glsl, "warnings": list(b.shape.report.warnings)} for b in self.scene.bodies],
-            "max_error": self.scene.max_error, "warnings": [asdict(advice) for advice in scene_advice(self.scene)],
+            "max_error": self.scene.max_error, "warnings": self._of_shapes,
             "stars": None if self.scene.stars is None else asdict(self.scene.stars), **self._renderer.info}
 
     def answer(self, header: Mapping[str, Any], memory: codec.Memory | None = None) -> tuple[list[Any], str]:
@@ -125,7 +126,7 @@ class Operations:
         # The old scene serves on if the new one fails.
         renderer = open_renderer(scene, self._backend)
         self._renderer.close()
-        self.scene, self._renderer = scene, renderer
+        self.scene, self._renderer, self._of_shapes = scene, renderer, [*map(asdict, scene_advice(scene))]
         return codec.pack({**echo(header), "ok": True, **self.described})
 
     def _render(self, header: Mapping[str, Any]) -> list[Any]:
@@ -173,11 +174,13 @@ class Operations:
         camera, fields = asked.camera, {}
         options = {"products": asked.products, "max_error": asked.max_error, "samples": asked.samples, **slow}
         if asked.output == "dn":
-            options |= {"seed": asked.seed, "exposure_s": asked.exposure_s}
+            options |= {"seed": asked.seed, "exposure_s": asked.exposure_s, "faults": asked.faults}
             capture = self._drawn(take_frame, state, camera.name, **options)
             frame, pixels = capture.frame, capture.frame.dn
             fields = {"exposure_s": frame.exposure_s, "seed": asked.seed,
                       "n_saturated_px": int(np.count_nonzero(asked.cut(frame.saturated)))}
+            if asked.faults or camera.model.faults:
+                fields["faults"] = list(frame.faults)
             if "auto" in (asked.exposure_s, camera.model.exposure_s):
                 # The memory of an onboard loop is the client's: sent back, the same request gives the same bytes.
                 fields["next_exposure_s"] = camera.model.auto_exposure.after(frame, camera.model.detector)
@@ -186,10 +189,10 @@ class Operations:
             pixels = capture.irradiance_W_m2
         arrays = {"image": (asked.cut(pixels), _UNITS[asked.output])}
         arrays |= {name: (asked.cut(array), _UNITS[name]) for name, array in capture.products.items()}
-        self.last_warnings.append((camera.name, capture.warnings))
+        self.last_warnings.append((camera.name, (*capture.warnings, *capture.notes)))
         return {"camera": camera.name, "output": asked.output, "plan": capture.plan.to_dict(),
                 "timings_ms": dict(capture.timings_ms), "stages": capture.stages, "unit": _UNITS[asked.output],
-                "warnings": [asdict(advice) for advice in capture.warnings],
+                "warnings": [*map(asdict, capture.warnings), *self._of_shapes], "notes": [*map(asdict, capture.notes)],
                 **fields, **({"roi": asked.roi} if asked.roi else {})}, arrays
 
     def _range(self, header: Mapping[str, Any]) -> list[Any]:

@@ -6,7 +6,7 @@ import logging
 from collections import OrderedDict
 from collections.abc import Iterable, Mapping, Sequence
 
-from glrender.engines.advice import Advice
+from glrender.engines.advice import NOTES, Advice
 
 log = logging.getLogger(__name__)
 
@@ -50,7 +50,8 @@ class WarningLog:
             known = self._known.pop((client, camera), {})
             for key, advice in found.items():
                 if key not in known:
-                    log.warning("%s: %s", camera if camera.isprintable() else repr(camera), advice.message, extra={
+                    level = logging.INFO if advice.code in NOTES else logging.WARNING
+                    log.log(level, "%s: %s", camera if camera.isprintable() else repr(camera), advice.message, extra={
                         "client": client, "camera": camera, "code": advice.code, "path": advice.path})
             lately = {key: last_s for key, last_s in known.items() if now_s - last_s < AWAY_S}
             known = {**lately, **dict.fromkeys(found, now_s)}

@@ -16,7 +16,7 @@ REPOSITORY = Path(__file__).parents[2]
 STANDARD = set(sys.stdlib_module_names)
 PACKAGES = {"glrender_camera": "camera_model/glrender_camera", "glrender": "glrender",
             "glrender_server": "server/glrender_server", "glrender_client": "clients/python/glrender_client",
-            "glrender_vizard": "server/glrender_vizard"}
+            "glrender_navigation": "clients/python/glrender_navigation", "glrender_vizard": "server/glrender_vizard"}
 
 # Rooms of glrender, each may use those before it.
 ORDER = ("base", "brdf", "shaders", "scene", "view", "planner", "engines", "emission", "capture", "renderer", "ranging",
@@ -45,6 +45,7 @@ OUTSIDE = {
     "glrender.sequences.dask_processes": {"distributed"},
     "glrender.sequences.dataset": {"numpy", "PIL", "h5py", "glrender_camera"},
     "glrender.scenario": {"numpy", "scipy", "spiceypy", "pyarrow", "glrender_camera"},
+    "glrender.scenario.belief": {"numpy", "scipy", "fast_simplification", "glrender_camera"},
     "glrender_server": {"numpy", "cv2", "zmq", "msgpack", "glrender", "glrender_camera"},
     # The page watches by the client, in a process of its own.
     "glrender_server.view": {"numpy", "starlette", "uvicorn", "glrender", "glrender_camera", "glrender_client"},
@@ -53,10 +54,17 @@ OUTSIDE = {
     "glrender_server.commands": {"numpy", "tqdm", "PIL", "shtab", "glrender", "glrender_camera"},
     # The demo and `top` also drive the client.
     "glrender_server.commands.top": {"glrender", "glrender_camera", "glrender_client"},
-    "glrender_server.commands.demo": {"numpy", "tqdm", "glrender", "glrender_camera", "glrender_client"},
+    "glrender_server.commands.demo": {"numpy", "tqdm", "glrender", "glrender_camera", "glrender_client",
+                                      "glrender_navigation"},
+    "glrender_server.campaign": {"numpy", "cv2", "PIL", "glrender", "glrender_camera", "glrender_navigation"},
+    # The on-board side knows nothing of the renderer, of scenes or of the truth.
+    "glrender_server.campaign.onboard": {"numpy", "glrender_navigation"},
+    "glrender_server.campaign.plots": {"numpy", "matplotlib"},
     "glrender_server.commands.demo_plots": {"numpy", "matplotlib"},
     "glrender_server.commands.scenario_plots": {"numpy", "matplotlib", "glrender"},
     "glrender_client": {"numpy", "zmq", "msgpack"},
+    # On-board software: frames and states alone, neither the renderer nor the truth.
+    "glrender_navigation": {"numpy", "scipy", "cv2"},
     "glrender_vizard": {"numpy", "scipy", "cv2", "zmq", "msgpack", "glrender", "glrender_camera", "glrender_server"},
 }
 
@@ -118,7 +126,8 @@ def test_the_check_sees_a_backward_arrow():
                          ("glrender.brdf.law", "glrender.scene.scene"), ("glrender.planner.plan", "glrender.renderer"),
                          ("glrender.scenario.scenario", "glrender.renderer"),
                          ("glrender.renderer", "glrender.scenario.scenario"),
-                         ("glrender_client.client", "glrender"), ("glrender_server.server", "glrender_vizard"),
+                         ("glrender_client.client", "glrender"), ("glrender_navigation.filter", "glrender"),
+                         ("glrender_server.server", "glrender_vizard"),
                          ("glrender_vizard.frames", "glrender_client"), ("glrender.scene.body", "glrender.view.view")):
         assert _wrong(module, {name}) == [name]
 
@@ -153,7 +162,8 @@ def test_no_import_of_our_own_inside_a_function():
     assert not found, found
 
 
-@pytest.mark.parametrize("name", ["glrender", "glrender_camera", "glrender.brdf", "glrender_client"])
+@pytest.mark.parametrize("name", ["glrender", "glrender_camera", "glrender.brdf", "glrender_client",
+                                  "glrender_navigation"])
 def test_import_opens_no_context(name):
     """Laws, scenes and cameras work on a machine without OpenGL."""
     code = f"import {name}, sys; sys.exit('moderngl' in sys.modules)"

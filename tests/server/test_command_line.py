@@ -280,7 +280,7 @@ def test_render_takes_capital_endings(folder):
 def test_doctor_finds_what_hinders(folder):
     made = run("doctor", cwd=folder)
     assert made.returncode == 0 and made.stdout.count("OpenGL by ") == 2
-    assert all(f"extra {name} " in made.stdout for name in ("fits", "parquet", "hdf5", "dask", "view"))
+    assert all(f"extra {name} " in made.stdout for name in ("fits", "parquet", "hdf5", "dask", "view", "belief"))
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         port = taken.getsockname()[1]
@@ -304,5 +304,8 @@ def test_the_demo_flies_its_loop_and_leaves_its_pictures(folder, shape, request)
     error = summary["navigation_error_m"]
     assert error["rms_settled"] < 0.3 * error["handover"], "it found its way"
     assert summary["navigation_error_over_range"] < 0.02
+    facets = summary["facets"]
+    assert 0.09 < facets["on_board"] / facets["true"] <= 0.1
+    assert f"an on-board model of {facets['on_board']} of {facets['true']} facets" in made.stdout
     for name in ("contact_sheet.png", "trajectory.png"):
         assert Image.open(folder / "out" / name).size[0] > 500

@@ -49,18 +49,19 @@ def test_replies_carry_them_over_both_transports_and_the_log_has_each_once(tmp_p
             assert told["code"] == "shape" and told["path"] == "bodies[0].shape" and "body: 3 open" in told["message"]
             for number in range(12):
                 reply = client.render({**AWAY, "t_s": float(number)}, "bare")
-                (warning,) = reply.warnings
+                warning, of_shape = reply.warnings
+                assert of_shape.code == "shape" and "3 open edges" in of_shape.message
                 assert (warning.code, warning.path) == ("behind_camera", "state.spacecraft.q_from_inertial")
                 assert BEHIND in warning.message and not reply.pixels.any()
-            assert client.render(SEEN, "bare").warnings == ()
+            assert [told.code for told in client.render(SEEN, "bare").warnings] == ["shape"]
             first, second = client.render_frames(AWAY, [{"camera": "bare"}, {"camera": "navcam", "output": "dn"}])
-            assert [each.code for each in (*first.warnings, *second.warnings)] == 2 * ["behind_camera"]
+            assert [each.code for each in (*first.warnings, *second.warnings)] == 2 * ["behind_camera", "shape"]
             overexposed = client.render(SEEN, "navcam", output="dn", exposure_s=10.0)
-            assert [told.code for told in overexposed.warnings] == ["saturated"]
+            assert [told.code for told in overexposed.warnings] == ["saturated", "shape"]
         with serving.Framed(serving.tcp_address(process)) as framed:
             header = msgpack.unpackb(framed.ask(msgpack.packb({
                 "v": 1, "op": "render", "id": 1, "client": "framed", "state": AWAY, "camera": "bare"}))[0])
-        assert [told["code"] for told in header["warnings"]] == ["behind_camera"]
+        assert [told["code"] for told in header["warnings"]] == ["behind_camera", "shape"]
         # Two clients, and of the first two cameras.
         assert log_lines(tmp_path, process, "bare: " + BEHIND, "navcam: " + BEHIND, "pixels are saturated",
                          "3 open edges") == [2, 1, 1, 1]

@@ -14,6 +14,8 @@ import serving
 from glrender import Scene, generate
 from glrender_camera import AutoExposure, Detector, Optics
 from glrender_camera.aberrations import Aberrations
+from glrender_camera.faults.fault import Fault
+from glrender_camera.faults.frame_faults import KINDS
 from glrender_camera.straylight import StrayLight
 from glrender_server.cli import main
 
@@ -115,6 +117,17 @@ def test_the_defaults_on_the_camera_models_page():
             assert (defaults[name] or 0.0) == number, name
             checked.append(name)
     assert len(checked) > 20
+
+
+def test_the_camera_models_page_has_every_fault_with_its_defaults():
+    page = (ROOT / "docs" / "camera_model.md").read_text(encoding="utf-8")
+    common = {field.name for field in dataclasses.fields(Fault)}
+    for kind, fault in KINDS.items():
+        (given,) = re.findall(rf"^\| `{kind}` \| ([^|]*) \|", page, re.M)
+        defaults = {field.name: field.default for field in dataclasses.fields(fault) if field.name not in common}
+        assert re.findall(r"`(\w+)`", given) == list(defaults), kind
+        numbers = re.findall(r"` ([\d.]+)", given)
+        assert [float(text) for text in numbers] == [v for v in defaults.values() if v is not dataclasses.MISSING]
 
 
 def test_there_are_snippets():

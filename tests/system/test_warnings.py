@@ -337,7 +337,7 @@ def test_the_sun_at_an_unlikely_distance(one, sun_au, is_told):
 
 # Nearer than 200 m at 130 degrees there is nothing but night.
 @pytest.mark.parametrize("range_m, phase_deg", [
-    (range_m, phase_deg) for range_m in (102.0, 150.0, 1000.0, 1e5, 1e9) for phase_deg in (0.0, 60.0, 130.0)
+    (range_m, phase_deg) for range_m in (102.0, 150.0, 1000.0, 1e5, 1e8) for phase_deg in (0.0, 60.0, 130.0)
     if range_m > 200.0 or phase_deg < 90.0])
 def test_ordinary_states_have_none(one, range_m, phase_deg):
     state = views.state(phase_deg, range_m=range_m)

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 REPOSITORY = Path(__file__).parents[2]
-PACKAGES = ("glrender", "glrender_camera", "glrender_server", "glrender_client")
+PACKAGES = ("glrender", "glrender_camera", "glrender_server", "glrender_client", "glrender_navigation")
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,8 @@ def installed(tmp_path_factory):
 
 def test_every_file_of_the_packages_is_in_the_wheel(installed):
     for package, home in zip(PACKAGES, ("glrender", "camera_model/glrender_camera", "server/glrender_server",
-                                        "clients/python/glrender_client"), strict=True):
+                                        "clients/python/glrender_client",
+                                        "clients/python/glrender_navigation"), strict=True):
         tracked = subprocess.run(["git", "ls-files", "."], cwd=REPOSITORY / home, capture_output=True, text=True)
         names = tracked.stdout.split()
         assert names and not [name for name in names if not (installed / package / name).is_file()]
@@ -46,7 +47,7 @@ def test_the_wheel_alone_draws_and_serves(installed, tmp_path):
     assert run.returncode == 0 and "frame: 1024 x 1024" in run.stdout, run.stdout + run.stderr
 
 
-@pytest.mark.parametrize("package", ["glrender", "glrender_camera"])
+@pytest.mark.parametrize("package", ["glrender", "glrender_camera", "glrender_navigation"])
 def test_every_name_is_found_where_type_checkers_see_it(package):
     module = importlib.import_module(package)
     branch = next(node for node in ast.parse(Path(module.__file__).read_text()).body if isinstance(node, ast.If))

@@ -132,7 +132,8 @@ class Client:
     def render(self, state: Mapping[str, Any] | HasDict, camera: str | None = None, *, output: str = "irradiance",
                exposure_s: float | str | None = None, seed: int | None = None, max_error: float | None = None,
                samples: int | None = None, products: Sequence[str] = (), roi: Sequence[int] | None = None,
-               order: str = "C", allow_slow: bool | str = False, background: bool = False) -> Reply:
+               order: str = "C", allow_slow: bool | str = False, background: bool = False,
+               faults: Sequence[Mapping[str, Any]] | None = None) -> Reply:
         """Ask for one frame.
 
         Parameters
@@ -162,6 +163,8 @@ class Client:
             give `timeout_s` of this client as much.
         background : bool
             Whether the frame is drawn only while nobody else waits, and in 0.5 % of the time while others ask.
+        faults : sequence of mappings, optional
+            With "dn": ``{"kind": "lost_lines", "place": "limb"}``, ..., instead of the camera's own; empty for none.
 
         Raises
         ------
@@ -171,7 +174,7 @@ class Client:
         """
         return self._ask_frames(render_fields(
             state, camera, output=output, exposure_s=exposure_s, seed=seed, max_error=max_error, samples=samples,
-            products=products, roi=roi, order=order, allow_slow=allow_slow, background=background))
+            products=products, roi=roi, order=order, allow_slow=allow_slow, background=background, faults=faults))
 
     def watch(self, after: int = 0, *, of_client: str | None = None, camera: str | None = None,
               password: str = "") -> Watched:

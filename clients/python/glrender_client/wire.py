@@ -41,7 +41,8 @@ class Reply:
     Attributes
     ----------
     header : dict
-        `plan`, `timings_ms`, `t_s`, `unit`, and for digital numbers `exposure_s`, `seed`, `stages`.
+        `plan`, `timings_ms`, `t_s`, `unit`, and for digital numbers `exposure_s`, `seed`, `stages`, and
+        `faults`, where each is, if any was asked for.
     arrays : dict of str to array
         ``image`` and the products asked for; of ranges ``range``, ``body_id``, ``facet_id``,
         ``beam_incidence``. Read-only, without a copy of what came.
@@ -61,8 +62,15 @@ class Reply:
     @property
     def warnings(self) -> tuple[FrameWarning, ...]:
         """Warnings of the frame, or of any of several: nothing in view, saturation (docs/protocol.md)."""
-        own = (FrameWarning(each["code"], each["path"], each["message"]) for each in self.header.get("warnings", ()))
-        return (*own, *(told for frame in self.frames for told in frame.warnings))
+        return (*self._told("warnings"), *(told for frame in self.frames for told in frame.warnings))
+
+    @property
+    def notes(self) -> tuple[FrameWarning, ...]:
+        """Notes of the frame, or of any of several: the exposure that "auto" chose."""
+        return (*self._told("notes"), *(told for frame in self.frames for told in frame.notes))
+
+    def _told(self, name: str) -> list[FrameWarning]:
+        return [FrameWarning(each["code"], each["path"], each["message"]) for each in self.header.get(name, ())]
 
     def __repr__(self) -> str:
         header = self.header
@@ -109,10 +117,12 @@ class Packer:
 
 def frame_fields(camera: str | None = None, *, output: str = "irradiance", exposure_s: float | str | None = None,
                  seed: int | None = None, max_error: float | None = None, samples: int | None = None,
-                 products: Sequence[str] = (), roi: Sequence[int] | None = None) -> dict[str, Any]:
+                 products: Sequence[str] = (), roi: Sequence[int] | None = None,
+                 faults: Sequence[Mapping[str, Any]] | None = None) -> dict[str, Any]:
     """The fields of one frame; the arguments are those of `Client.render`."""
     optional = {"camera": camera, "exposure_s": exposure_s, "seed": seed, "max_error": max_error, "samples": samples,
-                "products": list(products) or None, "roi": None if roi is None else list(roi)}
+                "products": list(products) or None, "roi": None if roi is None else list(roi),
+                "faults": None if faults is None else list(faults)}
     return {"output": output, **{name: value for name, value in optional.items() if value is not None}}
 
 

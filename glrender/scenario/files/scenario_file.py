@@ -14,11 +14,13 @@ from ...base.constants import AU_M
 from ...base.errors import ConfigError, error_path
 from ...scene.scene import Scene
 from ...scene.scene_file import read_toml
+from ..belief.belief import Belief
 from ..random_states import RandomStates
 from ..samplers import Times
 from ..scenario import SPACECRAFT, SUN, Scenario
 from ..spice.kernels import Spice
 from .attitude_fields import read_body_attitude, read_craft_attitude
+from .belief_fields import read_belief
 from .camera_fields import read_cameras
 from .fields import Known, a_table, with_scales
 from .keypoint_fields import read_keypoints
@@ -33,7 +35,7 @@ from .trajectory_fields import (
     read_trajectory,
 )
 
-_OWN_KEYS = ("scene", "encounter", "trajectory", "random", "attitude", "time", "sun", "spice", "output")
+_OWN_KEYS = ("scene", "encounter", "trajectory", "random", "attitude", "time", "sun", "spice", "output", "belief")
 _BODY_KEYS = ("orbit", "trajectory", "spin", "attitude", "keypoints")
 
 
@@ -63,6 +65,27 @@ def load_setting(path: str | Path) -> tuple[Scene, dict[str, dict[str, np.ndarra
         own, entries = _taken(table)
         read_cameras(table, path.parent, _spice(own, path.parent))
         return _scene(table, path.parent), _keypoints(entries, path.parent)
+
+
+def load_believed_scene(path: str | Path) -> Scene:
+    """The scene that the [belief] of a scenario file makes of its scene; its trajectory and times are not looked at.
+
+    Raises
+    ------
+    ConfigError
+        With the path of the field.
+    """
+    path = Path(path)
+    with error_path(path.name):
+        table = _with_scene(read_toml(path), path.parent)
+        own, _ = _taken(table)
+        if "belief" not in own:
+            raise ConfigError("belief", "missing", hint="say in [belief] what is believed, or serve the scene itself")
+        read_cameras(table, path.parent, _spice(own, path.parent))
+        scene = _scene(table, path.parent)
+        belief = _belief(own, scene, path.parent)
+        with error_path("belief"):
+            return belief.scene(scene)
 
 
 def scenario_of_table(table: Mapping[str, Any], *, folder: str | Path = ".",
@@ -136,7 +159,7 @@ def _scenario(table: dict[str, Any], folder: Path) -> Scenario | RandomStates:
         output = a_table(own.get("output", {}))
     keypoints = _keypoints(entries, folder)
     make = partial(Scenario, trajectories=known.trajectories, origin=origin, start=known.start, scene=known.scene,
-                   output=output, keypoints=keypoints, notes=tuple(notes))
+                   output=output, keypoints=keypoints, notes=tuple(notes), belief=_belief(own, known.scene, folder))
     if "random" in own:
         for key in ("attitude", "time"):
             if set(a_table(own.get(key, {}))) - set(with_scales("start")):
@@ -160,6 +183,11 @@ def _taken(table: dict[str, Any]) -> tuple[dict[str, Any], Any]:
 def _spice(own: Mapping[str, Any], folder: Path) -> Spice | None:
     with error_path("spice"):
         return read_spice(own["spice"], folder) if "spice" in own else None
+
+
+def _belief(own: Mapping[str, Any], scene: Scene, folder: Path) -> Belief:
+    with error_path("belief"):
+        return read_belief(own.get("belief", {}), scene, folder)
 
 
 def _keypoints(entries: Sequence[Mapping[str, Any]], folder: Path) -> dict[str, dict[str, np.ndarray]]:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from glrender import Body, ConfigError, GlrenderError, PinholeCamera
 from glrender.base.errors import error_path
+from glrender.engines.advice import scene_advice
 from glrender.scenario import RandomStates, Scenario
 from glrender.scenario.files.keypoint_fields import off_surface
 from glrender.sequences.dataset.dataset import most_bytes
@@ -24,6 +25,7 @@ from .waited import waited_s
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `glrender check`."""
     add_subject(parser)
+    parser.add_argument("given", nargs="?", type=Path, metavar="STATE", help="the same as --state STATE")
     add_drawing(parser)
     add_picture(parser, None)
     parser.add_argument("--plot", type=Path, metavar="FILE.png",
@@ -32,6 +34,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Tell of bodies and cameras; then of a scenario's sequence, or else of one frame, which is drawn."""
+    if arguments.given is not None:
+        if arguments.state is not None:
+            raise ConfigError("--state", "is given twice", str(arguments.state), "leave one of them out")
+        arguments.state = arguments.given
     if arguments.out is not None:
         check_picture(arguments, "DN" if arguments.output == "dn" else "W/m2")
     subject = read_subject(arguments.subject, arguments.unit)
@@ -76,7 +82,11 @@ def _plot(scenario: Scenario, arguments: argparse.Namespace) -> None:
 def _check_sequence(scenario: Scenario | RandomStates) -> None:
     with error_path("output"):
         output = options_of(scenario.scene, scenario.output)
-    for warning in (*scenario.check(), *off_surface(scenario.scene, scenario.keypoints)):
+    belief = (scenario.setting if isinstance(scenario, RandomStates) else scenario).belief
+    with error_path("belief"):
+        belief.scene(scenario.scene)
+    sys.stdout.writelines(f"belief of {line}\n" for line in belief.told(scenario.scene))
+    for warning in (*scene_advice(scenario.scene), *scenario.check(), *off_surface(scenario.scene, scenario.keypoints)):
         sys.stderr.write(f"glrender: warning: {warning}\n")
     if isinstance(scenario, RandomStates):
         size = most_bytes(scenario.scene, scenario.camera.name, scenario.frames, output.products)

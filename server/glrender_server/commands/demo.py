@@ -1,32 +1,36 @@
 """The closed-loop demo: a spacecraft finds its way to a body and round it by its camera alone.
 
-The server runs in its own process; this one flies. Each step posts the true state, gets the
-frame that the navigation camera would have taken, measures it, and steers by the estimate:
-the simulation's truth never reaches the estimator.
+Two servers run in processes of their own: one has the true body, the other the on-board model of it, of a tenth of
+the facets. Each step posts the true state to the first, gets the frame that the navigation camera would have taken,
+and steers by the on-board estimate. The on-board side has the second server, frames and its own estimate alone.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import os
-import select
-import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import dataclass, replace
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
-from glrender import ConfigError, GlrenderError, Pose, Shape, State, frames, generate
+from glrender import ConfigError, Pose, Shape, State, frames, generate
 from glrender.base.constants import AU_M
+from glrender.scenario import Belief, load_believed_scene
+from glrender.scenario.belief.decimation import checked_share
 from glrender.scene.scene import checked_max_error
 from glrender_camera.validate import integer
 from glrender_client import Client
+from glrender_navigation import BelievedBody, Camera, Navigator
 from tqdm import tqdm
 
-from .autopilot import CenterFinder, Navigator, ReferencePath
+from ..campaign.onboard import OF_FRAMES, OnBoard
+from .autopilot import ReferencePath
+from .own_server import OwnServer
 
 _FOCAL_LENGTH_PX_PER_WIDTH = 3.2
 # 3 mm at 512 px: pixels of a smaller image see more, and would be saturated in the shortest exposure.
@@ -34,7 +38,6 @@ _APERTURE_M_PER_PX = 0.003 / 512
 _SPIN_PERIOD_S = 4.0 * 3600.0
 _STEP_S = 60.0
 _SUN_DISTANCE_AU = 1.0
-_STARTUP_S = 120.0
 # The path is steered back to in a tenth of the flight: of fewer steps the loop overshoots, and loses the body.
 _MIN_FRAMES = 24
 
@@ -46,8 +49,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--frames", type=int, default=240, help=f"steps of the loop, at least {_MIN_FRAMES} (240)")
     parser.add_argument("--size-px", type=int, default=512, help="side of the image (512)")
     parser.add_argument("--max-error", type=float, default=0.1, help="the planner's budget (0.1)")
-    parser.add_argument("--estimator", choices=("model", "sphere"), default="model",
-                        help="phase correction by rendering the estimated state, or as of a sphere (model)")
+    parser.add_argument("--estimator", choices=tuple(OF_FRAMES), default="model",
+                        help="how the body is found in a frame: `model` renders the estimated state by the on-board "
+                             "model, `sphere` takes a sphere for it (model)")
+    parser.add_argument("--belief", default="0.1", metavar="SHARE",
+                        help="of the true shape's facets that the on-board model has (0.1); exact: the true shape")
     parser.add_argument("--seed", type=int, default=1, help="of the body, the sensor and the manoeuvres (1)")
     parser.add_argument("--backend", default="auto", choices=("auto", "egl", "osmesa"))
     parser.add_argument("--view", type=int, metavar="PORT", help="show the frames on a page meanwhile; 0: a free port")
@@ -71,16 +77,37 @@ def run(arguments: argparse.Namespace) -> int:
     integer("frames", arguments.frames, _MIN_FRAMES, 100_000)
     integer("size-px", arguments.size_px, 64, 4096)
     checked_max_error(arguments.max_error, "max-error")
-    with tempfile.TemporaryDirectory(prefix="glrender-demo-") as folder:
+    share = _share(arguments.belief)
+    with tempfile.TemporaryDirectory(prefix="glrender-demo-") as folder, ExitStack() as stack:
         scene_file, shape = _write_scene(Path(folder), arguments)
+        belief_file = scene_file.with_name("belief.toml")
+        belief_file.write_text(f'scene = "{scene_file.name}"\n[belief.bodies.body]\nfacets = {share}\n')
+        believed = load_believed_scene(belief_file).bodies[0].shape
         arguments.out.mkdir(parents=True, exist_ok=True)
-        say(f"Body: {len(shape.facets)} facets, {2.0 * shape.radius_m:.4g} m across")
-        with _Server(scene_file, arguments.backend, arguments.view) as endpoint:
-            with Client(endpoint, timeout_s=30.0) as client:
-                hello = client.hello()
-                say(f"Server: {endpoint}, {hello.get('gl_renderer') or hello.get('renderer')}")
-                log, elapsed_s = _fly(client, shape, arguments)
-    return _report(log, elapsed_s, shape, arguments)
+        say(f"Body: {len(shape.facets)} facets, {2.0 * shape.radius_m:.4g} m across; the on-board model of it has "
+            f"{len(believed.facets)}{', the same' * (share == 1.0)}")
+        options = ["--backend", arguments.backend]
+        view = [] if arguments.view is None else ["--view", arguments.view]
+        servers = [OwnServer([scene_file, *options, *view]),
+                   OwnServer([belief_file, "--belief", "--no-load-scene", *options])]
+        # Both start at once.
+        for server in servers:
+            stack.enter_context(server)
+        client, onboard_client = (stack.enter_context(Client(server.endpoint(), timeout_s=30.0)) for server in servers)
+        hello = client.hello()
+        say(f"Server: {servers[0].endpoint()}, {hello.get('gl_renderer') or hello.get('renderer')}; of the on-board "
+            f"model: {servers[1].endpoint()}" + "".join(f"; view: {server.page}" for server in servers if server.page))
+        log, elapsed_s = _fly(client, onboard_client, shape, believed, arguments)
+    return _report(log, elapsed_s, shape, believed, arguments)
+
+
+def _share(text: str) -> float:
+    try:
+        return 1.0 if text == "exact" else checked_share("belief", float(text))
+    except ValueError as error:
+        if isinstance(error, ConfigError):
+            raise
+        raise ConfigError("belief", "must be a share of the facets, or exact", text, "0.1 is a tenth") from None
 
 
 def _write_scene(folder: Path, arguments: argparse.Namespace) -> tuple[Path, Shape]:
@@ -134,48 +161,8 @@ def _length_unit(text: str) -> str | float:
         raise ConfigError("length-unit", "must be m, km, or metres per unit", text) from None
 
 
-class _Server:
-    """The server in its own process, stopped whatever happens."""
-
-    def __init__(self, scene_file: Path, backend: str, view_port: int | None = None):
-        self._command = [sys.executable, "-m", "glrender_server", str(scene_file),
-                         "--zmq", "tcp://127.0.0.1:*", "--backend", backend,
-                         *(() if view_port is None else ("--view", str(view_port)))]
-
-    def __enter__(self) -> str:
-        self._process = subprocess.Popen(self._command, stdout=subprocess.PIPE)
-        deadline, printed = time.monotonic() + _STARTUP_S, b""
-        try:
-            while time.monotonic() < deadline:
-                if select.select([self._process.stdout], [], [], 0.2)[0]:
-                    chunk = os.read(self._process.stdout.fileno(), 4096)
-                    printed += chunk
-                    words = printed.decode(errors="replace").split()
-                    if b"\n" in printed:
-                        for address in (word.rstrip(")") for word in words if word.startswith("http://")):
-                            say(f"View: {address}")
-                    for word in words:
-                        if word.startswith("tcp://") and b"ready" in printed and b"\n" in printed:
-                            return word.rstrip(",;")
-                    if not chunk:
-                        break
-            raise GlrenderError(f"the server did not start (exit code {self._process.poll()}): "
-                                f"try `{' '.join(self._command)}`")
-        except BaseException:
-            self.__exit__()
-            raise
-
-    def __exit__(self, *exception) -> None:
-        self._process.terminate()
-        try:
-            self._process.wait(timeout=10.0)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-        self._process.stdout.close()
-
-
-def _fly(client, shape: Shape, arguments: argparse.Namespace) -> tuple[_Log, float]:
+def _fly(client: Client, onboard_client: Client, shape: Shape, believed: Shape,
+         arguments: argparse.Namespace) -> tuple[_Log, float]:
     rng = np.random.default_rng(arguments.seed)
     size = arguments.size_px
     focal_length_px = _FOCAL_LENGTH_PX_PER_WIDTH * size
@@ -189,14 +176,17 @@ def _fly(client, shape: Shape, arguments: argparse.Namespace) -> tuple[_Log, flo
     navigator = Navigator(r_true + handover_m * rng.standard_normal(3) / np.sqrt(3.0),
                           v_true + 1e-4 * handover_m / _STEP_S * rng.standard_normal(3),
                           sigma_r_m=handover_m, sigma_v_m_s=0.002 * handover_m / _STEP_S)
-    finder = CenterFinder(focal_length_px=focal_length_px,
-                          principal_point_px=((size - 1) / 2.0, (size - 1) / 2.0), radius_m=_mean_radius_m(shape))
-    log = _Log([], [], [], [], [], float(np.linalg.norm(navigator.r_m - r_true)))
+    estimator = OF_FRAMES[arguments.estimator](
+        Camera(width_px=size, height_px=size, focal_length_px=focal_length_px),
+        BelievedBody.from_mesh("body", believed.vertices_m, believed.facets))
+    # The on-board model: one sample a pixel, noise of its own, from where it believes to be.
+    onboard = OnBoard(estimator, navigator, partial(onboard_client.render, camera="navcam", samples=1))
+    log = _Log([], [], [], [], [], float(np.linalg.norm(onboard.r_m - r_true)))
     began = time.perf_counter()
     for step in tqdm(range(arguments.frames), desc="closed loop", unit="frame"):
         t_s = step * _STEP_S
         # Attitude follows the estimate; the star tracker is exact here.
-        q_camera = frames.look_at(navigator.r_m, np.zeros(3))
+        q_camera = frames.look_at(onboard.r_m, np.zeros(3))
         spin = 2.0 * np.pi * t_s / _SPIN_PERIOD_S
         state = State(
             t_s=t_s, r_sun_inertial_m=sun_direction * _SUN_DISTANCE_AU * AU_M,
@@ -207,36 +197,22 @@ def _fly(client, shape: Shape, arguments: argparse.Namespace) -> tuple[_Log, flo
         reply = client.render(state.to_dict(), camera="navcam", output="dn", exposure_s="auto",
                               seed=arguments.seed * 1_000_003 + step)
         log.latency_ms.append(1e3 * (time.perf_counter() - asked))
-        inertial_from_camera = frames.dcm(q_camera).T
-        if arguments.estimator == "model":
-            # The on-board model: one sample a pixel, noise of its own, from where it believes to be.
-            believed = replace(state, spacecraft=Pose(r_inertial_m=navigator.r_m, q_from_inertial=q_camera))
-            predicted = client.render(believed.to_dict(), camera="navcam", output="dn", exposure_s="auto", samples=1,
-                                      seed=0).pixels
-            found = finder.by_prediction(reply.pixels, predicted, float(np.linalg.norm(navigator.r_m)))
-        else:
-            found = finder.as_sphere(reply.pixels, sun_direction @ inertial_from_camera)
-        if found is not None:
-            navigator.update(inertial_from_camera @ found.direction_camera, found.range_m, found.sigma)
+        estimated = Pose(r_inertial_m=onboard.r_m, q_from_inertial=q_camera)
+        found = onboard.take(reply.pixels, Belief().state(state, estimated))
         log.t_s.append(t_s)
         log.r_true_m.append(r_true.copy())
-        log.r_estimated_m.append(navigator.r_m.copy())
+        log.r_estimated_m.append(onboard.r_m)
         log.pictures.append((reply.pixels, None if found is None else found.center_px))
         # Steer the estimate onto the path; the thrusters err by 2 %.
-        command = path.steer(t_s, navigator.r_m, navigator.v_m_s)
-        navigator.predict(command, _STEP_S)
+        command = path.steer(t_s, onboard.r_m, onboard.v_m_s)
+        onboard.fly(command, _STEP_S)
         actual = command * (1.0 + 0.02 * rng.standard_normal(3))
         r_true = r_true + v_true * _STEP_S + 0.5 * actual * _STEP_S**2
         v_true = v_true + actual * _STEP_S
     return log, time.perf_counter() - began
 
 
-def _mean_radius_m(shape: Shape) -> float:
-    """Radius of the disc that the body covers on average: a quarter of its surface (Cauchy), if convex."""
-    return float(np.sqrt(shape.facet_areas_m2.sum() / (4.0 * np.pi)))
-
-
-def _report(log: _Log, elapsed_s: float, shape: Shape, arguments: argparse.Namespace) -> int:
+def _report(log: _Log, elapsed_s: float, shape: Shape, believed: Shape, arguments: argparse.Namespace) -> int:
     from .demo_plots import contact_sheet, trajectory_plot
 
     r_true, r_estimated = np.array(log.r_true_m), np.array(log.r_estimated_m)
@@ -247,7 +223,8 @@ def _report(log: _Log, elapsed_s: float, shape: Shape, arguments: argparse.Names
     p50, p95, p99 = np.percentile(log.latency_ms[1:], [50, 95, 99])
     summary = {
         "frames": len(error_m), "frames_per_second": len(error_m) / elapsed_s,
-        "estimator": arguments.estimator, "latency_ms": {"p50": p50, "p95": p95, "p99": p99},
+        "estimator": arguments.estimator, "facets": {"true": len(shape.facets), "on_board": len(believed.facets)},
+        "latency_ms": {"p50": p50, "p95": p95, "p99": p99},
         "navigation_error_m": {"handover": log.handover_error_m, "rms_settled": rms_m,
                                "final": float(error_m[-1])},
         "navigation_error_over_range": float(np.sqrt(np.mean((error_m / range_m)[settled] ** 2))),
@@ -259,7 +236,8 @@ def _report(log: _Log, elapsed_s: float, shape: Shape, arguments: argparse.Names
                     np.array(log.latency_ms))
     say(f"{summary['frames']} frames, {summary['frames_per_second']:.1f} frames per second; request to frame "
         f"p50 {p50:.1f} ms, p95 {p95:.1f} ms, p99 {p99:.1f} ms")
-    say(f"Navigation error: {log.handover_error_m:.1f} m at handover, {rms_m:.1f} m RMS "
+    say(f"Navigation error, with an on-board model of {len(believed.facets)} of {len(shape.facets)} facets: "
+        f"{log.handover_error_m:.1f} m at handover, {rms_m:.1f} m RMS "
         f"once settled ({100.0 * summary['navigation_error_over_range']:.2f} % of the range), "
         f"{error_m[-1]:.1f} m at the end")
     say(f"Pictures: {arguments.out}/contact_sheet.png, {arguments.out}/trajectory.png; "

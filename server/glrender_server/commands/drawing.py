@@ -70,6 +70,8 @@ def draw(arguments: argparse.Namespace) -> Drawn:
     drawn = Drawn(scene=scene, camera=camera, state=state, options=options, capture=capture)
     for warning in drawn.warnings:
         sys.stderr.write(f"glrender: warning: {warning}\n")
+    for note in capture.notes:
+        sys.stderr.write(f"glrender: note: {note}\n")
     for stage, text in capture.stages.items():
         logging.getLogger(__name__).info("%s: %s", stage, text)
     return drawn

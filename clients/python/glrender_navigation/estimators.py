@@ -1,0 +1,19 @@
+"""Estimators by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from .altimeter import Altimeter
+from .body import BelievedBody
+from .brightness import Model, Sphere
+from .camera import Camera
+from .landmarks import Landmarks
+from .limb import LimbEllipse, LimbShape
+from .measurement import Estimator
+from .templates import Templates
+
+ESTIMATORS: dict[str, Callable[[Camera, BelievedBody], Estimator]] = {
+    estimator.name: estimator for estimator in (
+        Sphere, Model, LimbEllipse, LimbShape, Templates, Landmarks, Altimeter)}
+"""Name -> factory of a camera and a body."""

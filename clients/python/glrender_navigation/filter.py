@@ -1,0 +1,145 @@
+"""Extended Kalman filter of position and velocity about a body, and of the error of its believed size."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from .measurement import Measurement
+
+# Three sigma of three axes: chi-square of 3 degrees of freedom at 99.73 %.
+_GATE = 14.156
+# After so many refusals in a row the estimate itself is doubted.
+_MOST_REFUSED = 3
+
+
+class Innovation(NamedTuple):
+    """How far a measurement was from its prediction: `squared` in sigmas, 3 on average where all sigmas are right."""
+
+    r_inertial_m: np.ndarray
+    squared: float
+    is_accepted: bool
+
+
+class Navigator:
+    """Extended Kalman filter of position and velocity about the body, inertial axes, and of its size's error.
+
+    Ranges by apparent size err all alike where the believed size is wrong: no mean over frames helps, but an altimeter
+    beside them does.
+
+    Parameters
+    ----------
+    r_m, v_m_s : (3,) float
+        First estimate.
+    sigma_r_m, sigma_v_m_s : float
+        Its standard deviations.
+    gm_m3_s2 : float [m3/s2], optional
+        Gravity of the body, as of a point.
+    process_acceleration_m_s2 : float [m/s2], optional
+        Standard deviation of what is not modelled, constant over a step.
+    thruster_error : float [1], optional
+        Standard deviation of a commanded acceleration, relative to its largest component.
+    sigma_size : float [1], optional
+        Standard deviation of the believed size, relative; 0 where it is exact.
+    is_gated : bool, optional
+        Whether measurements beyond three sigma are refused; after three in a row the covariance grows fourfold.
+    """
+
+    def __init__(self, r_m: np.ndarray, v_m_s: np.ndarray, *, sigma_r_m: float, sigma_v_m_s: float,
+                 gm_m3_s2: float = 0.0, process_acceleration_m_s2: float = 2e-6, thruster_error: float = 0.02,
+                 sigma_size: float = 0.0, is_gated: bool = True):
+        self._x = np.concatenate([r_m, v_m_s, [0.0]]).astype(float)
+        self._covariance = np.diag([sigma_r_m**2] * 3 + [sigma_v_m_s**2] * 3 + [sigma_size**2])
+        self._gm_m3_s2, self._process_m_s2, self._thruster_error = gm_m3_s2, process_acceleration_m_s2, thruster_error
+        self._is_gated, self._n_refused = is_gated, 0
+        self.innovations: list[Innovation] = []
+
+    @property
+    def r_m(self) -> np.ndarray:
+        """Estimated position [m] of the spacecraft about the body."""
+        return self._x[:3].copy()
+
+    @property
+    def v_m_s(self) -> np.ndarray:
+        """Estimated velocity [m/s]."""
+        return self._x[3:6].copy()
+
+    @property
+    def size_error(self) -> tuple[float, float]:
+        """Estimated excess [1] of ranges by apparent size, as of the believed size, and its standard deviation."""
+        return float(self._x[6]), float(self._covariance[6, 6]**0.5)
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(6, 6), of position [m] and velocity [m/s]."""
+        return self._covariance[:6, :6].copy()
+
+    def predict(self, acceleration_m_s2: np.ndarray, step_s: float) -> None:
+        """Carry the estimate over one step with the commanded acceleration (3,) and the body's gravity."""
+        r, v = self._x[:3], self._x[3:6]
+        distance = np.linalg.norm(r)
+        gravity = -self._gm_m3_s2 * r / distance**3
+        gradient = self._gm_m3_s2 * (3.0 * np.outer(r, r) / distance**2 - np.eye(3)) / distance**3
+        transition = np.eye(7)
+        transition[:3, :3] += 0.5 * step_s**2 * gradient
+        transition[3:6, :3] = step_s * gradient
+        transition[:3, 3:6] = step_s * np.eye(3)
+        gain = np.concatenate([0.5 * step_s**2 * np.eye(3), step_s * np.eye(3), np.zeros((1, 3))])
+        acceleration = np.asarray(acceleration_m_s2, float) + gravity
+        self._x = np.concatenate([r + step_s * v, v, self._x[6:]]) + gain @ acceleration
+        sigma = np.hypot(self._process_m_s2, self._thruster_error * np.abs(acceleration_m_s2).max())
+        self._covariance = transition @ self._covariance @ transition.T + sigma**2 * gain @ gain.T
+
+    def update(self, measurement: Measurement, camera_from_inertial: np.ndarray,
+               r_camera_inertial_m: np.ndarray = (0.0, 0.0, 0.0)) -> bool:
+        """Take a measurement in, if it is within three sigma of its prediction.
+
+        Parameters
+        ----------
+        measurement : Measurement
+        camera_from_inertial : (3, 3) float
+            Attitude of the camera.
+        r_camera_inertial_m : (3,) float [m], optional
+            From the spacecraft's centre to the camera.
+
+        Returns
+        -------
+        bool
+            Whether it was taken in; `innovations` has a line for each.
+        """
+        mount_m = np.asarray(r_camera_inertial_m, float)
+        arm_m = self._x[:3] + mount_m
+        excess = 1.0 + self._x[6] if measurement.is_by_size else 1.0
+        expected = -camera_from_inertial @ arm_m * excess
+        r_camera, noise = measurement.place(float(np.linalg.norm(expected)))
+        # The noise has the axes of the expected line of sight: those of the measured one err together with it.
+        turn = _turn(r_camera, expected)
+        noise = camera_from_inertial.T @ turn @ noise @ turn.T @ camera_from_inertial
+        innovation = -camera_from_inertial.T @ r_camera - arm_m * excess
+        sensitivity = np.zeros((3, 7))
+        sensitivity[:, :3] = excess * np.eye(3)
+        if measurement.is_by_size:
+            sensitivity[:, 6] = arm_m
+        inverse = np.linalg.inv(sensitivity @ self._covariance @ sensitivity.T + noise)
+        squared = float(innovation @ inverse @ innovation)
+        is_accepted = not self._is_gated or squared <= _GATE
+        self.innovations.append(Innovation(innovation, squared, is_accepted))
+        if not is_accepted:
+            self._n_refused += 1
+            if self._n_refused >= _MOST_REFUSED:
+                self._covariance *= 4.0
+            return False
+        self._n_refused = 0
+        gain = self._covariance @ sensitivity.T @ inverse
+        # Joseph's form: it stays symmetric and positive over thousands of updates.
+        left = np.eye(7) - gain @ sensitivity
+        self._x = self._x + gain @ innovation
+        self._covariance = left @ self._covariance @ left.T + gain @ noise @ gain.T
+        return True
+
+
+def _turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The least rotation (3, 3) that takes the direction of a to that of b."""
+    return Rotation.align_vectors(b[None] / np.linalg.norm(b), a[None] / np.linalg.norm(a))[0].as_matrix()

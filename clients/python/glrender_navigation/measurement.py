@@ -1,0 +1,193 @@
+"""The interface of estimators: a frame and a believed state go in, a measurement or a reason comes out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+
+from .body import BelievedBody
+from .camera import Camera, Sight, StateLike, sight
+
+# Of the believed range: how little is known of an axis that nothing measured.
+_UNKNOWN = 10.0
+# Share of the pixels at the top value beyond which a frame is blinded.
+_MOST_SATURATED = 0.5
+_LEAST_LIT_PX = 4
+N_STRETCHES = 8.0
+"""Errors of a shape are alike over stretches of it: so many count as independent."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Measurement:
+    """A body's origin found in a frame.
+
+    Attributes
+    ----------
+    direction_camera : (3,) float64
+        Unit vector from the camera towards the body's origin.
+    sigma_rad : float [rad]
+        Standard deviation of the direction, of each axis across; infinite where it was not measured.
+    center_px : (float, float) [px]
+        The direction as a pixel.
+    range_m : float [m] or None
+    sigma_range : float [1] or None
+        Standard deviation of the range, relative to itself.
+    r_camera_m : (3,) float64 [m] or None
+        The body's place in `camera`, of methods that solve for it.
+    covariance_m2 : (3, 3) float64 [m2] or None
+        Of `r_camera_m`.
+    is_by_size : bool
+        Whether the range is of the body's apparent size, so that it errs as the believed size does.
+    """
+
+    direction_camera: np.ndarray
+    sigma_rad: float
+    center_px: tuple[float, float]
+    range_m: float | None = None
+    sigma_range: float | None = None
+    r_camera_m: np.ndarray | None = None
+    covariance_m2: np.ndarray | None = None
+    is_by_size: bool = True
+
+    @classmethod
+    def of_center(cls, camera: Camera, center_px: np.ndarray, sigma_px: float, range_m: float | None = None,
+                  sigma_range: float | None = None) -> Measurement:
+        """A measurement of the body's centre [px], and of its range."""
+        return cls(direction_camera=camera.direction(center_px), sigma_rad=float(sigma_px) / camera.focal_length_px,
+                   center_px=(float(center_px[0]), float(center_px[1])), sigma_range=sigma_range,
+                   range_m=None if range_m is None else float(range_m))
+
+    @classmethod
+    def of_place(cls, camera: Camera, r_camera_m: np.ndarray, covariance_m2: np.ndarray, *,
+                 is_by_size: bool = True) -> Measurement:
+        """A measurement of the body's place, with its direction and range."""
+        range_m = float(np.linalg.norm(r_camera_m))
+        along = r_camera_m / range_m
+        variance_m2 = float(along @ covariance_m2 @ along)
+        across_m2 = 0.5 * (float(np.trace(covariance_m2)) - variance_m2)
+        return cls(direction_camera=along, sigma_rad=across_m2**0.5 / range_m, range_m=range_m,
+                   sigma_range=variance_m2**0.5 / range_m, center_px=tuple(map(float, camera.project(r_camera_m))),
+                   r_camera_m=r_camera_m, covariance_m2=covariance_m2, is_by_size=is_by_size)
+
+    def place(self, believed_range_m: float) -> tuple[np.ndarray, np.ndarray]:
+        """Place (3,) [m] and covariance (3, 3) [m2] in `camera`; an axis not measured is as wide as ten ranges."""
+        if self.r_camera_m is not None:
+            return self.r_camera_m, self.covariance_m2
+        range_m = believed_range_m if self.range_m is None else self.range_m
+        along = np.outer(self.direction_camera, self.direction_camera)
+        across_m = range_m * min(self.sigma_rad, _UNKNOWN)
+        along_m = range_m * (_UNKNOWN if self.sigma_range is None else min(self.sigma_range, _UNKNOWN))
+        return range_m * self.direction_camera, across_m**2 * (np.eye(3) - along) + along_m**2 * along
+
+
+class NotFound(Exception):
+    """A frame without a measurement; the message is the reason."""
+
+
+class Estimator:
+    """The base of estimators.
+
+    Parameters
+    ----------
+    camera : Camera
+    body : BelievedBody
+
+    Attributes
+    ----------
+    name : str
+        In `ESTIMATORS`.
+    reason : str
+        Why the last frame gave None; empty after a measurement.
+    """
+
+    name = ""
+
+    def __init__(self, camera: Camera, body: BelievedBody):
+        self.camera, self.body, self.reason = camera, body, ""
+
+    def measure(self, frame: np.ndarray, believed: StateLike, render: Callable[..., Any]) -> Measurement | None:
+        """Measure a body in a frame.
+
+        Parameters
+        ----------
+        frame : (height, width) array
+            Digital numbers or irradiance.
+        believed : State or its dictionary
+            The estimated state at the frame's time.
+        render : callable
+            ``render(state, *, products=(), roi=None)`` draws the believed scene by the on-board camera and returns a
+            reply with `pixels` and `arrays`: ``functools.partial(client.render, camera="navcam", max_error=0.1)``.
+
+        Returns
+        -------
+        Measurement or None
+            None where nothing is found; `reason` says why.
+        """
+        self.reason = ""
+        try:
+            return self._measured(self._checked(frame), believed, sight(believed, self.camera, self.body.name), render)
+        except NotFound as error:
+            self.reason = str(error)
+        except (cv2.error, np.linalg.LinAlgError) as error:
+            self.reason = f"the solution broke down: {str(error).strip().splitlines()[-1]}"
+        return None
+
+    def _measured(self, frame: np.ndarray, believed: StateLike, here: Sight,
+                  render: Callable[..., Any]) -> Measurement:
+        raise NotImplementedError
+
+    def placed(self, place_m: np.ndarray, covariance_m2: np.ndarray) -> Measurement:
+        """A measurement against the believed shape, whose own error counts too: in place, and in size for the range."""
+        range_m = float(np.linalg.norm(place_m))
+        along = np.outer(place_m, place_m) / range_m**2
+        across_m2 = self.body.shape_error_m**2 / N_STRETCHES
+        along_m2 = across_m2 * (range_m / self.body.mean_radius_m)**2
+        return Measurement.of_place(self.camera, place_m,
+                                    covariance_m2 + across_m2 * (np.eye(3) - along) + along_m2 * along)
+
+    def _checked(self, frame: np.ndarray) -> np.ndarray:
+        """The frame, if something can be seen in it."""
+        shape = (self.camera.height_px, self.camera.width_px)
+        if frame.shape != shape:
+            raise ValueError(f"frame: must have the camera's shape {shape}, got {frame.shape}; cut or resize it")
+        top, sky = frame.max(), frame.min()
+        if not np.isfinite(top) or not np.isfinite(sky):
+            raise NotFound("the frame has pixels that are no numbers")
+        if top == sky:
+            raise NotFound(f"every pixel of the frame is {top:g}: it is dark, saturated or lost")
+        if np.count_nonzero(frame[::2, ::2] == top) > _MOST_SATURATED * frame[::2, ::2].size:
+            raise NotFound(f"more than {_MOST_SATURATED:.0%} of the frame is saturated")
+        return frame
+
+
+def lit_pixels(frame: np.ndarray, least: float | None = None) -> np.ndarray:
+    """The frame above its sky (H, W) float32, zero where it is not lit.
+
+    The threshold above the sky is `least`, or seven times the noise and a fiftieth of the brightest pixels.
+
+    Raises
+    ------
+    NotFound
+        Fewer than four pixels are lit.
+    """
+    # The body may fill most of the frame: the sky is its darkest twentieth.
+    sky = np.float32(np.quantile(frame[::4, ::4], 0.05))
+    values = np.maximum(frame, sky, dtype=np.float32) - sky
+    if least is None:
+        # Of neighbours' differences, which are sqrt(2) times as noisy; the sky was taken 1.6 sigma below its mean.
+        noise = 1.4826 / 2**0.5 * float(np.median(np.abs(np.diff(frame[::2].astype(np.float32), axis=1))))
+        least = max(7.0 * noise, 0.02 * float(np.quantile(values, 0.999)))
+    values[values <= least] = 0.0
+    if (n_lit := int(np.count_nonzero(values))) < _LEAST_LIT_PX:
+        raise NotFound(f"no body stands out of the dark: {n_lit} pixels are lit, {_LEAST_LIT_PX} are needed")
+    return values
+
+
+def brightness_center_px(values: np.ndarray) -> np.ndarray:
+    """Centre of brightness (2,) [px] of lit pixels."""
+    of_columns, of_rows = values.sum(axis=0, dtype=np.float64), values.sum(axis=1, dtype=np.float64)
+    return np.array([np.average(np.arange(len(sums)), weights=sums) for sums in (of_columns, of_rows)])

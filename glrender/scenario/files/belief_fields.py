@@ -1,0 +1,57 @@
+"""From the table [belief] of a scenario file to a `Belief`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from glrender_camera import BrownConrady
+from glrender_camera.validate import known_keys, text
+
+from ...base.errors import ConfigError, error_path
+from ...scene.scene import Scene
+from ...scene.scene_file import read_law
+from ...scene.shape.shape import Shape, metres_per_unit
+from ..belief.belief import Belief, BodyBelief, CameraBelief, SpacecraftBelief
+from .fields import a_table, made
+
+
+def read_belief(table: object, scene: Scene, folder: Path) -> Belief:
+    """A belief of its table, about the bodies and cameras of a scene; a believed shape is read from its file.
+
+    Raises
+    ------
+    ConfigError
+        A body, a camera or a field that is not there, or one that breaks a rule, with its path.
+    """
+    table = known_keys("", table, ("bodies", "cameras", "spacecraft"))
+    parts: dict[str, Any] = {"bodies": {}, "cameras": {}}
+    readers = {"bodies": lambda entry: _body(entry, folder), "cameras": _camera}
+    for kind, read in readers.items():
+        entries = known_keys(kind, table.get(kind, {}), [member.name for member in getattr(scene, kind)])
+        for name, entry in entries.items():
+            with error_path(f"{kind}.{name}"):
+                parts[kind][name] = read(entry)
+    with error_path("spacecraft"):
+        return Belief(**parts, spacecraft=made(SpacecraftBelief, table.get("spacecraft", {})))
+
+
+def _body(entry: object, folder: Path) -> BodyBelief:
+    fields = a_table(entry)
+    unit = fields.pop("length_unit", None)
+    if ("shape" in fields) != (unit is not None):
+        raise ConfigError("length_unit", "goes with `shape`, a file", unit, 'shape files carry no unit: "m" or "km"')
+    if "shape" in fields:
+        with error_path("shape"):
+            fields["shape"] = Shape.from_file(folder / text("", fields["shape"]), length_unit=metres_per_unit(unit))
+    if "brdf" in fields:
+        fields["brdf"] = read_law(fields["brdf"], "brdf")
+    return made(BodyBelief, fields)
+
+
+def _camera(entry: object) -> CameraBelief:
+    fields = a_table(entry)
+    if "distortion" in fields:
+        with error_path("distortion"):
+            fields["distortion"] = BrownConrady.from_dict(fields["distortion"])
+    return made(CameraBelief, fields)

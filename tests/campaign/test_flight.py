@@ -1,0 +1,171 @@
+"""One flight: what a wrong belief costs, what fails on board, and that nothing of the truth is there."""
+
+from __future__ import annotations
+
+import gc
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from glrender import Pose, Scene, State, open_renderer
+from glrender_navigation import Estimator
+from glrender_server.campaign import flight as flight_module
+from glrender_server.campaign.believed_side import onboard_scene, render_of
+from glrender_server.campaign.campaign_file import load_campaign
+from glrender_server.campaign.flight import fly
+from glrender_server.campaign.onboard import OF_FRAMES, OnBoard
+
+TIMES = ("processor_s", "frame_ms", "on_board_ms")
+
+
+def flown(campaign, case, told=lambda frame: None):
+    """A flight's result, but for how long it took."""
+    truth, believed = open_renderer(campaign.setup.scene), open_renderer(onboard_scene(campaign.setup.scene,
+                                                                                       case.belief))
+    try:
+        result = fly(campaign.setup, case, truth, believed, told).result
+    finally:
+        truth.close()
+        believed.close()
+    return {name: value for name, value in result.items() if name not in TIMES}
+
+
+def of_one(campaign_file, *lines, more=""):
+    campaign = load_campaign(campaign_file("scenario = 'approach.toml'\nhandover = 0.03\n[axes]\n"
+                                           + "\n".join(("max_error = [0.3]", *lines)), more))
+    (case,) = campaign.cases
+    return campaign, case
+
+
+def test_a_focal_length_that_is_believed_5_percent_longer_puts_the_body_5_percent_farther(campaign_file):
+    """Range is focal length times size over its image; with the true one the error is a tenth of that."""
+    campaign = load_campaign(campaign_file())
+    for case in campaign.cases:
+        errors = []
+        result = flown(campaign, case, lambda frame, errors=errors: errors.append(frame.error_m / frame.range_m))
+        assert result["status"] == "kept" and result["measured"] == result["frames"] == 6
+        if case.belief.cameras["navcam"].focal_length_factor == 1.0:
+            assert errors[-1] < 0.006
+        else:
+            assert errors[-1] == pytest.approx(0.05, abs=0.012)
+        assert result["error_over_range"]["last"] == pytest.approx(errors[-1], rel=1e-5)
+        assert result["track"] == pytest.approx(errors, rel=1e-5)
+    assert flown(campaign, case) == result
+
+
+def test_a_distortion_that_is_believed_is_taken_out(campaign_file, tmp_path):
+    """A lens that shrinks a body off the axis by 2 %: unknown it costs as much, known a third: edges are interpolated."""
+    lens = "distortion = { k1 = -2.0 }\n[cameras.model]"
+    found = []
+    for belief in ("{ k1 = -2.0 }", "{}"):
+        file = campaign_file("scenario = 'approach.toml'\npointing = 'scenario'\nhandover = 0.03\n[axes]\n"
+                             f"seed = [1]\nmax_error = [0.3]\nbelief.cameras.navcam.distortion = [{belief}]\n")
+        text = (tmp_path / "approach.toml").read_text()
+        text = text.replace("[cameras.model]", lens)
+        text = text.replace("[time]", "[attitude]\nmode = 'target'\noffset_deg = [0.0, 4.0, 0.0]\n[time]")
+        (tmp_path / "approach.toml").write_text(text)
+        campaign = load_campaign(file)
+        found.append(flown(campaign, campaign.cases[0])["error_over_range"]["last"])
+    assert found[0] < 0.008 and found[1] > 0.015
+
+
+class Broken(Estimator):
+    """Fails at its third frame."""
+
+    name = "broken"
+    count = 0
+
+    def measure(self, frame, believed, render):
+        self.count += 1
+        if self.count == 3:
+            raise ZeroDivisionError("no light")
+        return None
+
+
+def test_what_fails_on_board_is_the_flights_result(campaign_file, monkeypatch):
+    monkeypatch.setitem(OF_FRAMES, Broken.name, Broken)
+    result = flown(*of_one(campaign_file, "estimator = ['broken']"))
+    assert (result["status"], result["reason"]) == ("lost", "frame 2: ZeroDivisionError: no light")
+    assert result["frames"] == 3
+
+
+def test_a_body_that_is_out_of_the_frame_is_lost_with_the_reason(campaign_file):
+    """The camera looks away: there is no measurement, and the estimate stays off."""
+    more = ("[attitude]\nmode = 'target'\noffset_deg = [0.0, 90.0, 0.0]\n"
+            "[belief.spacecraft]\nr_offset_m = [300.0, 0.0, 0.0]\n")
+    campaign = load_campaign(campaign_file("scenario = 'approach.toml'\npointing = 'scenario'\n[axes]", more))
+    result = flown(campaign, campaign.cases[0])
+    assert result["status"] == "lost" and result["measured"] == 0
+    assert "% of the range, above 10 %; the last frame was not measured: " in result["reason"]
+
+
+def reached(start):
+    """All objects that an object leads to, but for modules, classes and what these lead to."""
+    seen, left = {id(start): start}, [start]
+    while left:
+        here = left.pop()
+        if isinstance(here, type) or type(here).__name__ in ("module", "builtin_function_or_method"):
+            continue
+        # A function leads to its closure and its defaults; what its module holds belongs to nobody.
+        inside = [*(here.__closure__ or ()), *(here.__defaults__ or ())] if hasattr(here, "__closure__") else \
+            gc.get_referents(here)
+        for each in inside:
+            if id(each) not in seen:
+                seen[id(each)] = each
+                left.append(each)
+    return list(seen.values())
+
+
+def test_the_on_board_side_holds_nothing_of_the_truth(campaign_file, monkeypatch):
+    """No true scene, shape, state or place can be reached from it at any frame; its own scene and shape can."""
+    campaign, case = of_one(campaign_file, "belief.bodies.rock.facets = [0.1]",
+                            "belief.cameras.navcam.focal_length_factor = [1.01]",
+                            "belief.bodies.rock.r_offset_m = [[1.0, 2.0, 3.0]]")
+    truth, looked_at = campaign.setup, []
+    true_arrays = [truth.scene.bodies[0].shape.vertices_m, *(state.spacecraft.r_inertial_m for state in truth.states)]
+    real = OnBoard.take
+
+    def looked(self, frame, believed):
+        found = reached([self, believed])
+        looked_at.append(len(found))
+        scenes = [each for each in found if isinstance(each, Scene)]
+        assert scenes and truth.scene not in scenes
+        assert not any(each is own for each in found for own in (*truth.scene.bodies, *truth.scene.cameras, truth))
+        for each in found:
+            if isinstance(each, np.ndarray) and each.dtype == np.float64:
+                assert not any(np.shares_memory(each, own) for own in true_arrays)
+                assert not any(each.shape == own.shape and (each == own).all() for own in true_arrays)
+        for each in found:
+            if isinstance(each, Pose | State):
+                assert each is believed or each in (believed.spacecraft, *believed.bodies.values())
+        return real(self, frame, believed)
+
+    told = OnBoard(None, None, render_of(SimpleNamespace(scene=truth.scene), "navcam", 0.1))
+    assert truth.scene in [each for each in reached(told) if isinstance(each, Scene)], "it would be seen"
+    monkeypatch.setattr(OnBoard, "take", looked)
+    assert flown(campaign, case)["status"] == "kept"
+    assert len(looked_at) == 6 and min(looked_at) > 100
+
+
+def test_the_truth_reaches_the_estimate_by_frames_alone(campaign_file, tmp_path, monkeypatch):
+    """Two true places, one first estimate, and the same frame sent from both: the estimates are equal."""
+    real, estimates = flight_module._taken, {}
+    frame = np.zeros((96, 96), np.uint8)
+    frame[30:60, 40:70] = 200
+
+    def taken(onboard, pixels, *rest):
+        found = real(onboard, frame, *rest)
+        estimates.setdefault(moved_m, []).append(onboard.r_m)
+        return found
+
+    monkeypatch.setattr(flight_module, "_taken", taken)
+    for moved_m in (-10.0, 10.0):
+        file = campaign_file("scenario = 'approach.toml'\nhandover = 0.0\n[axes]\nmax_error = [0.3]\n",
+                             f"[belief.spacecraft]\nr_offset_m = [{-moved_m}, 0.0, 0.0]\n")
+        text = (tmp_path / "approach.toml").read_text().replace("r_m = [900.0,", f"r_m = [{900.0 + moved_m},")
+        (tmp_path / "approach.toml").write_text(text)
+        campaign = load_campaign(file)
+        flown(campaign, campaign.cases[0])
+    first, second = estimates.values()
+    assert len(first) == 6 and np.linalg.norm(first[-1] - first[0]) > 1.0
+    np.testing.assert_allclose(second, first, atol=1e-6)
