@@ -7,6 +7,7 @@ once with one of a sixteenth of its facets. NAME is an estimator of `glrender_na
 from __future__ import annotations
 
 import argparse
+import io
 import sys
 from pathlib import Path
 
@@ -15,6 +16,7 @@ import world
 from glrender import frames
 from glrender_navigation import ESTIMATORS, Measurement, Navigator, sight
 from matplotlib.figure import Figure
+from PIL import Image
 
 BELIEFS = {"the true shape": 6, "a sixteenth of its facets": 4}
 _COLOURS = ("tab:blue", "tab:orange")
@@ -137,15 +139,16 @@ def _estimator_figure(name: str, out: Path, n_frames: int, size_px: int) -> None
     picture.set(xticks=[], yticks=[])
     picture.legend(loc="lower right", fontsize=7)
     upper.set(ylabel="centre [px]", xticklabels=[])
-    upper.legend(fontsize=7, title="error (dots), 3 sigma (dashed); belief has", title_fontsize=7)
+    figure.legend(*lower.get_legend_handles_labels(), loc="outside upper right", ncols=2, fontsize=7, title_fontsize=7,
+                  title="error (dots) and 3 sigma (dashed); the belief has")
     lower.set(ylabel="range [%]" if name != "altimeter" else "along normal\n[% of range]", xlabel="frame")
     for axis in (upper, lower):
         axis.set_yscale("log")
         axis.grid(True, which="both", alpha=0.2)
     if name == "altimeter":
-        upper.set_visible(False)
-        lower.legend(fontsize=7)
-    figure.savefig(out, dpi=80)
+        upper.remove()
+        lower.set_subplotspec(grid[:, 1])
+    _save(figure, out)
 
 
 def _filter_figure(name: str, out: Path, n_frames: int, size_px: int) -> None:
@@ -170,14 +173,21 @@ def _filter_figure(name: str, out: Path, n_frames: int, size_px: int) -> None:
     nees.set(yscale="log", xlabel="time [h]", ylabel="NEES; 6 is consistent")
     for axis in (error, nees):
         axis.grid(True, which="both", alpha=0.2)
-    figure.savefig(out, dpi=80)
+    _save(figure, out)
+
+
+def _save(figure: Figure, out: Path) -> None:
+    """Of 64 colours: a frame's noise makes large files."""
+    with io.BytesIO() as drawn:
+        figure.savefig(drawn, dpi=80)
+        Image.open(drawn).convert("RGB").quantize(64).save(out, optimize=True)
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("name", choices=[*ESTIMATORS, "filter"])
     parser.add_argument("out", type=Path)
-    parser.add_argument("--frames", type=int, default=60)
+    parser.add_argument("--frames", type=int, default=40)
     parser.add_argument("--size-px", type=int, default=256)
     arguments = parser.parse_args()
     main(arguments.name, arguments.out, arguments.frames, arguments.size_px)

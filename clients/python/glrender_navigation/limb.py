@@ -61,7 +61,7 @@ class LimbEllipse(Estimator):
             off_px = radius_px * (square - 1.0) * (rays @ c / np.sqrt(square - 1.0) - 1.0)
             return np.append(off_px / sigma_px, (np.linalg.norm(x) - 1.0) / _SIGMA_RANGE)
 
-        solved = least_squares(off, here.r_body_camera_m / here.range_m, loss="soft_l1")
+        solved = least_squares(off, here.r_body_camera_m / here.range_m, loss=_soft_but_last)
         place_m = here.range_m * solved.x
         if not place_m[2] > 0.0:
             raise NotFound("the limb's points lie on no horizon before the camera")
@@ -139,6 +139,14 @@ def limb_points(pixels: np.ndarray, here: Sight) -> tuple[np.ndarray, np.ndarray
     if is_edge.sum() < _LEAST_POINTS:
         raise NotFound(f"the lit limb has {is_edge.sum()} edges inside the image, {_LEAST_POINTS} are needed")
     return points[is_edge] + off[is_edge, None] * normals[is_edge], normals[is_edge]
+
+
+def _soft_but_last(squares: np.ndarray) -> np.ndarray:
+    """Loss of `least_squares` that is soft_l1 for all rows but the last, the believed range's."""
+    t = 1.0 + squares
+    loss = np.stack([2.0 * (np.sqrt(t) - 1.0), 1.0 / np.sqrt(t), -0.5 * t**-1.5])
+    loss[:, -1] = squares[-1], 1.0, 0.0
+    return loss
 
 
 def _normals(outline: np.ndarray) -> np.ndarray:

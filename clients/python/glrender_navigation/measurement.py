@@ -167,7 +167,7 @@ class Estimator:
 def lit_pixels(frame: np.ndarray, least: float | None = None) -> np.ndarray:
     """The frame above its sky (H, W) float32, zero where it is not lit.
 
-    The threshold above the sky is `least`, or seven times the noise and a fiftieth of the brightest pixels.
+    The threshold above the sky is seven times the noise, and `least`, or a fiftieth of the brightest pixels.
 
     Raises
     ------
@@ -177,10 +177,9 @@ def lit_pixels(frame: np.ndarray, least: float | None = None) -> np.ndarray:
     # The body may fill most of the frame: the sky is its darkest twentieth.
     sky = np.float32(np.quantile(frame[::4, ::4], 0.05))
     values = np.maximum(frame, sky, dtype=np.float32) - sky
-    if least is None:
-        # Of neighbours' differences, which are sqrt(2) times as noisy; the sky was taken 1.6 sigma below its mean.
-        noise = 1.4826 / 2**0.5 * float(np.median(np.abs(np.diff(frame[::2].astype(np.float32), axis=1))))
-        least = max(7.0 * noise, 0.02 * float(np.quantile(values, 0.999)))
+    # Of neighbours' differences, which are sqrt(2) times as noisy; the sky was taken 1.6 sigma below its mean.
+    noise = 1.4826 / 2**0.5 * float(np.median(np.abs(np.diff(frame[::2].astype(np.float32), axis=1))))
+    least = max(7.0 * noise, 0.02 * float(np.quantile(values, 0.999)) if least is None else least)
     values[values <= least] = 0.0
     if (n_lit := int(np.count_nonzero(values))) < _LEAST_LIT_PX:
         raise NotFound(f"no body stands out of the dark: {n_lit} pixels are lit, {_LEAST_LIT_PX} are needed")
