@@ -96,9 +96,10 @@ def draw_still(renderer: Any, state: State, camera: str | None = None, *, produc
     light = _without_margin(still.irradiance_W_m2, margin_px)
     warnings = image_advice(renderer.scene, state, pinhole, still.plan, light, _in_frame(still.roi, margin_px, pinhole),
                             region=roi)
-    return Capture(irradiance_W_m2=light, products=still.products, frame=None, plan=still.plan,
+    timings = _timings(still, began)
+    return Capture(irradiance_W_m2=light, products=still.products, frame=None, plan=_timed(still.plan, timings),
                    stages={"distortion": drawing.distortion_text, "region": drawing.region_text},
-                   timings_ms=_timings(still, began), warnings=warnings)
+                   timings_ms=timings, warnings=warnings)
 
 
 def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: int = 0,
@@ -192,8 +193,8 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
     warnings = (*image_advice(scene, state, pinhole, still.plan, light, lit,
                               has_points=bool(bodies.irradiance_W_m2.any()), has_stars=has_stars),
                 *frame_advice(scene, pinhole, asked, frame, light, lit, has_stars=has_stars, has_sun=has_sun))
-    return Capture(irradiance_W_m2=light, products=still.products, frame=replace(frame, stages=stages), plan=still.plan,
-                   stages=stages, timings_ms=timings, warnings=warnings)
+    return Capture(irradiance_W_m2=light, products=still.products, frame=replace(frame, stages=stages),
+                   plan=_timed(still.plan, timings), stages=stages, timings_ms=timings, warnings=warnings)
 
 
 def _n_drawn(motion: Motion) -> int:
@@ -244,6 +245,10 @@ def _in_frame(roi: tuple[int, int, int, int], margin_px: int, camera: PinholeCam
     """A region of the image with its margin, of the frame alone."""
     sizes = 2 * (camera.width_px, camera.height_px)
     return tuple(min(max(edge - margin_px, 0), size) for edge, size in zip(roi, sizes, strict=True))
+
+
+def _timed(plan: RenderPlan, timings_ms: dict[str, float]) -> RenderPlan:
+    return replace(plan, milliseconds=sum(timings_ms.values()))
 
 
 def _timings(still: Still, began: float) -> dict[str, float]:

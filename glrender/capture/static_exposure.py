@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -16,7 +16,8 @@ from glrender_camera.validate import integer
 from ..base.progress import Progress
 from ..engines.image import checked_products
 from ..planner.plan import RenderPlan
-from ..scene.scene import Scene, checked_max_error
+from ..scene.scene import Scene
+from ..scene.tolerance import PIXEL_UNITS, by_unit, checked_max_error
 from ..view.regions import union
 from ..view.state import State
 from ..view.view import view_bodies
@@ -84,7 +85,7 @@ class Drawing:
     """
 
     def __init__(self, renderer: Any, camera: PinholeCamera, margin_px: int, is_for_detector: bool, *,
-                 roi: tuple[int, int, int, int] | None = None, max_error: float | None = None,
+                 roi: tuple[int, int, int, int] | None = None, max_error: float | Mapping[str, float] | None = None,
                  samples: int | None = None,
                  on_progress: Callable[[float], None] | None = None, **options: Any):
         self.progress = Progress(on_progress)
@@ -114,7 +115,7 @@ class Drawing:
             self._options["error_gain"], self._share = self._share, 1.0
         if is_for_detector and "apart_px" in taken:
             self._options["apart_px"] = _APART_PX * n
-        self._options["max_error"] = min(self._tolerance / self._share, 1.0)
+        self._options["max_error"] = _scaled(self._tolerance, self._share, n)
         self._options["samples"] = -(-samples // n) if isinstance(samples, int) else samples
 
     @property
@@ -154,8 +155,12 @@ class Drawing:
             roi = (roi[0] + x0, roi[1] + y0, roi[2] + x0, roi[3] + y0) if any(roi) else roi
             light = self._in_place(light, 0.0)
             made = {name: self._in_place(values, _BESIDE.get(name, np.nan)) for name, values in made.items()}
-        if self._share != 1.0:
-            plan = replace(plan, max_error=self._tolerance, predicted_error=plan.predicted_error * self._share)
+        if self._share != 1.0 or self.lens is not None:
+            n, is_table = 1 if self.lens is None else self.lens.oversampling, isinstance(self._tolerance, Mapping)
+            plan = replace(
+                plan, max_error=plan.max_error * self._share if is_table else self._tolerance,
+                predicted_error=plan.predicted_error * self._share, asked=by_unit(self._tolerance),
+                navigation={unit: error / (n if unit in PIXEL_UNITS else 1) for unit, error in plan.navigation.items()})
         if self.lens is not None:
             light, roi = self.lens.apply(light, roi), self.lens.reached_box(roi)
             made = sampled(made, self.lens, self._camera, wanted)
@@ -186,6 +191,14 @@ class Drawing:
         x0, y0, x1, y1 = self._box
         whole[y0:y1, x0:x1] = part
         return whole
+
+
+def _scaled(tolerance: float | Mapping[str, float], share: float, cells: int) -> float | dict[str, float]:
+    """The tolerance of the image that is drawn: RMS before what averages its errors, pixels in its cells."""
+    if not isinstance(tolerance, Mapping):
+        return min(tolerance / share, 1.0)
+    return {unit: number * cells if unit in PIXEL_UNITS else min(number / share, 1.0) if unit == "rms" else number
+            for unit, number in tolerance.items()}
 
 
 def _part(camera: PinholeCamera, box: tuple[int, int, int, int]) -> PinholeCamera:

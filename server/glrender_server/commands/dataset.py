@@ -20,6 +20,7 @@ from glrender.sequences.dataset.sheet import label_sheet
 from glrender.sequences.options import options_of
 from tqdm import tqdm
 
+from .drawing import tolerance
 from .sequence import exposure, read_states
 
 _LIMB_POINTS = 64
@@ -42,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--limb-points", type=int, default=_LIMB_POINTS, metavar="N", help="of a body (64)")
     parser.add_argument("--seed", type=int, help="of [random] and of the first frame's noise (the file's, and 0)")
     parser.add_argument("--exposure-s", type=exposure, help="with dn: seconds, or auto; default: the camera's")
-    parser.add_argument("--max-error", type=float)
+    parser.add_argument("--max-error", type=tolerance, metavar="SHARE", help="or units with one each; the scene's")
     parser.add_argument("--shard-frames", type=int, default=FRAMES_A_SHARD, metavar="N", help="in each shard (50)")
     parser.add_argument("--processes", type=int, metavar="N", help="default: one for each core")
     parser.add_argument("--dask", metavar="ADDRESS", help="of a Dask scheduler, whose workers draw")

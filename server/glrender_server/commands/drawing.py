@@ -12,6 +12,7 @@ import numpy as np
 from glrender import ConfigError, Scene, State, open_renderer
 from glrender.capture.capture import Capture
 from glrender.engines.advice import scene_advice
+from glrender.scene.tolerance import read_max_error
 from glrender.sequences.sequence import FrameOptions, captured
 from glrender_camera import PinholeCamera
 
@@ -20,13 +21,22 @@ from .subject import is_number, read_subject, state_of
 
 def add_drawing(parser: argparse.ArgumentParser) -> None:
     """Add the arguments that say how a frame is drawn."""
-    parser.add_argument("--max-error", type=float, metavar="SHARE", help="error tolerance, 0.02 for 2 %%; the scene's")
+    parser.add_argument("--max-error", type=tolerance, metavar="SHARE",
+                        help="error tolerance, 0.02 for 2 %%, or by unit: centroid_px=0.05,flux=0.001; the scene's")
     parser.add_argument("--samples", type=int, metavar="N", help="along a pixel's side, by OpenGL; default: planned")
     parser.add_argument("--output", default="irradiance", choices=("irradiance", "dn"),
                         help="irradiance, or the digital numbers of the camera's detector")
     parser.add_argument("--exposure-s", metavar="S", help="with dn: seconds, or auto; the camera's")
     parser.add_argument("--seed", type=int, default=0, help="of the noise, with dn (0)")
     parser.add_argument("--backend", default="auto", help="auto, egl, osmesa, or a plug-in such as raytrace or cycles")
+
+
+def tolerance(text: str) -> float | dict[str, float]:
+    """An error tolerance of the command line."""
+    try:
+        return read_max_error(text)
+    except ConfigError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -84,6 +94,7 @@ def summary(drawn: Drawn) -> dict[str, Any]:
     if frame is not None:
         said |= {"exposure_s": float(frame.exposure_s), "saturated_share": float(np.mean(frame.saturated))}
     return said | {"predicted_error": float(capture.plan.predicted_error), "max_error": float(capture.plan.max_error),
+                   "predicted": capture.plan.predicted,
                    "warnings": drawn.warnings}
 
 
@@ -92,5 +103,5 @@ def in_words(said: dict[str, Any]) -> str:
     parts = [f"{said['width_px']} x {said['height_px']}", f"{said['min']:.3g} to {said['max']:.3g} {said['unit']}"]
     if "exposure_s" in said:
         parts += [f"exposure {said['exposure_s']:.3g} s", f"{100.0 * said['saturated_share']:.2g} % saturated"]
-    parts.append(f"predicted error {said['predicted_error']:.2g} of {said['max_error']:g} allowed")
+    parts.append(f"predicted error {said['predicted_error']:.2g} of {said['max_error']:.3g} allowed")
     return ", ".join(parts)

@@ -19,6 +19,8 @@ from glrender.sequences.sequence import FrameSequence
 from glrender.sequences.video import check_video, write_video
 from tqdm import tqdm
 
+from .drawing import tolerance
+
 _ON_SHEET = 25
 
 
@@ -38,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="pose, box and centres of each body, in the header")
     parser.add_argument("--seed", type=int, help="of the first frame's noise, each further one has the next (0)")
     parser.add_argument("--exposure-s", type=exposure, help="with dn: seconds, or auto; default: the camera's")
-    parser.add_argument("--max-error", type=float)
+    parser.add_argument("--max-error", type=tolerance, metavar="SHARE", help="or units with one each; the scene's")
     parser.add_argument("--video", type=Path, metavar="FILE.mp4", help="write the frames as a video for the eye too")
     parser.add_argument("--video-rate-hz", type=float, default=25.0, metavar="HZ")
     parser.add_argument("--processes", type=int, metavar="N", help="default: one for each core")

@@ -1,0 +1,67 @@
+"""The error tolerance `max_error`: a number, or a table with one for each unit that is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from glrender_camera.validate import finite, known_keys
+
+from ..base.errors import ConfigError
+
+UNITS = ("rms", "flux", "centroid_px", "limb_px", "range")
+"""Units of a frame's errors: docs/accuracy.md defines them."""
+PIXEL_UNITS = ("centroid_px", "limb_px")
+LEAST = 2.0**-24
+"""Least tolerance of any unit [1] or [px]: half a step of the float32 in which pixels are stored."""
+_MOST_PX = 1e4
+
+
+def checked_max_error(value: object, name: str = "max_error") -> float | dict[str, float]:
+    """An error tolerance: the number, or the numbers of those of `UNITS` that a table names, in their order.
+
+    Raises
+    ------
+    ConfigError
+        Unknown units; an empty table; numbers that are not > 0, are below `LEAST`, or above 1, of pixels 1e4.
+    """
+    if not isinstance(value, Mapping):
+        return _checked(value, name, 1.0)
+    known_keys(name, value, UNITS)
+    if not value:
+        raise ConfigError(name, f"must name one of {', '.join(UNITS)}, or be a number", dict(value))
+    return {unit: _checked(value[unit], f"{name}.{unit}", _MOST_PX if unit in PIXEL_UNITS else 1.0)
+            for unit in UNITS if unit in value}
+
+
+def by_unit(max_error: float | Mapping[str, float]) -> dict[str, float]:
+    """What a checked tolerance asks of each unit; a number is of `rms`."""
+    return dict(max_error) if isinstance(max_error, Mapping) else {"rms": max_error}
+
+
+def read_max_error(text: str) -> float | dict[str, float]:
+    """The tolerance of a command line: ``0.02``, or ``centroid_px=0.05,flux=0.001``."""
+    try:
+        if "=" not in text:
+            return checked_max_error(float(text))
+        pairs = [part.split("=", 1) for part in text.split(",")]
+        if len({unit.strip() for unit, _ in pairs}) < len(pairs):
+            raise ValueError
+        return checked_max_error({unit.strip(): float(number) for unit, number in pairs})
+    except ValueError as error:
+        if isinstance(error, ConfigError):
+            raise
+        raise ConfigError("max_error", "must be a number, or units with one each", text,
+                          "as 0.02 or centroid_px=0.05,flux=0.001") from None
+
+
+def _checked(value: object, name: str, most: float) -> float:
+    number, hint = finite(name, value), ""
+    if 0.0 < number < LEAST:
+        raise ConfigError(name, f"must be at least {LEAST:.2g}: float32 pixels hold no less", value)
+    if not 0.0 < number <= most:
+        if number <= 0.0:
+            hint = f"the least is {LEAST:.2g}, which float32 pixels hold"
+        elif most == 1.0 and number < 100.0:
+            hint = f"{number:g} % is {number / 100.0:g}"
+        raise ConfigError(name, f"must be > 0 and <= {most:g}", value, hint)
+    return number
