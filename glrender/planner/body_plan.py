@@ -149,16 +149,22 @@ def frame_plan(camera: PinholeCamera, max_error: float | Mapping[str, float], er
         rms = min((error_gain * window.tolerance for window in windows), default=1.0)
     else:
         rms = max_error
-    navigation = frame_errors([([view for view in views if view.name in window.bodies], window.how,
-                                window.predicted_error) for window in windows], camera, error_gain)
+    drawn_so = [([view for view in views if view.name in window.bodies], window.how, window.predicted_error)
+                for window in windows]
+    navigation = frame_errors(drawn_so, camera, error_gain)
     # The Sun's distance differs along a body.
     navigation["flux"] = math.hypot(navigation["flux"], parallel)
     made = RenderPlan(camera=camera.name, max_error=min(rms, 1.0), roi=grouping.union([w.roi for w in windows]),
                       windows=tuple(windows), bodies=tuple(done), left_out=tuple(left_out), predicted_error=predicted,
                       navigation=navigation, asked=by_unit(max_error))
     if any(math.isfinite(window.tolerance) for window in windows):
-        warnings += [f"predicted {'error' if unit == 'rms' else unit} {made.predicted[unit]:.2g} exceeds max_error "
-                     f"{made.asked[unit]:g}" + (f"; {remedy}" if remedy else "") for unit in made.missed]
+        least = frame_errors([(members, how, 0.0) for members, how, _ in drawn_so], camera, error_gain)
+        for unit in made.missed:
+            asked, out = made.asked[unit], remedy
+            if asked <= least.get(unit, 0.0):
+                out = f"no frame of this view is promised less than {least[unit]:.2g}"
+            warnings.append(f"predicted {'error' if unit == 'rms' else unit} {made.predicted[unit]:.2g} exceeds "
+                            f"max_error {asked:g}" + (f"; {out}" if out else ""))
     return replace(made, warnings=tuple(warnings))
 
 
