@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from glrender import Scene, State
+from glrender import Renderer, Scene, State
 from glrender.engines.rays.engine import RayEngine, draws
 from glrender.view.regions import region
 from glrender.view.view import view_bodies
 
 from .metrics import centroid_px
+from .random_scenes import Draw, draw
 
 UNITS = ("rms", "flux", "centroid_px", "limb_px", "range")
 # Points along the limb that a mean is worth; and how far along its normal the half-light contour is looked for [px].
@@ -21,6 +22,36 @@ _REACH_PX, _STEP_PX = 1.5, 0.02
 # mean of the lit pixels, that is left; and rays, of the first round and of all.
 _LEAST, _MOST, _LEFT = 5, 135, 2e-4
 _FIRST_RAYS, _MOST_RAYS = 8e5, 7e6
+
+
+def draw_small(seed: int) -> Draw:
+    """A random scene in a frame of 64 to 192 px, of a body of 3 px to 1.5 frames, with a tolerance of 0.005 to 0.1."""
+    frame_px = int(np.random.default_rng([7, seed]).choice([64, 96, 128, 192]))
+    return draw(seed, frame_px=frame_px, sizes_px=(3.0, 1.5 * frame_px), budgets=(0.005, 0.1))
+
+
+def check_units(seed: int) -> dict | None:
+    """True and predicted errors of a frame in each of `UNITS`, as a row of the table; None where nothing is lit."""
+    case = draw_small(seed)
+    exact = dense_truth(case.scene, case.state)
+    if exact is None:
+        return None
+    with Renderer(case.scene) as renderer:
+        image = renderer.render(case.state, max_error=case.max_error)
+    return {"seed": seed, "body": case.body, "body_px": case.body_px, "phase_deg": case.phase_deg,
+            "max_error": case.max_error, "engine": image.plan.windows[0].how, "predicted": image.plan.predicted,
+            "true": exact.errors(image.irradiance_W_m2), "own": exact.own}
+
+
+def summary(rows: list[dict]) -> dict[str, dict[str, float]]:
+    """By unit: frames, the share whose true error is within the predicted one, median and most of their ratio."""
+    told = {}
+    for unit in UNITS:
+        ratio = np.array([row["true"][unit] / row["predicted"][unit] for row in rows
+                          if np.isfinite(row["true"][unit])])
+        told[unit] = {"frames": len(ratio), "within": float((ratio <= 1.0).mean()), "median": float(np.median(ratio)),
+                      "largest": float(ratio.max())}
+    return told
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

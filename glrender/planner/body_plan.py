@@ -149,8 +149,8 @@ def frame_plan(camera: PinholeCamera, max_error: float | Mapping[str, float], er
         rms = min((error_gain * window.tolerance for window in windows), default=1.0)
     else:
         rms = max_error
-    drawn_so = [([view for view in views if view.name in window.bodies], window.how, window.predicted_error)
-                for window in windows]
+    drawn_so = [([view for view in views if view.name in window.bodies], window.how,
+                 window.predicted_error / error_gain, window.modelling_error) for window in windows]
     navigation = frame_errors(drawn_so, camera, error_gain)
     # The Sun's distance differs along a body.
     navigation["flux"] = math.hypot(navigation["flux"], parallel)
@@ -158,7 +158,7 @@ def frame_plan(camera: PinholeCamera, max_error: float | Mapping[str, float], er
                       windows=tuple(windows), bodies=tuple(done), left_out=tuple(left_out), predicted_error=predicted,
                       navigation=navigation, asked=by_unit(max_error))
     if any(math.isfinite(window.tolerance) for window in windows):
-        least = frame_errors([(members, how, 0.0) for members, how, _ in drawn_so], camera, error_gain)
+        least = frame_errors([(members, how, 0.0, 0.0) for members, how, *_ in drawn_so], camera, error_gain)
         for unit in made.missed:
             asked, out = made.asked[unit], remedy
             if asked <= least.get(unit, 0.0):

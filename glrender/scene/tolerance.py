@@ -38,20 +38,19 @@ def by_unit(max_error: float | Mapping[str, float]) -> dict[str, float]:
     return dict(max_error) if isinstance(max_error, Mapping) else {"rms": max_error}
 
 
-def read_max_error(text: str) -> float | dict[str, float]:
-    """The tolerance of a command line: ``0.02``, or ``centroid_px=0.05,flux=0.001``."""
+def read_max_error(text: str | None, name: str = "max_error") -> float | dict[str, float] | None:
+    """The tolerance of a command line: ``0.02``, or ``centroid_px=0.05,flux=0.001``; None stays so."""
+    if text is None:
+        return None
+    pairs = [part.split("=", 1) for part in text.split(",")] if "=" in text else [("", text)]
     try:
-        if "=" not in text:
-            return checked_max_error(float(text))
-        pairs = [part.split("=", 1) for part in text.split(",")]
-        if len({unit.strip() for unit, _ in pairs}) < len(pairs):
-            raise ValueError
-        return checked_max_error({unit.strip(): float(number) for unit, number in pairs})
-    except ValueError as error:
-        if isinstance(error, ConfigError):
-            raise
-        raise ConfigError("max_error", "must be a number, or units with one each", text,
-                          "as 0.02 or centroid_px=0.05,flux=0.001") from None
+        numbers = {unit.strip(): float(number) for unit, number in pairs}
+    except ValueError:
+        numbers = {}
+    if len(numbers) < len(pairs):
+        raise ConfigError(name, "must be a number, or units with one each", text,
+                          "as 0.02, or centroid_px=0.05,flux=0.001")
+    return checked_max_error(numbers[""] if "=" not in text else numbers, name)
 
 
 def _checked(value: object, name: str, most: float) -> float:

@@ -21,12 +21,12 @@ from pathlib import Path
 import numpy as np
 from glrender import ConfigError, GlrenderError, Pose, Shape, State, frames, generate
 from glrender.base.constants import AU_M
+from glrender.scene.tolerance import read_max_error
 from glrender_camera.validate import integer
 from glrender_client import Client
 from tqdm import tqdm
 
 from .autopilot import CenterFinder, Navigator, ReferencePath
-from .drawing import tolerance
 
 _FOCAL_LENGTH_PX_PER_WIDTH = 3.2
 # 3 mm at 512 px: pixels of a smaller image see more, and would be saturated in the shortest exposure.
@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--length-unit", default="km", help="of the shape file: m, km, or metres per unit (km)")
     parser.add_argument("--frames", type=int, default=240, help=f"steps of the loop, at least {_MIN_FRAMES} (240)")
     parser.add_argument("--size-px", type=int, default=512, help="side of the image (512)")
-    parser.add_argument("--max-error", type=tolerance, default=0.1, help="the planner's budget (0.1)")
+    parser.add_argument("--max-error", default="0.1", help="the planner's budget (0.1)")
     parser.add_argument("--estimator", choices=("model", "sphere"), default="model",
                         help="phase correction by rendering the estimated state, or as of a sphere (model)")
     parser.add_argument("--seed", type=int, default=1, help="of the body, the sensor and the manoeuvres (1)")
@@ -70,6 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Fly the loop and leave pictures, plots and `summary.json`."""
     integer("frames", arguments.frames, _MIN_FRAMES, 100_000)
     integer("size-px", arguments.size_px, 64, 4096)
+    read_max_error(arguments.max_error, "max-error")
     with tempfile.TemporaryDirectory(prefix="glrender-demo-") as folder:
         scene_file, shape = _write_scene(Path(folder), arguments)
         arguments.out.mkdir(parents=True, exist_ok=True)
@@ -96,7 +97,7 @@ def _write_scene(folder: Path, arguments: argparse.Namespace) -> tuple[Path, Sha
     shape.to_file(folder / "body.obj")
     size = arguments.size_px
     scene = f"""
-max_error = {_toml(arguments.max_error)}
+max_error = {_toml(read_max_error(arguments.max_error))}
 
 [[bodies]]
 name = "body"

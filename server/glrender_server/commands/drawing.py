@@ -21,7 +21,7 @@ from .subject import is_number, read_subject, state_of
 
 def add_drawing(parser: argparse.ArgumentParser) -> None:
     """Add the arguments that say how a frame is drawn."""
-    parser.add_argument("--max-error", type=tolerance, metavar="SHARE",
+    parser.add_argument("--max-error", metavar="SHARE",
                         help="error tolerance, 0.02 for 2 %%, or by unit: centroid_px=0.05,flux=0.001; the scene's")
     parser.add_argument("--samples", type=int, metavar="N", help="along a pixel's side, by OpenGL; default: planned")
     parser.add_argument("--output", default="irradiance", choices=("irradiance", "dn"),
@@ -29,14 +29,6 @@ def add_drawing(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--exposure-s", metavar="S", help="with dn: seconds, or auto; the camera's")
     parser.add_argument("--seed", type=int, default=0, help="of the noise, with dn (0)")
     parser.add_argument("--backend", default="auto", help="auto, egl, osmesa, or a plug-in such as raytrace or cycles")
-
-
-def tolerance(text: str) -> float | dict[str, float]:
-    """An error tolerance of the command line."""
-    try:
-        return read_max_error(text)
-    except ConfigError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -74,7 +66,8 @@ def draw(arguments: argparse.Namespace) -> Drawn:
     camera = scene.camera(arguments.camera) if arguments.camera else scene.cameras[0]
     state = state_of(subject, arguments, camera)
     options = FrameOptions(camera=camera.name, output=arguments.output, seed=arguments.seed, exposure_s=exposure_s,
-                           products=tuple(getattr(arguments, "products", ())), max_error=arguments.max_error)
+                           products=tuple(getattr(arguments, "products", ())),
+                           max_error=read_max_error(arguments.max_error))
     with open_renderer(scene, arguments.backend) as renderer:
         capture = captured(renderer, 0, state, options, samples=arguments.samples)
     drawn = Drawn(scene=scene, camera=camera, state=state, options=options, capture=capture)

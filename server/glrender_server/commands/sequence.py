@@ -11,6 +11,7 @@ import numpy as np
 from glrender import ConfigError, State, load_scene
 from glrender.base.errors import error_path
 from glrender.scenario import load_scenario
+from glrender.scene.tolerance import read_max_error
 from glrender.sequences.contact_sheet import contact_sheet
 from glrender.sequences.formats import FORMATS
 from glrender.sequences.options import OUTPUT_KEYS, options_of
@@ -18,8 +19,6 @@ from glrender.sequences.read import read_image
 from glrender.sequences.sequence import FrameSequence
 from glrender.sequences.video import check_video, write_video
 from tqdm import tqdm
-
-from .drawing import tolerance
 
 _ON_SHEET = 25
 
@@ -40,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="pose, box and centres of each body, in the header")
     parser.add_argument("--seed", type=int, help="of the first frame's noise, each further one has the next (0)")
     parser.add_argument("--exposure-s", type=exposure, help="with dn: seconds, or auto; default: the camera's")
-    parser.add_argument("--max-error", type=tolerance, metavar="SHARE", help="or units with one each; the scene's")
+    parser.add_argument("--max-error", metavar="SHARE", help="or units with one each; the scene's")
     parser.add_argument("--video", type=Path, metavar="FILE.mp4", help="write the frames as a video for the eye too")
     parser.add_argument("--video-rate-hz", type=float, default=25.0, metavar="HZ")
     parser.add_argument("--processes", type=int, metavar="N", help="default: one for each core")
@@ -66,8 +65,10 @@ def run(arguments: argparse.Namespace) -> int:
         raise ConfigError("--out", "missing", hint="name a folder for the frames")
     if arguments.video is not None:
         check_video(arguments.video, arguments.video_rate_hz)
+    asked = {key: getattr(arguments, key) for key in OUTPUT_KEYS}
+    asked["max_error"] = read_max_error(arguments.max_error)
     with error_path("output"):
-        options = options_of(scene, table, {key: getattr(arguments, key) for key in OUTPUT_KEYS}, arguments.backend)
+        options = options_of(scene, table, asked, arguments.backend)
     sequence = FrameSequence(scene=scene, states=states, folder=arguments.out, options=options)
     n_frames = len(sequence.states)
     n_there = n_frames - len(sequence.missing())
