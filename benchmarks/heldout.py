@@ -57,14 +57,15 @@ def by_unit(seeds: range, folder: Path) -> None:
     """Check the frames of seeds in each unit, and write rows and table."""
     rows = []
     for seed in seeds:
-        row = units.check_units(seed)
+        row = units.check_units(units.draw_small(seed))
         if row is not None:
-            rows.append(row)
-            sys.stderr.write(json.dumps(row) + "\n")
+            rows.append({"seed": seed, **row})
+            sys.stderr.write(json.dumps(rows[-1]) + "\n")
     told = units.summary(rows)
-    lines = ["| unit | frames | true <= predicted | median of true / predicted | largest |", "|" + "---|" * 5]
-    lines += [f"| {unit} | {row['frames']} | {row['within']:.1%} | {row['median']:.2f} | {row['largest']:.1f} |"
-              for unit, row in told.items()]
+    lines = ["| unit | frames | true <= predicted | median of true / predicted | largest | of the truth |",
+             "|" + "---|" * 6]
+    lines += [f"| {unit} | {row['frames']} | {row['within']:.1%} | {row['median']:.2f} | {row['largest']:.1f} | "
+              f"{row['own']:.2f} |" for unit, row in told.items()]
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "heldout_units.json").write_text(json.dumps({"summary": told, "rows": rows}, indent=1), encoding="utf-8")
     (folder / "heldout_units.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
