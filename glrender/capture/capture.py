@@ -97,9 +97,9 @@ def draw_still(renderer: Any, state: State, camera: str | None = None, *, produc
     warnings = image_advice(renderer.scene, state, pinhole, still.plan, light, _in_frame(still.roi, margin_px, pinhole),
                             region=roi)
     timings = _timings(still, began)
-    return Capture(irradiance_W_m2=light, products=still.products, frame=None, plan=_timed(still.plan, timings),
-                   stages={"distortion": drawing.distortion_text, "region": drawing.region_text},
-                   timings_ms=timings, warnings=warnings)
+    return Capture(irradiance_W_m2=light, products=still.products, frame=None, timings_ms=timings, warnings=warnings,
+                   plan=replace(still.plan, milliseconds=sum(timings.values())),
+                   stages={"distortion": drawing.distortion_text, "region": drawing.region_text})
 
 
 def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: int = 0,
@@ -194,7 +194,8 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
                               has_points=bool(bodies.irradiance_W_m2.any()), has_stars=has_stars),
                 *frame_advice(scene, pinhole, asked, frame, light, lit, has_stars=has_stars, has_sun=has_sun))
     return Capture(irradiance_W_m2=light, products=still.products, frame=replace(frame, stages=stages),
-                   plan=_timed(still.plan, timings), stages=stages, timings_ms=timings, warnings=warnings)
+                   plan=replace(still.plan, milliseconds=sum(timings.values())), stages=stages, timings_ms=timings,
+                   warnings=warnings)
 
 
 def _n_drawn(motion: Motion) -> int:
@@ -245,10 +246,6 @@ def _in_frame(roi: tuple[int, int, int, int], margin_px: int, camera: PinholeCam
     """A region of the image with its margin, of the frame alone."""
     sizes = 2 * (camera.width_px, camera.height_px)
     return tuple(min(max(edge - margin_px, 0), size) for edge, size in zip(roi, sizes, strict=True))
-
-
-def _timed(plan: RenderPlan, timings_ms: dict[str, float]) -> RenderPlan:
-    return replace(plan, milliseconds=sum(timings_ms.values()))
 
 
 def _timings(still: Still, began: float) -> dict[str, float]:

@@ -17,7 +17,7 @@ from ..base.progress import Progress
 from ..engines.image import checked_products
 from ..planner.plan import RenderPlan
 from ..scene.scene import Scene
-from ..scene.tolerance import PIXEL_UNITS, by_unit, checked_max_error
+from ..scene.tolerance import by_unit, checked_max_error
 from ..view.regions import union
 from ..view.state import State
 from ..view.view import view_bodies
@@ -109,13 +109,16 @@ class Drawing:
         self._tolerance = renderer.scene.max_error if max_error is None else checked_max_error(max_error)
         # What the frame keeps of the drawn image's errors, but for the flux's: for the renderer to know, where it can.
         # Cells' errors are independent: their mean has 1 / n of them.
-        n = 1 if self.lens is None else self.lens.oversampling
+        n = self._n = 1 if self.lens is None else self.lens.oversampling
         self._share = (camera.model.psf_noise_gain if is_for_detector else 1.0) / n
         if "error_gain" in taken:
             self._options["error_gain"], self._share = self._share, 1.0
         if is_for_detector and "apart_px" in taken:
             self._options["apart_px"] = _APART_PX * n
-        self._options["max_error"] = _scaled(self._tolerance, self._share, n)
+        asked = _in_pixels(by_unit(self._tolerance), n)
+        if "rms" in asked:
+            asked["rms"] = min(asked["rms"] / self._share, 1.0)
+        self._options["max_error"] = asked if isinstance(self._tolerance, Mapping) else asked["rms"]
         self._options["samples"] = -(-samples // n) if isinstance(samples, int) else samples
 
     @property
@@ -155,12 +158,10 @@ class Drawing:
             roi = (roi[0] + x0, roi[1] + y0, roi[2] + x0, roi[3] + y0) if any(roi) else roi
             light = self._in_place(light, 0.0)
             made = {name: self._in_place(values, _BESIDE.get(name, np.nan)) for name, values in made.items()}
-        if self._share != 1.0 or self.lens is not None:
-            n, is_table = 1 if self.lens is None else self.lens.oversampling, isinstance(self._tolerance, Mapping)
-            plan = replace(
-                plan, max_error=plan.max_error * self._share if is_table else self._tolerance,
-                predicted_error=plan.predicted_error * self._share, asked=by_unit(self._tolerance),
-                navigation={unit: error / (n if unit in PIXEL_UNITS else 1) for unit, error in plan.navigation.items()})
+        if self._share != 1.0 or self._n != 1:
+            rms = plan.max_error * self._share if isinstance(self._tolerance, Mapping) else self._tolerance
+            plan = replace(plan, max_error=rms, predicted_error=plan.predicted_error * self._share, asked=by_unit(
+                self._tolerance), navigation=_in_pixels(plan.navigation, 1.0 / self._n))
         if self.lens is not None:
             light, roi = self.lens.apply(light, roi), self.lens.reached_box(roi)
             made = sampled(made, self.lens, self._camera, wanted)
@@ -193,12 +194,9 @@ class Drawing:
         return whole
 
 
-def _scaled(tolerance: float | Mapping[str, float], share: float, cells: int) -> float | dict[str, float]:
-    """The tolerance of the image that is drawn: RMS before what averages its errors, pixels in its cells."""
-    if not isinstance(tolerance, Mapping):
-        return min(tolerance / share, 1.0)
-    return {unit: number * cells if unit in PIXEL_UNITS else min(number / share, 1.0) if unit == "rms" else number
-            for unit, number in tolerance.items()}
+def _in_pixels(errors: Mapping[str, float], cells: float) -> dict[str, float]:
+    """Errors by unit, those in pixels of another size, of which one has so many cells along its side."""
+    return {unit: error * cells if unit.endswith("_px") else error for unit, error in errors.items()}
 
 
 def _part(camera: PinholeCamera, box: tuple[int, int, int, int]) -> PinholeCamera:

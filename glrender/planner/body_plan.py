@@ -145,16 +145,15 @@ def frame_plan(camera: PinholeCamera, max_error: float | Mapping[str, float], er
     by_rays = max((ray_rounding_error(view, traits[view.name]) for view in views if view.is_visible
                    and view.name in drawn and drawn[view.name].engine != "raster"), default=0.0)
     predicted = math.hypot(max((window.predicted_error for window in windows), default=0.0), parallel, by_rays)
+    rms = max_error
     if isinstance(max_error, Mapping):
-        rms = min((error_gain * window.tolerance for window in windows), default=1.0)
-    else:
-        rms = max_error
+        rms = min([error_gain * window.tolerance for window in windows] + [1.0])
     drawn_so = [([view for view in views if view.name in window.bodies], window.how,
                  window.predicted_error / error_gain, window.modelling_error) for window in windows]
     navigation = frame_errors(drawn_so, camera, error_gain)
     # The Sun's distance differs along a body.
     navigation["flux"] = math.hypot(navigation["flux"], parallel)
-    made = RenderPlan(camera=camera.name, max_error=min(rms, 1.0), roi=grouping.union([w.roi for w in windows]),
+    made = RenderPlan(camera=camera.name, max_error=rms, roi=grouping.union([w.roi for w in windows]),
                       windows=tuple(windows), bodies=tuple(done), left_out=tuple(left_out), predicted_error=predicted,
                       navigation=navigation, asked=by_unit(max_error))
     if any(math.isfinite(window.tolerance) for window in windows):

@@ -163,23 +163,20 @@ def _options(members: Sequence[BodyView], traits: Mapping[str, BodyTraits], draw
     raster = [made["raster"]] if "raster" in made else []
     is_in_penumbra = _is_within_penumbra(members, drawn)
     is_fine_enough = (raster and raster[0].modelling_error <= raster[0].tolerance and not is_in_penumbra)
-    reason = _no_coverage(members, known, drawn, request.engines)
     if request.engine is not None:
-        return _with_reasons([*coverage, *rays, *raster], "asked for")
-    if request.has_gpu and is_fine_enough:
-        return _with_reasons([*raster, *coverage, *rays], "there is a GPU, and its shadow map is fine enough")
-    if _is_crowded(members, known):
-        return _with_reasons([*rays, *coverage, *([] if rays else raster)],
-                             f"more than {MOST_FACETS_PER_PX:g} facets that face Sun and camera share a pixel")
-    if not (coverage or is_fine_enough):
-        return _with_reasons([*rays, *([] if rays else raster)], "the body is within a wide penumbra" if is_in_penumbra
-                             else f"{reason}, and no shadow map is fine enough")
-    return _with_reasons([*(coverage or raster), *rays], "evenly bright facets that are all before the camera"
-                         if coverage else reason)
-
-
-def _with_reasons(options: Sequence[WindowPlan], why: str) -> list[WindowPlan]:
-    """Ways to draw, each with its reason: of the first, why it is, of others, that those before miss the tolerance."""
+        options, why = [*coverage, *rays, *raster], "asked for"
+    elif request.has_gpu and is_fine_enough:
+        options, why = [*raster, *coverage, *rays], "there is a GPU, and its shadow map is fine enough"
+    elif _is_crowded(members, known):
+        options = [*rays, *coverage, *([] if rays else raster)]
+        why = f"more than {MOST_FACETS_PER_PX:g} facets that face Sun and camera share a pixel"
+    elif coverage:
+        options, why = [*coverage, *rays], "evenly bright facets that are all before the camera"
+    else:
+        options, why = [*raster, *rays], _no_coverage(members, known, drawn, request.engines)
+        if not is_fine_enough:
+            options = rays or raster
+            why = "a wide penumbra is on it" if is_in_penumbra else f"{why}, and no shadow map is fine enough"
     names = ["coverage by centroids" if option.by_centroids else option.engine for option in options]
     return [replace(option, why=f"{' and '.join(names[:index])} would miss the tolerance" if index else why)
             for index, option in enumerate(options)]
@@ -188,15 +185,11 @@ def _with_reasons(options: Sequence[WindowPlan], why: str) -> list[WindowPlan]:
 def _no_coverage(members: Sequence[BodyView], known: Sequence[BodyTraits], drawn: Sequence[BodyPlan],
                  engines: Sequence[str]) -> str:
     """The reason for which coverage does not draw bodies."""
-    if "coverage" not in engines:
-        return "Embree is missing"
-    if any(view.bounds_px is None for view in members):
-        return "a body reaches beside the camera"
-    if any(body.detail_layers for body in drawn):
-        return "surface detail is drawn"
-    if not all(math.isfinite(traits.facet_m) for traits in known):
-        return "a texture or smooth normals vary within facets"
-    return "facets are too large to be evenly bright within the tolerance"
+    reasons = {"Embree is missing": "coverage" not in engines,
+               "it reaches beside the camera": any(view.bounds_px is None for view in members),
+               "surface detail is drawn": any(body.detail_layers for body in drawn),
+               "texture or smooth normals vary within facets": any(math.isinf(traits.facet_m) for traits in known)}
+    return next((why for why, holds in reasons.items() if holds), "facets are too large to be evenly bright")
 
 
 def _with_detail(traits: BodyTraits, view: BodyView, body: BodyPlan, camera: PinholeCamera) -> BodyTraits:

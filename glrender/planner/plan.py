@@ -151,8 +151,7 @@ class RenderPlan:
     windows : tuple of WindowPlan
         What is drawn of it.
     max_error : float [1]
-        RMS error that the frame was drawn for: that which was asked for, or the least that what was asked for amounts
-        to in any region.
+        RMS error that the frame was drawn for: what was asked for in other units amounts to that at least.
     predicted_error : float [1]
         RMS irradiance error over the mean of the lit pixels.
     navigation : mapping
@@ -199,13 +198,13 @@ class RenderPlan:
 
     def __str__(self) -> str:
         """At most ten lines: errors, engines and why, bodies, what is left out, warnings."""
-        took = f"; {self.milliseconds:.3g} ms" if self.milliseconds else ""
-        lines = [f"camera {self.camera}: predicted RMS error {100.0 * self.predicted_error:.2g} % of the mean lit "
-                 f"pixel{_allowed(self.asked, 'rms')}{took}"]
-        if self.navigation:
-            lines.append("predicted " + ", ".join(
-                f"{unit.removesuffix('_px')} {_amount(unit, error)}{_allowed(self.asked, unit)}"
-                for unit, error in self.navigation.items()))
+        told = {unit: f"{unit.removesuffix('_px')} {_amount(unit, error)}"
+                + (f" ({_amount(unit, self.asked[unit])} allowed)" if unit in self.asked else "")
+                for unit, error in self.predicted.items()}
+        lines = [f"camera {self.camera}: predicted RMS error{told.pop('rms')[3:]} of the mean lit pixel; "
+                 f"{self.milliseconds:.3g} ms"]
+        if told:
+            lines.append(f"predicted {', '.join(told.values())}")
         if not any(body.is_visible for body in self.bodies):
             lines.append("nothing is in view")
         sizes = {body.name: f"{body.name} ({body.n_facets} facets, {body.size_px:.0f} px, {body.law})"
@@ -230,7 +229,3 @@ class RenderPlan:
 
 def _amount(unit: str, error: float) -> str:
     return f"{error:.2g} px" if unit.endswith("_px") else f"{100.0 * error:.2g} %"
-
-
-def _allowed(asked: Mapping[str, float], unit: str) -> str:
-    return f" ({_amount(unit, asked[unit])} allowed)" if unit in asked else ""

@@ -21,7 +21,6 @@ from .error_model import FLUX_SHARE, lit_share
 # Errors over the RMS error and the powers above [1] or [px], of flux, centre, limb and range: 96 % of 620 frames of 205
 # scenes (seeds from 1000 and 1200 on) beside float64 rays are within.
 _EXACT, _SAMPLED = (0.65, 0.17, 0.18, 0.5), (1.0, 0.4, 0.54, 1.6)
-_OVER_RMS = {"coverage": _EXACT, "centroids": _EXACT, "rays": _SAMPLED, "raster": _SAMPLED}
 # Least errors that are predicted, likewise: the same frames. That of range is of the mean limb [px].
 _LEAST = (3e-5, 3e-4, 0.012, 0.002)
 # Of a tolerance, or of the least error where that is more [1], what the RMS error may take at least.
@@ -30,18 +29,10 @@ _LEAST_LEFT = 0.3
 
 def allowed_rms(asked: Mapping[str, float], members: Sequence[BodyView], camera: PinholeCamera, how: str,
                 error_gain: float = 1.0) -> float:
-    """The largest RMS error, before the camera's point spread function, with which bodies meet all that is asked.
+    """The largest RMS error [1], before the camera's point spread function, with which bodies meet tolerances by unit.
 
-    Parameters
-    ----------
-    asked : mapping
-        Tolerances by unit: `tolerance.UNITS`.
-    members : sequence of BodyView
-        Bodies in view that are drawn together.
-    camera : PinholeCamera
-    how : "coverage", "centroids", "rays" or "raster"
-    error_gain : float [1]
-        What the point spread function leaves of an error that is independent from pixel to pixel.
+    The bodies are in view and drawn together: `how` is "coverage", "centroids", "rays" or "raster". Of an error that is
+    independent from pixel to pixel the point spread function leaves `error_gain` [1].
     """
     laws, found = _laws(members, camera, how, error_gain), 1.0 / error_gain
     for unit, most in asked.items():
@@ -62,15 +53,15 @@ def frame_errors(drawn: Iterable[tuple[Sequence[BodyView], str, float, float]], 
                  error_gain: float = 1.0) -> dict[str, float]:
     """Predicted errors of a frame in each unit but `rms`: the largest of its regions.
 
-    Each region is told by its bodies, how they are drawn, its RMS error before the point spread function, and the part
-    of it that is modelled otherwise.
+    Of each region: its bodies, how they are drawn, its RMS error before the point spread function, and the part of
+    that which is modelled otherwise.
     """
     found = dict.fromkeys(UNITS[1:], 0.0)
     for members, how, rms, modelling in drawn:
         laws, own = _laws(members, camera, how, error_gain), math.sqrt(max(rms**2 - modelling**2, 0.0))
         for unit, error in found.items():
-            drawn_so, modelled, least = laws[unit]
-            found[unit] = max(error, math.hypot(own * drawn_so, min(modelling, rms) * modelled, least))
+            of_drawn, of_modelled, least = laws[unit]
+            found[unit] = max(error, math.hypot(own * of_drawn, min(modelling, rms) * of_modelled, least))
     return found
 
 
@@ -78,10 +69,9 @@ def _laws(members: Sequence[BodyView], camera: PinholeCamera, how: str, error_ga
           ) -> dict[str, tuple[float, float, float]]:
     """Error of each unit over the RMS error of what is drawn, and over that of what is modelled, and the least."""
     side, share = _side(members, camera), math.sqrt(lit_share(max(view.phase_rad for view in members)))
-    root = math.sqrt(side)
     # The point spread function moves neither flux nor centre, and averages the limb along it alone.
-    along = math.sqrt(error_gain)
-    flux, centre, limb, size = _OVER_RMS[how]
+    root, along = math.sqrt(side), math.sqrt(error_gain)
+    flux, centre, limb, size = _EXACT if how in ("coverage", "centroids") else _SAMPLED
     limb *= along * root * share
     return {"rms": (error_gain, error_gain, 0.0),
             "flux": (flux / root, FLUX_SHARE, _LEAST[0]),
@@ -93,8 +83,6 @@ def _laws(members: Sequence[BodyView], camera: PinholeCamera, how: str, error_ga
 def _side(members: Sequence[BodyView], camera: PinholeCamera) -> float:
     """Root of the area [px] of the part of the bodies' box that is in the image."""
     x0, y0, x1, y1 = region(members, camera)
-    width, height = float(x1 - x0), float(y1 - y0)
-    if all(view.bounds_px is not None for view in members):
-        left, top, right, bottom = outline(members)
-        width, height = min(right - left, width), min(bottom - top, height)
-    return math.sqrt(max(width * height, 1e-6))
+    has_outline = all(view.bounds_px is not None for view in members)
+    left, top, right, bottom = outline(members) if has_outline else (x0, y0, x1, y1)
+    return math.sqrt(max(min(right - left, x1 - x0) * min(bottom - top, y1 - y0), 1e-6))

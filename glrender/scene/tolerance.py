@@ -10,7 +10,6 @@ from ..base.errors import ConfigError
 
 UNITS = ("rms", "flux", "centroid_px", "limb_px", "range")
 """Units of a frame's errors: docs/accuracy.md defines them."""
-PIXEL_UNITS = ("centroid_px", "limb_px")
 LEAST = 2.0**-24
 """Least tolerance of any unit [1] or [px]: half a step of the float32 in which pixels are stored."""
 _MOST_PX = 1e4
@@ -26,10 +25,9 @@ def checked_max_error(value: object, name: str = "max_error") -> float | dict[st
     """
     if not isinstance(value, Mapping):
         return _checked(value, name, 1.0)
-    known_keys(name, value, UNITS)
-    if not value:
+    if not known_keys(name, value, UNITS):
         raise ConfigError(name, f"must name one of {', '.join(UNITS)}, or be a number", dict(value))
-    return {unit: _checked(value[unit], f"{name}.{unit}", _MOST_PX if unit in PIXEL_UNITS else 1.0)
+    return {unit: _checked(value[unit], f"{name}.{unit}", _MOST_PX if unit.endswith("_px") else 1.0)
             for unit in UNITS if unit in value}
 
 
@@ -38,29 +36,12 @@ def by_unit(max_error: float | Mapping[str, float]) -> dict[str, float]:
     return dict(max_error) if isinstance(max_error, Mapping) else {"rms": max_error}
 
 
-def read_max_error(text: str | None, name: str = "max_error") -> float | dict[str, float] | None:
-    """The tolerance of a command line: ``0.02``, or ``centroid_px=0.05,flux=0.001``; None stays so."""
-    if text is None:
-        return None
-    pairs = [part.split("=", 1) for part in text.split(",")] if "=" in text else [("", text)]
-    try:
-        numbers = {unit.strip(): float(number) for unit, number in pairs}
-    except ValueError:
-        numbers = {}
-    if len(numbers) < len(pairs):
-        raise ConfigError(name, "must be a number, or units with one each", text,
-                          "as 0.02, or centroid_px=0.05,flux=0.001")
-    return checked_max_error(numbers[""] if "=" not in text else numbers, name)
-
-
 def _checked(value: object, name: str, most: float) -> float:
-    number, hint = finite(name, value), ""
+    number = finite(name, value)
     if 0.0 < number < LEAST:
         raise ConfigError(name, f"must be at least {LEAST:.2g}: float32 pixels hold no less", value)
     if not 0.0 < number <= most:
-        if number <= 0.0:
-            hint = f"the least is {LEAST:.2g}, which float32 pixels hold"
-        elif most == 1.0 and number < 100.0:
-            hint = f"{number:g} % is {number / 100.0:g}"
-        raise ConfigError(name, f"must be > 0 and <= {most:g}", value, hint)
+        percent = f"{number:g} % is {number / 100.0:g}" if most == 1.0 and number < 100.0 else ""
+        raise ConfigError(name, f"must be > 0 and <= {most:g}", value,
+                          percent if number > 0.0 else f"the least is {LEAST:.2g}, which float32 pixels hold")
     return number

@@ -12,7 +12,7 @@ from glrender_camera.validate import integer, known_keys, one_of
 from ..base.errors import ConfigError
 from ..engines.image import checked_products
 from ..scene.scene import Scene
-from ..scene.tolerance import by_unit, checked_max_error
+from ..scene.tolerance import checked_max_error
 from .formats import checked_ending
 from .labels import Keypoints
 
@@ -97,9 +97,7 @@ class FrameOptions:
             exposure = "the camera's" if self.exposure_s is None else self.exposure_s
             parts += [f"seed {self.seed}", f"exposure {exposure}{' s' if isinstance(exposure, float) else ''}"]
         if self.max_error is not None:
-            parts.append("max_error " + ", ".join(
-                f"{number:g}" if unit == "rms" else f"{unit} {number:g}"
-                for unit, number in by_unit(self.max_error).items()))
+            parts.append(f"max_error {self.max_error}")
         return ", ".join(parts)
 
 

@@ -12,13 +12,14 @@ import views
 from glrender import Body, ConfigError, Renderer, Scene, draw_still, generate, open_renderer, take_frame
 from glrender.brdf import Lambert
 from glrender.planner.predicted import allowed_rms, frame_errors
-from glrender.scene.tolerance import LEAST, UNITS, read_max_error
+from glrender.scene.tolerance import LEAST, UNITS
 from glrender_camera import CameraModel, Detector, Optics
+from glrender_server.commands.tolerance import read_max_error
 from planning import CAMERA, view
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
-from accuracy.units import check_units, summary, unit_errors
+from accuracy.units import check_units, draw_small, summary, unit_errors
 
 STATE = views.state(phase_deg=60.0, range_m=1500.0)
 BODY = Body(name="body", shape=generate.contact_binary(radius_m=100.0, seed=7, subdivisions=5),
@@ -32,14 +33,14 @@ def renderer():
 
 
 def test_held_out_frames_are_within_their_predictions_in_every_unit():
-    """Twelve scenes that no constant was fitted to, beside float64 rays: at most one beyond, and none by ten times."""
-    rows = [check_units(seed, ["sphere 20k", "gaussian 20k", "binary 20k", "three lobes 20k"])
-            for seed in range(500, 512)]
+    """Twelve scenes that no constant was fitted to, beside float64 rays: in each unit at most one is beyond."""
+    bodies = ["gaussian 20k", "binary 20k", "gaussian 82k", "binary 82k"]
+    rows = [check_units(draw_small(seed, bodies, (64,)), 1.2e6) for seed in range(500, 512)]
     rows = [row for row in rows if row is not None]
     assert len(rows) >= 10
     for unit, told in summary(rows).items():
         assert told["frames"] >= 6 and told["within"] >= 1.0 - 1.0 / told["frames"], (unit, told)
-        assert 0.03 < told["median"] < 1.0 and told["largest"] < 5.0, (unit, told)
+        assert 0.05 < told["median"] and told["largest"] < 3.0, (unit, told)
 
 
 def test_true_errors_of_a_disc_that_is_moved_or_grown():
@@ -137,7 +138,7 @@ def test_a_plan_is_ten_lines_that_tell_the_engine_and_why(renderer):
     assert "rays, " in lines[2] and "samples a pixel" in lines[2] and "asked for" in lines[2]
     told = plan.to_dict()
     assert told["predicted"] == plan.predicted and told["missed"] == () and told["milliseconds"] > 0.0
-    assert "evenly bright" in renderer.render(STATE).plan.windows[0].why and "navigation" not in told
+    assert "evenly bright" in renderer.render(STATE, max_error=0.1).plan.windows[0].why and "navigation" not in told
 
 
 @pytest.mark.parametrize("asked, message", [

@@ -13,7 +13,6 @@ from glrender.scenario import RandomStates, load_scenario
 from glrender.scenario.files.keypoint_fields import off_surface
 from glrender.scenario.files.random_fields import with_changes
 from glrender.scenario.files.scenario_file import load_setting
-from glrender.scene.tolerance import read_max_error
 from glrender.sequences.dask_processes import dask_processes
 from glrender.sequences.dataset.dataset import FRAMES_A_SHARD, DataSet
 from glrender.sequences.dataset.shards import FORMATS
@@ -22,6 +21,7 @@ from glrender.sequences.options import options_of
 from tqdm import tqdm
 
 from .sequence import exposure, read_states
+from .tolerance import read_max_error
 
 _LIMB_POINTS = 64
 # Fields of [output] that a data set follows; it has formats and labels of its own.

@@ -21,12 +21,12 @@ from pathlib import Path
 import numpy as np
 from glrender import ConfigError, GlrenderError, Pose, Shape, State, frames, generate
 from glrender.base.constants import AU_M
-from glrender.scene.tolerance import read_max_error
 from glrender_camera.validate import integer
 from glrender_client import Client
 from tqdm import tqdm
 
 from .autopilot import CenterFinder, Navigator, ReferencePath
+from .tolerance import read_max_error
 
 _FOCAL_LENGTH_PX_PER_WIDTH = 3.2
 # 3 mm at 512 px: pixels of a smaller image see more, and would be saturated in the shortest exposure.

@@ -12,11 +12,11 @@ import numpy as np
 from glrender import ConfigError, Scene, State, open_renderer
 from glrender.capture.capture import Capture
 from glrender.engines.advice import scene_advice
-from glrender.scene.tolerance import read_max_error
 from glrender.sequences.sequence import FrameOptions, captured
 from glrender_camera import PinholeCamera
 
 from .subject import is_number, read_subject, state_of
+from .tolerance import read_max_error
 
 
 def add_drawing(parser: argparse.ArgumentParser) -> None:

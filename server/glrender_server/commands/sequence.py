@@ -11,7 +11,6 @@ import numpy as np
 from glrender import ConfigError, State, load_scene
 from glrender.base.errors import error_path
 from glrender.scenario import load_scenario
-from glrender.scene.tolerance import read_max_error
 from glrender.sequences.contact_sheet import contact_sheet
 from glrender.sequences.formats import FORMATS
 from glrender.sequences.options import OUTPUT_KEYS, options_of
@@ -19,6 +18,8 @@ from glrender.sequences.read import read_image
 from glrender.sequences.sequence import FrameSequence
 from glrender.sequences.video import check_video, write_video
 from tqdm import tqdm
+
+from .tolerance import read_max_error
 
 _ON_SHEET = 25
 
