@@ -35,12 +35,12 @@ def renderer():
 def test_held_out_frames_are_within_their_predictions_in_every_unit():
     """Twelve scenes that no constant was fitted to, beside float64 rays: in each unit at most one is beyond."""
     bodies = ["gaussian 20k", "binary 20k", "gaussian 82k", "binary 82k"]
-    rows = [check_units(draw_small(seed, bodies, (64,)), 1.2e6) for seed in range(500, 512)]
+    rows = [check_units(draw_small(seed, bodies, (64,)), 2e6) for seed in range(500, 512)]
     rows = [row for row in rows if row is not None]
     assert len(rows) >= 10
     for unit, told in summary(rows).items():
         assert told["frames"] >= 6 and told["within"] >= 1.0 - 1.0 / told["frames"], (unit, told)
-        assert 0.05 < told["median"] and told["largest"] < 3.0, (unit, told)
+        assert 0.03 < told["median"] and told["largest"] < 3.0, (unit, told)
 
 
 def test_true_errors_of_a_disc_that_is_moved_or_grown():
