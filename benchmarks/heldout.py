@@ -2,6 +2,7 @@
 
 Writes out/heldout.{json,png,md}: the share of scenes whose true RMS error is within the predicted one and whose
 flux error is within a tenth of it, by phase, size, facets per pixel and samples, and the time over the fixed path.
+`--units` draws smaller frames instead, and checks what is predicted in every unit: out/heldout_units.{json,md}.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
+from accuracy import units
 from accuracy.check import check
 from accuracy.random_scenes import draw
 
@@ -30,8 +32,12 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="the first seed")
     parser.add_argument("--rays", type=float, default=10e6, help="of the truth, for each scene")
     parser.add_argument("--rounds", type=int, default=5, help="of times, for each scene; 0: errors alone")
+    parser.add_argument("--units", action="store_true", help="check flux, centre, limb and range as well")
     parser.add_argument("--out", type=Path, default=OUT)
     arguments = parser.parse_args()
+    if arguments.units:
+        by_unit(range(arguments.first, arguments.first + arguments.count), arguments.out)
+        return
     rows = []
     for seed in range(arguments.first, arguments.first + arguments.count):
         row = check(draw(seed), arguments.rays, arguments.rounds)
@@ -45,6 +51,25 @@ def main() -> None:
     (arguments.out / "heldout.md").write_text(tables(rows), encoding="utf-8")
     draw_scatter([row for row in rows if "failure" not in row], arguments.out / "heldout.png")
     sys.stdout.write(tables(rows) + json.dumps(summary) + "\n")
+
+
+def by_unit(seeds: range, folder: Path) -> None:
+    """Check the frames of seeds in each unit, and write rows and table."""
+    rows = []
+    for seed in seeds:
+        row = units.check_units(units.draw_small(seed))
+        if row is not None:
+            rows.append({"seed": seed, **row})
+            sys.stderr.write(json.dumps(rows[-1]) + "\n")
+    told = units.summary(rows)
+    lines = ["| unit | frames | true <= predicted | median of true / predicted | largest | of the truth |",
+             "|" + "---|" * 6]
+    lines += [f"| {unit} | {row['frames']} | {row['within']:.1%} | {row['median']:.2f} | {row['largest']:.1f} | "
+              f"{row['own']:.2f} |" for unit, row in told.items()]
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "heldout_units.json").write_text(json.dumps({"summary": told, "rows": rows}, indent=1), encoding="utf-8")
+    (folder / "heldout_units.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    sys.stdout.write("\n".join(lines) + "\n")
 
 
 def summarise(rows: list[dict]) -> dict:

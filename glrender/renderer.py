@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from typing import Any
@@ -39,7 +39,8 @@ from .planner.error_model import own_penumbra, rounding_px
 from .planner.plan import BodyPlan, RenderPlan, WindowPlan
 from .scene.plugins.checks import blamed_on
 from .scene.plugins.registry import OPENGL_BACKENDS, backends
-from .scene.scene import Scene, checked_max_error
+from .scene.scene import Scene
+from .scene.tolerance import checked_max_error
 from .view import regions as grouping
 from .view.occluders import cast_penumbra, casters
 from .view.state import State
@@ -123,9 +124,9 @@ class Renderer:
         """BRDF [1/sr] of (N, 3) unit vectors, (N,) float32, by the very GLSL function that draws."""
         return BrdfEvaluator(self._context)(law, to_sun, to_camera, normal)
 
-    def render(self, state: State, camera: str | PinholeCamera | None = None, *, max_error: float | None = None,
-               products: Iterable[str] = ("irradiance",), samples: int | None = None, engine: str | None = None,
-               deadline_s: float | None = None,
+    def render(self, state: State, camera: str | PinholeCamera | None = None, *,
+               max_error: float | Mapping[str, float] | None = None, products: Iterable[str] = ("irradiance",),
+               samples: int | None = None, engine: str | None = None, deadline_s: float | None = None,
                after_psf: bool = False, error_gain: float = 1.0, apart_px: float = 0.0,
                allow_slow: bool | str = False,
                on_progress: Callable[[float], None] | None = None, out: np.ndarray | None = None) -> Image:
@@ -136,8 +137,9 @@ class Renderer:
         state : State
         camera : str or PinholeCamera, optional
             Name; the scene's only camera by default. Or a camera that draws for one of the scene's, whose name it has.
-        max_error : float [1], optional
-            Error tolerance instead of the scene's.
+        max_error : float [1] or mapping, optional
+            Error tolerance instead of the scene's: RMS, or of each unit that it names out of ``rms``, ``flux``,
+            ``centroid_px``, ``limb_px``, ``range``. All that are named are met with the least work.
         products : iterable of str
             Out of `PRODUCTS`; ``irradiance`` is always drawn.
         samples : int, optional
@@ -197,10 +199,12 @@ class Renderer:
             # What dims the image does not reach points beside it.
             apart_px = 0.0
         apart_px = apart_limit(views, apart_px)
-        bodies = self._plan_bodies(views, pinhole, tolerance / gain)
-        choices = plan_windows(views, self._traits, bodies, Request(
-            camera=pinhole, tolerance=tolerance / gain, error_gain=gain, engines=self._engines,
-            has_gpu=not self._context.is_software, samples=samples, engine=engine, apart_px=apart_px))
+        asked = tolerance if isinstance(tolerance, Mapping) else None
+        request = Request(
+            camera=pinhole, tolerance=1.0 if asked else tolerance / gain, error_gain=gain, engines=self._engines,
+            has_gpu=not self._context.is_software, samples=samples, engine=engine, apart_px=apart_px, asked=asked)
+        bodies = self._plan_bodies(views, request)
+        choices = plan_windows(views, self._traits, bodies, request)
         if not all(choices):
             raise ConfigError("engine", f"cannot draw {_named(views, choices)}", engine, _NO_ENGINE.get(engine, ""))
         clock.lap("plan")
@@ -218,8 +222,8 @@ class Renderer:
             names = ", ".join(name for window in hopeless for name in window.bodies)
             raise ConfigError("engine", f"cannot draw {names}", engine,
                               "light falls between the corners of facets; leave engine out")
-        frame_plan = plan.frame_plan(pinhole, tolerance, views, self._traits, bodies, windows, self.scene.sun_disc,
-                                     _remedy(time.monotonic() > deadline, engine, may_be_slow))
+        frame_plan = plan.frame_plan(pinhole, tolerance, gain, views, self._traits, bodies, windows,
+                                     self.scene.sun_disc, _remedy(time.monotonic() > deadline, engine, may_be_slow))
         slow = None
         if may_be_slow and misses_tolerance(frame_plan):
             fast = Image(irradiance_W_m2=irradiance, products={}, plan=frame_plan, timings_ms=clock.laps_ms)
@@ -234,9 +238,10 @@ class Renderer:
         if wanted:
             arrays = self._drawn_products(wanted, frame, windows)
             clock.lap("products")
+        frame_plan = frame_plan if slow is None else with_emission(slow.plan, frame_plan)
         return Image(irradiance_W_m2=irradiance, products=arrays, timings_ms=clock.laps_ms, small_bodies=tuple(small),
                      request=(self.scene, state, pinhole),
-                     plan=frame_plan if slow is None else with_emission(slow.plan, frame_plan))
+                     plan=replace(frame_plan, milliseconds=sum(clock.laps_ms.values())))
 
     def _drawn_products(self, wanted: Sequence[str], frame: Frame, windows: list[WindowPlan]) -> dict[str, np.ndarray]:
         """Products by OpenGL, or by rays where OpenGL's coordinates are too coarse."""
@@ -249,7 +254,7 @@ class Renderer:
             arrays = {name: values.astype(arrays[name].dtype) for name, values in traced.items()}
         return arrays
 
-    def _plan_bodies(self, views: list[BodyView], camera: PinholeCamera, tolerance: float) -> list[BodyPlan]:
+    def _plan_bodies(self, views: list[BodyView], request: Request) -> list[BodyPlan]:
         bodies, hulls = [], self.scene.hulls
         for view in views:
             sun_radius_rad = view.sun_radius_rad if self.scene.sun_disc else 0.0
@@ -257,9 +262,11 @@ class Renderer:
             own = (0.0, 0.0)
             if self.scene.sun_disc and not hulls[view.name].is_convex:
                 own = own_penumbra(view)
-            error, width_px = cast_penumbra(view, cast, hulls, view.depth_m[0] / camera.focal_length_px, sun_radius_rad)
+            footprint_m = view.depth_m[0] / request.camera.focal_length_px
+            error, width_px = cast_penumbra(view, cast, hulls, footprint_m, sun_radius_rad)
+            tolerance = request.of([view], "raster").tolerance if view.is_visible else request.tolerance
             bodies.append(plan.plan_body(
-                view, self._traits[view.name], camera, [name for name, _ in cast], tolerance,
+                view, self._traits[view.name], request.camera, [name for name, _ in cast], tolerance,
                 penumbra=(math.hypot(own[0], error), max(own[1], width_px))))
         return bodies
 

@@ -56,23 +56,25 @@ def names() -> list[str]:
     return [name for name, path in _FILES.items() if (SHARED / path).is_file()] + list(_MADE)
 
 
-def draw(seed: int, bodies: list[str] | None = None) -> Draw:
-    """A random body, law, size (3 to 2000 px), phase (0 to 150 deg), attitude, range, place and budget."""
+def draw(seed: int, bodies: list[str] | None = None, frame_px: int = FRAME_PX,
+         sizes_px: tuple[float, float] = (3.0, 2000.0), budgets: tuple[float, float] = (0.01, 0.1)) -> Draw:
+    """A random body, law, size, phase (0 to 150 deg), attitude, range, place and budget."""
     rng = np.random.default_rng([20261121, seed])
     body_name = str(rng.choice(bodies or names()))
-    phase_deg, body_px = float(rng.uniform(0.0, 150.0)), float(3.0 * (2000.0 / 3.0) ** rng.random())
+    phase_deg, body_px = (float(rng.uniform(0.0, 150.0)),
+                          float(sizes_px[0] * (sizes_px[1] / sizes_px[0]) ** rng.random()))
     law = _law(rng, phase_deg)
     body = Body(name="body", shape=shape(body_name), brdf=law)
     radius = body.shape.radius_m
     range_m = radius * float(3.0 * 300.0 ** rng.random())
-    camera = PinholeCamera(name="navcam", width_px=FRAME_PX, height_px=FRAME_PX,
+    camera = PinholeCamera(name="navcam", width_px=frame_px, height_px=frame_px,
                            focal_length_px=body_px * range_m / (2.0 * radius))
     direction = _direction(rng)
     r_camera = range_m * direction
     # The body's centre anywhere in the middle half of the frame, and at any place within a pixel.
-    aside = rng.uniform(-0.25, 0.25, 2) * FRAME_PX / camera.focal_length_px * range_m
+    aside = rng.uniform(-0.25, 0.25, 2) * frame_px / camera.focal_length_px * range_m
     right, down = frames.dcm(frames.look_at(r_camera, np.zeros(3)))[:2]
-    target = aside[0] * right + aside[1] * down if body_px < FRAME_PX else 0.3 * radius * _direction(rng)
+    target = aside[0] * right + aside[1] * down if body_px < frame_px else 0.3 * radius * _direction(rng)
     turn, phase = rng.uniform(0.0, 2.0 * np.pi), np.radians(phase_deg)
     sideways = np.cos(turn) * right + np.sin(turn) * down
     state = State(
@@ -80,7 +82,8 @@ def draw(seed: int, bodies: list[str] | None = None) -> Draw:
         spacecraft=Pose(r_inertial_m=r_camera, q_from_inertial=frames.look_at(r_camera, target, _direction(rng))),
         bodies={"body": Pose(r_inertial_m=np.zeros(3), q_from_inertial=_quaternion(rng))})
     return Draw(scene=Scene(bodies=[body], cameras=[camera]), state=state, body=body_name, law=law.glsl,
-                body_px=body_px, phase_deg=phase_deg, max_error=float(0.01 * 10.0 ** rng.random()))
+                body_px=body_px, phase_deg=phase_deg,
+                max_error=float(budgets[0] * (budgets[1] / budgets[0]) ** rng.random()))
 
 
 def _law(rng: np.random.Generator, phase_deg: float):

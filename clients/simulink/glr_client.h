@@ -37,7 +37,8 @@ typedef struct {
     int is_dn;          /* digital numbers instead of irradiance [W/m2 per pixel] */
     double exposure_s;  /* of digital numbers; 0: the camera's; below 0: automatic */
     uint64_t seed;      /* of the noise of digital numbers */
-    double max_error;   /* 0: the scene's */
+    double max_error;   /* RMS tolerance; 0, and none of the next four: the scene's */
+    double max_flux, max_centroid_px, max_limb_px, max_range; /* tolerances in further units; 0: none */
     int is_column_major;
     uint32_t samples; /* along a pixel's side; 0: the planner's choice */
     uint32_t n_products;

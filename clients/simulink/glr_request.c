@@ -30,9 +30,21 @@ static int has_roi(const glr_options *frame) {
     return frame->roi[0] || frame->roi[1] || frame->roi[2] || frame->roi[3];
 }
 
+static uint32_t n_units(const glr_options *frame) {
+    return (uint32_t)(frame->max_flux > 0.0) + (frame->max_centroid_px > 0.0) + (frame->max_limb_px > 0.0)
+           + (frame->max_range > 0.0);
+}
+
+static void put_tolerance(glr_buffer *out, const char *unit, double most) {
+    if (most > 0.0) {
+        glr_put_text(out, unit);
+        glr_put_double(out, most);
+    }
+}
+
 static uint32_t n_fields(const glr_options *frame) {
     return 1u + (frame->camera != NULL) + (frame->is_dn ? 1u + (frame->exposure_s != 0.0) : 0u)
-           + (frame->max_error > 0.0) + (frame->samples > 0) + (frame->n_products > 0) + (uint32_t)has_roi(frame);
+           + (frame->max_error > 0.0 || n_units(frame)) + (frame->samples > 0) + (frame->n_products > 0) + (uint32_t)has_roi(frame);
 }
 
 /* The pairs of one frame, `n_fields` of them. */
@@ -55,9 +67,16 @@ static void put_frame(glr_buffer *out, const glr_options *frame) {
         glr_put_text(out, "seed");
         glr_put_uint(out, frame->seed);
     }
-    if (frame->max_error > 0.0) {
+    if (n_units(frame)) {
         glr_put_text(out, "max_error");
-        glr_put_double(out, frame->max_error);
+        glr_put_map(out, n_units(frame) + (frame->max_error > 0.0));
+        put_tolerance(out, "rms", frame->max_error);
+        put_tolerance(out, "flux", frame->max_flux);
+        put_tolerance(out, "centroid_px", frame->max_centroid_px);
+        put_tolerance(out, "limb_px", frame->max_limb_px);
+        put_tolerance(out, "range", frame->max_range);
+    } else {
+        put_tolerance(out, "max_error", frame->max_error);
     }
     if (frame->samples) {
         glr_put_text(out, "samples");

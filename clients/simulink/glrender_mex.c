@@ -107,6 +107,33 @@ static void get_products(const mxArray *value, glr_options *options) {
     options->n_products = (uint32_t)count;
 }
 
+/* A number, or a struct with one for each unit that is asked for. */
+static void get_tolerance(const mxArray *value, glr_options *options) {
+    const char *const units[] = {"rms", "flux", "centroid_px", "limb_px", "range"};
+    double *const places[] = {&options->max_error, &options->max_flux, &options->max_centroid_px,
+                              &options->max_limb_px, &options->max_range};
+    int field, k;
+    if (!mxIsStruct(value)) {
+        numbers_of(value, "max_error", 1, &options->max_error);
+        if (!(options->max_error > 0.0))
+            mexErrMsgIdAndTxt(ARGUMENT, "max_error must be > 0");
+        return;
+    }
+    if (mxGetNumberOfElements(value) != 1 || !mxGetNumberOfFields(value))
+        mexErrMsgIdAndTxt(ARGUMENT, "max_error must be a number, or a struct of rms, flux, centroid_px, limb_px, range");
+    for (field = 0; field < mxGetNumberOfFields(value); field++) {
+        const char *name = mxGetFieldNameByNumber(value, field);
+        for (k = 0; k < 5 && strcmp(name, units[k]); k++)
+            ;
+        if (k == 5)
+            mexErrMsgIdAndTxt(ARGUMENT, "unknown unit max_error.%s; known are rms, flux, centroid_px, limb_px, range",
+                              name);
+        numbers_of(mxGetFieldByNumber(value, 0, field), name, 1, places[k]);
+        if (!(*places[k] > 0.0))
+            mexErrMsgIdAndTxt(ARGUMENT, "max_error.%s must be > 0", name);
+    }
+}
+
 static void get_options(const mxArray *value, glr_options *options) {
     double roi[4];
     int field, k;
@@ -134,9 +161,7 @@ static void get_options(const mxArray *value, glr_options *options) {
         } else if (!strcmp(name, "seed")) {
             options->seed = integer_of(given, name);
         } else if (!strcmp(name, "max_error")) {
-            numbers_of(given, name, 1, &options->max_error);
-            if (!(options->max_error > 0.0))
-                mexErrMsgIdAndTxt(ARGUMENT, "max_error must be > 0");
+            get_tolerance(given, options);
         } else if (!strcmp(name, "samples")) {
             uint64_t samples = integer_of(given, name);
             if (samples < 1 || samples > 16)

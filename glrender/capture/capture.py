@@ -100,9 +100,10 @@ def draw_still(renderer: Any, state: State, camera: str | None = None, *, produc
     light = _without_margin(still.irradiance_W_m2, margin_px)
     warnings = image_advice(renderer.scene, state, pinhole, still.plan, light, _in_frame(still.roi, margin_px, pinhole),
                             region=roi)
-    return Capture(irradiance_W_m2=light, products=still.products, frame=None, plan=still.plan,
-                   stages={"distortion": drawing.distortion_text, "region": drawing.region_text},
-                   timings_ms=_timings(still, began), warnings=warnings)
+    timings = _timings(still, began)
+    return Capture(irradiance_W_m2=light, products=still.products, frame=None, timings_ms=timings, warnings=warnings,
+                   plan=replace(still.plan, milliseconds=sum(timings.values())),
+                   stages={"distortion": drawing.distortion_text, "region": drawing.region_text})
 
 
 def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: int = 0,
@@ -201,8 +202,9 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
     warnings = (*image_advice(scene, state, pinhole, still.plan, light, lit,
                               has_points=bool(bodies.irradiance_W_m2.any()), has_stars=has_stars),
                 *frame_advice(scene, pinhole, asked, frame, light, lit, has_stars=has_stars, has_sun=has_sun))
-    return Capture(irradiance_W_m2=light, products=still.products, frame=replace(frame, stages=stages), plan=still.plan,
-                   stages=stages, timings_ms=timings, warnings=warnings, notes=frame_notes(asked, frame))
+    return Capture(irradiance_W_m2=light, products=still.products, frame=replace(frame, stages=stages),
+                   plan=replace(still.plan, milliseconds=sum(timings.values())), stages=stages, timings_ms=timings,
+                   warnings=warnings, notes=frame_notes(asked, frame))
 
 
 def _n_drawn(motion: Motion) -> int:

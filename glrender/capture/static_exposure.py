@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -16,7 +16,8 @@ from glrender_camera.validate import integer
 from ..base.progress import Progress
 from ..engines.image import checked_products
 from ..planner.plan import RenderPlan
-from ..scene.scene import Scene, checked_max_error
+from ..scene.scene import Scene
+from ..scene.tolerance import by_unit, checked_max_error
 from ..view.regions import union
 from ..view.state import State
 from ..view.view import view_bodies
@@ -84,7 +85,7 @@ class Drawing:
     """
 
     def __init__(self, renderer: Any, camera: PinholeCamera, margin_px: int, is_for_detector: bool, *,
-                 roi: tuple[int, int, int, int] | None = None, max_error: float | None = None,
+                 roi: tuple[int, int, int, int] | None = None, max_error: float | Mapping[str, float] | None = None,
                  samples: int | None = None,
                  on_progress: Callable[[float], None] | None = None, **options: Any):
         self.progress = Progress(on_progress)
@@ -108,13 +109,16 @@ class Drawing:
         self._tolerance = renderer.scene.max_error if max_error is None else checked_max_error(max_error)
         # What the frame keeps of the drawn image's errors, but for the flux's: for the renderer to know, where it can.
         # Cells' errors are independent: their mean has 1 / n of them.
-        n = 1 if self.lens is None else self.lens.oversampling
+        n = self._n = 1 if self.lens is None else self.lens.oversampling
         self._share = (camera.model.psf_noise_gain if is_for_detector else 1.0) / n
         if "error_gain" in taken:
             self._options["error_gain"], self._share = self._share, 1.0
         if is_for_detector and "apart_px" in taken:
             self._options["apart_px"] = _APART_PX * n
-        self._options["max_error"] = min(self._tolerance / self._share, 1.0)
+        asked = _in_pixels(by_unit(self._tolerance), n)
+        if "rms" in asked:
+            asked["rms"] = min(asked["rms"] / self._share, 1.0)
+        self._options["max_error"] = asked if isinstance(self._tolerance, Mapping) else asked["rms"]
         self._options["samples"] = -(-samples // n) if isinstance(samples, int) else samples
 
     @property
@@ -154,8 +158,10 @@ class Drawing:
             roi = (roi[0] + x0, roi[1] + y0, roi[2] + x0, roi[3] + y0) if any(roi) else roi
             light = self._in_place(light, 0.0)
             made = {name: self._in_place(values, _BESIDE.get(name, np.nan)) for name, values in made.items()}
-        if self._share != 1.0:
-            plan = replace(plan, max_error=self._tolerance, predicted_error=plan.predicted_error * self._share)
+        if self._share != 1.0 or self._n != 1:
+            rms = plan.max_error * self._share if isinstance(self._tolerance, Mapping) else self._tolerance
+            plan = replace(plan, max_error=rms, predicted_error=plan.predicted_error * self._share, asked=by_unit(
+                self._tolerance), navigation=_in_pixels(plan.navigation, 1.0 / self._n))
         if self.lens is not None:
             light, roi = self.lens.apply(light, roi), self.lens.reached_box(roi)
             made = sampled(made, self.lens, self._camera, wanted)
@@ -186,6 +192,11 @@ class Drawing:
         x0, y0, x1, y1 = self._box
         whole[y0:y1, x0:x1] = part
         return whole
+
+
+def _in_pixels(errors: Mapping[str, float], cells: float) -> dict[str, float]:
+    """Errors by unit, those in pixels of another size, of which one has so many cells along its side."""
+    return {unit: error * cells if unit.endswith("_px") else error for unit, error in errors.items()}
 
 
 def _part(camera: PinholeCamera, box: tuple[int, int, int, int]) -> PinholeCamera:

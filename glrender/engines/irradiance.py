@@ -82,7 +82,9 @@ class IrradiancePass:
         best = None
         for option in options:
             mean, window = self._draw_option(option, frame, error_gain, clock, deadline)
-            if best is None or window.predicted_error < best[1].predicted_error:
+            # Engines may be allowed RMS errors of their own, where other units are asked for.
+            if best is None or (window.predicted_error * best[1].tolerance
+                                < best[1].predicted_error * window.tolerance):
                 best = mean, window
             is_over = time.monotonic() > deadline and math.isfinite(best[1].predicted_error)
             if window.predicted_error <= error_gain * window.tolerance or is_over:

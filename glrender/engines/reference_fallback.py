@@ -37,7 +37,7 @@ def checked_allow_slow(value: object) -> bool | str:
 
 def misses_tolerance(plan: RenderPlan) -> bool:
     """Whether a frame's error is above the tolerance."""
-    return plan.predicted_error > plan.max_error * (1.0 + 1e-6)
+    return bool(plan.missed)
 
 
 def with_emission(slow: RenderPlan, fast: RenderPlan) -> RenderPlan:
@@ -131,5 +131,5 @@ def _drawn(backend: Any, name: str, fast: Image, state: State, camera: PinholeCa
     reached = slow.plan.predicted_error * error_gain
     told = (f"drawn by {name}: OpenGL leaves an error of {plan.predicted_error:.2g}, above the tolerance of "
             f"{plan.max_error:g}",)
-    return replace(slow, plan=replace(slow.plan, max_error=plan.max_error, predicted_error=reached,
+    return replace(slow, plan=replace(slow.plan, max_error=plan.max_error, predicted_error=reached, asked=plan.asked,
                                       warnings=(*slow.plan.warnings, *told)))

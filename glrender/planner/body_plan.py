@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 from glrender_camera import PinholeCamera
 
+from ..scene.tolerance import by_unit
 from ..view import regions as grouping
 from ..view.view import BodyView
 from .error_model import (
@@ -21,6 +22,7 @@ from .error_model import (
     usual_edges,
 )
 from .plan import BodyPlan, RenderPlan, WindowPlan
+from .predicted import frame_errors
 
 SHADOW_SIZES_PX = tuple(2**k for k in range(8, 17))
 """Texels across a body; float32 coordinates have 256 steps in the finest."""
@@ -108,9 +110,9 @@ def is_close(view: BodyView, radius_m: float, footprint_m: float) -> bool:
     return depth_m < 0.05 * radius_m or (footprint_m < 2e-5 * radius_m and depth_m < 0.5 * radius_m)
 
 
-def frame_plan(camera: PinholeCamera, max_error: float, views: Sequence[BodyView], traits: Mapping[str, BodyTraits],
-               bodies: Sequence[BodyPlan], windows: Sequence[WindowPlan], has_sun_disc: bool,
-               remedy: str = "") -> RenderPlan:
+def frame_plan(camera: PinholeCamera, max_error: float | Mapping[str, float], error_gain: float,
+               views: Sequence[BodyView], traits: Mapping[str, BodyTraits], bodies: Sequence[BodyPlan],
+               windows: Sequence[WindowPlan], has_sun_disc: bool, remedy: str = "") -> RenderPlan:
     """The frame's plan as its windows were drawn: what was left out, and where the tolerance was not met.
 
     The warning of that ends with a `remedy`, if there is one.
@@ -143,12 +145,26 @@ def frame_plan(camera: PinholeCamera, max_error: float, views: Sequence[BodyView
     by_rays = max((ray_rounding_error(view, traits[view.name]) for view in views if view.is_visible
                    and view.name in drawn and drawn[view.name].engine != "raster"), default=0.0)
     predicted = math.hypot(max((window.predicted_error for window in windows), default=0.0), parallel, by_rays)
-    if predicted > max_error * (1.0 + 1e-6) and any(math.isfinite(window.tolerance) for window in windows):
-        warnings.append(f"predicted error {predicted:.2g} exceeds max_error {max_error:g}"
-                        + (f"; {remedy}" if remedy else ""))
-    return RenderPlan(camera=camera.name, max_error=max_error, roi=grouping.union([w.roi for w in windows]),
-                      windows=tuple(windows), bodies=tuple(done), left_out=tuple(left_out),
-                      warnings=tuple(warnings), predicted_error=predicted)
+    rms = max_error
+    if isinstance(max_error, Mapping):
+        rms = min([error_gain * window.tolerance for window in windows] + [1.0])
+    drawn_so = [([view for view in views if view.name in window.bodies], window.how,
+                 window.predicted_error / error_gain, window.modelling_error) for window in windows]
+    navigation = frame_errors(drawn_so, camera, error_gain)
+    # The Sun's distance differs along a body.
+    navigation["flux"] = math.hypot(navigation["flux"], parallel)
+    made = RenderPlan(camera=camera.name, max_error=rms, roi=grouping.union([w.roi for w in windows]),
+                      windows=tuple(windows), bodies=tuple(done), left_out=tuple(left_out), predicted_error=predicted,
+                      navigation=navigation, asked=by_unit(max_error))
+    if any(math.isfinite(window.tolerance) for window in windows):
+        least = frame_errors([(members, how, 0.0, 0.0) for members, how, *_ in drawn_so], camera, error_gain)
+        for unit in made.missed:
+            asked, out = made.asked[unit], remedy
+            if asked <= least.get(unit, 0.0):
+                out = f"no frame of this view is promised less than {least[unit]:.2g}"
+            warnings.append(f"predicted {'error' if unit == 'rms' else unit} {made.predicted[unit]:.2g} exceeds "
+                            f"max_error {asked:g}" + (f"; {out}" if out else ""))
+    return replace(made, warnings=tuple(warnings))
 
 
 def _detail_left_out(body: BodyPlan, traits: BodyTraits) -> str:

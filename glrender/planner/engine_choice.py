@@ -19,6 +19,7 @@ from ..view.sun_disc import PENUMBRA_SHARE
 from ..view.view import BodyView
 from .error_model import FLUX_SHARE, BodyTraits, facets_per_px
 from .plan import BodyPlan, WindowPlan
+from .predicted import allowed_rms
 from .small_body_grid import CELL_PX, MAX_RAYS_ACROSS, cell_error, cell_size, samples_across, sampling_errors
 
 ENGINES = ("coverage", "rays", "raster")
@@ -87,6 +88,8 @@ class Request:
         The only engine that may draw.
     apart_px : float [px]
         Bodies of a smaller `apart_size_px` have a grid of their own in any case.
+    asked : mapping, optional
+        Tolerances by unit, in place of `tolerance`, which follows from them for each engine and its bodies.
     """
 
     camera: PinholeCamera
@@ -97,6 +100,13 @@ class Request:
     samples: int | None = None
     engine: str | None = None
     apart_px: float = 0.0
+    asked: Mapping[str, float] | None = None
+
+    def of(self, members: Sequence[BodyView], how: str) -> Request:
+        """The request with the RMS error that bodies may have which are drawn so: "centroids", or an engine's name."""
+        if self.asked is None:
+            return self
+        return replace(self, tolerance=allowed_rms(self.asked, members, self.camera, how, self.error_gain))
 
 
 def plan_windows(views: Sequence[BodyView], traits: Mapping[str, BodyTraits], bodies: Sequence[BodyPlan],
@@ -144,20 +154,42 @@ def _options(members: Sequence[BodyView], traits: Mapping[str, BodyTraits], draw
     known = [_with_detail(traits[view.name], view, body, request.camera)
              for view, body in zip(members, drawn, strict=True)]
     if request.samples is not None:
-        return [_raster(members, known, drawn, request)]
+        return [replace(_raster(members, known, drawn, request), why="samples were asked for")]
     makers = {"coverage": _coverage, "rays": _rays, "raster": _raster}
-    made = {name: makers[name](members, known, drawn, request) for name in request.engines
+    made = {name: makers[name](members, known, drawn, request.of(members, name)) for name in request.engines
             if request.engine in (None, name)}
     coverage = made.get("coverage", [])
     rays = [made["rays"]] if made.get("rays") is not None else []
     raster = [made["raster"]] if "raster" in made else []
-    is_fine_enough = (raster and raster[0].modelling_error <= request.tolerance
-                      and not _is_within_penumbra(members, drawn))
-    if request.has_gpu and is_fine_enough:
-        return [*raster, *coverage, *rays]
-    if _is_crowded(members, known) or not (coverage or is_fine_enough):
-        return [*rays, *coverage, *([] if rays else raster)]
-    return [*(coverage or raster), *rays] or raster
+    is_in_penumbra = _is_within_penumbra(members, drawn)
+    is_fine_enough = (raster and raster[0].modelling_error <= raster[0].tolerance and not is_in_penumbra)
+    if request.engine is not None:
+        options, why = [*coverage, *rays, *raster], "asked for"
+    elif request.has_gpu and is_fine_enough:
+        options, why = [*raster, *coverage, *rays], "there is a GPU, and its shadow map is fine enough"
+    elif _is_crowded(members, known):
+        options = [*rays, *coverage, *([] if rays else raster)]
+        why = f"more than {MOST_FACETS_PER_PX:g} facets that face Sun and camera share a pixel"
+    elif coverage:
+        options, why = [*coverage, *rays], "evenly bright facets that are all before the camera"
+    else:
+        options, why = [*raster, *rays], _no_coverage(members, known, drawn, request.engines)
+        if not is_fine_enough:
+            options = rays or raster
+            why = "a wide penumbra is on it" if is_in_penumbra else f"{why}, and no shadow map is fine enough"
+    names = ["coverage by centroids" if option.by_centroids else option.engine for option in options]
+    return [replace(option, why=f"{' and '.join(names[:index])} would miss the tolerance" if index else why)
+            for index, option in enumerate(options)]
+
+
+def _no_coverage(members: Sequence[BodyView], known: Sequence[BodyTraits], drawn: Sequence[BodyPlan],
+                 engines: Sequence[str]) -> str:
+    """The reason for which coverage does not draw bodies."""
+    reasons = {"Embree is missing": "coverage" not in engines,
+               "it reaches beside the camera": any(view.bounds_px is None for view in members),
+               "surface detail is drawn": any(body.detail_layers for body in drawn),
+               "texture or smooth normals vary within facets": any(math.isinf(traits.facet_m) for traits in known)}
+    return next((why for why, holds in reasons.items() if holds), "facets are too large to be evenly bright")
 
 
 def _with_detail(traits: BodyTraits, view: BodyView, body: BodyPlan, camera: PinholeCamera) -> BodyTraits:
@@ -208,13 +240,14 @@ def _coverage(members: Sequence[BodyView], known: Sequence[BodyTraits], drawn: S
     half_rad = min(0.5 * max(view.phase_rad for view in members), 1.5)
     least = _CENTROIDS_LEAST * max(math.tan(half_rad) / math.tan(math.radians(30.0)), 1.0) ** _CENTROIDS_POWER
     by_centroids = math.hypot(error, least, max(body.penumbra_error for body in drawn))
-    view, traits = members[0], known[0]
+    view, traits, allowed = members[0], known[0], request.of(members, "centroids").tolerance
     # Where bodies hide or shade each other facets are clipped at the edges anyway.
-    if (by_centroids > PENUMBRA_SHARE * tolerance or len(members) > 1 or drawn[0].casters or not traits.has_centroids
+    if (by_centroids > PENUMBRA_SHARE * allowed or len(members) > 1 or drawn[0].casters or not traits.has_centroids
             or facets_per_px(view, traits.n_facets) < _LEAST_FACETS_PER_PX
             or view.phase_rad + traits.radius_m / view.range_m > _CENTROIDS_RAD):
         return [clipped]
-    return [replace(clipped, by_centroids=True, modelling_error=by_centroids), clipped]
+    return [replace(clipped, by_centroids=True, modelling_error=by_centroids, tolerance=allowed,
+                    predicted_error=request.error_gain * allowed), clipped]
 
 
 def _rays(members: Sequence[BodyView], known: Sequence[BodyTraits], drawn: Sequence[BodyPlan],

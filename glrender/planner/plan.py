@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -77,6 +78,8 @@ class WindowPlan:
         Samples along the side of the pixels that were drawn again; 0 for none.
     refined_share : float [1]
         Of the region's pixels, those that were drawn again.
+    why : str
+        The reason for which this engine was chosen.
     """
 
     bodies: tuple[str, ...]
@@ -93,6 +96,12 @@ class WindowPlan:
     noise: tuple[float, float] = (0.0, 0.0)
     refined_samples: int = 0
     refined_share: float = 0.0
+    why: str = ""
+
+    @property
+    def how(self) -> str:
+        """The engine, or "centroids"."""
+        return "centroids" if self.by_centroids else self.engine
 
     @property
     def method(self) -> str:
@@ -141,13 +150,21 @@ class RenderPlan:
         nothing is in view.
     windows : tuple of WindowPlan
         What is drawn of it.
+    max_error : float [1]
+        RMS error that the frame was drawn for: what was asked for in other units amounts to that at least.
     predicted_error : float [1]
         RMS irradiance error over the mean of the lit pixels.
+    navigation : mapping
+        The same in the further units of `tolerance.UNITS`: of the region that has most of each.
+    asked : mapping
+        The tolerance by unit.
     left_out : tuple of str
     warnings : tuple of str
         What is used beyond its range.
     emission : tuple of EmissionPlan
         What plug-ins added to it.
+    milliseconds : float [ms]
+        What the frame took.
     """
 
     camera: str
@@ -159,6 +176,20 @@ class RenderPlan:
     left_out: tuple[str, ...] = field(default=())
     warnings: tuple[str, ...] = field(default=())
     emission: tuple[EmissionPlan, ...] = field(default=())
+    navigation: Mapping[str, float] = field(default_factory=dict)
+    asked: Mapping[str, float] = field(default_factory=dict)
+    milliseconds: float = field(default=0.0, compare=False)
+
+    @property
+    def predicted(self) -> dict[str, float]:
+        """Predicted errors by unit: `tolerance.UNITS`."""
+        return {"rms": self.predicted_error, **self.navigation}
+
+    @property
+    def missed(self) -> tuple[str, ...]:
+        """Units whose predicted error exceeds the tolerance that was asked for."""
+        asked, predicted = self.asked or {"rms": self.max_error}, self.predicted
+        return tuple(unit for unit in asked if predicted.get(unit, 0.0) > asked[unit] * (1.0 + 1e-6))
 
     @property
     def samples(self) -> int:
@@ -166,15 +197,21 @@ class RenderPlan:
         return max((window.samples for window in self.windows), default=0)
 
     def __str__(self) -> str:
-        """At most ten lines: errors, engines, bodies, what is left out, warnings."""
-        lines = [f"camera {self.camera}: predicted RMS error {100.0 * self.predicted_error:.2g} % of the mean lit "
-                 f"pixel, {100.0 * self.max_error:g} % allowed"]
-        if not self.windows:
+        """At most ten lines: errors, engines and why, bodies, what is left out, warnings."""
+        told = {unit: f"{unit.removesuffix('_px')} {_amount(unit, error)}"
+                + (f" ({_amount(unit, self.asked[unit])} allowed)" if unit in self.asked else "")
+                for unit, error in self.predicted.items()}
+        lines = [f"camera {self.camera}: predicted RMS error{told.pop('rms')[3:]} of the mean lit pixel; "
+                 f"{self.milliseconds:.3g} ms"]
+        if told:
+            lines.append(f"predicted {', '.join(told.values())}")
+        if not any(body.is_visible for body in self.bodies):
             lines.append("nothing is in view")
         sizes = {body.name: f"{body.name} ({body.n_facets} facets, {body.size_px:.0f} px, {body.law})"
                  for body in self.bodies}
         lines += [f"{', '.join(sizes[name] for name in window.bodies)}: {window.method}, "
-                  f"{100.0 * window.predicted_error:.2g} %" for window in self.windows]
+                  f"{100.0 * window.predicted_error:.2g} %{f'; {window.why}' if window.why else ''}"
+                  for window in self.windows]
         lines += [f"emission of {added.body}: {added.kind}, {100.0 * added.predicted_error:.2g} %"
                   for added in self.emission]
         if self.left_out:
@@ -185,4 +222,10 @@ class RenderPlan:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, for the wire."""
-        return asdict(self)
+        told = asdict(self)
+        del told["navigation"]
+        return {**told, "predicted": self.predicted, "missed": self.missed}
+
+
+def _amount(unit: str, error: float) -> str:
+    return f"{error:.2g} px" if unit.endswith("_px") else f"{100.0 * error:.2g} %"

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from glrender_camera import CameraModel, MosaicModel, PinholeCamera
-from glrender_camera.validate import did_you_mean, finite, known_keys, within
+from glrender_camera.validate import did_you_mean, known_keys, within
 
 from ..base.constants import TOTAL_SOLAR_IRRADIANCE_W_M2
 from ..base.errors import ConfigError, SceneError, error_path
@@ -18,8 +18,9 @@ from .body import Body
 from .shape.convex_hull import Hull
 from .solar_irradiance import Band
 from .stars import Stars
+from .tolerance import checked_max_error
 
-__all__ = ["Body", "Scene", "band_irradiances", "checked_max_error", "load_scene"]
+__all__ = ["Body", "Scene", "band_irradiances", "load_scene"]
 
 _SCENE_KEYS = ("bodies", "cameras", "stars", "solar_irradiance_1au_W_m2", "max_error", "sun_disc",
                "emission")
@@ -36,8 +37,9 @@ class Scene:
     solar_irradiance_1au_W_m2 : float [W/m2], 1e-6..1e9, optional
         In the cameras' band, at 1 au. By default each camera has its own: that of its optics' `band_nm`
         (ASTM E490-00a), or the total solar irradiance, 1360.8 W/m2, of a camera without a model.
-    max_error : float [1], 0..1
-        Error tolerance: RMS irradiance error over the mean of the lit pixels.
+    max_error : float [1], 0..1, or mapping
+        Error tolerance: RMS irradiance error over the mean of the lit pixels; or of each unit that it names, out of
+        `tolerance.UNITS`.
     sun_disc : bool
         Whether the Sun has a disc, and shadows penumbras where they show; a point otherwise.
     stars : Stars, optional
@@ -49,7 +51,7 @@ class Scene:
     bodies: Sequence[Body]
     cameras: Sequence[PinholeCamera]
     solar_irradiance_1au_W_m2: float | None = None
-    max_error: float = field(default=0.02)
+    max_error: float | Mapping[str, float] = field(default=0.02)
     sun_disc: bool = True
     stars: Stars | None = None
     emission: Sequence[Any] = ()
@@ -171,15 +173,6 @@ def load_scene(path: str | Path) -> Scene:
     """
     path = Path(path)
     return Scene.from_dict(scene_tables.read_toml(path), shape_dir=path.parent, path=path.name)
-
-
-def checked_max_error(value: float, name: str = "max_error") -> float:
-    """An error tolerance in (0, 1], at least 1e-15: float64 has no more digits, and quotients stay finite."""
-    number = finite(name, value)
-    if not 0.0 < number <= 1.0:
-        raise ConfigError(name, "must be > 0 and <= 1", value,
-                          f"{number:g} % is {number / 100.0:g}" if 1.0 < number < 100.0 else "")
-    return within(name, value, 1e-15, 1.0)
 
 
 def band_irradiances(model: CameraModel | MosaicModel) -> dict[str, float]:

@@ -7,11 +7,12 @@ from dataclasses import dataclass, field, fields
 from typing import Any
 
 from glrender_camera.camera import checked_exposure
-from glrender_camera.validate import integer, known_keys, one_of, positive
+from glrender_camera.validate import integer, known_keys, one_of
 
 from ..base.errors import ConfigError
 from ..engines.image import checked_products
 from ..scene.scene import Scene
+from ..scene.tolerance import checked_max_error
 from .formats import checked_ending
 from .labels import Keypoints
 
@@ -41,7 +42,7 @@ class FrameOptions:
         For labels: places (3,) [m] in a body's frame, by the names of the body and the keypoint.
     limb_points : int, 0..1000
         For labels: of each body.
-    max_error : float, optional
+    max_error : float or mapping, optional
         The scene's by default.
     backend : str
         As of `open_renderer`.
@@ -56,7 +57,7 @@ class FrameOptions:
     has_labels: bool = False
     keypoints: Keypoints = field(default_factory=dict)
     limb_points: int = 0
-    max_error: float | None = None
+    max_error: float | Mapping[str, float] | None = None
     backend: str = "auto"
 
     def __post_init__(self):
@@ -70,7 +71,7 @@ class FrameOptions:
             if self.output != "dn":
                 raise ConfigError("exposure_s", "goes with output 'dn' alone", self.exposure_s)
         if self.max_error is not None:
-            positive("max_error", self.max_error)
+            object.__setattr__(self, "max_error", checked_max_error(self.max_error))
 
     @property
     def unit(self) -> str:
@@ -96,7 +97,7 @@ class FrameOptions:
             exposure = "the camera's" if self.exposure_s is None else self.exposure_s
             parts += [f"seed {self.seed}", f"exposure {exposure}{' s' if isinstance(exposure, float) else ''}"]
         if self.max_error is not None:
-            parts.append(f"max_error {self.max_error:g}")
+            parts.append(f"max_error {self.max_error}")
         return ", ".join(parts)
 
 

@@ -13,6 +13,8 @@ from glrender import ProtocolError
 from .limits import MAX_DEPTH, MAX_HEADER_BYTES, MAX_VALUES
 
 VERSION = 1
+MINOR_VERSION = 1
+"""Of additions to the protocol: fields that a client may do without."""
 _FIRST = ("v", "op", "id", "client", "ok")
 # Rows transposed at a time: their columns stay in the cache, which 2048 bytes apart fall on few of its lines.
 _STRIP = 256

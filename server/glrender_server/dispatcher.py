@@ -331,7 +331,8 @@ class Dispatcher:
     def _hello(self, header: Mapping[str, Any]) -> list[Any]:
         known_keys("", header, ENVELOPE)
         return codec.pack({
-            **echo(header), "ok": True, "protocol": [codec.VERSION], "server": f"glrender {glrender.__version__}",
+            **echo(header), "ok": True, "protocol": [codec.VERSION],
+            "protocol_minor": codec.MINOR_VERSION, "server": f"glrender {glrender.__version__}",
             "operations": list(OPERATIONS), "outputs": list(OUTPUTS), "products": list(PRODUCTS),
             **self._engine.described,
             "limits": {**limits.described(), "max_frame_bytes": MAX_FRAME_BYTES, "max_arrays": MAX_ARRAYS,

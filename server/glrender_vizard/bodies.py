@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from glrender import Body, ConfigError, PinholeCamera, Shape, generate
 from glrender.brdf import Lambert
-from glrender.scene.scene import checked_max_error
 from glrender.scene.scene_file import Files, body, camera, read_toml, tables
+from glrender.scene.tolerance import checked_max_error
 from glrender_camera import MosaicModel
 from glrender_camera.errors import error_path
 from glrender_camera.validate import integer, known_keys, text, unit_vectors, vector, within

@@ -37,6 +37,7 @@ def test_the_mex_function_gets_the_pixels_that_python_gets(built, tmp_path):
                   "dn_auto": client.render(STATE, "navcam", output="dn", exposure_s="auto", seed=2**64 - 1).pixels,
                   "samples": client.render(STATE, "navcam", samples=11).pixels,
                   "fine": client.render(STATE, "navcam", max_error=0.001).pixels,
+                  "by_unit": client.render(STATE, "navcam", max_error={"centroid_px": 0.004, "flux": 5e-4}).pixels,
                   "region": client.render(STATE, "navcam", products=["r_body"], roi=[30, 20, 71, 45]).pixels}
     # Where coverage meets both tolerances at once, the finer frame is the same.
     assert len({array.tobytes() for name, array in arrays.items() if name != "fine"}) == len(arrays) - 1

@@ -21,6 +21,7 @@ from glrender import (
     load_scene,
 )
 from glrender.brdf import Lambert
+from glrender.scene.tolerance import LEAST
 from scipy.spatial import ConvexHull
 
 GREY = Lambert(normal_albedo=0.2)
@@ -109,7 +110,7 @@ def test_unknown_camera_product_and_arguments(renderer):
     for value in (0.0, -1.0, 2.0, float("nan"), "low", 1e-308, 5e-324):
         with pytest.raises(ConfigError, match="max_error"):
             renderer.render(state, max_error=value)
-    assert renderer.render(state, max_error=1e-15).plan.predicted_error > 1e-15
+    assert renderer.render(state, max_error=LEAST).plan.predicted_error > LEAST
     for value in (0, 17, 1.5):
         with pytest.raises(ConfigError, match="samples: must be an integer between 1 and 16"):
             renderer.render(state, samples=value)

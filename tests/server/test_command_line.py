@@ -90,6 +90,8 @@ def test_render_takes_a_state_file(folder):
     (["render", "scene.toml", "--camera", "navcm"], "camera: unknown camera, got 'navcm'; did you mean 'navcam'?"),
     (["render", "scene.toml", "--samples", "0"], "samples: must be an integer between 1 and 16"),
     (["render", "scene.toml", "--max-error", "2"], "max_error: must be > 0 and <= 1, got 2.0; 2 % is 0.02"),
+    (["render", "scene.toml", "--max-error", "centroid=1"], "max_error.centroid: unknown key; did you mean"),
+    (["plan", "scene.toml", "--max-error", "low"], "max_error: must be a number, or units with one each, got 'low'"),
     (["render", "scene.toml", "--state", "none.json"], "none.json: is no file"),
     (["render", "scene.toml", "--state", "scene.toml"], "scene.toml: is not JSON"),
     (["render", "scene.toml", "--state", "body.json"], "state.bodies.Body: unknown body; did you mean 'body'?"),
@@ -211,6 +213,9 @@ def test_a_plan_is_ten_lines_at_most(folder, capsys, monkeypatch):
     assert main(["plan", "scene.toml"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith("camera navcam: predicted RMS error") and 2 <= len(lines) <= 10
+    assert main(["plan", "scene.toml", "--max-error", "centroid_px=0.05,flux=0.001"]) == 0
+    told = capsys.readouterr().out
+    assert "(0.05 px allowed)" in told and "(0.1 % allowed)" in told and len(told.splitlines()) <= 10
     assert main(["plan", "scene.toml", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["camera"] == "navcam"
 

@@ -103,7 +103,7 @@ def test_a_request_just_above_the_limit_gets_a_reply(endpoint):
 
 def test_hello_tells_what_is_there(client):
     hello = client.hello()
-    assert hello["protocol"] == [1]
+    assert hello["protocol"] == [1] and hello["protocol_minor"] >= 1
     assert [camera["name"] for camera in hello["cameras"]] == ["navcam", "bare"]
     assert hello["cameras"][0]["has_model"] and not hello["cameras"][1]["has_model"]
     assert hello["bodies"][0]["name"] == "body" and hello["bodies"][0]["n_facets"] == 5120
@@ -127,6 +127,18 @@ def test_pixels_are_the_renderers_own(client, folder):
         reply = client.render(STATE, camera="navcam", output="dn", exposure_s=0.02, seed=7, order=order)
         np.testing.assert_array_equal(reply.pixels, frame.dn)
     assert reply.header["exposure_s"] == 0.02 and reply.header["plan"]["predicted_error"] > 0.0
+
+
+def test_a_plan_on_the_wire_tells_every_unit_and_why(client):
+    """Tolerances by unit are asked for and told, of an image and of a frame, whose point spread function averages."""
+    asked = {"centroid_px": 0.05, "flux": 0.001}
+    for output in ("irradiance", "dn"):
+        plan = client.render(STATE, camera="navcam", output=output, max_error=asked).header["plan"]
+        assert plan["asked"] == asked and plan["missed"] == [] and plan["milliseconds"] > 0.0
+        assert list(plan["predicted"]) == ["rms", "flux", "centroid_px", "limb_px", "range"]
+        assert plan["predicted"]["rms"] == plan["predicted_error"] <= plan["max_error"]
+        assert all(0.0 < plan["predicted"][unit] <= most for unit, most in asked.items())
+        assert all(window["why"] for window in plan["windows"])
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_does_not(client):
@@ -159,6 +171,8 @@ def test_numpy_arrays_are_welcome_in_a_state(client):
     ({"output": "dn", "seed": -1}, "config", "seed", "integer"),
     ({"exposure_s": 0.1}, "protocol", "exposure_s", "belongs to output 'dn'"),
     ({"max_error": 0}, "config", "max_error", "must be > 0"),
+    ({"max_error": {"centroid": 0.1}}, "config", "max_error.centroid", "did you mean 'centroid_px'?"),
+    ({"max_error": {"flux": 1e-9}}, "config", "max_error.flux", "must be at least 6e-08"),
     ({"samples": 99}, "config", "samples", "between 1 and 16"),
     ({"products": ["depth"]}, "config", "products[0]", "must be one of"),
     ({"products": "range"}, "protocol", "products", "must be a list"),

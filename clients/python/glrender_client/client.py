@@ -130,9 +130,10 @@ class Client:
         return self._ask("load_scene", {"scene": dict(scene)}, timeout_s).header
 
     def render(self, state: Mapping[str, Any] | HasDict, camera: str | None = None, *, output: str = "irradiance",
-               exposure_s: float | str | None = None, seed: int | None = None, max_error: float | None = None,
-               samples: int | None = None, products: Sequence[str] = (), roi: Sequence[int] | None = None,
-               order: str = "C", allow_slow: bool | str = False, background: bool = False,
+               exposure_s: float | str | None = None, seed: int | None = None,
+               max_error: float | Mapping[str, float] | None = None, samples: int | None = None,
+               products: Sequence[str] = (), roi: Sequence[int] | None = None, order: str = "C",
+               allow_slow: bool | str = False, background: bool = False,
                faults: Sequence[Mapping[str, Any]] | None = None) -> Reply:
         """Ask for one frame.
 
@@ -148,8 +149,9 @@ class Client:
         exposure_s : float or "auto", optional
         seed : int, optional
             Of the noise; the same request and seed give the same bytes.
-        max_error : float, optional
-            Error budget instead of the scene's.
+        max_error : float or mapping, optional
+            Error tolerance instead of the scene's: RMS, or of each unit that is named out of ``rms``, ``flux``,
+            ``centroid_px``, ``limb_px``, ``range``.
         samples : int, optional
             Samples along a pixel's side instead of the planner's choice.
         products : sequence of str

@@ -116,8 +116,8 @@ class Packer:
 
 
 def frame_fields(camera: str | None = None, *, output: str = "irradiance", exposure_s: float | str | None = None,
-                 seed: int | None = None, max_error: float | None = None, samples: int | None = None,
-                 products: Sequence[str] = (), roi: Sequence[int] | None = None,
+                 seed: int | None = None, max_error: float | Mapping[str, float] | None = None,
+                 samples: int | None = None, products: Sequence[str] = (), roi: Sequence[int] | None = None,
                  faults: Sequence[Mapping[str, Any]] | None = None) -> dict[str, Any]:
     """The fields of one frame; the arguments are those of `Client.render`."""
     optional = {"camera": camera, "exposure_s": exposure_s, "seed": seed, "max_error": max_error, "samples": samples,

@@ -13,7 +13,9 @@ from glrender_camera.validate import integer, positive
 
 from ...base.own_process import OwnProcess
 from ...brdf import Lambert
-from ...scene.scene import Scene, checked_max_error
+from ...planner.predicted import rms_tolerance
+from ...scene.scene import Scene
+from ...scene.tolerance import checked_max_error
 from ...view.regions import touching
 from ...view.state import State
 from ...view.view import BodyView, view_bodies
@@ -97,8 +99,8 @@ class Cycles:
         ----------
         state, camera, products
             As `Renderer.render`; products are those of the pixel's centre, and need embreex.
-        max_error : float [1], optional
-            Root mean square standard error over the mean of the lit pixels.
+        max_error : float [1] or mapping, optional
+            Root mean square standard error over the mean of the lit pixels, or as `Renderer.render`.
         samples : int, optional
             samples x samples paths a pixel, whatever their error.
         seed : int
@@ -123,11 +125,12 @@ class Cycles:
         began = time.perf_counter()
         pinhole = self.scene.drawn_camera(camera)
         wanted = checked_products(products)
-        tolerance = self.scene.max_error if max_error is None else checked_max_error(max_error)
+        asked = self.scene.max_error if max_error is None else checked_max_error(max_error)
         samples = None if samples is None else integer("samples", samples, 1, 128)
         seed = integer("seed", seed, 0, 2**20)
         bounces = self._bounces if bounces is None else integer("bounces", bounces, 0, MAX_BOUNCES)
         views = view_bodies(state, pinhole, self._hulls)
+        tolerance = rms_tolerance(asked, views, pinhole)
         roi = visible_region(views, pinhole)
         irradiance = np.zeros((pinhole.height_px, pinhole.width_px), np.float32)
         reached, most, warnings = 0.0, 0, ()
@@ -153,7 +156,7 @@ class Cycles:
         if wanted:
             arrays = traced_products(self._ray_engine(), wanted, pinhole, views, roi)
         left_out = ("light between facets",) if bounces == 0 else ()
-        frame_plan = full_shape_plan(self.scene, pinhole, views, max_error=tolerance, predicted_error=reached, roi=roi,
+        frame_plan = full_shape_plan(self.scene, pinhole, views, max_error=asked, predicted_error=reached, roi=roi,
                                      warnings=warnings, left_out=left_out)
         frame_plan = self._emitted.add(irradiance, state, pinhole, views, frame_plan)
         return Image(irradiance_W_m2=irradiance, products=arrays, plan=frame_plan,

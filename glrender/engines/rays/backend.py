@@ -16,7 +16,9 @@ from glrender_camera import PinholeCamera
 from glrender_camera.validate import integer
 
 from ...base.own_process import OwnProcess
-from ...scene.scene import Scene, checked_max_error
+from ...planner.predicted import rms_tolerance
+from ...scene.scene import Scene
+from ...scene.tolerance import checked_max_error
 from ...view.state import State
 from ...view.view import view_bodies
 from ..image import Image, checked_products
@@ -73,8 +75,8 @@ class RayTracer:
         ----------
         state, camera, products
             As `Renderer.render`; products are those of the pixel's centre.
-        max_error : float [1], optional
-            Root mean square standard error over the mean of the lit pixels.
+        max_error : float [1] or mapping, optional
+            Root mean square standard error over the mean of the lit pixels, or as `Renderer.render`.
         samples : int, optional
             Samples along a pixel's side on a regular grid, and no adaptation.
         seed : int
@@ -91,10 +93,11 @@ class RayTracer:
         began = time.perf_counter()
         pinhole = self.scene.drawn_camera(camera)
         wanted = checked_products(products)
-        tolerance = self.scene.max_error if max_error is None else checked_max_error(max_error)
+        asked = self.scene.max_error if max_error is None else checked_max_error(max_error)
         if samples is not None:
             samples = integer("samples", samples, 1, 256)
         views = view_bodies(state, pinhole, self.scene.hulls)
+        tolerance = rms_tolerance(asked, views, pinhole)
         roi = visible_region(views, pinhole)
         irradiance = np.zeros((pinhole.height_px, pinhole.width_px))
         x0, y0, x1, y1 = roi
@@ -112,7 +115,7 @@ class RayTracer:
         irradiance[y, x] = mean
         irradiance = irradiance.astype(np.float32)
         arrays = traced_products(self._engine, wanted, pinhole, views, roi)
-        frame_plan = full_shape_plan(self.scene, pinhole, views, max_error=tolerance, predicted_error=reached, roi=roi)
+        frame_plan = full_shape_plan(self.scene, pinhole, views, max_error=asked, predicted_error=reached, roi=roi)
         frame_plan = self._emitted.add(irradiance, state, pinhole, views, frame_plan)
         return Image(irradiance_W_m2=irradiance, products=arrays, plan=frame_plan,
                      request=(self.scene, state, pinhole), timings_ms={"trace": 1e3 * (time.perf_counter() - began)})

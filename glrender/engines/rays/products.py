@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from glrender_camera import PinholeCamera
 
 from ...planner.plan import BodyPlan, RenderPlan
+from ...planner.predicted import frame_errors, rms_tolerance
 from ...scene.scene import Scene
+from ...scene.tolerance import by_unit
 from ...view.regions import region
 from ...view.view import BodyView
 from .engine import BESIDE, RayEngine
@@ -18,13 +22,14 @@ def visible_region(views: list[BodyView], camera: PinholeCamera) -> tuple[int, i
     return region(visible, camera) if visible else (0, 0, 0, 0)
 
 
-def full_shape_plan(scene: Scene, camera: PinholeCamera, views: list[BodyView], *, max_error: float,
-                    predicted_error: float, roi: tuple[int, int, int, int], left_out: tuple[str, ...] = (),
-                    warnings: tuple[str, ...] = ()) -> RenderPlan:
+def full_shape_plan(scene: Scene, camera: PinholeCamera, views: list[BodyView], *,
+                    max_error: float | Mapping[str, float], predicted_error: float, roi: tuple[int, int, int, int],
+                    left_out: tuple[str, ...] = (), warnings: tuple[str, ...] = ()) -> RenderPlan:
     """The plan of a frame that leaves no facet out and needs no shadow map."""
     return RenderPlan(
-        camera=camera.name, max_error=max_error, roi=roi, windows=(), predicted_error=predicted_error,
-        left_out=left_out, warnings=warnings,
+        camera=camera.name, max_error=rms_tolerance(max_error, views, camera), roi=roi, windows=(),
+        predicted_error=predicted_error, asked=by_unit(max_error), left_out=left_out, warnings=warnings,
+        navigation=frame_errors([([view], "rays", predicted_error, 0.0) for view in views if view.is_visible], camera),
         bodies=tuple(BodyPlan(
             name=view.name, is_visible=view.is_visible, n_facets=len(body.shape.facets), law=body.brdf.glsl,
             shadow_map_px=None, shadow_map_reused=False, relative_to_camera=True, normal_lookup=True,

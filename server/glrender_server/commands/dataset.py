@@ -21,6 +21,7 @@ from glrender.sequences.options import options_of
 from tqdm import tqdm
 
 from .sequence import exposure, read_states
+from .tolerance import read_max_error
 
 _LIMB_POINTS = 64
 # Fields of [output] that a data set follows; it has formats and labels of its own.
@@ -42,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--limb-points", type=int, default=_LIMB_POINTS, metavar="N", help="of a body (64)")
     parser.add_argument("--seed", type=int, help="of [random] and of the first frame's noise (the file's, and 0)")
     parser.add_argument("--exposure-s", type=exposure, help="with dn: seconds, or auto; default: the camera's")
-    parser.add_argument("--max-error", type=float)
+    parser.add_argument("--max-error", metavar="SHARE", help="or units with one each; the scene's")
     parser.add_argument("--shard-frames", type=int, default=FRAMES_A_SHARD, metavar="N", help="in each shard (50)")
     parser.add_argument("--processes", type=int, metavar="N", help="default: one for each core")
     parser.add_argument("--dask", metavar="ADDRESS", help="of a Dask scheduler, whose workers draw")
@@ -99,7 +100,8 @@ def _dataset(arguments: argparse.Namespace) -> tuple[DataSet, list[str]]:
         warnings, states = scenario.check(), list(scenario.iter_states())
     camera = scene.camera(camera_name) if camera_name else scene.cameras[0]
     table = {"output": "dn" if camera.model else "irradiance", **table, "format": "npz", "labels": True}
-    asked = {name: getattr(arguments, name) for name in _FOLLOWED} | {"camera": camera.name}
+    asked = {name: getattr(arguments, name) for name in _FOLLOWED} | {
+        "camera": camera.name, "max_error": read_max_error(arguments.max_error)}
     options = replace(options_of(scene, table, asked, arguments.backend), keypoints=keypoints,
                       limb_points=arguments.limb_points)
     dataset = DataSet(scene=scene, states=states, folder=arguments.out, options=options, format=arguments.format,

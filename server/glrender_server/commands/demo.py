@@ -22,7 +22,6 @@ from glrender import ConfigError, Pose, Shape, State, frames, generate
 from glrender.base.constants import AU_M
 from glrender.scenario import Belief, load_believed_scene
 from glrender.scenario.belief.decimation import checked_share
-from glrender.scene.scene import checked_max_error
 from glrender_camera.validate import integer
 from glrender_client import Client
 from glrender_navigation import BelievedBody, Camera, Navigator
@@ -31,6 +30,7 @@ from tqdm import tqdm
 from ..campaign.onboard import OF_FRAMES, OnBoard
 from .autopilot import ReferencePath
 from .own_server import OwnServer
+from .tolerance import read_max_error
 
 _FOCAL_LENGTH_PX_PER_WIDTH = 3.2
 # 3 mm at 512 px: pixels of a smaller image see more, and would be saturated in the shortest exposure.
@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--length-unit", default="km", help="of the shape file: m, km, or metres per unit (km)")
     parser.add_argument("--frames", type=int, default=240, help=f"steps of the loop, at least {_MIN_FRAMES} (240)")
     parser.add_argument("--size-px", type=int, default=512, help="side of the image (512)")
-    parser.add_argument("--max-error", type=float, default=0.1, help="the planner's budget (0.1)")
+    parser.add_argument("--max-error", default="0.1", help="the planner's budget (0.1)")
     parser.add_argument("--estimator", choices=tuple(OF_FRAMES), default="model",
                         help="how the body is found in a frame: `model` renders the estimated state by the on-board "
                              "model, `sphere` takes a sphere for it (model)")
@@ -76,7 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Fly the loop and leave pictures, plots and `summary.json`."""
     integer("frames", arguments.frames, _MIN_FRAMES, 100_000)
     integer("size-px", arguments.size_px, 64, 4096)
-    checked_max_error(arguments.max_error, "max-error")
+    read_max_error(arguments.max_error, "max-error")
     share = _share(arguments.belief)
     with tempfile.TemporaryDirectory(prefix="glrender-demo-") as folder, ExitStack() as stack:
         scene_file, shape = _write_scene(Path(folder), arguments)
@@ -110,6 +110,12 @@ def _share(text: str) -> float:
         raise ConfigError("belief", "must be a share of the facets, or exact", text, "0.1 is a tenth") from None
 
 
+def _toml(max_error: float | dict[str, float]) -> str:
+    if not isinstance(max_error, dict):
+        return str(max_error)
+    return f"{{ {', '.join(f'{unit} = {number}' for unit, number in max_error.items())} }}"
+
+
 def _write_scene(folder: Path, arguments: argparse.Namespace) -> tuple[Path, Shape]:
     if arguments.shape is None:
         shape = generate.contact_binary(radius_m=300.0, seed=arguments.seed)
@@ -118,7 +124,7 @@ def _write_scene(folder: Path, arguments: argparse.Namespace) -> tuple[Path, Sha
     shape.to_file(folder / "body.obj")
     size = arguments.size_px
     scene = f"""
-max_error = {arguments.max_error}
+max_error = {_toml(read_max_error(arguments.max_error))}
 
 [[bodies]]
 name = "body"

@@ -16,11 +16,13 @@ from glrender.sequences.sequence import FrameOptions, captured
 from glrender_camera import PinholeCamera
 
 from .subject import is_number, read_subject, state_of
+from .tolerance import read_max_error
 
 
 def add_drawing(parser: argparse.ArgumentParser) -> None:
     """Add the arguments that say how a frame is drawn."""
-    parser.add_argument("--max-error", type=float, metavar="SHARE", help="error tolerance, 0.02 for 2 %%; the scene's")
+    parser.add_argument("--max-error", metavar="SHARE",
+                        help="error tolerance, 0.02 for 2 %%, or by unit: centroid_px=0.05,flux=0.001; the scene's")
     parser.add_argument("--samples", type=int, metavar="N", help="along a pixel's side, by OpenGL; default: planned")
     parser.add_argument("--output", default="irradiance", choices=("irradiance", "dn"),
                         help="irradiance, or the digital numbers of the camera's detector")
@@ -64,7 +66,8 @@ def draw(arguments: argparse.Namespace) -> Drawn:
     camera = scene.camera(arguments.camera) if arguments.camera else scene.cameras[0]
     state = state_of(subject, arguments, camera)
     options = FrameOptions(camera=camera.name, output=arguments.output, seed=arguments.seed, exposure_s=exposure_s,
-                           products=tuple(getattr(arguments, "products", ())), max_error=arguments.max_error)
+                           products=tuple(getattr(arguments, "products", ())),
+                           max_error=read_max_error(arguments.max_error))
     with open_renderer(scene, arguments.backend) as renderer:
         capture = captured(renderer, 0, state, options, samples=arguments.samples)
     drawn = Drawn(scene=scene, camera=camera, state=state, options=options, capture=capture)
@@ -86,6 +89,7 @@ def summary(drawn: Drawn) -> dict[str, Any]:
     if frame is not None:
         said |= {"exposure_s": float(frame.exposure_s), "saturated_share": float(np.mean(frame.saturated))}
     return said | {"predicted_error": float(capture.plan.predicted_error), "max_error": float(capture.plan.max_error),
+                   "predicted": capture.plan.predicted,
                    "warnings": drawn.warnings}
 
 
@@ -94,5 +98,5 @@ def in_words(said: dict[str, Any]) -> str:
     parts = [f"{said['width_px']} x {said['height_px']}", f"{said['min']:.3g} to {said['max']:.3g} {said['unit']}"]
     if "exposure_s" in said:
         parts += [f"exposure {said['exposure_s']:.3g} s", f"{100.0 * said['saturated_share']:.2g} % saturated"]
-    parts.append(f"predicted error {said['predicted_error']:.2g} of {said['max_error']:g} allowed")
+    parts.append(f"predicted error {said['predicted_error']:.2g} of {said['max_error']:.3g} allowed")
     return ", ".join(parts)

@@ -19,6 +19,8 @@ from glrender.sequences.sequence import FrameSequence
 from glrender.sequences.video import check_video, write_video
 from tqdm import tqdm
 
+from .tolerance import read_max_error
+
 _ON_SHEET = 25
 
 
@@ -38,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="pose, box and centres of each body, in the header")
     parser.add_argument("--seed", type=int, help="of the first frame's noise, each further one has the next (0)")
     parser.add_argument("--exposure-s", type=exposure, help="with dn: seconds, or auto; default: the camera's")
-    parser.add_argument("--max-error", type=float)
+    parser.add_argument("--max-error", metavar="SHARE", help="or units with one each; the scene's")
     parser.add_argument("--video", type=Path, metavar="FILE.mp4", help="write the frames as a video for the eye too")
     parser.add_argument("--video-rate-hz", type=float, default=25.0, metavar="HZ")
     parser.add_argument("--processes", type=int, metavar="N", help="default: one for each core")
@@ -64,8 +66,10 @@ def run(arguments: argparse.Namespace) -> int:
         raise ConfigError("--out", "missing", hint="name a folder for the frames")
     if arguments.video is not None:
         check_video(arguments.video, arguments.video_rate_hz)
+    asked = {key: getattr(arguments, key) for key in OUTPUT_KEYS}
+    asked["max_error"] = read_max_error(arguments.max_error)
     with error_path("output"):
-        options = options_of(scene, table, {key: getattr(arguments, key) for key in OUTPUT_KEYS}, arguments.backend)
+        options = options_of(scene, table, asked, arguments.backend)
     sequence = FrameSequence(scene=scene, states=states, folder=arguments.out, options=options)
     n_frames = len(sequence.states)
     n_there = n_frames - len(sequence.missing())

@@ -169,7 +169,7 @@ class Source:
                 frames[frame.stream] = frame
                 plan = reply.header["plan"]
                 self.seen["frames"] += 1
-                self.seen["over_budget"] += not plan["predicted_error"] <= plan["max_error"]
+                self.seen["over_budget"] += bool(plan["missed"])
         while len(frames) > _MAX_STREAMS:
             frames.popitem(last=False)
         self.frames = frames

@@ -25,6 +25,8 @@ keep(folder, 'dn_auto', glrender_mex('render', handle, state, options).image);
 keep(folder, 'samples', glrender_mex('render', handle, state, struct('camera', 'navcam', 'samples', 11)).image);
 fine = struct('camera', 'navcam', 'max_error', 0.001);
 keep(folder, 'fine', glrender_mex('render', handle, state, fine).image);
+units = struct('camera', 'navcam', 'max_error', struct('centroid_px', 0.004, 'flux', 5e-4));
+keep(folder, 'by_unit', glrender_mex('render', handle, state, units).image);
 
 % The frames of the class, byte for byte; a region; several cameras in one request.
 client = GlRenderClient(host, port, 'Timeout', 30);
@@ -42,6 +44,8 @@ end
 keep(folder, 'region', replies{2}.image);
 one = glrender_mex('render', handle, state, frames(3));
 check(iscell(one) && isequal(one{1}.image, replies{3}.image), 'a list of one');
+check(isequal(client.render(state, 'camera', 'navcam', 'max_error', units.max_error).pixels, ...
+              glrender_mex('render', handle, state, units).image), 'tolerances by unit');
 client.close();
 
 % What is wrong, by identifier; the connection stays sound.
@@ -57,6 +61,8 @@ wrong = {struct('kamera', 'bare'), 'unknown option kamera'; struct('camera', 7),
          struct('output', 'dn', 'exposure_s', 0), 'exposure_s must be > 0'; struct('samples', 17), 'samples must be'; ...
          struct('output', 'dn', 'exposure_s', 'long'), 'exposure_s must be 1 real'; ...
          struct('max_error', NaN), 'max_error must be'; struct('roi', [0 0 1]), 'roi must be 4'; ...
+         struct('max_error', struct('flux', 0)), 'max_error.flux must be'; ...
+         struct('max_error', struct('centroid', 1)), 'unknown unit max_error.centroid'; ...
          struct('roi', [0 0 0.5 1]), 'four integers'; struct('roi', [5 0 5 1]), 'x0 < x1'; ...
          struct('products', 7), 'products must be text'; 'bare', 'options must be a struct'; {}, '1 to 15 frames'; ...
          repmat({struct()}, 1, 16), '1 to 15 frames'; {1}, 'options must be a struct'};
