@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from glrender_camera import Frame, PinholeCamera, time_average
 from glrender_camera.camera import checked_exposure
+from glrender_camera.notebook import png
 from glrender_camera.shutter import row_weights
 
 from ..base.errors import ConfigError
@@ -63,6 +64,15 @@ class Capture:
     stages: dict[str, str]
     timings_ms: dict[str, float]
     warnings: tuple[Advice, ...] = ()
+
+    def __repr__(self) -> str:
+        height, width = self.irradiance_W_m2.shape
+        return (f"<Capture {self.plan.camera} {width} x {height} px, predicted RMS error "
+                f"{self.plan.predicted_error:.2%}, {self.frame or 'irradiance alone'}, {len(self.warnings)} warnings>")
+
+    def _repr_png_(self) -> bytes:
+        """For notebooks: the digital numbers in grey, or the irradiance of what has none."""
+        return png(self.irradiance_W_m2 if self.frame is None else self.frame.dn)
 
 
 def draw_still(renderer: Any, state: State, camera: str | None = None, *, products: Iterable[str] = (),

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from glrender_camera.notebook import png, strip, table
 
 from ..base.errors import ConfigError
 from ..capture.capture import Capture, draw_still, take_frame
@@ -24,9 +25,12 @@ from .folder import claim_folder
 from .formats import FrameFile, write
 from .options import FrameOptions, require_model
 from .processes import own_processes
+from .read import read_image
 
 VERSION = version("glrender")
 _DIGITS = 5
+# Frames that a notebook shows, and their longer side.
+_N_SHOWN, _SHOWN_PX = 5, 160
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -86,6 +90,19 @@ class FrameSequence:
         with own_processes(n_processes, _start, (self.scene, self.options), _stop) as pool:
             for index, _ in pool.done(tasks):
                 yield index
+
+    def __repr__(self) -> str:
+        n_missing = len(self.missing())
+        return f"<FrameSequence {self.folder}: {len(self.states) - n_missing} of {len(self.states)} frames drawn>"
+
+    def _repr_html_(self) -> str:
+        """For notebooks: what is asked for, how much of it is drawn, and some of the frames that are."""
+        drawn = sorted(set(range(len(self.states))) - set(self.missing()))
+        shown = [drawn[round(k)] for k in np.linspace(0, len(drawn) - 1, min(_N_SHOWN, len(drawn)))]
+        rows = [("folder", self.folder), ("frames", f"{len(drawn)} of {len(self.states)} drawn"),
+                ("each", self.options.text)]
+        return table("Sequence", rows) + strip((f"{index}", png(read_image(self.path(index)), _SHOWN_PX))
+                                               for index in shown)
 
     def manifest(self) -> dict[str, Any]:
         """The frames depend on these: version, digests of scene and states, options."""

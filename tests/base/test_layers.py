@@ -57,6 +57,7 @@ OUTSIDE = {
     "glrender_server.commands.demo_plots": {"numpy", "matplotlib"},
     "glrender_server.commands.scenario_plots": {"numpy", "matplotlib", "glrender"},
     "glrender_client": {"numpy", "zmq", "msgpack"},
+    "glrender_client.notebook": {"numpy", "ipywidgets"},
     "glrender_vizard": {"numpy", "scipy", "cv2", "zmq", "msgpack", "glrender", "glrender_camera", "glrender_server"},
 }
 

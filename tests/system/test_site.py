@@ -24,8 +24,9 @@ def site(tmp_path_factory):
 
 
 def test_every_document_is_a_page(site):
-    sources = [*(ROOT / "docs").glob("*.md"), *(ROOT / "docs" / "decisions").glob("*.md"), ROOT / "README.md",
-               ROOT / "SECURITY.md", ROOT / "CONTRIBUTING.md", *(ROOT / "benchmarks").glob("*.md")]
+    sources = [*(ROOT / "docs").glob("*.md"), *(ROOT / "docs" / "decisions").glob("*.md"),
+               *(ROOT / "docs" / "notebooks").glob("*.ipynb"), ROOT / "README.md", ROOT / "SECURITY.md",
+               ROOT / "CONTRIBUTING.md", *(ROOT / "benchmarks").glob("*.md")]
     assert len(sources) > 30
     assert not [source for source in sources
                 if not (site / source.relative_to(ROOT)).with_suffix(".html").is_file()]
