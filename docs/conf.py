@@ -1,6 +1,10 @@
 """The documentation site: `make docs` builds it of the Markdown files of this repository, where they lie."""
 
+import sys
 from importlib.metadata import version as version_of
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent / "reference"))
 
 project = "glrender"
 author = "the glrender authors"
@@ -27,3 +31,16 @@ napoleon_google_docstring = False
 napoleon_use_rtype = False
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
+
+
+def _with_fields(app, name: str, source: list[str]) -> None:
+    """The tables of the page of fields, from the classes."""
+    if name == "docs/reference/scene_files":
+        import scene_fields
+
+        source[0] += "\n" + scene_fields.markdown()
+
+
+def setup(app) -> None:
+    """What Sphinx calls of this file."""
+    app.connect("source-read", _with_fields)
