@@ -15,7 +15,7 @@ LARGEST_PX = 512
 
 def png(image: np.ndarray, largest_px: int = LARGEST_PX) -> bytes:
     """An 8-bit grey PNG of a (height, width) image, black at zero, white at its 99.9th percentile; NaN is black."""
-    grey = np.nan_to_num(np.asarray(image, np.float32), nan=0.0)
+    grey: np.ndarray = np.nan_to_num(np.asarray(image, np.float32), nan=0.0)
     height, width = grey.shape
     if (scale := largest_px / max(height, width)) < 1.0:
         grey = cv2.resize(grey, (max(round(width * scale), 1), max(round(height * scale), 1)),

@@ -100,7 +100,7 @@ def _epoch(stem: str, text: str) -> dict[str, tuple[str, str]]:
 
 _FILE = {"file": ("text", "Name of the file, relative to this one.")}
 _ABOUT = {"about": ("text", "A body, or \"sun\"; the first body by default.")}
-_WAY = {"interpolation": ("\"spline\" or \"slerp\"", "Between the rows.")}
+_WAY = {"interpolation": ("\"spline\" or \"linear\"", "Between the rows; spline by default.")}
 _OBJECT = {"object_name": ("text", "Which object of the file, where it has several.")}
 _NUMBER = "float, [from, to], or a table with one of uniform, log_uniform, solid_angle, normal"
 _MOTION = ("trajectory", "start", "duration_s")

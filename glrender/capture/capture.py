@@ -75,6 +75,13 @@ class Capture:
         return png(self.irradiance_W_m2 if self.frame is None else self.frame.dn)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Exposed(Capture):
+    """A capture with its frame, as `take_frame` gives it."""
+
+    frame: Frame
+
+
 def draw_still(renderer: Any, state: State, camera: str | None = None, *, products: Iterable[str] = (),
                roi: tuple[int, int, int, int] | None = None, **options: Any) -> Capture:
     """The irradiance image of a camera, distorted as its lens does it.
@@ -113,7 +120,7 @@ def draw_still(renderer: Any, state: State, camera: str | None = None, *, produc
 
 def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: int = 0,
                exposure_s: float | str | None = None, previous: Frame | None = None, products: Iterable[str] = (),
-               sub_states: Sequence[State] = (), **options: Any) -> Capture:
+               sub_states: Sequence[State] = (), **options: Any) -> Exposed:
     """The frame that a camera with a model sends.
 
     Parameters
@@ -141,7 +148,7 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
 
     Returns
     -------
-    Capture
+    Exposed
 
     Raises
     ------
@@ -202,7 +209,7 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
     warnings = (*image_advice(scene, state, pinhole, still.plan, light, lit,
                               has_points=bool(bodies.irradiance_W_m2.any()), has_stars=has_stars),
                 *frame_advice(scene, pinhole, asked, frame, light, lit, has_stars=has_stars, has_sun=has_sun))
-    return Capture(irradiance_W_m2=light, products=still.products, frame=replace(frame, stages=stages), plan=still.plan,
+    return Exposed(irradiance_W_m2=light, products=still.products, frame=replace(frame, stages=stages), plan=still.plan,
                    stages=stages, timings_ms=timings, warnings=warnings)
 
 
@@ -238,7 +245,7 @@ def _mean(drawing: Drawing, state: State, still: Still, motion: Motion,
 
 def _some(poses: Sequence[PosePoints], apart: Sequence[frozenset[str]]) -> list[tuple[State, frozenset[str], float]]:
     """A few of the poses, each with the weight of those nearest to it in the mean over the image's rows."""
-    weight = np.array([pose.row_weights.mean() for pose in poses])
+    weight = np.array([1.0 if pose.row_weights is None else pose.row_weights.mean() for pose in poses])
     chosen = np.unique(np.rint(np.linspace(0, len(poses) - 1, min(len(poses), _BEYOND_POSES))).astype(int))
     nearest = np.abs(np.arange(len(poses))[:, None] - chosen).argmin(axis=1)
     shares = np.bincount(nearest, weight, len(chosen)).tolist()
@@ -253,7 +260,8 @@ def _without_margin(image: np.ndarray, margin_px: int) -> np.ndarray:
 def _in_frame(roi: tuple[int, int, int, int], margin_px: int, camera: PinholeCamera) -> tuple[int, int, int, int]:
     """A region of the image with its margin, of the frame alone."""
     sizes = 2 * (camera.width_px, camera.height_px)
-    return tuple(min(max(edge - margin_px, 0), size) for edge, size in zip(roi, sizes, strict=True))
+    x0, y0, x1, y1 = (min(max(edge - margin_px, 0), size) for edge, size in zip(roi, sizes, strict=True))
+    return x0, y0, x1, y1
 
 
 def _timings(still: Still, began: float) -> dict[str, float]:

@@ -145,7 +145,7 @@ def _feed(digest: Any, value: Any) -> None:
 
 # Of a process that draws: its renderer, and what is asked of it.
 _renderer: Any = None
-_options: FrameOptions | None = None
+_options: Any = None
 
 
 def _start(scene: Scene, options: FrameOptions) -> None:
@@ -199,7 +199,7 @@ def captured(renderer: Any, index: int, state: State, options: FrameOptions, **a
 
 def frame_file(scene: Scene, index: int, state: State, options: FrameOptions, capture: Capture) -> FrameFile:
     """What is written of a frame of `captured`."""
-    camera, header = scene.camera(options.camera), {}
+    camera, header = scene.camera(options.camera), dict[str, Any]()
     pixels = capture.irradiance_W_m2
     if capture.frame is not None:
         pixels = capture.frame.dn
