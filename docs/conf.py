@@ -1,5 +1,7 @@
 """The documentation site: `make docs` builds it of the Markdown files of this repository, where they lie."""
 
+import os
+import shutil
 import sys
 from importlib.metadata import version as version_of
 from pathlib import Path
@@ -33,14 +35,29 @@ autodoc_member_order = "bysource"
 autodoc_typehints = "none"
 
 
-def _with_fields(app, name: str, source: list[str]) -> None:
-    """The tables of the page of fields, from the classes."""
+# Real frames beside ours, where `make docs` or a test has drawn them.
+_GALLERY = Path(os.environ.get("GLRENDER_GALLERY") or Path(__file__).parents[1] / "out" / "real_frames")
+
+
+def _completed(app, name: str, source: list[str]) -> None:
+    """Pages that are made at a build: the fields of files, from their classes; the gallery, from its pictures."""
     if name == "docs/reference/scene_files":
         import scene_fields
 
         source[0] += "\n" + scene_fields.markdown()
+    if name == "examples/real_frames/README" and (_GALLERY / "ncc.csv").is_file():
+        import gallery
+
+        source[0] += gallery.page(_GALLERY, "../../gallery")
+
+
+def _copied(app, error: Exception | None) -> None:
+    """The gallery's pictures, beside the pages."""
+    if error is None and (_GALLERY / "ncc.csv").is_file():
+        shutil.copytree(_GALLERY, Path(app.outdir) / "gallery", dirs_exist_ok=True)
 
 
 def setup(app) -> None:
-    """What Sphinx calls of this file."""
-    app.connect("source-read", _with_fields)
+    """Sphinx calls this of its configuration."""
+    app.connect("source-read", _completed)
+    app.connect("build-finished", _copied)
