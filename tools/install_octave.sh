@@ -5,8 +5,10 @@ set -eu
 . "$(dirname "$0")/apt.sh"
 
 works() {
-    octave-cli -q --no-history --no-init-file --eval 'pkg load instrument-control' >/dev/null 2>&1 &&
-        command -v mkoctfile gnuplot gs cc c++ >/dev/null
+    for program in mkoctfile gnuplot gs cc c++; do
+        command -v $program >/dev/null || return 1
+    done
+    octave-cli -q --no-history --no-init-file --eval 'pkg load instrument-control' >/dev/null 2>&1
 }
 
 works && exit 0

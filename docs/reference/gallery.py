@@ -29,5 +29,5 @@ def page(folder: Path, home: str) -> str:
     figures = "\n".join(
         f'<figure><img loading="lazy" width="1008" height="352" src="{home}/{html.escape(image)}_{pose}.png" '
         f'alt="{html.escape(image)}: real, rendered, residual"/></figure>' for _, image, pose, _ in found)
-    return (f"\n## Gallery\n\nThese are the {len(found)} frames, drawn when the site was built: real, rendered with Hapke's "
-            f"law at the best pose, and the residual.\n\n```{{raw}} html\n{figures}\n```\n")
+    return (f"\n## Gallery\n\nThese are the {len(found)} frames, drawn when the site was built: real, rendered with "
+            f"Hapke's law at the best pose, and the residual.\n\n```{{raw}} html\n{figures}\n```\n")
