@@ -33,7 +33,11 @@ chart: setup
 	$(BIN)/python benchmarks/speed_accuracy.py
 	$(BIN)/python benchmarks/navigation_chart.py
 
+# With the gallery of real frames where their data set is.
 docs: setup
+	@if [ -d "$${GLRENDER_SHARED:-../shared}/data/67p" ]; then \
+	    $(BIN)/python examples/real_frames/real_frames.py --out out/real_frames; \
+	else echo "no $${GLRENDER_SHARED:-../shared}/data/67p: the gallery of real frames is left out" >&2; fi
 	$(BIN)/python -m sphinx -W --keep-going -q -c docs . out/site
 	@echo "out/site/docs/index.html"
 

@@ -303,7 +303,7 @@ class Renderer:
         return replace(frame_plan, emission=tuple(added), roi=(0, 0, camera.width_px, camera.height_px))
 
 
-def open_renderer(scene: Scene, backend: str = "auto", device_index: int | None = None, **options) -> Any:
+def open_renderer(scene: Scene, backend: str = "auto", device_index: int | None = None, **options: Any) -> Any:
     """A `Renderer`, or the plug-in of that name with the same interface, e.g. ``raytrace``.
 
     Parameters

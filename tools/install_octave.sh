@@ -5,12 +5,16 @@ set -eu
 . "$(dirname "$0")/apt.sh"
 
 works() {
-    octave-cli -q --no-history --no-init-file --eval 'pkg load instrument-control' >/dev/null 2>&1 &&
-        command -v mkoctfile >/dev/null && command -v cc >/dev/null && command -v c++ >/dev/null
+    for program in mkoctfile gnuplot gs cc c++; do
+        command -v $program >/dev/null || return 1
+    done
+    octave-cli -q --no-history --no-init-file --eval 'pkg load instrument-control' >/dev/null 2>&1
 }
 
 works && exit 0
-echo "GNU Octave, its mkoctfile or a C compiler is missing: installing them for the tests of the MATLAB and C clients" >&2
-apt_install octave octave-dev octave-instrument-control gcc g++ libc6-dev || true
+echo "GNU Octave, its mkoctfile, gnuplot, Ghostscript or a C compiler is missing: installing them" >&2
+# It draws the tutorial's pictures with gnuplot, in a font that it looks for by name.
+apt_install octave octave-dev octave-instrument-control gcc g++ libc6-dev gnuplot-nox ghostscript fonts-freefont-otf ||
+    true
 works && exit 0
 [ "${CI:-}" != true ]

@@ -76,7 +76,7 @@ class CameraModel:
         known_keys("", table, [*known, "preset"])
         parts = {key: value for key, value in table.items() if key != "preset"}
         if "preset" in table:
-            preset = PRESETS[one_of("preset", table["preset"], sorted(PRESETS))]
+            preset: Any = PRESETS[one_of("preset", table["preset"], sorted(PRESETS))]
             for key, value in preset.items():
                 own = parts.get(key, {} if isinstance(value, Mapping) else value)
                 parts[key] = {**value, **own} if isinstance(value, Mapping) and isinstance(own, Mapping) else own
@@ -181,7 +181,7 @@ class CameraModel:
             Handed on.
         """
         seed = integer("seed", seed, 0, MAX_SEED)
-        exposure = checked_exposure("exposure_s", self.exposure_s if exposure_s is None else exposure_s)
+        exposure: Any = checked_exposure("exposure_s", self.exposure_s if exposure_s is None else exposure_s)
         if previous is not None and not isinstance(previous, Frame):
             raise ConfigError("previous", "must be a Frame", previous)
         struck = FrameFaults(checked_faults("faults", faults), seed, self.detector.sensor_seed)
@@ -213,7 +213,7 @@ class CameraModel:
         return {
             "psf": stage(optics.psf_text, optics.psf_text, True),
             "points": f"{len(points.xy_px)} stars or unresolved bodies" if points else "skipped: none given",
-            "stray_light": stage(optics.stray_light, optics.stray_light and optics.stray_light.text, True),
+            "stray_light": stage(optics.stray_light, optics.stray_light.text if optics.stray_light else "", True),
             "light": light_text,
             "photo_electrons": stage(1.0, f"{self.electrons_per_joule:.6g} e-/J", True),
             "photo_response_nonuniformity": stage(detector.photo_response_nonuniformity,

@@ -11,12 +11,15 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .errors import ConfigError
 from .validate import known_keys, within
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 # Where the search for a fold ends: 89.4 degrees off axis, as no rectilinear camera sees farther.
 _MAX_RADIUS = 100.0
@@ -70,7 +73,7 @@ class BrownConrady:
         return cls(**table)
 
     @classmethod
-    def from_opencv(cls, coefficients) -> BrownConrady:
+    def from_opencv(cls, coefficients: ArrayLike) -> BrownConrady:
         """From OpenCV's vector of 4, 5 or 8 coefficients, k3 fifth."""
         values = np.asarray(coefficients, dtype=np.float64).ravel()
         if values.size not in (4, 5, 8):

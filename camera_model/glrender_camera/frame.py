@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from .notebook import png
+
 
 @dataclass(frozen=True, eq=False)
 class Frame:
@@ -35,3 +37,12 @@ class Frame:
     seed: int
     stages: dict[str, str]
     faults: tuple[dict[str, Any], ...] = ()
+
+    def __repr__(self) -> str:
+        height, width = self.dn.shape
+        return (f"<Frame {width} x {height} px, {self.dn.dtype} [DN] {self.dn.min()} to {self.dn.max()}, "
+                f"{self.exposure_s:.6g} s, {self.saturated.mean():.1%} saturated>")
+
+    def _repr_png_(self) -> bytes:
+        """For notebooks: the digital numbers in grey."""
+        return png(self.dn)

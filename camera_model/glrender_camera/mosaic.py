@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -54,6 +54,9 @@ class MosaicModel:
     auto_exposure: AutoExposure = field(default_factory=AutoExposure)
     magnification: Mapping[str, float] = field(default_factory=dict)
     faults: tuple[Fault, ...] = ()
+
+    if TYPE_CHECKING:  # made in __post_init__
+        bands: Mapping[str, CameraModel] = field(init=False)
 
     def __post_init__(self):
         rows = tuple(self.pattern)
@@ -138,10 +141,10 @@ class MosaicModel:
         if points is not None:
             known_keys("points", points, letters, required=letters)
         shape = np.shape(irradiance_W_m2[letters[0]])
-        rate = None
+        rate: Any = None
         stages: dict[str, str] = {}
         for letter, model in self.bands.items():
-            band_points = points and points[letter]
+            band_points = None if points is None else points[letter]
             with error_path(letter):
                 if np.shape(irradiance_W_m2[letter]) != shape:
                     raise ConfigError("irradiance_W_m2", f"must have shape {shape}, as the others",

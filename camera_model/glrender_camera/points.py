@@ -69,7 +69,7 @@ class PointSources:
         """
         out = np.zeros(shape, np.float32)
         margin_y, margin_x = optics.psf_margin_px
-        frame = tuple(n + 2 * o for n, o in zip(shape, frame_origin_px, strict=True))
+        frame = (shape[0] + 2 * frame_origin_px[0], shape[1] + 2 * frame_origin_px[1])
         xy = self.xy_px - np.array(frame_origin_px[::-1])
         reached = ((xy > (-1.5 - margin_x, -1.5 - margin_y))
                    & (xy < (shape[1] + margin_x + 0.5, shape[0] + margin_y + 0.5))).all(axis=1)
@@ -103,7 +103,7 @@ class PointSources:
     def is_inside(self, shape: tuple[int, int], margin_px: int = 0) -> np.ndarray:
         """(N,) bool: whether a source lies in a frame (H, W) [px], or within so many pixels of it."""
         edge = 0.5 + margin_px
-        return ((self.xy_px >= -edge) & (self.xy_px < np.array(shape[::-1]) - 1.0 + edge)).all(axis=1)
+        return np.all((self.xy_px >= -edge) & (self.xy_px < np.array(shape[::-1]) - 1.0 + edge), axis=1)
 
 
 def _crowds(xy: np.ndarray, n_px: int) -> tuple[list[np.ndarray], np.ndarray]:

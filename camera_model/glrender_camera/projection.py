@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -22,6 +22,9 @@ from .mosaic import MosaicModel
 from .points import PointSources
 from .validate import integer, name_of, position, unit_quaternion, vector, within
 
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
 MAX_IMAGE_PX = 16384
 """Widest image [px]: the texture limit of every OpenGL that glrender runs on."""
 # From one wide pixel that sees half the sky to a picoradian a pixel.
@@ -31,6 +34,10 @@ _MAX_PRINCIPAL_POINT_PX = 1e5
 
 # A margin changes a frame's aspect by a few percent; height for width is a mistake.
 _ASPECT_TOLERANCE = 0.05
+# Before they are checked: the mounting, the place, and the image's centre as the principal point.
+_IDENTITY: Any = (1.0, 0.0, 0.0, 0.0)
+_ORIGIN: Any = (0.0, 0.0, 0.0)
+_CENTRE: Any = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -66,11 +73,17 @@ class PinholeCamera:
     width_px: int
     height_px: int
     focal_length_px: float
-    principal_point_px: tuple[float, float] | None = None
-    q_camera_from_spacecraft: np.ndarray = field(default=(1.0, 0.0, 0.0, 0.0))
-    r_camera_spacecraft_m: np.ndarray = field(default=(0.0, 0.0, 0.0))
+    principal_point_px: tuple[float, float] = _CENTRE
+    q_camera_from_spacecraft: np.ndarray = field(default=_IDENTITY)
+    r_camera_spacecraft_m: np.ndarray = field(default=_ORIGIN)
     model: CameraModel | MosaicModel | None = None
     distortion: BrownConrady | None = None
+
+    if TYPE_CHECKING:  # lists of numbers go in, arrays come out
+        def __init__(self, *, name: str, width_px: int, height_px: int, focal_length_px: float,
+                     principal_point_px: ArrayLike | None = None, q_camera_from_spacecraft: ArrayLike = ...,
+                     r_camera_spacecraft_m: ArrayLike = ..., model: CameraModel | MosaicModel | None = None,
+                     distortion: BrownConrady | None = None) -> None: ...
 
     def __post_init__(self):
         put = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731 (frozen dataclass)
@@ -81,7 +94,8 @@ class PinholeCamera:
         centre = self.principal_point_px
         if centre is None:
             centre = ((self.width_px - 1) / 2.0, (self.height_px - 1) / 2.0)
-        centre = tuple(float(x) for x in vector("principal_point_px", centre, 2))
+        x, y = vector("principal_point_px", centre, 2).tolist()
+        centre = (x, y)
         if max(map(abs, centre)) > _MAX_PRINCIPAL_POINT_PX:
             raise ConfigError("principal_point_px", f"must be within {_MAX_PRINCIPAL_POINT_PX:g} px", centre)
         put("principal_point_px", centre)
@@ -232,15 +246,16 @@ class PinholeCamera:
                                   np.shape(image))
         if isinstance(self.model, MosaicModel) and self.model.magnification:
             sizes = self.model.magnification
+            images, given = cast(Mapping[str, np.ndarray], irradiance_W_m2), cast(Mapping[str, PointSources], points)
             irradiance_W_m2 = {letter: magnified(image, sizes[letter], seen.principal_point_px) if letter in sizes
-                               else image for letter, image in irradiance_W_m2.items()}
-            points = points and {letter: magnified_points(each, sizes[letter], self.principal_point_px)
-                                 if letter in sizes else each for letter, each in points.items()}
+                               else image for letter, image in images.items()}
+            points = given and {letter: magnified_points(each, sizes[letter], self.principal_point_px)
+                                if letter in sizes else each for letter, each in given.items()}
             roi = None
-        return self.model.expose(irradiance_W_m2, seed, exposure_s=exposure_s, roi=roi,
-                                 relative_illumination=seen.cos_field_angle, previous=previous,
-                                 margin_px=margin_px, points=points,
-                                 faults=faults)
+        # A mosaic takes those of each band.
+        return cast(Any, self.model).expose(irradiance_W_m2, seed, exposure_s=exposure_s, roi=roi,
+                                            relative_illumination=seen.cos_field_angle, previous=previous,
+                                            margin_px=margin_px, points=points, faults=faults)
 
 
 @lru_cache(maxsize=8)

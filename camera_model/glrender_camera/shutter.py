@@ -46,7 +46,8 @@ def time_average(sub_frames: Iterable[np.ndarray], times_s: np.ndarray, *, start
         raise ConfigError("times_s", "must be a list of rising times", times_s)
     start_s, exposure_s = finite("start_s", start_s), positive("exposure_s", exposure_s)
     line_time_s = finite("line_time_s", line_time_s)
-    total, n_frames = None, 0
+    total: np.ndarray | None = None
+    n_frames = 0
     for n_frames, frame in enumerate(sub_frames, start=1):
         if n_frames > times_s.size:
             break
@@ -57,7 +58,7 @@ def time_average(sub_frames: Iterable[np.ndarray], times_s: np.ndarray, *, start
             raise ConfigError("sub_frames", f"must all have shape {total.shape}", frame.shape)
         lit = np.flatnonzero(weights[:, n_frames - 1])
         total[lit] += frame[lit] * weights[lit, n_frames - 1, None].astype(np.float32)
-    if n_frames != times_s.size:
+    if total is None or n_frames != times_s.size:
         raise ConfigError("sub_frames", f"must be as many as times_s, {times_s.size}")
     return total
 

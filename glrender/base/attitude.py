@@ -7,6 +7,8 @@ renormalised, by up to 1e-3 with a warning, for digits that were rounded; what i
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from glrender_camera.validate import near_unit, unit_vectors
 from scipy.spatial.transform import Rotation
@@ -164,9 +166,10 @@ def from_ros(orientation: object) -> np.ndarray:
 
     Source: geometry_msgs/Pose and TransformStamped; REP 103.
     """
-    if all(hasattr(orientation, name) for name in "xyzw"):
-        orientation = [orientation.x, orientation.y, orientation.z, orientation.w]
-    q = unit_vectors("orientation", _numbers("orientation", orientation, (4,)), "normalise [x, y, z, w] first")
+    given: Any = orientation
+    if all(hasattr(given, name) for name in "xyzw"):
+        given = [given.x, given.y, given.z, given.w]
+    q = unit_vectors("orientation", _numbers("orientation", given, (4,)), "normalise [x, y, z, w] first")
     return _canonical(np.roll(q, 1, axis=-1) * [1.0, -1.0, -1.0, -1.0])
 
 

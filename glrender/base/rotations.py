@@ -11,11 +11,16 @@ matrices alone, in float64; it writes them for row vectors, hence the transposes
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from pyrr import matrix44
 from scipy.spatial.transform import Rotation
 
 from .errors import ConfigError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 GOLDEN_ANGLE_RAD = np.pi * (3.0 - np.sqrt(5.0))
 
@@ -36,7 +41,7 @@ def quaternion(b_from_a: np.ndarray) -> np.ndarray:
     return Rotation.from_matrix(b_from_a).as_quat(canonical=True, scalar_first=True)
 
 
-def look_at(r_from_m: np.ndarray, r_to_m: np.ndarray, up: np.ndarray = (0.0, 0.0, 1.0)) -> np.ndarray:
+def look_at(r_from_m: ArrayLike, r_to_m: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) -> np.ndarray:
     """Attitude of a camera that looks from one point to another, image up along `up`.
 
     Parameters

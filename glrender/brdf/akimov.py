@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from .curve import Table
+from .geometry import Geometry
 from .lommel_seeliger import WithPhaseFunction
 
 
@@ -36,7 +37,7 @@ class Akimov(WithPhaseFunction):
     def __post_init__(self):
         self._check("normal_albedo")
 
-    def lit_brdf(self, geometry):
+    def lit_brdf(self, geometry: Geometry) -> np.ndarray:
         g = geometry.phase
         low = np.minimum(geometry.cos_incidence, geometry.cos_emission)
         difference = np.sum(geometry.normal * (geometry.to_sun - geometry.to_camera), axis=-1)
@@ -51,5 +52,5 @@ class Akimov(WithPhaseFunction):
         return (self.normal_albedo / np.pi * self._phase_function(geometry.phase_deg) * disk
                 / (geometry.cos_incidence * geometry.cos_emission))
 
-    def uniforms(self):
+    def uniforms(self) -> dict[str, Any]:
         return self._uniforms(self.normal_albedo)

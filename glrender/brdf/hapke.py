@@ -6,13 +6,13 @@ import math
 import warnings
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from glrender_camera.validate import finite, one_of, within
 
 from ..base.errors import ConfigError
-from .geometry import cross, dot
+from .geometry import Geometry, cross, dot
 from .law import Law
 
 MAX_FILLING_FACTOR = 0.752
@@ -110,7 +110,7 @@ class Hapke(Law):
                 warnings.warn(f"Hapke with {text}", stacklevel=3)
 
     @classmethod
-    def one_term(cls, *, asymmetry: float, **parameters) -> Hapke:
+    def one_term(cls, *, asymmetry: float, **parameters: Any) -> Hapke:
         """Hapke with a one-term Henyey-Greenstein function.
 
         Parameters
@@ -182,7 +182,7 @@ class Hapke(Law):
 
     # Terms.
 
-    def phase_function(self, geometry) -> np.ndarray:
+    def phase_function(self, geometry: Geometry) -> np.ndarray:
         """Two-term Henyey-Greenstein p(g) [1]; its mean over the sphere is 1."""
         # 1 + b^2 -+ 2 b cos g without its cancellation at b -> 1.
         base = (1.0 - self.b) ** 2
@@ -213,7 +213,7 @@ class Hapke(Law):
                     + self._legendre[1] * h0 * h)
         return h0 + h + h0 * h
 
-    def _roughness(self, geometry) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _roughness(self, geometry: Geometry) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Effective cosines over chi, steeper angle first, and S mu_e over both and cos(incidence).
 
         Both branches of Hapke (1984) are one in terms of the smaller and the larger of incidence and
@@ -252,7 +252,7 @@ class Hapke(Law):
         z = cosine / np.maximum(sine, 1e-10) / self._tan_roughness
         return np.exp(-2.0 / np.pi * z), np.exp(-z * z / np.pi)
 
-    def lit_brdf(self, geometry):
+    def lit_brdf(self, geometry: Geometry) -> np.ndarray:
         if self.has_roughness:
             mu_small, mu_large, shadowing = self._roughness(geometry)
             spread = mu_small * mu_large / (mu_small + mu_large) * shadowing
@@ -282,7 +282,7 @@ class Hapke(Law):
         n_groups = min(max(-(-needed // 4), 1), _MAX_CHEBYSHEV_TERMS // 4)
         return terms[: 4 * n_groups].reshape(n_groups, 4)
 
-    def defines(self):
+    def defines(self) -> dict[str, int]:
         return {
             "LAW_BACK_LOBE": int(self.b > 0.0 and self.c != -1.0),
             "LAW_FORWARD_LOBE": int(self.b > 0.0 and self.c != 1.0),
@@ -294,20 +294,20 @@ class Hapke(Law):
         }
 
     @property
-    def uniform_fields(self):
+    def uniform_fields(self) -> dict[str, str]:  # type: ignore[override]
         fields = dict.fromkeys(("law_surface", "law_lobes", "law_opposition", "law_more"), "vec4")
         if self.is_anisotropic:
             fields["law_averaged_phase"] = f"vec4[{len(self._shader_chebyshev)}]"
         return fields
 
-    def uniforms(self):
+    def uniforms(self) -> dict[str, Any]:
         w, b, c = self.single_scattering_albedo, self.b, self.c
         gamma = math.sqrt(1.0 - w)
         h = 2.0 * gamma if self.h_function == "1981" else (w / (1.0 + gamma)) ** 2
         # b = 0 compiles no lobe in.
         lobe = 0.5 * (1.0 - b * b) / max(b, 1e-9) ** 1.5
         scale = self.porosity_factor / (4.0 * math.pi)
-        values = {
+        values: dict[str, Any] = {
             "law_surface": (h, 0.5 * w, self._chi / self.porosity_factor, self._tan_roughness),
             "law_lobes": ((1.0 + c) * lobe, (1.0 - c) * lobe, (1.0 - b) ** 2 / max(b, 1e-9), scale * w),
             "law_opposition": (self.shoe_amplitude * self.shoe_width, self.shoe_width,

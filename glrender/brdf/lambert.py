@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from glrender_camera.validate import within
 
+from .geometry import Geometry
 from .law import Law
 
 
@@ -32,8 +33,8 @@ class Lambert(Law):
     def __post_init__(self):
         object.__setattr__(self, "normal_albedo", within("normal_albedo", self.normal_albedo, 0.0, 1.0))
 
-    def lit_brdf(self, geometry):
+    def lit_brdf(self, geometry: Geometry) -> np.ndarray:
         return np.full_like(geometry.cos_incidence, self.normal_albedo / np.pi)
 
-    def uniforms(self):
+    def uniforms(self) -> dict[str, Any]:
         return {"law_normal_albedo": self.normal_albedo}

@@ -39,7 +39,7 @@ class GlslText(str):
         made.text = text
         return made
 
-    def __getnewargs__(self) -> tuple[str, str]:
+    def __getnewargs__(self) -> tuple[str, str]:  # type: ignore[override]
         return str(self), self.text
 
 

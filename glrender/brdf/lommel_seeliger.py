@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from glrender_camera.validate import within
 
 from .curve import PHASE_FIELDS, PhaseFunction, Table
+from .geometry import Geometry
 from .law import Law
 
 
@@ -28,18 +29,18 @@ class WithPhaseFunction(Law):
         return PhaseFunction(self.phase_function)
 
     @property
-    def max_phase(self):
+    def max_phase(self) -> float:
         return self._phase_function.max_phase
 
     def _knots(self) -> np.ndarray:
         return self._phase_function.knots()
 
     @property
-    def uniform_fields(self):
+    def uniform_fields(self) -> dict[str, str]:  # type: ignore[override]
         knots = {"law_knots": f"vec4[{len(self._knots())}]"} if len(self._knots()) else {}
         return {"law_albedo": "float", "law_parameter": "float", **PHASE_FIELDS, **knots}
 
-    def defines(self):
+    def defines(self) -> dict[str, int]:
         return self._phase_function.defines()
 
     def _uniforms(self, albedo: float, parameter: float = 0.0) -> dict:
@@ -70,9 +71,9 @@ class LommelSeeliger(WithPhaseFunction):
     def __post_init__(self):
         self._check("single_scattering_albedo")
 
-    def lit_brdf(self, geometry):
+    def lit_brdf(self, geometry: Geometry) -> np.ndarray:
         return (self.single_scattering_albedo / (4.0 * np.pi) * self._phase_function(geometry.phase_deg)
                 / (geometry.cos_incidence + geometry.cos_emission))
 
-    def uniforms(self):
+    def uniforms(self) -> dict[str, Any]:
         return self._uniforms(self.single_scattering_albedo)

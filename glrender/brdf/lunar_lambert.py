@@ -6,12 +6,13 @@ import math
 import warnings
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ..base.errors import ConfigError
 from .curve import SAMPLED_DEG, Table, bounded, polynomial, table_or_terms, vec4_pair
+from .geometry import Geometry
 from .lommel_seeliger import WithPhaseFunction
 
 MCEWEN = (1.0, -0.019, 2.42e-4, -1.46e-6)
@@ -101,7 +102,7 @@ class LunarLambert(WithPhaseFunction):
         return float(low)
 
     @property
-    def max_phase(self):
+    def max_phase(self) -> float:
         weight = self.weight.max_phase if self._is_table else math.radians(self._held_deg)
         return min(super().max_phase, weight)
 
@@ -112,7 +113,7 @@ class LunarLambert(WithPhaseFunction):
         value = polynomial(self._terms, np.minimum(phase_deg, self._held_deg))
         return np.exp(value) if self.weight == "gaskell" else value
 
-    def lit_brdf(self, geometry):
+    def lit_brdf(self, geometry: Geometry) -> np.ndarray:
         phase_deg = geometry.phase_deg
         weight = self.weight_at(phase_deg)
         blend = 2.0 * weight / (geometry.cos_incidence + geometry.cos_emission) + 1.0 - weight
@@ -123,14 +124,14 @@ class LunarLambert(WithPhaseFunction):
         return np.concatenate([super()._knots(), own])
 
     @property
-    def uniform_fields(self):
+    def uniform_fields(self) -> dict[str, str]:  # type: ignore[override]
         return {**super().uniform_fields, "law_weight_low": "vec4", "law_weight_high": "vec4"}
 
-    def defines(self):
+    def defines(self) -> dict[str, int]:
         return {**super().defines(), "LAW_WEIGHT_KNOTS": len(self.weight.value) if self._is_table else 0,
                 "LAW_WEIGHT_EXPONENTIAL": int(self.weight == "gaskell")}
 
-    def uniforms(self):
+    def uniforms(self) -> dict[str, Any]:
         scale = math.log2(math.e) if self.weight == "gaskell" else 1.0
         return {**self._uniforms(self.normal_albedo, self._held_deg),
                 **vec4_pair("law_weight", [scale * term for term in self._terms])}

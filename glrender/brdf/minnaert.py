@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from glrender_camera.validate import within
 
 from .curve import Table
+from .geometry import Geometry
 from .lommel_seeliger import WithPhaseFunction
 
 
@@ -44,16 +45,16 @@ class Minnaert(WithPhaseFunction):
         object.__setattr__(self, "exponent_per_deg",
                            within("exponent_per_deg", self.exponent_per_deg, -0.01, 0.01))
 
-    def lit_brdf(self, geometry):
+    def lit_brdf(self, geometry: Geometry) -> np.ndarray:
         phase_deg = geometry.phase_deg
         cosines = geometry.cos_incidence * geometry.cos_emission
         power = self.exponent - 1.0 + self.exponent_per_deg * phase_deg
         return self.normal_albedo / np.pi * self._phase_function(phase_deg) * cosines**power
 
     @property
-    def uniform_fields(self):
+    def uniform_fields(self) -> dict[str, str]:  # type: ignore[override]
         return {**super().uniform_fields, "law_exponent": "vec2"}
 
-    def uniforms(self):
+    def uniforms(self) -> dict[str, Any]:
         return {**self._uniforms(self.normal_albedo),
                 "law_exponent": (self.exponent - 1.0, self.exponent_per_deg)}

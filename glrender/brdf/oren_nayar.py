@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from glrender_camera.validate import finite, within
 
 from ..base.errors import ConfigError
+from .geometry import Geometry
 from .law import Law
 
 
@@ -47,12 +48,12 @@ class OrenNayar(Law):
         s2 = np.radians(self.roughness_deg) ** 2
         return 1.0 - 0.5 * s2 / (s2 + 0.33), 0.45 * s2 / (s2 + 0.09)
 
-    def lit_brdf(self, geometry):
+    def lit_brdf(self, geometry: Geometry) -> np.ndarray:
         constant, slope = self._factors
         # sin i sin e cos(azimuth) over the larger cosine: neither azimuth nor tangent is ever formed.
         aligned = np.maximum(np.sum(geometry.sun_side * geometry.camera_side, axis=-1), 0.0)
         groove = aligned / np.maximum(geometry.cos_incidence, geometry.cos_emission)
         return self.normal_albedo / np.pi * (constant + slope * groove)
 
-    def uniforms(self):
+    def uniforms(self) -> dict[str, Any]:
         return {"law_albedo": self.normal_albedo, "law_roughness": self._factors}

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ..base.errors import ConfigError
 from .curve import MAX_FACTOR, SAMPLED_DEG, bounded, polynomial, table_or_terms, vec4_pair
+from .geometry import Geometry
 from .law import Law
 
 
@@ -51,9 +52,9 @@ class Rolo(Law):
     def _curve(self, phase_deg: np.ndarray) -> np.ndarray:
         return self.surge[0] * np.exp(-self.surge[1] * phase_deg) + polynomial(self.coefficients, phase_deg)
 
-    def lit_brdf(self, geometry):
+    def lit_brdf(self, geometry: Geometry) -> np.ndarray:
         return self._curve(geometry.phase_deg) / (np.pi * (geometry.cos_incidence + geometry.cos_emission))
 
-    def uniforms(self):
+    def uniforms(self) -> dict[str, Any]:
         return {"law_surge": (self.surge[0], -self.surge[1] * np.log2(np.e)),
                 **vec4_pair("law_terms", self.coefficients)}

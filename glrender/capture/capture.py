@@ -17,6 +17,7 @@ import numpy as np
 from glrender_camera import Frame, PinholeCamera, time_average
 from glrender_camera.camera import checked_exposure
 from glrender_camera.faults.frame_faults import FrameFaults, checked_faults
+from glrender_camera.notebook import png
 from glrender_camera.shutter import row_weights
 
 from ..base.errors import ConfigError
@@ -68,6 +69,22 @@ class Capture:
     warnings: tuple[Advice, ...] = ()
     notes: tuple[Advice, ...] = ()
 
+    def __repr__(self) -> str:
+        height, width = self.irradiance_W_m2.shape
+        return (f"<Capture {self.plan.camera} {width} x {height} px, predicted RMS error "
+                f"{self.plan.predicted_error:.2%}, {self.frame or 'irradiance alone'}, {len(self.warnings)} warnings>")
+
+    def _repr_png_(self) -> bytes:
+        """For notebooks: the digital numbers in grey, or the irradiance of what has none."""
+        return png(self.irradiance_W_m2 if self.frame is None else self.frame.dn)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Exposed(Capture):
+    """A capture with its frame, as `take_frame` gives it."""
+
+    frame: Frame
+
 
 def draw_still(renderer: Any, state: State, camera: str | None = None, *, products: Iterable[str] = (),
                roi: tuple[int, int, int, int] | None = None, **options: Any) -> Capture:
@@ -108,7 +125,7 @@ def draw_still(renderer: Any, state: State, camera: str | None = None, *, produc
 
 def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: int = 0,
                exposure_s: float | str | None = None, previous: Frame | None = None, products: Iterable[str] = (),
-               sub_states: Sequence[State] = (), faults: Sequence[Any] | None = None, **options: Any) -> Capture:
+               sub_states: Sequence[State] = (), faults: Sequence[Any] | None = None, **options: Any) -> Exposed:
     """The frame that a camera with a model sends.
 
     Parameters
@@ -138,7 +155,7 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
 
     Returns
     -------
-    Capture
+    Exposed
 
     Raises
     ------
@@ -202,7 +219,7 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
     warnings = (*image_advice(scene, state, pinhole, still.plan, light, lit,
                               has_points=bool(bodies.irradiance_W_m2.any()), has_stars=has_stars),
                 *frame_advice(scene, pinhole, asked, frame, light, lit, has_stars=has_stars, has_sun=has_sun))
-    return Capture(irradiance_W_m2=light, products=still.products, frame=replace(frame, stages=stages),
+    return Exposed(irradiance_W_m2=light, products=still.products, frame=replace(frame, stages=stages),
                    plan=replace(still.plan, milliseconds=sum(timings.values())), stages=stages, timings_ms=timings,
                    warnings=warnings, notes=frame_notes(asked, frame))
 
@@ -239,7 +256,7 @@ def _mean(drawing: Drawing, state: State, still: Still, motion: Motion,
 
 def _some(poses: Sequence[PosePoints], apart: Sequence[frozenset[str]]) -> list[tuple[State, frozenset[str], float]]:
     """A few of the poses, each with the weight of those nearest to it in the mean over the image's rows."""
-    weight = np.array([pose.row_weights.mean() for pose in poses])
+    weight = np.array([1.0 if pose.row_weights is None else pose.row_weights.mean() for pose in poses])
     chosen = np.unique(np.rint(np.linspace(0, len(poses) - 1, min(len(poses), _BEYOND_POSES))).astype(int))
     nearest = np.abs(np.arange(len(poses))[:, None] - chosen).argmin(axis=1)
     shares = np.bincount(nearest, weight, len(chosen)).tolist()
@@ -254,7 +271,8 @@ def _without_margin(image: np.ndarray, margin_px: int) -> np.ndarray:
 def _in_frame(roi: tuple[int, int, int, int], margin_px: int, camera: PinholeCamera) -> tuple[int, int, int, int]:
     """A region of the image with its margin, of the frame alone."""
     sizes = 2 * (camera.width_px, camera.height_px)
-    return tuple(min(max(edge - margin_px, 0), size) for edge, size in zip(roi, sizes, strict=True))
+    x0, y0, x1, y1 = (min(max(edge - margin_px, 0), size) for edge, size in zip(roi, sizes, strict=True))
+    return x0, y0, x1, y1
 
 
 def _timings(still: Still, began: float) -> dict[str, float]:

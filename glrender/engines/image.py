@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 from glrender_camera import PinholeCamera
+from glrender_camera.notebook import png
 from glrender_camera.validate import did_you_mean
 
 from ..base.errors import ConfigError
@@ -52,6 +53,15 @@ class Image:
     timings_ms: dict[str, float]
     small_bodies: tuple[SmallBody, ...] = ()
     request: tuple[Scene, State, PinholeCamera] | None = None
+
+    def __repr__(self) -> str:
+        height, width = self.irradiance_W_m2.shape
+        return (f"<Image {self.plan.camera} {width} x {height} px, {self.irradiance_W_m2.max():.3g} W/m2 at most, "
+                f"predicted RMS error {self.plan.predicted_error:.2%}, products {list(self.products)}>")
+
+    def _repr_png_(self) -> bytes:
+        """For notebooks: the irradiance in grey."""
+        return png(self.irradiance_W_m2)
 
     @property
     def roi(self) -> tuple[int, int, int, int]:

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from glrender_camera.notebook import table
+
 # Lines of a plan as text.
 _MOST_LINES = 10
 EMISSION_LEFT_OUT = "emission around"
@@ -219,6 +221,11 @@ class RenderPlan:
         lines += [f"warning: {text}" for text in self.warnings]
         return "\n".join(lines if len(lines) <= _MOST_LINES else
                          [*lines[:_MOST_LINES - 1], f"and {len(lines) - _MOST_LINES + 1} more: to_dict() has all"])
+
+    def _repr_html_(self) -> str:
+        """For notebooks: the lines of the plan as a table."""
+        first, *lines = str(self).splitlines()
+        return table(first, (line.partition(": ")[::2] for line in lines))
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, for the wire."""

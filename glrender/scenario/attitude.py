@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from glrender_camera.validate import finite, one_of, unit_quaternion, within
@@ -14,7 +14,7 @@ from ..base.errors import ConfigError, SceneError
 from .checks import angle_deg, rates, unit
 from .epochs import Epoch, needed
 
-IDENTITY = (1.0, 0.0, 0.0, 0.0)
+IDENTITY: Any = (1.0, 0.0, 0.0, 0.0)
 UP_RULES = ("north", "sun", "orbit_normal")
 # Sine of the angle between boresight and up below which there is no roll to speak of.
 _LEAST_SINE = 1e-6
@@ -131,7 +131,7 @@ class Spin:
         # The rotation takes the frame's axes to where they are: it is inertial from body.
         inertial_from_body = Rotation.from_euler("ZXZ", angles, degrees=True)
         return cls(q_from_inertial=inertial_from_body.inv().as_quat(scalar_first=True),
-                   angular_velocity_rad_s=[0.0, 0.0, rate], epoch=epoch)
+                   angular_velocity_rad_s=np.array([0.0, 0.0, rate]), epoch=epoch)
 
     def at(self, geometry: Geometry, owner: str) -> tuple[np.ndarray, np.ndarray]:
         """Attitudes and rates, as `Attitude` has them."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from glrender_camera.validate import integer, unit_quaternion, vector
@@ -13,6 +14,7 @@ from .attitude import IDENTITY, Attitude, Geometry
 from .checks import numbers
 
 _MAX_FREQUENCY_HZ = 1e6
+_NONE: Any = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -31,7 +33,7 @@ class Disturbed:
     """
 
     attitude: Attitude
-    offset_rad: np.ndarray = field(default=(0.0, 0.0, 0.0))
+    offset_rad: np.ndarray = field(default=_NONE)
     jitter: Jitter | None = None
     q_camera_from_spacecraft: np.ndarray = field(default=IDENTITY)
 
@@ -42,7 +44,7 @@ class Disturbed:
         object.__setattr__(self, "q_camera_from_spacecraft",
                            unit_quaternion("q_camera_from_spacecraft", self.q_camera_from_spacecraft))
 
-    def at(self, geometry: Geometry, owner: str) -> tuple[np.ndarray, np.ndarray]:
+    def at(self, geometry: Geometry, owner: str) -> tuple[np.ndarray, np.ndarray | None]:
         """Attitudes and rates, as `Attitude` has them; of jitter to first order in its angles."""
         q, rates = self.attitude.at(geometry, owner)
         camera = Rotation.from_quat(self.q_camera_from_spacecraft, scalar_first=True)
@@ -74,6 +76,11 @@ class Jitter:
     density_rad2_hz: np.ndarray
     seed: int
     lines: int = 200
+
+    if TYPE_CHECKING:  # made in __post_init__
+        _omega: np.ndarray = field(init=False)
+        _amplitude: np.ndarray = field(init=False)
+        _phase: np.ndarray = field(init=False)
 
     def __post_init__(self):
         frequency = numbers("frequency_hz", self.frequency_hz)

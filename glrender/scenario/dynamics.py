@@ -17,6 +17,7 @@ from .checks import MAX_RATE_RAD_S, gm, numbers, rates
 from .epochs import Epoch
 from .paths import Trajectory
 
+_NONE: Any = (0.0, 0.0, 0.0)
 Torque = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
 """A function from t_s [s], `q_from_inertial` (4,) and angular velocity (3,) [rad/s], to a torque (3,) [N m] in
 the frame that turns."""
@@ -57,7 +58,7 @@ class RigidBody:
     q_from_inertial: np.ndarray = field(default=IDENTITY)
     torques: Sequence[Torque] = ()
     impulses: Sequence[Any] = ()
-    wheel_momentum_N_m_s: np.ndarray = field(default=(0.0, 0.0, 0.0))
+    wheel_momentum_N_m_s: np.ndarray = field(default=_NONE)
     rtol: float = 1e-10
 
     def __post_init__(self):

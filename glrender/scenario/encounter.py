@@ -121,13 +121,13 @@ class Encounter:
                                   "give another `direction`")
             across, sine = np.cross(ahead, np.eye(3)[np.argmin(np.abs(ahead))]), 1.0
             return across / np.linalg.norm(across)
-        if self.side is None:
+        if self.side is None and self.phase_angle_deg is not None:
             if not least - 1e-9 <= self.phase_angle_deg <= 180.0 - least + 1e-9:
                 raise ConfigError("phase_angle_deg", f"must be between {least:.4f} and {180.0 - least:.4f} for this "
                                   "direction of flight", self.phase_angle_deg, "give another `direction`")
             cosine = np.clip(np.cos(np.radians(self.phase_angle_deg)) / sine, -1.0, 1.0)
         else:
-            cosine = {"sunlit": 1.0, "terminator": 0.0, "dark": -1.0}[self.side]
+            cosine = {"sunlit": 1.0, "terminator": 0.0, "dark": -1.0}[str(self.side)]
         sunward, normal = across / sine, np.cross(ahead, across) / sine
         if (normal @ EQUATORIAL_FROM_ECLIPTIC[:, 2] < 0.0) == (self.over == "north"):
             normal = -normal

@@ -112,7 +112,7 @@ class Epoch:
             raise ConfigError(stem, "has no time scale", table[stem], f"write {names[0]}, {names[1]} or {names[2]}")
         if len(given) > 1:
             raise ConfigError(given[1], f"is given beside {given[0]}", table[given[1]], "give one of them")
-        read = {names[0]: cls.from_tdb, names[1]: cls.from_utc, names[2]: cls.from_et}
+        read: dict[str, Any] = {names[0]: cls.from_tdb, names[1]: cls.from_utc, names[2]: cls.from_et}
         return read[given[0]](table[given[0]], given[0]) if given else None
 
     @property

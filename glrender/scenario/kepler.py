@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from glrender_camera.validate import finite, one_of, position, within
@@ -18,6 +19,8 @@ EQUATORIAL_FROM_ECLIPTIC = Rotation.from_euler("x", OBLIQUITY_J2000_RAD).as_matr
 """(3, 3): components in the ecliptic of J2000 to components in ICRF."""
 # Laguerre's iteration needs 5 for most orbits, 12 for the worst that were tried.
 _ITERATIONS = 60
+# Before it is checked: that of the Sun.
+_SUNS: Any = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -40,7 +43,7 @@ class Kepler:
     v_m_s: np.ndarray
     epoch: Epoch
     about: str = "sun"
-    gravitational_parameter_m3_s2: float | None = None
+    gravitational_parameter_m3_s2: float = _SUNS
 
     def __post_init__(self):
         object.__setattr__(self, "r_m", position("r_m", self.r_m))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from glrender_camera.validate import one_of, position, positive, vector
@@ -18,9 +18,11 @@ from .kepler import EQUATORIAL_FROM_ECLIPTIC, Kepler
 class Trajectory(Protocol):
     """A source of positions: relative to the origin of what it is `about`, "sun" or a body, in ICRF axes."""
 
-    about: str
+    @property
+    def about(self) -> str:
+        """What positions are relative to."""
 
-    def at(self, start: Epoch | None, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def at(self, start: Any, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Positions (N, 3) [m] and velocities (N, 3) [m/s] at times (N,) [s] from the scenario's start."""
 
 

@@ -169,7 +169,8 @@ class RandomStates:
 
     @cached_property
     def _drawn(self) -> tuple[list[State], Counter]:
-        states, rejected = [], Counter()
+        states: list[State] = []
+        rejected: Counter = Counter()
         for state in self._candidates():
             reason = self._refusal(state)
             if reason is None:

@@ -155,7 +155,7 @@ class Times:
 
     def t_s(self) -> np.ndarray:
         """(N,) float64 times [s], ascending."""
-        return self.times_s
+        return np.asarray(self.times_s)
 
 
 def equal_turns(r_of: Callable[[np.ndarray], np.ndarray], *, duration_s: float, frames: int) -> Times:

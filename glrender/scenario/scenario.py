@@ -20,6 +20,8 @@ from .epochs import Epoch
 from .paths import Trajectory
 
 SUN, SPACECRAFT = "sun", "spacecraft"
+# Of a file there is always one: who reads `scenario.scene` need not ask.
+_NO_SCENE: Any = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,7 +64,7 @@ class Scenario:
     attitudes: Mapping[str, Attitude] = field(default_factory=dict)
     origin: str
     start: Epoch | None = None
-    scene: Scene | None = None
+    scene: Scene = _NO_SCENE
     output: Mapping[str, Any] = field(default_factory=dict)
     notes: Sequence[str] = ()
     keypoints: Mapping[str, Mapping[str, np.ndarray]] = field(default_factory=dict)
@@ -135,9 +137,10 @@ class Scenario:
         geometry = self.geometry(self.t_s if t_s is None else t_s)
         turned = self._turned(geometry)
         for index, t in enumerate(geometry.t_s):
+            rates = {name: None if rate is None else rate[index] for name, (_, rate) in turned.items()}
             pose = {name: Pose(r_inertial_m=geometry.r_m[name][index], q_from_inertial=turned[name][0][index],
                                v_inertial_m_s=geometry.v_m_s[name][index] - geometry.v_m_s[SUN][index],
-                               angular_velocity_rad_s=None if turned[name][1] is None else turned[name][1][index])
+                               angular_velocity_rad_s=rates[name])
                     for name in (SPACECRAFT, *self.bodies)}
             yield State(t_s=float(t), r_sun_inertial_m=geometry.r_m[SUN][index], spacecraft=pose.pop(SPACECRAFT),
                         bodies=pose)
@@ -196,7 +199,7 @@ class Scenario:
                         f"{', the whole sequence' if len(empty) == len(states) else ''}: check [attitude]")
         return told
 
-    def _turned(self, geometry: Geometry) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    def _turned(self, geometry: Geometry) -> dict[str, tuple[np.ndarray, np.ndarray | None]]:
         turned = {}
         for name in (SPACECRAFT, *self.bodies):
             with error_path(f"attitudes.{name}"):

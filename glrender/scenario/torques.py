@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from glrender_camera.validate import integer, positive, vector, within
@@ -17,6 +18,8 @@ from .paths import Trajectory
 
 _MAX_IMPACTS = 100_000
 _MAX_DENSITY_KG_M3, _MAX_AREA_M2, _MAX_FORCE_N, _MAX_MASS_KG = 10.0, 1e8, 1e9, 1e6
+
+_ORIGIN: Any = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,7 +74,7 @@ class GasDrag:
     outflow_speed_m_s: float | Callable[[np.ndarray], np.ndarray]
     reference_distance_m: float = 1.0
     area_m2: float | None = None
-    centre_of_pressure_m: np.ndarray = field(default=(0.0, 0.0, 0.0))
+    centre_of_pressure_m: np.ndarray = field(default=_ORIGIN)
     plates: Sequence[Plate] = ()
     drag_coefficient: float = 2.2
     start: Epoch | None = None
@@ -145,8 +148,12 @@ class DustImpacts:
     radius_m: float
     seed: int
     duration_s: float
-    centre_m: np.ndarray = field(default=(0.0, 0.0, 0.0))
+    centre_m: np.ndarray = field(default=_ORIGIN)
     start: Epoch | None = None
+
+    if TYPE_CHECKING:  # made in __post_init__
+        times_s: np.ndarray = field(init=False)
+        _places: np.ndarray = field(init=False)
 
     def __post_init__(self):
         at_most("grain_mass_kg", self.grain_mass_kg, _MAX_MASS_KG)
@@ -202,6 +209,10 @@ class Thruster:
     place_m: np.ndarray
     pulses_s: np.ndarray
 
+    if TYPE_CHECKING:  # made in __post_init__
+        edges_s: np.ndarray = field(init=False)
+        _torque: np.ndarray = field(init=False)
+
     def __post_init__(self):
         force = vector("force_N", self.force_N)
         if not (np.abs(force) <= _MAX_FORCE_N).all():
@@ -238,6 +249,11 @@ class Wheels:
 
     times_s: np.ndarray
     momentum_N_m_s: np.ndarray
+
+    if TYPE_CHECKING:  # made in __post_init__
+        edges_s: np.ndarray = field(init=False)
+        _momentum: np.ndarray = field(init=False)
+        _slopes: np.ndarray = field(init=False)
 
     def __post_init__(self):
         times, momentum = numbers("times_s", self.times_s), numbers("momentum_N_m_s", self.momentum_N_m_s)

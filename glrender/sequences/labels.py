@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ PRODUCTS = ("body_id",)
 # points 0.1 degrees beyond the horizon from those before it.
 _SEEN_WITHIN = 2e-3
 
-Keypoints = Mapping[str, Mapping[str, tuple[float, float, float]]]
+Keypoints = Mapping[str, Mapping[str, Sequence[float] | np.ndarray]]
 """Names and places [m] in the frame of the body, by the body's name."""
 
 
@@ -100,13 +100,13 @@ def _silhouette(mask: np.ndarray, light: np.ndarray) -> dict[str, Any]:
 def _keypoints(scene: Scene, state: State, camera: PinholeCamera, names: Iterable[str], r_camera_m: np.ndarray,
                within_m: float) -> dict[str, Any]:
     """Labels of points (K, 3) [m] in `camera`, by their names."""
-    found = {}
+    found: dict[str, Any] = {}
     if not len(r_camera_m):
         return found
     place = camera.project(r_camera_m)
     distance = np.linalg.norm(r_camera_m, axis=1)
     sides = np.array([camera.width_px, camera.height_px])
-    is_in = ((place > -0.5) & (place < sides - 0.5)).all(axis=1)
+    is_in: np.ndarray = np.all((place > -0.5) & (place < sides - 0.5), axis=1)
     is_free = is_in.copy()
     if is_in.any():
         met = laser_ranges(scene, state, r_camera_m[is_in] / distance[is_in, None], camera.name).range_m

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from glrender_camera.notebook import png, strip, table
 
 from ..base.errors import ConfigError
 from ..capture.capture import Capture, draw_still, take_frame
@@ -24,9 +25,12 @@ from .folder import claim_folder
 from .formats import FrameFile, write
 from .options import FrameOptions, require_model
 from .processes import own_processes
+from .read import read_image
 
 VERSION = version("glrender")
 _DIGITS = 5
+# Frames that a notebook shows, and their longer side.
+_N_SHOWN, _SHOWN_PX = 5, 160
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -87,6 +91,19 @@ class FrameSequence:
             for index, _ in pool.done(tasks):
                 yield index
 
+    def __repr__(self) -> str:
+        n_missing = len(self.missing())
+        return f"<FrameSequence {self.folder}: {len(self.states) - n_missing} of {len(self.states)} frames drawn>"
+
+    def _repr_html_(self) -> str:
+        """For notebooks: what is asked for, how much of it is drawn, and some of the frames that are."""
+        drawn = sorted(set(range(len(self.states))) - set(self.missing()))
+        shown = [drawn[round(k)] for k in np.linspace(0, len(drawn) - 1, min(_N_SHOWN, len(drawn)))]
+        rows = [("folder", self.folder), ("frames", f"{len(drawn)} of {len(self.states)} drawn"),
+                ("each", self.options.text)]
+        return table("Sequence", rows) + strip((f"{index}", png(read_image(self.path(index)), _SHOWN_PX))
+                                               for index in shown)
+
     def manifest(self) -> dict[str, Any]:
         """The frames depend on these: version, digests of scene and states, options."""
         return {"glrender": VERSION, "n_frames": len(self.states), "states_sha256": digest_of_states(self.states),
@@ -128,7 +145,7 @@ def _feed(digest: Any, value: Any) -> None:
 
 # Of a process that draws: its renderer, and what is asked of it.
 _renderer: Any = None
-_options: FrameOptions | None = None
+_options: Any = None
 
 
 def _start(scene: Scene, options: FrameOptions) -> None:
@@ -182,7 +199,7 @@ def captured(renderer: Any, index: int, state: State, options: FrameOptions, **a
 
 def frame_file(scene: Scene, index: int, state: State, options: FrameOptions, capture: Capture) -> FrameFile:
     """What is written of a frame of `captured`."""
-    camera, header = scene.camera(options.camera), {}
+    camera, header = scene.camera(options.camera), dict[str, Any]()
     pixels = capture.irradiance_W_m2
     if capture.frame is not None:
         pixels = capture.frame.dn

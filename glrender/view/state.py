@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from glrender_camera.validate import finite, known_keys, position, unit_quaternion, vector
@@ -13,6 +13,9 @@ from scipy.spatial.transform import Rotation
 from ..base.constants import SPEED_OF_LIGHT_M_S
 from ..base.errors import ConfigError, error_path
 
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
 _STATE_KEYS = ("t_s", "r_sun_inertial_m", "spacecraft", "bodies")
 _STATE_REQUIRED = _STATE_KEYS[1:]
 _POSE_KEYS = ("r_inertial_m", "q_from_inertial")
@@ -20,6 +23,8 @@ _POSE_REQUIRED = _POSE_KEYS[:1]
 _RATE_KEYS = ("v_inertial_m_s", "angular_velocity_rad_s")
 # 160 turns a second: beyond it degrees were given, or worse.
 _MAX_RATE_RAD_S = 1e3
+# The frame's axes are those of `inertial`.
+_IDENTITY: Any = (1.0, 0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -40,9 +45,14 @@ class Pose:
     """
 
     r_inertial_m: np.ndarray
-    q_from_inertial: np.ndarray = field(default=(1.0, 0.0, 0.0, 0.0))
+    q_from_inertial: np.ndarray = field(default=_IDENTITY)
     v_inertial_m_s: np.ndarray | None = None
     angular_velocity_rad_s: np.ndarray | None = None
+
+    if TYPE_CHECKING:  # lists of numbers go in, arrays come out
+        def __init__(self, *, r_inertial_m: ArrayLike, q_from_inertial: ArrayLike = ...,
+                     v_inertial_m_s: ArrayLike | None = None,
+                     angular_velocity_rad_s: ArrayLike | None = None) -> None: ...
 
     def __post_init__(self):
         object.__setattr__(self, "r_inertial_m", position("r_inertial_m", self.r_inertial_m))
@@ -109,6 +119,10 @@ class State:
     r_sun_inertial_m: np.ndarray
     spacecraft: Pose
     bodies: Mapping[str, Pose]
+
+    if TYPE_CHECKING:  # lists of numbers go in, arrays come out
+        def __init__(self, *, t_s: float = 0.0, r_sun_inertial_m: ArrayLike, spacecraft: Pose,
+                     bodies: Mapping[str, Pose]) -> None: ...
 
     def __post_init__(self):
         object.__setattr__(self, "t_s", finite("t_s", self.t_s))

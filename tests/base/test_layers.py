@@ -65,6 +65,7 @@ OUTSIDE = {
     "glrender_client": {"numpy", "zmq", "msgpack"},
     # On-board software: frames and states alone, neither the renderer nor the truth.
     "glrender_navigation": {"numpy", "scipy", "cv2"},
+    "glrender_client.notebook": {"numpy", "ipywidgets"},
     "glrender_vizard": {"numpy", "scipy", "cv2", "zmq", "msgpack", "glrender", "glrender_camera", "glrender_server"},
 }
 

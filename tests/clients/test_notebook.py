@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import base64
+
 import cv2
 import numpy as np
 import pytest
 import serving
 import views
+from glrender.sequences.contact_sheet import STRETCHES as OURS
+from glrender.sequences.contact_sheet import grey_levels
 from glrender_client import Client
-from glrender_client.notebook import LARGEST_PX, described, png
+from glrender_client.notebook import LARGEST_PX, STRETCHES, described, png, stretched
+from missing import needed_module
 
 
 def read(data):
@@ -51,3 +56,25 @@ def test_frames_and_clients_show_themselves(tmp_path):
 def test_names_are_no_markup():
     hello = {"gl_renderer": "a<b", "cameras": [], "bodies": [{"name": "<script>", "n_facets": 1, "law": "lambert"}]}
     assert "<script>" not in described("<i>", hello) and "a&lt;b" in described("", hello)
+
+
+def test_stretches_are_those_of_the_command_line(rng):
+    """The client has copies of its own, as it imports nothing of the renderer."""
+    image = 5.0 * rng.random((30, 40))
+    assert set(STRETCHES) == set(OURS)
+    for name in STRETCHES:
+        np.testing.assert_allclose(read(png(image, name, 4.0)), grey_levels(image, 4.0, name), atol=1)
+
+
+def test_a_stretch_is_set_by_hand():
+    """The picture follows both controls; least is black; where no widgets are, the picture stands still."""
+    needed_module("ipywidgets", "pip install -e '.[test]'")
+    ramp = 100.0 + np.tile(np.arange(200.0), (40, 1))
+    box = stretched(ramp)
+    (choice, share), picture = box.children[0].children, box.children[1]
+    np.testing.assert_allclose(read(picture.value)[0], np.arange(200) * 255.0 / 199.0, atol=1.0)
+    choice.value = "log"
+    assert read(picture.value)[0, 20] > 150
+    choice.value, share.value = "linear", 0.1
+    assert (read(picture.value)[0, 20:] == 255).all() and read(picture.value)[0, 0] == 0
+    assert read(base64.b64decode(box._repr_mimebundle_()["image/png"])).shape == (40, 200)

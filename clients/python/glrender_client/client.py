@@ -81,7 +81,7 @@ class Client:
     def __enter__(self) -> Client:
         return self
 
-    def __exit__(self, *exception) -> None:
+    def __exit__(self, *exception: object) -> None:
         self.close()
 
     def __repr__(self) -> str:
@@ -329,7 +329,7 @@ class Client:
             # Any other is the late reply to a request given up before.
             if header.get("id") in (number, 0):
                 self._keep(message, parts)
-                if "shared" in header:
+                if "shared" in header and self._shared is not None:
                     parts = [parts[0], *self._shared.parts(header["shared"])]
                 return read_reply(header, parts)
         return None
@@ -344,7 +344,7 @@ class Client:
         """The next reply, whosever it is, or None when the time is over."""
         self._owner.check()
         left = deadline - time.monotonic()
-        if left <= 0.0 or not self._socket.poll(max(1, int(min(1e3 * left, MAX_POLL_MS)))):
+        if left <= 0.0 or self._socket is None or not self._socket.poll(max(1, int(min(1e3 * left, MAX_POLL_MS)))):
             return None
         parts = [frame.buffer for frame in self._socket.recv_multipart(copy=False)]
         return read_header(parts[0]), parts

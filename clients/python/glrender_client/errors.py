@@ -70,7 +70,8 @@ class Patience:
     """
 
     def __init__(self, timeout_s: float):
-        self._deadline, self._n_before, self._busy = time.monotonic() + timeout_s, 0, None
+        self._deadline, self._n_before = time.monotonic() + timeout_s, 0
+        self._busy: Busy | None = None
 
     @property
     def left_s(self) -> float:

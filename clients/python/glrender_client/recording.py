@@ -15,7 +15,7 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, NamedTuple
 
 import msgpack
 import zmq
@@ -43,7 +43,7 @@ class Exchange(NamedTuple):
 class Difference(NamedTuple):
     """A reply that differs from the recorded one: the exchange's number from 0, the request's id, and what differs."""
 
-    index: int
+    index: int  # type: ignore[assignment]
     id: int
     what: str
 
@@ -185,14 +185,14 @@ def _lasting(header: dict[str, Any]) -> dict[str, Any]:
     return kept
 
 
-def _write(file: BinaryIO, parts: Sequence[Any], flags: int) -> None:
+def _write(file: gzip.GzipFile, parts: Sequence[Any], flags: int) -> None:
     sizes = [memoryview(part).nbytes for part in parts]
     file.write(_PREFIX.pack(b"GLR1", len(parts), flags) + struct.pack(f"<{len(parts)}I", *sizes))
     for part in parts:
         file.write(part)
 
 
-def _read(file: BinaryIO, flags: int, path: Path) -> list[bytes] | None:
+def _read(file: gzip.GzipFile, flags: int, path: Path) -> list[bytes] | None:
     """The parts of the next message, or None at the end of the file."""
     prefix = file.read(_PREFIX.size)
     if not prefix:

@@ -179,7 +179,8 @@ def read_reply(header: dict[str, Any], parts: Sequence[Any]) -> Reply:
     if header.get("op") == "watch" and "reply" in header:
         # Another's reply, whose header describes the parts.
         return Reply(header, {}, (read_reply(read_header(header["reply"]), parts),))
-    own, of_frames = {}, [{} for _ in header.get("frames", ())]
+    own: dict[str, np.ndarray] = {}
+    of_frames: list[dict[str, np.ndarray]] = [{} for _ in header.get("frames", ())]
     for entry in header.get("arrays", []):
         flat = np.frombuffer(parts[entry["part"]], np.dtype(entry["dtype"]).newbyteorder("<"))
         arrays = of_frames[entry["frame"]] if "frame" in entry else own

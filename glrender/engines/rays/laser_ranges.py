@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from glrender_camera.validate import finite, integer, positive, unit_vectors
@@ -12,6 +13,9 @@ from ...scene.scene import Scene
 from ...view.state import State
 from ...view.view import view_bodies
 from .exact_rays import exact_mesh
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 MAX_DIRECTIONS = 10_000
 """In one request."""
@@ -67,7 +71,7 @@ class Ranges:
     beam_incidence: np.ndarray
 
 
-def laser_ranges(scene: Scene, state: State, directions_camera: np.ndarray, camera: str | None = None,
+def laser_ranges(scene: Scene, state: State, directions_camera: ArrayLike, camera: str | None = None,
                  noise: RangeNoise | None = None) -> Ranges:
     """Ranges along directions from a camera's place.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -62,7 +62,7 @@ def trajectory_of_oem(path: str | Path, about: str, object_name: str | None = No
             if segment.meta.get("CENTER_NAME") != segments[0].meta.get("CENTER_NAME"):
                 raise ConfigError("CENTER_NAME", "must be one in the whole file", segment.meta.get("CENTER_NAME"))
             epochs, numbers = _table(segment, (6, 9))
-            parts.append(TrajectoryTable(times_s=[epoch - epochs[0] for epoch in epochs], about=about, epoch=epochs[0],
+            parts.append(TrajectoryTable(times_s=_since(epochs), about=about, epoch=epochs[0],
                                          r_m=numbers[:, :3] * _M_PER_KM, v_m_s=numbers[:, 3:6] * _M_PER_KM))
     return parts[0] if len(parts) == 1 else Segments(parts=parts)
 
@@ -102,7 +102,7 @@ def attitude_of_aem(path: str | Path, object_name: str | None = None) -> Attitud
         # The conjugate of the file's takes components in its first frame to those in its second.
         if a_to_b == frames[0]:
             q = q * [1.0, -1.0, -1.0, -1.0]
-        return AttitudeTable(times_s=[epoch - epochs[0] for epoch in epochs], q_from_inertial=q, epoch=epochs[0],
+        return AttitudeTable(times_s=_since(epochs), q_from_inertial=q, epoch=epochs[0],
                              interpolation="linear")
 
 
@@ -133,6 +133,11 @@ def _segments(path: Path, version_key: str) -> list[_Segment]:
     if not is_known or not segments:
         raise ConfigError(path.name, f"must have {version_key} and a segment", str(path))
     return segments
+
+
+def _since(epochs: Sequence[Epoch]) -> np.ndarray:
+    """Times (N,) [s] from the first of epochs."""
+    return np.array([epoch - epochs[0] for epoch in epochs])
 
 
 def _one_object(path: Path, segments: list[_Segment], name: str | None) -> list[_Segment]:

@@ -15,6 +15,7 @@ from ...base.errors import ConfigError, error_path
 from ...scene.scene import Scene
 from ...scene.scene_file import read_toml
 from ..belief.belief import Belief
+from ..paths import Trajectory
 from ..random_states import RandomStates
 from ..samplers import Times
 from ..scenario import SPACECRAFT, SUN, Scenario
@@ -131,7 +132,8 @@ def _scenario(table: dict[str, Any], folder: Path) -> Scenario | RandomStates:
     has_sun = "random" not in own or "sun" in own or spice is not None or any(
         path.about == SUN for path in known.trajectories.values())
     read_sun(known, own if has_sun else {**own, "sun": {"r_m": [AU_M, 0.0, 0.0], "about": known.names[0]}})
-    encounter = {}
+    encounter: dict[str, Any] = {}
+    craft: Trajectory
     if "encounter" in own:
         with error_path("encounter"):
             encounter = a_table(own["encounter"])

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ...base.errors import ConfigError
-from ..epochs import EPOCH_SUFFIXES, Epoch
+from ..epochs import EPOCH_SUFFIXES, Epoch, needed
 from ..paths import Trajectory
 from .tables import AttitudeTable, TrajectoryTable
 
@@ -132,13 +132,13 @@ def _columns(path: Path, read: Callable[[Path], Cells],
                for name in cells if name not in _TIMES or name == "t_s"}
     if timed == ["t_s"]:
         return columns, None
-    epochs = [Epoch.of_field({timed[0]: value if timed[0] != "epoch_et_s"
-                              else _cell(path, line, timed[0], value)}, "epoch")
+    epochs = [needed(Epoch.of_field({timed[0]: value if timed[0] != "epoch_et_s"
+                              else _cell(path, line, timed[0], value)}, "epoch"))
               for line, value in enumerate(cells[timed[0]], first)]
     return {**columns, "t_s": np.array([epoch - epochs[0] for epoch in epochs])}, epochs[0]
 
 
-def _cell(path: Path, line: int, name: str, value: object) -> float:
+def _cell(path: Path, line: int, name: str, value: Any) -> float:
     try:
         return float(value)
     except (TypeError, ValueError):

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from glrender_camera.validate import one_of, unit_vectors
@@ -114,6 +115,9 @@ class AttitudeTable:
     q_from_inertial: np.ndarray
     epoch: Epoch | None = None
     interpolation: str = "spline"
+
+    if TYPE_CHECKING:  # made in __post_init__
+        _axes: Any = field(init=False)
 
     def __post_init__(self):
         object.__setattr__(self, "times_s", _ascending(self.times_s))

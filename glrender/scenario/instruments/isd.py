@@ -139,7 +139,7 @@ def _times(table: object, name: str, et_s: float, count: int) -> np.ndarray:
     return times
 
 
-def _moved(table: object, name: str, et_s: float) -> tuple[np.ndarray, np.ndarray]:
+def _moved(table: Any, name: str, et_s: float) -> tuple[np.ndarray, np.ndarray]:
     """Position [m] and velocity [m/s] at the image's epoch, of a table of positions."""
     r = _rows(table, f"{name}.positions", 3) * _M_PER_KM
     times = _times(table, name, et_s, len(r))
@@ -153,7 +153,7 @@ def _moved(table: object, name: str, et_s: float) -> tuple[np.ndarray, np.ndarra
     return r[row] - v[row] * times[row], v[row]
 
 
-def _turned(table: object, name: str, et_s: float) -> tuple[np.ndarray, np.ndarray | None, int]:
+def _turned(table: Any, name: str, et_s: float) -> tuple[np.ndarray, np.ndarray | None, int]:
     """`q_frame_from_inertial` and rates in the frame at the image's epoch, and the frame's number."""
     q = unit_vectors(f"{name}.quaternions", _rows(table, f"{name}.quaternions", 4), "normalise [w, x, y, z] first")
     times = _times(table, name, et_s, len(q))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from glrender_camera.validate import integer, known_keys, vector
@@ -17,6 +17,9 @@ from ..instruments.focal_plane import FittedCamera, FocalPlane
 from ..instruments.lens import lens_of
 from .kernels import Spice, told_by
 
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
 # By how much focal length over pixel size may differ from what the field of view says.
 _FIELD_RTOL = 0.05
 # No detector has pixels that small.
@@ -27,7 +30,7 @@ _KERNEL_LENSES = {"OD_K": "radial", "RAD_DIST_COEFF": "dawnfc"}
 
 def camera_of_kernel(spice: Spice, *, instrument: str, name: str, spacecraft_frame: str | None = None,
                      width_px: int | None = None, height_px: int | None = None, focal_length_px: float | None = None,
-                     image_right: np.ndarray = (1.0, 0.0, 0.0), lens: Mapping[str, Any] | None = None,
+                     image_right: ArrayLike = (1.0, 0.0, 0.0), lens: Mapping[str, Any] | None = None,
                      **more: Any) -> FittedCamera:
     """The camera of an instrument kernel, with the lens that the kernel has inverted.
 
@@ -130,11 +133,11 @@ def _lens(spice: Spice, code: int, lens: Mapping[str, Any] | None,
     return "none", None
 
 
-def _camera_axes(boresight: np.ndarray, image_right: np.ndarray) -> np.ndarray:
+def _camera_axes(boresight: np.ndarray, image_right: ArrayLike) -> np.ndarray:
     """Camera axes right, down, boresight (3, 3) as rows in the instrument's frame."""
     z, right = unit("boresight", boresight), unit("image_right", image_right)
     right = right - (right @ z) * z
     if not np.linalg.norm(right) > 1e-6:
-        raise ConfigError("image_right", "must not be along the boresight", list(image_right))
+        raise ConfigError("image_right", "must not be along the boresight", np.asarray(image_right).tolist())
     x = right / np.linalg.norm(right)
     return Rotation.from_matrix(np.stack([x, np.cross(z, x), z])).as_matrix()

@@ -133,7 +133,7 @@ class Detail:
             With the path of the field.
         """
         known_keys("", table, ("seed", *_KINDS))
-        made = {}
+        made: dict[str, Any] = {}
         for name, kind in _KINDS.items():
             if name in table:
                 with error_path(name):
@@ -143,7 +143,7 @@ class Detail:
         return cls(seed=table.get("seed", 0), **made)
 
 
-_KINDS = {"noise": Noise, "craters": Craters, "boulders": Boulders}
+_KINDS: dict[str, Any] = {"noise": Noise, "craters": Craters, "boulders": Boulders}
 
 
 def _checked_sizes(large_name: str, large: float, small_name: str, small: float) -> None:

@@ -164,10 +164,10 @@ def _split(vertices: np.ndarray, facets: np.ndarray, relief: float,
     key, index = np.unique(key, return_inverse=True)
     a, b = vertices[key // len(vertices)], vertices[key % len(vertices)]
     middle = 0.5 * (a + b)
-    if relief:
+    if relief and rng is not None:
         corner = vertices[facets]
         normal = np.repeat(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), 3, axis=0)
-        total = np.stack([np.bincount(index.ravel(), normal[:, k]) for k in range(3)], axis=1)
+        total: np.ndarray = np.stack([np.bincount(index.ravel(), normal[:, k]) for k in range(3)], axis=1)
         total /= np.linalg.norm(total, axis=1, keepdims=True)
         length = np.linalg.norm(a - b, axis=1)
         middle = middle + (relief * length * rng.standard_normal(len(length)))[:, None] * total

@@ -305,7 +305,7 @@ def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None) -
         n_two_sided=shells.n_two_sided, n_welded=n_welded + n_seam, n_seam=n_seam, seam_tolerance_m=tolerance_m,
         seam_gap_m=gap_m, n_unused=n_unused, n_degenerate=n_degenerate, n_duplicate=n_duplicate, n_flipped=n_flipped,
         n_open_edges=shells.n_open_edges, n_non_manifold_edges=shells.n_non_manifold_edges, volume_m3=volume,
-        extent_m=extents, warnings=())
+        extent_m=(extents[0], extents[1], extents[2]), warnings=())
     return Shape(vertices_m=vertices, facets=facets, uv=uv, solid=solid, other_side=other_side,
                  report=replace(report, warnings=_warnings(report, shells.n_holed_edges)))
 
