@@ -165,7 +165,8 @@ def test_import_opens_no_context(name):
 
 
 def test_folders_that_hold_packages_are_none():
-    for folder in ("camera_model", "server", "clients", "clients/python", "clients/simulink", "clients/fmi", "clients/ros2"):
+    for folder in ("camera_model", "server", "clients", "clients/python", "clients/simulink", "clients/fmi",
+                   "clients/ros2"):
         assert not (REPOSITORY / folder / "__init__.py").exists()
 
 
