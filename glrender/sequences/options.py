@@ -65,6 +65,9 @@ class FrameOptions:
         checked_ending(self.format, self.unit)
         integer("seed", self.seed, 0, 2**63)
         integer("limb_points", self.limb_points, 0, 1000)
+        if self.output == "dn" and "irradiance" in self.products:
+            raise ConfigError("products", "must not have 'irradiance' beside output 'dn': it is another image",
+                              list(self.products), "leave it out, or draw a second sequence of output 'irradiance'")
         object.__setattr__(self, "products", checked_products(self.products))
         if self.exposure_s is not None:
             checked_exposure("exposure_s", self.exposure_s)

@@ -164,8 +164,14 @@ def _draw(path: Path, index: int, state: State) -> None:
     try:
         write(path, drawn(_renderer, index, state, _options))
     except ConfigError as error:
-        error.path = f"states[{index}]" + (f".{error.path}" if error.path else "")
+        error.path = path_in_states(index, error.path)
         raise
+
+
+def path_in_states(index: int, path: str) -> str:
+    """The path of a state's field in a sequence, e.g. ``states[3].bodies.rock`` for ``state.bodies.rock``."""
+    return ".".join(part for part in (f"states[{index}]", "" if path == "state" else path.removeprefix("state."))
+                    if part)
 
 
 def drawn(renderer: Any, index: int, state: State, options: FrameOptions) -> FrameFile:

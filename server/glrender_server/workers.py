@@ -166,10 +166,14 @@ class WorkerPool:
             job.done(Done(refusal(job.header, "device", "", self.outage), "device", {}))
         self._slots.trim()
 
-    def close(self) -> None:
-        """End every worker and release the shared memory."""
+    def end(self) -> None:
+        """End every worker, and watch none any more; `close`, which waits until they are dead, may be of any thread."""
         for worker in self._workers:
             self._end(worker)
+
+    def close(self) -> None:
+        """End every worker and release the shared memory."""
+        self.end()
         self._reap(timeout_s=_DEATH_S)
         self._slots.close()
 

@@ -11,8 +11,8 @@ from typing import Any
 
 import zmq
 from glrender import GlrenderError
-from glrender_server.dispatcher import Engine
 from glrender_server.job import Job
+from glrender_server.workers import WorkerPool
 
 log = logging.getLogger(__name__)
 
@@ -28,14 +28,14 @@ _JOIN_S = 5.0
 class _Place:
     """A scene that is being opened in a thread of its own, is open, or has failed."""
 
-    def __init__(self, make: Callable[[], Engine]):
-        self.engine: Engine | None = None
+    def __init__(self, make: Callable[[], WorkerPool]):
+        self.engine: WorkerPool | None = None
         self.error, self.ended = "", 0.0
         self.is_watched = self.is_used = False
         self.thread = threading.Thread(target=self._open, args=(make,), daemon=True, name="glrender-vizard-scene")
         self.thread.start()
 
-    def _open(self, make: Callable[[], Engine]) -> None:
+    def _open(self, make: Callable[[], WorkerPool]) -> None:
         try:
             self.engine = make()
         except GlrenderError as error:
@@ -68,9 +68,10 @@ class Engines:
         From a scene's key to its engine; called in a thread of its own, may raise GlrenderError.
     """
 
-    def __init__(self, make: Callable[[Hashable], Engine]):
+    def __init__(self, make: Callable[[Hashable], WorkerPool]):
         self._make = make
         self._places: OrderedDict[Hashable, _Place] = OrderedDict()
+        self._closing: list[threading.Thread] = []
         self._poller: zmq.Poller | None = None
 
     def has_room(self, key: Hashable, job: Job) -> bool:
@@ -126,13 +127,19 @@ class Engines:
             if place.engine is not None:
                 place.engine.close()
         self._places.clear()
+        for thread in self._closing:
+            thread.join(_JOIN_S)
 
     def _make_room(self) -> bool:
-        while len(self._places) >= MAX_SCENES:
+        """Whether another may be opened; else the longest unused is closed, beside the loop, as that takes time."""
+        self._closing = [thread for thread in self._closing if thread.is_alive()]
+        while len(self._places) + len(self._closing) >= MAX_SCENES:
             idle = next((key for key, place in self._places.items() if place.may_go), None)
-            if idle is None:
+            if self._closing or idle is None:
                 return False
-            place = self._places.pop(idle)
-            if place.engine is not None:
-                place.engine.close()
+            engine = self._places.pop(idle).engine
+            if engine is not None:
+                engine.end()
+                self._closing.append(threading.Thread(target=engine.close, daemon=True, name="glrender-vizard-close"))
+                self._closing[-1].start()
         return True

@@ -68,6 +68,8 @@ class FrameOrder:
         return msgpack.packb(self.fields)
 
 
+# Of numbers beyond 1e154 the squares are infinite: the renderer refuses their state, and no warning is needed.
+@np.errstate(over="ignore", invalid="ignore")
 def ordered(update: Update, models: Sequence[CustomModel], camera_id: int, body_map: BodyMap) -> FrameOrder:
     """The frame of a camera at an epoch.
 
@@ -275,7 +277,8 @@ def _model_of(name: str, models: Sequence[CustomModel], is_spacecraft: bool) -> 
 
 
 def _is_sun(name: str) -> bool:
-    return name.lower().startswith("sun")
+    """Whether a body is the Sun: Basilisk names it "sun", and its messages of older scripts "sun_planet_data"."""
+    return name.lower() in ("sun", "sun_planet_data")
 
 
 def _still(cameras: Sequence[Camera]) -> tuple[Camera, ...]:

@@ -16,7 +16,8 @@ REPOSITORY = Path(__file__).parents[2]
 STANDARD = set(sys.stdlib_module_names)
 PACKAGES = {"glrender_camera": "camera_model/glrender_camera", "glrender": "glrender",
             "glrender_server": "server/glrender_server", "glrender_client": "clients/python/glrender_client",
-            "glrender_navigation": "clients/python/glrender_navigation", "glrender_vizard": "server/glrender_vizard"}
+            "glrender_navigation": "clients/python/glrender_navigation", "glrender_vizard": "server/glrender_vizard",
+            "glrender_fmi": "clients/fmi/glrender_fmi", "glrender_ros": "clients/ros2/glrender_ros"}
 
 # Rooms of glrender, each may use those before it.
 ORDER = ("base", "brdf", "shaders", "scene", "view", "planner", "engines", "emission", "capture", "renderer", "ranging",
@@ -66,6 +67,9 @@ OUTSIDE = {
     # On-board software: frames and states alone, neither the renderer nor the truth.
     "glrender_navigation": {"numpy", "scipy", "cv2"},
     "glrender_client.notebook": {"numpy", "ipywidgets"},
+    "glrender_fmi": {"numpy", "glrender_client"},
+    "glrender_ros": {"numpy", "glrender_client"},
+    "glrender_ros.node": {"rclpy", "geometry_msgs", "sensor_msgs", "glrender_client"},
     "glrender_vizard": {"numpy", "scipy", "cv2", "zmq", "msgpack", "glrender", "glrender_camera", "glrender_server"},
 }
 
@@ -172,7 +176,8 @@ def test_import_opens_no_context(name):
 
 
 def test_folders_that_hold_packages_are_none():
-    for folder in ("camera_model", "server", "clients", "clients/python", "clients/simulink"):
+    for folder in ("camera_model", "server", "clients", "clients/python", "clients/simulink", "clients/fmi",
+                   "clients/ros2"):
         assert not (REPOSITORY / folder / "__init__.py").exists()
 
 

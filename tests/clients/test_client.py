@@ -304,6 +304,8 @@ def test_a_recording_holds_what_went_over_the_wire(recording, endpoint):
     assert msgpack.unpackb(exchanges[3].reply[0])["error"]["code"] == "scene"
     with pytest.raises(FileExistsError, match="record: .*flight.glr is there already, .* give the name of a new file"):
         Client(endpoint, record=recording)
+    with pytest.raises(FileNotFoundError, match="record: .*none/flight.glr cannot be made: .* a folder that is there"):
+        Client(endpoint, record=recording.parent / "none" / "flight.glr")
 
 
 def test_an_empty_recording_is_no_comparison(endpoint, tmp_path, capsys):

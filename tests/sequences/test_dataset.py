@@ -394,6 +394,11 @@ def test_the_command_follows_output_and_options_override_it(tmp_path, capsys):
     assert main([*command, str(tmp_path / "own"), "--exposure-s", "0.02", "--seed", "5", "--products"]) == 0
     frame = read_frame(tmp_path / "own", 0)
     assert (frame.labels["exposure_s"], frame.labels["seed"], list(frame.products)) == (0.02, 5, [])
+    (tmp_path / "states.jsonl").write_text(json.dumps(STATES[0].to_dict()) + "\n")
+    assert main(["dataset", str(scenario), "--processes", "1", "--states", str(tmp_path / "states.jsonl"), "--out",
+                 str(tmp_path / "states")]) == 0
+    frame = read_frame(tmp_path / "states", 0)
+    assert (frame.labels["exposure_s"], frame.labels["seed"], list(frame.products)) == (0.01, 77, ["range"])
     scenario.write_text(f"{serving.SCENE}{RANDOM}[output]\nsed = 3\n")
     assert main([*command, str(tmp_path / "no")]) == 1 and "output.sed: unknown key" in capsys.readouterr().err
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import serving
 import views
-from glrender import ConfigError, load_scene, open_renderer, take_frame
+from glrender import ConfigError, State, load_scene, open_renderer, take_frame
 from glrender.sequences.formats import FORMATS
 from glrender.sequences.read import read_image
 from glrender.sequences.sequence import FrameOptions, FrameSequence
@@ -136,6 +136,7 @@ def test_another_scene_is_another_sequence(files, whole, tmp_path):
 @pytest.mark.parametrize("options, message", [
     ({"format": "jpg"}, "format: must be one of fits"),
     ({"format": "png", "output": "irradiance"}, "png holds digital"),
+    ({"products": ("irradiance", "range")}, "must not have 'irradiance' beside output 'dn': .* a second sequence"),
     ({"output": "image"}, "output"), ({"seed": -1}, "seed")])
 def test_options_that_are_none(scene, tmp_path, options, message):
     with pytest.raises(ConfigError, match=message):
@@ -149,6 +150,24 @@ def test_what_cannot_be_drawn_is_told_with_its_number(scene, tmp_path):
     with pytest.raises(ConfigError, match=r"states\[2\]"):
         list(made.draw(1))
     assert len(contents(tmp_path)) == 2
+    other = State.from_dict({**STATES[0].to_dict(), "bodies": {"bdy": STATES[0].bodies["body"].to_dict()}})
+    with pytest.raises(ConfigError, match=r"^states\[0\]\.bodies\.bdy: unknown body"):
+        list(FrameSequence(scene=scene, states=[other], folder=tmp_path / "other",
+                           options=FrameOptions(camera="bare", format="npz")).draw(1))
+
+
+def test_the_command_labels_a_scenarios_keypoints(files, tmp_path, capsys):
+    """With states of a file it follows the scenario's [output] too; a keypoint off the surface is told."""
+    (tmp_path / "scenario.toml").write_text(serving.SCENE.replace(
+        "[[cameras]]", "[bodies.keypoints]\nnear = [0.0, 0.0, -90.0]\nfar = [0.0, 0.0, 900.0]\n[[cameras]]", 1)
+        + '[output]\ncamera = "bare"\nformat = "npz"\nlabels = true\n')
+    assert main(["sequence", str(tmp_path / "scenario.toml"), "--states", str(files / "states.jsonl"), "--out",
+                 str(tmp_path / "out"), "--processes", "1"]) == 0
+    assert "keypoint 'far' is" in capsys.readouterr().err
+    with np.load(tmp_path / "out" / "frame_00000.npz") as stored:
+        header = json.loads(str(stored["header"]))
+    assert header["camera"]["name"] == "bare"
+    assert set(header["labels"]["bodies"]["body"]["keypoints"]) == {"near", "far"}
 
 
 def test_states_that_are_none_are_told_with_their_line(files, tmp_path):

@@ -81,7 +81,7 @@ def test_render_takes_a_state_file(folder):
     (["render", "."], ".: is no file; it is a folder"),
     (["render", "scene.toml", "--state", "nested.json"], "nested.json: is not JSON"),
     (["render", "ball.obj"], "--unit: missing: shape files carry no unit; --unit km, or --unit m"),
-    (["render", "ball.obj", "--unit", "mile"], "--unit.length_unit: must be 'm', 'km' or metres per unit, got 'mile'"),
+    (["render", "ball.obj", "--unit", "mile"], "glrender: --unit: must be 'm', 'km' or metres per unit, got 'mile'"),
     (["render", "scene.toml", "--unit", "km"], "--unit: is of shape files alone"),
     (["render", "holes.toml"], "holes.toml: is not TOML"),
     (["render", "typo.toml"], "cameras[0].widht_px: unknown key; did you mean 'width_px'? known keys are"),
@@ -114,15 +114,18 @@ def test_render_takes_a_state_file(folder):
     (["init", "ball.obj", "--out", "new.toml"], "--unit: missing"),
     (["init", "--out", "new.ini"], "--out: must end in .toml"),
     (["check", "holes.toml"], "holes.toml: is not TOML"),
-    (["plan", "scene.toml", "--phase-deg", "-1"], "phase-deg: must be between 0 and 180, got -1.0"),
+    (["check", "scene.toml", "--plot", "no/x.png"], "--plot: must be in a folder that is there, got 'no/x.png'"),
+    (["sequence", "scene.toml", "--write-states", "no/x"], "--write-states: must be in a folder that is there"),
+    (["sequence", "scene.toml", "--out", "out", "--video", "no/x.mp4"], "--video: must be in a folder that is there"),
+    (["plan", "scene.toml", "--phase-deg", "-1"], "glrender: --phase-deg: must be between 0 and 180, got -1.0"),
     (["bench", "scene.toml", "--seconds", "0"], "--seconds: must be between 0.1 and 3600, got 0.0"),
     (["demo", "--frames", "0"], "frames: must be an integer between 24"),
     (["demo", "--frames", "23"], "frames: must be an integer between 24"),
     (["demo", "--max-error", "0"], "max-error: must be > 0 and <= 1, got 0.0"),
     (["demo", "--max-error", "nan"], "max-error: must be a finite number, got nan"),
     (["demo", "--shape", "scene.toml", "--length-unit", "mile"], "length-unit: must be m, km, or metres per unit"),
-    (["render", "scene.toml", "--phase-deg", "nan"], "phase-deg: must be a finite number, got nan"),
-    (["render", "scene.toml", "--phase-deg", "181"], "phase-deg: must be between 0 and 180, got 181.0"),
+    (["render", "scene.toml", "--phase-deg", "nan"], "glrender: --phase-deg: must be a finite number, got nan"),
+    (["render", "scene.toml", "--phase-deg", "181"], "glrender: --phase-deg: must be between 0 and 180, got 181.0"),
     (["demo", "--shape", "none.obj"], "none.obj: cannot be read"),
 ])
 def test_mistakes_are_told_in_one_line(folder, arguments, message, monkeypatch, capfd):
@@ -142,6 +145,19 @@ def test_mistakes_are_told_in_one_line(folder, arguments, message, monkeypatch, 
     told = capfd.readouterr().err
     assert message in told and "Traceback" not in told and told.count("\n") == 1
     assert sorted(folder.rglob("*")) == before
+
+
+def test_a_file_is_read_once(folder, monkeypatch):
+    """Also to tell a scenario from a scene: it may be a pipe, or be written anew meanwhile."""
+    from glrender_server.commands.subject import read_subject
+
+    (folder / "scenario.toml").write_text(serving.SCENE + "[random]\nrange_m = [700.0, 1500.0]\nframes = 1\n")
+    read, before = [], Path.read_text
+    monkeypatch.setattr(Path, "read_text", lambda path, *given, **more: read.append(path.name) or before(
+        path, *given, **more))
+    for name in ("scene.toml", "scenario.toml"):
+        assert (read_subject(folder / name, None).scenario is None) == (name == "scene.toml")
+    assert read == ["scene.toml", "scenario.toml"]
 
 
 @pytest.mark.parametrize("arguments, message", [

@@ -19,7 +19,9 @@ from Basilisk.utilities import SimulationBaseClass, macros, orbitalMotion, simIn
 
 ASKED = {"port": 5556, "mode": "noDisplay", "n_images": 3, "period_s": 10.0, "side_px": 512, "fov_deg": 40.0,
          "f_deg": 60.0, "a_m": 12.0e6, "camera_id": 1, "save": None, "keep": None, "broadcast": None, "custom": None,
-         "body": "mars barycenter", "radius_m": 3396190.0, "mu": 4.28283100e13, "off_rad": [0.02, 0.04, 0.3],
+         # horizonOpNav takes Mars for an ellipsoid of these radii.
+         "body": "mars barycenter", "radius_m": 3396190.0, "polar_ratio": 3376.2 / 3396.19,
+         "mu": 4.28283100e13, "off_rad": [0.02, 0.04, 0.3],
          "pause_s": 0.0, "noise": {}, "sun_deg": 40.0, "second": None, "twice": False}
 ASKED |= json.load(sys.stdin)
 
@@ -43,7 +45,8 @@ process.addTask(simulation.CreateNewTask("vision", step), 1)
 craft = spacecraft.Spacecraft()
 craft.ModelTag = "bskSat"
 factory = simIncludeGravBody.gravBodyFactory()
-planet = factory.createCustomGravObject(ASKED["body"], ASKED["mu"], radEquator=ASKED["radius_m"])
+planet = factory.createCustomGravObject(ASKED["body"], ASKED["mu"], radEquator=ASKED["radius_m"],
+                                        radiusRatio=ASKED["polar_ratio"])
 planet.isCentralBody = True
 sun = factory.createSun()
 angle = np.radians(ASKED["sun_deg"])

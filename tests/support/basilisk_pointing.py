@@ -28,7 +28,7 @@ craft = spacecraft.Spacecraft()
 craft.ModelTag, craft.hub.mHub = "bskSat", 750.0
 craft.hub.IHubPntBc_B = np.reshape(INERTIA, (3, 3)).tolist()
 factory = simIncludeGravBody.gravBodyFactory()
-planet = factory.createCustomGravObject("mars barycenter", MU, radEquator=RADIUS_M)
+planet = factory.createCustomGravObject("mars barycenter", MU, radEquator=RADIUS_M, radiusRatio=3376.2 / 3396.19)
 planet.isCentralBody = True
 kept = []
 for body, place in ((factory.createSun(), [1.2e11, 9.0e10, 1.5e10]), (planet, [0.0, 0.0, 0.0])):

@@ -246,7 +246,8 @@ def test_what_is_kept_of_simulations_is_bounded():
 class Opened:
     """An engine that is never busy, or always."""
 
-    outage, is_idle, closed = "", True, False
+    outage, is_idle, closed, is_ended, may_close = "", True, False, False, threading.Event()
+    may_close.set()
 
     def has_room(self, job):
         return self.is_idle
@@ -254,8 +255,30 @@ class Opened:
     def start(self, job):
         pass
 
+    def end(self):
+        self.is_ended = True
+
     def close(self):
+        assert self.may_close.wait(20.0)
         self.closed = True
+
+
+def test_closing_an_engine_keeps_nobody_waiting():
+    """It ends at once and is closed beside the loop; until then no other takes its place, and the rest go on."""
+    opened = {}
+    engines = Engines(lambda key: opened.setdefault(key, Opened()))
+    for key in range(MAX_SCENES):
+        serving.until(lambda key=key: engines.has_room(key, None))
+        assert engines.start(key, None) == ""
+    opened[0].may_close = threading.Event()
+    began = time.monotonic()
+    for _ in range(3):
+        assert not engines.has_room("new", None) and engines.has_room(1, None)
+    assert time.monotonic() - began < 5.0 and opened[0].is_ended and not opened[0].closed and "new" not in opened
+    opened[0].may_close.set()
+    serving.until(lambda: engines.has_room("new", None))
+    assert opened[0].closed and not any(opened[key].is_ended for key in range(1, MAX_SCENES))
+    engines.close()
 
 
 def test_scenes_beyond_the_bound_replace_the_longest_unused():

@@ -213,6 +213,31 @@ def test_what_cannot_be_drawn_is_refused_by_field_and_rule(data, said):
         State.from_dict(order.fields["state"])
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("huge", [1e155, -1e308])
+def test_huge_numbers_are_refused_without_a_warning(huge):
+    """Their squares are infinite."""
+    sun, rock = peer.body("sun", (0.0, 0.0, -peer.AU_M), 7e8), peer.body("rock", (0.0, 0.0, 1e3), 10.0)
+    craft, camera = peer.craft("craft", (0.0, 0.0, 0.0)), peer.camera()
+    for parts in ((peer.body("sun", (huge, huge, 0.0), 7e8), rock, craft),
+                  (sun, peer.body("rock", (huge, 0.0, huge), 10.0), craft),
+                  (sun, rock, peer.craft("craft", (huge, 0.0, huge))),
+                  (sun, peer.body("rock", (0.0, 0.0, 1e3), 10.0, np.full((3, 3), huge)), craft)):
+        update = read_update(peer.message(*parts, camera))
+        with pytest.raises(ConfigError, match="must be"):
+            State.from_dict(frames.ordered(update, (), 1, BodyMap()).fields["state"])
+
+
+@pytest.mark.parametrize("name, is_sun", [("sun", True), ("Sun", True), ("sun_planet_data", True),
+                                          ("sunflower", False), ("sun_orbiter", False), ("my sun", False)])
+def test_the_sun_is_known_by_basilisks_own_names(name, is_sun):
+    """simIncludeGravBody.createSun: "sun", of older scripts "sun_planet_data"; another body is drawn."""
+    data = peer.message(peer.body(name, (0.0, 0.0, -peer.AU_M), 7e8), peer.body("rock", (0.0, 0.0, 2e3), 10.0),
+                        peer.craft("craft", (0.0, 0.0, 0.0)), peer.camera())
+    order = frames.ordered(read_update(data), (), 1, BodyMap())
+    assert (len(order.scene.bodies) == 1) == is_sun and ("has no Sun" in "".join(order.notes)) != is_sun
+
+
 def test_a_camera_that_is_not_there_is_named():
     assert "unknown" in refused(peer.scene(), number=7) or "it has 1" in refused(peer.scene(), number=7)
 

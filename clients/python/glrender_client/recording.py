@@ -54,6 +54,8 @@ class Recorder:
     Raises
     ------
     FileExistsError
+    OSError
+        Its folder is missing, or may not be written to.
     """
 
     def __init__(self, path: Path):
@@ -62,6 +64,9 @@ class Recorder:
         except FileExistsError:
             raise FileExistsError(f"record: {path} is there already, and no recording is written over; give the name "
                                   "of a new file, or move that one away") from None
+        except OSError as error:
+            raise type(error)(error.errno, f"record: {path} cannot be made: {error.strerror}; give a file in a folder "
+                              "that is there and may be written to") from None
         self._thread, self._waiting = ThreadPoolExecutor(1), deque[Future]()
 
     def keep(self, request: bytes, reply: Sequence[Any]) -> None:

@@ -52,8 +52,8 @@ def load_scenario(path: str | Path) -> Scenario | RandomStates:
     return scenario_of_table(read_toml(path), folder=path.parent, path=path.name)
 
 
-def load_setting(path: str | Path) -> tuple[Scene, dict[str, dict[str, np.ndarray]]]:
-    """The scene of a scenario file or a scene file, and its keypoints; nothing else of the file is looked at.
+def load_setting(path: str | Path) -> tuple[Scene, dict[str, dict[str, np.ndarray]], dict[str, Any]]:
+    """The scene of a scenario file or a scene file, its keypoints and its [output]; no more of the file is looked at.
 
     Raises
     ------
@@ -65,7 +65,9 @@ def load_setting(path: str | Path) -> tuple[Scene, dict[str, dict[str, np.ndarra
         table = _with_scene(read_toml(path), path.parent)
         own, entries = _taken(table)
         read_cameras(table, path.parent, _spice(own, path.parent))
-        return _scene(table, path.parent), _keypoints(entries, path.parent)
+        with error_path("output"):
+            output = a_table(own.get("output", {}))
+        return _scene(table, path.parent), _keypoints(entries, path.parent), output
 
 
 def load_believed_scene(path: str | Path) -> Scene:

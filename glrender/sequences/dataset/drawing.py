@@ -13,7 +13,7 @@ from ...renderer import open_renderer
 from ...scene.scene import Scene
 from ...view.state import State
 from ..options import FrameOptions
-from ..sequence import VERSION, drawn
+from ..sequence import VERSION, drawn, path_in_states
 from .shards import FORMATS, Files
 
 Frames = list[tuple[int, State]]
@@ -98,7 +98,7 @@ def _draw(setup: Setup, number: int, frames: Frames) -> Shard:
         try:
             frame = drawn(renderer, index, state, setup.options)
         except ConfigError as error:
-            error.path = f"states[{index}]" + (f".{error.path}" if error.path else "")
+            error.path = path_in_states(index, error.path)
             raise
         record = {name: value for name, value in frame.header.items() if name not in _NOT_LABELS}
         made.add(index, state, frame, record)

@@ -17,7 +17,7 @@ from glrender.sequences.options import options_of
 from glrender.view.view import view_bodies
 
 from .drawing import Drawn, add_drawing, draw, in_words, summary
-from .picture import add_picture, check_picture, write_picture
+from .picture import add_picture, check_picture, check_place, write_picture
 from .subject import add_subject, read_subject
 from .waited import waited_s
 
@@ -40,6 +40,8 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.state = arguments.given
     if arguments.out is not None:
         check_picture(arguments, "DN" if arguments.output == "dn" else "W/m2")
+    if arguments.plot is not None:
+        check_place("--plot", arguments.plot)
     subject = read_subject(arguments.subject, arguments.unit)
     for line in (*map(_of_body, subject.scene.bodies), *map(_of_camera, subject.scene.cameras)):
         sys.stdout.write(line + "\n")

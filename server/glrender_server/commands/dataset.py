@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--exposure-s", type=exposure, help="with dn: seconds, or auto; default: the camera's")
     parser.add_argument("--max-error", metavar="SHARE", help="or units with one each; the scene's")
     parser.add_argument("--shard-frames", type=int, default=FRAMES_A_SHARD, metavar="N", help="in each shard (50)")
-    parser.add_argument("--processes", type=int, metavar="N", help="default: one for each core")
+    parser.add_argument("--processes", type=int, metavar="N", help="0, the default: one for each core")
     parser.add_argument("--dask", metavar="ADDRESS", help="of a Dask scheduler, whose workers draw")
     parser.add_argument("--backend", default="auto")
 
@@ -76,19 +76,21 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _dataset(arguments: argparse.Namespace) -> tuple[DataSet, list[str]]:
     """The data set that the arguments ask for, and what is worth a warning."""
-    warnings, table, camera_name = [], {}, arguments.camera
     if arguments.states is not None:
         if arguments.frames is not None:
             raise ConfigError("--frames", "is given beside --states", arguments.frames, "leave one out")
-        scene, keypoints = load_setting(arguments.scenario)
-        states, source = read_states(arguments.states), {"states": "file"}
+        scenario, (scene, keypoints, output) = None, load_setting(arguments.scenario)
     else:
         scenario = load_scenario(arguments.scenario)
-        scene, keypoints, source = scenario.scene, scenario.keypoints, {"states": "trajectory"}
-        with error_path("output"):
-            options_of(scene, scenario.output)
-        table = {name: value for name, value in scenario.output.items() if name in _FOLLOWED}
-        camera_name = camera_name or table.get("camera")
+        scene, keypoints, output = scenario.scene, scenario.keypoints, scenario.output
+    with error_path("output"):
+        options_of(scene, output)
+    table = {name: value for name, value in output.items() if name in _FOLLOWED}
+    camera_name, warnings = arguments.camera or table.get("camera"), []
+    if scenario is None:
+        states, source = read_states(arguments.states), {"states": "file"}
+    else:
+        source = {"states": "trajectory"}
         if isinstance(scenario, RandomStates):
             camera = scene.camera(camera_name) if camera_name else None
             scenario = with_changes(scenario, frames=arguments.frames, seed=arguments.seed, camera=camera)

@@ -39,10 +39,7 @@ def check_picture(arguments: argparse.Namespace, unit: str) -> None:
     path, ending = arguments.out, arguments.out.suffix.lower()
     if ending not in ENDINGS:
         raise ConfigError("--out", f"must end in {', '.join(ENDINGS)}", str(path), did_you_mean(ending, ENDINGS))
-    if not path.parent.is_dir():
-        raise ConfigError("--out", "must be in a folder that is there", str(path), f"mkdir -p {path.parent}")
-    if path.is_dir():
-        raise ConfigError("--out", "is a folder", str(path), "name a file in it")
+    check_place("--out", path)
     library, extra = _LIBRARIES.get(ending, ("numpy", ""))
     if find_spec(library) is None:
         raise ConfigError("--out", f"{ending} needs {library}", str(path), f"pip install 'glrender[{extra}]'")
@@ -50,6 +47,19 @@ def check_picture(arguments: argparse.Namespace, unit: str) -> None:
         raise ConfigError("--raw", "is of digital numbers in a PNG", str(path), "--output dn --out frame.png")
     if arguments.white is not None:
         positive("--white", arguments.white)
+
+
+def check_place(option: str, path: Path) -> None:
+    """Refuse a file that cannot be written because of its folder, before anything is drawn.
+
+    Raises
+    ------
+    ConfigError
+    """
+    if not path.parent.is_dir():
+        raise ConfigError(option, "must be in a folder that is there", str(path), f"mkdir -p {path.parent}")
+    if path.is_dir():
+        raise ConfigError(option, "is a folder", str(path), "name a file in it")
 
 
 def write_frame(arguments: argparse.Namespace, frame: FrameFile, dark: float = 0.0) -> None:

@@ -5,12 +5,15 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from glrender import ConfigError, State, load_scene
+from glrender import ConfigError, State
 from glrender.base.errors import error_path
 from glrender.scenario import load_scenario
+from glrender.scenario.files.keypoint_fields import off_surface
+from glrender.scenario.files.scenario_file import load_setting
 from glrender.sequences.contact_sheet import contact_sheet
 from glrender.sequences.formats import FORMATS
 from glrender.sequences.options import OUTPUT_KEYS, options_of
@@ -19,6 +22,7 @@ from glrender.sequences.sequence import FrameSequence
 from glrender.sequences.video import check_video, write_video
 from tqdm import tqdm
 
+from .picture import check_place
 from .tolerance import read_max_error
 
 _ON_SHEET = 25
@@ -27,7 +31,7 @@ _ON_SHEET = 25
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `glrender sequence`."""
     parser.add_argument("scene", type=Path, metavar="SCENARIO",
-                        help="scenario file (TOML), or with --states a scene file")
+                        help="scenario file (TOML); with --states a scene file too")
     parser.add_argument("--states", type=Path, help="file of state vectors, one (JSON) a line, instead of a scenario's")
     parser.add_argument("--write-states", type=Path, metavar="FILE",
                         help="write the scenario's states there, and no frames")
@@ -37,26 +41,32 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--format", choices=FORMATS, help="png: 16 bits, with dn alone; default: fits")
     parser.add_argument("--products", nargs="*", metavar="NAME", help="range, body_id, incidence, ...")
     parser.add_argument("--labels", action=argparse.BooleanOptionalAction,
-                        help="pose, box and centres of each body, in the header")
+                        help="pose, box, centres and keypoints of each body, in the header")
     parser.add_argument("--seed", type=int, help="of the first frame's noise, each further one has the next (0)")
     parser.add_argument("--exposure-s", type=exposure, help="with dn: seconds, or auto; default: the camera's")
     parser.add_argument("--max-error", metavar="SHARE", help="or units with one each; the scene's")
     parser.add_argument("--video", type=Path, metavar="FILE.mp4", help="write the frames as a video for the eye too")
     parser.add_argument("--video-rate-hz", type=float, default=25.0, metavar="HZ")
-    parser.add_argument("--processes", type=int, metavar="N", help="default: one for each core")
+    parser.add_argument("--processes", type=int, metavar="N", help="0, the default: one for each core")
     parser.add_argument("--backend", default="auto")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Draw what is missing in the folder, then a contact sheet, and a video if it is asked for."""
-    table = {}
+    for option in ("write_states", "video"):
+        if getattr(arguments, option) is not None:
+            check_place("--" + option.replace("_", "-"), getattr(arguments, option))
+    warnings = []
     if arguments.states is None:
         scenario = load_scenario(arguments.scene)
-        for warning in scenario.check():
-            sys.stderr.write(f"glrender: warning: {warning}\n")
-        scene, states, table = scenario.scene, list(scenario.iter_states()), scenario.output
+        scene, states, table, keypoints = (scenario.scene, list(scenario.iter_states()), scenario.output,
+                                           scenario.keypoints)
+        warnings = scenario.check()
     else:
-        scene, states = load_scene(arguments.scene), read_states(arguments.states)
+        scene, keypoints, table = load_setting(arguments.scene)
+        states = read_states(arguments.states)
+    for warning in (*warnings, *off_surface(scene, keypoints)):
+        sys.stderr.write(f"glrender: warning: {warning}\n")
     if arguments.write_states is not None:
         lines = (json.dumps(state.to_dict()) + "\n" for state in states)
         arguments.write_states.write_text("".join(lines), encoding="utf-8")
@@ -70,6 +80,8 @@ def run(arguments: argparse.Namespace) -> int:
     asked["max_error"] = read_max_error(arguments.max_error)
     with error_path("output"):
         options = options_of(scene, table, asked, arguments.backend)
+    if options.has_labels:
+        options = replace(options, keypoints=keypoints)
     sequence = FrameSequence(scene=scene, states=states, folder=arguments.out, options=options)
     n_frames = len(sequence.states)
     n_there = n_frames - len(sequence.missing())

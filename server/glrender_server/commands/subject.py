@@ -9,12 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from glrender import Body, ConfigError, PinholeCamera, Pose, Scene, Shape, State, frames, load_scene
+from glrender import Body, ConfigError, PinholeCamera, Pose, Scene, Shape, State, frames
 from glrender.base.constants import AU_M
 from glrender.base.errors import error_path
 from glrender.brdf import LommelSeeliger
-from glrender.scenario import RandomStates, Scenario, load_scenario
+from glrender.scenario import RandomStates, Scenario
 from glrender.scenario.epochs import Epoch
+from glrender.scenario.files.scenario_file import scenario_of_table
 from glrender.scene.scene_file import read_toml
 from glrender.scene.shape.shape import metres_per_unit
 from glrender_camera import CameraModel
@@ -75,10 +76,11 @@ def read_subject(path: Path, unit: str | None) -> Subject:
         return Subject(path=path, scene=scene_of_shape(path, unit))
     if unit is not None:
         raise ConfigError("--unit", "is of shape files alone; a scene has a `length_unit` for each body", unit)
-    if _is_scenario(path):
-        scenario = load_scenario(path)
+    table = read_toml(path)
+    if any(key in table for key in _OF_SCENARIOS):
+        scenario = scenario_of_table(table, folder=path.parent, path=path.name)
         return Subject(path=path, scene=scenario.scene, scenario=scenario)
-    return Subject(path=path, scene=load_scene(path))
+    return Subject(path=path, scene=Scene.from_dict(table, shape_dir=path.parent, path=path.name))
 
 
 def scene_of_shape(path: Path, unit: str) -> Scene:
@@ -88,8 +90,11 @@ def scene_of_shape(path: Path, unit: str) -> Scene:
     ------
     ConfigError, ShapeError
     """
-    with error_path("--unit"):
+    try:
         metres = metres_per_unit(float(unit) if is_number(unit) else unit)
+    except ConfigError as error:
+        error.path = "--unit"
+        raise
     with error_path(str(path)):
         shape = Shape.from_file(path, length_unit=metres)
     body = Body(name=path.stem, shape=shape, brdf=LommelSeeliger(single_scattering_albedo=_ALBEDO))
@@ -111,7 +116,7 @@ def state_of(subject: Subject, arguments: argparse.Namespace, camera: PinholeCam
         raise ConfigError("--at", "is of scenarios alone; a scene has no time", arguments.at, "give --state FILE")
     if subject.scenario is None or arguments.phase_deg is not None:
         phase_deg = 60.0 if arguments.phase_deg is None else arguments.phase_deg
-        return default_state(subject.scene, camera.name, np.radians(within("phase-deg", phase_deg, 0.0, 180.0)))
+        return default_state(subject.scene, camera.name, np.radians(within("--phase-deg", phase_deg, 0.0, 180.0)))
     if isinstance(subject.scenario, RandomStates):
         if arguments.at is not None:
             raise ConfigError("--at", "is of a trajectory; random states have no order", arguments.at,
@@ -158,11 +163,6 @@ def default_state(scene: Scene, camera_name: str, phase_rad: float) -> State:
     r_spacecraft = r_camera - frames.dcm(q_spacecraft).T @ camera.r_camera_spacecraft_m
     return State(r_sun_inertial_m=r_sun, bodies=poses,
                  spacecraft=Pose(r_inertial_m=r_spacecraft, q_from_inertial=q_spacecraft))
-
-
-def _is_scenario(path: Path) -> bool:
-    table = read_toml(path)
-    return any(key in table for key in _OF_SCENARIOS)
 
 
 def _time_s(scenario: Scenario, at: str | None) -> float:

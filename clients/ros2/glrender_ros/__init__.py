@@ -1,0 +1,1 @@
+"""A camera node for ROS 2: poses in, images of a glrender server out."""
