@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from glrender import Pose, State
+from glrender import Pose, State, frames, generate
 from glrender_client import Client, ServerError
 from glrender_server.commands.own_server import OwnServer
 
@@ -21,13 +21,12 @@ height_px = 65
 focal_length_px = 200.0
 """
 STATE = State(r_sun_inertial_m=[-1.5e11, 0.0, 0.0], bodies={"rock": Pose(r_inertial_m=[0.0, 0.0, 0.0])},
-              spacecraft=Pose(r_inertial_m=[-1000.0, 0.0, 0.0], q_from_inertial=[0.5, -0.5, 0.5, -0.5]))
+              spacecraft=Pose(r_inertial_m=[-1000.0, 0.0, 0.0],
+                              q_from_inertial=frames.look_at([-1000.0, 0.0, 0.0], [0.0, 0.0, 0.0])))
 
 
 def test_the_believed_endpoint_serves_no_truth(tmp_path):
     """Range, size, light, facets and camera of its frames are the believed ones; nobody may load another scene."""
-    from glrender import generate
-
     generate.icosphere(radius_m=50.0, subdivisions=3).to_file(tmp_path / "small.obj")
     (tmp_path / "scene.toml").write_text(TRUTH)
     belief = ('scene = "scene.toml"\n[belief.bodies.rock]\nshape = "small.obj"\nlength_unit = "m"\n'
