@@ -31,6 +31,7 @@ bench: setup
 
 chart: setup
 	$(BIN)/python benchmarks/speed_accuracy.py
+	$(BIN)/python benchmarks/navigation_chart.py
 
 docs: setup
 	$(BIN)/python -m sphinx -W --keep-going -q -c docs . out/site

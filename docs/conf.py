@@ -12,7 +12,7 @@ html_static_path: list[str] = []
 # The source is the repository, so that links between documents are the same here and in a browser of files.
 root_doc = "docs/index"
 include_patterns = ["docs/**.md", "README.md", "SECURITY.md", "CONTRIBUTING.md", "CHANGELOG.md", "benchmarks/*.md",
-                    "clients/**/README.md", "examples/**README.md"]
+                    "clients/**/README.md", "examples/**.md"]
 exclude_patterns = ["docs/checks/**"]
 source_suffix = {".md": "markdown"}
 myst_heading_anchors = 3

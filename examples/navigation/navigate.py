@@ -7,6 +7,7 @@ once with one of a sixteenth of its facets. NAME is an estimator of `glrender_na
 from __future__ import annotations
 
 import argparse
+import io
 import sys
 from pathlib import Path
 
@@ -15,6 +16,7 @@ import world
 from glrender import frames
 from glrender_navigation import ESTIMATORS, Measurement, Navigator, sight
 from matplotlib.figure import Figure
+from PIL import Image
 
 BELIEFS = {"the true shape": 6, "a sixteenth of its facets": 4}
 _COLOURS = ("tab:blue", "tab:orange")
@@ -130,22 +132,24 @@ def _estimator_figure(name: str, out: Path, n_frames: int, size_px: int) -> None
             axis.plot(rows["frame"], np.abs(rows[quantity]), ".-", color=colour, lw=0.8, ms=4, label=belief)
             axis.plot(rows["frame"], 3.0 * rows[f"sigma_{quantity}"], "--", color=colour, lw=0.7)
     frame, true_px, found_px = pictures[2 * len(pictures) // 3]
-    picture.imshow(np.sqrt(frame / frame.max()), cmap="gray")
-    picture.plot(*true_px, "o", ms=11, mfc="none", mec="tab:green", label="true centre")
+    # Without the sky's noise, which makes large files.
+    picture.imshow(np.sqrt(np.clip(frame - 70.0, 0.0, None) / frame.max()), cmap="gray")
+    picture.plot(*true_px, "o", ms=12, mew=2, mfc="none", mec="tab:green", label="true centre")
     if name != "altimeter":
-        picture.plot(*found_px, "x", ms=7, color="tab:red", label="found")
+        picture.plot(*found_px, "x", ms=7, mew=2, color="tab:red", label="found")
     picture.set(xticks=[], yticks=[])
     picture.legend(loc="lower right", fontsize=7)
     upper.set(ylabel="centre [px]", xticklabels=[])
-    upper.legend(fontsize=7, title="error (dots), 3 sigma (dashed); belief has", title_fontsize=7)
+    figure.legend(*lower.get_legend_handles_labels(), loc="outside upper right", ncols=2, fontsize=7, title_fontsize=7,
+                  title="error (dots) and 3 sigma (dashed); the belief has")
     lower.set(ylabel="range [%]" if name != "altimeter" else "along normal\n[% of range]", xlabel="frame")
     for axis in (upper, lower):
         axis.set_yscale("log")
         axis.grid(True, which="both", alpha=0.2)
     if name == "altimeter":
-        upper.set_visible(False)
-        lower.legend(fontsize=7)
-    figure.savefig(out, dpi=80)
+        upper.remove()
+        lower.set_subplotspec(grid[:, 1])
+    _save(figure, out)
 
 
 def _filter_figure(name: str, out: Path, n_frames: int, size_px: int) -> None:
@@ -165,19 +169,26 @@ def _filter_figure(name: str, out: Path, n_frames: int, size_px: int) -> None:
         error.plot(t_h, rows["three_sigma_m"], "--", color=colour, lw=0.7)
         nees.plot(t_h, rows["nees"], color=colour)
     error.set(yscale="log", xlabel="time [h]", ylabel="position [m]: error, 3 sigma (dashed)")
-    error.legend(fontsize=7)
+    figure.legend(*error.get_legend_handles_labels(), loc="outside upper left", ncols=3, fontsize=7)
     nees.axhline(6.0, color="k", lw=0.7, ls=":")
-    nees.set(yscale="log", xlabel="time [h]", ylabel="NEES; 6 is consistent")
+    nees.set(ylim=(0.0, 12.0), xlabel="time [h]", ylabel="NEES; 6 is consistent")
     for axis in (error, nees):
         axis.grid(True, which="both", alpha=0.2)
-    figure.savefig(out, dpi=80)
+    _save(figure, out)
+
+
+def _save(figure: Figure, out: Path) -> None:
+    """Of 128 colours: a small file."""
+    with io.BytesIO() as drawn:
+        figure.savefig(drawn, dpi=80)
+        Image.open(drawn).convert("RGB").quantize(128).save(out, optimize=True)
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("name", choices=[*ESTIMATORS, "filter"])
     parser.add_argument("out", type=Path)
-    parser.add_argument("--frames", type=int, default=60)
+    parser.add_argument("--frames", type=int, default=40)
     parser.add_argument("--size-px", type=int, default=256)
     arguments = parser.parse_args()
     main(arguments.name, arguments.out, arguments.frames, arguments.size_px)

@@ -26,6 +26,8 @@ _LIMB_COSINE = 0.2
 # longest one's.
 _LANE_PX = 1.0
 _LEAST_PIECE = 0.2
+# Shades and smoothing move an edge by so much, which no render takes off here.
+_SHADING_PX = 0.25
 # Of the believed range, which an ellipsoid's horizon is helped by: half a limb tells size and place apart badly.
 _SIGMA_RANGE = 0.2
 
@@ -51,7 +53,7 @@ class LimbEllipse(Estimator):
         radius_px = self.camera.focal_length_px * self.body.mean_radius_m / here.range_m
         error_px = radius_px * self.body.ellipsoid_error_m / self.body.mean_radius_m
         # A stretch of limb is one measurement.
-        sigma_px = np.hypot(error_px, 0.1) * np.sqrt(len(rays) / N_STRETCHES)
+        sigma_px = np.hypot(error_px, _SHADING_PX) * np.sqrt(len(rays) / N_STRETCHES)
 
         def off(x: np.ndarray) -> np.ndarray:
             """Of a place [ranges]: from each ray to the horizon, and from the believed range, in sigmas."""
@@ -61,7 +63,7 @@ class LimbEllipse(Estimator):
             off_px = radius_px * (square - 1.0) * (rays @ c / np.sqrt(square - 1.0) - 1.0)
             return np.append(off_px / sigma_px, (np.linalg.norm(x) - 1.0) / _SIGMA_RANGE)
 
-        solved = least_squares(off, here.r_body_camera_m / here.range_m, loss="soft_l1")
+        solved = least_squares(off, here.r_body_camera_m / here.range_m, loss=_soft_but_last)
         place_m = here.range_m * solved.x
         if not place_m[2] > 0.0:
             raise NotFound("the limb's points lie on no horizon before the camera")
@@ -139,6 +141,14 @@ def limb_points(pixels: np.ndarray, here: Sight) -> tuple[np.ndarray, np.ndarray
     if is_edge.sum() < _LEAST_POINTS:
         raise NotFound(f"the lit limb has {is_edge.sum()} edges inside the image, {_LEAST_POINTS} are needed")
     return points[is_edge] + off[is_edge, None] * normals[is_edge], normals[is_edge]
+
+
+def _soft_but_last(squares: np.ndarray) -> np.ndarray:
+    """Loss of `least_squares` that is soft_l1 for all rows but the last, the believed range's."""
+    t = 1.0 + squares
+    loss = np.stack([2.0 * (np.sqrt(t) - 1.0), 1.0 / np.sqrt(t), -0.5 * t**-1.5])
+    loss[:, -1] = squares[-1], 1.0, 0.0
+    return loss
 
 
 def _normals(outline: np.ndarray) -> np.ndarray:
