@@ -286,7 +286,8 @@ class Detector:
             number = np.minimum(number, np.float32((2.0 * self.max_DN + 2.0 - offset) / gain))
         # Halves to even, as floor would take half a digital number from every pixel; clipped at the type's ends.
         cv2.addWeighted(number, gain, number, 0.0, offset, dst=dn, dtype=cv2.CV_8U if dn.itemsize == 1 else cv2.CV_16U)
-        cv2.min(dn, self.max_DN, dst=dn)
+        # Its minimum with a number leaves an image of one pixel as it is.
+        cv2.threshold(dn, self.max_DN, 0.0, cv2.THRESH_TRUNC, dst=dn)
         saturated |= dn == self.max_DN
 
 

@@ -80,6 +80,14 @@ def test_every_documented_field_refuses_what_is_wrong_by_name(path):
         assert any(name in str(told.value).split(": ")[0] for name in named), (path, value, str(told.value))
 
 
+@pytest.mark.parametrize("shape", [(1, 1), (1, 4), (4, 1), (3, 5)])
+@pytest.mark.parametrize("bit_depth", [2, 8, 12, 16])
+def test_numbers_end_at_the_largest(shape, bit_depth):
+    detector = Detector(quantum_efficiency=0.5, full_well_electrons=1e6, gain_DN_per_electron=1.0, bit_depth=bit_depth)
+    dn, _, saturated = detector.read(np.full(shape, 1e5, np.float32), 1.0, 1)
+    assert (dn == 2**bit_depth - 1).all() and saturated.all()
+
+
 def test_an_aperture_has_a_range():
     with pytest.raises(ConfigError, match="aperture_diameter_m"):
         model(optics={"aperture_diameter_m": 1e300})

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 
 import pytest
+from glrender import generate
 from glrender_server.cli import main
 from missing import needed_module
 
@@ -195,3 +196,13 @@ def test_what_is_right_is_told_with_its_output(tmp_path, capsys, shared):
     told = capsys.readouterr()
     assert told.err == ""
     assert "sequence: 1 states over 0 s from 2014-08-07T12:00:00.000000 TDB\noutput: fits of W/m2, camera " in told.out
+
+
+def test_the_shapes_of_a_scenario_are_told_too(tmp_path, capsys):
+    """A sphere without its last facet."""
+    generate.icosphere(radius_m=2000.0, subdivisions=2).to_file(tmp_path / "whole.obj")
+    (tmp_path / "holed.obj").write_text("\n".join((tmp_path / "whole.obj").read_text().splitlines()[:-1]) + "\n")
+    generated = 'generated = {kind = "icosphere", radius_m = 2000.0, subdivisions = 2}'
+    (tmp_path / "rest.toml").write_text(AT_REST.replace(generated, 'shape = "holed.obj"\nlength_unit = "m"'))
+    assert main(["check", str(tmp_path / "rest.toml")]) == 0
+    assert capsys.readouterr().err.count("glrender: warning: 67p: 3 open edges of holes") == 1
