@@ -263,17 +263,19 @@ class SunlitAreas:
         if self._cutter.is_free:
             return True
         least = _LARGE if len(self._facing) <= _FEW else _LARGE_OF_MANY
+        always = _LARGE_OF_MANY if len(self._views) == 1 else least
         of_hidden = _HIDDEN_LIGHT / max(int(self._may_hide_light.sum()), 1)
 
-        def are_large(facet: np.ndarray, area_px: np.ndarray, radiance: np.ndarray | float) -> np.ndarray:
+        def are_large(facet: np.ndarray, area_px: np.ndarray, radiance: np.ndarray | float, least: float
+                      ) -> np.ndarray:
             most = np.where(self._may_hide_light.take(facet), of_hidden, least) * most_squared
             return _pixels_squared(radiance, area_px) > most
 
         area_px = self._facet_px(self._facing)
-        large = np.flatnonzero(are_large(self._facing, area_px, float(self._radiance.max())))
+        large = np.flatnonzero(are_large(self._facing, area_px, float(self._radiance.max()), least))
         facet = self._facing[large]
         self._shade(facet)
-        large = large[are_large(facet, area_px[large], self._radiance[facet])]
+        large = large[are_large(facet, area_px[large], self._radiance[facet], least)]
         if not len(large):
             return True
         is_large, parts = np.zeros(self._facets.n_facets, bool), self._of_facets(large)
@@ -286,9 +288,16 @@ class SunlitAreas:
             if len(parts.facet) > _MANY:
                 return False
             parts = self._cutter.quarters(parts)
-            is_small = ~are_large(parts.facet, parts.area_px, self._radiance[parts.facet])
-            small.append(parts.at(np.flatnonzero(is_small)))
-            parts = parts.at(np.flatnonzero(~is_small))
+            # A boundary that passes between corners that agree goes on in a part beside them whose corners differ, but
+            # for those that another body, or a far part, makes in the middle of a facet.
+            is_beside = np.zeros(self._cutter.points.r_m.shape[1], bool)
+            for each in (parts, boundary):
+                is_beside[each.corner[:, self._cutter.are_mixed(each)]] = True
+            light = parts.facet, parts.area_px, self._radiance[parts.facet]
+            goes_on = are_large(*light, least) & (
+                is_beside.take(parts.corner).any(axis=0) | are_large(*light, always))
+            small.append(parts.at(np.flatnonzero(~goes_on)))
+            parts = parts.at(np.flatnonzero(goes_on))
             if not len(parts.facet):
                 break
         else:

@@ -86,11 +86,10 @@ class Shadows:
                                                                          -view.camera_from_body @ view.r_camera_body_m)
         x, y, _, w = clip[:, :3] @ mesh.vertices_m.T + clip[:, 3:]
         beside = np.stack([x > w, x < -w, y > w, y < -w], axis=1)
-        corner_m = mesh.vertices_m[mesh.facets]
+        corner_m = mesh.vertices_m[mesh.facets[~beside[mesh.facets].all(axis=1).any(axis=1)]]
         normal = np.cross(corner_m[:, 1] - corner_m[:, 0], corner_m[:, 2] - corner_m[:, 0])
         shown = ((normal @ view.sun_direction_body > 0.0)
-                 & (np.einsum("fx,fx->f", normal, view.r_camera_body_m - corner_m[:, 0]) > 0.0)
-                 & ~beside[mesh.facets].all(axis=1).any(axis=1))
+                 & (np.einsum("fx,fx->f", normal, view.r_camera_body_m - corner_m[:, 0]) > 0.0))
         return sun_from_body @ (corner_m[shown].reshape(-1, 3).T if shown.any() else mesh.vertices_m[:1].T)
 
     def draw(self, views: Sequence[BodyView], bodies: Sequence[BodyPlan],
