@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import pytest
 from glrender import ConfigError
 from glrender_server.campaign.campaign_file import load_campaign
@@ -93,3 +96,21 @@ def test_scenarios_that_cannot_be_flown_are_refused(campaign_file, tmp_path, old
     with pytest.raises(Exception, match="rock|frames|modell") as error:
         load_campaign(file)
     assert told in str(error.value)
+
+
+def test_the_example_is_a_campaign():
+    """The number of its flights is the page's."""
+    examples = Path(__file__).parents[2] / "examples"
+    campaign = load_campaign(examples / "campaign" / "campaign.toml")
+    assert f"{len(campaign.cases)} flights" in (examples.parent / "docs" / "campaign.md").read_text()
+    assert f"{len(campaign.cases)} flights" in (examples / "campaign" / "campaign.toml").read_text()
+    assert len(campaign.setup.states) == 16
+
+
+def test_the_pages_campaign_loads(tmp_path):
+    """The file that docs/campaign.md prints, beside the example's scenario."""
+    root = Path(__file__).parents[2]
+    (printed,) = re.findall(r"```toml\n(.*?)```", (root / "docs" / "campaign.md").read_text(), re.S)
+    (tmp_path / "campaign.toml").write_text(printed)
+    (tmp_path / "approach.toml").write_text((root / "examples" / "campaign" / "approach.toml").read_text())
+    assert len(load_campaign(tmp_path / "campaign.toml").cases) == 32

@@ -54,7 +54,7 @@ def test_a_focal_length_that_is_believed_5_percent_longer_puts_the_body_5_percen
 
 
 def test_a_distortion_that_is_believed_is_taken_out(campaign_file, tmp_path):
-    """A lens that shrinks a body off the axis by 2 %: unknown it costs as much, known a third: edges are interpolated."""
+    """A lens that shrinks a body off the axis by 2 %: unknown it costs as much, known a third, as edges are blurred."""
     lens = "distortion = { k1 = -2.0 }\n[cameras.model]"
     found = []
     for belief in ("{ k1 = -2.0 }", "{}"):

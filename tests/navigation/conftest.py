@@ -14,12 +14,18 @@ SIZE_PX = 160
 
 
 @pytest.fixture(scope="session")
-def flown():
-    """Frames of a flight with their true and believed states, and the renderers of both sides."""
+def world():
+    """The module of the example."""
     spec = importlib.util.spec_from_file_location("navigation_world", _WORLD)
-    world = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = world
-    spec.loader.exec_module(world)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="session")
+def flown(world):
+    """Frames of a flight with their true and believed states, and the renderers of both sides."""
     shape = world.shape(subdivisions=5)
     scene = world.scene(shape, SIZE_PX)
     with world.Local(scene) as truth, world.Local(scene, max_error=0.1) as board:

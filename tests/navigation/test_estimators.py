@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+import functools
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+import serving
+from glrender import Shape, frames, generate
+from glrender_client import Client
 from glrender_navigation import ESTIMATORS, BelievedBody, Camera, moved, sight
 
 # Root mean square errors: of the centre [px], of the range [1], and of the place in sigmas of one axis. Those of a
@@ -53,6 +59,40 @@ def test_a_far_belief_is_drawn_anew_until_it_fits(flown, name):
     assert off_px < BOUNDS[name][0] and abs(off_range) < 1.5 * BOUNDS[name][1]
 
 
+def test_an_ellipsoids_limb_is_its_horizon(world):
+    """An ellipsoid of 300, 200 and 150 m by `limb_ellipse`: half a pixel and 2 %, which is 0.4 px of its radius."""
+    ball = generate.icosphere(radius_m=1.0, subdivisions=5)
+    shape = Shape.from_arrays(ball.vertices_m * [300.0, 200.0, 150.0], ball.facets)
+    camera, body, rows = world.camera(160), world.body(shape), []
+    estimator = ESTIMATORS["limb_ellipse"](camera, body)
+    with world.Local(world.scene(shape, 160)) as truth:
+        for seed, (true, believed) in enumerate(world.views(4)):
+            frame = truth.render(true, output="dn", exposure_s="auto", seed=seed).pixels
+            found = estimator.measure(frame, believed, truth.render)
+            assert found is not None, estimator.reason
+            rows.append(errors(SimpleNamespace(camera=camera), estimator, found, true))
+    rms = np.sqrt(np.mean(np.square(rows), axis=0))
+    assert (rms < (0.5, 0.02, 2.0)).all(), rms
+
+
+def test_a_servers_client_is_an_on_board_renderer(tmp_path):
+    """A camera of its `hello`, a `render` bound to it: a belief 2 px off finds the very frame that the server drew."""
+    state = {"r_sun_inertial_m": [1.5e11, 5e10, 0.0], "bodies": {"body": {"r_inertial_m": [0.0, 0.0, 0.0]}},
+             "spacecraft": {"r_inertial_m": [1500.0, 0.0, 0.0],
+                            "q_from_inertial": frames.look_at([1500.0, 0.0, 0.0], np.zeros(3)).tolist()}}
+    believed = {**state, "spacecraft": {**state["spacecraft"], "r_inertial_m": [1505.0, 7.0, -3.0]}}
+    with serving.server(tmp_path) as (endpoint, _), Client(endpoint) as client:
+        camera = Camera.from_hello(client.hello()["cameras"][0], psf_sigma_px=0.5)
+        frame = client.render(state, camera="navcam", output="dn", exposure_s=3e-7, seed=1).pixels
+        render = functools.partial(client.render, camera="navcam")
+        for name in ("limb_shape", "templates"):
+            estimator = ESTIMATORS[name](camera, BelievedBody(name="body", mean_radius_m=80.0))
+            found = estimator.measure(frame, believed, render)
+            assert found is not None, estimator.reason
+            off_px = np.subtract(found.center_px, camera.project(sight(state, camera, "body").r_body_camera_m))
+            assert np.linalg.norm(off_px) < 0.3 and abs(found.range_m / 1500.0 - 1.0) < 0.02, name
+
+
 def test_one_beam_tells_what_the_ground_below_it_tells(flown):
     """Along the ground's normal within three sigma; across it ten ranges are left open."""
     estimator = ESTIMATORS["altimeter"](flown.camera, flown.body)
@@ -98,10 +138,13 @@ def test_a_frame_that_shows_nothing_gives_a_reason(flown, name):
     estimator = ESTIMATORS[name](flown.camera, flown.body)
     noise = np.random.default_rng(3).normal(50.0, 2.0, frame.shape).round().clip(0, 4095).astype(np.uint16)
     blind = np.where(np.random.default_rng(4).random(frame.shape) < 0.8, 4095, frame).astype(np.uint16)
+    # Ten times the exposure.
+    flash = np.minimum(50 + 10 * (frame.astype(int) - 50).clip(0), 4095).astype(np.uint16)
     broken = frame.astype(np.float32)
     broken[5, 5] = np.nan
     for bad, reason in ((np.full_like(frame, 50), "every pixel"), (np.full_like(frame, 4095), "every pixel"),
-                        (blind, "saturated"), (noise, ""), (broken, "no numbers")):
+                        (blind, "saturated"), (flash, "saturated: expose it shorter"), (noise, ""),
+                        (broken, "no numbers")):
         if name in ("sphere", "model") and bad is noise:
             # Digital numbers six above the sky count for them as light, in any frame.
             continue
@@ -146,8 +189,6 @@ def test_a_camera_of_a_server_and_one_whose_lens_distorts(flown):
 
 
 def test_an_ellipsoid_has_its_own_axes_and_mean_radius():
-    from glrender import generate
-
     ball = generate.icosphere(radius_m=1.0, subdivisions=5)
     body = BelievedBody.from_mesh("b", ball.vertices_m * [3.0, 2.0, 1.0] + [0.5, 0.0, 0.0], ball.facets)
     np.testing.assert_allclose(np.sort(np.linalg.norm(body.ellipsoid_m, axis=0)), [1.0, 2.0, 3.0], rtol=2e-3)

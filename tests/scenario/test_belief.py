@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,6 +27,7 @@ from glrender_server.cli import main
 from missing import needed_module
 from scipy.spatial import cKDTree
 
+PAGE = Path(__file__).parents[2] / "docs" / "scenario.md"
 SCENARIO = """
 [[bodies]]
 name = "itokawa"
@@ -184,3 +187,9 @@ def test_a_file_gives_the_believed_scene_alone(table, tmp_path, capsys):
     path.write_text(SCENARIO)
     with pytest.raises(ConfigError, match="approach.toml.belief: missing"):
         load_believed_scene(path)
+
+
+def test_the_pages_belief_is_one(table):
+    (printed,) = re.findall(r"## Belief.*?```toml\n(.*?)```", PAGE.read_text(), re.S)
+    belief = scenario_of_table({**table, **tomllib.loads(printed)}).belief
+    assert belief.bodies["itokawa"].facets == 0.1 and belief.cameras["navcam"].focal_length_factor == 1.002

@@ -26,6 +26,8 @@ _LIMB_COSINE = 0.2
 # longest one's.
 _LANE_PX = 1.0
 _LEAST_PIECE = 0.2
+# Shades and smoothing move an edge by so much, which no render takes off here.
+_SHADING_PX = 0.25
 # Of the believed range, which an ellipsoid's horizon is helped by: half a limb tells size and place apart badly.
 _SIGMA_RANGE = 0.2
 
@@ -51,7 +53,7 @@ class LimbEllipse(Estimator):
         radius_px = self.camera.focal_length_px * self.body.mean_radius_m / here.range_m
         error_px = radius_px * self.body.ellipsoid_error_m / self.body.mean_radius_m
         # A stretch of limb is one measurement.
-        sigma_px = np.hypot(error_px, 0.1) * np.sqrt(len(rays) / N_STRETCHES)
+        sigma_px = np.hypot(error_px, _SHADING_PX) * np.sqrt(len(rays) / N_STRETCHES)
 
         def off(x: np.ndarray) -> np.ndarray:
             """Of a place [ranges]: from each ray to the horizon, and from the believed range, in sigmas."""

@@ -14,8 +14,12 @@ from .camera import Camera, Sight, StateLike, sight
 
 # Of the believed range: how little is known of an axis that nothing measured.
 _UNKNOWN = 10.0
-# Share of the pixels at the top value beyond which a frame is blinded.
+# Share of the lit pixels beyond which a frame is blinded; heights between sky and brightest pixel from which one is
+# saturated, and lit; and the least height [DN] at which such shares mean something.
 _MOST_SATURATED = 0.5
+_SATURATED = 0.998
+_LIT = 0.1
+_LEAST_RANGE_DN = 100.0
 _LEAST_LIT_PX = 4
 N_STRETCHES = 8.0
 """Errors of a shape are alike over stretches of it: so many count as independent."""
@@ -159,8 +163,12 @@ class Estimator:
             raise NotFound("the frame has pixels that are no numbers")
         if top == sky:
             raise NotFound(f"every pixel of the frame is {top:g}: it is dark, saturated or lost")
-        if np.count_nonzero(frame[::2, ::2] == top) > _MOST_SATURATED * frame[::2, ::2].size:
-            raise NotFound(f"more than {_MOST_SATURATED:.0%} of the frame is saturated")
+        if frame.dtype.kind in "ui":
+            # Within read noise of the top, of what is lit at all.
+            height = (frame[::2, ::2] - float(sky)) / (float(top) - float(sky))
+            share = np.count_nonzero(height > _SATURATED) / max(np.count_nonzero(height > _LIT), 1)
+            if share > _MOST_SATURATED and float(top) - float(sky) > _LEAST_RANGE_DN:
+                raise NotFound(f"{share:.0%} of what is lit in the frame is saturated: expose it shorter")
         return frame
 
 

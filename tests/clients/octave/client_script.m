@@ -25,6 +25,9 @@ keep(folder, 'dn', reply.pixels);
 reply = client.render(state, 'camera', 'byte', 'output', 'dn', 'seed', 3, 'products', 'range');
 check(isa(reply.pixels, 'uint8') && isfield(reply.arrays, 'range'), 'uint8');
 keep(folder, 'byte', reply.pixels);
+reply = client.render(state, 'camera', 'byte', 'output', 'dn', 'faults', {struct('kind', 'lost_lines', 'n_lines', 3)});
+lines = double(reply.header.faults{1}.lines);
+check(numel(lines) == 3 && ~any(any(reply.pixels(lines + 1, :))), 'faults');
 
 % The same frames over the socket, and out of shared memory that is not there.
 check(client.SharedMemory && ~isfield(reply.header, 'shared'), 'a small frame comes in the message');
