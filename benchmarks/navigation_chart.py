@@ -67,8 +67,7 @@ class Bench:
             return self.local.render(state, **{**options, **setting})
 
         # The first is drawn twice: what is kept from frame to frame is there then.
-        for index, ((true, believed), frame) in enumerate(zip((self.views[0], *self.views), (seen[0], *seen),
-                                                              strict=True)):
+        for (true, believed), frame in zip((self.views[0], *self.views), (seen[0], *seen), strict=True):
             began = time.process_time()
             found = estimator.measure(frame, believed, render)
             took_ms = 1e3 * (time.process_time() - began)
@@ -95,7 +94,8 @@ def rows(bench: Bench) -> list[dict[str, Any]]:
         found.append({"side": "belief", "estimator": name, **summed(bench.measured(name, seen, FINE))})
     for name in RENDERING:
         for setting in SETTINGS:
-            found.append({"side": "belief", "estimator": name, **setting, **summed(bench.measured(name, seen, setting))})
+            errors = bench.measured(name, seen, setting)
+            found.append({"side": "belief", "estimator": name, **setting, **summed(errors)})
             _say(found[-1])
     return found + camera_rows(bench, seen)
 
