@@ -1,9 +1,9 @@
 """The error of a frame in each unit that may be asked for, out of the RMS error that its engine tells. Pure.
 
 Errors sit at silhouettes and boundaries of light, and neighbours err alike: by a body that covers A pixels, of whose
-disc a share s is lit, the total errs by A^-1/4 s^-1/2 of the RMS error, the centre of brightness by A^1/4 s^-1/2 px, the
-limb by A^1/4 s^1/2 px, the mean radius by A^-1/2 s^1/2. What is modelled otherwise takes a tenth of its RMS error of
-the flux.
+disc a share s is lit, the total errs by A^-1/4 s^-1/2 of the RMS error, the centre of brightness by A^1/4 s^-1/2 px,
+the limb by A^1/4 s^1/2 px, the mean radius by A^-1/2 s^1/2. What is modelled otherwise takes a tenth of its RMS error
+of the flux.
 `benchmarks/heldout.py --units` holds the constants against frames that they were not fitted to.
 """
 
