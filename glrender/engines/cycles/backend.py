@@ -125,12 +125,12 @@ class Cycles:
         began = time.perf_counter()
         pinhole = self.scene.drawn_camera(camera)
         wanted = checked_products(products)
-        asked = self.scene.max_error if max_error is None else checked_max_error(max_error)
+        max_error = self.scene.max_error if max_error is None else checked_max_error(max_error)
         samples = None if samples is None else integer("samples", samples, 1, 128)
         seed = integer("seed", seed, 0, 2**20)
         bounces = self._bounces if bounces is None else integer("bounces", bounces, 0, MAX_BOUNCES)
         views = view_bodies(state, pinhole, self._hulls)
-        tolerance = rms_tolerance(asked, views, pinhole)
+        tolerance = rms_tolerance(max_error, views, pinhole)
         roi = visible_region(views, pinhole)
         irradiance = np.zeros((pinhole.height_px, pinhole.width_px), np.float32)
         reached, most, warnings = 0.0, 0, ()
@@ -156,7 +156,7 @@ class Cycles:
         if wanted:
             arrays = traced_products(self._ray_engine(), wanted, pinhole, views, roi)
         left_out = ("light between facets",) if bounces == 0 else ()
-        frame_plan = full_shape_plan(self.scene, pinhole, views, max_error=asked, predicted_error=reached, roi=roi,
+        frame_plan = full_shape_plan(self.scene, pinhole, views, max_error=max_error, predicted_error=reached, roi=roi,
                                      warnings=warnings, left_out=left_out)
         frame_plan = self._emitted.add(irradiance, state, pinhole, views, frame_plan)
         return Image(irradiance_W_m2=irradiance, products=arrays, plan=frame_plan,

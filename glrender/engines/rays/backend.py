@@ -93,11 +93,11 @@ class RayTracer:
         began = time.perf_counter()
         pinhole = self.scene.drawn_camera(camera)
         wanted = checked_products(products)
-        asked = self.scene.max_error if max_error is None else checked_max_error(max_error)
+        max_error = self.scene.max_error if max_error is None else checked_max_error(max_error)
         if samples is not None:
             samples = integer("samples", samples, 1, 256)
         views = view_bodies(state, pinhole, self.scene.hulls)
-        tolerance = rms_tolerance(asked, views, pinhole)
+        tolerance = rms_tolerance(max_error, views, pinhole)
         roi = visible_region(views, pinhole)
         irradiance = np.zeros((pinhole.height_px, pinhole.width_px))
         x0, y0, x1, y1 = roi
@@ -115,7 +115,7 @@ class RayTracer:
         irradiance[y, x] = mean
         irradiance = irradiance.astype(np.float32)
         arrays = traced_products(self._engine, wanted, pinhole, views, roi)
-        frame_plan = full_shape_plan(self.scene, pinhole, views, max_error=asked, predicted_error=reached, roi=roi)
+        frame_plan = full_shape_plan(self.scene, pinhole, views, max_error=max_error, predicted_error=reached, roi=roi)
         frame_plan = self._emitted.add(irradiance, state, pinhole, views, frame_plan)
         return Image(irradiance_W_m2=irradiance, products=arrays, plan=frame_plan,
                      request=(self.scene, state, pinhole), timings_ms={"trace": 1e3 * (time.perf_counter() - began)})
