@@ -5,7 +5,7 @@ PYTHON ?= python3
 BIN    := $(VENV)/bin
 export PYTHONUNBUFFERED = 1
 
-.PHONY: demo test test-all bench chart docs setup opengl octave clang blender mitsuba basilisk chromium lint clean
+.PHONY: demo test test-all bench chart wheels image docs setup opengl octave clang blender mitsuba basilisk chromium lint clean
 
 demo: setup
 	$(BIN)/glrender demo --out out/demo
@@ -43,6 +43,17 @@ docs: setup
 
 lint: setup
 	$(BIN)/ruff check .
+	$(BIN)/python -m pytest -q tests/system/test_types.py
+	$(BIN)/codespell $$(git ls-files '*.md')
+	$(BIN)/hadolint examples/service/Dockerfile
+
+# Wheel and sdist, in clean environments of every Python from 3.11 to 3.13 that is here.
+wheels: setup
+	PYTHON=$(BIN)/python sh tools/try_wheel.sh
+
+image: setup
+	$(BIN)/hadolint examples/service/Dockerfile
+	docker build -f examples/service/Dockerfile -t glrender .
 
 setup: $(VENV)/.ready opengl
 

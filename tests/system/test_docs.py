@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import re
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -18,6 +20,7 @@ from glrender_camera.faults.fault import Fault
 from glrender_camera.faults.frame_faults import KINDS
 from glrender_camera.straylight import StrayLight
 from glrender_server.cli import main
+from missing import needed_module
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", ROOT / "camera_model" / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -179,6 +182,16 @@ def test_documents_stay_short():
     assert sum(lines for page, lines in count.items() if page.is_relative_to(ROOT / "docs")) <= 2600
     assert count[ROOT / "CHANGELOG.md"] <= 60
     assert max(lines for page, lines in count.items() if page.parent.name == "decisions") <= 20
+
+
+def test_words_are_spelt_right(tmp_path):
+    """By codespell's list of common misspellings; it can fail."""
+    needed_module("codespell_lib", "pip install -e '.[test]'")
+    command = [sys.executable, "-m", "codespell_lib"]
+    run = subprocess.run([*command, *DOCUMENTS], capture_output=True, text=True)
+    assert run.returncode == 0, run.stdout
+    (tmp_path / "page.md").write_text("It is seperate.")
+    assert subprocess.run([*command, tmp_path / "page.md"], capture_output=True).returncode != 0
 
 
 def test_the_checks_of_pages_can_fail(tmp_path):

