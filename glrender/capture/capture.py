@@ -79,7 +79,7 @@ class Capture:
         return png(self.irradiance_W_m2 if self.frame is None else self.frame.dn)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Exposed(Capture):
     """A capture with its frame, as `take_frame` gives it."""
 
