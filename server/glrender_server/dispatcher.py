@@ -319,7 +319,8 @@ class Dispatcher:
                          "--watch" if self._tap is None else "this server shows its frames by its own --view alone; "
                          "start it with --watch")
             return
-        reply = None if self._has_not_taken(request) else self._tap.answer(header, bool(request.user))
+        reply = None if self._has_not_taken(request) else self._tap.answer(
+            header, bool(request.user), self._engine.generation)
         if reply is None:
             self._busy(header, [request.answer], "this much is shown in a second; ask later", _WATCHED_S)
         else:
@@ -344,7 +345,8 @@ class Dispatcher:
             **echo(header), "ok": True, "uptime_s": time.monotonic() - self._started,
             "requests": dict(self.requests), "errors": dict(self.errors), "clients": len(self._kept),
             "waiting": len(self._queue), "last_timings_ms": self._last_timings_ms,
-            "renders": self._renders.described(time.monotonic()), **self._engine.described})
+            "generation": self._engine.generation, "renders": self._renders.described(time.monotonic()),
+            **self._engine.described})
 
     def _close(self, header: Mapping[str, Any]) -> list[Any]:
         """The client says goodbye: nothing is kept for it any more. The server runs on."""

@@ -67,8 +67,10 @@ class Tap:
         given = header.get("pass", "")
         return isinstance(given, str) and hmac.compare_digest(given.encode(), self._password.encode())
 
-    def answer(self, header: Mapping[str, Any], is_encrypted: bool) -> list[Any] | None:
+    def answer(self, header: Mapping[str, Any], is_encrypted: bool, generation: int) -> list[Any] | None:
         """The reply to `watch`; None if so many bytes have gone over sockets that this one must wait.
+
+        `generation` counts the scenes; all frames are of the newest.
 
         Raises
         ------
@@ -79,7 +81,7 @@ class Tap:
             if not isinstance(header.get(name, kind()), kind):
                 raise ProtocolError(name, f"must be {'true or false' if kind is bool else 'a name'}", header[name])
         after = integer("after", header.get("after", 0), 0, 2**64 - 1)
-        told = {**echo(header), "ok": True, "number": self._number, "streams": [
+        told = {**echo(header), "ok": True, "number": self._number, "generation": generation, "streams": [
             {"client": f.client, "cameras": list(f.cameras), "number": f.number} for f in self._frames.values()]}
         newest = next((frame for frame in reversed(self._frames.values())
                        if header.get("of_client", frame.client) == frame.client

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import re
@@ -311,6 +312,8 @@ def test_what_is_no_question_ends_that_page_alone(shown, said):
     {"ask": "pixel", "number": 1, "x": -1, "y": 0}, {"ask": "pixel", "number": "x", "x": 1, "y": 0},
     {"ask": "free", "azimuth_deg": "a", "elevation_deg": 0, "range_m": 1, "camera": "navcam", "body": "body"},
     {"ask": "free", "azimuth_deg": 0, "elevation_deg": 0, "range_m": 1, "camera": "no", "body": "body"},
+    {"ask": "free", "azimuth_deg": float("nan"), "elevation_deg": 0, "range_m": 1, "camera": "navcam", "body": "body"},
+    {"ask": "free", "azimuth_deg": 1e308, "elevation_deg": 0, "range_m": -1e308, "camera": "navcam", "body": "no"},
     {"ask": "frame", "after": None}, {"ask": "frame", "after": float("inf")}])
 def test_a_senseless_question_is_answered_so(shown, question):
     with Page(shown[1]) as page:
@@ -321,6 +324,21 @@ def test_a_senseless_question_is_answered_so(shown, question):
         page.peer.send(json.dumps(question))
         told = page.answer()[0]["trouble"]
         assert told and "the view failed" not in told
+
+
+@pytest.mark.parametrize("bug", [KeyError("x"), TypeError("x"), ValueError("x")])
+def test_a_bug_is_logged_as_one(caplog, bug):
+    """The same kinds of errors while a question is answered are the view's own, not the page's."""
+    needed_module("uvicorn", "pip install 'glrender[view]'")
+    from glrender_server.view.serving import _Viewer
+
+    class Source:
+        @property
+        def status(self):
+            raise bug
+
+    answer = asyncio.run(_Viewer(None, Source(), set())._answered("status", {}))
+    assert "the view failed on this" in answer["trouble"] and "Traceback" in caplog.text
 
 
 def test_connections_that_ask_nothing_keep_nobody_out(tmp_path):
@@ -393,10 +411,8 @@ def test_a_scene_that_was_replaced_is_not_asked_about_old_frames(tmp_path):
         scene["bodies"][0]["generated"]["radius_m"] = 50.0
         client.load_scene(scene)
         assert client.watch().streams == []
-        deadline = time.monotonic() + PATIENCE_S
-        while "replaced" not in (page.ask("pixel", number=old["number"], x=16, y=16), page.answer()[0])[1].get(
-                "trouble", ""):
-            assert time.monotonic() < deadline
+        page.ask("pixel", number=old["number"], x=16, y=16)  # at once: the page's process has not asked for anything
+        assert "replaced" in page.answer()[0]["trouble"]
         client.render(state(), "bare")
         page.ask("frame", after=old["number"], stream=["nobody", "bare"])
         page.ask("frame", after=old["number"], stream=None)
@@ -426,6 +442,11 @@ def test_a_server_serves_on_without_its_view(tmp_path):
         log = tmp_path / "server.log"
         serving.until(lambda: "the page's process has ended (-9); frames are served on" in log.read_text())
         assert client.render(state(), "bare").pixels.tobytes() == before
+        # Another shows them, under the same address.
+        with Page(address_of(process)) as page:
+            page.ask("frame", after=0, stream=None)
+            assert page.answer()[1].tobytes() == before
+        assert processes.children(process.pid, b"glrender_server.view") != [number]
         process.send_signal(signal.SIGTERM)
         assert process.wait(60.0) == 0
 
@@ -530,17 +551,17 @@ def test_the_newest_frame_of_each_camera_is_kept_within_bounds():
     tap = Tap()
     for k in range(3 * limits.MAX_WATCHED_FRAMES):
         kept(tap, f"client {k // 2}", camera=f"camera {k % 2}")
-    told = msgpack.unpackb(tap.answer(REQUEST, False)[0])
+    told = msgpack.unpackb(tap.answer(REQUEST, False, 0)[0])
     assert len(told["streams"]) == limits.MAX_WATCHED_FRAMES and told["number"] == 3 * limits.MAX_WATCHED_FRAMES
     kept(tap, "large", limits.MAX_WATCHED_BYTES + 1)
-    assert len(msgpack.unpackb(tap.answer({**REQUEST, "after": 999}, False)[0])["streams"]) == 1
+    assert len(msgpack.unpackb(tap.answer({**REQUEST, "after": 999}, False, 0)[0])["streams"]) == 1
 
 
 def test_only_what_is_newer_and_of_the_right_camera_is_told():
     tap = Tap()
     kept(tap, "a", camera="wide")
     kept(tap, "b")
-    ask = lambda **fields: tap.answer({**REQUEST, **fields}, False)  # noqa: E731
+    ask = lambda **fields: tap.answer({**REQUEST, **fields}, False, 0)  # noqa: E731
     newest, of_a = ask(), ask(of_client="a", camera="wide")
     assert msgpack.unpackb(newest[0])["of_client"] == "b" and msgpack.unpackb(of_a[0])["number"] == 1
     assert len(ask(after=2)) == 1 and len(ask(after=1)) == 2 and len(ask(of_client="a", camera="navcam")) == 1
@@ -554,9 +575,9 @@ def test_what_all_watchers_get_over_sockets_is_bounded_by_the_second(monkeypatch
     sent = 0
     for _ in range(4000):
         now += 0.001
-        sent += sum(map(len, (tap.answer(REQUEST, False) or [b""])[1:]))
+        sent += sum(map(len, (tap.answer(REQUEST, False, 0) or [b""])[1:]))
     assert 0.9 < sent / (5.0 * limits.WATCHED_BYTES_PER_S) < 1.1
-    n_encrypted = sum(tap.answer(REQUEST, True) is not None for now in 2000.0 + 0.001 * np.arange(4000))
+    n_encrypted = sum(tap.answer(REQUEST, True, 0) is not None for now in 2000.0 + 0.001 * np.arange(4000))
     assert n_encrypted * limits.CURVE_COST << 22 < 6.1 * limits.WATCHED_BYTES_PER_S
 
 

@@ -30,7 +30,8 @@ _REQUEST, _REPLY = 0, 1
 # Fastest of gzip's levels, in a thread beside the loop, and exchanges that may wait for it.
 _LEVEL, _MOST_WAITING = 1, 8
 # What may differ between two drawings of one frame.
-_OF_THE_MOMENT = ("timings_ms", "uptime_s", "requests", "errors", "clients", "waiting", "last_timings_ms", "workers")
+_OF_THE_MOMENT = ("timings_ms", "uptime_s", "requests", "errors", "clients", "waiting", "last_timings_ms", "workers",
+                  "generation")
 
 
 class Exchange(NamedTuple):

@@ -90,7 +90,8 @@ class Reply:
 class Watched(NamedTuple):
     """The newest frame that a server has drawn for anyone, and the streams of frames that it has.
 
-    `streams` is a list of ``{"client", "cameras", "number"}``; `client`, `request` (the header of that client's
+    `streams` is a list of ``{"client", "cameras", "number"}``; `generation` counts the scenes that the server has had,
+    as `status` does, and all frames are of the newest; `client`, `request` (the header of that client's
     request, with its state) and `reply` are those of the newest frame, or empty and None where it is not newer than
     the one before.
     """
@@ -100,6 +101,7 @@ class Watched(NamedTuple):
     client: str = ""
     request: dict[str, Any] = {}
     reply: Reply | None = None
+    generation: int = 0
 
 
 class Packer:
@@ -155,8 +157,9 @@ def read_watched(reply: Reply) -> Watched:
     """A reply to `watch`, taken apart."""
     told = reply.header
     if not reply.frames:
-        return Watched(told["number"], told["streams"])
-    return Watched(told["number"], told["streams"], told["of_client"], read_header(told["request"]), reply.frames[0])
+        return Watched(told["number"], told["streams"], generation=told["generation"])
+    return Watched(told["number"], told["streams"], told["of_client"], read_header(told["request"]), reply.frames[0],
+                   told["generation"])
 
 
 def read_header(part: Any) -> dict[str, Any]:

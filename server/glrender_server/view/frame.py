@@ -40,6 +40,8 @@ class Frame:
         As `hello` describes it.
     bodies : list of dict
         Likewise.
+    generation : int
+        Number of the scene, as the server counts them.
     """
 
     number: int
@@ -49,6 +51,7 @@ class Frame:
     pixels: np.ndarray
     camera: Mapping[str, Any]
     bodies: list[Mapping[str, Any]] = field(default_factory=list)
+    generation: int | None = None
     kind: str = "frame"
 
     @cached_property

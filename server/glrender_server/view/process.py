@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import json
 import logging
@@ -10,6 +11,7 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 from glrender import ConfigError
@@ -18,6 +20,8 @@ log = logging.getLogger(__name__)
 
 _NEEDED = ("starlette", "uvicorn", "websockets")
 _END_S = 3.0
+# A process that dies is replaced after so long; pauses double up to a minute, and are short again after a longer life.
+_FIRST_PAUSE_S, _LONG_S = 1.0, 60.0
 
 
 def check_installed(option: str) -> None:
@@ -73,10 +77,10 @@ class ViewProcess:
         self._socket, self._token = listening("--view", port), secrets.token_urlsafe()
         self.address = f"http://127.0.0.1:{self._socket.getsockname()[1]}/?token={self._token}"
         self._process: subprocess.Popen[bytes] | None = None
-        self._is_closing = False
+        self._lock, self._closing = threading.Lock(), threading.Event()
 
     def start(self, endpoint: str, password: str, key_folder: Path | None) -> None:
-        """Start the process, which ends with this one.
+        """Start the process, which ends with this one; one that dies is replaced, after a while that doubles.
 
         Parameters
         ----------
@@ -101,25 +105,43 @@ class ViewProcess:
         # Secrets go through the pipe: arguments and environments can be read by others.
         told = {"endpoint": endpoint.replace("//0.0.0.0:", "//127.0.0.1:"), "password": password, "keys": keys,
                 "token": self._token, "socket": self._socket.fileno()}
-        self._process = subprocess.Popen([sys.executable, "-m", "glrender_server.view"], stdin=subprocess.PIPE,
-                                         pass_fds=[self._socket.fileno()])
-        self._process.stdin.write(json.dumps(told).encode() + b"\n")
-        self._process.stdin.flush()
-        self._socket.close()
-        threading.Thread(target=self._tell_of_its_end, args=(self._process,), daemon=True).start()
+        line = json.dumps(told).encode() + b"\n"
+        self._begin(line)
+        threading.Thread(target=self._keep_up, args=(line,), daemon=True, name="glrender-view").start()
 
-    def _tell_of_its_end(self, process: subprocess.Popen[bytes]) -> None:
-        code = process.wait()
-        if not self._is_closing:
-            log.warning("the page's process has ended (%d); frames are served on, and the next start shows them", code)
+    def _begin(self, line: bytes) -> None:
+        with self._lock:
+            if self._closing.is_set():
+                return
+            self._process = subprocess.Popen([sys.executable, "-m", "glrender_server.view"], stdin=subprocess.PIPE,
+                                             pass_fds=[self._socket.fileno()])
+            with contextlib.suppress(BrokenPipeError):  # it is dead already
+                self._process.stdin.write(line)
+                self._process.stdin.flush()
+
+    def _keep_up(self, line: bytes) -> None:
+        pause_s = _FIRST_PAUSE_S
+        while not self._closing.is_set():
+            began, code = time.monotonic(), self._process.wait()
+            if self._closing.is_set():
+                return
+            if time.monotonic() - began > _LONG_S:
+                pause_s = _FIRST_PAUSE_S
+            log.warning("the page's process has ended (%d); frames are served on, and another shows them in %g s",
+                        code, pause_s)
+            self._closing.wait(pause_s)
+            pause_s = min(2.0 * pause_s, _LONG_S)
+            self._begin(line)
 
     def close(self) -> None:
         """End the process."""
-        self._is_closing = True
+        with self._lock:
+            self._closing.set()
         self._socket.close()
         if self._process is None:
             return
-        self._process.stdin.close()
+        with contextlib.suppress(BrokenPipeError):
+            self._process.stdin.close()
         try:
             self._process.wait(_END_S)
         except subprocess.TimeoutExpired:

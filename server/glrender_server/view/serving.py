@@ -7,10 +7,11 @@ import contextlib
 import hmac
 import json
 import logging
+import math
 import os
 import socket
 import threading
-from collections.abc import AsyncIterator, Iterable
+from collections.abc import AsyncIterator, Callable, Iterable
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -44,8 +45,15 @@ _HEADERS = {
                                "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
     "Cache-Control": "no-store", "Referrer-Policy": "no-referrer", "X-Content-Type-Options": "nosniff",
     "Cross-Origin-Opener-Policy": "same-origin", "Cross-Origin-Resource-Policy": "same-origin"}
-# What JSON holds may be too deep, too large for an integer, of another kind, or missing.
-_SENSELESS = (ValueError, KeyError, TypeError, OverflowError, RecursionError)
+# What JSON holds may be too deep, too large for an integer, of another kind, or missing: looked for while a question is
+# read, not while it is answered.
+_SENSELESS = (ValueError, KeyError, IndexError, TypeError, AttributeError, OverflowError, RecursionError)
+_READ: dict[str, Callable[[dict[str, Any]], tuple[Any, ...]]] = {
+    "frame": lambda question: (int(question["after"]),),
+    "status": lambda question: (),
+    "pixel": lambda question: tuple(int(question[name]) for name in ("number", "x", "y")),
+    "free": lambda question: (str(question["camera"]), str(question["body"]), *(
+        _number(question[name]) for name in ("azimuth_deg", "elevation_deg", "range_m")))}
 _NO_TOKEN = "This page needs its token: open the full address that glrender printed.\n"  # noqa: S105
 
 
@@ -160,6 +168,14 @@ class _BriefConnection(H11Protocol):
         super().handle_websocket_upgrade(event)
 
 
+def _number(value: Any) -> float:
+    """A finite number of a question."""
+    number = float(value)
+    if not math.isfinite(number):
+        raise ValueError(f"must be finite, got {number}")
+    return number
+
+
 class _Viewer:
     """One page: of each kind of question the newest waits, and is answered when the page has room for the answer."""
 
@@ -168,7 +184,7 @@ class _Viewer:
         self.stream: tuple[str, str] | None = None
         self._is_waiting = False
         self._questions: dict[str, dict[str, Any]] = {}
-        self._asked = {kind: asyncio.Event() for kind in ("frame", "status", "pixel", "free")}
+        self._asked = {kind: asyncio.Event() for kind in _READ}
         self._sending = asyncio.Lock()
 
     async def serve(self) -> None:
@@ -176,26 +192,36 @@ class _Viewer:
         self.tell_what_is_wanted()
         answering = [asyncio.create_task(self._answer(kind)) for kind in self._asked]
         try:
-            while True:
-                question = json.loads(await self._peer.receive_text())
-                kind = question["ask"]
+            while (asked := await self._question()) is not None:
+                kind, question, stream = asked
                 self._questions[kind] = question
                 self._asked[kind].set()
                 if kind == "frame":
-                    chosen = question.get("stream")
-                    self.stream = None if chosen is None else (str(chosen[0]), str(chosen[1]))
-                    self._is_waiting = True
+                    self.stream, self._is_waiting = stream, True
                     self.tell_what_is_wanted()
                     self._source.tell_news()
-        except WebSocketDisconnect:
-            pass
-        except (*_SENSELESS, IndexError, AttributeError):
-            with contextlib.suppress(RuntimeError):
-                await self._peer.close(1003, "this is no question of the page")
         finally:
             for task in answering:
                 task.cancel()
             await asyncio.gather(*answering, return_exceptions=True)
+
+    async def _question(self) -> tuple[str, dict[str, Any], tuple[str, str] | None] | None:
+        """The next question's kind, itself and its stream; None at the end of the conversation."""
+        try:
+            text = await self._peer.receive_text()
+        except WebSocketDisconnect:
+            return None
+        except KeyError:
+            text = ""  # bytes came instead
+        try:
+            question = json.loads(text)
+            kind, chosen = question["ask"], question.get("stream")
+            _READ[kind]
+            return kind, question, None if chosen is None else (str(chosen[0]), str(chosen[1]))
+        except _SENSELESS:
+            with contextlib.suppress(RuntimeError):
+                await self._peer.close(1003, "this is no question of the page")
+            return None
 
     def tell_what_is_wanted(self) -> None:
         """Let the source know what all pages wait for: a stopped one waits for nothing."""
@@ -205,13 +231,7 @@ class _Viewer:
         while True:
             await self._asked[kind].wait()
             self._asked[kind].clear()
-            try:
-                answer = await getattr(self, f"_{kind}")(self._questions.pop(kind))
-            except _SENSELESS:
-                answer = {"trouble": "this is no question of the page"}
-            except Exception:
-                log.exception("a question of a page failed")
-                answer = {"trouble": "the view failed on this; its log has the traceback"}
+            answer = await self._answered(kind, self._questions.pop(kind))
             if answer is None:
                 continue  # a newer question waits
             async with self._sending:
@@ -222,8 +242,18 @@ class _Viewer:
             if isinstance(answer, bytes):
                 await asyncio.sleep(len(answer) * len(self._viewers) / BYTES_PER_S)
 
-    async def _frame(self, question: dict[str, Any]) -> bytes | None:
-        after = int(question["after"])
+    async def _answered(self, kind: str, question: dict[str, Any]) -> dict[str, Any] | bytes | None:
+        try:
+            asked = _READ[kind](question)
+        except _SENSELESS:
+            return {"trouble": "this is no question of the page"}
+        try:
+            return await getattr(self, f"_{kind}")(*asked)
+        except Exception:
+            log.exception("a question of a page failed")
+            return {"trouble": "the view failed on this; its log has the traceback"}
+
+    async def _frame(self, after: int) -> bytes | None:
         while (frame := self._source.newest(self.stream, after)) is None:
             await self._source.news()
             if self._asked["frame"].is_set():
@@ -232,22 +262,21 @@ class _Viewer:
         self.tell_what_is_wanted()
         return frame.message
 
-    async def _status(self, question: dict[str, Any]) -> dict[str, Any]:
+    async def _status(self) -> dict[str, Any]:
         source = self._source
         told = {name: value for name, value in source.status.items() if name not in ("v", "op", "id", "client", "ok",
                                                                                      "arrays")}
         return {"trouble": source.trouble, "endpoint": source.endpoint, "status": told, "streams": source.streams,
                 "seen": source.seen, "viewers": len(self._viewers)}
 
-    async def _pixel(self, question: dict[str, Any]) -> dict[str, Any]:
-        number, x, y = (int(question[name]) for name in ("number", "x", "y"))
+    async def _pixel(self, number: int, x: int, y: int) -> dict[str, Any]:
         frame = self._source.numbered(number) or self._source.newest(self.stream)
         if frame is None or not (0 <= x < frame.camera["width_px"] and 0 <= y < frame.camera["height_px"]):
             return {"trouble": "this pixel's frame is gone"}
         return {"number": frame.number, "x": x, "y": y, **await self._source.pixel(frame, x, y)}
 
-    async def _free(self, question: dict[str, Any]) -> dict[str, Any] | bytes:
-        angles = [float(question[name]) for name in ("azimuth_deg", "elevation_deg", "range_m")]
-        drawn = await self._source.free(str(question["camera"]), str(question["body"]), *angles,
+    async def _free(self, camera: str, body: str, azimuth_deg: float, elevation_deg: float,
+                    range_m: float) -> dict[str, Any] | bytes:
+        drawn = await self._source.free(camera, body, azimuth_deg, elevation_deg, range_m,
                                         self._source.newest(self.stream))
         return {"trouble": drawn} if isinstance(drawn, str) else drawn.message

@@ -32,6 +32,10 @@ Stream = tuple[str, str]
 """A client and its camera."""
 
 
+class SceneReplaced(GlrenderClientError):
+    """The server has another scene than the frame that is asked about."""
+
+
 class Source:
     """What the page shows of one server; it asks only while somebody looks.
 
@@ -146,9 +150,11 @@ class Source:
             if began - asked_at > _STATUS_S:
                 self.status, self.trouble, asked_at = client.status(), "", began
             for stream in list(self._wanted):
-                of_client, camera = stream or (None, None)
-                watched = client.watch(self._after.get(stream, 0), of_client=of_client, camera=camera,
-                                       password=self._password)
+                (of_client, camera), after = stream or (None, None), self._after.get(stream, 0)
+                watched = client.watch(after, of_client=of_client, camera=camera, password=self._password)
+                # Cameras and bodies are those of the frame: another scene, or another server, has its own.
+                if watched.generation != self.status["generation"] or watched.number < after:
+                    self.status, asked_at = client.status(), began
                 self.streams = watched.streams
                 if watched.reply is not None:
                     self._after[stream] = watched.number
@@ -157,6 +163,8 @@ class Source:
             self._ended.wait(max(0.0, _WATCH_S - (time.monotonic() - began)))
 
     def _take(self, watched: Watched) -> None:
+        if watched.generation != self.status["generation"]:
+            return  # a third scene came between: its frames come next
         replies = watched.reply.frames or (watched.reply,)
         counts: dict[str, int] = {}
         frames = self.frames.copy()  # the other thread reads them
@@ -164,24 +172,21 @@ class Source:
             name = reply.header["camera"]
             index = counts[name] = counts.get(name, -1) + 1
             frame = self._frame(watched, reply, index)
-            if frame is not None:
-                frames.pop(frame.stream, None)
-                frames[frame.stream] = frame
-                plan = reply.header["plan"]
-                self.seen["frames"] += 1
-                self.seen["over_budget"] += bool(plan["missed"])
+            frames.pop(frame.stream, None)
+            frames[frame.stream] = frame
+            plan = reply.header["plan"]
+            self.seen["frames"] += 1
+            self.seen["over_budget"] += bool(plan["missed"])
         while len(frames) > _MAX_STREAMS:
             frames.popitem(last=False)
         self.frames = frames
 
-    def _frame(self, watched: Watched, reply: Reply, index: int) -> Frame | None:
+    def _frame(self, watched: Watched, reply: Reply, index: int) -> Frame:
         camera = self._camera(reply.header["camera"])
-        if camera is None:
-            return None  # of a scene that was replaced since
         self._number += 1
         return Frame(number=self._number, stream=(watched.client, camera["name"], index), header=reply.header,
                      request=watched.request, pixels=np.array(reply.pixels, order="C"), camera=camera,
-                     bodies=self.status["bodies"])
+                     bodies=self.status["bodies"], generation=watched.generation)
 
     def _camera(self, name: str) -> Mapping[str, Any] | None:
         return next((camera for camera in self.status.get("cameras", ()) if camera["name"] == name), None)
@@ -197,13 +202,11 @@ class Source:
             `irradiance_W_m2`, `range_m`, `incidence_deg`, `emission_deg`, `phase_deg`, `body`; `trouble` if it cannot
             be drawn now. Where no body is, None.
         """
-        if self._camera(frame.camera["name"]) != frame.camera or self.status.get("bodies") != frame.bodies:
-            return {"trouble": self.trouble or "the scene was replaced since"}
         products = ["range", "body_id", "incidence", "emission", "phase"]
         asked = self._asked(frame)
         try:
-            reply = await self._draw(frame.request["state"], frame.camera["name"], products=products,
-                                     roi=(x, y, x + 1, y + 1), max_error=asked.get("max_error"),
+            reply = await self._draw(frame.generation, frame.request["state"], frame.camera["name"],
+                                     products=products, roi=(x, y, x + 1, y + 1), max_error=asked.get("max_error"),
                                      samples=asked.get("samples"))
         except Exception as error:
             return {"trouble": _told(error)}
@@ -224,8 +227,8 @@ class Source:
     async def free(self, camera_name: str, body_name: str, azimuth_deg: float, elevation_deg: float, range_m: float,
                    like: Frame | None) -> Frame | str:
         """A frame of the camera that is moved by hand, at the epoch of another frame; or why there is none."""
-        camera = self._camera(camera_name)
-        bodies = self.status.get("bodies", [])
+        status = self.status
+        camera, generation, bodies = self._camera(camera_name), status.get("generation"), status.get("bodies", [])
         body = next((body for body in bodies if body["name"] == body_name), None)
         if camera is None or body is None:
             return self.trouble or "the scene was replaced"
@@ -233,15 +236,21 @@ class Source:
         state = geometry.free_state(like.request["state"] if has_same else geometry.default_state(bodies), camera, body,
                                     azimuth_deg, elevation_deg, range_m)
         try:
-            reply = await self._draw(state, camera_name, max_error=_FREE_ERROR, samples=1)
+            reply = await self._draw(generation, state, camera_name, max_error=_FREE_ERROR, samples=1)
         except Exception as error:
             return _told(error)
         return Frame(number=0, stream=("free camera", camera_name, 0), header=reply.header, request={"state": state},
                      pixels=np.array(reply.pixels, order="C"), camera=camera, bodies=bodies, kind="free")
 
-    async def _draw(self, *arguments: Any, **options: Any) -> Reply:
+    async def _draw(self, generation: int | None, *arguments: Any, **options: Any) -> Reply:
+        """A frame of the scene with this number."""
+        def draw(client: Client) -> Reply:
+            if client.status()["generation"] != generation:
+                raise SceneReplaced("the scene was replaced since")
+            return client.render(*arguments, background=True, **options)
+
         future: Future[Reply] = Future()
-        self._draws.put((future, lambda client: client.render(*arguments, background=True, **options)))
+        self._draws.put((future, draw))
         return await asyncio.wrap_future(future)
 
     def _draw_in_turn(self) -> None:

@@ -24,6 +24,7 @@ const free = {azimuth_deg: 30, elevation_deg: 20, range_m: 0, body: "", camera: 
 
 link.on("open", () => {
   light("good", "connected");
+  after = 0;  // another view counts anew
   askFrame();
   link.ask("status");
 });
