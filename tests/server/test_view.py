@@ -434,6 +434,18 @@ def test_the_view_ends_with_its_server(tmp_path):
         serving.until(lambda: not answers(address), PATIENCE_S)
 
 
+def test_a_browser_finds_the_view_that_took_anothers_place(tmp_path, window):
+    """Which counts frames anew: the page asks for the first again."""
+    with serving.server(tmp_path, "--view", "0", scene=SCENE) as (endpoint, process), Client(endpoint) as client:
+        opened(window, address_of(process))
+        for step in range(3):
+            client.render(state(step), "bare")
+            serving.until(lambda step=step: frame_number(window) == step + 1, PATIENCE_S)
+        (number,) = processes.children(process.pid, b"glrender_server.view")
+        os.kill(number, signal.SIGKILL)
+        serving.until(lambda: frame_number(window) == 1, PATIENCE_S)
+
+
 def test_a_server_serves_on_without_its_view(tmp_path):
     with serving.server(tmp_path, "--view", "0", scene=SCENE) as (endpoint, process), Client(endpoint) as client:
         before = client.render(state(), "bare").pixels.tobytes()
