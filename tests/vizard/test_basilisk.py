@@ -95,17 +95,19 @@ def test_basilisk_measures_an_ellipsoid(basilisk, tmp_path):
 
 
 def test_a_loop_that_steers_by_images_finds_its_planet(adapter, basilisk):
-    """Of Basilisk's own modules, as in its scenario_OpNavPointLimb: from 10 deg off to what its feedback leaves.
+    """The loop and the numbers of Basilisk's scenario_OpNavPointLimb: from 8 deg off to what its feedback leaves.
 
-    The planet moves on while the reference rate is zero: K = 3.5 and P = 60 leave 0.4 deg of 9 deg.
+    The planet moves on while the reference rate is zero: K = 3.5 and P = 30 leave 0.34 deg.
     """
-    process = basilisk(POINTING, port=adapter.port, minutes=5)
+    before = adapter.count("image_none")
+    process = basilisk(POINTING, port=adapter.port, minutes=12)
     process.stdin = None
     output = process.communicate(timeout=180)[0]
     assert process.returncode == 0, output[-3000:]
     minutes = [line for line in output.splitlines() if line.startswith("FLIGHT ")][0]
     off_deg = [each["off_deg"] for each in json.loads(minutes.removeprefix("FLIGHT "))["images"]]
-    assert off_deg[0] > 4.0 and max(off_deg[2:]) < 0.6
+    assert off_deg[4] > 7.0 and max(off_deg[8:]) < 0.4, off_deg
+    assert adapter.count("image_none") == before
 
 
 def until_line(process, start, seconds=120.0):
