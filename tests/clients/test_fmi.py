@@ -8,6 +8,7 @@ import sys
 import time
 from pathlib import Path
 
+import glrender_client  # noqa: F401 - before a unit brings its own copy into this process
 import numpy as np
 import pytest
 import serving
@@ -48,6 +49,14 @@ FOCAL_PX, CENTRE_PX, RADIUS_M, RANGE_M = 1000.0, np.array([127.5, 119.5]), 100.0
 def fmpy():
     needed_module("fmpy.validation", "pip install fmpy")
     return needed_module("fmpy", "pip install fmpy")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def own_path():
+    """Units put their folders on this process' path."""
+    before = list(sys.path)
+    yield
+    sys.path[:] = before
 
 
 @pytest.fixture(scope="module")
