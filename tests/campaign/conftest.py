@@ -17,7 +17,7 @@ height_px = 96
 focal_length_px = 300.0
 [cameras.model]
 exposure_s = "auto"
-optics = { aperture_diameter_m = 0.002, psf_sigma_px = 0.6 }
+optics = { aperture_diameter_m = 0.0006, psf_sigma_px = 0.6 }
 detector = { quantum_efficiency = 0.5, full_well_electrons = 30000.0, gain_DN_per_electron = 0.008, bit_depth = 8, \
 read_noise_electrons = 20.0, offset_DN = 5.0 }
 [trajectory]

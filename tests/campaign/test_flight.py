@@ -54,10 +54,10 @@ def test_a_focal_length_that_is_believed_5_percent_longer_puts_the_body_5_percen
 
 
 def test_a_distortion_that_is_believed_is_taken_out(campaign_file, tmp_path):
-    """A lens that shrinks a body off the axis by 2 %: unknown it costs as much, known a third, as edges are blurred."""
-    lens = "distortion = { k1 = -2.0 }\n[cameras.model]"
+    """A lens that shrinks a body off the axis by 1.5 %: unknown it costs as much, known a third: edges blur."""
+    lens = "distortion = { k1 = -1.0 }\n[cameras.model]"
     found = []
-    for belief in ("{ k1 = -2.0 }", "{}"):
+    for belief in ("{ k1 = -1.0 }", "{}"):
         file = campaign_file("scenario = 'approach.toml'\npointing = 'scenario'\nhandover = 0.03\n[axes]\n"
                              f"seed = [1]\nmax_error = [0.3]\nbelief.cameras.navcam.distortion = [{belief}]\n")
         text = (tmp_path / "approach.toml").read_text()
@@ -66,7 +66,7 @@ def test_a_distortion_that_is_believed_is_taken_out(campaign_file, tmp_path):
         (tmp_path / "approach.toml").write_text(text)
         campaign = load_campaign(file)
         found.append(flown(campaign, campaign.cases[0])["error_over_range"]["last"])
-    assert found[0] < 0.008 and found[1] > 0.015
+    assert found[0] < 0.008 and found[1] > 0.013
 
 
 class Broken(Estimator):
@@ -151,7 +151,7 @@ def test_the_truth_reaches_the_estimate_by_frames_alone(campaign_file, tmp_path,
     """Two true places, one first estimate, and the same frame sent from both: the estimates are equal."""
     real, estimates = flight_module._taken, {}
     frame = np.zeros((96, 96), np.uint8)
-    frame[30:60, 40:70] = 200
+    frame[30:60, 40:70] = np.random.default_rng(1).integers(50, 200, (30, 30))
 
     def taken(onboard, pixels, *rest):
         found = real(onboard, frame, *rest)
