@@ -31,7 +31,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "scenario.md"
 SCENARIO = """
 [[bodies]]
 name = "itokawa"
-generated = { kind = "contact_binary", radius_m = 250.0, seed = 3, subdivisions = 4 }
+generated = { kind = "contact_binary", radius_m = 250.0, seed = 3, subdivisions = 3 }
 brdf = { law = "hapke", single_scattering_albedo = 0.4, b = 0.3, c = 1.0, roughness_deg = 20.0 }
 [[bodies]]
 name = "moonlet"
