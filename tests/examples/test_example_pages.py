@@ -230,13 +230,13 @@ def test_bennus_twin_is_bennu(shared, monkeypatch):
 
 
 def test_an_estimators_errors_are_those_of_its_page(monkeypatch, tmp_path, capsys):
-    """Templates in eight of the page's frames: within a factor of three; and pictures of it and of the filter."""
+    """Templates in six of the page's frames: within a factor of three; and pictures of it and of the filter."""
     navigate = module(monkeypatch, "navigation", "navigate")
-    rows, _ = navigate.measured("templates", 8, 256, 6)
+    rows, _ = navigate.measured("templates", 6, 256, 6)
     found = [np.sqrt(np.mean(rows[name]**2)) for name in ("px", "percent", "sigmas")]
     page = numbers("navigation", "`templates`")[:3]
     assert (np.divide(found, page) < 3.0).all() and (np.divide(found, page) > 1.0 / 3.0).all(), (found, page)
-    for name in ("limb_shape", "altimeter", "filter"):
+    for name in ("altimeter", "filter"):
         navigate.main(name, tmp_path / "out.png", 3, 96)
         assert np.asarray(Image.open(tmp_path / "out.png").convert("L")).std() > 20
     assert "NEES" in capsys.readouterr().out
