@@ -3,14 +3,15 @@
 Left, the camera's frames are drawn to 0.1 %, and the believed scene at budgets from 0.3 to 0.003 or with fixed
 samples, as an on-board renderer would: error of each estimator against its processor time. Right, the believed scene is
 drawn to 3 %, and the simulated camera's frames at those budgets: how far that moves what an estimator finds from where
-it finds it in the frame drawn to 0.1 % with the same noise, which is the renderer's own bias. A knee is the fastest
-budget, or number of samples, that leaves the error within 20 % of the best one's, or whose bias adds no more than 20 %
+it finds it in the frame drawn to 0.1 % with the same noise, which is the renderer's own bias. A knee is the largest
+budget, or the fewest samples, that leaves the error within 20 % of the best one's, or whose bias adds no more than 20 %
 to the error. The world is that of examples/navigation; it writes navigation_chart.png and .json.
 """
 
 from __future__ import annotations
 
 import argparse
+import io
 import json
 import sys
 import time
@@ -23,6 +24,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from peers.environment import REPOSITORY
+from PIL import Image
 
 # An example, in no package.
 sys.path.insert(0, str(REPOSITORY / "examples" / "navigation"))
@@ -57,7 +59,7 @@ class Bench:
             self.local.render(true, **setting)
             times_ms.append(1e3 * (time.process_time() - began))
             drawn.append(self.local.render(true, output="dn", exposure_s="auto", seed=index, **setting).pixels)
-        return drawn[1:], float(np.mean(times_ms[1:]))
+        return drawn[1:], float(np.median(times_ms[1:]))
 
     def measured(self, name: str, seen: list[np.ndarray], setting: dict[str, Any]) -> np.ndarray:
         """Errors right and down [px] and of the range [%], and processor time [ms], of each frame; NaN where lost."""
@@ -81,10 +83,10 @@ class Bench:
 
 
 def summed(errors: np.ndarray) -> dict[str, float]:
-    """RMS of the centre [px] and of the range [%], mean processor time [ms], frames lost."""
+    """RMS of the centre [px] and of the range [%], median processor time [ms], frames lost."""
     right, down, percent, took_ms = errors.T
     return {"px": float(np.sqrt(np.nanmean(right**2 + down**2))), "percent": float(np.sqrt(np.nanmean(percent**2))),
-            "ms": float(np.mean(took_ms)), "lost": int(np.isnan(percent).sum())}
+            "ms": float(np.median(took_ms)), "lost": int(np.isnan(percent).sum())}
 
 
 def rows(bench: Bench) -> list[dict[str, Any]]:
@@ -115,12 +117,12 @@ def camera_rows(bench: Bench, true_frames: list[np.ndarray]) -> list[dict[str, A
 
 
 def knee(points: list[dict[str, Any]], quantity: str, floor: float | None) -> dict[str, Any]:
-    """The fastest of points that are good enough: beside the best one, or beside an error that a bias adds to."""
+    """The first of points, coarse to fine, that is good enough: beside the best, or beside an error it adds to."""
     if floor is None:
         most = _KNEE * min(point[quantity] for point in points)
     else:
         most = max(floor * (_KNEE**2 - 1.0)**0.5, min(point[quantity] for point in points))
-    return min((point for point in points if point[quantity] <= most), key=lambda point: point["ms"])
+    return next(point for point in points if point[quantity] <= most)
 
 
 def draw(found: list[dict[str, Any]], out: Path, title: str) -> None:
@@ -153,7 +155,9 @@ def draw(found: list[dict[str, Any]], out: Path, title: str) -> None:
               Line2D([], [], color="0.3", ls=":", label="right: the estimator's whole error")]
     figure.legend(handles=lines, loc="outside lower center", ncols=4, fontsize=8)
     figure.suptitle(title, fontsize=11)
-    figure.savefig(out, dpi=90)
+    with io.BytesIO() as drawn:
+        figure.savefig(drawn, dpi=90)
+        Image.open(drawn).convert("RGB").quantize(128).save(out, optimize=True)
 
 
 def _curves(axis, points: list[dict[str, Any]], name: str, quantity: str) -> None:
