@@ -165,8 +165,12 @@ def _curves(axis, points: list[dict[str, Any]], name: str, quantity: str) -> Non
     if floor is not None:
         axis.axhline(floor, color=COLOURS[name], lw=1.0, ls=":")
     for key, style in (("max_error", {"marker": "o", "ms": 4}), ("samples", {"marker": "x", "ls": "--", "lw": 0.7})):
-        chosen = sorted((p for p in points if key in p), key=lambda p: p[key] if key == "samples" else -p[key])
+        chosen = [p for p in points if key in p and np.isfinite(p[quantity])]
+        chosen = sorted(chosen, key=lambda p: p[key] if key == "samples" else -p[key])
         axis.plot([p["ms"] for p in chosen], [p[quantity] for p in chosen], color=COLOURS[name], **style)
+        if not chosen:
+            # Every frame was lost.
+            continue
         best = knee(chosen, quantity, floor)
         axis.plot(best["ms"], best[quantity], "o", ms=12, mfc="none", color=COLOURS[name])
         axis.annotate(f"{best[key]:g}", (best["ms"], best[quantity]), xytext=(8, 5), textcoords="offset points",

@@ -160,6 +160,37 @@ def test_a_frame_that_shows_nothing_gives_a_reason(flown, name):
         estimator.measure(frame[:-1], believed, flown.board.render)
 
 
+@pytest.mark.parametrize("name", BOUNDS)
+def test_a_faulty_frame_gives_a_measurement_or_a_reason(flown, name):
+    """Lost, shifted and garbled lines, lost blocks, noise, dead columns, another place: never an exception."""
+    rng, estimator = np.random.default_rng(7), ESTIMATORS[name](flown.camera, flown.body)
+    for fault in range(7):
+        for _, believed, frame in flown.views[::2]:
+            bad = frame.copy()
+            y, x = rng.integers(0, 100, 2)
+            if fault == 0:
+                bad[rng.integers(0, 160, 40)] = 0
+            elif fault == 1:
+                bad[80:] = np.roll(bad[80:], rng.integers(-50, 50), axis=1)
+            elif fault == 2:
+                octets = bad.view(np.uint8).reshape(-1)
+                octets[rng.integers(0, octets.size, 3000)] = rng.integers(0, 256, 3000)
+            elif fault == 3:
+                bad[y : y + 60, x : x + 60] = 0
+            elif fault == 4:
+                bad = rng.integers(0, 4096, bad.shape).astype(np.uint16)
+            elif fault == 5:
+                bad[:, rng.integers(0, 160, 20)] = 4095
+            else:
+                bad = np.roll(bad, (x - 50, y - 50), axis=(0, 1))
+            found = estimator.measure(bad, believed, flown.board.render)
+            if found is None:
+                assert estimator.reason
+            else:
+                place, covariance = found.place(3000.0)
+                assert np.isfinite(place).all() and (np.linalg.eigvalsh(covariance) > 0.0).all()
+
+
 def test_a_mounted_camera_and_a_moved_body():
     """`sight` by hand: camera 2 m ahead, turned by 90 degrees about z; `moved` puts the body where it is asked to."""
     half = 0.5**0.5
