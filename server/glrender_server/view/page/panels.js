@@ -44,7 +44,7 @@ export function frameRows(head) {
 
 export function planRows(plan) {
   if (!plan) return [];
-  const isOver = plan.missed.length > 0;
+  const isOver = plan.missed?.length > 0;
   const rows = [
     ["predicted error", percent(plan.predicted_error), "", isOver ? "over" : ""],
     ["allowed", percent(plan.max_error)],
