@@ -51,6 +51,8 @@ client.close();
 % What is wrong, by identifier; the connection stays sound.
 render = @(varargin) glrender_mex('render', handle, state, varargin{:});
 expect_error('glrender:scene', 'frames\[0\].camera: unknown camera', @() render(struct('camera', 'wac')));
+expect_error('glrender:config', 'max_error.flux: must be at least', ...
+             @() render(struct('camera', 'bare', 'max_error', struct('flux', 1e-9, 'range', 0.1))));
 expect_error('glrender:config', 'roi\[2\]', @() render(struct('camera', 'bare', 'roi', [0 0 33 1])));
 bad = state;
 bad.spacecraft.q_from_inertial = [1 1 0 0];
