@@ -57,9 +57,9 @@ def basilisk():
         missing(f"BASILISK'S OPNAV ({probe.stderr.strip().splitlines()[-1]})", "make basilisk")
     began = []
 
-    def start(script=FLIGHT, **settings):
-        process = subprocess.Popen([python, str(script)], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-                                   stderr=subprocess.STDOUT, env=environment, text=True)
+    def start(script=FLIGHT, arguments=(), **settings):
+        process = subprocess.Popen([python, str(script), *map(str, arguments)], stdin=subprocess.PIPE,
+                                   stdout=subprocess.PIPE, stderr=subprocess.STDOUT, env=environment, text=True)
         began.append(process)
         process.stdin.write(json.dumps(settings))
         process.stdin.close()
