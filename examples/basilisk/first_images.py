@@ -12,8 +12,8 @@ from Basilisk.simulation import camera, spacecraft
 from Basilisk.utilities import RigidBodyKinematics as rbk
 from Basilisk.utilities import SimulationBaseClass, macros, orbitalMotion, simIncludeGravBody, vizSupport
 
-port, folder = [*sys.argv[1:], *["5556", "out/basilisk"][len(sys.argv) - 1:]]
-folder = Path(folder)
+port = sys.argv[1] if len(sys.argv) > 1 else "5556"
+folder = Path(sys.argv[2] if len(sys.argv) > 2 else "out/basilisk")
 folder.mkdir(parents=True, exist_ok=True)
 
 # A task for the flight, and one of lower priority that sees the images of the same step.
