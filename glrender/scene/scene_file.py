@@ -96,12 +96,12 @@ def body(table: Mapping[str, Any], path: str, files: Files) -> Body:
         with error_path(f"{path}.shape"):
             shape = Shape.from_file(files.path("", table["shape"]), length_unit=length_unit)
     if "albedo_texture" in table:
-        if shape.uv is None:
-            raise ConfigError(f"{path}.albedo_texture", "needs a shape with texture coordinates, and this one has none",
-                              table["albedo_texture"], "leave it out, or take a shape that has them (`vt` of an OBJ)")
         gain = positive(f"{path}.albedo_texture_gain", table.get("albedo_texture_gain", 1.0))
         with error_path(f"{path}.albedo_texture"):
             albedo_map = read_texture(files.path("", table["albedo_texture"])) * np.float32(gain)
+        if shape.uv is None:
+            raise ConfigError(f"{path}.albedo_texture", "needs a shape with texture coordinates, and this one has none",
+                              table["albedo_texture"], "leave it out, or take a shape that has them (`vt` of an OBJ)")
     law = read_law(table["brdf"], f"{path}.brdf")
     detail = None
     if "detail" in table:
