@@ -19,9 +19,9 @@ from ..view.regions import outline, region
 from ..view.view import BodyView
 from .error_model import FLUX_SHARE, lit_share
 
-# Errors over the RMS error and the powers above [1] or [px], of flux, centre, limb and range: 95 % of 750 frames of 340
-# scenes (seeds from 0, 100, 1000 and 1200 on), beside float64 rays, are within.
-_EXACT, _SAMPLED = (0.6, 0.15, 0.2, 0.75), (0.65, 0.25, 0.54, 2.0)
+# Errors over the RMS error and the powers above [1] or [px], of flux, centre, limb and range: 95 % of 810 frames of 400
+# scenes (seeds 0 to 199, from 1000 and from 1200 on), beside float64 rays, are within.
+_EXACT, _SAMPLED = (0.72, 0.17, 0.2, 0.84), (0.78, 0.28, 0.54, 2.24)
 # Least errors that are predicted, likewise: the same frames. That of range is of the mean limb [px].
 _LEAST = (3e-5, 3e-4, 0.012, 0.002)
 # Of a tolerance, or of the least error where that is more [1], what the RMS error may take at least.
