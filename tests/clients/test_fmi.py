@@ -12,6 +12,7 @@ import glrender_client  # noqa: F401 - before a unit brings its own copy into th
 import numpy as np
 import pytest
 import serving
+import zmq
 from missing import needed_module
 
 FMI = Path(__file__).parents[2] / "clients" / "fmi"
@@ -169,6 +170,18 @@ def test_a_frame_that_cannot_be_had_is_an_error_soon(fmpy, units, endpoint, vers
         fmpy.simulate_fmu(str(units[version]), stop_time=1.0, output_interval=1.0, logger=lambda *each: lines.append(
             str(each)), debug_logging=True, start_values=start(endpoint, 30.0) | more)
     assert time.monotonic() - began < 20.0 and said in "\n".join(lines), lines
+
+
+def test_a_server_that_says_nothing_is_not_waited_for(fmpy, units):
+    """Whatever listens there: two tries of `timeout_s`, and a look whether somebody is there."""
+    with zmq.Context() as context, context.socket(zmq.ROUTER) as silent:
+        silent.linger, port = 0, silent.bind_to_random_port("tcp://127.0.0.1")
+        lines, began = [], time.monotonic()
+        with pytest.raises(Exception, match="error"):
+            fmpy.simulate_fmu(str(units[3]), stop_time=1.0, logger=lambda *each: lines.append(str(each)),
+                              debug_logging=True, start_values={"endpoint": f"tcp://127.0.0.1:{port}",
+                                                                "timeout_s": 0.3})
+    assert time.monotonic() - began < 15.0 and "did not answer `hello` within 0.3 s, 2 times" in "\n".join(lines)
 
 
 def test_bodies_that_the_server_does_not_have_are_told(fmpy, units, tmp_path):

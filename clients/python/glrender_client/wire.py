@@ -157,9 +157,9 @@ def read_watched(reply: Reply) -> Watched:
     """A reply to `watch`, taken apart."""
     told = reply.header
     if not reply.frames:
-        return Watched(told["number"], told["streams"], generation=told["generation"])
+        return Watched(told["number"], told["streams"], generation=told.get("generation", 0))
     return Watched(told["number"], told["streams"], told["of_client"], read_header(told["request"]), reply.frames[0],
-                   told["generation"])
+                   told.get("generation", 0))
 
 
 def read_header(part: Any) -> dict[str, Any]:

@@ -51,7 +51,7 @@ class Frame:
     pixels: np.ndarray
     camera: Mapping[str, Any]
     bodies: list[Mapping[str, Any]] = field(default_factory=list)
-    generation: int | None = None
+    generation: int = 0
     kind: str = "frame"
 
     @cached_property

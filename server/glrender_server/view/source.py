@@ -153,7 +153,7 @@ class Source:
                 (of_client, camera), after = stream or (None, None), self._after.get(stream, 0)
                 watched = client.watch(after, of_client=of_client, camera=camera, password=self._password)
                 # Cameras and bodies are those of the frame: another scene, or another server, has its own.
-                if watched.generation != self.status["generation"] or watched.number < after:
+                if watched.generation != self.status.get("generation", 0) or watched.number < after:
                     self.status, asked_at = client.status(), began
                 self.streams = watched.streams
                 if watched.reply is not None:
@@ -163,7 +163,7 @@ class Source:
             self._ended.wait(max(0.0, _WATCH_S - (time.monotonic() - began)))
 
     def _take(self, watched: Watched) -> None:
-        if watched.generation != self.status["generation"]:
+        if watched.generation != self.status.get("generation", 0):
             return  # a third scene came between: its frames come next
         replies = watched.reply.frames or (watched.reply,)
         counts: dict[str, int] = {}
@@ -228,7 +228,7 @@ class Source:
                    like: Frame | None) -> Frame | str:
         """A frame of the camera that is moved by hand, at the epoch of another frame; or why there is none."""
         status = self.status
-        camera, generation, bodies = self._camera(camera_name), status.get("generation"), status.get("bodies", [])
+        camera, generation, bodies = self._camera(camera_name), status.get("generation", 0), status.get("bodies", [])
         body = next((body for body in bodies if body["name"] == body_name), None)
         if camera is None or body is None:
             return self.trouble or "the scene was replaced"
@@ -242,10 +242,10 @@ class Source:
         return Frame(number=0, stream=("free camera", camera_name, 0), header=reply.header, request={"state": state},
                      pixels=np.array(reply.pixels, order="C"), camera=camera, bodies=bodies, kind="free")
 
-    async def _draw(self, generation: int | None, *arguments: Any, **options: Any) -> Reply:
+    async def _draw(self, generation: int, *arguments: Any, **options: Any) -> Reply:
         """A frame of the scene with this number."""
         def draw(client: Client) -> Reply:
-            if client.status()["generation"] != generation:
+            if client.status().get("generation", 0) != generation:
                 raise SceneReplaced("the scene was replaced since")
             return client.render(*arguments, background=True, **options)
 
