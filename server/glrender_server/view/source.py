@@ -202,6 +202,8 @@ class Source:
             `irradiance_W_m2`, `range_m`, `incidence_deg`, `emission_deg`, `phase_deg`, `body`; `trouble` if it cannot
             be drawn now. Where no body is, None.
         """
+        if self.trouble:
+            return {"trouble": self.trouble}
         products = ["range", "body_id", "incidence", "emission", "phase"]
         asked = self._asked(frame)
         try:
