@@ -45,7 +45,7 @@ def error_against(axis: str, values: Sequence[str], results: Sequence[Mapping[st
                 plot.plot(place + shift + np.array(spread), kept, ".", color=colour, alpha=0.5, markersize=5)
                 plot.hlines(np.median(kept), place + shift - 0.1, place + shift + 0.1, color=colour, linewidth=2.5)
             if lost := len(own) - len(kept):
-                plot.annotate(f"{lost} lost", (place + shift, 1.0), xycoords=("data", "axes fraction"), ha="center",
+                plot.annotate(f"{lost} lost", (place + shift, 0.97), xycoords=("data", "axes fraction"), ha="center",
                               va="top", fontsize=8, color=_LOST_COLOUR)
     for number, name in enumerate(names if len(names) > 1 else ()):
         plot.plot([], [], ".-", color=_COLOURS[number % len(_COLOURS)], label=name)
