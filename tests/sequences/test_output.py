@@ -64,7 +64,7 @@ def test_the_table_gives_the_options_and_what_is_asked_overrides_it(scene):
     ("seed = -1", "output.seed: must be an integer between 0 and"),
     ("exposure_s = 0.1", "output.exposure_s: goes with output 'dn' alone, got 0.1"),
     ("output = 'dn'\nexposure_s = -0.1", "output.exposure_s: must be > 0, got -0.1"),
-    ("max_error = 0", "output.max_error: must be > 0, got 0"),
+    ("max_error = 0", "output.max_error: must be > 0 and <= 1, got 0"),
 ])
 def test_check_tells_what_is_wrong_with_the_table(tmp_path, capsys, output, message):
     assert main(["check", scenario(tmp_path, output)]) == 1
