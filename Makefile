@@ -12,7 +12,7 @@ demo: setup
 
 test: setup octave clang blender mitsuba basilisk chromium
 	$(BIN)/ruff check .
-	$(BIN)/python -m pytest -n 2 --dist loadfile $(PYTEST_OPTIONS)
+	$(BIN)/python -m pytest -n 3 --dist loadfile $(PYTEST_OPTIONS)
 
 test-all: PYTEST_OPTIONS = -m ""
 test-all: test
