@@ -39,7 +39,7 @@ class MosaicModel:
     magnification : mapping of letter to float [1], 0.9..1.1
         Lateral chromatic aberration: how much larger than the camera's focal length has it a band's image is.
         Letters that are left out have 1. `PinholeCamera.expose` applies it, about the principal point.
-    faults
+    faults : sequence of Fault, or of tables with their `kind`
         As of `CameraModel`.
 
     Raises

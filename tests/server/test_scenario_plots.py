@@ -94,7 +94,7 @@ def test_the_command_draws_it(plots, flyby, tmp_path, capsys):
 
 @pytest.mark.parametrize("arguments, message", [
     (["--plot", "plot.gif2"], "--plot: cannot be written: Format 'gif2' is not supported"),
-    (["--plot", "nowhere/plot.png"], "No such file or directory"),
+    (["--plot", "nowhere/plot.png"], "--plot: must be in a folder that is there"),
     (["--plot", "plot.png", "--camera", "wac"], "camera: unknown camera, got 'wac'"),
     (["--plot", "plot.png", "--phase-deg", "30"], "--plot: is of a scenario's sequence, not of one frame"),
 ])

@@ -181,7 +181,7 @@ def test_the_examples_warn_of_nothing(name):
 
 
 def test_the_demos_scene_warns_of_nothing(tmp_path):
-    arguments = type("Arguments", (), {"shape": None, "seed": 1, "size_px": 512, "max_error": 0.1})
+    arguments = type("Arguments", (), {"shape": None, "seed": 1, "size_px": 512, "max_error": "0.1"})
     scene = load_scene(demo._write_scene(tmp_path, arguments)[0])
     with open_renderer(scene) as renderer:
         for deg in (20.0, 60.0, 100.0):

@@ -84,12 +84,13 @@ def test_every_block_of_the_page_is_tried():
 
 UNITS = ("m", "px", "s", "ms", "ns", "deg", "rad", "rad_s", "m_s", "nm", "W_m2", "electrons", "DN", "K", "kg_m3", "au")
 # Numbers [1], counts and years of the scene files in docs/.
-PURE = {"B", "R", "albedo_texture_gain", "aspect", "b", "bit_depth", "c", "central_obscuration", "coverage", "depth",
-        "exponent", "extinction_efficiency", "f_number", "frames", "geometric_albedo", "grid", "height", "id", "k1",
-        "log_uniform", "magnitude_limit", "max_error", "max_step", "normal_albedo", "p1", "percentile", "probability",
-        "q_camera_from_spacecraft", "quantum_efficiency", "seed", "single_scattering_albedo", "solid_angle",
-        "sun_direction_inertial", "target", "transmission", "veiling_glare", "veiling_glare_beyond", "white_radf",
-        "wing_exponent", "wing_fraction", "year"}
+PURE = {"B", "R", "acceleration_error", "albedo_factor", "albedo_texture_gain", "aspect", "b", "bit_depth", "c",
+        "central_obscuration", "coverage", "depth", "exponent", "extinction_efficiency", "f_number", "facets",
+        "focal_length_factor", "frames", "geometric_albedo", "grid", "handover", "height", "id", "k1",
+        "log_uniform", "magnitude_limit", "max_error", "max_step", "normal_albedo", "p1", "percentile",
+        "probability", "q_camera_from_spacecraft", "quantum_efficiency", "seed", "single_scattering_albedo",
+        "solid_angle", "sun_direction_inertial", "target", "transmission", "veiling_glare",
+        "veiling_glare_beyond", "white_radf", "wing_exponent", "wing_fraction", "year"}
 # Numbers [1], versions, counts and indices of the wire, and a region's pixels.
 PURE_ON_THE_WIRE = {"v", "id", "part", "shape", "seed", "q_from_inertial", "roi"}
 

@@ -186,7 +186,9 @@ def _lasting(header: dict[str, Any]) -> dict[str, Any]:
     kept = {name: value for name, value in header.items() if name not in _OF_THE_MOMENT}
     if "frames" in kept:
         kept["frames"] = [_lasting(frame) for frame in kept["frames"]]
-    for body in kept.get("plan", {}).get("bodies", []):
+    plan = kept.get("plan", {})
+    plan.pop("milliseconds", None)
+    for body in plan.get("bodies", []):
         body.pop("shadow_map_reused", None)
     return kept
 

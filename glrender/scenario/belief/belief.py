@@ -21,6 +21,10 @@ from .decimation import checked_share, decimated
 
 _ALBEDOS = ("normal_albedo", "single_scattering_albedo")
 
+# Lists of numbers go in, arrays come out.
+_NOWHERE: Any = (0.0, 0.0, 0.0)
+_NO_OFFSET: Any = (0.0, 0.0)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BodyBelief:
@@ -48,9 +52,9 @@ class BodyBelief:
     shape: Shape | None = None
     brdf: Any = None
     albedo_factor: float = 1.0
-    pole_offset_deg: np.ndarray = field(default=(0.0, 0.0))
+    pole_offset_deg: np.ndarray = field(default=_NO_OFFSET)
     spin_phase_offset_deg: float = 0.0
-    r_offset_m: np.ndarray = field(default=(0.0, 0.0, 0.0))
+    r_offset_m: np.ndarray = field(default=_NOWHERE)
 
     def __post_init__(self):
         if self.facets is not None:
@@ -101,7 +105,7 @@ class CameraBelief:
     """
 
     focal_length_factor: float = 1.0
-    principal_point_offset_px: np.ndarray = field(default=(0.0, 0.0))
+    principal_point_offset_px: np.ndarray = field(default=_NO_OFFSET)
     distortion: BrownConrady | None = None
 
     def __post_init__(self):
@@ -128,9 +132,9 @@ class SpacecraftBelief:
         Of the star tracker's attitude, about the spacecraft's axes, as a rotation vector.
     """
 
-    r_offset_m: np.ndarray = field(default=(0.0, 0.0, 0.0))
-    v_offset_m_s: np.ndarray = field(default=(0.0, 0.0, 0.0))
-    attitude_offset_deg: np.ndarray = field(default=(0.0, 0.0, 0.0))
+    r_offset_m: np.ndarray = field(default=_NOWHERE)
+    v_offset_m_s: np.ndarray = field(default=_NOWHERE)
+    attitude_offset_deg: np.ndarray = field(default=_NOWHERE)
 
     def __post_init__(self):
         object.__setattr__(self, "r_offset_m", position("r_offset_m", self.r_offset_m))
@@ -203,7 +207,7 @@ class Belief:
         return told
 
 
-def _differences(belief: object) -> list[str]:
+def _differences(belief: Any) -> list[str]:
     """The fields of a belief that are not as by default, with their values."""
     found, plain = [], type(belief)()
     for entry in fields(belief):
