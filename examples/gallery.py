@@ -58,7 +58,7 @@ def sheet(path: Path, pictures: list[tuple[str, np.ndarray]], n_columns: int = 4
 
 
 def faults(path: Path) -> None:
-    """One body in a camera with each fault on its limb: docs/camera_model.md."""
+    """One body in a camera with each fault, on its limb where it can be: docs/camera_model.md."""
     body = Body(name="body", shape=generate.three_lobes(radius_m=100.0, subdivisions=6), brdf=S_TYPE)
     model = CameraModel.from_dict({"preset": "generic_navigation_camera", "exposure_s": "auto",
                                    "optics": {"aperture_diameter_m": 0.002}})
@@ -67,11 +67,11 @@ def faults(path: Path) -> None:
     state = State(r_sun_inertial_m=AU_M * np.array([-0.8, -0.6, 0.1]), bodies={"body": Pose(r_inertial_m=np.zeros(3))},
                   spacecraft=Pose(r_inertial_m=place, q_from_inertial=frames.look_at(place, np.zeros(3))))
     own = {"sun_blinding": {"radius_px": 25.0, "bloom_px": 60.0, "seed": 2}, "stuck_exposure": {"exposure_s": 0.01},
-           "garbled_bytes": {"n_runs": 12}}
+           "garbled_bytes": {"n_runs": 12}, "dust": {"n_spots": 20}}
     pictures = []
     with Renderer(Scene(bodies=[body], cameras=[camera])) as renderer:
-        for kind in KINDS:
-            fault = {"kind": kind, "place": "limb", **own.get(kind, {})}
+        for kind, fixed in ((kind, of.is_fixed) for kind, of in KINDS.items()):
+            fault = {"kind": kind, "place": "random" if fixed else "limb", **own.get(kind, {})}
             frame = take_frame(renderer, state, seed=4, faults=[fault]).frame
             share = np.clip((frame.dn / 4095.0 - 0.03) / 0.8, 0.0, 1.0)
             # Few grey levels: noise is dear in a PNG.

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from ..detector import Detector
+from ..errors import ConfigError
 from ..pattern import FAULT, stream
 from ..validate import integer, known_keys, one_of, within
 
@@ -104,7 +105,8 @@ class Fault:
     probability : float [1], 0..1
         That a frame has it; each frame's seed decides.
     place : "random" or "limb"
-        Anywhere, or on the bright edge of the largest lit body; random where nothing is lit.
+        Anywhere, or on the bright edge of the largest lit body; random where nothing is lit, and always of a fault
+        that is fixed to the sensor.
     seed : int, 0..2**32 - 1
         Another seed puts the fault elsewhere. A fault that is fixed to the sensor stands where this and the
         detector's `sensor_seed` put it, any other where this and the frame's seed do.
@@ -124,6 +126,9 @@ class Fault:
     def __post_init__(self):
         for each in fields(self):
             object.__setattr__(self, each.name, each.metadata["check"](each.name, getattr(self, each.name)))
+        if self.is_fixed and self.place != "random":
+            raise ConfigError("place", f"must be \"random\": {self.kind} stays where it is while the limb moves",
+                              self.place, "leave `place` out; another `seed` moves it")
 
     @classmethod
     def from_dict(cls, table: Mapping[str, Any]) -> Fault:

@@ -108,7 +108,7 @@ class FrameFaults:
 
     def collect(self, charge: np.ndarray, photo: np.ndarray, dark: np.ndarray, response: np.ndarray | None,
                 rows: slice, block: int) -> None:
-        """Change the charge of a block of rows as the faults' light does.
+        """Change the charge of a block of rows: all light is added first, then taken.
 
         Poisson numbers add, and those that are thinned at random are Poisson numbers: so no other pixel's noise, nor
         any other effect's, depends on a fault.
@@ -123,18 +123,21 @@ class FrameFaults:
         rows : slice
         block : int
         """
+        # Light that falls where none is collected is lost, whatever the faults' order.
         for fault, number, effect in self._effects:
-            rng = fault.stream(self._seed, number, _NOISE, block)
             if effect.added_electrons is not None:
                 added = effect.added_electrons(rows)
                 added = added if response is None else added * response
+                rng = fault.stream(self._seed, number, _NOISE, block)
                 charge += poisson.draw(rng, np.ascontiguousarray(added).ravel()).reshape(charge.shape)
                 photo += added
+        for fault, number, effect in self._effects:
             if effect.kept is not None:
                 kept = effect.kept(rows)
                 here = kept < 1.0
                 lost = 1.0 - kept[here].astype(np.float64)
                 share = photo[here] / np.maximum(photo[here] + dark[here], np.float32(1e-30))
+                rng = fault.stream(self._seed, number, _NOISE, block)
                 charge[here] -= rng.binomial(charge[here].astype(np.int64), np.clip(lost * share, 0.0, 1.0))
                 photo[here] *= kept[here]
 
