@@ -9,6 +9,7 @@ import numpy as np
 
 from .body import BelievedBody
 from .camera import Camera, Sight, StateLike
+from .checks import array, number, refuse, whole
 from .measurement import Estimator, Measurement, NotFound
 
 # Of the believed range: what is not known across the surface's normals.
@@ -34,6 +35,11 @@ class Altimeter(Estimator):
         Standard deviation of a range.
     reach_px : int [px], optional
         How far the believed place may be off in the image.
+
+    Raises
+    ------
+    ValueError
+        With the field: a beam out of the image, or what is no number.
     """
 
     name = "altimeter"
@@ -41,8 +47,13 @@ class Altimeter(Estimator):
     def __init__(self, camera: Camera, body: BelievedBody, *, beams_px: np.ndarray | None = None, sigma_m: float = 1.0,
                  reach_px: int = 8):
         super().__init__(camera, body)
-        self._beams_px = np.atleast_2d(np.rint(camera.principal_point_px if beams_px is None else beams_px)).astype(int)
-        self._sigma_m, self._reach_px = sigma_m, reach_px
+        beams_px = array("beams_px", [camera.principal_point_px] if beams_px is None else beams_px, (None, 2),
+                         "give x and y of each beam")
+        self._beams_px, size = np.rint(beams_px).astype(int), (camera.width_px, camera.height_px)
+        if ((self._beams_px < 0) | (self._beams_px >= size)).any():
+            raise refuse("beams_px", f"must be within the image of {size[0]} x {size[1]} px", beams_px,
+                         "ranges are believed at the camera's pixels")
+        self._sigma_m, self._reach_px = number("sigma_m", sigma_m, "give metres"), whole("reach_px", reach_px)
 
     @property
     def directions_camera(self) -> np.ndarray:

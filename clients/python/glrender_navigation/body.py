@@ -6,6 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .checks import array, number, refuse
+
+# Of a closed shape, over the surface to the power of 1.5; a sphere has 0.094.
+_LEAST_VOLUME = 1e-6
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BelievedBody:
@@ -27,6 +32,11 @@ class BelievedBody:
         RMS distance of the surface from the ellipsoid; by default a twentieth of the mean radius.
     bounding_radius_m : float [m], optional
         Of the sphere about the origin that holds the body; by default three mean radii.
+
+    Raises
+    ------
+    ValueError
+        With the field: a radius that is not above zero, an error below it, or what is no number.
     """
 
     name: str
@@ -38,26 +48,43 @@ class BelievedBody:
     bounding_radius_m: float | None = None
 
     def __post_init__(self):
-        if not self.mean_radius_m > 0.0:
-            raise ValueError(f"mean_radius_m: must be > 0, got {self.mean_radius_m!r}")
-        axes = self.mean_radius_m * np.eye(3) if self.ellipsoid_m is None else np.asarray(self.ellipsoid_m, float)
+        radius_m = number("mean_radius_m", self.mean_radius_m, "give metres")
+        axes = radius_m * np.eye(3) if self.ellipsoid_m is None else array("ellipsoid_m", self.ellipsoid_m, (3, 3),
+                                                                           "columns are the semi-axes")
+        if not np.linalg.matrix_rank(axes) == 3:
+            raise refuse("ellipsoid_m", "must have three semi-axes that span space", axes, "leave out for a sphere")
         object.__setattr__(self, "ellipsoid_m", axes)
-        object.__setattr__(self, "ellipsoid_center_m", np.asarray(self.ellipsoid_center_m, float))
+        object.__setattr__(self, "ellipsoid_center_m",
+                           array("ellipsoid_center_m", self.ellipsoid_center_m, (3,), "give x, y and z"))
         for name, share in (("shape_error_m", 0.005), ("ellipsoid_error_m", 0.05), ("bounding_radius_m", 3.0)):
-            if getattr(self, name) is None:
-                object.__setattr__(self, name, share * self.mean_radius_m)
+            value = getattr(self, name)
+            object.__setattr__(self, name, share * radius_m if value is None else number(
+                name, value, "leave out for the default", is_zero_allowed=name != "bounding_radius_m"))
 
     @classmethod
     def from_mesh(cls, name: str, vertices_m: np.ndarray, facets: np.ndarray) -> BelievedBody:
         """The body of a closed shape: vertices (V, 3) float [m], facets (F, 3) int.
 
         The mean radius is of a quarter of the surface (Cauchy), the ellipsoid has the moments of the volume.
+
+        Raises
+        ------
+        ValueError
+            A vertex that is no number, a facet of vertices that are not there, or a shape that encloses no volume.
         """
-        a, b, c = np.moveaxis(np.asarray(vertices_m, float)[facets], 1, 0)
+        vertices_m = array("vertices_m", vertices_m, (None, 3), "give metres, a row for each vertex")
+        indices = array("facets", facets, (None, 3), "give three vertex numbers from 0 for each facet")
+        facets = indices.astype(int)
+        if (bad := (facets != indices) | (facets < 0) | (facets >= len(vertices_m))).any():
+            raise refuse("facets", f"must be integers from 0 to {len(vertices_m) - 1}, one for each vertex",
+                         indices[bad][0].item(), "files count some vertices from 1: subtract it")
+        a, b, c = np.moveaxis(vertices_m[facets], 1, 0)
         area_m2 = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
         # Tetrahedra between the facets and the origin.
         volume = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0
         total, corners = volume.sum(), a + b + c
+        if not abs(total) > _LEAST_VOLUME * area_m2**1.5:
+            raise refuse("facets", "must enclose a volume", float(total), "give a closed shape that turns outwards")
         center = volume @ corners / 4.0 / total
         second = sum(np.einsum("i,ij,ik->jk", volume, x, x) for x in (a, b, c, corners)) / 20.0 / total
         squares, axes = np.linalg.eigh(5.0 * (second - np.outer(center, center)))

@@ -10,6 +10,8 @@ from typing import Any, Protocol
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from .checks import array, member, number, quaternion, refuse, whole
+
 
 class HasDict(Protocol):
     """A `glrender.State`, or another object with its `to_dict`."""
@@ -38,6 +40,11 @@ class Camera:
         Of its point spread function, which rendered irradiance lacks.
 
     A lens that distorts is not modelled: undistort frames first (`cv2.undistort`).
+
+    Raises
+    ------
+    ValueError
+        With the field: a size below 1, a length that is not above zero, or what is no number.
     """
 
     width_px: int
@@ -49,8 +56,20 @@ class Camera:
     psf_sigma_px: float = 0.0
 
     def __post_init__(self):
-        if self.principal_point_px is None:
-            object.__setattr__(self, "principal_point_px", ((self.width_px - 1) / 2.0, (self.height_px - 1) / 2.0))
+        width_px, height_px = whole("width_px", self.width_px), whole("height_px", self.height_px)
+        middle = ((width_px - 1) / 2.0, (height_px - 1) / 2.0)
+        middle = middle if self.principal_point_px is None else self.principal_point_px
+        checked = {
+            "width_px": width_px, "height_px": height_px,
+            "focal_length_px": number("focal_length_px", self.focal_length_px, "give it in pixels, as calibrated"),
+            "principal_point_px": tuple(array("principal_point_px", middle, (2,), "give x and y").tolist()),
+            "q_camera_from_spacecraft": tuple(
+                quaternion("q_camera_from_spacecraft", self.q_camera_from_spacecraft).tolist()),
+            "r_camera_spacecraft_m": tuple(
+                array("r_camera_spacecraft_m", self.r_camera_spacecraft_m, (3,), "give x, y and z").tolist()),
+            "psf_sigma_px": number("psf_sigma_px", self.psf_sigma_px, "0 is a sharp image", is_zero_allowed=True)}
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
 
     @classmethod
     def from_hello(cls, table: Mapping[str, Any], psf_sigma_px: float = 0.0) -> Camera:
@@ -118,18 +137,29 @@ class Sight:
 
 
 def sight(state: StateLike, camera: Camera, body: str) -> Sight:
-    """Where a state has a body in a camera; a state without that body is a KeyError."""
+    """Where a state has a body in a camera.
+
+    Raises
+    ------
+    ValueError
+        With the field of the state: no such body, what is no number, or two that are at one place.
+    """
     table = plain(state)
-    spacecraft, pose = table["spacecraft"], table["bodies"][body]
-    spacecraft_from_inertial = _dcm(spacecraft.get("q_from_inertial"))
+    r_craft, spacecraft_from_inertial = _pose("state.spacecraft", member("state", table, "spacecraft"))
+    r_body, body_from_inertial = _pose(f"state.bodies.{body}",
+                                       member("state.bodies", member("state", table, "bodies"), body))
     camera_from_inertial = _dcm(camera.q_camera_from_spacecraft) @ spacecraft_from_inertial
-    r_body = np.asarray(pose["r_inertial_m"], float)
-    r_camera = (np.asarray(spacecraft["r_inertial_m"], float)
-                + spacecraft_from_inertial.T @ np.asarray(camera.r_camera_spacecraft_m, float))
-    to_sun = np.asarray(table["r_sun_inertial_m"], float) - r_body
-    return Sight(r_body_camera_m=camera_from_inertial @ (r_body - r_camera),
+    to_body = r_body - r_craft - spacecraft_from_inertial.T @ np.asarray(camera.r_camera_spacecraft_m, float)
+    if not to_body.any():
+        raise refuse("state.spacecraft.r_inertial_m", f"must not put the camera into the origin of {body!r}", r_craft,
+                     "the estimate may have diverged")
+    r_sun = array("state.r_sun_inertial_m", member("state", table, "r_sun_inertial_m"), (3,), "give metres, inertial")
+    to_sun = r_sun - r_body
+    if not to_sun.any():
+        raise refuse("state.r_sun_inertial_m", f"must not be the place of {body!r}", r_sun, "give metres, inertial")
+    return Sight(r_body_camera_m=camera_from_inertial @ to_body,
                  sun_direction_camera=camera_from_inertial @ to_sun / np.linalg.norm(to_sun),
-                 camera_from_body=camera_from_inertial @ _dcm(pose.get("q_from_inertial")).T,
+                 camera_from_body=camera_from_inertial @ body_from_inertial.T,
                  camera_from_inertial=camera_from_inertial)
 
 
@@ -144,6 +174,14 @@ def moved(state: StateLike, camera: Camera, body: str, r_body_camera_m: np.ndarr
 def plain(state: StateLike) -> dict[str, Any]:
     """The dictionary of the wire."""
     return state.to_dict() if hasattr(state, "to_dict") else state
+
+
+def _pose(field: str, table: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+    """Place (3,) [m] and rotation (3, 3) from inertial axes."""
+    r_m = array(f"{field}.r_inertial_m", member(field, table, "r_inertial_m"), (3,),
+                "give metres; an estimate that is no number has diverged")
+    q = table.get("q_from_inertial")
+    return r_m, _dcm(None if q is None else quaternion(f"{field}.q_from_inertial", q))
 
 
 def _dcm(q: np.ndarray | None) -> np.ndarray:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from .checks import array, number, refuse
 from .measurement import Measurement
 
 # Three sigma of three axes: chi-square of 3 degrees of freedom at 99.73 %.
@@ -45,14 +46,26 @@ class Navigator:
         Standard deviation of the believed size, relative; 0 where it is exact.
     is_gated : bool, optional
         Whether measurements beyond three sigma are refused; after three in a row the covariance grows fourfold.
+
+    Raises
+    ------
+    ValueError
+        With the field: what is no number, a standard deviation below zero, or a place in the body's origin.
     """
 
     def __init__(self, r_m: np.ndarray, v_m_s: np.ndarray, *, sigma_r_m: float, sigma_v_m_s: float,
                  gm_m3_s2: float = 0.0, process_acceleration_m_s2: float = 2e-6, thruster_error: float = 0.02,
                  sigma_size: float = 0.0, is_gated: bool = True):
-        self._x = np.concatenate([r_m, v_m_s, [0.0]]).astype(float)
+        r_m, v_m_s = array("r_m", r_m, (3,), "give metres"), array("v_m_s", v_m_s, (3,), "give metres a second")
+        if not r_m.any():
+            raise refuse("r_m", "must not be the origin of the body", r_m, "give the spacecraft's place about the body")
+        sigma_r_m, sigma_v_m_s, sigma_size, self._gm_m3_s2, self._process_m_s2, self._thruster_error = (
+            number(name, value, "0 is exact, or none", is_zero_allowed=True) for name, value in (
+                ("sigma_r_m", sigma_r_m), ("sigma_v_m_s", sigma_v_m_s), ("sigma_size", sigma_size),
+                ("gm_m3_s2", gm_m3_s2), ("process_acceleration_m_s2", process_acceleration_m_s2),
+                ("thruster_error", thruster_error)))
+        self._x = np.concatenate([r_m, v_m_s, [0.0]])
         self._covariance = np.diag([sigma_r_m**2] * 3 + [sigma_v_m_s**2] * 3 + [sigma_size**2])
-        self._gm_m3_s2, self._process_m_s2, self._thruster_error = gm_m3_s2, process_acceleration_m_s2, thruster_error
         self._is_gated, self._n_refused = is_gated, 0
         self.innovations: list[Innovation] = []
 
@@ -77,7 +90,15 @@ class Navigator:
         return self._covariance[:6, :6].copy()
 
     def predict(self, acceleration_m_s2: np.ndarray, step_s: float) -> None:
-        """Carry the estimate over one step with the commanded acceleration (3,) and the body's gravity."""
+        """Carry the estimate over one step with the commanded acceleration (3,) and the body's gravity.
+
+        Raises
+        ------
+        ValueError
+            With the field: an acceleration that is no number, or a step below zero; the estimate stays.
+        """
+        acceleration_m_s2 = array("acceleration_m_s2", acceleration_m_s2, (3,), "give zeros where none is commanded")
+        step_s = number("step_s", step_s, "a filter goes forward in time", is_zero_allowed=True)
         r, v = self._x[:3], self._x[3:6]
         distance = np.linalg.norm(r)
         gravity = -self._gm_m3_s2 * r / distance**3
@@ -87,7 +108,7 @@ class Navigator:
         transition[3:6, :3] = step_s * gradient
         transition[:3, 3:6] = step_s * np.eye(3)
         gain = np.concatenate([0.5 * step_s**2 * np.eye(3), step_s * np.eye(3), np.zeros((1, 3))])
-        acceleration = np.asarray(acceleration_m_s2, float) + gravity
+        acceleration = acceleration_m_s2 + gravity
         self._x = np.concatenate([r + step_s * v, v, self._x[6:]]) + gain @ acceleration
         sigma = np.hypot(self._process_m_s2, self._thruster_error * np.abs(acceleration_m_s2).max())
         self._covariance = transition @ self._covariance @ transition.T + sigma**2 * gain @ gain.T
@@ -109,7 +130,8 @@ class Navigator:
         bool
             Whether it was taken in; `innovations` has a line for each.
         """
-        mount_m = np.asarray(r_camera_inertial_m, float)
+        camera_from_inertial = array("camera_from_inertial", camera_from_inertial, (3, 3), "give a rotation matrix")
+        mount_m = array("r_camera_inertial_m", r_camera_inertial_m, (3,), "give metres, inertial axes")
         arm_m = self._x[:3] + mount_m
         excess = 1.0 + self._x[6] if measurement.is_by_size else 1.0
         expected = -camera_from_inertial @ arm_m * excess

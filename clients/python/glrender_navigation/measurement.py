@@ -130,6 +130,11 @@ class Estimator:
         -------
         Measurement or None
             None where nothing is found; `reason` says why.
+
+        Raises
+        ------
+        ValueError
+            With the field: a frame of another shape, or a state without the body or with what is no number.
         """
         self.reason = ""
         try:
