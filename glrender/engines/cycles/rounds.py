@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from ...planner.adaptive_samples import frame_error, pixel_errors
+
 _FIRST_SAMPLES = 8
 MAX_SAMPLES = 1 << 14
 """Most samples of a pixel."""
@@ -39,10 +41,10 @@ class Rounds:
         return 0.5 * (self._halves[0] + self._halves[1])
 
     def fixed(self, n_samples: int) -> float:
-        """Draw this many samples a pixel; the error, or 0 where one sample tells none."""
+        """Draw this many samples a pixel; the error, that of one sample by its contrast to its neighbours."""
         if n_samples == 1:
             self._halves = [self._draw(1, self._seed, self._report)] * 2
-            return 0.0
+            return frame_error(*pixel_errors(self.mean.astype(np.float32), 1))
         return self._round(n_samples // 2, n_samples - n_samples // 2, 0.0, 1.0)
 
     def until(self, tolerance: float) -> float:

@@ -16,6 +16,8 @@ from glrender_camera import PinholeCamera
 from glrender_camera.validate import integer
 
 from ...base.own_process import OwnProcess
+from ...planner.adaptive_samples import frame_error, pixel_errors
+from ...planner.error_model import crescent_gain
 from ...planner.predicted import rms_tolerance
 from ...scene.scene import Scene
 from ...scene.tolerance import checked_max_error
@@ -78,7 +80,8 @@ class RayTracer:
         max_error : float [1] or mapping, optional
             Root mean square standard error over the mean of the lit pixels, or as `Renderer.render`.
         samples : int, optional
-            Samples along a pixel's side on a regular grid, and no adaptation.
+            Samples along a pixel's side on a regular grid, and no adaptation; the error is told by what two halves of
+            them differ, that of one sample by its contrast to its neighbours.
         seed : int
             Of the jitter: equal seeds give equal images.
         on_progress : callable, optional
@@ -87,7 +90,7 @@ class RayTracer:
         Returns
         -------
         Image
-            `plan.predicted_error` is the standard error reached.
+            `plan.predicted_error` is the standard error reached, or the one expected of `samples`.
         """
         self._own.check()
         began = time.perf_counter()
@@ -105,10 +108,8 @@ class RayTracer:
         pixel = np.stack([x, y], axis=1).astype(np.float64)
         shoot = lambda place, draw: self._engine.irradiance(place, pinhole, views, draw)  # noqa: E731
         if samples is not None:
-            offsets = (np.arange(samples) + 0.5) / samples - 0.5
-            places = [(dx, dy) for dy in offsets for dx in offsets]
-            mean = sum((shoot(pixel + place, draw) for draw, place in enumerate(places)), np.zeros(len(pixel)))
-            mean, reached = mean / samples**2, 0.0
+            mean, reached = _regular(shoot, pixel, (y1 - y0, x1 - x0), samples)
+            reached *= crescent_gain(max((view.phase_rad for view in views if view.is_visible), default=0.0))
         else:
             mean, reached = _adapt(shoot, pixel, (y1 - y0, x1 - x0), tolerance, np.random.default_rng(seed),
                                    on_progress or (lambda share: None))
@@ -119,6 +120,22 @@ class RayTracer:
         frame_plan = self._emitted.add(irradiance, state, pinhole, views, frame_plan)
         return Image(irradiance_W_m2=irradiance, products=arrays, plan=frame_plan,
                      request=(self.scene, state, pinhole), timings_ms={"trace": 1e3 * (time.perf_counter() - began)})
+
+
+def _regular(shoot, pixel: np.ndarray, shape: tuple[int, int], samples: int) -> tuple[np.ndarray, float]:
+    """Mean of each pixel, of a regular grid of samples, and the frame's error that they tell of."""
+    if not len(pixel):
+        return np.zeros(0), 0.0
+    offsets = (np.arange(samples) + 0.5) / samples - 0.5
+    # Like the fields of a chessboard: both halves are spread over the whole pixel.
+    halves = np.zeros((2, len(pixel)))
+    for draw, (row, column) in enumerate(np.ndindex(samples, samples)):
+        halves[(row + column) % 2] += shoot(pixel + (offsets[column], offsets[row]), draw)
+    mean = halves.sum(axis=0) / samples**2
+    if samples == 1:
+        return mean, frame_error(*pixel_errors(mean.reshape(shape).astype(np.float32), 1))
+    n = samples**2
+    return mean, frame_error(mean, 0.5 * (halves[0] / (n - n // 2) - halves[1] / (n // 2)))
 
 
 def _adapt(shoot, pixel: np.ndarray, shape: tuple[int, int], tolerance: float,

@@ -218,3 +218,10 @@ def test_a_budget_out_of_reach_is_not_paid_for(budget, most):
     error = rounds.until(budget)
     assert rounds.n_samples == sum(drawn) <= most
     assert error <= budget or budget < 1.0 / np.sqrt(MAX_SAMPLES)
+
+
+def test_one_sample_a_pixel_tells_its_error_by_contrast():
+    """A step: two of forty columns have the contrast of what is lit, half of all; 0.235 of it is the error there."""
+    step = np.repeat([[0.0, 1.0]], 20, axis=1) * np.ones((40, 1))
+    rounds = Rounds(lambda n, seed, tell: step, 0, lambda share: None)
+    assert rounds.fixed(1) == pytest.approx(0.235 * (2.0 / 20.0) ** 0.5, rel=1e-6)

@@ -101,6 +101,21 @@ def test_the_stated_error_is_the_scatter_between_seeds(budget):
     assert not np.array_equal(stack[0], stack[1])
 
 
+@pytest.mark.parametrize("shape", [generate.contact_binary(radius_m=100.0, seed=2),
+                                   generate.icosphere(radius_m=100.0, subdivisions=4)])
+@pytest.mark.parametrize("samples, most", [(1, 2.7), (2, 2.7), (3, 2.2), (8, 2.7)])
+def test_the_error_of_given_samples_is_told_by_them(shape, samples, most):
+    """Above the error beside 24 x 24 samples, and below `most` times that; what was asked and is exceeded is missed."""
+    with RayTracer(views.scene([Body(name="body", shape=shape, brdf=GREY)], [views.camera(64, 250.0)])) as tracer:
+        for phase_deg in (20.0, 70.0):
+            state = views.state(phase_deg=phase_deg)
+            truth = tracer.render(state, samples=24).irradiance_W_m2.astype(float)
+            image = tracer.render(state, samples=samples, max_error=1e-3)
+            error = views.relative_rms(image.irradiance_W_m2.astype(float), truth)
+            assert error < image.plan.predicted["rms"] < most * error
+            assert image.plan.missed == ("rms",)
+
+
 def test_the_same_seed_gives_the_same_bytes():
     with RayTracer(views.scene([views.sphere(GREY, 3)], [views.camera(64, 500.0)])) as tracer:
         first, again = (tracer.render(views.state(), seed=3).irradiance_W_m2.tobytes() for _ in range(2))
