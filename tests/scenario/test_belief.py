@@ -176,6 +176,19 @@ def test_what_cannot_be_believed_of_a_scene_is_refused(table):
             belief.scene(scene)
 
 
+@pytest.mark.parametrize("made, field, value, rule", [
+    (Belief, "bodies", {"binary": 3}, "bodies.binary: must be a BodyBelief, got 3; leave out for the true one"),
+    (Belief, "bodies", {"binary": CameraBelief()}, "bodies.binary: must be a BodyBelief, got "),
+    (Belief, "bodies", None, "bodies: must be a Mapping, got None; give names, each with its BodyBelief"),
+    (Belief, "cameras", {"navcam": None}, "cameras.navcam: must be a CameraBelief, got None; leave out"),
+    (Belief, "spacecraft", None, "spacecraft: must be a SpacecraftBelief, got None; leave out"),
+    (CameraBelief, "distortion", 3, "distortion: must be a BrownConrady, got 3; `BrownConrady\\(\\)` has none"),
+    (BodyBelief, "shape", 3, "shape: must be a Shape, got 3; leave out for the true one")])
+def test_a_belief_of_another_type_is_refused(made, field, value, rule):
+    with pytest.raises(ConfigError, match=f"^{rule}"):
+        made(**{field: value})
+
+
 def test_a_file_gives_the_believed_scene_alone(table, tmp_path, capsys):
     path = tmp_path / "approach.toml"
     path.write_text(SCENARIO + "[belief.bodies.itokawa]\nfacets = 0.1\n")

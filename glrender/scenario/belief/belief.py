@@ -59,6 +59,7 @@ class BodyBelief:
     def __post_init__(self):
         if self.facets is not None:
             checked_share("facets", self.facets)
+        _of_type("shape", self.shape, Shape, "leave out for the true one", is_optional=True)
         positive("albedo_factor", self.albedo_factor)
         pole = vector("pole_offset_deg", self.pole_offset_deg, 2)
         if not np.hypot(*pole) <= 180.0:
@@ -110,6 +111,8 @@ class CameraBelief:
 
     def __post_init__(self):
         positive("focal_length_factor", self.focal_length_factor)
+        _of_type("distortion", self.distortion, BrownConrady, "`BrownConrady()` has none; leave out for the true one",
+                 is_optional=True)
         object.__setattr__(self, "principal_point_offset_px",
                            vector("principal_point_offset_px", self.principal_point_offset_px, 2))
 
@@ -158,11 +161,23 @@ class Belief:
     bodies : mapping of name to BodyBelief
     cameras : mapping of name to CameraBelief
     spacecraft : SpacecraftBelief
+
+    Raises
+    ------
+    ConfigError
+        A member of another type, with its path.
     """
 
     bodies: Mapping[str, BodyBelief] = field(default_factory=dict)
     cameras: Mapping[str, CameraBelief] = field(default_factory=dict)
     spacecraft: SpacecraftBelief = field(default_factory=SpacecraftBelief)
+
+    def __post_init__(self):
+        for kind, of in (("bodies", BodyBelief), ("cameras", CameraBelief)):
+            _of_type(kind, getattr(self, kind), Mapping, f"give names, each with its {of.__name__}")
+            for name, belief in getattr(self, kind).items():
+                _of_type(f"{kind}.{name}", belief, of, "leave out for the true one")
+        _of_type("spacecraft", self.spacecraft, SpacecraftBelief, "leave out for the true one")
 
     def scene(self, truth: Scene) -> Scene:
         """The believed scene of a true one.
@@ -205,6 +220,11 @@ class Belief:
                 if differences := _differences(belief):
                     told.append(f"{kind} {name}: {', '.join(differences)}".strip())
         return told
+
+
+def _of_type(path: str, value: object, of: type, hint: str, *, is_optional: bool = False) -> None:
+    if not isinstance(value, of) and not (is_optional and value is None):
+        raise ConfigError(path, f"must be a {of.__name__}", value, hint)
 
 
 def _differences(belief: Any) -> list[str]:
