@@ -159,7 +159,7 @@ class RenderPlan:
     navigation : mapping
         The same in the further units of `tolerance.UNITS`: of the region that has most of each.
     asked : mapping
-        The tolerance by unit.
+        The tolerance by unit; `max_error` as `rms` by default.
     left_out : tuple of str
     warnings : tuple of str
         What is used beyond its range.
@@ -182,6 +182,10 @@ class RenderPlan:
     asked: Mapping[str, float] = field(default_factory=dict)
     milliseconds: float = field(default=0.0, compare=False)
 
+    def __post_init__(self):
+        if not self.asked:
+            object.__setattr__(self, "asked", {"rms": self.max_error})
+
     @property
     def predicted(self) -> dict[str, float]:
         """Predicted errors by unit: `tolerance.UNITS`."""
@@ -190,8 +194,8 @@ class RenderPlan:
     @property
     def missed(self) -> tuple[str, ...]:
         """Units whose predicted error exceeds the tolerance that was asked for."""
-        asked, predicted = self.asked or {"rms": self.max_error}, self.predicted
-        return tuple(unit for unit in asked if predicted.get(unit, 0.0) > asked[unit] * (1.0 + 1e-6))
+        predicted = self.predicted
+        return tuple(unit for unit, most in self.asked.items() if predicted.get(unit, 0.0) > most * (1.0 + 1e-6))
 
     @property
     def samples(self) -> int:

@@ -123,8 +123,9 @@ def _add_keywords(cards: Any, header: Mapping[str, Any]) -> None:
         "CRPIX2": (camera["height_px"] - camera["principal_point_px"][1], "[px] row of the boresight"),
         "CDELT1": (np.degrees(1.0 / camera["focal_length_px"]), "[deg] of a pixel at the boresight"),
         "CDELT2": (np.degrees(1.0 / camera["focal_length_px"]), "[deg] of a pixel at the boresight"),
-        "MAXERR": (plan["max_error"], "tolerance, share of the mean lit pixel"),
-        "PREDERR": (plan["predicted_error"], "predicted error, likewise")}
+        "ASKED": (",".join(f"{unit}={most:g}" for unit, most in plan["asked"].items()), "tolerances"),
+        "MAXERR": (plan["max_error"], "RMS drawn for, of the mean lit pixel"),
+        "PREDERR": (plan["predicted_error"], "predicted RMS, likewise")}
     for axis, value in zip("XYZ", state["r_sun_inertial_m"], strict=True):
         keywords[f"SUN_{axis}"] = (value, "[m] Sun, inertial")
     for axis, value in zip("XYZ", state["spacecraft"]["r_inertial_m"], strict=True):

@@ -223,6 +223,6 @@ def frame_file(scene: Scene, index: int, state: State, options: FrameOptions, ca
                    "r_camera_spacecraft_m": list(camera.r_camera_spacecraft_m),
                    "q_camera_from_spacecraft": list(camera.q_camera_from_spacecraft)},
         "plan": {"max_error": capture.plan.max_error, "predicted_error": capture.plan.predicted_error,
-                 "predicted": capture.plan.predicted},
+                 "asked": dict(capture.plan.asked), "predicted": capture.plan.predicted},
         "warnings": [str(advice) for advice in capture.warnings],
         "warning_codes": [advice.code for advice in capture.warnings], **header})

@@ -120,6 +120,20 @@ def test_a_fits_file_says_what_it_holds(scene, tmp_path):
         assert np.abs(lit.mean(axis=0)[::-1] + 1.0 - (header["CRPIX1"], header["CRPIX2"])).max() < 4.0
 
 
+@pytest.mark.parametrize("asked, told", [({"centroid_px": 0.05, "flux": 0.001}, "flux=0.001,centroid_px=0.05"),
+                                         (0.03, "rms=0.03"), (None, "rms=0.1")])
+def test_a_frame_says_what_was_asked(scene, tmp_path, asked, told):
+    """By unit, as it was asked; the RMS that it was drawn for stands beside."""
+    fits = needed_module("astropy.io.fits", "pip install 'glrender[fits]'")
+    made = sequence(scene, tmp_path, format="fits", output="irradiance", max_error=asked)
+    next(iter(made.draw(1)))
+    with fits.open(made.path(0)) as opened:
+        header, plan = opened[0].header, json.loads(opened["GLRENDER"].data.tobytes())["plan"]
+    assert header["ASKED"] == told and header["MAXERR"] == plan["max_error"]
+    assert plan["asked"] == (asked if isinstance(asked, dict) else {"rms": asked or 0.1})
+    assert all(plan["predicted"][unit] <= most for unit, most in plan["asked"].items())
+
+
 @pytest.mark.parametrize("changes, differing", [
     ({"seed": 8}, "options.seed"), ({"camera": "bare", "output": "irradiance"}, "options.camera, options.output")])
 def test_a_folder_with_another_sequence_is_refused(scene, whole, changes, differing):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import socket
 import subprocess
 import sys
@@ -190,6 +191,11 @@ def test_a_shape_needs_no_scene_file(folder, capsys, monkeypatch):
     assert main(["render", "ball.obj", "--unit", "m", "--output", "dn", "--out", "a.fits", "--products", "range"]) == 0
     line = capsys.readouterr().out
     assert "1024 x 1024" in line and " DN, exposure " in line and "% saturated, predicted error" in line
+    asked = "centroid_px=0.05,flux=0.001"
+    assert main(["render", "ball.obj", "--unit", "m", "--out", "b.npz", "--max-error", asked]) == 0
+    line = capsys.readouterr().out
+    assert re.search(r", predicted flux \S+ of 0.001 allowed, predicted centroid_px \S+ of 0.05 allowed, ", line)
+    assert "error" not in line
     dn = read_image(folder / "a.fits")
     assert dn.dtype == np.uint16 and abs((dn > dn.max() // 2).any(axis=1).sum() - 0.8 * 1024) < 40, "fills the frame"
     assert main(["render", "ball.obj", "--unit", "m", "--output", "dn", "--out", "a.png", "--raw", "--json"]) == 0

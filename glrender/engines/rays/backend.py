@@ -80,8 +80,8 @@ class RayTracer:
         max_error : float [1] or mapping, optional
             Root mean square standard error over the mean of the lit pixels, or as `Renderer.render`.
         samples : int, optional
-            Samples along a pixel's side on a regular grid, and no adaptation; the error is told by what two halves of
-            them differ, that of one sample by its contrast to its neighbours.
+            Samples along a pixel's side on a regular grid, and no adaptation. Their error follows from how two halves
+            of them differ; with one sample, from the contrast of 3 x 3 pixels.
         seed : int
             Of the jitter: equal seeds give equal images.
         on_progress : callable, optional

@@ -89,7 +89,7 @@ def summary(drawn: Drawn) -> dict[str, Any]:
     if frame is not None:
         said |= {"exposure_s": float(frame.exposure_s), "saturated_share": float(np.mean(frame.saturated))}
     return said | {"predicted_error": float(capture.plan.predicted_error), "max_error": float(capture.plan.max_error),
-                   "predicted": capture.plan.predicted,
+                   "asked": dict(capture.plan.asked), "predicted": capture.plan.predicted,
                    "warnings": drawn.warnings}
 
 
@@ -98,5 +98,6 @@ def in_words(said: dict[str, Any]) -> str:
     parts = [f"{said['width_px']} x {said['height_px']}", f"{said['min']:.3g} to {said['max']:.3g} {said['unit']}"]
     if "exposure_s" in said:
         parts += [f"exposure {said['exposure_s']:.3g} s", f"{100.0 * said['saturated_share']:.2g} % saturated"]
-    parts.append(f"predicted error {said['predicted_error']:.2g} of {said['max_error']:.3g} allowed")
+    parts += [f"predicted {'error' if unit == 'rms' else unit} {said['predicted'][unit]:.2g} of {most:.3g} allowed"
+              for unit, most in said["asked"].items()]
     return ", ".join(parts)
