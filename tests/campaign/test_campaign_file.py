@@ -20,6 +20,8 @@ def test_cases_are_all_combinations_seeds_fastest(campaign_file):
         "belief.bodies.rock.facets = [1.0, 0.5, 0.1]")))
     cases = campaign.cases
     assert len(cases) == 2 * 2 * 2 * 3 == len({case.id for case in cases})
+    # A hundred thousand cases of 32 bits would meet.
+    assert all(re.fullmatch("[0-9a-f]{16}", case.id) for case in cases)
     assert [case.values["seed"] for case in cases[:4]] == [7, 8, 7, 8]
     assert [case.belief.bodies["rock"].facets for case in cases[::8]] == [1.0, 0.5, 0.1]
     assert campaign.varied == ["belief.bodies.rock.facets", "estimator", "faults", "seed"]

@@ -161,7 +161,7 @@ class Belief:
     spacecraft: SpacecraftBelief = field(default_factory=SpacecraftBelief)
 
     def scene(self, truth: Scene) -> Scene:
-        """The believed scene of a true one.
+        """The believed scene of a true one; faults of its cameras' frames are the truth's alone.
 
         Raises
         ------
@@ -176,7 +176,7 @@ class Belief:
                 bodies.append(self.bodies[body.name].body(body) if body.name in self.bodies else body)
         for camera in truth.cameras:
             with error_path(f"cameras.{camera.name}"):
-                cameras.append(self.cameras[camera.name].camera(camera) if camera.name in self.cameras else camera)
+                cameras.append(_faultless(self.cameras.get(camera.name, CameraBelief()).camera(camera)))
         return replace(truth, bodies=bodies, cameras=cameras)
 
     def state(self, truth: State, spacecraft: Pose) -> State:
@@ -201,6 +201,10 @@ class Belief:
                 if differences := _differences(belief):
                     told.append(f"{kind} {name}: {', '.join(differences)}".strip())
         return told
+
+
+def _faultless(camera: PinholeCamera) -> PinholeCamera:
+    return replace(camera, model=replace(camera.model, faults=())) if camera.model is not None else camera
 
 
 def _differences(belief: object) -> list[str]:

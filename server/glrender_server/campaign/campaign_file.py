@@ -7,7 +7,7 @@ import hashlib
 import itertools
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from glrender.scenario.files.belief_fields import read_belief
 from glrender.scene.scene import checked_max_error
 from glrender.scene.scene_file import read_toml
 from glrender.sequences.sequence import VERSION, digest_of_scene, digest_of_states
+from glrender_camera.faults.fault import Fault
 from glrender_camera.faults.frame_faults import checked_faults
 from glrender_camera.validate import finite, integer, known_keys, one_of, text
 
@@ -29,7 +30,7 @@ _KEYS = ("scenario", "camera", "body", "pointing", "handover", "acceleration_err
 _OWN_AXES = ("estimator", "max_error", "onboard_max_error", "faults", "seed")
 _AXES = ("belief", *_OWN_AXES)
 _MAX_CASES = 100_000
-_ID_DIGITS = 8
+_ID_DIGITS = 16
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -173,7 +174,7 @@ def load_campaign(path: str | Path) -> Campaign:
                       handover=_share("handover", table.get("handover", 0.05)),
                       acceleration_error=_share("acceleration_error", table.get("acceleration_error", 0.02)))
         with error_path("axes"):
-            axes = _axes(table["axes"], scenario.scene)
+            axes = _axes(table["axes"], scenario.scene, camera)
         if (count := int(np.prod([len(values) for values in axes.values()], dtype=float))) > _MAX_CASES:
             raise ConfigError("axes", f"must give {_MAX_CASES} cases at most", count, "give fewer values")
         believed = read_toml(scenario_path).get("belief", {})
@@ -219,14 +220,15 @@ def _share(name: str, value: object) -> float:
     return share
 
 
-def _axes(table: object, scene: Scene) -> dict[str, tuple[Any, ...]]:
+def _axes(table: object, scene: Scene, camera: PinholeCamera) -> dict[str, tuple[Any, ...]]:
     known_keys("", table, _AXES)
     if not isinstance(table.get("belief", {}), Mapping):
         raise ConfigError("belief", "must be a table of beliefs", table["belief"], "belief.bodies.NAME.facets = [0.1]")
     given = {**dict(_leaves("belief", table.get("belief", {}))),
              **{name: table[name] for name in _OWN_AXES if name in table}}
     axes = {**{name: None for name in given if name not in _OWN_AXES}, "estimator": ["model"],
-            "max_error": [scene.max_error], "onboard_max_error": [0.1], "faults": [[]], "seed": [1]}
+            "max_error": [scene.max_error], "onboard_max_error": [0.1],
+            "faults": [list(map(_table_of_fault, camera.model.faults))], "seed": [1]}
     for name in axes:
         values = given.get(name, axes[name])
         if not isinstance(values, list):
@@ -240,6 +242,10 @@ def _axes(table: object, scene: Scene) -> dict[str, tuple[Any, ...]]:
                 raise ConfigError(f"{name}[{index}]", "is given twice", value, "leave one out")
         axes[name] = checked
     return axes
+
+
+def _table_of_fault(fault: Fault) -> dict[str, Any]:
+    return {"kind": fault.kind, **asdict(fault)}
 
 
 def _leaves(path: str, table: object) -> Iterator[tuple[str, Any]]:

@@ -43,8 +43,8 @@ class OnBoard:
         """Why the last frame gave no measurement; empty after one."""
         return self._estimator.reason
 
-    def take(self, frame: np.ndarray, believed: Any) -> Measurement | None:
-        """Measure a frame and take the measurement in.
+    def take(self, frame: np.ndarray, believed: Any) -> tuple[Measurement | None, bool]:
+        """Measure a frame and take the measurement in; returns it, and whether the filter accepted it.
 
         Parameters
         ----------
@@ -53,7 +53,7 @@ class OnBoard:
         believed : State
             The spacecraft where it is estimated to be, all else by the believed ephemerides.
         """
-        found = self._estimator.measure(frame, believed, self._render)
+        found, is_accepted = self._estimator.measure(frame, believed, self._render), False
         if found is not None:
             camera = self._estimator.camera
             here = sight(believed, camera, self._estimator.body.name)
@@ -61,8 +61,8 @@ class OnBoard:
             body = np.asarray(believed.bodies[self._estimator.body.name].r_inertial_m)
             # The camera's place is what the sight leaves of the spacecraft's.
             lever_m = body - here.camera_from_inertial.T @ here.r_body_camera_m - pose
-            self._navigator.update(found, here.camera_from_inertial, lever_m)
-        return found
+            is_accepted = self._navigator.update(found, here.camera_from_inertial, lever_m)
+        return found, is_accepted
 
     def fly(self, acceleration_m_s2: np.ndarray, step_s: float) -> None:
         """Carry the estimate over a step with the acceleration (3,) that is known on board."""

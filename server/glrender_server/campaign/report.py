@@ -56,7 +56,7 @@ def write_report(path: Path, campaign: Campaign, results: Sequence[Mapping[str, 
     parts = [f"<h1>Campaign {html.escape(campaign.path.stem)}</h1>", f"<p>{html.escape(told)}</p>", _settings(campaign),
              "<p>The error is the distance between the estimated and the true position, as a share of the range: root "
              "mean square over the last two thirds of the frames. A case has lost the body where the on-board side "
-             "failed, or ends more than 10 % of the range off.</p>"]
+             "failed, ends more than 10 % of the range off, or accepted no measurement in these frames.</p>"]
     for name in campaign.varied:
         values = [_text(value) for value in campaign.axes[name]]
         places = [campaign.axes[name].index(case.values[name]) for case in campaign.cases]
@@ -120,9 +120,9 @@ def _table_of_axis(name: str, values: Sequence[str], results: Sequence[Mapping[s
 
 def _table_of_cases(campaign: Campaign, results: Sequence[Mapping[str, Any]]) -> str:
     rows = [[f"<code>{case.id}</code>", *(html.escape(_text(case.values[name])) for name in campaign.varied),
-             _error(result), f"{result['measured']} of {result['frames']}", html.escape(result["reason"][:120])]
+             _error(result), f"{result['accepted']} of {result['frames']}", html.escape(result["reason"][:120])]
             for case, result in zip(campaign.cases, results, strict=True)]
-    return _table(["case", *map(_short, campaign.varied), "error", "measured frames", "why it is lost"], rows)
+    return _table(["case", *map(_short, campaign.varied), "error", "accepted frames", "why it is lost"], rows)
 
 
 def _article(campaign: Campaign, case: Case, result: Mapping[str, Any], folder: Path) -> str:
