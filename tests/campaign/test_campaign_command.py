@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import re
 import resource
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import pytest
 from browser import browser
 from glrender import GlrenderError
 from glrender.sequences.dask_processes import dask_processes
+from glrender_server.campaign import running
 from glrender_server.campaign.campaign_file import load_campaign
+from glrender_server.campaign.flight import Flight
 from glrender_server.campaign.onboard import OF_FRAMES
 from glrender_server.campaign.running import fly_all, missing, result_of
 from glrender_server.cli import main
@@ -122,6 +126,25 @@ def test_a_full_disk_midway_leaves_what_is_done(campaign_file, tmp_path):
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert [path.stem for path in (out / "cases").glob("*.json")] == [done.id] and not list(out.rglob(".*"))
     assert len(list(fly_all(campaign, out, 1))) == 3 and not missing(campaign, out)
+
+
+@pytest.mark.parametrize("content", ["", '{"id": ', "[]", "3", '{"id": 1}', "whole without its track", "no picture"])
+def test_a_result_that_is_cut_or_odd_is_flown_again(campaign_file, tmp_path, monkeypatch, content):
+    campaign, out = load_campaign(campaign_file()), tmp_path / "out"
+    flight = Flight(picture=b"png", result={
+        "error_m": {}, "error_over_range": {"rms_settled": 0.1, "last": 0.1}, "frames": 1, "track": [0.1],
+        **dict.fromkeys(("values", "status", "reason", "accepted", "worst_frame", *TIMES))})
+    monkeypatch.setattr(running, "fly_here", lambda case: replace(flight, result={**flight.result, "id": case.id}))
+    assert len(list(fly_all(campaign, out, 1))) == 4 and not missing(campaign, out)
+    case = campaign.cases[1]
+    path = out / "cases" / f"{case.id}.json"
+    if content == "no picture":
+        path.with_suffix(".png").unlink()
+    else:
+        whole = json.loads(path.read_text())
+        path.write_text(json.dumps(whole | {"track": []}) if "whole" in content else content)
+    assert missing(campaign, out) == [case] == list(fly_all(campaign, out, 1))
+    assert not missing(campaign, out) and result_of(out, case)["id"] == case.id
 
 
 def test_a_dask_cluster_flies_the_same(campaign_file, tmp_path):

@@ -28,6 +28,7 @@ def flown(campaign, case, told=lambda frame: None):
     finally:
         truth.close()
         believed.close()
+    assert result.keys() == flight_module.RESULT_KEYS
     return {name: value for name, value in result.items() if name not in TIMES}
 
 

@@ -17,6 +17,9 @@ from .campaign_file import Case, Setup
 from .onboard import OF_FRAMES, OnBoard
 from .pictures import Frame, strip_of
 
+RESULT_KEYS = {"id", "values", "status", "reason", "frames", "accepted", "error_m", "error_over_range", "worst_frame",
+               "track", "processor_s", "frame_ms", "on_board_ms"}
+"""What a flight's result tells."""
 # Beyond this share of the range the body is lost.
 _LOST = 0.1
 # What is told of a frame that was measured in vain.

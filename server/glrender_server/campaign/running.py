@@ -17,7 +17,7 @@ from glrender.sequences.sequence import VERSION
 
 from .believed_side import onboard_scene
 from .campaign_file import Campaign, Case, Setup
-from .flight import Flight, fly
+from .flight import RESULT_KEYS, Flight, fly
 
 _FOLDER = "cases"
 
@@ -53,13 +53,20 @@ def fly_all(campaign: Campaign, folder: Path, n_processes: int | None = None,
 
 
 def missing(campaign: Campaign, folder: Path) -> list[Case]:
-    """The cases of a campaign that a folder has not yet."""
-    return [case for case in campaign.cases if not _path(folder, case, "json").exists()]
+    """The cases of a campaign whose whole results a folder has not yet."""
+    return [case for case in campaign.cases if result_of(folder, case) is None]
 
 
-def result_of(folder: Path, case: Case) -> dict[str, Any]:
-    """The kept result of a case."""
-    return json.loads(_path(folder, case, "json").read_text(encoding="utf-8"))
+def result_of(folder: Path, case: Case) -> dict[str, Any] | None:
+    """The kept result of a case; None where its files are missing, cut or another program's."""
+    try:
+        result = json.loads(_path(folder, case, "json").read_text(encoding="utf-8"))
+        is_whole = (_path(folder, case, "png").stat().st_size and result["id"] == case.id
+                    and result.keys() >= RESULT_KEYS and result["error_over_range"].keys() >= {"rms_settled", "last"}
+                    and 0 < len(result["track"]) == result["frames"])
+    except (OSError, ValueError, TypeError, KeyError, AttributeError):
+        return None
+    return result if is_whole else None
 
 
 def picture_of(folder: Path, case: Case) -> bytes:
