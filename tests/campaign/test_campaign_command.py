@@ -164,7 +164,12 @@ def test_mistakes_are_told_in_a_line(campaign_file, tmp_path, capsys):
     (tmp_path / "taken").write_text("")
     for arguments, told in ((["--case", "12345678"], "--case: must be the id of one of 4 cases, got '12345678'; ids "),
                             (["--out", str(tmp_path / "taken")], "--out: must be a folder, or not be there yet"),
-                            (["--processes", "-1"], "processes: must be an integer between 1 and"),
+                            (["--out", "/proc/foo"], "--out: must be a folder that can be written to (No such file or "
+                                                     "directory), got '/proc/foo'; name another"),
+                            (["--out", str(tmp_path / "taken"), "--case", load_campaign(file).cases[0].id],
+                             "--out: must be a folder, or not be there yet"),
+                            (["--processes", "-1"], "--processes: must be an integer between 0 and 256, got -1"),
+                            (["--processes", "-3", "--case", "1"], "--processes: must be an integer between 0 and"),
                             (["--dask", "tcp://127.0.0.1:1"], "--dask: no scheduler answers")):
         assert main(["campaign", str(file), "--out", str(tmp_path / "out"), *arguments]) == 1
         error = capsys.readouterr().err

@@ -44,7 +44,7 @@ def fly_all(campaign: Campaign, folder: Path, n_processes: int | None = None,
     cases = missing(campaign, folder)
     if not cases:
         return
-    _made(folder / _FOLDER)
+    made(folder / _FOLDER)
     with pool or own_processes(n_processes, start, (campaign.setup,), stop) as processes:
         tasks = ((number, *_task(campaign.setup, case, processes, pool is None)) for number, case in enumerate(cases))
         for number, flight in processes.done(tasks):
@@ -74,16 +74,25 @@ def picture_of(folder: Path, case: Case) -> bytes:
     return _path(folder, case, "png").read_bytes()
 
 
-def _path(folder: Path, case: Case, ending: str) -> Path:
-    return folder / _FOLDER / f"{case.id}.{ending}"
+def made(folder: Path) -> None:
+    """Make a folder in that of `--out`.
 
-
-def _made(folder: Path) -> None:
+    Raises
+    ------
+    ConfigError
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError):
         raise ConfigError("--out", "must be a folder, or not be there yet", str(folder.parent),
                           "name another") from None
+    except OSError as error:
+        raise ConfigError("--out", f"must be a folder that can be written to ({error.strerror})", str(folder.parent),
+                          "name another") from None
+
+
+def _path(folder: Path, case: Case, ending: str) -> Path:
+    return folder / _FOLDER / f"{case.id}.{ending}"
 
 
 def _task(setup: Setup, case: Case, pool: Pool, is_here: bool) -> tuple[Callable[..., Flight], tuple]:
