@@ -73,21 +73,21 @@ def fly(setup: Setup, case: Case, truth: Any, believed: Any,
         pixels = take_frame(truth, state, setup.camera, seed=values["seed"] * _SEEDS + index,
                             max_error=values["max_error"], faults=values["faults"]).frame.dn
         ms["frame"].append(1e3 * (time.perf_counter() - lap))
-        lap, found, is_accepted = time.perf_counter(), None, False
+        lap, found = time.perf_counter(), None
         try:
-            found, is_accepted = _taken(onboard, undistorted(pixels), belief, state, setup.body)
+            found = _taken(onboard, undistorted(pixels), belief, state, setup.body)
         except DeviceError:
             raise
         except Exception as error:  # an estimator's mistake is the result of its flight
             reason = f"frame {index}: {type(error).__name__}: {error}"
         ms["on_board"].append(1e3 * (time.perf_counter() - lap))
-        why = reason or onboard.reason or _REFUSED * (not is_accepted)
+        why = reason or onboard.reason or _REFUSED * (not onboard.is_accepted)
         frame = Frame(pixels=pixels, t_s=state.t_s, range_m=float(np.linalg.norm(r[index])),
                       error_m=float(np.linalg.norm(onboard.r_m - r[index])),
                       true_px=_seen_px(state, true_camera, setup.body), reason=why,
                       found_px=None if found is None else found.center_px)
         track.append(frame)
-        accepted.append(is_accepted)
+        accepted.append(onboard.is_accepted)
         told(frame)
         if reason:
             break
@@ -129,8 +129,7 @@ def _lost(track: list[Frame], accepted: list[bool]) -> str:
     return "; ".join(reasons)
 
 
-def _taken(onboard: OnBoard, frame: np.ndarray, belief: Belief, state: State,
-           body: str) -> tuple[Measurement | None, bool]:
+def _taken(onboard: OnBoard, frame: np.ndarray, belief: Belief, state: State, body: str) -> Measurement | None:
     """Give the on-board side a frame, and the believed state that its own estimate makes of the ephemerides."""
     q = belief.spacecraft.attitude(state.spacecraft.q_from_inertial)
     here = belief.state(state, Pose(r_inertial_m=np.zeros(3), q_from_inertial=q))

@@ -23,10 +23,16 @@ class OnBoard:
         With the first estimate, relative to the body.
     render : callable
         Draws the believed scene, as `Estimator.measure` asks for it.
+
+    Attributes
+    ----------
+    is_accepted : bool
+        Whether the filter took the last frame's measurement in.
     """
 
     def __init__(self, estimator: Estimator, navigator: Navigator, render: Callable[..., Any]):
         self._estimator, self._navigator, self._render = estimator, navigator, render
+        self.is_accepted = False
 
     @property
     def r_m(self) -> np.ndarray:
@@ -43,8 +49,8 @@ class OnBoard:
         """Why the last frame gave no measurement; empty after one."""
         return self._estimator.reason
 
-    def take(self, frame: np.ndarray, believed: Any) -> tuple[Measurement | None, bool]:
-        """Measure a frame and take the measurement in; returns it, and whether the filter accepted it.
+    def take(self, frame: np.ndarray, believed: Any) -> Measurement | None:
+        """Measure a frame and take the measurement in.
 
         Parameters
         ----------
@@ -53,7 +59,8 @@ class OnBoard:
         believed : State
             The spacecraft where it is estimated to be, all else by the believed ephemerides.
         """
-        found, is_accepted = self._estimator.measure(frame, believed, self._render), False
+        self.is_accepted = False
+        found = self._estimator.measure(frame, believed, self._render)
         if found is not None:
             camera = self._estimator.camera
             here = sight(believed, camera, self._estimator.body.name)
@@ -61,8 +68,8 @@ class OnBoard:
             body = np.asarray(believed.bodies[self._estimator.body.name].r_inertial_m)
             # The camera's place is what the sight leaves of the spacecraft's.
             lever_m = body - here.camera_from_inertial.T @ here.r_body_camera_m - pose
-            is_accepted = self._navigator.update(found, here.camera_from_inertial, lever_m)
-        return found, is_accepted
+            self.is_accepted = self._navigator.update(found, here.camera_from_inertial, lever_m)
+        return found
 
     def fly(self, acceleration_m_s2: np.ndarray, step_s: float) -> None:
         """Carry the estimate over a step with the acceleration (3,) that is known on board."""
