@@ -81,6 +81,16 @@ class Pool:
                 yield number, result
 
 
+def checked_processes(n_processes: int | None, name: str = "processes") -> int:
+    """How many processes of this machine to take; None and 0 are one for each core.
+
+    Raises
+    ------
+    ConfigError
+    """
+    return integer(name, n_processes or 0, 0, _MAX_PROCESSES) or min(os.cpu_count() or 1, _MAX_PROCESSES)
+
+
 @contextmanager
 def own_processes(n_processes: int | None, start: Callable[..., None], arguments: tuple,
                   stop: Callable[[], None]) -> Iterator[Pool]:
@@ -92,7 +102,7 @@ def own_processes(n_processes: int | None, start: Callable[..., None], arguments
     ------
     ConfigError
     """
-    n_processes = integer("processes", n_processes or os.cpu_count() or 1, 1, _MAX_PROCESSES)
+    n_processes = checked_processes(n_processes)
     if n_processes == 1:
         try:
             start(*arguments)

@@ -57,6 +57,20 @@ def test_the_believed_endpoint_serves_no_truth(tmp_path):
     assert "small" not in str(hello) and "belief.toml" not in str(hello)
 
 
+def test_the_believed_endpoint_draws_no_true_faults(tmp_path):
+    """The true camera's shutter is stuck at next to no light; the believed one's is not."""
+    model = ('[cameras.model]\nexposure_s = 1.0\nfaults = [{ kind = "stuck_exposure", exposure_s = 1e-9 }]\n'
+             "optics = { aperture_diameter_m = 0.005 }\ndetector = { quantum_efficiency = 0.5, "
+             "full_well_electrons = 30000.0, gain_DN_per_electron = 0.008, bit_depth = 8 }\n")
+    (tmp_path / "scene.toml").write_text(TRUTH + model)
+    (tmp_path / "belief.toml").write_text('scene = "scene.toml"\n[belief.bodies.rock]\nalbedo_factor = 0.5\n')
+    brightest = []
+    for arguments in ([tmp_path / "scene.toml"], [tmp_path / "belief.toml", "--belief"]):
+        with OwnServer(arguments) as server, Client(server.endpoint(), timeout_s=60.0) as client:
+            brightest.append(client.render(STATE, output="dn", max_error=0.02).pixels.max())
+    assert brightest[0] < 5 and brightest[1] > 50
+
+
 def test_a_scene_without_a_belief_is_refused(tmp_path, capsys):
     (tmp_path / "scene.toml").write_text(TRUTH)
     assert main([str(tmp_path / "scene.toml"), "--belief", "--zmq", "tcp://127.0.0.1:*", "--in-process"]) == 1

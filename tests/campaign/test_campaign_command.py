@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import json
 import re
 import resource
+import shutil
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import pytest
 from browser import browser
 from glrender import GlrenderError
 from glrender.sequences.dask_processes import dask_processes
+from glrender_server.campaign import running
 from glrender_server.campaign.campaign_file import load_campaign
+from glrender_server.campaign.flight import Flight
 from glrender_server.campaign.onboard import OF_FRAMES
 from glrender_server.campaign.running import fly_all, missing, result_of
 from glrender_server.cli import main
@@ -42,10 +47,11 @@ def test_a_campaign_is_flown_resumed_and_reproduced(campaign_file, tmp_path, cap
     whole = results(campaign, out)
     assert [result["values"]["belief.cameras.navcam.focal_length_factor"] for result in whole] == [1.0, 1.0, 1.05, 1.05]
     # The worst case's own command, as the report prints it, flies it again: the same errors, to all printed digits.
-    command = re.findall(r"glrender campaign \S+ --case (\w+)", (out / "report.html").read_text())[0]
+    line = re.findall(r"<code>glrender (campaign .*?)</code>", (out / "report.html").read_text())[0].split()
+    command = line[-1]
     worst = max(whole, key=lambda result: result["error_over_range"]["rms_settled"])
     assert command == worst["id"]
-    assert main(["campaign", str(file), "--out", str(out), "--case", command]) == 0
+    assert main(line) == 0
     said = capsys.readouterr().out
     assert [float(share) for share in re.findall(r"([\d.]+)% of the range", said)] == \
         [pytest.approx(100.0 * share, abs=6e-4) for share in worst["track"]]
@@ -101,9 +107,10 @@ def test_the_report_needs_no_other_file_and_fits_a_phone(campaign_file, tmp_path
 def test_the_same_campaign_gives_the_same_report(campaign_file, tmp_path, matplotlib):
     file = campaign_file("scenario = 'approach.toml'\n[axes]\nseed = [1, 2]\nmax_error = [0.3]\n")
     pages = []
-    for name in ("a", "b"):
-        assert main(["campaign", str(file), "--out", str(tmp_path / name), "--processes", "1"]) == 0
-        pages.append(re.sub(r"[\d.]+ ms", "", (tmp_path / name / "report.html").read_text()))
+    for _ in range(2):
+        assert main(["campaign", str(file), "--out", str(tmp_path / "out"), "--processes", "1"]) == 0
+        pages.append(re.sub(r"[\d.]+ ms", "", (tmp_path / "out" / "report.html").read_text()))
+        shutil.rmtree(tmp_path / "out")
     assert pages[0] == pages[1]
 
 
@@ -124,6 +131,25 @@ def test_a_full_disk_midway_leaves_what_is_done(campaign_file, tmp_path):
     assert len(list(fly_all(campaign, out, 1))) == 3 and not missing(campaign, out)
 
 
+@pytest.mark.parametrize("content", ["", '{"id": ', "[]", "3", '{"id": 1}', "whole without its track", "no picture"])
+def test_a_result_that_is_cut_or_odd_is_flown_again(campaign_file, tmp_path, monkeypatch, content):
+    campaign, out = load_campaign(campaign_file()), tmp_path / "out"
+    flight = Flight(picture=b"png", result={
+        "error_m": {}, "error_over_range": {"rms_settled": 0.1, "last": 0.1}, "frames": 1, "track": [0.1],
+        **dict.fromkeys(("values", "status", "reason", "accepted", "worst_frame", *TIMES))})
+    monkeypatch.setattr(running, "fly_here", lambda case: replace(flight, result={**flight.result, "id": case.id}))
+    assert len(list(fly_all(campaign, out, 1))) == 4 and not missing(campaign, out)
+    case = campaign.cases[1]
+    path = out / "cases" / f"{case.id}.json"
+    if content == "no picture":
+        path.with_suffix(".png").unlink()
+    else:
+        whole = json.loads(path.read_text())
+        path.write_text(json.dumps(whole | {"track": []}) if "whole" in content else content)
+    assert missing(campaign, out) == [case] == list(fly_all(campaign, out, 1))
+    assert not missing(campaign, out) and result_of(out, case)["id"] == case.id
+
+
 def test_a_dask_cluster_flies_the_same(campaign_file, tmp_path):
     distributed = needed_module("distributed", "pip install distributed")
     campaign = load_campaign(campaign_file())
@@ -138,7 +164,12 @@ def test_mistakes_are_told_in_a_line(campaign_file, tmp_path, capsys):
     (tmp_path / "taken").write_text("")
     for arguments, told in ((["--case", "12345678"], "--case: must be the id of one of 4 cases, got '12345678'; ids "),
                             (["--out", str(tmp_path / "taken")], "--out: must be a folder, or not be there yet"),
-                            (["--processes", "-1"], "processes: must be an integer between 1 and"),
+                            (["--out", "/proc/foo"], "--out: must be a folder that can be written to (No such file or "
+                                                     "directory), got '/proc/foo'; name another"),
+                            (["--out", str(tmp_path / "taken"), "--case", load_campaign(file).cases[0].id],
+                             "--out: must be a folder, or not be there yet"),
+                            (["--processes", "-1"], "--processes: must be an integer between 0 and 256, got -1"),
+                            (["--processes", "-3", "--case", "1"], "--processes: must be an integer between 0 and"),
                             (["--dask", "tcp://127.0.0.1:1"], "--dask: no scheduler answers")):
         assert main(["campaign", str(file), "--out", str(tmp_path / "out"), *arguments]) == 1
         error = capsys.readouterr().err

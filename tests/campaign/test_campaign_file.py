@@ -20,6 +20,8 @@ def test_cases_are_all_combinations_seeds_fastest(campaign_file):
         "belief.bodies.rock.facets = [1.0, 0.5, 0.1]")))
     cases = campaign.cases
     assert len(cases) == 2 * 2 * 2 * 3 == len({case.id for case in cases})
+    # A hundred thousand cases of 32 bits would meet.
+    assert all(re.fullmatch("[0-9a-f]{16}", case.id) for case in cases)
     assert [case.values["seed"] for case in cases[:4]] == [7, 8, 7, 8]
     assert [case.belief.bodies["rock"].facets for case in cases[::8]] == [1.0, 0.5, 0.1]
     assert campaign.varied == ["belief.bodies.rock.facets", "estimator", "faults", "seed"]
@@ -69,7 +71,7 @@ def test_a_shape_file_that_changes_is_another_case(campaign_file, tmp_path):
     (with_axes("faults = [[{ kind = 'dust', depth = -1 }]]"), "axes.faults[0][0].depth: must be between"),
     (with_axes("belief.bodies.rok.facets = [0.1]"), "belief.bodies.rok: unknown key; did you mean 'rock'?"),
     (with_axes("belief.bodies.rock.facet = [0.1]"), "belief.bodies.rock.facet[0]: unknown key; did you mean 'facets'?"),
-    (with_axes("belief.bodies.rock.facets.share = [0.1]"), "axes.belief.bodies.rock.facets.share: must be a field"),
+    (with_axes("belief.bodies.rock.facets.share = [0.1]"), "axes.belief.bodies.rock.facets.share[0]: must be a field"),
     (with_axes("belief.bodies.rock.facets = [0.1, 0.0]"), "axes.belief.bodies.rock.facets[1]: must be a share > 0"),
     (with_axes("belief.bodies.rock.albedo_factor = [9.0]"), "must be between 0 and 1, got 1.8"),
     (with_axes("belief.bodies.rock = [0.1]"), "axes.belief.bodies.rock[0]: must be a table, got 0.1"),
@@ -81,6 +83,51 @@ def test_what_is_no_campaign_is_refused(campaign_file, campaign, told):
     with pytest.raises(ConfigError) as error:
         load_campaign(campaign_file(campaign, "[belief.bodies.rock]\nfacets = 0.5\n"))
     assert told in str(error.value)
+
+
+def test_a_combination_that_cannot_be_believed_is_refused_before_the_first_flight(campaign_file):
+    """Each value is right alone: 4 times the albedo of 0.2, or a law of 0.3 as it is."""
+    lines = ["belief.bodies.rock.brdf.normal_albedo = [0.2, 0.3]", "belief.bodies.rock.albedo_factor = [1.0, 4.0]"]
+    brdf = "[belief.bodies.rock]\nbrdf = { law = 'lambert', normal_albedo = 0.2 }\n"
+    with pytest.raises(ConfigError) as error:
+        load_campaign(campaign_file(with_axes(*lines), brdf))
+    told = str(error.value)
+    assert told.startswith("campaign.toml.axes.belief.bodies.rock.normal_albedo: must be between 0 and 1, got 1.2; ")
+    assert "brdf.normal_albedo = 0.3 and belief.bodies.rock.albedo_factor = 4.0: fly them in separate campaigns" in told
+    assert len(load_campaign(campaign_file(with_axes(lines[0], lines[1].replace("4.0", "3.0")), brdf)).cases) == 4
+
+
+def test_facets_that_a_shape_has_not_are_refused_in_any_combination(campaign_file, tmp_path):
+    from glrender import generate
+
+    generate.icosphere(radius_m=90.0, subdivisions=3).to_file(tmp_path / "fine.obj")
+    generate.icosphere(radius_m=90.0, subdivisions=0).to_file(tmp_path / "coarse.obj")
+    lines = ["belief.bodies.rock.shape = ['fine.obj', 'coarse.obj']", "belief.bodies.rock.length_unit = ['m']",
+             "belief.bodies.rock.facets = [1.0, 0.1]"]
+    with pytest.raises(ConfigError, match="rock.facets: must leave 4 facets of 20, got 0.1; .*shape = 'coarse.obj'"):
+        load_campaign(campaign_file(with_axes(*lines)))
+
+
+def test_a_body_whose_name_has_dots_is_varied(campaign_file, tmp_path):
+    file = campaign_file(with_axes("belief.bodies.'a.b'.facets = [1.0, 0.5]"))
+    text = (tmp_path / "approach.toml").read_text()
+    (tmp_path / "approach.toml").write_text(text.replace('name = "rock"', 'name = "a.b"'))
+    campaign = load_campaign(file)
+    assert campaign.varied == ['belief.bodies."a.b".facets']
+    assert [case.belief.bodies["a.b"].facets for case in campaign.cases] == [1.0, 0.5]
+
+
+@pytest.mark.parametrize("axes, told", [
+    ("belief.bodies.mars.facets = [0.5]", "campaign.toml.axes.belief.bodies.mars: unknown key; "),
+    ("belief.bodies.rock.albedo_factor = [9.0]",
+     "campaign.toml.axes.belief.bodies.rock.albedo_factor[0]: belief.bodies.rock.normal_albedo: must be between"),
+    (None, "nope.toml: cannot be read: No such file or directory")])
+def test_errors_say_a_path_once(campaign_file, monkeypatch, tmp_path, axes, told):
+    file = campaign_file(with_axes(axes or ""))
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ConfigError) as error:
+        load_campaign(file if axes else "nope.toml")
+    assert str(error.value).startswith(told)
 
 
 @pytest.mark.parametrize("old, new, told", [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -27,6 +28,7 @@ def flown(campaign, case, told=lambda frame: None):
     finally:
         truth.close()
         believed.close()
+    assert result.keys() == flight_module.RESULT_KEYS
     return {name: value for name, value in result.items() if name not in TIMES}
 
 
@@ -43,7 +45,7 @@ def test_a_focal_length_that_is_believed_5_percent_longer_puts_the_body_5_percen
     for case in campaign.cases:
         errors = []
         result = flown(campaign, case, lambda frame, errors=errors: errors.append(frame.error_m / frame.range_m))
-        assert result["status"] == "kept" and result["measured"] == result["frames"] == 6
+        assert result["status"] == "kept" and result["accepted"] == result["frames"] == 6
         if case.belief.cameras["navcam"].focal_length_factor == 1.0:
             assert errors[-1] < 0.006
         else:
@@ -95,8 +97,46 @@ def test_a_body_that_is_out_of_the_frame_is_lost_with_the_reason(campaign_file):
             "[belief.spacecraft]\nr_offset_m = [300.0, 0.0, 0.0]\n")
     campaign = load_campaign(campaign_file("scenario = 'approach.toml'\npointing = 'scenario'\n[axes]", more))
     result = flown(campaign, campaign.cases[0])
-    assert result["status"] == "lost" and result["measured"] == 0
-    assert "% of the range, above 10 %; the last frame was not measured: " in result["reason"]
+    assert result["status"] == "lost" and result["accepted"] == 0
+    told = "% of the range, above 10 %; none of the last 4 frames gave a measurement that the filter accepted; "
+    assert told in result["reason"]
+
+
+@pytest.mark.parametrize("measured, told", [
+    (lambda found: None, "; the last frame: dark"),
+    (lambda found: replace(found, direction_camera=-found.direction_camera),
+     "; the last frame: the filter refused the measurement")])
+def test_a_flight_that_never_measures_the_body_has_lost_it(campaign_file, monkeypatch, measured, told):
+    """The first estimate is good enough to end within 10 %: yet nothing was navigated."""
+    class Blind(OF_FRAMES["model"]):
+        name = "blind"
+
+        def measure(self, frame, believed, render):
+            found = measured(super().measure(frame, believed, render))
+            self.reason = "" if found else "dark"
+            return found
+
+    monkeypatch.setitem(OF_FRAMES, Blind.name, Blind)
+    result = flown(*of_one(campaign_file, "estimator = ['blind']"))
+    assert (result["status"], result["accepted"]) == ("lost", 0) and result["error_over_range"]["last"] < 0.1
+    assert result["reason"] == "none of the last 4 frames gave a measurement that the filter accepted" + told
+
+
+def test_faults_are_the_scenes_own_unless_the_axis_says_others(campaign_file, tmp_path):
+    """The scene's frames are black: `[[]]` flies without, and no default or belief hides them."""
+    found = {}
+    for name, axis in (("own", "seed = [1]"), ("none", "faults = [[]]")):
+        file = campaign_file(f"scenario = 'approach.toml'\nhandover = 0.03\n[axes]\nmax_error = [0.3]\n{axis}\n")
+        text = (tmp_path / "approach.toml").read_text()
+        (tmp_path / "approach.toml").write_text(text.replace(
+            "[cameras.model]", "[cameras.model]\nfaults = [{ kind = 'stuck_exposure', exposure_s = 1e-9 }]"))
+        (case,) = (campaign := load_campaign(file)).cases
+        assert campaign.setup.scene.cameras[0].model.faults
+        assert onboard_scene(campaign.setup.scene, case.belief).cameras[0].model.faults == ()
+        brightest = found[name] = []
+        flown(campaign, case, lambda frame, brightest=brightest: brightest.append(frame.pixels.max()))
+    assert max(found["own"]) < 10 and min(found["none"]) > 100
+    assert [fault["kind"] for fault in load_campaign(campaign_file()).axes["faults"][0]] == []
 
 
 def reached(start):

@@ -160,6 +160,6 @@ def test_tolerances_that_are_none_are_refused_with_the_way_out(renderer, asked, 
 def test_the_command_line_s_tolerances():
     assert read_max_error("0.02") == 0.02 and read_max_error(None) is None
     assert read_max_error("centroid_px=0.05, flux=0.001") == {"flux": 0.001, "centroid_px": 0.05}
-    for text in ("low", "flux=", "flux=1e-3,flux=2e-3", "flux=0.1,0.2"):
+    for text in ("low", "flux=", "flux=1e-3,flux=2e-3", "flux=0.1,0.2", "=1"):
         with pytest.raises(ConfigError, match="must be a number, or units with one each"):
             read_max_error(text)

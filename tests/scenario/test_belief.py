@@ -200,6 +200,8 @@ def test_a_file_gives_the_believed_scene_alone(table, tmp_path, capsys):
     path.write_text(SCENARIO)
     with pytest.raises(ConfigError, match="approach.toml.belief: missing"):
         load_believed_scene(path)
+    with pytest.raises(ConfigError, match="^nope.toml: cannot be read"):
+        load_believed_scene("nope.toml")
 
 
 def test_the_pages_belief_is_one(table):

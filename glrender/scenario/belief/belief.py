@@ -180,7 +180,7 @@ class Belief:
         _of_type("spacecraft", self.spacecraft, SpacecraftBelief, "leave out for the true one")
 
     def scene(self, truth: Scene) -> Scene:
-        """The believed scene of a true one.
+        """The believed scene of a true one; faults of its cameras' frames are the truth's alone.
 
         Raises
         ------
@@ -195,7 +195,7 @@ class Belief:
                 bodies.append(self.bodies[body.name].body(body) if body.name in self.bodies else body)
         for camera in truth.cameras:
             with error_path(f"cameras.{camera.name}"):
-                cameras.append(self.cameras[camera.name].camera(camera) if camera.name in self.cameras else camera)
+                cameras.append(_faultless(self.cameras.get(camera.name, CameraBelief()).camera(camera)))
         return replace(truth, bodies=bodies, cameras=cameras)
 
     def state(self, truth: State, spacecraft: Pose) -> State:
@@ -225,6 +225,10 @@ class Belief:
 def _of_type(path: str, value: object, of: type, hint: str, *, is_optional: bool = False) -> None:
     if not isinstance(value, of) and not (is_optional and value is None):
         raise ConfigError(path, f"must be a {of.__name__}", value, hint)
+
+
+def _faultless(camera: PinholeCamera) -> PinholeCamera:
+    return replace(camera, model=replace(camera.model, faults=())) if camera.model is not None else camera
 
 
 def _differences(belief: Any) -> list[str]:

@@ -61,8 +61,9 @@ def load_setting(path: str | Path) -> tuple[Scene, dict[str, dict[str, np.ndarra
         With the path of the field.
     """
     path = Path(path)
+    table = read_toml(path)
     with error_path(path.name):
-        table = _with_scene(read_toml(path), path.parent)
+        table = _with_scene(table, path.parent)
         own, entries = _taken(table)
         read_cameras(table, path.parent, _spice(own, path.parent))
         with error_path("output"):
@@ -79,8 +80,9 @@ def load_believed_scene(path: str | Path) -> Scene:
         With the path of the field.
     """
     path = Path(path)
+    table = read_toml(path)
     with error_path(path.name):
-        table = _with_scene(read_toml(path), path.parent)
+        table = _with_scene(table, path.parent)
         own, _ = _taken(table)
         if "belief" not in own:
             raise ConfigError("belief", "missing", hint="say in [belief] what is believed, or serve the scene itself")

@@ -6,8 +6,9 @@ import copy
 import hashlib
 import itertools
 import json
+import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from glrender.scenario.files.belief_fields import read_belief
 from glrender.scene.scene import checked_max_error
 from glrender.scene.scene_file import read_toml
 from glrender.sequences.sequence import VERSION, digest_of_scene, digest_of_states
+from glrender_camera.faults.fault import Fault
 from glrender_camera.faults.frame_faults import checked_faults
 from glrender_camera.validate import finite, integer, known_keys, one_of, text
 
@@ -29,7 +31,7 @@ _KEYS = ("scenario", "camera", "body", "pointing", "handover", "acceleration_err
 _OWN_AXES = ("estimator", "max_error", "onboard_max_error", "faults", "seed")
 _AXES = ("belief", *_OWN_AXES)
 _MAX_CASES = 100_000
-_ID_DIGITS = 8
+_ID_DIGITS = 16
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -94,18 +96,18 @@ class Campaign:
         Of its file.
     setup : Setup
     axes : mapping of str to tuple
-        Values by the axes' names; of beliefs as ``belief.bodies.itokawa.facets``.
-    believed : mapping
-        The table [belief] of the scenario, which the axes change.
-    folder : path
-        That names of shape files in beliefs are relative to.
+        Values by the axes' names; of beliefs as ``belief.bodies.itokawa.facets``, and these first.
+    paths : mapping of str to tuple of str
+        Keys that lead to the field of a belief, by the axis' name.
+    beliefs : sequence of (str, Belief)
+        Of all combinations of these axes' values, each with a key that is equal where beliefs are.
     """
 
     path: Path
     setup: Setup
     axes: Mapping[str, tuple[Any, ...]]
-    believed: Mapping[str, Any]
-    folder: Path
+    paths: Mapping[str, tuple[str, ...]]
+    beliefs: Sequence[tuple[str, Belief]]
 
     @property
     def varied(self) -> list[str]:
@@ -115,9 +117,10 @@ class Campaign:
     @cached_property
     def cases(self) -> list[Case]:
         """All cases: beliefs change slowest, seeds fastest."""
-        beliefs: dict[str, Belief] = {}
-        return [self._case(dict(zip(self.axes, values, strict=True)), beliefs)
-                for values in itertools.product(*self.axes.values())]
+        own = list(itertools.product(*(self.axes[name] for name in self.axes if name not in self.paths)))
+        believed = zip(itertools.product(*(self.axes[name] for name in self.paths)), self.beliefs, strict=True)
+        return [self._case(dict(zip(self.axes, (*first, *rest), strict=True)), key, belief)
+                for first, (key, belief) in believed for rest in own]
 
     def case(self, id: str) -> Case:
         """The case of an id.
@@ -133,13 +136,9 @@ class Campaign:
         raise ConfigError("--case", f"must be the id of one of {len(self.cases)} cases", id,
                           "ids stand in the report; they change with the campaign, its scenario and glrender")
 
-    def _case(self, values: dict[str, Any], beliefs: dict[str, Belief]) -> Case:
-        table = believed_table(self.believed, values)
-        key = _digest(table, _contents(table, self.folder))
-        if key not in beliefs:
-            beliefs[key] = read_belief(table, self.setup.scene, self.folder)
+    def _case(self, values: dict[str, Any], key: str, belief: Belief) -> Case:
         digest = _digest(self._digest, key, {name: value for name, value in values.items() if name in _OWN_AXES})
-        return Case(id=digest[:_ID_DIGITS], values=values, belief=beliefs[key], belief_key=key)
+        return Case(id=digest[:_ID_DIGITS], values=values, belief=belief, belief_key=key)
 
     @cached_property
     def _digest(self) -> str:
@@ -157,8 +156,9 @@ def load_campaign(path: str | Path) -> Campaign:
         The file is missing or is not TOML, or a field breaks a rule: with the path of the field.
     """
     path = Path(path)
+    table = read_toml(path)
     with error_path(path.name):
-        table = known_keys("", read_toml(path), _KEYS, required=("scenario", "axes"))
+        known_keys("", table, _KEYS, required=("scenario", "axes"))
         scenario_path = path.parent / text("scenario", table["scenario"])
         with error_path("scenario"):
             scenario = load_scenario(scenario_path)
@@ -173,29 +173,12 @@ def load_campaign(path: str | Path) -> Campaign:
                       handover=_share("handover", table.get("handover", 0.05)),
                       acceleration_error=_share("acceleration_error", table.get("acceleration_error", 0.02)))
         with error_path("axes"):
-            axes = _axes(table["axes"], scenario.scene)
+            axes, paths = _axes(table["axes"], scenario.scene, camera)
         if (count := int(np.prod([len(values) for values in axes.values()], dtype=float))) > _MAX_CASES:
             raise ConfigError("axes", f"must give {_MAX_CASES} cases at most", count, "give fewer values")
         believed = read_toml(scenario_path).get("belief", {})
-        campaign = Campaign(path=path, setup=setup, axes=axes, believed=believed, folder=scenario_path.parent)
-        _try_beliefs(campaign)
-    return campaign
-
-
-def believed_table(base: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
-    """The table [belief] with the values of a case's axes put in."""
-    table = copy.deepcopy(dict(base))
-    for name, value in values.items():
-        first, *steps = name.split(".")
-        if first == "belief":
-            place = table
-            for step in steps[:-1]:
-                place = place.setdefault(step, {})
-                if not isinstance(place, dict):
-                    raise ConfigError(f"axes.{name}", "must be a field of a belief", value,
-                                      f"the scenario has {step} = {place!r}")
-            place[steps[-1]] = value
-    return table
+        beliefs = _Beliefs(believed, scenario.scene, scenario_path.parent, paths).all(axes)
+    return Campaign(path=path, setup=setup, axes=axes, paths=paths, beliefs=beliefs)
 
 
 def _camera(scene: Scene, name: object) -> PinholeCamera:
@@ -219,14 +202,19 @@ def _share(name: str, value: object) -> float:
     return share
 
 
-def _axes(table: object, scene: Scene) -> dict[str, tuple[Any, ...]]:
+def _axes(table: object, scene: Scene, camera: PinholeCamera) -> tuple[
+        dict[str, tuple[Any, ...]], dict[str, tuple[str, ...]]]:
+    """Values of all axes, and the paths of those of beliefs, by the axes' names."""
     known_keys("", table, _AXES)
     if not isinstance(table.get("belief", {}), Mapping):
         raise ConfigError("belief", "must be a table of beliefs", table["belief"], "belief.bodies.NAME.facets = [0.1]")
-    given = {**dict(_leaves("belief", table.get("belief", {}))),
+    leaves = {_dotted(path): (path, values) for path, values in _leaves(("belief",), table.get("belief", {}))}
+    paths = {name: path for name, (path, _) in leaves.items()}
+    given = {**{name: values for name, (_, values) in leaves.items()},
              **{name: table[name] for name in _OWN_AXES if name in table}}
-    axes = {**{name: None for name in given if name not in _OWN_AXES}, "estimator": ["model"],
-            "max_error": [scene.max_error], "onboard_max_error": [0.1], "faults": [[]], "seed": [1]}
+    axes = {**dict.fromkeys(paths), "estimator": ["model"],
+            "max_error": [scene.max_error], "onboard_max_error": [0.1],
+            "faults": [list(map(_table_of_fault, camera.model.faults))], "seed": [1]}
     for name in axes:
         values = given.get(name, axes[name])
         if not isinstance(values, list):
@@ -239,16 +227,25 @@ def _axes(table: object, scene: Scene) -> dict[str, tuple[Any, ...]]:
             if value in checked[:index]:
                 raise ConfigError(f"{name}[{index}]", "is given twice", value, "leave one out")
         axes[name] = checked
-    return axes
+    return axes, paths
 
 
-def _leaves(path: str, table: object) -> Iterator[tuple[str, Any]]:
-    """Dotted names of the axes in nested tables, with their lists."""
+def _table_of_fault(fault: Fault) -> dict[str, Any]:
+    return {"kind": fault.kind, **asdict(fault)}
+
+
+def _leaves(path: tuple[str, ...], table: object) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """Keys that lead to the axes in nested tables, with their lists."""
     if not isinstance(table, Mapping):
         yield path, table
         return
     for key, value in table.items():
-        yield from _leaves(f"{path}.{key}", value)
+        yield from _leaves((*path, key), value)
+
+
+def _dotted(path: Sequence[str]) -> str:
+    """A path as TOML has it."""
+    return ".".join(key if re.fullmatch(r"[\w-]+", key, re.ASCII) else json.dumps(key) for key in path)
 
 
 def _checked(name: str, path: str, value: Any) -> Any:
@@ -263,27 +260,92 @@ def _checked(name: str, path: str, value: Any) -> Any:
     return value
 
 
-def _try_beliefs(campaign: Campaign) -> None:
-    """Refuse at the start what no worker could believe: each value of each axis of beliefs alone."""
-    first = {name: values[0] for name, values in campaign.axes.items()}
-    for name, values in campaign.axes.items():
-        if name.startswith("belief."):
-            for index, value in enumerate(values):
-                table = believed_table(campaign.believed, {**first, name: value})
-                with error_path(f"axes.{name}[{index}]"):
-                    _believed(table, campaign, name)
-    if not any(name.startswith("belief.") for name in campaign.axes):
-        _believed(dict(campaign.believed), campaign, "")
+class _Beliefs:
+    """Reads the beliefs of a campaign, and refuses at the start what no worker could believe.
 
+    Parameters
+    ----------
+    base : mapping
+        The table [belief] of the scenario, which the axes change.
+    scene : Scene
+        The true one.
+    folder : path
+        That names of shape files are relative to.
+    paths : mapping
+        As of `Campaign`.
+    """
 
-def _believed(table: dict[str, Any], campaign: Campaign, axis: str) -> None:
-    try:
-        with error_path("belief"):
-            read_belief(table, campaign.setup.scene, campaign.folder).scene(campaign.setup.scene)
-    except ConfigError as error:
-        # The axis names the field already.
-        error.path = error.path.removeprefix(axis).lstrip(".") if axis and error.path.startswith(axis) else error.path
-        raise
+    def __init__(self, base: Mapping[str, Any], scene: Scene, folder: Path, paths: Mapping[str, tuple[str, ...]]):
+        self._base, self._scene, self._folder, self._paths = base, scene, folder, paths
+        self._read: dict[str, Belief] = {}
+        self._surfaces: set[str] = set()
+
+    def all(self, axes: Mapping[str, Sequence[Any]]) -> list[tuple[str, Belief]]:
+        """Keys and beliefs of all combinations; of a mistake in one value the path is that value's.
+
+        Raises
+        ------
+        ConfigError
+        """
+        first = {name: axes[name][0] for name in self._paths}
+        for name in self._paths:
+            for index, value in enumerate(axes[name]):
+                try:
+                    self._of({**first, name: value})
+                except ConfigError as error:
+                    field = ".".join(self._paths[name])
+                    if error.path.startswith(field):
+                        error.path = f"axes.{name}[{index}]{error.path.removeprefix(field)}"
+                    elif field.startswith(error.path):
+                        error.path = f"axes.{error.path}"
+                    else:
+                        error.path, error.rule = f"axes.{name}[{index}]", f"{error.path}: {error.rule}"
+                    raise
+        found = []
+        for combination in itertools.product(*(axes[name] for name in self._paths)):
+            values = dict(zip(self._paths, combination, strict=True))
+            try:
+                found.append(self._of(values))
+            except ConfigError as error:
+                error.path = f"axes.{error.path}" if values else f"scenario.{error.path}"
+                if values:
+                    told = " and ".join(f"{name} = {value!r}" for name, value in values.items())
+                    error.hint = f"{error.hint}; {told}".removeprefix("; ") + ": fly them in separate campaigns"
+                raise
+        return found
+
+    def _of(self, values: Mapping[str, Any]) -> tuple[str, Belief]:
+        table = self._table(values)
+        if (key := _digest(table, _contents(table, self._folder))) not in self._read:
+            with error_path("belief"):
+                belief = read_belief(table, self._scene, self._folder)
+                self._try(belief, table)
+            self._read[key] = belief
+        return key, self._read[key]
+
+    def _table(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """The table [belief] with values of the axes put in."""
+        table = copy.deepcopy(dict(self._base))
+        for name, value in values.items():
+            _, *steps, last = self._paths[name]
+            place = table
+            for step in steps:
+                place = place.setdefault(step, {})
+                if not isinstance(place, dict):
+                    raise ConfigError(".".join(self._paths[name]), "must be a field of a belief", value,
+                                      f"the scenario has {step} = {place!r}")
+            place[last] = value
+        return table
+
+    def _try(self, belief: Belief, table: Mapping[str, Any]) -> None:
+        """Make the scene; a surface whose facets were reduced once is not reduced again: it takes seconds."""
+        bodies, surfaces = {}, set()
+        for name, each in belief.bodies.items():
+            surface = json.dumps([name, *map(table["bodies"][name].get, ("shape", "facets"))])
+            bodies[name] = replace(each, facets=None) if surface in self._surfaces else each
+            surfaces.add(surface)
+        replace(belief, bodies=bodies).scene(self._scene)
+        self._surfaces |= surfaces
 
 
 def _contents(table: Any, folder: Path) -> list[str]:

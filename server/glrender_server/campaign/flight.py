@@ -17,8 +17,13 @@ from .campaign_file import Case, Setup
 from .onboard import OF_FRAMES, OnBoard
 from .pictures import Frame, strip_of
 
+RESULT_KEYS = {"id", "values", "status", "reason", "frames", "accepted", "error_m", "error_over_range", "worst_frame",
+               "track", "processor_s", "frame_ms", "on_board_ms"}
+"""What a flight's result tells."""
 # Beyond this share of the range the body is lost.
 _LOST = 0.1
+# What is told of a frame that was measured in vain.
+_REFUSED = "the filter refused the measurement"
 # Standard deviation of the first velocity, of the first position's over a step.
 _HANDOVER_RATE = 2e-3
 # Seeds of the frames of one flight follow each other; those of another are far off.
@@ -60,14 +65,13 @@ def fly(setup: Setup, case: Case, truth: Any, believed: Any,
     onboard = OnBoard(estimator, _first_estimate(setup, belief.spacecraft, r[0], v[0], steps_s[0], rng),
                       render_of(believed, setup.camera, values["onboard_max_error"]))
     undistorted = undistortion(camera, believed_distortion(true_camera, belief))
-    options = {"faults": values["faults"]} if values["faults"] else {}
-    track, reason, ms = [], "", {"frame": [], "on_board": []}
+    track, reason, accepted, ms = [], "", [], {"frame": [], "on_board": []}
     for index, state in enumerate(setup.states):
         if setup.pointing == "estimate":
             state = _pointed(state, true_camera, onboard.r_m, setup.body)
         lap = time.perf_counter()
         pixels = take_frame(truth, state, setup.camera, seed=values["seed"] * _SEEDS + index,
-                            max_error=values["max_error"], **options).frame.dn
+                            max_error=values["max_error"], faults=values["faults"]).frame.dn
         ms["frame"].append(1e3 * (time.perf_counter() - lap))
         lap, found = time.perf_counter(), None
         try:
@@ -77,11 +81,13 @@ def fly(setup: Setup, case: Case, truth: Any, believed: Any,
         except Exception as error:  # an estimator's mistake is the result of its flight
             reason = f"frame {index}: {type(error).__name__}: {error}"
         ms["on_board"].append(1e3 * (time.perf_counter() - lap))
+        why = reason or onboard.reason or _REFUSED * (not onboard.is_accepted)
         frame = Frame(pixels=pixels, t_s=state.t_s, range_m=float(np.linalg.norm(r[index])),
                       error_m=float(np.linalg.norm(onboard.r_m - r[index])),
-                      true_px=_seen_px(state, true_camera, setup.body), reason=reason or onboard.reason,
+                      true_px=_seen_px(state, true_camera, setup.body), reason=why,
                       found_px=None if found is None else found.center_px)
         track.append(frame)
+        accepted.append(onboard.is_accepted)
         told(frame)
         if reason:
             break
@@ -89,11 +95,11 @@ def fly(setup: Setup, case: Case, truth: Any, believed: Any,
             # What carries the one true place and velocity to the next: known on board but for its error.
             acceleration = 2.0 * (r[index + 1] - r[index] - v[index] * steps_s[index]) / steps_s[index] ** 2
             onboard.fly(acceleration * (1.0 + setup.acceleration_error * rng.standard_normal(3)), steps_s[index])
-    errors, reason = _errors(track), reason or _lost(track[-1])
+    errors, reason = _errors(track), reason or _lost(track, accepted)
     shown = sorted({0, errors["worst_frame"], len(track) - 1})
     return Flight(picture=strip_of([track[index] for index in shown]), result={
         "id": case.id, "values": dict(values), "status": "lost" if reason else "kept", "reason": reason,
-        "frames": len(track), "measured": sum(frame.found_px is not None for frame in track), **errors,
+        "frames": len(track), "accepted": sum(accepted), **errors,
         "processor_s": round(time.process_time() - began, 3),
         **{f"{name}_ms": round(float(np.median(laps)), 2) for name, laps in ms.items()}})
 
@@ -110,13 +116,17 @@ def _first_estimate(setup: Setup, craft: SpacecraftBelief, r_m: np.ndarray, v_m_
                      thruster_error=max(setup.acceleration_error, 1e-3))
 
 
-def _lost(last: Frame) -> str:
-    """Why a flight that ends with a frame lost the body; empty where it did not."""
-    if last.error_m < _LOST * last.range_m:
-        return ""
-    percent = 100.0 * last.error_m / last.range_m
-    text = f"the error at the end is {percent:.3g} % of the range, above {100.0 * _LOST:g} %"
-    return f"{text}; the last frame was not measured: {last.reason}" if last.reason else text
+def _lost(track: list[Frame], accepted: list[bool]) -> str:
+    """Why a flight lost the body; empty where it did not."""
+    last, settled, reasons = track[-1], _settled(track), []
+    if last.error_m >= _LOST * last.range_m:
+        percent = 100.0 * last.error_m / last.range_m
+        reasons.append(f"the error at the end is {percent:.3g} % of the range, above {100.0 * _LOST:g} %")
+    if not any(accepted[settled]):
+        reasons.append(f"none of the last {len(track[settled])} frames gave a measurement that the filter accepted")
+    if reasons and last.reason:
+        reasons.append(f"the last frame: {last.reason}")
+    return "; ".join(reasons)
 
 
 def _taken(onboard: OnBoard, frame: np.ndarray, belief: Belief, state: State, body: str) -> Measurement | None:
@@ -155,12 +165,17 @@ def _seen_px(state: State, camera: PinholeCamera, body: str) -> tuple[float, flo
 def _errors(track: list[Frame]) -> dict[str, Any]:
     error_m = np.array([frame.error_m for frame in track])
     share = error_m / [frame.range_m for frame in track]
-    settled = slice(len(track) // 3, None)  # the loop has converged by then
+    settled = _settled(track)
     return {"error_m": {"rms_settled": _number(np.sqrt(np.mean(error_m[settled] ** 2))), "last": _number(error_m[-1])},
             "error_over_range": {"rms_settled": _number(np.sqrt(np.mean(share[settled] ** 2))),
                                  "last": _number(share[-1])},
             "worst_frame": settled.start + int(np.argmax(share[settled])),
             "track": [_number(each) for each in share]}
+
+
+def _settled(track: list[Frame]) -> slice:
+    """The frames by which the loop has converged."""
+    return slice(len(track) // 3, None)
 
 
 def _number(value: float) -> float:

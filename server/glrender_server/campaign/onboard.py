@@ -23,10 +23,16 @@ class OnBoard:
         With the first estimate, relative to the body.
     render : callable
         Draws the believed scene, as `Estimator.measure` asks for it.
+
+    Attributes
+    ----------
+    is_accepted : bool
+        Whether the filter took the last frame's measurement in.
     """
 
     def __init__(self, estimator: Estimator, navigator: Navigator, render: Callable[..., Any]):
         self._estimator, self._navigator, self._render = estimator, navigator, render
+        self.is_accepted = False
 
     @property
     def r_m(self) -> np.ndarray:
@@ -53,6 +59,7 @@ class OnBoard:
         believed : State
             The spacecraft where it is estimated to be, all else by the believed ephemerides.
         """
+        self.is_accepted = False
         found = self._estimator.measure(frame, believed, self._render)
         if found is not None:
             camera = self._estimator.camera
@@ -61,7 +68,7 @@ class OnBoard:
             body = np.asarray(believed.bodies[self._estimator.body.name].r_inertial_m)
             # The camera's place is what the sight leaves of the spacecraft's.
             lever_m = body - here.camera_from_inertial.T @ here.r_body_camera_m - pose
-            self._navigator.update(found, here.camera_from_inertial, lever_m)
+            self.is_accepted = self._navigator.update(found, here.camera_from_inertial, lever_m)
         return found
 
     def fly(self, acceleration_m_s2: np.ndarray, step_s: float) -> None:

@@ -25,7 +25,7 @@ class Frame:
     true_px, found_px : (float, float) [px] or None
         The body's origin in the frame, and where the estimator has it.
     reason : str
-        Why there was no measurement.
+        Why there was no measurement, or none that was accepted.
     """
 
     pixels: np.ndarray

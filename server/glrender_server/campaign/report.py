@@ -56,14 +56,15 @@ def write_report(path: Path, campaign: Campaign, results: Sequence[Mapping[str, 
     parts = [f"<h1>Campaign {html.escape(campaign.path.stem)}</h1>", f"<p>{html.escape(told)}</p>", _settings(campaign),
              "<p>The error is the distance between the estimated and the true position, as a share of the range: root "
              "mean square over the last two thirds of the frames. A case has lost the body where the on-board side "
-             "failed, or ends more than 10 % of the range off.</p>"]
+             "failed, ends more than 10 % of the range off, or accepted no measurement in these frames.</p>"]
     for name in campaign.varied:
         values = [_text(value) for value in campaign.axes[name]]
         places = [campaign.axes[name].index(case.values[name]) for case in campaign.cases]
         groups = [case.values["estimator"] if by_estimator and name != "estimator" else "" for case in campaign.cases]
-        parts += [f"<h2>Error against {html.escape(_short(name))}</h2>",
-                  _figure(error_against(_short(name), values, results, places, groups), f"error against {name}"),
-                  _table_of_axis(_short(name), values, results, places)]
+        short = _short(campaign, name)
+        parts += [f"<h2>Error against {html.escape(short)}</h2>",
+                  _figure(error_against(short, values, results, places, groups), f"error against {name}"),
+                  _table_of_axis(short, values, results, places)]
     parts += ["<h2>Error along the flight</h2>", _figure(tracks(results), "error after each frame"),
               "<h2>Worst cases</h2>", "<p>First, worst and last frame of each: the green ring is where the body's "
               "origin is, the orange cross where the estimator has it.</p>",
@@ -77,9 +78,9 @@ def write_report(path: Path, campaign: Campaign, results: Sequence[Mapping[str, 
     return told
 
 
-def command_of(campaign: Campaign, case: Case) -> str:
+def command_of(campaign: Campaign, case: Case, folder: Path) -> str:
     """The command that flies a case again."""
-    return f"glrender campaign {shlex.quote(str(campaign.path))} --case {case.id}"
+    return f"glrender campaign {shlex.quote(str(campaign.path))} --out {shlex.quote(str(folder))} --case {case.id}"
 
 
 def _told(results: Sequence[Mapping[str, Any]]) -> str:
@@ -102,8 +103,8 @@ def _settings(campaign: Campaign) -> str:
     rows = {"flight": f"{len(setup.states)} frames over {span_s:g} s about {setup.body}, camera {setup.camera}, "
                       f"pointed by the {setup.pointing}",
             "first estimate": f"off by {setup.handover:.3g} of the range", "glrender": setup.version,
-            **{name: ", ".join(map(_text, values)) for name, values in axes.items()}}
-    return _table([], [[f"<b>{html.escape(_short(name))}</b>", html.escape(text)] for name, text in rows.items()])
+            **{_short(campaign, name): ", ".join(map(_text, values)) for name, values in axes.items()}}
+    return _table([], [[f"<b>{html.escape(name)}</b>", html.escape(text)] for name, text in rows.items()])
 
 
 def _table_of_axis(name: str, values: Sequence[str], results: Sequence[Mapping[str, Any]],
@@ -120,18 +121,19 @@ def _table_of_axis(name: str, values: Sequence[str], results: Sequence[Mapping[s
 
 def _table_of_cases(campaign: Campaign, results: Sequence[Mapping[str, Any]]) -> str:
     rows = [[f"<code>{case.id}</code>", *(html.escape(_text(case.values[name])) for name in campaign.varied),
-             _error(result), f"{result['measured']} of {result['frames']}", html.escape(result["reason"][:120])]
+             _error(result), f"{result['accepted']} of {result['frames']}", html.escape(result["reason"][:120])]
             for case, result in zip(campaign.cases, results, strict=True)]
-    return _table(["case", *map(_short, campaign.varied), "error", "measured frames", "why it is lost"], rows)
+    varied = [_short(campaign, name) for name in campaign.varied]
+    return _table(["case", *varied, "error", "accepted frames", "why it is lost"], rows)
 
 
 def _article(campaign: Campaign, case: Case, result: Mapping[str, Any], folder: Path) -> str:
     picture = base64.b64encode(picture_of(folder, case)).decode()
-    values = ", ".join(f"{_short(name)} {_text(case.values[name])}" for name in campaign.varied)
+    values = ", ".join(f"{_short(campaign, name)} {_text(case.values[name])}" for name in campaign.varied)
     lost = f'<p class="lost">lost: {html.escape(result["reason"])}</p>' if result["status"] == "lost" else ""
     return (f"<article><p><b>{_error(result)}</b> {html.escape(values)}</p>{lost}"
             f'<p><img alt="first, worst and last frame" src="data:image/png;base64,{picture}"></p>'
-            f"<p><code>{html.escape(command_of(campaign, case))}</code></p></article>")
+            f"<p><code>{html.escape(command_of(campaign, case, folder))}</code></p></article>")
 
 
 def _error(result: Mapping[str, Any]) -> str:
@@ -146,10 +148,12 @@ def _percentile_95(values: Sequence[float]) -> float:
     return float(np.percentile(values, 95))
 
 
-def _short(name: str) -> str:
+def _short(campaign: Campaign, name: str) -> str:
     """An axis' name without the tables that beliefs are in: ``believed itokawa.facets``."""
-    steps = name.split(".")
-    return f"believed {'.'.join(steps[2:] if len(steps) > 3 else steps[1:])}" if steps[0] == "belief" else name
+    if name not in campaign.paths:
+        return name
+    steps = campaign.paths[name]
+    return f"believed {'.'.join(steps[2:] if len(steps) > 3 else steps[1:])}"
 
 
 def _text(value: Any) -> str:

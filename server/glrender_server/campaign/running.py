@@ -17,7 +17,7 @@ from glrender.sequences.sequence import VERSION
 
 from .believed_side import onboard_scene
 from .campaign_file import Campaign, Case, Setup
-from .flight import Flight, fly
+from .flight import RESULT_KEYS, Flight, fly
 
 _FOLDER = "cases"
 
@@ -44,7 +44,7 @@ def fly_all(campaign: Campaign, folder: Path, n_processes: int | None = None,
     cases = missing(campaign, folder)
     if not cases:
         return
-    _made(folder / _FOLDER)
+    made(folder / _FOLDER)
     with pool or own_processes(n_processes, start, (campaign.setup,), stop) as processes:
         tasks = ((number, *_task(campaign.setup, case, processes, pool is None)) for number, case in enumerate(cases))
         for number, flight in processes.done(tasks):
@@ -53,13 +53,20 @@ def fly_all(campaign: Campaign, folder: Path, n_processes: int | None = None,
 
 
 def missing(campaign: Campaign, folder: Path) -> list[Case]:
-    """The cases of a campaign that a folder has not yet."""
-    return [case for case in campaign.cases if not _path(folder, case, "json").exists()]
+    """The cases of a campaign whose whole results a folder has not yet."""
+    return [case for case in campaign.cases if result_of(folder, case) is None]
 
 
-def result_of(folder: Path, case: Case) -> dict[str, Any]:
-    """The kept result of a case."""
-    return json.loads(_path(folder, case, "json").read_text(encoding="utf-8"))
+def result_of(folder: Path, case: Case) -> dict[str, Any] | None:
+    """The kept result of a case; None where its files are missing, cut or another program's."""
+    try:
+        result = json.loads(_path(folder, case, "json").read_text(encoding="utf-8"))
+        is_whole = (_path(folder, case, "png").stat().st_size and result["id"] == case.id
+                    and result.keys() >= RESULT_KEYS and result["error_over_range"].keys() >= {"rms_settled", "last"}
+                    and 0 < len(result["track"]) == result["frames"])
+    except (OSError, ValueError, TypeError, KeyError, AttributeError):
+        return None
+    return result if is_whole else None
 
 
 def picture_of(folder: Path, case: Case) -> bytes:
@@ -67,16 +74,25 @@ def picture_of(folder: Path, case: Case) -> bytes:
     return _path(folder, case, "png").read_bytes()
 
 
-def _path(folder: Path, case: Case, ending: str) -> Path:
-    return folder / _FOLDER / f"{case.id}.{ending}"
+def made(folder: Path) -> None:
+    """Make a folder in that of `--out`.
 
-
-def _made(folder: Path) -> None:
+    Raises
+    ------
+    ConfigError
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError):
         raise ConfigError("--out", "must be a folder, or not be there yet", str(folder.parent),
                           "name another") from None
+    except OSError as error:
+        raise ConfigError("--out", f"must be a folder that can be written to ({error.strerror})", str(folder.parent),
+                          "name another") from None
+
+
+def _path(folder: Path, case: Case, ending: str) -> Path:
+    return folder / _FOLDER / f"{case.id}.{ending}"
 
 
 def _task(setup: Setup, case: Case, pool: Pool, is_here: bool) -> tuple[Callable[..., Flight], tuple]:

@@ -9,13 +9,14 @@ from pathlib import Path
 
 from glrender import GlrenderError
 from glrender.sequences.dask_processes import dask_processes
+from glrender.sequences.processes import checked_processes
 from tqdm import tqdm
 
 from ..campaign.campaign_file import Campaign, load_campaign
 from ..campaign.flight import fly
 from ..campaign.pictures import Frame, for_the_eye
 from ..campaign.report import write_report
-from ..campaign.running import Renderers, fly_all, missing, result_of
+from ..campaign.running import Renderers, fly_all, made, missing, result_of
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -25,12 +26,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="of results and report.html; default: out/ and the file's name. Its cases are kept")
     parser.add_argument("--case", metavar="ID",
                         help="fly this one case again: its frames as pictures, and its error after each")
-    parser.add_argument("--processes", type=int, metavar="N", help="default: one for each core")
+    parser.add_argument("--processes", type=int, metavar="N", help="0, the default: one for each core")
     parser.add_argument("--dask", metavar="ADDRESS", help="of a Dask scheduler, whose workers fly")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Fly what is missing in the folder, then write the report; or one case."""
+    checked_processes(arguments.processes, "--processes")
     campaign = load_campaign(arguments.campaign)
     folder = arguments.out or Path("out") / arguments.campaign.stem
     if arguments.case is not None:
@@ -56,11 +58,15 @@ def run(arguments: argparse.Namespace) -> int:
 def _again(campaign: Campaign, id: str, folder: Path) -> int:
     case = campaign.case(id)
     frames: list[Frame] = []
-    (folder / id).mkdir(parents=True, exist_ok=True)
+    made(folder / id)
 
     def told(frame: Frame) -> None:
         path = folder / id / f"frame_{len(frames):05d}.png"
-        for_the_eye(frame).save(path)
+        try:
+            for_the_eye(frame).save(path)
+        except OSError as error:
+            raise GlrenderError(f"{path}: cannot be written: {error.strerror}; make room, or name another "
+                                "--out") from error
         frames.append(frame)
         sys.stdout.write(f"{path}: t = {frame.t_s:g} s, {frame.error_m:.4g} m from the truth, "
                          f"{frame.error_m / frame.range_m:.3%} of the range{'; ' * bool(frame.reason)}{frame.reason}\n")

@@ -21,7 +21,7 @@ def read_max_error(text: str | None, name: str = "max_error") -> float | dict[st
         numbers = {unit.strip(): float(number) for unit, number in pairs}
     except ValueError:
         numbers = {}
-    if len(numbers) < len(pairs):
+    if len(numbers) < len(pairs) or ("=" in text and "" in numbers):
         raise ConfigError(name, "must be a number, or units with one each", text,
                           "as 0.02, or centroid_px=0.05,flux=0.001")
     return checked_max_error(numbers if "=" in text else numbers[""], name)
