@@ -157,12 +157,13 @@ def motion_px(scene: Scene, state: State, camera: PinholeCamera, half_s: float) 
     pinhole = camera if camera.distortion is None else replace(camera, distortion=None)
     views = view_bodies(state, pinhole, scene.hulls)
     for view, body in zip(views, scene.bodies, strict=True):
+        most_px = _bound_px_s(state, camera, view, body.hull, rays[:, 2].min()) * 2.0 * half_s
+        if most_px < _STILL_PX or (view.bounds_px is None and view.is_visible):
+            longest = max(longest, most_px)
+            continue
         tracks = [_in_camera(each.bodies[body.name], place, body.hull.points_m.T + view.centre_m)
                   for each, place in zip(states, places, strict=True)]
-        if view.bounds_px is None and view.is_visible:
-            longest = max(longest, _bound_px_s(state, camera, view, body.hull, rays[:, 2].min()) * 2.0 * half_s)
-        else:
-            longest = max(longest, _path_px(camera, tracks))
+        longest = max(longest, _path_px(camera, tracks))
     return longest
 
 
