@@ -140,27 +140,30 @@ def motion_px(scene: Scene, state: State, camera: PinholeCamera, half_s: float) 
     turn_rad = 2.0 * half_s * max(
         0.0 if pose.angular_velocity_rad_s is None else float(np.linalg.norm(pose.angular_velocity_rad_s))
         for pose in (state.spacecraft, *state.bodies.values()))
+    corners = np.array([[x, y] for x in (0, camera.width_px - 1) for y in (0, camera.height_px - 1)])
+    rays = camera.directions(corners)
+    longest, moving = 0.0, []
+    if turn_rad > 2.0 * _INSTANT_RAD * _MOST_INSTANTS:
+        # Too fast to follow: all of the frame, each half turn.
+        longest = turn_rad / math.pi * math.hypot(camera.width_px, camera.height_px)
+    pinhole = camera if camera.distortion is None else replace(camera, distortion=None)
+    for view, body in zip(view_bodies(state, pinhole, scene.hulls), scene.bodies, strict=True):
+        most_px = _bound_px_s(state, camera, view, body.hull, rays[:, 2].min()) * 2.0 * half_s
+        if most_px < _STILL_PX or (view.bounds_px is None and view.is_visible):
+            longest = max(longest, most_px)
+        else:
+            moving.append((view, body))
+    if scene.stars is None and not moving:
+        return longest
     n_instants = min(2 * math.ceil(turn_rad / _INSTANT_RAD) + 3, _MOST_INSTANTS)
     times = np.linspace(-half_s, half_s, n_instants)
     times[n_instants // 2] = 0.0
     states = [state.after(dt) for dt in times]
     places = [Place.of(each, camera) for each in states]
-    corners = np.array([[x, y] for x in (0, camera.width_px - 1) for y in (0, camera.height_px - 1)])
-    rays = camera.directions(corners)
-    longest = 0.0
     if scene.stars is not None:
         sky = rays @ places[n_instants // 2].camera_from_inertial
-        longest = _path_px(camera, [sky @ place.camera_from_inertial.T for place in places])
-    if turn_rad > 2.0 * _INSTANT_RAD * _MOST_INSTANTS:
-        # Too fast to follow: all of the frame, each half turn.
-        longest = max(longest, turn_rad / math.pi * math.hypot(camera.width_px, camera.height_px))
-    pinhole = camera if camera.distortion is None else replace(camera, distortion=None)
-    views = view_bodies(state, pinhole, scene.hulls)
-    for view, body in zip(views, scene.bodies, strict=True):
-        most_px = _bound_px_s(state, camera, view, body.hull, rays[:, 2].min()) * 2.0 * half_s
-        if most_px < _STILL_PX or (view.bounds_px is None and view.is_visible):
-            longest = max(longest, most_px)
-            continue
+        longest = max(longest, _path_px(camera, [sky @ place.camera_from_inertial.T for place in places]))
+    for view, body in moving:
         tracks = [_in_camera(each.bodies[body.name], place, body.hull.points_m.T + view.centre_m)
                   for each, place in zip(states, places, strict=True)]
         longest = max(longest, _path_px(camera, tracks))
