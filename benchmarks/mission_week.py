@@ -148,7 +148,7 @@ def fly_week(scenario: Scenario, endpoint: str, pid: int, n_frames: int) -> dict
 
 
 def plot(told: dict[str, Any], file: Path) -> None:
-    """Where the time goes, and the estimate's error over the week."""
+    """Draw each part's share of the time, and the estimate's error over the week."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.0, 4.6), layout="constrained")

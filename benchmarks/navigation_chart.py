@@ -103,7 +103,7 @@ def rows(bench: Bench) -> list[dict[str, Any]]:
 
 
 def camera_rows(bench: Bench, true_frames: list[np.ndarray]) -> list[dict[str, Any]]:
-    """Those of the camera's frames drawn at a budget; and the whole error, without a setting, of each estimator."""
+    """Rows of the camera's frames drawn at a tolerance, and of each estimator's whole error, which has no setting."""
     found, exact = [], {name: bench.measured(name, true_frames, FINE) for name in RENDERING}
     for name, errors in exact.items():
         found.append({"side": "camera", "estimator": name, **summed(errors)})

@@ -191,7 +191,7 @@ def limb_offsets(image: np.ndarray, exact: np.ndarray, body: np.ndarray) -> tupl
 
 
 def _crossing(profile: np.ndarray, level: np.ndarray, along: np.ndarray, near: np.ndarray) -> np.ndarray:
-    """Where profiles (N, P) along normals fall below a level, nearest to a place (N,); NaN where they never do."""
+    """Places where profiles (N, P) along normals fall below a level, the nearest to a place (N,) each, or NaN."""
     falls = (profile[:, :-1] >= level) & (profile[:, 1:] < level)
     share = (profile[:, :-1] - level) / np.maximum(profile[:, :-1] - profile[:, 1:], 1e-30)
     place = np.where(falls, along[:-1] + share * (along[1] - along[0]), np.inf)

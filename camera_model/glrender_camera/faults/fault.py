@@ -1,4 +1,4 @@
-"""What all faults have in common: their fields, their own random numbers, and the places where they may be."""
+"""The base of all faults: their fields, their own random numbers, and the places where they may be."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ..validate import integer, known_keys, one_of, within
 
 MAX_FAULT_SEED = 2**32 - 1
 PLACES = ("random", "limb")
-"""Where a fault may be put: anywhere, or on the lit edge of the largest body in the frame, where it hurts most."""
+"""Places of a fault: anywhere, or on the lit edge of the largest body in the frame, where it hurts most."""
 # Of the brightest pixel, below full well: light of a body, not the wing of its point spread function.
 _LIT_SHARE = 0.02
 # Width of the neighbourhood that tells the limb, a step of light, from the terminator, a slope.
@@ -37,7 +37,7 @@ def number(default: float, low: float, high: float) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class Effect:
-    """What a fault does to one frame.
+    """A fault's changes of one frame.
 
     Attributes
     ----------
@@ -142,5 +142,5 @@ class Fault:
         return stream(seed, FAULT, zlib.crc32(self.kind.encode()), self.seed, *key)
 
     def of(self, rng: np.random.Generator, site: Site) -> Effect:
-        """What it does to the frame."""
+        """The fault's changes of a frame."""
         raise NotImplementedError

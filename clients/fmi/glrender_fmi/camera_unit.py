@@ -52,7 +52,7 @@ class Kinds(NamedTuple):
 
 
 class UnitError(Exception):
-    """What the server's scene and the unit do not agree on; the message says the way out."""
+    """The server's scene and the unit do not agree; the message says on what, and the way out."""
 
 
 class CameraUnit:
@@ -202,4 +202,4 @@ def _name(body: str) -> str:
 
 
 ERRORS = (GlrenderClientError, UnitError)
-"""What a step raises, and its unit answers with FMI's status of an error."""
+"""Errors of a step, which its unit answers with FMI's status of an error."""

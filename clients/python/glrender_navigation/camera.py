@@ -137,7 +137,7 @@ class Sight:
 
 
 def sight(state: StateLike, camera: Camera, body: str) -> Sight:
-    """Where a state has a body in a camera.
+    """The place of a body in a camera by a state.
 
     Raises
     ------

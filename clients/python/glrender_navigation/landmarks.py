@@ -79,7 +79,7 @@ class Landmarks(Estimator):
 
 
 def _jacobian(focal_length_px: float, r_m: np.ndarray) -> np.ndarray:
-    """Of pixels (2 N) by the place (3,)."""
+    """Derivatives (2 N, 3) [px/m] of the landmarks' pixels by the body's place (3,) [m]."""
     x, y, z = r_m.T
     zero = np.zeros_like(x)
     return focal_length_px * np.stack([np.column_stack([1.0 / z, zero, -x / z**2]),

@@ -56,7 +56,7 @@ class LimbEllipse(Estimator):
         sigma_px = np.hypot(error_px, _SHADING_PX) * np.sqrt(len(rays) / N_STRETCHES)
 
         def off(x: np.ndarray) -> np.ndarray:
-            """Of a place [ranges]: from each ray to the horizon, and from the believed range, in sigmas."""
+            """Residuals [sigmas] of a place [ranges]: from each ray to the horizon, and from the believed range."""
             c = sphere_from_camera @ (here.range_m * x + center_m)
             square = max(c @ c, 1.0 + 1e-6)
             # The angle to the cone over the cone's, times the radius.
