@@ -5,12 +5,12 @@ PYTHON ?= python3
 BIN    := $(VENV)/bin
 export PYTHONUNBUFFERED = 1
 
-.PHONY: demo test test-all bench chart wheels image docs setup opengl octave clang blender mitsuba basilisk chromium lint clean
+.PHONY: demo test test-all bench chart wheels image docs setup tools opengl octave clang blender mitsuba basilisk chromium lint clean
 
 demo: setup
 	$(BIN)/glrender demo --out out/demo
 
-test: setup octave clang blender mitsuba basilisk chromium
+test: tools
 	$(BIN)/ruff check .
 	$(BIN)/python -m pytest -n 3 --dist loadfile $(PYTEST_OPTIONS)
 
@@ -63,6 +63,9 @@ $(VENV)/.ready: pyproject.toml tools/make_venv.sh
 
 opengl: $(VENV)/.ready
 	@sh tools/install_opengl.sh $(BIN)/glrender
+
+# All that tests need besides; `make -j4 tools` brings them side by side.
+tools: setup octave clang blender mitsuba basilisk chromium
 
 octave:
 	@sh tools/install_octave.sh

@@ -12,6 +12,10 @@ apt_install() {
         echo "Please type: sudo apt-get update && sudo apt-get install -y $*" >&2
         return 1
     fi
-    $sudo apt-get update -qq || true
-    DEBIAN_FRONTEND=noninteractive $sudo apt-get install -y -qq --no-install-recommends "$@" >/dev/null
+    # One at a time: `make -j` brings several tools at once.
+    (
+        flock 9
+        $sudo apt-get update -qq || true
+        DEBIAN_FRONTEND=noninteractive $sudo apt-get install -y -qq --no-install-recommends "$@" >/dev/null
+    ) 9>"${TMPDIR:-/tmp}/glrender-apt-$(id -u).lock"
 }

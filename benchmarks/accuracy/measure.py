@@ -40,7 +40,7 @@ def measure(scene: Scene, state: State, limits: Limits, peers: list[str]) -> dic
     exact = truth(scene, state, limits.n_rays, limits.truth_error)
     rows = _glrender(scene, state, exact, limits) + _rays(scene, state, exact, limits)
     failed = {}
-    given = peer_scene(scene, state, scene.cameras[0])
+    given = peer_scene(scene, state, scene.cameras[0]) if peers else None
     for name in peers:
         try:
             made = frames_of(name, given, limits.peer_s)

@@ -10,12 +10,13 @@ from pathlib import Path
 import numpy as np
 from glrender import Body, PinholeCamera, Pose, Scene, Shape, State, frames, generate
 from glrender.base.constants import AU_M
-from glrender.brdf import Lambert
+from glrender.brdf import Hapke, Lambert
 
 SHARED = Path(os.environ.get("GLRENDER_SHARED") or Path(__file__).parent.parent.parent.parent / "shared") / "data"
 _RELIEF_LEVELS = {"197k": 1, "786k": 2, "3146k": 3}
 _FILES = {"didymos": "didymos/didymos_49k.obj", "dimorphos": "didymos/dimorphos_49k.ply",
           "itokawa": "itokawa/itokawa_64q_49152_uv.obj"}
+_HAPKE = Hapke(single_scattering_albedo=0.42, b=0.35, c=1.0, shoe_amplitude=0.87, shoe_width=0.05, roughness_deg=26.0)
 _DIRECTION = np.array([0.2, -0.95, 0.25]) / np.linalg.norm([0.2, -0.95, 0.25])
 
 
@@ -35,6 +36,8 @@ class Case:
     phase_deg : float
     is_pair : bool
         Didymos and Dimorphos instead, 49k facets each.
+    is_default : bool
+        Hapke's law and the Sun's disc, as scenes have it, which no peer draws.
     """
 
     name: str
@@ -43,6 +46,7 @@ class Case:
     body_px: float
     phase_deg: float
     is_pair: bool = False
+    is_default: bool = False
 
 
 CASES = (
@@ -58,6 +62,7 @@ CASES = (
     Case(name="grazing 120 deg, 786k", facets="786k", frame_px=1024, body_px=500.0, phase_deg=120.0),
     Case(name="crescent 150 deg, 49k", facets="49k", frame_px=1024, body_px=500.0, phase_deg=150.0),
     Case(name="two bodies, 2 x 49k", facets="49k", frame_px=1024, body_px=500.0, phase_deg=60.0, is_pair=True),
+    Case(name="Hapke, Sun's disc, 49k", facets="49k", frame_px=1024, body_px=500.0, phase_deg=60.0, is_default=True),
 )
 QUICK = ("far 20 px, 49k", "middle 245 px, 49k", "grazing 120 deg, 49k", "two bodies, 2 x 49k")
 
@@ -73,9 +78,10 @@ def shape(facets: str) -> Shape:
 
 
 def build(case: Case) -> tuple[Scene, State]:
-    """Scene and state of a case: Lambert, at the range of 20 radii or, close up, 3 radii."""
+    """Scene and state of a case, at the range of 20 radii or, close up, 3 radii."""
     bodies, places = _pair() if case.is_pair else (
-        [Body(name="body", shape=shape(case.facets), brdf=Lambert(normal_albedo=0.3))], {"body": np.zeros(3)})
+        [Body(name="body", shape=shape(case.facets), brdf=_HAPKE if case.is_default else Lambert(normal_albedo=0.3))],
+        {"body": np.zeros(3)})
     radius = bodies[0].shape.radius_m
     range_m = (3.0 if case.body_px > 2.0 * case.frame_px else 20.0) * radius
     camera = PinholeCamera(name="navcam", width_px=case.frame_px, height_px=case.frame_px,
@@ -87,8 +93,8 @@ def build(case: Case) -> tuple[Scene, State]:
     state = State(r_sun_inertial_m=AU_M * (np.cos(phase) * _DIRECTION + np.sin(phase) * aside),
                   spacecraft=Pose(r_inertial_m=range_m * _DIRECTION, q_from_inertial=q),
                   bodies={name: Pose(r_inertial_m=place) for name, place in places.items()})
-    # A point Sun, as the peers have it.
-    return Scene(bodies=bodies, cameras=[camera], sun_disc=False), state
+    # A point Sun otherwise, as the peers have it.
+    return Scene(bodies=bodies, cameras=[camera], sun_disc=case.is_default), state
 
 
 def _pair() -> tuple[list[Body], dict[str, np.ndarray]]:

@@ -198,7 +198,7 @@ def _crossings(smooth: np.ndarray, points: np.ndarray, normals: np.ndarray,
     last = is_below.argmax(axis=1)
     before, after = profile[rows, np.maximum(last - 1, 0)], profile[rows, last]
     share = (before - level) / np.maximum(before - after, 1e-12 * max(float(np.abs(profile).max()), 1e-300))
-    bright = 0.05 * float(np.quantile(smooth, 0.99) - sky)
+    bright = 0.05 * float(np.quantile(smooth[::2, ::2], 0.99) - sky)
     is_edge = is_below.any(axis=1) & (last > 0) & (inside > bright) & (outside < 0.3 * inside)
     return t[np.maximum(last - 1, 0)] + share * _STEP_PX, is_edge
 

@@ -191,8 +191,8 @@ def lit_pixels(frame: np.ndarray, least: float | None = None) -> np.ndarray:
     sky = np.float32(np.quantile(frame[::4, ::4], 0.05))
     values = np.maximum(frame, sky, dtype=np.float32) - sky
     # Of neighbours' differences, which are sqrt(2) times as noisy; the sky was taken 1.6 sigma below its mean.
-    noise = 1.4826 / 2**0.5 * float(np.median(np.abs(np.diff(frame[::2].astype(np.float32), axis=1))))
-    least = max(7.0 * noise, 0.02 * float(np.quantile(values, 0.999)) if least is None else least)
+    noise = 1.4826 / 2**0.5 * float(np.median(np.abs(np.diff(frame[::8].astype(np.float32), axis=1))))
+    least = max(7.0 * noise, 0.02 * float(np.quantile(values[::2, ::2], 0.999)) if least is None else least)
     values[values <= least] = 0.0
     if (n_lit := int(np.count_nonzero(values))) < _LEAST_LIT_PX:
         raise NotFound(f"no body stands out of the dark: {n_lit} pixels are lit, {_LEAST_LIT_PX} are needed")
