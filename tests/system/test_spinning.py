@@ -73,4 +73,5 @@ def test_no_thread_works_on_after_large_shapes():
     tables.horizons = CentroidHorizons(facets=facets.astype(np.float32, order="C"),
                                        heights=np.zeros((tables.n_facets, 16), np.uint8))
     seen = view_bodies(views.state(phase_deg=50.0, range_m=5000.0), camera, scene.hulls)
-    assert spun_s(lambda: CentroidVisibility(tables, seen[0], camera, rays, BrdfTables())) < 0.02
+    bounds_px = np.array(camera.bounds_px)
+    assert spun_s(lambda: CentroidVisibility(tables, seen[0], camera, bounds_px, rays, BrdfTables())) < 0.02

@@ -48,6 +48,8 @@ class CentroidVisibility:
     view : BodyView
         Of the body: all of it is before the camera.
     camera : PinholeCamera
+    bounds_px : (4,) float64 [px]
+        Edges x0, y0, x1, y1 of the image: no ray is cast beside it.
     rays : RayEngine
     brdf_tables : BrdfTables
 
@@ -57,14 +59,14 @@ class CentroidVisibility:
         RMS error of pixels over the mean of the lit ones, as estimated.
     """
 
-    def __init__(self, facets: FacetTables, view: BodyView, camera: PinholeCamera, rays: RayEngine,
-                 brdf_tables: BrdfTables):
-        self._facets, self._view = facets, view
+    def __init__(self, facets: FacetTables, view: BodyView, camera: PinholeCamera, bounds_px: np.ndarray,
+                 rays: RayEngine, brdf_tables: BrdfTables):
+        self._facets, self._view, self._bounds_px = facets, view, bounds_px
         self._xy = projected(facets.vertices_m, view, camera)
         self._radiance = self._shaded(rays, brdf_tables)
         self.error = centroid_error(facet_loops.lit_edges(
-            facets.horizons.facets, self._radiance, facets.neighbours, facets.corners, self._xy, _SAMPLED,
-            view.sun_direction_body, view.r_camera_body_m))
+            facets.horizons.facets, self._radiance, facets.neighbours, facets.corners, self._xy, bounds_px,
+            _SAMPLED, view.sun_direction_body, view.r_camera_body_m))
 
     def _shaded(self, rays: RayEngine, brdf_tables: BrdfTables) -> np.ndarray:
         """Radiance (F,) in 1/sr of the Sun's irradiance at 1 au: 0 of facets that are dark, or not seen."""
@@ -72,6 +74,10 @@ class CentroidVisibility:
         radiance, asked, (is_seen, is_lit) = facets.horizons.shade(
             view.sun_direction_body, view.r_camera_body_m,
             *brdf_tables.of(facets.surface, view, facets.solid.radius_m, view.sun_distance_au**-2))
+        xy = self._xy.take(facets.corners.take(asked, axis=1), axis=1)
+        is_shown = (xy.max(axis=1) > self._bounds_px[:2, None]) & (xy.min(axis=1) < self._bounds_px[2:, None])
+        shown = np.flatnonzero(is_shown.all(axis=0))
+        asked, is_seen, is_lit = asked[shown], is_seen[shown], is_lit[shown]
         centroid_m, number = facets.horizons.facets[asked, 3:].T.astype(float), facets.number.take(asked)
         # Where neither was in doubt, both are so.
         sees = rays.in_view(centroid_m, number, view, [view], is_seen) | ~is_seen

@@ -115,7 +115,8 @@ class CoverageEngine:
         tolerance.
         """
         view = next(view for view in views if view.name in names)
-        body = CentroidVisibility(self._facets[view.name], view, camera, self._rays, self._brdf_tables)
+        body = CentroidVisibility(self._facets[view.name], view, camera, np.array(bounds_px, float), self._rays,
+                                  self._brdf_tables)
         if body.error > tolerance:
             return np.zeros(grid[::-1]), math.inf
         cells, changes = _Cells(camera, bounds_px, grid), accumulate.no_changes(grid[::-1])

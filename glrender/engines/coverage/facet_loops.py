@@ -41,13 +41,14 @@ def facing(normal, offset_m, first, last, to_sun, sun_radius, r_camera_m, xy, co
     return found[:n].copy(), cosines[:n].copy(), shown[:n].copy(), set_area
 
 
-@compiled(write(float64, 1)(read(float32, 2), read(float64, 1), read(int32, 2), _CORNERS, TABLE, intp, VECTOR,
+@compiled(write(float64, 1)(read(float32, 2), read(float64, 1), read(int32, 2), _CORNERS, TABLE, VECTOR, intp, VECTOR,
                             VECTOR))
-def lit_edges(facets, radiance, neighbours, corners, xy, every, to_sun, r_camera_m):
+def lit_edges(facets, radiance, neighbours, corners, xy, bounds, every, to_sun, r_camera_m):
     """Light that may be wrong in one of every `every` facets, each all lit or all dark by its radiance (F,).
 
-    Sums (4,): areas and light of lit facets; and of those beside a dark one that faces Sun and camera, squared radiance
-    times the area, and times its square. Facets (F, 6) float32 have normals and centroids [m].
+    Sums (4,): areas and light of lit facets that begin within the edges x0, y0, x1, y1 of the image; and of those
+    beside a dark one that faces Sun and camera, squared radiance times the area, and times its square. Facets (F, 6)
+    float32 have normals and centroids [m].
     """
     found = np.zeros(4)
     for facet in range(0, len(radiance), every):
@@ -55,6 +56,8 @@ def lit_edges(facets, radiance, neighbours, corners, xy, every, to_sun, r_camera
         if not here > 0.0:
             continue
         a, b, c = corners[0, facet], corners[1, facet], corners[2, facet]
+        if not (bounds[0] <= xy[0, a] <= bounds[2] and bounds[1] <= xy[1, a] <= bounds[3]):
+            continue
         area = 0.5 * abs((xy[0, b] - xy[0, a]) * (xy[1, c] - xy[1, a]) - (xy[0, c] - xy[0, a]) * (xy[1, b] - xy[1, a]))
         found[0] += area
         found[1] += area * here

@@ -41,6 +41,8 @@ class FacetTables:
         As it was given.
     is_convex : bool
         Without a dip: the hull's word is good to a thousandth of its volume.
+    crease_rad : float [rad]
+        RMS angle between neighbouring facets.
     horizons : CentroidHorizons or None
         Of the centroids of a shape that may be drawn by them.
     vertices_m : (3, V) float64 [m]
@@ -65,7 +67,7 @@ class FacetTables:
             np.ascontiguousarray(shape.facets.T, np.intp), self.number, len(shape.vertices_m))
         self.vertices_m = np.ascontiguousarray(shape.vertices_m[self.vertex_number].T)
         self.normal = np.ascontiguousarray(shape.facet_normals[self.number].T)
-        self.solid = solid
+        self.solid, self.crease_rad = solid, shape.crease_rad
         self.offset_m = dot(self.normal, self.vertices_m.take(self.corners[0], axis=1))
         # Now: a first frame that had to wait for them would be late.
         self.neighbours = neighbours(self.corners)

@@ -30,11 +30,16 @@ _CLIPPED_BIAS = 0.003
 _SAFETY = 0.5
 _SAFETY_OF_FEW = 8.0
 _MOST_SAFETY = 3.0
-# Squared error of boundaries that pass between corners that agree, over squared light of clipped triangles [1]: Itokawa
-# at 500 px, 60 and 120 deg, beside facets that were all divided, has 7e-4 and 4e-4.
-_MISSED = 5e-4
-# The same where the facets beside boundary ones are divided too [1].
-_STILL_MISSED = 1.8e-4
+# Squared error of boundaries that pass between corners that agree, over squared light of clipped triangles [1] up to
+# 60 deg, per radian between neighbouring facets, of this much at least: 100 frames of seven shapes beside rays.
+_MISSED_PER_RAD = 5e-3
+_LEAST_CREASE_RAD = 0.2
+# The part of it that is left where the facets beside boundary ones are divided too [1]; the share of the squared
+# tolerance [1] from which they are, and the angle between neighbours [rad]: bumps are then as small as facets, and 67P,
+# with 0.5, errs half as much at the same time. Itokawa has 0.15.
+_STILL_MISSED = 0.36
+_MOST_MISSED = 0.5
+_ROUGH_RAD = 0.3
 # Share of the squared light of the brightest facet that another body may take between its corners unseen [1].
 _MISSED_BEHIND = 0.1
 # Squared light of a facet over the squared tolerance from which it is divided first [1]: of few facets, and of many.
@@ -144,17 +149,18 @@ class SunlitAreas:
         triangles = self._boundary
         squared = float(self._squared(triangles).sum())
         bias = _CLIPPED_BIAS * float((self._radiance.take(triangles.facet) * triangles.area_px).sum())
-        missed = _MISSED * squared + self._missed_behind()
-        error = _CLIPPED_ERROR * squared + missed + flux_weight * bias**2
+        missed, behind = self._missed(squared / self._safety_squared), self._missed_behind()
+        error = _CLIPPED_ERROR * squared + missed + behind + flux_weight * bias**2
         if error > most_squared:
-            if len(self._views) > 1:
-                triangles, missed = self._with_beside(triangles), missed - (_MISSED - _STILL_MISSED) * squared
-            triangles, error = self._divide(triangles, missed, most_squared)
+            is_rough = self._facets.crease_rad > _ROUGH_RAD
+            if len(self._views) > 1 or is_rough or missed > _MOST_MISSED * most_squared:
+                triangles, missed = self._with_beside(triangles), _STILL_MISSED * missed
+            triangles, error = self._divide(triangles, missed + behind, most_squared)
         self._cutter.cut_off(triangles, _BISECTIONS)
         return error
 
     def _with_beside(self, triangles: FacetParts) -> FacetParts:
-        """Boundary triangles, and those in facets beside them that are divided once: another body's edge bends."""
+        """Boundary triangles, and those in facets beside them that are divided once: boundaries bend."""
         facets, facing = self._facets, self._facing
         is_boundary, touched = np.zeros(facets.n_facets, bool), np.zeros(facets.vertices_m.shape[1], bool)
         is_boundary[triangles.facet] = True
@@ -307,6 +313,14 @@ class SunlitAreas:
         self._boundary = FacetParts.joined([boundary, small.at(np.flatnonzero(is_boundary))])
         self._uniform = small.at(np.flatnonzero(~is_boundary))
         return True
+
+    def _missed(self, squared: float) -> float:
+        """Squared error of boundaries that pass between corners that agree, of the squared light of clipped triangles.
+
+        The lower the Sun, the longer are the shadows of what no corner tells of.
+        """
+        low_sun = max(math.tan(min(0.5 * self._view.phase_rad, 1.5)) / math.tan(math.radians(30.0)), 1.0)
+        return _MISSED_PER_RAD * max(self._facets.crease_rad, _LEAST_CREASE_RAD) * low_sun * squared
 
     def _missed_behind(self) -> float:
         """Squared error of what other bodies that are smaller than facets may hide or shade between corners."""

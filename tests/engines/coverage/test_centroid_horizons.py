@@ -67,7 +67,7 @@ def images(body, phase_deg):
     for known in (heights, np.full_like(heights, UNKNOWN)):
         tables.horizons = CentroidHorizons(facets=tables.horizons.facets, heights=known)
         changes, (image, cover) = no_changes((128, 128)), np.empty((2, 128, 128))
-        CentroidVisibility(tables, view, camera, rays, BrdfTables()).add_to(
+        CentroidVisibility(tables, view, camera, np.array(camera.bounds_px), rays, BrdfTables()).add_to(
             changes, np.array(camera.bounds_px[:2]), np.ones(2))
         image[image < ROUNDING * means(changes, 0, 128, image, cover)] = 0.0
         drawn.append(image)
