@@ -124,15 +124,20 @@ def limb_points(pixels: np.ndarray, here: Sight) -> tuple[np.ndarray, np.ndarray
     ------
     NotFound
     """
-    lit = lit_pixels(pixels)
-    smooth = cv2.GaussianBlur(np.asarray(pixels, np.float32), (0, 0), _SMOOTH_PX)
-    contours, _ = cv2.findContours((lit > 0.0).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    is_lit = (lit_pixels(pixels) > 0.0).astype(np.uint8)
+    # Beside what is lit nothing is looked at.
+    left, top, wide, high = cv2.boundingRect(is_lit)
+    margin, (height, width) = int(4.0 * _REACH_PX), pixels.shape
+    x0, y0 = max(left - margin, 0), max(top - margin, 0)
+    part = np.s_[y0:top + high + margin, x0:left + wide + margin]
+    smooth = cv2.GaussianBlur(np.asarray(pixels[part], np.float32), (0, 0), _SMOOTH_PX)
+    contours, _ = cv2.findContours(is_lit[part], cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     # Shadows may part the body; specks of light beyond the terminator tell nothing.
     least = _LEAST_PIECE * max(map(len, contours))
     outlines = [contour.reshape(-1, 2).astype(np.float64) for contour in contours if len(contour) >= least]
     points, normals = np.concatenate(outlines), np.concatenate([_normals(outline) for outline in outlines])
-    height, width = pixels.shape
-    keep = ((points > _REACH_PX) & (points < np.array([width, height]) - 1.0 - _REACH_PX)).all(axis=1)
+    corner = np.array([x0, y0], float)
+    keep = ((points + corner > _REACH_PX) & (points + corner < np.array([width, height]) - 1.0 - _REACH_PX)).all(axis=1)
     if here.phase_rad > _FULL_PHASE_RAD:
         sun = here.sun_direction_camera[:2] / np.linalg.norm(here.sun_direction_camera[:2])
         keep &= (normals @ sun > _LIMB_COSINE) & _foremost(points, sun)
@@ -140,7 +145,7 @@ def limb_points(pixels: np.ndarray, here: Sight) -> tuple[np.ndarray, np.ndarray
     off, is_edge = _crossings(smooth, points, normals, _REACH_PX) if len(points) else (None, np.zeros(0, bool))
     if is_edge.sum() < _LEAST_POINTS:
         raise NotFound(f"the lit limb has {is_edge.sum()} edges inside the image, {_LEAST_POINTS} are needed")
-    return points[is_edge] + off[is_edge, None] * normals[is_edge], normals[is_edge]
+    return points[is_edge] + off[is_edge, None] * normals[is_edge] + corner, normals[is_edge]
 
 
 def _soft_but_last(squares: np.ndarray) -> np.ndarray:
