@@ -28,6 +28,9 @@ _LANE_PX = 1.0
 _LEAST_PIECE = 0.2
 # Shades and smoothing move an edge by so much, which no render takes off here.
 _SHADING_PX = 0.25
+# Times the median distance of the limb's points from the fitted horizon, or the ellipsoid's own error, from which a
+# point is no limb of this body.
+_FAR = 3.0
 # Of the believed range, which an ellipsoid's horizon is helped by: half a limb tells size and place apart badly.
 _SIGMA_RANGE = 0.2
 
@@ -44,7 +47,7 @@ class LimbEllipse(Estimator):
 
     def _measured(self, frame: np.ndarray, believed: StateLike, here: Sight,
                   render: Callable[..., Any]) -> Measurement:
-        points_px, _ = limb_points(frame, here)
+        points_px, _, is_longest = limb_points(frame, here)
         # In these coordinates the ellipsoid is a unit sphere, whose horizon is a circular cone.
         sphere_from_camera = np.linalg.inv(self.body.ellipsoid_m) @ here.camera_from_body.T
         rays = self.camera.direction(points_px) @ sphere_from_camera.T
@@ -55,15 +58,21 @@ class LimbEllipse(Estimator):
         # A stretch of limb is one measurement.
         sigma_px = np.hypot(error_px, _SHADING_PX) * np.sqrt(len(rays) / N_STRETCHES)
 
-        def off(x: np.ndarray) -> np.ndarray:
+        scale_px = radius_px * np.sqrt(max(_square(sphere_from_camera @ (here.r_body_camera_m + center_m)) - 1.0, 1e-6))
+
+        def off(x: np.ndarray, rays: np.ndarray) -> np.ndarray:
             """Residuals [sigmas] of a place [ranges]: from each ray to the horizon, and from the believed range."""
             c = sphere_from_camera @ (here.range_m * x + center_m)
-            square = max(c @ c, 1.0 + 1e-6)
-            # The angle to the cone over the cone's, times the radius.
-            off_px = radius_px * (square - 1.0) * (rays @ c / np.sqrt(square - 1.0) - 1.0)
+            # By how much a ray passes the unit sphere, of all that touch it at the horizon's distance.
+            off_px = scale_px * (rays @ c - np.sqrt(max(_square(c) - 1.0, 1e-6)))
             return np.append(off_px / sigma_px, (np.linalg.norm(x) - 1.0) / _SIGMA_RANGE)
 
-        solved = least_squares(off, here.r_body_camera_m / here.range_m, loss=_soft_but_last)
+        solved = least_squares(off, here.r_body_camera_m / here.range_m, loss=_soft_but_last, args=(rays[is_longest],))
+        # The limb of another body, before this one or beside it, is far from this one's.
+        off_all = np.abs(off(solved.x, rays)[:-1])
+        is_limb = off_all <= _FAR * max(float(np.median(off_all[is_longest])), error_px / sigma_px)
+        if not np.array_equal(is_limb, is_longest):
+            solved = least_squares(off, solved.x, loss=_soft_but_last, args=(rays[is_limb],))
         place_m = here.range_m * solved.x
         if not place_m[2] > 0.0:
             raise NotFound("the limb's points lie on no horizon before the camera")
@@ -81,7 +90,7 @@ class LimbShape(Estimator):
         smooth = cv2.GaussianBlur(np.asarray(frame, np.float32), (0, 0), _SMOOTH_PX)
 
         def step(drawn: Drawn, number: int) -> tuple[np.ndarray, np.ndarray]:
-            points_px, normals = limb_points(drawn.pixels, drawn.here)
+            points_px, normals, _ = limb_points(drawn.pixels, drawn.here)
             at_px = points_px + drawn.corner_px
             center_px = self.camera.project(drawn.here.r_body_camera_m)
             radius_px = self.camera.focal_length_px * self.body.mean_radius_m / drawn.here.range_m
@@ -114,8 +123,10 @@ def from_shift(estimator: Estimator, place_m: np.ndarray, covariance_px2: np.nda
     return estimator.placed(place_m, turn @ covariance_px2 @ turn.T)
 
 
-def limb_points(pixels: np.ndarray, here: Sight) -> tuple[np.ndarray, np.ndarray]:
-    """Places (N, 2) [px] of the lit limb to a part of a pixel, and its normals (N, 2), which point away from the body.
+def limb_points(pixels: np.ndarray, here: Sight) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Places (N, 2) [px] of the lit limb to a part of a pixel, its normals (N, 2), and what is of the longest outline (N,).
+
+    Normals point away from the body; other outlines may be of other bodies.
 
     An edge is the limb where its normal points to the Sun's side and nothing lit is before it; at small phase angles
     all round.
@@ -136,16 +147,22 @@ def limb_points(pixels: np.ndarray, here: Sight) -> tuple[np.ndarray, np.ndarray
     least = _LEAST_PIECE * max(map(len, contours))
     outlines = [contour.reshape(-1, 2).astype(np.float64) for contour in contours if len(contour) >= least]
     points, normals = np.concatenate(outlines), np.concatenate([_normals(outline) for outline in outlines])
+    longest = max(range(len(outlines)), key=lambda k: len(outlines[k]))
+    is_longest = np.repeat(np.arange(len(outlines)) == longest, [len(outline) for outline in outlines])
     corner = np.array([x0, y0], float)
     keep = ((points + corner > _REACH_PX) & (points + corner < np.array([width, height]) - 1.0 - _REACH_PX)).all(axis=1)
     if here.phase_rad > _FULL_PHASE_RAD:
         sun = here.sun_direction_camera[:2] / np.linalg.norm(here.sun_direction_camera[:2])
         keep &= (normals @ sun > _LIMB_COSINE) & _foremost(points, sun)
-    points, normals = points[keep], normals[keep]
+    points, normals, is_longest = points[keep], normals[keep], is_longest[keep]
     off, is_edge = _crossings(smooth, points, normals, _REACH_PX) if len(points) else (None, np.zeros(0, bool))
     if is_edge.sum() < _LEAST_POINTS:
         raise NotFound(f"the lit limb has {is_edge.sum()} edges inside the image, {_LEAST_POINTS} are needed")
-    return points[is_edge] + off[is_edge, None] * normals[is_edge] + corner, normals[is_edge]
+    return points[is_edge] + off[is_edge, None] * normals[is_edge] + corner, normals[is_edge], is_longest[is_edge]
+
+
+def _square(vector: np.ndarray) -> float:
+    return float(vector @ vector)
 
 
 def _soft_but_last(squares: np.ndarray) -> np.ndarray:
