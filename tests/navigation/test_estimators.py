@@ -75,6 +75,29 @@ def test_an_ellipsoids_limb_is_its_horizon(world):
     assert (rms < (0.5, 0.02, 2.0)).all(), rms
 
 
+@pytest.mark.parametrize("aside", [1.1, 1.5])
+def test_another_bodys_limb_leads_no_ellipse_astray(world, aside):
+    """A moon of a quarter of its size before the limb, or beside it, on the side of the Sun: a pixel and 5 %."""
+    ball = generate.icosphere(radius_m=1.0, subdivisions=5)
+    shape = Shape.from_arrays(ball.vertices_m * [240.0, 210.0, 200.0], ball.facets)
+    camera, body, rows = world.camera(160), world.body(shape), []
+    estimator = ESTIMATORS["limb_ellipse"](camera, body)
+    with world.Local(world.scene(shape, 160)) as truth:
+        for seed, (true, believed) in enumerate(world.views(4)):
+            frame = truth.render(true, output="dn", exposure_s="auto", seed=seed).pixels.copy()
+            here = sight(true, camera, "body")
+            radius_px = camera.focal_length_px * body.mean_radius_m / here.range_m
+            sun = here.sun_direction_camera[:2] / np.linalg.norm(here.sun_direction_camera[:2])
+            x, y = camera.project(here.r_body_camera_m) + aside * radius_px * sun
+            rows_px, columns_px = np.mgrid[:160, :160]
+            frame[np.hypot(columns_px - x, rows_px - y) < 0.25 * radius_px] = np.quantile(frame, 0.99)
+            found = estimator.measure(frame, believed, truth.render)
+            assert found is not None, estimator.reason
+            rows.append(errors(SimpleNamespace(camera=camera), estimator, found, true))
+    rms = np.sqrt(np.mean(np.square(rows), axis=0))
+    assert (rms[:2] < (1.0, 0.05)).all(), rows
+
+
 def test_a_servers_client_is_an_on_board_renderer(tmp_path):
     """A camera of its `hello`, a `render` bound to it: a belief 2 px off finds the very frame that the server drew."""
     state = {"r_sun_inertial_m": [1.5e11, 5e10, 0.0], "bodies": {"body": {"r_inertial_m": [0.0, 0.0, 0.0]}},

@@ -30,7 +30,8 @@ _LEAST_PIECE = 0.2
 _SHADING_PX = 0.25
 # Times the median distance of the limb's points from the fitted horizon, or the ellipsoid's own error, from which a
 # point is no limb of this body.
-_FAR = 3.0
+_FAR = 2.5
+_MOST_FITS = 5
 # Of the believed range, which an ellipsoid's horizon is helped by: half a limb tells size and place apart badly.
 _SIGMA_RANGE = 0.2
 
@@ -67,12 +68,14 @@ class LimbEllipse(Estimator):
             off_px = scale_px * (rays @ c - np.sqrt(max(_square(c) - 1.0, 1e-6)))
             return np.append(off_px / sigma_px, (np.linalg.norm(x) - 1.0) / _SIGMA_RANGE)
 
-        solved = least_squares(off, here.r_body_camera_m / here.range_m, loss=_soft_but_last, args=(rays[is_longest],))
-        # The limb of another body, before this one or beside it, is far from this one's.
-        off_all = np.abs(off(solved.x, rays)[:-1])
-        is_limb = off_all <= _FAR * max(float(np.median(off_all[is_longest])), error_px / sigma_px)
-        if not np.array_equal(is_limb, is_longest):
-            solved = least_squares(off, solved.x, loss=_soft_but_last, args=(rays[is_limb],))
+        is_limb, x = is_longest, here.r_body_camera_m / here.range_m
+        # The limb of another body, before this one or beside it, is far from this one's, and each fit is less astray.
+        for _ in range(_MOST_FITS):
+            solved = least_squares(off, x, loss=_soft_but_last, args=(rays[is_limb],))
+            off_all, x, fitted = np.abs(off(solved.x, rays)[:-1]), solved.x, is_limb
+            is_limb = off_all <= max(_FAR * float(np.median(off_all[fitted])), error_px / sigma_px)
+            if np.array_equal(is_limb, fitted):
+                break
         place_m = here.range_m * solved.x
         if not place_m[2] > 0.0:
             raise NotFound("the limb's points lie on no horizon before the camera")
@@ -124,9 +127,9 @@ def from_shift(estimator: Estimator, place_m: np.ndarray, covariance_px2: np.nda
 
 
 def limb_points(pixels: np.ndarray, here: Sight) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Places (N, 2) [px] of the lit limb to a part of a pixel, its normals (N, 2), and what is of the longest outline (N,).
+    """Places (N, 2) [px] of the lit limb to a part of a pixel, its normals (N, 2), and what is of the longest outline.
 
-    Normals point away from the body; other outlines may be of other bodies.
+    Normals point away from the body. Other outlines, (N,) False, may be of other bodies.
 
     An edge is the limb where its normal points to the Sun's side and nothing lit is before it; at small phase angles
     all round.
