@@ -58,7 +58,6 @@ class LimbEllipse(Estimator):
         error_px = radius_px * self.body.ellipsoid_error_m / self.body.mean_radius_m
         # A stretch of limb is one measurement.
         sigma_px = np.hypot(error_px, _SHADING_PX) * np.sqrt(len(rays) / N_STRETCHES)
-
         scale_px = radius_px * np.sqrt(max(_square(sphere_from_camera @ (here.r_body_camera_m + center_m)) - 1.0, 1e-6))
 
         def off(x: np.ndarray, rays: np.ndarray) -> np.ndarray:
@@ -68,10 +67,16 @@ class LimbEllipse(Estimator):
             off_px = scale_px * (rays @ c - np.sqrt(max(_square(c) - 1.0, 1e-6)))
             return np.append(off_px / sigma_px, (np.linalg.norm(x) - 1.0) / _SIGMA_RANGE)
 
-        is_limb, x = is_longest, here.r_body_camera_m / here.range_m
+        def slopes(x: np.ndarray, rays: np.ndarray) -> np.ndarray:
+            """Derivatives of the residuals with respect to the place."""
+            c = sphere_from_camera @ (here.range_m * x + center_m)
+            of_c = scale_px / sigma_px * (rays - c / np.sqrt(max(_square(c) - 1.0, 1e-6)))
+            return np.vstack([of_c @ (here.range_m * sphere_from_camera), x / (np.linalg.norm(x) * _SIGMA_RANGE)])
+
+        is_limb, x = is_longest | (is_longest.sum() < _LEAST_POINTS), here.r_body_camera_m / here.range_m
         # The limb of another body, before this one or beside it, is far from this one's, and each fit is less astray.
         for _ in range(_MOST_FITS):
-            solved = least_squares(off, x, loss=_soft_but_last, args=(rays[is_limb],))
+            solved = least_squares(off, x, slopes, loss=_soft_but_last, args=(rays[is_limb],))
             off_all, x, fitted = np.abs(off(solved.x, rays)[:-1]), solved.x, is_limb
             is_limb = off_all <= max(_FAR * float(np.median(off_all[fitted])), error_px / sigma_px)
             if np.array_equal(is_limb, fitted):
