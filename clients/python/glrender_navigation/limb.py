@@ -30,7 +30,7 @@ _LEAST_PIECE = 0.2
 _SHADING_PX = 0.25
 # Times the median distance of the limb's points from the fitted horizon, or the ellipsoid's own error, from which a
 # point is no limb of this body.
-_FAR = 2.5
+_FAR = 3.0
 _MOST_FITS = 5
 # Of the believed range, which an ellipsoid's horizon is helped by: half a limb tells size and place apart badly.
 _SIGMA_RANGE = 0.2
@@ -78,7 +78,7 @@ class LimbEllipse(Estimator):
         for _ in range(_MOST_FITS):
             solved = least_squares(off, x, slopes, loss=_soft_but_last, args=(rays[is_limb],))
             off_all, x, fitted = np.abs(off(solved.x, rays)[:-1]), solved.x, is_limb
-            is_limb = off_all <= max(_FAR * float(np.median(off_all[fitted])), error_px / sigma_px)
+            is_limb = off_all <= _FAR * max(float(np.median(off_all[fitted])), error_px / sigma_px)
             if np.array_equal(is_limb, fitted):
                 break
         place_m = here.range_m * solved.x
