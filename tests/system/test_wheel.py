@@ -38,7 +38,9 @@ def test_every_file_of_the_packages_is_in_the_wheel(installed):
         assert (installed / package / "py.typed").is_file()
 
 
+@pytest.mark.slow
 def test_the_wheel_alone_draws_and_serves(installed, tmp_path):
+    """`make wheels`, which CI runs, tries it in an environment of its own."""
     code = (f"import sys; sys.path.insert(0, {str(installed)!r})\n"
             "import glrender_client, glrender_server.cli as cli\n"
             f"assert glrender_client.__file__.startswith({str(installed)!r})\n"
