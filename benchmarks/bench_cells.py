@@ -17,13 +17,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from accuracy.scenes import Case, build
+from accuracy.scenes import HAPKE, Case, build
 from glrender import Renderer
-from glrender.brdf import Hapke
 from scipy.spatial.transform import Rotation
 
 TOLERANCES = (0.05, 0.02, 0.01)
-_LAW = Hapke(single_scattering_albedo=0.42, b=0.35, c=1.0, shoe_amplitude=0.87, shoe_width=0.05, roughness_deg=26.0)
 _STEP_DEG = 0.083
 _SIZES = (("49k", 1024, 500.0, 60.0), ("49k", 1024, 500.0, 120.0), ("49k", 1024, 500.0, 150.0),
           ("49k", 512, 2000.0, 60.0), ("786k", 1024, 500.0, 60.0), ("49k", 512, 40.0, 60.0), ("49k", 512, 20.0, 60.0),
@@ -72,7 +70,7 @@ def main() -> None:
         if arguments.only and not any(part in case.name for part in arguments.only):
             continue
         scene, state = build(case)
-        scene = replace(scene, bodies=[replace(body, brdf=_LAW) for body in scene.bodies], sun_disc=True)
+        scene = replace(scene, bodies=[replace(body, brdf=HAPKE) for body in scene.bodies], sun_disc=True)
         file = arguments.folder / f"{case.name.replace(' ', '_')}_{arguments.frames}.npy"
         if arguments.truth:
             if not file.exists():

@@ -17,9 +17,10 @@ from pathlib import Path
 
 import numpy as np
 from accuracy.random_scenes import names, shape
+from accuracy.scenes import HAPKE
 from glrender import Body, Pose, Renderer, Scene, State, draw_still, frames
 from glrender.base.constants import AU_M
-from glrender.brdf import Hapke, Lambert, LommelSeeliger, LunarLambert, Minnaert
+from glrender.brdf import Lambert, LommelSeeliger, LunarLambert, Minnaert
 from glrender_camera import BrownConrady, PinholeCamera
 
 MOST_TIMES = 30.0
@@ -30,8 +31,7 @@ FRAME_PX = 1024
 # Edges of sizes [px] whose frames are alike.
 _SIZES_PX = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 2000.1)
 _LAWS = (Lambert(normal_albedo=0.3), LommelSeeliger(single_scattering_albedo=0.06), LunarLambert(normal_albedo=0.2),
-         Minnaert(normal_albedo=0.2, exponent=0.7),
-         Hapke(single_scattering_albedo=0.42, b=0.35, c=1.0, shoe_amplitude=0.87, shoe_width=0.05, roughness_deg=26.0))
+         Minnaert(normal_albedo=0.2, exponent=0.7), HAPKE)
 _LENS = BrownConrady(k1=-0.05)
 
 

@@ -9,9 +9,9 @@ from functools import cache
 import numpy as np
 from glrender import Body, PinholeCamera, Pose, Scene, Shape, State, frames, generate
 from glrender.base.constants import AU_M
-from glrender.brdf import Hapke, Lambert, LommelSeeliger, LunarLambert
+from glrender.brdf import Lambert, LommelSeeliger, LunarLambert
 
-from .scenes import SHARED
+from .scenes import HAPKE, SHARED
 
 FRAME_PX = 320
 _FILES = {"itokawa 3k": "itokawa/itokawa_16q_3072.obj", "itokawa 12k": "itokawa/itokawa_32q_12288.obj",
@@ -87,9 +87,7 @@ def draw(seed: int, bodies: list[str] | None = None, frame_px: int = FRAME_PX,
 
 
 def _law(rng: np.random.Generator, phase_deg: float):
-    laws = [Lambert(normal_albedo=0.3), LommelSeeliger(single_scattering_albedo=0.3),
-            Hapke(single_scattering_albedo=0.42, b=0.35, c=1.0, shoe_amplitude=0.87, shoe_width=0.05,
-                  roughness_deg=26.0)]
+    laws = [Lambert(normal_albedo=0.3), LommelSeeliger(single_scattering_albedo=0.3), HAPKE]
     if phase_deg < 100.0:
         laws.append(LunarLambert(normal_albedo=0.3, weight="mcewen"))
     return laws[rng.integers(len(laws))]

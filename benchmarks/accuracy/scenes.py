@@ -16,7 +16,7 @@ SHARED = Path(os.environ.get("GLRENDER_SHARED") or Path(__file__).parent.parent.
 _RELIEF_LEVELS = {"197k": 1, "786k": 2, "3146k": 3}
 _FILES = {"didymos": "didymos/didymos_49k.obj", "dimorphos": "didymos/dimorphos_49k.ply",
           "itokawa": "itokawa/itokawa_64q_49152_uv.obj"}
-_HAPKE = Hapke(single_scattering_albedo=0.42, b=0.35, c=1.0, shoe_amplitude=0.87, shoe_width=0.05, roughness_deg=26.0)
+HAPKE = Hapke(single_scattering_albedo=0.42, b=0.35, c=1.0, shoe_amplitude=0.87, shoe_width=0.05, roughness_deg=26.0)
 _DIRECTION = np.array([0.2, -0.95, 0.25]) / np.linalg.norm([0.2, -0.95, 0.25])
 
 
@@ -80,7 +80,7 @@ def shape(facets: str) -> Shape:
 def build(case: Case) -> tuple[Scene, State]:
     """Scene and state of a case, at the range of 20 radii or, close up, 3 radii."""
     bodies, places = _pair() if case.is_pair else (
-        [Body(name="body", shape=shape(case.facets), brdf=_HAPKE if case.is_default else Lambert(normal_albedo=0.3))],
+        [Body(name="body", shape=shape(case.facets), brdf=HAPKE if case.is_default else Lambert(normal_albedo=0.3))],
         {"body": np.zeros(3)})
     radius = bodies[0].shape.radius_m
     range_m = (3.0 if case.body_px > 2.0 * case.frame_px else 20.0) * radius

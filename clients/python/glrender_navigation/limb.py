@@ -58,19 +58,19 @@ class LimbEllipse(Estimator):
         error_px = radius_px * self.body.ellipsoid_error_m / self.body.mean_radius_m
         # A stretch of limb is one measurement.
         sigma_px = np.hypot(error_px, _SHADING_PX) * np.sqrt(len(rays) / N_STRETCHES)
-        scale_px = radius_px * np.sqrt(max(_square(sphere_from_camera @ (here.r_body_camera_m + center_m)) - 1.0, 1e-6))
+        scale_px = radius_px * _to_horizon(sphere_from_camera @ (here.r_body_camera_m + center_m))
 
         def off(x: np.ndarray, rays: np.ndarray) -> np.ndarray:
             """Residuals [sigmas] of a place [ranges]: from each ray to the horizon, and from the believed range."""
             c = sphere_from_camera @ (here.range_m * x + center_m)
             # By how much a ray passes the unit sphere, of all that touch it at the horizon's distance.
-            off_px = scale_px * (rays @ c - np.sqrt(max(_square(c) - 1.0, 1e-6)))
+            off_px = scale_px * (rays @ c - _to_horizon(c))
             return np.append(off_px / sigma_px, (np.linalg.norm(x) - 1.0) / _SIGMA_RANGE)
 
         def slopes(x: np.ndarray, rays: np.ndarray) -> np.ndarray:
             """Derivatives of the residuals with respect to the place."""
             c = sphere_from_camera @ (here.range_m * x + center_m)
-            of_c = scale_px / sigma_px * (rays - c / np.sqrt(max(_square(c) - 1.0, 1e-6)))
+            of_c = scale_px / sigma_px * (rays - c / _to_horizon(c))
             return np.vstack([of_c @ (here.range_m * sphere_from_camera), x / (np.linalg.norm(x) * _SIGMA_RANGE)])
 
         is_limb, x = is_longest | (is_longest.sum() < _LEAST_POINTS), here.r_body_camera_m / here.range_m
@@ -155,8 +155,8 @@ def limb_points(pixels: np.ndarray, here: Sight) -> tuple[np.ndarray, np.ndarray
     least = _LEAST_PIECE * max(map(len, contours))
     outlines = [contour.reshape(-1, 2).astype(np.float64) for contour in contours if len(contour) >= least]
     points, normals = np.concatenate(outlines), np.concatenate([_normals(outline) for outline in outlines])
-    longest = max(range(len(outlines)), key=lambda k: len(outlines[k]))
-    is_longest = np.repeat(np.arange(len(outlines)) == longest, [len(outline) for outline in outlines])
+    lengths = [len(outline) for outline in outlines]
+    is_longest = np.repeat(np.arange(len(outlines)) == np.argmax(lengths), lengths)
     corner = np.array([x0, y0], float)
     keep = ((points + corner > _REACH_PX) & (points + corner < np.array([width, height]) - 1.0 - _REACH_PX)).all(axis=1)
     if here.phase_rad > _FULL_PHASE_RAD:
@@ -169,8 +169,9 @@ def limb_points(pixels: np.ndarray, here: Sight) -> tuple[np.ndarray, np.ndarray
     return points[is_edge] + off[is_edge, None] * normals[is_edge] + corner, normals[is_edge], is_longest[is_edge]
 
 
-def _square(vector: np.ndarray) -> float:
-    return float(vector @ vector)
+def _to_horizon(place: np.ndarray) -> float:
+    """Distance from a place (3,) to the horizon of the unit sphere."""
+    return float(np.sqrt(max(place @ place - 1.0, 1e-6)))
 
 
 def _soft_but_last(squares: np.ndarray) -> np.ndarray:
