@@ -81,7 +81,7 @@ class IrradiancePass:
         """
         best = None
         for option in options:
-            mean, window = self._draw_option(option, frame, error_gain, clock, deadline)
+            mean, window = self._draw_option(option, frame, error_gain, clock, deadline, option is options[-1])
             # Engines may be allowed RMS errors of their own, where other units are asked for.
             if best is None or (window.predicted_error * best[1].tolerance
                                 < best[1].predicted_error * window.tolerance):
@@ -98,13 +98,13 @@ class IrradiancePass:
         clock.lap("readback")
         return window
 
-    def _draw_option(self, window: WindowPlan, frame: Frame, error_gain: float, clock: Clock, deadline: float
-                     ) -> tuple[np.ndarray, WindowPlan]:
+    def _draw_option(self, window: WindowPlan, frame: Frame, error_gain: float, clock: Clock, deadline: float,
+                     is_last: bool) -> tuple[np.ndarray, WindowPlan]:
         """The region's pixels, or a small body's own cells, and its plan."""
         if window.engine == "coverage":
             return self._draw_coverage(window, frame, error_gain, clock)
         if window.samples:
-            return self._draw_sampled(window, frame, error_gain, clock, deadline)
+            return self._draw_sampled(window, frame, error_gain, clock, deadline, is_last)
         return self._samples(window, frame, clock, window.bounds_px, window.grid), window
 
     def _add_small(self, irradiance: np.ndarray, samples: np.ndarray, window: WindowPlan, frame: Frame,
@@ -128,9 +128,12 @@ class IrradiancePass:
         predicted = error_gain * math.hypot(error, window.modelling_error)
         return means.astype(np.float32), replace(window, predicted_error=predicted)
 
-    def _draw_sampled(self, window: WindowPlan, frame: Frame, error_gain: float, clock: Clock, deadline: float
-                      ) -> tuple[np.ndarray, WindowPlan]:
-        """The region's pixels and its plan: few samples everywhere, then more where their contrast is high."""
+    def _draw_sampled(self, window: WindowPlan, frame: Frame, error_gain: float, clock: Clock, deadline: float,
+                      is_last: bool) -> tuple[np.ndarray, WindowPlan]:
+        """The region's pixels and its plan: few samples everywhere, then more where their contrast is high.
+
+        None more where they cannot meet the tolerance and this is not the last option.
+        """
         x0, y0, x1, y1 = window.roi
         mean, error = (np.zeros((y1 - y0, x1 - x0), np.float32) for _ in range(2))
         members = [view for view in frame.views if view.name in window.bodies]
@@ -167,7 +170,8 @@ class IrradiancePass:
         left = max(math.sqrt(max(window.tolerance**2 - floor**2, 0.0)), _LEAST_LEFT * window.tolerance)
         most = MAX_RAYS_ACROSS / max(view.size_px for view in members) if window.engine == "rays" else 0.0
         refinement = None
-        if math.isfinite(left) and time.monotonic() < deadline:
+        may_do = is_last or floor <= window.tolerance
+        if math.isfinite(left) and may_do and time.monotonic() < deadline:
             refinement = plan_refinement(mean, error, window.samples, left, power, most)
         clock.lap("refine")
         if refinement is None:

@@ -17,7 +17,7 @@ from glrender_camera import PinholeCamera
 from ..view.regions import outline, outline_px, region, touching
 from ..view.sun_disc import PENUMBRA_SHARE
 from ..view.view import BodyView
-from .error_model import FLUX_SHARE, BodyTraits, facets_per_px
+from .error_model import CRESCENT_RAD, FLUX_SHARE, BodyTraits, facets_per_px
 from .plan import BodyPlan, WindowPlan
 from .predicted import allowed_rms
 from .small_body_grid import CELL_PX, MAX_RAYS_ACROSS, cell_error, cell_size, samples_across, sampling_errors
@@ -43,10 +43,11 @@ _CELL_SHARE = 0.3
 _SEVERAL_CELLS = 2.7
 # Cells across a small body's own grid, at most.
 _MOST_CELLS = 2048
-# First samples along a pixel's side, and at phases [rad] from which light falls in narrow crescents.
+# First samples along a pixel's side, and of narrow crescents.
 _FIRST_SAMPLES = 2
 _CRESCENT_SAMPLES = 4
-_CRESCENT_RAD = 2.1
+# Samples of a whole region, at first: in a large one few of each pixel tell enough.
+_MOST_FIRST_SAMPLES = 2**20
 # RMS distance from the centroid of an equilateral triangle over the root of its area [1]: 0.31 along each axis.
 _UNEVEN_FACET = 0.44
 # Variation of a pixel's solid angle within it over its angle [1]: above 3 tan(theta) / sqrt(12), off the boresight.
@@ -285,9 +286,7 @@ def _sampled(engine: str, members: Sequence[BodyView], known: Sequence[BodyTrait
                        modelling_error=modelling_error, predicted_error=math.hypot(modelling_error, error), **told)
     count, asked = request.samples, {"tolerance": math.inf}
     if count is None:
-        # Near a body the phase angle is another one on each side of it.
-        is_crescent = max(view.phase_rad + traits.radius_m / view.range_m for view, traits in pairs) > _CRESCENT_RAD
-        count, asked = _CRESCENT_SAMPLES if is_crescent else _FIRST_SAMPLES, {}
+        count, asked = _first_samples(pairs, request.camera), {}
         if size_px < _FLUX_PX:
             n_across = max(samples_across(view, traits, flux_error, penumbra=_in_penumbra(view, body))
                            for view, traits, body in zip(members, known, drawn, strict=True))
@@ -299,6 +298,20 @@ def _sampled(engine: str, members: Sequence[BodyView], known: Sequence[BodyTrait
         noise = _PENUMBRA_NOISE
     return _window(engine, members, request, **_whole(members, request.camera, count), noise=noise,
                    modelling_error=modelling_error, predicted_error=request.tolerance, **told, **asked)
+
+
+def _first_samples(pairs: Sequence[tuple[BodyView, BodyTraits]], camera: PinholeCamera) -> int:
+    """First samples along a pixel's side: more in crescents, fewer in a large region."""
+    # Near a body the phase angle is another one on each side of it.
+    is_crescent = max(view.phase_rad + traits.radius_m / view.range_m for view, traits in pairs) > CRESCENT_RAD
+    fewest = 1
+    if max(view.phase_rad for view, _ in pairs) > CRESCENT_RAD:
+        # Rays pass over what faces away from the Sun, where it is known.
+        is_known = all(view.bounds_px is not None and math.isfinite(traits.facet_m) for view, traits in pairs)
+        fewest = _CRESCENT_SAMPLES if is_known else _FIRST_SAMPLES
+    x0, y0, x1, y1 = region([view for view, _ in pairs], camera)
+    most = math.isqrt(_MOST_FIRST_SAMPLES // max((x1 - x0) * (y1 - y0), 1))
+    return min(_CRESCENT_SAMPLES if is_crescent else _FIRST_SAMPLES, max(most, fewest))
 
 
 def _is_within_penumbra(members: Sequence[BodyView], drawn: Sequence[BodyPlan]) -> bool:

@@ -43,8 +43,10 @@ FEWEST_CENTROIDS = 10_000
 """Facets from which a shape is drawn by centroids: fewer are soon clipped."""
 FACETS_SEEN = 0.5 / 0.6
 """Facets that a pixel sees times squared size over all facets: half of them face it, on 0.6 of the square."""
-CRESCENT_RAD = 2.55
-"""Phase angle [rad] from which light falls in crescents that samples miss."""
+CRESCENT_RAD = 2.1
+"""Phase angle [rad] from which light falls in narrow crescents."""
+# Phase angle [rad] from which samples miss some of it.
+_SLIVERS_RAD = 2.55
 # Error over the estimate of an image, per radian of phase beyond it: 24 crescents at 136 to 162 deg, 40 to 300 px.
 _CRESCENTS_PER_RAD = 2.5
 FLUX_SHARE = 0.1
@@ -162,7 +164,7 @@ def crescent_gain(phase_rad: float) -> float:
 
     Of 24 crescents at 136 to 162 deg, 40 to 300 px, those beyond 150 deg had up to 1.5 times the error that was told.
     """
-    return 1.0 + _CRESCENTS_PER_RAD * max(phase_rad - CRESCENT_RAD, 0.0)
+    return 1.0 + _CRESCENTS_PER_RAD * max(phase_rad - _SLIVERS_RAD, 0.0)
 
 
 def facets_per_px(view: BodyView, n_facets: int) -> float:

@@ -121,6 +121,15 @@ def test_crescents_begin_with_more_samples(engine):
     assert first == [2, 2, 4]
 
 
+def test_large_regions_begin_with_fewer_samples():
+    """A million in all, but for crescents of which it is known where they have light."""
+    def samples(phase_deg, known=None):
+        return ways([view(size_px=900.0, phase_deg=phase_deg)], known, engine="rays")[0][0].samples
+
+    assert [samples(phase_deg) for phase_deg in (60.0, 150.0)] == [1, 4]
+    assert [samples(phase_deg, UNEVEN) for phase_deg in (60.0, 150.0)] == [1, 2]
+
+
 def test_the_psf_s_share_of_an_error_is_what_is_predicted():
     sharp, smooth = (ways(NEAR, tolerance=0.01, error_gain=gain)[0] for gain in (1.0, 0.3))
     for one, other in zip(sharp, smooth, strict=True):
