@@ -59,6 +59,7 @@ def built(folder, program, *more):
     return folder / "fuzz_reply" if run.returncode == 0 else None
 
 
+@pytest.mark.slow
 def test_no_reply_leads_the_c_client_astray(tmp_path, corpus):
     """Whatever a server sends: an error with a code, or images whose every byte is there."""
     clang = shutil.which("clang")

@@ -47,6 +47,7 @@ def test_the_mex_function_gets_the_pixels_that_python_gets(built, tmp_path):
         np.testing.assert_array_equal(kept, array, err_msg=name)
 
 
+@pytest.mark.slow
 def test_slow_frames_are_allowed_and_tell_how_far_they_are(built, tmp_path):
     """By the class and the MEX function; `raytrace` draws what OpenGL's shadow maps cannot."""
     (tmp_path / "state.json").write_text(json.dumps(views.state(range_m=600.0).to_dict()))

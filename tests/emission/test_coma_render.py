@@ -166,6 +166,7 @@ def test_the_nucleus_casts_its_shadow_through_the_coma(monkeypatch):
     assert abs(error.sum() / truth.sum()) < 0.003
 
 
+@pytest.mark.slow
 def test_a_jets_shadow_has_no_ripples(monkeypatch):
     """Of a sphere, whose shadow is a cylinder; steps that are lit as their middles are leave 11 % at a place in twenty.
 
@@ -260,6 +261,7 @@ def test_equal_requests_give_equal_bytes_whatever_came_between():
         assert renderer.render(state()).irradiance_W_m2.tobytes() == first
 
 
+@pytest.mark.slow
 def test_a_scene_file_asks_for_every_model(tmp_path):
     np.save(tmp_path / "strength.npy", np.ones(len(Scene.from_dict(TABLE).bodies[0].shape.facets)))
     sources = [

@@ -108,6 +108,7 @@ def test_a_moon_hides_what_is_behind_it_and_not_what_is_before_it():
     np.testing.assert_allclose(drawn[moon], traced[moon], rtol=0.01)
 
 
+@pytest.mark.slow
 def test_extinction_dims_the_nucleus_as_in_opengl():
     thick = Dust(extinction_efficiency=2.0, phase_function=Isotropic())
     scene = coma.scene(Haser(weight_m=300.0), dust=thick, has_shadow=True, max_error=0.005)
@@ -178,6 +179,7 @@ def area_means(source, pinhole, body, q, every, samples):
     return tuple(np.concatenate(part) for part in zip(*parts, strict=True))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", slow_but(["jets", "grid"], 1))
 def test_the_error_of_a_large_nucleus_is_below_its_budget_and_the_one_told(name, monkeypatch):
     """Against area means: 1 % of the mean over all pixels, edges among them, which middles alone miss by more."""

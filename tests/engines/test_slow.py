@@ -129,6 +129,7 @@ def test_a_backend_that_is_not_here_or_is_none(renderer, monkeypatch):
             renderer.render(STATE, allow_slow=value)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("blender")
 def test_a_slow_frame_has_the_coma_that_opengl_adds():
     """The same light as without a coma, and what is more is the same as in OpenGL's frame."""
@@ -145,6 +146,7 @@ def test_a_slow_frame_has_the_coma_that_opengl_adds():
     assert slow.roi == fast.roi
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("blender")
 def test_the_server_draws_slowly_tells_how_far_it_is_and_has_a_deadline_of_its_own(tmp_path):
     """The deadline of other requests is far below what the slow frame takes; meanwhile `status` tells its progress."""
@@ -176,6 +178,7 @@ FRAMES = [{"camera": "navcam", "output": "dn", "exposure_s": 0.02, "seed": 7, "m
           {"camera": "navcam", "max_error": 0.0015, "roi": [20, 10, 76, 54]}, {"camera": "navcam", "max_error": 0.5}]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("blender")
 def test_several_slow_frames_of_one_request(tmp_path):
     """Each is the frame of a request of its own; progress is that of the request."""

@@ -229,6 +229,7 @@ def test_bennus_twin_is_bennu(shared, monkeypatch):
     assert made.ncc(ours, real) == pytest.approx(numbers("bennu_twin", "49,152 facets, 6 m")[0], abs=2e-3)
 
 
+@pytest.mark.slow
 def test_an_estimators_errors_are_those_of_its_page(monkeypatch, tmp_path, capsys):
     """Templates in six of the page's frames: within a factor of three; and pictures of it and of the filter."""
     navigate = module(monkeypatch, "navigation", "navigate")

@@ -34,6 +34,7 @@ def example(monkeypatch):
         sys.modules.pop(name, None)
 
 
+@pytest.mark.slow
 def test_the_script_writes_pairs_figures_and_a_table(shared, tmp_path):
     """NCC of whole frames. Lambert's law is the worst for Bennu, at 9 degrees of phase."""
     needed_module("matplotlib", "pip install -e '.[test]'")

@@ -65,6 +65,7 @@ def test_a_worker_that_is_killed_costs_nothing(distributed, tmp_path):
     assert made.throughput()["n_frames"] == 12
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_goes_away_is_told(distributed, tmp_path):
     (tmp_path / "scene.toml").write_text(serving.SCENE)
     made = DataSet(scene=load_scene(tmp_path / "scene.toml"), states=STATES * 20, folder=tmp_path / "out",
@@ -79,6 +80,7 @@ def test_a_scheduler_that_goes_away_is_told(distributed, tmp_path):
     assert 0 < len(made.missing()) < 120
 
 
+@pytest.mark.slow
 def test_no_scheduler_or_no_worker_is_told(distributed):
     with within(60):
         with pytest.raises(ConfigError, match="--dask: no scheduler answers.*dask scheduler"):

@@ -95,6 +95,7 @@ def test_a_frame_is_the_one_that_take_frame_gives_and_its_labels_fit(scene, whol
     assert set(body["keypoints"]) == {"near", "far"} and len(body["limb"]["px"]) == 16
 
 
+@pytest.mark.slow
 def test_a_killed_command_goes_on_and_two_processes_write_the_same_bytes(file, whole, tmp_path):
     scenario, states = tmp_path / "scenario.toml", tmp_path / "states.jsonl"
     keypoints = "".join(f"\n{name} = {list(place)}" for name, place in KEYPOINTS["body"].items())

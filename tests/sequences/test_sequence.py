@@ -63,6 +63,7 @@ def test_a_frame_is_the_one_that_take_frame_gives(scene, whole):
             np.testing.assert_array_equal(read_image(whole / f"frame_{k:05d}.npz"), frame.dn)
 
 
+@pytest.mark.slow
 def test_two_processes_and_two_sittings_write_the_same_bytes(scene, whole, tmp_path):
     made = sequence(scene, tmp_path)
     for _ in zip(range(2), made.draw(2), strict=False):
@@ -193,6 +194,7 @@ def test_states_that_are_none_are_told_with_their_line(files, tmp_path):
             read_states(tmp_path / "s")
 
 
+@pytest.mark.slow
 def test_a_scenarios_states_are_written(tmp_path, capsys):
     example = str(EXAMPLES / "scenarios" / "comet_flyby.toml")
     assert main(["sequence", example, "--write-states", str(tmp_path / "states.jsonl")]) == 0

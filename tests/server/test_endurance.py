@@ -21,6 +21,7 @@ REPOSITORY = Path(__file__).parents[2]
 STATE = views.state().to_dict()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("where", slow_but([[], ["--ipc"]], 1), ids=["tcp", "shared memory"])
 def test_killed_clients_and_workers_lose_no_request(where):
     soak = str(REPOSITORY / "benchmarks" / "soak.py")
@@ -50,6 +51,7 @@ def test_bad_messages_are_answered_each_once_and_never_stumbled_over():
     assert record["answers"]["lost framing"] > 100
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", slow_but(["1", "2"], 1))
 def test_bad_messages_on_both_transports_neither_end_nor_hold_up_the_server(workers):
     """Every so often a good request is answered within its deadline, while others hold connections half open."""

@@ -309,6 +309,7 @@ def test_with_keys_operators_alone_load_scenes_and_tcp_is_warned_of(folder, tmp_
             assert msgpack.unpackb(framed.ask(head("load_scene", 1, scene={}))[0])["error"]["code"] == "forbidden"
 
 
+@pytest.mark.slow
 def test_a_stopped_worker_stops_nobody(tmp_path):
     """The request does not fit into what the system holds between server and worker."""
     with serving.server(tmp_path, "--deadline", "3") as (endpoint, process), peer(endpoint) as dealer, \

@@ -368,6 +368,7 @@ def test_who_comes_when_another_leaves_is_answered():
             assert second.recv() == b"2" and list(front._connections) == [descriptor]
 
 
+@pytest.mark.slow
 def test_a_thousand_requests_leave_no_descriptor_and_little_memory(tmp_path):
     with serving.server(tmp_path) as (endpoint, process), Client(endpoint, timeout_s=30.0) as client:
 

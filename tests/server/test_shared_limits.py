@@ -65,6 +65,7 @@ def asked(dispatcher, engine=None, **fields):
     return [msgpack.unpackb(replies[0][0]), *replies[0][1:]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [("--in-process",), ("--workers", "2")], ids=["in process", "workers"])
 def test_a_client_that_keeps_every_frame_gets_them_all(tmp_path, options):
     """More than may be left in place: each slot takes three descriptors of the 1024 that a process commonly has."""

@@ -52,6 +52,7 @@ def truth(tmp_path):
         yield lambda seed: client.render(at(seed), "navcam", output="dn", seed=seed).pixels
 
 
+@pytest.mark.slow
 def test_frames_that_are_held_outlive_the_workers_that_drew_them(tmp_path, truth):
     with serving.server(tmp_path, "--workers", "2", scene=SCENE) as (endpoint, process), \
             Client(endpoint, shared_memory=True, timeout_s=60.0) as client:
@@ -72,6 +73,7 @@ def test_frames_that_are_held_outlive_the_workers_that_drew_them(tmp_path, truth
         assert len(slots_of(process)) <= min(n_slots, 11), "8 free, one for each worker, and the last reply's"
 
 
+@pytest.mark.slow
 def test_what_a_worker_was_drawing_when_it_was_killed_is_drawn_whole(tmp_path):
     """32 MiB, killed at any moment of it: in the drawing, in the copy, behind it."""
     with serving.server(tmp_path, "--workers", "1", "--deadline", "50", scene=LARGE) as (endpoint, process), \
@@ -92,6 +94,7 @@ def test_what_a_worker_was_drawing_when_it_was_killed_is_drawn_whole(tmp_path):
         assert len(slots_of(process)) <= 9
 
 
+@pytest.mark.slow
 def test_a_frame_beyond_its_deadline_leaves_no_memory_behind(tmp_path, truth):
     with serving.server(tmp_path, "--workers", "1", "--deadline", "1", scene=LARGE) as (endpoint, process), \
             Client(endpoint, shared_memory=True, timeout_s=60.0, retries=0) as client:
@@ -151,6 +154,7 @@ def test_a_frame_that_is_held_outlives_its_server(tmp_path, truth):
             np.testing.assert_array_equal(reply.pixels, truth(2))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [("--in-process",), ("--workers", "2")], ids=["in process", "workers"])
 def test_requests_that_are_cancelled_disturb_nobody_who_shares(tmp_path, truth, options, caplog):
     """What is cancelled is drawn nevertheless: six times fifty a second fill the server's queue.

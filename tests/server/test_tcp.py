@@ -167,6 +167,7 @@ def test_a_reader_who_does_not_read_delays_nobody_and_gets_every_byte_in_the_end
                 assert msgpack.unpackb(header)["id"] == number and pixels == reference
 
 
+@pytest.mark.slow
 def test_one_connection_cannot_make_the_server_hold_frames_without_end(tmp_path):
     """A client that asks and never reads: beyond 16 requests and 64 MiB of replies its requests stay where they are."""
     with serving.server(tmp_path, "--tcp", "127.0.0.1:0", scene=BIG) as (_, process):

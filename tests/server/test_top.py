@@ -55,6 +55,7 @@ def test_once_is_one_screen_for_scripts(tmp_path):
     assert gone.returncode == 1 and "is glrender-server running there?" in gone.stderr and gone.stderr.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_it_says_how_often_the_server_is_asked_and_outlives_it(tmp_path):
     with serving.server(tmp_path) as (endpoint, process):
         watcher = subprocess.Popen([GLRENDER, "top", endpoint, "--interval", "0.3", "--timeout", "0.4"], text=True,

@@ -209,6 +209,7 @@ def test_bytes_and_pixels_are_exact(shown):
         assert n_seen > 0
 
 
+@pytest.mark.slow
 def test_ten_pages_at_once(shown, window):
     endpoint, address, _ = shown
     others = []
@@ -341,6 +342,7 @@ def test_a_bug_is_logged_as_one(caplog, bug):
     assert "the view failed on this" in answer["trouble"] and "Traceback" in caplog.text
 
 
+@pytest.mark.slow
 def test_connections_that_ask_nothing_keep_nobody_out(tmp_path):
     """Whoever reaches loopback, and has no token, can open them; what is sent in bits never ends either."""
     with serving.server(tmp_path, "--view", "0", scene=SCENE) as (_, process), ExitStack() as stack:
@@ -434,6 +436,7 @@ def test_the_view_ends_with_its_server(tmp_path):
         serving.until(lambda: not answers(address), PATIENCE_S)
 
 
+@pytest.mark.slow
 def test_a_browser_finds_the_view_that_took_anothers_place(tmp_path, window):
     """Which counts frames anew: the page asks for the first again."""
     with serving.server(tmp_path, "--view", "0", scene=SCENE) as (endpoint, process), Client(endpoint) as client:
@@ -486,6 +489,7 @@ def test_the_command_shows_a_server_that_lets_it(shown, tmp_path):
             process.kill()
 
 
+@pytest.mark.slow
 def test_the_command_ends_beside_a_server_that_hangs(tmp_path):
     with serving.server(tmp_path, "--watch", scene=SCENE) as (endpoint, server), \
             subprocess.Popen([GLRENDER, "view", endpoint], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:

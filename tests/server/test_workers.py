@@ -167,6 +167,7 @@ def test_a_request_that_takes_too_long_is_ended_and_told(tmp_path):
         assert client.render(STATE, "bare").pixels.any()
 
 
+@pytest.mark.slow
 def test_a_new_scene_reaches_every_worker_and_those_that_come_later(tmp_path):
     scene = {"bodies": [{"name": "ball", "generated": {"kind": "icosphere", "radius_m": 50.0, "subdivisions": 3},
                          "brdf": {"law": "lambert", "normal_albedo": 0.5}}],
@@ -192,6 +193,7 @@ def test_a_new_scene_reaches_every_worker_and_those_that_come_later(tmp_path):
             client.close()
 
 
+@pytest.mark.slow
 def test_a_scene_that_cannot_be_opened_again_gives_way_to_the_servers_own(tmp_path):
     """Its shape file is gone when its worker dies: the requests are answered, and then drawn."""
     shape = tmp_path / "shapes" / "ball.obj"

@@ -1,8 +1,8 @@
 """What reads a stranger's bytes, fuzzed: the wire's header and frames, scenes, shape files, textures and tables.
 
-A value or a GlrenderError in bounded time and memory; never another exception. Each runs for 15 s
-($GLRENDER_FUZZ_SECONDS says otherwise), guided by coverage where Atheris is installed; what `benchmarks/fuzz.py` does
-with whole servers is in tests/server, the C client's fuzzer in tests/clients.
+A value or a GlrenderError in bounded time and memory; never another exception. Each runs for 4 s, or for
+$GLRENDER_FUZZ_SECONDS, which `make test-all` sets to 15, guided by coverage where Atheris is installed; what
+`benchmarks/fuzz.py` does with whole servers is in tests/server, the C client's fuzzer in tests/clients.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
-SECONDS = int(os.environ.get("GLRENDER_FUZZ_SECONDS", "15"))
+SECONDS = int(os.environ.get("GLRENDER_FUZZ_SECONDS", "4"))
 # Inputs a second: a hundredth of what an idle machine does. Below that it would be no fuzzer.
 LEAST = {"codec": 100, "framing": 20, "scene": 0.5, "shape": 2, "texture": 2}
 

@@ -185,6 +185,7 @@ def test_a_flood_of_one_keeps_nobody_out(adapter):
     flood.__exit__()
 
 
+@pytest.mark.slow
 def test_a_worker_that_dies_is_replaced_and_its_frame_drawn(tmp_path):
     """Nothing is lost; what overruns the deadline is an empty image."""
     with peer.adapter(tmp_path, "--deadline", "20") as (endpoint, process), Peer(endpoint) as one:

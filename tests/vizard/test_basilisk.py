@@ -30,6 +30,7 @@ def port_of(endpoint):
     return int(endpoint.rpartition(":")[2])
 
 
+@pytest.mark.slow
 def test_three_simulations_at_once_know_where_they_are(adapter, flown):
     """In both modes, each from its own place: Basilisk's limb finder and horizonOpNav, within 0.025 deg and 0.2 %.
 
@@ -126,6 +127,7 @@ def what_it_says(process, seconds):
     return os.read(process.stdout.fileno(), 1 << 16).decode() if is_there else ""
 
 
+@pytest.mark.slow
 def test_an_adapter_that_is_killed_between_messages_is_replaced_in_flight(tmp_path, basilisk):
     """ZeroMQ connects again, and noDisplay's every update is whole: the next image is the new adapter's."""
     with peer.adapter(tmp_path) as (endpoint, first):
@@ -138,6 +140,7 @@ def test_an_adapter_that_is_killed_between_messages_is_replaced_in_flight(tmp_pa
     assert '"sent": 0' not in output and output.count('"sent": 1') == 2
 
 
+@pytest.mark.slow
 def test_basilisk_waits_for_ever_for_an_adapter_that_was_killed_in_its_debt(tmp_path, basilisk):
     """What docs/basilisk.md says: its socket has no time limit and does not ask again, so it stays."""
     with peer.adapter(tmp_path) as (endpoint, first):

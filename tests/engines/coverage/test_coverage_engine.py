@@ -98,6 +98,7 @@ def test_a_rough_body_is_within_what_is_told(phase_deg, size_px):
     assert errors == sorted(errors, reverse=True)
 
 
+@pytest.mark.slow
 def test_many_and_few_clipped_facets_are_within_what_is_told():
     """328k facets, of which thousands are clipped, and 20k: against rays."""
     state, camera = views.state(phase_deg=60.0, range_m=50_000.0), views.camera(256, 250.0 * 200.0)

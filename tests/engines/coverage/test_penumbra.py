@@ -106,6 +106,7 @@ def test_a_narrow_penumbra_of_an_eclipse_is_drawn_with_hard_edges():
     assert views.relative_rms(image.irradiance_W_m2.astype(float), exact) < image.plan.predicted_error <= 0.02
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("phase_deg", slow_but([60.0, 120.0], 1))
 def test_hard_edges_cost_less_than_predicted(phase_deg):
     """Of a body on itself: rays with a disc against rays without."""
@@ -138,6 +139,7 @@ def test_coverage_tells_what_hard_edges_cost(phase_deg):
     np.testing.assert_allclose(image.irradiance_W_m2.sum(), exact.sum(), rtol=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("phase_deg", slow_but([100.0, 140.0], 0))
 def test_a_small_body_s_penumbras_cost_nothing(phase_deg):
     """Far narrower than a pixel they have a hard edge's light: one image, lit by the Sun's middle, does."""

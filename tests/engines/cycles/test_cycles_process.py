@@ -66,6 +66,7 @@ def test_nothing_is_left_in_the_folder_of_temporary_files(tmp_path, monkeypatch)
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("blender")
 def test_equal_requests_give_equal_bytes_whatever_came_between():
     """Cycles keeps its tables of samples: they are as large as they get from the start."""

@@ -82,6 +82,7 @@ def test_when_nothing_works_the_error_says_what_to_install():
     assert "apt-get install" in run.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n_cycles", slow_but([300, 1000], 0))
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_hundreds_of_contexts_leak_no_more_than_mesa_itself(backend, n_cycles):
