@@ -57,6 +57,7 @@ def test_the_believed_endpoint_serves_no_truth(tmp_path):
     assert "small" not in str(hello) and "belief.toml" not in str(hello)
 
 
+@pytest.mark.slow
 def test_the_believed_endpoint_draws_no_true_faults(tmp_path):
     """The true camera's shutter is stuck at next to no light; the believed one's is not."""
     model = ('[cameras.model]\nexposure_s = 1.0\nfaults = [{ kind = "stuck_exposure", exposure_s = 1e-9 }]\n'

@@ -123,6 +123,7 @@ def test_a_client_that_gave_up_gets_its_next_frame_and_no_other(tmp_path, truth)
         assert len(slots_of(process)) <= 6
 
 
+@pytest.mark.slow
 def test_memory_is_shared_with_keys_too(tmp_path, truth):
     assert glrender(["keygen", str(tmp_path / "keys"), "--client", "loop"]) == 0
     keys = {"key": tmp_path / "keys" / "loop.key_secret", "server_key": tmp_path / "keys" / "server.key"}
@@ -137,6 +138,7 @@ def test_memory_is_shared_with_keys_too(tmp_path, truth):
         assert mode & 0o077 == 0, "what was encrypted on the way lies open to nobody else"
 
 
+@pytest.mark.slow
 def test_a_frame_that_is_held_outlives_its_server(tmp_path, truth):
     """SIGKILL; the next server takes its files away, and the client goes on with that one."""
     where = f"ipc://{tmp_path}/z"

@@ -527,6 +527,7 @@ def test_a_port_that_is_taken_is_told_before_anything_is_loaded(shown, tmp_path)
     assert told.returncode == 1 and f"cannot listen on 127.0.0.1:{port}" in told.stderr and "--view 0" in told.stderr
 
 
+@pytest.mark.slow
 def test_with_curve_the_view_has_a_key(tmp_path):
     keys = tmp_path / "keys"
     assert main(["keygen", str(keys), "--client", "loop", "--client", "view"]) == 0

@@ -37,6 +37,7 @@ def live(tmp_path_factory):
         yield endpoint, process
 
 
+@pytest.mark.slow
 def test_workers_give_the_pixels_of_a_single_server(live, tmp_path):
     with serving.server(tmp_path) as (alone, _), Client(alone) as one, Client(live[0]) as many:
         for order in ("C", "F"):
