@@ -122,6 +122,16 @@ def test_shadows_of_bumps_as_small_as_facets_are_within_what_is_told(size_px):
         assert views.relative_rms(image, fine) <= np.hypot(told, 0.35 * views.relative_rms(coarse, fine))
 
 
+@pytest.mark.parametrize("phase_deg", [90.0, 115.0])
+def test_tight_tolerances_are_met_by_dividing_facets_beside_boundaries_again(phase_deg):
+    """Divided once they are told as 0.0052 and 0.0054."""
+    state, camera = views.state(phase_deg=phase_deg, range_m=2000.0), views.camera(320, 10.0 * 300.0)
+    image, told, roi, rays = drawn([Body(name="body", shape=rough(), brdf=LAW)], state, camera, 0.004)
+    assert told <= 0.004
+    fine, coarse = (traced(camera, roi, rays, n) for n in (24, 12))
+    assert views.relative_rms(image, fine) <= np.hypot(told, 0.35 * views.relative_rms(coarse, fine))
+
+
 @pytest.mark.parametrize("phase_deg", [98.0, 120.0, 147.0])
 @pytest.mark.parametrize("size_px", [3.0, 6.6])
 def test_a_rough_body_of_a_few_pixels_keeps_its_flux(phase_deg, size_px):
