@@ -1,5 +1,5 @@
-# Two front doors: `make demo` and `make test`. Each sets up what is missing. `make test` runs a few cells of each heavy
-# sweep, `make test-all` every one of them.
+# Two front doors: `make demo` and `make test`. Each sets up what is missing. `make test` leaves out what takes
+# long, `make test-all` runs every test.
 VENV   := .venv
 PYTHON ?= python3
 BIN    := $(VENV)/bin
@@ -14,7 +14,7 @@ test: tools
 	$(BIN)/ruff check .
 	$(BIN)/python -m pytest -n 4 --dist loadfile $(PYTEST_OPTIONS)
 
-test-all: export GLRENDER_FUZZ_SECONDS = 15
+test-all: export GLRENDER_FUZZ_SECONDS ?= 15
 test-all: PYTEST_OPTIONS = -m ""
 test-all: test
 

@@ -13,7 +13,7 @@ import numpy as np
 from ..base.stopwatch import Clock
 from ..planner import error_model
 from ..planner.adaptive_samples import frame_error, pixel_errors, pixel_means, plan_refinement
-from ..planner.engine_choice import MAX_SAMPLES, apart_size_px
+from ..planner.engine_choice import MAX_SAMPLES, MOST_FIRST_SAMPLES, apart_size_px
 from ..planner.plan import WindowPlan
 from ..planner.small_body_grid import MAX_RAYS_ACROSS
 from ..view.regions import outline_px
@@ -132,7 +132,7 @@ class IrradiancePass:
                       is_last: bool) -> tuple[np.ndarray, WindowPlan]:
         """The region's pixels and its plan: few samples everywhere, then more where their contrast is high.
 
-        None more where they cannot meet the tolerance and this is not the last option.
+        No more are drawn where they cannot meet the tolerance and another option follows, which no deadline forbids.
         """
         x0, y0, x1, y1 = window.roi
         mean, error = (np.zeros((y1 - y0, x1 - x0), np.float32) for _ in range(2))
@@ -145,8 +145,9 @@ class IrradiancePass:
             n_facing = np.count_nonzero(facing)
             if not n_facing:
                 return mean, replace(window, predicted_error=0.0)
-            # Few pixels have light: more samples find slivers of it.
-            count = max(window.samples, min(int(math.sqrt(_FIRST_RAYS / n_facing)), MAX_SAMPLES))
+            # Where few pixels have light, more samples find slivers of it; where many have, fewer do.
+            most = max(math.isqrt(2 * MOST_FIRST_SAMPLES // n_facing), 2)
+            count = max(min(window.samples, most), min(int(math.sqrt(_FIRST_RAYS / n_facing)), MAX_SAMPLES))
             window = replace(window, samples=count, grid=((x1 - x0) * count, (y1 - y0) * count))
         if window.engine == "raster":
             window = replace(window, shadow_share=_shadow_share(window, frame))
@@ -170,8 +171,8 @@ class IrradiancePass:
         left = max(math.sqrt(max(window.tolerance**2 - floor**2, 0.0)), _LEAST_LEFT * window.tolerance)
         most = MAX_RAYS_ACROSS / max(view.size_px for view in members) if window.engine == "rays" else 0.0
         refinement = None
-        may_do = is_last or floor <= window.tolerance
-        if math.isfinite(left) and may_do and time.monotonic() < deadline:
+        has_aim = is_last or floor <= window.tolerance or math.isfinite(deadline)
+        if math.isfinite(left) and has_aim and time.monotonic() < deadline:
             refinement = plan_refinement(mean, error, window.samples, left, power, most)
         clock.lap("refine")
         if refinement is None:

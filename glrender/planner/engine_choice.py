@@ -28,6 +28,9 @@ MAX_SAMPLES = 16
 """Most samples along a pixel's side by OpenGL."""
 MOST_FACETS_PER_PX = 300.0
 """Facets that face Sun and camera, a pixel, from which rays are cheaper than coverage (redesign.md, A.3)."""
+MOST_FIRST_SAMPLES = 2**20
+"""Rays of a whole region at first: of 1024 x 1024 px one each tells as much (benchmarks/cliffs.py), in 0.3 s. By OpenGL
+four times as many samples take less."""
 FEWEST_FACETS_FOR_RAYS = 100_000
 """Facets from which that holds: fewer cost coverage no more than the rays that a flux asks for (cells of A.3)."""
 # Side [px] of an outline below which a body has a grid of its own.
@@ -46,8 +49,6 @@ _MOST_CELLS = 2048
 # First samples along a pixel's side, and of narrow crescents.
 _FIRST_SAMPLES = 2
 _CRESCENT_SAMPLES = 4
-# Samples of a whole region, at first: in a large one few of each pixel tell enough.
-_MOST_FIRST_SAMPLES = 2**20
 # RMS distance from the centroid of an equilateral triangle over the root of its area [1]: 0.31 along each axis.
 _UNEVEN_FACET = 0.44
 # Variation of a pixel's solid angle within it over its angle [1]: above 3 tan(theta) / sqrt(12), off the boresight.
@@ -286,7 +287,7 @@ def _sampled(engine: str, members: Sequence[BodyView], known: Sequence[BodyTrait
                        modelling_error=modelling_error, predicted_error=math.hypot(modelling_error, error), **told)
     count, asked = request.samples, {"tolerance": math.inf}
     if count is None:
-        count, asked = _first_samples(pairs, request.camera), {}
+        count, asked = _first_samples(engine, pairs, request.camera), {}
         if size_px < _FLUX_PX:
             n_across = max(samples_across(view, traits, flux_error, penumbra=_in_penumbra(view, body))
                            for view, traits, body in zip(members, known, drawn, strict=True))
@@ -300,17 +301,17 @@ def _sampled(engine: str, members: Sequence[BodyView], known: Sequence[BodyTrait
                    modelling_error=modelling_error, predicted_error=request.tolerance, **told, **asked)
 
 
-def _first_samples(pairs: Sequence[tuple[BodyView, BodyTraits]], camera: PinholeCamera) -> int:
+def _first_samples(engine: str, pairs: Sequence[tuple[BodyView, BodyTraits]], camera: PinholeCamera) -> int:
     """First samples along a pixel's side: more in crescents, fewer in a large region."""
     # Near a body the phase angle is another one on each side of it.
     is_crescent = max(view.phase_rad + traits.radius_m / view.range_m for view, traits in pairs) > CRESCENT_RAD
     fewest = 1
     if max(view.phase_rad for view, _ in pairs) > CRESCENT_RAD:
-        # Rays pass over what faces away from the Sun, where it is known.
+        # Rays pass over what faces away from the Sun, where that is known.
         is_known = all(view.bounds_px is not None and math.isfinite(traits.facet_m) for view, traits in pairs)
-        fewest = _CRESCENT_SAMPLES if is_known else _FIRST_SAMPLES
+        fewest = _CRESCENT_SAMPLES if engine == "rays" and is_known else _FIRST_SAMPLES
     x0, y0, x1, y1 = region([view for view, _ in pairs], camera)
-    most = math.isqrt(_MOST_FIRST_SAMPLES // max((x1 - x0) * (y1 - y0), 1))
+    most = math.isqrt((1 if engine == "rays" else 4) * MOST_FIRST_SAMPLES // max((x1 - x0) * (y1 - y0), 1))
     return min(_CRESCENT_SAMPLES if is_crescent else _FIRST_SAMPLES, max(most, fewest))
 
 

@@ -44,8 +44,9 @@ FEWEST_CENTROIDS = 10_000
 FACETS_SEEN = 0.5 / 0.6
 """Facets that a pixel sees times squared size over all facets: half of them face it, on 0.6 of the square."""
 CRESCENT_RAD = 2.1
-"""Phase angle [rad] from which light falls in narrow crescents."""
-# Phase angle [rad] from which samples miss some of it.
+"""Phase angle [rad] from which light falls in narrow crescents: at 143 deg what 2 x 2 first samples tell leads to 1.4
+times the error of 4 x 4."""
+# Phase angle [rad] from which samples miss some of a crescent's light.
 _SLIVERS_RAD = 2.55
 # Error over the estimate of an image, per radian of phase beyond it: 24 crescents at 136 to 162 deg, 40 to 300 px.
 _CRESCENTS_PER_RAD = 2.5

@@ -44,7 +44,6 @@ def test_a_jet_far_off_has_its_strength_as_mean_over_directions(width, collimati
     np.testing.assert_allclose(jet.profile(angle), 0.5, rtol=1e-12)
 
 
-@pytest.mark.slow
 def test_facets_far_off_have_their_strength_and_face_their_way():
     shape = contact_binary(radius_m=1000.0, seed=1)
     facets = Facets(shape=shape, strength=noise_strength(shape, seed=2), weight_m=3.0, spread=2.0,
@@ -119,7 +118,6 @@ def test_syndynes_and_synchrones():
     np.testing.assert_allclose(syndyne[:, 2], 0.0, atol=1.0)
 
 
-@pytest.mark.slow
 def test_a_tail_near_its_nucleus_is_the_coma_of_its_strength():
     """Of young grains, what is within a distance is 4 pi K r: dC/dr = 4 pi r^2 k = 4 pi K."""
     tail = Tail(**{**TAIL, "particles": 50_000})

@@ -194,7 +194,6 @@ def test_states_that_are_none_are_told_with_their_line(files, tmp_path):
             read_states(tmp_path / "s")
 
 
-@pytest.mark.slow
 def test_a_scenarios_states_are_written(tmp_path, capsys):
     example = str(EXAMPLES / "scenarios" / "comet_flyby.toml")
     assert main(["sequence", example, "--write-states", str(tmp_path / "states.jsonl")]) == 0

@@ -140,7 +140,6 @@ def test_bad_rates_are_refused_by_field(client):
     assert error.value.path == "state.spacecraft.angular_velocity_rad_s"
 
 
-@pytest.mark.slow
 def test_the_example_is_a_frame_with_stars_and_a_dark_body_before_them(tmp_path):
     """As its first lines say, without a warning; also as a picture. Inside the body's dark outline no star shines."""
     arguments = ["render", str(EXAMPLES / "starry_flyby.toml"), "--state", str(EXAMPLES / "starry_flyby.json"),

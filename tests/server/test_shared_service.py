@@ -123,7 +123,6 @@ def test_a_client_that_gave_up_gets_its_next_frame_and_no_other(tmp_path, truth)
         assert len(slots_of(process)) <= 6
 
 
-@pytest.mark.slow
 def test_memory_is_shared_with_keys_too(tmp_path, truth):
     assert glrender(["keygen", str(tmp_path / "keys"), "--client", "loop"]) == 0
     keys = {"key": tmp_path / "keys" / "loop.key_secret", "server_key": tmp_path / "keys" / "server.key"}

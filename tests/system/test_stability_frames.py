@@ -59,7 +59,6 @@ def test_the_plan_tells_what_was_drawn_where_rays_took_over():
     assert plan.windows[0].engine == "rays" and plan.bodies[0].shadow_map_px is None and plan.left_out == ()
 
 
-@pytest.mark.slow
 def test_the_image_tells_whether_a_coarse_map_has_edges_to_blur():
     """Close up, a map of 4096 texels is too coarse for 1 % if edges of shadows are all that there is; they are not."""
     place = np.array([60.0, -280.0, 80.0])

@@ -38,13 +38,14 @@ _LEAST_CREASE_RAD = 0.2
 # tolerance [1] from which they are, and the angle between neighbours [rad]: bumps are then as small as facets, and 67P,
 # with 0.5, errs half as much at the same time. Itokawa has 0.15.
 _STILL_MISSED = 0.36
-# The same of each division more, where the first leaves more than this share of the squared tolerance [1], and the most
-# divisions: 12 frames at tolerances of 0.004 to 0.01 beside rays.
-_STILL_MISSED_LATER = 0.5
-_MOST_LEFT = 0.8
-_MOST_BESIDE = 3
 _MOST_MISSED = 0.5
 _ROUGH_RAD = 0.3
+# The part that each division more leaves of that [1], the share of the squared tolerance [1] from which there is one,
+# the most divisions, and the most parts: 12 frames at tolerances of 0.004 to 0.01 beside rays; 0.3 s.
+_STILL_MISSED_LATER = 0.5
+_MOST_STILL_MISSED = 0.8
+_MOST_BESIDE = 3
+_MOST_PARTS = 600_000
 # Share of the squared light of the brightest facet that another body may take between its corners unseen [1].
 _MISSED_BEHIND = 0.1
 # Squared light of a facet over the squared tolerance from which it is divided first [1]: of few facets, and of many.
@@ -159,15 +160,16 @@ class SunlitAreas:
         if error > most_squared:
             is_rough = self._facets.crease_rad > _ROUGH_RAD
             if len(self._views) > 1 or is_rough or missed > _MOST_MISSED * most_squared:
-                left = [_STILL_MISSED * _STILL_MISSED_LATER**more * missed for more in range(_MOST_BESIDE)]
-                more = next((k for k, each in enumerate(left) if each <= _MOST_LEFT * most_squared), 0)
-                triangles, missed = self._with_beside(triangles, 1 + more), left[more]
+                triangles, missed = self._with_beside(triangles, missed, _MOST_STILL_MISSED * most_squared - behind)
             triangles, error = self._divide(triangles, missed + behind, most_squared)
         self._cutter.cut_off(triangles, _BISECTIONS)
         return error
 
-    def _with_beside(self, triangles: FacetParts, n_times: int) -> FacetParts:
-        """Boundary triangles, and those in facets beside them that are divided some times: boundaries bend."""
+    def _with_beside(self, triangles: FacetParts, missed: float, most_left: float) -> tuple[FacetParts, float]:
+        """Mixed parts of boundary triangles and of the facets beside them, and what is still missed: boundaries bend.
+
+        The facets beside are divided once, and both again until no more is left than may be, or parts are too many.
+        """
         facets, facing = self._facets, self._facing
         is_boundary, touched = np.zeros(facets.n_facets, bool), np.zeros(facets.vertices_m.shape[1], bool)
         is_boundary[triangles.facet] = True
@@ -176,9 +178,13 @@ class SunlitAreas:
             facets.corners.take(facing, axis=1)).any(axis=0)))
         self._whole = np.setdiff1d(self._whole, beside.facet)
         self._shade(beside.facet)
-        for _ in range(n_times - 1):
+        beside, missed = self._cutter.quarters(beside), _STILL_MISSED * missed
+        for _ in range(_MOST_BESIDE - 1):
+            if missed <= most_left or 4 * (len(triangles.facet) + len(beside.facet)) > _MOST_PARTS:
+                break
             triangles, beside = self._cutter.quarters(triangles), self._cutter.quarters(beside)
-        return self._cutter.keep_even(FacetParts.joined([triangles, self._cutter.quarters(beside)]))
+            missed *= _STILL_MISSED_LATER
+        return self._cutter.keep_even(FacetParts.joined([triangles, beside])), missed
 
     def _divide(self, triangles: FacetParts, missed: float, most_squared: float) -> tuple[FacetParts, float]:
         """Divide triangles until clipping them, with what is missed, errs by no more than a square; and their error."""

@@ -180,7 +180,6 @@ def test_a_shadow_map_serves_its_epoch_alone():
     assert reused == [False, True, False, True]
 
 
-@pytest.mark.slow
 def test_maps_of_one_frame_do_not_take_each_others_place():
     """Two bodies, after eight small maps: the second's large one was drawn over the first's, at 21 % of the flux."""
     bodies = [Body(name=name, shape=generate.contact_binary(radius_m=100.0, seed=seed), brdf=Lambert(normal_albedo=0.2))
