@@ -41,11 +41,11 @@ _STILL_MISSED = 0.36
 _MOST_MISSED = 0.5
 _ROUGH_RAD = 0.3
 # The part that each division more leaves of that [1], the share of the squared tolerance [1] from which there is one,
-# the most divisions, and the most parts: 12 frames at tolerances of 0.004 to 0.01 beside rays; 0.3 s.
+# the most divisions, and the most parts: 12 frames at tolerances of 0.004 to 0.01 beside rays; 1 s.
 _STILL_MISSED_LATER = 0.5
 _MOST_STILL_MISSED = 0.8
 _MOST_BESIDE = 3
-_MOST_PARTS = 600_000
+_MOST_PARTS = 2_500_000
 # Share of the squared light of the brightest facet that another body may take between its corners unseen [1].
 _MISSED_BEHIND = 0.1
 # Squared light of a facet over the squared tolerance from which it is divided first [1]: of few facets, and of many.
