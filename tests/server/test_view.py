@@ -372,6 +372,8 @@ def test_the_free_camera_disturbs_no_clients_bytes(shown, window):
         alone = [client.render(**request).pixels.tobytes() for request in asked]
         opened(window, address)
         serving.until(lambda: frame_number(window) > 0, PATIENCE_S)
+        # It is enabled once the page knows the bodies.
+        serving.until(window.find_element("id", "free").is_enabled, PATIENCE_S)
         window.find_element("id", "free").click()
         serving.until(lambda: "free camera" in window.find_element("id", "frame").text, PATIENCE_S)
         before = client.status()["requests"]["render"]
