@@ -28,8 +28,9 @@ MOST_TIMES = 30.0
 MOST_S = 1.0
 """Processor time [s] of a frame of 1024 x 1024 px at a tolerance of 0.01 or more."""
 FRAME_PX = 1024
-# Edges of sizes [px] whose frames are alike.
-_SIZES_PX = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 2000.1)
+# The largest size that is drawn by lot [px], and edges of sizes whose frames are alike.
+_MOST_PX = 2000.0
+_SIZES_PX = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, _MOST_PX + 0.1)
 _LAWS = (Lambert(normal_albedo=0.3), LommelSeeliger(single_scattering_albedo=0.06), LunarLambert(normal_albedo=0.2),
          Minnaert(normal_albedo=0.2, exponent=0.7), HAPKE)
 _LENS = BrownConrady(k1=-0.05)
@@ -50,7 +51,7 @@ def draw(seed: int, shapes: list[str]) -> Frame:
     names_drawn = [str(rng.choice(shapes)) for _ in range(2 if rng.random() < 0.25 else 1)]
     bodies = [Body(name=f"body{k}", shape=shape(name), brdf=_LAWS[rng.integers(len(_LAWS))])
               for k, name in enumerate(names_drawn)]
-    size_px, phase = float(2000.0 ** rng.random()), float(np.radians(rng.uniform(0.0, 180.0)))
+    size_px, phase = float(_MOST_PX ** rng.random()), float(np.radians(rng.uniform(0.0, 180.0)))
     radius_m = bodies[0].shape.radius_m
     range_m = radius_m * float(2.5 * 400.0 ** rng.random())
     has_lens = bool(rng.random() < 0.1)
@@ -87,9 +88,9 @@ def timed(frame: Frame) -> dict:
                 plan = renderer.render(frame.state).plan
             seconds = time.process_time() - begin
     # What the camera is near is larger than was drawn by lot.
-    size_px = max((min(body.size_px, _SIZES_PX[-2] * 2.0) for body in plan.bodies if body.is_visible), default=1.0)
-    return frame.told | {"size_px": max(size_px, 1.0), "seconds": seconds, "predicted_error": plan.predicted_error,
-                         "engines": [window.engine for window in plan.windows]}
+    size_px = max((body.size_px for body in plan.bodies if body.is_visible), default=1.0)
+    return frame.told | {"size_px": min(max(size_px, 1.0), _MOST_PX), "seconds": seconds,
+                         "predicted_error": plan.predicted_error, "engines": [window.engine for window in plan.windows]}
 
 
 def ranked(rows: list[dict]) -> list[dict]:

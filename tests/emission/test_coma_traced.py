@@ -180,7 +180,7 @@ def area_means(source, pinhole, body, q, every, samples):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", slow_but(["jets", "grid"], 1))
+@pytest.mark.parametrize("name", ["jets", "grid"])
 def test_the_error_of_a_large_nucleus_is_below_its_budget_and_the_one_told(name, monkeypatch):
     """Against area means: 1 % of the mean over all pixels, edges among them, which middles alone miss by more."""
     source, q = {"jets": coma.three_jets(), "grid": coma.grid()}[name], frames.look_at(ASIDE_M, np.zeros(3))

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 import serving
 import views
-from cells import slow_but
 from glrender_client import Client
 from serving import Framed
 
@@ -22,7 +21,7 @@ STATE = views.state().to_dict()
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("where", slow_but([[], ["--ipc"]], 1), ids=["tcp", "shared memory"])
+@pytest.mark.parametrize("where", [[], ["--ipc"]], ids=["tcp", "shared memory"])
 def test_killed_clients_and_workers_lose_no_request(where):
     soak = str(REPOSITORY / "benchmarks" / "soak.py")
     run = subprocess.run([sys.executable, soak, *where, "--frames", "500", "--clients", "4",
@@ -52,7 +51,7 @@ def test_bad_messages_are_answered_each_once_and_never_stumbled_over():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("workers", slow_but(["1", "2"], 1))
+@pytest.mark.parametrize("workers", ["1", "2"])
 def test_bad_messages_on_both_transports_neither_end_nor_hold_up_the_server(workers):
     """Every so often a good request is answered within its deadline, while others hold connections half open."""
     record = fuzzed("--messages", "6000", "--sockets", "--workers", workers, "--seed", workers)
