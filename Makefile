@@ -5,7 +5,8 @@ PYTHON ?= python3
 BIN    := $(VENV)/bin
 export PYTHONUNBUFFERED = 1
 
-.PHONY: demo test test-all bench chart wheels image docs setup tools opengl octave clang blender mitsuba basilisk chromium lint clean
+.PHONY: demo test test-all bench chart wheels image docs setup opengl lint clean
+.PHONY: tools osmesa octave clang blender mitsuba basilisk chromium systemd
 
 demo: setup
 	$(BIN)/glrender demo --out out/demo
@@ -66,7 +67,10 @@ opengl: $(VENV)/.ready
 	@sh tools/install_opengl.sh $(BIN)/glrender
 
 # All that tests need besides; `make -j4 tools` brings them side by side.
-tools: setup octave clang blender mitsuba basilisk chromium
+tools: setup osmesa octave clang blender mitsuba basilisk chromium systemd
+
+osmesa: $(VENV)/.ready
+	@sh tools/install_osmesa.sh $(BIN)/glrender
 
 octave:
 	@sh tools/install_octave.sh
@@ -85,6 +89,9 @@ basilisk: $(VENV)/.ready
 
 chromium:
 	@sh tools/install_chromium.sh
+
+systemd:
+	@sh tools/install_systemd.sh
 
 clean:
 	rm -rf $(VENV) out

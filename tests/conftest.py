@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 from pathlib import Path
+from zlib import crc32
 
 import numpy as np
 import pytest
@@ -42,6 +43,30 @@ def blender() -> str:
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(20261121)
+
+
+def pytest_addoption(parser):
+    parser.addoption("--nothing-missing", action="store_true", help="tests that lack a tool fail")
+    parser.addoption("--slow-fifth", type=int, choices=range(5), help="of the slow tests, run this fifth alone")
+
+
+def pytest_collection_modifyitems(config, items):
+    """Leave out four fifths of the slow tests, by their names: five fifths are all, whatever else is chosen."""
+    fifth = config.getoption("--slow-fifth")
+    if fifth is None:
+        return
+    others = [item for item in items if item.get_closest_marker("slow") and crc32(item.nodeid.encode()) % 5 != fifth]
+    config.hook.pytest_deselected(items=others)
+    items[:] = [item for item in items if item not in set(others)]
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item):
+    """Under --nothing-missing, a test that `missing` skipped fails with the same reason."""
+    report = yield
+    if report.skipped and item.config.getoption("--nothing-missing") and " IS MISSING: " in str(report.longrepr):
+        report.outcome, report.longrepr = "failed", report.longrepr[2]
+    return report
 
 
 def pytest_terminal_summary(terminalreporter):

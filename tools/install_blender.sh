@@ -1,7 +1,7 @@
 #!/bin/sh
 # Bring Blender for the backend cycles and its tests: install_blender.sh PYTHON, that of glrender's environment.
-# PyPI's bpy (0.4 GB) fits one Python and holds NumPy below 2, so it gets an environment of its own. In CI it must be
-# there; elsewhere the tests that need it are skipped, loudly, where it cannot be had.
+# PyPI's bpy (0.4 GB) fits one Python and holds NumPy below 2, so it gets an environment of its own. Where it
+# cannot be had, the tests that need it are skipped, loudly.
 set -eu
 . "${0%/*}/apt.sh"
 glrender_python=$1
@@ -31,4 +31,3 @@ done
 rm -rf "$venv"
 echo "BLENDER IS NOT HERE: the tests of the backend cycles CANNOT RUN; set GLRENDER_BLENDER, or try again with" \
      "'make blender'" >&2
-[ "${CI:-}" != true ]

