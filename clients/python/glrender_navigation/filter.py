@@ -5,10 +5,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 from .checks import array, number, refuse
 from .measurement import Measurement
+from .motion import carried
 
 # Three sigma of three axes: chi-square of 3 degrees of freedom at 99.73 %.
 _GATE = 14.156
@@ -90,28 +92,25 @@ class Navigator:
         return self._covariance[:6, :6].copy()
 
     def predict(self, acceleration_m_s2: np.ndarray, step_s: float) -> None:
-        """Carry the estimate over one step with the commanded acceleration (3,) and the body's gravity.
+        """Carry the estimate along its orbit, with the commanded acceleration (3,) and the body's gravity.
+
+        The step is integrated (DOP853), and the covariance by the orbit's own transition matrix: one long step is as
+        exact as many short ones. What is not modelled counts as constant over the step.
 
         Raises
         ------
         ValueError
-            With the field: an acceleration that is no number, or a step below zero; the estimate stays.
+            With the field: an acceleration that is no number, a step below zero, or one that leads through the body's
+            centre or round it more than some fifty times; the estimate stays.
         """
         acceleration_m_s2 = array("acceleration_m_s2", acceleration_m_s2, (3,), "give zeros where none is commanded")
         step_s = number("step_s", step_s, "a filter goes forward in time", is_zero_allowed=True)
-        r, v = self._x[:3], self._x[3:6]
-        distance = np.linalg.norm(r)
-        gravity = -self._gm_m3_s2 * r / distance**3
-        gradient = self._gm_m3_s2 * (3.0 * np.outer(r, r) / distance**2 - np.eye(3)) / distance**3
-        transition = np.eye(7)
-        transition[:3, :3] += 0.5 * step_s**2 * gradient
-        transition[3:6, :3] = step_s * gradient
-        transition[:3, 3:6] = step_s * np.eye(3)
-        gain = np.concatenate([0.5 * step_s**2 * np.eye(3), step_s * np.eye(3), np.zeros((1, 3))])
-        acceleration = acceleration_m_s2 + gravity
-        self._x = np.concatenate([r + step_s * v, v, self._x[6:]]) + gain @ acceleration
+        end = carried(self._x[:6], acceleration_m_s2, step_s, self._gm_m3_s2)
         sigma = np.hypot(self._process_m_s2, self._thruster_error * np.abs(acceleration_m_s2).max())
-        self._covariance = transition @ self._covariance @ transition.T + sigma**2 * gain @ gain.T
+        transition = block_diag(end.transition, 1.0)
+        self._x = np.append(end.motion, self._x[6])
+        self._covariance = transition @ self._covariance @ transition.T
+        self._covariance[:6, :6] += sigma**2 * end.gain @ end.gain.T
 
     def update(self, measurement: Measurement, camera_from_inertial: np.ndarray,
                r_camera_inertial_m: np.ndarray = (0.0, 0.0, 0.0)) -> bool:
