@@ -60,6 +60,9 @@ class Disturbed:
 class Jitter:
     """Small turns of a camera with a given spectrum: a sum of sines of random phases, the same for the same seed.
 
+    All lines of an axis have the same power; each is at a random place in its share of the spectrum. Evenly spaced
+    lines would repeat after the inverse of their distance, and leave decades of a wide spectrum without one.
+
     Parameters
     ----------
     frequency_hz : (K,) float [Hz], ascending, > 0, K >= 2
@@ -70,6 +73,7 @@ class Jitter:
         Sines about each axis.
 
     Source: Shinozuka and Deodatis (1991), spectral representation: amplitudes sqrt(2 S df).
+    Source: Shinozuka and Jan (1972): frequencies moved at random against the period of the sum.
     """
 
     frequency_hz: np.ndarray
@@ -95,20 +99,34 @@ class Jitter:
                               self.density_rad2_hz)
         integer("lines", self.lines, 1, 100_000)
         integer("seed", self.seed, 0, 2**63)
-        edges = np.linspace(frequency[0], frequency[-1], int(self.lines) + 1)
-        middle = 0.5 * (edges[1:] + edges[:-1])
-        power = np.stack([np.interp(middle, frequency, column) for column in density.T], axis=1)
-        rng = np.random.default_rng(self.seed)
-        object.__setattr__(self, "_omega", 2.0 * np.pi * middle)
-        object.__setattr__(self, "_amplitude", np.sqrt(2.0 * power * np.diff(edges)[:, None]))
-        object.__setattr__(self, "_phase", rng.uniform(0.0, 2.0 * np.pi, power.shape))
+        rng, shape = np.random.default_rng(self.seed), (int(self.lines), 3)
+        phase, place = rng.uniform(0.0, 2.0 * np.pi, shape), rng.uniform(0.0, 1.0, shape)
+        share = (np.arange(self.lines)[:, None] + place) / self.lines
+        lines, power = zip(*(_line_places(frequency, *pair) for pair in zip(density.T, share.T, strict=True)),
+                           strict=True)
+        object.__setattr__(self, "_omega", 2.0 * np.pi * np.stack(lines, axis=1))
+        object.__setattr__(self, "_amplitude", np.sqrt(2.0 * np.array(power) / self.lines))
+        object.__setattr__(self, "_phase", phase)
 
     def angles(self, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Angles (N, 3) [rad] about X, Y and Z, and their rates (N, 3) [rad/s], at times (N,) [s]."""
         angles, rates = np.empty((len(t_s), 3)), np.empty((len(t_s), 3))
         # A frame at a time: all at once would need lines x frames of memory.
         for index, t in enumerate(t_s):
-            argument = (self._omega * t)[:, None] + self._phase
-            angles[index] = (self._amplitude * np.sin(argument)).sum(axis=0)
-            rates[index] = (self._amplitude * self._omega[:, None] * np.cos(argument)).sum(axis=0)
+            argument = self._omega * t + self._phase
+            angles[index] = self._amplitude * np.sin(argument).sum(axis=0)
+            rates[index] = self._amplitude * (self._omega * np.cos(argument)).sum(axis=0)
         return angles, rates
+
+
+def _line_places(frequency: np.ndarray, density: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, float]:
+    """Frequencies (L,) [Hz] below which a spectrum has the shares (L,) of its power, and that power [rad2]."""
+    power = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(frequency))])
+    wanted = share * power[-1]
+    k = np.clip(np.searchsorted(power, wanted, side="right") - 1, 0, len(frequency) - 2)
+    # Of a density that is linear between two: d x + slope x^2 / 2 = rest, in the form that holds at slope 0.
+    rest, d = wanted - power[k], density[k]
+    slope = (np.diff(density) / np.diff(frequency))[k]
+    root = d + np.sqrt(np.maximum(d * d + 2.0 * slope * rest, 0.0))
+    x = np.divide(2.0 * rest, root, out=np.zeros_like(rest), where=root > 0.0)
+    return np.minimum(frequency[k] + x, frequency[k + 1]), float(power[-1])

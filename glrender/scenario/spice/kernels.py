@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -20,16 +21,22 @@ from ..epochs import Epoch
 ABERRATIONS = ("NONE", "LT", "LT+S", "CN+S")
 _M_PER_KM = 1000.0
 SUN, SPACECRAFT = "sun", "spacecraft"
+# Whose kernels SPICE's pool has, and the files in it: one pool for a process.
+_POOL: dict[str, list] = {}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Spice:
-    """Kernels, loaded once a process, and what positions are wanted of them.
+    """Kernels, and what positions are wanted of them.
+
+    SPICE has one pool of kernels in a process. Before anything is asked, the pool is made that of `kernels`, in their
+    order: of kernels with the same data the last one counts. Others' kernels, and values put into the pool, are
+    unloaded.
 
     Parameters
     ----------
     kernels : sequence of path
-        SPK, CK, PCK, FK, IK, SCLK, leap seconds, or meta-kernels. They stay loaded until `close`.
+        SPK, CK, PCK, FK, IK, SCLK, leap seconds, or meta-kernels.
     observer : str
         SPICE's name or number of the spacecraft.
     aberration : "NONE", "LT", "LT+S" or "CN+S"
@@ -54,22 +61,14 @@ class Spice:
         text("observer", self.observer)
         if not isinstance(self.ids, Mapping):
             raise ConfigError("ids", "must map names to SPICE's names or numbers", self.ids)
-        loaded = self._loaded()
-        for index, kernel in enumerate(self.kernels):
-            if not Path(kernel).is_file():
-                raise ConfigError(f"kernels[{index}]", "is not there", str(kernel),
-                                  "put it there; in a scenario file names are relative to that")
-            if str(kernel) not in loaded:
-                try:
-                    self.tool.furnsh(str(kernel))
-                except self.error as error:
-                    raise ConfigError(f"kernels[{index}]", f"is refused by SPICE: {told_by(error)}",
-                                      str(kernel)) from None
+        object.__setattr__(self, "kernels", tuple(self.kernels))
+        self._load(_spiceypy())
 
     def close(self) -> None:
-        """Unload the kernels."""
-        for kernel in self.kernels:
-            self.tool.unload(str(kernel))
+        """Unload the kernels, where they are those that are loaded."""
+        if _POOL.get("kernels") == self._key:
+            _POOL.clear()
+            _spiceypy().kclear()
 
     def code(self, name: str, path: str = "ids") -> int:
         """SPICE's number of a name of the scenario, or of SPICE's own."""
@@ -118,12 +117,11 @@ class Spice:
         return rotation, None
 
     def coverage(self) -> list[str]:
-        """What the kernels cover, a line for each object of each SPK and CK."""
-        lines = []
-        for kernel in map(str, self.kernels):
-            kind = self.tool.getfat(kernel)[1]
+        """What the kernels cover, a line for each object of each SPK and CK, also of meta-kernels' members."""
+        lines, tool = [], self.tool
+        for kernel in dict.fromkeys(_pool(tool)):
+            kind = tool.getfat(kernel)[1]
             if kind in ("SPK", "CK"):
-                tool = self.tool
                 for code in tool.spkobj(kernel) if kind == "SPK" else tool.ckobj(kernel):
                     try:
                         cover = (tool.spkcov(kernel, code) if kind == "SPK"
@@ -174,21 +172,57 @@ class Spice:
     def _without_rates(self) -> set[str]:
         return set()
 
-    def _loaded(self) -> set[str]:
-        return {self.tool.kdata(index, "ALL")[0] for index in range(self.tool.ktotal("ALL"))}
+    @cached_property
+    def _key(self) -> list[tuple[str, int, int]]:
+        """Names of the kernels, in their order, with times and sizes: a file that was written anew is another one."""
+        stats = [(os.path.abspath(kernel), os.stat(kernel)) for kernel in self.kernels]
+        return [(name, stat.st_mtime_ns, stat.st_size) for name, stat in stats]
+
+    def _load(self, tool: Any) -> None:
+        """Make SPICE's pool that of the kernels, in their order."""
+        for index, kernel in enumerate(self.kernels):
+            if not Path(kernel).is_file():
+                raise ConfigError(f"kernels[{index}]", "is not there", str(kernel),
+                                  "put it there; in a scenario file names are relative to that")
+        if _POOL.get("kernels") == self._key and _POOL["files"] == _pool(tool):
+            return
+        _POOL.clear()
+        tool.kclear()
+        for index, (kernel, _, _) in enumerate(self._key):
+            try:
+                tool.furnsh(kernel)
+            except self.error as error:
+                raise ConfigError(f"kernels[{index}]", f"is refused by SPICE: {told_by(error)}",
+                                  str(self.kernels[index])) from None
+        _POOL.update(kernels=self._key, files=_pool(tool))
 
     @property
     def tool(self) -> Any:
-        """spiceypy, imported when it is needed first."""
-        try:
-            return import_module("spiceypy")
-        except ImportError as error:
-            raise ConfigError("spice", f"needs spiceypy: {error}", hint="pip install 'glrender[spice]'") from None
+        """spiceypy, its pool that of the kernels."""
+        tool = _spiceypy()
+        # All names cost as much as a position: the number of kernels and the last one tell others' from ours.
+        if not (_POOL.get("kernels") == self._key and tool.ktotal("ALL") == len(_POOL["files"])
+                and _POOL["files"][-1:] == _pool(tool, len(_POOL["files"]) - 1)):
+            self._load(tool)
+        return tool
 
     @cached_property
     def error(self) -> type[Exception]:
         """The root of spiceypy's errors."""
-        return self.tool.utils.exceptions.SpiceyError
+        return _spiceypy().utils.exceptions.SpiceyError
+
+
+def _spiceypy() -> Any:
+    """spiceypy, imported when it is needed first."""
+    try:
+        return import_module("spiceypy")
+    except ImportError as error:
+        raise ConfigError("spice", f"needs spiceypy: {error}", hint="pip install 'glrender[spice]'") from None
+
+
+def _pool(tool: Any, first: int = 0) -> list[str]:
+    """Files in SPICE's pool, from one on; meta-kernels and their members."""
+    return [tool.kdata(index, "ALL")[0] for index in range(max(first, 0), tool.ktotal("ALL"))]
 
 
 def _of_matrix(name: str, values: np.ndarray) -> None:
