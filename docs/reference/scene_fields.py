@@ -177,7 +177,9 @@ SCENARIO: tuple[Table, ...] = (
         **_ABOUT, **_epoch("epoch", "When the spacecraft is at its northernmost; the start by default.")}),
     Table("trajectory, kind = \"csv\"", more={**_FILE, **_ABOUT}),
     Table("trajectory, kind = \"parquet\"", more={**_FILE, **_ABOUT}),
-    Table("trajectory, kind = \"oem\"", more={**_FILE, **_ABOUT, **_OBJECT}),
+    Table("trajectory, kind = \"oem\"", more={
+        **_FILE, "about": ("text", "\"sun\", or the name of a body; by default the one of the file's CENTER_NAME."),
+        **_OBJECT, "center_name": ("text", "What the file calls `about`, if it has another name there.")}),
     Table("trajectory, kind = \"spice\"", more={"about": ("text", "A body, \"sun\", or of a body \"spacecraft\".")}),
     Table("trajectory, kind = \"isd\"", more={
         **_ABOUT, "files": ("list of text", "ISDs, one an image.")}),
@@ -189,7 +191,8 @@ SCENARIO: tuple[Table, ...] = (
     Table("attitude, mode = \"spin\"", (Spin,), ("epoch",), _epoch("epoch", "The scenario's start by default.")),
     Table("attitude, mode = \"csv\"", more={**_FILE, **_WAY}),
     Table("attitude, mode = \"parquet\"", more={**_FILE, **_WAY}),
-    Table("attitude, mode = \"aem\"", more={**_FILE, **_OBJECT}),
+    Table("attitude, mode = \"aem\"", more={
+        **_FILE, **_OBJECT, "frame": ("text", "The file's frame that is meant, if it is no SC_BODY.")}),
     Table("attitude, mode = \"spice\"", (SpiceAttitude,), ("spice",)),
     Table("attitude, mode = \"rigid_body\"", (dynamics.RigidBody,), ("torques", "impulses"), {
         "gravity_gradient_m3_s2": ("float [m3/s2], > 0", "Gravitational parameter of what the trajectory is about."),

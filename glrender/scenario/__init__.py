@@ -8,7 +8,8 @@ from .disturbances import Disturbed, Jitter
 from .dynamics import GravityGradient, RigidBody
 from .encounter import Encounter
 from .epochs import Epoch
-from .files.ccsds import attitude_of_aem, trajectory_of_oem
+from .files.aem import attitude_of_aem
+from .files.ccsds import trajectory_of_oem
 from .files.scenario_file import load_believed_scene, load_scenario, scenario_of_table
 from .files.state_files import attitude_of_csv, attitude_of_parquet, trajectory_of_csv, trajectory_of_parquet
 from .files.sum_files import SumImage, image_of_sum

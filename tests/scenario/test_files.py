@@ -108,7 +108,7 @@ def test_an_oem_is_the_orbit_it_was_written_of(tmp_path):
 
 def test_time_systems_of_an_oem(tmp_path):
     """The same dates in UTC are 69.184 s later: 37 leap seconds and 32.184 s."""
-    tdb, utc = (trajectory_of_oem(oem(tmp_path, scale=scale), "b").epoch for scale in ("TDB", "UTC"))
+    tdb, utc = (trajectory_of_oem(oem(tmp_path, scale=scale), "didymos").epoch for scale in ("TDB", "UTC"))
     np.testing.assert_allclose(utc - tdb, 69.184, atol=2e-3)
 
 
@@ -116,7 +116,7 @@ def test_segments_follow_each_other(tmp_path):
     text = oem(tmp_path).read_text()
     late = text.replace("2022-10-11", "2022-10-12")
     (tmp_path / "two.oem").write_text(text + late[late.index("META_START"):])
-    path = trajectory_of_oem(tmp_path / "two.oem", "b")
+    path = trajectory_of_oem(tmp_path / "two.oem", "didymos")
     r, _ = path.at(DATE, np.array([100.0, 86500.0]))
     np.testing.assert_allclose(r[0], r[1], atol=1e-9)
     with pytest.raises(ConfigError, match="time: must be in a segment of the table: 2022-10-11T00:00:00.000000 TDB to"):
@@ -125,7 +125,7 @@ def test_segments_follow_each_other(tmp_path):
 
 def test_days_of_the_year_are_read(tmp_path):
     (tmp_path / "doy.oem").write_text(oem(tmp_path).read_text().replace("2022-10-11T", "2022-284T"))
-    assert trajectory_of_oem(tmp_path / "doy.oem", "b").epoch == DATE
+    assert trajectory_of_oem(tmp_path / "doy.oem", "didymos").epoch == DATE
 
 
 @pytest.mark.parametrize("old, new, message", [
@@ -134,25 +134,25 @@ def test_days_of_the_year_are_read(tmp_path):
     ("CCSDS_OEM_VERS = 2.0", "CCSDS_OPM_VERS = 2.0", "craft.oem: must have CCSDS_OEM_VERS"),
     ("2022-10-11T00:05:00.000000 ", "2022-10-11T00:05:00.000000 x ", "craft.oem.line 15: must be an epoch and numbers"),
     ("2022-10-11T00:05:00.000000 ", "2022-10-11T00:05:00.000000 1 ", "craft.oem.line 15: must have 6 or 9 numbers"),
-    ("2022-10-11T00:05:00.000000 ", "2022-10-10T00:05:00.000000 ", "craft.oem.times_s[1]: must be later"),
+    ("2022-10-11T00:05:00.000000 ", "2022-10-10T00:05:00.000000 ", "craft.oem.line 15: must be later than the row"),
 ])
 def test_a_wrong_oem_is_told_by_its_line(tmp_path, old, new, message):
     path = oem(tmp_path)
     path.write_text(path.read_text().replace(old, new))
     with pytest.raises(ConfigError) as caught:
-        trajectory_of_oem(path, "b")
+        trajectory_of_oem(path, "didymos")
     assert message in str(caught.value)
 
 
 def test_xml_and_other_objects_are_told(tmp_path):
     path = oem(tmp_path)
     with pytest.raises(ConfigError, match="object_name: must be one of those in craft.oem, got 'MOON'; it has CRAFT"):
-        trajectory_of_oem(path, "b", "MOON")
+        trajectory_of_oem(path, "didymos", "MOON")
     path.write_text("<?xml version='1.0'?>")
     with pytest.raises(ConfigError, match="is XML; only keyword = value notation is read"):
-        trajectory_of_oem(path, "b")
+        trajectory_of_oem(path, "didymos")
     with pytest.raises(ConfigError, match="none.oem: cannot be read"):
-        trajectory_of_oem(tmp_path / "none.oem", "b")
+        trajectory_of_oem(tmp_path / "none.oem", "didymos")
 
 
 @pytest.mark.parametrize("order", ["LAST", "FIRST"])
@@ -226,6 +226,13 @@ def test_state_files_in_a_scenario_file(tmp_path, kind):
     ("t_s,r_x_m,r_y_m,r_z_m,mass\n0,1,2,3,4\n1,2,3,4,5\n", "t.csv.mass: unknown column"),
     ("t_s,r_x_m,r_y_m,r_z_m\n0,1,2,3\n1,2,three,4\n", "t.csv:3.r_y_m: must be a number, got 'three'"),
     ("t_s,r_x_m,r_y_m,r_z_m\n0,1,2,3\n0,2,3,4\n", "times_s[1]: must be later than the one before, got 0.0"),
+    ("t_s,r_x_m,r_y_m,r_z_m\n0,1,2,3\n\n1,2,3,4,5\n", "t.csv:4: must have 4 cells, one a column, got 5; decimals"),
+    ("t_s,r_x_m,r_y_m,r_z_m\n0,1,5,2,3\n1,2,5,3,4\n", "t.csv:2: must have 4 cells, one a column, got 5; decimals"),
+    ("t_s,r_x_m,r_y_m,r_z_m\n0,1,2,3\n1,2,3\n", "t.csv:3: must have 4 cells, one a column, got 3"),
+    ("t_s,r_x_m,r_y_m,r_z_m,r_x_m\n0,1,2,3,4\n1,2,3,4,5\n", "t.csv:1: must name each column once, got 'r_x_m'"),
+    ("t_s,r_x_m,r_y_m,r_z_m,\n0,1,2,3,4\n1,2,3,4,5\n", "t.csv:1: must name each column once, got ''"),
+    ("t_s,r_x_m,r_y_m,r_z_m,v_x_m_s\n0,1,2,3,4\n1,2,3,4,5\n", "t.csv.v_y_m_s: missing"),
+    ("\nt_s,r_x_m,r_y_m,r_z_m\n0,1,2,3\n,,,\n1,2,three,4\n", "t.csv:5.r_y_m: must be a number, got 'three'"),
     ("epoch_utc,r_x_m,r_y_m,r_z_m\n2022-01-01,1,2,3\nsoon,2,3,4\n", "epoch_utc: must be a date"),
 ])
 def test_a_wrong_csv_is_told_by_line_and_column(tmp_path, text, message):
@@ -268,6 +275,8 @@ def test_timestamps_of_a_parquet_file_keep_their_nanoseconds(tmp_path):
     ({"t_s": [0.0, 1.0], "r_x_m": [1.0, 2.0], "r_y_m": [1.0, 2.0]}, "t.parquet.r_z_m: missing"),
     ({"epoch_tdb": [datetime(2022, 1, 1, tzinfo=UTC)] * 2}, "t.parquet.epoch_tdb: must be timestamps without a zone"),
     ({"t_s": [0.0, 1.0], "__index_level_0__": [0, 1]}, "t.parquet.__index_level_0__: unknown column"),
+    ({"t_s": [0.0, 1.0], "r_x_m": [1.0, 2.0], "r_y_m": [1.0, 2.0], "r_z_m": [1.0, 2.0], "v_x_m_s": [0.0, 0.0]},
+     "t.parquet.v_y_m_s: missing"),
     ({"t_s": []}, "t.parquet: must have column names and at least two rows"),
 ])
 def test_a_wrong_parquet_is_told_by_row_and_column(tmp_path, columns, message):

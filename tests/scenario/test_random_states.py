@@ -190,7 +190,9 @@ def test_keypoints_are_read_and_those_off_the_surface_told(tmp_path):
     assert "'far' is 50" in told and "'moon'" in told
     for text, message in (("name,r_x_m\n", "has no column 'r_y_m'"), ("name,r_x_m,r_y_m,r_z_m\n", "holds no keypoint"),
                           ("name,r_x_m,r_y_m,r_z_m\na,1,2,x\n", "line 2: must have three numbers"),
-                          ("name,r_x_m,r_y_m,r_z_m\na,1,2,3\na,1,2,3\n", "must be unique")):
+                          ("name,r_x_m,r_y_m,r_z_m\na,1,2,3\na,1,2,3\n", "must be unique"),
+                          ("name,r_x_m,r_y_m,r_z_m\na,1,5,2,3\n", "points.csv:2: must have 4 cells"),
+                          ("name,r_x_m,r_y_m,r_z_m,unit\na,1,2,3,km\n", "points.csv.unit: unknown column")):
         (tmp_path / "points.csv").write_text(text)
         with pytest.raises(ConfigError, match=message):
             scenario_of_table(table, folder=tmp_path)

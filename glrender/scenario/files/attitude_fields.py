@@ -16,7 +16,7 @@ from ..instruments.images import AttitudesAtImages
 from ..scenario import SPACECRAFT, SUN
 from ..spice.sources import SpiceAttitude
 from ..torques import DustImpacts, GasDrag, Plate, Thruster, Wheels
-from .ccsds import attitude_of_aem
+from .aem import attitude_of_aem
 from .fields import Known, a_table, made, parameters_of, taken_epoch
 from .state_files import attitude_of_csv, attitude_of_parquet
 
@@ -76,8 +76,11 @@ def _parquet(known: Known, table: dict[str, Any], owner: str) -> Attitude:
 
 
 def _aem(known: Known, table: dict[str, Any], owner: str) -> Attitude:
-    known_keys("", table, ("file", "object_name"), required=("file",))
-    return attitude_of_aem(known.file(table), table.get("object_name"))
+    known_keys("", table, ("file", "object_name", "frame"), required=("file",))
+    # A body's file is about it; the spacecraft's is about no body.
+    name = None if owner == SPACECRAFT else owner
+    return attitude_of_aem(known.file(table), table.get("object_name", name), frame=table.get("frame"),
+                           bodies=(*known.names, SUN))
 
 
 def _spice(known: Known, table: dict[str, Any], owner: str) -> Attitude:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -12,7 +11,7 @@ from glrender_camera.validate import name_of, position
 from ...base.errors import ConfigError, error_path
 from ...scene.scene import Scene
 from ...scene.shape.convex_hull import surface_distance_m
-from .state_files import text_of
+from .state_files import csv_rows
 
 _COLUMNS = ("name", "r_x_m", "r_y_m", "r_z_m")
 # Of a body's radius: a keypoint farther off its surface is likely another body's, or of another length unit.
@@ -53,12 +52,15 @@ def off_surface(scene: Scene, keypoints: Mapping[str, Mapping[str, np.ndarray]])
 
 
 def _of_csv(path: Path) -> dict[str, np.ndarray]:
-    rows = csv.DictReader(text_of(path).splitlines(), skipinitialspace=True)
-    if missing := [name for name in _COLUMNS if name not in (rows.fieldnames or ())]:
+    names, rows = csv_rows(path)
+    if missing := [name for name in _COLUMNS if name not in names]:
         raise ConfigError(path.name, f"has no column {missing[0]!r}", hint=f"columns are {', '.join(_COLUMNS)}")
+    if more := [name for name in names if name not in _COLUMNS]:
+        raise ConfigError(f"{path.name}.{more[0]}", "unknown column", hint=f"columns are {', '.join(_COLUMNS)}")
     found: dict[str, np.ndarray] = {}
-    for row in rows:
-        with error_path(f"{path.name}, line {rows.line_num}"):
+    for line, cells in rows:
+        row = dict(zip(names, cells, strict=True))
+        with error_path(f"{path.name}, line {line}"):
             name = name_of("name", row["name"])
             if name in found:
                 raise ConfigError("name", "must be unique", name)

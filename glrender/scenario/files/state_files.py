@@ -21,6 +21,8 @@ _Q = ("q_w", "q_x", "q_y", "q_z")
 
 Cells = Mapping[str, Sequence[Any]]
 """Columns by name, of one length: texts or numbers."""
+Rows = Sequence[int]
+"""How messages count the rows: lines of a text, or rows from 0."""
 
 
 def trajectory_of_csv(path: str | Path, about: str) -> Trajectory:
@@ -59,14 +61,14 @@ def attitude_of_parquet(path: str | Path, interpolation: str = "spline") -> Atti
     return _attitude(Path(path), _of_parquet, interpolation)
 
 
-def _trajectory(path: Path, read: Callable[[Path], Cells], about: str) -> Trajectory:
+def _trajectory(path: Path, read: Callable[[Path], tuple[Cells, Rows]], about: str) -> Trajectory:
     columns, epoch = _columns(path, read, _R)
     velocity = np.stack([columns[name] for name in _V], axis=1) if set(_V) <= columns.keys() else None
     return TrajectoryTable(times_s=columns["t_s"], r_m=np.stack([columns[name] for name in _R], axis=1),
                            v_m_s=velocity, about=about, epoch=epoch)
 
 
-def _attitude(path: Path, read: Callable[[Path], Cells], interpolation: str) -> AttitudeTable:
+def _attitude(path: Path, read: Callable[[Path], tuple[Cells, Rows]], interpolation: str) -> AttitudeTable:
     columns, epoch = _columns(path, read, _Q)
     return AttitudeTable(times_s=columns["t_s"], q_from_inertial=np.stack([columns[name] for name in _Q], axis=1),
                          epoch=epoch, interpolation=interpolation)
@@ -82,12 +84,34 @@ def text_of(path: Path) -> str:
         raise ConfigError(path.name, f"is no text: {error.reason}", str(path)) from None
 
 
-def _of_csv(path: Path) -> Cells:
-    rows = list(csv.DictReader(text_of(path).splitlines(), skipinitialspace=True))
-    return {name: [row[name] for row in rows] for name in rows[0]} if rows else {}
+def csv_rows(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
+    """The names of a CSV file's columns, and its rows that are not empty with the numbers of their lines.
+
+    Raises
+    ------
+    ConfigError
+        With the line: a name that is given twice or is empty, a row with more or fewer cells than names.
+    """
+    reader = csv.reader(text_of(path).splitlines(), skipinitialspace=True)
+    rows = [(reader.line_num, [cell.strip() for cell in row]) for row in reader if "".join(row).strip()]
+    if not rows:
+        return [], []
+    (line, names), *rows = rows
+    if wrong := [name for name in names if not name or names.count(name) > 1]:
+        raise ConfigError(f"{path.name}:{line}", "must name each column once", wrong[0])
+    for line, row in rows:
+        if len(row) != len(names):
+            hint = "decimals have a point, not a comma" if len(row) > len(names) else ""
+            raise ConfigError(f"{path.name}:{line}", f"must have {len(names)} cells, one a column", len(row), hint)
+    return names, rows
 
 
-def _of_parquet(path: Path) -> Cells:
+def _of_csv(path: Path) -> tuple[Cells, Rows]:
+    names, rows = csv_rows(path)
+    return {name: [row[k] for _, row in rows] for k, name in enumerate(names)}, [line for line, _ in rows]
+
+
+def _of_parquet(path: Path) -> tuple[Cells, Rows]:
     try:
         arrow, parquet = import_module("pyarrow"), import_module("pyarrow.parquet")
     except ImportError as error:
@@ -98,7 +122,10 @@ def _of_parquet(path: Path) -> Cells:
         raise ConfigError(path.name, f"cannot be read: {error.strerror or error}", str(path)) from None
     except arrow.ArrowException as error:
         raise ConfigError(path.name, f"is no Parquet file: {error}", str(path)) from None
-    return {name: _arrow_cells(path, name, table.column(name), arrow) for name in table.column_names}
+    if wrong := [name for name in table.column_names if table.column_names.count(name) > 1]:
+        raise ConfigError(path.name, "must name each column once", wrong[0])
+    cells = {name: _arrow_cells(path, name, table.column(name), arrow) for name in table.column_names}
+    return cells, range(table.num_rows)
 
 
 def _arrow_cells(path: Path, name: str, column: Any, arrow: Any) -> Sequence[Any]:
@@ -111,10 +138,10 @@ def _arrow_cells(path: Path, name: str, column: Any, arrow: Any) -> Sequence[Any
     return np.datetime_as_string(column.to_numpy().astype("datetime64[ns]")).tolist()
 
 
-def _columns(path: Path, read: Callable[[Path], Cells],
+def _columns(path: Path, read: Callable[[Path], tuple[Cells, Rows]],
              required: Sequence[str]) -> tuple[Mapping[str, np.ndarray], Epoch | None]:
     """The columns of a file by name, times in `t_s`; and the epoch that they count from, if any."""
-    cells, first = read(path), 2 if read is _of_csv else 0
+    cells, lines = read(path)
     count = len(next(iter(cells.values()), ()))
     if count < 2:
         raise ConfigError(path.name, "must have column names and at least two rows", count)
@@ -125,16 +152,16 @@ def _columns(path: Path, read: Callable[[Path], Cells],
     for name in cells:
         if name not in (*_TIMES, *_R, *_V, *_Q):
             raise ConfigError(f"{path.name}.{name}", "unknown column", hint=f"known are {', '.join(_R + _V + _Q)}")
-    for name in required:
+    for name in (*required, *(name for group in (_R, _V, _Q) if set(group) & cells.keys() for name in group)):
         if name not in cells:
             raise ConfigError(f"{path.name}.{name}", "missing")
-    columns = {name: np.array([_cell(path, line, name, value) for line, value in enumerate(cells[name], first)])
+    columns = {name: np.array([_cell(path, line, name, value) for line, value in zip(lines, cells[name], strict=True)])
                for name in cells if name not in _TIMES or name == "t_s"}
     if timed == ["t_s"]:
         return columns, None
     epochs = [needed(Epoch.of_field({timed[0]: value if timed[0] != "epoch_et_s"
                               else _cell(path, line, timed[0], value)}, "epoch"))
-              for line, value in enumerate(cells[timed[0]], first)]
+              for line, value in zip(lines, cells[timed[0]], strict=True)]
     return {**columns, "t_s": np.array([epoch - epochs[0] for epoch in epochs])}, epochs[0]
 
 

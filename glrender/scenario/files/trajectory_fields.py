@@ -140,8 +140,14 @@ def _parquet(known: Known, table: dict[str, Any], target: str) -> Trajectory:
 
 
 def _oem(known: Known, table: dict[str, Any], target: str) -> Trajectory:
-    known_keys("", table, ("file", "about", "object_name"), required=("file",))
-    return trajectory_of_oem(known.file(table), known.about(table), table.get("object_name"))
+    known_keys("", table, ("file", "about", "object_name", "center_name"), required=("file",))
+    about: str | list[str] = known.about(table)
+    if "about" not in table and "center_name" not in table:
+        about = [name for name in (*known.names, SUN) if name != target]
+    # A body's file is about it; the spacecraft's is about no body.
+    name = None if target == SPACECRAFT else target
+    return trajectory_of_oem(known.file(table), about, table.get("object_name", name),
+                             center_name=table.get("center_name"), bodies=(*known.names, SUN))
 
 
 def _spice(known: Known, table: dict[str, Any], target: str) -> Trajectory:
