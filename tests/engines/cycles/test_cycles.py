@@ -56,7 +56,8 @@ def test_itokawa(shared, phase_deg, n_inner, rms, flux):
     scene, state = views.scene([body], [views.camera(160, 1250.0)]), views.state(phase_deg=phase_deg, range_m=3000.0)
     with Cycles(scene, bounces=0) as cycles, Renderer(scene) as renderer, RayTracer(scene) as tracer:
         image, truth = (pixels(engine.render(state, samples=16)) for engine in (cycles, tracer))
-        drawn = renderer.render(state, samples=16, products=["sunlit"])
+        # OpenGL's shadow map is as fine as the tolerance asks for.
+        drawn = renderer.render(state, samples=16, max_error=0.01, products=["sunlit"])
     inner = cv2.erode((drawn.products["sunlit"] > 0.0).astype(np.uint8), np.ones((3, 3))) > 0
     assert inner.sum() > n_inner
     assert relative_rms(image, pixels(drawn), inner) < 0.01
