@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from glrender import ConfigError, Pose, Scene, State, frames, generate
+from glrender import ConfigError, Pose, Scene, Shape, State, frames, generate
 from glrender.brdf.presets import PRESETS
 from glrender.scenario import (
     Belief,
@@ -25,7 +25,7 @@ from glrender.scenario.attitude import Geometry
 from glrender.scenario.belief.decimation import decimated
 from glrender_server.cli import main
 from missing import needed_module
-from scipy.spatial import cKDTree
+from scipy.spatial import Delaunay, cKDTree
 
 PAGE = Path(__file__).parents[2] / "docs" / "scenario.md"
 SCENARIO = """
@@ -93,9 +93,23 @@ def test_a_tenth_of_the_facets_keeps_the_surface(table):
     assert fewer.report.is_watertight and fewer.report.n_shells == 1
     distance_m, _ = cKDTree(shape.vertices_m).query(fewer.vertices_m)
     assert distance_m.max() < np.sqrt(shape.facet_areas_m2.max())
-    np.testing.assert_allclose(fewer.report.volume_m3, shape.report.volume_m3, rtol=5e-3)
+    np.testing.assert_allclose(fewer.report.volume_m3, shape.report.volume_m3, rtol=1e-9)
     np.testing.assert_array_equal(decimated(shape, 0.1).vertices_m, fewer.vertices_m)
     assert decimated(shape, 1.0) is shape
+
+
+def test_few_facets_keep_volume_and_centre_of_volume():
+    """Those of a ball away from the origin, in closed form; of a sheet, which has none, the surface stays in place."""
+    ball = generate.icosphere(radius_m=100.0, subdivisions=4)
+    ball = Shape.from_arrays(ball.vertices_m + [500.0, -300.0, 200.0], ball.facets)
+    fewer = decimated(ball, 0.02)
+    corner = fewer.vertices_m[fewer.facets] - [500.0, -300.0, 200.0]
+    sixfold = np.linalg.det(corner)
+    np.testing.assert_allclose(sixfold.sum() / 6.0, 4.0 / 3.0 * np.pi * 100.0**3, rtol=5e-3)
+    assert np.linalg.norm((corner.sum(axis=1) * sixfold[:, None]).sum(axis=0) / (4.0 * sixfold.sum())) < 1e-6
+    xy = np.stack(np.meshgrid(np.linspace(-50.0, 50.0, 21), np.linspace(-50.0, 50.0, 21)), axis=-1).reshape(-1, 2)
+    sheet = decimated(Shape.from_arrays(np.c_[xy, np.full(len(xy), 7.0)], Delaunay(xy).simplices), 0.1)
+    np.testing.assert_allclose(sheet.vertices_m[:, 2], 7.0, rtol=1e-12)
 
 
 def test_a_scenario_says_what_is_believed(table, tmp_path):

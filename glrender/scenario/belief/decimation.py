@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ...base.errors import ConfigError
 from ...scene.shape.edges import Edges
-from ...scene.shape.shape import Shape
+from ...scene.shape.shape import Shape, centre_of_volume
 
 # A tetrahedron.
 _FEWEST_FACETS = 4
@@ -26,6 +26,9 @@ def checked_share(name: str, value: object) -> float:
 
 def decimated(shape: Shape, share: float, name: str = "facets") -> Shape:
     """A shape with a share of its facets, or a few less: edges collapse where that moves the surface least.
+
+    A closed shape keeps its volume and its centre of volume, so that an estimator which believes in it finds range and
+    place without a bias.
 
     Parameters
     ----------
@@ -53,7 +56,13 @@ def decimated(shape: Shape, share: float, name: str = "facets") -> Shape:
     # The simplifier's thresholds are lengths, which fit in units of the body. It takes arrays that it could write to.
     vertices, facets = simplify(np.array(shape.vertices_m / shape.radius_m, order="C"),
                                 np.array(shape.facets, np.int32), target_count=count, agg=_AGGRESSIVENESS)
-    return Shape.from_arrays(vertices * shape.radius_m, _largest_shells(facets, shape.report.n_shells))
+    fewer = Shape.from_arrays(vertices * shape.radius_m, _largest_shells(facets, shape.report.n_shells))
+    if not (shape.report.is_watertight and fewer.report.is_watertight):
+        return fewer
+    # Collapsed edges cut off what is convex: 76 facets of Itokawa have 6 % less volume, and look 2 % farther away.
+    size = (shape.report.volume_m3 / fewer.report.volume_m3) ** (1.0 / 3.0)
+    r_true_m, r_fewer_m = (centre_of_volume(each.vertices_m, each.facets) for each in (shape, fewer))
+    return Shape.from_arrays(r_true_m + size * (fewer.vertices_m - r_fewer_m), fewer.facets)
 
 
 def _largest_shells(facets: np.ndarray, count: int) -> np.ndarray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from glrender_camera.validate import integer, within
 
-from .shape import Shape
+from .shape import Shape, centre_of_volume
 
 _MAX_SUBDIVISIONS = 9
 # As far as a Shape goes, with room for relief.
@@ -69,7 +69,7 @@ def gaussian_random_sphere(*, radius_m: float, sigma: float = 0.2, correlation_d
     beta2 = np.log1p(sigma**2)
     field = _random_field(directions, degrees, beta2 * share / share.sum(), rng)
     shape = Shape.from_arrays(radius_m * np.exp(field - 0.5 * beta2)[:, None] * directions, facets)
-    return Shape.from_arrays(shape.vertices_m - _centroid(shape.vertices_m, shape.facets), shape.facets)
+    return Shape.from_arrays(shape.vertices_m - centre_of_volume(shape.vertices_m, shape.facets), shape.facets)
 
 
 def contact_binary(*, radius_m: float, seed: int = 0, subdivisions: int = 6, n_craters: int = 60,
@@ -130,15 +130,8 @@ def subdivide_with_relief(shape: Shape, *, levels: int, relief: float = 0.05, se
 
 def _centred(vertices: np.ndarray, facets: np.ndarray, radius_m: float) -> Shape:
     """A shape about its centre of volume, in a bounding sphere of a given radius."""
-    vertices = vertices - _centroid(vertices, facets)
+    vertices = vertices - centre_of_volume(vertices, facets)
     return Shape.from_arrays(vertices * (radius_m / np.linalg.norm(vertices, axis=1).max()), facets)
-
-
-def _centroid(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
-    """Centre of volume of a closed mesh."""
-    a, b, c = (vertices[facets[:, k]] for k in range(3))
-    sixfold = np.einsum("ij,ij->i", a, np.cross(b, c))
-    return ((a + b + c) * sixfold[:, None]).sum(axis=0) / (4.0 * sixfold.sum())
 
 
 def _icosphere(subdivisions: int) -> tuple[np.ndarray, np.ndarray]:

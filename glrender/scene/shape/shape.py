@@ -388,6 +388,13 @@ def _unit_doubt(shape: Shape) -> tuple[str, ...]:
             f"the file is in {unit}, say so",)
 
 
+def centre_of_volume(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
+    """The centre of volume (3,) of a closed mesh, in the unit of its vertices (V, 3)."""
+    a, b, c = (vertices[facets[:, k]] for k in range(3))
+    sixfold = np.einsum("ij,ij->i", a, np.cross(b, c))
+    return ((a + b + c) * sixfold[:, None]).sum(axis=0) / (4.0 * sixfold.sum())
+
+
 def _volume(vertices: np.ndarray, facets: np.ndarray) -> float:
     corner = vertices[facets] - vertices.mean(axis=0)
     return float(np.einsum("ij,ij->", corner[:, 0], np.cross(corner[:, 1], corner[:, 2]))) / 6.0
