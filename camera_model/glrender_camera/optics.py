@@ -23,6 +23,11 @@ from .validate import integer, known_keys, positive, within
 _KERNEL_RADIUS_SIGMAS = 5.5
 MAX_PSF_SIGMA_PX = 100.0
 _MAX_F_NUMBER = 1000.0
+_MAX_APERTURE_M = 100.0
+# Detectors have pixels of 0.5 to 50 um.
+_MAX_PITCH_M = 1e-3
+# Below it no lens and no mirror works as the pupil's diffraction has it: X rays.
+_LEAST_NM = 10.0
 # Averaging diffraction over a band of 450-950 nm: 9 against 33 wavelengths differ by 1e-4; a narrower
 # band needs fewer.
 _N_WAVELENGTHS = 9
@@ -40,7 +45,7 @@ class Optics:
 
     Parameters
     ----------
-    aperture_diameter_m : float [m], > 0
+    aperture_diameter_m : float [m], > 0, up to 100
         Of the entrance pupil, outside.
     transmission : float or pairs (wavelength [nm], value) [1], 0..1
         Of lenses and filter together.
@@ -51,7 +56,7 @@ class Optics:
     f_number : float [1], > 0, up to 1000, optional
         Focal length over aperture diameter: adds the pupil's diffraction, averaged over the
         band's photons. Needs `pixel_pitch_m`.
-    pixel_pitch_m : float [m], > 0, optional
+    pixel_pitch_m : float [m], > 0, up to 1e-3, optional
     central_obscuration : float [1], 0..0.95
         Inner over outer diameter of an annular pupil, for diffraction and for the area.
     psf_radius_px : int [px], 1..255
@@ -85,8 +90,7 @@ class Optics:
 
     def __post_init__(self):
         put = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731 (frozen dataclass)
-        put("aperture_diameter_m", within(
-            "aperture_diameter_m", positive("aperture_diameter_m", self.aperture_diameter_m), 0.0, 100.0))
+        put("aperture_diameter_m", _at_most("aperture_diameter_m", self.aperture_diameter_m, _MAX_APERTURE_M))
         put("transmission", curve("transmission", self.transmission, 0.0, 1.0))
         put("band_nm", band("band_nm", self.band_nm))
         require_overlap("transmission", self.transmission, self.band_nm)
@@ -98,9 +102,12 @@ class Optics:
             raise ConfigError(missing, "missing: diffraction needs both f_number and pixel_pitch_m")
         if self.is_diffracted:
             put("f_number", within("f_number", positive("f_number", self.f_number), 0.0, _MAX_F_NUMBER))
-            put("pixel_pitch_m", positive("pixel_pitch_m", self.pixel_pitch_m))
+            put("pixel_pitch_m", _at_most("pixel_pitch_m", self.pixel_pitch_m, _MAX_PITCH_M))
             lambda_n_px = self.band_nm[0] * 1e-9 * self.f_number / self.pixel_pitch_m
             if not lambda_n_px >= psf.MIN_LAMBDA_N_PX:
+                if 1e3 * lambda_n_px >= psf.MIN_LAMBDA_N_PX and self.band_nm[1] < _LEAST_NM:
+                    raise ConfigError("band_nm", f"must reach beyond {_LEAST_NM:g} nm for diffraction", self.band_nm,
+                                      f"in um? then write {[round(1e3 * x, 6) for x in self.band_nm]}")
                 raise ConfigError("f_number", f"wavelength x f_number must be >= {psf.MIN_LAMBDA_N_PX} pixels, is "
                                   f"{lambda_n_px:.3g}", self.f_number, "leave diffraction out: it is invisible")
         for name, kind in _PARTS.items():
@@ -282,6 +289,15 @@ class Optics:
     @cached_property
     def _convolutions(self) -> tuple[Convolution | FieldConvolution, ...]:
         return tuple((FieldConvolution if kernel.ndim == 4 else Convolution)(kernel) for kernel in self._kernels)
+
+
+def _at_most(name: str, value: object, most_m: float) -> float:
+    """A length > 0 up to a limit; a larger one is refused with what it is as millimetres and as micrometres."""
+    number = positive(name, value)
+    if not number <= most_m:
+        raise ConfigError(name, f"must be at most {most_m:g} m", value,
+                          f"in mm? then write {number * 1e-3:.6g}; in um, {number * 1e-6:.6g}")
+    return number
 
 
 def _measured(value: object) -> tuple[tuple[float, ...], ...]:

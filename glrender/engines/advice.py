@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from glrender_camera import CameraModel, Frame, MosaicModel, PinholeCamera
@@ -12,8 +12,10 @@ from glrender_camera.exposure import MAX_EXPOSURE_S
 
 from ..base import rotations as frames
 from ..base.constants import AU_M
+from ..base.plausible import SUN_DISTANCES_AU, Advice
 from ..planner.plan import RenderPlan
 from ..scene.scene import Scene, band_irradiances
+from ..view.plausible import state_doubts
 from ..view.state import State
 from ..view.view import BodyView, view_bodies
 
@@ -28,8 +30,6 @@ MIN_LIT_PX = 100
 """Least number of lit pixels for a warning of their share: fewer are a point source, which saturates its few pixels."""
 NIGHT_PHASE_DEG = 175.0
 """Phase angle from which on a body shows its night side: a Lambert sphere has 7e-5 of its light at zero phase."""
-SUN_DISTANCES_AU = (0.04, 200.0)
-"""Likely distances of the Sun [au]: beyond Parker Solar Probe's perihelion of 0.046 au, within the heliopause."""
 LIMIT_RATIO = 1.5
 """Least ratio of the exposure that is wanted to the limit that it stopped at, either way, for a warning."""
 LEAST_DN = 0.5
@@ -40,28 +40,17 @@ _RAYS = 5
 _ROWS = 8
 
 
-@dataclass(frozen=True, slots=True)
-class Advice:
-    """A warning: its kind, the field to look at, and a sentence that says what is seen and the way out."""
-
-    code: str
-    path: str
-    message: str
-
-    def __str__(self) -> str:
-        return self.message
-
-
 def scene_advice(scene: Scene) -> tuple[Advice, ...]:
-    """Warnings of the reports of a scene's shapes."""
-    return tuple(Advice("shape", f"bodies[{index}].shape", _printable(f"{body.name}: {text}"))
-                 for index, body in enumerate(scene.bodies) for text in body.shape.report.warnings)
+    """Warnings of the reports of a scene's shapes, and of its cameras' fields, each once."""
+    shapes = [Advice("shape", f"bodies[{index}].shape", _printable(f"{body.name}: {text}"))
+              for index, body in enumerate(scene.bodies) for text in body.shape.report.warnings]
+    return tuple(dict.fromkeys([*shapes, *(advice for found in scene.doubts.values() for advice in found)]))
 
 
 def image_advice(scene: Scene, state: State, camera: PinholeCamera, plan: RenderPlan, light: np.ndarray,
                  roi: tuple[int, int, int, int], *, region: tuple[int, int, int, int] | None = None,
                  has_points: bool = False, has_stars: bool = False) -> tuple[Advice, ...]:
-    """Warnings of an irradiance image, with those of its plan.
+    """Warnings of an irradiance image, with those of its plan, of its camera's fields and of its state.
 
     Parameters
     ----------
@@ -80,7 +69,8 @@ def image_advice(scene: Scene, state: State, camera: PinholeCamera, plan: Render
         Whether the frame has stars, so that it has something to show without a body.
     """
     found = [Advice("plan", "plan.warnings", _printable(text)) for text in plan.warnings]
-    found += _distance_advice(scene, state) + _size_advice(state, plan)
+    found += scene.doubts.get(camera.name, ())
+    found += state_doubts(state, scene.hulls) + _distance_advice(scene, state) + _size_advice(state, plan)
     in_view = [body.name for body in plan.bodies if body.is_visible]
     x0, y0, x1, y1 = roi
     if not has_points and not (_some_rows(light[y0:y1, x0:x1]).any() or light[y0:y1, x0:x1].any()):

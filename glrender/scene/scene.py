@@ -13,8 +13,10 @@ from glrender_camera.validate import did_you_mean, known_keys, within
 
 from ..base.constants import TOTAL_SOLAR_IRRADIANCE_W_M2
 from ..base.errors import ConfigError, SceneError, error_path
+from ..base.plausible import Advice
 from . import scene_file as scene_tables
 from .body import Body
+from .plausible import camera_doubts, refuse_bands_without_sun
 from .shape.convex_hull import Hull
 from .solar_irradiance import Band
 from .stars import Stars
@@ -80,6 +82,9 @@ class Scene:
                                   "bands have each their own", self.solar_irradiance_1au_W_m2)
             object.__setattr__(self, "solar_irradiance_1au_W_m2",
                                within("solar_irradiance_1au_W_m2", self.solar_irradiance_1au_W_m2, 1e-6, 1e9))
+        else:
+            for index, camera in enumerate(self.cameras):
+                refuse_bands_without_sun(index, camera)
         object.__setattr__(self, "max_error", checked_max_error(self.max_error))
         if not isinstance(self.sun_disc, bool):
             raise ConfigError("sun_disc", "must be true or false", self.sun_disc)
@@ -92,6 +97,12 @@ class Scene:
     def hulls(self) -> dict[str, Hull]:
         """Convex hulls of the bodies, by name, in the scene's order."""
         return {body.name: body.hull for body in self.bodies}
+
+    @cached_property
+    def doubts(self) -> dict[str, tuple[Advice, ...]]:
+        """Warnings of each camera's fields that are improbable, most often for their unit, by the camera's name."""
+        return {camera.name: camera_doubts(index, camera, self.solar_irradiance_1au_W_m2)
+                for index, camera in enumerate(self.cameras)}
 
     def solar_irradiance_of(self, camera: PinholeCamera) -> float:
         """Solar irradiance in a camera's band at 1 au [W/m2]; of a mosaic in that of its pattern's first letter.

@@ -13,6 +13,7 @@ from ..base import rotations as frames
 from ..base.constants import AU_M, SUN_RADIUS_M
 from ..base.errors import ConfigError, SceneError
 from ..scene.shape.convex_hull import Hull
+from .plausible import sun_way_out
 from .state import State
 
 FINE_FOOTPRINT = 1e-5
@@ -156,10 +157,10 @@ def _view(name: str, hull: Hull, state: State, camera: PinholeCamera, camera_fro
     sun_distance, range_m = float(np.linalg.norm(r_sun)), float(np.linalg.norm(r_camera))
     if not sun_distance > hull.radius_m:
         raise SceneError("state.r_sun_inertial_m", f"must be outside body {name!r}",
-                         state.r_sun_inertial_m.tolist())
+                         state.r_sun_inertial_m.tolist(), sun_way_out(state.r_sun_inertial_m))
     if not sun_distance > SUN_RADIUS_M:
-        raise SceneError("state.r_sun_inertial_m", f"must be a solar radius, {SUN_RADIUS_M:g} m, from body {name!r}",
-                         state.r_sun_inertial_m.tolist(), "it is a position in metres, not a direction")
+        raise SceneError("state.r_sun_inertial_m", f"must be at least a solar radius, {SUN_RADIUS_M:g} m, from body "
+                         f"{name!r}", state.r_sun_inertial_m.tolist(), sun_way_out(state.r_sun_inertial_m))
     if not hull.is_outside(r_camera):
         raise SceneError("state.spacecraft.r_inertial_m", f"the camera must be outside body {name!r}",
                          state.spacecraft.r_inertial_m.tolist(), f"it is {range_m:.6g} m from the body's origin, and "

@@ -68,7 +68,7 @@ class Operations:
         self._backend, self._shape_dir = backend, shape_dir
         prepare(scene)
         self.scene, self._renderer = scene, open_renderer(scene, backend)
-        self._of_shapes = [*map(asdict, scene_advice(scene))]
+        self._of_scene = scene_advice(scene)
         self.last_timings_ms: dict[str, float] = {}
         self.last_warnings: list[tuple[str, tuple[Advice, ...]]] = []
         self._memory: codec.Memory | None = None
@@ -94,7 +94,7 @@ class Operations:
                         for c in self.scene.cameras],
             "bodies": [{"name": b.name, "n_facets": len(b.shape.facets), "radius_m": b.shape.radius_m,
                         "law": b.brdf.glsl, "warnings": list(b.shape.report.warnings)} for b in self.scene.bodies],
-            "max_error": self.scene.max_error, "warnings": self._of_shapes,
+            "max_error": self.scene.max_error, "warnings": [*map(asdict, self._of_scene)],
             "stars": None if self.scene.stars is None else asdict(self.scene.stars), **self._renderer.info}
 
     def answer(self, header: Mapping[str, Any], memory: codec.Memory | None = None) -> tuple[list[Any], str]:
@@ -126,7 +126,7 @@ class Operations:
         # The old scene serves on if the new one fails.
         renderer = open_renderer(scene, self._backend)
         self._renderer.close()
-        self.scene, self._renderer, self._of_shapes = scene, renderer, [*map(asdict, scene_advice(scene))]
+        self.scene, self._renderer, self._of_scene = scene, renderer, scene_advice(scene)
         return codec.pack({**echo(header), "ok": True, **self.described})
 
     def _render(self, header: Mapping[str, Any]) -> list[Any]:
@@ -189,10 +189,11 @@ class Operations:
             pixels = capture.irradiance_W_m2
         arrays = {"image": (asked.cut(pixels), _UNITS[asked.output])}
         arrays |= {name: (asked.cut(array), _UNITS[name]) for name, array in capture.products.items()}
-        self.last_warnings.append((camera.name, (*capture.warnings, *capture.notes)))
+        own = [advice for advice in capture.warnings if advice not in self._of_scene]
+        self.last_warnings.append((camera.name, (*own, *capture.notes)))
         return {"camera": camera.name, "output": asked.output, "plan": capture.plan.to_dict(),
                 "timings_ms": dict(capture.timings_ms), "stages": capture.stages, "unit": _UNITS[asked.output],
-                "warnings": [*map(asdict, capture.warnings), *self._of_shapes], "notes": [*map(asdict, capture.notes)],
+                "warnings": [*map(asdict, (*own, *self._of_scene))], "notes": [*map(asdict, capture.notes)],
                 **fields, **({"roi": asked.roi} if asked.roi else {})}, arrays
 
     def _range(self, header: Mapping[str, Any]) -> list[Any]:

@@ -196,11 +196,17 @@ def test_a_sun_inside_a_body_is_refused(renderer):
         render(renderer, r_sun_inertial_m=[10.0, 0.0, 0.0])
 
 
-@pytest.mark.parametrize("r_m", [[1.0e3, 0.0, 0.0], [1.5e8, 0.0, 0.0]])
-def test_a_sun_nearer_than_its_own_radius_is_refused(renderer, r_m):
-    """A direction, or kilometres, in the place of metres."""
-    with pytest.raises(SceneError, match=r"state.r_sun_inertial_m: must be a solar radius, 6.957e\+08 m, from body"):
+@pytest.mark.parametrize("r_m, rule, way_out", [
+    ([1.0, 0.0, 0.0], "outside body 'body'", "in au? then write [1.49598e+11, 0, 0]"),
+    ([0.6, 0.0, -0.8], "outside body 'body'", "not a direction"),
+    ([1.0e3, 0.0, 0.0], "at least a solar radius, 6.957e+08 m, from body 'body'", "not a direction"),
+    ([1.5e8, 0.0, 0.0], "at least a solar radius, 6.957e+08 m, from body 'body'", "in km? then write [1.5e+11, 0, 0]")])
+def test_a_sun_nearer_than_its_own_radius_is_refused(renderer, r_m, rule, way_out):
+    """A direction, astronomical units or kilometres in the place of metres."""
+    with pytest.raises(SceneError) as refused:
         render(renderer, r_sun_inertial_m=r_m)
+    told = str(refused.value)
+    assert told.startswith(f"state.r_sun_inertial_m: must be {rule}") and way_out in told
 
 
 def test_a_body_too_small_for_float64_pixels_is_refused(renderer):

@@ -40,7 +40,8 @@ from glrender_camera import AutoExposure, BrownConrady, CameraModel, Detector, M
 from scipy.spatial.transform import Rotation
 
 GREY = Lambert(normal_albedo=0.2)
-OPTICS = Optics(aperture_diameter_m=0.001, psf_sigma_px=0.5)
+# The Sun has about the 1000 W/m2 of `views` in this band.
+OPTICS = Optics(aperture_diameter_m=0.001, psf_sigma_px=0.5, band_nm=(350.0, 1100.0))
 DETECTOR = Detector(quantum_efficiency=0.5, full_well_electrons=30000.0, gain_DN_per_electron=0.1, bit_depth=12,
                     read_noise_electrons=10.0)
 MODEL = CameraModel(optics=OPTICS, detector=DETECTOR, exposure_s=1e-4)
@@ -360,10 +361,16 @@ def test_a_spacecrafts_own_body_stands_around_its_camera():
         assert renderer.render(mounted).warnings == ()
 
 
-def test_blur_of_a_body_that_moves_has_none(one):
+def test_blur_of_a_body_that_is_followed_has_none(one):
+    """Past a body at 20 km/s and 2 km, and turning after it: 10 rad/s are meant."""
     state = views.state()
-    moving = replace(state, spacecraft=replace(state.spacecraft, angular_velocity_rad_s=[0.0, 10.0, 0.0]))
+    aside = frames.dcm(state.spacecraft.q_from_inertial)[0]
+    moving = replace(state, spacecraft=replace(state.spacecraft, v_inertial_m_s=2e4 * aside,
+                                               angular_velocity_rad_s=[0.0, 10.0, 0.0]))
     assert take_frame(one, moving, "navcam", exposure_s=3e-4).warnings == ()
+    still = replace(moving, spacecraft=replace(moving.spacecraft, v_inertial_m_s=None))
+    told = the_one(take_frame(one, still, "navcam", exposure_s=3e-4).warnings, "unit")
+    assert told.path == "state.spacecraft.angular_velocity_rad_s"
 
 
 def test_what_the_plan_warns_of_is_told_with_the_rest(one):

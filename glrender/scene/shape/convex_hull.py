@@ -5,6 +5,8 @@ Inside the hull (a neck, a crater) the surface itself decides.
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
@@ -89,6 +91,13 @@ class Hull:
         if np.linalg.norm(point_m) > self.radius_m or self._hull_distance(point_m) > 0.0:
             return True
         return not self.is_convex and winding_number(self._corners[0], self._solid, point_m) < 0.5
+
+    @cached_property
+    def solid_radius_m(self) -> float:
+        """Radius [m] of the largest sphere about the origin that is within the surface; 0 where the origin is not."""
+        if self.inner_radius_m <= 0.0 or self.is_outside(np.zeros(3)):
+            return 0.0
+        return self.inner_radius_m if self.is_convex else surface_distance_m(*self._corners, np.zeros(3))
 
     def distance_m(self, point_m: np.ndarray) -> float:
         """A lower bound [m], > 0, of the distance from a point outside to the surface; exact in and near the hull."""

@@ -43,8 +43,8 @@ class Drawn:
 
     @property
     def warnings(self) -> list[str]:
-        """What is odd in the scene's shapes and in the frame."""
-        return [str(advice) for advice in (*scene_advice(self.scene), *self.capture.warnings)]
+        """What is odd in the scene and in the frame, each once."""
+        return [*dict.fromkeys(str(advice) for advice in (*scene_advice(self.scene), *self.capture.warnings))]
 
 
 def draw(arguments: argparse.Namespace) -> Drawn:

@@ -1,0 +1,100 @@
+"""What is improbable, or impossible, in the fields of cameras, most often for their unit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from glrender_camera import CameraModel, Detector, PinholeCamera
+
+from ..base.errors import ConfigError
+from ..base.plausible import Advice, doubt, improbable, way_out
+from .solar_irradiance import Band, solar_spectrum
+
+GAIN_RATIO = 5.0
+"""Ratio, either way, of a full well to what the bits hold [DN] from which on the gain is doubted: of the detectors of
+Cassini, LORRI, AMICA, ONC and OSIRIS in their usual states it is below 3."""
+IRRADIANCE_OFF = 0.2
+"""Share by which a solar irradiance may differ from E490's in the band: other spectra differ by some per cent, the
+edges of a filter move it by ten."""
+
+
+def camera_doubts(index: int, camera: PinholeCamera, solar_irradiance_1au_W_m2: float | None) -> tuple[Advice, ...]:
+    """Warnings of a scene's camera, and of the irradiance that is given for it.
+
+    Parameters
+    ----------
+    index : int
+        Of the camera in the scene.
+    camera : PinholeCamera
+    solar_irradiance_1au_W_m2 : float [W/m2], optional
+        The scene's own.
+    """
+    path, given_W_m2 = f"cameras[{index}]", solar_irradiance_1au_W_m2
+    found = improbable("camera", camera, path)
+    for band_path, band in _bands(path, camera):
+        found += improbable("optics", band.optics, f"{band_path}")
+        if given_W_m2 is not None:
+            found += _irradiance(camera.name, band.optics.band_nm, given_W_m2)
+    if camera.model is not None:
+        found += _gain(f"{path}.model.detector", camera.model.detector)
+    elif given_W_m2 is not None and given_W_m2 > (1.0 + IRRADIANCE_OFF) * _in_band(_spectrum_nm()):
+        found += _irradiance(camera.name, _spectrum_nm(), given_W_m2)
+    return tuple(found)
+
+
+def refuse_bands_without_sun(index: int, camera: PinholeCamera) -> None:
+    """Refuse a camera whose band reaches beyond the solar spectrum, where the scene gives no irradiance.
+
+    Raises
+    ------
+    ConfigError
+    """
+    low, high = _spectrum_nm()
+    for path, band in _bands(f"cameras[{index}]", camera):
+        if not low <= band.optics.band_nm[0] < band.optics.band_nm[1] <= high:
+            raise ConfigError(f"{path}.band_nm", f"must be within {low:g}..{high:g} nm, where the Sun's spectrum is "
+                              "known (ASTM E490)", list(band.optics.band_nm), way_out(
+                                  "optics", "band_nm", band.optics.band_nm)
+                              + "; beyond it give the scene's solar_irradiance_1au_W_m2")
+
+
+def _bands(path: str, camera: PinholeCamera) -> Iterator[tuple[str, CameraModel]]:
+    """Each band's model, and the path of its optics."""
+    for letter, band in ({} if camera.model is None else camera.model.bands).items():
+        yield f"{path}.model.optics{'.' * bool(letter)}{letter}", band
+
+
+def _gain(path: str, detector: Detector) -> list[Advice]:
+    """A warning where a full well is far from what the bits hold."""
+    gain, full_well, n_DN = detector.gain_DN_per_electron, detector.full_well_electrons, 2**detector.bit_depth
+    if 1.0 / GAIN_RATIO <= gain * full_well / n_DN <= GAIN_RATIO:
+        return []
+    meant = "check full_well_electrons (e-, not ke-), bit_depth, and whether the gain is in e-/DN"
+    if 1.0 / GAIN_RATIO <= full_well / gain / n_DN <= GAIN_RATIO:
+        meant = f"in e-/DN? then write its inverse, {1.0 / gain:.6g}"
+    rule = f"times full_well_electrons, {full_well:.6g} e-, is likely within a factor of {GAIN_RATIO:g} of " \
+           f"2^bit_depth, {n_DN} DN, and is {gain * full_well:.4g} DN"
+    return [doubt(f"{path}.gain_DN_per_electron", rule, gain, meant)]
+
+
+def _irradiance(name: str, band_nm: Sequence[float], given_W_m2: float) -> list[Advice]:
+    """A warning where an irradiance is not that of the Sun in a band; a band outside the spectrum has none."""
+    low, high = _spectrum_nm()
+    if not (low <= band_nm[0] and band_nm[1] <= high):
+        return []
+    sun_W_m2 = _in_band((band_nm[0], band_nm[1]))
+    if abs(given_W_m2 / sun_W_m2 - 1.0) <= IRRADIANCE_OFF:
+        return []
+    rule = f"is likely within {100.0 * IRRADIANCE_OFF:g} % of the Sun's {sun_W_m2:.4g} W/m2 from {band_nm[0]:g} to " \
+           f"{band_nm[1]:g} nm (ASTM E490), the band of camera {name!r}"
+    return [doubt("solar_irradiance_1au_W_m2", rule, given_W_m2,
+                  "of all wavelengths it is 1361; leave it out, and each camera has that of its band")]
+
+
+def _spectrum_nm() -> tuple[float, float]:
+    low, high = solar_spectrum()[0][[0, -1]].tolist()
+    return low, high
+
+
+def _in_band(band_nm: tuple[float, float]) -> float:
+    return Band.box(*band_nm).irradiance_1au_W_m2
