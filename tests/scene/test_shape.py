@@ -296,11 +296,12 @@ def _valid_files():
     plate = "\n".join(["8", *(f"{x} {y} {z}" for x, y, z in CUBE_V), "12",
                        *(f"{a + 1} {b + 1} {c + 1}" for a, b, c in CUBE_F)])
     return {"obj": cube_obj().encode(), "tab": plate.encode(), "ply": mesh.export(file_type="ply"),
-            "stl": mesh.export(file_type="stl")}
+            "stl": mesh.export(file_type="stl"), "glb": mesh.export(file_type="glb"),
+            "off": mesh.export(file_type="off").encode()}
 
 
 @settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(kind=st.sampled_from(["obj", "tab", "ply", "stl"]), cut=st.integers(0, 2000),
+@given(kind=st.sampled_from(["obj", "tab", "ply", "stl", "glb", "off"]), cut=st.integers(0, 2000),
        flips=st.lists(st.tuples(st.integers(0, 2000), st.integers(0, 255)), max_size=5))
 def test_damaged_files_load_or_are_refused_never_crash(tmp_path, kind, cut, flips):
     """Truncation and flipped bytes of small valid files: a closed mesh or a ShapeError, nothing else."""

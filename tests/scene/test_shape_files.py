@@ -242,7 +242,7 @@ def test_a_broken_stl_is_refused_by_its_fault(tmp_path, data, message):
 
 
 @pytest.mark.parametrize("kind", ["glb", "off"])
-def test_other_formats_are_read_by_trimesh(tmp_path, kind):
+def test_other_formats_are_read_as_trimesh_writes_them(tmp_path, kind):
     """The cube that trimesh writes: 12 facets, area 6, volume 1."""
     trimesh.creation.box((1.0, 1.0, 1.0)).export(tmp_path / f"cube.{kind}")
     report = Shape.from_file(tmp_path / f"cube.{kind}", length_unit="m").report

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from ...base.errors import ShapeError
-from .foreign_files import read_glb, read_off
+from .glb_files import read_glb
+from .off_files import read_off
 from .ply_files import read_ply
 from .polygons import MAX_CORNERS, triangulated
 from .stl_files import read_stl
@@ -284,9 +285,10 @@ def _glb(path: Path, max_facets: int) -> FileMesh:
 
 
 def _off(path: Path, max_facets: int) -> FileMesh:
-    vertices, facets = read_off(path)
-    _limit(len(facets), max_facets, path)
-    return FileMesh(vertices, facets)
+    vertices, corners, sizes = read_off(path)
+    if not len(sizes):
+        raise ShapeError("", "has no facets", str(path))
+    return _of_polygons(vertices, corners, sizes, max_facets, path)
 
 
 _READERS: dict[str, Callable[[Path, int], FileMesh]] = {

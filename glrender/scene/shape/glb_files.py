@@ -1,0 +1,287 @@
+"""Reader of binary glTF. What a header promises is checked before it is made; what would be another shape is refused.
+
+Source: Khronos (2021), glTF 2.0: the nodes are a strict tree, a mesh is drawn once for each node that names it.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ...base.errors import ShapeError
+
+# Bytes of a component, and numbers of a value; matrices and vectors of two or four are no places.
+_COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+_WIDTHS = {"SCALAR": 1, "VEC3": 3}
+# Extensions that a file may require: integers as places are read, how surfaces and lamps look is not asked for.
+_KNOWN = ("KHR_mesh_quantization", "KHR_lights_punctual", "KHR_xmp_json_ld")
+_KNOWN_BEGIN = ("KHR_materials_", "KHR_texture_", "EXT_texture_")
+# Extensions of a node by which it is drawn elsewhere, or not at all.
+_OF_NODES = ("EXT_mesh_gpu_instancing", "KHR_node_visibility")
+_STRIP, _FAN, _TRIANGLES = 5, 6, 4
+
+
+def read_glb(path: Path, max_facets: int) -> tuple[np.ndarray, np.ndarray]:
+    """The meshes of a file's scene, in one; its points and lines are left out, as are animations, cameras and lamps.
+
+    Returns
+    -------
+    vertices : (V, 3) float64
+    facets : (F, 3) int64
+
+    Raises
+    ------
+    ShapeError
+        The file promises more than it holds, names other files, needs an extension that would change the shape and is
+        not known here, or has skins or morphed meshes.
+    """
+    data = path.read_bytes()
+    about, blob = _chunks(data)
+    accessors = _entries(about, "accessors")
+    counts = [entry.get("count", 0) for entry in accessors]
+    if any(type(count) is not int or count < 0 for count in counts) or sum(counts) > len(data):
+        # A value takes at least a byte.
+        raise ShapeError("", "promises more values than the file can hold", str(path))
+    if any("uri" in entry for entry in _entries(about, "buffers")):
+        raise ShapeError("", "has a buffer outside its binary chunk", str(path), "export it as one file")
+    _refuse_extensions(about)
+    meshes, nodes = _entries(about, "meshes"), _entries(about, "nodes")
+    drawn = list(_drawn(about, nodes, str(path)))
+    facets = [_n_facets(mesh, counts) for mesh in meshes]
+    total = 0
+    for node, _ in drawn:
+        total += facets[_index(node["mesh"], len(meshes), "mesh")]
+    if total > max_facets:
+        raise ShapeError("", f"has more than {max_facets} facets", total, "decimate it, or raise max_facets")
+    values = _Values(accessors=accessors, views=_entries(about, "bufferViews"), blob=blob)
+    read = {index: _mesh(meshes[index], values) for index in sorted({node["mesh"] for node, _ in drawn})}
+    vertices, triangles, count = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], 0
+    for node, place in drawn:
+        _refuse_morphs(node, meshes[node["mesh"]])
+        points, corners = read[node["mesh"]]
+        vertices.append(points @ place[:3, :3].T + place[:3, 3])
+        # A mirrored mesh keeps its outside.
+        triangles.append(count + (corners[:, ::-1] if np.linalg.det(place[:3, :3]) < 0.0 else corners))
+        count += len(points)
+    return np.concatenate(vertices), np.concatenate(triangles)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Values:
+    """The values that accessors lead to."""
+
+    accessors: list[dict]
+    views: list[dict]
+    blob: bytes
+
+    def of(self, index: object, kind: str) -> np.ndarray:
+        """Values (N, width) of an accessor: integers, or float64 where they are floats or normalised."""
+        entry = self.accessors[_index(index, len(self.accessors), "accessor")]
+        if entry.get("type") != kind:
+            raise ShapeError("accessors.type", f"must be {kind}", entry.get("type"))
+        rows = np.zeros((entry.get("count", 0), _WIDTHS[kind]), _component(entry))
+        if "bufferView" in entry:
+            rows = self._rows(entry, rows.dtype, *rows.shape)
+        if "sparse" in entry:
+            rows = self._replaced(rows.copy(), entry["sparse"])
+        if rows.dtype.kind == "f":
+            return rows.astype(np.float64)
+        return np.maximum(rows / np.iinfo(rows.dtype).max, -1.0) if entry.get("normalized") else rows
+
+    def _replaced(self, rows: np.ndarray, sparse: object) -> np.ndarray:
+        """Rows, of which a sparse accessor gives some anew."""
+        if not isinstance(sparse, dict) or not all(isinstance(sparse.get(key), dict) for key in ("indices", "values")):
+            raise ShapeError("accessors.sparse", "must have indices and values", sparse)
+        count, at = sparse.get("count"), sparse["indices"]
+        if type(count) is not int or not 0 <= count <= len(rows):
+            raise ShapeError("accessors.sparse.count", f"must be up to {len(rows)}", count)
+        places = self._rows(at, _component(at), count, 1)[:, 0]
+        if places.dtype.kind != "u" or count and places.max() >= len(rows):
+            raise ShapeError("accessors.sparse.indices", f"must be whole numbers below {len(rows)}")
+        rows[places] = self._rows(sparse["values"], rows.dtype, count, rows.shape[1])
+        return rows
+
+    def _rows(self, entry: dict, kind: np.dtype, count: int, width: int) -> np.ndarray:
+        view = self.views[_index(entry.get("bufferView"), len(self.views), "bufferView")]
+        begin, size, skip = (_whole(table, key) for table, key in (
+            (view, "byteOffset"), (view, "byteLength"), (entry, "byteOffset")))
+        step = _whole(view, "byteStride") or kind.itemsize * width
+        if view.get("buffer") != 0 or begin + size > len(self.blob) or count and (
+                step < kind.itemsize * width or skip + (count - 1) * step + kind.itemsize * width > size):
+            raise ShapeError("bufferViews", "must be within the binary chunk, with all values of their accessors", view)
+        return np.ndarray((count, width), kind, self.blob if count else b"", begin + skip if count else 0,
+                          (step, kind.itemsize))
+
+
+def _mesh(mesh: dict, values: _Values) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (V, 3) and triangles (F, 3) of a mesh's primitives."""
+    vertices, triangles, count = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], 0
+    for primitive in _surfaces(mesh):
+        points = values.of(primitive["attributes"].get("POSITION"), "VEC3")
+        corners = np.arange(len(points))
+        if "indices" in primitive:
+            corners = values.of(primitive["indices"], "SCALAR")[:, 0]
+            if corners.dtype.kind != "u" or len(corners) and corners.max() >= len(points):
+                raise ShapeError("meshes.primitives.indices", f"must be whole numbers below {len(points)}")
+        vertices.append(points.astype(np.float64))
+        triangles.append(count + _triangles(corners.astype(np.int64), primitive.get("mode", _TRIANGLES)))
+        count += len(points)
+    return np.concatenate(vertices), np.concatenate(triangles)
+
+
+def _triangles(corners: np.ndarray, mode: int) -> np.ndarray:
+    if mode == _TRIANGLES:
+        if len(corners) % 3:
+            raise ShapeError("meshes.primitives", "must have three corners a triangle", len(corners))
+        return corners.reshape(-1, 3)
+    if mode == _FAN:
+        return np.stack([corners[1:-1], corners[2:], np.broadcast_to(corners[:1], len(corners[2:]))], axis=1)
+    strip = np.stack([corners[:-2], corners[1:-1], corners[2:]], axis=1)
+    strip[1::2] = strip[1::2, [1, 0, 2]]
+    # Strips are joined by triangles without an area.
+    return strip[(strip != np.roll(strip, 1, axis=1)).all(axis=1)]
+
+
+def _drawn(about: dict, nodes: list[dict], path: str) -> Iterator[tuple[dict, np.ndarray]]:
+    """The nodes of the scene that have a mesh, and their places (4, 4)."""
+    children = [child for node in nodes for child in _indices(node, "children")]
+    if len(set(children)) < len(children):
+        raise ShapeError("", "has a node with several parents, where the nodes must be a tree", path)
+    scenes = _entries(about, "scenes")
+    for scene in scenes:
+        roots = _indices(scene, "nodes")
+        # From a root that is a child the way down could lead in a circle.
+        if len(set(roots)) < len(roots) or set(roots) & set(children):
+            raise ShapeError("", "has a scene that begins at a node with a parent, or twice at one", path)
+    roots = [k for k in range(len(nodes)) if k not in set(children)]
+    if scenes:
+        roots = _indices(scenes[_index(about.get("scene", 0), len(scenes), "scene")], "nodes")
+    left = [(root, np.eye(4)) for root in reversed(roots)]
+    while left:
+        index, above = left.pop()
+        node = nodes[_index(index, len(nodes), "node")]
+        place = above @ _place(node)
+        left += [(child, place) for child in reversed(_indices(node, "children"))]
+        for name in _OF_NODES:
+            if name in (node.get("extensions") or {}):
+                raise ShapeError("nodes.extensions", "must not move or hide nodes", name, "export it without")
+        if "mesh" in node:
+            yield node, place
+
+
+def _place(node: dict) -> np.ndarray:
+    """A node's transform (4, 4)."""
+    if "matrix" in node:
+        return _numbers(node, "matrix", np.eye(4).ravel()).reshape(4, 4).T
+    place, scale = np.eye(4), _numbers(node, "scale", np.ones(3))
+    turn = _numbers(node, "rotation", np.array([0.0, 0.0, 0.0, 1.0]))
+    if not np.linalg.norm(turn) > 0.0:
+        raise ShapeError("nodes.rotation", "must be a quaternion", turn.tolist())
+    place[:3, :3] = Rotation.from_quat(turn).as_matrix() * scale
+    place[:3, 3] = _numbers(node, "translation", np.zeros(3))
+    return place
+
+
+def _refuse_extensions(about: dict) -> None:
+    for name in map(str, _list(about, "extensionsRequired")):
+        if name not in _KNOWN and not name.startswith(_KNOWN_BEGIN):
+            raise ShapeError("extensionsRequired", "must be known here: the shape could be another without it", name,
+                             "export it without this extension")
+
+
+def _refuse_morphs(node: dict, mesh: dict) -> None:
+    if "skin" in node:
+        raise ShapeError("nodes.skin", "must not be there: bones would move the mesh", node["skin"],
+                         "apply the pose before it is exported")
+    weights = node.get("weights", mesh.get("weights", []))
+    if any(primitive.get("targets") for primitive in _surfaces(mesh)) and weights != [0] * len(weights):
+        raise ShapeError("meshes.weights", "must be 0: morph targets would move the mesh", weights,
+                         "apply them before it is exported")
+
+
+def _chunks(data: bytes) -> tuple[dict, bytes]:
+    """The JSON and the binary chunk of a file."""
+    size = int.from_bytes(data[12:16], "little")
+    if data[:4] != b"glTF" or data[16:20] != b"JSON" or size > len(data) - 20:
+        raise ShapeError("", "is no binary glTF: it must begin with glTF and a JSON chunk")
+    about = json.loads(data[20:20 + size])
+    if not isinstance(about, dict):
+        raise ShapeError("", "is no binary glTF: its JSON must be an object")
+    asset = about.get("asset")
+    version = str(asset.get("version")) if isinstance(asset, dict) else None
+    if data[4:8] != b"\x02\0\0\0" or version is None or not version.startswith("2."):
+        raise ShapeError("asset.version", "must be of glTF 2", version)
+    begin = 28 + size
+    is_there = data[begin - 4:begin] == b"BIN\0"
+    return about, data[begin:begin + int.from_bytes(data[begin - 8:begin - 4], "little")] if is_there else b""
+
+
+def _component(entry: dict) -> np.dtype:
+    if (kind := entry.get("componentType")) not in _COMPONENTS:
+        raise ShapeError("accessors.componentType", f"must be one of {', '.join(map(str, _COMPONENTS))}", kind)
+    return np.dtype(_COMPONENTS[kind])
+
+
+def _whole(table: dict, key: str) -> int:
+    value = table.get(key, 0)
+    if type(value) is not int or value < 0:
+        raise ShapeError(key, "must be a whole number", value)
+    return value
+
+
+def _index(value: object, count: int, what: str) -> int:
+    if type(value) is not int or not 0 <= value < count:
+        raise ShapeError(what, f"must be a number below {count}", value)
+    return value
+
+
+def _numbers(node: dict, key: str, default: np.ndarray) -> np.ndarray:
+    value = np.array(node.get(key, default))
+    if value.shape != default.shape or value.dtype.kind not in "if" or not np.isfinite(value).all():
+        raise ShapeError(f"nodes.{key}", f"must be {len(default)} numbers", node[key])
+    return value.astype(np.float64)
+
+
+def _entries(about: dict, key: str) -> list[dict]:
+    """A list of objects, empty if it is not there."""
+    entries = _list(about, key)
+    if not all(isinstance(entry, dict) for entry in entries):
+        raise ShapeError("", f"is no binary glTF: {key} must be objects")
+    return entries
+
+
+def _list(about: dict, key: str) -> list:
+    entries = about.get(key, [])
+    if not isinstance(entries, list):
+        raise ShapeError("", f"is no binary glTF: {key} must be a list")
+    return entries
+
+
+def _indices(about: dict, key: str) -> list[int]:
+    entries = _list(about, key)
+    if not all(type(entry) is int for entry in entries):
+        raise ShapeError("", f"is no binary glTF: {key} must be numbers of nodes")
+    return entries
+
+
+def _surfaces(mesh: dict) -> list[dict]:
+    """The primitives of a mesh that have an area."""
+    primitives = _entries(mesh, "primitives")
+    if not all(isinstance(primitive.get("attributes"), dict) for primitive in primitives):
+        raise ShapeError("", "is no binary glTF: attributes must be an object")
+    return [primitive for primitive in primitives if primitive.get("mode", _TRIANGLES) in (_TRIANGLES, _STRIP, _FAN)]
+
+
+def _n_facets(mesh: dict, counts: list[int]) -> int:
+    """Most facets of a mesh: its corners as triangles, strips or fans."""
+    total = 0
+    for primitive in _surfaces(mesh):
+        corners = primitive.get("indices", primitive["attributes"].get("POSITION"))
+        if type(corners) is int and 0 <= corners < len(counts):
+            total += counts[corners] // 3 if primitive.get("mode", _TRIANGLES) == _TRIANGLES else counts[corners]
+    return total
