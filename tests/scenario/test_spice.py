@@ -209,6 +209,57 @@ def test_the_lens_of_a_kernel_is_inverted(tool, shared, rng):
     np.testing.assert_allclose(by_hand.camera.focal_length_px, 1e4, rtol=1e-12)
 
 
+PLAIN = """KPL/IK
+\\begindata
+INS-77001_FOV_FRAME = 'J2000'
+INS-77001_FOV_SHAPE = 'RECTANGLE'
+INS-77001_BORESIGHT = ( 0.0, 0.0, 1.0 )
+INS-77001_FOV_CLASS_SPEC = 'ANGLES'
+INS-77001_FOV_REF_VECTOR = ( 1.0, 0.0, 0.0 )
+INS-77001_FOV_REF_ANGLE = ( 5.0 )
+INS-77001_FOV_CROSS_ANGLE = ( 5.0 )
+INS-77001_FOV_ANGLE_UNITS = 'DEGREES'
+INS-77001_FOCAL_LENGTH = ( 100.0 )
+INS-77001_PIXEL_SIZE = ( 17.0 )
+INS-77001_PIXEL_SAMPLES = ( 1024 )
+INS-77001_PIXEL_LINES = ( 1024 )
+"""
+
+
+def of_plain(tool, tmp_path, more, **options):
+    tool.kclear()
+    (tmp_path / "plain.ti").write_text(PLAIN + more + "\\begintext\n")
+    spice = Spice(kernels=[tmp_path / "plain.ti"], observer="-77")
+    return camera_of_kernel(spice, instrument="-77001", name="c", **options).camera
+
+
+@pytest.mark.parametrize("more, expected", [
+    ("", [511.5, 511.5]), ("INS-77001_CCD_CENTER = ( 533.5, 500.0 )\n", [533.5, 500.0]),
+    ("INS-77001_CENTER = ( 533.5, 500.0 )\n", [533.5, 500.0]),
+    ("INS-77001_BORESIGHT_SAMPLE = ( 534.5 )\nINS-77001_BORESIGHT_LINE = ( 501.0 )\n", [533.5, 500.0])])
+def test_the_boresight_is_imaged_where_the_kernel_has_it(tool, tmp_path, more, expected):
+    """CCD_CENTER counts from 0, ISIS's keywords from 1 (ISIS adds 1 to the first to get the second)."""
+    camera = of_plain(tool, tmp_path, more)
+    np.testing.assert_allclose(camera.project([0.0, 0.0, 1.0]), expected, atol=1e-9)
+    by_hand = of_plain(tool, tmp_path, more, principal_point_px=[100.0, 200.0])
+    np.testing.assert_allclose(by_hand.principal_point_px, [100.0, 200.0])
+    lensed = of_plain(tool, tmp_path, more + "INS-77001_OD_K = ( 0.0, 1E-5, 0.0 )\n")
+    # The lens has no effect on its own axis, and the fit's tangential terms are small.
+    np.testing.assert_allclose(lensed.project([0.0, 0.0, 1.0]), expected, atol=1e-3)
+
+
+def test_a_centre_of_another_size_and_a_lens_that_is_not_read_are_refused(tool, tmp_path):
+    centre = "INS-77001_CCD_CENTER = ( 533.5, 500.0 )\n"
+    with pytest.raises(ConfigError, match="principal_point_px: missing: the kernel's CCD_CENTER is of 1024 x 1024 px"):
+        of_plain(tool, tmp_path, centre, height_px=512)
+    np.testing.assert_allclose(of_plain(tool, tmp_path, "INS-77001_CENTER = ( 511.5, 511.5 )\n", height_px=512)
+                               .principal_point_px, [511.5, 255.5])
+    for name in ("OD_T_X", "DISTORTION_COEF", "OD_CENTER", "RADIAL_DISTORTION"):
+        with pytest.raises(ConfigError, match=f"lens: is not read from the kernel's keyword, got 'INS-77001_{name}'"):
+            of_plain(tool, tmp_path, f"INS-77001_{name} = ( 1.0, 2.0 )\n")
+    assert of_plain(tool, tmp_path, "INS-77001_OD_T_X = ( 1.0 )\n", lens={"model": "none"}).distortion is None
+
+
 def test_a_camera_that_looks_elsewhere_is_mounted_so(tool, shared, tmp_path):
     """A boresight along -Y of the instrument, which is turned in the spacecraft; and in a scenario file."""
     kernel = tmp_path / "odd.ti"

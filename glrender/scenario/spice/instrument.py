@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -26,6 +27,10 @@ _FIELD_RTOL = 0.05
 _LEAST_PIXEL_MM = 1e-3
 # Keywords of distortion, and their models.
 _KERNEL_LENSES = {"OD_K": "radial", "RAD_DIST_COEFF": "dawnfc"}
+# Keywords of the boresight's pixel, and the number of the first pixel that they count from; ISIS counts from 1.
+_CENTRES = ((("CCD_CENTER",), 0.0), (("CENTER",), 0.0), (("BORESIGHT_SAMPLE", "BORESIGHT_LINE"), 1.0))
+# Keywords of lenses that are not read.
+_OTHER_LENSES = re.compile(r"OD_.+|.*DIST(ORTION)?(_.*)?")
 
 
 def camera_of_kernel(spice: Spice, *, instrument: str, name: str, spacecraft_frame: str | None = None,
@@ -55,7 +60,8 @@ def camera_of_kernel(spice: Spice, *, instrument: str, name: str, spacecraft_fra
         `model` and `coefficients` of `lens_of`, along right and down, or the model "none". By default the kernel's
         OD_K (radial) or RAD_DIST_COEFF (dawnfc), if it has one.
     **more
-        Of `PinholeCamera`: principal_point_px, model.
+        Of `PinholeCamera`: model; and principal_point_px in place of the kernel's CCD_CENTER or CENTER, from 0, or
+        ISIS's BORESIGHT_SAMPLE and BORESIGHT_LINE, from 1. The detector's middle where the kernel has none of them.
 
     Returns
     -------
@@ -65,8 +71,8 @@ def camera_of_kernel(spice: Spice, *, instrument: str, name: str, spacecraft_fra
     Raises
     ------
     ConfigError
-        A keyword that the kernels lack, with its name; a focal length that does not fit the field of view; a lens
-        that the camera's distortion does not follow.
+        A keyword that the kernels lack, with its name, or of a lens that is not read; a focal length that does not
+        fit the field of view; a lens that the camera's distortion does not follow.
     """
     code = spice.code(instrument, "instrument")
     try:
@@ -88,11 +94,30 @@ def camera_of_kernel(spice: Spice, *, instrument: str, name: str, spacecraft_fra
     model, coefficients = _lens(spice, code, lens, focal_length_px)
     with error_path("lens"):
         ideal = None if model == "none" else lens_of(model, coefficients, focal_length_mm)
-    centre = vector("principal_point_px", more.pop("principal_point_px", ((width - 1) / 2.0, (height - 1) / 2.0)), 2)
+    centre = more.pop("principal_point_px", None)
+    centre = vector("principal_point_px", _centre(spice, code, width, height) if centre is None else centre, 2)
     plane = FocalPlane(width_px=width, height_px=height, focal_length_mm=focal_length_mm, centre_px=centre,
                        px_from_mm=np.diag(px_per_mm), lens=ideal)
     fitted = plane.camera(name, **more)
     return replace(fitted, camera=replace(fitted.camera, q_camera_from_spacecraft=from_spice(mounting)))
+
+
+def _centre(spice: Spice, code: int, width: int, height: int) -> np.ndarray:
+    """The pixel (2,) [px] of the boresight without distortion, from 0: the kernel's, else the detector's middle."""
+    middle = (np.array([width, height]) - 1.0) / 2.0
+    for keys, first in _CENTRES:
+        if all(spice.tool.expool(f"INS{code}_{key}") for key in keys):
+            centre = np.concatenate([_numbers(spice, code, key) for key in keys]) - first
+            if centre.shape != (2,):
+                raise ConfigError("principal_point_px", f"must be two numbers, INS{code}_{keys[0]}", centre.tolist())
+            whole = [_numbers(spice, code, key)[0] if spice.tool.expool(f"INS{code}_{key}") else size
+                     for key, size in (("PIXEL_SAMPLES", width), ("PIXEL_LINES", height))]
+            if whole == [width, height]:
+                return centre
+            if np.abs(centre - (np.array(whole) - 1.0) / 2.0).max() > 0.0:
+                raise ConfigError("principal_point_px", f"missing: the kernel's {keys[0]} is of {whole[0]:g} x "
+                                  f"{whole[1]:g} px, not of {width} x {height}", hint="give it by hand")
+    return middle
 
 
 def _numbers(spice: Spice, code: int, key: str) -> np.ndarray:
@@ -130,6 +155,10 @@ def _lens(spice: Spice, code: int, lens: Mapping[str, Any] | None,
                 raise ConfigError("focal_length_px", f"is given, and the kernel's {key} counts in mm", focal_length_px,
                                   'give lens.model = "none" too, or neither')
             return model, _numbers(spice, code, key)
+    for name in spice.tool.gnpool(f"INS{code}_*", 0, 1000):
+        if _OTHER_LENSES.fullmatch(name.removeprefix(f"INS{code}_")):
+            raise ConfigError("lens", "is not read from the kernel's keyword", name,
+                              'give lens = {model, coefficients}, or lens.model = "none"')
     return "none", None
 
 
