@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from ..base.errors import ConfigError
 from .attitude import IDENTITY, Attitude, Geometry
 from .checks import numbers
+from .epochs import Epoch
 
 _MAX_FREQUENCY_HZ = 1e6
 _NONE: Any = (0.0, 0.0, 0.0)
@@ -54,6 +55,10 @@ class Disturbed:
         turn = camera.inv() * Rotation.from_rotvec(-angles) * Rotation.from_rotvec(-self.offset_rad) * camera
         return ((turn * Rotation.from_quat(q, scalar_first=True)).as_quat(scalar_first=True),
                 None if rates is None else turn.apply(rates) + camera.inv().apply(angle_rates))
+
+    def notes_at(self, start: Epoch | None, t_s: np.ndarray) -> list[str]:
+        """Sentences of the attitude that is disturbed, where it has some."""
+        return self.attitude.notes_at(start, t_s) if hasattr(self.attitude, "notes_at") else []
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

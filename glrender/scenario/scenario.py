@@ -159,7 +159,18 @@ class Scenario:
         for index, state in enumerate(states):
             self._refuse_inside(index, state)
         cameras = [] if self.scene is None else self.scene.cameras
-        return [*self.notes, *(told for camera in cameras for told in self._of_camera(camera, states))]
+        return [*self.notes, *self._of_sources(),
+                *(told for camera in cameras for told in self._of_camera(camera, states))]
+
+    def _of_sources(self) -> list[str]:
+        """Warnings of trajectories and attitudes that have some (`notes_at`) about the frames' times."""
+        told = []
+        for kind, sources in (("trajectory", self.trajectories), ("attitude", self.attitudes)):
+            for name, source in sources.items():
+                if hasattr(source, "notes_at"):
+                    with error_path(f"{kind}.{name}"):
+                        told += [f"{kind} of {name!r}: {note}" for note in source.notes_at(self.start, self.t_s)]
+        return told
 
     def _refuse_inside(self, index: int, state: State) -> None:
         for name, pose in state.bodies.items():

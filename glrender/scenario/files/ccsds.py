@@ -16,9 +16,8 @@ from .tables import Segments, TrajectoryTable
 _M_PER_KM = 1000.0
 # Metadata that is used, and that may be passed over: names for people, the ends of the rows, and how the rows are
 # best interpolated, which `TrajectoryTable` knows itself.
-_USED = ("OBJECT_NAME", "CENTER_NAME", "REF_FRAME", "TIME_SYSTEM")
-_PASSED_OVER = ("OBJECT_ID", "REF_FRAME_EPOCH", "START_TIME", "USEABLE_START_TIME", "USEABLE_STOP_TIME", "STOP_TIME",
-                "INTERPOLATION", "INTERPOLATION_DEGREE")
+_USED = ("OBJECT_NAME", "CENTER_NAME", "REF_FRAME", "TIME_SYSTEM", "USEABLE_START_TIME", "USEABLE_STOP_TIME")
+_PASSED_OVER = ("OBJECT_ID", "REF_FRAME_EPOCH", "START_TIME", "STOP_TIME", "INTERPOLATION", "INTERPOLATION_DEGREE")
 
 
 def trajectory_of_oem(path: str | Path, about: str | Sequence[str], object_name: str | None = None, *,
@@ -41,7 +40,8 @@ def trajectory_of_oem(path: str | Path, about: str | Sequence[str], object_name:
     Returns
     -------
     Trajectory
-        Interpolated as `TrajectoryTable` does it, within each segment.
+        Interpolated as `TrajectoryTable` does it, within each segment, from its USEABLE_START_TIME to its
+        USEABLE_STOP_TIME: rows beyond are there for the interpolation alone.
 
     Raises
     ------
@@ -61,8 +61,13 @@ def trajectory_of_oem(path: str | Path, about: str | Sequence[str], object_name:
             segment.value("REF_FRAME", INERTIAL)
             epochs, numbers = segment.table((6, 9))
             states = np.array([row[:6] for row in numbers]) * _M_PER_KM
+            first, last = (segment.epoch(f"USEABLE_{end}_TIME") for end in ("START", "STOP"))
+            first, last = max(first or epochs[0], epochs[0]), min(last or epochs[-1], epochs[-1])
+            if not first < last:
+                raise ConfigError("USEABLE_START_TIME", "must be before USEABLE_STOP_TIME, with rows between them",
+                                  f"{first.tdb} to {last.tdb} TDB")
             parts.append(TrajectoryTable(times_s=since(epochs), about=centre, epoch=epochs[0], r_m=states[:, :3],
-                                         v_m_s=states[:, 3:]))
+                                         v_m_s=states[:, 3:], span_s=(first - epochs[0], last - epochs[0])))
     return parts[0] if len(parts) == 1 else Segments(parts=parts)
 
 

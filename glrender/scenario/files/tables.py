@@ -4,25 +4,37 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from glrender_camera.validate import one_of, unit_vectors
-from scipy.interpolate import KroghInterpolator
+from scipy.interpolate import CubicHermiteSpline, KroghInterpolator, PchipInterpolator
 from scipy.spatial.transform import Rotation, RotationSpline, Slerp
 
 from ...base.errors import ConfigError
 from ..attitude import Geometry
-from ..checks import numbers
-from ..epochs import Epoch, needed
+from ..epochs import Epoch
+from .rows import ascending, checked_span, covered_times, from_epoch, notes_of, rows_of, span_text, steps_of, time_text
+from .steps import LARGEST_DEPARTURE, PLACES, even_runs, own_motion
 
 # Rows about a time that its polynomial goes through: degree 7, as CCSDS ephemerides recommend, with velocities or not.
 _ROWS_WITH_VELOCITY, _ROWS = 4, 8
+# Interpolations differ by their rounding [1], of places, and [rad].
+_ROUNDING, _ROUNDING_RAD = 1e-12, 1e-8
+_ALL: Any = None
+_HOLDS = "Is it a hold or a manoeuvre? Rows at its begin and end make it exact"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrajectoryTable:
     """A trajectory of a table: polynomials of degree 7 through the nearest rows.
+
+    A polynomial is not used in steps where it leaves the rows: where it differs from the cubic Hermite polynomial of
+    the two rows next to a time by more than a tenth of the step's own motion, where the mean velocity of the two rows
+    differs from their places by as much, or where it goes through a row of such a step. The Hermite polynomial is used
+    there; of rows without velocities it is one that does not overshoot (PCHIP). Where one step is five times as long
+    as the next, polynomials keep to the rows on their side.
 
     Parameters
     ----------
@@ -34,6 +46,11 @@ class TrajectoryTable:
     about : str
     epoch : Epoch, optional
         The scenario's start by default.
+    span_s : (first, last) float [s], optional
+        Times from `epoch` at which the table counts: rows beyond are there for the interpolation alone. All times of
+        its rows by default.
+
+    Source: Fritsch and Butland (1984), the slopes of PCHIP.
     """
 
     times_s: np.ndarray
@@ -41,21 +58,58 @@ class TrajectoryTable:
     v_m_s: np.ndarray | None = None
     about: str
     epoch: Epoch | None = None
+    span_s: tuple[float, float] = _ALL
 
     def __post_init__(self):
-        object.__setattr__(self, "times_s", _ascending(self.times_s))
+        object.__setattr__(self, "times_s", ascending(self.times_s))
+        object.__setattr__(self, "span_s", checked_span(self.span_s, self.times_s))
         for name in ("r_m", "v_m_s"):
             if getattr(self, name) is not None:
-                object.__setattr__(self, name, _rows(name, getattr(self, name), len(self.times_s), 3))
+                object.__setattr__(self, name, rows_of(name, getattr(self, name), len(self.times_s), 3))
 
     def at(self, start: Epoch | None, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Positions and velocities, as `Trajectory` has them; ConfigError, with the coverage, outside of the table."""
-        t = _covered(self.times_s, self.epoch, start, t_s)
-        count = min(_ROWS if self.v_m_s is None else _ROWS_WITH_VELOCITY, len(self.times_s))
-        first = np.clip(np.searchsorted(self.times_s, t) - count // 2, 0, len(self.times_s) - count)
+        t = covered_times(self, start, t_s)
+        by_two = self._by_two(steps_of(self.times_s, t))
         r, v = np.empty((len(t), 3)), np.empty((len(t), 3))
-        for begin in np.unique(first):
-            here, rows = first == begin, slice(begin, begin + count)
+        for derivative, out in enumerate((r, v)):
+            out[by_two] = self._of_two_rows(t[by_two], derivative)
+        r[~by_two], v[~by_two] = self._smooth(t[~by_two])
+        return r, v
+
+    def notes_at(self, start: Epoch | None, t_s: np.ndarray) -> list[str]:
+        """Sentences about times (N,) [s] from a start at which two rows count, or those of one side alone."""
+        steps = np.unique(steps_of(self.times_s, covered_times(self, start, t_s)))
+        by_two = self._by_two(steps)
+        rule = ("cubic Hermite polynomials of the two rows next to a time" if self.v_m_s is not None else
+                "polynomials that do not overshoot (PCHIP), as the rows have no velocities,")
+        count = min(self._most_rows, len(self.times_s))
+        is_cut = (self._window(steps)[0] != np.clip(steps + 1 - count // 2, 0, len(self.times_s) - count)) & ~by_two
+        return [
+            *notes_of(self, steps[by_two], f"by polynomials leaves the rows in {{}}: {rule} are taken there. {_HOLDS}"),
+            *notes_of(self, steps[is_cut], "by polynomials goes through rows on one side alone in {}: one step is five "
+                      "times as long as the next; rows of even distance are interpolated best")]
+
+    @property
+    def _most_rows(self) -> int:
+        return _ROWS if self.v_m_s is None else _ROWS_WITH_VELOCITY
+
+    @cached_property
+    def _runs(self) -> tuple[np.ndarray, np.ndarray]:
+        return even_runs(self.times_s)
+
+    def _window(self, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """First rows (M,) of the polynomials of steps, and how many rows (M,) they go through."""
+        first, last = (rows[step] for rows in self._runs)
+        count = np.minimum(self._most_rows, last - first + 1)
+        return np.clip(step + 1 - count // 2, first, last + 1 - count), count
+
+    def _smooth(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Positions and velocities (M, 3) of polynomials at times (M,) [s] from the table's epoch."""
+        first, counts = self._window(np.maximum(np.searchsorted(self.times_s, t) - 1, 0))
+        r, v = np.empty((len(t), 3)), np.empty((len(t), 3))
+        for begin, count in np.unique(np.stack([first, counts], axis=1), axis=0).tolist():
+            here, rows = (first == begin) & (counts == count), slice(begin, begin + count)
             nodes, values = self.times_s[rows], self.r_m[rows]
             # In units of half the window, about its middle: high powers of seconds lose digits.
             middle, half = 0.5 * (nodes[0] + nodes[-1]), 0.5 * (nodes[-1] - nodes[0])
@@ -67,6 +121,55 @@ class TrajectoryTable:
             r[here], v[here] = (part / scale for part, scale in zip(
                 polynomial.derivatives((t[here] - middle) / half, 2), (1.0, half), strict=True))
         return r, v
+
+    @cached_property
+    def _of_two_rows(self) -> Any:
+        if self.v_m_s is None:
+            return PchipInterpolator(self.times_s, self.r_m)
+        return CubicHermiteSpline(self.times_s, self.r_m, self.v_m_s)
+
+    def _by_two(self, step: np.ndarray) -> np.ndarray:
+        """Whether the polynomial of a step (M,) goes through a row beside a step that leaves its rows.
+
+        Or through too few rows: without velocities those of two or three are worse than the neighbours' slopes.
+        """
+        first, count = self._window(step)
+        near = first[:, None] + np.arange(-1, self._most_rows)
+        inside = np.clip(np.minimum(near, (first + count - 1)[:, None]), 0, len(self.times_s) - 2)
+        asked = np.unique(inside)
+        for begin in asked[self._leaves[asked] < 0]:
+            self._leaves[begin] = self._leaves_rows(begin)
+        few = (count < 4) & (len(self.times_s) >= 4) & (self.v_m_s is None)
+        return (self._leaves[inside] > 0).any(axis=1) | few
+
+    @cached_property
+    def _leaves(self) -> np.ndarray:
+        """Whether a step leaves its rows; -1 until its polynomial was looked at: large tables are asked about a few."""
+        if self.v_m_s is None:
+            return np.full(len(self.times_s) - 1, -1)
+        mean = 0.5 * (self.v_m_s[1:] + self.v_m_s[:-1]) * np.diff(self.times_s)[:, None]
+        off = np.linalg.norm(np.diff(self.r_m, axis=0) - mean, axis=1)
+        return np.where(off > self._allowed_m, 1, -1)
+
+    @cached_property
+    def _allowed_m(self) -> np.ndarray:
+        """By how much interpolations of a step may differ."""
+        largest = np.maximum(*(np.abs(rows).max(axis=1) for rows in (self.r_m[1:], self.r_m[:-1])))
+        return LARGEST_DEPARTURE * self._motion_m + _ROUNDING * largest
+
+    @cached_property
+    def _motion_m(self) -> np.ndarray:
+        moved = np.linalg.norm(np.diff(self.r_m, axis=0), axis=1)
+        if self.v_m_s is None:
+            return own_motion(moved)
+        speed = np.linalg.norm(self.v_m_s, axis=1)
+        return np.maximum(moved, 0.5 * (speed[1:] + speed[:-1]) * np.diff(self.times_s))
+
+    def _leaves_rows(self, step: int) -> bool:
+        begin, end = self.times_s[step:step + 2]
+        t = begin + (end - begin) * PLACES
+        off = np.linalg.norm(self._smooth(t)[0] - self._of_two_rows(t), axis=1).max()
+        return bool(off > self._allowed_m[step])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -84,14 +187,24 @@ class Segments:
         """Positions and velocities, as `Trajectory` has them."""
         r, v, left = np.empty((len(t_s), 3)), np.empty((len(t_s), 3)), np.ones(len(t_s), bool)
         for part in self.parts:
-            t = _from_epoch(part.epoch, start, t_s)
-            here = left & (t >= part.times_s[0]) & (t <= part.times_s[-1])
+            t = from_epoch(part.epoch, start, t_s)
+            here = left & (t >= part.span_s[0]) & (t <= part.span_s[1])
             r[here], v[here] = part.at(start, t_s[here])
             left &= ~here
         if left.any():
-            spans = ", ".join(_span(part.times_s, part.epoch) for part in self.parts)
-            raise ConfigError("time", f"must be in a segment of the table: {spans}", _time_text(start, t_s[left][0]))
+            covered = ", ".join(span_text(part) for part in self.parts)
+            raise ConfigError("time", f"must be in a segment of the table: {covered}", time_text(start, t_s[left][0]))
         return r, v
+
+    def notes_at(self, start: Epoch | None, t_s: np.ndarray) -> list[str]:
+        """Sentences of the segments, as `TrajectoryTable` has them."""
+        notes, left = [], np.ones(len(t_s), bool)
+        for part in self.parts:
+            t = from_epoch(part.epoch, start, t_s)
+            here = left & (t >= part.span_s[0]) & (t <= part.span_s[1])
+            notes += part.notes_at(start, t_s[here])
+            left &= ~here
+        return notes
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -108,7 +221,8 @@ class AttitudeTable:
         The scenario's start by default.
     interpolation : "spline" or "linear"
         A cubic spline of rotation vectors, smooth in its rates and good to the fourth power of the step; or turns
-        at a constant rate from row to row, as AEM files have it.
+        at a constant rate from row to row (slerp), as AEM files have it. Also in place of a spline there is slerp in
+        steps where they differ by more than a tenth of the step's own turn: between equal rows the attitude is theirs.
     """
 
     times_s: np.ndarray
@@ -117,64 +231,51 @@ class AttitudeTable:
     interpolation: str = "spline"
 
     if TYPE_CHECKING:  # made in __post_init__
-        _axes: Any = field(init=False)
+        _spline: RotationSpline | None = field(init=False)
+        _slerp: Slerp = field(init=False)
+        _by_two: np.ndarray = field(init=False)
 
     def __post_init__(self):
-        object.__setattr__(self, "times_s", _ascending(self.times_s))
-        q = _rows("q_from_inertial", self.q_from_inertial, len(self.times_s), 4)
+        object.__setattr__(self, "times_s", ascending(self.times_s))
+        q = rows_of("q_from_inertial", self.q_from_inertial, len(self.times_s), 4)
         object.__setattr__(self, "q_from_inertial", unit_vectors("q_from_inertial", q, "normalise [w, x, y, z] first"))
         one_of("interpolation", self.interpolation, ("spline", "linear"))
         # SciPy interpolates where the axes are: inertial from frame.
         axes = Rotation.from_quat(self.q_from_inertial, scalar_first=True).inv()
-        kind = RotationSpline if self.interpolation == "spline" else Slerp
-        object.__setattr__(self, "_axes", kind(self.times_s, axes))
+        object.__setattr__(self, "_slerp", Slerp(self.times_s, axes))
+        spline = RotationSpline(self.times_s, axes) if self.interpolation == "spline" else None
+        object.__setattr__(self, "_spline", spline)
+        object.__setattr__(self, "_by_two", np.ones(len(self.times_s) - 1, bool) if spline is None
+                           else self._leaves_rows(spline))
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """Times [s] from the epoch at which the table counts: those of its rows."""
+        return float(self.times_s[0]), float(self.times_s[-1])
 
     def at(self, geometry: Geometry, owner: str) -> tuple[np.ndarray, np.ndarray]:
         """Attitudes and rates, as `Attitude` has them; ConfigError, with the coverage, outside of the table."""
-        t = _covered(self.times_s, self.epoch, geometry.start, geometry.t_s)
-        from_inertial = self._axes(t).inv()
-        if self.interpolation == "spline":
-            rates = self._axes(t, 1)
-        else:
-            row = np.clip(np.searchsorted(self.times_s, t, side="right") - 1, 0, len(self.times_s) - 2)
-            rates = self._axes.rotvecs[row] / np.diff(self.times_s)[row][:, None]
-        return from_inertial.as_quat(scalar_first=True), rates
+        t = covered_times(self, geometry.start, geometry.t_s)
+        step = steps_of(self.times_s, t)
+        q = self._slerp(t).inv().as_quat(scalar_first=True)
+        rates = self._slerp.rotvecs[step] / np.diff(self.times_s)[step][:, None]
+        smooth = ~self._by_two[step]
+        if smooth.any():
+            q[smooth] = self._spline(t[smooth]).inv().as_quat(scalar_first=True)
+            rates[smooth] = self._spline(t[smooth], 1)
+        return q, rates
 
+    def notes_at(self, start: Epoch | None, t_s: np.ndarray) -> list[str]:
+        """Sentences about times (N,) [s] from a start at which slerp counts in place of a spline."""
+        if self._spline is None:
+            return []
+        steps = np.unique(steps_of(self.times_s, covered_times(self, start, t_s)))
+        return notes_of(self, steps[self._by_two[steps]], "by a spline leaves the rows in {}: turns at a constant rate "
+                        f"from row to row (slerp) are taken there. {_HOLDS}")
 
-def _ascending(times_s: np.ndarray) -> np.ndarray:
-    times = numbers("times_s", times_s)
-    if times.ndim != 1 or len(times) < 2:
-        raise ConfigError("times_s", "must be at least two finite numbers", times_s)
-    if not (np.diff(times) > 0.0).all():
-        row = int(np.argmin(np.diff(times))) + 1
-        raise ConfigError(f"times_s[{row}]", "must be later than the one before", float(times[row]))
-    return times
-
-
-def _rows(name: str, value: np.ndarray, count: int, width: int) -> np.ndarray:
-    rows = numbers(name, value)
-    if rows.shape != (count, width):
-        raise ConfigError(name, f"must be numbers of shape ({count}, {width})", rows.shape)
-    return rows
-
-
-def _from_epoch(epoch: Epoch | None, start: Epoch | None, t_s: np.ndarray) -> np.ndarray:
-    return np.asarray(t_s, float) if epoch is None else np.asarray(t_s, float) + (needed(start) - epoch)
-
-
-def _covered(times_s: np.ndarray, epoch: Epoch | None, start: Epoch | None, t_s: np.ndarray) -> np.ndarray:
-    """Times from the table's epoch [s]. A nanosecond beyond its ends is round-off."""
-    t = _from_epoch(epoch, start, t_s)
-    outside = (t < times_s[0] - 1e-9) | (t > times_s[-1] + 1e-9)
-    if outside.any():
-        raise ConfigError("time", f"must be within the table: {_span(times_s, epoch)}",
-                          _time_text(start if epoch else None, np.asarray(t_s)[outside][0]))
-    return np.clip(t, times_s[0], times_s[-1])
-
-
-def _span(times_s: np.ndarray, epoch: Epoch | None) -> str:
-    return f"{_time_text(epoch, times_s[0])} to {_time_text(epoch, times_s[-1])}"
-
-
-def _time_text(epoch: Epoch | None, t_s: float) -> str:
-    return f"t_s = {t_s:g}" if epoch is None else f"{epoch.after(float(t_s)).tdb} TDB"
+    def _leaves_rows(self, spline: RotationSpline) -> np.ndarray:
+        """Whether the spline leaves the rows of a step (N - 1,)."""
+        t = (self.times_s[:-1, None] + np.diff(self.times_s)[:, None] * PLACES).ravel()
+        off = (spline(t) * self._slerp(t).inv()).magnitude().reshape(-1, len(PLACES)).max(axis=1)
+        turned = np.linalg.norm(self._slerp.rotvecs, axis=1)
+        return off > LARGEST_DEPARTURE * own_motion(turned) + _ROUNDING_RAD
