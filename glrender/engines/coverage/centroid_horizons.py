@@ -53,7 +53,7 @@ class CentroidHorizons:
         if n_facets > MOST_HORIZONS:
             return cls(facets=facets, heights=np.full((n_facets, N_AZIMUTHS), UNKNOWN, np.uint8))
         # In the order in which they are: that of a shape's own file is another one.
-        heights = cached_bytes(f"middles5-{hashlib.sha256(facets.data).hexdigest()[:32]}", (n_facets, N_AZIMUTHS),
+        heights = cached_bytes(f"middles6-{hashlib.sha256(facets.data).hexdigest()[:32]}", (n_facets, N_AZIMUTHS),
                                lambda: heights_around(middle_m, normal, solid, N_AZIMUTHS, UNKNOWN))
         return cls(facets=facets, heights=heights)
 

@@ -31,7 +31,7 @@ _COHERENT, _ALIGNED_WORDS = (1 << 16, 0xFFFFFFFF), 16
 # Points in a row that share what rays find where heights tell something else: each looks once in every other one of the
 # spans between these steps of 255 of a sine, at and between azimuths; so much nearer a height they do not, nor between
 # two.
-_IN_A_ROW, _LOOKS, _AT, _BETWEEN = 8, tuple(range(12, 255, 24)), 2, 24
+_IN_A_ROW, _LOOKS, _AT, _BETWEEN = 8, tuple(range(12, 255, 20)), 2, 24
 # First step from the height of the point before, four times as large each time.
 _SPAN = 4
 
