@@ -259,9 +259,110 @@ def test_an_image_between_rows_moves_and_turns_on(shared, tmp_path):
                                atol=1e-15)
 
 
+def tables_at(table, times, place=lambda t: [8.8, 0.0, 0.1], turn=0.0, **more):
+    """The table with rows at times [s] from its epoch: places by a function [km], turns about Z [rad/s]."""
+    et = table["center_ephemeris_time"]
+    for name in ("instrument_pointing", "body_rotation", "instrument_position", "sun_position"):
+        table[name]["ephemeris_times"] = [et + t for t in times]
+    for name in ("instrument_pointing", "body_rotation"):
+        # SPICE's quaternion turns components: a frame that turns by +a about Z has -a's rotation of components.
+        table[name]["quaternions"] = [[np.cos(turn * t / 2), 0.0, 0.0, -np.sin(turn * t / 2)] for t in times]
+        table[name]["angular_velocities"] = [[0.0, 0.0, turn] for _ in times]
+    table["instrument_position"] |= {
+        "positions": [list(place(t)) for t in times],
+        "velocities": [((np.array(place(t + 1e-3)) - place(t - 1e-3)) / 2e-3).tolist() for t in times]}
+    table["sun_position"] |= {key: [table["sun_position"][key][0]] * len(times) for key in ("positions", "velocities")}
+    return table | more
+
+
+def test_an_image_between_distant_rows_is_between_them(shared, tmp_path):
+    """MVIC's tables go from 16.6 s before the epoch to 16.6 s after it: a cubic path to 1 mm, a turn at its rate."""
+    def place(t):
+        return [8.0 + 0.01 * t + 1e-4 * t * t, 1e-5 * t**3, -0.02 * t]
+
+    table = tables_at(raw(shared, AMICA), [-20.0, -15.0, 18.0, 30.0], place, 1e-3)
+    table["instrument_pointing"].pop("constant_rotation")
+    made = of_table(table, tmp_path)
+    np.testing.assert_allclose(made.r_spacecraft_m, np.array(place(0.0)) * 1e3, atol=1e-3)
+    np.testing.assert_allclose(made.v_spacecraft_m_s, [10.0, 0.0, -20.0], atol=1e-3)
+    np.testing.assert_allclose(np.abs(made.q_body_from_inertial), [1.0, 0.0, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(made.rates_body_rad_s, [0.0, 0.0, 1e-3], atol=1e-12)
+    assert not [note for note in made.notes if "of one time" in note]
+    with pytest.raises(ConfigError, match="must come within 1 s of center_ephemeris_time, or go from b"):
+        of_table(tables_at(raw(shared, AMICA), [4.0, 5.0]), tmp_path)
+
+
+def test_tables_of_one_row_are_the_image_and_a_note_says_when(shared, tmp_path):
+    """Viking's rows are 4 s after the epoch, all at the same time: usgscsm takes them as they are."""
+    table = tables_at(raw(shared, AMICA), [3.99], lambda t: [8.8, 0.1 * t, 0.1], 1e-3)
+    made = of_table(table, tmp_path)
+    np.testing.assert_allclose(made.r_spacecraft_m, [8800.0, 399.0, 100.0], atol=1e-6)
+    turn = Rotation.from_quat(made.q_body_from_inertial, scalar_first=True)
+    np.testing.assert_allclose(np.abs(turn.as_rotvec()), [0.0, 0.0, 3.99e-3], atol=1e-12)
+    assert any("are of one time, +3.99 s from center_ephemeris_time" in note for note in made.notes)
+    table["sun_position"]["ephemeris_times"][0] += 1.0
+    with pytest.raises(ConfigError, match="must come within 1 s"):
+        of_table(table, tmp_path)
+
+
+def test_rates_that_are_null_are_none(shared, tmp_path):
+    for rates in (None, [None], [[None, None, None]]):
+        table = raw(shared, AMICA)
+        table["instrument_pointing"]["angular_velocities"] = rates
+        assert of_table(table, tmp_path).rates_sensor_rad_s is None
+
+
+def test_places_in_metres_and_sides_of_films_are_read(shared, tmp_path):
+    table = raw(shared, AMICA)
+    km = of_table(table, tmp_path)
+    for key in ("positions", "velocities"):
+        table["instrument_position"][key] = (np.array(table["instrument_position"][key]) * 1e3).tolist()
+    table["instrument_position"]["unit"] = "m"
+    table |= {"image_samples": 25798, "image_lines": 25356, "detector_sample_summing": 0, "projection": "",
+              "geotransform": [0.0, 1.0, 0.0, 0.0, 0.0, 1.0], "kernels": {}, "optical_distortion": {}}
+    table["focal_length_model"]["focal_length"] = 500.0
+    made = of_table(table, tmp_path)
+    np.testing.assert_allclose(made.r_spacecraft_m, km.r_spacecraft_m, rtol=1e-14)
+    assert any("the ISD's detector_sample_summing is 0; it is taken as 1" in note for note in made.notes)
+    with pytest.raises(ConfigError, match="width_px: must be"):
+        made.focal_plane.camera("film")
+
+
+def test_lenses_of_galileo_and_lunar_orbiter_are_isiss(rng):
+    """ISIS's RadialDistortionMap and LoHighDistortionMap, written anew; ALE's one number is K1."""
+    d = rng.uniform(-6.0, 6.0, (100, 2))
+    r2 = np.sum(d * d, axis=1, keepdims=True)
+    np.testing.assert_allclose(lens_of("radial", [-2.4976983626e-05], 1500.0)(d), d * (1.0 - 2.4976983626e-05 * r2),
+                               rtol=1e-13)
+    terms = {"perspective_x": -3e-4, "perspective_y": 8e-5, "center_point_x": -1.11, "center_point_y": 0.3}
+    for k in ([0.00027963, -2.869e-5, 0.0], [0.0]):
+        got = lens_of("lunarorbiter", {**terms, "coefficients": k}, 609.28)(d)
+        for (x, y), ideal in zip(d, got, strict=True):
+            factor = 1.0 - 3e-4 * x + 8e-5 * y
+            px, py = x * factor, y * factor
+            s2 = (px + 1.11)**2 + (py - 0.3)**2
+            ratio = k[0] + (k[1] * s2 if len(k) > 1 else 0.0)
+            np.testing.assert_allclose(ideal, [px - ratio * (px + 1.11), py - ratio * (py - 0.3)], rtol=1e-12)
+    np.testing.assert_allclose(lens_of("lunarorbiter", terms, 609.28)(d), got, rtol=1e-13)
+
+
+def test_lunar_orbiters_radial_terms_are_those_of_its_keywords(shared, tmp_path):
+    """ALE's ISD has them in naif_keywords alone."""
+    table = raw(shared, AMICA)
+    lens = {"perspective_x": -3e-6, "perspective_y": 8e-7, "center_point_x": -1.11, "center_point_y": 0.3}
+    table["optical_distortion"], table["naif_keywords"] = {"lunarorbiter": lens}, {"INS-1_OD_K": [0.01, 0.0, 0.0]}
+    focal_length_mm = of_table(table, tmp_path).focal_plane.focal_length_mm
+    plane = of_table(table, tmp_path).focal_plane
+    got = plane.lens(np.array([3.0, -2.0]))
+    whole = {**lens, "coefficients": [0.01, 0.0, 0.0]}
+    expected = lens_of("lunarorbiter", whole, focal_length_mm)(np.array([3.0, -2.0]))
+    np.testing.assert_allclose(got, expected, rtol=1e-14)
+    assert np.abs(got - [3.0, -2.0]).max() > 0.02
+
+
 @pytest.mark.parametrize("path, value, message", [
     ("name_model", "USGS_ASTRO_LINE_SCANNER_SENSOR_MODEL", "name_model: must be USGS_ASTRO_FRAME_SENSOR_MODEL"),
-    ("sun_position", None, "sun_position.positions: missing; must be an ISD of ALE"),
+    ("sun_position", None, "sun_position: missing; must be an ISD of ALE"),
     ("focal2pixel_lines", [0.0, 71.4, 0.0], "focal2pixel_samples: and focal2pixel_lines must be three numbers"),
     ("body_rotation.reference_frame", 17, "body_rotation.reference_frame: must be 1, J2000, got 17"),
     ("body_rotation.quaternions", [[0.9, 0.1, 0.1, 0.1]], "body_rotation.quaternions[0]: norm must be 1 within 0.001"),
@@ -270,7 +371,14 @@ def test_an_image_between_rows_moves_and_turns_on(shared, tmp_path):
     ("instrument_position.ephemeris_times", [488002000.0], "must come within 1 s of center_ephemeris_time"),
     ("instrument_position.positions", [[1.0, 2.0]], "instrument_position.positions: must be rows of 3 numbers"),
     ("optical_distortion", {"kaguyalism": {}}, "optical_distortion.model: must be one of 'radial', 'transverse'"),
-    ("optical_distortion", {"radial": {"coefficients": [1.0]}}, "optical_distortion.coefficients: must be 3 numbers"),
+    ("optical_distortion", {"radial": {"coefficients": [1.0, 0.0]}}, "optical_distortion.coefficients: must be 3 num"),
+    ("optical_distortion", {"radial": {"coefficients": [0.0] * 3, "tangential": [0.1]}},
+     "optical_distortion.radial.tangential: unknown key"),
+    ("optical_distortion", {"lunarorbiter": {"perspective_x": 0.0}}, "optical_distortion.perspective_y: missing"),
+    ("projection", "+proj=sinu", "projection: must not be there: a map is no image of a camera"),
+    ("focal_length", 150.0, "focal_length: unknown key"), ("sun_position.unit", "au", "sun_position.unit: must be one"),
+    ("sun_position.time_bias", 1.0, "sun_position.time_bias: unknown key"),
+    ("focal_length_model.focal_length", None, "focal_length_model.focal_length: missing"),
     ("optical_distortion", {"radial": {"coefficients": [0.0, 0.1, 0.1]}}, "cameras[0].lens: turns the image round"),
     ("optical_distortion", {"dawnfc": {"coefficients": [-1e-2]}}, "cameras[0].lens: images no direction to some"),
     ("focal_length_model.focal_length", -3.0, "focal_length_model.focal_length: must be > 0"),

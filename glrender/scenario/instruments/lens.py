@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 from glrender_camera import BrownConrady
-from glrender_camera.validate import one_of
+from glrender_camera.validate import finite, known_keys, one_of
 
 from ...base.errors import ConfigError
 from ..checks import numbers
 
 Lens = Callable[[np.ndarray], np.ndarray]
 """Of distorted places (..., 2) [mm] from the boresight, to undistorted ones."""
+_LO_KEYS = ("perspective_x", "perspective_y", "center_point_x", "center_point_y")
 # Lenses near unity halve the error at least at each step.
 _STEPS = 100
 
@@ -24,11 +25,14 @@ def lens_of(model: str, coefficients: Any, focal_length_mm: float) -> Lens:
     Parameters
     ----------
     model : str
-        ``radial`` (k0, k1, k2): u = d (1 - k0 - k1 |d|^2 - k2 |d|^4), as OD_K of NAIF's and ISIS's kernels.
+        ``radial`` (k0, k1, k2): u = d (1 - k0 - k1 |d|^2 - k2 |d|^4), as OD_K of NAIF's and ISIS's kernels; of one
+        number k alone u = d (1 + k |d|^2), as K1 of Galileo's and Voyager's.
         ``cahvor`` (k0, k1, k2, x0, y0): the same about a place beside the boresight.
         ``dawnfc`` (k): d = u (1 + k |u|^2), as RAD_DIST_COEFF of Dawn's.
         ``radtan`` (k1, k2, p1, p2, k3): OpenCV's, in units of the focal length.
         ``ocams`` (k0, k1, k2, k3, k4, x0, y0): d = u + (u - c) (k0 + k1 s + ... + k4 s^4), s = |u - c|, of OSIRIS-REx.
+        ``lunarorbiter`` {perspective_x, perspective_y, center_point_x, center_point_y, coefficients (k0, k1, k2)}:
+        p = d (1 + perspective . d), u = p - (p - c) (k0 + k1 s^2 + k2 s^4), s = |p - c|.
         ``transverse`` {x: 10, y: 10}: d is a cubic polynomial of u, in 1, x, y, x2, xy, y2, x3, x2y, xy2, y3.
     coefficients : list of float, or table of such
         Of lengths in mm.
@@ -39,12 +43,15 @@ def lens_of(model: str, coefficients: Any, focal_length_mm: float) -> Lens:
     ConfigError
         A model of another kind of sensor, a number of coefficients that is not the model's.
 
-    Source: usgscsm, Distortion.cpp, `removeDistortion` and `applyDistortion`; ISIS, OsirisRexDistortionMap.cpp.
+    Source: usgscsm, Distortion.cpp, `removeDistortion` and `applyDistortion`; ISIS, OsirisRexDistortionMap.cpp,
+    RadialDistortionMap.cpp, LoHighDistortionMap.cpp.
     """
     return _LENSES[one_of("model", model, _LENSES)](coefficients, focal_length_mm)
 
 
 def _radial(coefficients: Any, focal_length_mm: float) -> Lens:
+    if np.shape(coefficients) == (1,):
+        coefficients = [0.0, -float(_listed(coefficients, 1)[0]), 0.0]
     return _cahvor([*_listed(coefficients, 3), 0.0, 0.0], focal_length_mm)
 
 
@@ -55,6 +62,21 @@ def _cahvor(coefficients: Any, focal_length_mm: float) -> Lens:
         from_centre = distorted - centre
         r2 = np.sum(from_centre**2, axis=-1, keepdims=True)
         return from_centre * (1.0 - k0 - r2 * (k1 + r2 * k2)) + centre
+    return ideal
+
+
+def _lunarorbiter(coefficients: Any, focal_length_mm: float) -> Lens:
+    known_keys("", coefficients, (*_LO_KEYS, "coefficients"), required=_LO_KEYS)
+    px, py, x0, y0 = (finite(key, coefficients[key]) for key in _LO_KEYS)
+    k = numbers("coefficients", coefficients.get("coefficients", [0.0]))
+    if k.ndim != 1 or not 1 <= len(k) <= 3:
+        raise ConfigError("coefficients", "must be one to three numbers", coefficients["coefficients"])
+
+    def ideal(distorted: np.ndarray) -> np.ndarray:
+        seen = distorted * (1.0 + distorted @ [[px], [py]])
+        from_centre = seen - [x0, y0]
+        r2 = np.sum(from_centre**2, axis=-1, keepdims=True)
+        return seen - from_centre * np.polynomial.polynomial.polyval(r2, k)
     return ideal
 
 
@@ -116,4 +138,4 @@ def _listed(coefficients: Any, count: int) -> list[float]:
 
 _LENSES: dict[str, Callable[[Any, float], Lens]] = {
     "radial": _radial, "transverse": _transverse, "dawnfc": _dawnfc, "radtan": _radtan, "cahvor": _cahvor,
-    "ocams": _ocams}
+    "ocams": _ocams, "lunarorbiter": _lunarorbiter}
