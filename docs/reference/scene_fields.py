@@ -161,6 +161,9 @@ SCENARIO: tuple[Table, ...] = (
     Table("bodies.orbit, of elements", (kepler.Kepler.from_elements,), ("epoch",), {
         **_epoch("epoch", "Of the elements."), "about": ("text", "\"sun\", or the name of a body."),
         "gravitational_parameter_m3_s2": ("float [m3/s2], > 0", "Of what it is about; the Sun's by default.")}),
+    Table("bodies.orbit, of its periapsis", (kepler.Kepler.from_periapsis,), ("periapsis",), {
+        **_epoch("periapsis", "When it is at its periapsis."), "about": ("text", "\"sun\", or the name of a body."),
+        "gravitational_parameter_m3_s2": ("float [m3/s2], > 0", "Of what it is about; the Sun's by default.")}),
     Table("bodies.orbit, of a state", (kepler.Kepler,), ("epoch",), _epoch("epoch", "Of the state.")),
     Table("bodies.spin", (Spin.about_pole,), ("epoch",), _epoch("epoch", "The scenario's start by default.")),
     Table("encounter", (encounter.Encounter,), ("body_trajectory", "date"), {

@@ -82,24 +82,53 @@ class Kepler:
         """
         e = within("eccentricity", eccentricity, 0.0, 1e6)
         if not abs(e - 1.0) > 1e-9:
-            raise ConfigError("eccentricity", "must not be 1", e, "a parabola is given by r_m and v_m_s")
+            raise ConfigError("eccentricity", "must not be 1", e, "a parabola is given by periapsis_distance_m and the "
+                              "time of periapsis")
         a = finite("semi_major_axis_m", semi_major_axis_m)
         length("semi_major_axis_m", abs(a))
         if not a * (1.0 - e) > 0.0:
             raise ConfigError("semi_major_axis_m", f"must be {'> 0' if e < 1.0 else '< 0 for a hyperbola'}", a)
         mu = _checked_gm(about, gravitational_parameter_m3_s2)
-        angles = [np.radians(angle_deg(name, value)) for name, value in (
-            ("argument_of_periapsis_deg", argument_of_periapsis_deg), ("inclination_deg", inclination_deg),
-            ("longitude_ascending_node_deg", longitude_ascending_node_deg))]
         cos_nu, sin_nu = _true_anomaly(np.radians(angle_deg("mean_anomaly_deg", mean_anomaly_deg)), e)
         p = a * (1.0 - e * e)
         orbit = np.array([[cos_nu, sin_nu, 0.0], [-sin_nu, e + cos_nu, 0.0]])
         orbit *= [[p / (1.0 + e * cos_nu)], [np.sqrt(mu / p)]]
-        axes = Rotation.from_euler("zxz", angles).as_matrix()
-        if one_of("frame", frame, ("ecliptic", "equatorial")) == "ecliptic":
-            axes = EQUATORIAL_FROM_ECLIPTIC @ axes
-        r, v = orbit @ axes.T
+        r, v = orbit @ _perifocal_axes(inclination_deg, longitude_ascending_node_deg, argument_of_periapsis_deg,
+                                       frame).T
         return cls(r_m=r, v_m_s=v, epoch=epoch, about=about, gravitational_parameter_m3_s2=mu)
+
+    @classmethod
+    def from_periapsis(cls, *, periapsis_distance_m: float, eccentricity: float, inclination_deg: float,
+                       longitude_ascending_node_deg: float, argument_of_periapsis_deg: float, periapsis: Epoch,
+                       frame: str = "ecliptic", about: str = "sun",
+                       gravitational_parameter_m3_s2: float | None = None) -> Kepler:
+        """An orbit of its periapsis and the time of it, as comets have them: an ellipse, a parabola or a hyperbola.
+
+        Parameters
+        ----------
+        periapsis_distance_m : float [m], > 0
+        eccentricity : float [1], >= 0
+            1 for a parabola.
+        inclination_deg, longitude_ascending_node_deg, argument_of_periapsis_deg : float [deg]
+        periapsis : Epoch
+            When it is there; the orbit's epoch.
+        frame : "ecliptic" or "equatorial"
+            Ecliptic of J2000, or ICRF equator.
+        about, gravitational_parameter_m3_s2
+            As for `Kepler`.
+
+        Raises
+        ------
+        ConfigError
+
+        Source: Vallado (2013), section 2.2.
+        """
+        q = length("periapsis_distance_m", periapsis_distance_m)
+        mu = _checked_gm(about, gravitational_parameter_m3_s2)
+        speed = np.sqrt(mu * (1.0 + within("eccentricity", eccentricity, 0.0, 1e6)) / q)
+        axes = _perifocal_axes(inclination_deg, longitude_ascending_node_deg, argument_of_periapsis_deg, frame)
+        return cls(r_m=q * axes[:, 0], v_m_s=speed * axes[:, 1], epoch=periapsis, about=about,
+                   gravitational_parameter_m3_s2=mu)
 
     def at(self, start: Epoch, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Positions (N, 3) [m] and velocities (N, 3) [m/s] relative to `about`, at times (N,) [s] from a start."""
@@ -166,6 +195,18 @@ def _stumpff(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     s = np.where(z > 0.0, w - np.sin(w), np.sinh(h) - h) / w**3
     is_small = np.abs(z) < 1.0
     return np.where(is_small, c_series / 2.0, c), np.where(is_small, s_series / 6.0, s)
+
+
+def _perifocal_axes(inclination_deg: float, longitude_ascending_node_deg: float, argument_of_periapsis_deg: float,
+                    frame: str) -> np.ndarray:
+    """(3, 3), as columns in ICRF: to the periapsis, along the motion there, the orbit's normal."""
+    angles = [np.radians(angle_deg(name, value)) for name, value in (
+        ("argument_of_periapsis_deg", argument_of_periapsis_deg), ("inclination_deg", inclination_deg),
+        ("longitude_ascending_node_deg", longitude_ascending_node_deg))]
+    axes = Rotation.from_euler("zxz", angles).as_matrix()
+    if one_of("frame", frame, ("ecliptic", "equatorial")) == "ecliptic":
+        return EQUATORIAL_FROM_ECLIPTIC @ axes
+    return axes
 
 
 def _true_anomaly(mean_anomaly: float, e: float) -> tuple[float, float]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from glrender import ConfigError
 from glrender.base.constants import GM_SUN_M3_S2
-from glrender.scenario import Epoch, Kepler
+from glrender.scenario import Epoch, Kepler, scenario_of_table
 from glrender.scenario.kepler import EQUATORIAL_FROM_ECLIPTIC
 from missing import needed_module
 
@@ -52,6 +52,44 @@ def test_propagation_is_that_of_prop2b(spice, rng, eccentricity):
             np.testing.assert_allclose(v[index], state[3:], atol=4e-12 * np.linalg.norm(state[3:]))
 
 
+@pytest.mark.parametrize("eccentricity", [*ECCENTRICITIES, 1.0, 1.0 - 1e-12, 1.0 + 1e-12])
+@pytest.mark.parametrize("frame", ["equatorial", "ecliptic"])
+def test_comets_by_their_periapsis_are_those_of_conics(spice, rng, eccentricity, frame):
+    """spiceypy.conics, parabolas too, from 8 years before the periapsis to 32 years after it."""
+    for _ in range(5):
+        q_m, angles = rng.uniform(0.01, 5.0) * 1.5e11, rng.uniform([0.0, 0.0, 0.0], [3.0, 6.0, 6.0])
+        names = ("inclination_deg", "longitude_ascending_node_deg", "argument_of_periapsis_deg")
+        made = Kepler.from_periapsis(periapsis_distance_m=q_m, eccentricity=eccentricity, periapsis=EPOCH, frame=frame,
+                                     **dict(zip(names, np.degrees(angles), strict=True)))
+        r, v = made.at(EPOCH, DAYS_S)
+        turn = EQUATORIAL_FROM_ECLIPTIC if frame == "ecliptic" else np.eye(3)
+        for index, dt in enumerate(DAYS_S):
+            state = spice.conics([q_m / 1e3, eccentricity, *angles, 0.0, EPOCH.et_s, GM_SUN_M3_S2 / 1e9],
+                                 EPOCH.et_s + dt) * 1e3
+            np.testing.assert_allclose(r[index], turn @ state[:3], atol=1e-10 * np.linalg.norm(state[:3]))
+            np.testing.assert_allclose(v[index], turn @ state[3:], atol=1e-10 * np.linalg.norm(state[3:]))
+
+
+def test_a_comets_elements_in_a_scenario_file(tmp_path):
+    """C/1995 O1 by q, e and T is at its perihelion distance at that time; what lacks is told."""
+    orbit = {"periapsis_distance_m": 1.368e11, "eccentricity": 1.0, "inclination_deg": 89.4,
+             "longitude_ascending_node_deg": 282.5, "argument_of_periapsis_deg": 130.6,
+             "periapsis_tdb": "1997-04-01T03:20:00"}
+    table = {"bodies": [{"name": "comet", "generated": {"kind": "icosphere", "radius_m": 100.0, "subdivisions": 1},
+                         "brdf": {"law": "lambert", "normal_albedo": 0.1}, "orbit": orbit}],
+             "cameras": [{"name": "c", "width_px": 64, "height_px": 64, "focal_length_px": 64.0}],
+             "trajectory": {"kind": "hovering", "r_hill_m": [1e4, 0.0, 0.0]},
+             "time": {"start_tdb": "1997-04-01T03:20:00", "times_s": [0.0]}}
+    (state,) = scenario_of_table(table).states()
+    np.testing.assert_allclose(np.linalg.norm(state.r_sun_inertial_m), 1.368e11, rtol=1e-12)
+    for change, message in (({"periapsis_tdb": None}, "periapsis_tdb: missing; or periapsis_utc"),
+                            ({"mean_anomaly_deg": 3.0}, "mean_anomaly_deg: unknown key"),
+                            ({"periapsis_distance_m": 0.0}, "periapsis_distance_m: must be > 0")):
+        table["bodies"][0]["orbit"] = {key: value for key, value in {**orbit, **change}.items() if value is not None}
+        with pytest.raises(ConfigError, match=message):
+            scenario_of_table(table)
+
+
 def test_the_ecliptic_is_spices(spice):
     np.testing.assert_allclose(EQUATORIAL_FROM_ECLIPTIC, spice.pxform("ECLIPJ2000", "J2000", 0.0), atol=1e-15)
 
@@ -66,7 +104,7 @@ def test_a_parabola_falls_from_rest_at_infinity():
 
 
 @pytest.mark.parametrize("change, message", [
-    ({"eccentricity": 1.0}, "eccentricity: must not be 1, got 1.0; a parabola is given by r_m and v_m_s"),
+    ({"eccentricity": 1.0}, "eccentricity: must not be 1, got 1.0; a parabola is given by periapsis_distance_m and"),
     ({"eccentricity": 1.2}, "semi_major_axis_m: must be < 0 for a hyperbola"),
     ({"semi_major_axis_m": -1e11}, "semi_major_axis_m: must be > 0"),
     ({"about": "didymos"}, "gravitational_parameter_m3_s2: missing; of 'didymos': only the Sun's is known"),

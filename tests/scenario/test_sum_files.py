@@ -54,6 +54,13 @@ def test_vestas_image_is_dawns(image):
     assert np.linalg.norm(image(sun_distance_m=3e11).state.r_sun_inertial_m) == pytest.approx(3e11)
 
 
+@pytest.mark.parametrize("date, iso", [
+    ("2012 MAR 25 23:39:03", "2012-03-25T23:39:03"), ("2012 MAR 25 23:39:03.", "2012-03-25T23:39:03"),
+    ("2012 mar  5 23:39:03.80812345", "2012-03-05T23:39:03.80812345"), ("2000 Feb 12 00:00:00", "2000-02-12T00:00:00")])
+def test_dates_may_have_any_fraction_of_a_second_or_none(image, date, iso):
+    assert image(VESTA.replace("2012 MAR 25 23:39:03.808", date)).epoch == Epoch.from_utc(iso)
+
+
 def test_lines_are_counted_from_below_where_k22_is_negative(image):
     """CTR is of pixel centres from 1: (513, 513) is column 512, and row 511 from above or 512."""
     moved = VESTA.replace("0.5125000000D+03    0.5125000000D+03", "0.5130000000D+03    0.5130000000D+03")
@@ -99,6 +106,7 @@ def test_bennus_image_is_as_others_read_it(shared):
     ("-71.44341", "-71.64341", "A.SUM.K-MATRIX: must be of square pixels without skew within 0.5 px at a corner"),
     ("0.1500732773D+03", "0.0", "A.SUM.K-MATRIX: must give a focal length"),
     ("0.00000D+00    0.00000D+00    0.00000D+00    0.00000D+00", "0.0 0.1 0.0 0.0", "A.SUM.DISTORTION: must be 0"),
+    ("03.808", "03.8x", "A.SUM:2: must be a date"),
     ("2012 MAR 25", "2012-03-25", "A.SUM:2: must be a date in UTC as 2019 MAR 14 19:01:23.961"),
     ("  1024  1024", "     0  1024", "A.SUM.width_px: must be"),
 ])

@@ -82,6 +82,8 @@ FILES = {
     "cameras.distortion": (in_camera(distortion={}), ("cameras", 0, "distortion")),
     "stars": (scene(stars={}), ("stars",)),
     "bodies.orbit, of elements": (in_body(scenario, orbit={"epoch_tdb": "2020-01-01"}), ("bodies", 0, "orbit")),
+    "bodies.orbit, of its periapsis": (
+        in_body(scenario, orbit={"periapsis_distance_m": 1e11, "periapsis_tdb": "2020-01-01"}), ("bodies", 0, "orbit")),
     "bodies.orbit, of a state": (in_body(scenario, orbit=ORBIT), ("bodies", 0, "orbit")),
     "bodies.spin": (in_body(scenario, spin={}), ("bodies", 0, "spin")),
     "encounter": (scene(bodies=[{**BODY, "orbit": ORBIT}], encounter={"date_tdb": "2020-01-01"}), ("encounter",)),
@@ -105,7 +107,9 @@ FILES = {
 EPOCH = set(with_scales("epoch"))
 TAKEN = {**dict.fromkeys(("bodies.orbit, of elements", "bodies.orbit, of a state", "bodies.spin",
                           'trajectory, kind = "kepler"', 'trajectory, kind = "circular"', 'attitude, mode = "spin"'),
-                         EPOCH), "encounter": {*with_scales("date"), *SAMPLER_KEYS}}
+                         EPOCH),
+         "bodies.orbit, of its periapsis": set(with_scales("periapsis")),
+         "encounter": {*with_scales("date"), *SAMPLER_KEYS}}
 # Tables that other code reads, and those whose every value the tests of scenarios refuse by name.
 ELSEWHERE = {"a body of a scenario", "attitude, in all modes of the spacecraft", 'trajectory, kind = "spice"',
              'attitude, mode = "spice"', "output", "cameras, of an instrument kernel", "cameras, of an ISD"}

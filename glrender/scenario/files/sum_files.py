@@ -125,7 +125,8 @@ def _checked_axes(file: str, axes: np.ndarray) -> np.ndarray:
 
 def _epoch(file: str, line: str) -> Epoch:
     try:
-        moment = datetime.strptime(line.strip(), "%Y %b %d %H:%M:%S.%f")
+        moment, _, fraction = line.strip().partition(".")
+        day = datetime.strptime(moment, "%Y %b %d %H:%M:%S").isoformat()
     except ValueError:
         raise ConfigError(f"{file}:2", "must be a date in UTC as 2019 MAR 14 19:01:23.961", line.strip()) from None
-    return Epoch.from_utc(moment, f"{file}:2")
+    return Epoch.from_utc(f"{day}.{fraction}" if fraction else day, f"{file}:2")

@@ -102,6 +102,13 @@ def read_spice(value: object, folder: Path) -> Spice:
 
 
 def _kepler(known: Known, table: dict[str, Any], target: str) -> Kepler:
+    if "periapsis_distance_m" in table:
+        table, periapsis = taken_epoch(table, "periapsis")
+        if periapsis is None:
+            raise ConfigError("periapsis_tdb", "missing", hint="or periapsis_utc, or periapsis_et_s")
+        table.setdefault("about", SUN)
+        known.about(table)
+        return made(Kepler.from_periapsis, table, periapsis=periapsis)
     table, epoch = taken_epoch(table, "epoch")
     if epoch is None:
         raise ConfigError("epoch_tdb", "missing", hint="or epoch_utc, or epoch_et_s")
