@@ -11,6 +11,31 @@ import numpy as np
 SENSOR, FRAME, COSMIC, FAULT = 0, 1, 2, 3
 
 
+# Of a seed that is made of another: whole numbers up to 2**53 are exact in JSON as MATLAB and JavaScript read it.
+_SEED_BITS = 53
+
+
+def seed_of(seed: int, key: int | str) -> int:
+    """A seed made of another and of what it is for: a frame by its number, a camera by its name.
+
+    Seeds of other keys, and those of neighbouring seeds, have streams of random numbers that are independent.
+
+    Parameters
+    ----------
+    seed : int, 0..2**64 - 1
+    key : int, >= 0, or str
+
+    Returns
+    -------
+    int, 0..2**53 - 1
+
+    Source: NumPy, `SeedSequence`, spawn keys.
+    """
+    number = key if isinstance(key, int) else int.from_bytes(key.encode(), "little")
+    state = np.random.SeedSequence(seed, spawn_key=(number,)).generate_state(1, np.uint64)
+    return int(state[0]) >> (64 - _SEED_BITS)
+
+
 def stream(seed: int, *key: int) -> np.random.Generator:
     """Random numbers of one seed and purpose."""
     # SFC64 is the fastest of NumPy's generators here: poisson 40 ms/Mpx against 65 of PCG64DXSM.

@@ -14,11 +14,13 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from .camera import CameraModel, Frame
+from .detector import MAX_SEED
 from .distortion import BrownConrady, frame_border
 from .errors import ConfigError
 from .faults.fault import Fault
 from .lateral import magnified, magnified_points
 from .mosaic import MosaicModel
+from .pattern import seed_of
 from .points import PointSources
 from .validate import integer, name_of, position, unit_quaternion, vector, within
 
@@ -222,6 +224,17 @@ class PinholeCamera:
         """The same camera with so many more pixels on each side, to render what lies beyond the frame."""
         return self if margin_px == 0 else _with_margin(self, integer("margin_px", margin_px, 0, MAX_IMAGE_PX))
 
+    def noise_seed(self, seed: int) -> int:
+        """The seed of this camera's noise in a frame of a seed: cameras of other names have noise of their own."""
+        return seed_of(integer("seed", seed, 0, MAX_SEED), self.name)
+
+    @cached_property
+    def own_model(self) -> CameraModel | MosaicModel:
+        """The model with the fixed pattern of this camera's own sensor."""
+        model: Any = self.model
+        detector = model.detector
+        return replace(model, detector=replace(detector, sensor_seed=seed_of(detector.sensor_seed, self.name)))
+
     def expose(self, irradiance_W_m2: np.ndarray | Mapping[str, np.ndarray], seed: int = 0, *,
                exposure_s: float | str | None = None, roi: tuple[int, int, int, int] | None = None,
                previous: Frame | None = None, margin_px: int = 0,
@@ -231,6 +244,9 @@ class PinholeCamera:
 
         With `margin_px` the image is one of `with_margin(margin_px)`. Behind a mosaic irradiance and points are
         those of each letter's band: `MosaicModel.expose`.
+
+        Noise and fixed pattern are this camera's own: they are made of the seeds and of its name, so that two cameras
+        with detectors of one type and one seed share neither.
 
         Raises
         ------
@@ -253,9 +269,10 @@ class PinholeCamera:
                                 if letter in sizes else each for letter, each in given.items()}
             roi = None
         # A mosaic takes those of each band.
-        return cast(Any, self.model).expose(irradiance_W_m2, seed, exposure_s=exposure_s, roi=roi,
-                                            relative_illumination=seen.cos_field_angle, previous=previous,
-                                            margin_px=margin_px, points=points, faults=faults)
+        frame = cast(Any, self.own_model).expose(
+            irradiance_W_m2, self.noise_seed(seed), exposure_s=exposure_s, roi=roi, previous=previous, points=points,
+            relative_illumination=seen.cos_field_angle, margin_px=margin_px, faults=faults)
+        return replace(frame, seed=seed)
 
 
 @lru_cache(maxsize=8)

@@ -1,12 +1,12 @@
 function image = glr_block_image(client, settings, state, n_frames)
 %GLR_BLOCK_IMAGE  The image of one step of a block, checked against what the block declares.
 %   settings: Camera, PixelClass ('uint8', 'uint16': digital numbers; 'single': irradiance), ImageSize [height width],
-%   Exposure_s (0: the camera's), Seed (of the first frame; each further frame adds one). n_frames: frames so far.
+%   Exposure_s (0: the camera's), Seed (whole, below 2^32; frames of two seeds share no noise). n_frames: frames so far.
   options = {'camera', settings.Camera};
   if strcmp(settings.PixelClass, 'single')
     options = [options, {'output', 'irradiance'}];
   else
-    options = [options, {'output', 'dn', 'seed', uint64(settings.Seed) + uint64(n_frames)}];
+    options = [options, {'output', 'dn', 'seed', uint64(settings.Seed) * uint64(2)^32 + uint64(n_frames)}];
     if settings.Exposure_s > 0
       options = [options, {'exposure_s', settings.Exposure_s}];
     end

@@ -192,7 +192,8 @@ static void mdlOutputs(SimStruct *S, int_T tid) {
     state.n_bodies = self->n_bodies;
     state.body_names = self->names;
     state.bodies = self->poses;
-    self->options.seed = self->first_seed + self->n_frames++;
+    /* Frames of two seeds share no noise: the seed above, the number of the frame below 2^32. */
+    self->options.seed = (self->first_seed << 32) + self->n_frames++;
     if (glr_render(self->client, &state, &self->options, &image)) {
         snprintf(message, sizeof message, "glrender:%s: %s", glr_error_code(self->client),
                  glr_error_message(self->client));

@@ -176,7 +176,7 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
     if exposure == "auto" and previous is not None:
         exposure = model.auto_exposure.after(previous, model.detector)
     faults = model.faults if faults is None else checked_faults("faults", faults)
-    if stuck_s := FrameFaults(faults, seed, model.detector.sensor_seed).exposure_s:
+    if stuck_s := FrameFaults(faults, pinhole.noise_seed(seed), model.detector.sensor_seed).exposure_s:
         asked = exposure = stuck_s
     began = time.perf_counter()
     sub_states = checked_sub_states(sub_states)

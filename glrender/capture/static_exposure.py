@@ -241,7 +241,7 @@ def prepare(scene: Scene) -> None:
         wide = camera.with_margin(lens_margin(camera))
         if camera.model is not None:
             camera.with_margin(_largest_margin(camera)).cos_field_angle  # noqa: B018 (a cached property)
-            camera.model.detector.fixed_pattern((camera.height_px, camera.width_px))
+            camera.own_model.detector.fixed_pattern((camera.height_px, camera.width_px))
             for band in camera.model.bands.values():
                 if band.optics.is_diffracted or band.optics.psf_measured is not None:
                     band.optics.psf_fine_kernel  # noqa: B018 (a cached property: of stars and of small bodies)

@@ -31,7 +31,7 @@ class FrameOptions:
     output : "irradiance" or "dn"
     format : "fits", "npz", "png" or "exr"
     seed : int
-        Of the first frame's noise, with "dn"; each further frame has the next.
+        With "dn": each frame's noise has a seed of its own, made of this one and of its number by `seed_of`.
     exposure_s : float [s] or "auto", optional
         With "dn"; the camera's by default.
     products : tuple of str

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from glrender_camera.notebook import png, strip, table
+from glrender_camera.pattern import seed_of
 
 from ..base.errors import ConfigError
 from ..capture.capture import Capture, draw_still, take_frame
@@ -182,7 +183,7 @@ def drawn(renderer: Any, index: int, state: State, options: FrameOptions) -> Fra
     renderer
         Of `open_renderer`.
     index : int
-        Number of the frame: it is added to the options' seed.
+        Number of the frame: its noise has the seed that `seed_of` makes of it and of the options' seed.
     state : State
     options : FrameOptions
 
@@ -194,12 +195,16 @@ def drawn(renderer: Any, index: int, state: State, options: FrameOptions) -> Fra
 
 
 def captured(renderer: Any, index: int, state: State, options: FrameOptions, **asked: Any) -> Capture:
-    """One frame of a sequence, with options of `take_frame` or `draw_still` besides; arguments as of `drawn`."""
+    """One frame of a sequence, with options of `take_frame` or `draw_still` besides; arguments as of `drawn`.
+
+    `seed` among them replaces the frame's own.
+    """
     products = dict.fromkeys((*options.products, *(labels.PRODUCTS if options.has_labels else ())))
     asked |= {"products": tuple(products), "max_error": options.max_error}
+    seed = asked.pop("seed", None)
     if options.output == "dn":
-        return take_frame(renderer, state, options.camera, seed=options.seed + index, exposure_s=options.exposure_s,
-                          **asked)
+        return take_frame(renderer, state, options.camera, seed=seed_of(options.seed, index) if seed is None else seed,
+                          exposure_s=options.exposure_s, **asked)
     return draw_still(renderer, state, options.camera, **asked)
 
 

@@ -25,6 +25,7 @@ from glrender.sequences.dataset.dataset import DataSet, most_bytes
 from glrender.sequences.dataset.read import read_frame
 from glrender.sequences.options import FrameOptions
 from glrender.view.view import view_bodies
+from glrender_camera.pattern import seed_of
 from glrender_server.cli import main
 from missing import needed_module
 from PIL import Image
@@ -84,7 +85,7 @@ def whole(scene, tmp_path_factory):
 
 def test_a_frame_is_the_one_that_take_frame_gives_and_its_labels_fit(scene, whole):
     with open_renderer(scene) as renderer:
-        capture = take_frame(renderer, STATES[5], "navcam", seed=7 + 5, products=["body_id"])
+        capture = take_frame(renderer, STATES[5], "navcam", seed=seed_of(7, 5), products=["body_id"])
     frame = read_frame(whole, 5)
     np.testing.assert_array_equal(frame.image, capture.frame.dn)
     np.testing.assert_array_equal(frame.mask, capture.products["body_id"] + 1)
@@ -184,7 +185,8 @@ def test_products_are_kept(scene, tmp_path):
         list(made.draw(1))
         products = read_frame(made.folder, 0).products
         with open_renderer(scene) as renderer:
-            expected = take_frame(renderer, STATES[0], "navcam", seed=7, products=["range", "incidence"]).products
+            expected = take_frame(renderer, STATES[0], "navcam", seed=seed_of(7, 0),
+                                  products=["range", "incidence"]).products
         for name, values in products.items():
             assert values.dtype == np.float32
             np.testing.assert_array_equal(values, expected[name].astype(np.float32))
@@ -390,16 +392,16 @@ def test_the_command_follows_output_and_options_override_it(tmp_path, capsys):
     command = ["dataset", str(scenario), "--frames", "2", "--processes", "1", "--out"]
     assert main([*command, str(out)]) == 0
     frame = read_frame(out, 1)
-    assert (frame.labels["exposure_s"], frame.labels["seed"], list(frame.products)) == (0.01, 78, ["range"])
+    assert (frame.labels["exposure_s"], frame.labels["seed"], list(frame.products)) == (0.01, seed_of(77, 1), ["range"])
     assert frame.labels["plan"]["max_error"] == 0.1
     assert main([*command, str(tmp_path / "own"), "--exposure-s", "0.02", "--seed", "5", "--products"]) == 0
     frame = read_frame(tmp_path / "own", 0)
-    assert (frame.labels["exposure_s"], frame.labels["seed"], list(frame.products)) == (0.02, 5, [])
+    assert (frame.labels["exposure_s"], frame.labels["seed"], list(frame.products)) == (0.02, seed_of(5, 0), [])
     (tmp_path / "states.jsonl").write_text(json.dumps(STATES[0].to_dict()) + "\n")
     assert main(["dataset", str(scenario), "--processes", "1", "--states", str(tmp_path / "states.jsonl"), "--out",
                  str(tmp_path / "states")]) == 0
     frame = read_frame(tmp_path / "states", 0)
-    assert (frame.labels["exposure_s"], frame.labels["seed"], list(frame.products)) == (0.01, 77, ["range"])
+    assert (frame.labels["exposure_s"], frame.labels["seed"], list(frame.products)) == (0.01, seed_of(77, 0), ["range"])
     scenario.write_text(f"{serving.SCENE}{RANDOM}[output]\nsed = 3\n")
     assert main([*command, str(tmp_path / "no")]) == 1 and "output.sed: unknown key" in capsys.readouterr().err
 

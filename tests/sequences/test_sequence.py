@@ -17,6 +17,7 @@ from glrender import ConfigError, State, load_scene, open_renderer, take_frame
 from glrender.sequences.formats import FORMATS
 from glrender.sequences.read import read_image
 from glrender.sequences.sequence import FrameOptions, FrameSequence
+from glrender_camera.pattern import seed_of
 from glrender_server.cli import main
 from missing import needed_module
 from PIL import Image
@@ -59,7 +60,7 @@ def whole(scene, tmp_path_factory):
 def test_a_frame_is_the_one_that_take_frame_gives(scene, whole):
     with open_renderer(scene) as renderer:
         for k in (0, 5):
-            frame = take_frame(renderer, STATES[k], "navcam", seed=7 + k).frame
+            frame = take_frame(renderer, STATES[k], "navcam", seed=seed_of(7, k)).frame
             np.testing.assert_array_equal(read_image(whole / f"frame_{k:05d}.npz"), frame.dn)
 
 

@@ -20,7 +20,7 @@ PARAMETERS = {
     "target": ("", "name of the body that is measured; empty: the first one"),
     "target_radius_m": (0.0, "radius of the target, for its range [m]; 0: the farthest vertex of the server's shape"),
     "exposure_s": (0.0, "exposure [s]; 0: the camera's own"),
-    "seed": (0, "seed of the noise; each step adds one"),
+    "seed": (0, "seed of the noise; steps of two seeds share none"),
     "timeout_s": (5.0, "how long a frame may take [s]; it is asked for twice"),
 }
 OUTPUTS = {
@@ -37,6 +37,8 @@ OUTPUTS = {
 }
 _POSITION, _QUATERNION = ("r_x_m", "r_y_m", "r_z_m"), ("q_w", "q_x", "q_y", "q_z")
 _AU_M = 149597870700.0
+# Seeds of the service that one of ours takes: frames of two seeds never have the same.
+_FRAMES_A_SEED = 2**32
 
 
 class Kinds(NamedTuple):
@@ -120,7 +122,7 @@ class CameraUnit:
         exposure_s = self.parameters["exposure_s"]
         reply = self._client.render(self._state(t_s), self._camera["name"], output="dn",
                                     exposure_s=None if exposure_s == 0.0 else exposure_s,
-                                    seed=self.parameters["seed"] + self._n_frames)
+                                    seed=self.parameters["seed"] * _FRAMES_A_SEED + self._n_frames)
         self._n_frames += 1
         dn = np.asarray(reply.pixels, float)
         found = measured(dn, self._camera, self._sun_direction_camera(), self._radius_m)

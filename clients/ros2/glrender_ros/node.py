@@ -12,6 +12,8 @@ from sensor_msgs.msg import CameraInfo, Image
 
 from . import conversion
 
+# Seeds of the service that one of ours takes: frames of two seeds never have the same.
+_FRAMES_A_SEED = 2**32
 _PARAMETERS = {"endpoint": "tcp://127.0.0.1:5555", "camera": "", "output": "dn", "exposure_s": 0.0, "seed": 0,
                "timeout_s": 5.0, "frame_id": "camera_optical_frame"}
 _DEPTH = 10
@@ -64,7 +66,8 @@ class CameraNode(Node):
             return
         state = conversion.state_of(stamp, epoch["/sun"], epoch["/spacecraft"],
                                     {body: epoch[body] for body in self._bodies})
-        of_dn = {"exposure_s": self._given["exposure_s"] or None, "seed": self._given["seed"] + self._n_frames}
+        of_dn = {"exposure_s": self._given["exposure_s"] or None,
+                  "seed": self._given["seed"] * _FRAMES_A_SEED + self._n_frames}
         self._n_frames += 1
         try:
             reply = self._client.render(state, self._camera["name"], output=self._given["output"],

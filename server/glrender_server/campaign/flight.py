@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from glrender import DeviceError, PinholeCamera, Pose, State, frames, take_frame
 from glrender.scenario import Belief, SpacecraftBelief
+from glrender_camera.pattern import seed_of
 from glrender_navigation import Measurement, Navigator
 
 from .believed_side import believed_distortion, body_of, camera_of, render_of, undistortion
@@ -26,8 +27,6 @@ _LOST = 0.1
 _REFUSED = "the filter refused the measurement"
 # Standard deviation of the first velocity, of the first position's over a step.
 _HANDOVER_RATE = 2e-3
-# Seeds of the frames of one flight follow each other; those of another are far off.
-_SEEDS = 1_000_003
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -70,7 +69,7 @@ def fly(setup: Setup, case: Case, truth: Any, believed: Any,
         if setup.pointing == "estimate":
             state = _pointed(state, true_camera, onboard.r_m, setup.body)
         lap = time.perf_counter()
-        pixels = take_frame(truth, state, setup.camera, seed=values["seed"] * _SEEDS + index,
+        pixels = take_frame(truth, state, setup.camera, seed=seed_of(values["seed"], index),
                             max_error=values["max_error"], faults=values["faults"]).frame.dn
         ms["frame"].append(1e3 * (time.perf_counter() - lap))
         lap, found = time.perf_counter(), None

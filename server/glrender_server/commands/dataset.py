@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--products", nargs="*", metavar="NAME",
                         help="range, incidence, emission, phase, ... of each pixel, beside the mask")
     parser.add_argument("--limb-points", type=int, default=_LIMB_POINTS, metavar="N", help="of a body (64)")
-    parser.add_argument("--seed", type=int, help="of [random] and of the first frame's noise (the file's, and 0)")
+    parser.add_argument("--seed", type=int, help="of [random] and of the frames' noise (the file's, and 0)")
     parser.add_argument("--exposure-s", type=exposure, help="with dn: seconds, or auto; default: the camera's")
     parser.add_argument("--max-error", metavar="SHARE", help="or units with one each; the scene's")
     parser.add_argument("--shard-frames", type=int, default=FRAMES_A_SHARD, metavar="N", help="in each shard (50)")

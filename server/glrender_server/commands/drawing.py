@@ -69,7 +69,7 @@ def draw(arguments: argparse.Namespace) -> Drawn:
                            products=tuple(getattr(arguments, "products", ())),
                            max_error=read_max_error(arguments.max_error))
     with open_renderer(scene, arguments.backend) as renderer:
-        capture = captured(renderer, 0, state, options, samples=arguments.samples)
+        capture = captured(renderer, 0, state, options, samples=arguments.samples, seed=arguments.seed)
     drawn = Drawn(scene=scene, camera=camera, state=state, options=options, capture=capture)
     for warning in drawn.warnings:
         sys.stderr.write(f"glrender: warning: {warning}\n")

@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--products", nargs="*", metavar="NAME", help="range, body_id, incidence, ...")
     parser.add_argument("--labels", action=argparse.BooleanOptionalAction,
                         help="pose, box, centres and keypoints of each body, in the header")
-    parser.add_argument("--seed", type=int, help="of the first frame's noise, each further one has the next (0)")
+    parser.add_argument("--seed", type=int, help="of the noise, which each frame has of its own (0)")
     parser.add_argument("--exposure-s", type=exposure, help="with dn: seconds, or auto; default: the camera's")
     parser.add_argument("--max-error", metavar="SHARE", help="or units with one each; the scene's")
     parser.add_argument("--video", type=Path, metavar="FILE.mp4", help="write the frames as a video for the eye too")
