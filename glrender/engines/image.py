@@ -21,6 +21,9 @@ from .small_bodies import SmallBody
 PRODUCTS = ("irradiance", "range", "body_id", "facet_id", "incidence", "emission", "phase", "r_body", "sunlit")
 """Names of the products that `Renderer.render` can return."""
 
+UNITS = {"irradiance": "W/m2", "range": "m", "body_id": "1", "facet_id": "1", "incidence": "rad", "emission": "rad",
+         "phase": "rad", "r_body": "m", "sunlit": "1"}
+"""Units of the products."""
 _BYTES = {"range": 8, "body_id": 4, "facet_id": 4, "incidence": 4, "emission": 4, "phase": 4, "r_body": 12, "sunlit": 4}
 # What products are made from: three layers of four float32.
 _LAYER_BYTES = 48

@@ -143,7 +143,7 @@ class Scenario:
                                angular_velocity_rad_s=rates[name])
                     for name in (SPACECRAFT, *self.bodies)}
             yield State(t_s=float(t), r_sun_inertial_m=geometry.r_m[SUN][index], spacecraft=pose.pop(SPACECRAFT),
-                        bodies=pose)
+                        bodies=pose, date_tdb=None if self.start is None else self.start.after(t).tdb)
 
     def check(self) -> list[str]:
         """What is worth a warning before the first frame is drawn, in sentences; nothing is drawn.

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 
 from ..base.errors import ConfigError
+from ..engines.image import UNITS
+from .fits_cards import Cards, cards_of, sky_cards
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -85,7 +87,8 @@ def _write_exr(path: Path, frame: FrameFile) -> None:
     channels = {"Y": frame.pixels.astype(np.float32)}
     for name, array in frame.products.items():
         if array.ndim == 2:
-            channels[name] = array.astype(np.uint32 if array.dtype.kind == "u" else np.float32)
+            # Whole numbers have 32 bits without a sign: -1, beside the bodies, is 2**32 - 1.
+            channels[name] = array.astype(np.uint32 if array.dtype.kind in "iu" else np.float32)
         else:
             channels |= {f"{name}.{axis}": np.ascontiguousarray(array[..., k], np.float32)
                          for k, axis in enumerate("XYZ")}
@@ -101,42 +104,21 @@ def _write_fits(path: Path, frame: FrameFile) -> None:
         raise _missing("fits", "astropy", "fits") from None
     # FITS counts rows from below: row 0 of the file is the picture's lowest, as viewers show it.
     image = fits.PrimaryHDU(np.flipud(frame.pixels))
-    image.header["BUNIT"] = (frame.unit, "of a pixel")
-    _add_keywords(image.header, frame.header)
-    products = [fits.ImageHDU(np.moveaxis(np.flipud(array), 2, 0) if array.ndim == 3 else np.flipud(array),
-                              name=name.upper()) for name, array in frame.products.items()]
-    text = np.frombuffer(json.dumps(frame.header).encode(), np.uint8)
-    fits.HDUList([image, *products, fits.ImageHDU(text, name="GLRENDER")]).writeto(path, output_verify="exception")
+    sky = sky_cards(frame.header)
+    _put(image, {"BUNIT": (frame.unit, "of a pixel"), **cards_of(frame.header), **sky})
+    parts = [image]
+    for name, array in frame.products.items():
+        parts.append(fits.ImageHDU(np.moveaxis(np.flipud(array), 2, 0) if array.ndim == 3 else np.flipud(array),
+                                   name=name.upper()))
+        _put(parts[-1], {"BUNIT": (UNITS[name], "1: a number or a share"), **({} if array.ndim == 3 else sky)})
+    parts.append(fits.ImageHDU(np.frombuffer(json.dumps(frame.header).encode(), np.uint8), name="GLRENDER"))
+    _put(parts[-1], {"BUNIT": ("byte", "UTF-8, JSON")})
+    fits.HDUList(parts).writeto(path, output_verify="exception")
 
 
-def _add_keywords(cards: Any, header: Mapping[str, Any]) -> None:
-    """The keywords that an astronomer looks for; the extension GLRENDER has everything as JSON."""
-    camera, state, plan = header["camera"], header["state"], header["plan"]
-    keywords = {
-        "ORIGIN": (f"glrender {header['glrender']}", "program"),
-        "INSTRUME": (camera["name"][:60], "camera"),
-        "T_S": (state["t_s"], "[s] time of mid-exposure"),
-        "FRAMENUM": (header["index"], "number in its sequence"),
-        "FOCALPX": (camera["focal_length_px"], "[px] focal length"),
-        # FITS counts pixels from 1, and rows from below.
-        "CRPIX1": (camera["principal_point_px"][0] + 1.0, "[px] column of the boresight"),
-        "CRPIX2": (camera["height_px"] - camera["principal_point_px"][1], "[px] row of the boresight"),
-        "CDELT1": (np.degrees(1.0 / camera["focal_length_px"]), "[deg] of a pixel at the boresight"),
-        "CDELT2": (np.degrees(1.0 / camera["focal_length_px"]), "[deg] of a pixel at the boresight"),
-        "ASKED": (",".join(f"{unit}={most:g}" for unit, most in plan["asked"].items()), "tolerances"),
-        "MAXERR": (plan["max_error"], "RMS drawn for, of the mean lit pixel"),
-        "PREDERR": (plan["predicted_error"], "predicted RMS, likewise")}
-    for axis, value in zip("XYZ", state["r_sun_inertial_m"], strict=True):
-        keywords[f"SUN_{axis}"] = (value, "[m] Sun, inertial")
-    for axis, value in zip("XYZ", state["spacecraft"]["r_inertial_m"], strict=True):
-        keywords[f"SC_{axis}"] = (value, "[m] spacecraft, inertial")
-    for axis, value in zip("WXYZ", state["spacecraft"]["q_from_inertial"], strict=True):
-        keywords[f"SC_Q{axis}"] = (value, "spacecraft from inertial")
-    if "exposure_s" in header:
-        keywords["EXPTIME"] = (header["exposure_s"], "[s] exposure")
-        keywords["SEED"] = (header["seed"], "of the noise")
-    for name, card in keywords.items():
-        cards[name] = card
+def _put(part: Any, cards: Cards) -> None:
+    for keyword, card in cards.items():
+        part.header[keyword] = card
 
 
 def _missing(name: str, library: str, extra: str) -> ConfigError:

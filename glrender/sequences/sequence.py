@@ -7,7 +7,6 @@ import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -19,16 +18,15 @@ from ..base.errors import ConfigError
 from ..capture.capture import Capture, draw_still, take_frame
 from ..renderer import open_renderer
 from ..scene.scene import Scene
-from ..scene.shape.shape import Shape
 from ..view.state import State
 from . import labels
 from .folder import claim_folder
 from .formats import FrameFile, write
+from .header import VERSION, frame_header
 from .options import FrameOptions, require_model
 from .processes import own_processes
 from .read import read_image
 
-VERSION = version("glrender")
 _DIGITS = 5
 # Frames that a notebook shows, and their longer side.
 _N_SHOWN, _SHOWN_PX = 5, 160
@@ -124,24 +122,35 @@ def digest_of_scene(scene: Scene) -> str:
 
 
 def _feed(digest: Any, value: Any) -> None:
+    """Feed all that a value consists of, with the names of its types."""
     if isinstance(value, np.ndarray):
         digest.update(repr((value.dtype.str, value.shape)).encode() + np.ascontiguousarray(value).tobytes())
-    elif isinstance(value, Shape):
-        _feed(digest, (value.vertices_m, value.facets))
-    elif dataclasses.is_dataclass(value):
-        for part in dataclasses.fields(value):
-            digest.update(f"{type(value).__name__}.{part.name}=".encode())
-            _feed(digest, getattr(value, part.name))
+        return
+    kind = type(value)
+    digest.update(f"{kind.__module__}.{kind.__qualname__}(".encode())
+    if dataclasses.is_dataclass(value):
+        # A shape's report is made of the shape, and has the name of its file.
+        _feed_named(digest, {part.name: getattr(value, part.name) for part in dataclasses.fields(value)
+                             if part.name != "report"})
     elif isinstance(value, Mapping):
-        for key in sorted(value, key=str):
-            digest.update(f"{key}:".encode())
-            _feed(digest, value[key])
+        _feed_named(digest, value)
     elif isinstance(value, list | tuple):
         for entry in value:
             _feed(digest, entry)
             digest.update(b",")
+    elif kind.__repr__ is object.__repr__:
+        # It tells the place in memory alone: another one in each process.
+        _feed_named(digest, getattr(value, "__dict__", {}))
     else:
         digest.update(repr(value).encode())
+    digest.update(b")")
+
+
+def _feed_named(digest: Any, values: Mapping[Any, Any]) -> None:
+    for key in sorted(values, key=str):
+        digest.update(f"{key}:".encode())
+        _feed(digest, values[key])
+        digest.update(b",")
 
 
 # Of a process that draws: its renderer, and what is asked of it.
@@ -210,24 +219,10 @@ def captured(renderer: Any, index: int, state: State, options: FrameOptions, **a
 
 def frame_file(scene: Scene, index: int, state: State, options: FrameOptions, capture: Capture) -> FrameFile:
     """What is written of a frame of `captured`."""
-    camera, header = scene.camera(options.camera), dict[str, Any]()
-    pixels = capture.irradiance_W_m2
-    if capture.frame is not None:
-        pixels = capture.frame.dn
-        header = {"seed": capture.frame.seed, "exposure_s": capture.frame.exposure_s}
-        if capture.frame.faults:
-            header["faults"] = list(capture.frame.faults)
+    pixels = capture.irradiance_W_m2 if capture.frame is None else capture.frame.dn
+    header = frame_header(scene, index, state, options, capture)
     if options.has_labels:
-        header["labels"] = labels.frame_labels(scene, state, camera, pixels, capture.products,
+        header["labels"] = labels.frame_labels(scene, state, scene.camera(options.camera), pixels, capture.products,
                                                options.keypoints, options.limb_points)
     kept = {name: capture.products[name] for name in options.products}
-    return FrameFile(pixels=pixels, unit=options.unit, products=kept, header={
-        "glrender": VERSION, "index": index, "state": state.to_dict(), "unit": options.unit,
-        "camera": {"name": camera.name, "width_px": camera.width_px, "height_px": camera.height_px,
-                   "focal_length_px": camera.focal_length_px, "principal_point_px": list(camera.principal_point_px),
-                   "r_camera_spacecraft_m": list(camera.r_camera_spacecraft_m),
-                   "q_camera_from_spacecraft": list(camera.q_camera_from_spacecraft)},
-        "plan": {"max_error": capture.plan.max_error, "predicted_error": capture.plan.predicted_error,
-                 "asked": dict(capture.plan.asked), "predicted": capture.plan.predicted},
-        "warnings": [str(advice) for advice in capture.warnings],
-        "warning_codes": [advice.code for advice in capture.warnings], **header})
+    return FrameFile(pixels=pixels, unit=options.unit, products=kept, header=header)

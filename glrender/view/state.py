@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from datetime import datetime, timedelta
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,8 +17,8 @@ from ..base.errors import ConfigError, error_path
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-_STATE_KEYS = ("t_s", "r_sun_inertial_m", "spacecraft", "bodies")
-_STATE_REQUIRED = _STATE_KEYS[1:]
+_STATE_KEYS = ("t_s", "r_sun_inertial_m", "spacecraft", "bodies", "date_tdb")
+_STATE_REQUIRED = _STATE_KEYS[1:4]
 _POSE_KEYS = ("r_inertial_m", "q_from_inertial")
 _POSE_REQUIRED = _POSE_KEYS[:1]
 _RATE_KEYS = ("v_inertial_m_s", "angular_velocity_rad_s")
@@ -111,6 +112,9 @@ class State:
     spacecraft : Pose
     bodies : mapping of body name to Pose
         Every body of the scene.
+    date_tdb : str, optional
+        The calendar date of mid-exposure in TDB, "2029-02-13T12:00:00.5", to the microsecond: for the frames' files.
+        The axes of `inertial` are those of ICRF then.
 
     The Sun stands still in `inertial`; rates of the poses are for motion blur and stellar aberration.
     """
@@ -119,10 +123,11 @@ class State:
     r_sun_inertial_m: np.ndarray
     spacecraft: Pose
     bodies: Mapping[str, Pose]
+    date_tdb: str | None = None
 
     if TYPE_CHECKING:  # lists of numbers go in, arrays come out
         def __init__(self, *, t_s: float = 0.0, r_sun_inertial_m: ArrayLike, spacecraft: Pose,
-                     bodies: Mapping[str, Pose]) -> None: ...
+                     bodies: Mapping[str, Pose], date_tdb: str | None = None) -> None: ...
 
     def __post_init__(self):
         object.__setattr__(self, "t_s", finite("t_s", self.t_s))
@@ -134,6 +139,8 @@ class State:
         for name, pose in self.bodies.items():
             if not isinstance(pose, Pose):
                 raise ConfigError(f"bodies.{name}", "must be a Pose", pose)
+        if self.date_tdb is not None:
+            object.__setattr__(self, "date_tdb", later(_checked_date("date_tdb", self.date_tdb), 0.0))
 
     @classmethod
     def from_dict(cls, table: Mapping[str, Any], path: str = "state") -> State:
@@ -154,10 +161,11 @@ class State:
             return cls(**{**table, "spacecraft": spacecraft, "bodies": poses})
 
     def to_dict(self) -> dict[str, Any]:
-        """The plain dictionary that the wire carries."""
+        """The plain dictionary that the wire carries; the date only where it is known."""
+        date = {} if self.date_tdb is None else {"date_tdb": self.date_tdb}
         return {"t_s": self.t_s, "r_sun_inertial_m": self.r_sun_inertial_m.tolist(),
                 "spacecraft": self.spacecraft.to_dict(),
-                "bodies": {name: pose.to_dict() for name, pose in self.bodies.items()}}
+                "bodies": {name: pose.to_dict() for name, pose in self.bodies.items()}, **date}
 
     @property
     def is_moving(self) -> bool:
@@ -169,4 +177,21 @@ class State:
         if not self.is_moving or dt_s == 0.0:
             return self
         return replace(self, t_s=self.t_s + dt_s, spacecraft=self.spacecraft.after(dt_s),
+                       date_tdb=None if self.date_tdb is None else later(self.date_tdb, dt_s),
                        bodies={name: pose.after(dt_s) for name, pose in self.bodies.items()})
+
+
+def later(date: str, dt_s: float) -> str:
+    """A calendar date a time later [s], to the microsecond, in the same uniform scale."""
+    return (datetime.fromisoformat(date) + timedelta(seconds=dt_s)).isoformat(timespec="microseconds")
+
+
+def _checked_date(name: str, value: object) -> str:
+    hint = 'write "2029-02-13T12:00:00.5"'
+    try:
+        date = datetime.fromisoformat(value)  # type: ignore[arg-type]  (others are refused)
+    except (TypeError, ValueError):
+        raise ConfigError(name, "must be a date year-month-dayThour:minute:second", value, hint) from None
+    if date.tzinfo is not None:
+        raise ConfigError(name, "must be TDB, without a Z or an offset", value, hint)
+    return date.isoformat()

@@ -208,9 +208,9 @@ class Belief:
         spacecraft : Pose
             The estimate.
         """
-        return State(t_s=truth.t_s, r_sun_inertial_m=truth.r_sun_inertial_m, spacecraft=spacecraft,
-                     bodies={name: self.bodies[name].pose(pose) if name in self.bodies else pose
-                             for name, pose in truth.bodies.items()})
+        bodies = {name: self.bodies[name].pose(pose) if name in self.bodies else pose
+                  for name, pose in truth.bodies.items()}
+        return replace(truth, spacecraft=spacecraft, bodies=bodies)
 
     def told(self, truth: Scene) -> list[str]:
         """One sentence for each member of a scene that is believed to differ, for a person."""

@@ -2,6 +2,8 @@
 
 Axes of a camera are OpenCV's, which are ours; (0, 0) is the centre of the top-left pixel. Depth is along the boresight.
 
+The world is the frame `inertial`. `scene_header.json` has each frame's header, without the labels, by its number.
+
 Source: bop_toolkit, docs/bop_datasets_format.md.
 """
 
@@ -36,7 +38,8 @@ class BopWriter:
     def __init__(self, scene: Scene, options: FrameOptions, number: int):
         self._scene, self._camera = scene, scene.camera(options.camera)
         self._files: dict[str, bytes] = {}
-        self._of_images: dict[str, dict[str, Any]] = {"scene_camera": {}, "scene_gt": {}, "scene_gt_info": {}}
+        self._of_images: dict[str, dict[str, Any]] = {"scene_camera": {}, "scene_gt": {}, "scene_gt_info": {},
+                                                      "scene_header": {}}
 
     def add(self, index: int, state: State, frame: FrameFile, record: Mapping[str, Any]) -> None:
         """Add a frame."""
@@ -59,8 +62,10 @@ class BopWriter:
                          "px_count_valid": int((outline.mask & (depth_mm > 0.0)).sum()),
                          "px_count_visib": label["n_px"],
                          "visib_fract": min(label["n_px"] / outline.n_px, 1.0) if outline.n_px else 0.0})
-        for name, entry in (("scene_camera", {**intrinsics(camera), "depth_scale": step_mm}), ("scene_gt", poses),
-                            ("scene_gt_info", told)):
+        header = {name: value for name, value in record.items() if name != "labels"}
+        for name, entry in (("scene_camera", {**intrinsics(camera), **_from_world(state, camera),
+                                              "depth_scale": step_mm}),
+                            ("scene_gt", poses), ("scene_gt_info", told), ("scene_header", header)):
             self._of_images[name][str(index)] = entry
 
     def files(self) -> dict[str, bytes]:
@@ -137,6 +142,14 @@ def intrinsics(camera: PinholeCamera) -> dict[str, Any]:
     """The camera's matrix, row by row."""
     f, (cx, cy) = camera.focal_length_px, camera.principal_point_px
     return {"cam_K": [f, 0.0, cx, 0.0, f, cy, 0.0, 0.0, 1.0]}
+
+
+def _from_world(state: State, camera: PinholeCamera) -> dict[str, Any]:
+    """The camera's rotation, row by row, and translation [mm] from the frame `inertial`."""
+    craft = dcm(state.spacecraft.q_from_inertial)
+    turn = dcm(camera.q_camera_from_spacecraft) @ craft
+    r_camera = state.spacecraft.r_inertial_m + craft.T @ camera.r_camera_spacecraft_m
+    return {"cam_R_w2c": turn.ravel().tolist(), "cam_t_w2c": (-_MM * turn @ r_camera).tolist()}
 
 
 def _cosines(camera: PinholeCamera) -> np.ndarray:

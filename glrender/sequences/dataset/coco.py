@@ -1,5 +1,6 @@
 """COCO: images in folders and one `annotations.json` of boxes, masks and keypoints.
 
+An image's `header` is its frame's, without the labels; `date_captured` is TDB.
 Boxes are [x, y, width, height] from the image's corner, masks are run lengths down the columns, keypoints are
 [x, y, v] with (0, 0) the centre of the top-left pixel: v is 0 out of the image, 1 hidden, 2 seen.
 """
@@ -40,7 +41,8 @@ class CocoWriter:
             self._files[f"{index:06d}.products.npz"] = npz(products)
         height, width = frame.pixels.shape
         self._images.append({"id": index, "file_name": f"images/{self._number:05d}/{index:06d}.png", "width": width,
-                             "height": height})
+                             "height": height, "date_captured": record["date_tdb"] or "",
+                             "header": {name: value for name, value in record.items() if name != "labels"}})
         for number, name in enumerate(self._bodies):
             label = record["labels"]["bodies"][name]
             if label["n_px"]:

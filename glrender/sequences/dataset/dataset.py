@@ -23,9 +23,10 @@ from ...scene.scene import Scene
 from ...view.state import State
 from .. import labels
 from ..folder import MANIFEST, claim_folder, write_whole
+from ..header import VERSION, camera_table
 from ..options import FrameOptions, require_model
 from ..processes import Pool, own_processes
-from ..sequence import VERSION, digest_of_scene, digest_of_states
+from ..sequence import digest_of_scene, digest_of_states
 from . import bop, coco
 from .drawing import Setup, draw_elsewhere, draw_here, start, stop
 from .shards import FORMATS, Files
@@ -163,9 +164,7 @@ class DataSet:
                 "format": self.format, "states_sha256": digest_of_states(self.states),
                 "scene_sha256": digest_of_scene(self.scene), "options": keys, "source": dict(self.source),
                 "bodies": [body.name for body in self.scene.bodies],
-                "camera": {"name": camera.name, "width_px": camera.width_px, "height_px": camera.height_px,
-                           "focal_length_px": camera.focal_length_px,
-                           "principal_point_px": list(camera.principal_point_px)}}
+                "camera": camera_table(camera)}
 
     def throughput(self) -> dict[str, Any]:
         """What the last sitting took, as the manifest has it."""

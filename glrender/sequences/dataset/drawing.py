@@ -12,13 +12,13 @@ from ...base.errors import ConfigError
 from ...renderer import open_renderer
 from ...scene.scene import Scene
 from ...view.state import State
+from ..header import VERSION
 from ..options import FrameOptions
-from ..sequence import VERSION, drawn, path_in_states
+from ..sequence import drawn, path_in_states
 from .shards import FORMATS, Files
 
 Frames = list[tuple[int, State]]
 """Numbers and states of the frames of a shard."""
-_NOT_LABELS = ("glrender", "camera", "unit")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -100,9 +100,8 @@ def _draw(setup: Setup, number: int, frames: Frames) -> Shard:
         except ConfigError as error:
             error.path = path_in_states(index, error.path)
             raise
-        record = {name: value for name, value in frame.header.items() if name not in _NOT_LABELS}
-        made.add(index, state, frame, record)
-        lines.append(json.dumps(record))
+        made.add(index, state, frame, frame.header)
+        lines.append(json.dumps(frame.header))
     return Shard(files=made.files(), labels=("\n".join(lines) + "\n").encode(),
                  processor_s=time.process_time() - began, renderer=str(renderer.info.get("gl_renderer", "rays"))
                  if hasattr(renderer, "info") else setup.options.backend)

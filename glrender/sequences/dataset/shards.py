@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ...base.errors import ConfigError
+from ...engines.image import UNITS
 from ...scene.scene import Scene
 from ...view.state import State
 from ..formats import FrameFile
@@ -54,7 +55,7 @@ class TarWriter:
 
 
 class Hdf5Writer:
-    """Writes a shard as HDF5: `image`, `mask`, products and poses, one row a frame, and `labels` as JSON."""
+    """Writes a shard as HDF5: `image`, `mask`, products and poses, one row a frame, and headers as JSON in `labels`."""
 
     def __init__(self, scene: Scene, options: FrameOptions, number: int):
         self._rows: dict[str, list] = {"index": [], "image": [], "mask": [], "labels": []}
@@ -88,7 +89,10 @@ class Hdf5Writer:
                 packed = {} if data.ndim < 3 or name in ("r_camera_m", "q_camera_from_body") else {
                     "chunks": (1, *data.shape[1:]), "compression": "gzip", "compression_opts": 1, "shuffle": True}
                 file.create_dataset(name, data=data, **packed)
-            file["image"].attrs["unit"] = self._unit
+            units = {f"products/{name}": UNITS[name] for name in file.get("products", {})}
+            for name, unit in {"image": self._unit, **units, "r_camera_m": "m", "mask": "1", "index": "1",
+                               "q_camera_from_body": "1", "sun_direction_camera": "1"}.items():
+                file[name].attrs["unit"] = unit
         return stream.getvalue()
 
 

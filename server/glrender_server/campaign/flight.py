@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -150,8 +150,7 @@ def _pointed(state: State, camera: PinholeCamera, r_m: np.ndarray, body: str) ->
     q = frames.quaternion(mounting.T @ frames.dcm(frames.look_at(r_m, np.zeros(3))))
     still = {name: Pose(r_inertial_m=pose.r_inertial_m, q_from_inertial=pose.q_from_inertial)
              for name, pose in state.bodies.items()}
-    return State(t_s=state.t_s, r_sun_inertial_m=state.r_sun_inertial_m, bodies=still,
-                 spacecraft=Pose(r_inertial_m=state.spacecraft.r_inertial_m, q_from_inertial=q))
+    return replace(state, bodies=still, spacecraft=Pose(r_inertial_m=state.spacecraft.r_inertial_m, q_from_inertial=q))
 
 
 def _seen_px(state: State, camera: PinholeCamera, body: str) -> tuple[float, float] | None:
