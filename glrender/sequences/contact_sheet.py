@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from glrender_camera.levels import black_and_white
 from PIL import Image, ImageDraw
 
 _DISPLAY_GAMMA = 2.2
@@ -14,7 +15,7 @@ _THUMB_PX, _COLUMNS, _GAP_PX = 220, 5, 6
 
 
 def contact_sheet(path: Path, images: list[tuple[str, np.ndarray]]) -> None:
-    """Write a PNG of named images, each scaled to the brightest 0.1 % of all, gamma 2.2.
+    """Write a PNG of named images, all from the darkest sky to the brightest light of any, gamma 2.2.
 
     Parameters
     ----------
@@ -22,8 +23,7 @@ def contact_sheet(path: Path, images: list[tuple[str, np.ndarray]]) -> None:
     images : list of (str, (height, width) array)
         Irradiance or digital numbers.
     """
-    lit = np.concatenate([image[image > 0].ravel()[:100_000] for _, image in images] or [np.ones(1)])
-    white = float(np.quantile(lit, 0.999)) if lit.size else 1.0
+    black, white = black_and_white(image for _, image in images)
     n_columns = min(_COLUMNS, len(images))
     n_rows = -(-len(images) // n_columns)
     height, width = images[0][1].shape
@@ -32,7 +32,7 @@ def contact_sheet(path: Path, images: list[tuple[str, np.ndarray]]) -> None:
     sheet = Image.new("L", (n_columns * (cell[0] + _GAP_PX) + _GAP_PX, n_rows * (cell[1] + 20 + _GAP_PX) + _GAP_PX), 30)
     draw = ImageDraw.Draw(sheet)
     for k, (name, image) in enumerate(images):
-        thumb = Image.fromarray(grey_levels(image, white)).resize(cell, Image.Resampling.BOX)
+        thumb = Image.fromarray(grey_levels(image, white, black=black)).resize(cell, Image.Resampling.BOX)
         x = _GAP_PX + (k % n_columns) * (cell[0] + _GAP_PX)
         y = _GAP_PX + (k // n_columns) * (cell[1] + 20 + _GAP_PX)
         sheet.paste(thumb, (x, y))
@@ -40,7 +40,7 @@ def contact_sheet(path: Path, images: list[tuple[str, np.ndarray]]) -> None:
     sheet.save(path)
 
 
-def grey_levels(image: np.ndarray, white: float, stretch: str = "gamma") -> np.ndarray:
+def grey_levels(image: np.ndarray, white: float, stretch: str = "gamma", black: float = 0.0) -> np.ndarray:
     """The grey levels of an image for the eye.
 
     Parameters
@@ -50,12 +50,14 @@ def grey_levels(image: np.ndarray, white: float, stretch: str = "gamma") -> np.n
         What is as bright or brighter has level 255.
     stretch : "gamma", "linear", "log" or "asinh"
         Gamma 2.2; the logarithm over three decades; asinh, linear below a hundredth of white and logarithmic above.
+    black : float
+        What is as dark or darker has level 0.
 
     Returns
     -------
     (height, width) uint8
     """
-    grey = np.clip(image / white, 0.0, 1.0)
+    grey = np.clip((image.astype(np.float64) - black) / (white - black), 0.0, 1.0)
     return np.rint(255.0 * _STRETCHES[stretch](grey)).astype(np.uint8)
 
 

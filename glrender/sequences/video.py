@@ -8,6 +8,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from glrender_camera.levels import black_and_white
 from glrender_camera.validate import within
 
 from ..base.errors import ConfigError
@@ -34,7 +35,7 @@ def check_video(path: Path, rate_hz: float) -> None:
 
 
 def write_video(path: Path, frames: Sequence[Path], rate_hz: float = 25.0) -> None:
-    """Write an MP4 of frames' files, grey levels of one scale for all: white is the brightest 0.1 % of any, gamma 2.2.
+    """Write an MP4 of frames' files, grey levels of one scale for all as of `black_and_white`, gamma 2.2.
 
     A process that is killed meanwhile leaves no such file; the frames are read twice. An odd size gets its last row or
     column twice.
@@ -53,7 +54,7 @@ def write_video(path: Path, frames: Sequence[Path], rate_hz: float = 25.0) -> No
         As of `check_video`; an OpenCV without a codec.
     """
     check_video(path, rate_hz)
-    white = max(_white(read_image(frame)) for frame in frames) or 1.0
+    black, white = black_and_white(read_image(frame) for frame in frames)
     height, width = read_image(frames[0]).shape
     # Codecs have even sizes; OpenCV would cut the last row off.
     beyond = [(0, height % 2), (0, width % 2)]
@@ -67,12 +68,6 @@ def write_video(path: Path, frames: Sequence[Path], rate_hz: float = 25.0) -> No
         raise ConfigError("video", f"needs an OpenCV with one of {', '.join(_CODECS)}",
                           hint="pip install opencv-python-headless, or make one of the frames by ffmpeg")
     for frame in frames:
-        writer.write(np.pad(grey_levels(read_image(frame), white), beyond, mode="edge"))
+        writer.write(np.pad(grey_levels(read_image(frame), white, black=black), beyond, mode="edge"))
     writer.release()
     os.replace(apart, path)
-
-
-def _white(image: np.ndarray) -> float:
-    """The level that the brightest 0.1 % of an image's lit pixels are above; 0 of a dark one."""
-    lit = image[image > 0]
-    return float(np.quantile(lit, 0.999)) if lit.size else 0.0

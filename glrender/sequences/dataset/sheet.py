@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from glrender_camera.levels import black_and_white
 from PIL import Image, ImageDraw
 
 from ..contact_sheet import grey_levels
@@ -19,7 +20,7 @@ _BOX, _SEEN, _HIDDEN, _LIT, _DARK, _FIGURE, _LIGHT = (
 
 
 def label_sheet(path: Path, dataset: DataSet) -> None:
-    """Write a PNG of up to 12 frames, each scaled to its brightest 0.1 %, with what their labels say.
+    """Write a PNG of up to 12 frames, each from its sky to its brightest light, with what their labels say.
 
     Blue are boxes; yellow and brown limb points that face the Sun and do not; green and red keypoints that are seen
     and hidden; a cyan cross is the centre of figure, a magenta one that of brightness.
@@ -39,15 +40,12 @@ def label_sheet(path: Path, dataset: DataSet) -> None:
 
 def _cell(folder: Path, index: int) -> Image.Image:
     frame = read_frame(folder, index)
-    pixels = frame.image.astype(np.float32)
-    beside = pixels[frame.mask == 0]
-    pixels -= np.median(beside) if beside.size else 0.0
-    lit = pixels[pixels > 0.0]
-    white = float(np.quantile(lit, 0.999)) if lit.size else 1.0
+    pixels = frame.image
+    black, white = black_and_white([pixels])
     height, width = pixels.shape
     scale = _CELL_PX / max(height, width)
     size = max(round(width * scale), 1), max(round(height * scale), 1)
-    picture = Image.fromarray(grey_levels(pixels, white)).resize(size, Image.Resampling.BOX).convert("RGB")
+    picture = Image.fromarray(grey_levels(pixels, white, black=black)).resize(size, Image.Resampling.BOX).convert("RGB")
     cell = Image.new("RGB", (size[0], size[1] + _TEXT_PX))
     cell.paste(picture)
     draw = ImageDraw.Draw(cell)

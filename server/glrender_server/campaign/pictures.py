@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from glrender_camera.levels import black_and_white
 from PIL import Image, ImageDraw
 
 _PICTURE_PX = 240
@@ -50,8 +51,8 @@ def strip_of(frames: Sequence[Frame]) -> bytes:
 
 def for_the_eye(frame: Frame) -> Image.Image:
     """A frame in grey, 240 px wide: a green ring where the body's origin is, an orange cross where it was found."""
-    dark, bright = np.quantile(frame.pixels, (0.02, 0.9995))
-    grey = np.clip((frame.pixels.astype(np.float32) - dark) / max(bright - dark, 1.0), 0.0, 1.0)
+    black, white = black_and_white([frame.pixels])
+    grey = np.clip((frame.pixels.astype(np.float32) - black) / (white - black), 0.0, 1.0)
     picture = Image.fromarray((255.0 * np.sqrt(grey)).astype(np.uint8)).convert("RGB")
     scale = _PICTURE_PX / picture.width
     picture = picture.resize((_PICTURE_PX, max(round(picture.height * scale), 1)), Image.Resampling.BILINEAR)

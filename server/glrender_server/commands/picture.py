@@ -10,6 +10,7 @@ import numpy as np
 from glrender import ConfigError
 from glrender.sequences.contact_sheet import STRETCHES, grey_levels
 from glrender.sequences.formats import FORMATS, FrameFile, write
+from glrender_camera.levels import black_and_white
 from glrender_camera.validate import did_you_mean, positive
 
 _PICTURES = (".png", ".jpg", ".jpeg")
@@ -62,22 +63,14 @@ def check_place(option: str, path: Path) -> None:
         raise ConfigError(option, "is a folder", str(path), "name a file in it")
 
 
-def write_frame(arguments: argparse.Namespace, frame: FrameFile, dark: float = 0.0) -> None:
-    """Write a frame as the arguments of `add_picture` say.
-
-    Parameters
-    ----------
-    arguments : Namespace
-    frame : FrameFile
-    dark : float
-        What a pixel without light has, in the frame's unit: black in a picture.
-    """
+def write_frame(arguments: argparse.Namespace, frame: FrameFile) -> None:
+    """Write a frame as the arguments of `add_picture` say."""
     path, ending = arguments.out, arguments.out.suffix.lower()
     if ending == ".npy":
         with open(path, "wb") as file:  # given a name, NumPy would add its own ending to .NPY
             np.save(file, frame.pixels)
     elif ending in _PICTURES and not arguments.raw:
-        write_picture(path, frame.pixels.astype(np.float32) - np.float32(dark), arguments.stretch, arguments.white)
+        write_picture(path, frame.pixels, arguments.stretch, arguments.white)
     else:
         write(path, frame)
 
@@ -86,7 +79,7 @@ def write_picture(path: Path, image: np.ndarray, stretch: str = "gamma", white: 
     """An 8-bit picture for the eye; what is brighter than `white`, the brightest 0.1 % by default, is white."""
     from PIL import Image
 
-    lit = image[image > 0.0]
-    if white is None:
-        white = float(np.quantile(lit, 0.999)) if lit.size else 1.0
-    Image.fromarray(grey_levels(image, white, stretch)).save(path)
+    black, brightest = black_and_white([image])
+    if white is not None and not white > black:
+        raise ConfigError("--white", f"must be above the sky's {black:g}", white)
+    Image.fromarray(grey_levels(image, brightest if white is None else white, stretch, black)).save(path)

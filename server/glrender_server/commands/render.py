@@ -33,8 +33,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.products and arguments.out.suffix.lower() in WITHOUT_PRODUCTS:
         raise ConfigError("--products", "need a file that holds them", str(arguments.out), "--out frame.fits")
     drawn = draw(arguments)
-    dark = 0.0 if drawn.capture.frame is None else drawn.camera.model.detector.offset_DN
-    write_frame(arguments, frame_file(drawn.scene, 0, drawn.state, drawn.options, drawn.capture), dark)
+    write_frame(arguments, frame_file(drawn.scene, 0, drawn.state, drawn.options, drawn.capture))
     said = {"file": str(arguments.out), **summary(drawn), "waited_s": round(waited_s(), 2)}
     sys.stdout.write(json.dumps(said) + "\n" if arguments.json else
                      f"{arguments.out}: {in_words(said)}, {said['waited_s']:.1f} s with start-up\n")
