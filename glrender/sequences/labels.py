@@ -15,6 +15,7 @@ from ..engines.rays.laser_ranges import laser_ranges
 from ..scene.scene import Scene
 from ..view.state import State
 from ..view.view import view_bodies
+from .far_bodies import point_label, small_boxes
 from .limb import limb_points
 
 PRODUCTS = ("body_id",)
@@ -29,7 +30,7 @@ Keypoints = Mapping[str, Mapping[str, Sequence[float] | np.ndarray]]
 
 def frame_labels(scene: Scene, state: State, camera: PinholeCamera, image: np.ndarray,
                  products: Mapping[str, np.ndarray], keypoints: Keypoints | None = None,
-                 n_limb_points: int = 0) -> dict[str, Any]:
+                 n_limb_points: int = 0, irradiance_W_m2: np.ndarray | None = None) -> dict[str, Any]:
     """Labels of one frame, as plain data.
 
     Parameters
@@ -44,6 +45,8 @@ def frame_labels(scene: Scene, state: State, camera: PinholeCamera, image: np.nd
     keypoints : mapping, optional
     n_limb_points : int, 0..1000
         Points of each body's outline, as of `limb_points`.
+    irradiance_W_m2 : (height, width) float32, optional
+        Of the bodies, beside an image of digital numbers: for the centres of bodies below 3 px. The image by default.
 
     Returns
     -------
@@ -51,9 +54,10 @@ def frame_labels(scene: Scene, state: State, camera: PinholeCamera, image: np.nd
         `sun_direction_camera`, and `bodies` by name: `r_camera_m`, `q_camera_from_body`, `range_m`, `phase_deg`,
         `origin_px` (of the body's frame; None behind the camera), `n_px` (pixels whose centre sees it), `box_px`
         (x0, y0, x1, y1, one past the last; None if it is not seen), `centre_of_figure_px`, `centre_of_brightness_px`
-        (weighted by `image` above its median beside all bodies), `keypoints`: place, and whether it is in view
-        and seen, by a ray; `limb` where points of it are asked for. Pixels are as of docs/conventions.md: (0, 0) is
-        the centre of the top-left one.
+        (weighted by `image` above its median beside all bodies; of a body below 3 px by the irradiance in the pixels
+        that it touches), `light_box_px` (of a body below 3 px: the pixels with its light, as of `point_label`; else
+        None), `keypoints`: place, and whether it is in view and seen, by a ray; `limb` where points of it are asked
+        for. Pixels are as of docs/conventions.md: (0, 0) is the centre of the top-left one.
 
     Raises
     ------
@@ -67,6 +71,7 @@ def frame_labels(scene: Scene, state: State, camera: PinholeCamera, image: np.nd
     light = image.astype(np.float64) - (np.median(beside) if beside.size else 0.0)
     bodies = {}
     views = view_bodies(state, camera, {body.name: body.hull for body in scene.bodies})
+    small = small_boxes(views, camera)
     for number, (body, view) in enumerate(zip(scene.bodies, views, strict=True)):
         r = -view.camera_from_body @ (view.r_camera_body_m + view.centre_m)
         places = (keypoints or {}).get(view.name, {})
@@ -74,7 +79,9 @@ def frame_labels(scene: Scene, state: State, camera: PinholeCamera, image: np.nd
             "r_camera_m": r.tolist(), "q_camera_from_body": quaternion(view.camera_from_body).tolist(),
             "range_m": float(np.linalg.norm(r)), "phase_deg": float(np.degrees(view.phase_rad)),
             "origin_px": camera.project(r).tolist() if r[2] > 0.0 else None,
-            **_silhouette(products["body_id"] == number, light),
+            **_silhouette(products["body_id"] == number, light), "light_box_px": None,
+            **(point_label(number, small, products["body_id"], image,
+                           image if irradiance_W_m2 is None else irradiance_W_m2) if number in small else {}),
             "keypoints": _keypoints(scene, state, camera, places, r + np.array(
                 list(places.values()), float).reshape(-1, 3) @ view.camera_from_body.T,
                 _SEEN_WITHIN * body.hull.radius_m)}

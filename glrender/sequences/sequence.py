@@ -223,6 +223,6 @@ def frame_file(scene: Scene, index: int, state: State, options: FrameOptions, ca
     header = frame_header(scene, index, state, options, capture)
     if options.has_labels:
         header["labels"] = labels.frame_labels(scene, state, scene.camera(options.camera), pixels, capture.products,
-                                               options.keypoints, options.limb_points)
+                                               options.keypoints, options.limb_points, capture.irradiance_W_m2)
     kept = {name: capture.products[name] for name in options.products}
     return FrameFile(pixels=pixels, unit=options.unit, products=kept, header=header)

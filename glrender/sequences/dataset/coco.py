@@ -1,6 +1,7 @@
 """COCO: images in folders and one `annotations.json` of boxes, masks and keypoints.
 
 An image's `header` is its frame's, without the labels; `date_captured` is TDB.
+A body that no pixel's centre sees, but whose light is seen, has the box of that light, and it as its mask.
 Boxes are [x, y, width, height] from the image's corner, masks are run lengths down the columns, keypoints are
 [x, y, v] with (0, 0) the centre of the top-left pixel: v is 0 out of the image, 1 hidden, 2 seen.
 """
@@ -45,7 +46,7 @@ class CocoWriter:
                              "header": {name: value for name, value in record.items() if name != "labels"}})
         for number, name in enumerate(self._bodies):
             label = record["labels"]["bodies"][name]
-            if label["n_px"]:
+            if label["n_px"] or label["light_box_px"]:
                 self._annotations.append(_annotation(index, number, len(self._bodies), label,
                                                      frame.products["body_id"] == number))
 
@@ -71,12 +72,15 @@ def merged(scene: Scene, keypoints: Keypoints, shards: Sequence[Path]) -> bytes:
 
 def _annotation(index: int, number: int, n_bodies: int, label: Mapping[str, Any], is_seen: np.ndarray
                 ) -> dict[str, Any]:
-    x0, y0, x1, y1 = label["box_px"]
+    x0, y0, x1, y1 = label["box_px"] or label["light_box_px"]
+    if not label["n_px"]:
+        is_seen = np.zeros_like(is_seen)
+        is_seen[y0:y1, x0:x1] = True
     keypoints = []
     for point in label["keypoints"].values():
         keypoints += [*point["px"], 2 if point["is_seen"] else 1] if point["is_in_view"] else [0, 0, 0]
     return {"id": index * n_bodies + number + 1, "image_id": index, "category_id": number + 1, "iscrowd": 0,
-            "area": label["n_px"], "bbox": [x0, y0, x1 - x0, y1 - y0],
+            "area": int(is_seen.sum()), "bbox": [x0, y0, x1 - x0, y1 - y0],
             "segmentation": {"size": list(is_seen.shape), "counts": run_lengths(is_seen)},
             "keypoints": keypoints, "num_keypoints": sum(v > 0 for v in keypoints[2::3]),
             "r_camera_m": label["r_camera_m"], "q_camera_from_body": label["q_camera_from_body"]}
