@@ -69,6 +69,9 @@ class FrameOptions:
             raise ConfigError("products", "must not have 'irradiance' beside output 'dn': it is another image",
                               list(self.products), "leave it out, or draw a second sequence of output 'irradiance'")
         object.__setattr__(self, "products", checked_products(self.products))
+        if self.products and self.format == "png":
+            raise ConfigError("products", "must be none with format png, which holds the image alone",
+                              list(self.products), "use fits, npz or exr")
         if self.exposure_s is not None:
             checked_exposure("exposure_s", self.exposure_s)
             if self.output != "dn":

@@ -16,6 +16,7 @@ from glrender.sequences.options import FrameOptions
 from missing import needed_module
 
 FOCAL_PX, RADIUS_M, SIZE = 200.0, 100.0, (96, 80)
+RADII_M = {"moon": RADIUS_M, "other": 1.5 * RADIUS_M}
 DETECTOR = {"quantum_efficiency": 0.5, "full_well_electrons": 3e6, "gain_DN_per_electron": 0.002, "bit_depth": 12,
             "offset_DN": 20.0, "read_noise_electrons": 500.0}
 MIDDLE = np.array([47.5, 39.5])
@@ -24,7 +25,7 @@ MIDDLE = np.array([47.5, 39.5])
 def scene_of(names=("moon",), **camera):
     model = {"exposure_s": 5e-3, "optics": {"aperture_diameter_m": 0.0006, "psf_sigma_px": 0.7}, "detector": DETECTOR}
     return Scene.from_dict({
-        "bodies": [{"name": name, "generated": {"kind": "icosphere", "radius_m": RADIUS_M * (1.0 if name == "moon" else 1.5)},
+        "bodies": [{"name": name, "generated": {"kind": "icosphere", "radius_m": RADII_M[name]},
                     "brdf": {"law": "lambert", "normal_albedo": 0.1}} for name in names],
         "cameras": [{"name": "c", "width_px": SIZE[0], "height_px": SIZE[1], "focal_length_px": FOCAL_PX,
                      "model": model, **camera}]})

@@ -7,16 +7,18 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import serving
 import views
-from glrender import ConfigError, State, load_scene, open_renderer, take_frame
-from glrender.sequences.formats import FORMATS
+from glrender import Body, ConfigError, Scene, State, load_scene, open_renderer, take_frame
+from glrender.brdf import Lambert
+from glrender.sequences.formats import FORMATS, FrameFile, write
 from glrender.sequences.read import read_image
-from glrender.sequences.sequence import FrameOptions, FrameSequence
+from glrender.sequences.sequence import FrameOptions, FrameSequence, digest_of_scene
 from glrender_camera.pattern import seed_of
 from glrender_server.cli import main
 from missing import needed_module
@@ -149,9 +151,57 @@ def test_another_scene_is_another_sequence(files, whole, tmp_path):
         list(sequence(load_scene(tmp_path / "scene.toml"), whole).draw(1))
 
 
+PLATE = "v -50 -50 0\nv 50 -50 0\nv 50 50 0\nv -50 50 0\n{}f 1/1 3/3 2/2\nf 1/1 4/4 3/3\n"
+PLATES = {"first": (0, 1, 1, 0), "again": (0, 1, 1, 0), "mirrored": (1, 0, 0, 1), "moved": (0, 1, 1, 0.01)}
+
+
+def plate(folder, name):
+    """A textured plate whose texture coordinates are those of the name, read of a file of the name."""
+    corners = "".join(f"vt {u} {v}\n" for u, v in zip(PLATES[name], (0, 0, 1, 1), strict=True))
+    (folder / f"{name}.obj").write_text(PLATE.format(corners))
+    law = Lambert(normal_albedo=0.3)
+    body = Body.from_file(folder / f"{name}.obj", name="plate", length_unit="m", brdf=law)
+    body = replace(body, albedo_map=np.linspace(0.2, 1.0, 64).reshape(1, 64))
+    return Scene(bodies=[body], cameras=[views.camera(48)])
+
+
+def test_the_digest_is_of_the_content_and_of_all_of_it(tmp_path):
+    """Texture coordinates count, file names do not; a law without a __repr__ of its own counts by what it holds."""
+    digests = {name: digest_of_scene(plate(tmp_path, name)) for name in PLATES}
+    assert digests["first"] == digests["again"] and len(set(digests.values())) == 3
+
+    class Rough:
+        def __init__(self, *values):
+            self.values = np.array(values)
+
+    class Smooth(Rough):
+        pass
+
+    assert digest_of_scene([Rough(1.0, 2.0)]) == digest_of_scene([Rough(1.0, 2.0)])
+    others = [[Rough(1.0, 2.0)], [Rough(1.0, 3.0)], [Smooth(1.0, 2.0)], [], [[]], [()], [None], ["None"], [1], [1.0],
+              {1: 1}]
+    assert len({digest_of_scene(other) for other in others}) == len(others)
+
+
+def test_numbers_of_facets_are_whole_in_exr(tmp_path):
+    """Beyond 2**24, where float32 has every second number; beside the bodies -1, as 32 bits without a sign have it."""
+    exr = needed_module("OpenEXR", "pip install 'glrender[exr]'")
+    ids = np.array([[-1, 0, 1], [2**24 - 1, 2**24 + 1, 2**31 - 1]], np.int32)
+    products = {"facet_id": ids, "body_id": ids, "range": np.full((2, 3), 2.5),
+                "r_body": np.ones((2, 3, 3), np.float32)}
+    write(tmp_path / "f.exr", FrameFile(pixels=np.ones((2, 3), np.float32), unit="W/m2", products=products, header={}))
+    with exr.File(str(tmp_path / "f.exr")) as file:
+        channels = file.channels()
+        for name in ("facet_id", "body_id"):
+            assert channels[name].pixels.dtype == np.uint32
+            np.testing.assert_array_equal(channels[name].pixels.astype(np.int32), ids)
+        assert channels["range"].pixels.dtype == np.float32 and "r_body.X" in channels
+
+
 @pytest.mark.parametrize("options, message", [
     ({"format": "jpg"}, "format: must be one of fits"),
     ({"format": "png", "output": "irradiance"}, "png holds digital"),
+    ({"format": "png", "products": ("range",)}, "products: must be none with format png, which holds the image alone"),
     ({"products": ("irradiance", "range")}, "must not have 'irradiance' beside output 'dn': .* a second sequence"),
     ({"output": "image"}, "output"), ({"seed": -1}, "seed")])
 def test_options_that_are_none(scene, tmp_path, options, message):
