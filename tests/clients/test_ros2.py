@@ -208,7 +208,7 @@ def test_the_node_publishes_what_the_server_draws(node_module, conversion, store
         state = conversion.state_of((5, 500_000_000), (1e11, 0.0, -1e11), conversion.pose_of(
             (0.0, 0.0, -1500.0), (0.0, 0.0, 0.0, 1.0)), {"body": conversion.pose_of((0, 0, 0), (0.0, 0.0, 0.0, 1.0))})
         with Client(endpoint) as client:
-            expected = client.render(state, "navcam", output="dn", seed=3).pixels
+            expected = client.render(state, "navcam", output="dn", seed=3 * 2**32).pixels
         pixels = np.frombuffer(images[0].data, "<u2").reshape(images[0].height, images[0].width)
         np.testing.assert_array_equal(pixels, expected)
         assert pixels.max() > 100 and images[0].encoding == "mono16"
