@@ -158,6 +158,16 @@ def test_what_an_image_does_not_have_is_nan(fmpy, units, endpoint):
         assert math.isnan(last["brightness_x_px"]) != is_bright
 
 
+@pytest.mark.parametrize("version", [2, 3])
+def test_before_the_first_frame_nothing_is_measured(fmpy, units, endpoint, version):
+    """At t = 0 all numbers are NaN, and `is_valid` is false."""
+    first = fmpy.simulate_fmu(str(units[version]), stop_time=1.0, output_interval=1.0,
+                              start_values=start(endpoint, 30.0))[0]
+    assert first["time"] == 0.0 and not first["is_valid"]
+    numbers = [name for name in first.dtype.names if name not in ("time", "is_valid")]
+    assert len(numbers) == 10 and all(math.isnan(first[name]) for name in numbers)
+
+
 @pytest.mark.parametrize("version, status", [(2, "fatal"), (3, "error")])
 @pytest.mark.parametrize("more, said", [
     ({"endpoint": "tcp://127.0.0.1:9", "timeout_s": 0.2}, "nothing listens there"), ({"camera": "far"}, "navcam, bent"),

@@ -81,7 +81,7 @@ class CameraUnit:
         self.inputs["sun.r_x_m"] = _AU_M
         for frame in ("spacecraft", *map(_name, self._bodies)):
             self.inputs |= {f"{frame}.{name}": float(name == "q_w") for name in (*_POSITION, *_QUATERNION)}
-        self.outputs = dict.fromkeys(OUTPUTS, 0.0)
+        self.outputs = dict.fromkeys(OUTPUTS, math.nan)  # before the first frame
         self.is_valid = False
         self._client: Client | None = None
         self._camera: dict[str, Any] = {}
