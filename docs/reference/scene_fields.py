@@ -180,9 +180,10 @@ SCENARIO: tuple[Table, ...] = (
         **_ABOUT, **_epoch("epoch", "When the spacecraft is at its northernmost; the start by default.")}),
     Table("trajectory, kind = \"csv\"", more={**_FILE, **_ABOUT}),
     Table("trajectory, kind = \"parquet\"", more={**_FILE, **_ABOUT}),
-    Table("trajectory, kind = \"oem\"", more={
-        **_FILE, "about": ("text", "\"sun\", or the name of a body; by default the one of the file's CENTER_NAME."),
-        **_OBJECT, "center_name": ("text", "What the file calls `about`, if it has another name there.")}),
+    *(Table(f"trajectory, kind = \"{kind}\"", more={
+        **_FILE, "about": ("text", f"\"sun\", or the name of a body; by default the one of the file's {centre}."),
+        **_OBJECT, "center_name": ("text", "What the file calls `about`, if it has another name there.")})
+      for kind, centre in (("oem", "CENTER_NAME"), ("horizons", "\"Center body name\""))),
     Table("trajectory, kind = \"spice\"", more={"about": ("text", "A body, \"sun\", or of a body \"spacecraft\".")}),
     Table("trajectory, kind = \"isd\"", more={
         **_ABOUT, "files": ("list of text", "ISDs, one an image.")}),

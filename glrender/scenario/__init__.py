@@ -10,6 +10,7 @@ from .encounter import Encounter
 from .epochs import Epoch
 from .files.aem import attitude_of_aem
 from .files.ccsds import trajectory_of_oem
+from .files.horizons import trajectory_of_horizons
 from .files.scenario_file import load_believed_scene, load_scenario, scenario_of_table
 from .files.state_files import attitude_of_csv, attitude_of_parquet, trajectory_of_csv, trajectory_of_parquet
 from .files.sum_files import SumImage, image_of_sum
@@ -33,4 +34,4 @@ __all__ = ["AtRest", "Attitude", "AttitudeTable", "Belief", "BodyBelief", "Camer
            "SpiceAttitude", "SpiceTrajectory", "Spin", "SumImage", "Thruster", "Times", "Trajectory", "TrajectoryTable",
            "Wheels", "attitude_of_aem", "attitude_of_csv", "attitude_of_parquet", "camera_of_kernel", "circular_orbit",
            "image_of_sum", "load_believed_scene", "load_scenario", "scenario_of_table", "trajectory_of_csv",
-           "trajectory_of_oem", "trajectory_of_parquet"]
+           "trajectory_of_horizons", "trajectory_of_oem", "trajectory_of_parquet"]

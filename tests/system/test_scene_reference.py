@@ -90,7 +90,7 @@ FILES = {
     'trajectory, kind = "kepler"': (scenario(trajectory={"kind": "kepler", "epoch_tdb": "2020-01-01"}),
                                     ("trajectory",)),
     **{f'trajectory, kind = "{kind}"': (scenario(trajectory={"kind": kind}), ("trajectory",))
-       for kind in ("at_rest", "hovering", "circular", "csv", "parquet", "oem")},
+       for kind in ("at_rest", "hovering", "circular", "csv", "parquet", "oem", "horizons")},
     'trajectory, kind = "isd"': (scenario(trajectory={"kind": "isd"}), ("trajectory",)),
     **{f'attitude, mode = "{mode}"': (scenario(attitude={"mode": mode}), ("attitude",))
        for mode in ("target", "nadir", "fixed", "spin", "csv", "parquet", "aem", "rigid_body")},

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from glrender_camera.validate import text
 
 from ...base.errors import ConfigError, error_path
 from ..paths import Trajectory
-from .kvn import INERTIAL, of_one_object, one_value, same, segments_of, since
+from .kvn import INERTIAL, centre_of, of_one_object, one_value, segments_of, since
 from .tables import Segments, TrajectoryTable
 
 _M_PER_KM = 1000.0
@@ -56,7 +55,7 @@ def trajectory_of_oem(path: str | Path, about: str | Sequence[str], object_name:
     segments = of_one_object(path, segments, object_name, bodies)
     parts = []
     with error_path(path.name):
-        centre = _centre(one_value(segments, "CENTER_NAME"), [about] if isinstance(about, str) else about, center_name)
+        centre = centre_of("CENTER_NAME", [one_value(segments, "CENTER_NAME")], about, center_name)
         for segment in segments:
             segment.value("REF_FRAME", INERTIAL)
             epochs, numbers = segment.table((6, 9))
@@ -69,17 +68,3 @@ def trajectory_of_oem(path: str | Path, about: str | Sequence[str], object_name:
             parts.append(TrajectoryTable(times_s=since(epochs), about=centre, epoch=epochs[0], r_m=states[:, :3],
                                          v_m_s=states[:, 3:], span_s=(first - epochs[0], last - epochs[0])))
     return parts[0] if len(parts) == 1 else Segments(parts=parts)
-
-
-def _centre(in_file: str, names: Sequence[str], center_name: str | None) -> str:
-    """Which of the scenario's names the file's centre has."""
-    if center_name is not None:
-        if not same(text("center_name", center_name), in_file):
-            raise ConfigError("CENTER_NAME", f"must be {center_name!r}, the center_name that is asked for", in_file)
-        return names[0]
-    for name in names:
-        if same(name, in_file):
-            return name
-    raise ConfigError("CENTER_NAME", f"must be {' or '.join(map(repr, names))}", in_file,
-                      f"write center_name = {in_file!r} and `about` if one of these is the same place, or give the "
-                      "body that it is")

@@ -169,6 +169,38 @@ def of_one_object(path: Path, segments: list[Segment], name: str | None, bodies:
     return [segment for segment in segments if name is None or same(name, segment.meta.get("OBJECT_NAME", ""))]
 
 
+def centre_of(field: str, in_file: Sequence[str], about: str | Sequence[str], center_name: str | None) -> str:
+    """Which of the scenario's names a file's centre has.
+
+    Parameters
+    ----------
+    field : str
+        The file's, for messages.
+    in_file : sequence of str
+        What the file calls it, in full and in short.
+    about : str, or sequence of str
+        Names in the scenario; of several the one that is called so.
+    center_name : str, optional
+        What the file is said to call `about`.
+
+    Raises
+    ------
+    ConfigError
+        Another centre.
+    """
+    names = [about] if isinstance(about, str) else about
+    if center_name is not None:
+        if not any(same(text("center_name", center_name), name) for name in in_file):
+            raise ConfigError(field, f"must be {center_name!r}, the center_name that is asked for", in_file[0])
+        return names[0]
+    for name in names:
+        if any(same(name, other) for other in in_file):
+            return name
+    raise ConfigError(field, f"must be {' or '.join(map(repr, names))}", in_file[0],
+                      f"write center_name = {in_file[-1]!r} and `about` if one of these is the same place, or give the "
+                      "body that it is")
+
+
 def same(a: str, b: str) -> bool:
     """Whether two names are one, but for case, spaces and punctuation."""
     return _bare(a) == _bare(b)

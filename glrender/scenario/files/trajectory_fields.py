@@ -20,6 +20,7 @@ from ..spice.kernels import Spice
 from ..spice.sources import SpiceTrajectory
 from .ccsds import trajectory_of_oem
 from .fields import Known, a_table, made, taken_epoch
+from .horizons import trajectory_of_horizons
 from .state_files import trajectory_of_csv, trajectory_of_parquet
 
 
@@ -147,14 +148,23 @@ def _parquet(known: Known, table: dict[str, Any], target: str) -> Trajectory:
 
 
 def _oem(known: Known, table: dict[str, Any], target: str) -> Trajectory:
+    return _of_message(trajectory_of_oem, known, table, target)
+
+
+def _horizons(known: Known, table: dict[str, Any], target: str) -> Trajectory:
+    return _of_message(trajectory_of_horizons, known, table, target)
+
+
+def _of_message(read: Callable[..., Trajectory], known: Known, table: dict[str, Any], target: str) -> Trajectory:
+    """The trajectory of a file that says itself what moves about what."""
     known_keys("", table, ("file", "about", "object_name", "center_name"), required=("file",))
     about: str | list[str] = known.about(table)
     if "about" not in table and "center_name" not in table:
         about = [name for name in (*known.names, SUN) if name != target]
     # A body's file is about it; the spacecraft's is about no body.
     name = None if target == SPACECRAFT else target
-    return trajectory_of_oem(known.file(table), about, table.get("object_name", name),
-                             center_name=table.get("center_name"), bodies=(*known.names, SUN))
+    return read(known.file(table), about, table.get("object_name", name), center_name=table.get("center_name"),
+                bodies=(*known.names, SUN))
 
 
 def _spice(known: Known, table: dict[str, Any], target: str) -> Trajectory:
@@ -172,4 +182,4 @@ def _isd(known: Known, table: dict[str, Any], target: str) -> PlacesAtImages:
 
 _KINDS: dict[str, Callable[[Known, dict[str, Any], str], Trajectory]] = {
     "kepler": _kepler, "at_rest": _at_rest, "hovering": _hovering, "circular": _circular, "csv": _csv,
-    "parquet": _parquet, "oem": _oem, "spice": _spice, "isd": _isd}
+    "parquet": _parquet, "oem": _oem, "horizons": _horizons, "spice": _spice, "isd": _isd}
