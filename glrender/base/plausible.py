@@ -75,11 +75,11 @@ class Rule:
         return bool(((size >= self.low) & (size <= self.high)).all())
 
     def way_out(self, value: Any) -> str:
-        """The units in which the value would be likely, with what to write then; else a question after the unit."""
+        """The first two units in which the value would be likely, with what to write then; else the field's own."""
         numbers = np.asarray(value, float)
         meant = [f"in {unit}? then write {_text(numbers * factor)}" for unit, factor in self.others
                  if self.is_likely(value, factor)]
-        return ", ".join(meant) or f"check its unit, {self.unit}"
+        return ", ".join(meant[:2]) or f"check its unit, {self.unit}"
 
 
 def _length(value: Any) -> float:
@@ -88,8 +88,8 @@ def _length(value: Any) -> float:
 
 _LENGTHS = (("mm", 1e-3), ("cm", 1e-2), ("um", 1e-6), ("km", 1e3))
 _FAR = (("km", 1e3), ("au", AU_M))
-_TURNS = (("deg/s", math.pi / 180.0), ("deg/h", math.pi / 648e3), ("rpm", math.pi / 30.0))
-_TIMES = (("h", 3600.0), ("min", 60.0), ("days", 86400.0))
+_TURNS = (("deg/s", math.pi / 180.0), ("rpm", math.pi / 30.0))
+_TIMES = (("h", 3600.0), ("min", 60.0))
 _SUN = tuple(AU_M * au for au in SUN_DISTANCES_AU)
 _TURN = 2.0 * math.pi
 _ROCK, _STEADY = SHORTEST_PERIOD_OF_ROCKS_S, SHORTEST_PERIOD_S

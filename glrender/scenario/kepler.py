@@ -10,8 +10,9 @@ from glrender_camera.validate import finite, one_of, position, within
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
-from ..base.constants import GM_SUN_M3_S2, OBLIQUITY_J2000_RAD
+from ..base.constants import GM_SUN_M3_S2, OBLIQUITY_J2000_RAD, SUN_RADIUS_M
 from ..base.errors import ConfigError
+from ..base.plausible import way_out
 from .checks import angle_deg, gm, length, velocity
 from .epochs import Epoch, needed
 
@@ -50,6 +51,7 @@ class Kepler:
         object.__setattr__(self, "v_m_s", velocity("v_m_s", self.v_m_s))
         if not np.linalg.norm(self.r_m) > 1e-3:
             raise ConfigError("r_m", "must be at least a millimetre away", self.r_m.tolist())
+        _beyond_sun("r_m", self.about, self.r_m, float(np.linalg.norm(self.r_m)))
         object.__setattr__(self, "gravitational_parameter_m3_s2",
                            _checked_gm(self.about, self.gravitational_parameter_m3_s2))
 
@@ -76,7 +78,7 @@ class Kepler:
         Raises
         ------
         ConfigError
-            An ellipse with a negative axis, a hyperbola with a positive one, a parabola.
+            An ellipse with a negative axis, a hyperbola with a positive one, a parabola; an orbit within the Sun.
 
         Source: Vallado (2013), algorithm 10, COE2RV.
         """
@@ -88,6 +90,8 @@ class Kepler:
         length("semi_major_axis_m", abs(a))
         if not a * (1.0 - e) > 0.0:
             raise ConfigError("semi_major_axis_m", f"must be {'> 0' if e < 1.0 else '< 0 for a hyperbola'}", a)
+        # A hyperbola's axis may be shorter than its periapsis.
+        _beyond_sun("semi_major_axis_m", about, a, a if e < 1.0 else a * (1.0 - e))
         mu = _checked_gm(about, gravitational_parameter_m3_s2)
         cos_nu, sin_nu = _true_anomaly(np.radians(angle_deg("mean_anomaly_deg", mean_anomaly_deg)), e)
         p = a * (1.0 - e * e)
@@ -220,6 +224,13 @@ def _true_anomaly(mean_anomaly: float, e: float) -> tuple[float, float]:
     x = brentq(lambda x: e * np.sinh(x) - x - mean_anomaly, -end, end, xtol=1e-15)
     scale = e * np.cosh(x) - 1.0
     return (e - np.cosh(x)) / scale, np.sqrt(e * e - 1.0) * np.sinh(x) / scale
+
+
+def _beyond_sun(name: str, about: str, value: Any, size_m: float) -> None:
+    """Refuse a place or an axis within the Sun: it is in another unit."""
+    if about == "sun" and not size_m > SUN_RADIUS_M:
+        raise ConfigError(name, f"must be more than the Sun's radius, {SUN_RADIUS_M:g} m",
+                          np.asarray(value).tolist(), way_out("orbit about the Sun", name, value))
 
 
 def _checked_gm(about: str, value: float | None) -> float:

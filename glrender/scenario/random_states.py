@@ -153,7 +153,7 @@ class RandomStates:
 
     def check(self) -> list[str]:
         """What is worth a warning, in sentences: views rejected, a body that is small at its farthest."""
-        told, n = list(self.setting.notes), len(self.states())
+        told, n = [*self.setting.notes, *map(str, self.setting.doubts)], len(self.states())
         if self.rejected:
             all_of = n + sum(self.rejected.values())
             reasons = ", ".join(f"{reason} {count / all_of:.1%}" for reason, count in self.rejected.items())

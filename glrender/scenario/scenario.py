@@ -11,15 +11,26 @@ import numpy as np
 
 from ..base.constants import SUN_RADIUS_M
 from ..base.errors import ConfigError, SceneError, error_path
+from ..base.plausible import Advice
 from ..base.rotations import dcm
+from ..scene.body import Body
 from ..scene.scene import Scene
 from ..view.state import Pose, State
 from .attitude import Attitude, Fixed, Geometry
 from .belief.belief import Belief
 from .epochs import Epoch
 from .paths import Trajectory
+from .plausible import (
+    SPACECRAFT,
+    SUN,
+    Written,
+    doubted,
+    overlap_doubts,
+    refuse_impossible,
+    scenario_doubts,
+    written_objects,
+)
 
-SUN, SPACECRAFT = "sun", "spacecraft"
 # Of a file there is always one: who reads `scenario.scene` need not ask.
 _NO_SCENE: Any = None
 
@@ -51,6 +62,8 @@ class Scenario:
         Places (3,) [m] in a body's frame, by the names of the body and the keypoint: for labels.
     belief : Belief
         How the on-board side has the scene.
+    written : sequence of Written
+        Where a file has the trajectories and attitudes: what messages call their fields. By default the objects'.
 
     Raises
     ------
@@ -69,6 +82,7 @@ class Scenario:
     notes: Sequence[str] = ()
     keypoints: Mapping[str, Mapping[str, np.ndarray]] = field(default_factory=dict)
     belief: Belief = field(default_factory=Belief)
+    written: Sequence[Written] = ()
 
     def __post_init__(self):
         names = self.names
@@ -136,14 +150,34 @@ class Scenario:
         """The states of `states`, one after the other."""
         geometry = self.geometry(self.t_s if t_s is None else t_s)
         turned = self._turned(geometry)
-        for index, t in enumerate(geometry.t_s):
-            rates = {name: None if rate is None else rate[index] for name, (_, rate) in turned.items()}
-            pose = {name: Pose(r_inertial_m=geometry.r_m[name][index], q_from_inertial=turned[name][0][index],
-                               v_inertial_m_s=geometry.v_m_s[name][index] - geometry.v_m_s[SUN][index],
-                               angular_velocity_rad_s=rates[name])
-                    for name in (SPACECRAFT, *self.bodies)}
-            yield State(t_s=float(t), r_sun_inertial_m=geometry.r_m[SUN][index], spacecraft=pose.pop(SPACECRAFT),
-                        bodies=pose, date_tdb=None if self.start is None else self.start.after(t).tdb)
+        with doubted(self.doubts):
+            for index in range(len(geometry.t_s)):
+                yield self._state(index, geometry, turned)
+
+    def _state(self, index: int, geometry: Geometry,
+               turned: Mapping[str, tuple[np.ndarray, np.ndarray | None]]) -> State:
+        rates = {name: None if rate is None else rate[index] for name, (_, rate) in turned.items()}
+        pose = {name: Pose(r_inertial_m=geometry.r_m[name][index], q_from_inertial=turned[name][0][index],
+                           v_inertial_m_s=geometry.v_m_s[name][index] - geometry.v_m_s[SUN][index],
+                           angular_velocity_rad_s=rates[name])
+                for name in (SPACECRAFT, *self.bodies)}
+        return State(t_s=float(geometry.t_s[index]), r_sun_inertial_m=geometry.r_m[SUN][index],
+                     spacecraft=pose.pop(SPACECRAFT), bodies=pose,
+                     date_tdb=None if self.start is None else self.start.after(float(geometry.t_s[index])).tdb)
+
+    @property
+    def scene_bodies(self) -> Sequence[Body]:
+        """The scene's bodies; none without a scene."""
+        return () if self.scene is None else self.scene.bodies
+
+    @cached_property
+    def doubts(self) -> tuple[Advice, ...]:
+        """Warnings of fields that are improbable, most often for their unit."""
+        return tuple(scenario_doubts(self._fields, self.scene_bodies))
+
+    @property
+    def _fields(self) -> Sequence[Written]:
+        return self.written or written_objects(self.trajectories, self.attitudes)
 
     def check(self) -> list[str]:
         """What is worth a warning before the first frame is drawn, in sentences; nothing is drawn.
@@ -155,11 +189,14 @@ class Scenario:
         """
         if not len(self.t_s):
             raise SceneError("time", "gives no frame", hint="ask for one frame at least")
+        refuse_impossible(self._fields, self.scene_bodies)
         states = self.states()
-        for index, state in enumerate(states):
-            self._refuse_inside(index, state)
+        with doubted(self.doubts):
+            for index, state in enumerate(states):
+                self._refuse_inside(index, state)
         cameras = [] if self.scene is None else self.scene.cameras
-        return [*self.notes, *self._of_sources(),
+        doubts = [*self.doubts, *overlap_doubts(states, self.scene_bodies, self._fields, self.doubts)]
+        return [*self.notes, *map(str, doubts), *self._of_sources(),
                 *(told for camera in cameras for told in self._of_camera(camera, states))]
 
     def _of_sources(self) -> list[str]:

@@ -108,10 +108,13 @@ def fixed(q):
     ("[time]", '[attitude]\nmode = "csv"\nfile = "q.csv"\n[time]', "s.toml.attitude.q_from_inertial[1]: norm must be 1 "
      "within 0.001, is 1.01, got [1.01, 0.0, 0.0, 0.0]; normalise [w, x, y, z] first"),
     # Places that cannot be.
-    ("[9000.0, 0.0, 0.0]", "[100.0, 0.0, 0.0]", "spacecraft: is inside '67p' (frame 0, t_s = 0), at [m] from its "
-     "origin, got [100.0, 0.0, 0.0]; give a trajectory that keeps farther away"),
-    ("r_m = [1.5e11, 0.0, 0.0]", "r_m = [1e8, 0.0, 0.0]", "bodies.67p: is inside the Sun (frame 0, t_s = 0), "
-     "got 100000000.0"),
+    ("[9000.0, 0.0, 0.0]", "[-1046.0, 1692.0, 0.0]", "spacecraft: is inside '67p' (frame 0, t_s = 0), at [m] from its "
+     "origin, got [-1046.0, 1692.0, 0.0]; give a trajectory that keeps farther away"),
+    ("[9000.0, 0.0, 0.0]", "[9.0, 0.0, 0.0]", "s.toml.trajectory.r_m: must be more than 1964.49 m from the centre of "
+     "'67p', which is solid to there, got [9.0, 0.0, 0.0]; in km? then write [9000.0, 0.0, 0.0]"),
+    ("r_m = [1.5e11, 0.0, 0.0]", "r_m = [1.5e8, 0.0, 0.0]", "s.toml.sun.r_m: must be more than the Sun's radius, "
+     "6.957e+08 m, got [150000000.0, 0.0, 0.0]; in km? then write [1.5e+11, 0, 0]; it is a position in metres, from "
+     "the same origin as the bodies', not a direction"),
 ])
 def test_what_is_wrong_is_told(tmp_path, capsys, old, new, told):
     (tmp_path / "q.csv").write_text("t_s,q_w,q_x,q_y,q_z\n0,1,0,0,0\n1,1.01,0,0,0\n")

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import copy
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import orbits
 import pytest
-from glrender import ConfigError, Renderer, SceneError, State, frames
+from glrender import ConfigError, Renderer, SceneError, State, frames, generate
 from glrender.base.constants import AU_M
 from glrender.scenario import (
     AtRest,
@@ -364,17 +365,18 @@ def test_a_senseless_value_is_refused_or_used_but_never_crashes(bad):
 
 
 def test_a_spacecraft_inside_a_body_is_told_before_a_frame():
-    made = table()
-    made["encounter"]["distance_m"] = 100.0
-    with pytest.raises(SceneError, match=r"spacecraft: is inside 'didymos' \(frame 300, t_s = 300\)"):
+    """Below a vertex of the icosphere, 400 m away, where its facets are 398.2 m away."""
+    made = hovering()
+    made["trajectory"]["r_m"] = (399.0 * generate.icosphere(radius_m=1.0, subdivisions=3).vertices_m[0]).tolist()
+    with pytest.raises(SceneError, match=r"spacecraft: is inside 'didymos' \(frame 0, t_s = 0\)"):
         scenario_of_table(made).check()
 
 
 def test_a_body_inside_the_sun_is_told():
-    made = hovering()
-    made["sun"]["r_m"] = [1e8, 0.0, 0.0]
+    scenario = scenario_of_table(hovering())
+    sun = OfFunction(function=lambda t_s: [1e8, 0.0, 0.0], about="didymos")
     with pytest.raises(SceneError, match=r"bodies.didymos: is inside the Sun \(frame 0"):
-        scenario_of_table(made).check()
+        replace(scenario, trajectories={**scenario.trajectories, "sun": sun}).check()
 
 
 def test_the_sun_in_the_field_and_empty_frames_are_warned_of():

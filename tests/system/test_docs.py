@@ -20,6 +20,7 @@ from glrender_camera.faults.fault import Fault
 from glrender_camera.faults.frame_faults import KINDS
 from glrender_camera.straylight import StrayLight
 from glrender_server.cli import main
+from likely import all_likely
 from missing import needed_module
 
 ROOT = Path(__file__).parents[2]
@@ -40,7 +41,8 @@ SNIPPETS = [pytest.param(code, id=f"{page.relative_to(ROOT)}-{index}") for page 
 def test_a_snippet_runs_alone(code, tmp_path, monkeypatch):
     generate.three_lobes(radius_m=0.3, subdivisions=2).to_file(tmp_path / "itokawa.obj")
     monkeypatch.chdir(tmp_path)
-    exec(compile(code, "snippet", "exec", dont_inherit=True), {})
+    with all_likely():
+        exec(compile(code, "snippet", "exec", dont_inherit=True), {})
 
 
 def test_the_readmes_server_draws_the_readmes_state(tmp_path, monkeypatch):

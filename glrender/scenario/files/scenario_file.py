@@ -16,6 +16,7 @@ from ...scene.scene import Scene
 from ...scene.scene_file import read_toml
 from ..belief.belief import Belief
 from ..paths import Trajectory
+from ..plausible import refuse_impossible, written_tables
 from ..random_states import RandomStates
 from ..samplers import Times
 from ..scenario import SPACECRAFT, SUN, Scenario
@@ -164,8 +165,11 @@ def _scenario(table: dict[str, Any], folder: Path) -> Scenario | RandomStates:
     with error_path("output"):
         output = a_table(own.get("output", {}))
     keypoints = _keypoints(entries, folder)
+    written = written_tables(own, entries)
+    refuse_impossible(written, known.scene.bodies)
     make = partial(Scenario, trajectories=known.trajectories, origin=origin, start=known.start, scene=known.scene,
-                   output=output, keypoints=keypoints, notes=tuple(notes), belief=_belief(own, known.scene, folder))
+                   output=output, keypoints=keypoints, notes=tuple(notes), belief=_belief(own, known.scene, folder),
+                   written=written)
     if "random" in own:
         for key in ("attitude", "time"):
             if set(a_table(own.get(key, {}))) - set(with_scales("start")):

@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 from glrender import ConfigError, Scene, State, open_renderer
 from glrender.capture.capture import Capture
-from glrender.engines.advice import scene_advice
+from glrender.engines.advice import Advice, scene_advice
+from glrender.scenario import RandomStates
 from glrender.sequences.sequence import FrameOptions, captured
 from glrender_camera import PinholeCamera
 
-from .subject import is_number, read_subject, state_of
+from .subject import Subject, is_number, read_subject, state_of
 from .tolerance import read_max_error
 
 
@@ -40,11 +41,16 @@ class Drawn:
     state: State
     options: FrameOptions
     capture: Capture
+    doubts: tuple[Advice, ...] = ()
 
     @property
     def warnings(self) -> list[str]:
-        """What is odd in the scene and in the frame, each once."""
-        return [*dict.fromkeys(str(advice) for advice in (*scene_advice(self.scene), *self.capture.warnings))]
+        """What is odd in the scenario, in the scene and in the frame, each once."""
+        # A field of the scenario is told under its own name, not under the state's that comes of it.
+        codes = {advice.code for advice in self.doubts}
+        of_frame = [advice for advice in self.capture.warnings
+                    if advice.code not in codes or not advice.path.startswith("state.")]
+        return [*dict.fromkeys(str(advice) for advice in (*self.doubts, *scene_advice(self.scene), *of_frame))]
 
 
 def draw(arguments: argparse.Namespace) -> Drawn:
@@ -70,7 +76,8 @@ def draw(arguments: argparse.Namespace) -> Drawn:
                            max_error=read_max_error(arguments.max_error))
     with open_renderer(scene, arguments.backend) as renderer:
         capture = captured(renderer, 0, state, options, samples=arguments.samples, seed=arguments.seed)
-    drawn = Drawn(scene=scene, camera=camera, state=state, options=options, capture=capture)
+    drawn = Drawn(scene=scene, camera=camera, state=state, options=options, capture=capture,
+                  doubts=_doubts(subject))
     for warning in drawn.warnings:
         sys.stderr.write(f"glrender: warning: {warning}\n")
     for note in capture.notes:
@@ -78,6 +85,14 @@ def draw(arguments: argparse.Namespace) -> Drawn:
     for stage, text in capture.stages.items():
         logging.getLogger(__name__).info("%s: %s", stage, text)
     return drawn
+
+
+def _doubts(subject: Subject) -> tuple[Advice, ...]:
+    """Warnings of the fields of a subject's scenario."""
+    scenario = subject.scenario
+    if scenario is None:
+        return ()
+    return (scenario.setting if isinstance(scenario, RandomStates) else scenario).doubts
 
 
 def summary(drawn: Drawn) -> dict[str, Any]:
