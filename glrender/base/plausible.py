@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from .constants import AU_M
+from .constants import AU_M, SUN_RADIUS_M
 
 SUN_DISTANCES_AU = (0.04, 200.0)
 """Likely distances of the Sun [au]: beyond Parker Solar Probe's perihelion of 0.046 au, within the heliopause."""
@@ -111,6 +111,7 @@ RULES = (
     Rule("spacecraft", "angular_velocity_rad_s", 0.0, FASTEST_CRAFT_RAD_S, "rad/s",
          "CubeSats tumble at 0.09 rad/s, only spinners turn faster", _TURNS, _length),
     Rule("orbit about the Sun", "semi_major_axis_m", *_SUN, "m", "0.04 to 200 au", _FAR),
+    Rule("orbit about the Sun", "periapsis_distance_m", SUN_RADIUS_M, _SUN[1], "m", "to 200 au", _FAR),
     Rule("orbit about the Sun", "r_m", *_SUN, "m", "0.04 to 200 au from the Sun", _FAR, _length),
     Rule("encounter", "relative_velocity_m_s", 0.0, 2e5, "m/s", "Giotto passed Halley at 68 km/s", (("mm/s", 1e-3),)),
 )

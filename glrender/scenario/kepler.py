@@ -128,6 +128,7 @@ class Kepler:
         Source: Vallado (2013), section 2.2.
         """
         q = length("periapsis_distance_m", periapsis_distance_m)
+        _beyond_sun("periapsis_distance_m", about, q, q)
         mu = _checked_gm(about, gravitational_parameter_m3_s2)
         speed = np.sqrt(mu * (1.0 + within("eccentricity", eccentricity, 0.0, 1e6)) / q)
         axes = _perifocal_axes(inclination_deg, longitude_ascending_node_deg, argument_of_periapsis_deg, frame)

@@ -24,7 +24,7 @@ rough shape's volume may have."""
 GRAVITATION_M3_KG_S2 = 6.6743e-11
 """Constant of gravitation [m3/(kg s2)]; CODATA 2018."""
 # Fields that give a distance from the centre of what a trajectory is about.
-_PLACES = ("distance_m", "radius_m", "r_m", "r_hill_m", "semi_major_axis_m")
+_PLACES = ("distance_m", "radius_m", "r_m", "r_hill_m", "semi_major_axis_m", "periapsis_distance_m")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,16 +72,20 @@ def written_tables(own: Mapping[str, Any], entries: Sequence[Mapping[str, Any]])
     entries : sequence of mapping
         Its `bodies`.
     """
-    first, found = entries[0]["name"], []
+    found = []
+
+    def place(path: str, table: Mapping[str, Any], of: str) -> None:
+        # As the readers have it: elements are about the Sun, what else is given about the first body.
+        about = SUN if path.endswith("orbit") or table.get("kind") == "kepler" else entries[0]["name"]
+        found.append(Written(path=path, thing=table, of=of, about=table.get("body", table.get("about", about))))
+
     for key, of in (("encounter", SPACECRAFT), ("trajectory", SPACECRAFT), ("sun", SUN)):
         if key in own:
-            about = own[key].get("body" if key == "encounter" else "about", first)
-            found.append(Written(path=key, thing=own[key], of=of, about=about))
+            place(key, own[key], of)
     for index, entry in enumerate(entries):
-        for key, about in (("orbit", SUN), ("trajectory", first)):
+        for key in ("orbit", "trajectory"):
             if key in entry:
-                found.append(Written(path=f"bodies[{index}].{key}", thing=entry[key], of=entry["name"],
-                                     about=entry[key].get("about", about)))
+                place(f"bodies[{index}].{key}", entry[key], entry["name"])
         found += [Written(path=f"bodies[{index}].{key}", thing=entry[key], of=entry["name"])
                   for key in ("spin", "attitude") if key in entry]
     return found + ([Written(path="attitude", thing=own["attitude"], of=SPACECRAFT)] if "attitude" in own else [])

@@ -66,6 +66,8 @@ TIME = {"start_tdb": "2022-10-11T00:00:00", "duration_s": 100.0, "frames": 3}
 ORBIT, MOON, ENCOUNTER = ("bodies", 0, "orbit"), ("bodies", 1, "orbit"), ("encounter",)
 AXIS, PERIOD = (*ORBIT, "semi_major_axis_m"), ("bodies", 0, "spin", "rotation_period_s")
 GM = "gravitational_parameter_m3_s2"
+COMET = {"eccentricity": 0.4, "inclination_deg": 3.4, "longitude_ascending_node_deg": 73.2,
+         "argument_of_periapsis_deg": 319.3, "periapsis_tdb": "2022-10-22T00:00:00"}
 PRIMARY, MOONS = "bodies[0].", "bodies[1].orbit."
 STATE = {"epoch_tdb": "2020-05-31T00:00:00", "r_m": [2.3e11, 0.0, 0.4e11], "v_m_s": [0.0, 2.3e4, 3e3]}
 
@@ -103,6 +105,10 @@ MISTAKES = {
     "axis in km": (changed((AXIS, 2.4596e8)), PRIMARY + "orbit.semi_major_axis_m", True, 2.4596e11),
     "hyperbola in au": (changed((AXIS, -1.272), ((*ORBIT, "eccentricity"), 1.2)), PRIMARY + "orbit.semi_major_axis_m",
                         True, -1.9029e11),
+    "perihelion in au": (changed((ORBIT, {**COMET, "periapsis_distance_m": 1.01})),
+                         PRIMARY + "orbit.periapsis_distance_m", True, 1.51094e11),
+    "craft's perihelion in km": (on_a_trajectory(kind="kepler", **COMET, periapsis_distance_m=1.5e8),
+                                 "trajectory.periapsis_distance_m", True, 1.5e11),
     "place in au": (changed((ORBIT, {**STATE, "r_m": [1.5, 0.0, 0.3]})), PRIMARY + "orbit.r_m", True, 2.244e11),
     "place in km": (changed((ORBIT, {**STATE, "r_m": [2.3e8, 0.0, 0.4e8]})), PRIMARY + "orbit.r_m", True, 2.3e11),
     "velocity in km/s": (changed((ORBIT, {**STATE, "v_m_s": [0.0, 23.0, 3.0]})), PRIMARY + "orbit.v_m_s", False, 0.0),
