@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from ..base.errors import ConfigError
 
 
 def read_image(path: Path) -> np.ndarray:
-    """The (height, width) image of a frame's file, its first row on top.
+    """The (height, width) image of a frame's file, its first row on top; digital numbers are of an integer type.
 
     Raises
     ------
@@ -35,5 +36,8 @@ def read_image(path: Path) -> np.ndarray:
         import OpenEXR
 
         with OpenEXR.File(str(path)) as file:
-            return file.channels()["Y"].pixels
+            pixels = file.channels()["Y"].pixels
+            # Digital numbers, of 16 bits at most, are whole there too.
+            is_dn = json.loads(file.header().get("glrender", "{}")).get("unit") == "DN"
+            return pixels.astype(np.uint16) if is_dn else pixels
     raise ConfigError("path", "must be a frame's file", str(path))

@@ -8,11 +8,16 @@ import cv2
 import numpy as np
 import pytest
 import serving
-from glrender import ConfigError, load_scene
+from glrender import ConfigError, PinholeCamera, Pose, State, load_scene
+from glrender.sequences.contact_sheet import contact_sheet
+from glrender.sequences.formats import FORMATS, FrameFile, write
+from glrender.sequences.header import camera_table
 from glrender.sequences.options import options_of
+from glrender.sequences.read import read_image
 from glrender.sequences.video import write_video
 from glrender_camera.pattern import seed_of
 from glrender_server.cli import main
+from missing import needed_module
 
 SCENARIO = """
 [sun]
@@ -115,6 +120,26 @@ def test_a_video_has_one_scale_for_all_frames(tmp_path, height, width):
     np.testing.assert_allclose(middle, 255.0 * 2.0 ** (np.arange(-5, 1) / 2.2), atol=4.0)
     assert found[:, 0, 0].max() <= 4
     assert list(tmp_path.glob(".*part*")) == []
+
+
+@pytest.mark.parametrize("format", FORMATS)
+def test_a_small_body_at_an_offset_is_bright_on_a_dark_sky(tmp_path, format):
+    """Sky of 200 DN, a body of 16 px of 3000 DN: in contact sheet and video, whatever the frames' format."""
+    needed_module({"fits": "astropy", "exr": "OpenEXR"}.get(format, "numpy"), f"pip install 'glrender[{format}]'")
+    image = np.random.default_rng(0).normal(200.0, 3.0, (220, 220))
+    image[100:104, 60:64] = 3000.0
+    camera = PinholeCamera(name="c", width_px=220, height_px=220, focal_length_px=300.0)
+    state = State(r_sun_inertial_m=[1e11, 0.0, 0.0], spacecraft=Pose(r_inertial_m=[0.0, 0.0, 0.0]), bodies={})
+    header = {"glrender": "1", "index": 0, "date_tdb": None, "inertial_axes": "unknown", "state": state.to_dict(),
+              "unit": "DN", "exposure_s": None, "camera": camera_table(camera),
+              "plan": {"asked": {}, "max_error": 0.1, "predicted_error": 0.1}}
+    path = tmp_path / f"0.{format}"
+    write(path, FrameFile(pixels=np.rint(image).astype(np.uint16), unit="DN", products={}, header=header))
+    write_video(tmp_path / "v.mp4", [path])
+    contact_sheet(tmp_path / "s.png", [("0", read_image(path))])
+    sheet = cv2.imread(str(tmp_path / "s.png"), cv2.IMREAD_GRAYSCALE)[6:226, 6:226]
+    for shown in (frames_of(tmp_path / "v.mp4")[0], sheet):
+        assert np.median(shown) < 30.0 and shown[101:103, 61:63].min() > 170.0
 
 
 def test_a_dark_sequence_gives_a_dark_video(tmp_path):
