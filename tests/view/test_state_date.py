@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from glrender import ConfigError, Pose, State
 from glrender.scenario import Belief, scenario_of_table
@@ -47,7 +46,8 @@ def test_a_date_goes_through_json_and_time():
 
 
 @pytest.mark.parametrize("date, rule", [
-    ("2029-02-13T12:00:00Z", "must be TDB, without a Z"), ("2029-02-13T12:00:00+01:00", "must be TDB, without a Z or an offset"),
+    ("2029-02-13T12:00:00Z", "must be TDB, without a Z or an offset"),
+    ("2029-02-13T12:00:00+01:00", "must be TDB, without a Z or an offset"),
     ("13 Feb 2029", "must be a date"), ("2029-02-30T00:00:00", "must be a date"), (3.0, "must be a date"),
     ("", "must be a date")])
 def test_what_is_no_date_in_tdb_is_refused(date, rule):
