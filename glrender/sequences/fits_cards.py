@@ -95,11 +95,13 @@ def _dates(header: Mapping[str, Any]) -> Cards:
     middle, half_s = header["date_tdb"], 0.5 * (header["exposure_s"] or 0.0)
     if middle is None:
         return {}
-    begin, end = later(middle, -half_s), later(middle, half_s)
-    days = (datetime.fromisoformat(middle) - _MJD_0).total_seconds() / _DAY_S
-    return {"TIMESYS": ("TDB", "scale of all dates"), "DATE-OBS": (begin, "begin of the exposure"),
-            "DATE-BEG": (begin, "begin of the exposure"), "DATE-AVG": (middle, "middle of the exposure"),
-            "DATE-END": (end, "end of the exposure"), "MJD-AVG": (days, "[d] middle of the exposure")}
+    cards: Cards = {"TIMESYS": ("TDB", "scale of all dates")}
+    for name, offset_s, text in (("OBS", -half_s, "begin"), ("BEG", -half_s, "begin"), ("AVG", 0.0, "middle"),
+                                 ("END", half_s, "end")):
+        date = later(middle, offset_s)
+        days = (datetime.fromisoformat(date) - _MJD_0).total_seconds() / _DAY_S
+        cards |= {f"DATE-{name}": (date, f"{text} of the exposure"), f"MJD-{name}": (days, f"[d] {text}")}
+    return cards
 
 
 def _detector(camera: Mapping[str, Any]) -> Cards:
