@@ -247,6 +247,14 @@ def test_vertex_normals_of_a_sphere_are_radial():
     ("s.tab", plate_model("1.5 2 3"), "has a plate with an index that is no 32-bit integer, got '1.5 2 3'"),
     ("s.tab", plate_model("nan 2 3"), "has a plate with an index that is no 32-bit integer, got 'nan 2 3'"),
     ("s.tab", plate_model("1e300 2 3"), "no 32-bit integer, got '1e300 2 3'"),
+    ("s.tab", "\n".join(["4", *(f"{p} 0.1" for p in ("0 0 0", "1 0 0", "0 1 0", "0 0 1")), "1", "1 2 3"]),
+     "has vertex rows of 4 columns, whose first one does not count them, got '0 0 0 0.1'"),
+    ("s.tab", "\n".join(["4", *("0,5 0,5 0,5", "1,5 0,5 0,5", "0,5 1,5 0,5", "0,5 0,5 1,5"), "1", "1 2 3"]),
+     "has a vertex with 6 numbers instead of 3"),
+    ("s.tab", plate_model("1 2 3 7"), "has plate rows of 4 columns, whose first one does not count them|instead of"),
+    ("s.obj", cube_obj().replace("v 0.0 0.0 0.0", "v 0.0 0.0 0.0 0.0 0.0"), "has a vertex with 5 numbers, where"),
+    ("s.obj", cube_obj() + "cstype bspline\nsurf 0 1 0 1 1 2 3 4\n", "has a statement `cstype` of a surface that"),
+    ("s.obj", cube_obj() + "call more.obj\n", "has a statement `call` of a surface that is no polygon, or"),
 ])
 def test_hostile_files_are_refused_by_name_rule_and_value(tmp_path, name, text, message):
     with pytest.raises(ShapeError, match=message) as caught:

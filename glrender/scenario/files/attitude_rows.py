@@ -13,7 +13,7 @@ from ...base.errors import ConfigError
 from ..attitude import Attitude, Geometry
 from ..epochs import Epoch, needed
 
-# Rates that lead this far beside the next row are of another unit or frame.
+# Rates that miss the next row by more are of another unit or frame.
 _MAX_MISS_DEG = 90.0
 
 
@@ -78,16 +78,16 @@ class AttitudesWithRates:
         begin, end, miss = self.rates_rad_s[row], self.rates_rad_s[row + 1], self._misses[row]
         mean = 0.5 * (begin + end)
         if self.is_spin:
-            beside, slope = miss * x, miss
+            correction, slope = miss * x, miss
         else:
             left = (begin - mean) * step_s
             right = _slope(miss, (end - Rotation.from_rotvec(miss).inv().apply(mean)) * step_s)
-            beside = left * x * (1.0 - x)**2 + miss * x * x * (3.0 - 2.0 * x) - right * x * x * (1.0 - x)
+            correction = left * x * (1.0 - x)**2 + miss * x * x * (3.0 - 2.0 * x) - right * x * x * (1.0 - x)
             slope = (left * (1.0 - x) * (1.0 - 3.0 * x) + 6.0 * miss * x * (1.0 - x)
                      - right * x * (2.0 - 3.0 * x))
-        back = Rotation.from_rotvec(beside).inv()
+        back = Rotation.from_rotvec(correction).inv()
         axes = self._axes[row] * Rotation.from_rotvec(mean * step_s * x) * back.inv()
-        return axes.inv().as_quat(scalar_first=True), back.apply(mean) + _rate(beside, slope) / step_s
+        return axes.inv().as_quat(scalar_first=True), back.apply(mean) + _rate(correction, slope) / step_s
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -17,6 +17,10 @@ from .polygons import MAX_CORNERS, triangulated
 from .stl_files import read_stl
 
 MAX_FACETS = 20_000_000
+# Statements of OBJ that make surfaces without facets, or take them from elsewhere.
+_OTHER_SURFACES = ("surf", "curv", "curv2", "cstype", "call", "csh")
+# Numbers of a vertex in OBJ: a place, with a weight, with a colour, with both.
+_VERTEX_WIDTHS = (3, 4, 6, 7)
 # Bytes of a file that no facet count within the limit explains.
 _MAX_BYTES = 4 * 1024**3
 
@@ -132,10 +136,16 @@ def _obj(path: Path, max_facets: int) -> FileMesh:
             texture_rows.append(" ".join(rest.split()[:2]))
         elif key == "f":
             faces.append((rest, len(vertex_rows), len(texture_rows)))
+        elif key in _OTHER_SURFACES:
+            raise ShapeError("", f"has a statement `{key}` of a surface that is no polygon, or of another file",
+                             line.strip(), "export it as polygons, in one file")
     if not vertex_rows or not faces:
         raise ShapeError("", "has no vertices or no facets", str(path))
     _limit(len(faces), max_facets, path)
     if len(" ".join(vertex_rows).split()) > 3 * len(vertex_rows):  # weights or colours follow
+        if wrong := next((row for row in vertex_rows if len(row.split()) not in _VERTEX_WIDTHS), None):
+            raise ShapeError("", f"has a vertex with {len(wrong.split())} numbers, where a place has 3, 4 with a "
+                             "weight, 6 or 7 with a colour", wrong.strip())
         vertex_rows = [" ".join(row.split()[:3]) for row in vertex_rows]
     vertices = _numbers(path, vertex_rows, 3, "vertex")
     texture = _numbers(path, texture_rows, 2, "texture coordinate") if texture_rows else None
@@ -244,14 +254,21 @@ def _plate_model(path: Path, max_facets: int) -> FileMesh:
     if len(vertex_rows) != n_vertices or len(plate_rows) != n_plates or not n_vertices or not n_plates:
         raise ShapeError("", f"promises {n_vertices} vertices and {n_plates} plates and ends before",
                          len(rows))
-    width = len(vertex_rows[0].split())
-    vertices = _numbers(path, vertex_rows, width, "vertex")[:, -3:]
-    width = len(plate_rows[0].split())
-    plates = _numbers(path, plate_rows, width, "plate")[:, -3:]
+    vertices, plates = _numbered(path, vertex_rows, "vertex"), _numbered(path, plate_rows, "plate")
     wrong = np.flatnonzero(((plates != np.round(plates)) | (np.abs(plates) > 2**31)).any(axis=1))
     if len(wrong):
         raise ShapeError("", "has a plate with an index that is no 32-bit integer", plate_rows[wrong[0]].strip())
     return FileMesh(vertices, plates.astype(np.int64) - 1)
+
+
+def _numbered(path: Path, rows: list[str], what: str) -> np.ndarray:
+    """(n, 3) float64 of rows with or without their numbers in front; other columns would shift these."""
+    width = len(rows[0].split())
+    table = _numbers(path, rows, width if width in (3, 4) else 3, what)
+    if width == 4 and not (np.diff(table[:, 0]) == 1.0).all():
+        raise ShapeError("", f"has {what} rows of 4 columns, whose first one does not count them", rows[0].strip(),
+                         "leave other columns out")
+    return table[:, -3:]
 
 
 def _icq(path: Path, max_facets: int) -> FileMesh:
