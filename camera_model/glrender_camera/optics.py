@@ -23,9 +23,10 @@ from .validate import integer, known_keys, positive, within
 _KERNEL_RADIUS_SIGMAS = 5.5
 MAX_PSF_SIGMA_PX = 100.0
 _MAX_F_NUMBER = 1000.0
-_MAX_APERTURE_M = 100.0
+_MAX_APERTURE_M, _LIKELY_APERTURE_M = 100.0, 2.0
 # Detectors have pixels of 0.5 to 50 um.
 _MAX_PITCH_M = 1e-3
+_SMALLER = (("mm", 1e-3), ("um", 1e-6), ("nm", 1e-9))
 # Below it no lens and no mirror works as the pupil's diffraction has it: X rays.
 _LEAST_NM = 10.0
 # Averaging diffraction over a band of 450-950 nm: 9 against 33 wavelengths differ by 1e-4; a narrower
@@ -90,7 +91,8 @@ class Optics:
 
     def __post_init__(self):
         put = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731 (frozen dataclass)
-        put("aperture_diameter_m", _at_most("aperture_diameter_m", self.aperture_diameter_m, _MAX_APERTURE_M))
+        put("aperture_diameter_m", _at_most("aperture_diameter_m", self.aperture_diameter_m, _MAX_APERTURE_M,
+                                            _LIKELY_APERTURE_M))
         put("transmission", curve("transmission", self.transmission, 0.0, 1.0))
         put("band_nm", band("band_nm", self.band_nm))
         require_overlap("transmission", self.transmission, self.band_nm)
@@ -102,7 +104,7 @@ class Optics:
             raise ConfigError(missing, "missing: diffraction needs both f_number and pixel_pitch_m")
         if self.is_diffracted:
             put("f_number", within("f_number", positive("f_number", self.f_number), 0.0, _MAX_F_NUMBER))
-            put("pixel_pitch_m", _at_most("pixel_pitch_m", self.pixel_pitch_m, _MAX_PITCH_M))
+            put("pixel_pitch_m", _at_most("pixel_pitch_m", self.pixel_pitch_m, _MAX_PITCH_M, _MAX_PITCH_M))
             lambda_n_px = self.band_nm[0] * 1e-9 * self.f_number / self.pixel_pitch_m
             if not lambda_n_px >= psf.MIN_LAMBDA_N_PX:
                 if 1e3 * lambda_n_px >= psf.MIN_LAMBDA_N_PX and self.band_nm[1] < _LEAST_NM:
@@ -291,12 +293,13 @@ class Optics:
         return tuple((FieldConvolution if kernel.ndim == 4 else Convolution)(kernel) for kernel in self._kernels)
 
 
-def _at_most(name: str, value: object, most_m: float) -> float:
-    """A length > 0 up to a limit; a larger one is refused with what it is as millimetres and as micrometres."""
+def _at_most(name: str, value: object, most_m: float, likely_m: float) -> float:
+    """A length > 0 up to a limit; a larger one is refused with the unit in which it is likely."""
     number = positive(name, value)
     if not number <= most_m:
-        raise ConfigError(name, f"must be at most {most_m:g} m", value,
-                          f"in mm? then write {number * 1e-3:.6g}; in um, {number * 1e-6:.6g}")
+        meant = [f"in {unit}? then write {number * metres:.6g}" for unit, metres in _SMALLER
+                 if number * metres <= likely_m]
+        raise ConfigError(name, f"must be at most {most_m:g} m", value, "".join(meant[:1]))
     return number
 
 

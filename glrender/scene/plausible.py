@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 
 from glrender_camera import CameraModel, Detector, PinholeCamera
@@ -65,16 +66,24 @@ def _bands(path: str, camera: PinholeCamera) -> Iterator[tuple[str, CameraModel]
 
 
 def _gain(path: str, detector: Detector) -> list[Advice]:
-    """A warning where a full well is far from what the bits hold."""
-    gain, full_well, n_DN = detector.gain_DN_per_electron, detector.full_well_electrons, 2**detector.bit_depth
-    if 1.0 / GAIN_RATIO <= gain * full_well / n_DN <= GAIN_RATIO:
+    """A warning where a full well is far from what the bits hold, under the field that would mend it."""
+    gain, full_well, bits = detector.gain_DN_per_electron, detector.full_well_electrons, detector.bit_depth
+
+    def fits(gain: float, full_well: float) -> bool:
+        return 1.0 / GAIN_RATIO <= gain * full_well / 2.0**bits <= GAIN_RATIO
+
+    if fits(gain, full_well):
         return []
-    meant = "check full_well_electrons (e-, not ke-), bit_depth, and whether the gain is in e-/DN"
-    if 1.0 / GAIN_RATIO <= full_well / gain / n_DN <= GAIN_RATIO:
-        meant = f"in e-/DN? then write its inverse, {1.0 / gain:.6g}"
-    rule = f"times full_well_electrons, {full_well:.6g} e-, is likely within a factor of {GAIN_RATIO:g} of " \
-           f"2^bit_depth, {n_DN} DN, and is {gain * full_well:.4g} DN"
-    return [doubt(f"{path}.gain_DN_per_electron", rule, gain, meant)]
+    rule = f"times {{}} is likely within a factor of {GAIN_RATIO:g} of 2^bit_depth, {2**bits} DN, and is " \
+           f"{gain * full_well:.4g} DN"
+    if fits(gain, 1e3 * full_well) and not fits(1.0 / gain, full_well):
+        return [doubt(f"{path}.full_well_electrons", rule.format(f"gain_DN_per_electron, {gain:.6g},"), full_well,
+                      f"in ke-? then write {1e3 * full_well:.6g}")]
+    meant = [f"in e-/DN? then write its inverse, {1.0 / gain:.6g}"] if fits(1.0 / gain, full_well) else []
+    if 1 <= (other := round(math.log2(gain * full_well))) <= 16:
+        meant.append(f"or of a bit_depth of {other}?" if meant else f"of a bit_depth of {other}?")
+    return [doubt(f"{path}.gain_DN_per_electron", rule.format(f"full_well_electrons, {full_well:.6g},"), gain,
+                  ", ".join(meant) or "check full_well_electrons (e-), bit_depth, and whether the gain is in e-/DN")]
 
 
 def _irradiance(name: str, band_nm: Sequence[float], given_W_m2: float) -> list[Advice]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 
+import msgpack
 import numpy as np
 import pytest
 import views
@@ -12,6 +13,7 @@ from glrender.base.plausible import RULES, improbable
 from glrender.brdf import Lambert
 from glrender.engines.advice import scene_advice
 from glrender_camera import CameraModel
+from glrender_server.operations import Operations
 
 MODEL = "cameras[0].model."
 GREY = Lambert(normal_albedo=0.2)
@@ -47,8 +49,9 @@ def told(table):
     (OPTICS, {"band_nm": [450e3, 950e3]}, MODEL + "optics.band_nm", "[450000, 950000]; in pm? then write [450, 950]"),
     (DETECTOR, {"gain_DN_per_electron": 8.0}, MODEL + "detector.gain_DN_per_electron",
      "within a factor of 5 of 2^bit_depth, 4096 DN, and is 2.4e+05 DN, got 8; in e-/DN? then write its inverse, 0.125"),
-    (DETECTOR, {"full_well_electrons": 30.0}, MODEL + "detector.gain_DN_per_electron", "full_well_electrons (e-, not"),
-    (DETECTOR, {"bit_depth": 16, "gain_DN_per_electron": 0.13}, MODEL + "detector.gain_DN_per_electron", "bit_depth"),
+    (DETECTOR, {"full_well_electrons": 30.0}, MODEL + "detector.full_well_electrons", "in ke-? then write 30000"),
+    (DETECTOR, {"bit_depth": 16}, MODEL + "detector.gain_DN_per_electron", "or of a bit_depth of 12?"),
+    (DETECTOR, {"full_well_electrons": 4095.0}, MODEL + "detector.gain_DN_per_electron", "of a bit_depth of 9?"),
     ((), {"solar_irradiance_1au_W_m2": 1360.8}, "solar_irradiance_1au_W_m2",
      "within 20 % of the Sun's 715.2 W/m2 from 450 to 950 nm (ASTM E490), the band of camera 'navcam', got 1360.8; of"),
     ((), {"solar_irradiance_1au_W_m2": 0.7152}, "solar_irradiance_1au_W_m2", "leave it out"),
@@ -77,7 +80,10 @@ def test_a_band_of_micrometres_is_told_whether_or_not_the_irradiance_is_given():
 
 
 @pytest.mark.parametrize("field, value, piece", [
-    ("pixel_pitch_m", 5.5, "must be at most 0.001 m, got 5.5; in mm? then write 0.0055; in um, 5.5e-06"),
+    ("pixel_pitch_m", 5.5, "must be at most 0.001 m, got 5.5; in um? then write 5.5e-06"),
+    ("pixel_pitch_m", 5.5e-3, "must be at most 0.001 m, got 0.0055; in mm? then write 5.5e-06"),
+    ("pixel_pitch_m", 5500.0, "must be at most 0.001 m, got 5500.0; in nm? then write 5.5e-06"),
+    ("aperture_diameter_m", 15000.0, "must be at most 100 m, got 15000.0; in um? then write 0.015"),
     ("aperture_diameter_m", 150.0, "must be at most 100 m, got 150.0; in mm? then write 0.15")])
 def test_an_impossible_length_is_refused_under_its_own_name(field, value, piece):
     with pytest.raises(ConfigError) as refused:
@@ -208,3 +214,22 @@ def test_a_body_in_the_hole_of_another_is_apart():
     rock = views.sphere(GREY, 2, 5.0, "rock")
     assert 0.0 < neck_m <= binary.hull.inner_radius_m
     assert drawn_overlaps([binary, rock], [[0.0, 0.0, 0.0], [0.5 * neck_m, 0.0, 0.0]])
+
+
+def test_the_service_tells_it_where_a_scene_is_loaded_and_with_each_frame():
+    """Once in a reply, and in the log once for the scene and not again for its frames."""
+    operations = Operations(Scene.from_dict(TABLE))
+    try:
+        assert operations.described["warnings"] == []
+        loaded, code = operations.answer({"v": 1, "op": "load_scene", "id": 1, "client": "a",
+                                          "scene": changed(OPTICS, aperture_diameter_m=15.0)})
+        assert not code
+        drawn, code = operations.answer({"v": 1, "op": "render", "id": 2, "client": "a",
+                                         "state": views.state().to_dict()})
+        assert not code
+        for parts in (loaded, drawn):
+            (said,) = msgpack.unpackb(parts[0])["warnings"]
+            assert (said["code"], said["path"]) == ("unit", MODEL + "optics.aperture_diameter_m")
+        assert operations.last_warnings == [("navcam", ())]
+    finally:
+        operations.close()
