@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .aberrations import Aberrations
     from .camera import CameraModel
+    from .compression import Compression
     from .detector import Detector
     from .distortion import BrownConrady
     from .errors import ConfigError, GlrenderError
@@ -25,13 +26,14 @@ if TYPE_CHECKING:
     from .stars import StarCatalogue, hipparcos, stars_in_view, sun_in_view
     from .straylight import StrayLight
 
-__all__ = ["Aberrations", "AutoExposure", "BrownConrady", "CameraModel", "ConfigError", "Detector", "DistortingLens",
-           "Frame", "GlrenderError", "MosaicModel", "Optics", "PinholeCamera", "PointSources", "StarCatalogue",
-           "StrayLight", "hipparcos", "lens_of", "stars_in_view", "sun_in_view", "time_average"]
+__all__ = ["Aberrations", "AutoExposure", "BrownConrady", "CameraModel", "Compression", "ConfigError", "Detector",
+           "DistortingLens", "Frame", "GlrenderError", "MosaicModel", "Optics", "PinholeCamera", "PointSources",
+           "StarCatalogue", "StrayLight", "hipparcos", "lens_of", "stars_in_view", "sun_in_view", "time_average"]
 
 _NAMES = {
     ".aberrations": ("Aberrations",),
     ".camera": ("CameraModel",),
+    ".compression": ("Compression",),
     ".detector": ("Detector",),
     ".distortion": ("BrownConrady",),
     ".errors": ("ConfigError", "GlrenderError"),

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from .compression import Compression, checked_compression, compressed
 from .detector import MAX_SEED, Detector
 from .errors import ConfigError, error_path
 from .exposure import AutoExposure, checked_exposure_s
@@ -37,6 +38,8 @@ class CameraModel:
         Rules of the automatic exposure.
     faults : sequence of Fault, or of tables with their `kind`
         That frames may have, where they ask for no others.
+    compression : Compression, optional
+        Of the frames that are sent.
 
     Raises
     ------
@@ -48,6 +51,7 @@ class CameraModel:
     exposure_s: float | str
     auto_exposure: AutoExposure = field(default_factory=AutoExposure)
     faults: tuple[Fault, ...] = ()
+    compression: Compression | None = None
 
     def __post_init__(self):
         for name, kind in (("optics", Optics), ("detector", Detector), ("auto_exposure", AutoExposure)):
@@ -56,6 +60,7 @@ class CameraModel:
         require_overlap("detector.quantum_efficiency", self.detector.quantum_efficiency, self.optics.band_nm)
         object.__setattr__(self, "exposure_s", checked_exposure("exposure_s", self.exposure_s))
         object.__setattr__(self, "faults", checked_faults("faults", self.faults))
+        checked_compression(self.compression)
 
     @classmethod
     def from_dict(cls, table: Mapping[str, Any]) -> CameraModel:
@@ -64,8 +69,8 @@ class CameraModel:
         Parameters
         ----------
         table : mapping
-            `optics`, `detector` and `exposure_s`, optionally `auto_exposure` and `faults`. With `preset`, a name
-            in `presets.PRESETS`, all are optional and their fields replace the preset's.
+            `optics`, `detector` and `exposure_s`, optionally `auto_exposure`, `faults` and `compression`. With
+            `preset`, a name in `presets.PRESETS`, all are optional and their fields replace the preset's.
 
         Raises
         ------
@@ -81,7 +86,8 @@ class CameraModel:
                 own = parts.get(key, {} if isinstance(value, Mapping) else value)
                 parts[key] = {**value, **own} if isinstance(value, Mapping) and isinstance(own, Mapping) else own
         known_keys("", parts, known, required=("optics", "detector", "exposure_s"))
-        for name, kind in (("optics", Optics), ("detector", Detector), ("auto_exposure", AutoExposure)):
+        for name, kind in (("optics", Optics), ("detector", Detector), ("auto_exposure", AutoExposure),
+                           ("compression", Compression)):
             if name in parts:
                 with error_path(name):
                     parts[name] = kind.from_dict(known_keys("", parts[name], parts[name]))
@@ -196,8 +202,10 @@ class CameraModel:
         struck.strike(signal, self.detector)
         dn, electrons, saturated = self.detector.read(signal, exposure, seed,
                                                       struck.collect if struck.changes_charge else None)
-        return Frame(dn=struck.sent(dn), electrons=electrons, saturated=saturated, exposure_s=exposure, seed=seed,
-                     stages=stages | {"faults": struck.text}, faults=struck.truth)
+        sent = compressed(struck.sent(dn), self.compression, self.detector)
+        return Frame(dn=sent.dn, electrons=electrons, saturated=saturated, exposure_s=exposure, seed=seed,
+                     stages=stages | {"faults": struck.text, "compression": sent.text}, faults=struck.truth,
+                     stream=sent.stream)
 
     def stages(self, is_lit: bool, points: PointSources | None = None,
                light_text: str = "skipped: none") -> dict[str, str]:

@@ -27,7 +27,9 @@ class Frame:
         What was modelled and what was skipped, with why, in the order of the light.
     faults : tuple of dict
         Kind and place of each fault that the frame has. `electrons` and `saturated` are the detector's: before lines,
-        blocks or bytes are lost.
+        blocks or bytes are lost, and before compression.
+    stream : bytes, optional
+        The compressed frame, as it is sent; `dn` is then what the ground decodes from it.
     """
 
     dn: np.ndarray
@@ -37,6 +39,17 @@ class Frame:
     seed: int
     stages: dict[str, str]
     faults: tuple[dict[str, Any], ...] = ()
+    stream: bytes | None = None
+
+    @property
+    def compressed_bytes(self) -> int | None:
+        """Size of the stream [byte], or None without compression."""
+        return None if self.stream is None else len(self.stream)
+
+    @property
+    def bits_per_pixel(self) -> float | None:
+        """Size of the stream [bit/px], or None without compression."""
+        return None if self.stream is None else 8.0 * len(self.stream) / self.dn.size
 
     def __repr__(self) -> str:
         height, width = self.dn.shape

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .camera import CameraModel, Frame
+from .compression import Compression, checked_compression
 from .detector import Detector
 from .errors import ConfigError, error_path
 from .exposure import AutoExposure
@@ -40,6 +41,7 @@ class MosaicModel:
         Lateral chromatic aberration: how much larger than the camera's focal length has it a band's image is.
         Letters that are left out have 1. `PinholeCamera.expose` applies it, about the principal point.
     faults : sequence of Fault, or of tables with their `kind`
+    compression : Compression, optional
         As of `CameraModel`.
 
     Raises
@@ -54,6 +56,7 @@ class MosaicModel:
     auto_exposure: AutoExposure = field(default_factory=AutoExposure)
     magnification: Mapping[str, float] = field(default_factory=dict)
     faults: tuple[Fault, ...] = ()
+    compression: Compression | None = None
 
     if TYPE_CHECKING:  # made in __post_init__
         bands: Mapping[str, CameraModel] = field(init=False)
@@ -71,11 +74,12 @@ class MosaicModel:
         object.__setattr__(self, "magnification", {
             letter: within(f"magnification.{letter}", value, 0.9, 1.1) for letter, value in self.magnification.items()})
         object.__setattr__(self, "faults", checked_faults("faults", self.faults))
+        checked_compression(self.compression)
         models = {}
         for letter, optics in self.optics.items():
             with error_path(f"optics.{letter}"):
                 models[letter] = CameraModel(optics=optics, detector=self.detector, exposure_s=self.exposure_s,
-                                             auto_exposure=self.auto_exposure)
+                                             auto_exposure=self.auto_exposure, compression=self.compression)
         object.__setattr__(self, "bands", models)
 
     @classmethod
@@ -86,7 +90,7 @@ class MosaicModel:
         ----------
         table : mapping
             `pattern`, `optics` (a table of each letter's), `detector`, `exposure_s`, optionally `auto_exposure`,
-            `magnification` and `faults`.
+            `magnification`, `faults` and `compression`.
 
         Raises
         ------
@@ -100,7 +104,7 @@ class MosaicModel:
         for letter, optics in letters.items():
             with error_path(f"optics.{letter}"):
                 parts["optics"][letter] = Optics.from_dict(optics)
-        for name, kind in (("detector", Detector), ("auto_exposure", AutoExposure)):
+        for name, kind in (("detector", Detector), ("auto_exposure", AutoExposure), ("compression", Compression)):
             if name in parts:
                 with error_path(name):
                     parts[name] = kind.from_dict(known_keys("", parts[name], parts[name]))

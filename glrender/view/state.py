@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from glrender_camera.validate import finite, known_keys, position, unit_quaternion, vector
@@ -189,7 +189,8 @@ def later(date: str, dt_s: float) -> str:
 def _checked_date(name: str, value: object) -> str:
     hint = 'write "2029-02-13T12:00:00.5"'
     try:
-        date = datetime.fromisoformat(value)  # type: ignore[arg-type]  (others are refused)
+        # What is no string is refused as what is no date.
+        date = datetime.fromisoformat(cast(str, value))
     except (TypeError, ValueError):
         raise ConfigError(name, "must be a date year-month-dayThour:minute:second", value, hint) from None
     if date.tzinfo is not None:

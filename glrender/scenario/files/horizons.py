@@ -112,14 +112,14 @@ def _check_target(called: list[str], object_name: str | None, bodies: Sequence[s
 
 def _columns(head: list[str]) -> tuple[list[str], bool, str]:
     """The names of a row's numbers behind its date, whether commas part them, and the time scale of dates."""
-    titles = [k for k, line in enumerate(head) if re.match(r"\s*JD(TDB|UT|TT)\b", line)]
+    titles = [(k, found[1]) for k, line in enumerate(head) if (found := re.match(r"\s*JD(TDB|UT|TT)\b", line))]
     if not titles:
         raise ConfigError("JDTDB", "missing: no line tells the columns")
-    first = head[titles[-1]]
-    scale = _SCALES[re.match(r"\s*JD(TDB|UT|TT)", first)[1]]
+    at, kind = titles[-1]
+    first, scale = head[at], _SCALES[kind]
     is_csv = "," in first
     names = ([name.strip() for name in first.rstrip(" ,").split(",")][2:] if is_csv
-             else " ".join(line for line in head[titles[-1] + 1:] if "*" not in line).split())
+             else " ".join(line for line in head[at + 1:] if "*" not in line).split())
     if not {"X", "Y", "Z"} <= set(names) or {"VX", "VY", "VZ"} & set(names) not in (set(), {"VX", "VY", "VZ"}):
         raise ConfigError("Output format", "must be of type 1, 2 or 3: positions, with velocities or not", names)
     return names, is_csv, scale

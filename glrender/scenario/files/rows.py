@@ -18,8 +18,11 @@ _TOLD = 3
 class Table(Protocol):
     """A table of rows at ascending times (N,) [s] from an epoch, or from the scenario's start; it counts in a span."""
 
-    times_s: np.ndarray
-    epoch: Epoch | None
+    @property
+    def times_s(self) -> np.ndarray: ...
+
+    @property
+    def epoch(self) -> Epoch | None: ...
 
     @property
     def span_s(self) -> tuple[float, float]:

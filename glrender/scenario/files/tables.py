@@ -260,7 +260,7 @@ class AttitudeTable:
         q = self._slerp(t).inv().as_quat(scalar_first=True)
         rates = self._slerp.rotvecs[step] / np.diff(self.times_s)[step][:, None]
         smooth = ~self._by_two[step]
-        if smooth.any():
+        if self._spline is not None and smooth.any():
             q[smooth] = self._spline(t[smooth]).inv().as_quat(scalar_first=True)
             rates[smooth] = self._spline(t[smooth], 1)
         return q, rates

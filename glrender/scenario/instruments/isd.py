@@ -106,7 +106,7 @@ class Isd:
             return _isd(table, lens)
 
 
-def _isd(table: object, lens: Mapping[str, Any] | None) -> Isd:
+def _isd(table: Any, lens: Mapping[str, Any] | None) -> Isd:
     model = _field(table, "name_model")
     if model != "USGS_ASTRO_FRAME_SENSOR_MODEL":
         raise ConfigError("name_model", "must be USGS_ASTRO_FRAME_SENSOR_MODEL, a framing camera", model,

@@ -1,0 +1,196 @@
+"""Compression: nothing is lost without a bound, bounds hold, rates are met, spoilt streams are refused."""
+
+from __future__ import annotations
+
+import struct
+import subprocess
+import sys
+import zlib
+
+import numpy as np
+import pytest
+from glrender_camera import CameraModel, Compression, ConfigError, Detector, MosaicModel, Optics
+from glrender_camera.compression import CODECS, decode
+
+HEIGHT, WIDTH = 150, 211
+ENCODED = {"jpeg_ls": "max_error_DN", "jpeg_2000": "rate_bpp", "jpeg_xl": "psnr_db"}
+
+
+def electrons(seed=0):
+    """A textured ball before a dark sky, with shot noise and read noise of 10 e-."""
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    lit = np.hypot(x - 100, y - 75) < 60
+    mean = np.where(lit, 3e4 * np.clip(1.0 - np.hypot(x - 70, y - 70) / 120.0, 0.0, 1.0)
+                    * (1.0 + 0.3 * np.sin(x / 3.0) * np.cos(y / 4.0)), 0.0)
+    return rng.poisson(mean) + rng.normal(0.0, 10.0, mean.shape)
+
+
+def frame_dn(bit_depth, gain=None):
+    gain = 2.0**bit_depth / 4e4 if gain is None else gain
+    dn = np.clip(np.rint(electrons() * gain + 12.0 * gain), 0, 2**bit_depth - 1)
+    return dn.astype(np.uint8 if bit_depth <= 8 else np.uint16)
+
+
+def model(**more):
+    detector = Detector(full_well_electrons=50_000, bit_depth=12, gain_DN_per_electron=0.08, offset_DN=20,
+                        read_noise_electrons=10.0, quantum_efficiency=0.6)
+    return CameraModel(optics=Optics(aperture_diameter_m=0.02, transmission=0.8, band_nm=(400.0, 900.0)),
+                       detector=detector, exposure_s=0.05, **more)
+
+
+def image():
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    return np.where(np.hypot(x - 100, y - 75) < 60, 4e-10 * (1.5 + np.sin(x / 3.0)), 0.0).astype(np.float32)
+
+
+@pytest.mark.parametrize("bit_depth", [1, 2, 7, 8, 9, 10, 12, 14, 16])
+@pytest.mark.parametrize("codec", CODECS)
+def test_without_a_bound_nothing_is_lost(codec, bit_depth):
+    noisy = frame_dn(bit_depth)
+    for dn in (noisy, np.zeros_like(noisy), np.full_like(noisy, 2**bit_depth - 1)):
+        made = decode(Compression(codec=codec).encode(dn, bit_depth), codec, dn.shape, bit_depth)
+        np.testing.assert_array_equal(made, dn)
+        assert made.dtype == dn.dtype
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 17), (5, 3), (64, 64)])
+@pytest.mark.parametrize("codec", CODECS)
+def test_small_frames_and_views_of_frames_too(codec, shape):
+    dn = frame_dn(12)[20:20 + 2 * shape[0]:2, 60:60 + shape[1]]
+    assert dn.shape == shape
+    np.testing.assert_array_equal(decode(Compression(codec=codec).encode(dn, 12), codec, shape, 12), dn)
+
+
+def test_the_rates_of_a_noisy_frame_are_ordered_as_published():
+    """JPEG XL and JPEG-LS below CCSDS 121, all below the 12 bits that are sent without a codec."""
+    rates = {codec: len(Compression(codec=codec).encode(frame_dn(12), 12)) * 8 / (HEIGHT * WIDTH) for codec in CODECS}
+    assert rates["jpeg_xl"] < rates["ccsds_121"] < 6.0 and rates["jpeg_ls"] < rates["ccsds_121"], rates
+
+
+@pytest.mark.parametrize("bound", [1, 2, 5, 10, 255])
+@pytest.mark.parametrize("bit_depth", [8, 12, 16])
+def test_the_largest_error_keeps_its_bound(bound, bit_depth):
+    dn = frame_dn(bit_depth)
+    stream = Compression(codec="jpeg_ls", max_error_DN=bound).encode(dn, bit_depth)
+    made = decode(stream, "jpeg_ls", dn.shape, bit_depth).astype(int)
+    assert np.abs(made - dn).max() <= bound and made.max() < 2**bit_depth
+    assert len(stream) < len(Compression(codec="jpeg_ls").encode(dn, bit_depth))
+
+
+@pytest.mark.parametrize("codec, rate", [("jpeg_2000", 0.1), ("jpeg_2000", 0.5), ("jpeg_2000", 1.0), ("jpeg_xl", 0.2),
+                                         ("jpeg_xl", 0.5), ("jpeg_xl", 1.0)])
+def test_rates_are_met_to_a_tenth(codec, rate):
+    dn = frame_dn(12)
+    stream = Compression(codec=codec, rate_bpp=rate).encode(dn, 12)
+    np.testing.assert_allclose(8 * len(stream) / dn.size, rate, rtol=0.1)
+    assert decode(stream, codec, dn.shape, 12).shape == dn.shape
+    lossless = Compression(codec=codec, rate_bpp=12.0).encode(dn, 12)
+    np.testing.assert_array_equal(decode(lossless, codec, dn.shape, 12), dn)
+
+
+def test_a_rate_that_a_codec_does_not_reach_is_told():
+    """JPEG XL ends at a distance of 25, which is 0.1 bit/px of this small frame."""
+    frame = model(compression=Compression(codec="jpeg_xl", rate_bpp=0.01)).expose(image(), 1)
+    assert "(0.01 asked, which the codec does not reach)" in frame.stages["compression"]
+
+
+@pytest.mark.parametrize("wanted", [40.0, 56.0, 70.0])
+@pytest.mark.parametrize("bit_depth", [8, 12, 16])
+@pytest.mark.parametrize("codec", ["jpeg_2000", "jpeg_xl"])
+def test_a_psnr_is_met_to_a_decibel(codec, bit_depth, wanted):
+    """Or, where the codec's rounding does not reach it or costs more, without any loss."""
+    dn = frame_dn(bit_depth)
+    stream = Compression(codec=codec, psnr_db=wanted).encode(dn, bit_depth)
+    error = decode(stream, codec, dn.shape, bit_depth).astype(float) - dn
+    if not error.any():
+        assert stream == Compression(codec=codec).encode(dn, bit_depth)
+        return
+    found = 20.0 * np.log10((2**bit_depth - 1) / np.sqrt(np.mean(error**2)))
+    assert abs(found - wanted) <= 1.0, found
+
+
+@pytest.mark.parametrize("share", [0.25, 0.5, 1.0])
+def test_a_share_of_the_noise_is_one_of_what_two_exposures_differ_by(share):
+    """RMS on the body over the RMS by which frames of two seeds differ, over sqrt(2)."""
+    first, second = (model(compression=None).expose(image(), seed).dn.astype(float) for seed in (1, 2))
+    lit = image() > 0.0
+    noise = np.std((first - second)[lit]) / np.sqrt(2.0)
+    sent = model(compression=Compression(codec="jpeg_ls", share_of_noise=share)).expose(image(), 1)
+    assert 0.4 * share < np.std((sent.dn - first)[lit]) / noise < 1.1 * share
+
+
+def test_a_frame_is_what_the_ground_decodes():
+    raw = model().expose(image(), 3)
+    sent = model(compression=Compression(codec="jpeg_ls", max_error_DN=5)).expose(image(), 3)
+    np.testing.assert_array_equal(sent.dn, decode(sent.stream, "jpeg_ls", sent.dn.shape, 12))
+    assert 0 < np.abs(sent.dn.astype(int) - raw.dn).max() <= 5
+    assert sent.compressed_bytes == len(sent.stream) and sent.bits_per_pixel == 8 * len(sent.stream) / sent.dn.size
+    assert sent.stages["compression"].startswith("jpeg_ls, ") and "largest error 5 DN" in sent.stages["compression"]
+    assert raw.stream is raw.bits_per_pixel is raw.compressed_bytes is None
+    assert raw.stages["compression"] == "skipped: none given"
+    np.testing.assert_array_equal(sent.electrons, raw.electrons)
+    again = model(compression=Compression(codec="jpeg_ls", max_error_DN=5)).expose(image(), 3)
+    assert again.stream == sent.stream, "same request and seed, same bytes"
+
+
+def test_faults_come_before_it():
+    """A block that is lost is 0 DN in what is compressed."""
+    fault = {"kind": "lost_blocks", "n_blocks": 2, "size_px": 32}
+    sent = model(compression=Compression(codec="ccsds_121"), faults=[fault]).expose(image(), 3)
+    np.testing.assert_array_equal(sent.dn, model(faults=[fault]).expose(image(), 3).dn)
+    assert (sent.dn == 0).sum() >= 32 * 32
+
+
+def test_a_model_of_tables_and_a_mosaic_have_it():
+    table = {"preset": "generic_navigation_camera", "compression": {"codec": "jpeg_xl", "psnr_db": 50.0}}
+    assert CameraModel.from_dict(table).compression == Compression(codec="jpeg_xl", psnr_db=50.0)
+    camera = model()
+    bands = {letter: camera.optics for letter in "RGB"}
+    mosaic = MosaicModel(optics=bands, detector=camera.detector, exposure_s=0.05,
+                         compression=Compression(codec="jpeg_2000"))
+    frame = mosaic.expose({letter: image() for letter in "RGB"}, 1)
+    np.testing.assert_array_equal(frame.dn, decode(frame.stream, "jpeg_2000", frame.dn.shape, 12))
+
+
+@pytest.mark.parametrize("codec", CODECS)
+def test_a_stream_that_is_cut_spoilt_or_of_another_shape_is_refused(codec):
+    dn = frame_dn(12)
+    stream = Compression(codec=codec).encode(dn, 12)
+    assert struct.unpack_from("<II", stream) == (len(stream) - 8, zlib.crc32(stream[8:]))
+    spoilt = bytearray(stream)
+    spoilt[len(spoilt) // 2] ^= 1
+    for bad in (b"", stream[:7], stream[:len(stream) // 2], stream[:-1], stream + b"\0", bytes(spoilt)):
+        with pytest.raises(ConfigError, match=f"stream: must be a whole stream of {codec}"):
+            decode(bad, codec, dn.shape, 12)
+    with pytest.raises(ConfigError, match="shape|stream"):
+        decode(stream, codec, (HEIGHT + 1, WIDTH), 12)
+    other = CODECS[(CODECS.index(codec) + 1) % len(CODECS)]
+    if other != "ccsds_121":
+        # A stream of CCSDS 121 has no mark of its own: others' bytes are values to it.
+        with pytest.raises(ConfigError, match=f"stream: must be a stream of {other}"):
+            decode(stream, other, dn.shape, 12)
+
+
+@pytest.mark.parametrize("table, match", [
+    ({}, "codec: missing"), ({"codec": "jpeg"}, "codec: must be one of 'jpeg_ls', 'jpeg_2000'"),
+    ({"codec": "jpeg_ls", "rate_bpp": 1.0}, "rate_bpp: is no key of jpeg_ls.*max_error_DN and share_of_noise"),
+    ({"codec": "ccsds_121", "psnr_db": 50.0}, "psnr_db: is no key of ccsds_121.*none: it is lossless"),
+    ({"codec": "jpeg_2000", "rate_bpp": 1.0, "psnr_db": 50.0}, "psnr_db: must not be given with rate_bpp"),
+    ({"codec": "jpeg_ls", "max_error_DN": 0}, "max_error_DN: must be an integer between 1 and 255"),
+    ({"codec": "jpeg_ls", "max_error_DN": 2.5}, "max_error_DN: must be an integer"),
+    ({"codec": "jpeg_ls", "share_of_noise": 0.0}, "share_of_noise: must be > 0"),
+    ({"codec": "jpeg_xl", "psnr_db": float("nan")}, "psnr_db: must be a finite number"),
+    ({"codec": "jpeg_xl", "rate": 1.0}, "rate: unknown key"),
+])
+def test_mistakes_are_refused_by_name(table, match):
+    with pytest.raises(ConfigError, match=match):
+        Compression.from_dict(table)
+
+
+def test_without_the_package_the_extra_is_named():
+    code = ("import sys; sys.modules['imagecodecs'] = None\n"
+            "from glrender_camera import Compression, ConfigError\n"
+            "try:\n    Compression(codec='jpeg_ls')\nexcept ConfigError as error:\n    print(error)")
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert "codec: needs imagecodecs" in run.stdout and "pip install 'glrender[compression]'" in run.stdout, run.stderr
