@@ -20,13 +20,14 @@ from glrender_camera.faults.frame_faults import FrameFaults, checked_faults
 from glrender_camera.notebook import png
 from glrender_camera.shutter import row_weights
 
-from ..base.errors import ConfigError
+from ..base.errors import ConfigError, SceneError
 from ..engines.advice import Advice, frame_advice, frame_notes, image_advice
 from ..planner.plan import RenderPlan
 from ..scene.scene import Scene
 from ..view.regions import union
 from ..view.state import State
 from .motion_blur import STILL, Motion, checked_sub_states, given_motion, plan_motion
+from .motion_path import moves
 from .off_axis_light import light_beyond
 from .sensor import PosePoints, Sensor, with_points
 from .static_exposure import Drawing, Still, lens_margin, margin_of
@@ -133,7 +134,8 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
     renderer
         Of `glrender.open_renderer`.
     state : State
-        At the middle of the exposure; with rates what moves is blurred.
+        At the middle of the exposure. What moves is blurred: along the course of a scenario's state, at the rates of
+        others.
     camera : str, optional
         Name; the scene's only camera by default.
     seed : int, 0..2**64 - 1
@@ -180,17 +182,19 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
         asked = exposure = stuck_s
     began = time.perf_counter()
     sub_states = checked_sub_states(sub_states)
-    is_moving = state.is_moving or bool(sub_states)
+    n_rows, row_s = pinhole.height_px, model.detector.rolling_shutter_row_s
+    longest_s = model.auto_exposure.max_s if exposure == "auto" else exposure
+    is_moving = bool(sub_states) or _moves(state, 0.5 * (longest_s + abs(row_s) * n_rows))
     margin_px, margin_text = margin_of(scene, state, pinhole, is_moving)
     drawing = Drawing(renderer, pinhole, margin_px, True, **options)
     sensor = Sensor(scene, pinhole, margin_px)
-    n_rows, row_s = pinhole.height_px + 2 * margin_px, model.detector.rolling_shutter_row_s
+    n_rows += 2 * margin_px
     planned = lambda exposure_s: (  # noqa: E731
         given_motion(state, sub_states, exposure_s, row_s, n_rows) if sub_states else
         plan_motion(scene, state, pinhole, exposure_s, row_s, margin_px))
     motion = planned(exposure) if is_moving and exposure != "auto" else STILL
     # How many poses an exposure takes that is metered first is not known: then the first counts as half of all.
-    first = 0.5 if is_moving and exposure == "auto" else 1.0 / _n_drawn(motion)
+    first = 0.5 if is_moving and exposure == "auto" else 1.0 / _n_drawn(state, motion)
     still = drawing.still(state, products, (0.0, first))
     irradiance, roi = still.irradiance_W_m2, still.roi
     poses = [PosePoints(state=state, bodies=still.points)]
@@ -219,25 +223,35 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
     warnings = (*image_advice(scene, state, pinhole, still.plan, light, lit,
                               has_points=bool(bodies.irradiance_W_m2.any()), has_stars=has_stars),
                 *frame_advice(scene, pinhole, asked, frame, light, lit, has_stars=has_stars, has_sun=has_sun))
+    if motion.warning:
+        warnings = (*warnings, Advice("motion", "exposure_s", motion.warning))
     return Exposed(irradiance_W_m2=light, products=still.products, frame=replace(frame, stages=stages),
                    plan=replace(still.plan, milliseconds=sum(timings.values())), stages=stages, timings_ms=timings,
                    warnings=warnings, notes=frame_notes(asked, frame))
 
 
-def _n_drawn(motion: Motion) -> int:
+def _n_drawn(state: State, motion: Motion) -> int:
     """Poses that are drawn, the state's own among them."""
-    return len(motion.times_s) + (1 if motion.states else 0)
+    return 1 if motion.is_still else len(motion.states) + (0 if state in motion.states else 1)
+
+
+def _moves(state: State, half_s: float) -> bool:
+    """Whether the state moves so long about its time; where its course does not know, plan_motion says so."""
+    try:
+        return moves(state, half_s)
+    except (ConfigError, SceneError):
+        return True
 
 
 def _mean(drawing: Drawing, state: State, still: Still, motion: Motion,
           done: float) -> tuple[np.ndarray, tuple[int, int, int, int], list[PosePoints], list[frozenset[str]]]:
     """Mean irradiance over each row's exposure, its region, and what the poses have besides; `done` of it is."""
-    regions, points, apart, states = [], [], [], motion.poses(state)
-    shares = pairwise(np.linspace(done, 1.0, _n_drawn(motion)).tolist())
+    regions, points, apart, states = [], [], [], motion.states
+    shares = pairwise(np.linspace(done, 1.0, _n_drawn(state, motion)).tolist())
 
     def images() -> Iterator[np.ndarray]:
-        for dt, each in zip(motion.times_s, states, strict=True):
-            pose = still if dt == 0.0 and not motion.states else drawing.still(each, part=next(shares))
+        for each in states:
+            pose = still if each is state else drawing.still(each, part=next(shares))
             regions.append(pose.roi)
             points.append(pose.points)
             apart.append(pose.apart)

@@ -1,4 +1,4 @@
-"""Motion during an exposure: its length in the image, and the times at which poses are drawn."""
+"""Motion during an exposure: the times at which poses are drawn, and the warnings of what they leave out."""
 
 from __future__ import annotations
 
@@ -10,13 +10,10 @@ from itertools import pairwise
 import numpy as np
 from glrender_camera import PinholeCamera
 
-from ..base import rotations as frames
-from ..base.errors import ConfigError
+from ..base.errors import ConfigError, SceneError
 from ..scene.scene import Scene
-from ..scene.shape.convex_hull import Hull
-from ..view.state import Pose, State
-from ..view.view import BodyView, view_bodies
-from .sky_background import Place
+from ..view.state import State
+from .motion_path import MOST_INSTANTS, STILL_PX, Path, even_times, path_at, path_of
 
 # Light is linear in time between poses: half a pixel apart they widen a blurred edge by 0.04 px2.
 _STEP_PX = 0.5
@@ -24,24 +21,27 @@ MAX_POSES = 65
 """Most poses of a frame: 32 pixels of motion at half a pixel; longer motion is drawn in longer steps, and told."""
 MAX_GIVEN_POSES = 257
 """Most poses of a frame, where a request gives them."""
-# A frame that moves by less stands still: the blur of 0.05 px adds 2e-4 px2 to any point spread function.
-_STILL_PX = 0.05
-# Turn between the instants at which a path is measured, about; and how many there are at most.
-_INSTANT_RAD, _MOST_INSTANTS = 0.8, 129
+COARSE_PX = 1.0
+"""Distance of poses [px] from which on a warning names it: an edge is then steps that a point spread function shows."""
+# Poses of a motion back and forth, the fewest, and for each step of its extent: two sides of a turn.
+_LEAST_SPREAD, _A_STEP = 9, 4
+# Poses are exchanged so often, and for the mean and the spread of so many points.
+_SWEEPS, _POINTS, _SEED = 3, 16, 1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Motion:
-    """Times (N,) [s] of the poses to draw, after the state's; and what they are, in words.
+    """Times (N,) [s] of the poses to draw, after the state's; their states; and what they are, in words.
 
-    `states` are those poses where they are given; otherwise the state's rates make them, N odd, 0 in the middle.
+    `warning` says what they leave out, if anything.
     """
 
     times_s: np.ndarray
     text: str
+    states: tuple[State, ...] = ()
     exposure_s: float = 0.0
     row_s: float = 0.0
-    states: tuple[State, ...] = ()
+    warning: str = ""
 
     @property
     def is_still(self) -> bool:
@@ -49,12 +49,7 @@ class Motion:
         return len(self.times_s) == 1
 
 
-    def poses(self, state: State) -> list[State]:
-        """The states to draw."""
-        return list(self.states) or [state.after(dt) for dt in self.times_s]
-
-
-STILL = Motion(times_s=np.zeros(1), text="skipped: the state has no rates")
+STILL = Motion(times_s=np.zeros(1), text="skipped: the state does not move")
 
 
 def checked_sub_states(value: object) -> tuple[State, ...]:
@@ -105,7 +100,10 @@ def given_motion(state: State, sub_states: tuple[State, ...], exposure_s: float,
 
 def plan_motion(scene: Scene, state: State, camera: PinholeCamera, exposure_s: float, row_s: float,
                 margin_px: int) -> Motion:
-    """Choose the poses of a frame from the rates of its state.
+    """Choose the poses of a frame from the motion of its state: of its course, or at its rates.
+
+    Poses are half a pixel apart. Of a motion back and forth that is faster they are as many as its extent needs, at
+    times in step with no period, with the mean place and the spread of the whole motion.
 
     Parameters
     ----------
@@ -121,80 +119,78 @@ def plan_motion(scene: Scene, state: State, camera: PinholeCamera, exposure_s: f
         Rows that are drawn beyond the frame.
     """
     half_s = 0.5 * (exposure_s + abs(row_s) * (camera.height_px - 1 + 2 * margin_px))
-    path_px = motion_px(scene, state, camera.with_margin(margin_px), half_s)
-    if path_px < _STILL_PX:
-        return Motion(times_s=np.zeros(1), text=f"skipped: {path_px:.2g} px of motion")
-    # An odd number: the middle one is the state itself.
-    n_poses = min(2 * math.ceil(0.5 * path_px / _STEP_PX) + 1, MAX_POSES)
-    step_px = path_px / (n_poses - 1)
-    bounded = "" if step_px <= _STEP_PX else f", at most {MAX_POSES} are drawn: {step_px:.2g} px from pose to pose"
-    times = np.linspace(-half_s, half_s, n_poses)
-    times[n_poses // 2] = 0.0
-    return Motion(times_s=times, text=f"{n_poses} poses, {path_px:.3g} px in {2.0 * half_s:.3g} s{bounded}",
-                  exposure_s=exposure_s, row_s=row_s)
+    wide, unknown = camera.with_margin(margin_px), ""
+    try:
+        path = path_of(scene, state, wide, half_s)
+    except (ConfigError, SceneError) as error:
+        unknown = f"only known rates blur the frame: {error}"
+        state = replace(state)
+        path = path_of(scene, state, wide, half_s)
+    if path.extent_px < STILL_PX:
+        return Motion(times_s=np.zeros(1), text=f"skipped: {path.extent_px:.2g} px of motion", warning=unknown)
+    length_px, extent_px, span = path.length_px, path.extent_px, f"in {2.0 * half_s:.3g} s"
+    # Odd numbers: the middle one is the state itself.
+    along = 2 * math.ceil(0.5 * length_px / _STEP_PX) + 1
+    across = max(_LEAST_SPREAD, 2 * math.ceil(0.5 * _A_STEP * extent_px / _STEP_PX) + 1)
+    n_poses, made = min(along, across, MAX_POSES), {"exposure_s": exposure_s, "row_s": row_s}
+    if path.is_followed and (along <= n_poses or length_px <= 2.0 * extent_px):
+        step_px = length_px / (n_poses - 1)
+        bounded = "" if step_px <= _STEP_PX else f", at most {MAX_POSES} are drawn: {step_px:.2g} px from pose to pose"
+        coarse = "" if step_px <= COARSE_PX else (
+            f"motion of {length_px:.3g} px is drawn as {n_poses} poses, {step_px:.2g} px apart, that show as steps; a "
+            "shorter exposure has none")
+        times = even_times(n_poses, half_s)
+        return Motion(times_s=times, states=tuple(state.at(times)), warning=unknown or coarse, **made,
+                      text=f"{n_poses} poses, {length_px:.3g} px {span}{bounded}")
+    if len(path.times_s) < MOST_INSTANTS:
+        path = path_at(scene, state, wide, half_s)
+    chosen = _chosen(path, n_poses)
+    grain = "" if across <= MAX_POSES and not row_s else (
+        f"motion back and forth over {extent_px:.3g} px, faster than the exposure, is drawn as {n_poses} poses of it: "
+        "they have its mean and its spread, and leave out what is between them, or differs from row to row; a shorter "
+        "exposure has less of it")
+    return Motion(times_s=path.times_s[chosen], states=tuple(path.states[k] for k in chosen), **made,
+                  text=f"{n_poses} poses, back and forth over {extent_px:.3g} px {span}", warning=unknown or grain)
 
 
 def motion_px(scene: Scene, state: State, camera: PinholeCamera, half_s: float) -> float:
     """Longest path [px] in the image, of bodies and sky, from `half_s` before the state to `half_s` after it."""
-    # A turn between two instants is a chord; of whole turns it would be nothing.
-    turn_rad = 2.0 * half_s * max(
-        0.0 if pose.angular_velocity_rad_s is None else float(np.linalg.norm(pose.angular_velocity_rad_s))
-        for pose in (state.spacecraft, *state.bodies.values()))
-    corners = np.array([[x, y] for x in (0, camera.width_px - 1) for y in (0, camera.height_px - 1)])
-    rays = camera.directions(corners)
-    longest, moving = 0.0, []
-    if turn_rad > 2.0 * _INSTANT_RAD * _MOST_INSTANTS:
-        # Too fast to follow: all of the frame, each half turn.
-        longest = turn_rad / math.pi * math.hypot(camera.width_px, camera.height_px)
-    pinhole = camera if camera.distortion is None else replace(camera, distortion=None)
-    for view, body in zip(view_bodies(state, pinhole, scene.hulls), scene.bodies, strict=True):
-        most_px = _bound_px_s(state, camera, view, body.hull, rays[:, 2].min()) * 2.0 * half_s
-        if most_px < _STILL_PX or (view.bounds_px is None and view.is_visible):
-            longest = max(longest, most_px)
-        else:
-            moving.append((view, body))
-    if scene.stars is None and not moving:
-        return longest
-    n_instants = min(2 * math.ceil(turn_rad / _INSTANT_RAD) + 3, _MOST_INSTANTS)
-    times = np.linspace(-half_s, half_s, n_instants)
-    times[n_instants // 2] = 0.0
-    states = [state.after(dt) for dt in times]
-    places = [Place.of(each, camera) for each in states]
-    if scene.stars is not None:
-        sky = rays @ places[n_instants // 2].camera_from_inertial
-        longest = max(longest, _path_px(camera, [sky @ place.camera_from_inertial.T for place in places]))
-    for view, body in moving:
-        tracks = [_in_camera(each.bodies[body.name], place, body.hull.points_m.T + view.centre_m)
-                  for each, place in zip(states, places, strict=True)]
-        longest = max(longest, _path_px(camera, tracks))
-    return longest
+    return path_of(scene, state, camera, half_s).length_px
 
 
-def _path_px(camera: PinholeCamera, tracks: list[np.ndarray]) -> float:
-    """Longest path [px] of points (N, 3) in `camera` at an odd number of times, of those that pass near the frame."""
-    xy = []
-    for points in tracks:
-        depth = np.where(points[:, 2:] > 0.0, points[:, 2:], np.nan)
-        xy.append(camera.focal_length_px * points[:, :2] / depth + np.array(camera.principal_point_px))
-    size = np.array([camera.width_px, camera.height_px])
-    near = np.any([((np.fmax(a, b) > -size) & (np.fmin(a, b) < 2 * size)).all(axis=1) for a, b in pairwise(xy)], axis=0)
-    path = sum(np.hypot(*(b - a).T) for a, b in pairwise(xy))[near]
-    # What comes from behind the camera, or goes there, crosses all of the frame.
-    return float(np.nan_to_num(path, nan=float(np.hypot(*size))).max(initial=0.0))
+def _chosen(path: Path, n_poses: int) -> np.ndarray:
+    """Numbers of the instants (n_poses,) whose mean place and spread are those of all.
+
+    One of each share of the exposure, exchanged one after the other for the nearest; the ends and the state itself are
+    among them.
+    """
+    times, last = path.times_s, len(path.times_s) - 1
+    middle = int(np.flatnonzero(times == 0.0)[0])
+    shares = np.array_split(np.setdiff1d(np.arange(1, last), [middle]), n_poses - 3)
+    step = max(1, path.xy_px.shape[1] // _POINTS)
+    xy = path.xy_px[:, ::step]
+    xy = xy - xy.mean(axis=0)
+    # Second moments in the unit of the first, and as large: over a fifth of the extent.
+    unit_px = 0.2 * path.extent_px
+    values = np.concatenate([xy, xy**2 / unit_px, xy[..., :1] * xy[..., 1:] / unit_px], axis=2)
+    values = values.reshape(last + 1, -1)
+    wanted = _weights(times) @ values
+    # At random first: places at even distances may be in step with a motion that is exchanged one pose at a time.
+    rng = np.random.default_rng(_SEED)
+    taken = np.array([rng.choice(share) for share in shares])
+    for _ in range(_SWEEPS):
+        for k, share in enumerate(shares):
+            choices = np.tile(taken, (len(share), 1))
+            choices[:, k] = share
+            whole = np.sort(np.pad(choices, [(0, 0), (3, 0)]) + np.pad([[0, middle, last]], [(0, 0), (0, len(taken))]),
+                            axis=1)
+            off = np.einsum("cn,cnv->cv", _weights(times[whole]), values[whole]) - wanted
+            taken[k] = share[int(np.argmin((off**2).sum(axis=1)))]
+    return np.sort(np.concatenate([[0, middle, last], taken]))
 
 
-def _bound_px_s(state: State, camera: PinholeCamera, view: BodyView, hull: Hull, least_cosine: float) -> float:
-    """Speed [px/s] that nothing on a body exceeds that reaches beside or behind the camera."""
-    rate = lambda value: np.zeros(3) if value is None else value  # noqa: E731
-    body, craft = state.bodies[view.name], state.spacecraft
-    speed = np.linalg.norm(rate(body.v_inertial_m_s) - rate(craft.v_inertial_m_s))
-    # About the body's origin, which the view's need not be.
-    arm_m = np.linalg.norm(view.r_camera_body_m + view.centre_m)
-    speed += np.linalg.norm(rate(body.angular_velocity_rad_s)) * arm_m
-    turn = np.linalg.norm(rate(craft.angular_velocity_rad_s))
-    return float(camera.focal_length_px * (speed / hull.distance_m(view.r_camera_body_m) + turn) / least_cosine**2)
-
-
-def _in_camera(pose: Pose, place: Place, points_body_m: np.ndarray) -> np.ndarray:
-    inertial = points_body_m @ frames.dcm(pose.q_from_inertial) + pose.r_inertial_m
-    return (inertial - place.r_inertial_m) @ place.camera_from_inertial.T
+def _weights(times: np.ndarray) -> np.ndarray:
+    """Weights (..., N) of light that is linear between times (..., N)."""
+    half = 0.5 * np.diff(times, axis=-1)
+    pad = [(0, 0)] * (times.ndim - 1)
+    return (np.pad(half, [*pad, (0, 1)]) + np.pad(half, [*pad, (1, 0)])) / (times[..., -1:] - times[..., :1])

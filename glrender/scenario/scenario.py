@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -15,6 +15,7 @@ from ..base.plausible import Advice
 from ..base.rotations import dcm
 from ..scene.body import Body
 from ..scene.scene import Scene
+from ..view.course import Course
 from ..view.state import Pose, State
 from .attitude import Attitude, Fixed, Geometry
 from .belief.belief import Belief
@@ -147,8 +148,21 @@ class Scenario:
         return list(self.iter_states(t_s))
 
     def iter_states(self, t_s: np.ndarray | None = None) -> Iterator[State]:
-        """The states of `states`, one after the other."""
-        geometry = self.geometry(self.t_s if t_s is None else t_s)
+        """The states of `states`, one after the other; each knows the others as its course."""
+        for state in self._plain_states(self.t_s if t_s is None else t_s):
+            yield state.with_course(Course(states=self._motion.plain_states, state=state))
+
+    def plain_states(self, t_s: np.ndarray) -> list[State]:
+        """The states at times (N,) [s], without a course."""
+        return list(self._plain_states(t_s))
+
+    @cached_property
+    def _motion(self) -> Scenario:
+        """What moves, without what is drawn: it is sent with states to other processes."""
+        return replace(self, scene=_NO_SCENE, output={}, notes=(), keypoints={}, belief=Belief())
+
+    def _plain_states(self, t_s: np.ndarray) -> Iterator[State]:
+        geometry = self.geometry(t_s)
         turned = self._turned(geometry)
         with doubted(self.doubts):
             for index in range(len(geometry.t_s)):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import pickle
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -85,8 +86,9 @@ class FrameSequence:
             With the number of the frame that cannot be drawn; the others' files stay.
         """
         claim_folder(self.folder, self.manifest())
-        tasks = ((index, _draw, (self.path(index), index, self.states[index])) for index in self.missing())
-        with own_processes(n_processes, _start, (self.scene, self.options), _stop) as pool:
+        once, each = parted(self.states, self.options, n_processes)
+        tasks = ((index, _draw, (self.path(index), index, each[index])) for index in self.missing())
+        with own_processes(n_processes, _start, (self.scene, self.options, once), _stop) as pool:
             for index, _ in pool.done(tasks):
                 yield index
 
@@ -156,11 +158,12 @@ def _feed_named(digest: Any, values: Mapping[Any, Any]) -> None:
 # Of a process that draws: its renderer, and what is asked of it.
 _renderer: Any = None
 _options: Any = None
+_states: Sequence[State] = ()
 
 
-def _start(scene: Scene, options: FrameOptions) -> None:
-    global _renderer, _options
-    _renderer, _options = open_renderer(scene, options.backend), options
+def _start(scene: Scene, options: FrameOptions, states: Sequence[State]) -> None:
+    global _renderer, _options, _states
+    _renderer, _options, _states = open_renderer(scene, options.backend), options, states
 
 
 def _stop() -> None:
@@ -170,12 +173,34 @@ def _stop() -> None:
     _renderer = None
 
 
-def _draw(path: Path, index: int, state: State) -> None:
+def _draw(path: Path, index: int, state: State | None) -> None:
     try:
-        write(path, drawn(_renderer, index, state, _options))
+        write(path, drawn(_renderer, index, _states[index] if state is None else state, _options))
     except ConfigError as error:
         error.path = path_in_states(index, error.path)
         raise
+
+
+def parted(states: Sequence[State], options: FrameOptions,
+           n_processes: int | None = 1) -> tuple[Sequence[State], Sequence[State | None]]:
+    """What a process needs of states at its start, and what with each frame.
+
+    States with courses are sent at once, with what they have in common; irradiance needs none of them.
+
+    Raises
+    ------
+    ConfigError
+        Courses that cannot be sent to other processes.
+    """
+    if options.output != "dn" or not any(state.course is not None for state in states):
+        return (), [dataclasses.replace(state) for state in states]
+    if n_processes != 1:
+        try:
+            pickle.dumps(next(state.course for state in states if state.course is not None))
+        except (pickle.PicklingError, AttributeError, TypeError) as error:
+            raise ConfigError("processes", f"must be 1: the motion of the states cannot be sent to others ({error})",
+                              n_processes, "or give functions of a module, no lambdas") from None
+    return states, [None] * len(states)
 
 
 def path_in_states(index: int, path: str) -> str:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from glrender_camera.spectrum import SPEED_OF_LIGHT_M_S
 from glrender_camera.stars import aberrated
 
 from ..base.errors import SceneError
-from .state import Pose, State
+from .state import Course, Pose, State
 
 # Each step leaves v / c of the last one's error.
 _STEPS = 4
@@ -34,7 +34,7 @@ def apparent_state(state: State, *, light_time: bool = True, aberration: bool = 
     Returns
     -------
     State
-        With the rates of `state`.
+        With the rates of `state`, and its course.
 
     Raises
     ------
@@ -57,7 +57,23 @@ def apparent_state(state: State, *, light_time: bool = True, aberration: bool = 
         bodies = {name: replace(pose, r_inertial_m=_aberrated(pose.r_inertial_m, r_craft, velocity))
                   for name, pose in bodies.items()}
         r_sun = _aberrated(r_sun, r_craft, velocity)
-    return replace(state, bodies=bodies, r_sun_inertial_m=r_sun)
+    made = replace(state, bodies=bodies, r_sun_inertial_m=r_sun)
+    if state.course is None:
+        return made
+    return made.with_course(_Apparent(course=state.course, light_time=light_time, aberration=aberration))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Apparent:
+    """The course of an apparent state: that of the state, as it appears."""
+
+    course: Course
+    light_time: bool
+    aberration: bool
+
+    def __call__(self, dt_s: np.ndarray) -> list[State]:
+        return [apparent_state(state, light_time=self.light_time, aberration=self.aberration)
+                for state in self.course(dt_s)]
 
 
 def _earlier(pose: Pose, r_craft: np.ndarray) -> Pose:

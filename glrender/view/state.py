@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
 from typing import TYPE_CHECKING, Any, cast
@@ -117,6 +117,12 @@ class State:
         The axes of `inertial` are those of ICRF then.
 
     The Sun stands still in `inertial`; rates of the poses are for motion blur and stellar aberration.
+
+    Attributes
+    ----------
+    course : callable or None
+        From times (N,) [s] after this state to the N states then, of a source that knows more than the rates, as a
+        scenario does: `with_course`. Neither `to_dict` nor `dataclasses.replace` takes it along.
     """
 
     t_s: float = 0.0
@@ -124,6 +130,7 @@ class State:
     spacecraft: Pose
     bodies: Mapping[str, Pose]
     date_tdb: str | None = None
+    course: Course | None = field(init=False, default=None, repr=False)
 
     if TYPE_CHECKING:  # lists of numbers go in, arrays come out
         def __init__(self, *, t_s: float = 0.0, r_sun_inertial_m: ArrayLike, spacecraft: Pose,
@@ -161,7 +168,7 @@ class State:
             return cls(**{**table, "spacecraft": spacecraft, "bodies": poses})
 
     def to_dict(self) -> dict[str, Any]:
-        """The plain dictionary that the wire carries; the date only where it is known."""
+        """The plain dictionary that the wire carries: without the course, the date only where it is known."""
         date = {} if self.date_tdb is None else {"date_tdb": self.date_tdb}
         return {"t_s": self.t_s, "r_sun_inertial_m": self.r_sun_inertial_m.tolist(),
                 "spacecraft": self.spacecraft.to_dict(),
@@ -171,6 +178,25 @@ class State:
     def is_moving(self) -> bool:
         """Whether any pose has a rate that is not zero."""
         return any(pose.is_moving for pose in (self.spacecraft, *self.bodies.values()))
+
+    def with_course(self, course: Course) -> State:
+        """The same state, with what is known of its motion besides the rates."""
+        state = replace(self)
+        object.__setattr__(state, "course", course)
+        return state
+
+    def at(self, dt_s: Sequence[float] | np.ndarray) -> list[State]:
+        """The states times (N,) [s] later, of its course, or at its poses' rates where it has none.
+
+        Raises
+        ------
+        ConfigError, SceneError
+            Of a course that does not know them.
+        """
+        if self.course is None:
+            return [self.after(dt) for dt in dt_s]
+        # The state itself is the one that is drawn.
+        return [self if dt == 0.0 else other for dt, other in zip(dt_s, self.course(np.asarray(dt_s)), strict=True)]
 
     def after(self, dt_s: float) -> State:
         """The state a time later [s], at its poses' rates."""
@@ -196,3 +222,7 @@ def _checked_date(name: str, value: object) -> str:
     if date.tzinfo is not None:
         raise ConfigError(name, "must be TDB, without a Z or an offset", value, hint)
     return date.isoformat()
+
+
+Course = Callable[[np.ndarray], Sequence[State]]
+"""From times (N,) [s] after a state to the states then."""

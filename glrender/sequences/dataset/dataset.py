@@ -26,7 +26,7 @@ from ..folder import MANIFEST, claim_folder, write_whole
 from ..header import VERSION, camera_table
 from ..options import FrameOptions, require_model
 from ..processes import Pool, own_processes
-from ..sequence import digest_of_scene, digest_of_states
+from ..sequence import digest_of_scene, digest_of_states, parted
 from . import bop, coco
 from .drawing import Setup, draw_elsewhere, draw_here, start, stop
 from .shards import FORMATS, Files
@@ -104,7 +104,11 @@ class DataSet:
         """All that a process needs besides the states."""
         wanted = {*self.options.products, *labels.PRODUCTS, *(("range",) if self.format == "bop" else ())}
         options = replace(self.options, has_labels=True, format="npz", products=tuple(sorted(wanted)))
-        return Setup(scene=self.scene, options=options, format=self.format, version=VERSION)
+        return Setup(scene=self.scene, options=options, format=self.format, version=VERSION, states=self._parted[0])
+
+    @cached_property
+    def _parted(self) -> tuple[Sequence[State], Sequence[State | None]]:
+        return parted(self.states, self.options)
 
     def numbers(self) -> range:
         """Numbers of the shards."""
@@ -146,6 +150,7 @@ class DataSet:
         began, told = time.monotonic(), {"n_frames": 0, "processor_s": 0.0, "renderers": set()}
         missing = self.missing()
         if missing:
+            parted(self.states, self.options, None if pool else n_processes)
             with pool or own_processes(n_processes, start, (self.setup,), stop) as processes:
                 tasks = ((number, *self._task(number, processes, pool is None)) for number in missing)
                 for number, drawn in processes.done(tasks):
@@ -183,7 +188,7 @@ class DataSet:
 
     def _task(self, number: int, pool: Pool, is_here: bool) -> tuple[Any, tuple]:
         indices = self.indices(number)
-        frames = [(index, self.states[index]) for index in indices]
+        frames = [(index, self._parted[1][index]) for index in indices]
         return (draw_here, (number, frames)) if is_here else (draw_elsewhere, (pool.given(self.setup), number, frames))
 
     def _put(self, number: int, files: Files, lines: bytes) -> None:

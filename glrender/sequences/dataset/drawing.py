@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -17,18 +18,19 @@ from ..options import FrameOptions
 from ..sequence import drawn, path_in_states
 from .shards import FORMATS, Files
 
-Frames = list[tuple[int, State]]
-"""Numbers and states of the frames of a shard."""
+Frames = list[tuple[int, State | None]]
+"""Numbers and states of the frames of a shard; None where the setup has them."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Setup:
-    """What a process needs to know besides the states: the scene, the options, the format, and whose version asks."""
+    """What a process needs to know: the scene, the options, the format, whose version asks, and states with courses."""
 
     scene: Scene
     options: FrameOptions
     format: str
     version: str
+    states: Sequence[State] = ()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -94,7 +96,8 @@ def _draw(setup: Setup, number: int, frames: Frames) -> Shard:
     began, renderer = time.process_time(), _renderer_of(setup)
     made = FORMATS[setup.format].writer(setup.scene, setup.options, number)
     lines = []
-    for index, state in frames:
+    for index, sent in frames:
+        state = setup.states[index] if sent is None else sent
         try:
             frame = drawn(renderer, index, state, setup.options)
         except ConfigError as error:
