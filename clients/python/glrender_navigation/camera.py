@@ -135,6 +135,12 @@ class Sight:
         """Angle [rad] between the directions from the body to the Sun and to the camera."""
         return float(np.arccos(np.clip(-self.r_body_camera_m @ self.sun_direction_camera / self.range_m, -1.0, 1.0)))
 
+    @property
+    def sunward_px(self) -> np.ndarray:
+        """Direction (2,) of the Sun in the image, of length 1, or 0 where it is along the boresight."""
+        across = self.sun_direction_camera[:2]
+        return across / max(float(np.linalg.norm(across)), 1e-12)
+
 
 def sight(state: StateLike, camera: Camera, body: str) -> Sight:
     """The place of a body in a camera by a state.
@@ -169,6 +175,12 @@ def moved(state: StateLike, camera: Camera, body: str, r_body_camera_m: np.ndarr
     moved_m = here.camera_from_inertial.T @ (here.r_body_camera_m - np.asarray(r_body_camera_m, float))
     table["spacecraft"]["r_inertial_m"] = (np.asarray(table["spacecraft"]["r_inertial_m"], float) + moved_m).tolist()
     return table
+
+
+def others_px(state: StateLike, camera: Camera, body: str) -> dict[str, np.ndarray]:
+    """Pixels (2,) of the other bodies of a state that are before the camera, by name."""
+    others = {name: sight(state, camera, name).r_body_camera_m for name in plain(state)["bodies"] if name != body}
+    return {name: camera.project(r_m) for name, r_m in others.items() if r_m[2] > 0.0}
 
 
 def plain(state: StateLike) -> dict[str, Any]:

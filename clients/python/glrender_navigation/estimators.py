@@ -8,8 +8,9 @@ from .altimeter import Altimeter
 from .body import BelievedBody
 from .brightness import Model, Sphere
 from .camera import Camera
+from .horizon import LimbEllipse
 from .landmarks import Landmarks
-from .limb import LimbEllipse, LimbShape
+from .limb import LimbShape
 from .measurement import Estimator
 from .templates import Templates
 

@@ -1,4 +1,4 @@
-"""Estimators by the lit limb: against an ellipsoid's horizon, and against the limb of the believed frame."""
+"""The lit limb of a frame, and the estimator that compares it with the limb of the believed frame."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ from .measurement import N_STRETCHES, Estimator, Measurement, NotFound, lit_pixe
 _SMOOTH_PX = 1.0
 _REACH_PX = 4.0
 _STEP_PX = 0.25
-_LEAST_POINTS = 20
+LEAST_POINTS = 20
+"""Edges that a limb needs."""
 # Below this phase angle terminator and limb are one to 1.5 % of the radius.
 _FULL_PHASE_RAD = np.radians(10.0)
 # Cosine to the Sun's direction in the image from which an edge is taken for the limb.
@@ -26,66 +27,6 @@ _LIMB_COSINE = 0.2
 # longest one's.
 _LANE_PX = 1.0
 _LEAST_PIECE = 0.2
-# Shades and smoothing move an edge by so much, which no render takes off here.
-_SHADING_PX = 0.25
-# Times the median distance of the limb's points from the fitted horizon, or the ellipsoid's own error, from which a
-# point is no limb of this body.
-_FAR = 3.0
-_MOST_FITS = 5
-# Of the believed range, which an ellipsoid's horizon is helped by: half a limb tells size and place apart badly.
-_SIGMA_RANGE = 0.2
-
-
-class LimbEllipse(Estimator):
-    """The lit limb against the horizon of the body's ellipsoid; nothing is rendered.
-
-    How far the shape is from the ellipsoid counts as the limb's error, and the believed range with 20 %.
-
-    Source: Christian and Robinson (2016), Noniterative horizon-based optical navigation by Cholesky factorization.
-    """
-
-    name = "limb_ellipse"
-
-    def _measured(self, frame: np.ndarray, believed: StateLike, here: Sight,
-                  render: Callable[..., Any]) -> Measurement:
-        points_px, _, is_longest = limb_points(frame, here)
-        # In these coordinates the ellipsoid is a unit sphere, whose horizon is a circular cone.
-        sphere_from_camera = np.linalg.inv(self.body.ellipsoid_m) @ here.camera_from_body.T
-        rays = self.camera.direction(points_px) @ sphere_from_camera.T
-        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-        center_m = here.camera_from_body @ self.body.ellipsoid_center_m
-        radius_px = self.camera.focal_length_px * self.body.mean_radius_m / here.range_m
-        error_px = radius_px * self.body.ellipsoid_error_m / self.body.mean_radius_m
-        # A stretch of limb is one measurement.
-        sigma_px = np.hypot(error_px, _SHADING_PX) * np.sqrt(len(rays) / N_STRETCHES)
-        scale_px = radius_px * _to_horizon(sphere_from_camera @ (here.r_body_camera_m + center_m))
-
-        def off(x: np.ndarray, rays: np.ndarray) -> np.ndarray:
-            """Residuals [sigmas] of a place [ranges]: from each ray to the horizon, and from the believed range."""
-            c = sphere_from_camera @ (here.range_m * x + center_m)
-            # By how much a ray passes the unit sphere, of all that touch it at the horizon's distance.
-            off_px = scale_px * (rays @ c - _to_horizon(c))
-            return np.append(off_px / sigma_px, (np.linalg.norm(x) - 1.0) / _SIGMA_RANGE)
-
-        def slopes(x: np.ndarray, rays: np.ndarray) -> np.ndarray:
-            """Derivatives of the residuals with respect to the place."""
-            c = sphere_from_camera @ (here.range_m * x + center_m)
-            of_c = scale_px / sigma_px * (rays - c / _to_horizon(c))
-            return np.vstack([of_c @ (here.range_m * sphere_from_camera), x / (np.linalg.norm(x) * _SIGMA_RANGE)])
-
-        is_limb, x = is_longest | (is_longest.sum() < _LEAST_POINTS), here.r_body_camera_m / here.range_m
-        # The limb of another body, before this one or beside it, is far from this one's, and each fit is less astray.
-        for _ in range(_MOST_FITS):
-            solved = least_squares(off, x, slopes, loss=_soft_but_last, args=(rays[is_limb],))
-            off_all, x, fitted = np.abs(off(solved.x, rays)[:-1]), solved.x, is_limb
-            is_limb = off_all <= _FAR * max(float(np.median(off_all[fitted])), error_px / sigma_px)
-            if np.array_equal(is_limb, fitted):
-                break
-        place_m = here.range_m * solved.x
-        if not place_m[2] > 0.0:
-            raise NotFound("the limb's points lie on no horizon before the camera")
-        covariance = np.linalg.inv(solved.jac.T @ solved.jac)
-        return Measurement.of_place(self.camera, place_m, here.range_m**2 * covariance)
 
 
 class LimbShape(Estimator):
@@ -98,7 +39,7 @@ class LimbShape(Estimator):
         smooth = cv2.GaussianBlur(np.asarray(frame, np.float32), (0, 0), _SMOOTH_PX)
 
         def step(drawn: Drawn, number: int) -> tuple[np.ndarray, np.ndarray]:
-            points_px, normals, _ = limb_points(drawn.pixels, drawn.here)
+            points_px, normals = limb_points(drawn.pixels, drawn.here)
             at_px = points_px + drawn.corner_px
             center_px = self.camera.project(drawn.here.r_body_camera_m)
             radius_px = self.camera.focal_length_px * self.body.mean_radius_m / drawn.here.range_m
@@ -106,8 +47,8 @@ class LimbShape(Estimator):
             off_px, is_edge = _crossings(smooth, at_px, normals, reach_px)
             height, width = frame.shape
             is_edge &= ((at_px > _REACH_PX) & (at_px < np.array([width, height]) - 1.0 - _REACH_PX)).all(axis=1)
-            if is_edge.sum() < _LEAST_POINTS:
-                raise NotFound(f"{is_edge.sum()} edges of the frame are near the believed limb, {_LEAST_POINTS} are "
+            if is_edge.sum() < LEAST_POINTS:
+                raise NotFound(f"{is_edge.sum()} edges of the frame are near the believed limb, {LEAST_POINTS} are "
                                "needed")
             n, arm = normals[is_edge], (at_px[is_edge] - center_px) / radius_px
             rows = np.column_stack([n, np.einsum("ij,ij->i", n, arm)])
@@ -131,13 +72,12 @@ def from_shift(estimator: Estimator, place_m: np.ndarray, covariance_px2: np.nda
     return estimator.placed(place_m, turn @ covariance_px2 @ turn.T)
 
 
-def limb_points(pixels: np.ndarray, here: Sight) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Places (N, 2) [px] of the lit limb to a part of a pixel, its normals (N, 2), and what is of the longest outline.
+def limb_points(pixels: np.ndarray, here: Sight) -> tuple[np.ndarray, np.ndarray]:
+    """Places (N, 2) [px] of the lit limb to a part of a pixel, and its normals (N, 2) away from the body.
 
-    Normals point away from the body. Other outlines, (N,) False, may be of other bodies.
-
-    An edge is the limb where its normal points to the Sun's side and nothing lit is before it; at small phase angles
-    all round.
+    An edge is the limb where its normal points to the Sun's side and nothing lit is before it, at small phase angles
+    all round, if it is not at the frame's edge and light goes on behind it: not at a crescent's thin ends. Edges of
+    other bodies are among them.
 
     Raises
     ------
@@ -155,31 +95,21 @@ def limb_points(pixels: np.ndarray, here: Sight) -> tuple[np.ndarray, np.ndarray
     least = _LEAST_PIECE * max(map(len, contours))
     outlines = [contour.reshape(-1, 2).astype(np.float64) for contour in contours if len(contour) >= least]
     points, normals = np.concatenate(outlines), np.concatenate([_normals(outline) for outline in outlines])
-    lengths = [len(outline) for outline in outlines]
-    is_longest = np.repeat(np.arange(len(outlines)) == np.argmax(lengths), lengths)
     corner = np.array([x0, y0], float)
-    keep = ((points + corner > _REACH_PX) & (points + corner < np.array([width, height]) - 1.0 - _REACH_PX)).all(axis=1)
+    keep = is_limb_there(points + corner, normals, here, (width, height))
     if here.phase_rad > _FULL_PHASE_RAD:
-        sun = here.sun_direction_camera[:2] / np.linalg.norm(here.sun_direction_camera[:2])
-        keep &= (normals @ sun > _LIMB_COSINE) & _foremost(points, sun)
-    points, normals, is_longest = points[keep], normals[keep], is_longest[keep]
+        keep &= _foremost(points, here.sunward_px)
+    points, normals = points[keep], normals[keep]
     off, is_edge = _crossings(smooth, points, normals, _REACH_PX) if len(points) else (None, np.zeros(0, bool))
-    if is_edge.sum() < _LEAST_POINTS:
-        raise NotFound(f"the lit limb has {is_edge.sum()} edges inside the image, {_LEAST_POINTS} are needed")
-    return points[is_edge] + off[is_edge, None] * normals[is_edge] + corner, normals[is_edge], is_longest[is_edge]
+    if is_edge.sum() < LEAST_POINTS:
+        raise NotFound(f"the lit limb has {is_edge.sum()} edges inside the image, {LEAST_POINTS} are needed")
+    return points[is_edge] + off[is_edge, None] * normals[is_edge] + corner, normals[is_edge]
 
 
-def _to_horizon(place: np.ndarray) -> float:
-    """Distance from a place (3,) to the horizon of the unit sphere."""
-    return float(np.sqrt(max(place @ place - 1.0, 1e-6)))
-
-
-def _soft_but_last(squares: np.ndarray) -> np.ndarray:
-    """Loss of `least_squares` that is soft_l1 for all rows but the last, the believed range's."""
-    t = 1.0 + squares
-    loss = np.stack([2.0 * (np.sqrt(t) - 1.0), 1.0 / np.sqrt(t), -0.5 * t**-1.5])
-    loss[:, -1] = squares[-1], 1.0, 0.0
-    return loss
+def is_limb_there(points_px: np.ndarray, normals: np.ndarray, here: Sight, size_px: tuple[int, int]) -> np.ndarray:
+    """Whether an edge (..., 2) [px] of a normal (..., 2) may be the lit limb, and the frame shows both its sides."""
+    is_inside = ((points_px > _REACH_PX) & (points_px < np.array(size_px) - 1.0 - _REACH_PX)).all(axis=-1)
+    return is_inside & ((here.phase_rad <= _FULL_PHASE_RAD) | (normals @ here.sunward_px > _LIMB_COSINE))
 
 
 def _normals(outline: np.ndarray) -> np.ndarray:

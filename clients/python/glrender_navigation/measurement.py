@@ -21,6 +21,8 @@ _SATURATED = 0.998
 _LIT = 0.1
 _LEAST_RANGE_DN = 100.0
 _LEAST_LIT_PX = 4
+# Of the body's radius: a find as near as this to its believed place is its own.
+_OWN = 0.25
 N_STRETCHES = 8.0
 """Errors of a shape are alike over stretches of it: so many count as independent."""
 
@@ -197,6 +199,17 @@ def lit_pixels(frame: np.ndarray, least: float | None = None) -> np.ndarray:
     if (n_lit := int(np.count_nonzero(values))) < _LEAST_LIT_PX:
         raise NotFound(f"no body stands out of the dark: {n_lit} pixels are lit, {_LEAST_LIT_PX} are needed")
     return values
+
+
+def is_anothers(found_px: np.ndarray, believed_px: np.ndarray, others_px: dict[str, np.ndarray],
+                radius_px: float) -> np.ndarray:
+    """Which places found (..., 2) [px] are nearer to where another body is believed than to where this one is.
+
+    A find within a quarter of the body's radius of its believed place is not.
+    """
+    off_px = np.linalg.norm(found_px - believed_px, axis=-1)
+    nearest_px = np.min([np.linalg.norm(found_px - px, axis=-1) for px in others_px.values()], axis=0, initial=np.inf)
+    return (nearest_px < off_px) & (off_px > _OWN * radius_px)
 
 
 def brightness_center_px(values: np.ndarray) -> np.ndarray:
