@@ -72,7 +72,7 @@ def kind(request, world):
         yield request.param, views, board
 
 
-LEAST_FOUND = {"limb_ellipse": 0.6}
+LEAST_FOUND = {"limb_ellipse": 0.6, "limb_shape": 0.6, "templates": 0.6, "landmarks": 0.3}
 """Share of each kind's frames in which an estimator finds the body."""
 
 

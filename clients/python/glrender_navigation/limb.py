@@ -40,6 +40,8 @@ class LimbShape(Estimator):
 
         def step(drawn: Drawn, number: int) -> tuple[np.ndarray, np.ndarray]:
             points_px, normals = limb_points(drawn.pixels, drawn.here)
+            x, y = np.rint(points_px).astype(int).T
+            points_px, normals = points_px[drawn.is_clear[y, x]], normals[drawn.is_clear[y, x]]
             at_px = points_px + drawn.corner_px
             center_px = self.camera.project(drawn.here.r_body_camera_m)
             radius_px = self.camera.focal_length_px * self.body.mean_radius_m / drawn.here.range_m
@@ -56,7 +58,7 @@ class LimbShape(Estimator):
                                    loss="soft_l1", f_scale=0.5)
             range_m = drawn.here.range_m / (1.0 + solved.x[2] / radius_px)
             place_m = placed(self.camera, center_px + solved.x[:2], range_m)
-            return place_m, _covariance(rows, rows @ solved.x - off_px[is_edge])
+            return place_m, _covariance(rows, rows @ solved.x - off_px[is_edge], radius_px)
 
         place_m, covariance_px2 = Refined(frame, believed, self.camera, self.body, render)(step)
         return from_shift(self, place_m, covariance_px2)
@@ -76,8 +78,7 @@ def limb_points(pixels: np.ndarray, here: Sight) -> tuple[np.ndarray, np.ndarray
     """Places (N, 2) [px] of the lit limb to a part of a pixel, and its normals (N, 2) away from the body.
 
     An edge is the limb where its normal points to the Sun's side and nothing lit is before it, at small phase angles
-    all round, if it is not at the frame's edge and light goes on behind it: not at a crescent's thin ends. Edges of
-    other bodies are among them.
+    all round, if the image shows both its sides. Edges of other bodies are among them.
 
     Raises
     ------
@@ -164,7 +165,8 @@ def _crossings(smooth: np.ndarray, points: np.ndarray, normals: np.ndarray,
     return t[np.maximum(last - 1, 0)] + share * _STEP_PX, is_edge
 
 
-def _covariance(jacobian: np.ndarray, off_px: np.ndarray) -> np.ndarray:
-    """Covariance of a fit whose residuals [px] are alike over stretches of limb."""
+def _covariance(jacobian: np.ndarray, off_px: np.ndarray, radius_px: float) -> np.ndarray:
+    """Covariance of a fit whose residuals [px] are alike over stretches of the outline."""
     variance = float((1.4826 * np.median(np.abs(off_px)))**2) + 0.02**2
-    return variance * len(off_px) / N_STRETCHES * np.linalg.inv(jacobian.T @ jacobian)
+    n_alike = 2.0 * np.pi * radius_px / N_STRETCHES
+    return variance * n_alike * np.linalg.inv(jacobian.T @ jacobian)
