@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from .believed import grown, is_anothers_ground
 from .body import BelievedBody
-from .camera import Camera, Sight, StateLike
+from .camera import Camera, Sight, StateLike, others_px
 from .checks import array, number, refuse, whole
 from .measurement import Estimator, Measurement, NotFound
 
@@ -66,14 +67,19 @@ class Altimeter(Estimator):
         reach, size = self._reach_px, np.array([self.camera.width_px, self.camera.height_px])
         low = np.clip(self._beams_px.min(axis=0) - reach, 0, size - 1)
         high = np.clip(self._beams_px.max(axis=0) + reach + 1, low + 1, size)
-        ranges = render(believed, products=["range"], roi=[*map(int, low), *map(int, high)]).arrays["range"]
+        others = others_px(believed, self.camera, self.body.name)
+        products = ["range", "r_body"] if others else ["range"]
+        arrays = render(believed, products=products, roi=[*map(int, low), *map(int, high)]).arrays
+        ranges, is_near_other = arrays["range"], np.zeros(arrays["range"].shape, bool)
+        if others:
+            is_near_other = grown(is_anothers_ground(arrays, low, self.camera, here, self.body), reach)
         rays = self.camera.direction(np.stack(np.meshgrid(np.arange(low[0], high[0]), np.arange(low[1], high[1])), -1))
         places = rays * ranges[..., None]
         for range_m, (x, y) in zip(frame, self._beams_px - low, strict=True):
             near = (slice(max(y - reach, 0), y + reach + 1), slice(max(x - reach, 0), x + reach + 1))
             ground = places[near][np.isfinite(ranges[near])]
-            # Nothing returned, or is believed to.
-            if not np.isfinite(range_m - ranges[y, x]) or len(ground) < _LEAST_GROUND:
+            # Nothing returned, or is believed to; or another body is near, whose range it may be.
+            if is_near_other[y, x] or not np.isfinite(range_m - ranges[y, x]) or len(ground) < _LEAST_GROUND:
                 continue
             _, sizes, axes = np.linalg.svd(ground - ground.mean(axis=0), full_matrices=False)
             slant = rays[y, x] @ axes[2]
@@ -86,7 +92,8 @@ class Altimeter(Estimator):
             sums += row * (range_m - ranges[y, x]) / variance_m2
             used += 1
         if not used:
-            raise NotFound(f"none of {len(self._beams_px)} beams has both a return and believed ground")
+            raise NotFound(f"none of {len(self._beams_px)} beams has both a return and believed ground, clear of other "
+                           "bodies")
         covariance = np.linalg.inv(information)
         return Measurement.of_place(self.camera, here.r_body_camera_m + covariance @ sums, covariance, is_by_size=False)
 

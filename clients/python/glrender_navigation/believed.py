@@ -20,11 +20,9 @@ NEXT_PX = 8
 # Ground is another body's where its place on the body is so far from the place that is seen; of the mean radius.
 _OTHER_GROUND = 0.01
 # A rough alignment is of images of so many pixels, in these sizes; and what each radius of shift must gain.
-_ROUGH_PX, _ROUGH_SIZES = 48, np.geomspace(0.8, 1.25, 5)
+_ROUGH_PX, _ROUGH_SIZES = 48, (1.0, 0.8, 1.25)
 _NEARER = 0.02
 _LEAST_ROUGH = 0.5
-# Times the step that is small enough: a last step that is larger is no solution.
-_MOST_UNSETTLED = 4.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -181,9 +179,8 @@ class Refined:
                 return place_m, told
             if number + 1 < self._most:
                 drawn = self._draw(place_m)
-        if (last_px := self._size_px(drawn, place_m)) > _MOST_UNSETTLED * self._enough_px:
-            raise NotFound(f"the place still moves by {last_px:.1f} px after {self._most} steps")
-        return place_m, told
+        raise NotFound(f"the place still moves by {self._size_px(drawn, place_m):.1f} px after {self._most} steps, "
+                       f"{self._enough_px} is allowed")
 
     def _draw(self, place_m: np.ndarray) -> Drawn:
         return draw(self._render, moved(self._state, self._camera, self._body.name, place_m), self._camera, self._body,
