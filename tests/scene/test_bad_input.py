@@ -70,7 +70,7 @@ def changed(path, value):
     ("bodies.body.mass_kg", 1.0, "state.bodies.body.mass_kg: unknown key"),
     ("spacecraft", None, "state.spacecraft: missing"),
     ("bodies", [1], "state.bodies: must map body names to poses"),
-    ("light", 1, "state.light: unknown key; known keys are bodies, r_sun_inertial_m, spacecraft, t_s"),
+    ("light", 1, "state.light: unknown key; known keys are bodies, date_tdb, r_sun_inertial_m, spacecraft, t_s"),
 ])
 def test_a_wrong_state_names_field_rule_and_value(path, value, message):
     with pytest.raises(ConfigError, match=message):
