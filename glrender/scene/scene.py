@@ -24,7 +24,7 @@ from .tolerance import checked_max_error
 
 __all__ = ["Body", "Scene", "band_irradiances", "load_scene"]
 
-_SCENE_KEYS = ("bodies", "cameras", "stars", "solar_irradiance_1au_W_m2", "max_error", "sun_disc",
+SCENE_KEYS = ("bodies", "cameras", "stars", "solar_irradiance_1au_W_m2", "max_error", "sun_disc",
                "emission")
 
 
@@ -158,7 +158,7 @@ class Scene:
         ConfigError
             With the path of the field.
         """
-        known_keys(path, table, _SCENE_KEYS, required=("bodies", "cameras"))
+        known_keys(path, table, SCENE_KEYS, required=("bodies", "cameras"))
         files = scene_tables.Files(Path(shape_dir) if shape_dir is not None else None, restricted)
         bodies = [scene_tables.body(entry, f"{path}.bodies[{i}]", files)
                   for i, entry in enumerate(scene_tables.tables(f"{path}.bodies", table["bodies"]))]

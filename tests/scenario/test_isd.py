@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import json
 import re
+import shutil
 import tomllib
 from pathlib import Path
 
@@ -12,7 +13,7 @@ import numpy as np
 import pytest
 from glrender import ConfigError, frames
 from glrender.base.constants import AU_M, GM_SUN_M3_S2
-from glrender.scenario import FocalPlane, Isd, scenario_of_table
+from glrender.scenario import FocalPlane, Isd, load_scenario, scenario_of_table
 from glrender.scenario.instruments.lens import lens_of
 from missing import needed_module
 from scipy.spatial.transform import Rotation
@@ -434,3 +435,14 @@ def test_the_pages_scenario_loads(shared):
     assert made.scene.cameras[0].name == "HAYABUSA_AMICA" and len(made.states()) == 1
     assert "[2.21e-5, 1.71e-4, 5.96e-5, 0.0, 0.0, -0.5202, -0.21505]" in " ".join(page.split())
     np.testing.assert_allclose(OCAMS["coefficients"], [2.21e-5, 1.71e-4, 5.96e-5, 0.0, 0.0, -0.5202, -0.21505])
+
+
+def test_the_listing_of_the_page_is_a_scenario(shared, tmp_path):
+    """As it is printed in docs/scenario.md, with the files that it names."""
+    page = (Path(__file__).parents[2] / "docs" / "scenario.md").read_text(encoding="utf-8")
+    listing = page[page.index("**ISDs.**"):].split("```")[1].removeprefix("toml")
+    (tmp_path / "a.toml").write_text(listing)
+    shutil.copy(shared / "spice_state" / AMICA, tmp_path / "st_2458542208.json")
+    shutil.copy(shared / "itokawa" / "itokawa_8q_768.obj", tmp_path / "itokawa.obj")
+    made = load_scenario(tmp_path / "a.toml")
+    assert len(made.states()) == 1 and made.scene.cameras[0].name == "amica"

@@ -422,3 +422,11 @@ def test_a_file_that_is_none_is_told(tmp_path):
     (tmp_path / "bad.toml").write_text("[encounter")
     with pytest.raises(ConfigError, match="bad.toml: is not TOML"):
         load_scenario(tmp_path / "bad.toml")
+
+
+@pytest.mark.parametrize("wrong, right", [("randm", "random"), ("encountr", "encounter"), ("tajectory", "trajectory"),
+                                          ("atitude", "attitude"), ("bodys", "bodies"), ("spise", "spice")])
+def test_a_misspelt_table_is_answered_with_those_of_scenarios(wrong, right):
+    with pytest.raises(ConfigError, match=f"scenario.{wrong}: unknown key; did you mean '{right}'") as caught:
+        scenario_of_table({"bodies": [], "cameras": [], wrong: {}})
+    assert "encounter" in str(caught.value) and "sun_disc" in str(caught.value)

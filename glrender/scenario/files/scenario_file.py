@@ -12,7 +12,7 @@ from glrender_camera.validate import known_keys, one_of, text
 
 from ...base.constants import AU_M
 from ...base.errors import ConfigError, error_path
-from ...scene.scene import Scene
+from ...scene.scene import SCENE_KEYS, Scene
 from ...scene.scene_file import read_toml
 from ..belief.belief import Belief
 from ..paths import Trajectory
@@ -182,6 +182,7 @@ def _scenario(table: dict[str, Any], folder: Path) -> Scenario | RandomStates:
 
 def _taken(table: dict[str, Any]) -> tuple[dict[str, Any], Any]:
     """The tables of a scenario file that no scene has, and the whole entries of its bodies; the table loses them."""
+    known_keys("", table, (*SCENE_KEYS, *_OWN_KEYS), required=("bodies", "cameras"))
     own = {key: table.pop(key) for key in _OWN_KEYS if key in table}
     entries = table.get("bodies")
     if isinstance(entries, list):
