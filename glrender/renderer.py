@@ -229,7 +229,9 @@ class Renderer:
             fast = Image(irradiance_W_m2=irradiance, products={}, plan=frame_plan, timings_ms=clock.laps_ms)
             slow = self._slow.instead_of(fast, allow_slow, state, pinhole, error_gain=gain,
                                           on_progress=on_progress)
-            irradiance, small = slow.irradiance_W_m2, []
+            if slow.irradiance_W_m2 is not irradiance:
+                # All of its bodies are in the image.
+                irradiance, small = slow.irradiance_W_m2, []
             clock.lap("slow")
         if self._emission:
             frame_plan = self._add_emission(irradiance, state, frame, frame_plan)

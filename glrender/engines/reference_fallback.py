@@ -108,7 +108,7 @@ class SlowFrames:
                 continue
             slow = _drawn(backend, name, fast, state, camera, error_gain,
                           progress.part(index / len(names), (index + 1) / len(names)))
-            best = min(best, slow, key=lambda image: image.plan.predicted_error)
+            best = min(best, slow, key=lambda image: image.plan.excess)
             if not misses_tolerance(slow.plan):
                 progress.finish()
                 return slow
@@ -131,5 +131,8 @@ def _drawn(backend: Any, name: str, fast: Image, state: State, camera: PinholeCa
     reached = slow.plan.predicted_error * error_gain
     told = (f"drawn by {name}: OpenGL leaves an error of {plan.predicted_error:.2g}, above the tolerance of "
             f"{plan.max_error:g}",)
-    return replace(slow, plan=replace(slow.plan, max_error=plan.max_error, predicted_error=reached, asked=plan.asked,
-                                      warnings=(*slow.plan.warnings, *told)))
+    # What it misses before the point spread function may be met behind it.
+    before = tuple(slow.plan.misses().values())
+    kept = tuple(text for text in slow.plan.warnings if not text.startswith(before))
+    made = replace(slow.plan, max_error=plan.max_error, predicted_error=reached, asked=plan.asked)
+    return replace(slow, plan=replace(made, warnings=(*kept, *made.misses().values(), *told)))

@@ -158,12 +158,11 @@ def frame_plan(camera: PinholeCamera, max_error: float | Mapping[str, float], er
                       navigation=navigation, asked=by_unit(max_error))
     if any(math.isfinite(window.tolerance) for window in windows):
         least = frame_errors([(members, how, 0.0, 0.0) for members, how, *_ in drawn_so], camera, error_gain)
-        for unit in made.missed:
-            asked, out = made.asked[unit], remedy
-            if asked <= least.get(unit, 0.0):
+        for unit, text in made.misses().items():
+            out = remedy
+            if made.asked[unit] <= least.get(unit, 0.0):
                 out = f"no frame of this view is promised less than {least[unit]:.2g}"
-            warnings.append(f"predicted {'error' if unit == 'rms' else unit} {made.predicted[unit]:.2g} exceeds "
-                            f"max_error {asked:g}" + (f"; {out}" if out else ""))
+            warnings.append(text + (f"; {out}" if out else ""))
     return replace(made, warnings=tuple(warnings))
 
 

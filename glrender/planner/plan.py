@@ -197,6 +197,17 @@ class RenderPlan:
         predicted = self.predicted
         return tuple(unit for unit, most in self.asked.items() if predicted.get(unit, 0.0) > most * (1.0 + 1e-6))
 
+    def misses(self) -> dict[str, str]:
+        """A sentence for each unit of `missed`."""
+        return {unit: f"predicted {'error' if unit == 'rms' else unit} {self.predicted[unit]:.2g} exceeds max_error "
+                      f"{self.asked[unit]:g}" for unit in self.missed}
+
+    @property
+    def excess(self) -> float:
+        """The largest ratio [1] of a predicted error to the tolerance that was asked for."""
+        predicted = self.predicted
+        return max(predicted.get(unit, 0.0) / most for unit, most in self.asked.items())
+
     @property
     def samples(self) -> int:
         """Most samples along a pixel's side in any window."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -11,8 +12,10 @@ import numpy as np
 from glrender_camera import PinholeCamera
 from glrender_camera.validate import integer, positive
 
+from ...base.errors import DeviceError
 from ...base.own_process import OwnProcess
 from ...brdf import Lambert
+from ...planner.adaptive_samples import frame_error
 from ...planner.predicted import rms_tolerance
 from ...scene.scene import Scene
 from ...scene.tolerance import checked_max_error
@@ -20,6 +23,7 @@ from ...view.regions import touching
 from ...view.state import State
 from ...view.view import BodyView, view_bodies
 from ..image import Image, checked_products
+from ..rays.aimed import AimedRays
 from ..rays.emission import Emitted
 from ..rays.engine import RayEngine
 from ..rays.products import full_shape_plan, traced_products, visible_region
@@ -149,18 +153,30 @@ class Cycles:
             irradiance[y0:y1, x0:x1] = rounds.mean
             reached = max(reached, error)
             warnings += tuple(told for told in warnings_of(main, views, lens, asked) if told not in warnings)
+        if groups and not irradiance.any():
+            reached = max(reached, self._missed(pinhole, views, roi, seed))
+        remedy = ""
         if samples is None and reached > tolerance:
-            warnings += (f"the tolerance of {tolerance:g} is not met: {reached:.2g} with {most} samples, and out of "
-                         f"reach with {MAX_SAMPLES}",)
+            remedy = f"it is out of reach with {MAX_SAMPLES} samples a pixel, of which {most} were drawn"
         arrays = {}
         if wanted:
             arrays = traced_products(self._ray_engine(), wanted, pinhole, views, roi)
         left_out = ("light between facets",) if bounces == 0 else ()
         frame_plan = full_shape_plan(self.scene, pinhole, views, max_error=max_error, predicted_error=reached, roi=roi,
-                                     warnings=warnings, left_out=left_out)
+                                     warnings=warnings, left_out=left_out, remedy=remedy)
         frame_plan = self._emitted.add(irradiance, state, pinhole, views, frame_plan)
-        return Image(irradiance_W_m2=irradiance, products=arrays, plan=frame_plan,
-                     request=(self.scene, state, pinhole), timings_ms={"trace": 1e3 * (time.perf_counter() - began)})
+        took_ms = 1e3 * (time.perf_counter() - began)
+        return Image(irradiance_W_m2=irradiance, products=arrays, plan=replace(frame_plan, milliseconds=took_ms),
+                     request=(self.scene, state, pinhole), timings_ms={"trace": took_ms})
+
+    def _missed(self, camera: PinholeCamera, views: list[BodyView], roi: tuple[int, int, int, int], seed: int) -> float:
+        """Error of a dark frame: all, where rays of the facets that face Sun and camera find light."""
+        try:
+            found, error = AimedRays(self._ray_engine(), camera, views, roi).until(1.0, np.random.default_rng(seed))
+        except DeviceError:
+            # Without embreex nobody knows.
+            return 1.0
+        return frame_error(found, found) or error
 
     def _ray_engine(self) -> RayEngine:
         if self._rays is None:

@@ -108,12 +108,14 @@ class RayEngine:
         return self._has_free_line(r_body_m.T, r_body_m.T, view.sun_direction_body, view, views)
 
     def in_light(self, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView, views: list[BodyView],
-                 is_asked: np.ndarray, is_open: np.ndarray | None = None) -> np.ndarray:
+                 is_asked: np.ndarray, is_open: np.ndarray | None = None, to_sun: np.ndarray | None = None
+                 ) -> np.ndarray:
         """Whether points (3, N) [m] of a body's facets (N,) see the Sun's middle, (N,) bool; only what is asked for.
 
-        Of some points it may be known that nothing of their own body hides it, (N,) bool.
+        Or a place of its disc each, in directions (3, N). Of some points it may be known that nothing of their own body
+        hides it, (N,) bool.
         """
-        return self._are_free(r_body_m, facet, view, views, is_asked, is_open, None)
+        return self._are_free(r_body_m, facet, view, views, is_asked, is_open, None, to_sun)
 
     def in_view(self, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView, views: list[BodyView],
                 is_asked: np.ndarray, is_open: np.ndarray | None = None) -> np.ndarray:
@@ -124,14 +126,15 @@ class RayEngine:
         return self._are_free(r_body_m, facet, view, views, is_asked, is_open, view.r_camera_body_m)
 
     def _are_free(self, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView, views: list[BodyView],
-                  is_asked: np.ndarray, is_open: np.ndarray | None, place_m: np.ndarray | None) -> np.ndarray:
+                  is_asked: np.ndarray, is_open: np.ndarray | None, place_m: np.ndarray | None,
+                  to_sun: np.ndarray | None = None) -> np.ndarray:
         asked, own, is_free = np.flatnonzero(is_asked), self._mesh(view, views), np.zeros(len(facet), bool)
 
         def ask(part: slice) -> None:
             some = asked[part]
             start, number = r_body_m.take(some, axis=1), facet.take(some)
             above = start + own.lift_m(number, LIFT) * own.normals.take(number, axis=0).T
-            towards, reach_m = view.sun_direction_body, ANY_REACH
+            towards, reach_m = view.sun_direction_body if to_sun is None else to_sun.take(some, axis=1), ANY_REACH
             if place_m is not None:
                 towards = place_m[:, None] - start
                 reach_m = np.sqrt(dot(towards, towards))
@@ -179,23 +182,30 @@ class RayEngine:
         """Write the irradiance (N,) of places (N, 2) [px]."""
         ray = camera.directions(pixel).T
         on_disc = None if draw is None else partial(_on_disc, pixel, camera.principal_point_px, draw)
-        # A pixel's solid angle falls off as cos^3 of its angle from the boresight.
-        scale = self.scene.solar_irradiance_of(camera) / camera.focal_length_px**2
         for index, hits in self._first(ray, views):
-            view, solid = views[index], self._solids[views[index].name]
+            view = views[index]
             # What stands in shadow is shaded too: it is less than leaving it out would cost.
             hits, r_body, to_sun, is_lit = self._facing(hits, view, views, on_disc)
-            surface, to_camera, normal = solid.surface, -hits.ray.T, hits.normal.T
-            weights = surface.weights(hits.facet, r_body.T) if solid.needs_weights else None
-            if surface.body.smooth_normals:
-                normal = surface.normals(hits.facet, weights, to_camera)
-            if (relief := surface.body.relief) is not None:
-                normal = relief.normals(normal, r_body.T, hits.distance_m / camera.focal_length_px, to_camera)
-            brdf = surface.brdf(to_sun.T, to_camera, normal, surface.albedo_scale(hits.facet, weights))
-            cos_incidence = np.maximum(dot(normal.T, to_sun), 0.0)
+            radiance = self.radiance(hits.facet, r_body, hits.normal, -hits.ray, to_sun, hits.distance_m, view, camera)
             off_axis = ray[2].take(hits.place)
-            value[hits.place] = (is_lit * brdf * cos_incidence * (scale / view.sun_distance_au**2)
-                                 * (off_axis * off_axis * off_axis))
+            # A pixel's solid angle falls off as cos^3 of its angle from the boresight.
+            value[hits.place] = is_lit * radiance * (off_axis * off_axis * off_axis) / camera.focal_length_px**2
+
+    def radiance(self, facet: np.ndarray, r_body_m: np.ndarray, normal: np.ndarray, to_camera: np.ndarray,
+                 to_sun: np.ndarray, range_m: np.ndarray, view: BodyView, camera: PinholeCamera) -> np.ndarray:
+        """Radiance (N,) [W/m2/sr] of points (3, N) [m] of a body's facets (N,) in sunlight, at ranges (N,) [m].
+
+        By unit vectors (3, N): the facets' normals, those towards the camera, and towards the Sun (3,) or (3, N).
+        """
+        solid = self._solids[view.name]
+        surface, to_camera = solid.surface, to_camera.T
+        weights = surface.weights(facet, r_body_m.T) if solid.needs_weights else None
+        normal = surface.normals(facet, weights, to_camera) if surface.body.smooth_normals else normal.T
+        if (relief := surface.body.relief) is not None:
+            normal = relief.normals(normal, r_body_m.T, range_m / camera.focal_length_px, to_camera)
+        brdf = surface.brdf(to_sun.T, to_camera, normal, surface.albedo_scale(facet, weights))
+        solar = self.scene.solar_irradiance_of(camera) / view.sun_distance_au**2
+        return solar * brdf * np.maximum(dot(normal.T, to_sun), 0.0)
 
     def _facing(self, hits: Hits, view: BodyView, views: list[BodyView],
                 on_disc: Callable[[np.ndarray], np.ndarray] | None = None
@@ -269,6 +279,7 @@ class _Solid(RayMesh):
         super().__init__(body.drawn_shape.vertices_m, body.drawn_shape.facets, body.shape.other_side)
         self.surface = Surface(body)
         self.needs_weights = body.smooth_normals or body.albedo_map is not None
+        self.is_uneven = self.needs_weights or body.relief is not None
 
 
 def _points(hits: Hits, view: BodyView) -> np.ndarray:

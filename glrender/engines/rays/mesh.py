@@ -84,6 +84,9 @@ class RayMesh:
     facets : (F, 3) int
     radius_m : float [m]
     normals : (F, 3) float64 [1]
+    offset_m : (F,) float64 [m]
+        Of the facets' planes from the origin, along the normals.
+    vertices_m : (V, 3) float64 [m]
 
     Raises
     ------
@@ -101,9 +104,9 @@ class RayMesh:
         self._unsure_m = np.minimum(_UNSURE * longest_sides_m(vertices_m, facets)**3 / twice_area_m2[:, 0],
                                     _MOST_UNSURE * self.radius_m)
         self.normals = normals
-        self._offset_m = dot(normals.T, corners[:, 0].T)
+        self.offset_m = dot(normals.T, corners[:, 0].T)
         self._mesh = EmbreeMesh(vertices_m / self.radius_m, facets)
-        self._vertices_m, self._lock = vertices_m, threading.Lock()
+        self.vertices_m, self._lock = vertices_m, threading.Lock()
 
     def at(self, footprint_m: float) -> RayMesh:
         """The same shape for pixels that see so much: of float64 rays where float32 is too coarse for them."""
@@ -125,13 +128,13 @@ class RayMesh:
 
         However far the points' own rounding, which is that of the range, has put them off.
         """
-        height_m = dot(normal, r_body_m) - self._offset_m.take(facet)
+        height_m = dot(normal, r_body_m) - self.offset_m.take(facet)
         return r_body_m + normal * (self.lift_m(facet, least) - height_m)
 
     def first(self, origin_m: np.ndarray, ray: np.ndarray) -> Hits:
         """First hits of rays (3, N) from a point (3,) [m], or from points (3, N)."""
         place, facet, distance_m, ray, normal = ray_loops.find_first(
-            self._mesh.scene, origin_m.reshape(3, -1), ray, self.radius_m, self.normals.T, self._offset_m)
+            self._mesh.scene, origin_m.reshape(3, -1), ray, self.radius_m, self.normals.T, self.offset_m)
         return self._faced(Hits(place=place, facet=facet, distance_m=distance_m, ray=ray, normal=normal))
 
     def _faced(self, hits: Hits) -> Hits:
@@ -165,9 +168,10 @@ class _FineMesh(RayMesh):
 
     def __init__(self, coarse: RayMesh):
         self.facets, self.radius_m, self.normals = coarse.facets, coarse.radius_m, coarse.normals
-        self._offset_m, self._unsure_m = coarse._offset_m, _FINE * coarse._unsure_m
+        self.offset_m, self.vertices_m = coarse.offset_m, coarse.vertices_m
+        self._unsure_m = _FINE * coarse._unsure_m
         self._other_side = coarse._other_side
-        self._exact = ExactMesh(coarse._vertices_m, coarse.facets)
+        self._exact = ExactMesh(coarse.vertices_m, coarse.facets)
 
     def at(self, footprint_m: float) -> RayMesh:
         return self
