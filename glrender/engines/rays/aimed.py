@@ -22,6 +22,8 @@ from .mesh import dot
 _SETS, _FIRST_POINTS, _MOST_POINTS = 16, 1 << 12, 1 << 25
 # Share of the light [1] that may be missed where a frame is taken to be dark.
 _DARK = 1e-6
+# Points that a tolerance may want over the most that there are: the first turn may err by as much.
+_HOPELESS = 4.0
 # Points of a set that are worked on together, of some 300 bytes.
 _POINTS_AT_ONCE = 1 << 18
 # Facets that a thread shades in a turn.
@@ -34,8 +36,8 @@ _MOST_DEEP = 1.5
 _BESIDE_PX = 0.1
 # Light of a facet that is not as bright all over, over that of its middle: so much of the mean of all.
 _UNEVEN = 0.3
-# Deviations that the scatter of few pixels is taken to be below its mean.
-_SURE = 2.0
+# Deviations by which the error of one frame of few pixels may exceed the usual.
+_SURE = 1.5
 
 
 class AimedRays:
@@ -102,6 +104,8 @@ class AimedRays:
             n_points += n_each
             mean, error = self._mean_of(sums / n_points, _SETS * n_points)
             is_over = _SETS * (n_points + 2 * n_each) > _MOST_POINTS
+            # A tolerance out of reach is not paid for: the error falls by the points' power of 3/4, about.
+            is_over |= _SETS * n_points * (error / tolerance) ** (4.0 / 3.0) > _HOPELESS * _MOST_POINTS and mean.any()
             if is_over or error <= (tolerance if mean.any() else _DARK):
                 report(1.0)
                 return mean, error
@@ -117,12 +121,12 @@ class AimedRays:
         if not mean.any():
             return image, missed if self.unhidden > 0.0 else 0.0
         variance = sets.var(axis=0, ddof=1) / len(sets)
-        # Freedoms of the scatter, were the pixels that have most of it alike.
-        n_free = (len(sets) - 1.0) * float(variance.sum()) ** 2 / max(float((variance**2).sum()), 1e-300)
-        sure = 1.0 + _SURE / math.sqrt(2.0 * max(n_free, 1.0))
+        # Pixels, were those that scatter most alike: the fewer, the farther this frame may be from the usual.
+        n_alike = float(variance.sum()) ** 2 / max(float((variance**2).sum()), 1e-300)
+        sure = 1.0 + _SURE / math.sqrt(2.0 * max(n_alike, 1.0))
         # One more may be lit than points have met.
-        n_lit = np.count_nonzero(mean) + 1
-        return image, math.sqrt(n_lit) * math.hypot(sure * math.sqrt(variance.sum()), missed * self.unhidden) / mean.sum()
+        level = float(mean.sum()) / math.sqrt(np.count_nonzero(mean) + 1)
+        return image, math.hypot(sure * math.sqrt(variance.sum()), missed * self.unhidden) / level
 
     def _drawn(self, n_points: int, rng: np.random.Generator) -> np.ndarray:
         """Irradiance (K,) [W/m2] of the pixels that may be lit, by about so many points."""

@@ -7,7 +7,6 @@ the laws are the float64 ones. It shares no line with the OpenGL passes.
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import replace
@@ -146,8 +145,7 @@ def _on_grid(rays: _PixelRays, aimed: AimedRays, is_thin: bool, samples: int, rn
         other, own = aimed.until(_AIMED_ERROR, rng)
         if not other.any():
             return mean, frame_error(mean, mean) or own
-        apart = frame_error(other, mean - other)
-        return mean, max(math.sqrt(max(apart**2 - own**2, 0.0)), 0.5 * apart)
+        return mean, frame_error(other, mean - other)
     return mean, frame_error(0.5 * (mean + other), mean - other)
 
 

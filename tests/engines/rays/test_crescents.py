@@ -1,0 +1,138 @@
+"""The ray tracer at large phase angles: light in slivers is found, and an error that is missed is said."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import solids
+import views
+from cells import slow_but
+from facet_images import facet_image
+from glrender import Body, Pose, Renderer, State, generate
+from glrender.base.constants import AU_M
+from glrender.brdf import Hapke, Lambert, LommelSeeliger
+from glrender.engines.rays.aimed import AimedRays
+from glrender.engines.rays.backend import RayTracer
+from glrender.engines.rays.engine import RayEngine
+from glrender.view.view import view_bodies
+
+GREY = Lambert(normal_albedo=0.4)
+HAPKE = Hapke(single_scattering_albedo=0.42, b=0.35, c=1.0, shoe_amplitude=0.87, shoe_width=0.05, roughness_deg=26.0)
+
+
+def crescent(law, size_px, phase_deg, subdivisions=4, range_m=1e5):
+    """A sphere of facets, the Sun a point: scene, state, and the sum over its facets."""
+    body = views.sphere(law, subdivisions)
+    camera = views.camera(int(1.2 * size_px) + 8, size_px * range_m / 200.0)
+    # From aside, so that no facets lie along the image's axes.
+    state = views.state(phase_deg=phase_deg, range_m=range_m, direction=(0.3, -0.8, 0.4))
+    return (views.scene([body], [camera], sun_disc=False), state, facet_image(body.shape, state, camera, law))
+
+
+@pytest.mark.parametrize("law, size_px, phase_deg", slow_but([
+    (GREY, 3.0, 165.0), (GREY, 30.0, 176.0), (GREY, 100.0, 170.0), (GREY, 300.0, 174.0), (HAPKE, 30.0, 170.0),
+    (LommelSeeliger(single_scattering_albedo=0.3), 60.0, 179.0)], 0, 1, 5))
+@pytest.mark.parametrize("max_error", [0.02, 0.005])
+def test_a_spheres_crescent_meets_its_tolerance(law, size_px, phase_deg, max_error):
+    """Against the sum over its facets: a sphere at 176 deg lost 92 % of its light to rays through pixels."""
+    scene, state, truth = crescent(law, size_px, phase_deg)
+    with RayTracer(scene) as tracer:
+        image = tracer.render(state, max_error=max_error)
+    assert image.plan.predicted_error <= max_error and not image.plan.warnings
+    assert views.relative_rms(image.irradiance_W_m2.astype(float), truth) < 1.1 * image.plan.predicted_error
+    np.testing.assert_allclose(image.irradiance_W_m2.sum(dtype=float), truth.sum(), rtol=0.1 * max_error)
+
+
+@pytest.mark.parametrize("samples", [1, 2, 4, 12])
+@pytest.mark.parametrize("phase_deg", [160.0, 172.0, 178.0])
+def test_the_error_of_given_samples_is_that_beside_the_facets(samples, phase_deg):
+    """Between 0.9 and 2.2 times the true one, also where every sample passes the light by; too much of it warns."""
+    scene, state, truth = crescent(GREY, 40.0, phase_deg)
+    with RayTracer(scene) as tracer:
+        image = tracer.render(state, samples=samples, max_error=0.02)
+    error = views.relative_rms(image.irradiance_W_m2.astype(float), truth)
+    assert 0.9 * error < image.plan.predicted_error < max(2.2 * error, 0.02)
+    assert any("exceeds max_error 0.02" in text for text in image.plan.warnings) == (image.plan.predicted_error > 0.02)
+
+
+def test_a_dark_grid_of_samples_says_that_all_light_is_missing():
+    scene, state, truth = crescent(GREY, 3.0, 176.0)
+    with RayTracer(scene) as tracer:
+        image = tracer.render(state, samples=4, max_error=0.5)
+    assert truth.any() and not image.irradiance_W_m2.any()
+    assert image.plan.predicted_error >= 1.0 and image.plan.missed == ("rms",) and image.plan.warnings
+
+
+def test_a_contact_binary_at_177_deg_is_not_dark():
+    """Of a shape with dips the hull's crescent is more than there is; all of it is found, whatever the rays' seed."""
+    body = Body(name="body", shape=generate.contact_binary(radius_m=300.0, seed=1),
+                brdf=LommelSeeliger(single_scattering_albedo=0.3))
+    state = views.state(phase_deg=177.0, range_m=4500.0, direction=(0.3, -0.8, 0.4))
+    state = replace(state, r_sun_inertial_m=1.4e11 * state.r_sun_inertial_m / np.linalg.norm(state.r_sun_inertial_m))
+    scene = views.scene([body], [views.camera(256, 1250.0)])
+    with RayTracer(scene) as tracer:
+        images = [tracer.render(state, seed=seed) for seed in range(3)]
+    light = [image.irradiance_W_m2.sum(dtype=float) for image in images]
+    assert min(light) > 0.0 and np.ptp(light) < 0.004 * min(light)
+    for one, other in zip(images, images[1:], strict=False):
+        assert one.plan.predicted_error <= 0.02 and not one.plan.missed
+        apart = views.relative_rms(one.irradiance_W_m2.astype(float), other.irradiance_W_m2.astype(float))
+        assert apart < 1.2 * np.hypot(one.plan.predicted_error, other.plan.predicted_error)
+
+
+@pytest.mark.parametrize("phase_deg", [150.0, 165.0])
+def test_a_pillar_shades_and_hides_as_much_by_aimed_rays(phase_deg):
+    """Facets a hundred times as large as a pixel, the light that the pillar's two strips take within 1 % of theirs."""
+    half, pillar, range_m, angle = 100.0, (5.0, 3.0), 1e6, 0.5 * np.radians(phase_deg)
+    camera = views.camera(96, 96 / 290.0 * range_m)
+    state = views.state(range_m=range_m, direction=(-np.sin(angle), 0.0, np.cos(angle)))
+    state = replace(state, r_sun_inertial_m=AU_M * np.array([np.sin(angle), 0.0, np.cos(angle)]))
+    flux = []
+    for stands in (pillar, None):
+        scene = views.scene([Body(name="body", shape=solids.slab(half, pillar_m=stands), brdf=GREY)], [camera],
+                            sun_disc=False)
+        engine = RayEngine(scene)
+        aimed = AimedRays(engine, camera, view_bodies(state, camera, scene.hulls), (0, 0, 96, 96))
+        mean, error = aimed.until(0.02, np.random.default_rng(1))
+        engine.close()
+        assert error <= 0.02
+        flux.append(mean.sum())
+    expected = [solids.slab_flux(angle, angle, half, stands, range_m, views.SOLAR_IRRADIANCE_W_M2, 0.4)
+                for stands in (pillar, (0.0, 0.0))]
+    np.testing.assert_allclose(flux, expected, rtol=1e-3)
+    np.testing.assert_allclose(flux[1] - flux[0], expected[1] - expected[0], rtol=0.01)
+
+
+def test_what_another_body_hides_from_the_sun_is_dark_without_a_warning():
+    """A moon behind a planet: it faces Sun and camera, and no ray of it meets the Sun."""
+    bodies = [views.sphere(GREY, 4, 10.0, "moon"), views.sphere(GREY, 4, 100.0, "planet")]
+    base = views.state(phase_deg=60.0, bodies=("moon", "planet"))
+    behind = -300.0 * base.r_sun_inertial_m / np.linalg.norm(base.r_sun_inertial_m)
+    state = State(r_sun_inertial_m=base.r_sun_inertial_m,
+                  spacecraft=replace(base.spacecraft, r_inertial_m=base.spacecraft.r_inertial_m + behind),
+                  bodies={**base.bodies, "moon": Pose(r_inertial_m=behind)})
+    with RayTracer(views.scene(bodies, [views.camera(20, 1000.0)])) as tracer:
+        image = tracer.render(state)
+    assert [body.is_visible for body in image.plan.bodies] == [True, False] and not image.irradiance_W_m2.any()
+    assert 0.0 < image.plan.predicted_error < 1e-5 and not image.plan.warnings
+
+
+def test_every_unit_that_is_missed_warns_and_the_frame_tells_its_time():
+    scene, state, _ = crescent(GREY, 60.0, 100.0)
+    with RayTracer(scene) as tracer:
+        image = tracer.render(state, samples=2, max_error={"rms": 1e-3, "flux": 0.5, "limb_px": 1e-3})
+    assert image.plan.missed == ("rms", "limb_px")
+    assert [text.split(" exceeds")[0].split()[1] for text in image.plan.warnings] == ["error", "limb_px"]
+    assert image.plan.milliseconds == image.timings_ms["trace"] > 0.0
+
+
+def test_of_two_frames_the_one_of_less_error_stays():
+    """A crescent whose fast frame misses: the ray tracer's is within the tolerance, and nearer to the facets."""
+    scene, state, truth = crescent(GREY, 30.0, 174.0)
+    with Renderer(scene) as renderer:
+        fast, slow = (renderer.render(state, engine=engine, allow_slow=engine is None, max_error=0.005)
+                      for engine in ("raster", None))
+    errors = [views.relative_rms(image.irradiance_W_m2.astype(float), truth) for image in (fast, slow)]
+    assert slow.plan.predicted_error <= 0.005 and errors[1] < 1.1 * slow.plan.predicted_error < errors[0]
