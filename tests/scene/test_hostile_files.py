@@ -18,6 +18,7 @@ from glrender import ConfigError, Shape, ShapeError
 from glrender.emission.grid_files import read_grid
 from glrender.emission.tables import _facet_table
 from glrender.scene.body import read_texture
+from glrender.scene.shape.glb_files import read_glb
 from PIL import Image
 
 
@@ -175,6 +176,27 @@ def test_instances_of_a_mesh_are_counted_before_they_are_made(tmp_path):
     (tmp_path / "body.glb").write_bytes(glb(nodes=nodes, scenes=[{"nodes": list(range(len(nodes)))}]))
     with soon_and_small(), pytest.raises(ShapeError, match="more than 15000 facets, got 20000"):
         Shape.from_file(tmp_path / "body.glb", length_unit="m", max_facets=15_000)
+
+
+def test_places_that_no_facet_names_are_not_drawn_with_each_instance(tmp_path):
+    """4000 times a mesh of four facets, whose accessor has 100,000 places: 10 GB of them."""
+    points = np.zeros((100_000, 3), "<f4")
+    points[:4] = [[0, 0, 0], [9, 0, 0], [0, 9, 0], [0, 0, 9]]
+    blob = points.tobytes() + np.array([0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3], "<u2").tobytes()
+    about = {"asset": {"version": "2.0"}, "nodes": [{"mesh": 0, "translation": [20.0 * k, 0, 0]} for k in range(4000)],
+             "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+             "accessors": [{"bufferView": 0, "componentType": 5126, "type": "VEC3", "count": 100_000},
+                           {"bufferView": 1, "componentType": 5123, "type": "SCALAR", "count": 12}],
+             "bufferViews": [{"buffer": 0, "byteOffset": 0, "byteLength": 1_200_000},
+                             {"buffer": 0, "byteOffset": 1_200_000, "byteLength": 24}],
+             "buffers": [{"byteLength": len(blob)}]}
+    text = json.dumps(about).encode()
+    text += b" " * (-len(text) % 4)
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(blob), b"BIN\0") + blob
+    (tmp_path / "body.glb").write_bytes(b"glTF" + struct.pack("<II", 2, 12 + len(chunks)) + chunks)
+    with soon_and_small():
+        vertices, facets = read_glb(tmp_path / "body.glb", 20_000)
+    assert (len(vertices), len(facets)) == (16_000, 16_000)
 
 
 @pytest.mark.parametrize("name, data", [

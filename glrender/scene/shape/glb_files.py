@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -78,20 +78,30 @@ class _Values:
     accessors: list[dict]
     views: list[dict]
     blob: bytes
+    made: dict[int, np.ndarray] = field(default_factory=dict)
 
     def of(self, index: object, kind: str) -> np.ndarray:
-        """Values (N, width) of an accessor: integers, or float64 where they are floats or normalised."""
-        entry = self.accessors[_index(index, len(self.accessors), "accessor")]
+        """Values (N, width) of an accessor, as they are stored; in the file's bytes, or made once."""
+        at = _index(index, len(self.accessors), "accessor")
+        entry = self.accessors[at]
         if entry.get("type") != kind:
             raise ShapeError("accessors.type", f"must be {kind}", entry.get("type"))
-        rows = np.zeros((entry.get("count", 0), _WIDTHS[kind]), _component(entry))
-        if "bufferView" in entry:
-            rows = self._rows(entry, rows.dtype, *rows.shape)
-        if "sparse" in entry:
-            rows = self._replaced(rows.copy(), entry["sparse"])
-        if rows.dtype.kind == "f":
+        if at in self.made:
+            return self.made[at]
+        shape, component = (entry.get("count", 0), _WIDTHS[kind]), _component(entry)
+        if "bufferView" in entry and "sparse" not in entry:
+            return self._rows(entry, component, *shape)
+        rows = self._rows(entry, component, *shape).copy() if "bufferView" in entry else np.zeros(shape, component)
+        self.made[at] = self._replaced(rows, entry["sparse"]) if "sparse" in entry else rows
+        return self.made[at]
+
+    def places(self, index: object, which: np.ndarray) -> np.ndarray:
+        """Some of an accessor's places (N, 3) float64: floats, integers, or integers that are normalised."""
+        rows = self.of(index, "VEC3")[which]
+        entry = self.accessors[_index(index, len(self.accessors), "accessor")]
+        if rows.dtype.kind == "f" or not entry.get("normalized"):
             return rows.astype(np.float64)
-        return np.maximum(rows / np.iinfo(rows.dtype).max, -1.0) if entry.get("normalized") else rows
+        return np.maximum(rows / np.iinfo(rows.dtype).max, -1.0)
 
     def _replaced(self, rows: np.ndarray, sparse: object) -> np.ndarray:
         """Rows, of which a sparse accessor gives some anew."""
@@ -122,15 +132,18 @@ def _mesh(mesh: dict, values: _Values) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (V, 3) and triangles (F, 3) of a mesh's primitives."""
     vertices, triangles, count = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], 0
     for primitive in _surfaces(mesh):
-        points = values.of(primitive["attributes"].get("POSITION"), "VEC3")
-        corners = np.arange(len(points))
+        place = primitive["attributes"].get("POSITION")
+        n_points = len(values.of(place, "VEC3"))
+        corners = np.arange(n_points)
         if "indices" in primitive:
             corners = values.of(primitive["indices"], "SCALAR")[:, 0]
-            if corners.dtype.kind != "u" or len(corners) and corners.max() >= len(points):
-                raise ShapeError("meshes.primitives.indices", f"must be whole numbers below {len(points)}")
-        vertices.append(points.astype(np.float64))
-        triangles.append(count + _triangles(corners.astype(np.int64), primitive.get("mode", _TRIANGLES)))
-        count += len(points)
+            if corners.dtype.kind != "u" or len(corners) and corners.max() >= n_points:
+                raise ShapeError("meshes.primitives.indices", f"must be whole numbers below {n_points}")
+        # What no corner names is not taken along: a mesh may be drawn many times.
+        used, corners = np.unique(corners, return_inverse=True)
+        vertices.append(values.places(place, used))
+        triangles.append(count + _triangles(corners.reshape(-1).astype(np.int64), primitive.get("mode", _TRIANGLES)))
+        count += len(used)
     return np.concatenate(vertices), np.concatenate(triangles)
 
 
