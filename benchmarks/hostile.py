@@ -52,14 +52,34 @@ def hoard(endpoint: str) -> None:
         time.sleep(0.1)
 
 
-def never_end(endpoint: str) -> None:
-    """Begin a message of many parts and do not end it (ZMTP 3.0 by hand), again and again."""
+def _spoken_to(endpoint: str) -> socket.socket:
+    """A connection that has shaken hands as a DEALER; ZMTP 3.0 (RFC 23) by hand, as a library ends its messages."""
     host, _, port = endpoint.removeprefix("tcp://").rpartition(":")
+    raw = socket.create_connection((host, int(port)), 5.0)
+    raw.sendall(b"\xff" + bytes(8) + b"\x7f\x03\x00" + b"NULL".ljust(20, b"\0") + bytes(32))
+    ready = b"\x05READY\x0bSocket-Type" + struct.pack(">I", 6) + b"DEALER"
+    raw.sendall(bytes([4, len(ready)]) + ready)
+    return raw
+
+
+def come_and_go(endpoint: str) -> None:
+    """Ask for a frame and go, twenty times a second (a client that crashes): a third of them amid their message."""
+    from soak import state  # this file is run by it
+
+    for number in range(10**9):
+        message = msgpack.packb({"v": 1, "op": "render", "id": 1, "client": f"gone{number}", "camera": "eye",
+                                 "state": state(0, float(number))})
+        frame = b"\x02" + struct.pack(">Q", len(message)) + message
+        with contextlib.suppress(OSError), _spoken_to(endpoint) as raw:
+            raw.sendall(frame[:len(frame) // 2] if number % 3 == 0 else frame)
+            raw.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", number % 2, 0))
+        time.sleep(0.05)
+
+
+def never_end(endpoint: str) -> None:
+    """Begin a message of many parts and do not end it, again and again."""
     while True:
-        with contextlib.suppress(OSError), socket.create_connection((host, int(port))) as raw:
-            raw.sendall(b"\xff" + bytes(8) + b"\x7f\x03\x00" + b"NULL".ljust(20, b"\0") + bytes(32))
-            ready = b"\x05READY\x0bSocket-Type" + struct.pack(">I", 6) + b"DEALER"
-            raw.sendall(bytes([4, len(ready)]) + ready)
+        with contextlib.suppress(OSError), _spoken_to(endpoint) as raw:
             while True:
                 raw.sendall(b"\x03" + struct.pack(">Q", 2**20) + bytes(2**20))
         time.sleep(2.0)

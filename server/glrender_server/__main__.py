@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import ipaddress
 import logging
 import os
 import secrets
 import sys
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -111,13 +112,15 @@ def main(argv: list[str] | None = None) -> int:
             if view is not None:
                 view.start(fronts[0].endpoint, password, arguments.curve)
                 said.append(f"view on {view.address}")
+            # What is loaded by now is no garbage; looking through it takes some tenths of a millisecond of each frame.
+            gc.freeze()
             # Scripts wait for this line; logs go to standard error.
-            Server(dispatcher, engine, fronts).serve(
-                lambda: _say(f"glrender-server ready on {where} ({'; '.join(said)})"))
+            Server(dispatcher, engine, fronts, fronts[0].reload_keys).serve(
+                lambda: logs.say(f"glrender-server ready on {where} ({'; '.join(said)})"))
     except (GlrenderError, OSError) as error:
         sys.stderr.write(f"glrender-server: {error}\n")
         return 1
-    _say("glrender-server stopped")
+    logs.say("glrender-server stopped")
     return 0
 
 
@@ -130,12 +133,21 @@ def _engine(arguments: argparse.Namespace) -> LocalEngine | WorkerPool:
                               hint="only a process can be killed")
         return LocalEngine(Operations(*what))
     deadline_s = DEADLINE_S if arguments.deadline is None else positive("--deadline", arguments.deadline)
-    if arguments.worker_memory is None:
-        memory_bytes = int(_SHARE_OF_MEMORY * _memory_bytes() / n_workers)
-    else:
-        memory_bytes = int(2**30 * positive("--worker-memory", arguments.worker_memory))
+    memory_bytes = worker_memory_bytes(arguments.worker_memory, n_workers)
     return WorkerPool(*what, n_workers=n_workers, deadline_s=deadline_s, log_format=arguments.log_format,
                       slow_deadline_s=positive("--slow-deadline", arguments.slow_deadline), memory_bytes=memory_bytes)
+
+
+def worker_memory_bytes(given_gib: float | None, n_workers: int) -> int:
+    """Data that each of so many workers may have: as given [GiB], or an even share of most of the memory.
+
+    Raises
+    ------
+    ConfigError
+    """
+    if given_gib is None:
+        return int(_SHARE_OF_MEMORY * _memory_bytes() / n_workers)
+    return int(2**30 * positive("--worker-memory", given_gib))
 
 
 def _scene(arguments: argparse.Namespace) -> Scene:
@@ -147,13 +159,18 @@ def _scene(arguments: argparse.Namespace) -> Scene:
     return load_believed_scene(arguments.scene)
 
 
-def _memory_bytes() -> int:
-    """Memory of the machine, or of the container."""
-    whole = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    try:
-        return min(whole, int(Path("/sys/fs/cgroup/memory.max").read_text()))
-    except (OSError, ValueError):  # none, or "max"
-        return whole
+def _memory_bytes(groups: Path = Path("/proc/self/cgroup"), root: Path = Path("/sys/fs/cgroup")) -> int:
+    """Memory of the machine, or of the control group that this process is in, or of one above it."""
+    found = [os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")]
+    with suppress(OSError):
+        # Of version 2, `0::/path`; within a container the path may lead to where nothing is.
+        own = next((line[3:] for line in groups.read_text().splitlines() if line.startswith("0::/")), "/")
+        for folder in (root / own.lstrip("/"), *(root / own.lstrip("/")).parents):
+            with suppress(OSError, ValueError):  # none, or "max"
+                found.append(int((folder / "memory.max").read_text()))
+            if folder == root:
+                break
+    return min(found)
 
 
 def _operators(arguments: argparse.Namespace) -> frozenset[str] | None:
@@ -212,11 +229,6 @@ def _checked_host_and_port(option: str, text: str, form: str, allow_remote: bool
                           + (", --curve with keys" if option == "--zmq" else "")
                           + ", or say --allow-remote on a network you trust")
     return text
-
-
-def _say(line: str) -> None:
-    sys.stdout.write(line + "\n")
-    sys.stdout.flush()
 
 
 if __name__ == "__main__":

@@ -10,10 +10,10 @@ import msgpack
 import numpy as np
 from glrender import ProtocolError
 
-from .limits import MAX_DEPTH, MAX_HEADER_BYTES, MAX_VALUES
+from .limits import MAX_DEPTH, MAX_FIELDS, MAX_HEADER_BYTES, MAX_VALUES
 
 VERSION = 1
-MINOR_VERSION = 1
+MINOR_VERSION = 2
 """Of additions to the protocol: fields that a client may do without."""
 _FIRST = ("v", "op", "id", "client", "ok")
 # Rows transposed at a time: their columns stay in the cache, which 2048 bytes apart fall on few of its lines.
@@ -21,6 +21,11 @@ _STRIP = 256
 _DTYPES = ("uint8", "uint16", "int32", "float32", "float64")
 
 
+# First bytes of MessagePack's maps, texts, and lists and maps (its specification, formats).
+_MAPS = frozenset((*range(0x80, 0x90), 0xDE, 0xDF))
+_TEXTS = frozenset((*range(0xA0, 0xC0), 0xD9, 0xDA, 0xDB))
+_CONTAINERS = _MAPS | frozenset((*range(0x90, 0xA0), 0xDC, 0xDD))
+_READ_BYTES = 4096
 Arrays = Mapping[str, tuple[np.ndarray, str]]
 """Named arrays with their units."""
 Memory = Callable[[list[int]], list[memoryview]]
@@ -78,6 +83,58 @@ def with_field(packed: bytes, name: str, value: Any) -> bytes:
     return b"".join([b"\xde", (count + 1).to_bytes(2, "big"), pair, packed[start:]])
 
 
+def unpack_envelope(parts: Sequence[bytes]) -> dict[str, Any]:
+    """The top of a request's header: its plain values, and an empty list in the place of each list or map.
+
+    What a list or a map holds is passed over, unread: it costs whoever decodes the rest.
+
+    Raises
+    ------
+    ProtocolError
+        No map in msgpack, too long, more than `MAX_FIELDS` fields, or a field given twice.
+    """
+    message = _header_of(parts)
+    if not _is_in(_MAPS, message, 0):
+        raise ProtocolError("", "the header must be a map with text keys")
+    unpacker = msgpack.Unpacker(read_size=_READ_BYTES, max_buffer_size=MAX_HEADER_BYTES, max_ext_len=0)
+    fields: dict[str, Any] = {}
+    try:
+        unpacker.feed(message)
+        n_fields = unpacker.read_map_header()
+        if n_fields > MAX_FIELDS:
+            raise ProtocolError("", f"a header must have at most {MAX_FIELDS} fields", n_fields)
+        for _ in range(n_fields):
+            if not _is_in(_TEXTS, message, unpacker.tell()):
+                raise ProtocolError("", "the header must be a map with text keys")
+            name = unpacker.unpack()
+            if name in fields:
+                raise ProtocolError("", "a key must not be given twice in one map")
+            if _is_in(_CONTAINERS, message, unpacker.tell()):
+                unpacker.skip()
+                fields[name] = []
+            else:
+                fields[name] = unpacker.unpack()
+    except ProtocolError:
+        raise
+    except Exception as error:  # msgpack raises a dozen kinds on hostile bytes
+        raise ProtocolError("", f"the header is not msgpack: {type(error).__name__}") from None
+    if unpacker.tell() != len(message):
+        raise ProtocolError("", "the header is not msgpack: bytes are left behind it")
+    return fields
+
+
+def _is_in(kinds: frozenset[int], message: bytes, place: int) -> bool:
+    return place < len(message) and message[place] in kinds
+
+
+def _header_of(parts: Sequence[bytes]) -> bytes:
+    if len(parts) != 1:
+        raise ProtocolError("", "a request must have one part, the header", len(parts))
+    if len(parts[0]) > MAX_HEADER_BYTES:
+        raise ProtocolError("", f"a header must not exceed {MAX_HEADER_BYTES} bytes", len(parts[0]))
+    return parts[0]
+
+
 def unpack_request(parts: Sequence[bytes]) -> dict[str, Any]:
     """The header of a request; requests carry no pixels.
 
@@ -86,11 +143,7 @@ def unpack_request(parts: Sequence[bytes]) -> dict[str, Any]:
     ProtocolError
         No map in msgpack, too long, too many values, too deep, or a key given twice.
     """
-    if len(parts) != 1:
-        raise ProtocolError("", "a request must have one part, the header", len(parts))
-    if len(parts[0]) > MAX_HEADER_BYTES:
-        raise ProtocolError("", f"a header must not exceed {MAX_HEADER_BYTES} bytes", len(parts[0]))
-    n_values = 0
+    message, n_values = _header_of(parts), 0
 
     def counted(entries: list[Any]) -> list[Any]:
         nonlocal n_values
@@ -106,7 +159,7 @@ def unpack_request(parts: Sequence[bytes]) -> dict[str, Any]:
         return made
 
     try:
-        header = msgpack.unpackb(parts[0], max_ext_len=0, max_array_len=MAX_VALUES, max_map_len=MAX_VALUES,
+        header = msgpack.unpackb(message, max_ext_len=0, max_array_len=MAX_VALUES, max_map_len=MAX_VALUES,
                                  list_hook=counted, object_pairs_hook=table)
     except ProtocolError:
         raise

@@ -10,7 +10,7 @@ import logging
 import math
 import time
 from collections import Counter, OrderedDict
-from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple, Protocol
 
@@ -27,6 +27,7 @@ from .envelope import ENVELOPE, checked_envelope, echo, refusal
 from .frame import MAX_ARRAYS, MAX_FRAME_BYTES, OUTPUTS
 from .front import Answer, FairQueue, Front, Request
 from .job import QUICK_S, Done, Job
+from .kept import KeptReplies
 from .metrics import Histogram, Recent, counter, escaped, gauge
 from .tap import Tap
 from .warned import WarningLog
@@ -36,6 +37,7 @@ log = logging.getLogger(__name__)
 OPERATIONS = ("hello", *operations.OPERATIONS, "status", "watch", "close")
 # A client that is told `busy` asks again after the time that the waiting requests take, within these [s].
 _MIN_RETRY_S, _MAX_RETRY_S = 0.05, 5.0
+_ALL_AT_WORK = "all connections are open and at work; close one"
 _UNTAKEN = "this client has not taken its replies; read them first"
 _WATCHED_S = 0.1
 # Senders whose last request's time is remembered.
@@ -58,8 +60,14 @@ class Engine(Protocol):
     """Whether `start` draws in the loop's thread, and returns when it is done."""
     generation: int
     """Counts the scenes: a reply that shows an old one is no answer to a retry."""
+    make_room: Callable[[], bool]
+    """Lets go of something that is kept in shared memory; whether there was any."""
     outage: str
     """Why nothing can be rendered until further notice; empty if something can."""
+
+    @property
+    def is_full(self) -> bool:
+        """Whether no job at all would be begun at once."""
 
     def has_room(self, job: Job) -> bool:
         """Whether a job would be begun at once."""
@@ -105,7 +113,7 @@ class Dispatcher:
         self._started = time.monotonic()
         self.requests: Counter[str] = Counter()
         self.errors: Counter[str] = Counter()
-        self._kept: OrderedDict[str, tuple[bytes, list, list]] = OrderedDict()
+        self._kept = KeptReplies()
         self._under_way: dict[bytes, _UnderWay] = {}
         self._seconds_of: OrderedDict[Hashable, float] = OrderedDict()
         self._mean_seconds = 0.0
@@ -115,6 +123,7 @@ class Dispatcher:
         self._renders, self._background = Recent(), Background()
         self._warned = WarningLog()
         self._warned.scene(engine.described.get("warnings", ()))
+        engine.make_room = self._make_room
 
     def close(self) -> None:
         """Keep no reply any more: the engine's memory is free then."""
@@ -151,9 +160,15 @@ class Dispatcher:
         header: dict[str, Any] = {}
         try:
             try:
-                header = codec.unpack_request(request.parts)
+                # Lists and maps are decoded by the worker, in their sender's turn.
+                header = codec.unpack_envelope(request.parts)
                 client = checked_envelope(header, OPERATIONS)
-                self._take(request, header, client, is_closing)
+                if self._has_not_taken(request):
+                    self._busy(header, [request.answer], _UNTAKEN)
+                elif request.is_spare and header["op"] not in limits.SPARE_OPERATIONS:
+                    self._busy(header, [request.answer], _ALL_AT_WORK)
+                else:
+                    self._take(request, header, client, is_closing)
             except GlrenderError as error:
                 self._refuse(request, header, error.code, getattr(error, "path", ""), str(error))
         except Exception:
@@ -163,8 +178,8 @@ class Dispatcher:
     def _take(self, request: Request, header: dict[str, Any], client: str, is_closing: bool) -> None:
         digest = self._digest(request.parts[0])
         kept, under_way = self._kept.get(client), self._under_way.get(digest)
-        if kept is not None and kept[0] == digest:
-            request.answer(kept[1])
+        if kept is not None and kept.digest == digest:
+            request.answer(kept.reply)
         elif under_way is not None and len(under_way.answers) < limits.MAX_COPIES:
             # A retry of what is being drawn: both get the one reply.
             under_way.answers.append(request.answer)
@@ -180,8 +195,6 @@ class Dispatcher:
                          if self._operators else "this server's scene is not replaced (--no-load-scene)")
         elif under_way is not None:
             self._busy(header, [request.answer], f"{limits.MAX_COPIES} copies of this request are under way")
-        elif self._has_not_taken(request):
-            self._busy(header, [request.answer], _UNTAKEN)
         else:
             self._enqueue(header, digest, request)
 
@@ -189,11 +202,7 @@ class Dispatcher:
         return hashlib.sha256(b"%d:" % self._engine.generation + message).digest()
 
     def _has_not_taken(self, request: Request) -> bool:
-        own = request.untaken_bytes()
-        if own <= limits.FEW_UNTAKEN_BYTES:
-            return False
-        in_all = sum(front.untaken_bytes for front in self._fronts)
-        return own > limits.MAX_UNTAKEN_BYTES or in_all > limits.MAX_UNTAKEN_BYTES_IN_ALL
+        return limits.is_too_much(request.untaken_bytes(), lambda: sum(front.untaken_bytes for front in self._fronts))
 
     def _enqueue(self, header: dict[str, Any], digest: bytes, request: Request) -> None:
         header = {**{name: header[name] for name in ENVELOPE}, "allow_slow": bool(header.get("allow_slow")),
@@ -221,7 +230,9 @@ class Dispatcher:
             if found := self._background.drop():
                 found[0].done(Done(refusal(found[0].header, "device", "", self._engine.outage), "device", {}))
             return
-        while found := self._queue.get(lambda item: self._engine.has_room(item[0])):
+        # Where nothing is free, the senders who wait need not be asked one by one.
+        while not self._engine.is_full and (
+                found := self._queue.get(lambda item: self._engine.has_room(item[0]))):
             job, digest, request = found
             if self._has_not_taken(request):
                 self._busy(job.header, self._under_way.pop(digest).answers, _UNTAKEN)
@@ -261,7 +272,7 @@ class Dispatcher:
                     self._tap.clear()
                 self._warned.scene(self._engine.described.get("warnings", ()))
                 of_reply = self._digest(request.parts[0])
-            self._keep(header["client"], of_reply, reply, done.reply[1:])
+            self._kept.keep(header["client"], of_reply, reply, done.reply[1:])
             if header["op"] == "render" and not header["background"]:
                 self._renders.observe(now, seconds)
                 self._warned.frames(header["client"], done.warnings, now)
@@ -305,13 +316,9 @@ class Dispatcher:
         self.errors[code] += 1
         request.answer(refusal(header, code, path, message))
 
-    def _keep(self, client: str, digest: bytes, reply: Sequence[Any], pixels: Sequence[Any]) -> None:
-        """Keep a reply for retries; its pixels' memory is not used again while it is kept."""
-        self._kept[client] = (digest, list(reply), list(pixels))
-        self._kept.move_to_end(client)
-        size = lambda: sum(len(part) for _, _, pixels in self._kept.values() for part in pixels)  # noqa: E731
-        while len(self._kept) > 1 and (len(self._kept) > limits.MAX_KEPT_REPLIES or size() > limits.MAX_KEPT_BYTES):
-            self._kept.popitem(last=False)
+    def _make_room(self) -> bool:
+        """Keep the oldest reply no more, or else the oldest frame of those who watch; whether there was one."""
+        return self._kept.drop() or (self._tap is not None and self._tap.drop())
 
     def _watch(self, request: Request, header: Mapping[str, Any]) -> None:
         if self._tap is None or not self._tap.may_watch(header):
@@ -319,8 +326,7 @@ class Dispatcher:
                          "--watch" if self._tap is None else "this server shows its frames by its own --view alone; "
                          "start it with --watch")
             return
-        reply = None if self._has_not_taken(request) else self._tap.answer(
-            header, bool(request.user), self._engine.generation)
+        reply = self._tap.answer(header, bool(request.user), self._engine.generation)
         if reply is None:
             self._busy(header, [request.answer], "this much is shown in a second; ask later", _WATCHED_S)
         else:
@@ -351,5 +357,5 @@ class Dispatcher:
     def _close(self, header: Mapping[str, Any]) -> list[Any]:
         """The client says goodbye: nothing is kept for it any more. The server runs on."""
         known_keys("", header, ENVELOPE)
-        self._kept.pop(header["client"], None)
+        self._kept.forget(header["client"])
         return codec.pack({**echo(header), "ok": True})

@@ -18,6 +18,8 @@ def checked_envelope(header: Mapping[str, Any], operations: Iterable[str]) -> st
     for key in ENVELOPE:
         if key not in header:
             raise ProtocolError(key, "missing")
+        if isinstance(header[key], list | dict):
+            raise ProtocolError(key, "must be one value, no list or map")
     if isinstance(header["v"], bool) or header["v"] != codec.VERSION:
         raise ProtocolError("v", f"this server speaks version {codec.VERSION}", header["v"])
     integer("id", header["id"], 0, 2**64 - 1)

@@ -26,6 +26,8 @@ class Request(NamedTuple):
     """Bytes of replies that the connection has not taken."""
     user: str = ""
     """Name of the client's key file, without CURVE empty."""
+    is_spare: bool = False
+    """Whether all places are taken, and it came by one that is kept for operators."""
 
 
 class Front(Protocol):
@@ -51,8 +53,11 @@ class Front(Protocol):
     def is_idle(self) -> bool:
         """Whether everything answered is on its way."""
 
+    def stop_listening(self) -> None:
+        """Let no further connection come, where the transport can; those that are there are served on."""
+
     def close(self) -> None:
-        """Close every socket."""
+        """Close every socket; may be called again."""
 
 
 class FairQueue:

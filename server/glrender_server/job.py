@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 import zmq
 from glrender.engines.advice import Advice
 
-from . import codec
 from .operations import Operations
 from .slots import SlotStore, offsets, room
 
@@ -62,10 +61,12 @@ class LocalEngine:
         Owned.
     """
 
-    is_idle, draws_here, outage = True, True, ""
+    is_idle, is_full, draws_here, outage = True, False, True, ""
 
     def __init__(self, operations: Operations):
         self._operations, self._slots, self.generation = operations, SlotStore(), 0
+        # A frame without shared memory goes over the socket: nothing is let go for it.
+        self.make_room: Callable[[], bool] = lambda: False
         self.described = operations.described
 
     def has_room(self, job: Job) -> bool:
@@ -85,8 +86,7 @@ class LocalEngine:
                 return [memoryview(bytearray(size)) for size in sizes]
             return room(slot, sizes)
 
-        reply, code = self._operations.answer(codec.unpack_request([job.message]),
-                                                memory if job.header["shared"] else None)
+        reply, code = self._operations.answer_message(job.message, memory if job.header["shared"] else None)
         if job.is_load and not code:
             self.generation += 1
             self.described = self._operations.described

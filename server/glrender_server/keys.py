@@ -9,6 +9,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import math
 import os
 import re
@@ -20,6 +21,8 @@ import zmq
 import zmq.auth
 from glrender import ConfigError
 from zmq.auth.thread import ThreadAuthenticator
+
+log = logging.getLogger(__name__)
 
 # A key that is added or taken away counts after so long [s].
 _READ_AGAIN_S = 1.0
@@ -95,12 +98,15 @@ class Admission:
         self._public, self._secret = load_secret(folder / "server.key_secret")
         self._folder = folder / "clients"
         for each in (folder, self._folder):
-            if each.is_dir() and stat.S_IMODE(each.stat().st_mode) & 0o022:
-                raise ConfigError(str(each), "must be writable by its owner alone: who writes there admits clients",
-                                  hint=f"chmod go-w {each}")
-        self._read_at, self._names = -math.inf, {}
+            _check_writers(each)
+        self._looked_at, self._seen, self._is_settled, self._names = -math.inf, 0, False, {}
         if not self._admitted():
             raise ConfigError(str(self._folder), "admits no client", hint=f"glrender keygen {folder} --client NAME")
+
+    def reload(self) -> None:
+        """Read every file anew, also one that was written over."""
+        self._looked_at, self._is_settled = -math.inf, False
+        self._admitted()
 
     def callback(self, domain: str, key: bytes) -> bool:
         """Whether a public key (Z85) may connect; called in the authenticator's thread."""
@@ -126,13 +132,21 @@ class Admission:
         return authenticator
 
     def _admitted(self) -> dict[str, str]:
-        """Names of the key files by `User-Id`, read anew every second."""
+        """Names of the key files by `User-Id`, read anew when their folder has changed."""
         now = time.monotonic()
-        if now - self._read_at > _READ_AGAIN_S:
-            self._read_at = now
-            # Without a descriptor for the folder those that were known stay.
-            with contextlib.suppress(OSError):
-                self._names = self._read()
+        if now - self._looked_at > _READ_AGAIN_S:
+            self._looked_at = now
+            try:
+                _check_writers(self._folder)
+                changed = self._folder.stat().st_mtime_ns
+                # Twice: two files may be written within one tick of the clock of files.
+                if changed != self._seen or not self._is_settled:
+                    self._names = self._read()
+                self._seen, self._is_settled = changed, changed == self._seen
+            except ConfigError as error:
+                log.error("the clients that were known stay, no further one is admitted: %s", error)
+            except OSError:
+                pass  # without a descriptor for the folder those that were known stay
         return self._names
 
     def _read(self) -> dict[str, str]:
@@ -144,3 +158,8 @@ class Admission:
                     found[zmq.auth.load_certificate(self._folder / name)[0].decode()] = name.removesuffix(".key")
         return found
 
+
+def _check_writers(folder: Path) -> None:
+    if folder.is_dir() and stat.S_IMODE(folder.stat().st_mode) & 0o022:
+        raise ConfigError(str(folder), "must be writable by its owner alone: who writes there admits clients",
+                          hint=f"chmod go-w {folder}")

@@ -8,11 +8,14 @@ from __future__ import annotations
 
 import functools
 import resource
+from collections.abc import Callable
 
 MAX_HEADER_BYTES = 1 << 20
 """Of one request."""
 MAX_VALUES = 60_000
 """Entries of all lists and maps of a header together: the 10,000 directions of a `range` have 40,000."""
+MAX_FIELDS = 64
+"""Fields of a header itself: the operation with most has 19."""
 MAX_DEPTH = 16
 """Lists and maps of a header inside each other: a scene has 6."""
 
@@ -22,6 +25,8 @@ MAX_WAITING_BYTES = 1 << 26
 """Their headers together."""
 MAX_COPIES = 16
 """Copies of one request under way that get its reply."""
+SPARE_OPERATIONS = ("hello", "status", "close")
+"""Those that are answered where all connections are at work."""
 MAX_TURN = 32
 """Connections that are accepted over TCP before others have their turn."""
 
@@ -29,6 +34,13 @@ MAX_UNTAKEN_BYTES = 1 << 26
 """Replies that one client has not taken; its next frame is answered `busy`."""
 MAX_UNTAKEN_BYTES_IN_ALL, FEW_UNTAKEN_BYTES = 1 << 30, 1 << 20
 """Of all clients; beyond it only clients that have few left to take get frames."""
+
+
+def is_too_much(own: int, in_all: Callable[[], int]) -> bool:
+    """Whether no reply may be added to these bytes that a client has not taken, of those that all have not taken."""
+    return own > MAX_UNTAKEN_BYTES or (own > FEW_UNTAKEN_BYTES and in_all() > MAX_UNTAKEN_BYTES_IN_ALL)
+
+
 MAX_UNFINISHED_BYTES = 1 << 23
 """Parts of a message that one client has begun over ZeroMQ and not finished."""
 MAX_UNFINISHED_BYTES_IN_ALL = 1 << 26
@@ -49,6 +61,14 @@ MAX_SCENE_PIXELS = 1 << 26
 MAX_SCENE_FACETS = 10_000_000
 MAX_SCENE_BODIES = 64
 MAX_SCENE_CAMERAS = 64
+MAX_SCENE_SOURCES = 64
+"""Of all comae."""
+MAX_SCENE_GRAINS = 5_000_000
+"""Of all tails: as many as one may have."""
+MAX_SCENE_CELLS = 1 << 24
+"""Of all tails and grids of dust: as many as one grid may have, four tails of the finest."""
+MAX_SCENE_TEXTURE_PIXELS = 1 << 27
+"""Of all textures: as many as one may have, half a gibibyte."""
 
 LOG_LINES, LOG_PERIOD_S = 10, 10.0
 """Lines of one kind that are logged in a period; the next one says how many were left out."""
@@ -79,4 +99,7 @@ def described() -> dict[str, int | float]:
     return {"max_header_bytes": MAX_HEADER_BYTES, "max_values": MAX_VALUES, "max_depth": MAX_DEPTH,
             "max_waiting": MAX_WAITING, "max_untaken_bytes": MAX_UNTAKEN_BYTES, "max_connections": of_zmq,
             "max_tcp_connections": of_tcp, "max_image_pixels": MAX_SCENE_PIXELS, "max_scene_facets": MAX_SCENE_FACETS,
-            "max_scene_bodies": MAX_SCENE_BODIES, "max_scene_cameras": MAX_SCENE_CAMERAS}
+            "max_scene_bodies": MAX_SCENE_BODIES, "max_scene_cameras": MAX_SCENE_CAMERAS,
+            "max_scene_sources": MAX_SCENE_SOURCES, "max_scene_grains": MAX_SCENE_GRAINS,
+            "max_scene_cells": MAX_SCENE_CELLS, "max_scene_texture_pixels": MAX_SCENE_TEXTURE_PIXELS,
+            "max_fields": MAX_FIELDS}

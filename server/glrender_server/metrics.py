@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import bisect
+import contextlib
 import logging
+import socket
 import threading
 from collections import defaultdict, deque
 from collections.abc import Callable, Iterable
@@ -17,6 +19,8 @@ log = logging.getLogger(__name__)
 _BUCKETS_S = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 60.0)
 # Of the rate that is told, and the durations that its percentiles are taken of.
 _RATE_S, _N_RECENT = 5.0, 512
+# A scrape that does not say within this time what it wants, or stands still, is closed [s].
+_REQUEST_S = 1.0
 
 
 class Histogram:
@@ -94,27 +98,40 @@ def escaped(text: str) -> str:
 
 
 class _FewConnections(ThreadingHTTPServer):
-    """A thread for each connection, and no more of them than are good for the machine."""
+    """A thread for each connection; of too many the oldest that has asked nothing goes, or else the oldest."""
 
     daemon_threads = True
 
     def __init__(self, *arguments: Any):
-        self._places = threading.BoundedSemaphore(MAX_METRICS_CONNECTIONS)
+        self._open: dict[Any, None] = {}
         super().__init__(*arguments)
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        """Serve one connection in a thread, or close it if there are too many."""
-        if self._places.acquire(blocking=False):
-            super().process_request(request, client_address)
-        else:
-            self.shutdown_request(request)
+        """Serve one connection in a thread."""
+        self._open[request] = None
+        while len(self._open) > MAX_METRICS_CONNECTIONS:
+            goes = next(filter(_is_silent, self._open), next(iter(self._open)))
+            self._open.pop(goes, None)
+            with contextlib.suppress(OSError):
+                goes.shutdown(socket.SHUT_RDWR)  # its thread closes it
+        super().process_request(request, client_address)
 
-    def process_request_thread(self, request: Any, client_address: Any) -> None:
-        """In the thread."""
-        try:
-            super().process_request_thread(request, client_address)
-        finally:
-            self._places.release()
+    def shutdown_request(self, request: Any) -> None:
+        """Close a connection, in its thread."""
+        self._open.pop(request, None)
+        super().shutdown_request(request)
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Say no more of a scrape that was broken off than of any other."""
+        log.debug("a scrape was broken off", exc_info=True)
+
+
+def _is_silent(connection: socket.socket) -> bool:
+    """Whether nothing has come on a connection that is not answered yet."""
+    try:
+        return not connection.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT)
+    except OSError:
+        return True
 
 
 class MetricsServer:
@@ -135,11 +152,11 @@ class MetricsServer:
 
     def __init__(self, port: int, lines: Callable[[], Iterable[str]]):
         class Handler(BaseHTTPRequestHandler):
-            timeout = 10.0
+            timeout = _REQUEST_S
 
             def do_GET(self) -> None:
                 # A page in a browser must not read them by a name that it lets point here.
-                if self.headers.get("Host", "").rpartition(":")[0] not in ("127.0.0.1", "localhost"):
+                if self.headers.get("Host", "").partition(":")[0] not in ("127.0.0.1", "localhost"):
                     self.send_error(403)
                     return
                 if self.path != "/metrics":

@@ -16,23 +16,27 @@ from glrender import (
     ConfigError,
     DeviceError,
     GlrenderError,
+    ProtocolError,
     Scene,
+    SceneError,
     State,
     draw_still,
     open_renderer,
     take_frame,
 )
 from glrender.base.errors import error_path
-from glrender.capture.static_exposure import drawn_pixels, prepare
+from glrender.capture.static_exposure import prepare
 from glrender.engines.advice import Advice, scene_advice
 from glrender.engines.rays.laser_ranges import RangeNoise, laser_ranges
 from glrender.engines.reference_fallback import checked_allow_slow
 from glrender_camera import MosaicModel
 from glrender_camera.validate import known_keys, one_of
 
-from . import codec, limits
+from . import codec
+from .asked_scene import scene_asked
 from .envelope import ENVELOPE, echo, refusal
 from .frame import FRAME_KEYS, FrameRequest, frames_asked
+from .scene_digest import scene_digest
 
 log = logging.getLogger(__name__)
 
@@ -55,17 +59,22 @@ class Operations:
         As of `glrender.open_renderer`.
     shape_dir : path, optional
         Where `load_scene` may look for shapes; without it only generated bodies load.
+    digest : str, optional
+        The scene's (`scene_digest`), of one that a renderer has had before.
 
     Attributes
     ----------
+    on_scene : callable
+        Called with a scene that was asked for and its digest, before a renderer has it.
     on_progress : callable
         Called while a slow frame is drawn, with the share done of the request's frames.
     last_warnings : list of (str, tuple of Advice)
         What the last request's frames warn of and note, each with its camera's name.
     """
 
-    def __init__(self, scene: Scene, backend: str = "auto", shape_dir: Path | None = None):
+    def __init__(self, scene: Scene, backend: str = "auto", shape_dir: Path | None = None, digest: str | None = None):
         self._backend, self._shape_dir = backend, shape_dir
+        self.digest = scene_digest(scene) if digest is None else digest
         prepare(scene)
         self.scene, self._renderer = scene, open_renderer(scene, backend)
         self._of_scene = scene_advice(scene)
@@ -73,6 +82,7 @@ class Operations:
         self.last_warnings: list[tuple[str, tuple[Advice, ...]]] = []
         self._memory: codec.Memory | None = None
         self.on_progress: Callable[[float], None] = lambda share: None
+        self.on_scene: Callable[[Scene, str], None] = lambda scene, digest: None
 
     def close(self) -> None:
         """Release the renderer."""
@@ -82,7 +92,7 @@ class Operations:
     def described(self) -> dict[str, Any]:
         """The scene and the OpenGL behind it, as `hello` tells them."""
         return {
-            "cameras": [{"name": c.name, "width_px": c.width_px, "height_px": c.height_px,
+            "scene": self.digest, "cameras": [{"name": c.name, "width_px": c.width_px, "height_px": c.height_px,
                          "focal_length_px": c.focal_length_px, "principal_point_px": list(c.principal_point_px),
                          "has_model": c.model is not None,
                          "q_camera_from_spacecraft": list(map(float, c.q_camera_from_spacecraft)),
@@ -96,6 +106,23 @@ class Operations:
                         "law": b.brdf.glsl, "warnings": list(b.shape.report.warnings)} for b in self.scene.bodies],
             "max_error": self.scene.max_error, "warnings": [*map(asdict, self._of_scene)],
             "stars": None if self.scene.stars is None else asdict(self.scene.stars), **self._renderer.info}
+
+    def answer_message(self, message: bytes, memory: codec.Memory | None = None) -> tuple[list[Any], str]:
+        """As `answer`, of a request's bytes: its lists and maps are decoded here, at its sender's cost."""
+        self.last_warnings, self.last_timings_ms = [], {}
+        try:
+            header = codec.unpack_request([message])
+        except GlrenderError as error:
+            return refusal(codec.unpack_envelope([message]), error.code, "", str(error)), error.code
+        return self.answer(header, memory)
+
+    def replace(self, scene: Scene, digest: str) -> None:
+        """Serve another scene; the old one serves on if the new one fails."""
+        prepare(scene)
+        renderer = open_renderer(scene, self._backend)
+        self._renderer.close()
+        self.scene, self.digest, self._renderer = scene, digest, renderer
+        self._of_scene = scene_advice(scene)
 
     def answer(self, header: Mapping[str, Any], memory: codec.Memory | None = None) -> tuple[list[Any], str]:
         """The reply to one request and its error code, empty if it went well; raises nothing.
@@ -122,17 +149,16 @@ class Operations:
 
     def _load_scene(self, header: Mapping[str, Any]) -> list[Any]:
         scene = scene_asked(header, self._shape_dir)
-        prepare(scene)
-        # The old scene serves on if the new one fails.
-        renderer = open_renderer(scene, self._backend)
-        self._renderer.close()
-        self.scene, self._renderer, self._of_scene = scene, renderer, scene_advice(scene)
+        digest = scene_digest(scene)
+        self.on_scene(scene, digest)
+        self.replace(scene, digest)
         return codec.pack({**echo(header), "ok": True, **self.described})
 
     def _render(self, header: Mapping[str, Any]) -> list[Any]:
-        known_keys("", header, (*ENVELOPE, "state", "order", "allow_slow", "shared", "background", "frames",
+        known_keys("", header, (*ENVELOPE, "scene", "state", "order", "allow_slow", "shared", "background", "frames",
                                 *FRAME_KEYS), required=("state",))
         began = time.perf_counter()
+        self._check_scene(header)
         state = State.from_dict(header["state"])
         order = one_of("order", header.get("order", "C"), ("C", "F"))
         allow_slow = checked_allow_slow(header.get("allow_slow", False))
@@ -157,7 +183,8 @@ class Operations:
         # What making the frames left behind is freed by now: that is part of their time.
         fields["timings_ms"]["total"] = 1e3 * (time.perf_counter() - began)
         self.last_timings_ms = fields["timings_ms"]
-        return codec.pack({**echo(header), "ok": True, "t_s": state.t_s, **fields}, arrays, order, self._memory)
+        return codec.pack({**echo(header), "ok": True, "scene": self.digest, "t_s": state.t_s, **fields}, arrays, order,
+                          self._memory)
 
     def _place(self, asked: FrameRequest) -> dict[str, np.ndarray]:
         """The place of a lone image, if it is sent from memory that we are given and as it is drawn."""
@@ -197,8 +224,9 @@ class Operations:
                 **fields, **({"roi": asked.roi} if asked.roi else {})}, arrays
 
     def _range(self, header: Mapping[str, Any]) -> list[Any]:
-        known_keys("", header, (*ENVELOPE, *_RANGE_KEYS), required=("state", "directions_camera"))
+        known_keys("", header, (*ENVELOPE, "scene", *_RANGE_KEYS), required=("state", "directions_camera"))
         began = time.perf_counter()
+        self._check_scene(header)
         state, camera = State.from_dict(header["state"]), self.scene.camera(header.get("camera"))
         noise = None
         if "noise" in header:
@@ -209,8 +237,17 @@ class Operations:
         arrays = {"range": (found.range_m, "m"), "body_id": (found.body_id, "1"), "facet_id": (found.facet_id, "1"),
                   "beam_incidence": (found.beam_incidence, "rad")}
         self.last_timings_ms = {"total": 1e3 * (time.perf_counter() - began)}
-        return codec.pack({**echo(header), "ok": True, "t_s": state.t_s, "camera": camera.name,
+        return codec.pack({**echo(header), "ok": True, "scene": self.digest, "t_s": state.t_s, "camera": camera.name,
                            "timings_ms": self.last_timings_ms}, arrays, memory=self._memory)
+
+    def _check_scene(self, header: Mapping[str, Any]) -> None:
+        """Refuse a request that means another scene."""
+        wanted = header.get("scene", self.digest)
+        if not isinstance(wanted, str):
+            raise ProtocolError("scene", "must be the digest of a scene, as `load_scene` and `hello` give it", wanted)
+        if wanted != self.digest:
+            raise SceneError("scene", f"another scene is served, {self.digest}", wanted,
+                             "load yours again, or leave the field out to be shown whatever is served")
 
     def _progress(self, n_before: int, n_frames: int, share: float) -> None:
         share = (n_before + share) / n_frames
@@ -226,59 +263,6 @@ class Operations:
             self._renderer.close()
             self._renderer = open_renderer(self.scene, self._backend)
             return draw(self._renderer, state, camera, **options)
-
-
-def scene_asked(header: Mapping[str, Any], shape_dir: Path | None) -> Scene:
-    """The scene of a `load_scene` request, within the bounds of `limits`.
-
-    Raises
-    ------
-    ConfigError, ShapeError
-        Messages name shape files without their folder, which is the server's own matter.
-    """
-    known_keys("", header, (*ENVELOPE, "scene"), required=("scene",))
-    table = header["scene"]
-    if isinstance(table, Mapping):
-        _check_counts(table)
-    try:
-        scene = Scene.from_dict(table, shape_dir=shape_dir, restricted=True)
-    except ConfigError as error:
-        if shape_dir is not None:
-            _hide(error, shape_dir)
-        raise
-    n_pixels = sum(camera.width_px * camera.height_px for camera in scene.cameras)
-    n_drawn = sum(drawn_pixels(camera) for camera in scene.cameras)
-    if n_pixels > limits.MAX_SCENE_PIXELS or n_drawn > 2 * limits.MAX_SCENE_PIXELS:
-        raise ConfigError("scene.cameras", f"must have at most {limits.MAX_SCENE_PIXELS} pixels together, and twice as "
-                          "many where margins and distortion are drawn", max(n_pixels, n_drawn))
-    n_facets = sum(len(body.shape.facets) for body in scene.bodies)
-    if n_facets > limits.MAX_SCENE_FACETS:
-        raise ConfigError("scene.bodies", f"must have at most {limits.MAX_SCENE_FACETS} facets together", n_facets)
-    return scene
-
-
-def _hide(error: ConfigError, folder: Path) -> None:
-    """Take a folder out of all that an error says."""
-    for name in ("path", "rule", "hint", "got"):
-        value = getattr(error, name)
-        if isinstance(value, str | Path):
-            setattr(error, name, str(value).replace(f"{folder.resolve()}/", "").replace(f"{folder}/", ""))
-
-
-def _check_counts(table: Mapping[str, Any]) -> None:
-    """Refuse a scene before it is made, if its table tells that it is too large."""
-    for name, most in (("bodies", limits.MAX_SCENE_BODIES), ("cameras", limits.MAX_SCENE_CAMERAS)):
-        if isinstance(table.get(name), list) and len(table[name]) > most:
-            raise ConfigError(f"scene.{name}", f"must be at most {most}", len(table[name]))
-    sides = [(c.get("width_px"), c.get("height_px")) for c in table.get("cameras") or () if isinstance(c, Mapping)]
-    n_pixels = sum(w * h for w, h in sides if isinstance(w, int | float) and isinstance(h, int | float))
-    if n_pixels > limits.MAX_SCENE_PIXELS:
-        raise ConfigError("scene.cameras", f"must have at most {limits.MAX_SCENE_PIXELS} pixels together", n_pixels)
-    made = [b["generated"].get("subdivisions") for b in table.get("bodies") or ()
-            if isinstance(b, Mapping) and isinstance(b.get("generated"), Mapping)]
-    n_facets = sum(20 * 4 ** min(n, 20) for n in made if isinstance(n, int) and n > 0)
-    if n_facets > limits.MAX_SCENE_FACETS:
-        raise ConfigError("scene.bodies", f"must have at most {limits.MAX_SCENE_FACETS} facets together", n_facets)
 
 
 def _summed(timings_ms: Iterable[Mapping[str, float]]) -> dict[str, float]:

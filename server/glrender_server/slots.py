@@ -124,9 +124,10 @@ class SlotStore:
             return views, None
         return views, {"name": slot.name, "number": _number(slot), "offsets": starts[:-1], "sizes": list(sizes)}
 
-    def trim(self) -> None:
-        """Release free slots beyond a few, the largest first."""
-        n_kept = _MAX_FREE_WHEN_FULL if self._is_full else _MAX_FREE
+    def trim(self, n_kept: int | None = None) -> None:
+        """Release free slots beyond a few, or beyond so many, the largest first."""
+        if n_kept is None:
+            n_kept = _MAX_FREE_WHEN_FULL if self._is_full else _MAX_FREE
         for slot in sorted(self._free, key=lambda free: -free.size)[:max(0, len(self._free) - n_kept)]:
             if self._claim(slot):
                 self._free.remove(slot)

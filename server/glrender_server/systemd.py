@@ -6,9 +6,12 @@ Source: sd_notify(3), sd_watchdog_enabled(3).
 from __future__ import annotations
 
 import contextlib
+import logging
 import os
 import socket
 import time
+
+log = logging.getLogger(__name__)
 
 
 class Systemd:
@@ -22,7 +25,7 @@ class Systemd:
         # An abstract socket's name begins with a zero byte.
         self._address = "\0" + address[1:] if address.startswith("@") else address
         # Twice in the time that systemd waits.
-        self._period_s = 0.5e-6 * int(os.environ.get("WATCHDOG_USEC", "0"))
+        self._period_s = 0.5e-6 * _watchdog_us()
         self._last_s = 0.0
 
     def say_ready(self) -> None:
@@ -45,3 +48,13 @@ class Systemd:
             with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as peer:
                 peer.setblocking(False)
                 peer.sendto(line.encode(), self._address)
+
+
+def _watchdog_us() -> int:
+    """The time after which the service manager doubts this process [us]; 0 if it watches none, or another."""
+    told, pid = os.environ.get("WATCHDOG_USEC", ""), os.environ.get("WATCHDOG_PID", "")
+    if not told.isdecimal() or pid not in ("", str(os.getpid())):
+        if told and not told.isdecimal():
+            log.warning("WATCHDOG_USEC must be a number of microseconds, got %r: no watchdog is told", told)
+        return 0
+    return int(told)

@@ -58,6 +58,10 @@ class Tap:
                 frame.n_bytes for frame in self._frames.values()) > limits.MAX_WATCHED_BYTES):
             self._frames.popitem(last=False)
 
+    def drop(self) -> bool:
+        """Keep the oldest frame no more; whether there was one."""
+        return bool(self._frames) and bool(self._frames.popitem(last=False))
+
     def clear(self) -> None:
         """Keep no frame any more."""
         self._frames.clear()

@@ -23,6 +23,8 @@ log = logging.getLogger(__name__)
 
 MAX_OWED = 16
 """Requests of one connection that may wait for their answer, before its further requests stay where they are."""
+SPARE_CONNECTIONS, SPARE_S = 2, 1.0
+"""Where all connections are at work, so many more are let in for so long [s], to ask for `limits.SPARE_OPERATIONS`."""
 STALL_S = 30.0
 """A message begun and not finished, or a reply not taken, for this long ends its connection."""
 _RECEIVE_BYTES = 1 << 18
@@ -76,11 +78,6 @@ class TcpFront:
 
     def take_in(self, ready: dict[Any, int]) -> list[Request]:
         """Requests that have come; sends on what slow readers have room for."""
-        if self._accepts_at and time.monotonic() >= self._accepts_at:
-            self._accepts_at = 0.0
-            self._poller.register(self._listener.fileno(), zmq.POLLIN)
-        elif ready.get(self._listener.fileno()):
-            self._accept()
         requests = []
         for number, connection in list(self._connections.items()):
             requests += connection.turn(ready.get(number, 0))
@@ -88,6 +85,13 @@ class TcpFront:
                 self._forget(connection)
             else:
                 self._watch(connection)
+        self._promote()
+        # After those that are here: who has asked in a spare place is not closed for the next.
+        if self._accepts_at and time.monotonic() >= self._accepts_at:
+            self._accepts_at = 0.0
+            self._poller.register(self._listener.fileno(), zmq.POLLIN)
+        elif self._listener.fileno() in ready:
+            self._accept()
         return requests
 
     @property
@@ -99,6 +103,13 @@ class TcpFront:
     def is_idle(self) -> bool:
         """Whether every reply has been handed to the system."""
         return not any(connection.has_output for connection in self._connections.values())
+
+    def stop_listening(self) -> None:
+        """Let no further connection come."""
+        if self._listener.fileno() in self._poller:
+            self._poller.unregister(self._listener.fileno())
+        self._accepts_at = 0.0
+        self._listener.close()
 
     def close(self) -> None:
         """Close every connection."""
@@ -118,21 +129,35 @@ class TcpFront:
                 self._poller.unregister(self._listener.fileno())
                 self._accepts_at = time.monotonic() + _PAUSE_S
                 return
-            if len(self._connections) >= self._max_connections and not self._make_room():
+            is_spare = not self._make_room(is_spare=False)
+            if is_spare and not self._make_room(is_spare=True):
                 log.warning("%s: refused, %d connections are open and at work", address, len(self._connections))
                 _refuse(peer, len(self._connections))
                 continue
-            self._connections[peer.fileno()] = connection = _Connection(peer, address[0], self._watch)
+            connection = _Connection(peer, address[0], self._watch, lambda: self.untaken_bytes, is_spare)
+            self._connections[peer.fileno()] = connection
             self._watch(connection)
 
-    def _make_room(self) -> bool:
-        """Close the connection that has been silent longest, if one is owed nothing."""
-        silent = [connection for connection in self._connections.values() if connection.is_silent]
+    def _make_room(self, is_spare: bool) -> bool:
+        """Whether there is a place, or has been made by closing one that is owed nothing, the longest silent."""
+        if not is_spare:
+            self._promote()
+        there = [connection for connection in self._connections.values() if connection.is_spare == is_spare]
+        if len(there) < (SPARE_CONNECTIONS if is_spare else self._max_connections):
+            return True
+        silent = [connection for connection in there if connection.is_silent]
         if not silent:
             return False
         log.warning("%d connections are open: the one that was silent longest is closed", len(self._connections))
-        self._forget(min(silent, key=lambda connection: (connection.has_asked, connection.moved)))
+        self._forget(min(silent, key=lambda connection: (connection.has_asked and not is_spare, connection.moved)))
         return True
+
+    def _promote(self) -> None:
+        """Give those in spare places a place that has become free."""
+        spare = [connection for connection in self._connections.values() if connection.is_spare]
+        n_free = self._max_connections - (len(self._connections) - len(spare))
+        for connection in spare[:max(0, n_free)]:
+            connection.is_spare = False
 
     def _watch(self, connection: _Connection) -> None:
         """Let the loop wake for what a connection waits for now."""
@@ -150,7 +175,8 @@ class _Connection:
     """One client: bytes that came, requests it is owed replies to, and bytes that it has to take."""
 
     def __init__(self, peer: socket.socket, host: str,
-                 on_answer: Callable[[_Connection], None] = lambda connection: None):
+                 on_answer: Callable[[_Connection], None] = lambda connection: None,
+                 in_all: Callable[[], int] = lambda: 0, is_spare: bool = False):
         peer.setblocking(False)
         peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         peer.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
@@ -159,7 +185,8 @@ class _Connection:
         for name, value in _KEEP_ALIVE:
             if hasattr(socket, name):
                 peer.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
-        self._peer, self._decoder, self._on_answer = peer, Decoder(), on_answer
+        self._peer, self._decoder, self._on_answer, self._in_all = peer, Decoder(), on_answer, in_all
+        self.is_spare, self._came = is_spare, time.monotonic()
         self.number = peer.fileno()
         # Another machine's connections take one turn together.
         self._sender: Hashable = id(self) if ipaddress.ip_address(host).is_loopback else host
@@ -186,7 +213,7 @@ class _Connection:
 
     @property
     def _has_room(self) -> bool:
-        return self._owed < MAX_OWED and self._output.n_bytes < limits.MAX_UNTAKEN_BYTES
+        return self._owed < MAX_OWED and not limits.is_too_much(self._output.n_bytes, self._in_all)
 
     @property
     def has_request(self) -> bool:
@@ -211,6 +238,8 @@ class _Connection:
         requests = self._decoded()
         is_stuck = self._output or (self._is_open and not self._decoder.is_between_messages and not self._owed)
         if self._hang_up_at is not None and time.monotonic() > self._hang_up_at:
+            self._is_lost = True
+        elif self.is_spare and time.monotonic() - self._came > SPARE_S:
             self._is_lost = True
         elif is_stuck and time.monotonic() - self.moved > STALL_S:
             log.warning("a client on TCP stood still for %g s within a message: closed", STALL_S)
@@ -256,7 +285,8 @@ class _Connection:
             while self._is_open and self._has_room and (parts := next(messages, None)) is not None:
                 self._owed += 1
                 self.has_asked = True
-                requests.append(Request(self._sender, parts, self.answer, lambda: self._output.n_bytes))
+                requests.append(Request(self._sender, parts, self.answer, lambda: self._output.n_bytes,
+                                        is_spare=self.is_spare))
         except ProtocolError as error:
             self._is_open, self._error = False, error
             self._break_off()

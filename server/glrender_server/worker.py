@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import pickle
 import resource
 import signal
@@ -14,8 +15,8 @@ from pathlib import Path
 
 from glrender import DeviceError, GlrenderError
 
-from . import codec, logs
-from .operations import Operations, scene_asked
+from . import logs
+from .operations import Operations
 from .slots import offsets, room
 from .stream import Channel
 
@@ -23,17 +24,18 @@ _MAX_ATTACHED = 16
 
 
 def work(peer: socket.socket, backend: str, shape_dir: Path | None, memory_bytes: int | None, log_level: int,
-         log_format: str) -> None:
+         log_format: str, made_of: type[Operations] = Operations) -> None:
     """Serve jobs until the channel closes.
 
-    Said: ``("awake",)``, answered by the pickled scene and by the `load_scene` request that replaced it since, or
-    None; ``("ready", described)`` or ``("failed", text)``; then for each ``("job", message, slot)``: ``("begun",)``,
-    ``("progress", share)`` now and then from a slow frame,
-    ``("need", n_bytes)`` where the slot is too small (answered by a slot's name, empty if there is none), and
-    ``("done", header, sizes, code, timings_ms, warnings, described)``, the parts in the slot at their `offsets`.
+    Said: ``("awake",)``, answered by ``("scene", pickle, digest)``, which may come again: ``("ready", described)`` or
+    ``("failed", text)``; then for each ``("job", message, slot)``: ``("begun",)``, ``("progress", share)`` now and then
+    from a slow frame, ``("need", n_bytes)`` where the slot is too small (answered by a slot's name, empty if there is
+    none), and ``("done", header, sizes, code, timings_ms, warnings, loaded)``, the parts in the slot at their
+    `offsets`; `loaded` is None, or of a new scene its pickle, its digest, and the description of it. ``("forget",)``
+    lets go of all slots.
     """
     # The server drains on a signal to the group; then the channel closes.
-    for number in (signal.SIGTERM, signal.SIGINT):
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     logs.set_up(log_level, log_format)
     if memory_bytes is not None:
@@ -42,43 +44,70 @@ def work(peer: socket.socket, backend: str, shape_dir: Path | None, memory_bytes
     channel = Channel(peer, is_blocking=True)
     try:
         channel.send("awake")
-        scene_pickle, scene_message = channel.receive()
+        _, scene_pickle, digest = channel.receive()
     except (EOFError, OSError):
         return  # the server is gone
     try:
-        scene = (pickle.loads(scene_pickle) if scene_message is None
-                 else scene_asked(codec.unpack_request([scene_message]), shape_dir))
-        del scene_pickle
-        operations = Operations(scene, backend, shape_dir)
-        operations.on_progress = lambda share: channel.send("progress", share)
+        operations = made_of(pickle.loads(scene_pickle), backend, shape_dir, digest)
     except (GlrenderError, MemoryError) as error:
         channel.send("failed", str(error))
         return
+    del scene_pickle
+    loaded: list[tuple[bytes, str]] = []
+    operations.on_progress = lambda share: channel.send("progress", share)
+    # As it is read, so that others need not read its files again, which may have gone or changed.
+    operations.on_scene = lambda scene, digest: loaded.append((pickle.dumps(scene), digest))
+    # What is loaded by now is no garbage; looking through it takes some tenths of a millisecond of each frame.
+    gc.freeze()
     slots: OrderedDict[str, SharedMemory] = OrderedDict()
     try:
         channel.send("ready", operations.described)
         while True:
-            _, message, name = channel.receive()
+            kind, *rest = channel.receive()
+            if kind == "scene":
+                if not _has_replaced(operations, channel, *rest):
+                    return
+                continue
+            if kind == "forget":
+                _forget(slots)
+                continue
+            message, name = rest
             channel.send("begun")
-            header = codec.unpack_request([message])
-            (head, *parts), code = operations.answer(header, partial(_room, channel, slots, name))
+            loaded.clear()
+            (head, *parts), code = operations.answer_message(message, partial(_room, channel, slots, name))
             sizes = [len(part) for part in parts]
             del parts
-            described = operations.described if header["op"] == "load_scene" and not code else None
             channel.send("done", bytes(head), sizes, code, {} if code else operations.last_timings_ms,
-                         operations.last_warnings, described)
+                         operations.last_warnings, (*loaded[0], operations.described) if loaded and not code else None)
+            loaded.clear()
     except (EOFError, OSError):
         pass  # the server is gone
     finally:
         operations.close()
-        for slot in slots.values():
-            slot.close()
+        _forget(slots)
+
+
+def _forget(slots: OrderedDict[str, SharedMemory]) -> None:
+    """Let go of all shared memory: that of slots that the server has released is free then."""
+    while slots:
+        slots.popitem()[1].close()
+
+
+def _has_replaced(operations: Operations, channel: Channel, scene_pickle: bytes, digest: str) -> bool:
+    try:
+        operations.replace(pickle.loads(scene_pickle), digest)
+    except (GlrenderError, MemoryError) as error:
+        channel.send("failed", str(error))
+        return False
+    channel.send("ready", operations.described)
+    return True
 
 
 def _room(channel: Channel, slots: OrderedDict[str, SharedMemory], name: str,
           sizes: Sequence[int]) -> list[memoryview]:
     n_bytes = offsets(sizes)[-1]
     if not name or n_bytes > _attached(slots, name).size:
+        _forget(slots)
         channel.send("need", n_bytes)
         (name,) = channel.receive()
         if not name:

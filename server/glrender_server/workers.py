@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import math
+import multiprocessing.connection  # noqa: F401, else a dead worker's first join imports it: it wants a descriptor
+import os
 import pickle
 import socket
 import time
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from multiprocessing import get_context
 from multiprocessing.process import BaseProcess
@@ -21,6 +25,8 @@ from glrender.engines.advice import Advice
 
 from .envelope import refusal
 from .job import Done, Job
+from .operations import Operations
+from .scene_digest import scene_digest
 from .slots import SlotStore, offsets
 from .stream import Channel
 from .worker import work
@@ -35,6 +41,10 @@ SLOW_DEADLINE_S = 600.0
 # by a driver, for want of memory), so that a service which somebody keeps killing is back within seconds.
 _FIRST_BACK_OFF_S, _MAX_BACK_OFF_S, _MAX_BACK_OFF_AFTER_SIGNAL_S = 0.1, 30.0, 1.0
 _MAX_TRIES = 2
+# A worker that has used less of its deadline than this share was stopped from outside: its request is not to blame.
+_STOPPED_SHARE = 0.02
+# While a sender known to be quick has had a frame within this time [s], the last free worker is kept for such.
+_KEPT_FOR_QUICK_S = 10.0
 # A killed process that is not dead by then hangs in a driver: the server's end does not wait for it.
 _DEATH_S = 5.0
 
@@ -57,10 +67,11 @@ class _Worker:
     deadline: float = 0.0
     deadline_s: float = 0.0
     has_begun: bool = False
+    processor_s: float = 0.0
     progress: float | None = None
     overran: bool = False
+    was_stopped: bool = False
     generation: int = 0
-    loads: int = 0
     failures: int = 0
     start_at: float = 0.0
 
@@ -74,12 +85,14 @@ class WorkerPool:
         As of `Operations`.
     n_workers : int
     deadline_s : float [s]
-        A worker that takes longer over one request is killed. The request is tried once more, then
-        answered `poison`; so is one whose worker dies.
+        A worker that takes longer over one request is killed, and the request answered `poison`: it would take as long
+        again. It is tried once more if its worker dies, or was stopped and used no processor time.
     slow_deadline_s : float [s]
-        Instead, for a request that allows slow frames or loads a scene; the latter is not tried again.
+        Instead, for a request that allows slow frames or loads a scene; the latter is never tried again.
     memory_bytes : int, optional
         Data that a worker may have (RLIMIT_DATA); a request that needs more is answered `device`.
+    operations : type
+        What serves a worker's requests.
 
     Raises
     ------
@@ -89,8 +102,10 @@ class WorkerPool:
 
     def __init__(self, scene: Scene, backend: str = "auto", shape_dir: Path | None = None, *, n_workers: int,
                  deadline_s: float, slow_deadline_s: float = SLOW_DEADLINE_S, memory_bytes: int | None = None,
-                 log_format: str = "text"):
-        self._scene_pickle, self._arguments = pickle.dumps(scene), (backend, shape_dir, memory_bytes)
+                 log_format: str = "text", operations: type[Operations] = Operations):
+        # As pickle and digest: the scene that is served, and the server's own.
+        self._scene = self._own_scene = pickle.dumps(scene), scene_digest(scene)
+        self._arguments, self._operations = (backend, shape_dir, memory_bytes), operations
         self._start_s = START_S + START_S_PER_FACET * sum(len(body.shape.facets) for body in scene.bodies)
         self._deadline_s, self._slow_deadline_s, self._log_format = deadline_s, slow_deadline_s, log_format
         self._spawn = get_context("spawn")
@@ -98,10 +113,12 @@ class WorkerPool:
         self._workers = [_Worker() for _ in range(n_workers)]
         self._again: deque[_Task] = deque()
         self._dying: list[tuple[BaseProcess, SharedMemory | None]] = []
-        self.generation, self._scene_message, self._n_failed_scenes = 0, None, 0
+        self.generation, self._n_failed_scenes = 0, 0
+        # Lets go of something in shared memory; whether there was any.
+        self.make_room: Callable[[], bool] = lambda: False
         self._poller: zmq.Poller | None = None
         self._described: dict[str, Any] = {}
-        self.draws_here, self.outage, self.restarts = False, "", 0
+        self.draws_here, self.outage, self.restarts, self._quick_at = False, "", 0, -math.inf
         try:
             for worker in self._workers:
                 self._start(worker)
@@ -122,11 +139,17 @@ class WorkerPool:
                                                "of": len(self._workers), "restarts": self.restarts},
                 "slow_frames": slow}
 
+    @property
+    def is_full(self) -> bool:
+        """Whether no job at all would be begun at once."""
+        return bool(self._again) or not self._free_workers()
+
     def has_room(self, job: Job) -> bool:
         """Whether a job would be begun at once.
 
-        Where there are several workers, the last free one is kept from slow frames, and from a sender who has all the
-        others and is not known to be quick. One scene is loaded at a time; its sender waits for it.
+        Where there are several workers, the last free one is kept from slow frames, and from a sender who is not known
+        to be quick and has all the others; or, where quick ones have asked lately, if such senders have all the others:
+        a client may have many connections. One scene is loaded at a time; its sender waits for it.
         """
         if self._again or not (idle := self._free_workers()):
             return False
@@ -138,7 +161,11 @@ class WorkerPool:
             return True
         if job.is_slow and sum(task.is_slow for task in tasks) == others:
             return False
-        return job.is_quick or sum(task.sender == job.sender for task in tasks) < others
+        if job.is_quick:
+            return True
+        if time.monotonic() - self._quick_at < _KEPT_FOR_QUICK_S:
+            return sum(not task.is_quick for task in tasks) < others
+        return sum(task.sender == job.sender for task in tasks) < others
 
     @property
     def is_idle(self) -> bool:
@@ -147,6 +174,8 @@ class WorkerPool:
 
     def start(self, job: Job) -> None:
         """Hand a job to a free worker."""
+        if job.is_quick and not job.is_slow:
+            self._quick_at = time.monotonic()
         self._begin(_Task(job))
 
     def watch(self, poller: zmq.Poller) -> None:
@@ -181,6 +210,14 @@ class WorkerPool:
         """Those that wait for a job, and have the scene that is served."""
         return [w for w in self._workers if w.state == "idle" and w.generation == self.generation]
 
+    @property
+    def _is_own_scene(self) -> bool:
+        return self._scene is self._own_scene
+
+    def _tell_scene(self, worker: _Worker) -> None:
+        worker.generation = self.generation
+        self._tell(worker, "scene", *self._scene)
+
     def _begin(self, task: _Task) -> None:
         # The last to have finished has the warmest caches.
         worker = max(self._free_workers(), key=lambda free: free.deadline)
@@ -194,7 +231,7 @@ class WorkerPool:
             self._slots.give_back(worker.slot)  # somebody has tidied up
             worker.slot = None
         worker.slot = worker.slot or self._take(self._frame_bytes)
-        worker.deadline = time.monotonic() + worker.deadline_s
+        worker.deadline, worker.processor_s = time.monotonic() + worker.deadline_s, use_of(worker.process.pid)[1]
         self._tell(worker, "job", message, worker.slot.name if worker.slot else "")
 
     def _tell(self, worker: _Worker, *said: Any) -> None:
@@ -210,11 +247,23 @@ class WorkerPool:
                                   zmq.POLLIN | (zmq.POLLOUT if worker.channel.outbox else 0))
 
     def _take(self, n_bytes: int) -> SharedMemory | None:
-        try:
-            return self._slots.take(n_bytes)
-        except OSError as error:
-            log.warning("a worker has no shared memory: %s", error)
-            return None
+        is_last = False
+        while True:
+            try:
+                return self._slots.take(n_bytes)
+            except OSError as error:
+                # What is kept for retries and viewers gives way to frames that are wanted now.
+                if self.make_room():
+                    continue  # a slot that is free now serves as it is
+                if is_last:
+                    log.warning("a worker has no shared memory: %s", error)
+                    return None
+                # Or others are too small: their memory is free when nobody has it in reach any more.
+                is_last = True
+                self._slots.trim(n_kept=0)
+                for worker in self._workers:
+                    if worker.state == "idle":
+                        self._tell(worker, "forget")
 
     def _turn_all(self) -> None:
         now = time.monotonic()
@@ -230,12 +279,13 @@ class WorkerPool:
                 continue
             if worker.state in ("starting", "busy", "loading") and now > worker.deadline:
                 worker.overran = True
+                state, used_s = use_of(worker.process.pid)
+                worker.was_stopped = state == "T" or used_s - worker.processor_s < _STOPPED_SHARE * worker.deadline_s
                 self._bury(worker)
-            elif worker.state == "idle" and worker.generation != self.generation and self._scene_message is None:
-                self._bury(worker)  # it has a scene that is not served any more
             elif worker.state == "idle" and worker.generation != self.generation:
-                worker.state, worker.deadline_s, worker.loads = "loading", self._slow_deadline_s, self.generation
-                self._send(worker, self._scene_message)
+                worker.state, worker.deadline_s = "loading", self._slow_deadline_s
+                worker.deadline = now + worker.deadline_s
+                self._tell_scene(worker)
         if any(worker.state in ("idle", "busy", "loading") for worker in self._workers):
             self.outage = ""
 
@@ -254,16 +304,16 @@ class WorkerPool:
         kind, *rest = said
         if kind == "awake":
             # Not before: one that dies unread leaves nothing behind.
-            self._tell(worker, self._scene_pickle, self._scene_message)
-            worker.generation = self.generation
+            self._tell_scene(worker)
         elif kind == "ready":
-            worker.state, self.outage, self._n_failed_scenes = "idle", "", 0
+            worker.state, self.outage, self._n_failed_scenes, worker.deadline = "idle", "", 0, time.monotonic()
             # Meanwhile another may have loaded a newer scene.
             if worker.generation == self.generation:
                 self._described = rest[0]
         elif kind == "failed":
-            self.outage = f"a worker did not start: {rest[0]}"
-            log.error("%s", self.outage)
+            if worker.state == "starting":
+                self.outage = f"a worker did not start: {rest[0]}"
+            log.error("a worker cannot open the scene that is served: %s", rest[0])
             self._bury(worker, has_failed=True)
         elif kind == "begun":
             worker.has_begun = True
@@ -278,14 +328,8 @@ class WorkerPool:
             self._done(worker, *rest)
 
     def _done(self, worker: _Worker, head: bytes, sizes: list[int], code: str, timings_ms: dict[str, float],
-              warnings: list[tuple[str, tuple[Advice, ...]]], described: dict[str, Any] | None) -> None:
-        if worker.state == "loading":
-            if code:
-                log.error("a worker cannot load the scene that another has loaded: %s", code)
-                self._bury(worker, has_failed=True)
-                return
-            worker.state, worker.generation, worker.deadline = "idle", worker.loads, time.monotonic()
-            return
+              warnings: list[tuple[str, tuple[Advice, ...]]],
+              loaded: tuple[bytes, str, dict[str, Any]] | None) -> None:
         task, worker.task = worker.task, None
         worker.state, worker.failures, worker.deadline, worker.progress = "idle", 0, time.monotonic(), None
         parts, place = [], None
@@ -294,8 +338,9 @@ class WorkerPool:
             self._frame_bytes = offsets(sizes)[-1]
             parts, place = self._slots.lend(worker.slot, sizes)
             worker.slot = None
-        if described is not None:
-            self._described, self._scene_message = described, task.job.message
+        if loaded is not None:
+            *scene, self._described = loaded
+            self._scene = tuple(scene)
             self.generation += 1
             worker.generation = self.generation
             log.info("a new scene is served; %d workers still load it", len(self._workers) - 1)
@@ -304,13 +349,13 @@ class WorkerPool:
     def _start(self, worker: _Worker) -> None:
         worker.state, worker.overran = "starting", False
         # A scene that was loaded may take as long again.
-        worker.deadline_s = self._start_s if self._scene_message is None else max(self._start_s, self._slow_deadline_s)
+        worker.deadline_s = self._start_s if self._is_own_scene else max(self._start_s, self._slow_deadline_s)
         worker.deadline = time.monotonic() + worker.deadline_s
         try:
             ours, theirs = socket.socketpair()
             worker.channel = Channel(ours)
             with theirs:
-                arguments = theirs, *self._arguments, log.getEffectiveLevel(), self._log_format
+                arguments = theirs, *self._arguments, log.getEffectiveLevel(), self._log_format, self._operations
                 process = self._spawn.Process(target=work, name="glrender-worker", daemon=True, args=arguments)
                 process.start()
         except OSError as error:
@@ -329,11 +374,12 @@ class WorkerPool:
         exit_code = None if worker.process is None else worker.process.exitcode
         is_by_signal = not (worker.overran or has_failed) and (exit_code is None or exit_code < 0)
         self._end(worker)
-        if was_starting and (worker.overran or has_failed) and self._scene_message is not None:
+        if was_starting and (worker.overran or has_failed) and not self._is_own_scene:
             self._n_failed_scenes += 1
             if self._n_failed_scenes > _MAX_TRIES:
                 log.error("the scene that was loaded cannot be opened any more: the server's own is served again")
-                self.generation, self._scene_message, self._n_failed_scenes = self.generation + 1, None, 0
+                self._scene, self._n_failed_scenes = self._own_scene, 0
+                self.generation += 1
         back_off = min(_FIRST_BACK_OFF_S * 2**worker.failures,
                        _MAX_BACK_OFF_AFTER_SIGNAL_S if is_by_signal else _MAX_BACK_OFF_S)
         worker.failures, worker.start_at = worker.failures + 1, time.monotonic() + back_off
@@ -346,7 +392,7 @@ class WorkerPool:
         if task is None:
             return
         task.tries += is_its_fault
-        if task.tries < (1 if task.job.is_load else _MAX_TRIES):
+        if task.tries < (1 if task.job.is_load or (worker.overran and not worker.was_stopped) else _MAX_TRIES):
             self._again.append(task)
             return
         log.error("poison: request %s of %r", task.job.header["id"], task.job.header["client"])
@@ -378,3 +424,15 @@ class WorkerPool:
             self._dying.remove((process, slot))
             if slot is not None:
                 self._slots.give_back(slot)
+
+
+def use_of(pid: int) -> tuple[str, float]:
+    """State of a process (T: stopped), and processor time that it has used [s], infinite where nothing says (no /proc).
+
+    Source: proc_pid_stat(5), fields 3, 14 and 15.
+    """
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return "", math.inf
+    return fields[0], (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")

@@ -337,3 +337,11 @@ def test_the_demo_flies_its_loop_and_leaves_its_pictures(folder, shape, request)
     assert f"an on-board model of {facets['on_board']} of {facets['true']} facets" in made.stdout
     for name in ("contact_sheet.png", "trajectory.png"):
         assert Image.open(folder / "out" / name).size[0] > 500
+
+
+def test_a_closed_pipe_changes_neither_exit_code_nor_log():
+    """`glrender-server ... | head -1`."""
+    code = ("import os\nfrom glrender_server import logs\nread, write = os.pipe()\nos.dup2(write, 1)\n"
+            "os.close(read)\nlogs.say('ready')\nlogs.say('stopped')\n")
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert (run.returncode, run.stderr) == (0, "")

@@ -33,6 +33,18 @@ def test_killed_clients_and_workers_lose_no_request(where):
     assert record["killed"] == {"clients": 10, "workers": 3} and record["restarts"] >= 1, run.stdout
 
 
+@pytest.mark.slow
+def test_clients_that_ask_and_go_leave_nothing_behind():
+    """They took descriptors for good: 605 of them 3,400."""
+    soak = str(REPOSITORY / "benchmarks" / "soak.py")
+    run = subprocess.run([sys.executable, soak, "--seconds", "60", "--clients", "4", "--kill-worker-seconds", "5",
+                          "--come-and-go"], capture_output=True, text=True, timeout=400)
+    assert run.stdout, run.stderr
+    record = json.loads(run.stdout)
+    assert record["is_sound"] and record["restarts"] >= 3, run.stdout
+    assert record["after"]["fds"] <= 1.02 * record["before"]["fds"] + 20, run.stdout
+
+
 def fuzzed(*arguments):
     """The record of a run of the fuzzer."""
     run = subprocess.run([sys.executable, "-W", "ignore", str(REPOSITORY / "benchmarks" / "fuzz.py"), *arguments],

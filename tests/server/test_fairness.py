@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 import tomllib
@@ -13,6 +14,7 @@ import serving
 import views
 import zmq
 from glrender_client import Client, ServerError
+from glrender_server import workers
 from glrender_server.job import Job
 from glrender_server.workers import WorkerPool, _Task, _Worker
 
@@ -156,11 +158,30 @@ class Pool(WorkerPool):
 
     def __init__(self, *jobs):
         self._workers = [_Worker(state="idle" if job is None else "busy", task=job and _Task(job)) for job in jobs]
-        self._again, self.generation = [], 0
+        self._again, self.generation, self._quick_at = [], 0, -math.inf
 
 
 def job(sender, op="render", is_quick=True, **fields):
     return Job({"op": op, "allow_slow": False, **fields}, b"", lambda done: None, sender, is_quick)
+
+
+def test_the_last_free_worker_is_kept_for_who_is_quick_however_many_connections_others_have():
+    pool = Pool(job("a", is_quick=False), None)
+    assert pool.has_room(job("b", is_quick=False)), "nobody who is quick has asked"
+    pool._quick_at = time.monotonic()
+    assert not pool.has_room(job("b", is_quick=False)) and pool.has_room(job("c"))
+    beside_quick = Pool(job("a"), None)
+    beside_quick._quick_at = pool._quick_at
+    assert beside_quick.has_room(job("b", is_quick=False)), "a new client waits for no quick one"
+    pool._quick_at -= workers._KEPT_FOR_QUICK_S
+    assert pool.has_room(job("b", is_quick=False))
+
+
+def test_a_pool_is_full_where_no_job_at_all_has_room():
+    assert Pool(job("a")).is_full and not Pool(job("a"), None).is_full
+    behind = Pool(None)
+    behind.generation = 1
+    assert behind.is_full and not behind.has_room(job("a")), "it has still to load the scene that is served"
 
 
 @pytest.mark.parametrize("under_way, asked, has_room", [

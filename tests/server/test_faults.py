@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import errno
 import multiprocessing
+import os
 import re
 import resource
+import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -21,6 +24,7 @@ import zmq
 from glrender.base import disk_cache
 from glrender_client import Client, ServerError
 from glrender_server import tcp_front
+from glrender_server.server import Server
 from glrender_server.stream import Channel
 from glrender_server.systemd import Systemd
 from glrender_server.worker import work
@@ -134,6 +138,77 @@ def test_systemd_is_told_that_the_loop_turns(tmp_path, monkeypatch):
             while said == b"WATCHDOG=1":
                 said = manager.recv(100)
             assert said == b"STOPPING=1"
+
+
+@pytest.mark.parametrize("told", ["", "x", "-1", "1e6"])
+def test_a_watchdog_that_makes_no_sense_is_none(told, monkeypatch):
+    monkeypatch.setenv("WATCHDOG_USEC", told)
+    assert Systemd()._period_s == 0.0
+
+
+@pytest.mark.parametrize("pid, period_s", [("1", 0.0), (str(os.getpid()), 1.0), ("", 1.0)])
+def test_the_watchdog_of_another_process_is_not_answered(pid, period_s, monkeypatch):
+    """sd_watchdog_enabled(3): WATCHDOG_PID names the process that is meant."""
+    monkeypatch.setenv("WATCHDOG_USEC", "2000000")
+    monkeypatch.setenv("WATCHDOG_PID", pid)
+    assert Systemd()._period_s == period_s
+
+
+class Stub:
+    """Engine, dispatcher and front of a loop that serves nobody; each part may fail, for a number of turns."""
+
+    endpoint, is_idle, has_more, can_work, is_ending = "", True, False, False, False
+
+    def __init__(self, **fails):
+        self.fails, self.seen = fails, []
+
+    def __getattr__(self, name):
+        def part(*_, **__):
+            self.seen.append(name)
+            if self.fails.get(name, 0) > 0:
+                self.fails[name] -= 1
+                raise OSError(errno.EMFILE, "Too many open files")
+            return ()
+        return part
+
+
+@pytest.mark.parametrize("part", ["turn", "take_in", "work", "stop_listening"])
+def test_a_part_of_the_loops_turn_that_fails_ends_neither_the_loop_nor_the_other_parts(part, caplog):
+    stub = Stub(**{part: 3})
+    loop = Server(stub, stub, [stub])
+
+    def stop_later():
+        time.sleep(0.6)
+        loop.stop()
+
+    threading.Thread(target=stop_later, daemon=True).start()
+    loop.serve()
+    assert stub.fails[part] == (0 if part != "stop_listening" else 2) and "Too many open files" in caplog.text
+    assert {"turn", "take_in", "work", "stop_listening"} <= set(stub.seen)
+    assert stub.seen[-1] == "close", "of the fronts, before anything that takes its time"
+    assert "turn" in stub.seen[stub.seen.index("stop_listening"):]
+
+
+def test_a_loop_that_fails_in_each_turn_ends():
+    """A service manager starts the server anew."""
+    stub = Stub(turn=10**6)
+    stub.has_more = True  # turns do not wait
+    with pytest.raises(OSError, match="Too many open files"):
+        Server(stub, stub, [stub]).serve()
+    assert 100 <= stub.seen.count("turn") <= 102
+
+
+def test_sighup_reloads_and_ends_nothing():
+    reloaded, stub = [], Stub()
+    loop = Server(stub, stub, [stub], lambda: (reloaded.append(time.monotonic()), loop.stop()))
+    loop.serve(lambda: os.kill(os.getpid(), signal.SIGHUP))
+    assert len(reloaded) == 1
+
+
+def test_a_dead_worker_is_found_without_a_free_descriptor():
+    """A module that its first `join` imports would want one: the loop ended by it."""
+    code = "import sys, glrender_server.workers; assert 'multiprocessing.connection' in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
 
 
 def test_without_systemd_nothing_is_said(monkeypatch):

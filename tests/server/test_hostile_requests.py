@@ -5,10 +5,12 @@ from __future__ import annotations
 import io
 import json
 import logging
+import os
 import time
 import tomllib
 
 import msgpack
+import numpy as np
 import pytest
 import serving
 import views
@@ -17,8 +19,9 @@ from glrender import ConfigError
 from glrender_camera import PinholeCamera
 from glrender_client import Client, ServerError
 from glrender_server import codec, limits, logs
+from glrender_server.asked_scene import scene_asked
 from glrender_server.commands.top import screen
-from glrender_server.operations import scene_asked
+from PIL import Image
 
 STATE = views.state().to_dict()
 RENDER = {"v": 1, "op": "render", "id": 5, "client": "hostile", "state": STATE, "camera": "bare"}
@@ -122,6 +125,59 @@ def test_the_sums_of_a_scene_are_bounded_before_it_is_made(changes, path, rule):
     with pytest.raises(ConfigError, match=rule) as caught:
         scene_asked({"v": 1, "op": "load_scene", "id": 1, "client": "c", "scene": {**SCENE, **changes}}, None)
     assert caught.value.path == path and time.process_time() - began < 0.5
+
+
+def coma(*sources):
+    return {"kind": "coma", "body": "body", "dust": {"geometric_albedo": 0.05, "phase_function": "marcus"},
+            "sources": list(sources)}
+
+
+def tail(**changes):
+    return {"model": "tail", "afrho_m": 1.0, "perihelion_au": 1.2, "eccentricity": 0.6, "true_anomaly_deg": 10.0,
+            "pole_inertial": [0.0, 0.0, 1.0], "oldest_s": 1e6, "length_m": 1e7, **changes}
+
+
+@pytest.mark.parametrize("emission, rule", [
+    ([coma(*[tail(particles=1000)] * 65)], "64 sources together"),
+    ([coma(tail(particles=1000))] * 65, "64 sources together"),
+    ([coma({"model": "haser", "afrho_m": 1.0})] * 65, "64 sources together"),
+    ([coma(tail(particles=5_000_000), tail())], "5000000 grains together"),
+    ([coma(*[tail()] * 42)], "5000000 grains together"),  # of 120,000 each, unless something else is said
+    ([coma(*[tail(particles=1000, cells=160)] * 5)], "16777216 cells of dust together"),
+    ([coma(*[tail(particles=1000)] * 19)], "16777216 cells of dust together"),  # of 96 along a side
+])
+def test_sources_of_dust_are_bounded_by_their_sums(emission, rule):
+    header = {"v": 1, "op": "load_scene", "id": 1, "client": "c", "scene": {**SCENE, "emission": emission}}
+    began = time.process_time()
+    with pytest.raises(ConfigError, match=rule) as caught:
+        scene_asked(header, None)
+    assert caught.value.path == "scene.emission" and time.process_time() - began < 0.5
+
+
+def test_sources_within_the_bounds_are_made():
+    header = {"v": 1, "op": "load_scene", "id": 1, "client": "c",
+              "scene": {**SCENE, "emission": [coma(*[tail(particles=1000, cells=8, seed=k) for k in range(64)])]}}
+    assert len(scene_asked(header, None).emission[0].sources) == 64
+
+
+def test_a_grid_of_dust_counts_with_its_refinement(tmp_path):
+    np.savez(tmp_path / "dust.npz", density=np.ones((40, 40, 40), np.float32), low_m=[-1e4] * 3, high_m=[1e4] * 3)
+    grid = {"model": "grid", "file": "dust.npz", "particle_cross_section_m2": 1e-9, "refine": 4}
+    header = {"v": 1, "op": "load_scene", "id": 1, "client": "c", "scene": {**SCENE, "emission": [coma(*[grid] * 5)]}}
+    with pytest.raises(ConfigError, match="16777216 cells of dust together, got 20480000"):
+        scene_asked(header, tmp_path)
+
+
+def test_textures_are_bounded_by_their_sum_before_a_pixel_is_read(tmp_path):
+    """Each of 67 megapixels: the third is too many."""
+    Image.fromarray(np.zeros((8192, 8192), np.uint8)).save(tmp_path / "map.png")
+    os.mkfifo(tmp_path / "pipe.png")
+    bodies = [{**body(0), "albedo_texture": "pipe.png"}, *({**body(k), "albedo_texture": "map.png"} for k in (1, 2, 3))]
+    header = {"v": 1, "op": "load_scene", "id": 1, "client": "c", "scene": {**SCENE, "bodies": bodies}}
+    began = time.process_time()
+    with pytest.raises(ConfigError, match="134217728 pixels of textures together, got 201326592"):
+        scene_asked(header, tmp_path)
+    assert time.process_time() - began < 0.5
 
 
 @pytest.mark.parametrize("name", ["cam\x1b[2J", "two\nlines", "x" * 129, ""])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import resource
 import signal
 import socket
 import stat
@@ -20,7 +21,7 @@ import pytest
 import serving
 import views
 import zmq
-from glrender_server import ipc_path, keys, slots
+from glrender_server import ipc_path, keys, peers, slots
 from glrender_server.zmq_front import ZmqFront
 from serving import children
 
@@ -216,14 +217,65 @@ def test_a_message_of_very_many_parts_is_hung_up_on_and_holds_up_nobody():
                 pass
 
 
+def test_who_has_gone_is_no_reason_to_hang_up_on_the_next(monkeypatch):
+    """A message says a descriptor that may be another's when it is read."""
+    with serving_front("tcp://127.0.0.1:*") as (front, taken_in), peer(front.endpoint) as honest:
+        for number in range(20):
+            with contextlib.closing(spoken_to(front.endpoint)) as raw:
+                raw.sendall(b"\x01\x00" * 60 + b"\x00\x00")  # too many parts
+            honest.send(head("hello", number))
+            request, = taken_in(5.0)
+            request.answer([msgpack.packb({"id": number})])
+            assert reply(honest) == {"id": number}
+
+
+def test_a_look_at_the_connections_leaves_no_descriptor_whatever_their_descriptors_are_by_now(tmp_path):
+    with serving_front("tcp://127.0.0.1:*") as (front, taken_in), peer(front.endpoint) as one:
+        one.send(head("hello", 1))
+        taken_in(5.0)
+        serving.until(lambda: taken_in(0.1) or len(front._peers) == 1)
+        found, = front._peers._all()
+        before = len(os.listdir("/proc/self/fd"))
+        with open(tmp_path / "file", "w") as file:
+            stale = peers.Peer(file.fileno(), os.fstat(file.fileno()).st_ino, front._peers._count_now)
+            for each in (stale, peers.Peer(found.descriptor, found.inode + 1, front._peers._count_now)):
+                each.unacknowledged_bytes()
+                front._peers.hang_up(each)
+                assert not front._peers._is_ours(each)
+            file.write("still open")
+        assert len(os.listdir("/proc/self/fd")) == before
+        one.send(head("hello", 2))
+        assert taken_in(5.0), "whose descriptor was meant by mistake is served on"
+
+
+def test_where_no_descriptor_is_free_too_many_connections_are_closed_nevertheless():
+    with serving_front("tcp://127.0.0.1:*", max_connections=4) as (front, taken_in):
+        host, _, port = front.endpoint.removeprefix("tcp://").rpartition(":")
+        held = [socket.create_connection((host, int(port))) for _ in range(8)]
+        time.sleep(0.3)
+        soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (max(map(int, os.listdir("/proc/self/fd"))) + 8, hard))
+        taken = []
+        try:
+            with pytest.raises(OSError, match="Too many open files"):
+                while True:
+                    taken.append(os.dup(held[0].fileno()))
+            serving.until(lambda: taken_in(0.1) or len(front._peers) == 4)
+        finally:
+            resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+            for descriptor in taken:
+                os.close(descriptor)
+        for connection in held:
+            connection.close()
+
+
 def test_connections_made_before_the_loop_starts_count_too():
     front, poller = ZmqFront("tcp://127.0.0.1:*", max_connections=4), zmq.Poller()
     host, _, port = front.endpoint.removeprefix("tcp://").rpartition(":")
     early = [socket.create_connection((host, int(port))) for _ in range(3)]
     try:
-        time.sleep(0.3)
         front.start(poller)
-        assert len(front._connections) == 3
+        serving.until(lambda: list(front.take_in({})) or len(front._peers) == 3)
     finally:
         for connection in early:
             connection.close()
@@ -280,6 +332,29 @@ def test_a_key_that_is_taken_away_or_added_counts_without_a_restart(folder, monk
         with peer(front.endpoint, **curve(folder, "new")) as new:
             new.send(head("hello", 1))
             assert [request.user for request in taken_in(5.0)] == ["new"]
+
+
+def test_a_folder_that_others_may_write_to_by_now_admits_no_further_client(folder, monkeypatch):
+    monkeypatch.setattr(keys, "_READ_AGAIN_S", 0.0)
+    admission = keys.Admission(folder)
+    known = set(admission._admitted().values())
+    (folder / "clients").chmod(0o777)
+    keys.generate(folder, ["intruder"])
+    assert set(admission._admitted().values()) == known == {"loop", "old"}
+    (folder / "clients").chmod(0o700)
+    assert "intruder" in admission._admitted().values(), "its owner has looked at it"
+
+
+def test_a_reload_reads_a_key_that_was_written_over(folder):
+    """Its folder has not changed by that."""
+    admission = keys.Admission(folder)
+    admission._is_settled = True
+    keys.generate(folder.parent / "others", ["loop"])
+    (folder / "clients" / "loop.key").write_text((folder.parent / "others" / "clients" / "loop.key").read_text())
+    public = zmq.auth.load_certificate(folder / "clients" / "loop.key")[0].decode()
+    assert not admission.name_of(public)
+    admission.reload()
+    assert admission.name_of(public) == "loop"
 
 
 def test_without_its_authenticator_a_server_with_keys_admits_nobody(folder):

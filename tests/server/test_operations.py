@@ -6,9 +6,12 @@ import json
 import os
 import re
 import shlex
+import socket
 import stat
+import struct
 import subprocess
 import sys
+import time
 import urllib.error
 import urllib.request
 from pathlib import Path
@@ -20,8 +23,9 @@ import zmq.auth
 from glrender import ConfigError, DeviceError, load_scene
 from glrender_client import Client, RequestTimeout
 from glrender_server import __main__ as command
-from glrender_server import keys, operations
+from glrender_server import keys, limits, operations
 from glrender_server.cli import main as glrender
+from glrender_server.metrics import MetricsServer
 
 STATE = views.state().to_dict()
 EXAMPLES = Path(__file__).parents[2] / "examples" / "service"
@@ -103,6 +107,71 @@ def test_keygen_refuses_half_a_pair_and_odd_names(tmp_path):
         with pytest.raises(ValueError, match="belong together"):
             Client("tcp://127.0.0.1:5", **options)
     assert zmq.auth.load_certificate(tmp_path / "server.key")[1] is None, "the public file holds no secret"
+
+
+def test_memory_is_that_of_the_control_group(tmp_path):
+    """A service of systemd's has its limit in a group of its own, a container at the root, a slice above both."""
+    groups, root = tmp_path / "cgroup", tmp_path / "fs"
+    own = root / "system.slice" / "glrender.service"
+    own.mkdir(parents=True)
+    groups.write_text("0::/system.slice/glrender.service\n")
+    whole = command._memory_bytes(groups, root)
+    assert whole == os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    (own / "memory.max").write_text("max\n")
+    assert command._memory_bytes(groups, root) == whole
+    (own / "memory.max").write_text("3000000\n")
+    assert command._memory_bytes(groups, root) == 3_000_000
+    (own.parent / "memory.max").write_text("2000000\n")
+    assert command._memory_bytes(groups, root) == 2_000_000
+    (root / "memory.max").write_text("1000000\n")
+    assert command._memory_bytes(groups, root) == 1_000_000
+    assert command._memory_bytes(tmp_path / "none", root) == whole
+
+
+def test_the_unit_leaves_memory_for_the_server_beside_its_workers():
+    text = (EXAMPLES / "glrender.service").read_text()
+    most = int(re.search(r"MemoryMax=(\d+)G", text)[1])
+    workers, each = (float(re.search(rf"--{name} ([\d.]+)", text)[1]) for name in ("workers", "worker-memory"))
+    # One GiB of frames in shared memory, and one of replies that nobody takes.
+    assert workers * each + 2.0 <= most
+
+
+@pytest.fixture
+def scraped():
+    """(host, port) of metrics of one line."""
+    served = MetricsServer(0, lambda: ["one 1"])
+    yield "127.0.0.1", int(served.endpoint.split(":")[2].split("/")[0])
+    served.close()
+
+
+def scrape(address, host="127.0.0.1:1"):
+    with socket.create_connection(address, 5.0) as peer:
+        peer.sendall(f"GET /metrics HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n".encode())
+        return int(peer.makefile("rb").readline().split()[1])
+
+
+def test_silent_connections_keep_no_scrape_out(scraped):
+    held = [socket.create_connection(scraped, 5.0) for _ in range(2 * limits.MAX_METRICS_CONNECTIONS)]
+    assert scrape(scraped) == 200
+    for peer in held:
+        peer.settimeout(5.0)
+        assert not peer.recv(1), "who says nothing within a second is closed"
+        peer.close()
+
+
+@pytest.mark.parametrize("host, code", [("127.0.0.1", 200), ("localhost:9", 200), ("evil.example:80", 403), ("", 403)])
+def test_metrics_are_read_by_the_names_of_this_machine(scraped, host, code):
+    assert scrape(scraped, host) == code
+
+
+def test_a_scrape_that_is_broken_off_writes_no_line(scraped, capfd):
+    for _ in range(20):
+        with socket.create_connection(scraped, 5.0) as peer:
+            peer.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+            peer.sendall(b"GET /metrics HTTP/1.1\r\nHost: 127.0.0.1:1\r\n\r\n" * 3)
+    assert scrape(scraped) == 200
+    time.sleep(0.2)
+    assert capfd.readouterr().err == ""
 
 
 def test_metrics_count_what_was_asked_and_how_long_it_took(tmp_path):

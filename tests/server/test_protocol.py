@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from pathlib import Path
 
 import make_golden
@@ -149,6 +150,52 @@ def test_both_orders_carry_the_same_array(rng, shape, dtype):
 def test_hostile_bytes_are_refused_at_once(parts, message):
     with pytest.raises(ProtocolError, match=message):
         codec.unpack_request(parts)
+
+
+@pytest.mark.parametrize("name", ["hello", "render", "frames", "region"])
+def test_the_envelope_holds_the_plain_values(name):
+    whole, top = make_golden.REQUESTS[name], codec.unpack_envelope(GOLDEN[f"request_{name}"])
+    assert top == {key: [] if isinstance(value, list | dict) else value for key, value in whole.items()}
+
+
+@pytest.mark.parametrize("message, rule", [
+    (b"", "text keys"), (b"\x01", "text keys"), (b"\x91\x91\x91", "text keys"), (b"\x81\x01\x02", "text keys"),
+    (b"\x81\x91\xa1a\x02", "text keys"), (b"\xdf\xff\xff\xff\xff", "at most 64 fields"), (b"\x81\xa1a", "not msgpack"),
+    (b"\x81\xa1a\xdd\x7f\xff\xff\xff\x00", "not msgpack"), (b"\x81\xa1a\xc7\x01\x01x", "not msgpack"),
+    (b"\x81\xa1a" + b"\x91" * 5000 + b"\xc0", "not msgpack"), (b"\x80\x00", "left behind"),
+    (b"\x82\xa1a\x01\xa1a\x02", "twice"), (b"\x81\xa1\xff\x01", "not msgpack"),
+    (msgpack.packb({str(k): [] for k in range(20_000)}), "at most 64 fields"),
+    (b"\xa1" * (codec.MAX_HEADER_BYTES + 1), "must not exceed")])
+def test_an_envelope_that_is_none_is_refused(message, rule):
+    began = time.process_time()
+    with pytest.raises(ProtocolError, match=rule):
+        codec.unpack_envelope([message])
+    assert time.process_time() - began < 0.05
+
+
+def test_what_lists_hold_costs_whoever_decodes_it():
+    """60 kB of empty lists: some tens of milliseconds to decode, and a hundredth of that to pass over."""
+    message = msgpack.packb({"v": 1, "op": "render", "id": 1, "client": "c", "state": [[]] * 59_000})
+
+    def seconds(function):
+        times = []
+        for _ in range(5):
+            began = time.process_time()
+            function([message])
+            times.append(time.process_time() - began)
+        return min(times)
+
+    assert seconds(codec.unpack_envelope) < 0.25 * seconds(codec.unpack_request)
+
+
+def test_random_envelopes_are_refused_never_crash(rng):
+    for size in rng.integers(1, 200, 3000):
+        data = b"\x84" + rng.bytes(int(size))
+        try:
+            top = codec.unpack_envelope([data])
+        except ProtocolError:
+            continue
+        assert isinstance(top, dict) and all(isinstance(key, str) for key in top)
 
 
 def test_random_bytes_are_refused_never_crash(rng):

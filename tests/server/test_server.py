@@ -342,7 +342,7 @@ def test_clients_do_not_get_each_others_frames(endpoint):
 
 
 def test_who_comes_when_another_leaves_is_answered():
-    """Its connection has the other's descriptor, and its message is read before the end of the other is told."""
+    """Its connection has the other's descriptor, and is another nevertheless."""
     with closing(ZmqFront("tcp://127.0.0.1:*")) as front, zmq.Context() as context:
         front.start(zmq.Poller())
 
@@ -361,11 +361,14 @@ def test_who_comes_when_another_leaves_is_answered():
         with asked() as first:
             request().answer([b"1"])
             assert first.recv() == b"1"
-            (descriptor,) = front._connections
-        serving.until(lambda: not front._connections[descriptor].is_there)
+            front._peers.patrol()
+            (gone,) = front._peers._all()
+        serving.until(lambda: not gone.is_there)
         with asked() as second:
             request().answer([b"2"])
-            assert second.recv() == b"2" and list(front._connections) == [descriptor]
+            assert second.recv() == b"2"
+            (there,) = front._peers._all()
+            assert there.descriptor == gone.descriptor and there.n_owed == 0
 
 
 @pytest.mark.slow

@@ -228,11 +228,75 @@ def test_a_connection_too_many_is_told_busy_where_all_are_at_work():
                 framed.send(hello())
             asked = [request for _ in range(3) for request in turned()]
             assert len(asked) == 2 and asked[0].sender != asked[1].sender
+            spare = [Framed((host, int(port))) for _ in range(tcp_front.SPARE_CONNECTIONS)]
+            for framed in spare:
+                framed.send(hello())
+            for_operators = [request for _ in range(4) for request in turned()]
+            assert [request.is_spare for request in asked + for_operators] == [False] * 2 + [True] * len(spare)
             with Framed((host, int(port))) as three:
                 turned()
                 error = msgpack.unpackb(three.receive()[0])["error"]
                 assert error["code"] == "busy" and error["retry_after_s"] > 0.0
                 assert three.socket.recv(1) == b""
+            for_operators[0].answer([msgpack.packb({"id": 1})])
+            with Framed((host, int(port))) as four:
+                four.send(hello())
+                assert [request.is_spare for _ in range(3) for request in turned()] == [True], "one was answered"
+            for request in asked:
+                request.answer([msgpack.packb({"id": 1})])
+            with Framed((host, int(port))) as five:
+                five.send(hello())
+                assert [request.is_spare for _ in range(3) for request in turned()] == [False], "others are silent now"
+            for framed in spare:
+                framed.socket.close()
+    finally:
+        front.close()
+
+
+def test_a_spare_place_is_lost_after_a_second(monkeypatch):
+    clock = [100.0]
+    monkeypatch.setattr(tcp_front.time, "monotonic", lambda: clock[0])
+    ours, theirs = connected_pair()
+    connection = tcp_front._Connection(ours, "127.0.0.1", is_spare=True)
+    clock[0] += 0.9 * tcp_front.SPARE_S
+    assert connection.turn(0) == [] and not connection.is_done
+    clock[0] += 0.2 * tcp_front.SPARE_S
+    assert connection.turn(0) == [] and connection.is_done
+    connection.close()
+    theirs.close()
+
+
+def connected_pair():
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        theirs = socket.create_connection(listener.getsockname())
+        return listener.accept()[0], theirs
+
+
+@pytest.mark.parametrize("own, in_all, takes", [
+    (0, 2**40, True), (2**20, 2**40, True), (2**20 + 1, 2**40, False), (2**20 + 1, 2**30, True),
+    (2**26, 2**30, True), (2**26 + 1, 0, False)])
+def test_whoever_has_much_to_take_is_read_no_further(own, in_all, takes):
+    """64 MiB of its own, and 1 MiB where all together have 1 GiB: also of replies that are no frames."""
+    ours, theirs = connected_pair()
+    connection = tcp_front._Connection(ours, "127.0.0.1", in_all=lambda: in_all)
+    connection._output.n_bytes = own
+    assert connection.wants_input is takes
+    connection.close()
+    theirs.close()
+
+
+def test_a_front_that_stops_listening_serves_on_those_who_are_there():
+    front, poller = tcp_front.TcpFront("127.0.0.1:0"), zmq.Poller()
+    front.start(poller)
+    host, _, port = front.endpoint.rpartition(":")
+    try:
+        with Framed((host, int(port))) as framed:
+            assert not front.take_in(dict(poller.poll(1000)))
+            front.stop_listening()
+            with pytest.raises(ConnectionRefusedError):
+                Framed((host, int(port)))
+            framed.send(hello())
+            serving.until(lambda: front.take_in(dict(poller.poll(100))))
     finally:
         front.close()
 

@@ -14,7 +14,8 @@ from .serving import serve
 def main() -> None:
     """Show the page until standard input ends: the server is gone."""
     # The server ends it, after what it has to do on a signal to the group.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
     told = json.loads(sys.stdin.readline())
     ended = threading.Event()
 

@@ -1,0 +1,235 @@
+"""ZeroMQ's connections, as the system counts them: who takes too much of what all share is hung up on.
+
+ZeroMQ ends no connection for an application, bounds neither their number nor the parts of one message, and names none:
+the descriptor that a message carries (ZMQ_SRCFD) may be another file's when it is read. So the descriptor of a message
+serves to credit a peer alone, where an error costs nobody a connection. Whoever is hung up on is held by a duplicate,
+is a connection to our port by its own word, and has taken what the system has counted of this very socket.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import resource
+import socket
+import stat
+import struct
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import zmq
+
+from . import limits
+
+log = logging.getLogger(__name__)
+
+# A client sends some hundred megabytes a second on loopback; a look at a connection takes 5 us.
+_PATROL_S, _PATROL_S_PER_CONNECTION = 0.05, 6e-4
+# Bytes of ZMTP around one part, with CURVE, at most.
+_PART_OVERHEAD_BYTES = 80
+# Places of tcpi_bytes_acked and tcpi_bytes_received (u64) in struct tcp_info, since Linux 4.1 (linux/tcp.h).
+_TCP_INFO_ACKED, _TCP_INFO_RECEIVED = 120, 128
+_DESCRIPTORS = "/proc/self/fd"
+
+
+@dataclass(eq=False)
+class Peer:
+    """A socket of ZeroMQ's, by its descriptor here; its inode tells whether the descriptor is still this socket's."""
+
+    descriptor: int
+    inode: int
+    count: Callable[[Peer], None]
+    since: float = field(default_factory=time.monotonic)
+    heard: float = field(default_factory=time.monotonic)
+    has_asked: bool = False
+    n_owed: int = 0
+    n_read_bytes: int = 0
+    n_sent_bytes: int = 0
+    n_received_bytes: int = 0
+    n_acknowledged_bytes: int = 0
+    moved: float = field(default_factory=time.monotonic)
+
+    @property
+    def is_there(self) -> bool:
+        """Whether the descriptor is this socket's."""
+        try:
+            return os.fstat(self.descriptor).st_ino == self.inode
+        except OSError:
+            return False
+
+    @property
+    def unfinished_bytes(self) -> int:
+        """Bytes that the system has received on it and that no message has brought, by the last look."""
+        # What surrounds parts is reckoned high: no credit comes of it.
+        self.n_read_bytes = min(self.n_read_bytes, self.n_received_bytes)
+        return self.n_received_bytes - self.n_read_bytes
+
+    def unacknowledged_bytes(self) -> int:
+        """Bytes of replies that its system has not taken by now; 0 of a Unix socket."""
+        self.count(self)
+        self.n_sent_bytes = max(self.n_sent_bytes, self.n_acknowledged_bytes)
+        return self.n_sent_bytes - self.n_acknowledged_bytes if self.n_acknowledged_bytes else 0
+
+    def heard_of(self, n_parts: int, n_bytes: int) -> None:
+        """Credit it with a message."""
+        self.heard, self.has_asked = time.monotonic(), True
+        self.n_read_bytes += n_bytes + _PART_OVERHEAD_BYTES * n_parts
+
+
+class Peers:
+    """The connections of one ROUTER.
+
+    Parameters
+    ----------
+    endpoint : str
+        That the ROUTER is bound to.
+    max_connections : int
+        Beyond them those that have been silent longest, and are owed nothing, are closed.
+    """
+
+    def __init__(self, endpoint: str, max_connections: int):
+        self._address = endpoint.partition("://")[2]
+        self._port = int(endpoint.rpartition(":")[2]) if endpoint.startswith("tcp:") else None
+        # Told, the system need not be asked each time.
+        self._family = (socket.AF_UNIX if self._port is None else socket.AF_INET6 if "[" in self._address
+                        else socket.AF_INET)
+        self._max_connections, self._looked, self._n_found = max_connections, 0.0, 0
+        # By descriptor, with the inode; None for what is no connection of the ROUTER.
+        self._seen: dict[int, tuple[int, Peer | None]] = {}
+        # Every duplicate has this one's descriptor, and gives way to the next: none is left open, and none wants a free
+        # descriptor.
+        self._twin, self._null = socket.socket(self._family), os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC)
+
+    def __len__(self) -> int:
+        """Connections at the last patrol."""
+        return self._n_found
+
+    def of(self, frame: zmq.Frame) -> Peer | None:
+        """The connection that has the descriptor of a message's frame now: mostly, its sender's."""
+        try:
+            return self._peer(frame.get(zmq.SRCFD))
+        except zmq.ZMQError:
+            return None
+
+    def patrol(self) -> None:
+        """Look at all connections, every so often, and hang up on those that take too much."""
+        now = time.monotonic()
+        if now - self._looked < _PATROL_S + _PATROL_S_PER_CONNECTION * len(self):
+            return
+        self._looked = now
+        peers = self._all()
+        for peer in peers:
+            self._count(peer)
+        self._let_go()
+        unfinished = sorted(((peer.unfinished_bytes, peer) for peer in peers), key=lambda entry: -entry[0])
+        total = sum(n_bytes for n_bytes, _ in unfinished)
+        for n_bytes, peer in unfinished:
+            if n_bytes <= limits.MAX_UNFINISHED_BYTES and total <= limits.MAX_UNFINISHED_BYTES_IN_ALL:
+                break
+            log.warning("a client sent %d bytes of messages that it did not end: closed", n_bytes)
+            self.hang_up(peer)
+            total -= n_bytes
+        if (n_too_many := len(peers) - self._max_connections) > 0:
+            silent = sorted((peer for peer in peers if not peer.n_owed), key=lambda peer: (peer.has_asked, peer.heard))
+            # Where all are at work the newest go: they have had the time to ask how the server does.
+            newest = sorted(peers, key=lambda peer: -peer.since)
+            for peer in (silent or newest)[:n_too_many]:
+                log.warning("%d connections are open: the one that was silent longest is closed", len(peers))
+                self.hang_up(peer)
+
+    def hang_up_if_sent(self, peer: Peer, n_bytes: int) -> None:
+        """End a connection that has sent so many bytes of which no message has come: who has its name now has not."""
+        self._count_now(peer)
+        if peer.unfinished_bytes >= n_bytes:
+            log.warning("a client sent a message of many parts: closed")
+            self.hang_up(peer)
+
+    def hang_up(self, peer: Peer) -> None:
+        """End a connection, if it is still there: ZeroMQ forgets all that it holds of it."""
+        with contextlib.suppress(OSError):
+            twin = self._held(peer)
+            # A peer that writes into a full window would not hear of the end for a minute: ZeroMQ's close resets.
+            twin.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+            twin.shutdown(socket.SHUT_RDWR)
+        self._let_go()
+        self._seen.pop(peer.descriptor, None)
+
+    def close(self) -> None:
+        """Close what this keeps open."""
+        self._twin.close()
+        if self._null >= 0:
+            os.close(self._null)
+        self._null = -1
+
+    def _all(self) -> list[Peer]:
+        """The connections that are there now."""
+        try:
+            descriptors = list(map(int, os.listdir(_DESCRIPTORS)))
+        except OSError:  # the list itself takes a descriptor
+            descriptors = range(resource.getrlimit(resource.RLIMIT_NOFILE)[0]) if os.path.isdir(_DESCRIPTORS) else []
+        peers = [peer for peer in map(self._peer, descriptors) if peer is not None]
+        self._n_found = len(peers)
+        self._seen = {each: self._seen[each] for each in descriptors if each in self._seen}
+        return peers
+
+    def _peer(self, descriptor: int) -> Peer | None:
+        """The connection of the ROUTER that a descriptor is now."""
+        try:
+            status = os.fstat(descriptor)
+        except OSError:
+            self._seen.pop(descriptor, None)
+            return None
+        inode, peer = self._seen.get(descriptor, (-1, None))
+        if inode != status.st_ino:
+            peer = Peer(descriptor, status.st_ino, self._count_now) if stat.S_ISSOCK(status.st_mode) else None
+            if peer is not None and not self._is_ours(peer):
+                peer = None
+            self._seen[descriptor] = status.st_ino, peer
+        return peer
+
+    def _is_ours(self, peer: Peer) -> bool:
+        """Whether a socket is a connection to the ROUTER's port."""
+        try:
+            twin = self._held(peer)
+            ours = twin.getsockname()
+            twin.getpeername()  # a listener has none
+            return ours[1] == self._port if isinstance(ours, tuple) else ours == self._address
+        except OSError:
+            return False
+        finally:
+            self._let_go()
+
+    def _count(self, peer: Peer) -> None:
+        """Take the system's counts of a TCP connection; a Unix socket has none, and only our own user reaches it."""
+        if self._port is None:
+            return
+        with contextlib.suppress(OSError):
+            told = self._held(peer).getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _TCP_INFO_RECEIVED + 8)
+            if len(told) < _TCP_INFO_RECEIVED + 8:
+                return
+            peer.n_received_bytes = struct.unpack_from("Q", told, _TCP_INFO_RECEIVED)[0]
+            acknowledged = struct.unpack_from("Q", told, _TCP_INFO_ACKED)[0]
+            if acknowledged > peer.n_acknowledged_bytes:
+                peer.n_acknowledged_bytes, peer.moved = acknowledged, time.monotonic()
+
+    def _count_now(self, peer: Peer) -> None:
+        self._count(peer)
+        self._let_go()
+
+    def _held(self, peer: Peer) -> socket.socket:
+        """A peer's very socket, whatever becomes of its descriptor, until another is held or `_let_go`.
+
+        Raises
+        ------
+        OSError
+            The descriptor is another file's by now, or nobody's.
+        """
+        os.dup2(peer.descriptor, self._twin.fileno(), inheritable=False)
+        if os.fstat(self._twin.fileno()).st_ino != peer.inode:
+            raise ConnectionResetError("the connection has gone")
+        return self._twin
+
+    def _let_go(self) -> None:
+        os.dup2(self._null, self._twin.fileno(), inheritable=False)
