@@ -16,16 +16,18 @@ from pathlib import Path
 from glrender import ConfigError, GlrenderError, __version__
 from glrender_camera.validate import integer, positive
 from glrender_server import limits, logs
-from glrender_server.__main__ import DEADLINE_S, MAX_WORKERS, checked_endpoint
+from glrender_server.__main__ import DEADLINE_S, MAX_WORKERS, checked_endpoint, worker_memory_bytes
 from glrender_server.metrics import MetricsServer
 from glrender_server.server import Server
 from glrender_server.workers import WorkerPool
 from glrender_server.zmq_front import ZmqFront
 
 from .bodies import BodyMap
-from .dispatcher import MAX_MESSAGE_BYTES, VizardDispatcher
+from .dispatcher import VizardDispatcher
 from .engines import Engines
 from .frames import make_scene
+from .limits import MAX_MESSAGE_BYTES
+from .pictures import Pictures
 from .recorded import FrameFiles, replay, tap
 
 ENDPOINT = "tcp://127.0.0.1:5556"
@@ -46,13 +48,13 @@ def main(argv: list[str] | None = None) -> int:
             with closing(FrameFiles(arguments.out, body_map, arguments.backend)) as made:
                 n_written = (_tap(arguments.tap, made) if arguments.replay is None
                              else replay(arguments.replay, made))
-            _say(f"glrender-vizard wrote {n_written} images to {arguments.out}")
+            logs.say(f"glrender-vizard wrote {n_written} images to {arguments.out}")
             return 0
         _serve(arguments, body_map)
     except (GlrenderError, OSError) as error:
         sys.stderr.write(f"glrender-vizard: {error}\n")
         return 1
-    _say("glrender-vizard stopped")
+    logs.say("glrender-vizard stopped")
     return 0
 
 
@@ -73,6 +75,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--workers", type=int, default=1, metavar="N", help="processes that draw, for each scene (1)")
     parser.add_argument("--deadline", type=float, default=DEADLINE_S, metavar="S",
                         help=f"give up a frame that takes longer ({DEADLINE_S:g} s)")
+    parser.add_argument("--worker-memory", type=float, metavar="GIB",
+                        help="data that a process may have; default: four fifths of the machine's memory by --workers")
     parser.add_argument("--backend", default="auto", help="auto, egl, osmesa, or a plug-in such as raytrace")
     parser.add_argument("--allow-remote", action="store_true",
                         help="listen beyond this machine, unencrypted, for anyone who can reach the port")
@@ -87,7 +91,9 @@ def _parser() -> argparse.ArgumentParser:
 def _serve(arguments: argparse.Namespace, body_map: BodyMap) -> None:
     endpoint = checked_endpoint(arguments.zmq, arguments.allow_remote)
     options = {"n_workers": integer("--workers", arguments.workers, 1, MAX_WORKERS),
-               "deadline_s": positive("--deadline", arguments.deadline), "log_format": arguments.log_format}
+               "deadline_s": positive("--deadline", arguments.deadline), "log_format": arguments.log_format,
+               "memory_bytes": worker_memory_bytes(arguments.worker_memory, arguments.workers),
+               "operations": Pictures}
 
     def make(key: Hashable) -> WorkerPool:
         return WorkerPool(make_scene(key, body_map), arguments.backend, **options)
@@ -105,7 +111,8 @@ def _serve(arguments: argparse.Namespace, body_map: BodyMap) -> None:
         # What is loaded by now is no garbage; looking through it takes a millisecond of each frame.
         gc.freeze()
         # Scripts wait for this line; logs go to standard error.
-        Server(dispatcher, engines, [front]).serve(partial(_say, f"glrender-vizard ready on {front.endpoint}{said}"))
+        Server(dispatcher, engines, [front]).serve(
+            partial(logs.say, f"glrender-vizard ready on {front.endpoint}{said}"))
 
 
 def _tap(endpoint: str, made: FrameFiles) -> int:
@@ -114,13 +121,8 @@ def _tap(endpoint: str, made: FrameFiles) -> int:
     stopped: list[int] = []
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda number, _: stopped.append(number))
-    _say(f"glrender-vizard listens to {endpoint}")
+    logs.say(f"glrender-vizard listens to {endpoint}")
     return tap(endpoint, made, lambda: bool(stopped))
-
-
-def _say(line: str) -> None:
-    sys.stdout.write(line + "\n")
-    sys.stdout.flush()
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ from functools import partial
 
 import msgpack
 from glrender import GlrenderError
+from glrender_camera.errors import shortened
 from glrender_server import limits
 from glrender_server.front import Answer, FairQueue, Request
 from glrender_server.job import Done, Job
@@ -26,18 +27,11 @@ from . import frames
 from .bodies import BodyMap
 from .engines import Engines
 from .frames import FrameOrder
+from .limits import MAX_CACHED_BYTES, MAX_MESSAGE_BYTES, MAX_NOTE_CHARACTERS, MAX_SIMULATIONS, MAX_UPDATE_BYTES
 from .messages import CustomModel, Update, read_update
 
 log = logging.getLogger(__name__)
 
-MAX_MESSAGE_BYTES = 1 << 22
-"""Of one update: some ten thousand spacecraft."""
-MAX_SIMULATIONS = 1024
-"""Whose last update is kept; Basilisk's every reset makes a new connection and leaves the old one."""
-MAX_UPDATE_BYTES = 1 << 28
-"""Of all updates that are kept, and of the settings that still hold."""
-MAX_CACHED_BYTES = 1 << 26
-"""Of pictures that may be asked for again: Basilisk's examples ask twice."""
 # An empty body has two bytes, and some hundred when it is read.
 _BYTES_PER_ENTRY = 400
 _NO_IMAGE = (struct.pack(">i", 0), b"")
@@ -226,11 +220,11 @@ class VizardDispatcher:
 
     def _drawn(self, wanted: _Wanted, done: Done) -> None:
         try:
-            header = msgpack.unpackb(done.reply[0])
             if done.code:
-                self._end(wanted, None, header["error"]["message"])
+                self._end(wanted, None, msgpack.unpackb(done.reply[0])["error"]["message"])
                 return
-            picture = frames.encoded(frames.picture(wanted.order, header, done.reply[1]))
+            # Shared memory is for frames on their way; the picture is kept for longer.
+            picture = memoryview(bytes(done.reply[1]))
             for _, warnings in done.warnings:
                 for advice in warnings:
                     self._tell(wanted.waiting[0][0], advice.message, advice.code)
@@ -273,6 +267,7 @@ class VizardDispatcher:
     @staticmethod
     def _tell(simulation: Simulation, text: str, kind: str = "") -> None:
         """Write a line to the log, once for each simulation and kind, which is the text itself unless it is given."""
+        text = shortened(text, MAX_NOTE_CHARACTERS)
         if (kind or text) not in simulation.told and len(simulation.told) < limits.LOG_LINES:
             simulation.told.add(kind or text)
             log.warning("simulation %d: %s", simulation.number, text)

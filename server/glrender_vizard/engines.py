@@ -14,10 +14,10 @@ from glrender import GlrenderError
 from glrender_server.job import Job
 from glrender_server.workers import WorkerPool
 
+from .limits import MAX_SCENES
+
 log = logging.getLogger(__name__)
 
-MAX_SCENES = 8
-"""Scenes that are open together: each has a process at least."""
 # A scene that cannot be opened is tried again after so long: somebody may have brought its file.
 _AGAIN_S = 10.0
 # One that nobody has used for so long since it was opened, nobody waits for.

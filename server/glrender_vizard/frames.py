@@ -16,10 +16,10 @@ from glrender import ConfigError, PinholeCamera, Scene, SceneError, from_basilis
 from glrender.base.constants import AU_M, SUN_RADIUS_M, TOTAL_SOLAR_IRRADIANCE_W_M2
 from glrender_camera.errors import error_path
 from glrender_server.codec import VERSION
-from glrender_server.limits import MAX_SCENE_BODIES, MAX_SCENE_CAMERAS, MAX_SCENE_PIXELS
 from scipy.spatial.transform import Rotation
 
 from .bodies import BodyMap, is_primitive, modelled, sphere
+from .limits import MAX_SCENE_BODIES, MAX_SCENE_CAMERAS, MAX_SCENE_PIXELS
 from .messages import Camera, CelestialBody, CustomModel, Spacecraft, Update
 
 _ALL_SPACECRAFT = "ALL_SPACECRAFT"
@@ -31,6 +31,7 @@ _ORTHONORMAL = 1e-3
 _AUTO_DN = 204.0
 # Solid angles of larger images are made for each frame: four bytes a pixel.
 _MOST_KEPT_PX = 2**22
+_ROWS_AT_ONCE = 256
 
 
 @dataclass(frozen=True)
@@ -64,8 +65,9 @@ class FrameOrder:
 
     @property
     def message(self) -> bytes:
-        """The request as the server's workers read it: equal ones make equal pictures."""
-        return msgpack.packb(self.fields)
+        """The request as the workers read it (`pictures`): equal ones make equal pictures."""
+        return msgpack.packb({**self.fields, "picture": {"white_radf": self.white_radf,
+                                                         "sun_irradiance_W_m2": self.sun_irradiance_W_m2}})
 
 
 # Of numbers beyond 1e154 the squares are infinite: the renderer refuses their state, and no warning is needed.
@@ -108,6 +110,12 @@ def ordered(update: Update, models: Sequence[CustomModel], camera_id: int, body_
     if pinhole.model is not None:
         fields |= {"output": "dn", "seed": zlib.crc32(b"%d:%d" % (update.t_ns, camera_id))}
     distance_au = float(np.linalg.norm(r_sun_m - r_camera_m)) / AU_M
+    if not distance_au > 0.0:
+        # The Sun, 1 au away, is at its own place by float64: of a camera that is 1e27 m from the origin.
+        raise SceneError(f"camera {camera_id}", "must not be at the Sun's place", r_camera_m.tolist(),
+                         "numbers beyond 1e26 m leave no room for 1 au")
+    if len(drawn) > MAX_SCENE_BODIES:
+        raise SceneError("bodies", f"must be at most {MAX_SCENE_BODIES}, spacecraft too", len(drawn))
     key = _scene_key(tuple(key for key, _ in drawn), _still(update.cameras))
     return FrameOrder(scene=key, fields=fields, pinhole=pinhole, white_radf=body_map.white_radf_of(camera_id),
                       sun_irradiance_W_m2=TOTAL_SOLAR_IRRADIANCE_W_M2 / distance_au**2, notes=tuple(notes))
@@ -136,21 +144,25 @@ def make_scene(key: SceneKey, body_map: BodyMap) -> Scene:
                  solar_irradiance_1au_W_m2=None)
 
 
-def picture(order: FrameOrder, header: Mapping[str, Any], pixels: Any) -> np.ndarray:
+def picture(pinhole: PinholeCamera, white_radf: float | str, sun_irradiance_W_m2: float, header: Mapping[str, Any],
+            pixels: Any) -> np.ndarray:
     """The picture of a rendered frame: (height, width) uint8, or uint16 of a detector with more than eight bits.
 
     Digital numbers fill the upper bits, which Basilisk keeps. Light is linear in I/F: white is `white_radf`.
 
     Parameters
     ----------
-    order : FrameOrder
+    pinhole : PinholeCamera
+    white_radf : float [1], or "auto"
+    sun_irradiance_W_m2 : float [W/m2]
+        At the camera.
     header : mapping
         Of the renderer's reply.
     pixels : buffer
     """
     array = header["arrays"][0]
     image = np.frombuffer(pixels, array["dtype"]).reshape(array["shape"])
-    model = order.pinhole.model
+    model = pinhole.model
     if model is not None:
         n_bits = model.detector.bit_depth
         return image << ((8 if n_bits <= 8 else 16) - n_bits)
@@ -160,13 +172,13 @@ def picture(order: FrameOrder, header: Mapping[str, Any], pixels: Any) -> np.nda
         return shown
     # All else is dark.
     light = image[y0:y1, x0:x1]
-    is_kept = order.pinhole.width_px * order.pinhole.height_px <= _MOST_KEPT_PX
-    radf_per = (_kept_radf if is_kept else _radf_of_irradiance)(order.pinhole)[y0:y1, x0:x1]
-    white, full = order.white_radf, 255.0
+    is_kept = pinhole.width_px * pinhole.height_px <= _MOST_KEPT_PX
+    radf_per = (_kept_radf if is_kept else _radf_of_irradiance)(pinhole)[y0:y1, x0:x1]
+    white, full = white_radf, 255.0
     if white == "auto":
-        white, full = float(cv2.minMaxLoc(cv2.multiply(light, radf_per))[1]) / order.sun_irradiance_W_m2, _AUTO_DN
+        white, full = float(cv2.minMaxLoc(cv2.multiply(light, radf_per))[1]) / sun_irradiance_W_m2, _AUTO_DN
     if white > 0.0:
-        scale = full / (white * order.sun_irradiance_W_m2)
+        scale = full / (white * sun_irradiance_W_m2)
         cv2.multiply(light, radf_per, dst=shown[y0:y1, x0:x1], scale=scale, dtype=cv2.CV_8U)
     return shown
 
@@ -185,7 +197,12 @@ def _radf_of_irradiance(pinhole: PinholeCamera) -> np.ndarray:
     focal_px, centre_px = pinhole.focal_length_px, pinhole.principal_point_px
     x = (np.arange(pinhole.width_px) - centre_px[0]) / focal_px
     y = (np.arange(pinhole.height_px) - centre_px[1]) / focal_px
-    return (math.pi * focal_px**2 * (1.0 + x**2 + y[:, None]**2)**1.5).astype(np.float32)
+    found = np.empty((pinhole.height_px, pinhole.width_px), np.float32)
+    # Rows at a time: in float64 an image of 64 megapixels would take gigabytes.
+    for top in range(0, pinhole.height_px, _ROWS_AT_ONCE):
+        rows = y[top:top + _ROWS_AT_ONCE, None]
+        found[top:top + _ROWS_AT_ONCE] = math.pi * focal_px**2 * (1.0 + x**2 + rows**2)**1.5
+    return found
 
 
 _kept_radf = lru_cache(maxsize=4)(_radf_of_irradiance)

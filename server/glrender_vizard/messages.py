@@ -12,17 +12,23 @@ from typing import Any
 
 from glrender import ProtocolError
 
-from . import wire
+from . import limits, wire
 
-_BODY = {1: ("name", "text"), 2: ("position", "doubles"), 4: ("rotation", "doubles"), 6: ("radius_km", "double"),
+_NAME = wire.Text(limits.MAX_NAME_CHARACTERS)
+_BODY = {1: ("name", _NAME), 2: ("position", "doubles"), 4: ("rotation", "doubles"), 6: ("radius_km", "double"),
          7: ("polar_ratio", "double")}
-_SPACECRAFT = {1: ("name", "text"), 2: ("position", "doubles"), 4: ("rotation", "doubles")}
-_CAMERA = {1: ("id", "int"), 2: ("parent", "text"), 3: ("fov_deg", "double"), 4: ("resolution", "ints"),
+_SPACECRAFT = {1: ("name", _NAME), 2: ("position", "doubles"), 4: ("rotation", "doubles")}
+_CAMERA = {1: ("id", "int"), 2: ("parent", _NAME), 3: ("fov_deg", "double"), 4: ("resolution", "ints"),
            7: ("position", "doubles"), 8: ("direction", "doubles"), 9: ("render_rate_ns", "int"), 16: ("mode", "int")}
-_MODEL = {1: ("path", "text"), 2: ("bodies", "texts"), 3: ("offset", "doubles"), 4: ("rotation", "doubles"),
+_MODEL = {1: ("path", wire.Text(limits.MAX_PATH_CHARACTERS)),
+          2: ("bodies", wire.Many(_NAME, limits.MAX_BODIES + limits.MAX_SPACECRAFT)),
+          3: ("offset", "doubles"), 4: ("rotation", "doubles"),
           5: ("scale", "doubles")}
-_UPDATE = {1: ("time", {1: ("frame", "int"), 2: ("elapsed_ns", "double")}), 2: ("bodies", [_BODY]),
-           3: ("spacecraft", [_SPACECRAFT]), 4: ("cameras", [_CAMERA]), 7: ("settings", {12: ("models", [_MODEL])}),
+_UPDATE = {1: ("time", {1: ("frame", "int"), 2: ("elapsed_ns", "double")}),
+           2: ("bodies", wire.Many(_BODY, limits.MAX_BODIES)),
+           3: ("spacecraft", wire.Many(_SPACECRAFT, limits.MAX_SPACECRAFT)),
+           4: ("cameras", wire.Many(_CAMERA, limits.MAX_SCENE_CAMERAS)),
+           7: ("settings", {12: ("models", wire.Many(_MODEL, limits.MAX_MODELS))}),
            10: ("live", {3: ("terminate", "int")})}
 _IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 

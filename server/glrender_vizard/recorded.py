@@ -81,11 +81,11 @@ class FrameFiles:
             scene = frames.make_scene(order.scene, self._map)
             self.close()
             self._scene, self._operations = order.scene, Operations(scene, self._backend)
-        parts, code = self._operations.answer(codec.unpack_request([order.message]))
+        parts, code = self._operations.answer(order.fields)
         header = codec.unpack_request(parts[:1])
         if code:
             raise ProtocolError("", header["error"]["message"])
-        return frames.picture(order, header, parts[1])
+        return frames.picture(order.pinhole, order.white_radf, order.sun_irradiance_W_m2, header, parts[1])
 
     def close(self) -> None:
         """Release the renderer."""

@@ -7,19 +7,33 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from glrender import ProtocolError
 
-MAX_FIELDS = 60_000
-"""Fields of one message and of all inside it: a thousand spacecraft have 30,000."""
+from .limits import MAX_FIELDS
+
 _VARINT, _FIXED64, _RECORD, _FIXED32 = 0, 1, 2, 5
-_MAX_VARINT_BYTES = 10
-_LISTS = ("ints", "doubles", "texts")
+_MAX_VARINT_BYTES, _CHARACTER_BYTES = 10, 4
+_LISTS = ("ints", "doubles")
+
+
+class Many(NamedTuple):
+    """A list of messages, or of texts, and the most that there may be of them."""
+
+    kind: Any
+    most: int
+
+
+class Text(NamedTuple):
+    """A text, and the most characters that it may have."""
+
+    most: int
+
 
 Schema = Mapping[int, tuple[str, Any]]
-"""Field number -> its name, and its kind: "int", "double", "text", "ints", "doubles", "texts", a schema for a message,
-[a schema] for a list of messages. Depth is the schema's: nothing else is looked into."""
+"""Field number -> its name, and its kind: "int", "double", "ints", "doubles", a `Text`, a schema for a message, `Many`
+of a schema or a text. Depth is the schema's: nothing else is looked into."""
 
 
 def read(data: bytes, schema: Schema) -> dict[str, Any]:
@@ -38,7 +52,8 @@ def read(data: bytes, schema: Schema) -> dict[str, Any]:
     Raises
     ------
     ProtocolError
-        Truncated, a wrong type, text that is not UTF-8, or more than `MAX_FIELDS` fields.
+        Truncated, a wrong type, text that is not UTF-8 or too long, a list that is too long, or more than `MAX_FIELDS`
+        fields in all.
     """
     return _Reader(memoryview(data)).message(0, len(data), schema)
 
@@ -66,7 +81,7 @@ class _Reader:
         self._data, self._n_fields = data, 0
 
     def message(self, at: int, end: int, schema: Schema) -> dict[str, Any]:
-        found = {name: [] for name, kind in schema.values() if kind in _LISTS or type(kind) is list}
+        found = {name: [] for name, kind in schema.values() if isinstance(kind, Many) or kind in _LISTS}
         while at < end:
             self._count(1)
             tag, at = varint(self._data, at, end)
@@ -88,15 +103,19 @@ class _Reader:
         return found
 
     def _put(self, found: dict[str, Any], name: str, kind: Any, wire: int, value: int, start: int, end: int) -> None:
-        is_list = type(kind) is list
+        is_list = isinstance(kind, Many)
+        if is_list:
+            if len(found[name]) >= kind.most:
+                raise ProtocolError(name, f"must be at most {kind.most}", kind.most + 1)
+            kind = kind.kind
         if kind in ("int", "ints") and wire == _VARINT:
             self._set(found, name, kind == "ints", value - (value >> 63 << 64))
         elif kind in ("double", "doubles") and wire == _FIXED64:
             self._set(found, name, kind == "doubles", struct.unpack_from("<d", self._data, start)[0])
-        elif kind in ("text", "texts") and wire == _RECORD:
-            self._set(found, name, kind == "texts", self._text(name, start, end))
-        elif (is_list or isinstance(kind, Mapping)) and wire == _RECORD:
-            self._set(found, name, is_list, self.message(start, end, kind[0] if is_list else kind))
+        elif isinstance(kind, Text) and wire == _RECORD:
+            self._set(found, name, is_list, self._text(name, start, end, kind.most))
+        elif isinstance(kind, Mapping) and wire == _RECORD:
+            self._set(found, name, is_list, self.message(start, end, kind))
         elif kind == "doubles" and wire == _RECORD and (end - start) % 8 == 0:
             self._count((end - start) // 8)
             found[name].extend(struct.unpack_from(f"<{(end - start) // 8}d", self._data, start))
@@ -106,13 +125,20 @@ class _Reader:
                 value, start = varint(self._data, start, end)
                 found[name].append(value - (value >> 63 << 64))
         else:
-            raise ProtocolError(name, f"must be {kind if isinstance(kind, str) else 'a message'}, has wire type", wire)
+            what = kind if isinstance(kind, str) else "text" if isinstance(kind, Text) else "a message"
+            raise ProtocolError(name, f"must be {what}, has wire type", wire)
 
-    def _text(self, name: str, start: int, end: int) -> str:
+    def _text(self, name: str, start: int, end: int, most: int) -> str:
+        # A character has four bytes at most: what is longer need not be decoded to be refused.
+        if end - start > _CHARACTER_BYTES * most:
+            raise ProtocolError(name, f"must have at most {most} characters", f"{end - start} bytes")
         try:
-            return str(self._data[start:end], "utf-8")
+            text = str(self._data[start:end], "utf-8")
         except UnicodeDecodeError:
             raise ProtocolError(name, "must be UTF-8", bytes(self._data[start:end][:32])) from None
+        if len(text) > most:
+            raise ProtocolError(name, f"must have at most {most} characters", len(text))
+        return text
 
     def _count(self, n: int) -> None:
         self._n_fields += n

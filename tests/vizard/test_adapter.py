@@ -234,13 +234,13 @@ def test_what_is_kept_of_simulations_is_bounded():
         send(sender, b"PING")
     assert len(dispatcher._simulations) == MAX_SIMULATIONS and answers == [[b"PONG"]] * 2 * MAX_SIMULATIONS
     for sender in range(150):
-        send(sender, b"SIM_UPDATE", b"", b"", peer.message(models=[peer.model("x" * 3_000_000, "a")]))
+        send(sender, b"SIM_UPDATE", b"", b"", peer.message(models=[*[peer.model("x" * 4096, "a")] * 730]))
         assert answers[-1] == [b"OK"]
         send(sender, b"SIM_UPDATE", b"", b"", peer.message(models=None))
     kept = list(dispatcher._simulations.values())
     assert dispatcher._update_bytes == sum(each.n_bytes for each in kept) <= MAX_UPDATE_BYTES
     assert 0 < sum(len(model.path) for each in kept for model in each.models or ()) <= MAX_UPDATE_BYTES
-    send("many", b"SIM_UPDATE", b"", b"", peer.record(2, b"") * 5000)
+    send("many", b"SIM_UPDATE", b"", b"", peer.record(3, b"") * 5000)
     assert list(dispatcher._simulations.values())[-1].n_bytes > 5000 * sys.getsizeof(CELESTIAL)
 
 

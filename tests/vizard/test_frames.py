@@ -202,7 +202,7 @@ def test_a_custom_model_without_a_folder_is_a_sphere_and_told():
     (peer.scene(range_m=1e17), "must be within"),
     (peer.message(peer.body("a", (0.0, 0.0, 1e3), 1.0, np.eye(3) * 2.0), peer.craft("craft", (0.0, 0.0, 0.0)),
                   peer.camera()), "rotation matrix"),
-    (peer.message(*(peer.body(f"b{k}", (0.0, 0.0, 1e3 * k), 1.0) for k in range(1, 80)),
+    (peer.message(*(peer.body(f"b{k}", (0.0, 0.0, 1e3 * k), 1.0) for k in range(1, 66)),
                   peer.craft("craft", (0.0, 0.0, 0.0)), peer.camera()), "at most 64"),
 ])
 def test_what_cannot_be_drawn_is_refused_by_field_and_rule(data, said):
@@ -211,6 +211,26 @@ def test_what_cannot_be_drawn_is_refused_by_field_and_rule(data, said):
         order = frames.ordered(update, (), 1, BodyMap())
         frames.make_scene(order.scene, BodyMap())
         State.from_dict(order.fields["state"])
+
+
+def test_a_camera_beyond_where_numbers_leave_room_for_the_sun_is_refused():
+    """1 au added to 1e30 m is nothing in float64: the Sun would be at the camera's place."""
+    update = read_update(peer.message(peer.body("a", (0.0, 0.0, 1e3), 1.0), peer.craft("craft", (1e30, 0.0, 0.0)),
+                                      peer.camera()))
+    with pytest.raises(ConfigError, match="must not be at the Sun's place"):
+        frames.ordered(update, (), 1, BodyMap())
+
+
+def test_spacecraft_count_among_the_bodies_of_a_scene(tmp_path):
+    """Each that has a model of its own is drawn."""
+    (tmp_path / "a.obj").write_text("v 0 0 80\nv 60 0 -40\nv -40 50 -40\nv -40 -50 -40\n"
+                                    "f 1 2 3\nf 1 3 4\nf 1 4 2\nf 2 4 3\n")
+    crafts = [peer.craft(f"c{k}", (0.0, 0.0, 10.0 * k)) for k in range(70)]
+    update = read_update(peer.message(peer.body("a", (0.0, 0.0, 1e3), 1.0), *crafts, peer.camera(parent="c0"),
+                                      models=[peer.model("a.obj", *(f"c{k}" for k in range(70)))]))
+    assert len(update.spacecraft) == 70
+    with pytest.raises(ConfigError, match="at most 64, spacecraft too"):
+        frames.ordered(update, update.models, 1, BodyMap(models=tmp_path))
 
 
 @pytest.mark.filterwarnings("error")

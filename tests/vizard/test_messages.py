@@ -61,11 +61,30 @@ def test_what_is_no_message_is_refused(data):
 
 
 def test_fields_are_counted():
-    """A megabyte of empty bodies takes a bounded time."""
+    """A megabyte of empty messages takes a bounded time."""
     with pytest.raises(ProtocolError, match="at most 60000 fields"):
-        read_update(peer.record(2, b"") * 70_000)
+        read_update(peer.record(1, b"") * 70_000)
     with pytest.raises(ProtocolError, match="at most 60000 fields"):
         read_update(peer.record(2, peer.doubles(2, [0.0] * 70_000)))
+
+
+@pytest.mark.parametrize("field, most", [(2, 65), (4, 64), (3, 10_000)], ids=["bodies", "cameras", "spacecraft"])
+def test_more_than_a_scene_may_have_is_refused_as_it_is_read(field, most):
+    read_update(peer.record(field, b"") * most)
+    with pytest.raises(ProtocolError, match=f"must be at most {most}"):
+        read_update(peer.record(field, b"") * (most + 1))
+    with pytest.raises(ProtocolError, match="must be at most 1024"):
+        read_update(peer.record(7, peer.record(12, b"") * 1025))
+
+
+@pytest.mark.parametrize("name", ["x" * 129, "é" * 129, "\U0001f680" * 129, "x" * 4_000_000])
+def test_a_name_is_no_longer_than_the_servers(name):
+    read_update(peer.record(2, peer.text(1, name[:128])) + peer.record(3, peer.text(1, name[:128])))
+    for data in (peer.record(2, peer.text(1, name)), peer.record(3, peer.text(1, name)),
+                 peer.record(4, peer.text(2, name))):
+        with pytest.raises(ProtocolError, match="must have at most 128 characters") as caught:
+            read_update(data)
+        assert len(str(caught.value)) < 300
 
 
 @settings(max_examples=400, deadline=None)
@@ -98,8 +117,8 @@ def _read_or_refused(data):
        floats=st.lists(st.floats(allow_nan=False), max_size=20), words=st.lists(st.text(max_size=20), max_size=5))
 def test_what_is_written_is_read(numbers, floats, words):
     """By the tests' writer, which shares no line with the reader."""
-    schema = {1: ("numbers", "ints"), 2: ("floats", "doubles"), 3: ("words", "texts"),
-              4: ("inner", [{1: ("n", "int")}])}
+    schema = {1: ("numbers", "ints"), 2: ("floats", "doubles"), 3: ("words", wire.Many(wire.Text(20), 5)),
+              4: ("inner", wire.Many({1: ("n", "int")}, 20))}
     data = (peer.record(1, b"".join(map(peer.varint, numbers))) + peer.doubles(2, floats)
             + b"".join(peer.text(3, word) for word in words)
             + b"".join(peer.record(4, peer.whole(1, number)) for number in numbers))

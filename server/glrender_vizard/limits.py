@@ -1,0 +1,32 @@
+"""Every bound of the adapter in one place: those of the server's scenes, and what is Basilisk's alone."""
+
+from __future__ import annotations
+
+from glrender_server.limits import MAX_SCENE_BODIES, MAX_SCENE_CAMERAS, MAX_SCENE_PIXELS
+
+__all__ = ["MAX_SCENE_BODIES", "MAX_SCENE_CAMERAS", "MAX_SCENE_PIXELS"]
+
+MAX_MESSAGE_BYTES = 1 << 22
+"""Of one update: some ten thousand spacecraft."""
+MAX_FIELDS = 60_000
+"""Fields of one message and of all inside it: a thousand spacecraft have 30,000."""
+MAX_NAME_CHARACTERS = 128
+"""Of a body, a spacecraft or a camera's parent, as of the server's clients."""
+MAX_PATH_CHARACTERS = 4096
+"""Of a custom model's file, as Linux has it (PATH_MAX)."""
+MAX_BODIES = MAX_SCENE_BODIES + 1
+"""Bodies of an update: those of a scene, and the Sun."""
+MAX_MODELS = 1024
+"""Custom models of an update: each may be a spacecraft's."""
+MAX_SPACECRAFT = 10_000
+
+MAX_SIMULATIONS = 1024
+"""Whose last update is kept; Basilisk's every reset makes a new connection and leaves the old one."""
+MAX_UPDATE_BYTES = 1 << 28
+"""Of all updates that are kept, and of the settings that still hold."""
+MAX_CACHED_BYTES = 1 << 26
+"""Of pictures that may be asked for again: Basilisk's examples ask twice."""
+MAX_SCENES = 8
+"""Scenes that are open together: each has a process at least."""
+MAX_NOTE_CHARACTERS = 300
+"""Of one line of the log about a simulation."""

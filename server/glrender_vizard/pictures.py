@@ -1,0 +1,28 @@
+"""What the adapter's workers do: a frame, and of its light the picture that Basilisk reads."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import msgpack
+from glrender_server.operations import Operations
+
+from .frames import encoded, picture
+
+
+class Pictures(Operations):
+    """Serves `render` requests with a further field `picture`, {white_radf, sun_irradiance_W_m2}; the reply's one part
+    is a PGM file. An image of many megapixels takes seconds, in which others must not wait."""
+
+    def _render(self, header: Mapping[str, Any]) -> list[Any]:
+        memory, self._memory = self._memory, None
+        head, pixels = super()._render({name: value for name, value in header.items() if name != "picture"})
+        camera, wanted = self.scene.camera(header["camera"]), header["picture"]
+        whole = encoded(picture(camera, wanted["white_radf"], wanted["sun_irradiance_W_m2"], msgpack.unpackb(head),
+                                pixels))
+        if memory is not None:
+            place, = memory([len(whole)])
+            place[:] = whole
+            whole = place
+        return [head, whole]
