@@ -31,6 +31,7 @@ classdef GlRenderClient < handle
     IsClosed = false
     Packed = []  % of the last request, for the next like it: see glr_request
     Read = []    % of the last reply, likewise: see glr_header
+    Scene = ''   % digest of the scene that load_scene has loaded: no frame of another comes in its place
     RetryAfter = 0.05  % [s], as the last `busy` told
   end
 
@@ -98,8 +99,12 @@ classdef GlRenderClient < handle
 
     function header = load_scene(self, scene)
       %LOAD_SCENE  Replace the server's scene, for every client: the struct of a scene file (docs/scene.md).
+      %   From then on, where the server shows another scene, this client's frames and ranges end with glrender:scene.
       [~, bytes] = self.ask('load_scene', {'scene', scene}, []);
       header = glr_unpack(bytes);
+      if isfield(header, 'scene')
+        self.Scene = header.scene;
+      end
     end
 
     function reply = render(self, state, varargin)
@@ -150,12 +155,19 @@ classdef GlRenderClient < handle
       %   reply = client.range(state, directions, 'camera', 'navcam', 'noise', struct('sigma_m', 0.1, 'seed', 1))
       %   reply.arrays: range [m], body_id, facet_id, beam_incidence [rad], N x 1; NaN and -1 where nothing returns.
       pairs = GlRenderClient.checked(varargin, {'camera', 'noise'});
-      [arrays, header_bytes] = self.ask('range', [pairs, {'directions_camera', directions_camera}], state);
+      [arrays, header_bytes] = self.ask('range', [self.meant(), pairs, {'directions_camera', directions_camera}], state);
       reply = GlRenderReply(arrays{1}, header_bytes);
     end
   end
 
   methods (Access = private)
+    function pairs = meant(self)
+      pairs = {};
+      if ~isempty(self.Scene)
+        pairs = {'scene', self.Scene};
+      end
+    end
+
     function [arrays, header_bytes] = ask_frames(self, pairs, state)
       progress = [];
       at = find(strcmp(pairs(1:2:end), 'progress'));
@@ -163,7 +175,7 @@ classdef GlRenderClient < handle
         progress = pairs{2 * at(end)};
         pairs([2 * at - 1, 2 * at]) = [];
       end
-      pairs = [{'order', 'F'}, pairs];
+      pairs = [{'order', 'F'}, self.meant(), pairs];
       if self.SharedMemory
         [arrays, header_bytes] = self.ask('render', [{'shared', true}, pairs], state, progress);
         if ~isempty(arrays)

@@ -105,7 +105,7 @@ int glr_build_render(glr_buffer *out, const char *client, uint64_t id, const glr
     prefix = glr_reserve(out, PREFIX_BYTES);
     if (prefix)
         memcpy(prefix, "GLR1\1\0\0\0\0\0\0\0", PREFIX_BYTES);
-    glr_put_map(out, 6u + (n_frames && frames[0].allow_slow) + (is_list ? 1u : n_fields(frames)));
+    glr_put_map(out, 6u + (n_frames && frames[0].allow_slow) + (n_frames && frames[0].scene) + (is_list ? 1u : n_fields(frames)));
     glr_put_text(out, "v");
     glr_put_uint(out, 1);
     glr_put_text(out, "op");
@@ -118,6 +118,10 @@ int glr_build_render(glr_buffer *out, const char *client, uint64_t id, const glr
     put_state(out, state);
     glr_put_text(out, "order");
     glr_put_text(out, n_frames && frames[0].is_column_major ? "F" : "C");
+    if (n_frames && frames[0].scene) {
+        glr_put_text(out, "scene");
+        glr_put_text(out, frames[0].scene);
+    }
     if (n_frames && frames[0].allow_slow) {
         glr_put_text(out, "allow_slow");
         if (strcmp(frames[0].allow_slow, "any"))

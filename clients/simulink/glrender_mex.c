@@ -6,7 +6,7 @@
  *     glrender_mex('close', handle)
  *
  * state: as for GlRenderClient, `bodies` a struct. options: struct with any of camera, output, exposure_s, seed, max_error,
- * samples, products, roi, allow_slow (docs/protocol.md; the first struct's allow_slow holds for all).
+ * samples, products, roi, allow_slow, scene (docs/protocol.md; the first struct's last two hold for all).
  * Errors: glrender:CODE, glrender:argument.
  */
 #include <ctype.h>
@@ -174,6 +174,8 @@ static void get_options(const mxArray *value, glr_options *options) {
                 options->allow_slow = mxIsLogicalScalarTrue(given) ? "any" : NULL;
             else
                 options->allow_slow = text_of(given, name);
+        } else if (!strcmp(name, "scene")) {
+            options->scene = text_of(given, name);
         } else if (!strcmp(name, "roi")) {
             numbers_of(given, name, 4, roi);
             for (k = 0; k < 4; k++) {

@@ -257,6 +257,16 @@ def test_a_refused_frame_is_named(build, live, tmp_path):
     assert said[0].startswith("error config: frames[1].roi[2]: must be an integer between 0 and 48, got 99")
 
 
+def test_a_frame_of_another_scene_than_the_one_that_is_meant_is_refused(build, live, tmp_path, monkeypatch):
+    program, arguments = build(HERE / "render_frames.c"), ("byte", "range", 0, 0, 1, 1, tmp_path / "out")
+    with Client(live[0]) as client:
+        monkeypatch.setenv("GLR_SCENE", client.hello()["scene"])
+    assert run_many(program, live[1][1], 1, *arguments, timeout_s=30.0)[0].startswith("images")
+    monkeypatch.setenv("GLR_SCENE", "0" * 32)
+    said = run_many(program, live[1][1], 1, *arguments, timeout_s=30.0)
+    assert said[0].startswith("error scene: scene: another scene is served")
+
+
 def test_a_lost_connection_is_made_anew_once_with_the_same_request(build):
     frame = GOLDEN["tcp_reply_frame_F"][0].replace(b"\xa2id\x07", b"\xa2id\x00")
     answers = iter([(b"GLR1\x01", False), (frame, True), (b"", False), (b"", False), (frame, True)])

@@ -72,7 +72,9 @@ class AsyncClient:
 
     async def load_scene(self, scene: Mapping[str, Any], *, timeout_s: float | None = None) -> dict[str, Any]:
         """Replace the server's scene, for every client; as `Client.load_scene`."""
-        return (await self._ask("load_scene", {"scene": dict(scene)}, timeout_s)).header
+        loaded = (await self._ask("load_scene", {"scene": dict(scene)}, timeout_s)).header
+        self._pack.scene = loaded.get("scene")
+        return loaded
 
     async def render(self, state: Mapping[str, Any] | HasDict, camera: str | None = None, **options: Any) -> Reply:
         """Ask for one frame; arguments and errors are those of `Client.render`."""

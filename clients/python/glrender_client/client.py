@@ -121,13 +121,18 @@ class Client:
     def load_scene(self, scene: Mapping[str, Any], *, timeout_s: float | None = None) -> dict[str, Any]:
         """Replace the server's scene, for every client; shapes are file names in its shape folder.
 
+        From then on this client's frames and ranges are of this scene: where the server shows another by then, which
+        somebody else has loaded or which it started anew with, they are refused (``scene``) until it is loaded again.
+
         Parameters
         ----------
         scene : mapping
         timeout_s : float, optional [s]
             For each try's answer instead of this client's: the first time a shape of a million facets takes minutes.
         """
-        return self._ask("load_scene", {"scene": dict(scene)}, timeout_s).header
+        loaded = self._ask("load_scene", {"scene": dict(scene)}, timeout_s).header
+        self._pack.scene = loaded.get("scene")
+        return loaded
 
     def render(self, state: Mapping[str, Any] | HasDict, camera: str | None = None, *, output: str = "irradiance",
                exposure_s: float | str | None = None, seed: int | None = None,

@@ -15,6 +15,7 @@ from .errors import Busy, ServerError
 from .notebook import png
 
 PROTOCOL_VERSION = 1
+_OF_A_SCENE = ("render", "range")
 
 
 class FrameWarning(NamedTuple):
@@ -105,14 +106,23 @@ class Watched(NamedTuple):
 
 
 class Packer:
-    """Numbers and packs the requests of one client, whose name no other has."""
+    """Numbers and packs the requests of one client, whose name no other has.
+
+    Attributes
+    ----------
+    scene : str or None
+        Digest of the scene that the client has loaded: no frame of another is to come in its place.
+    """
 
     def __init__(self):
         self.name, self._next_id = f"python-{os.getpid()}-{uuid.uuid4().hex[:12]}", 1
+        self.scene: str | None = None
 
     def __call__(self, op: str, fields: Mapping[str, Any]) -> tuple[int, bytes]:
         """The request's number and its header."""
         number, self._next_id = self._next_id, self._next_id + 1
+        if self.scene is not None and op in _OF_A_SCENE:
+            fields = {"scene": self.scene, **fields}
         return number, msgpack.packb({"v": PROTOCOL_VERSION, "op": op, "id": number, "client": self.name, **fields},
                                      default=_plain)
 

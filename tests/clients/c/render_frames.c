@@ -23,6 +23,7 @@ int main(int argc, char **argv) {
     products[0] = argv[6];
     frames[0].products = products;
     frames[0].n_products = 1;
+    frames[0].scene = getenv("GLR_SCENE");
     for (k = 0; k < 4; k++)
         frames[1].roi[k] = (uint32_t)atoi(argv[7 + k]);
     client = glr_open(argv[1], atoi(argv[2]), atof(argv[3]));
