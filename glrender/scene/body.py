@@ -125,6 +125,18 @@ MAX_TEXTURE_PX = 2**27
 _TEXTURE_FORMATS = ("PNG", "TIFF", "JPEG", "JPEG2000", "BMP", "PPM", "WEBP")
 
 
+def texture_pixels(path: Path) -> int:
+    """Number of pixels that an image file's header tells; 0 of one that `read_texture` refuses."""
+    from PIL import Image
+
+    Image.MAX_IMAGE_PIXELS = None
+    try:
+        with Image.open(path, formats=_TEXTURE_FORMATS) as image:
+            return image.width * image.height
+    except Exception:  # broken images raise anything
+        return 0
+
+
 def read_texture(path: Path) -> np.ndarray:
     """(H, W) float32 [1]: an image's grey value over its full scale.
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -11,8 +10,8 @@ from glrender import ConfigError, Scene
 from glrender.capture.static_exposure import drawn_pixels
 from glrender.emission.sources.tail import Tail
 from glrender.emission.sources.volume import Volume
+from glrender.scene.body import texture_pixels
 from glrender_camera.validate import known_keys
-from PIL import Image
 
 from . import limits
 from .envelope import ENVELOPE
@@ -95,8 +94,7 @@ def _check_textures(table: Mapping[str, Any], folder: Path) -> None:
         name = body.get("albedo_texture")
         # Names that lead elsewhere are refused by who opens them.
         if isinstance(name, str) and (folder / Path(name).name).is_file():
-            with contextlib.suppress(Exception), Image.open(folder / Path(name).name) as image:
-                n_pixels += image.width * image.height
+            n_pixels += texture_pixels(folder / Path(name).name)
     _check_sum("bodies", n_pixels, limits.MAX_SCENE_TEXTURE_PIXELS, "pixels of textures")
 
 

@@ -239,7 +239,7 @@ class _Connection:
         is_stuck = self._output or (self._is_open and not self._decoder.is_between_messages and not self._owed)
         if self._hang_up_at is not None and time.monotonic() > self._hang_up_at:
             self._is_lost = True
-        elif self.is_spare and time.monotonic() - self._came > SPARE_S:
+        elif self.is_spare and self.is_silent and time.monotonic() - self._came > SPARE_S:
             self._is_lost = True
         elif is_stuck and time.monotonic() - self.moved > STALL_S:
             log.warning("a client on TCP stood still for %g s within a message: closed", STALL_S)

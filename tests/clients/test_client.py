@@ -446,8 +446,9 @@ def test_a_replay_finds_another_scene_and_a_changed_byte(recording, tmp_path, ca
     brighter = serving.SCENE.replace("normal_albedo = 0.2", "normal_albedo = 0.21")
     with serving.server(tmp_path, scene=brighter) as (other, _):
         found = [result for result in replay(recording, other) if result is not None]
-        # All frames differ; hello and the refusal do not.
-        assert [difference.index for difference in found] == [1, 2, 4, 5, 6, 7, 8]
+        # All frames differ, and hello by its scene's digest; the refusal does not.
+        assert [difference.index for difference in found] == [0, 1, 2, 4, 5, 6, 7, 8]
+        assert found[0].what.startswith("scene: ")
         assert main([str(recording), other]) == 1
     data = bytearray(gzip.decompress(recording.read_bytes()))
     second = list(read_recording(recording))[1].reply[1]
