@@ -59,6 +59,10 @@ def _spoken_to(endpoint: str) -> socket.socket:
     raw.sendall(b"\xff" + bytes(8) + b"\x7f\x03\x00" + b"NULL".ljust(20, b"\0") + bytes(32))
     ready = b"\x05READY\x0bSocket-Type" + struct.pack(">I", 6) + b"DEALER"
     raw.sendall(bytes([4, len(ready)]) + ready)
+    # A message that comes with the handshake is lost by libzmq: wait for its own, of 64 bytes and READY.
+    with raw.makefile("rb") as theirs:
+        theirs.read(64)
+        theirs.read(theirs.read(2)[1])
     return raw
 
 

@@ -27,6 +27,8 @@ log = logging.getLogger(__name__)
 
 # A client sends some hundred megabytes a second on loopback; a look at a connection takes 5 us.
 _PATROL_S, _PATROL_S_PER_CONNECTION = 0.05, 6e-4
+# Without a descriptor for a list of them all numbers are tried, 1 us each.
+_NEXT_LOOK_S = 0.5
 # Bytes of ZMTP around one part, with CURVE, at most.
 _PART_OVERHEAD_BYTES = 80
 # Places of tcpi_bytes_acked and tcpi_bytes_received (u64) in struct tcp_info, since Linux 4.1 (linux/tcp.h).
@@ -168,6 +170,7 @@ class Peers:
         try:
             descriptors = list(map(int, os.listdir(_DESCRIPTORS)))
         except OSError:  # the list itself takes a descriptor
+            self._looked += _NEXT_LOOK_S
             descriptors = range(resource.getrlimit(resource.RLIMIT_NOFILE)[0]) if os.path.isdir(_DESCRIPTORS) else []
         peers = [peer for peer in map(self._peer, descriptors) if peer is not None]
         self._n_found = len(peers)
