@@ -133,7 +133,7 @@ def test_errors_say_a_path_once(campaign_file, monkeypatch, tmp_path, axes, told
 @pytest.mark.parametrize("old, new, told", [
     ("times_s = [0.0, 60.0, 120.0, 180.0, 240.0, 300.0]", "times_s = [0.0]", "must give two frames or more"),
     ("[cameras.model]", "[cameras.modell]", "cameras[0].modell: unknown key"),
-    ("r_m = [900.0, 300.0, 100.0]", "r_m = [9.0, 3.0, 1.0]", "is inside 'rock'"),
+    ("r_m = [900.0, 300.0, 100.0]", "r_m = [9.0, 3.0, 1.0]", "from the centre of 'rock', which is solid to there"),
 ])
 def test_scenarios_that_cannot_be_flown_are_refused(campaign_file, tmp_path, old, new, told):
     file = campaign_file()
