@@ -42,7 +42,7 @@ from .scene.plugins.registry import OPENGL_BACKENDS, backends
 from .scene.scene import Scene
 from .scene.tolerance import checked_max_error
 from .view import regions as grouping
-from .view.occluders import cast_penumbra, casters
+from .view.occluders import cast_penumbra, casters, eclipse
 from .view.state import State
 from .view.view import BodyView, view_bodies
 
@@ -269,7 +269,8 @@ class Renderer:
             tolerance = request.of([view], "raster").tolerance if view.is_visible else request.tolerance
             bodies.append(plan.plan_body(
                 view, self._traits[view.name], request.camera, [name for name, _ in cast], tolerance,
-                penumbra=(math.hypot(own[0], error), max(own[1], width_px))))
+                penumbra=(math.hypot(own[0], error), max(own[1], width_px)),
+                eclipse=eclipse(view, cast if sun_radius_rad else (), hulls, sun_radius_rad)))
         return bodies
 
     def forget_shadow_maps(self) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -80,11 +80,16 @@ class DenseTruth:
         return unit_errors(image, self.exact, self.body)
 
 
-def dense_truth(scene: Scene, state: State, most_rays: float = 4e6) -> DenseTruth | None:
-    """The truth of a scene's only camera, by about so many rays at most; None where nothing is lit."""
+def dense_truth(scene: Scene, state: State, most_rays: float = 4e6,
+                light_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None) -> DenseTruth | None:
+    """The truth of a scene's only camera, by about so many rays at most; None where nothing is lit.
+
+    The light (N,) [W/m2 per pixel] of places (N, 2) [px] by draws (N,) of the Sun's disc is that of rays by default.
+    """
     camera = scene.cameras[0]
     views = view_bodies(state, camera, scene.hulls)
     engine, shape = RayEngine(scene), (camera.height_px, camera.width_px)
+    light_of = light_of or (lambda pixel, draw: engine.irradiance(pixel, camera, views, draw))
     y, x = (axis.ravel() for axis in np.mgrid[:shape[0], :shape[1]])
     last = mean = np.zeros(shape)
     x0, y0, x1, y1 = region([view for view in views if view.is_visible], camera)
@@ -102,7 +107,7 @@ def dense_truth(scene: Scene, state: State, most_rays: float = 4e6) -> DenseTrut
             at = np.stack(np.broadcast_arrays(x[active][:, None] + (place + 0.5) / count - 0.5,
                                               (y[active] + (row + 0.5) / count - 0.5)[:, None]), axis=-1)
             draw = np.broadcast_to(draws(np.full(count, row), place, count), at.shape[:2])
-            light = engine.irradiance(at.reshape(-1, 2), camera, views, draw.ravel()).reshape(at.shape[:2])
+            light = light_of(at.reshape(-1, 2), draw.ravel()).reshape(at.shape[:2])
             first += light.sum(axis=1)
             second += np.square(light).sum(axis=1)
         first, second = first / count**2, second / count**2

@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 
 from ..base.stopwatch import Clock
-from ..planner import error_model
+from ..planner import eclipse_samples, error_model
 from ..planner.adaptive_samples import frame_error, pixel_errors, pixel_means, plan_refinement
 from ..planner.engine_choice import MAX_SAMPLES, MOST_FIRST_SAMPLES, apart_size_px
 from ..planner.plan import WindowPlan
@@ -152,6 +152,8 @@ class IrradiancePass:
         if window.engine == "raster":
             window = replace(window, shadow_share=_shadow_share(window, frame))
         draw = partial(self._draw_tile, window, frame, clock)
+        is_eclipsed = window.eclipse_px > eclipse_samples.LEAST_ECLIPSE_PX
+        variance = np.zeros_like(mean) if is_eclipsed else None
         crease_rad, facets_per_px = window.noise
         noise = error_model.noise_gain(crease_rad, facets_per_px / window.samples**2)
         gain = noise * error_model.crescent_gain(max(view.phase_rad for view in members))
@@ -162,9 +164,18 @@ class IrradiancePass:
                 continue
             ends = (tile[0].start == 0, tile[1].start == 0, tile[0].stop == y1 - y0, tile[1].stop == x1 - x0)
             dark = tuple(side and end for side, end in zip(sides, ends, strict=True))
-            samples = draw(tile, window.samples, None if facing is None else facing[tile])
+            mask = None if facing is None else facing[tile]
+            samples = draw(tile, window.samples, mask)
             mean[tile], error[tile] = pixel_errors(samples, window.samples, gain, dark)
-        now, power = frame_error(mean, error), error_model.noise_power(noise)
+            if is_eclipsed:
+                bare = sum(self._draw_tile(window, replace(frame, views=[view]), clock, tile, window.samples, mask)
+                           for view in members)
+                variance[tile] = eclipse_samples.sample_variances(samples, bare, window.samples, window.eclipse_px)
+        power = error_model.noise_power(noise)
+        if is_eclipsed:
+            power = min(power, eclipse_samples.ECLIPSE_POWER)
+            error = np.maximum(error, eclipse_samples.pixel_errors(variance, window.samples))
+        now = frame_error(mean, error)
         # Edges of shadows lie where the map's texels put them, however many samples see them.
         floor = math.hypot(window.modelling_error,
                            now * window.samples**(0.5 * power) * math.sqrt(window.shadow_share))
@@ -174,16 +185,26 @@ class IrradiancePass:
         has_aim = is_last or floor <= window.tolerance or math.isfinite(deadline)
         if math.isfinite(left) and has_aim and time.monotonic() < deadline:
             refinement = plan_refinement(mean, error, window.samples, left, power, most)
+            if is_eclipsed:
+                refinement = eclipse_samples.holding_flux(refinement, mean, error, variance, window.samples, left,
+                                                          window.flux_tolerance, most)
         clock.lap("refine")
         if refinement is None:
-            return mean, replace(window, predicted_error=error_gain * math.hypot(now, floor))
+            told = {"flux_error": eclipse_samples.flux_error(mean, variance, window.samples)} if is_eclipsed else {}
+            return mean, replace(window, predicted_error=error_gain * math.hypot(now, floor), **told)
         for tile in self._tiles(mean.shape, refinement.samples):
             mask = refinement.mask[tile]
             if mask.any():
                 pixels = pixel_means(draw(tile, refinement.samples, mask), refinement.samples)
                 np.copyto(mean[tile], pixels, where=mask.astype(bool))
                 clock.lap("readback")
-        return mean, replace(window, predicted_error=error_gain * math.hypot(refinement.predicted_error, floor),
+        reached, told = refinement.predicted_error, {}
+        if is_eclipsed:
+            # More pixels are lit than the first samples showed.
+            count = eclipse_samples.counts(refinement, window.samples)
+            reached = frame_error(mean, error * (window.samples / count) ** (0.5 * power))
+            told = {"flux_error": eclipse_samples.flux_error(mean, variance, count)}
+        return mean, replace(window, predicted_error=error_gain * math.hypot(reached, floor), **told,
                              refined_samples=refinement.samples, refined_share=refinement.share)
 
     def _tiles(self, shape: tuple[int, int], samples: int, most_px: float = math.inf) -> Iterator[tuple[slice, slice]]:

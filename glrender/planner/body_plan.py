@@ -11,6 +11,7 @@ from glrender_camera import PinholeCamera
 
 from ..scene.tolerance import by_unit
 from ..view import regions as grouping
+from ..view.occluders import Eclipse
 from ..view.view import BodyView
 from .error_model import (
     FLUX_SHARE,
@@ -22,7 +23,7 @@ from .error_model import (
     usual_edges,
 )
 from .plan import BodyPlan, RenderPlan, WindowPlan
-from .predicted import frame_errors
+from .predicted import frame_errors, with_eclipse
 
 SHADOW_SIZES_PX = tuple(2**k for k in range(8, 17))
 """Texels across a body; float32 coordinates have 256 steps in the finest."""
@@ -39,7 +40,7 @@ _SHADOWED_PER_RAD = 0.34
 
 
 def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, casters: Sequence[str], tolerance: float,
-              *, penumbra: tuple[float, float] = (0.0, 0.0)) -> BodyPlan:
+              *, penumbra: tuple[float, float] = (0.0, 0.0), eclipse: Eclipse = Eclipse()) -> BodyPlan:
     """The features of a body that are modelled.
 
     Parameters
@@ -53,6 +54,8 @@ def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, casters
         RMS error over the mean of the lit pixels, before the camera's PSF.
     penumbra : (float, float) [1], [px]
         RMS error of hard edges in place of penumbras, and the width of the widest.
+    eclipse : Eclipse
+        By the casters.
     """
     footprint_m = view.depth_m[0] / camera.focal_length_px
     error, width_px = penumbra
@@ -72,7 +75,9 @@ def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, casters
         name=view.name, is_visible=view.is_visible, n_facets=traits.n_facets, law=traits.law,
         shadow_map_px=shadow_px, shadow_map_reused=False, relative_to_camera=is_relative,
         normal_lookup=footprint_m < 2e-4 * traits.radius_m, size_px=view.size_px, modelling_error=math.sqrt(squared),
-        penumbra_px=width_px, penumbra_error=error, casters=tuple(casters), detail_m=detail_m, detail_layers=n_layers)
+        penumbra_px=width_px, penumbra_error=error, penumbra_flux=eclipse.hard_flux,
+        eclipse_px=eclipse.width_m / footprint_m, eclipse_left=eclipse.left, casters=tuple(casters), detail_m=detail_m,
+        detail_layers=n_layers)
 
 
 def plan_shadow(view: BodyView, traits: BodyTraits, has_casters: bool, tolerance: float,
@@ -153,6 +158,8 @@ def frame_plan(camera: PinholeCamera, max_error: float | Mapping[str, float], er
     navigation = frame_errors(drawn_so, camera, error_gain)
     # The Sun's distance differs along a body.
     navigation["flux"] = math.hypot(navigation["flux"], parallel)
+    for (members, *_), window in zip(drawn_so, windows, strict=True):
+        navigation = with_eclipse(navigation, members, camera, window.flux_error)
     made = RenderPlan(camera=camera.name, max_error=rms, roi=grouping.union([w.roi for w in windows]),
                       windows=tuple(windows), bodies=tuple(done), left_out=tuple(left_out), predicted_error=predicted,
                       navigation=navigation, asked=by_unit(max_error))

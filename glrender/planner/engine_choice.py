@@ -17,7 +17,7 @@ from glrender_camera import PinholeCamera
 from ..view.regions import outline, outline_px, region, touching
 from ..view.sun_disc import PENUMBRA_SHARE
 from ..view.view import BodyView
-from .error_model import CRESCENT_RAD, FLUX_SHARE, BodyTraits, facets_per_px
+from .error_model import CRESCENT_RAD, FLUX_SHARE, BodyTraits, facets_per_px, own_penumbra
 from .plan import BodyPlan, WindowPlan
 from .predicted import allowed_rms
 from .small_body_grid import CELL_PX, MAX_RAYS_ACROSS, cell_error, cell_size, samples_across, sampling_errors
@@ -66,7 +66,9 @@ _CENTROIDS_LEAST = 0.006
 _CENTROIDS_POWER = 3.0
 # Fewest facets a pixel [1]: of larger ones few are at the boundary of light (held-out scene 100).
 _LEAST_FACETS_PER_PX = 0.05
-# Penumbras by rays are noise: crease [rad] and facets a pixel that say so to `error_model.noise_gain`.
+# Shares of the light [1] that an eclipse is taken to leave at least, and at most.
+_LEAST_LEFT, _MOST_LEFT = 0.02, 0.9
+# A body's own penumbras by rays are noise: crease [rad] and facets a pixel that say so to `error_model.noise_gain`.
 _PENUMBRA_NOISE = (0.4, 1e4)
 
 
@@ -103,6 +105,11 @@ class Request:
     engine: str | None = None
     apart_px: float = 0.0
     asked: Mapping[str, float] | None = None
+
+    @property
+    def flux_tolerance(self) -> float:
+        """Error of the total [1] that was asked for; infinite where none was."""
+        return (self.asked or {}).get("flux", math.inf)
 
     def of(self, members: Sequence[BodyView], how: str) -> Request:
         """The request with the RMS error that bodies may have which are drawn so: "centroids", or an engine's name."""
@@ -163,7 +170,7 @@ def _options(members: Sequence[BodyView], traits: Mapping[str, BodyTraits], draw
     coverage = made.get("coverage", [])
     rays = [made["rays"]] if made.get("rays") is not None else []
     raster = [made["raster"]] if "raster" in made else []
-    is_in_penumbra = _is_within_penumbra(members, drawn)
+    is_in_penumbra = _is_within_penumbra(members, drawn, request.of(members, "raster"))
     is_fine_enough = (raster and raster[0].modelling_error <= raster[0].tolerance and not is_in_penumbra)
     if request.engine is not None:
         options, why = [*coverage, *rays, *raster], "asked for"
@@ -235,10 +242,11 @@ def _coverage(members: Sequence[BodyView], known: Sequence[BodyTraits], drawn: S
     below_rad = min((math.pi - view.phase_rad for view, traits in zip(members, known, strict=True)
                      if not traits.is_convex), default=math.inf)
     # A few points of the Sun's disc do not tell how much of it is left of a body within another's penumbra.
-    if error > PENUMBRA_SHARE * tolerance or _is_within_penumbra(members, drawn):
+    if error > PENUMBRA_SHARE * tolerance or _is_within_penumbra(members, drawn, request):
         return []
     error = math.hypot(error, _CRESCENT_LOSS / max(below_rad, 1e-3) ** 3)
-    clipped = _window("coverage", members, request, modelling_error=error, predicted_error=tolerance, **where)
+    clipped = _window("coverage", members, request, modelling_error=error, predicted_error=tolerance,
+                      flux_error=max(body.penumbra_flux for body in drawn), **where)
     half_rad = min(0.5 * max(view.phase_rad for view in members), 1.5)
     least = _CENTROIDS_LEAST * max(math.tan(half_rad) / math.tan(math.radians(30.0)), 1.0) ** _CENTROIDS_POWER
     by_centroids = math.hypot(error, least, max(body.penumbra_error for body in drawn))
@@ -263,7 +271,7 @@ def _rays(members: Sequence[BodyView], known: Sequence[BodyTraits], drawn: Seque
 def _raster(members: Sequence[BodyView], known: Sequence[BodyTraits], drawn: Sequence[BodyPlan],
             request: Request) -> WindowPlan:
     """By OpenGL, with the shadow maps that were planned."""
-    return _sampled("raster", members, known, drawn, request,
+    return _sampled("raster", members, known, drawn, request, flux_error=max(body.penumbra_flux for body in drawn),
                     modelling_error=max(body.modelling_error for body in drawn))
 
 
@@ -283,6 +291,9 @@ def _sampled(engine: str, members: Sequence[BodyView], known: Sequence[BodyTrait
         error = max(sampling_errors(view, traits, per_px * view.size_px, _in_penumbra(view, body))[1]
                     for view, traits, body in zip(members, known, drawn, strict=True))
         grid = tuple(max(math.ceil(per_px * side), 8) for side in sides)
+        if engine == "rays" and any(body.casters for body in drawn):
+            told["flux_error"] = max(sampling_errors(view, traits, per_px * view.size_px, _in_penumbra(view, body))[0]
+                                     for view, traits, body in zip(members, known, drawn, strict=True) if body.casters)
         return _window(engine, members, request, samples=0, bounds_px=bounds, grid=grid,
                        modelling_error=modelling_error, predicted_error=math.hypot(modelling_error, error), **told)
     count, asked = request.samples, {"tolerance": math.inf}
@@ -295,8 +306,11 @@ def _sampled(engine: str, members: Sequence[BodyView], known: Sequence[BodyTrait
             count = max(count, math.ceil(min(n_across / size_px, most)))
     noise = (max(traits.crease_rad for traits in known),
              max(facets_per_px(view, traits.n_facets) for view, traits in pairs))
-    if engine == "rays" and max(body.penumbra_px for body in drawn) > 1.0:
-        noise = _PENUMBRA_NOISE
+    if engine == "rays":
+        told |= {"eclipse_px": max(body.eclipse_px for body in drawn), "flux_tolerance": request.flux_tolerance}
+        if any(body.penumbra_px > 1.0 and (not body.casters or own_penumbra(view)[1] > 1.0 and not traits.is_convex)
+               for (view, traits), body in zip(pairs, drawn, strict=True)):
+            noise = _PENUMBRA_NOISE
     return _window(engine, members, request, **_whole(members, request.camera, count), noise=noise,
                    modelling_error=modelling_error, predicted_error=request.tolerance, **told, **asked)
 
@@ -315,15 +329,19 @@ def _first_samples(engine: str, pairs: Sequence[tuple[BodyView, BodyTraits]], ca
     return min(_CRESCENT_SAMPLES if is_crescent else _FIRST_SAMPLES, max(most, fewest))
 
 
-def _is_within_penumbra(members: Sequence[BodyView], drawn: Sequence[BodyPlan]) -> bool:
-    """Whether a body may be within another's penumbra, which sharpens no edge on it."""
-    return any(body.casters and body.penumbra_px > _WITHIN_PENUMBRA * view.size_px
+def _is_within_penumbra(members: Sequence[BodyView], drawn: Sequence[BodyPlan], request: Request) -> bool:
+    """Whether a body may be within another's penumbra, which sharpens no edge on it, or which ends beside it."""
+    most = PENUMBRA_SHARE * min(FLUX_SHARE * request.tolerance, request.flux_tolerance)
+    return any(body.casters and (body.penumbra_px > _WITHIN_PENUMBRA * view.size_px or body.penumbra_flux > most)
                for view, body in zip(members, drawn, strict=True))
 
 
 def _in_penumbra(view: BodyView, body: BodyPlan) -> float:
-    """Share of a body that another's penumbra may cover, about."""
-    return min(body.penumbra_px / max(view.size_px, 1e-9), 1.0) if body.casters else 0.0
+    """Share of a body that another's penumbra may cover, about, times dark over lit samples there."""
+    if not body.casters:
+        return 0.0
+    left = min(max(body.eclipse_left, _LEAST_LEFT), _MOST_LEFT)
+    return min(body.eclipse_px / max(view.size_px, 1e-9), 1.0) * (1.0 - left) / left
 
 
 def _window(engine: str, members: Sequence[BodyView], request: Request, *, predicted_error: float,

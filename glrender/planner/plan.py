@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
@@ -37,6 +38,12 @@ class BodyPlan:
     """Width of the widest penumbra [px]: shadow maps have hard edges."""
     penumbra_error: float = 0.0
     """RMS error [1] of hard edges in place of penumbras, as predicted."""
+    penumbra_flux: float = 0.0
+    """Error of the body's light [1] with hard edges in place of other bodies' penumbras, as predicted."""
+    eclipse_px: float = 0.0
+    """Width of the widest penumbra [px] that another body casts on it, however small that body."""
+    eclipse_left: float = 1.0
+    """Share of the body's light [1] that other bodies leave, as predicted."""
     casters: tuple[str, ...] = ()
     """Other bodies that may cast a shadow on it."""
     shadow_map_drawn_px: tuple[int, int] = (0, 0)
@@ -80,6 +87,12 @@ class WindowPlan:
         Samples along the side of the pixels that were drawn again; 0 for none.
     refined_share : float [1]
         Of the region's pixels, those that were drawn again.
+    eclipse_px : float [px]
+        Width of the widest penumbra of another body that its rays meet; 0 for none.
+    flux_tolerance : float [1]
+        Error of the total that was asked for; infinite where none was.
+    flux_error : float [1]
+        Error of the total by points of the Sun's disc, or by hard edges of shadows, in other bodies' penumbras.
     why : str
         The reason for which this engine was chosen.
     """
@@ -98,6 +111,9 @@ class WindowPlan:
     noise: tuple[float, float] = (0.0, 0.0)
     refined_samples: int = 0
     refined_share: float = 0.0
+    eclipse_px: float = 0.0
+    flux_tolerance: float = math.inf
+    flux_error: float = 0.0
     why: str = ""
 
     @property

@@ -67,6 +67,14 @@ def frame_errors(drawn: Iterable[tuple[Sequence[BodyView], str, float, float]], 
     return found
 
 
+def with_eclipse(errors: Mapping[str, float], members: Sequence[BodyView], camera: PinholeCamera,
+                 flux_error: float) -> dict[str, float]:
+    """Errors by unit, with an error of the total [1] of bodies in a penumbra: their centre moves with it."""
+    centre_px = 0.5 * _side(members, camera) * flux_error if flux_error else 0.0
+    return {**errors, "flux": math.hypot(errors["flux"], flux_error),
+            "centroid_px": math.hypot(errors["centroid_px"], centre_px)}
+
+
 def _laws(members: Sequence[BodyView], camera: PinholeCamera, how: str, error_gain: float
           ) -> dict[str, tuple[float, float, float]]:
     """Error of each unit over the RMS error of what is drawn, and over that of what is modelled, and the least."""

@@ -21,7 +21,7 @@ _EDGES = 0.47
 _CREASES = 0.67
 _CREASE_POWER = 0.8
 _LIT_POWER = 1.15
-# The same of points of the Sun's disc, where all of a body is in a penumbra: half of the samples are lit.
+# The same of points of the Sun's disc, where all of a body is half eclipsed: half of the samples are lit.
 _DISC_NOISE = 0.5
 # The same data: errors of the flux, of pixels and of the centre of light [px], over that.
 _FLUX = 2.8
@@ -35,7 +35,8 @@ def sampling_errors(view: BodyView, traits: BodyTraits, n_across: float, penumbr
                     ) -> tuple[float, float]:
     """Error of the flux [1], and RMS error of pixels over their mean [1], with so many samples across a body.
 
-    Each sample meets one point of the Sun's disc: noise where a `penumbra` covers such a share of the body.
+    Each sample meets one point of the Sun's disc: noise whose square is `penumbra` that of a body of which all is half
+    eclipsed.
     """
     lit = lit_share(view.phase_rad)
     crowd = FACETS_SEEN * traits.n_facets / NOISE_FACETS

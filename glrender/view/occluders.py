@@ -4,15 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..base import rotations as frames
 from ..scene.shape.convex_hull import Hull
+from .sun_disc import on_disc
 from .view import BodyView, between
 
 # Brightness of a sphere's middle at full phase over the mean of its disc by Lambert's law [1]: where a shadow may fall.
 _HARD_EDGE = 1.5
+# Points of the Sun's disc of which an eclipse's light is a mean; and how far a shadow may be from where a sphere's is,
+# over the smaller radius [1]: bodies are no spheres.
+_POINTS = 64
+_ASIDE = (0.0, -0.15, 0.15)
+# Least share of a disc [1] that is lit and seen, by which an eclipse's share of it is divided.
+_LEAST_LIT = 0.1
 
 
 def casters(receiver: BodyView, views: Sequence[BodyView], hulls: Mapping[str, Hull],
@@ -59,3 +67,59 @@ def cast_penumbra(receiver: BodyView, cast: Sequence[tuple[str, np.ndarray]], hu
         widest_px = max(widest_px, wide_px)
     lit_px = 0.5 * math.pi * radius_px**2 * (1.0 + math.cos(receiver.phase_rad))
     return min(math.sqrt(squared / max(lit_px, 1e-9)), 1.0), widest_px
+
+
+@dataclass(frozen=True, kw_only=True)
+class Eclipse:
+    """The effect of other bodies' penumbras on a body's light, all being spheres.
+
+    Attributes
+    ----------
+    left : float [1]
+        Share of the light that they leave.
+    hard_flux : float [1]
+        Error of the total light with hard edges of shadows in place of penumbras.
+    width_m : float [m]
+        Of the widest: the Sun's angle times the distance, however small the body that casts it.
+    """
+
+    left: float = 1.0
+    hard_flux: float = 0.0
+    width_m: float = 0.0
+
+
+def eclipse(receiver: BodyView, cast: Sequence[tuple[str, np.ndarray]], hulls: Mapping[str, Hull],
+            sun_radius_rad: float) -> Eclipse:
+    """The eclipse of a body by casters: arguments as of `cast_penumbra`.
+
+    Each point of the Sun's disc has a hard shadow of its own: a disc's overlap with the receiver's disc. Hard edges err
+    where the penumbra ends beside the receiver; what they lose beyond its limb they do not gain within it.
+    """
+    left, hard_flux, width_m = 1.0, 0.0, 0.0
+    radius_m = hulls[receiver.name].radius_m
+    for name, receiver_from_caster in cast:
+        offset_m, caster_m = receiver_from_caster[:3, 3], hulls[name].radius_m
+        sunward_m = max(float(offset_m @ receiver.sun_direction_body), 0.0)
+        aside_m = float(np.linalg.norm(offset_m - float(offset_m @ receiver.sun_direction_body)
+                                       * receiver.sun_direction_body))
+        x_m, y_m = (sun_radius_rad * sunward_m) * on_disc(_POINTS).T
+        middle_m = aside_m + np.array(_ASIDE)[:, None] * min(caster_m, radius_m)
+        soft = shared_area(caster_m, radius_m, np.hypot(middle_m + x_m, y_m)).mean(axis=1) / (math.pi * radius_m**2)
+        hard = shared_area(caster_m, radius_m, np.abs(middle_m[:, 0])) / (math.pi * radius_m**2)
+        left *= 1.0 - float(soft[0])
+        hard_flux += float(np.max(np.abs(soft - hard)))
+        width_m = max(width_m, 2.0 * sun_radius_rad * sunward_m)
+    lit = max(0.5 * (1.0 + math.cos(receiver.phase_rad)), _LEAST_LIT)
+    return Eclipse(left=left, hard_flux=min(_HARD_EDGE * hard_flux / (lit * max(left, 1e-3)), 1.0), width_m=width_m)
+
+
+def shared_area(one: float, other: float, apart: np.ndarray) -> np.ndarray:
+    """Area that two discs share, by their radii and the distances (...) of their middles: closed form, in squares."""
+    small = min(one, other)
+    # Circles that touch from within or without are those that are farthest and nearest.
+    d = np.clip(apart, max(abs(one - other), 1e-12 * small), one + other)
+    cos_one, cos_other = ((d**2 + a**2 - b**2) / (2.0 * d * a) for a, b in ((one, other), (other, one)))
+    triangle = (one + other - d) * (d + one - other) * (d - one + other) * (one + other + d)
+    shared = (one**2 * np.arccos(np.clip(cos_one, -1.0, 1.0)) + other**2 * np.arccos(np.clip(cos_other, -1.0, 1.0))
+              - 0.5 * np.sqrt(np.maximum(triangle, 0.0)))
+    return np.where(apart <= abs(one - other), math.pi * small**2, shared)

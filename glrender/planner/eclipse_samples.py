@@ -1,0 +1,89 @@
+"""The error of samples that meet one point of the Sun's disc each, on a body in another's penumbra. Pure.
+
+Samples of a pixel that agree do not tell that all points of the disc do: where few points are hidden, or few are free,
+most pixels show none of them. The share that an eclipse leaves is therefore taken from more than a pixel.
+"""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+
+from .adaptive_samples import Refinement, pixel_means, plan_refinement
+
+LEAST_ECLIPSE_PX = 0.25
+"""Width of a penumbra [px] from which it is more than an edge."""
+ECLIPSE_POWER = 2.5
+"""Power of the samples along a pixel's side that divides the squared error."""
+# Error of n x n samples of a pixel, times n^1.25, over the deviation of one [1], and error of the total over that of
+# independent samples [1]: a sphere of 2 to 40 px in three penumbras, 2 to 192 samples, beside closed forms
+# (tests/planner/test_eclipse_samples.py).
+_PIXEL_ERROR = 1.3
+_FLUX_ERROR = 1.5
+# Side of the square in which the share that is left is even, over the penumbra's width [1], and at least [px].
+_EVEN_SHARE, _LEAST_EVEN_PX = 0.25, 1.5
+# Times that a tolerance is halved for the total's sake, at most.
+_MOST_HALVINGS = 6
+
+
+def sample_variances(samples: np.ndarray, bare: np.ndarray, count: int, width_px: float) -> np.ndarray:
+    """Variance (height, width) float32 of one sample of a pixel by the point of the Sun's disc that it meets.
+
+    Parameters
+    ----------
+    samples : (height * count, width * count) float32
+    bare : (height * count, width * count) float32
+        The same without the bodies that cast the penumbra.
+    count : int
+        Samples along each side of a pixel.
+    width_px : float [px]
+        Of the penumbra.
+    """
+    # In units of the brightest sample: a square must not underflow.
+    scale = float(bare.max()) or 1.0
+    reach = int(min(0.5 * count * max(_EVEN_SHARE * width_px, _LEAST_EVEN_PX), max(bare.shape)))
+    left, light = (cv2.blur(each / scale, (2 * reach + 1,) * 2, borderType=cv2.BORDER_CONSTANT)
+                   for each in (samples, bare))
+    left = np.clip(left / np.maximum(light, 1e-12), 0.0, 1.0)
+    return scale**2 * pixel_means(np.square(bare / scale) * left * (1.0 - left), count)
+
+
+def pixel_errors(variance: np.ndarray, count: int) -> np.ndarray:
+    """Error (height, width) of pixels of n x n samples, of the variance of one."""
+    return _PIXEL_ERROR * count ** (-0.5 * ECLIPSE_POWER) * np.sqrt(variance)
+
+
+def flux_error(mean: np.ndarray, variance: np.ndarray, count: np.ndarray | int) -> float:
+    """Relative error of the total [1] of pixels (height, width) of n x n samples, n in each or in all."""
+    total = float(mean.sum(dtype=np.float64))
+    squared = float((variance / np.square(count, dtype=np.float64)).sum(dtype=np.float64))
+    return _FLUX_ERROR * math.sqrt(squared) / total if total > 0.0 else 0.0
+
+
+def counts(refinement: Refinement | None, count: int) -> np.ndarray | int:
+    """Samples along the side of each pixel (height, width) float32 after a refinement, or of all of them."""
+    if refinement is None:
+        return count
+    return np.where(refinement.mask > 0, np.float32(refinement.samples), np.float32(count))
+
+
+def holding_flux(refinement: Refinement | None, mean: np.ndarray, error: np.ndarray, variance: np.ndarray, count: int,
+                 tolerance: float, flux_tolerance: float, most: float) -> Refinement | None:
+    """A refinement by which the error of the total is within a tolerance [1] too, or the best there is.
+
+    Parameters
+    ----------
+    refinement : Refinement or None
+        By `plan_refinement`, for a tolerance of the RMS error; the other arguments are that function's.
+    variance : (height, width) float32
+        Of `sample_variances`.
+    """
+    for _ in range(_MOST_HALVINGS):
+        is_best = refinement is not None and refinement.predicted_error > tolerance
+        if is_best or flux_error(mean, variance, counts(refinement, count)) <= flux_tolerance:
+            break
+        tolerance *= 0.5
+        refinement = plan_refinement(mean, error, count, tolerance, ECLIPSE_POWER, most) or refinement
+    return refinement
