@@ -31,6 +31,8 @@ _MAX_WINDOW_SAMPLES = 4096 * 4096
 _LEAST_LEFT = 0.3
 # Rays that are cast at first at what faces Sun and camera of a crescent: 0.1 s.
 _FIRST_RAYS = 3e5
+# Samples across a small body's own grid by which its light without an eclipse is known well enough.
+_BARE_SAMPLES = 96
 # Side [px] of the parts of an image that are passed over where nothing faces both.
 _FACING_TILE_PX = 32
 
@@ -105,7 +107,15 @@ class IrradiancePass:
             return self._draw_coverage(window, frame, error_gain, clock)
         if window.samples:
             return self._draw_sampled(window, frame, error_gain, clock, deadline, is_last)
-        return self._samples(window, frame, clock, window.bounds_px, window.grid), window
+        samples = self._samples(window, frame, clock, window.bounds_px, window.grid)
+        if window.eclipse_px > 0.0:
+            few = tuple(min(n, _BARE_SAMPLES) for n in window.grid)
+            bare = sum(self._samples(window, replace(frame, views=[view]), clock, window.bounds_px, few)
+                       for view in frame.views if view.name in window.bodies)
+            flux = eclipse_samples.grid_flux_error(samples, bare)
+            window = replace(window, flux_error=flux, predicted_error=math.hypot(window.predicted_error,
+                                                                                 error_gain * flux))
+        return samples, window
 
     def _add_small(self, irradiance: np.ndarray, samples: np.ndarray, window: WindowPlan, frame: Frame,
                    apart_px: float) -> SmallBody:
@@ -152,7 +162,7 @@ class IrradiancePass:
         if window.engine == "raster":
             window = replace(window, shadow_share=_shadow_share(window, frame))
         draw = partial(self._draw_tile, window, frame, clock)
-        is_eclipsed = window.eclipse_px > eclipse_samples.LEAST_ECLIPSE_PX
+        is_eclipsed = window.eclipse_px > 0.0
         variance = np.zeros_like(mean) if is_eclipsed else None
         crease_rad, facets_per_px = window.noise
         noise = error_model.noise_gain(crease_rad, facets_per_px / window.samples**2)
@@ -174,7 +184,7 @@ class IrradiancePass:
         power = error_model.noise_power(noise)
         if is_eclipsed:
             power = min(power, eclipse_samples.ECLIPSE_POWER)
-            error = np.maximum(error, eclipse_samples.pixel_errors(variance, window.samples))
+            error = np.maximum(error, eclipse_samples.pixel_errors(variance, window.samples, window.eclipse_px))
         now = frame_error(mean, error)
         # Edges of shadows lie where the map's texels put them, however many samples see them.
         floor = math.hypot(window.modelling_error,

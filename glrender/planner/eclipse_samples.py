@@ -13,8 +13,6 @@ import numpy as np
 
 from .adaptive_samples import Refinement, pixel_means, plan_refinement
 
-LEAST_ECLIPSE_PX = 0.25
-"""Width of a penumbra [px] from which it is more than an edge."""
 ECLIPSE_POWER = 2.5
 """Power of the samples along a pixel's side that divides the squared error."""
 # Error of n x n samples of a pixel, times n^1.25, over the deviation of one [1], and error of the total over that of
@@ -22,6 +20,9 @@ ECLIPSE_POWER = 2.5
 # (tests/planner/test_eclipse_samples.py).
 _PIXEL_ERROR = 1.3
 _FLUX_ERROR = 1.5
+# Width of a penumbra [px] below which places in a pixel have eclipses of their own, and what that costs at most [1]: the
+# same data.
+_NARROW_PX, _MOST_GAIN = 3.0, 2.0
 # Side of the square in which the share that is left is even, over the penumbra's width [1], and at least [px].
 _EVEN_SHARE, _LEAST_EVEN_PX = 0.25, 1.5
 # Times that a tolerance is halved for the total's sake, at most.
@@ -50,9 +51,10 @@ def sample_variances(samples: np.ndarray, bare: np.ndarray, count: int, width_px
     return scale**2 * pixel_means(np.square(bare / scale) * left * (1.0 - left), count)
 
 
-def pixel_errors(variance: np.ndarray, count: int) -> np.ndarray:
-    """Error (height, width) of pixels of n x n samples, of the variance of one."""
-    return _PIXEL_ERROR * count ** (-0.5 * ECLIPSE_POWER) * np.sqrt(variance)
+def pixel_errors(variance: np.ndarray, count: int, width_px: float) -> np.ndarray:
+    """Error (height, width) of pixels of n x n samples, of the variance of one and the penumbra's width [px]."""
+    gain = min(max(_NARROW_PX / width_px, 1.0), _MOST_GAIN)
+    return gain * _PIXEL_ERROR * count ** (-0.5 * ECLIPSE_POWER) * np.sqrt(variance)
 
 
 def flux_error(mean: np.ndarray, variance: np.ndarray, count: np.ndarray | int) -> float:
@@ -60,6 +62,15 @@ def flux_error(mean: np.ndarray, variance: np.ndarray, count: np.ndarray | int) 
     total = float(mean.sum(dtype=np.float64))
     squared = float((variance / np.square(count, dtype=np.float64)).sum(dtype=np.float64))
     return _FLUX_ERROR * math.sqrt(squared) / total if total > 0.0 else 0.0
+
+
+def grid_flux_error(samples: np.ndarray, bare: np.ndarray) -> float:
+    """Relative error of the total [1] of a grid of samples, of which another grid has the light without an eclipse."""
+    light, left = float(bare.mean(dtype=np.float64)), float(samples.mean(dtype=np.float64))
+    if not left > 0.0:
+        return 0.0
+    scatter = float(np.square(bare / light, dtype=np.float64).mean())
+    return _FLUX_ERROR * math.sqrt(scatter * max(light / left - 1.0, 0.0) / samples.size)
 
 
 def counts(refinement: Refinement | None, count: int) -> np.ndarray | int:

@@ -66,6 +66,11 @@ _CENTROIDS_LEAST = 0.006
 _CENTROIDS_POWER = 3.0
 # Fewest facets a pixel [1]: of larger ones few are at the boundary of light (held-out scene 100).
 _LEAST_FACETS_PER_PX = 0.05
+# Width of a penumbra from which it is more than an edge [px], and over the body's size [1].
+_LEAST_ECLIPSE_PX, _LEAST_ECLIPSE = 0.25, 0.02
+# First samples along a pixel's side of an eclipse, and rays that they may take: light that is left, or lost, in few
+# pixels shows in some of them.
+_ECLIPSE_SAMPLES, _ECLIPSE_RAYS = 4, 1e5
 # Shares of the light [1] that an eclipse is taken to leave at least, and at most.
 _LEAST_LEFT, _MOST_LEFT = 0.02, 0.9
 # A body's own penumbras by rays are noise: crease [rad] and facets a pixel that say so to `error_model.noise_gain`.
@@ -291,14 +296,18 @@ def _sampled(engine: str, members: Sequence[BodyView], known: Sequence[BodyTrait
         error = max(sampling_errors(view, traits, per_px * view.size_px, _in_penumbra(view, body))[1]
                     for view, traits, body in zip(members, known, drawn, strict=True))
         grid = tuple(max(math.ceil(per_px * side), 8) for side in sides)
-        if engine == "rays" and any(body.casters for body in drawn):
-            told["flux_error"] = max(sampling_errors(view, traits, per_px * view.size_px, _in_penumbra(view, body))[0]
-                                     for view, traits, body in zip(members, known, drawn, strict=True) if body.casters)
+        if engine == "rays":
+            told["eclipse_px"] = _eclipse_px(members, drawn)
         return _window(engine, members, request, samples=0, bounds_px=bounds, grid=grid,
                        modelling_error=modelling_error, predicted_error=math.hypot(modelling_error, error), **told)
+    eclipse_px = _eclipse_px(members, drawn) if engine == "rays" else 0.0
     count, asked = request.samples, {"tolerance": math.inf}
     if count is None:
         count, asked = _first_samples(engine, pairs, request.camera), {}
+        if eclipse_px:
+            x0, y0, x1, y1 = region(members, request.camera)
+            most = math.isqrt(int(_ECLIPSE_RAYS) // max((x1 - x0) * (y1 - y0), 1))
+            count = max(count, min(most, _ECLIPSE_SAMPLES))
         if size_px < _FLUX_PX:
             n_across = max(samples_across(view, traits, flux_error, penumbra=_in_penumbra(view, body))
                            for view, traits, body in zip(members, known, drawn, strict=True))
@@ -307,7 +316,7 @@ def _sampled(engine: str, members: Sequence[BodyView], known: Sequence[BodyTrait
     noise = (max(traits.crease_rad for traits in known),
              max(facets_per_px(view, traits.n_facets) for view, traits in pairs))
     if engine == "rays":
-        told |= {"eclipse_px": max(body.eclipse_px for body in drawn), "flux_tolerance": request.flux_tolerance}
+        told |= {"eclipse_px": eclipse_px, "flux_tolerance": request.flux_tolerance}
         if any(body.penumbra_px > 1.0 and (not body.casters or own_penumbra(view)[1] > 1.0 and not traits.is_convex)
                for (view, traits), body in zip(pairs, drawn, strict=True)):
             noise = _PENUMBRA_NOISE
@@ -334,6 +343,12 @@ def _is_within_penumbra(members: Sequence[BodyView], drawn: Sequence[BodyPlan], 
     most = PENUMBRA_SHARE * min(FLUX_SHARE * request.tolerance, request.flux_tolerance)
     return any(body.casters and (body.penumbra_px > _WITHIN_PENUMBRA * view.size_px or body.penumbra_flux > most)
                for view, body in zip(members, drawn, strict=True))
+
+
+def _eclipse_px(members: Sequence[BodyView], drawn: Sequence[BodyPlan]) -> float:
+    """Width [px] of the widest penumbra that others cast on bodies, or 0 where all are edges."""
+    return max((body.eclipse_px for view, body in zip(members, drawn, strict=True)
+                if body.eclipse_px > min(_LEAST_ECLIPSE_PX, _LEAST_ECLIPSE * view.size_px)), default=0.0)
 
 
 def _in_penumbra(view: BodyView, body: BodyPlan) -> float:

@@ -9,18 +9,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..base import rotations as frames
+from ..base.rotations import sun_from_body
 from ..scene.shape.convex_hull import Hull
 from .sun_disc import on_disc
 from .view import BodyView, between
 
 # Brightness of a sphere's middle at full phase over the mean of its disc by Lambert's law [1]: where a shadow may fall.
 _HARD_EDGE = 1.5
-# Points of the Sun's disc of which an eclipse's light is a mean; and how far a shadow may be from where a sphere's is,
-# over the smaller radius [1]: bodies are no spheres.
-_POINTS = 64
-_ASIDE = (0.0, -0.15, 0.15)
-# Least share of a disc [1] that is lit and seen, by which an eclipse's share of it is divided.
-_LEAST_LIT = 0.1
+# Points of a sphere's image in which an eclipse is looked at, and half the distance of neighbours over its radius [1].
+_POINTS = 400
+_POINT = 0.5 * math.sqrt(math.pi / _POINTS)
+# How far a shadow may be from where a sphere's is, towards its light, over its radius [1]: bodies are no spheres.
+_ASIDE = (0.0, -0.3, 0.3)
 
 
 def casters(receiver: BodyView, views: Sequence[BodyView], hulls: Mapping[str, Hull],
@@ -76,7 +76,7 @@ class Eclipse:
     Attributes
     ----------
     left : float [1]
-        Share of the light that they leave.
+        Share of the light in view that they leave.
     hard_flux : float [1]
         Error of the total light with hard edges of shadows in place of penumbras.
     width_m : float [m]
@@ -90,36 +90,50 @@ class Eclipse:
 
 def eclipse(receiver: BodyView, cast: Sequence[tuple[str, np.ndarray]], hulls: Mapping[str, Hull],
             sun_radius_rad: float) -> Eclipse:
-    """The eclipse of a body by casters: arguments as of `cast_penumbra`.
+    """The eclipse of a body by casters: arguments as of `cast_penumbra`. The receiver is as bright as Lambert's sphere.
 
-    Each point of the Sun's disc has a hard shadow of its own: a disc's overlap with the receiver's disc. Hard edges err
-    where the penumbra ends beside the receiver; what they lose beyond its limb they do not gain within it.
+    Hard edges err where a penumbra ends beside the part that is seen and lit, and where that is not evenly bright.
     """
-    left, hard_flux, width_m = 1.0, 0.0, 0.0
-    radius_m = hulls[receiver.name].radius_m
+    if not cast:
+        return Eclipse()
+    hull, sun = hulls[receiver.name], receiver.sun_direction_body
+    point_m, light = _lit_points(receiver, hull.radius_m)
+    (soft, hard), width_m = np.ones((2, len(_ASIDE), len(light))), 0.0
     for name, receiver_from_caster in cast:
         offset_m, caster_m = receiver_from_caster[:3, 3], hulls[name].radius_m
-        sunward_m = max(float(offset_m @ receiver.sun_direction_body), 0.0)
-        aside_m = float(np.linalg.norm(offset_m - float(offset_m @ receiver.sun_direction_body)
-                                       * receiver.sun_direction_body))
-        x_m, y_m = (sun_radius_rad * sunward_m) * on_disc(_POINTS).T
-        middle_m = aside_m + np.array(_ASIDE)[:, None] * min(caster_m, radius_m)
-        soft = shared_area(caster_m, radius_m, np.hypot(middle_m + x_m, y_m)).mean(axis=1) / (math.pi * radius_m**2)
-        hard = shared_area(caster_m, radius_m, np.abs(middle_m[:, 0])) / (math.pi * radius_m**2)
-        left *= 1.0 - float(soft[0])
-        hard_flux += float(np.max(np.abs(soft - hard)))
-        width_m = max(width_m, 2.0 * sun_radius_rad * sunward_m)
-    lit = max(0.5 * (1.0 + math.cos(receiver.phase_rad)), _LEAST_LIT)
-    return Eclipse(left=left, hard_flux=min(_HARD_EDGE * hard_flux / (lit * max(left, 1e-3)), 1.0), width_m=width_m)
+        to_caster_m = offset_m - point_m
+        sunward_m = np.maximum(to_caster_m @ sun, 0.0)
+        aside_m = to_caster_m - np.outer(to_caster_m @ sun, sun)
+        to_light = light @ aside_m
+        moved_m = np.multiply.outer(_ASIDE, hull.radius_m * to_light / max(np.linalg.norm(to_light), 1e-300))
+        apart_m = np.linalg.norm(aside_m + moved_m[:, None], axis=-1)
+        half_m = np.maximum(sun_radius_rad * sunward_m, 1e-9 * caster_m)
+        is_shaded = sunward_m > 0.0
+        for left, disc_m in ((soft, half_m), (hard, np.minimum(half_m, _POINT * hull.radius_m))):
+            left *= 1.0 - is_shaded * shared_area(caster_m, disc_m, apart_m) / (math.pi * disc_m**2)
+        width_m = max(width_m, 2.0 * float(half_m.max()))
+    total = max(float(light.sum()), 1e-300)
+    soft, hard = soft @ light / total, hard @ light / total
+    return Eclipse(left=float(soft[0]), hard_flux=float(np.max(np.abs(soft - hard) / np.maximum(soft, 1e-3))),
+                   width_m=width_m)
 
 
-def shared_area(one: float, other: float, apart: np.ndarray) -> np.ndarray:
+def _lit_points(receiver: BodyView, radius_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """Points (N, 3) [m] of a sphere that the camera sees and the Sun lights, evenly in the image, and their light (N,)."""
+    x, y = on_disc(_POINTS).T
+    right, down, towards = sun_from_body(receiver.r_camera_body_m / receiver.range_m)
+    normal = np.outer(x, right) + np.outer(y, down) + np.outer(np.sqrt(np.maximum(1.0 - x**2 - y**2, 0.0)), towards)
+    light = normal @ receiver.sun_direction_body
+    return radius_m * normal[light > 0.0], light[light > 0.0]
+
+
+def shared_area(one: float, other: np.ndarray | float, apart: np.ndarray) -> np.ndarray:
     """Area that two discs share, by their radii and the distances (...) of their middles: closed form, in squares."""
-    small = min(one, other)
-    # Circles that touch from within or without are those that are farthest and nearest.
-    d = np.clip(apart, max(abs(one - other), 1e-12 * small), one + other)
+    small, gap = np.minimum(one, other), np.abs(one - other)
+    # Circles that touch from within or without are those that are nearest and farthest.
+    d = np.clip(apart, np.maximum(gap, 1e-12 * small), one + other)
     cos_one, cos_other = ((d**2 + a**2 - b**2) / (2.0 * d * a) for a, b in ((one, other), (other, one)))
     triangle = (one + other - d) * (d + one - other) * (d - one + other) * (one + other + d)
     shared = (one**2 * np.arccos(np.clip(cos_one, -1.0, 1.0)) + other**2 * np.arccos(np.clip(cos_other, -1.0, 1.0))
               - 0.5 * np.sqrt(np.maximum(triangle, 0.0)))
-    return np.where(apart <= abs(one - other), math.pi * small**2, shared)
+    return np.where(apart <= gap, math.pi * small**2, shared)
