@@ -1,4 +1,4 @@
-"""Random eclipses, annuli and binaries: a body in the penumbra of a sphere, and the closed form of how much it takes."""
+"""Random eclipses, annuli and binaries: a body in the penumbra of a sphere, and the closed form of what it takes."""
 
 from __future__ import annotations
 
@@ -67,7 +67,8 @@ class SpheresBefore:
         self._views = view_bodies(state, scene.cameras[0], scene.hulls)
         shape = scene.bodies[-1].shape
         corners = shape.vertices_m[shape.facets]
-        area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum()
+        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        area = 0.5 * np.linalg.norm(across, axis=1).sum()
         # Cauchy: the mean outline of a convex body has a quarter of its area.
         self._radius_m = float(np.sqrt(0.25 * area / np.pi))
 
@@ -103,7 +104,8 @@ def hidden_share(radius: np.ndarray, disc: np.ndarray, apart: np.ndarray) -> np.
     found = np.where(apart <= np.abs(radius - disc), np.minimum(radius, disc) ** 2 / disc**2, 0.0)
     part = (apart < radius + disc) & (apart > np.abs(radius - disc))
     d, a, s = apart[part], radius[part], disc[part]
-    lens = (a**2 * np.arccos((d**2 + a**2 - s**2) / (2.0 * d * a)) + s**2 * np.arccos((d**2 + s**2 - a**2) / (2.0 * d * s))
+    lens = (a**2 * np.arccos((d**2 + a**2 - s**2) / (2.0 * d * a))
+            + s**2 * np.arccos((d**2 + s**2 - a**2) / (2.0 * d * s))
             - 0.5 * np.sqrt((-d + a + s) * (d + a - s) * (d - a + s) * (d + a + s)))
     found[part] = lens / (np.pi * s**2)
     return found

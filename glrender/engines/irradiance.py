@@ -194,6 +194,7 @@ class IrradiancePass:
         refinement = None
         has_aim = is_last or floor <= window.tolerance or math.isfinite(deadline)
         if math.isfinite(left) and has_aim and time.monotonic() < deadline:
+            left *= eclipse_samples.AIM if is_eclipsed else 1.0
             refinement = plan_refinement(mean, error, window.samples, left, power, most)
             if is_eclipsed:
                 refinement = eclipse_samples.holding_flux(refinement, mean, error, variance, window.samples, left,

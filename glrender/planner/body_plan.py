@@ -11,7 +11,7 @@ from glrender_camera import PinholeCamera
 
 from ..scene.tolerance import by_unit
 from ..view import regions as grouping
-from ..view.occluders import Eclipse
+from ..view.occluders import NO_ECLIPSE, Eclipse
 from ..view.view import BodyView
 from .error_model import (
     FLUX_SHARE,
@@ -40,7 +40,7 @@ _SHADOWED_PER_RAD = 0.34
 
 
 def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, casters: Sequence[str], tolerance: float,
-              *, penumbra: tuple[float, float] = (0.0, 0.0), eclipse: Eclipse = Eclipse()) -> BodyPlan:
+              *, penumbra: tuple[float, float] = (0.0, 0.0), eclipse: Eclipse = NO_ECLIPSE) -> BodyPlan:
     """The features of a body that are modelled.
 
     Parameters

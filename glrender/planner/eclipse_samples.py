@@ -15,13 +15,15 @@ from .adaptive_samples import Refinement, pixel_means, plan_refinement
 
 ECLIPSE_POWER = 2.5
 """Power of the samples along a pixel's side that divides the squared error."""
+AIM = 0.85
+"""Part of a tolerance [1] that is aimed at: the first samples show fewer lit pixels than there are."""
 # Error of n x n samples of a pixel, times n^1.25, over the deviation of one [1], and error of the total over that of
 # independent samples [1]: a sphere of 2 to 40 px in three penumbras, 2 to 192 samples, beside closed forms
 # (tests/planner/test_eclipse_samples.py).
 _PIXEL_ERROR = 1.3
 _FLUX_ERROR = 1.5
-# Width of a penumbra [px] below which places in a pixel have eclipses of their own, and what that costs at most [1]: the
-# same data.
+# Width of a penumbra [px] below which places in a pixel have eclipses of their own, and what that costs at most [1]:
+# the same data.
 _NARROW_PX, _MOST_GAIN = 3.0, 2.0
 # Side of the square in which the share that is left is even, over the penumbra's width [1], and at least [px].
 _EVEN_SHARE, _LEAST_EVEN_PX = 0.25, 1.5

@@ -71,8 +71,8 @@ _LEAST_ECLIPSE_PX, _LEAST_ECLIPSE = 0.25, 0.02
 # First samples along a pixel's side of an eclipse, and rays that they may take: light that is left, or lost, in few
 # pixels shows in some of them.
 _ECLIPSE_SAMPLES, _ECLIPSE_RAYS = 4, 1e5
-# Shares of the light [1] that an eclipse is taken to leave at least, and at most.
-_LEAST_LEFT, _MOST_LEFT = 0.02, 0.9
+# Shares of the light [1] that an eclipse is taken to leave at least, and at most: spheres tell it of other shapes.
+_LEAST_LEFT, _MOST_LEFT = 0.02, 0.5
 # A body's own penumbras by rays are noise: crease [rad] and facets a pixel that say so to `error_model.noise_gain`.
 _PENUMBRA_NOISE = (0.4, 1e4)
 

@@ -88,6 +88,9 @@ class Eclipse:
     width_m: float = 0.0
 
 
+NO_ECLIPSE = Eclipse()
+
+
 def eclipse(receiver: BodyView, cast: Sequence[tuple[str, np.ndarray]], hulls: Mapping[str, Hull],
             sun_radius_rad: float) -> Eclipse:
     """The eclipse of a body by casters: arguments as of `cast_penumbra`. The receiver is as bright as Lambert's sphere.
@@ -95,7 +98,7 @@ def eclipse(receiver: BodyView, cast: Sequence[tuple[str, np.ndarray]], hulls: M
     Hard edges err where a penumbra ends beside the part that is seen and lit, and where that is not evenly bright.
     """
     if not cast:
-        return Eclipse()
+        return NO_ECLIPSE
     hull, sun = hulls[receiver.name], receiver.sun_direction_body
     point_m, light = _lit_points(receiver, hull.radius_m)
     (soft, hard), width_m = np.ones((2, len(_ASIDE), len(light))), 0.0
@@ -119,7 +122,7 @@ def eclipse(receiver: BodyView, cast: Sequence[tuple[str, np.ndarray]], hulls: M
 
 
 def _lit_points(receiver: BodyView, radius_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Points (N, 3) [m] of a sphere that the camera sees and the Sun lights, evenly in the image, and their light (N,)."""
+    """Points (N, 3) [m] of a sphere that camera and Sun see, evenly in the image, and their light (N,)."""
     x, y = on_disc(_POINTS).T
     right, down, towards = sun_from_body(receiver.r_camera_body_m / receiver.range_m)
     normal = np.outer(x, right) + np.outer(y, down) + np.outer(np.sqrt(np.maximum(1.0 - x**2 - y**2, 0.0)), towards)
