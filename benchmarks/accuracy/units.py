@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from glrender import Renderer, Scene, State
+from glrender import Body, Pose, Renderer, Scene, State, frames, generate
+from glrender.brdf import Lambert
 from glrender.engines.rays.engine import RayEngine, draws
 from glrender.view.regions import region
 from glrender.view.view import view_bodies
@@ -15,6 +16,7 @@ from glrender.view.view import view_bodies
 from .metrics import centroid_px
 from .random_scenes import Draw, draw
 
+LightOf = Callable[[np.ndarray, np.ndarray], np.ndarray]
 UNITS = ("rms", "flux", "centroid_px", "limb_px", "range")
 # Points along the limb that a mean is worth; and how far along its normal the half-light contour is looked for [px].
 _FEWEST_POINTS = 12
@@ -31,9 +33,31 @@ def draw_small(seed: int, bodies: list[str] | None = None, sides_px: Sequence[in
     return draw(seed, bodies, frame_px=frame_px, sizes_px=(3.0, 1.5 * frame_px), budgets=(0.005, 0.1))
 
 
-def check_units(case: Draw, most_rays: float = 4e6) -> dict | None:
+def draw_tiny(seed: int) -> Draw:
+    """A random scene of a body of 0.3 to 3 px, with a tolerance of 0.005 to 0.1."""
+    return draw(seed, frame_px=32, sizes_px=(0.3, 3.0), budgets=(0.005, 0.1))
+
+
+def draw_neighbours(seed: int) -> Draw:
+    """A scene of `draw_small` with a sphere beside the body, in the image and in range; they may hide each other."""
+    case, rng = draw_small(seed), np.random.default_rng([17, seed])
+    body, place = case.scene.bodies[0], case.state.spacecraft
+    radius_m = body.shape.radius_m
+    size_m, turn = radius_m * 0.2 * 5.0 ** rng.random(), rng.uniform(0.0, 2.0 * np.pi)
+    right, down, along = frames.dcm(place.q_from_inertial)
+    off_m = (radius_m + size_m) * rng.uniform(0.6, 1.6)
+    r_sphere_m = off_m * (np.cos(turn) * right + np.sin(turn) * down) + (radius_m + size_m) * rng.uniform(0.9, 1.2) * (
+        rng.choice([-1.0, 1.0]) * along)
+    sphere = Body(name="sphere", shape=generate.icosphere(radius_m=size_m, subdivisions=5),
+                  brdf=Lambert(normal_albedo=0.3))
+    scene = Scene(bodies=[body, sphere], cameras=list(case.scene.cameras))
+    return replace(case, scene=scene, state=replace(case.state, bodies={
+        **case.state.bodies, "sphere": Pose(r_inertial_m=r_sphere_m)}))
+
+
+def check_units(case: Draw, most_rays: float = 4e6, light_of: LightOf | None = None) -> dict | None:
     """True and predicted errors of a frame in each of `UNITS`, as a row of the table; None where nothing is lit."""
-    exact = dense_truth(case.scene, case.state, most_rays)
+    exact = dense_truth(case.scene, case.state, most_rays, light_of)
     if exact is None:
         return None
     with Renderer(case.scene) as renderer:
@@ -81,7 +105,7 @@ class DenseTruth:
 
 
 def dense_truth(scene: Scene, state: State, most_rays: float = 4e6,
-                light_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None) -> DenseTruth | None:
+                light_of: LightOf | None = None) -> DenseTruth | None:
     """The truth of a scene's only camera, by about so many rays at most; None where nothing is lit.
 
     The light (N,) [W/m2 per pixel] of places (N, 2) [px] by draws (N,) of the Sun's disc is that of rays by default.

@@ -11,7 +11,7 @@ from glrender import Pose, frames, generate
 from glrender.base.constants import AU_M, SUN_RADIUS_M
 from glrender.brdf import Lambert
 from glrender.scene.shape.convex_hull import Hull
-from glrender.view.occluders import cast_penumbra, casters
+from glrender.view.occluders import cast_penumbra, casters, eclipse, shared_area
 from glrender.view.view import view_bodies
 from missing import needed_module
 from scipy.spatial.transform import Rotation
@@ -112,3 +112,25 @@ def test_hard_edges_cost_less_than_is_predicted():
         error, _ = cast_penumbra(view, cast, scene.hulls, view.depth_m[0] / FOCAL_PX, SUN_RAD)
         ratios.append(views.relative_rms(images[1], images[0]) / error)
     assert np.mean(np.array(ratios) <= 1.0) >= 0.9 and max(ratios) > 0.3, np.round(ratios, 2)
+
+
+@pytest.mark.parametrize("one, other, apart, expected", [
+    (1.0, 1.0, 1.0, 2.0 * np.pi / 3.0 - np.sqrt(3.0) / 2.0), (2.0, 1.0, 0.5, np.pi), (1.0, 2.0, 3.0, 0.0),
+    (1.0, 1.0, 0.0, np.pi), (3.0, 1.0, 2.0, np.pi)])
+def test_the_area_that_two_discs_share(one, other, apart, expected):
+    """Closed form: two thirds of pi less the root of three quarters where each passes through the other's middle."""
+    assert shared_area(one, other, np.array(apart)) == pytest.approx(expected, abs=1e-7)
+
+
+@pytest.mark.parametrize("place_m, radius_m, left, hard_flux", [
+    ((1000.0, 0.0, 0.0), 150.0, (0.0, 0.0), (0.0, 1e-9)),      # total
+    ((100e3, 0.0, 0.0), 100.0, (0.95, 0.96), (0.3, 1.0)),      # an annulus: 1 - (100 / 465)^2 of the Sun's disc
+    ((20e3, 230.0, 0.0), 100.0, (0.5, 0.999), (1e-3, 0.2)),    # partial: the shadow itself is beside the body
+    ((300.0, 0.0, 0.0), 20.0, (0.9, 0.97), (0.0, 1e-3)),       # a moon near it, whose shadow is all on it
+])
+def test_an_eclipse_s_light_and_that_of_hard_edges(place_m, radius_m, left, hard_flux):
+    cast, view, scene, _ = eclipsed(place_m, radius_m, sun_radius_rad=SUN_RAD)
+    found = eclipse(view, cast, scene.hulls, SUN_RAD)
+    assert left[0] <= found.left <= left[1] and hard_flux[0] <= found.hard_flux <= hard_flux[1], found
+    assert found.width_m == pytest.approx(2.0 * SUN_RAD * place_m[0], rel=0.4)
+    assert eclipse(view, [], scene.hulls, SUN_RAD).left == 1.0

@@ -1,0 +1,107 @@
+"""Bodies in another's penumbra: their light as predicted and as asked for, beside the area that two discs share."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import views
+from glrender import Pose, Renderer
+from glrender.base.constants import AU_M, SUN_RADIUS_M
+from glrender.base.rotations import sun_from_body
+from glrender.brdf import Lambert
+from glrender.planner import eclipse_samples
+from glrender.planner.adaptive_samples import pixel_means
+from glrender.planner.engine_choice import MAX_SAMPLES
+
+LAW, RADIUS_M, RANGE_M = Lambert(normal_albedo=0.3), 100.0, 1e5
+
+
+def hidden_share(radius, disc, apart):
+    """Share of a disc that another one hides, one number at a time: sectors less triangles."""
+    if apart >= radius + disc:
+        return 0.0
+    if apart <= abs(radius - disc):
+        return min(radius / disc, 1.0) ** 2
+    one = 2.0 * np.arccos((apart**2 + radius**2 - disc**2) / (2.0 * apart * radius))
+    other = 2.0 * np.arccos((apart**2 + disc**2 - radius**2) / (2.0 * apart * disc))
+    return 0.5 * (radius**2 * (one - np.sin(one)) + disc**2 * (other - np.sin(other))) / (np.pi * disc**2)
+
+
+def light_left(to_sun, r_other_m, other_m, n=80):
+    """Share of a Lambert sphere's light, seen from +Z far away, that another sphere leaves."""
+    axis = (np.arange(n) + 0.5) / n * 2.0 - 1.0
+    x, y = (each.ravel() for each in np.meshgrid(axis, axis))
+    inside = x**2 + y**2 < 1.0
+    normal = np.stack([x, y, np.sqrt(np.maximum(1.0 - x**2 - y**2, 0.0))], axis=-1)[inside]
+    light = np.maximum(normal @ to_sun, 0.0)
+    normal, light = normal[light > 0.0], light[light > 0.0]
+    to_other = r_other_m - RADIUS_M * normal
+    range_m, cosine = np.linalg.norm(to_other, axis=1), to_other @ to_sun
+    apart = np.arctan2(np.linalg.norm(np.cross(to_other, to_sun), axis=1), cosine)
+    hidden = [hidden_share(np.arcsin(other_m / far), SUN_RADIUS_M / AU_M, angle)
+              for far, angle in zip(range_m, apart, strict=True)]
+    return float(light @ (1.0 - np.array(hidden)) / light.sum())
+
+
+def eclipsed(away_m, aside_m, other_m, phase_deg, size_px):
+    """A scene, its state, and the share of its light that a body of 100 m has left."""
+    to_sun = np.array([np.sin(np.radians(phase_deg)), 0.0, np.cos(np.radians(phase_deg))])
+    place = away_m * to_sun + aside_m * sun_from_body(to_sun)[1]
+    bodies = [views.sphere(LAW, 5, RADIUS_M, "body"), views.sphere(LAW, 6, other_m, "other")]
+    scene = views.scene(bodies, [views.camera(64, 0.5 * size_px * RANGE_M / RADIUS_M)])
+    state = views.state(0.0, range_m=RANGE_M, bodies=("body", "other"))
+    away = state.spacecraft.r_inertial_m / np.linalg.norm(state.spacecraft.r_inertial_m)
+    turn = sun_from_body(away).T
+    state = replace(state, r_sun_inertial_m=AU_M * turn @ to_sun, bodies={
+        "body": state.bodies["body"], "other": Pose(r_inertial_m=turn @ place)})
+    return scene, state, light_left(to_sun, place, other_m)
+
+
+@pytest.mark.parametrize("asked", [0.02, {"flux": 0.01}, {"flux": 0.003}])
+@pytest.mark.parametrize("away_m, aside_m, other_m, phase_deg, size_px", [
+    (12e3, 0.0, 100.0, 20.0, 40.0), (80e3, 40.0, 100.0, 20.0, 40.0), (9e3, 60.0, 130.0, 50.0, 24.0),
+    (15e3, 0.0, 110.0, 15.0, 3.0), (30e3, 0.0, 90.0, 60.0, 0.4), (40e3, 120.0, 60.0, 30.0, 40.0)],
+    ids=["deep", "slight", "aside", "few pixels", "less than a pixel", "annulus"])
+def test_an_eclipse_s_light_is_as_predicted_and_as_asked(away_m, aside_m, other_m, phase_deg, size_px, asked):
+    """Two samples a pixel that agree do not tell that all of the Sun's disc is free, or hidden."""
+    scene, state, left = eclipsed(away_m, aside_m, other_m, phase_deg, size_px)
+    assert 0.02 < left < 0.98
+    alone = views.scene(scene.bodies[:1], scene.cameras)
+    with Renderer(scene) as renderer, Renderer(alone) as free:
+        image = renderer.render(state, max_error=asked)
+        whole = free.render(replace(state, bodies={"body": state.bodies["body"]}), max_error=5e-4)
+    found = [each.irradiance_W_m2.sum(dtype=float) for each in (image, whole)]
+    error, predicted = abs(found[0] / found[1] / left - 1.0), image.plan.predicted["flux"]
+    assert error <= predicted + 1e-3, (error, image.plan.windows)
+    if isinstance(asked, dict):
+        assert "flux" in image.plan.missed or error <= asked["flux"], (error, image.plan.windows)
+        assert predicted < 10.0 * asked["flux"], "no more is promised than rays can keep, and no less"
+
+
+def test_what_agrees_in_a_pixel_has_the_variance_of_those_around():
+    """Of a share p of lit samples of brightness b the variance is p (1 - p) b^2, in dark pixels too; none beside."""
+    rng, count, left = np.random.default_rng(5), 2, 0.1
+    bare = np.zeros((80, 80), np.float32)
+    bare[20:60, 20:60] = 3.0
+    samples = bare * (rng.random(bare.shape) < left)
+    variance = eclipse_samples.sample_variances(samples, bare, count, 40.0)
+    is_dark = (pixel_means(samples, count) == 0.0)[10:30, 10:30]
+    assert 0.5 < is_dark.mean() < 0.9 and variance[:9].max() == 0.0
+    np.testing.assert_allclose(variance[10:30, 10:30][is_dark].mean(), 9.0 * left * (1.0 - left), rtol=0.15)
+    assert eclipse_samples.sample_variances(bare, bare, count, 40.0).max() < 1e-6
+
+
+def test_the_total_is_held_by_more_samples_or_the_best_there_is():
+    """The tolerance of the total is met by as many samples as it takes; what cannot be met has the most."""
+    rng = np.random.default_rng(6)
+    bare = np.full((96, 96), 1.0, np.float32)
+    samples = bare * (rng.random(bare.shape) < 0.5)
+    variance, mean = eclipse_samples.sample_variances(samples, bare, 2, 1e3), pixel_means(samples, 2)
+    error = eclipse_samples.pixel_errors(variance, 2, 1e3)
+    for asked, most in ((0.02, 0.02), (0.004, 0.004), (1e-5, 0.004)):
+        refined = eclipse_samples.holding_flux(None, mean, error, variance, 2, 1.0, asked, 0.0)
+        count = eclipse_samples.counts(refined, 2)
+        assert eclipse_samples.flux_error(mean, variance, count) <= most
+    assert refined.samples == MAX_SAMPLES and refined.share == 1.0
