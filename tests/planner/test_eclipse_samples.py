@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import views
+from cells import slow_but
 from glrender import Pose, Renderer
 from glrender.base.constants import AU_M, SUN_RADIUS_M
 from glrender.base.rotations import sun_from_body
@@ -59,7 +60,7 @@ def eclipsed(away_m, aside_m, other_m, phase_deg, size_px):
     return scene, state, light_left(to_sun, place, other_m)
 
 
-@pytest.mark.parametrize("asked", [0.02, {"flux": 0.01}, {"flux": 0.003}])
+@pytest.mark.parametrize("asked", slow_but([0.02, {"flux": 0.01}, {"flux": 0.003}], 1))
 @pytest.mark.parametrize("away_m, aside_m, other_m, phase_deg, size_px", [
     (12e3, 0.0, 100.0, 20.0, 40.0), (80e3, 40.0, 100.0, 20.0, 40.0), (9e3, 60.0, 130.0, 50.0, 24.0),
     (15e3, 0.0, 110.0, 15.0, 3.0), (30e3, 0.0, 90.0, 60.0, 0.4), (40e3, 120.0, 60.0, 30.0, 40.0)],
