@@ -42,6 +42,8 @@ _UNTAKEN = "this client has not taken its replies; read them first"
 _WATCHED_S = 0.1
 # Senders whose last request's time is remembered.
 _MAX_SENDERS = 4096
+# After so many new senders in a row whose first request was quick, the next is believed to be.
+_N_NEW = 8
 
 
 class _UnderWay(NamedTuple):
@@ -116,7 +118,7 @@ class Dispatcher:
         self._kept = KeptReplies()
         self._under_way: dict[bytes, _UnderWay] = {}
         self._seconds_of: OrderedDict[Hashable, float] = OrderedDict()
-        self._mean_seconds = 0.0
+        self._mean_seconds, self._n_new_and_quick = 0.0, 0
         self._last_timings_ms: dict[str, float] = {}
         self._durations = Histogram("glrender_request_seconds", "op")
         self._stages = Histogram("glrender_stage_seconds", "stage")
@@ -210,8 +212,7 @@ class Dispatcher:
         self._under_way[digest] = _UnderWay(header, [request.answer])
         self.requests[header["op"]] += 1
         finish = partial(self._finish, request, header, digest, time.monotonic())
-        is_quick = self._seconds_of.get(request.sender, QUICK_S) < QUICK_S
-        job = Job(header, request.parts[0], finish, request.sender, is_quick)
+        job = Job(header, request.parts[0], finish, request.sender, self._is_quick(request.sender))
         if header["background"]:
             why = "a newer one, or another client's, waits in the background"
             refusals = self._background.put(request.sender, (job, digest, request))
@@ -232,12 +233,12 @@ class Dispatcher:
             return
         # Where nothing is free, the senders who wait need not be asked one by one.
         while not self._engine.is_full and (
-                found := self._queue.get(lambda item: self._engine.has_room(item[0]))):
+                found := self._queue.get(lambda item: self._engine.has_room(self._known_by_now(item[0])))):
             job, digest, request = found
             if self._has_not_taken(request):
                 self._busy(job.header, self._under_way.pop(digest).answers, _UNTAKEN)
                 continue
-            self._engine.start(job)
+            self._engine.start(self._known_by_now(job))
             if self._engine.draws_here:
                 return  # others have their turn
         if self._background and not self._queue:
@@ -297,10 +298,22 @@ class Dispatcher:
                 answer(refusal(header, "closing", "", "the server is shutting down"))
         self._under_way.clear()
 
+    def _is_quick(self, sender: Hashable) -> bool:
+        """Whether a sender's last request was quick; of a new one, whether the last new ones all were."""
+        seconds = self._seconds_of.get(sender)
+        return self._n_new_and_quick >= _N_NEW if seconds is None else seconds < QUICK_S
+
+    def _known_by_now(self, job: Job) -> Job:
+        """A job that waited, with what its sender is known for now: of many who come at once all wait as new ones."""
+        return job if job.is_quick or not self._is_quick(job.sender) else job._replace(is_quick=True)
+
     def _remember(self, sender: Hashable, done: Done) -> None:
         """Keep the time for which the sender's last request had a renderer."""
         if done.timings_ms or done.code == "poison":
-            self._seconds_of[sender] = 1e-3 * done.timings_ms["total"] if done.timings_ms else math.inf
+            seconds = 1e-3 * done.timings_ms["total"] if done.timings_ms else math.inf
+            if sender not in self._seconds_of:
+                self._n_new_and_quick = self._n_new_and_quick + 1 if seconds < QUICK_S else 0
+            self._seconds_of[sender] = seconds
             self._seconds_of.move_to_end(sender)
             while len(self._seconds_of) > _MAX_SENDERS:
                 self._seconds_of.popitem(last=False)

@@ -7,6 +7,7 @@ import threading
 import time
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 
 import msgpack
 import pytest
@@ -15,7 +16,8 @@ import views
 import zmq
 from glrender_client import Client, ServerError
 from glrender_server import workers
-from glrender_server.job import Job
+from glrender_server.dispatcher import Dispatcher
+from glrender_server.job import Done, Job
 from glrender_server.workers import WorkerPool, _Task, _Worker
 
 STATE = views.state().to_dict()
@@ -175,6 +177,25 @@ def test_the_last_free_worker_is_kept_for_who_is_quick_however_many_connections_
     assert beside_quick.has_room(job("b", is_quick=False)), "a new client waits for no quick one"
     pool._quick_at -= workers._KEPT_FOR_QUICK_S
     assert pool.has_room(job("b", is_quick=False))
+
+
+def test_a_new_client_is_believed_to_be_quick_where_the_last_new_ones_were():
+    """Else 256 clients that come at once would be served by one worker of two until each is known."""
+    engine = SimpleNamespace(described={}, make_room=None)
+    served = Dispatcher(engine)
+
+    def first_request_of(sender, ms):
+        served._remember(sender, Done([], "", {"total": ms}))
+
+    for number in range(8):
+        assert not served._is_quick("new") and served._is_quick(number) is False
+        first_request_of(number, 7.0)
+        assert served._is_quick(number)
+    waited = job("new", is_quick=False)
+    assert served._known_by_now(waited).is_quick and not waited.is_quick
+    first_request_of("slow", 2000.0)
+    assert not served._is_quick("slow") and not served._is_quick("new") and served._is_quick(0)
+    assert served._known_by_now(waited) is waited
 
 
 def test_a_pool_is_full_where_no_job_at_all_has_room():
