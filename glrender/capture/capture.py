@@ -173,7 +173,7 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
     for name in ("roi", "out"):
         if name in options:
             raise ConfigError(name, "is of draw_still alone: light is spread over the whole frame", options[name])
-    exposure = checked_exposure("exposure_s", model.exposure_s if exposure_s is None else exposure_s)
+    exposure: Any = checked_exposure("exposure_s", model.exposure_s if exposure_s is None else exposure_s)
     asked = exposure
     if exposure == "auto" and previous is not None:
         exposure = model.auto_exposure.after(previous, model.detector)

@@ -25,6 +25,8 @@ GRAVITATION_M3_KG_S2 = 6.6743e-11
 """Constant of gravitation [m3/(kg s2)]; CODATA 2018."""
 # Fields that give a distance from the centre of what a trajectory is about.
 _PLACES = ("distance_m", "radius_m", "r_m", "r_hill_m", "semi_major_axis_m", "periapsis_distance_m")
+# Of them, sizes of orbits: an impact or a hop is one that leads into the body.
+_SIZES = ("semi_major_axis_m", "periapsis_distance_m")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,7 +109,7 @@ def refuse_impossible(written: Iterable[Written], bodies: Iterable[Body]) -> Non
                 if each.of == SUN and not size_m > SUN_RADIUS_M:
                     raise ConfigError(f"{each.path}.{field}", f"must be more than the Sun's radius, {SUN_RADIUS_M:g} m",
                                       value, sun_way_out(value))
-            elif each.of == SPACECRAFT and (least_m := _least_m(each, named, size_m)):
+            elif each.of == SPACECRAFT and field not in _SIZES and (least_m := _least_m(each, named, size_m)):
                 raise ConfigError(f"{each.path}.{field}", _rule(each, least_m), value,
                                   _meant(each, named, value, size_m))
 
@@ -124,7 +126,9 @@ def scenario_doubts(written: Iterable[Written], bodies: Iterable[Body]) -> list[
         found += _density(each, named)
         for field, value, size_m in _places(each):
             # A ring is about the middle of its planet.
-            if each.of in named and named[each.of].hull.solid_radius_m and (least_m := _least_m(each, named, size_m)):
+            is_asked = (each.of in named and named[each.of].hull.solid_radius_m
+                        or each.of == SPACECRAFT and field in _SIZES)
+            if is_asked and (least_m := _least_m(each, named, size_m)):
                 found.append(doubt(f"{each.path}.{field}", _rule(each, least_m, "is likely"), value,
                                    _meant(each, named, value, size_m), "overlap"))
     return found

@@ -154,6 +154,18 @@ def test_a_mistake_is_told_under_its_field(name):
     np.testing.assert_allclose(np.atleast_1d(json.loads(written))[0], right, rtol=1e-4)
 
 
+@pytest.mark.parametrize("elements", [
+    {"semi_major_axis_m": 350.0, "eccentricity": 0.9, "mean_anomaly_deg": 175.0, "epoch_tdb": "2022-10-11T00:00:00"},
+    {"periapsis_distance_m": 20.0, "eccentricity": 1.4, "periapsis_tdb": "2022-10-22T00:00:00"}])
+def test_an_orbit_that_leads_into_its_body_is_read(elements):
+    """An impactor's, or a hop's: the size of an orbit is no place. The warning stays."""
+    table = on_a_trajectory(kind="kepler", about="didymos", inclination_deg=10.0, longitude_ascending_node_deg=0.0,
+                            argument_of_periapsis_deg=0.0, **{GM: 36.0}, **elements)
+    scenario = scenario_of_table(table)
+    (sentence,) = [str(doubt) for doubt in scenario.doubts]
+    assert sentence.startswith(f"trajectory.{next(iter(elements))}: is likely more than 38"), sentence
+
+
 def test_the_binary_itself_is_likely():
     assert told(tomllib.loads(BINARY)) == ([], False)
 

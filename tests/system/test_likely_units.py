@@ -1,7 +1,7 @@
 """No example, no listing of a page and no preset has a field that is improbable for its unit.
 
-The Python programs of examples are watched where they are run: `tests/examples/conftest.py`, and a page's in
-`test_docs.py`.
+The Python programs of examples are watched where they run in the tests' own process: `tests/examples/conftest.py`, and
+a page's in `test_docs.py`. Others read scenes and scenarios of files, which are checked here.
 """
 
 from __future__ import annotations
