@@ -18,7 +18,7 @@ from .motion_path import MOST_INSTANTS, STILL_PX, Path, even_times, path_at, pat
 # Light is linear in time between poses: half a pixel apart they widen a blurred edge by 0.04 px2.
 _STEP_PX = 0.5
 MAX_POSES = 65
-"""Most poses of a frame: 32 pixels of motion at half a pixel; longer motion is drawn in longer steps, and told."""
+"""Most poses of a frame: 32 pixels of motion at half a pixel; longer motion is drawn in longer steps and warned of."""
 MAX_GIVEN_POSES = 257
 """Most poses of a frame, where a request gives them."""
 COARSE_PX = 1.0
@@ -144,6 +144,8 @@ def plan_motion(scene: Scene, state: State, camera: PinholeCamera, exposure_s: f
                       text=f"{n_poses} poses, {length_px:.3g} px {span}{bounded}")
     if len(path.times_s) < MOST_INSTANTS:
         path = path_at(scene, state, wide, half_s)
+    # A path that is not followed is longer than it is known to be.
+    n_poses = max(n_poses, _LEAST_SPREAD)
     chosen = _chosen(path, n_poses)
     grain = "" if across <= MAX_POSES and not row_s else (
         f"motion back and forth over {extent_px:.3g} px, faster than the exposure, is drawn as {n_poses} poses of it: "

@@ -10,7 +10,7 @@ import pytest
 import views
 from glrender import Body, ConfigError, State, generate, open_renderer, take_frame
 from glrender.brdf import Lambert
-from glrender.capture.motion_blur import MAX_POSES
+from glrender.capture.motion_blur import MAX_POSES, plan_motion
 from glrender.scenario import (
     AtRest,
     AttitudeTable,
@@ -103,6 +103,33 @@ def test_a_swing_has_its_mean_and_its_spread(still, frequency_hz, amplitude_px):
     assert "motion" not in {advice.code for advice in made.warnings}
     if frequency_hz >= 10.0 and amplitude_px == 3.0:
         assert "back and forth over" in made.stages["motion_blur"]
+
+
+class Pulses:
+    """Turns of some angles about the camera's X, 1 ms to 20 ms wide, at places that few instants meet."""
+
+    CENTRES_S = (0.18844673, -0.11107858, -0.36490349, 0.22148834, 0.02535432, -0.18975812, -0.01416464)
+    HALF_S = (0.01, 0.01, 0.02, 0.003, 0.02, 0.01, 0.006)
+
+    def __init__(self, heights_px):
+        self.heights_rad = np.asarray(heights_px) / FOCAL_PX
+
+    def at(self, geometry, owner):
+        off = np.abs(geometry.t_s[:, None] - 100.0 - self.CENTRES_S) < self.HALF_S
+        angle = (off * self.heights_rad).sum(axis=1)
+        q = Rotation.from_rotvec(angle[:, None] * [1.0, 0.0, 0.0]).as_quat(scalar_first=True)
+        return q, np.zeros((len(off), 3))
+
+
+@pytest.mark.parametrize("scale", [0.8, 1.0, 2.0, 12.0])
+def test_pulses_of_a_small_part_of_a_pixel_are_drawn(scale):
+    """Few poses are enough for their length, which grows with the instants: they are enough for their spread too."""
+    heights = scale * np.array([0.0586, 0.0461, 0.0597, 0.0469, 0.0458, 0.0745, 0.0414])
+    state = next(scenario_of(Pulses(heights)).iter_states())
+    made = plan_motion(SPHERE, state, CAMERA, 1.0, 0.0, 0)
+    assert "back and forth" in made.text and made.warning == ""
+    assert len(made.states) == len(made.times_s) >= 9 and (np.diff(made.times_s) > 0.0).all()
+    assert made.times_s[[0, -1]].tolist() == [-0.5, 0.5] and 0.0 in made.times_s
 
 
 def test_fast_jitter_beyond_the_poses_is_warned_of(still):
