@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
+from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from glrender_camera.validate import unit_quaternion, vector, within
-from scipy.integrate import solve_ivp
+from scipy.integrate import DOP853, solve_ivp
 from scipy.spatial.transform import Rotation
 
 from ..base.errors import ConfigError
@@ -18,6 +20,9 @@ from .epochs import Epoch
 from .paths import Trajectory
 
 _NONE: Any = (0.0, 0.0, 0.0)
+# Steps from a state that is kept to the next [1]: a later call integrates no more anew, tens of milliseconds of a
+# processor; and a turn a minute keeps 50 kB a day.
+_STEPS_OF_A_LEG = 64
 Torque = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
 """A function from t_s [s], `q_from_inertial` (4,) and angular velocity (3,) [rad/s], to a torque (3,) [N m] in
 the frame that turns."""
@@ -61,6 +66,9 @@ class RigidBody:
     wheel_momentum_N_m_s: np.ndarray = field(default=_NONE)
     rtol: float = 1e-10
 
+    if TYPE_CHECKING:  # made in __post_init__
+        _flights: Any = field(init=False)
+
     def __post_init__(self):
         object.__setattr__(self, "inertia_kg_m2", _checked_inertia(self.inertia_kg_m2))
         object.__setattr__(self, "q_from_inertial", unit_quaternion("q_from_inertial", self.q_from_inertial))
@@ -75,6 +83,7 @@ class RigidBody:
             raise ConfigError("torques", "must be callables", self.torques)
         if not all(hasattr(source, "times_s") and hasattr(source, "impulse") for source in self.impulses):
             raise ConfigError("impulses", "must have times_s and impulse", self.impulses)
+        object.__setattr__(self, "_flights", [_Flight(self, sign) for sign in (-1.0, 1.0)])
 
     def at(self, geometry: Geometry, owner: str) -> tuple[np.ndarray, np.ndarray]:
         """Attitudes and rates, as `Attitude` has them."""
@@ -89,54 +98,17 @@ class RigidBody:
             A torque that is not three finite numbers; an integration that fails.
         """
         t_s = np.asarray(t_s, float)
-        begin = np.concatenate([self.q_from_inertial, self.angular_velocity_rad_s])
-        out, inverse = np.tile(begin, (len(t_s), 1)), np.linalg.inv(self.inertia_kg_m2)
-        for sign in (-1.0, 1.0):
-            times = np.unique(np.abs(t_s[t_s * sign > 0.0]))
-            if times.size:
-                here = t_s * sign > 0.0
-                out[here] = self._flown(sign, times, begin, inverse)[np.searchsorted(times, np.abs(t_s[here]))]
+        out = np.tile(np.concatenate([self.q_from_inertial, self.angular_velocity_rad_s]), (len(t_s), 1))
+        for flight in self._flights:
+            here = t_s * flight.sign > 0.0
+            if here.any():
+                times, places = np.unique(np.abs(t_s[here]), return_inverse=True)
+                out[here] = flight.at(times)[places]
         q = out[:, :4]
         return q / np.linalg.norm(q, axis=1, keepdims=True), out[:, 4:]
 
-    def _flown(self, sign: float, times: np.ndarray, y: np.ndarray, inverse: np.ndarray) -> np.ndarray:
-        """States (N, 7) at ascending times from the start, forwards or backwards; integrated from break to break.
-
-        At the time of an impulse the state is that before it, as the integration goes.
-        """
-        out, begin = np.empty((len(times), 7)), 0.0
-        kicks = self._kicks(sign, times[-1])
-        for end in np.unique([*(time for time, _, _ in kicks), *self._edges(sign, times[-1]), times[-1]]):
-            here = (times > begin) & (times <= end)
-            # On an edge itself a torque is that of one side.
-            low, high = begin + 1e-12 * (end - begin), end - 1e-12 * (end - begin)
-            asked = np.unique([*times[here], end])
-            solved = solve_ivp(
-                lambda t, y, low=low, high=high: sign * self._rates(sign * min(max(t, low), high), y, inverse),
-                (begin, end), y, method="DOP853", t_eval=asked, rtol=self.rtol, atol=self.rtol * 1e-2)
-            if not solved.success:
-                raise ConfigError("torques", f"leave no motion to integrate: {solved.message}")
-            out[here] = solved.y.T[:int(here.sum())]
-            y, begin = solved.y[:, -1].copy(), end
-            while kicks and kicks[0][0] == end:
-                _, source, index = kicks.pop(0)
-                q = y[:4] / np.linalg.norm(y[:4])
-                y[4:] += sign * inverse @ vector("impulses", source.impulse(index, q))
-        return out
-
-    def _edges(self, sign: float, until_s: float) -> list[float]:
-        """Times from the start, forwards or backwards, where a torque jumps."""
-        edges = np.concatenate([np.zeros(0), *(sign * np.asarray(torque.edges_s) for torque in self.torques
-                                               if hasattr(torque, "edges_s"))])
-        return edges[(edges > 0.0) & (edges < until_s)].tolist()
-
-    def _kicks(self, sign: float, until_s: float) -> list[tuple[float, Any, int]]:
-        """Times, sources and numbers of the impulses, ascending."""
-        kicks = [(sign * float(time), source, index) for source in self.impulses
-                 for index, time in enumerate(source.times_s)]
-        return sorted((kick for kick in kicks if 0.0 < kick[0] < until_s), key=lambda kick: kick[0])
-
     def _rates(self, t_s: float, y: np.ndarray, inverse: np.ndarray) -> np.ndarray:
+        """Rates (7,) of a state (7,): of its quaternion [1/s] and of its angular velocity [rad/s2]."""
         q, omega = y[:4], y[4:]
         torque = -cross(omega, self.inertia_kg_m2 @ omega + self.wheel_momentum_N_m_s)
         if self.torques:
@@ -147,6 +119,93 @@ class RigidBody:
         # Components in a frame that turns one way turn the other: q' = -1/2 omega q.
         q_rate = -0.5 * np.concatenate([[-omega @ x], w * omega + cross(omega, x)])
         return np.concatenate([q_rate, inverse @ torque])
+
+
+class _Beyond(Exception):
+    """A step leads beyond the last time that is asked for: torques may not be known there."""
+
+
+class _Flight:
+    """The motion of a rigid body from the start on, forwards or backwards, and its states at some of its steps.
+
+    Those steps do not depend on the times that are asked for, so what is found does not depend on what was asked for
+    before. Steps end where a torque jumps, and at impulses, where the state is that before them.
+    """
+
+    def __init__(self, body: RigidBody, sign: float):
+        self.sign, self._body, self._inverse = sign, body, np.linalg.inv(body.inertia_kg_m2)
+        edges = [sign * np.asarray(torque.edges_s) for torque in body.torques if hasattr(torque, "edges_s")]
+        times = [sign * np.asarray(source.times_s, float) for source in body.impulses]
+        breaks = np.unique(np.concatenate([[0.0, np.inf], *edges, *times]))
+        self._breaks = breaks[breaks >= 0.0]
+        self._kicks: dict[float, list[tuple[Any, int]]] = {}
+        for source, of_source in zip(body.impulses, times, strict=True):
+            for index, time in enumerate(of_source.tolist()):
+                self._kicks.setdefault(time, []).append((source, index))
+        # Time, state and number of the break before it; the list is replaced and never changed, as threads share it.
+        self._marks = [(0.0, np.concatenate([body.q_from_inertial, body.angular_velocity_rad_s]), 0)]
+
+    def at(self, times: np.ndarray) -> np.ndarray:
+        """States (N, 7) at ascending times (N,) > 0 from the start; of times before it, their absolute values."""
+        marks, found = list(self._marks), np.empty((len(times), 7))
+        n_found = 0
+        while n_found < len(times):
+            k = bisect_left(marks, times[n_found], key=lambda mark: mark[0]) - 1
+            n_found, mark = self._leg(marks[k], times, n_found, found)
+            if mark is not None and k + 1 == len(marks):
+                marks.append(mark)
+        if len(marks) > len(self._marks):
+            self._marks = marks
+        return found
+
+    def _leg(self, mark: tuple[float, np.ndarray, int], times: np.ndarray, n_found: int,
+             found: np.ndarray) -> tuple[int, tuple[float, np.ndarray, int] | None]:
+        """Integrate from a mark: fill in states, and give how many there are then, and the next mark."""
+        t, y, number = mark
+        begin, end = self._breaks[number:number + 2].tolist()
+        # On an edge itself a torque is that of one side.
+        low, high = math.nextafter(begin, end), math.nextafter(end, begin)
+        accuracy = {"rtol": self._body.rtol, "atol": self._body.rtol * 1e-2}
+
+        def rates(t_s: float, state: np.ndarray) -> np.ndarray:
+            if t_s > times[-1]:
+                raise _Beyond
+            return self.sign * self._body._rates(self.sign * min(max(t_s, low), high), state, self._inverse)
+
+        try:
+            solver = DOP853(rates, t, y, end, **accuracy)
+            for _ in range(_STEPS_OF_A_LEG):
+                message = solver.step()
+                _check(solver.status != "failed", message)
+                n_now = int(np.searchsorted(times, solver.t, side="right"))
+                if n_now > n_found:
+                    found[n_found:n_now] = solver.dense_output()(times[n_found:n_now]).T
+                    n_found = n_now
+                t, y = solver.t, solver.y
+                if solver.status == "finished":
+                    return n_found, (end, self._kicked(end, y), number + 1)
+        except _Beyond:
+            if n_found < len(times):
+                # The end is rounded: it is no place beyond.
+                rest = solve_ivp(lambda t_s, state: rates(min(t_s, times[-1]), state), (t, times[-1]), y,
+                                 method="DOP853", t_eval=times[n_found:], **accuracy)
+                _check(rest.success, rest.message)
+                found[n_found:] = rest.y.T
+            return len(times), None
+        return n_found, (t, y, number)
+
+    def _kicked(self, time: float, y: np.ndarray) -> np.ndarray:
+        """The state behind the impulses of a time."""
+        y = y.copy()
+        for source, index in self._kicks.get(time, ()):
+            q = y[:4] / np.linalg.norm(y[:4])
+            y[4:] += self.sign * self._inverse @ vector("impulses", source.impulse(index, q))
+        return y
+
+
+def _check(has_motion: bool, message: str | None) -> None:
+    if not has_motion:
+        raise ConfigError("torques", f"leave no motion to integrate: {message}")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import pickle
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from glrender import ConfigError
-from glrender.scenario import Epoch, GravityGradient, Kepler, RigidBody
+from glrender.scenario import Epoch, GravityGradient, Kepler, RigidBody, Thruster
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipj
@@ -89,3 +93,81 @@ def test_a_torque_that_is_no_torque_is_refused():
                      torques=[lambda t, q, w: [0.0, np.nan, 0.0]])
     with pytest.raises(ConfigError, match="torques: must be finite"):
         body.motion([1.0])
+
+
+# Times that are asked for one after the other
+
+
+class Counted:
+    """A torque about Z that counts how often it is asked for, and is not known beyond a time [s]."""
+
+    def __init__(self, known_s=np.inf):
+        self.calls, self.known_s = 0, known_s
+
+    def __call__(self, t_s, q, omega):
+        assert abs(t_s) <= self.known_s
+        self.calls += 1
+        return np.array([0.0, 0.0, 1e-4 * np.sin(0.01 * t_s)])
+
+
+class Kicks:
+    times_s = np.array([-70.0, -3.0, 5.0, 40.0, 40.5, 150.0])
+
+    def impulse(self, index, q_from_inertial):
+        return np.array([0.0, 1e-3 * (index + 1.0), 0.0])
+
+
+PULSES = Thruster(force_N=[0.0, 1e-3, 0.0], place_m=[1.0, 0.0, 0.0], pulses_s=[[-20.0, -10.0], [39.0, 40.2]])
+TUMBLING = RigidBody(inertia_kg_m2=[1.0, 2.0, 2.6], angular_velocity_rad_s=[0.1, 0.05, 0.2])
+
+
+def test_a_frame_far_from_the_start_is_not_integrated_from_there():
+    """As an exposure does after a sequence: its times cost a twentieth of what the whole way does."""
+    torque = Counted()
+    body = replace(TUMBLING, torques=[torque])
+    for sign in (1.0, -1.0):
+        before = torque.calls
+        body.motion(sign * np.linspace(0.0, 2500.0, 9))
+        whole, before = torque.calls - before, torque.calls
+        body.motion(sign * (2499.0 + np.linspace(-0.5, 0.5, 21)))
+        assert 0 < torque.calls - before < 0.05 * whole
+
+
+def test_what_is_found_does_not_depend_on_what_was_asked_for_before():
+    """To the bit, in any order, from threads and in a process; torques that jump and impulses among the times."""
+    body = replace(TUMBLING, torques=[PULSES], impulses=[Kicks()])
+    calls = [np.array(times) for times in ([280.0], [3.0, 270.0], [-90.0, 39.5, 41.0], [0.1], [40.0], [40.25],
+                                           [150.0, 150.1], [-15.0, 0.0, 5.0], [77.7])]
+    alone = [replace(body).motion(times) for times in calls]
+    again = pickle.loads(pickle.dumps(body))
+    for other in (body, again):
+        for index in (*range(len(calls)), *reversed(range(len(calls)))):
+            for one, two in zip(other.motion(calls[index]), alone[index], strict=True):
+                np.testing.assert_array_equal(one, two)
+    shared = replace(body)
+    with ThreadPoolExecutor(4) as threads:
+        for found, expected in zip(threads.map(shared.motion, calls * 2), alone * 2, strict=True):
+            np.testing.assert_array_equal(found[0], expected[0])
+    # And as one integration from the start has it.
+    q, rates = replace(body).motion(np.concatenate(calls))
+    np.testing.assert_allclose(q, np.concatenate([each[0] for each in alone]), atol=1e-8)
+    np.testing.assert_allclose(rates, np.concatenate([each[1] for each in alone]), atol=1e-9)
+
+
+@pytest.mark.parametrize("last", [0.1, 12.3, 1234.5])
+def test_a_torque_is_not_asked_for_beyond_the_last_time(last):
+    """A trajectory of a table ends with the scenario."""
+    body = replace(TUMBLING, torques=[Counted(last)])
+    for times in ([0.5 * last], [last], [-last, last], np.linspace(-last, last, 7)):
+        body.motion(np.array(times))
+
+
+def test_impulses_add_to_the_momentum_at_their_times():
+    """Without torques its components in inertial axes jump by the impulse alone, and not at its very time."""
+    body = replace(TUMBLING, impulses=[Kicks()])
+    t = np.array([4.0, 5.0, 5.0 + 1e-9, 39.0, 40.0, 40.0 + 1e-9])
+    q, rates = body.motion(t)
+    momentum = axes_of(q).apply(rates * [1.0, 2.0, 2.6])
+    jump = axes_of(q[[1, 4]]).apply([[0.0, 3e-3, 0.0], [0.0, 4e-3, 0.0]])
+    still = np.zeros(3)
+    np.testing.assert_allclose(np.diff(momentum, axis=0), [still, jump[0], still, still, jump[1]], atol=1e-8)
