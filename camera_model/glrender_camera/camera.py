@@ -205,7 +205,7 @@ class CameraModel:
         sent = compressed(struck.sent(dn), self.compression, self.detector)
         return Frame(dn=sent.dn, electrons=electrons, saturated=saturated, exposure_s=exposure, seed=seed,
                      stages=stages | {"faults": struck.text, "compression": sent.text}, faults=struck.truth,
-                     stream=sent.stream)
+                     stream=sent.stream, offset_DN=self.detector.offset_DN)
 
     def stages(self, is_lit: bool, points: PointSources | None = None,
                light_text: str = "skipped: none") -> dict[str, str]:

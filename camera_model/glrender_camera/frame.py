@@ -30,6 +30,8 @@ class Frame:
         blocks or bytes are lost, and before compression.
     stream : bytes, optional
         The compressed frame, as it is sent; `dn` is then what the ground decodes from it.
+    offset_DN : float [DN], optional
+        Of the detector: black in pictures where no sky is seen.
     """
 
     dn: np.ndarray
@@ -40,6 +42,7 @@ class Frame:
     stages: dict[str, str]
     faults: tuple[dict[str, Any], ...] = ()
     stream: bytes | None = None
+    offset_DN: float | None = None
 
     @property
     def compressed_bytes(self) -> int | None:
@@ -58,4 +61,4 @@ class Frame:
 
     def _repr_png_(self) -> bytes:
         """For notebooks: the digital numbers in grey."""
-        return png(self.dn)
+        return png(self.dn, offset_DN=self.offset_DN)

@@ -15,7 +15,7 @@ LARGEST_PX = 512
 """Longer side of a picture; larger images are shown smaller, each pixel a mean."""
 
 
-def png(image: np.ndarray, largest_px: int = LARGEST_PX) -> bytes:
+def png(image: np.ndarray, largest_px: int = LARGEST_PX, offset_DN: float | None = None) -> bytes:
     """An 8-bit grey PNG of a (height, width) image, from the black to the white of `black_and_white`; NaN is black."""
     is_dn = np.asarray(image).dtype.kind in "iu"
     grey: np.ndarray = np.nan_to_num(np.asarray(image, np.float32), nan=0.0)
@@ -23,7 +23,7 @@ def png(image: np.ndarray, largest_px: int = LARGEST_PX) -> bytes:
     if (scale := largest_px / max(height, width)) < 1.0:
         grey = cv2.resize(grey, (max(round(width * scale), 1), max(round(height * scale), 1)),
                           interpolation=cv2.INTER_AREA)
-    black, white = black_and_white([np.rint(grey).astype(np.int64) if is_dn else grey])
+    black, white = black_and_white([np.rint(grey).astype(np.int64) if is_dn else grey], offset_DN)
     grey = np.rint(np.clip(255.0 * (grey - black) / (white - black), 0.0, 255.0))
     return cv2.imencode(".png", grey.astype(np.uint8))[1].tobytes()
 

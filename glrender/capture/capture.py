@@ -77,7 +77,7 @@ class Capture:
 
     def _repr_png_(self) -> bytes:
         """For notebooks: the digital numbers in grey, or the irradiance of what has none."""
-        return png(self.irradiance_W_m2 if self.frame is None else self.frame.dn)
+        return png(self.irradiance_W_m2) if self.frame is None else self.frame._repr_png_()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

@@ -14,7 +14,7 @@ _LOG_RANGE, _ASINH_RANGE = 1000.0, 100.0
 _THUMB_PX, _COLUMNS, _GAP_PX = 220, 5, 6
 
 
-def contact_sheet(path: Path, images: list[tuple[str, np.ndarray]]) -> None:
+def contact_sheet(path: Path, images: list[tuple[str, np.ndarray]], offset_DN: float | None = None) -> None:
     """Write a PNG of named images, all from the darkest sky to the brightest light of any, gamma 2.2.
 
     Parameters
@@ -22,8 +22,10 @@ def contact_sheet(path: Path, images: list[tuple[str, np.ndarray]]) -> None:
     path : path
     images : list of (str, (height, width) array)
         Irradiance or digital numbers.
+    offset_DN : float [DN], optional
+        As of `black_and_white`.
     """
-    black, white = black_and_white(image for _, image in images)
+    black, white = black_and_white((image for _, image in images), offset_DN)
     n_columns = min(_COLUMNS, len(images))
     n_rows = -(-len(images) // n_columns)
     height, width = images[0][1].shape

@@ -91,6 +91,11 @@ def camera_table(camera: PinholeCamera) -> dict[str, Any]:
                                             for letter, optics in of_bands.items()})}
 
 
+def offset_DN(camera: PinholeCamera) -> float | None:
+    """The digital number [DN] of a pixel without light or dark signal; None of a camera without a detector."""
+    return None if camera.model is None else camera.model.detector.offset_DN
+
+
 def _numbers(detector: Any) -> dict[str, float]:
     """The fields of a detector that are one number."""
     values = {each.name: getattr(detector, each.name) for each in fields(detector)}

@@ -23,7 +23,7 @@ from ..view.state import State
 from . import labels
 from .folder import claim_folder
 from .formats import FrameFile, write
-from .header import VERSION, frame_header
+from .header import VERSION, frame_header, offset_DN
 from .options import FrameOptions, require_model
 from .processes import own_processes
 from .read import read_image
@@ -102,7 +102,8 @@ class FrameSequence:
         shown = [drawn[round(k)] for k in np.linspace(0, len(drawn) - 1, min(_N_SHOWN, len(drawn)))]
         rows = [("folder", self.folder), ("frames", f"{len(drawn)} of {len(self.states)} drawn"),
                 ("each", self.options.text)]
-        return table("Sequence", rows) + strip((f"{index}", png(read_image(self.path(index)), _SHOWN_PX))
+        offset = offset_DN(self.scene.camera(self.options.camera))
+        return table("Sequence", rows) + strip((f"{index}", png(read_image(self.path(index)), _SHOWN_PX, offset))
                                                for index in shown)
 
     def manifest(self) -> dict[str, Any]:

@@ -34,7 +34,7 @@ def check_video(path: Path, rate_hz: float) -> None:
     within("video_rate_hz", rate_hz, 1.0, 240.0)
 
 
-def write_video(path: Path, frames: Sequence[Path], rate_hz: float = 25.0) -> None:
+def write_video(path: Path, frames: Sequence[Path], rate_hz: float = 25.0, offset_DN: float | None = None) -> None:
     """Write an MP4 of frames' files, grey levels of one scale for all as of `black_and_white`, gamma 2.2.
 
     A process that is killed meanwhile leaves no such file; the frames are read twice. An odd size gets its last row or
@@ -47,6 +47,8 @@ def write_video(path: Path, frames: Sequence[Path], rate_hz: float = 25.0) -> No
     frames : sequence of path
         As `read_image` reads them, in their order, all of one size.
     rate_hz : float [1/s], 1..240
+    offset_DN : float [DN], optional
+        As of `black_and_white`.
 
     Raises
     ------
@@ -54,7 +56,7 @@ def write_video(path: Path, frames: Sequence[Path], rate_hz: float = 25.0) -> No
         As of `check_video`; an OpenCV without a codec.
     """
     check_video(path, rate_hz)
-    black, white = black_and_white(read_image(frame) for frame in frames)
+    black, white = black_and_white((read_image(frame) for frame in frames), offset_DN)
     height, width = read_image(frames[0]).shape
     # Codecs have even sizes; OpenCV would cut the last row off.
     beyond = [(0, height % 2), (0, width % 2)]

@@ -11,6 +11,7 @@ from glrender_camera.levels import black_and_white
 from PIL import Image, ImageDraw
 
 from ..contact_sheet import grey_levels
+from ..header import offset_DN
 from .dataset import DataSet
 from .read import read_frame
 
@@ -27,7 +28,8 @@ def label_sheet(path: Path, dataset: DataSet) -> None:
     """
     n = len(dataset.states)
     chosen = np.unique(np.linspace(0, n - 1, min(n, _ON_SHEET)).astype(int)).tolist()
-    cells = [_cell(dataset.folder, index) for index in chosen]
+    offset = offset_DN(dataset.scene.camera(dataset.options.camera))
+    cells = [_cell(dataset.folder, index, offset) for index in chosen]
     width, height = max(cell.width for cell in cells), max(cell.height for cell in cells)
     n_columns = min(_COLUMNS, len(cells))
     n_rows = -(-len(cells) // n_columns)
@@ -38,10 +40,10 @@ def label_sheet(path: Path, dataset: DataSet) -> None:
     sheet.save(path)
 
 
-def _cell(folder: Path, index: int) -> Image.Image:
+def _cell(folder: Path, index: int, offset: float | None) -> Image.Image:
     frame = read_frame(folder, index)
     pixels = frame.image
-    black, white = black_and_white([pixels])
+    black, white = black_and_white([pixels], offset)
     height, width = pixels.shape
     scale = _CELL_PX / max(height, width)
     size = max(round(width * scale), 1), max(round(height * scale), 1)

@@ -81,7 +81,8 @@ def fly(setup: Setup, case: Case, truth: Any, believed: Any,
             reason = f"frame {index}: {type(error).__name__}: {error}"
         ms["on_board"].append(1e3 * (time.perf_counter() - lap))
         why = reason or onboard.reason or _REFUSED * (not onboard.is_accepted)
-        frame = Frame(pixels=pixels, t_s=state.t_s, range_m=float(np.linalg.norm(r[index])),
+        frame = Frame(pixels=pixels, offset_DN=true_camera.model.detector.offset_DN, t_s=state.t_s,
+                      range_m=float(np.linalg.norm(r[index])),
                       error_m=float(np.linalg.norm(onboard.r_m - r[index])),
                       true_px=_seen_px(state, true_camera, setup.body), reason=why,
                       found_px=None if found is None else found.center_px)

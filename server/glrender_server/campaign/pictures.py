@@ -20,6 +20,8 @@ class Frame:
     Attributes
     ----------
     pixels : (H, W) uint8 or uint16
+    offset_DN : float [DN]
+        Of the detector.
     t_s : float [s]
     error_m, range_m : float [m]
         Of the estimate after the frame.
@@ -30,6 +32,7 @@ class Frame:
     """
 
     pixels: np.ndarray
+    offset_DN: float
     t_s: float
     error_m: float
     range_m: float
@@ -51,7 +54,7 @@ def strip_of(frames: Sequence[Frame]) -> bytes:
 
 def for_the_eye(frame: Frame) -> Image.Image:
     """A frame in grey, 240 px wide: a green ring where the body's origin is, an orange cross where it was found."""
-    black, white = black_and_white([frame.pixels])
+    black, white = black_and_white([frame.pixels], frame.offset_DN)
     grey = np.clip((frame.pixels.astype(np.float32) - black) / (white - black), 0.0, 1.0)
     picture = Image.fromarray((255.0 * np.sqrt(grey)).astype(np.uint8)).convert("RGB")
     scale = _PICTURE_PX / picture.width

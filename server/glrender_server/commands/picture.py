@@ -70,16 +70,18 @@ def write_frame(arguments: argparse.Namespace, frame: FrameFile) -> None:
         with open(path, "wb") as file:  # given a name, NumPy would add its own ending to .NPY
             np.save(file, frame.pixels)
     elif ending in _PICTURES and not arguments.raw:
-        write_picture(path, frame.pixels, arguments.stretch, arguments.white)
+        detector = frame.header["camera"]["detector"]
+        write_picture(path, frame.pixels, arguments.stretch, arguments.white, detector and detector["offset_DN"])
     else:
         write(path, frame)
 
 
-def write_picture(path: Path, image: np.ndarray, stretch: str = "gamma", white: float | None = None) -> None:
+def write_picture(path: Path, image: np.ndarray, stretch: str = "gamma", white: float | None = None,
+                  offset_DN: float | None = None) -> None:
     """An 8-bit picture for the eye; what is brighter than `white`, the brightest 0.1 % by default, is white."""
     from PIL import Image
 
-    black, brightest = black_and_white([image])
+    black, brightest = black_and_white([image], offset_DN)
     if white is not None and not white > black:
         raise ConfigError("--white", f"must be above the sky's {black:g}", white)
     Image.fromarray(grey_levels(image, brightest if white is None else white, stretch, black)).save(path)

@@ -16,6 +16,7 @@ from glrender.scenario.files.keypoint_fields import off_surface
 from glrender.scenario.files.scenario_file import load_setting
 from glrender.sequences.contact_sheet import contact_sheet
 from glrender.sequences.formats import FORMATS
+from glrender.sequences.header import offset_DN
 from glrender.sequences.options import OUTPUT_KEYS, options_of
 from glrender.sequences.read import read_image
 from glrender.sequences.sequence import FrameSequence
@@ -90,10 +91,12 @@ def run(arguments: argparse.Namespace) -> int:
             bar.update()
     shown = np.unique(np.linspace(0, n_frames - 1, min(n_frames, _ON_SHEET)).astype(int)).tolist()
     sheet = arguments.out / "contact_sheet.png"
-    contact_sheet(sheet, [(str(index), read_image(sequence.path(index))) for index in shown])
+    offset = offset_DN(scene.camera(options.camera))
+    contact_sheet(sheet, [(str(index), read_image(sequence.path(index))) for index in shown], offset)
     written = str(sheet)
     if arguments.video is not None:
-        write_video(arguments.video, [sequence.path(index) for index in range(n_frames)], arguments.video_rate_hz)
+        write_video(arguments.video, [sequence.path(index) for index in range(n_frames)], arguments.video_rate_hz,
+                    offset)
         written += f"; {arguments.video}"
     sys.stdout.write(f"{arguments.out}: {n_frames} frames, {n_frames - n_there} drawn now; {written}\n")
     return 0
