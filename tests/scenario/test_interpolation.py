@@ -141,6 +141,24 @@ def test_rows_of_uneven_distance(with_velocity, limit_m):
     assert "rows on one side alone" in note and table.notes_at(START, asked[among]) == []
 
 
+@pytest.mark.parametrize("with_velocity", [True, False])
+def test_velocities_at_a_row_where_steps_change_are_those_behind_it(with_velocity):
+    """A circle, 0.19 rad a step of 600 s, then 5 s: on the row itself as exact as a picosecond later, 1e-8."""
+    rate, t = 0.19 / 600.0, np.concatenate([600.0 * np.arange(4), 1800.0 + 5.0 * np.arange(1, 40)])
+
+    def circle(times_s):
+        angle = rate * times_s[:, None]
+        r = 7e6 * np.hstack([np.cos(angle), np.sin(angle), 0.0 * angle])
+        return r, rate * np.cross([0.0, 0.0, 1.0], r)
+
+    r, v = circle(t)
+    table = TrajectoryTable(times_s=t, r_m=r, v_m_s=v if with_velocity else None, about="rock")
+    asked = t[3:]
+    found = table.at(START, asked)
+    np.testing.assert_allclose(found[0], r[3:], rtol=1e-12, atol=1e-5)
+    np.testing.assert_allclose(found[1], v[3:], atol=1e-8 * 7e6 * rate)
+
+
 def test_two_rows_of_a_burn_keep_both_sides_apart():
     """Rows a second before and after a burn of 2 m/s, between rows of 60 s: straight on both sides, to rounding."""
     t = np.concatenate([60.0 * np.arange(10), [599.0, 601.0], 600.0 + 60.0 * np.arange(1, 10)])
@@ -217,6 +235,17 @@ def test_segments_count_within_their_useable_times(tmp_path):
         with pytest.raises(ConfigError, match="must be in a segment of the table: 2030-01-01T00:05:00.000000 TDB to"):
             path.at(START, np.array([beyond]))
     assert path.notes_at(START, t) == []
+
+
+def test_a_nanosecond_beyond_segments_is_round_off(tmp_path):
+    """As it is beyond a table: both ends, and between segments that follow each other; ten are refused."""
+    path = written(tmp_path / "a.oem", segment(0, 3600, line(5e-4)), segment(3600, 7200, line(5e-4)))
+    t = np.array([-5e-10, 3600.0 - 5e-10, 3600.0 + 5e-10, 7200.0 + 5e-10])
+    np.testing.assert_allclose(path.at(START, t)[0][:, 0], 5e3 + 0.5 * (t - 3600.0), atol=1e-6)
+    assert path.notes_at(START, t) == []
+    for far in (-1e-8, 7200.0 + 1e-8):
+        with pytest.raises(ConfigError, match="must be in a segment of the table"):
+            path.at(START, np.array([far]))
 
 
 @pytest.mark.parametrize("key, value, inside, outside", [

@@ -1,4 +1,4 @@
-"""Rows of tables: checked, found by time, and told of."""
+"""Rows of tables: checked, found by time, and named in notes by theirs."""
 
 from __future__ import annotations
 
@@ -69,14 +69,20 @@ def steps_of(times_s: np.ndarray, t: np.ndarray) -> np.ndarray:
     return np.clip(np.searchsorted(times_s, t, side="right") - 1, 0, len(times_s) - 2)
 
 
+def beyond(table: Table, t: np.ndarray) -> np.ndarray:
+    """Whether times (N,) [s] from the table's epoch are not in its span. A nanosecond beyond its ends is round-off."""
+    first, last = table.span_s
+    return (t < first - 1e-9) | (t > last + 1e-9)
+
+
 def covered_times(table: Table, start: Epoch | None, t_s: np.ndarray) -> np.ndarray:
-    """Times from the table's epoch [s]. A nanosecond beyond its ends is round-off."""
-    t, (first, last) = from_epoch(table.epoch, start, t_s), table.span_s
-    outside = (t < first - 1e-9) | (t > last + 1e-9)
+    """Times from the table's epoch [s], within its span."""
+    t = from_epoch(table.epoch, start, t_s)
+    outside = beyond(table, t)
     if outside.any():
         raise ConfigError("time", f"must be within the table: {span_text(table)}",
                           time_text(start if table.epoch else None, np.asarray(t_s)[outside][0]))
-    return np.clip(t, first, last)
+    return np.clip(t, *table.span_s)
 
 
 def span_text(table: Table) -> str:

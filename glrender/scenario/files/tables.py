@@ -15,7 +15,18 @@ from scipy.spatial.transform import Rotation, RotationSpline, Slerp
 from ...base.errors import ConfigError
 from ..attitude import Geometry
 from ..epochs import Epoch
-from .rows import ascending, checked_span, covered_times, from_epoch, notes_of, rows_of, span_text, steps_of, time_text
+from .rows import (
+    ascending,
+    beyond,
+    checked_span,
+    covered_times,
+    from_epoch,
+    notes_of,
+    rows_of,
+    span_text,
+    steps_of,
+    time_text,
+)
 from .steps import LARGEST_DEPARTURE, PLACES, even_runs, own_motion
 
 # Rows about a time that its polynomial goes through: degree 7, as CCSDS ephemerides recommend, with velocities or not.
@@ -70,11 +81,12 @@ class TrajectoryTable:
     def at(self, start: Epoch | None, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Positions and velocities, as `Trajectory` has them; ConfigError, with the coverage, outside of the table."""
         t = covered_times(self, start, t_s)
-        by_two = self._by_two(steps_of(self.times_s, t))
+        steps = steps_of(self.times_s, t)
+        by_two = self._by_two(steps)
         r, v = np.empty((len(t), 3)), np.empty((len(t), 3))
         for derivative, out in enumerate((r, v)):
             out[by_two] = self._of_two_rows(t[by_two], derivative)
-        r[~by_two], v[~by_two] = self._smooth(t[~by_two])
+        r[~by_two], v[~by_two] = self._smooth(t[~by_two], steps[~by_two])
         return r, v
 
     def notes_at(self, start: Epoch | None, t_s: np.ndarray) -> list[str]:
@@ -104,12 +116,15 @@ class TrajectoryTable:
         count = np.minimum(self._most_rows, last - first + 1)
         return np.clip(step + 1 - count // 2, first, last + 1 - count), count
 
-    def _smooth(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Positions and velocities (M, 3) of polynomials at times (M,) [s] from the table's epoch."""
-        first, counts = self._window(np.maximum(np.searchsorted(self.times_s, t) - 1, 0))
+    def _smooth(self, t: np.ndarray, steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Positions and velocities (M, 3) of the polynomials of steps (M,) at times (M,) [s] from the table's epoch."""
         r, v = np.empty((len(t), 3)), np.empty((len(t), 3))
-        for begin, count in np.unique(np.stack([first, counts], axis=1), axis=0).tolist():
-            here, rows = (first == begin) & (counts == count), slice(begin, begin + count)
+        # A step's first row and number of rows as one number: each polynomial is made once.
+        windows = np.ravel_multi_index(self._window(steps), (len(self.times_s), _ROWS + 1))
+        order = np.argsort(windows, kind="stable")
+        for here in np.split(order, 1 + np.flatnonzero(np.diff(windows[order]))) if len(t) else ():
+            begin, count = divmod(int(windows[here[0]]), _ROWS + 1)
+            rows = slice(begin, begin + count)
             nodes, values = self.times_s[rows], self.r_m[rows]
             # In units of half the window, about its middle: high powers of seconds lose digits.
             middle, half = 0.5 * (nodes[0] + nodes[-1]), 0.5 * (nodes[-1] - nodes[0])
@@ -137,8 +152,8 @@ class TrajectoryTable:
         near = first[:, None] + np.arange(-1, self._most_rows)
         inside = np.clip(np.minimum(near, (first + count - 1)[:, None]), 0, len(self.times_s) - 2)
         asked = np.unique(inside)
-        for begin in asked[self._leaves[asked] < 0]:
-            self._leaves[begin] = self._leaves_rows(begin)
+        asked = asked[self._leaves[asked] < 0]
+        self._leaves[asked] = self._leaves_rows(asked)
         few = (count < 4) & (len(self.times_s) >= 4) & (self.v_m_s is None)
         return (self._leaves[inside] > 0).any(axis=1) | few
 
@@ -165,11 +180,11 @@ class TrajectoryTable:
         speed = np.linalg.norm(self.v_m_s, axis=1)
         return np.maximum(moved, 0.5 * (speed[1:] + speed[:-1]) * np.diff(self.times_s))
 
-    def _leaves_rows(self, step: int) -> bool:
-        begin, end = self.times_s[step:step + 2]
-        t = begin + (end - begin) * PLACES
-        off = np.linalg.norm(self._smooth(t)[0] - self._of_two_rows(t), axis=1).max()
-        return bool(off > self._allowed_m[step])
+    def _leaves_rows(self, steps: np.ndarray) -> np.ndarray:
+        """Whether the polynomials of steps (M,) leave the rows of them."""
+        t = (self.times_s[steps, None] + np.diff(self.times_s)[steps, None] * PLACES).ravel()
+        off = np.linalg.norm(self._smooth(t, np.repeat(steps, len(PLACES)))[0] - self._of_two_rows(t), axis=1)
+        return off.reshape(-1, len(PLACES)).max(axis=1) > self._allowed_m[steps]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -188,7 +203,7 @@ class Segments:
         r, v, left = np.empty((len(t_s), 3)), np.empty((len(t_s), 3)), np.ones(len(t_s), bool)
         for part in self.parts:
             t = from_epoch(part.epoch, start, t_s)
-            here = left & (t >= part.span_s[0]) & (t <= part.span_s[1])
+            here = left & ~beyond(part, t)
             r[here], v[here] = part.at(start, t_s[here])
             left &= ~here
         if left.any():
@@ -201,7 +216,7 @@ class Segments:
         notes, left = [], np.ones(len(t_s), bool)
         for part in self.parts:
             t = from_epoch(part.epoch, start, t_s)
-            here = left & (t >= part.span_s[0]) & (t <= part.span_s[1])
+            here = left & ~beyond(part, t)
             notes += part.notes_at(start, t_s[here])
             left &= ~here
         return notes
