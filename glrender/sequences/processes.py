@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
+import logging
 import os
+import pickle
+import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -14,11 +18,14 @@ from typing import Any
 
 from glrender_camera.validate import integer
 
-from ..base.errors import DeviceError
+from ..base.errors import ConfigError, DeviceError
+from ..view.state import State
+from .options import FrameOptions
 
 # Tasks that a process has: the one that it works on, and the next.
 _TASKS = 2
 _MAX_PROCESSES = 256
+_log = logging.getLogger(__name__)
 
 Task = tuple[int, Callable[..., Any], tuple]
 """A task's number, its function and the arguments."""
@@ -89,6 +96,50 @@ def checked_processes(n_processes: int | None, name: str = "processes") -> int:
     ConfigError
     """
     return integer(name, n_processes or 0, 0, _MAX_PROCESSES) or min(os.cpu_count() or 1, _MAX_PROCESSES)
+
+
+def parted(states: Sequence[State], options: FrameOptions) -> tuple[Sequence[State], Sequence[State | None]]:
+    """What a process needs of states at its start, and what with each frame.
+
+    States with courses are sent at once, with what they have in common; irradiance needs none of them.
+    """
+    if _has_courses(states, options):
+        return states, [None] * len(states)
+    return (), [dataclasses.replace(state) for state in states]
+
+
+def processes_of(states: Sequence[State], options: FrameOptions, n_processes: int | None,
+                 is_elsewhere: bool = False) -> int | None:
+    """As many processes as are asked for; by default (None or 0) one where courses cannot be sent to others.
+
+    Raises
+    ------
+    ConfigError
+        Courses that cannot be sent, where several processes are asked for or they are elsewhere.
+    """
+    if not _has_courses(states, options) or n_processes == 1 and not is_elsewhere:
+        return n_processes
+    try:
+        sent = pickle.dumps([state.course for state in states])
+        # Another process imports a script's functions from its file; a notebook has none.
+        if b"__main__" not in sent or hasattr(sys.modules["__main__"], "__file__"):
+            return n_processes
+        why = "a class or function of a notebook"
+    except (pickle.PicklingError, AttributeError, TypeError) as error:
+        why = str(error)
+    rule = f"the motion of the states cannot be sent to others ({why})"
+    hint = "or give functions of a module, no lambdas"
+    if is_elsewhere:
+        raise ConfigError("pool", f"must be none: {rule}", hint=hint)
+    if n_processes:
+        raise ConfigError("n_processes", f"must be 1: {rule}", n_processes, hint)
+    _log.warning("one process draws: %s; %s", rule, hint)
+    return 1
+
+
+def _has_courses(states: Sequence[State], options: FrameOptions) -> bool:
+    """Whether frames depend on courses: irradiance has no motion."""
+    return options.output == "dn" and any(state.course is not None for state in states)
 
 
 @contextmanager

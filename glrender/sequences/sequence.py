@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-import pickle
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,7 +24,7 @@ from .folder import claim_folder
 from .formats import FrameFile, write
 from .header import VERSION, frame_header, offset_DN
 from .options import FrameOptions, require_model
-from .processes import own_processes
+from .processes import own_processes, parted, processes_of
 from .read import read_image
 
 _DIGITS = 5
@@ -78,7 +77,7 @@ class FrameSequence:
         Parameters
         ----------
         n_processes : int, optional
-            As many as the machine has cores by default.
+            As many as the machine has cores by default; one where the states' courses cannot be sent to others.
 
         Raises
         ------
@@ -86,7 +85,8 @@ class FrameSequence:
             With the number of the frame that cannot be drawn; the others' files stay.
         """
         claim_folder(self.folder, self.manifest())
-        once, each = parted(self.states, self.options, n_processes)
+        n_processes = processes_of(self.states, self.options, n_processes)
+        once, each = parted(self.states, self.options)
         tasks = ((index, _draw, (self.path(index), index, each[index])) for index in self.missing())
         with own_processes(n_processes, _start, (self.scene, self.options, once), _stop) as pool:
             for index, _ in pool.done(tasks):
@@ -180,28 +180,6 @@ def _draw(path: Path, index: int, state: State | None) -> None:
     except ConfigError as error:
         error.path = path_in_states(index, error.path)
         raise
-
-
-def parted(states: Sequence[State], options: FrameOptions,
-           n_processes: int | None = 1) -> tuple[Sequence[State], Sequence[State | None]]:
-    """What a process needs of states at its start, and what with each frame.
-
-    States with courses are sent at once, with what they have in common; irradiance needs none of them.
-
-    Raises
-    ------
-    ConfigError
-        Courses that cannot be sent to other processes.
-    """
-    if options.output != "dn" or not any(state.course is not None for state in states):
-        return (), [dataclasses.replace(state) for state in states]
-    if n_processes != 1:
-        try:
-            pickle.dumps(next(state.course for state in states if state.course is not None))
-        except (pickle.PicklingError, AttributeError, TypeError) as error:
-            raise ConfigError("processes", f"must be 1: the motion of the states cannot be sent to others ({error})",
-                              n_processes, "or give functions of a module, no lambdas") from None
-    return states, [None] * len(states)
 
 
 def path_in_states(index: int, path: str) -> str:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import pickle
+import sys
+from contextlib import nullcontext
 from dataclasses import replace
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -23,7 +26,9 @@ from glrender.scenario import (
     Spin,
     Times,
 )
+from glrender.sequences.dataset.dataset import DataSet
 from glrender.sequences.options import FrameOptions
+from glrender.sequences.processes import processes_of
 from glrender.sequences.sequence import FrameSequence
 from glrender.view.light_time import apparent_state
 from glrender_camera import CameraModel, Detector, Optics
@@ -320,5 +325,41 @@ def test_a_sequence_has_the_same_bytes_from_any_number_of_processes(tmp_path):
     moving = list(scenario_of(path=path, times_s=(1.0, 2.0)).iter_states())
     with pytest.raises(ConfigError, match="processes: must be 1: the motion of the states cannot be sent"):
         list(FrameSequence(scene=SPHERE, states=moving, folder=tmp_path / "a", options=options).draw(2))
+    with pytest.raises(ConfigError, match="pool: must be none: the motion of the states cannot be sent"):
+        list(DataSet(scene=SPHERE, states=moving, folder=tmp_path / "c", format="coco", options=options).draw(
+            pool=nullcontext()))
     options = replace(options, output="irradiance")
     assert len(list(FrameSequence(scene=SPHERE, states=moving, folder=tmp_path / "b", options=options).draw(2))) == 2
+
+
+@pytest.mark.parametrize("kind", [FrameSequence, DataSet])
+@pytest.mark.parametrize("n_processes", [{}, {"n_processes": 0}])
+def test_by_default_one_process_draws_what_cannot_be_sent(tmp_path, caplog, kind, n_processes):
+    """A lambda for one of the states alone: the last."""
+    at = lambda path: list(scenario_of(path=path, times_s=(1.0,)).iter_states())  # noqa: E731
+    states = [*at(OfFunction(function=standing, about="body")),
+              *at(OfFunction(function=lambda t: standing(t), about="body"))]
+    more = {"format": "coco"} if kind is DataSet else {}
+    made = kind(scene=SPHERE, states=states, folder=tmp_path, **more, options=FrameOptions(
+        camera="navcam", output="dn", format="npz"))
+    assert list(made.draw(**n_processes)) and made.missing() == []
+    assert "one process draws: the motion of the states cannot be sent" in caplog.text
+
+
+def standing(t_s):
+    return [0.0, 0.0, -RANGE_M]
+
+
+def test_a_notebooks_own_functions_are_not_sent(monkeypatch, caplog):
+    """Its `__main__` has no file that another process could import."""
+    def course(dt_s):
+        return []
+    course.__module__, course.__qualname__ = "__main__", "course"
+    main = ModuleType("__main__")
+    main.course = course
+    monkeypatch.setitem(sys.modules, "__main__", main)
+    state = next(scenario_of().iter_states()).with_course(course)
+    options = FrameOptions(camera="navcam", output="dn", format="npz")
+    assert processes_of([state], options, None) == 1 and "a notebook" in caplog.text
+    main.__file__ = "script.py"
+    assert processes_of([state], options, None) is None

@@ -25,8 +25,8 @@ from .. import labels
 from ..folder import MANIFEST, claim_folder, write_whole
 from ..header import VERSION, camera_table
 from ..options import FrameOptions, require_model
-from ..processes import Pool, own_processes
-from ..sequence import digest_of_scene, digest_of_states, parted
+from ..processes import Pool, own_processes, parted, processes_of
+from ..sequence import digest_of_scene, digest_of_states
 from . import bop, coco
 from .drawing import Setup, draw_elsewhere, draw_here, start, stop
 from .shards import FORMATS, Files
@@ -137,7 +137,7 @@ class DataSet:
         Parameters
         ----------
         n_processes : int, optional
-            As many as the machine has cores by default.
+            As many as the machine has cores by default; one where the states' courses cannot be sent to others.
         pool : context manager of Pool, optional
             Processes elsewhere, as of `dask_processes`, instead of this machine's.
 
@@ -150,7 +150,7 @@ class DataSet:
         began, told = time.monotonic(), {"n_frames": 0, "processor_s": 0.0, "renderers": set()}
         missing = self.missing()
         if missing:
-            parted(self.states, self.options, None if pool else n_processes)
+            n_processes = processes_of(self.states, self.options, n_processes, pool is not None)
             with pool or own_processes(n_processes, start, (self.setup,), stop) as processes:
                 tasks = ((number, *self._task(number, processes, pool is None)) for number in missing)
                 for number, drawn in processes.done(tasks):
