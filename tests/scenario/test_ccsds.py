@@ -119,6 +119,15 @@ def test_rows_with_and_without_accelerations_are_one_line(tmp_path, wide):
     np.testing.assert_allclose(v, [[0.5, 0.0, 0.0]] * 3, atol=1e-9)
 
 
+@pytest.mark.parametrize("version", ["1", "2", "2.", "3.00", "1.0"])
+def test_a_version_is_a_number(tmp_path, version):
+    r, _ = trajectory_of_oem(oem(tmp_path, head=HEAD.replace("2.0", version)), "rock").at(START, np.array([90.0]))
+    np.testing.assert_allclose(r, [[5045.0, 1e3, 2e3]], atol=1e-6)
+    for wrong in ("4", "nan", "two", "2.0.1", "1e0"):
+        with pytest.raises(ConfigError, match=f"CCSDS_OEM_VERS: must be one of 1.0, 2.0, 3.0, got '{wrong}'"):
+            trajectory_of_oem(oem(tmp_path, head=HEAD.replace("2.0", wrong)), "rock")
+
+
 @pytest.mark.parametrize("old, new, message", [
     ("2030-01-01T00:20:00", "INTERPOLATION = HERMITE\n2030-01-01T00:20:00", "line 16: must be an epoch and numbers:"),
     ("REF_FRAME = ICRF", "REF_FRAME = ICRF\nREF_FRAMES = ICRF", "line 10: has a keyword that is not known here, got "
@@ -223,8 +232,12 @@ def test_an_oem_is_of_its_object(tmp_path):
     of_moon = scenario(tmp_path, craft, moon={"trajectory": {"kind": "oem", "file": "a.oem"}})
     np.testing.assert_allclose(of_moon.states()[0].bodies["dimorphos"].r_inertial_m, [5030.0, 1e3, 2e3], atol=1e-6)
     oem(tmp_path, name="HERA", center="DIDYMOS")
-    with pytest.raises(ConfigError, match=r"bodies\[1\].*object_name: must be .* got 'dimorphos'; it has HERA"):
+    with pytest.raises(ConfigError, match=r"bodies\[1\].*object_name: must be .* got 'dimorphos'; it has HERA; "
+                       "write object_name = 'HERA' if it is the one that is meant"):
         scenario(tmp_path, craft, moon={"trajectory": {"kind": "oem", "file": "a.oem"}})
+    aem(tmp_path, "EULER_ANGLE", [(30.0, 0.0, 0.0)] * 3, more="EULER_ROT_SEQ = 321\n")
+    with pytest.raises(ConfigError, match="attitude.*got 'dimorphos'; it has CRAFT; write object_name = 'CRAFT' if"):
+        scenario(tmp_path, craft, moon={"attitude": {"mode": "aem", "file": "a.aem"}})
     for key in ("object_name", "center_name"):
         with pytest.raises(ConfigError, match=f"trajectory.*{key}: must be a string that is not empty"):
             scenario(tmp_path, {"kind": "oem", "file": "a.oem", key: 7})
@@ -382,10 +395,11 @@ def test_a_nutating_spin_goes_from_row_to_row(tmp_path, is_momentum):
 
 
 @pytest.mark.parametrize("a, b, direction", [("ICRF", "SC_BODY_1", "B2A"), ("SC_BODY_1", "ICRF", "A2B"),
-                                             ("SC_BODY", "j2000", "b2a")])
+                                             ("SC_BODY", "j2000", "b2a"), ("icrf", "SC BODY 1", "A2B"),
+                                             ("sc  body_1", "ICRF", "A2B"), ("Sc Body", "EME2000", "B2A")])
 def test_either_frame_may_come_first(tmp_path, a, b, direction):
     """Attitude and rate are the spacecraft's: of quaternions and rates that turn to the inertial frame, or from it."""
-    to_craft = (direction.upper() == "A2B") == (b.startswith("SC"))
+    to_craft = (direction.upper() == "A2B") == (b.upper().startswith("SC"))
     turn, rows = np.radians(0.7), []
     for k in range(3):
         q = np.array([0.0, 0.0, np.sin(30.0 * turn * k), np.cos(30.0 * turn * k)])
@@ -401,10 +415,14 @@ Q = [(0.0, 0.0, 0.0, 1.0)] * 2
 
 
 @pytest.mark.parametrize("kind, rows, options, message", [
-    ("QUATERNION", Q, {}, "QUATERNION_TYPE: must be one of FIRST, LAST, got None"),
-    ("QUATERNION", Q, {"direction": ""}, "ATTITUDE_DIR: must be one of A2B, B2A, got None"),
-    ("QUATERNION", Q, {"version": "2.0", "direction": "B2A"}, "ATTITUDE_DIR: must be one of A2B, got 'B2A'"),
-    ("QUATERNION", Q, {"version": "2.0", "more": "QUATERNION_TYPE = FIRST\n"}, "QUATERNION_TYPE: must be one of LAST"),
+    ("QUATERNION", Q, {}, "QUATERNION_TYPE: must be one of FIRST, LAST, got None; version 1 must have it: add "
+     "QUATERNION_TYPE = LAST where the scalar is"),
+    ("QUATERNION", Q, {"direction": ""}, "ATTITUDE_DIR: must be one of A2B, B2A, got None; version 1 must have it: add "
+     "ATTITUDE_DIR = A2B where the rows turn from REF_FRAME_A to"),
+    ("QUATERNION", Q, {"version": "2.0", "direction": "B2A"}, "ATTITUDE_DIR: must be one of A2B, got 'B2A'; version 2 "
+     "has this direction alone: where the rows turn from REF_FRAME_B to REF_FRAME_A, exchange what"),
+    ("QUATERNION", Q, {"version": "2.0", "more": "QUATERNION_TYPE = FIRST\n"}, "QUATERNION_TYPE: must be one of LAST, "
+     "got 'FIRST'; version 2 has the scalar last"),
     ("QUATERNIONS", Q, {}, "ATTITUDE_TYPE: must be one of QUATERNION, QUATERNION/DERIVATIVE"),
     ("QUATERNION/ANGVEL", [(0, 0, 0, 1.0, 0, 0, 1.0)] * 2, {"version": "2.0"}, "ANGVEL_FRAME: must be the frame of"),
     ("EULER_ANGLE", [(0, 0, 0)] * 2, {}, "EULER_ROT_SEQ: must be three of X, Y, Z or 1, 2, 3, neighbours not the same"),

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from ...base.errors import ConfigError, error_path
 from ..attitude import Attitude
 from .attitude_rows import AttitudeSegments, AttitudesWithRates
-from .kvn import INERTIAL, Segment, of_one_object, one_value, same, segments_of, since
+from .kvn import INERTIAL, Segment, in_capitals, of_one_object, one_value, same, segments_of, since
 from .tables import AttitudeTable
 
 # Metadata that is used, and that may be passed over: names for people, whose orbit it is, the ends of the rows, and
@@ -91,20 +91,24 @@ def _part(segment: Segment, version: str, frame: str | None) -> tuple[Attitude, 
 def _is_from_inertial(segment: Segment, version: str, frame: str | None) -> bool:
     """Whether the rows turn from an inertial frame to the object's, or the other way."""
     both = [segment.meta.get(f"REF_FRAME_{name}", "") for name in "AB"]
-    inertial = [name.upper() in INERTIAL for name in both]
+    inertial = [in_capitals(name) in INERTIAL for name in both]
     if sum(inertial) != 1:
         raise ConfigError("REF_FRAME_A", f"or REF_FRAME_B must be one of {', '.join(INERTIAL)}, the other not", both)
     own, name = both[inertial.index(False)], segment.meta.get("OBJECT_NAME", "")
     if frame is not None and not same(own, text("frame", frame)):
         raise ConfigError(f"REF_FRAME_{'AB'[inertial.index(False)]}", f"must be {frame!r}, the frame that is asked for",
                           own)
-    if frame is None and not re.match(r"SC_BODY(_\w+)?$", own.upper()) and not any(
+    if frame is None and not re.match(r"SC_BODY(_\w+)?$", in_capitals(own)) and not any(
             same(own, usual) for usual in (f"IAU_{name}", f"{name}_FIXED")):
         raise ConfigError(f"REF_FRAME_{'AB'[inertial.index(False)]}", "must be SC_BODY_1 or another SC_BODY", own,
                           f"write frame = {own!r} if its attitude is the one that is meant")
-    # Version 2 has one direction, and no keyword for it.
-    allowed, default = (("A2B",), "A2B") if version == "2.0" else (("A2B", "B2A"), None)
-    return inertial[0] == (segment.value("ATTITUDE_DIR", allowed, default) == "A2B")
+    if version == "2.0":
+        segment.value("ATTITUDE_DIR", ("A2B",), "A2B", "version 2 has this direction alone: where the rows turn from "
+                      "REF_FRAME_B to REF_FRAME_A, exchange what these two say, and leave ATTITUDE_DIR out")
+        return inertial[0]
+    direction = segment.value("ATTITUDE_DIR", ("A2B", "B2A"), hint="version 1 must have it: add ATTITUDE_DIR = A2B "
+                              "where the rows turn from REF_FRAME_A to REF_FRAME_B, else B2A")
+    return inertial[0] == (direction == "A2B")
 
 
 def _turns(segment: Segment, version: str, kind: str, rows: np.ndarray) -> tuple[Rotation, np.ndarray | None]:
@@ -114,8 +118,7 @@ def _turns(segment: Segment, version: str, kind: str, rows: np.ndarray) -> tuple
     """
     attitude, _, more = kind.partition("/")
     if attitude == "QUATERNION":
-        allowed, default = (("LAST",), "LAST") if version == "2.0" else (("FIRST", "LAST"), None)
-        is_first = segment.value("QUATERNION_TYPE", allowed, default) == "FIRST"
+        is_first = _is_scalar_first(segment, version)
         q = _unit(segment, rows[:, :4])
         from_to = Rotation.from_quat(q, scalar_first=is_first)
         if more == "DERIVATIVE":
@@ -129,6 +132,15 @@ def _turns(segment: Segment, version: str, kind: str, rows: np.ndarray) -> tuple
     else:
         return _spinning(segment, more, rows)
     return from_to.inv(), _in_second(segment, version, from_to.inv(), np.radians(rest)) if more else None
+
+
+def _is_scalar_first(segment: Segment, version: str) -> bool:
+    if version == "2.0":
+        segment.value("QUATERNION_TYPE", ("LAST",), "LAST", "version 2 has the scalar last: put it there, or write "
+                      "CCSDS_AEM_VERS = 1.0 if the file is of that version")
+        return False
+    return segment.value("QUATERNION_TYPE", ("FIRST", "LAST"), hint="version 1 must have it: add QUATERNION_TYPE = "
+                         "LAST where the scalar is the last number of four, else FIRST") == "FIRST"
 
 
 def _unit(segment: Segment, q: np.ndarray) -> np.ndarray:

@@ -104,7 +104,8 @@ def _called(head: dict[str, str], key: str) -> list[str]:
 
 def _check_target(called: list[str], object_name: str | None, bodies: Sequence[str]) -> None:
     if object_name is not None and not any(same(str(object_name), name) for name in called):
-        raise ConfigError("object_name", "must be the target of the table", object_name, f"it is {called[0]}")
+        raise ConfigError("object_name", "must be the target of the table", object_name, f"it is {called[0]}; write "
+                          f"object_name = {called[-1]!r} if it is the one that is meant")
     if object_name is None and any(same(body, name) for body in bodies for name in called):
         raise ConfigError("Target body name", "must not be another body's", called[0],
                           f"write object_name = {called[-1]!r} if it is the one that is meant")

@@ -45,7 +45,7 @@ class Segment:
 
     def value(self, key: str, allowed: Sequence[str], default: str | None = None, hint: str = "") -> str:
         """The value of a keyword in upper case, one of those allowed; a default stands for a missing one."""
-        got = re.sub(r"[ _]+", "_", self.meta[key].upper()) if key in self.meta else default
+        got = in_capitals(self.meta[key]) if key in self.meta else default
         if got not in allowed:
             raise ConfigError(key, f"must be one of {', '.join(allowed)}", self.meta.get(key), hint)
         return got
@@ -82,7 +82,7 @@ class Segment:
 
 
 def segments_of(path: Path, kind: str, versions: Sequence[str], keywords: Iterable[str]) -> tuple[str, list[Segment]]:
-    """The version and the segments of a file.
+    """The version, one of those that are known, and the segments of a file.
 
     Parameters
     ----------
@@ -135,9 +135,10 @@ def segments_of(path: Path, kind: str, versions: Sequence[str], keywords: Iterab
         version = header.get(f"CCSDS_{kind}_VERS")
         if version is None or not segments:
             raise ConfigError("", f"must have CCSDS_{kind}_VERS and a segment", str(path))
-        if version not in versions:
+        known = [each for each in versions if re.fullmatch(r"\d+(\.\d*)?", version) and float(each) == float(version)]
+        if not known:
             raise ConfigError(f"CCSDS_{kind}_VERS", f"must be one of {', '.join(versions)}", version)
-    return version, segments
+    return known[0], segments
 
 
 def of_one_object(path: Path, segments: list[Segment], name: str | None, bodies: Sequence[str] = ()) -> list[Segment]:
@@ -160,9 +161,12 @@ def of_one_object(path: Path, segments: list[Segment], name: str | None, bodies:
     if name is not None:
         text("object_name", name)
     names = list({_bare(name): name for name in (segment.meta.get("OBJECT_NAME", "") for segment in segments)}.values())
-    there = f"it has {', '.join(names)}"
     if name is None and len(names) > 1 or name is not None and not any(same(name, other) for other in names):
-        raise ConfigError("object_name", f"must be one of those in {path.name}", name, there)
+        way = "each segment needs an OBJECT_NAME"
+        if all(names):
+            way = (f"it has {', '.join(names)}; write object_name = {' or '.join(map(repr, names))} if it is the one "
+                   "that is meant")
+        raise ConfigError("object_name", f"must be one of those in {path.name}", name, way)
     if name is None and any(same(names[0], body) for body in bodies):
         raise ConfigError(f"{path.name}.OBJECT_NAME", "must not be another body's", names[0],
                           f"write object_name = {names[0]!r} if it is the one that is meant")
@@ -199,6 +203,11 @@ def centre_of(field: str, in_file: Sequence[str], about: str | Sequence[str], ce
     raise ConfigError(field, f"must be {' or '.join(map(repr, names))}", in_file[0],
                       f"write center_name = {in_file[-1]!r} and `about` if one of these is the same place, or give the "
                       "body that it is")
+
+
+def in_capitals(value: str) -> str:
+    """A text in upper case, its blanks as underscores: the standards take both for one."""
+    return re.sub(r"[\s_]+", "_", value.strip().upper())
 
 
 def same(a: str, b: str) -> bool:
