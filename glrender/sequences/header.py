@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from importlib.metadata import version
 from typing import Any
 
@@ -38,7 +38,10 @@ FIELDS: Mapping[str, str] = {
     "camera.r_camera_spacecraft_m": "place on the spacecraft [m]",
     "camera.q_camera_from_spacecraft": "mounting [w, x, y, z]",
     "camera.detector": "gain_DN_per_electron, offset_DN, bit_depth, full_well_electrons, read_noise_electrons and the "
-                       "other numbers of the detector; null without",
+                       "other fields of the detector, curves as pairs (quantum_efficiency [nm, 1], "
+                       "nonlinearity_DN [ideal DN, actual DN], null where linear); null without",
+    "camera.compression": "codec of the frames that are sent, of which the pixels are decoded, and the key by which it "
+                          "loses what it loses; null without",
     "camera.mosaic": "rows of letters, repeated from the top-left pixel on; null without",
     "camera.band_nm": "wavelengths [nm] of the band, or of each letter's; null of a camera without optics",
     "camera.aperture_diameter_m": "diameter of the aperture [m], or of each letter's; null without",
@@ -84,7 +87,9 @@ def camera_table(camera: PinholeCamera) -> dict[str, Any]:
         "distortion": None if lens is None else asdict(lens),
         "r_camera_spacecraft_m": camera.r_camera_spacecraft_m.tolist(),
         "q_camera_from_spacecraft": camera.q_camera_from_spacecraft.tolist(),
-        "detector": None if model is None else _numbers(model.detector),
+        "detector": None if model is None else {name: _plain(value) for name, value in asdict(model.detector).items()},
+        "compression": None if model is None or model.compression is None else {
+            name: value for name, value in asdict(model.compression).items() if value is not None},
         "mosaic": list(model.pattern) if isinstance(model, MosaicModel) else None,
         "band_nm": _of_letters({letter: list(optics.band_nm) for letter, optics in of_bands.items()}),
         "aperture_diameter_m": _of_letters({letter: optics.aperture_diameter_m
@@ -96,10 +101,9 @@ def offset_DN(camera: PinholeCamera) -> float | None:
     return None if camera.model is None else camera.model.detector.offset_DN
 
 
-def _numbers(detector: Any) -> dict[str, float]:
-    """The fields of a detector that are one number."""
-    values = {each.name: getattr(detector, each.name) for each in fields(detector)}
-    return {name: value for name, value in values.items() if isinstance(value, int | float)}
+def _plain(value: Any) -> Any:
+    """A number, or the pairs of a curve as lists."""
+    return [list(pair) for pair in value] if isinstance(value, tuple) else value
 
 
 def _of_letters(values: Mapping[str, Any]) -> Any:

@@ -11,10 +11,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from glrender import Scene
 from glrender.scenario import scenario_of_table
 from glrender.sequences.dataset.dataset import DataSet
 from glrender.sequences.formats import FORMATS
-from glrender.sequences.header import FIELDS
+from glrender.sequences.header import FIELDS, camera_table
 from glrender.sequences.options import FrameOptions
 from glrender.sequences.sequence import FrameSequence
 from glrender_camera.pattern import seed_of
@@ -26,7 +27,9 @@ BODY = "Ряд/ \"1\"."
 OPTICS = {letter: {"aperture_diameter_m": 0.01, "psf_sigma_px": 0.5, "band_nm": band}
           for letter, band in (("R", [600.0, 700.0]), ("G", [500.0, 600.0]), ("B", [420.0, 500.0]))}
 DETECTOR = {"quantum_efficiency": 0.5, "full_well_electrons": 31000.0, "gain_DN_per_electron": 0.125, "bit_depth": 12,
-            "offset_DN": 48.0, "read_noise_electrons": 10.0}
+            "offset_DN": 48.0, "read_noise_electrons": 10.0,
+            "nonlinearity_DN": [[0.0, 0.0], [2000.0, 1990.0], [4095.0, 4000.0]]}
+LAW = {"law": "lambert", "normal_albedo": 0.05}
 CAMERAS = [{"name": NAME, "width_px": 40, "height_px": 33, "focal_length_px": 150.0, "principal_point_px": [19.0, 15.5],
             "q_camera_from_spacecraft": [0.5, 0.5, 0.5, 0.5], "r_camera_spacecraft_m": [0.1, 0.2, 0.3],
             "model": {"pattern": ["RG", "GB"], "exposure_s": 0.02, "optics": OPTICS, "detector": DETECTOR}},
@@ -34,7 +37,7 @@ CAMERAS = [{"name": NAME, "width_px": 40, "height_px": 33, "focal_length_px": 15
             "distortion": {"k1": 0.1, "p1": 0.01}}]
 TABLE = {"cameras": CAMERAS,
          "bodies": [{"name": BODY, "generated": {"kind": "icosphere", "radius_m": 2000.0},
-                     "brdf": {"law": "lambert", "normal_albedo": 0.05},
+                     "brdf": LAW,
                      "orbit": {"semi_major_axis_m": 5.18e11, "eccentricity": 0.64, "inclination_deg": 7.0,
                                "longitude_ascending_node_deg": 50.1, "argument_of_periapsis_deg": 12.8,
                                "mean_anomaly_deg": 302.3, "epoch_tdb": "2014-08-01T00:00:00"}}],
@@ -45,10 +48,10 @@ FROM_HERE = {name: value for name, value in CAMERAS[0].items() if name != "model
 EXPECTED = {"index": 1, "date_tdb": DATES[1], "inertial_axes": "ICRF", "bodies": [BODY], "unit": "DN",
             "exposure_s": 0.02, "seed": seed_of(7, 1), "faults": [], "state.date_tdb": DATES[1],
             **{f"camera.{name}": value for name, value in FROM_HERE.items()},
-            "camera.distortion": None, "camera.mosaic": ["RG", "GB"],
+            "camera.distortion": None, "camera.compression": None, "camera.mosaic": ["RG", "GB"],
             "camera.aperture_diameter_m": dict.fromkeys("RGB", 0.01),
             "camera.band_nm": {letter: optics["band_nm"] for letter, optics in OPTICS.items()},
-            **{f"camera.detector.{name}": value for name, value in DETECTOR.items() if name != "quantum_efficiency"}}
+            **{f"camera.detector.{name}": value for name, value in DETECTOR.items()}}
 LIBRARIES = {"fits": "astropy", "exr": "OpenEXR", "hdf5": "h5py"}
 DATA_SETS = ("webdataset", "hdf5", "coco", "bop")
 
@@ -132,6 +135,22 @@ def test_every_format_has_every_field(written, kind):
         assert at(header, path) == value, path
     assert at(header, "state.t_s") == 3.0 and at(header, "plan.asked") == {"rms": 0.02}
     assert set(header["state"]["bodies"]) == {BODY}
+
+
+@pytest.mark.parametrize("compression", [
+    {"codec": "jpeg_ls", "max_error_DN": 3}, {"codec": "jpeg_ls", "share_of_noise": 0.5}, {"codec": "jpeg_ls"},
+    {"codec": "jpeg_2000", "rate_bpp": 2.0}, {"codec": "jpeg_xl", "psnr_db": 50.0}, {"codec": "ccsds_121"}])
+def test_a_camera_has_the_compression_of_its_frames(compression):
+    needed_module("imagecodecs", "pip install 'glrender[compression]'")
+    efficiency = [[400.0, 0.2], [900.0, 0.4]]
+    for mosaic in ({}, {"pattern": ["RG", "GB"], "optics": OPTICS}):
+        table = {"exposure_s": 0.02, "optics": {"aperture_diameter_m": 0.01}, **mosaic, "compression": compression,
+                 "detector": {**DETECTOR, "quantum_efficiency": efficiency}}
+        rock = {"name": "rock", "generated": {"kind": "icosphere", "radius_m": 9.0, "subdivisions": 1}, "brdf": LAW}
+        camera = Scene.from_dict({"bodies": [rock], "cameras": [{**CAMERAS[0], "model": table}]}).camera(NAME)
+        header = json.loads(json.dumps(camera_table(camera)))
+        assert header["compression"] == compression
+        assert header["detector"]["quantum_efficiency"] == efficiency
 
 
 def test_frames_have_their_own_dates(written):
