@@ -9,7 +9,7 @@ from glrender_camera.spectrum import SPEED_OF_LIGHT_M_S
 from glrender_camera.stars import aberrated
 
 from ..base.errors import SceneError
-from .state import Course, Pose, State
+from .state import Pose, State, StatesAfter
 
 # Each step leaves v / c of the last one's error.
 _STEPS = 4
@@ -67,7 +67,7 @@ def apparent_state(state: State, *, light_time: bool = True, aberration: bool = 
 class _Apparent:
     """The course of an apparent state: that of the state, as it appears."""
 
-    course: Course
+    course: StatesAfter
     light_time: bool
     aberration: bool
 

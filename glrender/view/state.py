@@ -24,6 +24,9 @@ _POSE_REQUIRED = _POSE_KEYS[:1]
 _RATE_KEYS = ("v_inertial_m_s", "angular_velocity_rad_s")
 # 160 turns a second: beyond it degrees were given, or worse.
 _MAX_RATE_RAD_S = 1e3
+# Calendar years of a date: Gregorian all through the first, and a year from the last that a date can be of.
+_YEARS = (1583, 9998)
+_OF_YEARS = f"must be of the years {_YEARS[0]} to {_YEARS[1]}"
 # The frame's axes are those of `inertial`.
 _IDENTITY: Any = (1.0, 0.0, 0.0, 0.0)
 
@@ -130,7 +133,7 @@ class State:
     spacecraft: Pose
     bodies: Mapping[str, Pose]
     date_tdb: str | None = None
-    course: Course | None = field(init=False, default=None, repr=False)
+    course: StatesAfter | None = field(init=False, default=None, repr=False)
 
     if TYPE_CHECKING:  # lists of numbers go in, arrays come out
         def __init__(self, *, t_s: float = 0.0, r_sun_inertial_m: ArrayLike, spacecraft: Pose,
@@ -179,7 +182,7 @@ class State:
         """Whether any pose has a rate that is not zero."""
         return any(pose.is_moving for pose in (self.spacecraft, *self.bodies.values()))
 
-    def with_course(self, course: Course) -> State:
+    def with_course(self, course: StatesAfter) -> State:
         """The same state, with what is known of its motion besides the rates."""
         state = replace(self)
         object.__setattr__(state, "course", course)
@@ -209,7 +212,10 @@ class State:
 
 def later(date: str, dt_s: float) -> str:
     """A calendar date a time later [s], to the microsecond, in the same uniform scale."""
-    return (datetime.fromisoformat(date) + timedelta(seconds=dt_s)).isoformat(timespec="microseconds")
+    try:
+        return (datetime.fromisoformat(date) + timedelta(seconds=dt_s)).isoformat(timespec="microseconds")
+    except OverflowError:
+        raise ConfigError("date_tdb", _OF_YEARS, f"{date} and {dt_s:g} s") from None
 
 
 def _checked_date(name: str, value: object) -> str:
@@ -221,8 +227,10 @@ def _checked_date(name: str, value: object) -> str:
         raise ConfigError(name, "must be a date year-month-dayThour:minute:second", value, hint) from None
     if date.tzinfo is not None:
         raise ConfigError(name, "must be TDB, without a Z or an offset", value, hint)
+    if not _YEARS[0] <= date.year <= _YEARS[1]:
+        raise ConfigError(name, _OF_YEARS, value, hint)
     return date.isoformat()
 
 
-Course = Callable[[np.ndarray], Sequence[State]]
+StatesAfter = Callable[[np.ndarray], Sequence[State]]
 """From times (N,) [s] after a state to the states then."""

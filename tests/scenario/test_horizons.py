@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import _strptime
+import calendar
+
 import numpy as np
 import orbits
 import pytest
@@ -117,6 +120,11 @@ def test_dates_in_ut_and_tables_of_positions(tmp_path):
     (" LT= 1.0E+00 RG", "VENUS\n LT= 1.0E+00 RG", "line 28: must be a date, or finite numbers of a row, got 'VENUS'"),
     ("11 00:05:00", "11 00:00:00", "line 29: must be later than the row before"),
     ("2022-Oct-11 00:05:00", "1022-Oct-11 00:05:00", "line 29: must be a date of the years from 1583 on"),
+    ("2022-Oct-11 00:05:00", "2022-Feb-30 00:05:00", "line 29: must be a date that there is, got 'A.D. 2022-Feb-30"),
+    ("2022-Oct-11 00:05:00", "2022-Okt-11 00:05:00", "line 29: must be a date that there is"),
+    ("2022-Oct-11 00:05:00", "2022-Oct-11 25:05:00", "line 29: must be a date that there is"),
+    ("2022-Oct-11 00:05:00", "0000-Oct-11 00:05:00", "line 29: must be a date that there is"),
+    ("11 00:05:00.", "11 00:05.", "line 29: must be a date that there is"),
 ])
 def test_another_table_is_refused_by_its_field(tmp_path, old, new, message):
     path = table(tmp_path)
@@ -126,6 +134,16 @@ def test_another_table_is_refused_by_its_field(tmp_path, old, new, message):
     with pytest.raises(ConfigError) as caught:
         trajectory_of_horizons(path, "didymos")
     assert str(caught.value).startswith("hera.txt.") and message in str(caught.value), str(caught.value)
+
+
+def test_months_are_english_in_any_locale(tmp_path, monkeypatch):
+    """In Germany's the tenth is called Okt."""
+    german = [name.replace("Oct", "Okt") for name in ("", *MONTHS)]
+    for names in ("month_abbr", "month_name"):
+        monkeypatch.setattr(calendar, names, german)
+    monkeypatch.setattr(_strptime, "_TimeRE_cache", _strptime.TimeRE())
+    monkeypatch.setattr(_strptime, "_regex_cache", {})
+    assert trajectory_of_horizons(table(tmp_path), "didymos").epoch == DATE
 
 
 def test_a_table_is_of_its_target_about_its_centre(tmp_path):

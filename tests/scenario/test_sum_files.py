@@ -107,6 +107,8 @@ def test_bennus_image_is_as_others_read_it(shared):
     ("0.1500732773D+03", "0.0", "A.SUM.K-MATRIX: must give a focal length"),
     ("0.00000D+00    0.00000D+00    0.00000D+00    0.00000D+00", "0.0 0.1 0.0 0.0", "A.SUM.DISTORTION: must be 0"),
     ("03.808", "03.8x", "A.SUM:2: must be a date"),
+    ("2012 MAR 25 23", "2012 MAR 32 23", "A.SUM:2: must be a date"),
+    ("39:03.808", "39.808", "A.SUM:2: must be a date"),
     ("2012 MAR 25", "2012-03-25", "A.SUM:2: must be a date in UTC as 2019 MAR 14 19:01:23.961"),
     ("  1024  1024", "     0  1024", "A.SUM.width_px: must be"),
 ])

@@ -45,11 +45,23 @@ def test_a_date_goes_through_json_and_time():
     assert (believed.date_tdb, believed.t_s) == (made.date_tdb, 3.0)
 
 
+@pytest.mark.parametrize("date, dt_s, later", [("1583-01-01T00:00:00", 3600.0, "1583-01-01T01:00:00.000000"),
+                                               ("9998-12-31T23:59:59.5", -3600.0, "9998-12-31T22:59:59.500000")])
+def test_a_state_of_the_first_and_the_last_year_moves(date, dt_s, later):
+    """Where no calendar leads it is refused by its field."""
+    made = state(date_tdb=date)
+    assert made.after(dt_s).date_tdb == later
+    for far in (-1e5 * dt_s, 1e12):
+        with pytest.raises(ConfigError, match="^date_tdb: must be of the years 1583 to 9998, got"):
+            made.after(far)
+
+
 @pytest.mark.parametrize("date, rule", [
     ("2029-02-13T12:00:00Z", "must be TDB, without a Z or an offset"),
     ("2029-02-13T12:00:00+01:00", "must be TDB, without a Z or an offset"),
     ("13 Feb 2029", "must be a date"), ("2029-02-30T00:00:00", "must be a date"), (3.0, "must be a date"),
-    ("", "must be a date")])
+    ("", "must be a date"), ("9999-12-31T23:59:59.9", "must be of the years 1583 to 9998, got '9999"),
+    ("0001-01-01T00:00:00", "must be of the years"), ("1582-12-31T23:59:59", "must be of the years")])
 def test_what_is_no_date_in_tdb_is_refused(date, rule):
     with pytest.raises(ConfigError, match=f"^state.date_tdb: {rule}"):
         State.from_dict({**state().to_dict(), "date_tdb": date})

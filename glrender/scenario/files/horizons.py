@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,7 @@ from ..epochs import Epoch
 from ..kepler import EQUATORIAL_FROM_ECLIPTIC
 from ..paths import Trajectory
 from .kvn import centre_of, same, since
-from .state_files import text_of
+from .state_files import date_of, text_of
 from .tables import TrajectoryTable
 
 # Metres and metres a second of the output units.
@@ -157,8 +156,10 @@ def _rows(lines: list[str], begin: int, end: int, names: list[str], is_csv: bool
 
 
 def _epoch(date: re.Match, scale: str, name: str) -> Epoch:
-    text = " ".join(date[2].split())
-    moment = datetime.strptime(text, "%Y-%b-%d %H:%M:%S" if text.count(":") > 1 else "%Y-%b-%d %H:%M")
-    if date[1] != "A.D." or moment.year < _FIRST_YEAR:
+    try:
+        moment = date_of(date[2].replace("-", " ") + (date[3] or ""))
+    except ValueError:
+        raise ConfigError(name, "must be a date that there is", date[0]) from None
+    if date[1] != "A.D." or int(moment[:4]) < _FIRST_YEAR:
         raise ConfigError(name, f"must be a date of the years from {_FIRST_YEAR} on", date[0])
-    return Epoch.from_scale(moment.isoformat() + (date[3] or ""), scale, name)
+    return Epoch.from_scale(moment, scale, name)

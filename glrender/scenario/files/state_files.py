@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Callable, Mapping, Sequence
+from datetime import datetime
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -18,6 +20,8 @@ from .tables import AttitudeTable, TrajectoryTable
 _TIMES = ("t_s", *(f"epoch{suffix}" for suffix in EPOCH_SUFFIXES))
 _R, _V = ("r_x_m", "r_y_m", "r_z_m"), ("v_x_m_s", "v_y_m_s", "v_z_m_s")
 _Q = ("q_w", "q_x", "q_y", "q_z")
+
+_MONTHS = ("JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AUG", "SEP", "OCT", "NOV", "DEC")
 
 Cells = Mapping[str, Sequence[Any]]
 """Columns by name, of one length: texts or numbers."""
@@ -72,6 +76,23 @@ def _attitude(path: Path, read: Callable[[Path], tuple[Cells, Rows]], interpolat
     columns, epoch = _columns(path, read, _Q)
     return AttitudeTable(times_s=columns["t_s"], q_from_inertial=np.stack([columns[name] for name in _Q], axis=1),
                          epoch=epoch, interpolation=interpolation)
+
+
+def date_of(text: str) -> str:
+    """A date in ISO 8601, of one with an English month: "2022 OCT 11 00:05:00.5", with seconds or without.
+
+    Raises
+    ------
+    ValueError
+        A date that there is not.
+    """
+    found = re.fullmatch(r"(\d{4})\s+(\w{3})\s+(\d{1,2})\s+(\d{1,2}):(\d{1,2})(?::(\d{1,2})(?:\.(\d*))?)?",
+                         text.strip(), re.ASCII)
+    if not found or found[2].upper() not in _MONTHS:
+        raise ValueError(text)
+    day, hour, minute, second = (int(found[k] or 0) for k in (3, 4, 5, 6))
+    moment = datetime(int(found[1]), _MONTHS.index(found[2].upper()) + 1, day, hour, minute, second)
+    return moment.isoformat() + (f".{found[7]}" if found[7] else "")
 
 
 def text_of(path: Path) -> str:

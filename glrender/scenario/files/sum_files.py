@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,7 @@ from ...base.constants import AU_M
 from ...base.errors import ConfigError, error_path
 from ...view.state import Pose, State
 from ..epochs import Epoch
-from .state_files import text_of
+from .state_files import date_of, text_of
 
 _M_PER_KM = 1000.0
 # Lines of numbers after name and date, each with its label behind them and how many numbers it holds.
@@ -125,8 +124,7 @@ def _checked_axes(file: str, axes: np.ndarray) -> np.ndarray:
 
 def _epoch(file: str, line: str) -> Epoch:
     try:
-        moment, _, fraction = line.strip().partition(".")
-        day = datetime.strptime(moment, "%Y %b %d %H:%M:%S").isoformat()
+        moment = date_of(line)
     except ValueError:
         raise ConfigError(f"{file}:2", "must be a date in UTC as 2019 MAR 14 19:01:23.961", line.strip()) from None
-    return Epoch.from_utc(f"{day}.{fraction}" if fraction else day, f"{file}:2")
+    return Epoch.from_utc(moment, f"{file}:2")
