@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from glrender_camera.validate import one_of, unit_vectors
-from scipy.interpolate import CubicHermiteSpline, KroghInterpolator, PchipInterpolator
+from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 from scipy.spatial.transform import Rotation, RotationSpline, Slerp
 
 from ...base.errors import ConfigError
 from ..attitude import Geometry
 from ..epochs import Epoch
+from .polynomials import through_rows
 from .rows import (
     ascending,
     beyond,
@@ -120,21 +121,20 @@ class TrajectoryTable:
         """Positions and velocities (M, 3) of the polynomials of steps (M,) at times (M,) [s] from the table's epoch."""
         r, v = np.empty((len(t), 3)), np.empty((len(t), 3))
         # A step's first row and number of rows as one number: each polynomial is made once.
-        windows = np.ravel_multi_index(self._window(steps), (len(self.times_s), _ROWS + 1))
-        order = np.argsort(windows, kind="stable")
-        for here in np.split(order, 1 + np.flatnonzero(np.diff(windows[order]))) if len(t) else ():
-            begin, count = divmod(int(windows[here[0]]), _ROWS + 1)
-            rows = slice(begin, begin + count)
-            nodes, values = self.times_s[rows], self.r_m[rows]
+        windows, of = np.unique(np.ravel_multi_index(self._window(steps), (len(self.times_s), _ROWS + 1)),
+                                return_inverse=True)
+        first, counts = np.divmod(windows, _ROWS + 1)
+        for count in np.unique(counts):
+            here, those = counts[of] == count, np.flatnonzero(counts == count)
+            rows = first[those, None] + np.arange(count)
+            nodes = self.times_s[rows]
             # In units of half the window, about its middle: high powers of seconds lose digits.
-            middle, half = 0.5 * (nodes[0] + nodes[-1]), 0.5 * (nodes[-1] - nodes[0])
-            x = (nodes - middle) / half
-            if self.v_m_s is not None:
-                # A node that is given twice takes a value and its rate.
-                x, values = np.repeat(x, 2), np.stack([values, self.v_m_s[rows] * half], axis=1).reshape(-1, 3)
-            polynomial = KroghInterpolator(x, values)
-            r[here], v[here] = (part / scale for part, scale in zip(
-                polynomial.derivatives((t[here] - middle) / half, 2), (1.0, half), strict=True))
+            middle, half = 0.5 * (nodes[:, 0] + nodes[:, -1]), 0.5 * (nodes[:, -1] - nodes[:, 0])
+            own = np.searchsorted(those, of[here])
+            slopes = None if self.v_m_s is None else self.v_m_s[rows] * half[:, None, None]
+            r[here], slope = through_rows((nodes - middle[:, None]) / half[:, None], self.r_m[rows], slopes, own,
+                                          (t[here] - middle[own]) / half[own])
+            v[here] = slope / half[own, None]
         return r, v
 
     @cached_property
