@@ -359,6 +359,22 @@ def test_lunar_orbiters_radial_terms_are_those_of_its_keywords(shared, tmp_path)
     expected = lens_of("lunarorbiter", whole, focal_length_mm)(np.array([3.0, -2.0]))
     np.testing.assert_allclose(got, expected, rtol=1e-14)
     assert np.abs(got - [3.0, -2.0]).max() > 0.02
+    assert not any("radial terms" in note for note in of_table(table, tmp_path).notes)
+    # Of several instruments the sensor's own, at any place; without one the first, with a note.
+    own = f"INS{table['instrument_pointing']['time_dependent_frames'][0]}_OD_K"
+    for keywords, note in (({"INS-1_OD_K": [0.5], own: [0.01, 0.0, 0.0]}, None),
+                           ({own: [0.01, 0.0, 0.0], "INS-1_OD_K": [0.5]}, None),
+                           ({"INS-1_OD_K": [0.01, 0.0, 0.0], "INS-2_OD_K": [0.5]},
+                            "INS-1_OD_K, though there are also INS-2")):
+        made = of_table({**table, "naif_keywords": keywords}, tmp_path)
+        np.testing.assert_allclose(made.focal_plane.lens(np.array([3.0, -2.0])), expected, rtol=1e-14)
+        notes = [each for each in made.notes if "radial terms" in each]
+        assert len(notes) == (note is not None) and (note is None or note in notes[0])
+    for keywords in ({}, None, {"BODY499_RADII": [1.0, 1.0, 1.0]}):
+        made = of_table({**table, "naif_keywords": keywords}, tmp_path)
+        assert any("has no radial terms of its lens" in each and "taken as 0" in each for each in made.notes)
+        expected_without = lens_of("lunarorbiter", lens, focal_length_mm)(np.array([3.0, -2.0]))
+        np.testing.assert_allclose(made.focal_plane.lens(np.array([3.0, -2.0])), expected_without, rtol=1e-14)
 
 
 @pytest.mark.parametrize("path, value, message", [
@@ -428,7 +444,7 @@ def test_the_pages_scenario_loads(shared):
     page = (Path(__file__).parents[2] / "docs" / "scenario.md").read_text(encoding="utf-8")
     text = re.findall(r"```toml\n(.*?)```", page, re.S)[0]
     text = text.replace("st_2458542208.json", str(shared / "spice_state" / AMICA)).replace(
-        'shape = "itokawa.obj"', f'shape = "{shared}/itokawa/itokawa_8q_768.obj", length_unit = "km"')
+        'shape = "itokawa.obj"', f'shape = "{shared}/itokawa/itokawa_8q_768.obj"')
     made = scenario_of_table(tomllib.loads(text))
     notes = made.check()
     assert [note.split(": ", 1)[1][:25] for note in notes] == ["the ISD's focal length 0.", "the file counts lines upw"]

@@ -254,13 +254,13 @@ def _focal_plane(table: object, name: str, lens: Mapping[str, Any] | None) -> tu
                       for axis in axes])
     centre = np.array([finite(f"detector_center.{axis}", _field(table, f"detector_center.{axis}")) for axis in axes])
     focal_length_mm, notes = _focal_length_mm(table, name, affine[:, 1:], max(width * summing[0], height * summing[1]))
-    model, coefficients = _lens(table, lens)
+    model, coefficients, of_lens = _lens(table, name, lens)
     with error_path("optical_distortion"):
         ideal = None if model == "none" else lens_of(model, coefficients, focal_length_mm)
     # CSM's pixels count from the corner of the first one: its centre is 0.5.
     return FocalPlane(width_px=width, height_px=height, focal_length_mm=focal_length_mm,
                       centre_px=(centre + affine[:, 0] - start) / summing - 0.5,
-                      px_from_mm=affine[:, 1:] / summing[:, None], lens=ideal), [*told, *notes]
+                      px_from_mm=affine[:, 1:] / summing[:, None], lens=ideal), [*told, *notes, *of_lens]
 
 
 def _focal_length_mm(table: object, name: str, px_from_mm: np.ndarray, size_px: float) -> tuple[float, list[str]]:
@@ -277,22 +277,40 @@ def _focal_length_mm(table: object, name: str, px_from_mm: np.ndarray, size_px: 
                          f"{field_deg[1]:.3g} deg, not {field_deg[0]:.0f} deg"]
 
 
-def _lens(table: Any, lens: Mapping[str, Any] | None) -> tuple[str, Any]:
-    """The name of the distortion model and its coefficients."""
+def _lens(table: Any, name: str, lens: Mapping[str, Any] | None) -> tuple[str, Any, list[str]]:
+    """The name of the distortion model, its coefficients, and notes."""
     if lens is not None:
         known_keys("lens", lens, ("model", "coefficients"), required=("model",))
-        return lens["model"], lens.get("coefficients")
+        return lens["model"], lens.get("coefficients"), []
     models = _field(table, "optical_distortion")
     if not models:
-        return "none", None
+        return "none", None, []
     if not isinstance(models, Mapping) or len(models) != 1:
         raise ConfigError("optical_distortion", "must be a table with one model", models)
     (model, value), = models.items()
     if model == "lunarorbiter" and isinstance(value, Mapping) and "coefficients" not in value:
-        # ALE writes the radial terms among the keywords of the kernels alone.
-        found = [terms for key, terms in (table.get("naif_keywords") or {}).items() if key.endswith("_OD_K")]
-        return model, {**value, "coefficients": found[0] if found else [0.0]}
+        terms, notes = _radial_terms(table, name)
+        return model, {**value, "coefficients": terms}, notes
     if isinstance(value, Mapping) and "coefficients" in value and model != "lunarorbiter":
         known_keys(f"optical_distortion.{model}", value, ("coefficients",))
-        return model, value["coefficients"]
-    return model, value
+        return model, value["coefficients"], []
+    return model, value, []
+
+
+def _radial_terms(table: Any, name: str) -> tuple[Any, list[str]]:
+    """The terms of a lens that ALE writes among the keywords of the kernels alone, and notes.
+
+    Of several instruments those of the one whose number the sensor's frame has.
+    """
+    found = {key: terms for key, terms in (table.get("naif_keywords") or {}).items() if key.endswith("_OD_K")}
+    if not found:
+        return [0.0], [f"camera {name!r}: the ISD has no radial terms of its lens, naif_keywords.INS..._OD_K; they are "
+                       "taken as 0"]
+    pointing = _field(table, "instrument_pointing")
+    numbers_of_frames = [*(pointing.get("constant_frames") or []), *(pointing.get("time_dependent_frames") or [])]
+    own = [key for number in numbers_of_frames for key in found if key == f"INS{number}_OD_K"]
+    taken = own[0] if own else next(iter(found))
+    others = ", ".join(key for key in found if key != taken)
+    return found[taken], [] if own or not others else [
+        f"camera {name!r}: the radial terms of the lens are those of naif_keywords.{taken}, though there are also "
+        f"{others}, and none is of the sensor's frame"]
