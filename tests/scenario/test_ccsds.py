@@ -432,7 +432,8 @@ Q = [(0.0, 0.0, 0.0, 1.0)] * 2
      "write frame = 'STARTRACKER_1'"),
     ("QUATERNION", Q, {"more": "QUATERNION_TYPE = LAST\nWRONG_KEYWORD = 1\n"}, "line 15: has a keyword that is not"),
     ("QUATERNION", [(0.9, 0, 0, 0)] * 2, {"more": "QUATERNION_TYPE = LAST\n"}, "line 17: must have a quaternion of"),
-    ("SPIN", Q, {"more": "USEABLE_STOP_TIME = 2029-01-01T00:00:00\n"}, "USEABLE_START_TIME: and USEABLE_STOP"),
+    ("SPIN", Q, {"more": "USEABLE_STOP_TIME = 2029-01-01T00:00:00\n"}, "USEABLE_START_TIME: must be before"),
+    ("SPIN", Q, {"more": "USEABLE_START_TIME = 2030-001T00:01:00\n"}, "USEABLE_START_TIME: must be before USEABLE"),
     ("SPIN/NUTATION", [(0, 0, 0, 1.0, 2.0, 0, 0)] * 2, {}, "line 16: must have a nutation period"),
     ("SPIN", [(0, 0, 0, 100.0), (0, 0, 130.0, 100.0)], {}, "line 17: must be where the rates lead within 90 deg from"),
 ])

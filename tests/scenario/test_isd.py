@@ -448,7 +448,7 @@ def test_the_pages_scenario_loads(shared):
     made = scenario_of_table(tomllib.loads(text))
     notes = made.check()
     assert [note.split(": ", 1)[1][:25] for note in notes] == ["the ISD's focal length 0.", "the file counts lines upw"]
-    assert made.scene.cameras[0].name == "HAYABUSA_AMICA" and len(made.states()) == 1
+    assert made.scene.cameras[0].name == "amica" and len(made.states()) == 1
     assert "[2.21e-5, 1.71e-4, 5.96e-5, 0.0, 0.0, -0.5202, -0.21505]" in " ".join(page.split())
     np.testing.assert_allclose(OCAMS["coefficients"], [2.21e-5, 1.71e-4, 5.96e-5, 0.0, 0.0, -0.5202, -0.21505])
 

@@ -10,6 +10,7 @@ from glrender import ConfigError, SceneError, frames
 from glrender.base.constants import AU_M
 from glrender.scenario import RandomStates, scenario_of_table
 from glrender.scenario.distributions import distribution
+from glrender.scenario.files.keypoint_fields import off_surface, read_keypoints
 from glrender.scenario.files.random_fields import with_changes
 from glrender.view.view import view_bodies
 from scipy import stats
@@ -179,8 +180,6 @@ def test_changes_leave_the_rest():
 
 
 def test_keypoints_are_read_and_those_off_the_surface_told(tmp_path):
-    from glrender.scenario.files.keypoint_fields import off_surface
-
     (tmp_path / "points.csv").write_text("name, r_x_m, r_y_m, r_z_m\nnorth, 0, 0, 100\nfar, 0, 0, 150\n")
     table = {"bodies": [{**BODY, "keypoints": "points.csv"}], "cameras": [CAMERA], "random": RANDOM}
     random = scenario_of_table(table, folder=tmp_path)
@@ -188,6 +187,8 @@ def test_keypoints_are_read_and_those_off_the_surface_told(tmp_path):
         "north": [0.0, 0.0, 100.0], "far": [0.0, 0.0, 150.0]}
     told, = off_surface(random.scene, random.keypoints)
     assert "'far' is 50" in told and "'moon'" in told
+    (tmp_path / "points.csv").write_text("id,name,r_z_m,Description,r_y_m,r_x_m\n7,a,3,\"a boulder, 12 m\",2,1\n")
+    np.testing.assert_array_equal(read_keypoints("points.csv", tmp_path)["a"], [1.0, 2.0, 3.0])
     for text, message in (("name,r_x_m\n", "has no column 'r_y_m'"), ("name,r_x_m,r_y_m,r_z_m\n", "holds no keypoint"),
                           ("name,r_x_m,r_y_m,r_z_m\na,1,2,x\n", "line 2: must have three numbers"),
                           ("name,r_x_m,r_y_m,r_z_m\na,1,2,3\na,1,2,3\n", "must be unique"),

@@ -77,15 +77,11 @@ def _part(segment: Segment, version: str, frame: str | None) -> tuple[Attitude, 
         # The other frame's rate, and its other sign.
         to_from, rates = to_from.inv(), None if rates is None else -to_from.inv().apply(rates)
     q, times = to_from.as_quat(scalar_first=True), since(epochs)
-    first, last = (segment.epoch(f"USEABLE_{end}_TIME") for end in ("START", "STOP"))
-    first, last = max(first or epochs[0], epochs[0]), min(last or epochs[-1], epochs[-1])
-    if not last >= first:
-        raise ConfigError("USEABLE_START_TIME", "and USEABLE_STOP_TIME must leave some of the rows",
-                          f"{first.tdb} to {last.tdb} TDB")
+    span = segment.useable(epochs)
     if rates is None:
-        return AttitudeTable(times_s=times, q_from_inertial=q, epoch=epochs[0], interpolation="linear"), (first, last)
+        return AttitudeTable(times_s=times, q_from_inertial=q, epoch=epochs[0], interpolation="linear"), span
     return AttitudesWithRates(times_s=times, q_from_inertial=q, rates_rad_s=rates, epoch=epochs[0],
-                              lines=[line for line, _ in segment.rows], is_spin=kind == "SPIN"), (first, last)
+                              lines=[line for line, _ in segment.rows], is_spin=kind == "SPIN"), span
 
 
 def _is_from_inertial(segment: Segment, version: str, frame: str | None) -> bool:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...base.errors import ConfigError, error_path
+from ...base.errors import error_path
 from ..paths import Trajectory
 from .kvn import INERTIAL, centre_of, of_one_object, one_value, segments_of, since
 from .tables import Segments, TrajectoryTable
@@ -60,11 +60,7 @@ def trajectory_of_oem(path: str | Path, about: str | Sequence[str], object_name:
             segment.value("REF_FRAME", INERTIAL)
             epochs, numbers = segment.table((6, 9))
             states = np.array([row[:6] for row in numbers]) * _M_PER_KM
-            first, last = (segment.epoch(f"USEABLE_{end}_TIME") for end in ("START", "STOP"))
-            first, last = max(first or epochs[0], epochs[0]), min(last or epochs[-1], epochs[-1])
-            if not first < last:
-                raise ConfigError("USEABLE_START_TIME", "must be before USEABLE_STOP_TIME, with rows between them",
-                                  f"{first.tdb} to {last.tdb} TDB")
+            first, last = segment.useable(epochs)
             parts.append(TrajectoryTable(times_s=since(epochs), about=centre, epoch=epochs[0], r_m=states[:, :3],
                                          v_m_s=states[:, 3:], span_s=(first - epochs[0], last - epochs[0])))
     return parts[0] if len(parts) == 1 else Segments(parts=parts)

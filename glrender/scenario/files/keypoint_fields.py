@@ -14,6 +14,8 @@ from ...scene.shape.convex_hull import surface_distance_m
 from .state_files import csv_rows
 
 _COLUMNS = ("name", "r_x_m", "r_y_m", "r_z_m")
+# Columns for people, that change no place.
+_PASSED_OVER = ("comment", "comments", "description", "id", "note", "notes", "remark", "remarks", "source")
 # Of a body's radius: a keypoint farther off its surface is likely another body's, or of another length unit.
 _OFF_SURFACE = 1e-3
 
@@ -24,7 +26,8 @@ def read_keypoints(value: object, folder: Path) -> dict[str, np.ndarray]:
     Parameters
     ----------
     value : table or str
-        Of names and [x, y, z], or the name of a CSV file with the columns `name`, `r_x_m`, `r_y_m`, `r_z_m`.
+        Of names and [x, y, z], or the name of a CSV file with the columns `name`, `r_x_m`, `r_y_m`, `r_z_m`; others
+        for people, as `description`, are passed over.
     folder : path
         Where the file's name leads from.
 
@@ -55,8 +58,9 @@ def _of_csv(path: Path) -> dict[str, np.ndarray]:
     names, rows = csv_rows(path)
     if missing := [name for name in _COLUMNS if name not in names]:
         raise ConfigError(path.name, f"has no column {missing[0]!r}", hint=f"columns are {', '.join(_COLUMNS)}")
-    if more := [name for name in names if name not in _COLUMNS]:
-        raise ConfigError(f"{path.name}.{more[0]}", "unknown column", hint=f"columns are {', '.join(_COLUMNS)}")
+    if more := [name for name in names if name not in _COLUMNS and name.lower() not in _PASSED_OVER]:
+        raise ConfigError(f"{path.name}.{more[0]}", "unknown column", hint=f"columns are {', '.join(_COLUMNS)}; passed "
+                          f"over are {', '.join(_PASSED_OVER)}")
     found: dict[str, np.ndarray] = {}
     for line, cells in rows:
         row = dict(zip(names, cells, strict=True))

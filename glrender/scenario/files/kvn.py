@@ -54,6 +54,21 @@ class Segment:
         """The epoch of a keyword, None where the segment has none."""
         return self._epoch(self.meta[key], key) if key in self.meta else None
 
+    def useable(self, epochs: Sequence[Epoch]) -> tuple[Epoch, Epoch]:
+        """First and last of the epochs at which rows count: within theirs, and the USEABLE times where these are given.
+
+        Raises
+        ------
+        ConfigError
+            USEABLE times without rows between them.
+        """
+        first, last = (self.epoch(f"USEABLE_{end}_TIME") for end in ("START", "STOP"))
+        first, last = max(first or epochs[0], epochs[0]), min(last or epochs[-1], epochs[-1])
+        if not first < last:
+            raise ConfigError("USEABLE_START_TIME", "must be before USEABLE_STOP_TIME, with rows between them",
+                              f"{first.tdb} to {last.tdb} TDB")
+        return first, last
+
     def table(self, widths: Sequence[int]) -> tuple[list[Epoch], list[list[float]]]:
         """Epochs and numbers of the rows, of some widths each."""
         epochs: list[Epoch] = []

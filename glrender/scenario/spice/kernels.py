@@ -1,4 +1,4 @@
-"""SPICE's kernels: loaded, asked, and told of where they have no answer."""
+"""SPICE's kernels: loaded, asked, and named in errors where they have no answer."""
 
 from __future__ import annotations
 
@@ -136,7 +136,7 @@ class Spice:
         return lines
 
     def asked(self, et_s: float | None, path: str, function: Any, *arguments: Any) -> Any:
-        """Ask SPICE; what it refuses is told with the epoch and the coverage that there is."""
+        """Ask SPICE; what it refuses is an error with the epoch and the coverage that there is."""
         try:
             return function(*arguments)
         except self.error as error:
