@@ -138,6 +138,20 @@ def options_of(scene: Scene, table: Mapping[str, Any], asked: Mapping[str, Any] 
     return options
 
 
+def exposures_of(scene: Scene, options: FrameOptions) -> tuple[float, ...]:
+    """Spans [s] about a state from which its frame has light: the exposure, or the limits of "auto".
+
+    Rows that are read later have light from later; irradiance has no exposure.
+    """
+    camera = scene.camera(options.camera)
+    if options.output != "dn" or camera.model is None:
+        return ()
+    asked: Any = camera.model.exposure_s if options.exposure_s is None else options.exposure_s
+    limits = camera.model.auto_exposure
+    read_out_s = abs(camera.model.detector.rolling_shutter_row_s) * camera.height_px
+    return tuple(each + read_out_s for each in ((limits.min_s, limits.max_s) if asked == "auto" else (asked,)))
+
+
 def require_model(scene: Scene, options: FrameOptions) -> None:
     """Refuse digital numbers of a camera that has no detector."""
     if options.output == "dn" and scene.camera(options.camera).model is None:

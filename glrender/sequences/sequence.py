@@ -14,7 +14,7 @@ import numpy as np
 from glrender_camera.notebook import png, strip, table
 from glrender_camera.pattern import seed_of
 
-from ..base.errors import ConfigError
+from ..base.errors import ConfigError, GlrenderError
 from ..capture.capture import Capture, draw_still, take_frame
 from ..renderer import open_renderer
 from ..scene.scene import Scene
@@ -23,11 +23,13 @@ from . import labels
 from .folder import claim_folder
 from .formats import FrameFile, write
 from .header import VERSION, frame_header, offset_DN
-from .options import FrameOptions, require_model
+from .options import FrameOptions, exposures_of, require_model
 from .processes import own_processes, parted, processes_of
 from .read import read_image
 
 _DIGITS = 5
+# Instants of an exposure at which a course is compared, in exposures from its middle: no period has all of them alike.
+_INSTANTS = (-0.5, -0.309017, -0.118034, 0.190983, 0.5)
 # Frames that a notebook shows, and their longer side.
 _N_SHOWN, _SHOWN_PX = 5, 160
 
@@ -108,13 +110,26 @@ class FrameSequence:
 
     def manifest(self) -> dict[str, Any]:
         """The frames depend on these: version, digests of scene and states, options."""
-        return {"glrender": VERSION, "n_frames": len(self.states), "states_sha256": digest_of_states(self.states),
+        return {"glrender": VERSION, "n_frames": len(self.states),
+                "states_sha256": digest_of_states(self.states, exposures_of(self.scene, self.options)),
                 "scene_sha256": digest_of_scene(self.scene), "options": self.options.to_dict()}
 
 
-def digest_of_states(states: Sequence[State]) -> str:
-    """The digest of states, in their order."""
-    return hashlib.sha256("\n".join(json.dumps(state.to_dict()) for state in states).encode()).hexdigest()
+def digest_of_states(states: Sequence[State], spans_s: Sequence[float] = ()) -> str:
+    """The digest of states, in their order, and of their courses over spans (N,) [s] about each state."""
+    digest = hashlib.sha256("\n".join(json.dumps(state.to_dict()) for state in states).encode())
+    for state in states if spans_s else ():
+        if state.course is not None:
+            digest.update(_motion(state, np.outer(spans_s, _INSTANTS).ravel()).encode())
+    return digest.hexdigest()
+
+
+def _motion(state: State, dt_s: np.ndarray) -> str:
+    """The states of a course at times (N,) [s] about one of them; where they are not known, why."""
+    try:
+        return json.dumps([later.to_dict() for later in state.at(dt_s)])
+    except GlrenderError as error:
+        return str(error)
 
 
 def digest_of_scene(scene: Scene) -> str:

@@ -27,9 +27,9 @@ from glrender.scenario import (
     Times,
 )
 from glrender.sequences.dataset.dataset import DataSet
-from glrender.sequences.options import FrameOptions
+from glrender.sequences.options import FrameOptions, exposures_of
 from glrender.sequences.processes import processes_of
-from glrender.sequences.sequence import FrameSequence
+from glrender.sequences.sequence import FrameSequence, digest_of_states
 from glrender.view.light_time import apparent_state
 from glrender_camera import CameraModel, Detector, Optics
 from missing import needed_module
@@ -363,3 +363,46 @@ def test_a_notebooks_own_functions_are_not_sent(monkeypatch, caplog):
     assert processes_of([state], options, None) == 1 and "a notebook" in caplog.text
     main.__file__ = "script.py"
     assert processes_of([state], options, None) is None
+
+
+def shaken(frequency_hz):
+    """The same two states whatever the frequency, that turn by 2 mrad about the camera's X before and after."""
+    def course_of(state):
+        def course(dt_s):
+            q = Rotation.from_rotvec(0.002 * np.sin(2.0 * np.pi * frequency_hz * dt_s)[:, None] * [1.0, 0.0, 0.0])
+            return [replace(state, t_s=state.t_s + dt, spacecraft=replace(state.spacecraft, q_from_inertial=each))
+                    for dt, each in zip(dt_s.tolist(), q.as_quat(scalar_first=True), strict=True)]
+        return course
+    return [state.with_course(course_of(state)) for state in scenario_of(times_s=(1.0, 2.0)).iter_states()]
+
+
+@pytest.mark.parametrize("kind, exposure_s", [
+    (FrameSequence, None), (DataSet, None), (FrameSequence, 0.05), (FrameSequence, "auto")])
+def test_a_folder_is_not_filled_up_with_frames_of_another_motion(tmp_path, kind, exposure_s):
+    """Jitter of 20 Hz instead of 30 Hz about the same states; irradiance does not depend on it."""
+    more = {"format": "coco"} if kind is DataSet else {}
+    made = lambda states, **options: kind(  # noqa: E731
+        scene=SPHERE, states=states, folder=tmp_path / options.get("output", "dn"), **more,
+        options=FrameOptions(**{"camera": "navcam", "output": "dn", "format": "npz", "exposure_s": exposure_s,
+                                **options}))
+    assert list(made(shaken(30.0)).draw(1)) and list(made(shaken(30.0)).draw(1)) == []
+    with pytest.raises(ConfigError, match="another sequence: states_sha256 differ"):
+        list(made(shaken(20.0)).draw(1))
+    if kind is FrameSequence:
+        still = {"output": "irradiance", "exposure_s": None}
+        assert list(made(shaken(30.0), **still).draw(1)) and list(made(shaken(20.0), **still).draw(1)) == []
+
+
+def test_a_late_rows_motion_counts():
+    """A turn that begins after the exposure of the middle row, within that of the last."""
+    camera = replace(CAMERA, model=replace(MODEL, exposure_s=0.01, detector=replace(
+        MODEL.detector, rolling_shutter_row_s=0.01)))
+    scene = replace(SPHERE, cameras=[camera])
+    options = FrameOptions(camera="navcam", output="dn", format="npz")
+    state = shaken(30.0)[0]
+    later = state.with_course(lambda dt_s: [state if dt < 0.1 else shaken(20.0)[1] for dt in dt_s])
+    digests = {digest_of_states([each], exposures_of(scene, options)) for each in (
+        state.with_course(lambda dt_s: [state] * len(dt_s)), later)}
+    assert len(digests) == 2
+    assert digest_of_states([later], (0.01,)) == digest_of_states([state.with_course(
+        lambda dt_s: [state] * len(dt_s))], (0.01,))

@@ -24,7 +24,7 @@ from ...view.state import State
 from .. import labels
 from ..folder import MANIFEST, claim_folder, write_whole
 from ..header import VERSION, camera_table
-from ..options import FrameOptions, require_model
+from ..options import FrameOptions, exposures_of, require_model
 from ..processes import Pool, own_processes, parted, processes_of
 from ..sequence import digest_of_scene, digest_of_states
 from . import bop, coco
@@ -166,7 +166,8 @@ class DataSet:
         camera = self.scene.camera(self.options.camera)
         keys = {name: value for name, value in self.options.to_dict().items() if name not in ("format", "has_labels")}
         return {"glrender": VERSION, "n_frames": len(self.states), "frames_a_shard": self.frames_a_shard,
-                "format": self.format, "states_sha256": digest_of_states(self.states),
+                "format": self.format,
+                "states_sha256": digest_of_states(self.states, exposures_of(self.scene, self.options)),
                 "scene_sha256": digest_of_scene(self.scene), "options": keys, "source": dict(self.source),
                 "bodies": [body.name for body in self.scene.bodies],
                 "camera": camera_table(camera)}

@@ -20,6 +20,7 @@ from glrender.scenario import Belief, RandomStates, Scenario, load_scenario
 from glrender.scenario.files.belief_fields import read_belief
 from glrender.scene.scene import checked_max_error
 from glrender.scene.scene_file import read_toml
+from glrender.sequences.options import FrameOptions, exposures_of
 from glrender.sequences.sequence import VERSION, digest_of_scene, digest_of_states
 from glrender_camera.faults.fault import Fault
 from glrender_camera.faults.frame_faults import checked_faults
@@ -143,8 +144,9 @@ class Campaign:
     @cached_property
     def _digest(self) -> str:
         setup = self.setup
-        return _digest(setup.version, digest_of_scene(setup.scene), digest_of_states(setup.states), setup.camera,
-                       setup.body, setup.pointing, setup.handover, setup.acceleration_error)
+        exposures_s = exposures_of(setup.scene, FrameOptions(camera=setup.camera, output="dn", format="npz"))
+        return _digest(setup.version, digest_of_scene(setup.scene), digest_of_states(setup.states, exposures_s),
+                       setup.camera, setup.body, setup.pointing, setup.handover, setup.acceleration_error)
 
 
 def load_campaign(path: str | Path) -> Campaign:
