@@ -13,6 +13,8 @@ from ..view.state import later
 
 Cards = dict[str, tuple[Any, str]]
 """Values and comments by keyword."""
+# Characters of a card: FITS Standard 4.0, section 4.1.
+_CARD = 80
 _MJD_0 = datetime(1858, 11, 17)
 _DAY_S = 86400.0
 
@@ -49,7 +51,7 @@ def cards_of(header: Mapping[str, Any]) -> Cards:
     if header["exposure_s"] is not None:
         cards |= {"EXPTIME": (header["exposure_s"], "[s] exposure"), "SEED": (header["seed"], "of the noise")}
         cards |= _detector(camera)
-    return cards
+    return {name: _fitting(*card) for name, card in cards.items()}
 
 
 def sky_cards(header: Mapping[str, Any]) -> Cards:
@@ -118,6 +120,15 @@ def _detector(camera: Mapping[str, Any]) -> Cards:
         cards |= {"BAYERPAT": ("".join(rows), "filters of rows from row 1 on"),
                   "BAYERROW": (len(rows), "rows of the pattern"), "XBAYROFF": (0, "[px]"), "YBAYROFF": (0, "[px]")}
     return cards
+
+
+def _fitting(value: Any, comment: str) -> tuple[Any, str]:
+    """A card's value and its comment, which is left out where a string leaves no room for it."""
+    if not isinstance(value, str):
+        return value, comment
+    # Quotes stand about a string, and twice in it.
+    room = _CARD - len("KEYWORD = '' / ") - len(value) - value.count("'")
+    return value, comment if len(comment) <= room else ""
 
 
 def _ascii(name: str) -> str:

@@ -103,3 +103,11 @@ def test_nothing_asks_whether_it_is_ci():
                  f"ifeq ($({name}),true)", f"ifdef {name}", f'"{name}" in os.environ', f"printenv {name}",
                  f'monkeypatch.setenv("{name}", "1")'):
         assert asking.search(line)
+
+
+def test_nothing_is_asked_for_while_tests_are_collected():
+    """A skip or a failure at a module's top would end the collection: fixtures and tests ask."""
+    asks = re.compile(r"^(\w+ = )?(missing|needed_module|pytest\.skip|pytest\.importorskip)\(", re.MULTILINE)
+    files = sorted((REPOSITORY / "tests").rglob("test_*.py"))
+    assert len(files) > 150 and not [str(file) for file in files if asks.search(file.read_text(encoding="utf-8"))]
+    assert asks.search('import x\nneeded_module("x", "")') and asks.search('x = pytest.importorskip("x")')
