@@ -16,7 +16,8 @@ from .view import BodyView, between
 
 # Brightness of a sphere's middle at full phase over the mean of its disc by Lambert's law [1]: where a shadow may fall.
 _HARD_EDGE = 1.5
-# Points of a sphere's image in which an eclipse is looked at, and half the distance of neighbours over its radius [1].
+# Points of the lit part of a sphere's image in which an eclipse is looked at, and half the distance of neighbours over
+# its radius [1] at full phase.
 _POINTS = 400
 _POINT = 0.5 * math.sqrt(math.pi / _POINTS)
 # How far a shadow may be from where a sphere's is, towards its light, over its radius [1]: bodies are no spheres.
@@ -101,6 +102,7 @@ def eclipse(receiver: BodyView, cast: Sequence[tuple[str, np.ndarray]], hulls: M
         return NO_ECLIPSE
     hull, sun = hulls[receiver.name], receiver.sun_direction_body
     point_m, light = _lit_points(receiver, hull.radius_m)
+    edge_m = hull.radius_m * max(_POINT * math.cos(0.5 * receiver.phase_rad), 1.0 / _POINTS)
     (soft, hard), width_m = np.ones((2, len(_ASIDE), len(light))), 0.0
     for name, receiver_from_caster in cast:
         offset_m, caster_m = receiver_from_caster[:3, 3], hulls[name].radius_m
@@ -112,22 +114,29 @@ def eclipse(receiver: BodyView, cast: Sequence[tuple[str, np.ndarray]], hulls: M
         apart_m = np.linalg.norm(aside_m + moved_m[:, None], axis=-1)
         half_m = np.maximum(sun_radius_rad * sunward_m, 1e-9 * caster_m)
         is_shaded = sunward_m > 0.0
-        for left, disc_m in ((soft, half_m), (hard, np.minimum(half_m, _POINT * hull.radius_m))):
+        for left, disc_m in ((soft, half_m), (hard, np.minimum(half_m, edge_m))):
             left *= 1.0 - is_shaded * shared_area(caster_m, disc_m, apart_m) / (math.pi * disc_m**2)
         width_m = max(width_m, 2.0 * float(half_m.max()))
-    total = max(float(light.sum()), 1e-300)
+    total = float(light.sum())
+    if not total > 0.0:
+        return Eclipse(width_m=width_m)
     soft, hard = soft @ light / total, hard @ light / total
     return Eclipse(left=float(soft[0]), hard_flux=float(np.max(np.abs(soft - hard) / np.maximum(soft, 1e-3))),
                    width_m=width_m)
 
 
 def _lit_points(receiver: BodyView, radius_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Points (N, 3) [m] of a sphere that camera and Sun see, evenly in the image, and their light (N,)."""
+    """Points (N, 3) [m] of a sphere that camera and Sun see, evenly in the image, and their light (N,) [1]."""
     x, y = on_disc(_POINTS).T
-    right, down, towards = sun_from_body(receiver.r_camera_body_m / receiver.range_m)
-    normal = np.outer(x, right) + np.outer(y, down) + np.outer(np.sqrt(np.maximum(1.0 - x**2 - y**2, 0.0)), towards)
-    light = normal @ receiver.sun_direction_body
-    return radius_m * normal[light > 0.0], light[light > 0.0]
+    camera_from_body = sun_from_body(receiver.r_camera_body_m / receiver.range_m)
+    sun = camera_from_body @ receiver.sun_direction_body
+    # From the terminator to the limb, the Sun being towards x.
+    x = 0.5 * ((1.0 + sun[2]) * x + (1.0 - sun[2]) * np.sqrt(np.maximum(1.0 - y**2, 0.0)))
+    length = math.hypot(sun[0], sun[1])
+    towards_x, towards_y = sun[:2] / length if length > 0.0 else (1.0, 0.0)
+    normal = np.stack([towards_x * x - towards_y * y, towards_y * x + towards_x * y,
+                       np.sqrt(np.maximum(1.0 - x**2 - y**2, 0.0))], axis=-1)
+    return radius_m * normal @ camera_from_body, np.maximum(normal @ sun, 0.0)
 
 
 def shared_area(one: float, other: np.ndarray | float, apart: np.ndarray) -> np.ndarray:
@@ -135,8 +144,9 @@ def shared_area(one: float, other: np.ndarray | float, apart: np.ndarray) -> np.
     small, gap = np.minimum(one, other), np.abs(one - other)
     # Circles that touch from within or without are those that are nearest and farthest.
     d = np.clip(apart, np.maximum(gap, 1e-12 * small), one + other)
-    cos_one, cos_other = ((d**2 + a**2 - b**2) / (2.0 * d * a) for a, b in ((one, other), (other, one)))
     triangle = (one + other - d) * (d + one - other) * (d - one + other) * (one + other + d)
-    shared = (one**2 * np.arccos(np.clip(cos_one, -1.0, 1.0)) + other**2 * np.arccos(np.clip(cos_other, -1.0, 1.0))
-              - 0.5 * np.sqrt(np.maximum(triangle, 0.0)))
+    root = np.sqrt(np.maximum(triangle, 0.0))
+    # An arc cosine is good to 1e-8 rad, which is more than all of a small disc by the edge of a large one.
+    angle_one, angle_other = (np.arctan2(root, (d - b) * (d + b) + a**2) for a, b in ((one, other), (other, one)))
+    shared = one**2 * angle_one + other**2 * angle_other - 0.5 * root
     return np.where(apart <= gap, math.pi * small**2, shared)

@@ -15,6 +15,8 @@ from glrender.brdf import Lambert
 from glrender.planner import eclipse_samples
 from glrender.planner.adaptive_samples import pixel_means
 from glrender.planner.engine_choice import MAX_SAMPLES
+from glrender.view.occluders import casters, eclipse
+from glrender.view.view import view_bodies
 
 LAW, RADIUS_M, RANGE_M = Lambert(normal_albedo=0.3), 100.0, 1e5
 
@@ -30,14 +32,13 @@ def hidden_share(radius, disc, apart):
     return 0.5 * (radius**2 * (one - np.sin(one)) + disc**2 * (other - np.sin(other))) / (np.pi * disc**2)
 
 
-def light_left(to_sun, r_other_m, other_m, n=80):
-    """Share of a Lambert sphere's light, seen from +Z far away, that another sphere leaves."""
-    axis = (np.arange(n) + 0.5) / n * 2.0 - 1.0
-    x, y = (each.ravel() for each in np.meshgrid(axis, axis))
-    inside = x**2 + y**2 < 1.0
-    normal = np.stack([x, y, np.sqrt(np.maximum(1.0 - x**2 - y**2, 0.0))], axis=-1)[inside]
-    light = np.maximum(normal @ to_sun, 0.0)
-    normal, light = normal[light > 0.0], light[light > 0.0]
+def light_left(to_sun, r_other_m, other_m, n=64):
+    """Share of a Lambert sphere's light, seen from +Z far away, that another sphere leaves; the Sun has no y."""
+    middle = (np.arange(n) + 0.5) / n
+    first = max(np.arctan2(to_sun[0], to_sun[2]) - 0.5 * np.pi, -0.5 * np.pi)
+    east, north = (each.ravel() for each in np.meshgrid(first + (0.5 * np.pi - first) * middle, np.pi * (middle - 0.5)))
+    normal = np.stack([np.cos(north) * np.sin(east), np.sin(north), np.cos(north) * np.cos(east)], axis=-1)
+    light = normal @ to_sun * normal[:, 2] * np.cos(north)
     to_other = r_other_m - RADIUS_M * normal
     range_m, cosine = np.linalg.norm(to_other, axis=1), to_other @ to_sun
     apart = np.arctan2(np.linalg.norm(np.cross(to_other, to_sun), axis=1), cosine)
@@ -79,6 +80,25 @@ def test_an_eclipse_s_light_is_as_predicted_and_as_asked(away_m, aside_m, other_
     if isinstance(asked, dict):
         assert "flux" in image.plan.missed or error <= asked["flux"], (error, image.plan.windows)
         assert predicted < 10.0 * asked["flux"], "no more is promised than rays can keep, and no less"
+
+
+@pytest.mark.parametrize("phase_deg", [150.0, 170.0, 177.3, 179.0, 179.9])
+def test_the_light_that_is_left_of_a_crescent(phase_deg):
+    """The planner's few points are all in what is lit, however narrow."""
+    scene, state, left = eclipsed(9e3, 60.0, 130.0, phase_deg, 60.0)
+    seen = view_bodies(state, scene.cameras[0], scene.hulls)
+    sun_rad = SUN_RADIUS_M / AU_M
+    found = eclipse(seen[0], casters(seen[0], seen, scene.hulls, sun_rad), scene.hulls, sun_rad)
+    assert found.left == pytest.approx(left, abs=0.01) and found.hard_flux <= 1.0
+
+
+@pytest.mark.parametrize("phase_deg", [177.3, 178.0, 179.6, 180.0])
+def test_a_crescent_with_a_caster_is_drawn(phase_deg):
+    """The light of a body behind whose limb the Sun is may be nothing; its prediction is a number."""
+    scene, state, _ = eclipsed(1000.0, 20.0, 20.0, phase_deg, 60.0)
+    with Renderer(scene) as renderer:
+        image = renderer.render(state, max_error=0.02)
+    assert np.isfinite(image.irradiance_W_m2).all() and np.isfinite(list(image.plan.predicted.values())).all()
 
 
 def test_what_agrees_in_a_pixel_has_the_variance_of_those_around():

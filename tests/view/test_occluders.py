@@ -134,3 +134,19 @@ def test_an_eclipse_s_light_and_that_of_hard_edges(place_m, radius_m, left, hard
     assert left[0] <= found.left <= left[1] and hard_flux[0] <= found.hard_flux <= hard_flux[1], found
     assert found.width_m == pytest.approx(2.0 * SUN_RAD * place_m[0], rel=0.4)
     assert eclipse(view, [], scene.hulls, SUN_RAD).left == 1.0
+
+
+@pytest.mark.parametrize("phase_deg", [170.0, 177.3, 179.0, 179.9, 180.0])
+def test_a_crescent_s_eclipse_is_that_of_its_lit_part(phase_deg):
+    """An annulus leaves 1 - (100 / 465)^2 of the Sun's disc at every phase, and a total eclipse nothing."""
+    for place_m, radius_m, expected in (((100e3, 0.0, 0.0), 100.0, 1.0 - (100.0 / 1e5 / SUN_RAD) ** 2),
+                                        ((1000.0, 0.0, 0.0), 150.0, 0.0)):
+        cast, view, scene, _ = eclipsed(place_m, radius_m, phase_deg, sun_radius_rad=SUN_RAD)
+        with np.errstate(all="raise"):
+            found = eclipse(view, cast, scene.hulls, SUN_RAD)
+        assert found.left == pytest.approx(expected, abs=2e-3) and 0.0 <= found.hard_flux <= 1.0
+        assert found.width_m == pytest.approx(2.0 * SUN_RAD * place_m[0], rel=0.2)
+
+
+def test_a_small_disc_by_the_edge_of_a_large_one_is_half_shared():
+    assert shared_area(1e7, 1.0, np.array(1e7)) == pytest.approx(0.5 * np.pi, rel=1e-6)
