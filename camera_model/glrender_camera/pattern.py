@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import operator
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import SupportsIndex
 
 import numpy as np
 
 # Spawn keys that keep the streams of a sensor, of a frame and of its faults apart when their seeds are equal.
 SENSOR, FRAME, COSMIC, FAULT = 0, 1, 2, 3
-
+# Of seeds made of another: a number and a name with the same bytes are two keys.
+_NUMBER, _NAME = 4, 5
 
 # Of a seed that is made of another: whole numbers up to 2**53 are exact in JSON as MATLAB and JavaScript read it.
 _SEED_BITS = 53
 
 
-def seed_of(seed: int, key: int | str) -> int:
+def seed_of(seed: int, key: SupportsIndex | str) -> int:
     """A seed made of another and of what it is for: a frame by its number, a camera by its name.
 
     Seeds of other keys, and those of neighbouring seeds, have streams of random numbers that are independent.
@@ -23,7 +26,7 @@ def seed_of(seed: int, key: int | str) -> int:
     Parameters
     ----------
     seed : int, 0..2**64 - 1
-    key : int, >= 0, or str
+    key : int, also NumPy's, >= 0, or str
 
     Returns
     -------
@@ -31,8 +34,8 @@ def seed_of(seed: int, key: int | str) -> int:
 
     Source: NumPy, `SeedSequence`, spawn keys.
     """
-    number = key if isinstance(key, int) else int.from_bytes(key.encode(), "little")
-    state = np.random.SeedSequence(seed, spawn_key=(number,)).generate_state(1, np.uint64)
+    spawn_key = (_NAME, *key.encode()) if isinstance(key, str) else (_NUMBER, operator.index(key))
+    state = np.random.SeedSequence(seed, spawn_key=spawn_key).generate_state(1, np.uint64)
     return int(state[0]) >> (64 - _SEED_BITS)
 
 

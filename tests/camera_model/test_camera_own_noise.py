@@ -85,6 +85,17 @@ def test_neighbouring_seeds_and_frames_share_no_noise():
     assert max(alike(a, b) for a, b in combinations(taken, 2)) < LIMIT
 
 
+def test_keys_of_seeds_are_apart_by_kind_and_length():
+    """A number of NumPy is that number; none is a name, though "a" has the byte 97; lengths of names count."""
+    for kind in (np.int64, np.uint8, np.int32):
+        assert seed_of(3, kind(97)) == seed_of(3, 97)
+    keys = [0, 1, 97, 2**32, 2**64, "", "a", "a\0", "\0", "aa", "97", "\x01", "é", "カ"]
+    assert len({seed_of(3, key) for key in keys}) == len(keys)
+    with pytest.raises(TypeError):
+        seed_of(3, 1.5)
+    assert seed_of(3, np.str_("a")) == seed_of(3, "a") != seed_of(np.int64(4), "a")
+
+
 def test_the_largest_seed_is_taken_and_others_are_refused():
     model = camera_model(read_noise_electrons=10.0)
     dark = np.zeros(SHAPE, np.float32)

@@ -29,9 +29,7 @@ def flown(world):
     shape = world.shape(subdivisions=5)
     scene = world.scene(shape, SIZE_PX)
     with world.Local(scene) as truth, world.Local(scene, max_error=0.1) as board:
-        # The noise of half of all seeds leaves the second view, 50 pixels across, fewer than the 8 features that
-        # landmarks need; these leave it enough.
         views = [(true, believed, truth.render(true, output="dn", exposure_s="auto", seed=seed).pixels)
-                 for seed, (true, believed) in enumerate(world.views(6), start=6)]
+                 for seed, (true, believed) in enumerate(world.views(6))]
         yield SimpleNamespace(camera=world.camera(SIZE_PX), body=world.body(shape), views=views, truth=truth,
                               board=board)
