@@ -9,12 +9,14 @@ is a connection to our port by its own word, and has taken what the system has c
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import logging
 import os
 import resource
 import socket
 import stat
 import struct
+import termios
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -31,6 +33,8 @@ _PATROL_S, _PATROL_S_PER_CONNECTION = 0.05, 6e-4
 _NEXT_LOOK_S = 0.5
 # Bytes of ZMTP around one part, with CURVE, at most.
 _PART_OVERHEAD_BYTES = 80
+# Heartbeats of ZMTP bring no message: 30 bytes each, mostly one a second.
+_HEARTBEAT_BYTES_PER_S = 1024
 # Places of tcpi_bytes_acked and tcpi_bytes_received (u64) in struct tcp_info, since Linux 4.1 (linux/tcp.h).
 _TCP_INFO_ACKED, _TCP_INFO_RECEIVED = 120, 128
 _DESCRIPTORS = "/proc/self/fd"
@@ -48,8 +52,9 @@ class Peer:
     has_asked: bool = False
     n_owed: int = 0
     n_read_bytes: int = 0
-    n_sent_bytes: int = 0
     n_received_bytes: int = 0
+    n_marked_bytes: int = 0
+    n_queued_bytes: int = 0
     n_acknowledged_bytes: int = 0
     moved: float = field(default_factory=time.monotonic)
 
@@ -63,16 +68,20 @@ class Peer:
 
     @property
     def unfinished_bytes(self) -> int:
-        """Bytes that the system has received on it and that no message has brought, by the last look."""
+        """Bytes that ZeroMQ has of it by the last look, and that no message has brought; whole messages may wait."""
         # What surrounds parts is reckoned high: no credit comes of it.
         self.n_read_bytes = min(self.n_read_bytes, self.n_received_bytes)
         return self.n_received_bytes - self.n_read_bytes
 
-    def unacknowledged_bytes(self) -> int:
-        """Bytes of replies that its system has not taken by now; 0 of a Unix socket."""
+    @property
+    def settled_bytes(self) -> int:
+        """Bytes of a message that it has not ended, where all that was whole at the mark has been read since."""
+        return max(self.n_marked_bytes - self.n_read_bytes, 0)
+
+    def queued_bytes(self) -> int:
+        """Bytes of replies that the system has for it now, and that its own has not taken."""
         self.count(self)
-        self.n_sent_bytes = max(self.n_sent_bytes, self.n_acknowledged_bytes)
-        return self.n_sent_bytes - self.n_acknowledged_bytes if self.n_acknowledged_bytes else 0
+        return self.n_queued_bytes
 
     def heard_of(self, n_parts: int, n_bytes: int) -> None:
         """Credit it with a message."""
@@ -89,15 +98,20 @@ class Peers:
         That the ROUTER is bound to.
     max_connections : int
         Beyond them those that have been silent longest, and are owed nothing, are closed.
+    max_part_bytes, n_waiting : int
+        ZeroMQ's bounds for the parts of a message, and for the whole messages of a connection that wait to be read.
     """
 
-    def __init__(self, endpoint: str, max_connections: int):
+    def __init__(self, endpoint: str, max_connections: int, max_part_bytes: int, n_waiting: int):
         self._address = endpoint.partition("://")[2]
         self._port = int(endpoint.rpartition(":")[2]) if endpoint.startswith("tcp:") else None
         # Told, the system need not be asked each time.
         self._family = (socket.AF_UNIX if self._port is None else socket.AF_INET6 if "[" in self._address
                         else socket.AF_INET)
-        self._max_connections, self._looked, self._n_found = max_connections, 0.0, 0
+        self._max_connections, self._looked, self._n_found = max_connections, time.monotonic(), 0
+        # Of whole messages, of one that comes and of one that is passed on.
+        self._max_part_bytes, self._n_waiting = max_part_bytes, n_waiting + 2
+        self._n_messages, self._n_to_settle = 0, 0
         # By descriptor, with the inode; None for what is no connection of the ROUTER.
         self._seen: dict[int, tuple[int, Peer | None]] = {}
         # Every duplicate has this one's descriptor, and gives way to the next: none is left open, and none wants a free
@@ -115,24 +129,26 @@ class Peers:
         except zmq.ZMQError:
             return None
 
+    def has_read_message(self) -> None:
+        """Count a message: ZeroMQ gives each connection's in turn."""
+        self._n_messages += 1
+
+    def has_read_all(self) -> None:
+        """Note that no whole message waits."""
+        self._n_messages = max(self._n_messages, self._n_to_settle)
+
     def patrol(self) -> None:
         """Look at all connections, every so often, and hang up on those that take too much."""
         now = time.monotonic()
         if now - self._looked < _PATROL_S + _PATROL_S_PER_CONNECTION * len(self):
             return
-        self._looked = now
+        n_heartbeat_bytes, self._looked = int(_HEARTBEAT_BYTES_PER_S * (now - self._looked)), now
         peers = self._all()
         for peer in peers:
             self._count(peer)
+            peer.n_read_bytes += n_heartbeat_bytes
         self._let_go()
-        unfinished = sorted(((peer.unfinished_bytes, peer) for peer in peers), key=lambda entry: -entry[0])
-        total = sum(n_bytes for n_bytes, _ in unfinished)
-        for n_bytes, peer in unfinished:
-            if n_bytes <= limits.MAX_UNFINISHED_BYTES and total <= limits.MAX_UNFINISHED_BYTES_IN_ALL:
-                break
-            log.warning("a client sent %d bytes of messages that it did not end: closed", n_bytes)
-            self.hang_up(peer)
-            total -= n_bytes
+        self._end_unfinished(peers)
         if (n_too_many := len(peers) - self._max_connections) > 0:
             silent = sorted((peer for peer in peers if not peer.n_owed), key=lambda peer: (peer.has_asked, peer.heard))
             # Where all are at work the newest go: they have had the time to ask how the server does.
@@ -140,6 +156,29 @@ class Peers:
             for peer in (silent or newest)[:n_too_many]:
                 log.warning("%d connections are open: the one that was silent longest is closed", len(peers))
                 self.hang_up(peer)
+
+    def _end_unfinished(self, peers: list[Peer]) -> None:
+        """Hang up on those of whose bytes ZeroMQ holds more than whole messages can be.
+
+        What it held at the mark is no whole message once none was left to read, or each connection had its turns.
+        """
+        unfinished = {peer: peer.unfinished_bytes for peer in peers}
+        if has_settled := self._n_messages >= self._n_to_settle:
+            settled = {peer: peer.settled_bytes for peer in peers}
+            for peer in peers:
+                peer.n_marked_bytes = peer.n_received_bytes
+            self._n_to_settle = self._n_messages + self._n_waiting * (len(peers) + 1)
+        else:
+            settled = dict.fromkeys(peers, 0)
+        total = sum(settled.values())
+        for peer in sorted(peers, key=settled.get, reverse=True):
+            # One part of a message that comes is nobody's fault.
+            is_too_much = has_settled and settled[peer] > 2 * self._max_part_bytes and (
+                settled[peer] > limits.MAX_UNFINISHED_BYTES or total > limits.MAX_UNFINISHED_BYTES_IN_ALL)
+            if is_too_much or unfinished[peer] > self._n_waiting * self._max_part_bytes:
+                log.warning("a client sent %d bytes of messages that it did not end: closed", unfinished[peer])
+                self.hang_up(peer)
+                total -= settled[peer]
 
     def hang_up_if_sent(self, peer: Peer, n_bytes: int) -> None:
         """End a connection that has sent so many bytes of which no message has come: who has its name now has not."""
@@ -205,17 +244,19 @@ class Peers:
             self._let_go()
 
     def _count(self, peer: Peer) -> None:
-        """Take the system's counts of a TCP connection; a Unix socket has none, and only our own user reaches it."""
-        if self._port is None:
-            return
+        """Take the system's counts; of a Unix socket, to which only our own user comes, it has fewer."""
+        peer.n_queued_bytes, before = 0, (peer.n_queued_bytes, peer.n_acknowledged_bytes)
         with contextlib.suppress(OSError):
-            told = self._held(peer).getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _TCP_INFO_RECEIVED + 8)
-            if len(told) < _TCP_INFO_RECEIVED + 8:
-                return
-            peer.n_received_bytes = struct.unpack_from("Q", told, _TCP_INFO_RECEIVED)[0]
-            acknowledged = struct.unpack_from("Q", told, _TCP_INFO_ACKED)[0]
-            if acknowledged > peer.n_acknowledged_bytes:
-                peer.n_acknowledged_bytes, peer.moved = acknowledged, time.monotonic()
+            twin = self._held(peer)
+            if self._port is not None:
+                told = twin.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _TCP_INFO_RECEIVED + 8)
+                if len(told) == _TCP_INFO_RECEIVED + 8:
+                    peer.n_acknowledged_bytes, received = struct.unpack_from("QQ", told, _TCP_INFO_ACKED)
+                    # What the system holds still may be whole messages, and is bounded by it.
+                    peer.n_received_bytes = received - _n_bytes(twin, termios.FIONREAD)
+            peer.n_queued_bytes = _n_bytes(twin, termios.TIOCOUTQ)
+            if before != (peer.n_queued_bytes, peer.n_acknowledged_bytes):
+                peer.moved = time.monotonic()
 
     def _count_now(self, peer: Peer) -> None:
         self._count(peer)
@@ -236,3 +277,8 @@ class Peers:
 
     def _let_go(self) -> None:
         os.dup2(self._null, self._twin.fileno(), inheritable=False)
+
+
+def _n_bytes(connection: socket.socket, which: int) -> int:
+    """Bytes that the system holds of a connection, one way."""
+    return struct.unpack("i", fcntl.ioctl(connection.fileno(), which, bytes(4)))[0]

@@ -30,7 +30,8 @@ _SEND_HIGH_WATER, _RECEIVE_HIGH_WATER = 32, 32
 _REPLY_BYTES = 600
 # A Unix socket is quickest when it holds the whole of a 4 MiB frame.
 _IPC_BUFFER = 1 << 22
-_STALL_S = 30.0
+# Who leaves fewer bytes than any buffer has where they are is owed too little to be hung up on.
+_STALL_S, _STALL_BYTES = 30.0, 1 << 16
 # Messages are taken in for so long, before other transports and workers have their turn [s].
 _TURN_S = 0.005
 # A request has one part behind its envelope of one or two; a message with more is thrown away, and is worth a
@@ -72,8 +73,7 @@ class _Backlog:
     @property
     def n_bytes(self) -> int:
         """Bytes that it has not taken, those that the system has for it too."""
-        of_system = 0 if self.peer is None else self.waiting_bytes + self.peer.unacknowledged_bytes()
-        return max(self.held_bytes, of_system)
+        return self.held_bytes + (0 if self.peer is None else self.peer.queued_bytes())
 
     def forget_sent(self) -> None:
         while self.on_their_way and self.on_their_way[0][0].done:
@@ -133,7 +133,7 @@ class ZmqFront:
             if self._claim is not None:
                 self._claim.restrict()
             self.endpoint = self._socket.getsockopt_string(zmq.LAST_ENDPOINT)
-            self._peers = Peers(self.endpoint, max_connections)
+            self._peers = Peers(self.endpoint, max_connections, max_part_bytes, _RECEIVE_HIGH_WATER)
         except (ConfigError, OSError):
             self.close()
             raise
@@ -181,6 +181,7 @@ class ZmqFront:
             try:
                 frame = self._socket.recv(zmq.NOBLOCK, copy=False)
             except zmq.Again:
+                self._peers.has_read_all()
                 return None
             self._n_parts += 1
             if self._n_parts <= self._max_parts:
@@ -188,6 +189,7 @@ class ZmqFront:
             elif self._n_parts == _MANY_PARTS and (peer := self._peers.of(frame)) is not None:
                 self._peers.hang_up_if_sent(peer, _MANY_PARTS * _MIN_PART_BYTES)
             if not frame.more:
+                self._peers.has_read_message()
                 n_parts, self._n_parts = self._n_parts, 0
                 return frames if n_parts <= self._max_parts else []
         return []
@@ -267,17 +269,19 @@ class ZmqFront:
             log.warning("replies to a client were not sent: %s", error.strerror)
             del self._backlogs[identity]
             return
-        if not backlog.n_bytes:
+        if not (n_bytes := backlog.n_bytes):
             del self._backlogs[identity]
-        elif time.monotonic() - backlog.since > _STALL_S:
+        elif n_bytes > _STALL_BYTES and time.monotonic() - backlog.since > _STALL_S:
+            peer = backlog.peer
             # A part that a slow network carries takes its time.
-            if backlog.peer is not None and backlog.peer.moved > backlog.since:
-                backlog.since = backlog.peer.moved
+            if peer is not None and peer.moved > backlog.since:
+                backlog.since = peer.moved
                 return
-            log.warning("a client took nothing for %g s: it is hung up on", _STALL_S)
             del self._backlogs[identity]
-            if backlog.peer is not None:
-                self._peers.hang_up(backlog.peer)
+            # Another than the one that asked has nothing to take.
+            if peer is not None and peer.n_queued_bytes:
+                log.warning("a client took nothing for %g s: it is hung up on", _STALL_S)
+                self._peers.hang_up(peer)
 
     def _send(self, backlog: _Backlog) -> None:
         message = backlog.replies[0]
@@ -289,8 +293,6 @@ class ZmqFront:
                 tracker = self._socket.send(part, zmq.NOBLOCK | more, copy=False, track=True)
                 backlog.on_their_way.append((tracker, len(part)))
         backlog.taken()
-        if backlog.peer is not None:
-            backlog.peer.n_sent_bytes += sum(map(len, message))
 
 
 def _size(reply: list[Any]) -> int:

@@ -21,7 +21,7 @@ import pytest
 import serving
 import views
 import zmq
-from glrender_server import ipc_path, keys, limits, peers, slots
+from glrender_server import ipc_path, keys, limits, peers, slots, zmq_front
 from glrender_server.zmq_front import ZmqFront
 from serving import children
 
@@ -203,6 +203,84 @@ def test_who_never_ends_a_message_is_hung_up_on():
         assert taken_in(), "the other is served"
 
 
+def test_whole_requests_that_wait_while_the_loop_is_busy_cost_no_connection():
+    """One client pipelines 40 MB, twenty 80 MB together: the loop reads nothing for a second, then little."""
+    with serving_front("tcp://127.0.0.1:*") as (front, taken_in), contextlib.ExitStack() as stack:
+        dealers = [stack.enter_context(peer(front.endpoint)) for _ in range(21)]
+        for dealer, n_messages in zip(dealers, [40, *[4] * 20], strict=True):
+            for number in range(n_messages):
+                dealer.send(head("hello", number, ballast=bytes(10**6)))
+        time.sleep(1.0)
+        n_answered = 0
+        while n_answered < 120:
+            requests = taken_in(10.0)
+            assert requests, "none is lost"
+            n_answered += len(requests)
+            for request in requests:
+                request.answer([msgpack.packb(request.parts[0][:1])])
+            time.sleep(0.02)
+        assert all(reply(dealer) is not None for dealer in dealers for _ in range(4))
+        assert all(reply(dealers[0]) is not None for _ in range(36))
+
+
+def test_a_message_without_end_is_found_where_there_is_always_another_to_read(monkeypatch):
+    monkeypatch.setattr(limits, "MAX_UNFINISHED_BYTES", 3000)
+    with serving_front("tcp://127.0.0.1:*", max_part_bytes=1000) as (front, taken_in), \
+            spoken_to(front.endpoint) as raw, peer(front.endpoint) as honest:
+        monkeypatch.setattr(front._peers, "has_read_all", lambda: None)
+        raw.sendall((bytes([3]) + struct.pack(">Q", 900) + bytes(900)) * 5)
+        for _ in range(3):
+            for number in range(150):
+                honest.send(head("hello", number))
+            assert len(taken_in(5.0, enough=150)) == 150
+            time.sleep(0.1)
+        taken_in(0.2)
+        raw.settimeout(5.0)
+        with contextlib.suppress(ConnectionResetError):
+            assert not raw.recv(1)
+
+
+def test_heartbeats_are_no_message_without_end(monkeypatch):
+    """ZMTP's PING (RFC 37) brings no message; a client that sends it for days is hung up on otherwise."""
+    monkeypatch.setattr(limits, "MAX_UNFINISHED_BYTES", 1000)
+    with serving_front("tcp://127.0.0.1:*", max_part_bytes=200) as (front, taken_in), spoken_to(front.endpoint) as raw:
+        for _ in range(10):
+            raw.sendall(b"\x04\x07\x04PING\0\0" * 25)
+            taken_in(0.3)
+        found, = front._peers._all()
+        assert found.n_received_bytes > 2000 and found.is_there
+
+
+@pytest.mark.parametrize("options", [{}, {"IDENTITY": bytes(range(1, 256))}])
+def test_who_has_taken_its_replies_and_is_silent_is_not_hung_up_on(options, monkeypatch):
+    """The name in a reply's envelope does not go over the wire."""
+    monkeypatch.setattr(zmq_front, "_STALL_S", 0.3)
+    with serving_front("tcp://127.0.0.1:*") as (front, taken_in), peer(front.endpoint, **options) as dealer:
+        for parts in (*[[msgpack.packb(1), bytes(1 << 22)]] * 3, [msgpack.packb(1), bytes(186)]):
+            dealer.send(head("hello", 1))
+            request, = taken_in(5.0)
+            request.answer(parts)
+            assert reply(dealer) == 1
+            taken_in(0.15)
+        found, = front._peers._all()
+        taken_in(1.0)
+        assert found.is_there and not front._backlogs and not request.untaken_bytes()
+
+
+def test_who_takes_nothing_is_hung_up_on(monkeypatch):
+    monkeypatch.setattr(zmq_front, "_STALL_S", 0.5)
+    with serving_front("tcp://127.0.0.1:*") as (front, taken_in), spoken_to(front.endpoint) as raw, \
+            peer(front.endpoint) as honest:
+        frame = head("hello", 1)
+        raw.sendall(bytes([0, len(frame)]) + frame)
+        request, = taken_in(5.0)
+        for _ in range(20):
+            request.answer([bytes(1 << 20)])
+        serving.until(lambda: taken_in(0.1) or len(front._peers) == 1)
+        honest.send(head("hello", 2))
+        assert taken_in(5.0) and not request.untaken_bytes()
+
+
 def test_a_message_of_very_many_parts_is_hung_up_on_and_holds_up_nobody():
     """Each empty part has two bytes on the wire, and 64 in ZeroMQ."""
     with serving_front("tcp://127.0.0.1:*") as (front, taken_in), peer(front.endpoint) as honest, \
@@ -243,7 +321,7 @@ def test_a_look_at_the_connections_leaves_no_descriptor_whatever_their_descripto
         with open(tmp_path / "file", "w") as file:
             stale = peers.Peer(file.fileno(), os.fstat(file.fileno()).st_ino, front._peers._count_now)
             for each in (stale, peers.Peer(found.descriptor, found.inode + 1, front._peers._count_now)):
-                each.unacknowledged_bytes()
+                each.queued_bytes()
                 front._peers.hang_up(each)
                 assert not front._peers._is_ours(each)
             file.write("still open")
