@@ -226,7 +226,8 @@ class Renderer:
                                      self.scene.sun_disc, _remedy(time.monotonic() > deadline, engine, may_be_slow))
         slow = None
         if may_be_slow and misses_tolerance(frame_plan):
-            fast = Image(irradiance_W_m2=irradiance, products={}, plan=frame_plan, timings_ms=clock.laps_ms)
+            fast = Image(irradiance_W_m2=irradiance, products={}, plan=frame_plan, timings_ms=clock.laps_ms,
+                         small_bodies=tuple(small))
             slow = self._slow.instead_of(fast, allow_slow, state, pinhole, error_gain=gain,
                                           on_progress=on_progress)
             if slow.irradiance_W_m2 is not irradiance:

@@ -87,7 +87,8 @@ class SlowFrames:
         Returns
         -------
         Image
-            The one of the least error, with warnings that say who drew it and why no other did.
+            The one of the least error, with warnings that say who drew it and why no other did. Of a dark and a lit one
+            it is the lit one: a dark one's error is a share of light that may have been missed.
 
         Raises
         ------
@@ -108,10 +109,13 @@ class SlowFrames:
                 continue
             slow = _drawn(backend, name, fast, state, camera, error_gain,
                           progress.part(index / len(names), (index + 1) / len(names)))
-            best = min(best, slow, key=lambda image: image.plan.excess)
+            if _is_lit(best) and not _is_lit(slow):
+                reasons.append(f"{name} finds no light")
+                continue
             if not misses_tolerance(slow.plan):
                 progress.finish()
                 return slow
+            best = min(best, slow, key=lambda image: (not _is_lit(image), image.plan.excess))
             reasons.append(f"{name} leaves {slow.plan.predicted_error:.2g}")
         progress.finish()
         return replace(best, plan=replace(best.plan, warnings=(*best.plan.warnings, *reasons)))
@@ -120,6 +124,10 @@ class SlowFrames:
         if name not in self._opened:
             self._opened[name] = backends()[name](self._scene, **_OPTIONS.get(name, {}))
         return self._opened[name]
+
+
+def _is_lit(image: Image) -> bool:
+    return bool(image.irradiance_W_m2.any()) or any(body.irradiance_W_m2 > 0.0 for body in image.small_bodies)
 
 
 def _drawn(backend: Any, name: str, fast: Image, state: State, camera: PinholeCamera, error_gain: float,

@@ -107,11 +107,11 @@ def test_the_second_backend_goes_on_where_the_first_ended(monkeypatch):
     assert told == [0.125, 0.5, 0.625, 1.0]
 
 
-class Dark:
-    """A slow backend that finds no light, and errs by so much in each unit."""
+class Scaled:
+    """A slow backend that finds so much of the light, and errs by so much in each unit."""
 
-    def __init__(self, fast, rms, **navigation):
-        self._made = replace(fast, irradiance_W_m2=np.zeros_like(fast.irradiance_W_m2), plan=replace(
+    def __init__(self, fast, rms, share=0.5, **navigation):
+        self._made = replace(fast, irradiance_W_m2=share * fast.irradiance_W_m2, small_bodies=(), plan=replace(
             fast.plan, predicted_error=rms, navigation=navigation, warnings=()))
 
     def render(self, state, camera, *, max_error):
@@ -121,35 +121,49 @@ class Dark:
         pass
 
 
-@pytest.mark.parametrize("errors, stays", [({"rms": 0.9}, True), ({"rms": 0.0021}, False), ({"rms": 0.001}, False)])
-def test_the_fast_frame_stays_where_the_slow_one_errs_by_more(renderer, monkeypatch, errors, stays):
+@pytest.mark.parametrize("rms, share, stays", [
+    (0.9, 0.5, True), (0.0021, 0.5, False), (0.001, 0.5, False), (0.9, 0.0, True), (0.0021, 0.0, True),
+    (0.001, 0.0, True)])
+def test_the_fast_frame_stays_where_the_slow_one_errs_by_more_or_is_dark(renderer, monkeypatch, rms, share, stays):
     """With its bodies that are apart, its own warning of the miss, and what the other left."""
     plain = renderer.render(STATE, max_error=MISSED)
-    monkeypatch.setattr(renderer._slow, "_open", lambda name: Dark(plain, **errors))
+    monkeypatch.setattr(renderer._slow, "_open", lambda name: Scaled(plain, rms, share))
     image = renderer.render(STATE, max_error=MISSED, allow_slow="raytrace")
-    assert image.irradiance_W_m2.any() == stays
     told = [text for text in image.plan.warnings if "exceeds max_error" in text]
-    assert len(told) == len(image.plan.missed) == (errors["rms"] > MISSED)
-    assert any("raytrace leaves" in text for text in image.plan.warnings) == bool(told)
-    if stays:
-        np.testing.assert_array_equal(image.irradiance_W_m2, plain.irradiance_W_m2)
-        assert image.plan.predicted_error == plain.plan.predicted_error
+    assert len(told) == len(image.plan.missed) == (stays or rms > MISSED)
+    reason = "raytrace leaves" if share else "raytrace finds no light"
+    assert any(reason in text for text in image.plan.warnings) == bool(told)
+    assert image.plan.predicted_error == (plain.plan.predicted_error if stays else rms)
+    np.testing.assert_array_equal(image.irradiance_W_m2, (1.0 if stays else share) * plain.irradiance_W_m2)
+
+
+def test_a_lit_slow_frame_replaces_a_dark_one(monkeypatch):
+    """The fast frame is dark, and so is the first slow one, which says that it errs by less than the second."""
+    with Renderer(SCENE) as renderer:
+        lit = renderer.render(STATE, max_error=MISSED)
+    slow, fast = SlowFrames(SCENE), Scaled(lit, 0.5, 0.0)._made
+    backends = {"raytrace": Scaled(lit, 0.003, 0.0), "cycles": Scaled(lit, 0.9)}
+    monkeypatch.setattr(slow, "_open", lambda name: backends[name])
+    best = slow.instead_of(fast, True, STATE, SCENE.cameras[0], error_gain=1.0, on_progress=None)
+    assert best.plan.predicted_error == 0.9 and best.irradiance_W_m2.any()
 
 
 def test_of_tolerances_by_unit_the_one_that_is_missed_by_most_decides(renderer, monkeypatch):
     """A slow frame of less RMS error and more of the flux's, which alone was asked for, does not replace the fast."""
     asked = {"flux": 1e-7}
     plain = renderer.render(STATE, max_error=asked)
-    monkeypatch.setattr(renderer._slow, "_open", lambda name: Dark(plain, 1e-9, flux=0.5))
-    assert renderer.render(STATE, max_error=asked, allow_slow="raytrace").irradiance_W_m2.any()
+    monkeypatch.setattr(renderer._slow, "_open", lambda name: Scaled(plain, 1e-9, flux=0.5))
+    image = renderer.render(STATE, max_error=asked, allow_slow="raytrace")
+    np.testing.assert_array_equal(image.irradiance_W_m2, plain.irradiance_W_m2)
 
 
-def test_small_bodies_stay_apart_where_the_fast_frame_stays(monkeypatch):
+@pytest.mark.parametrize("rms", [0.9, 1e-9])
+def test_small_bodies_stay_apart_where_the_fast_frame_stays(monkeypatch, rms):
     """Of a body of 2 px, alone in its pixels, the image has nothing: its light is in `small_bodies`, or is lost."""
     scene = views.scene([BODY], [views.camera(16, 16.0)])
     with Renderer(scene) as renderer:
         plain = renderer.render(STATE, max_error=1e-7, apart_px=8.0)
-        monkeypatch.setattr(renderer._slow, "_open", lambda name: Dark(plain, 0.9))
+        monkeypatch.setattr(renderer._slow, "_open", lambda name: Scaled(plain, rms))
         image = renderer.render(STATE, max_error=1e-7, apart_px=8.0, allow_slow="raytrace")
     assert plain.plan.missed and len(plain.small_bodies) == 1 and plain.small_bodies[0].irradiance_W_m2 > 0.0
     assert [body.irradiance_W_m2 for body in image.small_bodies] == [plain.small_bodies[0].irradiance_W_m2]
@@ -161,7 +175,7 @@ def test_a_miss_before_the_point_spread_function_that_it_cures_is_no_warning(mon
         fast = renderer.render(STATE, max_error=MISSED)
     slow, missed = SlowFrames(SCENE), replace(fast.plan, max_error=0.02, asked={"rms": 0.02}, predicted_error=0.03)
     warned = replace(missed, warnings=("another", *(f"{text}; give up" for text in missed.misses().values())))
-    backend = Dark(fast, 0.03)
+    backend = Scaled(fast, 0.03)
     backend._made = replace(fast, plan=warned)
     monkeypatch.setattr(slow, "_open", lambda name: backend)
     for gain, count in ((0.05, 0), (0.072, 1)):

@@ -20,6 +20,8 @@ from .mesh import dot
 
 # Point sets with shifts of their own; points of each in the first turn, and most of all of them together: a minute.
 _SETS, _FIRST_POINTS, _MOST_POINTS = 16, 1 << 12, 1 << 25
+# Share of the points [1] that is the same for each body: the others may be hidden, and a small one all that is lit.
+_SHARED_POINTS = 0.25
 # Share of the light [1] that may be missed where a frame is taken to be dark.
 _DARK = 1e-6
 # Points that a tolerance may want over the most that there are: the first turn may err by as much.
@@ -76,7 +78,7 @@ class AimedRays:
     @cached_property
     def unhidden(self) -> float:
         """Irradiance [W/m2] of the facets were none hidden or shaded, and the Sun at its highest."""
-        return sum(float(body.light.sum()) for body in self._bodies)
+        return sum(body.unhidden for body in self._bodies)
 
     def until(self, tolerance: float, rng: np.random.Generator, report: Callable[[float], None] = lambda share: None
               ) -> tuple[np.ndarray, float]:
@@ -132,8 +134,9 @@ class AimedRays:
         """Irradiance (K,) [W/m2] of the pixels that may be lit, by about so many points."""
         found = np.zeros(self.may_be_lit.size)
         for body in self._bodies:
-            if self.unhidden > 0.0:
-                body.add_to(found, self.shape, n_points / self.unhidden, rng)
+            if body.unhidden > 0.0:
+                share = max(body.unhidden / self.unhidden, _SHARED_POINTS / len(self._bodies))
+                body.add_to(found, self.shape, n_points * share / body.unhidden, rng)
         return found[self.may_be_lit.ravel()]
 
 
@@ -212,6 +215,11 @@ class _FacingFacets:
             # What is dark in the middle may be bright beside it.
             found += _UNEVEN * found.mean()
         return found * solid_angle_sr
+
+    @cached_property
+    def unhidden(self) -> float:
+        """Sum [W/m2] of `light`."""
+        return float(self.light.sum())
 
     def add_to(self, image: np.ndarray, shape: tuple[int, int], points_per_light: float, rng: np.random.Generator
                ) -> None:

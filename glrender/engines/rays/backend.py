@@ -100,7 +100,8 @@ class RayTracer:
         -------
         Image
             `plan.predicted_error` is the standard error reached, or the one expected of `samples`. Of a dark frame it
-            is the share of the light of the facets that face Sun and camera which may have been missed.
+            is the share of the light of the facets that face Sun and camera which may have been missed: 1 where these
+            are so near or large that no rays are aimed at them.
         """
         self._own.check()
         began = time.perf_counter()
@@ -146,21 +147,29 @@ def _on_grid(rays: _PixelRays, aimed: AimedRays, is_thin: bool, samples: int, rn
         if not other.any():
             return mean, frame_error(mean, mean) or own
         return mean, frame_error(other, mean - other)
-    return mean, frame_error(0.5 * (mean + other), mean - other)
+    return mean, frame_error(0.5 * (mean + other), mean - other) or _of_darkness(aimed, 0.0)
 
 
 def _until(rays: _PixelRays, aimed: AimedRays, is_thin: bool, tolerance: float, rng: np.random.Generator,
            progress: Progress) -> tuple[np.ndarray, float]:
-    """Means (rows, columns) that meet the tolerance, or of the two kinds of rays those that err less; their error."""
+    """Means (rows, columns) that meet the tolerance, or of the two kinds of rays those that err less; their error.
+
+    A dark image's error is a share of all light, so that of a dark and a lit image the lit one stays.
+    """
     made = []
     if not is_thin:
         made.append(rays.until(tolerance, progress.part(0.0, 0.5)))
     if aimed.is_able and not (made and made[0][0].any() and made[0][1] <= tolerance):
         found = aimed.until(tolerance, rng, progress.part(0.5 * len(made), 1.0))
-        # Light that others missed was not there for them to err about.
-        made = [each for each in made if each[0].any() or not found[0].any()] + [found]
+        made.append(found)
     progress.finish()
-    return min(made, key=lambda each: each[1])
+    mean, error = min([each for each in made if each[0].any()] or made[-1:], key=lambda each: each[1])
+    return mean, error if mean.any() else _of_darkness(aimed, error)
+
+
+def _of_darkness(aimed: AimedRays, error: float) -> float:
+    """A dark image's error: all of its light, where facets face Sun and camera and no ray can be aimed at them."""
+    return 1.0 if aimed.n_facets and not aimed.is_able else error
 
 
 class _PixelRays:

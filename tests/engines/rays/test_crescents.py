@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from glrender import Body, Pose, Renderer, State, generate
 from glrender.base.constants import AU_M
 from glrender.brdf import Hapke, Lambert, LommelSeeliger
 from glrender.engines.rays.aimed import AimedRays
-from glrender.engines.rays.backend import RayTracer
+from glrender.engines.rays.backend import RayTracer, _until
 from glrender.engines.rays.engine import RayEngine
 from glrender.view.view import view_bodies
 
@@ -117,6 +118,60 @@ def test_what_another_body_hides_from_the_sun_is_dark_without_a_warning():
         image = tracer.render(state)
     assert [body.is_visible for body in image.plan.bodies] == [True, False] and not image.irradiance_W_m2.any()
     assert 0.0 < image.plan.predicted_error < 1e-5 and not image.plan.warnings
+
+
+def umbra(radii_m, subdivisions=4, range_m=2000.0, **camera):
+    """A body in the umbra of another, and a third that the Sun lights, of radii [m] as given: scene and state."""
+    names = ("shaded", "shading", "lit")[:len(radii_m)]
+    bodies = [views.sphere(GREY, subdivisions, radius_m, name) for radius_m, name in zip(radii_m, names, strict=True)]
+    base = views.state(phase_deg=60.0, range_m=range_m, bodies=names)
+    to_sun = base.r_sun_inertial_m / np.linalg.norm(base.r_sun_inertial_m)
+    aside = np.cross(to_sun, base.spacecraft.r_inertial_m / range_m)
+    places = (np.zeros(3), 800.0 * to_sun, 138.0 * aside / np.linalg.norm(aside))
+    state = replace(base, bodies={name: Pose(r_inertial_m=place) for name, place in zip(names, places, strict=False)})
+    return views.scene(bodies, [views.camera(**camera)]), state
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_a_small_lit_body_is_found_near_a_large_dark_one(seed):
+    """A sphere of 0.03 px radius: its light by the closed form of a Lambert sphere, of which facets lose 2 %."""
+    scene, state = umbra((100.0, 125.0, 0.06), size_px=160)
+    camera, engine = scene.cameras[0], RayEngine(scene)
+    mean, _ = AimedRays(engine, camera, view_bodies(state, camera, scene.hulls), (0, 0, 160, 160)).until(
+        0.005, np.random.default_rng(seed))
+    engine.close()
+    phase = (np.sin(np.pi / 3.0) + 2.0 * np.pi / 3.0 * np.cos(np.pi / 3.0)) / np.pi
+    light = views.SOLAR_IRRADIANCE_W_M2 * 0.4 * 2.0 / 3.0 * phase * 0.06**2 / (2000.0**2 + 138.0**2)
+    np.testing.assert_allclose(mean.sum(), light, rtol=0.05)
+    with RayTracer(scene) as tracer:
+        image = tracer.render(state, max_error=0.005, seed=seed)
+    assert image.irradiance_W_m2.any() and image.plan.missed == ("rms",) and image.plan.warnings
+
+
+@pytest.mark.parametrize("by_pixels, by_facets, stays", [
+    ((1.0, 0.3), (0.0, 1e-6), 0), ((0.0, 1e-7), (1.0, 0.3), 1), ((1.0, 0.3), (1.0, 0.1), 1),
+    ((1.0, 0.1), (1.0, 0.3), 0), ((0.0, 1e-9), (0.0, 1e-6), 1)])
+def test_of_a_dark_and_a_lit_image_the_lit_one_stays(by_pixels, by_facets, stays):
+    """Light and error of each kind of rays; of two lit ones that of less error, of two dark ones the facets'."""
+    images = [(np.full((2, 2), light), error) for light, error in (by_pixels, by_facets)]
+    rays = SimpleNamespace(until=lambda *_: images[0])
+    aimed = SimpleNamespace(until=lambda *_: images[1], is_able=True, n_facets=1)
+    progress = SimpleNamespace(part=lambda *_: None, finish=lambda: None)
+    assert _until(rays, aimed, False, 0.005, None, progress) == images[stays]
+
+
+@pytest.mark.parametrize("options", [{}, {"samples": 2}])
+@pytest.mark.parametrize("n_shading, expected", [(1, 1.0), (0, 0.0)])
+def test_a_dark_frame_of_near_facets_has_no_bound_but_all_light(options, n_shading, expected):
+    """No rays are aimed at facets from 60 to 150 m: they may be lit where no ray fell; seen from behind, none may."""
+    scene, state = umbra((100.0, 125.0), subdivisions=0, range_m=160.0, size_px=32, focal_length_px=20.0)
+    if not n_shading:
+        state = replace(state, r_sun_inertial_m=-AU_M * state.spacecraft.r_inertial_m / 160.0, bodies={
+            **state.bodies, "shading": Pose(r_inertial_m=900.0 * state.spacecraft.r_inertial_m / 160.0)})
+    with RayTracer(scene) as tracer:
+        plan, irradiance = (image := tracer.render(state, max_error=0.5, **options)).plan, image.irradiance_W_m2
+    assert not irradiance.any() and plan.predicted_error == expected
+    assert plan.missed == ("rms",) * n_shading and bool(plan.warnings) == bool(n_shading)
 
 
 def test_every_unit_that_is_missed_warns_and_the_frame_tells_its_time():
