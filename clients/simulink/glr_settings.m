@@ -18,7 +18,8 @@ function settings = glr_settings(values)
   rule(isnumeric(settings.ImageSize) && numel(settings.ImageSize) == 2 && all(settings.ImageSize >= 1), ...
        'ImageSize must be [height width] in pixels');
   rule(is_number(settings.Exposure_s) && settings.Exposure_s >= 0, 'Exposure_s must be >= 0 [s]; 0 is the camera''s');
-  rule(is_number(settings.Seed) && settings.Seed >= 0, 'Seed must be >= 0');
+  rule(is_number(settings.Seed) && settings.Seed >= 0 && settings.Seed < 2^32 && settings.Seed == fix(settings.Seed), ...
+       sprintf('Seed must be an integer from 0 to 2^32 - 1, got %s', disp_of(settings.Seed)));
   rule(is_number(settings.SampleTime) && settings.SampleTime > 0, 'SampleTime must be > 0 [s]');
   rule(is_number(settings.Timeout) && settings.Timeout > 0, 'Timeout must be > 0 [s]');
 end
@@ -26,6 +27,13 @@ end
 function rule(holds, text)
   if ~holds
     error('glrender:argument', '%s', text);
+  end
+end
+
+function text = disp_of(value)
+  text = class(value);
+  if isnumeric(value)
+    text = mat2str(value, 17);
   end
 end
 

@@ -22,7 +22,7 @@ enum { SUN, SPACECRAFT, BODY_POSES, N_INPUTS };
 #define MAX_BODIES 32
 #define TEXT_BYTES 1024
 #define MAX_SIDE_PX 32768 /* of the image: beyond what a server draws, and its area fits Simulink's int */
-#define MAX_SEED 9007199254740992.0 /* 2^53: every integer below is a double */
+#define MAX_SEED 4294967295.0 /* 2^32 - 1: above the number of the frame in the 64 bits of the service's seed */
 
 /* What a block keeps between steps. */
 typedef struct {
@@ -80,8 +80,11 @@ static uint32_t count_bodies(SimStruct *S) {
 
 static int is_side(double size) { return size >= 1.0 && size <= MAX_SIDE_PX && size == floor(size); }
 
+static int is_seed(double seed) { return seed >= 0.0 && seed <= MAX_SEED && seed == floor(seed); }
+
 #define MDL_CHECK_PARAMETERS
 static void mdlCheckParameters(SimStruct *S) {
+    static char message[128]; /* Simulink reads it after this function has returned */
     char text[TEXT_BYTES];
     const mxArray *size = ssGetSFcnParam(S, IMAGE_SIZE);
     if (!text_parameter(S, HOST, text) || !text_parameter(S, CAMERA, text))
@@ -95,9 +98,13 @@ static void mdlCheckParameters(SimStruct *S) {
     else if (!mxIsDouble(size) || mxGetNumberOfElements(size) != 2 || !is_side(mxGetPr(size)[0])
              || !is_side(mxGetPr(size)[1]))
         ssSetErrorStatus(S, "glrender: ImageSize must be [height width] in pixels, integers from 1 to 32768");
-    else if (!(parameter(S, EXPOSURE_S) >= 0.0) || !(parameter(S, SEED) >= 0.0 && parameter(S, SEED) <= MAX_SEED))
-        ssSetErrorStatus(S, "glrender: Exposure_s and Seed must be >= 0, Seed at most 2^53");
-    else if (!(parameter(S, SAMPLE_TIME_S) > 0.0) || !(parameter(S, TIMEOUT_S) > 0.0))
+    else if (!(parameter(S, EXPOSURE_S) >= 0.0))
+        ssSetErrorStatus(S, "glrender: Exposure_s must be >= 0 [s]; 0 is the camera's");
+    else if (!is_seed(parameter(S, SEED))) {
+        snprintf(message, sizeof message, "glrender: Seed must be an integer from 0 to 2^32 - 1, got %.17g",
+                 parameter(S, SEED));
+        ssSetErrorStatus(S, message);
+    } else if (!(parameter(S, SAMPLE_TIME_S) > 0.0) || !(parameter(S, TIMEOUT_S) > 0.0))
         ssSetErrorStatus(S, "glrender: SampleTime and Timeout must be > 0");
 }
 

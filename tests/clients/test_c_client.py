@@ -86,8 +86,9 @@ def test_the_c_s_function_gives_pythons_pixels(build, live, tmp_path, camera, ki
     ({"size": (0, 96)}, "mdlInitializeSizes", "ImageSize must be"),
     ({"size": (64.5, 96)}, "mdlInitializeSizes", "ImageSize must be"),
     ({"size": (64, 1e300)}, "mdlInitializeSizes", "ImageSize must be"),
-    ({"seed": "1e300"}, "mdlInitializeSizes", "Seed at most 2^53"),
-    ({"exposure": "-1"}, "mdlInitializeSizes", "must be >= 0"),
+    *(({"seed": seed}, "mdlInitializeSizes", f"Seed must be an integer from 0 to 2^32 - 1, got {seed}")
+      for seed in ("4294967296", "9007199254740992", "-1", "0.5", "nan")),
+    ({"exposure": "-1"}, "mdlInitializeSizes", "Exposure_s must be >= 0"),
 ])
 def test_the_c_s_function_says_what_is_wrong_and_frees_all(build, live, tmp_path, changes, where, message):
     code, said = simulate(build, live[1], tmp_path / "out", **changes)

@@ -173,6 +173,7 @@ def test_before_the_first_frame_nothing_is_measured(fmpy, units, endpoint, versi
     ({"endpoint": "tcp://127.0.0.1:9", "timeout_s": 0.2}, "nothing listens there"), ({"camera": "far"}, "navcam, bent"),
     ({"endpoint": "nowhere"}, "nowhere"), ({"camera": "bent"}, "must have no distortion"),
     ({"target": "sun"}, "must be one of"), ({"timeout_s": 0.0}, "timeout_s: must be > 0"),
+    ({"seed": -1}, "seed: must be from 0 to 4294967295, got -1"),
     ({"spacecraft.q_w": 2.0}, "norm must be 1"), ({"exposure_s": -1.0}, "exposure_s")])
 def test_a_frame_that_cannot_be_had_is_an_error_soon(fmpy, units, endpoint, version, status, more, said):
     lines, began = [], time.monotonic()

@@ -221,6 +221,13 @@ def test_a_node_without_a_server_ends_with_its_reason(node_module):
         node_module.main()
 
 
+@pytest.mark.parametrize("seed", [-1, 2**32, 2**63 - 1])
+def test_a_seed_whose_frames_would_have_anothers_noise_is_refused(node_module, seed):
+    node_module.CameraNode.given = {"endpoint": "tcp://127.0.0.1:9", "timeout_s": 0.1, "seed": seed}
+    with pytest.raises(SystemExit, match=f"seed: must be from 0 to 4294967295, got {seed}"):
+        node_module.main()
+
+
 def test_the_package_is_an_ament_package(monkeypatch):
     """package.xml, setup.py and the node agree on names and version; the marker of ament's index is there."""
     given = {}

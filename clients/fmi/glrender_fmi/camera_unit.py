@@ -20,7 +20,7 @@ PARAMETERS = {
     "target": ("", "name of the body that is measured; empty: the first one"),
     "target_radius_m": (0.0, "radius of the target, for its range [m]; 0: the farthest vertex of the server's shape"),
     "exposure_s": (0.0, "exposure [s]; 0: the camera's own"),
-    "seed": (0, "seed of the noise; steps of two seeds share none"),
+    "seed": (0, "seed of the noise, 0 to 2^32 - 1; steps of two seeds share none"),
     "timeout_s": (5.0, "how long a frame may take [s]; it is asked for twice"),
 }
 OUTPUTS = {
@@ -39,6 +39,7 @@ _POSITION, _QUATERNION = ("r_x_m", "r_y_m", "r_z_m"), ("q_w", "q_x", "q_y", "q_z
 _AU_M = 149597870700.0
 # Seeds of the service that one of ours takes: frames of two seeds never have the same.
 _FRAMES_A_SEED = 2**32
+_MOST_SEEDS = 2**64 // _FRAMES_A_SEED
 
 
 class Kinds(NamedTuple):
@@ -143,6 +144,9 @@ class CameraUnit:
         timeout_s = self.parameters["timeout_s"]
         if not 0.0 < timeout_s < math.inf:
             raise UnitError(f"timeout_s: must be > 0, got {timeout_s!r}")
+        seed = self.parameters["seed"]
+        if not 0 <= seed < _MOST_SEEDS:
+            raise UnitError(f"seed: must be from 0 to {_MOST_SEEDS - 1}, got {seed!r}")
         client = Client(self.parameters["endpoint"], timeout_s=timeout_s, retries=1, shared_memory=False)
         try:
             self._check(client.hello())

@@ -14,6 +14,7 @@ from . import conversion
 
 # Seeds of the service that one of ours takes: frames of two seeds never have the same.
 _FRAMES_A_SEED = 2**32
+_MOST_SEEDS = 2**64 // _FRAMES_A_SEED
 _PARAMETERS = {"endpoint": "tcp://127.0.0.1:5555", "camera": "", "output": "dn", "exposure_s": 0.0, "seed": 0,
                "timeout_s": 5.0, "frame_id": "camera_optical_frame"}
 _DEPTH = 10
@@ -25,13 +26,15 @@ class CameraNode(Node):
     Raises
     ------
     GlrenderClientError, ValueError
-        No server, or no such camera.
+        No server, no such camera, or a seed out of range.
     """
 
     def __init__(self):
         super().__init__("glrender_camera_node")
         given = {name: self.declare_parameter(name, start).value for name, start in _PARAMETERS.items()}
         self._given, self._n_frames, self._told_lost = given, 0, 0
+        if not 0 <= given["seed"] < _MOST_SEEDS:
+            raise ValueError(f"seed: must be from 0 to {_MOST_SEEDS - 1}, got {given['seed']!r}")
         self._client = Client(given["endpoint"], timeout_s=given["timeout_s"])
         hello = self._client.hello()
         cameras = {each["name"]: each for each in hello["cameras"]}

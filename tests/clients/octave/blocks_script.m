@@ -62,6 +62,12 @@ for k = 1:size(refused, 1)
   parameters{refused{k, 1}} = refused{k, 2};
   expect_error('glrender:argument', '.', @() FakeBlock(1, parameters).set_up(@sfun_glrender));
 end
+for seed = [2^32, 2^53, -1, 0.5, NaN]
+  parameters = base;
+  parameters{8} = seed;
+  expect_error('glrender:argument', sprintf('Seed must be an integer from 0 to 2\\^32 - 1, got %s$', mat2str(seed, 17)), ...
+               @() FakeBlock(1, parameters).set_up(@sfun_glrender));
+end
 expect_error('glrender:argument', '2 bodies are named, 1 poses', ...
              @() glr_state({'a', 'b'}, 0, [1 0 0], ones(7, 1), ones(7, 1)));
 
