@@ -31,8 +31,6 @@ _MAX_WINDOW_SAMPLES = 4096 * 4096
 _LEAST_LEFT = 0.3
 # Rays that are cast at first at what faces Sun and camera of a crescent: 0.1 s.
 _FIRST_RAYS = 3e5
-# Samples across a small body's own grid by which its light without an eclipse is known well enough.
-_BARE_SAMPLES = 96
 # Side [px] of the parts of an image that are passed over where nothing faces both.
 _FACING_TILE_PX = 32
 
@@ -109,12 +107,15 @@ class IrradiancePass:
             return self._draw_sampled(window, frame, error_gain, clock, deadline, is_last)
         samples = self._samples(window, frame, clock, window.bounds_px, window.grid)
         if window.eclipse_px > 0.0:
-            few = tuple(min(n, _BARE_SAMPLES) for n in window.grid)
+            members = [view for view in frame.views if view.name in window.bodies]
+            phase_rad = max(view.phase_rad for view in members)
+            few = eclipse_samples.bare_samples(phase_rad, window.grid)
             bare = sum(self._samples(window, replace(frame, views=[view]), clock, window.bounds_px, few)
-                       for view in frame.views if view.name in window.bodies)
+                       for view in members)
             flux = eclipse_samples.grid_flux_error(samples, bare)
-            window = replace(window, flux_error=flux, predicted_error=math.hypot(window.predicted_error,
-                                                                                 error_gain * flux))
+            pixels = eclipse_samples.grid_pixel_error(flux, outline_px(members), phase_rad)
+            window = replace(window, flux_error=flux,
+                             predicted_error=math.hypot(window.predicted_error, error_gain * pixels))
         return samples, window
 
     def _add_small(self, irradiance: np.ndarray, samples: np.ndarray, window: WindowPlan, frame: Frame,

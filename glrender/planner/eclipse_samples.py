@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from .adaptive_samples import Refinement, pixel_means, plan_refinement
+from .error_model import lit_share
 
 ECLIPSE_POWER = 2.5
 """Power of the samples along a pixel's side that divides the squared error."""
@@ -27,6 +28,8 @@ _FLUX_ERROR = 1.5
 _NARROW_PX, _MOST_GAIN = 3.0, 2.0
 # Side of the square in which the share that is left is even, over the penumbra's width [1], and at least [px].
 _EVEN_SHARE, _LEAST_EVEN_PX = 0.25, 1.5
+# Samples across a small body's own grid by which its light without an eclipse is known to 0.2 %, at full phase.
+_BARE_SAMPLES = 96
 # Times that a tolerance is halved for the total's sake, at most.
 _MOST_HALVINGS = 6
 
@@ -67,12 +70,35 @@ def flux_error(mean: np.ndarray, variance: np.ndarray, count: np.ndarray | int) 
 
 
 def grid_flux_error(samples: np.ndarray, bare: np.ndarray) -> float:
-    """Relative error of the total [1] of a grid of samples, of which another grid has the light without an eclipse."""
+    """Relative error of the total [1] of a grid of samples, of which another grid has the light without an eclipse.
+
+    0 where no sample has light, and 1 where those without an eclipse have none.
+    """
     light, left = float(bare.mean(dtype=np.float64)), float(samples.mean(dtype=np.float64))
     if not left > 0.0:
         return 0.0
+    if not light > 0.0:
+        return 1.0
     scatter = float(np.square(bare / light, dtype=np.float64).mean())
-    return _FLUX_ERROR * math.sqrt(scatter * max(light / left - 1.0, 0.0) / samples.size)
+    # Of so many lit samples none that is hidden tells of a share below that of one.
+    dark_over_lit = max(light / left - 1.0, 1.0 / np.count_nonzero(bare))
+    return _FLUX_ERROR * math.sqrt(scatter * dark_over_lit / samples.size)
+
+
+def grid_pixel_error(flux_error: float, size_px: float, phase_rad: float) -> float:
+    """RMS error [1] over the mean of the lit pixels, of a body of so many pixels whose total errs by `flux_error` [1].
+
+    Pixels err on their own: of n that are lit each errs by the root of n times the total's error, or all as it does.
+    """
+    return flux_error * math.sqrt(1.0 + 0.25 * math.pi * size_px**2 * lit_share(phase_rad))
+
+
+def bare_samples(phase_rad: float, most: tuple[int, int]) -> tuple[int, int]:
+    """Columns and rows of samples by which a small body's light without an eclipse is known well enough.
+
+    The light of a crescent needs more, in proportion to its narrowness: `small_body_grid.sampling_errors`.
+    """
+    return tuple(min(n, math.ceil(_BARE_SAMPLES / lit_share(phase_rad))) for n in most)
 
 
 def counts(refinement: Refinement | None, count: int) -> np.ndarray | int:

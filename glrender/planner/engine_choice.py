@@ -293,11 +293,13 @@ def _sampled(engine: str, members: Sequence[BodyView], known: Sequence[BodyTrait
         # Of each body, whatever part of the grid it has.
         per_px = max(wanted[view.name] / max(view.size_px, 1e-9) for view in members)
         per_px = min(per_px, MAX_RAYS_ACROSS / size_px)
-        error = max(sampling_errors(view, traits, per_px * view.size_px, _in_penumbra(view, body))[1]
-                    for view, traits, body in zip(members, known, drawn, strict=True))
-        grid = tuple(max(math.ceil(per_px * side), 8) for side in sides)
         if engine == "rays":
             told["eclipse_px"] = _eclipse_px(members, drawn)
+        # The samples tell of an eclipse's own noise, once they are drawn.
+        error = max(sampling_errors(view, traits, per_px * view.size_px,
+                                    0.0 if told.get("eclipse_px") else _in_penumbra(view, body))[1]
+                    for view, traits, body in zip(members, known, drawn, strict=True))
+        grid = tuple(max(math.ceil(per_px * side), 8) for side in sides)
         return _window(engine, members, request, samples=0, bounds_px=bounds, grid=grid,
                        modelling_error=modelling_error, predicted_error=math.hypot(modelling_error, error), **told)
     eclipse_px = _eclipse_px(members, drawn) if engine == "rays" else 0.0

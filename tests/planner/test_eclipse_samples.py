@@ -101,6 +101,57 @@ def test_a_crescent_with_a_caster_is_drawn(phase_deg):
     assert np.isfinite(image.irradiance_W_m2).all() and np.isfinite(list(image.plan.predicted.values())).all()
 
 
+@pytest.mark.parametrize("phase_deg, most", [(120.0, 0.01), (150.0, 0.05), (165.0, 0.3)])
+def test_a_small_crescent_s_eclipse_is_predicted_by_its_samples(phase_deg, most):
+    """The noise is that which the samples show: no law of full discs makes it more than all the light there is."""
+    scene, state, left = eclipsed(30e3, 0.0, 90.0, phase_deg, 1.5)
+    with Renderer(scene) as renderer, Renderer(views.scene(scene.bodies[:1], scene.cameras)) as free:
+        image = renderer.render(state, max_error=0.02)
+        whole = free.render(replace(state, bodies={"body": state.bodies["body"]}), max_error=5e-4)
+    found = [each.irradiance_W_m2.sum(dtype=float) for each in (image, whole)]
+    (window,), predicted = image.plan.windows, image.plan.predicted
+    assert abs(found[0] / found[1] / left - 1.0) <= predicted["flux"] + 1e-3 < most
+    assert predicted["centroid_px"] < 1.5 and window.predicted_error >= window.flux_error
+
+
+def test_the_narrowest_crescent_s_eclipse_has_an_error():
+    """Of a thousandth of the disc a third is dark, on a thousand samples across: some 3 %, and not 0."""
+    scene, state, _ = eclipsed(30e3, 0.0, 90.0, 176.5, 1.5)
+    with Renderer(scene) as renderer:
+        windows = renderer.render(state, max_error=0.02).plan.windows
+    assert 0.01 < next(window for window in windows if "body" in window.bodies).flux_error < 0.1
+
+
+@pytest.mark.parametrize("left", [0.1, 0.7, 0.99])
+def test_the_error_of_a_grid_s_total_is_that_of_independent_samples(left):
+    """Of n lit samples with a share p left the total errs by the root of (1 - p) / (p n), the law by 1.5 times that."""
+    rng = np.random.default_rng(7)
+    bare = np.zeros((200, 200), np.float32)
+    bare[:50] = 2.0
+    found = eclipse_samples.grid_flux_error(bare * (rng.random(bare.shape) < left), bare)
+    assert found == pytest.approx(1.5 * np.sqrt((1.0 - left) / left / 1e4), rel=0.1)
+
+
+def test_a_grid_s_error_is_a_number_above_zero_wherever_it_has_light():
+    """Too: less light without the eclipse than with it, by noise, and none at all."""
+    bare = np.ones((40, 40), np.float32)
+    for each in (bare, 0.9 * bare):
+        assert 0.0 < eclipse_samples.grid_flux_error(bare, each) < 2e-3
+    assert eclipse_samples.grid_flux_error(bare, 0.0 * bare) == 1.0
+    assert eclipse_samples.grid_flux_error(0.0 * bare, bare) == eclipse_samples.grid_flux_error(0.0 * bare, 0.0 * bare)
+
+
+def test_a_crescent_s_light_without_an_eclipse_is_of_the_same_grid():
+    assert eclipse_samples.bare_samples(0.0, (1000, 900)) == (96, 96)
+    assert eclipse_samples.bare_samples(np.radians(160.0), (1000, 900)) == (1000, 900)
+
+
+@pytest.mark.parametrize("size_px, phase_deg, expected", [(0.01, 60.0, 1.0), (20.0, 0.0, 17.75), (20.0, 90.0, 12.57)])
+def test_pixels_err_by_the_root_of_their_number_times_the_total_s_error(size_px, phase_deg, expected):
+    found = eclipse_samples.grid_pixel_error(0.01, size_px, np.radians(phase_deg))
+    assert found == pytest.approx(0.01 * expected, rel=1e-2)
+
+
 def test_what_agrees_in_a_pixel_has_the_variance_of_those_around():
     """Of a share p of lit samples of brightness b the variance is p (1 - p) b^2, in dark pixels too; none beside."""
     rng, count, left = np.random.default_rng(5), 2, 0.1
