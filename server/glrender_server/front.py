@@ -56,8 +56,8 @@ class Front(Protocol):
     def stop_listening(self) -> None:
         """Let no further connection come, where the transport can; those that are there are served on."""
 
-    def close(self) -> None:
-        """Close every socket; may be called again."""
+    def close(self, linger_s: float = 0.0) -> None:
+        """Close every socket, after so long at most for what is on its way [s]; may be called again."""
 
 
 class FairQueue:

@@ -18,7 +18,7 @@ log = logging.getLogger(__name__)
 
 _POLL_MS, _RETRY_MS = 100, 10
 # For what waits and is under way when the end is asked for, and then for clients to take it.
-_FINISH_S, _DRAIN_S = 40.0, 3.0
+_FINISH_S, _DRAIN_S, _LEAST_LINGER_S = 40.0, 3.0, 0.2
 # So many turns in a row that fail somewhere are no mishap: a service manager starts the server anew.
 _MAX_FAILED_TURNS = 100
 
@@ -84,7 +84,7 @@ class Server:
                     break
             # Before workers and pages, whose end takes time: nobody is kept at a port behind which nobody is.
             for front in self._fronts:
-                front.close()
+                front.close(max(deadline - time.monotonic(), _LEAST_LINGER_S))
         finally:
             for number, handler in before.items():
                 signal.signal(number, handler)

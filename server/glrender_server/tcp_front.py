@@ -80,11 +80,15 @@ class TcpFront:
         """Requests that have come; sends on what slow readers have room for."""
         requests = []
         for number, connection in list(self._connections.items()):
-            requests += connection.turn(ready.get(number, 0))
-            if connection.is_done:
+            try:
+                requests += connection.turn(ready.get(number, 0))
+                if connection.is_done:
+                    self._forget(connection)
+                else:
+                    self._watch(connection)
+            except Exception:  # the others' requests are here, and would be lost
+                log.exception("a connection's turn failed: closed")
                 self._forget(connection)
-            else:
-                self._watch(connection)
         self._promote()
         # After those that are here: who has asked in a spare place is not closed for the next.
         if self._accepts_at and time.monotonic() >= self._accepts_at:
@@ -111,8 +115,8 @@ class TcpFront:
         self._accepts_at = 0.0
         self._listener.close()
 
-    def close(self) -> None:
-        """Close every connection."""
+    def close(self, linger_s: float = 0.0) -> None:
+        """Close every connection: the system sends what it has taken."""
         for connection in self._connections.values():
             connection.close()
         self._connections.clear()
@@ -134,7 +138,11 @@ class TcpFront:
                 log.warning("%s: refused, %d connections are open and at work", address, len(self._connections))
                 _refuse(peer, len(self._connections))
                 continue
-            connection = _Connection(peer, address[0], self._watch, lambda: self.untaken_bytes, is_spare)
+            try:
+                connection = _Connection(peer, address[0], self._watch, lambda: self.untaken_bytes, is_spare)
+            except OSError:  # it has gone by now
+                peer.close()
+                continue
             self._connections[peer.fileno()] = connection
             self._watch(connection)
 

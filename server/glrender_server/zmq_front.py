@@ -37,7 +37,7 @@ _TURN_S = 0.005
 # A request has one part behind its envelope of one or two; a message with more is thrown away, and is worth a
 # connection if to read it takes tens of milliseconds. A part has two bytes at least.
 _MAX_PARTS, _THROWN_AWAY_AT_ONCE, _MANY_PARTS, _MIN_PART_BYTES = 4, 1000, 1 << 15, 2
-_LINGER_MS = 3000
+_LINGER_S = 3.0
 # A peer that has vanished without a word is noticed after about two minutes.
 _KEEP_ALIVE_IDLE_S, _KEEP_ALIVE_INTERVAL_S, _KEEP_ALIVE_COUNT = 60, 20, 3
 # Who has connected and not shaken hands by then is closed by ZeroMQ.
@@ -110,7 +110,7 @@ class ZmqFront:
         ctypes.CDLL(None).srand(int.from_bytes(os.urandom(4), "little"))
         self._context = zmq.Context()
         self._socket = self._context.socket(zmq.ROUTER)
-        for option, value in ((zmq.LINGER, _LINGER_MS), (zmq.MAXMSGSIZE, max_part_bytes),
+        for option, value in ((zmq.MAXMSGSIZE, max_part_bytes),
                               # A reply to nobody or to a full pipe is an error to handle, not a silent drop.
                               (zmq.ROUTER_MANDATORY, 1),
                               # Nobody takes over the name, and so the replies, of another who is connected.
@@ -225,9 +225,9 @@ class ZmqFront:
     def stop_listening(self) -> None:
         """Do nothing: ZeroMQ's `unbind` ends the connections that came by it; who comes now is answered `closing`."""
 
-    def close(self) -> None:
-        """Close the socket, after what it has taken is sent or three seconds are over."""
-        self._socket.close()
+    def close(self, linger_s: float = _LINGER_S) -> None:
+        """Close the socket, after what it has taken is sent or the time is over."""
+        self._socket.close(round(1e3 * linger_s))
         if self._authenticator is not None and self._authenticator.is_alive():
             self._authenticator.stop()
         self._context.term()

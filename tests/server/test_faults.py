@@ -23,11 +23,12 @@ import views
 import zmq
 from glrender.base import disk_cache
 from glrender_client import Client, ServerError
-from glrender_server import tcp_front
+from glrender_server import server, tcp_front
 from glrender_server.server import Server
 from glrender_server.stream import Channel
 from glrender_server.systemd import Systemd
 from glrender_server.worker import work
+from glrender_server.zmq_front import ZmqFront
 
 STATE = views.state().to_dict()
 REPOSITORY = Path(__file__).parents[2]
@@ -187,6 +188,48 @@ def test_a_part_of_the_loops_turn_that_fails_ends_neither_the_loop_nor_the_other
     assert {"turn", "take_in", "work", "stop_listening"} <= set(stub.seen)
     assert stub.seen[-1] == "close", "of the fronts, before anything that takes its time"
     assert "turn" in stub.seen[stub.seen.index("stop_listening"):]
+
+
+def test_who_takes_nothing_keeps_a_server_from_its_end_for_one_bound_alone(monkeypatch):
+    monkeypatch.setattr(server, "_DRAIN_S", 1.0)
+    stub, front, poller = Stub(), ZmqFront("tcp://127.0.0.1:*"), zmq.Poller()
+    front.start(poller)
+    loop = Server(stub, stub, [front])
+    with zmq.Context() as context, context.socket(zmq.DEALER) as dealer:
+        dealer.set(zmq.LINGER, 0)
+        dealer.set(zmq.RCVHWM, 1)
+        dealer.connect(front.endpoint)
+        dealer.send(b"question")
+        requests = []
+        serving.until(lambda: requests.extend(front.take_in(dict(poller.poll(20)))) or requests)
+        for _ in range(80):
+            requests[0].answer([bytes(1 << 20)])
+        assert not front.is_idle
+        began = time.monotonic()
+        loop.serve(loop.stop)
+        assert 1.0 < time.monotonic() - began < 2.5
+
+
+def test_a_connection_that_fails_loses_no_request_of_another(monkeypatch):
+    front, poller = tcp_front.TcpFront("127.0.0.1:0"), zmq.Poller()
+    front.start(poller)
+    host, _, port = front.endpoint.rpartition(":")
+    try:
+        with serving.Framed((host, int(port))) as first, serving.Framed((host, int(port))) as second:
+            serving.until(lambda: front.take_in(dict(poller.poll(20))) or len(front._connections) == 2)
+            _, failing = front._connections.values()
+
+            def fails(*_):
+                raise OSError(errno.ENOMEM, "Cannot allocate memory")
+
+            monkeypatch.setattr(failing, "turn", fails)
+            first.send(msgpack.packb({"v": 1, "op": "hello", "id": 1, "client": "c"}))
+            second.send(b"x")
+            requests = []
+            serving.until(lambda: requests.extend(front.take_in(dict(poller.poll(20)))) or requests)
+            assert len(requests) == 1 and len(front._connections) == 1
+    finally:
+        front.close()
 
 
 def test_a_loop_that_fails_in_each_turn_ends():
