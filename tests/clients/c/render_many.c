@@ -1,8 +1,12 @@
 /* N requests through the C client against any server, good or hostile; prints what each gave. */
 #include "glr_client.h"
 
+#include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
+
+/* Fields are added at the end: sources written for an older header mean the same by their places. */
+_Static_assert(offsetof(glr_options, scene) > offsetof(glr_options, roi), "scene came after roi");
 
 int main(int argc, char **argv) {
     const char *names[] = {"body"};
