@@ -172,11 +172,12 @@ class Cycles:
     def _missed(self, camera: PinholeCamera, views: list[BodyView], roi: tuple[int, int, int, int], seed: int) -> float:
         """Error of a dark frame: all, where rays of the facets that face Sun and camera find light."""
         try:
-            found, error = AimedRays(self._ray_engine(), camera, views, roi).until(1.0, np.random.default_rng(seed))
+            aimed = AimedRays(self._ray_engine(), camera, views, roi)
+            found, error = aimed.until(1.0, np.random.default_rng(seed))
         except DeviceError:
             # Without embreex nobody knows.
             return 1.0
-        return frame_error(found, found) or error
+        return frame_error(found, found) or aimed.of_darkness(error)
 
     def _ray_engine(self) -> RayEngine:
         if self._rays is None:

@@ -70,6 +70,10 @@ class AimedRays:
         """Whether each of these facets is at about one distance, so that its points are of about equal weight."""
         return all(body.depth_ratio < _MOST_DEEP for body in self._bodies)
 
+    def of_darkness(self, error: float) -> float:
+        """A dark image's error [1]: all light, where there are facets and rays cannot be aimed, else as given."""
+        return 1.0 if self.n_facets and not self.is_able else error
+
     @cached_property
     def may_be_lit(self) -> np.ndarray:
         """Pixels (rows, columns) bool of the part of the image that the facets may reach."""

@@ -147,7 +147,7 @@ def _on_grid(rays: _PixelRays, aimed: AimedRays, is_thin: bool, samples: int, rn
         if not other.any():
             return mean, frame_error(mean, mean) or own
         return mean, frame_error(other, mean - other)
-    return mean, frame_error(0.5 * (mean + other), mean - other) or _of_darkness(aimed, 0.0)
+    return mean, frame_error(0.5 * (mean + other), mean - other) or aimed.of_darkness(0.0)
 
 
 def _until(rays: _PixelRays, aimed: AimedRays, is_thin: bool, tolerance: float, rng: np.random.Generator,
@@ -164,12 +164,7 @@ def _until(rays: _PixelRays, aimed: AimedRays, is_thin: bool, tolerance: float, 
         made.append(found)
     progress.finish()
     mean, error = min([each for each in made if each[0].any()] or made[-1:], key=lambda each: each[1])
-    return mean, error if mean.any() else _of_darkness(aimed, error)
-
-
-def _of_darkness(aimed: AimedRays, error: float) -> float:
-    """A dark image's error: all of its light, where facets face Sun and camera and no ray can be aimed at them."""
-    return 1.0 if aimed.n_facets and not aimed.is_able else error
+    return mean, error if mean.any() else aimed.of_darkness(error)
 
 
 class _PixelRays:

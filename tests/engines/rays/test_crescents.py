@@ -14,6 +14,7 @@ from facet_images import facet_image
 from glrender import Body, Pose, Renderer, State, generate
 from glrender.base.constants import AU_M
 from glrender.brdf import Hapke, Lambert, LommelSeeliger
+from glrender.engines.cycles.backend import Cycles
 from glrender.engines.rays.aimed import AimedRays
 from glrender.engines.rays.backend import RayTracer, _until
 from glrender.engines.rays.engine import RayEngine
@@ -155,7 +156,7 @@ def test_of_a_dark_and_a_lit_image_the_lit_one_stays(by_pixels, by_facets, stays
     """Light and error of each kind of rays; of two lit ones that of less error, of two dark ones the facets'."""
     images = [(np.full((2, 2), light), error) for light, error in (by_pixels, by_facets)]
     rays = SimpleNamespace(until=lambda *_: images[0])
-    aimed = SimpleNamespace(until=lambda *_: images[1], is_able=True, n_facets=1)
+    aimed = SimpleNamespace(until=lambda *_: images[1], is_able=True, of_darkness=lambda error: error)
     progress = SimpleNamespace(part=lambda *_: None, finish=lambda: None)
     assert _until(rays, aimed, False, 0.005, None, progress) == images[stays]
 
@@ -172,6 +173,15 @@ def test_a_dark_frame_of_near_facets_has_no_bound_but_all_light(options, n_shadi
         plan, irradiance = (image := tracer.render(state, max_error=0.5, **options)).plan, image.irradiance_W_m2
     assert not irradiance.any() and plan.predicted_error == expected
     assert plan.missed == ("rms",) * n_shading and bool(plan.warnings) == bool(n_shading)
+
+
+@pytest.mark.usefixtures("blender")
+def test_a_dark_frame_of_cycles_has_no_bound_either():
+    """Its error is that of the rays of facets, which are too near here."""
+    scene, state = umbra((100.0, 125.0), subdivisions=0, range_m=160.0, size_px=32, focal_length_px=20.0)
+    with Cycles(scene, bounces=0) as cycles:
+        image = cycles.render(state, samples=1, max_error=0.5)
+    assert not image.irradiance_W_m2.any() and image.plan.predicted_error == 1.0 and image.plan.warnings
 
 
 def test_every_unit_that_is_missed_warns_and_the_frame_tells_its_time():
