@@ -105,29 +105,32 @@ class Compression:
         if self.rate_bpp is not None:
             if 8 * len(lossless) <= self.rate_bpp * dn.size:
                 return lossless
-            return self._searched(dn, bit_depth, lambda stream: 8.0 * len(stream) / dn.size, self.rate_bpp)
+            return self._searched(dn, bit_depth, lambda stream: 8.0 * len(stream) / dn.size, self.rate_bpp)[0]
         if self.psnr_db is not None:
-            made = self._searched(dn, bit_depth, lambda stream: psnr_db(
+            made, found = self._searched(dn, bit_depth, lambda stream: psnr_db(
                 decode(stream, self.codec, dn.shape, bit_depth), dn, bit_depth), self.psnr_db)
-            found = psnr_db(decode(made, self.codec, dn.shape, bit_depth), dn, bit_depth)
             # Lossy transforms round, and reach no PSNR above some; without loss a frame may be smaller, too.
             return made if found > self.psnr_db - _MET_DB and len(made) < len(lossless) else lossless
         return lossless
 
-    def _searched(self, dn: np.ndarray, bit_depth: int, measure: Callable[[bytes], float], wanted: float) -> bytes:
-        """The stream that measures what is wanted, or of those tried the nearest: halving, as both measures rise."""
+    def _searched(self, dn: np.ndarray, bit_depth: int, measure: Callable[[bytes], float],
+                  wanted: float) -> tuple[bytes, float]:
+        """The stream whose measure is the wanted one, or of those tried the nearest, and that measure.
+
+        By halving: rate and PSNR both rise with the setting.
+        """
         low, high = 10.0, 130.0
-        best, best_off = b"", np.inf
+        best, best_found, best_off = b"", np.inf, np.inf
         for _ in range(_STEPS):
             middle = 0.5 * (low + high)
             stream = _sealed(_LOSSY[self.codec](dn, bit_depth, middle))
             found = measure(stream)
             if abs(found - wanted) < best_off:
-                best, best_off = stream, abs(found - wanted)
+                best, best_found, best_off = stream, found, abs(found - wanted)
             if best_off <= _MET * wanted:
                 break
             low, high = (middle, high) if found < wanted else (low, middle)
-        return best
+        return best, best_found
 
 
 def decode(stream: bytes, codec: str, shape: tuple[int, int], bit_depth: int) -> np.ndarray:
@@ -171,7 +174,7 @@ def decode(stream: bytes, codec: str, shape: tuple[int, int], bit_depth: int) ->
 
 @dataclass(frozen=True, kw_only=True)
 class Sent:
-    """What reaches the ground: digital numbers, their stream, and how it was made, in words."""
+    """A frame that reaches the ground: digital numbers, their stream, and a sentence on the codec."""
 
     dn: np.ndarray
     stream: bytes | None
