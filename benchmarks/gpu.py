@@ -1,7 +1,8 @@
 """Frames a second on a GPU, and its images beside llvmpipe's: `python benchmarks/gpu.py`; see gpu.sh.
 
 Irradiance by OpenGL and by the planner's choice for shapes of 49,152, 786,432 and 3.1 million facets, and frames of
-8-bit digital numbers that a server answers. Without a GPU it says so and fails.
+8-bit digital numbers that a server answers. Without a GPU it says so and fails. Images lie beside the figures:
+`python benchmarks/gpu.py --compare out/gpu` draws them by another machine's OpenGL, llvmpipe for one.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ name = "navcam"
 width_px = {side}
 height_px = {side}
 focal_length_px = {focal}
-model = {{ preset = "generic_navigation_camera", exposure_s = 0.01 }}
+model = {{ preset = "generic_navigation_camera", exposure_s = 3e-5 }}
 """
 
 
@@ -49,36 +50,34 @@ def rate(draw, seconds: float = 3.0) -> float:
     return 1.0 / float(np.median(laps))
 
 
-def irradiance(facets: str, side_px: int) -> dict:
-    """Frames a second of one scene, and the RMS difference of its image from llvmpipe's [1]."""
+def irradiance(facets: str, side_px: int, folder: Path) -> dict:
+    """Frames a second of one scene; its image is saved in the folder."""
     scene, state = build(Case(name="gpu", facets=facets, frame_px=side_px, body_px=0.5 * side_px, phase_deg=60.0))
     states = [replace(state, t_s=float(k)) for k in range(2)]
     with Renderer(scene) as renderer:
-        info, image = renderer.info, renderer.render(state, samples=2).irradiance_W_m2.astype(float)
+        info, image = renderer.info, renderer.render(state, samples=2).irradiance_W_m2
         row = {"facets": facets, "side_px": side_px, "gl_renderer": info["gl_renderer"],
                "raster_per_s": rate(lambda: renderer.render(states[0], engine="raster")),
-               "planned_per_s": rate(lambda: renderer.render(states[1]))}
-    code = ("import sys, numpy as np; sys.path.insert(0, 'benchmarks'); from gpu import save_image; "
-            f"save_image({facets!r}, {side_px}, sys.argv[1])")
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder, "llvmpipe.npy")
-        made = subprocess.run([sys.executable, "-c", code, str(file)], check=False, capture_output=True, text=True,
-                              env={**os.environ, "LIBGL_ALWAYS_SOFTWARE": "1",
-                                   "__EGL_VENDOR_LIBRARY_FILENAMES": "/usr/share/glvnd/egl_vendor.d/50_mesa.json"})
-        if made.returncode == 0:
-            other = np.load(file).astype(float)
-            lit = other > 0.0
-            row["rms_beside_llvmpipe"] = float(np.sqrt(np.mean((image - other)[lit] ** 2)) / other[lit].mean())
-        else:
-            row["llvmpipe"] = made.stderr.strip().splitlines()[-1:]
+               "planned_per_s": rate(lambda: renderer.render(states[1])),
+               "planned": [window.engine for window in renderer.render(states[1]).plan.windows]}
+    np.save(folder / f"{facets}_{side_px}.npy", image)
     return row
 
 
-def save_image(facets: str, side_px: int, file: str) -> None:
-    """Draw the same image in another process, by the OpenGL that its environment names."""
-    scene, state = build(Case(name="gpu", facets=facets, frame_px=side_px, body_px=0.5 * side_px, phase_deg=60.0))
-    with Renderer(scene) as renderer:
-        np.save(file, renderer.render(state, samples=2).irradiance_W_m2)
+def compare(folder: Path) -> list[dict]:
+    """Draw each saved image by this machine's OpenGL: the RMS difference over the mean of what is lit [1]."""
+    rows = []
+    for file in sorted(folder.glob("*.npy")):
+        facets, side_px = file.stem.split("_")
+        scene, state = build(Case(name="gpu", facets=facets, frame_px=int(side_px), body_px=0.5 * int(side_px),
+                                  phase_deg=60.0))
+        with Renderer(scene) as renderer:
+            own = renderer.render(state, samples=2).irradiance_W_m2.astype(float)
+        there, lit = np.load(file).astype(float), own > 0.0
+        rows.append({"facets": facets, "side_px": int(side_px), "beside": renderer.info["gl_renderer"],
+                     "rms": float(np.sqrt(np.mean((there - own)[lit] ** 2)) / own[lit].mean()),
+                     "flux": float(there.sum() / own.sum() - 1.0)})
+    return rows
 
 
 def served(side_px: int) -> dict:
@@ -104,17 +103,21 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("out/gpu.json"))
     parser.add_argument("--anyway", action="store_true", help="without a GPU too: to try the script")
     parser.add_argument("--facets", nargs="+", default=["49k", "786k", "3146k"])
+    parser.add_argument("--compare", type=Path, metavar="FOLDER", help="draw its images here, and print the difference")
     arguments = parser.parse_args()
+    if arguments.compare:
+        sys.stdout.write("".join(json.dumps(row) + "\n" for row in compare(arguments.compare)))
+        return
+    arguments.out.parent.mkdir(parents=True, exist_ok=True)
     rows = []
     for facets in arguments.facets:
         for side_px in SIDES_PX:
-            rows.append(irradiance(facets, side_px))
+            rows.append(irradiance(facets, side_px, arguments.out.parent))
             sys.stdout.write(json.dumps(rows[-1]) + "\n")
             if "llvmpipe" in rows[-1]["gl_renderer"] and not arguments.anyway:
                 sys.exit(f"no GPU here: OpenGL is {rows[-1]['gl_renderer']}")
     rows += [served(side_px) for side_px in SIDES_PX]
     sys.stdout.write(json.dumps(rows[-2:]) + "\n")
-    arguments.out.parent.mkdir(parents=True, exist_ok=True)
     arguments.out.write_text(json.dumps(rows, indent=1), encoding="utf-8")
 
 

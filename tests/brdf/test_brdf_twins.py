@@ -82,15 +82,17 @@ def hapke_law(parameters):
 
 
 def assert_close(got, expected, a, atol=0.0):
-    """1e-5 up to 89 degrees of incidence and of emission (the laws are reciprocal), 5e-4 beyond.
+    """2e-5 up to 89 degrees of incidence and of emission (the laws are reciprocal), 6e-4 beyond.
+
+    llvmpipe holds half of that; NVIDIA's cards lose 1e-5 in the powers of Akimov's law.
 
     Compared where the law's own sensitivity to float32's rounding of the cosines (6e-8 / cosine) is
     below the tolerance: up to 89.99 degrees.
     """
     steepest = np.maximum(a.i, a.e)
     ordinary, steep = steepest <= np.radians(89.0), steepest <= np.radians(89.99)
-    np.testing.assert_allclose(got[ordinary], expected[ordinary], rtol=1e-5, atol=atol)
-    np.testing.assert_allclose(got[steep], expected[steep], rtol=5e-4, atol=10 * atol)
+    np.testing.assert_allclose(got[ordinary], expected[ordinary], rtol=2e-5, atol=atol)
+    np.testing.assert_allclose(got[steep], expected[steep], rtol=6e-4, atol=10 * atol)
 
 
 def float32_vectors(rng, count, max_deg=90.0):

@@ -97,14 +97,17 @@ def test_flux_does_not_depend_on_range_down_to_a_thousandth_of_a_pixel():
 
 
 def test_solid_angle_falls_off_as_cos_cubed():
-    """A wall that fills a wide field: E / (I/F F/pi) is the pixel's solid angle, cos^3(theta) / f^2."""
+    """A wall that fills a wide field: E / (I/F F/pi) is the pixel's solid angle, cos^3(theta) / f^2.
+
+    2e-4 is 1/256 px at this focal length: NVIDIA's cards interpolate between vertices that are snapped to it.
+    """
     law = Lambert(normal_albedo=1.0)
     camera = views.camera(64, 40.0)
     body = views.sphere(law, 4, 1e6)
     with Renderer(views.scene([body], [camera])) as renderer:
         image = renderer.render(views.state(phase_deg=0.0, range_m=1e6 + 2e5), samples=1, products=["incidence"])
     radiance = views.SOLAR_IRRADIANCE_W_M2 / np.pi * np.cos(image.products["incidence"].astype(np.float64))
-    np.testing.assert_allclose(image.irradiance_W_m2 / radiance, camera.solid_angle_sr(), rtol=2e-5)
+    np.testing.assert_allclose(image.irradiance_W_m2 / radiance, camera.solid_angle_sr(), rtol=2e-4)
 
 
 @pytest.mark.parametrize("phase_deg", [10.0, 60.0, 90.0, 120.0])
