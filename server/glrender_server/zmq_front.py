@@ -16,7 +16,7 @@ from typing import Any
 import zmq
 from glrender import ConfigError
 
-from . import ipc_path, keys, limits
+from . import framing, ipc_path, keys, limits
 from .front import LOOPBACK_BUFFER, Request
 from .peers import Peer, Peers
 
@@ -34,9 +34,9 @@ _IPC_BUFFER = 1 << 22
 _STALL_S, _STALL_BYTES = 30.0, 1 << 16
 # Messages are taken in for so long, before other transports and workers have their turn [s].
 _TURN_S = 0.005
-# A request has one part behind its envelope of one or two; a message with more is thrown away, and is worth a
+# An envelope of one or two parts, and as many as TCP takes. A message with more is thrown away, and is worth a
 # connection if to read it takes tens of milliseconds. A part has two bytes at least.
-_MAX_PARTS, _THROWN_AWAY_AT_ONCE, _MANY_PARTS, _MIN_PART_BYTES = 4, 1000, 1 << 15, 2
+_MAX_PARTS, _THROWN_AWAY_AT_ONCE, _MANY_PARTS, _MIN_PART_BYTES = 2 + framing.MAX_PARTS, 1000, 1 << 15, 2
 _LINGER_S = 3.0
 # A peer that has vanished without a word is noticed after about two minutes.
 _KEEP_ALIVE_IDLE_S, _KEEP_ALIVE_INTERVAL_S, _KEEP_ALIVE_COUNT = 60, 20, 3

@@ -281,6 +281,16 @@ def test_who_takes_nothing_is_hung_up_on(monkeypatch):
         assert taken_in(5.0) and not request.untaken_bytes()
 
 
+def test_a_message_of_some_parts_is_refused_by_name(tmp_path):
+    """As on TCP: up to 16."""
+    with serving.server(tmp_path) as (endpoint, _), peer(endpoint) as one:
+        for n_parts in (2, 16):
+            one.send_multipart([head("hello", 1)] + [b"x"] * (n_parts - 1))
+            error = reply(one)["error"]
+            assert error["code"] == "protocol"
+            assert error["message"] == f"a request must have one part, the header, got {n_parts}"
+
+
 def test_a_message_of_very_many_parts_is_hung_up_on_and_holds_up_nobody():
     """Each empty part has two bytes on the wire, and 64 in ZeroMQ."""
     with serving_front("tcp://127.0.0.1:*") as (front, taken_in), peer(front.endpoint) as honest, \
