@@ -4,6 +4,8 @@ VENV   := .venv
 PYTHON ?= python3
 BIN    := $(VENV)/bin
 export PYTHONUNBUFFERED = 1
+# Tests start hundreds of processes: each would compile all of Python's sources anew, a third of a second.
+export PYTHONDONTWRITEBYTECODE =
 
 .PHONY: demo test test-all bench chart wheels image docs setup opengl lint clean
 .PHONY: tools osmesa octave clang blender mitsuba basilisk chromium systemd

@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.ndimage import convolve, convolve1d, shift, spline_filter1d
+import scipy
 from scipy.special import erf
 
 # From here on a Gaussian and the spline through its samples are the same within 4e-6 of its sum.
@@ -64,7 +64,7 @@ def from_splines(weights: np.ndarray) -> np.ndarray:
     kernel = np.asarray(weights, np.float64)
     for axis in (-2, -1):
         if kernel.shape[axis] > 1:
-            kernel = spline_filter1d(kernel, 3, axis=axis, mode="mirror")
+            kernel = scipy.ndimage.spline_filter1d(kernel, 3, axis=axis, mode="mirror")
     return non_negative(kernel)
 
 
@@ -72,7 +72,7 @@ def without_pixel(kernel: np.ndarray) -> np.ndarray:
     """A measured kernel (..., n, m), which holds the pixel, without it: 1/12 px^2 less an axis, while it is >= 0."""
     for axis in (-2, -1):
         # Reflected at the rim: no light leaves the kernel.
-        kernel = convolve1d(kernel, np.array([-1.0, 26.0, -1.0]) / 24.0, axis=axis, mode="reflect")
+        kernel = scipy.ndimage.convolve1d(kernel, np.array([-1.0, 26.0, -1.0]) / 24.0, axis=axis, mode="reflect")
     return non_negative(kernel)
 
 
@@ -98,10 +98,12 @@ def measured_between(kernel: np.ndarray, parts: int) -> np.ndarray:
     steps = np.arange(-(parts // 2), parts // 2 + 1)
     for node in np.ndindex(leading):
         room = np.pad(kernel[node], _SPLINE_REACH_PX)
-        splines = spline_filter1d(spline_filter1d(room, 3, axis=0, mode="mirror"), 3, axis=1, mode="mirror")
+        splines = room
+        for axis in (0, 1):
+            splines = scipy.ndimage.spline_filter1d(splines, 3, axis=axis, mode="mirror")
         for i in steps:
             for j in steps:
-                seen = shift(splines, (i / parts, j / parts), order=3, mode="constant", prefilter=False)
+                seen = scipy.ndimage.shift(splines, (i / parts, j / parts), order=3, mode="constant", prefilter=False)
                 rim = _SPLINE_REACH_PX - 1
                 fine[node][parts - i::parts, parts - j::parts][:n + 2, :m + 2] = _put_right(
                     seen[rim:-rim, rim:-rim], kernel[node], (i / parts, j / parts))
@@ -156,12 +158,12 @@ def _filled(kernel: np.ndarray) -> np.ndarray:
         if debt.max() < _NEGLIGIBLE * total:
             break
         light = np.maximum(kernel, 0.0)
-        n_payers = convolve((light > 0.0).astype(float), _BESIDE, mode="constant")
+        n_payers = scipy.ndimage.convolve((light > 0.0).astype(float), _BESIDE, mode="constant")
         # A debt with no lit neighbour waits until light has come nearer.
         each = np.where(n_payers > 0.0, debt / np.maximum(n_payers, 1.0), 0.0)
-        asked = convolve(each, _BESIDE, mode="constant") * (light > 0.0)
+        asked = scipy.ndimage.convolve(each, _BESIDE, mode="constant") * (light > 0.0)
         paid = np.divide(np.minimum(asked, light), asked, out=np.zeros_like(light), where=asked > 0.0)
-        kernel = light - paid * asked - debt + each * convolve(paid, _BESIDE, mode="constant")
+        kernel = light - paid * asked - debt + each * scipy.ndimage.convolve(paid, _BESIDE, mode="constant")
     kernel = np.maximum(kernel, 0.0)
     return kernel * (total / kernel.sum())
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
+import scipy  # whose parts are imported where they are first used: this one takes a tenth of a second
 
 from .points import PointSources
 
@@ -33,7 +33,7 @@ def magnified(image: np.ndarray, magnification: float, principal_point_px: tuple
         came_from = np.clip(middle + (edge - middle) / magnification, edge[0], edge[-1])
         total = np.cumsum(light, axis=axis)
         total = np.concatenate([np.zeros_like(total.take([0], axis=axis)), total], axis=axis)
-        light = np.diff(PchipInterpolator(edge, total, axis=axis)(came_from), axis=axis)
+        light = np.diff(scipy.interpolate.PchipInterpolator(edge, total, axis=axis)(came_from), axis=axis)
     return np.maximum(light, 0.0).astype(np.float32)
 
 

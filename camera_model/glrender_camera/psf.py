@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import convolve1d
+import scipy
 from scipy.special import erf, ive, j1
 
 from .pupil import intensity
@@ -58,7 +58,7 @@ def blurred(kernel: np.ndarray, sigma_px: float, radius_px: int) -> np.ndarray:
     axis = ive(np.abs(np.arange(-radius_px, radius_px + 1)), sigma_px**2)
     wide = np.pad(kernel, [(0, 0)] * (kernel.ndim - 2) + [(radius_px, radius_px)] * 2)
     for direction in (-2, -1):
-        wide = convolve1d(wide, axis, axis=direction, mode="constant")
+        wide = scipy.ndimage.convolve1d(wide, axis, axis=direction, mode="constant")
     return wide
 
 

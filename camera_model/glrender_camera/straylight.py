@@ -9,7 +9,7 @@ from typing import Any
 
 import cv2
 import numpy as np
-from scipy import fft
+import scipy
 
 from .errors import ConfigError
 from .validate import known_keys, positive, within
@@ -163,7 +163,7 @@ class StrayLight:
         # The mean over a cell; the interpolation back shares it out with weights that sum to 1.
         coarse = cv2.resize(padded, (columns, rows), interpolation=cv2.INTER_AREA)
         transform, shape = _wing_transform(self, cell, rows, columns)
-        spread = fft.irfft2(fft.rfft2(coarse, shape) * transform, shape)[:rows, :columns]
+        spread = scipy.fft.irfft2(scipy.fft.rfft2(coarse, shape) * transform, shape)[:rows, :columns]
         spread = np.maximum(spread, 0.0).astype(np.float32)
         return cv2.resize(spread, (columns * cell, rows * cell), interpolation=cv2.INTER_LINEAR)[:height, :width]
 
@@ -171,7 +171,7 @@ class StrayLight:
 @lru_cache(maxsize=8)
 def _wing_transform(stray: StrayLight, cell: int, rows: int, columns: int) -> tuple[np.ndarray, tuple[int, int]]:
     """Fourier transform of the wing on the cells, padded so that nothing wraps around."""
-    shape = fft.next_fast_len(2 * rows - 1, True), fft.next_fast_len(2 * columns - 1, True)
+    shape = scipy.fft.next_fast_len(2 * rows - 1, True), scipy.fft.next_fast_len(2 * columns - 1, True)
     node, weight = np.polynomial.legendre.leggauss(_NODES)
     kernel = np.zeros(shape)
     y, x = (np.minimum(np.arange(n), n - np.arange(n)) for n in shape)
@@ -179,4 +179,4 @@ def _wing_transform(stray: StrayLight, cell: int, rows: int, columns: int) -> tu
         for dx, wx in zip(node, weight, strict=True):
             r2 = ((y[:, None] + 0.5 * dy) ** 2 + (x + 0.5 * dx) ** 2) * (cell / stray.wing_core_px) ** 2
             kernel += 0.25 * wy * wx * (1.0 + r2) ** (-0.5 * stray.wing_exponent)
-    return fft.rfft2(kernel * (stray.wing_fraction * stray._density * cell**2)).astype(np.complex64), shape
+    return scipy.fft.rfft2(kernel * (stray.wing_fraction * stray._density * cell**2)).astype(np.complex64), shape

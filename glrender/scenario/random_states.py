@@ -10,10 +10,10 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy  # whose parts are imported where they are first used: this one takes a third of a second
 from glrender_camera import PinholeCamera
 from glrender_camera.validate import integer, one_of
 from scipy.spatial.transform import Rotation
-from scipy.stats import qmc
 
 from ..base.constants import AU_M
 from ..base.errors import ConfigError, SceneError
@@ -186,7 +186,7 @@ class RandomStates:
     def _candidates(self) -> Iterator[State]:
         """States without end, in blocks of stratified samples."""
         d, block = len(_COLUMNS), 0
-        sobol = qmc.Sobol(d, seed=np.random.default_rng(self.seed))
+        sobol = scipy.stats.qmc.Sobol(d, seed=np.random.default_rng(self.seed))
         while True:
             rng = np.random.default_rng([self.seed, block])
             if self.sampler == "sobol":
@@ -194,7 +194,7 @@ class RandomStates:
                     warnings.simplefilter("ignore", UserWarning)  # of balance: it is of powers of 2
                     share = sobol.random(1 << max(self.frames - 1, 1).bit_length())
             elif self.sampler == "latin_hypercube":
-                share = qmc.LatinHypercube(d, seed=rng).random(self.frames)
+                share = scipy.stats.qmc.LatinHypercube(d, seed=rng).random(self.frames)
             else:
                 share = rng.random((self.frames, d))
             yield from self._states_of(dict(zip(_COLUMNS, share.T, strict=True)))

@@ -8,7 +8,7 @@ from dataclasses import MISSING, fields
 import numpy as np
 import pytest
 import views
-from glrender import ConfigError, Pose, Scene, State, generate
+from glrender import ConfigError, Pose, Scene, State
 from glrender.brdf import Lambert
 from glrender.capture.motion_blur import motion_px
 from glrender.scene.body import Body
@@ -138,7 +138,7 @@ def test_a_veil_does_not_depend_on_the_margin():
 @pytest.mark.parametrize("turns, least", [(0.5, 60.0), (1.0, 200.0), (2.0, 400.0), (4.0, 800.0), (150.0, 1e4)])
 def test_whole_turns_move(turns, least):
     """A body that spins about the boresight: its rim goes round, however many whole turns end where they began."""
-    body = Body(name="body", shape=generate.contact_binary(radius_m=100.0, seed=1, subdivisions=3), brdf=Lambert(
+    body = Body(name="body", shape=views.binary(1, 3), brdf=Lambert(
         normal_albedo=0.2))
     camera = views.camera(256, 1000.0)
     scene = views.scene([body], [camera])

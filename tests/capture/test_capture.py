@@ -8,7 +8,7 @@ import pytest
 import views
 from cells import slow_but
 from chain import COLOURS, DETECTOR, LENS, MOSAIC, OPTICS, READ, opencv, table
-from glrender import Body, ConfigError, Pose, Scene, State, draw_still, frames, generate, open_renderer, take_frame
+from glrender import Body, ConfigError, Pose, Scene, State, draw_still, frames, open_renderer, take_frame
 from glrender.base.constants import AU_M, SUN_RADIUS_M
 from glrender.brdf import Lambert
 from glrender.engines.rays.laser_ranges import laser_ranges
@@ -142,7 +142,7 @@ def test_a_distorting_camera_projects_as_opencv_does_and_back():
 @pytest.mark.parametrize("roi", [(64, 64, 128, 128), (100, 40, 228, 200)])
 def test_a_region_is_drawn_alone_and_within_the_budget_of_its_own(roi):
     """Against the ray tracer in float64, 64 samples a pixel; the shadows of what is beside the region fall into it."""
-    shape = generate.contact_binary(radius_m=100.0, seed=2, subdivisions=5)
+    shape = views.binary(2, 5)
     scene = views.scene([Body(name="body", shape=shape, brdf=GREY)], [views.camera(256, 2000.0)], max_error=0.05)
     state, (x0, y0, x1, y1) = views.state(), roi
     with open_renderer(scene) as renderer:

@@ -9,16 +9,16 @@ import pytest
 from cells import slow_but
 from comae import (
     AU_M,
-    LOBES,
-    SPHERE,
     SUN_M,
     TABLE,
     camera,
     coma_table,
     drawn_columns,
     grid,
+    lobes,
     pixel_rays,
     scene,
+    sphere,
     state,
     three_jets,
 )
@@ -50,7 +50,7 @@ def test_an_even_coma_has_the_irradiance_of_its_afrho():
     with Renderer(scene(source, dust=dust, max_error=0.002)) as renderer, Renderer(scene()) as bare:
         at, pinhole = state(), renderer.scene.cameras[0]
         light = renderer.render(at, samples=1).irradiance_W_m2 - bare.render(at, samples=1).irradiance_W_m2
-    view = view_bodies(at, pinhole, {"nucleus": SPHERE.hull})[0]
+    view = view_bodies(at, pinhole, {"nucleus": sphere().hull})[0]
     y, x = np.mgrid[:96, :96]
     pixel = np.stack([x, y], axis=-1).astype(np.float64)
     off = np.arccos(pinhole.directions(pixel)[..., 2])
@@ -68,7 +68,7 @@ def test_an_even_coma_has_the_irradiance_of_its_afrho():
 def test_the_shader_equals_its_twin_within_the_plan(source, budget, monkeypatch):
     """Against 500 float64 steps of every fifth pixel's ray to the surface that its middle sees."""
     made = {"haser": Haser(weight_m=5.0), "jets": three_jets(), "grid": grid()}[source]
-    with Renderer(scene(made, body=LOBES, max_error=budget)) as renderer:
+    with Renderer(scene(made, body=lobes(), max_error=budget)) as renderer:
         at, pinhole = state(), renderer.scene.cameras[0]
         column, _, (layer,), image = drawn_columns(renderer, at, monkeypatch, products=["range"])
     assert column.min() >= 0.0
@@ -89,7 +89,7 @@ def test_without_economy_the_shader_is_its_twin_to_float32(monkeypatch):
     monkeypatch.setattr(drawing, "choose", lambda *_: Sampling(
         steps=64, front_steps=64, pixels_per_node=1, front_pixels_per_node=1, predicted_error=0.0))
     at = state(r_spacecraft=(0.0, 3e3, -5e4))
-    with Renderer(scene(grid(), body=LOBES)) as renderer:
+    with Renderer(scene(grid(), body=lobes())) as renderer:
         column, _, (layer,), image = drawn_columns(renderer, at, monkeypatch, products=["range"])
         rays = pixel_rays(renderer.scene.cameras[0])
     free = np.isnan(image.products["range"]).ravel()
@@ -134,7 +134,7 @@ def test_the_camera_inside_the_volume_sees_what_is_ahead(monkeypatch):
                         (frames.look_at([0.0, 0.0, -4e3], [0.0, 0.0, -9e3]), (0.0, 0.0, -4e3)),
                         (frames.look_at([0.0, 0.0, -4e3], [9e3, 0.0, -4e3]), (0.0, 0.0, -4e3))):
         at = state(r_spacecraft=r, q=attitude)
-        with Renderer(scene(grid(), body=LOBES, pinhole=camera(fov_rad=1.0))) as renderer:
+        with Renderer(scene(grid(), body=lobes(), pinhole=camera(fov_rad=1.0))) as renderer:
             column, _, (layer,), image = drawn_columns(renderer, at, monkeypatch, products=["range"])
             rays = pixel_rays(renderer.scene.cameras[0]) @ frames.dcm(attitude)
         end = np.where(np.isnan(image.products["range"]), np.inf, image.products["range"]).ravel()
@@ -144,11 +144,11 @@ def test_the_camera_inside_the_volume_sees_what_is_ahead(monkeypatch):
 
 def test_the_nucleus_casts_its_shadow_through_the_coma(monkeypatch):
     """Against rays to the Sun from every step; the shadow map and nodes leave edges."""
-    with Renderer(scene(Haser(weight_m=5.0), body=LOBES, has_shadow=True)) as renderer:
+    with Renderer(scene(Haser(weight_m=5.0), body=lobes(), has_shadow=True)) as renderer:
         column, _, (layer,), image = drawn_columns(renderer, state(), monkeypatch, products=["range"])
         rays = pixel_rays(renderer.scene.cameras[0])
     sun = SUN_M / np.linalg.norm(SUN_M)
-    hits = body_hits(LOBES.shape)
+    hits = body_hits(lobes().shape)
 
     def lit(r_m):
         # Behind the body as the Sun sees it, whatever lies between.
@@ -254,7 +254,7 @@ def test_the_plan_tells_what_was_modelled_and_left_out():
 
 
 def test_equal_requests_give_equal_bytes_whatever_came_between():
-    with Renderer(scene(three_jets(), body=LOBES)) as renderer:
+    with Renderer(scene(three_jets(), body=lobes())) as renderer:
         first = renderer.render(state()).irradiance_W_m2.tobytes()
         other = State(t_s=0.0, r_sun_inertial_m=-SUN_M, spacecraft=state().spacecraft, bodies=state().bodies)
         assert renderer.render(other).irradiance_W_m2.tobytes() != first

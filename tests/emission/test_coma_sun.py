@@ -34,7 +34,7 @@ def with_sun(direction):
 @pytest.mark.parametrize("first", slow_but([(-1.0, -0.2, 0.3), (0.0, 0.0, 1.0)], 0, are_values=True))
 def test_a_frame_is_the_same_whatever_the_sun_lit_first(first):
     """Before, its steps were those that the first frame's Sun needed: a retry at another worker got other bytes."""
-    scene, asked = coma.scene(coma.three_jets(), body=coma.LOBES), with_sun((1.0, 0.3, -0.5))
+    scene, asked = coma.scene(coma.three_jets(), body=coma.lobes()), with_sun((1.0, 0.3, -0.5))
     with Renderer(scene) as renderer:
         alone = renderer.render(asked)
     with Renderer(scene) as renderer:
@@ -49,7 +49,7 @@ def test_a_frame_is_the_same_whatever_the_sun_lit_first(first):
                                          0, 2, are_values=True))
 def test_the_error_told_holds_after_a_frame_with_all_vents_in_the_dark(sun, monkeypatch):
     """A dark first frame had 8 steps taken and 0 told ever after: an error of 3.0, not 0.02, of the mean."""
-    with Renderer(coma.scene(ONE_JET, body=coma.LOBES)) as renderer:
+    with Renderer(coma.scene(ONE_JET, body=coma.lobes())) as renderer:
         renderer.render(with_sun((-1.0, -0.2, 0.3)))
         column, _, (layer,), image = coma.drawn_columns(renderer, with_sun(sun), monkeypatch, products=["range"])
         rays = coma.pixel_rays(renderer.scene.cameras[0]) @ dcm(look_at(ASIDE_M, np.zeros(3)))
@@ -62,6 +62,6 @@ def test_the_error_told_holds_after_a_frame_with_all_vents_in_the_dark(sun, monk
 
 def test_no_frame_measures_what_the_opening_can(monkeypatch):
     """The first frame took 1.2 s longer, and with another Sun's a deadline would fall due."""
-    with Renderer(coma.scene(coma.three_jets(), body=coma.LOBES)) as renderer:
+    with Renderer(coma.scene(coma.three_jets(), body=coma.lobes())) as renderer:
         monkeypatch.setattr(layers, "measured_errors", None)
         assert renderer.render(with_sun((1.0, 0.3, -0.5))).irradiance_W_m2.max() > 0.0

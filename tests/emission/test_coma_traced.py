@@ -49,7 +49,7 @@ def test_rays_and_opengl_draw_the_same_coma(source, has_shadow):
     At edges rays take the pixel's mean and OpenGL its middle: over all pixels within what OpenGL's plan tells.
     """
     made = {"haser": Haser(weight_m=5.0), "jets": coma.three_jets(), "grid": coma.grid()}[source]
-    scene = coma.scene(made, body=coma.LOBES, max_error=0.01, has_shadow=has_shadow)
+    scene = coma.scene(made, body=coma.lobes(), max_error=0.01, has_shadow=has_shadow)
     drawn, fast = light_of(Renderer, scene, coma.state(), samples=1)
     traced, image = light_of(RayTracer, scene, coma.state(), samples=1, products=["range"])
     inner = beside_edges(image.products["range"])
@@ -67,7 +67,7 @@ def test_rays_and_opengl_draw_the_same_coma(source, has_shadow):
 @pytest.mark.usefixtures("blender")
 def test_cycles_has_the_coma_that_rays_have():
     """The same integral to the bytes of float32: only the surfaces' noise differs, and that is taken away."""
-    scene = coma.scene(Haser(weight_m=5.0), body=coma.LOBES)
+    scene = coma.scene(Haser(weight_m=5.0), body=coma.lobes())
     traced, _ = light_of(RayTracer, scene, coma.state(), samples=2)
     drawn, image = light_of(lambda each: open_renderer(each, "cycles", bounces=0), scene, coma.state(), samples=2)
     np.testing.assert_allclose(drawn, traced, atol=3e-7 * image.irradiance_W_m2.max())
@@ -76,7 +76,7 @@ def test_cycles_has_the_coma_that_rays_have():
 
 def test_pixels_at_the_edge_are_means_over_their_area():
     """An image of four times the pixels, summed by 4 x 4: RMS 1 % of rays and of OpenGL (middles miss it by 6 %)."""
-    scene, fine = (coma.scene(Haser(weight_m=5.0), body=coma.SPHERE, pinhole=coma.camera(size))
+    scene, fine = (coma.scene(Haser(weight_m=5.0), body=coma.sphere(), pinhole=coma.camera(size))
                    for size in (48, 192))
     (light, _), (truth, _) = (light_of(RayTracer, each, coma.state(), samples=1) for each in (scene, fine))
     truth = truth.reshape(48, 4, 48, 4).sum(axis=(1, 3))
@@ -88,7 +88,7 @@ def test_pixels_at_the_edge_are_means_over_their_area():
 
 def test_without_samples_a_pixel_at_the_edge_is_told_to_miss_its_mean(monkeypatch):
     monkeypatch.setattr("glrender.emission.drawing.surface_samples", lambda *_: 1)
-    scene, fine = (coma.scene(Haser(weight_m=5.0), body=coma.SPHERE, pinhole=coma.camera(size))
+    scene, fine = (coma.scene(Haser(weight_m=5.0), body=coma.sphere(), pinhole=coma.camera(size))
                    for size in (48, 192))
     truth, _ = light_of(RayTracer, fine, coma.state(), samples=1)
     truth = truth.reshape(48, 4, 48, 4).sum(axis=(1, 3))
@@ -141,7 +141,7 @@ class Untraced:
 
 
 def test_what_cannot_be_traced_is_left_out_and_told(monkeypatch):
-    scene = coma.Scene(bodies=[coma.SPHERE], cameras=[coma.camera()], emission=[Untraced()])
+    scene = coma.Scene(bodies=[coma.sphere()], cameras=[coma.camera()], emission=[Untraced()])
     with RayTracer(scene) as tracer:
         image = tracer.render(coma.state(), samples=1)
     assert image.plan.left_out == ("emission around nucleus",) and not image.plan.emission
@@ -185,8 +185,8 @@ def test_the_error_of_a_large_nucleus_is_below_its_budget_and_the_one_told(name,
     """Against area means: 1 % of the mean over all pixels, edges among them, which middles alone miss by more."""
     source, q = {"jets": coma.three_jets(), "grid": coma.grid()}[name], frames.look_at(ASIDE_M, np.zeros(3))
     pinhole = coma.camera(size=384, fov_rad=0.12)
-    y, x, mean, weight = area_means(source, pinhole, coma.LOBES, q, (8, 131), (8, 2))
-    scene, at = coma.scene(source, body=coma.LOBES, pinhole=pinhole, max_error=0.01), coma.state(ASIDE_M, q)
+    y, x, mean, weight = area_means(source, pinhole, coma.lobes(), q, (8, 131), (8, 2))
+    scene, at = coma.scene(source, body=coma.lobes(), pinhole=pinhole, max_error=0.01), coma.state(ASIDE_M, q)
 
     def error():
         with Renderer(scene) as renderer:
@@ -227,7 +227,7 @@ def test_a_surface_has_no_more_samples_than_its_budget_needs():
 def test_straight_away_from_the_nucleus_columns_are_smooth(to_m):
     """Where the nucleus is right behind the camera, rho is 0 and nothing is: within the budget of rays' image."""
     at = coma.state(r_spacecraft=(0.0, 0.0, -3e3), q=frames.look_at([0.0, 0.0, -3e3], to_m))
-    scene = coma.scene(Haser(weight_m=5.0), body=coma.LOBES, pinhole=coma.camera(fov_rad=1.0))
+    scene = coma.scene(Haser(weight_m=5.0), body=coma.lobes(), pinhole=coma.camera(fov_rad=1.0))
     (drawn, image), (traced, _) = (light_of(make, scene, at, samples=1) for make in (Renderer, RayTracer))
     assert image.plan.emission[0].modelled["fields"][0]["pixels_per_node"] > 1
     np.testing.assert_allclose(drawn, traced, rtol=0.02)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import serving
 import views
-from glrender import Body, ConfigError, Renderer, generate, load_scene, take_frame
+from glrender import Body, ConfigError, Renderer, load_scene, take_frame
 from glrender.brdf import Lambert
 from glrender.emission import Coma
 from glrender.emission.sources.haser import Haser
@@ -23,7 +23,7 @@ from glrender_client import AsyncClient, Client, ServerError
 from glrender_server.operations import Operations
 
 # Not as bright all over a facet: no areas, which would meet any of these budgets.
-BODY = Body(name="body", shape=generate.contact_binary(radius_m=100.0, seed=2), brdf=Lambert(normal_albedo=0.4),
+BODY = Body(name="body", shape=views.binary(2, 4), brdf=Lambert(normal_albedo=0.4),
             smooth_normals=True)
 SCENE = views.scene([BODY], [views.camera(48, 400.0)])
 STATE = views.state(phase_deg=70.0)

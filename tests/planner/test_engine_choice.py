@@ -242,7 +242,7 @@ def test_planning_takes_well_below_a_millisecond():
 
 @pytest.fixture(scope="module")
 def renderer():
-    shape = generate.contact_binary(radius_m=100.0, seed=3, subdivisions=4)
+    shape = views.binary(3, 4)
     smooth = generate.icosphere(radius_m=100.0, subdivisions=4)
     scene = views.scene([Body(name="body", shape=shape, brdf=GREY),
                          Body(name="smooth", shape=smooth, brdf=GREY, smooth_normals=True)],
@@ -284,7 +284,7 @@ def test_samples_are_drawn_by_opengl_and_never_again(renderer):
 
 @pytest.fixture(scope="module")
 def lumpy():
-    shape = generate.contact_binary(radius_m=100.0, seed=2, subdivisions=5)
+    shape = views.binary(2, 5)
     with Renderer(views.scene([Body(name="body", shape=shape, brdf=GREY)], [views.camera(200, 1500.0)],
                               sun_disc=False)) as made:
         yield made

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import views
-from glrender import Body, ConfigError, Renderer, Scene, draw_still, generate, open_renderer, take_frame
+from glrender import Body, ConfigError, Renderer, Scene, draw_still, open_renderer, take_frame
 from glrender.brdf import Lambert
 from glrender.planner.predicted import allowed_rms, frame_errors
 from glrender.scene.tolerance import LEAST, UNITS
@@ -22,7 +22,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 from accuracy.units import check_units, draw_small, summary, unit_errors
 
 STATE = views.state(phase_deg=60.0, range_m=1500.0)
-BODY = Body(name="body", shape=generate.contact_binary(radius_m=100.0, seed=7, subdivisions=5),
+BODY = Body(name="body", shape=views.binary(7, 5),
             brdf=Lambert(normal_albedo=0.3))
 
 

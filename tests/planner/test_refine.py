@@ -7,7 +7,7 @@ import pytest
 import views
 from backends import backend_or_skip
 from cells import slow_but
-from glrender import Body, Renderer, generate
+from glrender import Body, Renderer
 from glrender.brdf import Lambert
 from glrender.engines.rays.backend import RayTracer
 from glrender.planner.adaptive_samples import frame_error, pixel_errors, plan_refinement
@@ -82,7 +82,7 @@ def test_a_tighter_budget_refines_more_and_an_impossible_one_the_most():
 @pytest.mark.parametrize("phase_deg", slow_but([30.0, 90.0], 1))
 def test_a_refined_frame_meets_its_budget_where_the_coarse_one_does_not(backend, phase_deg):
     """Against 8 x 8 rays a pixel; and pixels that were not drawn again are those of one sample."""
-    body = Body(name="body", shape=generate.contact_binary(radius_m=100.0, seed=2), brdf=GREY)
+    body = Body(name="body", shape=views.binary(2), brdf=GREY)
     scene, state = views.scene([body], [views.camera(256, 2000.0)]), views.state(phase_deg=phase_deg)
     with Renderer(scene, backend_or_skip(backend)) as renderer, RayTracer(scene) as tracer:
         truth = tracer.render(state, samples=8).irradiance_W_m2.astype(np.float64)

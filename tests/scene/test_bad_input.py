@@ -175,7 +175,7 @@ def test_a_camera_inside_a_body_is_refused(renderer, r_m):
 
 def test_a_camera_in_the_neck_is_outside(renderer):
     """Inside the hull, outside the body: rendered, not refused; and inside the body by a metre: refused."""
-    shape = generate.contact_binary(radius_m=100.0, seed=3, subdivisions=4)
+    shape = views.binary(3, 4)
     with Renderer(views.scene([Body(name="body", shape=shape, brdf=GREY)], [views.camera()])) as renderer:
         centres = shape.vertices_m[shape.facets].mean(axis=1)
         planes = ConvexHull(shape.vertices_m).equations

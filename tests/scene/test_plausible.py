@@ -8,7 +8,7 @@ import msgpack
 import numpy as np
 import pytest
 import views
-from glrender import Body, ConfigError, Scene, Shape, State, draw_still, generate, open_renderer
+from glrender import Body, ConfigError, Scene, Shape, State, draw_still, open_renderer
 from glrender.base.plausible import RULES, improbable
 from glrender.brdf import Lambert
 from glrender.engines.advice import scene_advice
@@ -209,7 +209,7 @@ def test_a_body_in_the_hole_of_another_is_apart():
     planet = views.sphere(GREY, 3, 60.0, "planet")
     about = Body(name="ring", shape=ring(80.0, 100.0, 5.0), brdf=GREY)
     assert about.hull.inner_radius_m > 0.0 and drawn_overlaps([about, planet], 2 * [[0.0, 0.0, 0.0]]) == []
-    binary = Body(name="binary", shape=generate.contact_binary(radius_m=100.0, seed=1, subdivisions=4), brdf=GREY)
+    binary = Body(name="binary", shape=views.binary(1, 4), brdf=GREY)
     neck_m = binary.hull.solid_radius_m
     rock = views.sphere(GREY, 2, 5.0, "rock")
     assert 0.0 < neck_m <= binary.hull.inner_radius_m

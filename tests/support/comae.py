@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from glrender import Body, PinholeCamera, Pose, Scene, State
 from glrender.brdf import Lambert
@@ -12,8 +14,16 @@ from glrender.scene.shape.generate import contact_binary, icosphere
 
 SUN_M = 1.5e11 * np.array([0.8, 0.3, -0.52])
 AU_M = 149_597_870_700.0
-SPHERE = Body(name="nucleus", shape=icosphere(radius_m=1000.0), brdf=Lambert(normal_albedo=0.05))
-LOBES = Body(name="nucleus", shape=contact_binary(radius_m=1000.0, seed=3), brdf=Lambert(normal_albedo=0.05))
+
+
+@cache
+def sphere():
+    return Body(name="nucleus", shape=icosphere(radius_m=1000.0), brdf=Lambert(normal_albedo=0.05))
+
+
+@cache
+def lobes():
+    return Body(name="nucleus", shape=contact_binary(radius_m=1000.0, seed=3), brdf=Lambert(normal_albedo=0.05))
 
 
 def camera(size=96, fov_rad=0.2):
@@ -26,9 +36,10 @@ def state(r_spacecraft=(0.0, 0.0, -5e4), q=(1.0, 0.0, 0.0, 0.0), **others):
                  bodies={"nucleus": still, **others})
 
 
-def scene(*sources, body=SPHERE, pinhole=None, bodies=(), max_error=0.02, **coma):
+def scene(*sources, body=None, pinhole=None, bodies=(), max_error=0.02, **coma):
     emission = [Coma(body="nucleus", sources=sources, **coma)] if sources else []
-    return Scene(bodies=[body, *bodies], cameras=[pinhole or camera()], emission=emission, max_error=max_error)
+    return Scene(bodies=[body or sphere(), *bodies], cameras=[pinhole or camera()], emission=emission,
+                 max_error=max_error)
 
 
 def three_jets():

@@ -97,7 +97,7 @@ def _light_of_a_binary(phase_deg: float) -> tuple[np.ndarray, State, float]:
 
 @cache
 def binary(subdivisions: int = 5) -> Body:
-    return Body(name="body", shape=generate.contact_binary(radius_m=100.0, seed=2, subdivisions=subdivisions),
+    return Body(name="body", shape=views.binary(2, subdivisions),
                 brdf=GREY)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from glrender import Body, PinholeCamera, Pose, Scene, State, frames, generate
 from glrender.base.constants import AU_M
@@ -17,6 +19,12 @@ def camera(size_px=256, focal_length_px=1000.0, **kwargs):
 def sphere(law, subdivisions=5, radius_m=100.0, name="body", **kwargs):
     """An icosphere of 20 * 4**subdivisions facets."""
     return Body(name=name, shape=generate.icosphere(radius_m=radius_m, subdivisions=subdivisions), brdf=law, **kwargs)
+
+
+@cache
+def binary(seed, subdivisions=6):
+    """A contact binary's shape, 100 m in radius, of 20 * 4**subdivisions facets: made once in a process."""
+    return generate.contact_binary(radius_m=100.0, seed=seed, subdivisions=subdivisions)
 
 
 def scene(bodies, cameras, **kwargs):

@@ -7,7 +7,7 @@ import pytest
 import sweeps
 import views
 from cells import slow_but
-from glrender import Body, Pose, Renderer, State, frames, generate
+from glrender import Body, Pose, Renderer, State, frames
 from glrender.engines.rays.backend import RayTracer
 
 
@@ -21,7 +21,7 @@ def test_the_inertial_frame_does_not_show(seed, shift_m):
     rng = np.random.default_rng(seed)
     q = rng.standard_normal(4)
     state = views.state(phase_deg=70.0)
-    body = Body(name="body", shape=generate.contact_binary(radius_m=100.0, seed=3, subdivisions=5), brdf=sweeps.GREY)
+    body = Body(name="body", shape=views.binary(3, 5), brdf=sweeps.GREY)
     with Renderer(views.scene([body], [views.camera(128, 500.0)])) as renderer:
         here = renderer.render(state, max_error=0.02)
         there = renderer.render(sweeps.turned(state, q / np.linalg.norm(q), shift_m * rng.standard_normal(3)),
@@ -36,7 +36,7 @@ def test_the_inertial_frame_does_not_show(seed, shift_m):
 
 def _beside_the_neck(phase_deg, **kwargs):
     """Half a radius from the middle of a contact binary, both lobes in a field of 90 deg."""
-    shape = generate.contact_binary(radius_m=100.0, seed=2, subdivisions=5)
+    shape = views.binary(2, 5)
     place = np.array([0.0, -70.0, 20.0])
     base = views.state(phase_deg=phase_deg, direction=place)
     spacecraft = Pose(r_inertial_m=place, q_from_inertial=frames.look_at(place, np.array([20.0, 0.0, -5.0])))
@@ -63,7 +63,7 @@ def test_the_image_tells_whether_a_coarse_map_has_edges_to_blur():
     """Close up, a map of 4096 texels is too coarse for 1 % if edges of shadows are all that there is; they are not."""
     place = np.array([60.0, -280.0, 80.0])
     base = views.state(phase_deg=60.0, direction=place)
-    scene = views.scene([Body(name="body", shape=generate.contact_binary(radius_m=100.0, seed=1, subdivisions=6),
+    scene = views.scene([Body(name="body", shape=views.binary(1),
                               brdf=sweeps.GREY)], [views.camera(256, 3500.0)], sun_disc=False)
     state = State(r_sun_inertial_m=base.r_sun_inertial_m, bodies=base.bodies,
                   spacecraft=Pose(r_inertial_m=place, q_from_inertial=frames.look_at(place, np.zeros(3))))
@@ -76,7 +76,7 @@ def test_the_image_tells_whether_a_coarse_map_has_edges_to_blur():
 ], ids=["ahead", "ahead, shaded", "behind"])
 def test_a_camera_between_two_bodies(q, sun):
     """One ahead and one behind, and the one behind may shade the one ahead."""
-    bodies = [Body(name=name, shape=generate.contact_binary(radius_m=100.0, seed=seed, subdivisions=5),
+    bodies = [Body(name=name, shape=views.binary(seed, 5),
                    brdf=sweeps.GREY) for name, seed in (("ahead", 2), ("behind", 3))]
     state = State(r_sun_inertial_m=1.5e11 * np.array(sun),
                   spacecraft=Pose(r_inertial_m=np.array([40.0, 0.0, 0.0]), q_from_inertial=np.array(q)),

@@ -196,17 +196,23 @@ def _two_balls(directions: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 def _random_field(directions: np.ndarray, degrees: np.ndarray, variance: np.ndarray,
                   rng: np.random.Generator) -> np.ndarray:
     """Gaussian field on the sphere with the given variance in each degree of spherical harmonics."""
-    from scipy.special import sph_harm_y
+    from scipy.special import sph_legendre_p_all
 
     theta, phi = np.arccos(np.clip(directions[:, 2], -1.0, 1.0)), np.arctan2(directions[:, 1], directions[:, 0])
-    field = np.zeros(len(directions))
+    highest = int(degrees[-1])
+    weights = np.zeros((highest + 1, highest + 1), complex)
     for degree, power in zip(degrees, variance, strict=True):
         scale = np.sqrt(4.0 * np.pi * power / (2 * degree + 1))
-        field += scale * rng.standard_normal() * sph_harm_y(degree, 0, theta, phi).real
+        weights[degree, 0] = scale * rng.standard_normal()
         for order in range(1, degree + 1):
-            wave = sph_harm_y(degree, order, theta, phi)
             real, imaginary = rng.standard_normal(2)
-            field += scale * np.sqrt(2.0) * (real * wave.real + imaginary * wave.imag)
+            weights[degree, order] = scale * np.sqrt(2.0) * (real - 1j * imaginary)
+    field, orders = np.empty(len(directions)), np.arange(highest + 1)
+    # All functions of some thousand places at a time: those of all places would be gigabytes.
+    for part in np.split(np.arange(len(directions)), range(1024, len(directions), 1024)):
+        legendre = sph_legendre_p_all(highest, highest, theta[part])[0, :, :highest + 1]
+        total = np.einsum("lm,lmi->mi", weights, legendre)
+        field[part] = (total * np.exp(1j * orders[:, None] * phi[part])).real.sum(axis=0)
     return field
 
 

@@ -169,7 +169,7 @@ def whole(camera, seen):
 @pytest.mark.parametrize("size_px", slow_but([40, 240], 1))
 def test_boundary_facets_tell_the_error_of_a_frame(rough, kind, size_px):
     """Also of one lobe's shadow on the other, and not far too much: beside facets that are clipped."""
-    shape = rough.shape if kind == "rough" else generate.contact_binary(radius_m=100.0, seed=2, subdivisions=6)
+    shape = rough.shape if kind == "rough" else views.binary(2)
     scene, engine = engine_of(shape)
     camera, ratios = views.camera(300, size_px * 10.0), []
     for phase_deg, direction in ((30.0, (1, 0, 0)), (60.0, (0, 1, 0.3)), (90.0, (0.2, -1, 0.5)), (110.0, (1, 1, 0.2)),
@@ -207,7 +207,7 @@ def test_the_image_does_not_depend_on_the_number_of_threads(rough, monkeypatch):
 @pytest.mark.parametrize("phase_deg", slow_but([60.0, 100.0], 0))
 def test_a_frame_whose_boundaries_are_too_long_is_clipped_instead(phase_deg):
     """Its own estimate keeps it within the budget, and its plan says how it was drawn."""
-    scene, engine = engine_of(generate.contact_binary(radius_m=100.0, seed=2, subdivisions=6))
+    scene, engine = engine_of(views.binary(2))
     camera, = scene.cameras
     state = views.state(phase_deg=phase_deg, range_m=1500.0, direction=(0.2, -1.0, 0.5))
     given = whole(camera, view_bodies(state, camera, scene.hulls))

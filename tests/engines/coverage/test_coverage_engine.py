@@ -28,7 +28,7 @@ BUDGETS = (0.1, 0.03, 0.01)
 
 @cache
 def rough(subdivisions=5, seed=3):
-    return generate.contact_binary(radius_m=100.0, seed=seed, subdivisions=subdivisions)
+    return views.binary(seed, subdivisions)
 
 
 def drawn(bodies, state, camera, budget=0.02, names=None):

@@ -218,7 +218,7 @@ def test_a_texture_and_smooth_normals_are_as_opengl_draws_them():
 
 def test_the_stated_error_is_the_scatter_between_seeds():
     """Eight seeds: the standard deviation over the mean is what the plan says, within a third."""
-    shape = generate.contact_binary(radius_m=100.0, seed=2)
+    shape = views.binary(2)
     scene = views.scene([Body(name="body", shape=shape, brdf=GREY)], [views.camera(64, 250.0)])
     with Cycles(scene, bounces=2) as cycles:
         images = [cycles.render(views.state(phase_deg=70.0), max_error=0.03, seed=seed) for seed in range(8)]

@@ -5,21 +5,21 @@ from __future__ import annotations
 import numpy as np
 import sweeps
 import views
-from glrender import Body, Renderer, generate
+from glrender import Body, Renderer
 from glrender.engines.rays.backend import RayTracer
-
-SHAPE = generate.contact_binary(radius_m=100.0, seed=4, subdivisions=6)
 
 
 def scene(focal_length_px=300.0):
-    return views.scene([Body(name="body", shape=SHAPE, brdf=sweeps.GREY)], [views.camera(96, focal_length_px)])
+    body = Body(name="body", shape=views.binary(4), brdf=sweeps.GREY)
+    return views.scene([body], [views.camera(96, focal_length_px)])
 
 
 def aimed(radii, off, phase_deg, seed):
     """A camera so many radii away that looks past the body's middle."""
     rng = np.random.default_rng(seed)
-    target = off * SHAPE.radius_m * rng.uniform(-1.0, 1.0, 3)
-    return views.state(phase_deg=phase_deg, range_m=radii * SHAPE.radius_m, target=target,
+    radius_m = views.binary(4).radius_m
+    target = off * radius_m * rng.uniform(-1.0, 1.0, 3)
+    return views.state(phase_deg=phase_deg, range_m=radii * radius_m, target=target,
                        direction=rng.standard_normal(3))
 
 

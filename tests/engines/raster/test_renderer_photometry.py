@@ -160,7 +160,7 @@ def test_more_samples_come_closer_to_rays(shared):
 @pytest.mark.parametrize("options", [{}, {"samples": 3}], ids=["planned", "by OpenGL"])
 def test_the_same_request_gives_the_same_bytes_whatever_came_before(options):
     """A reused shadow map is the one that a fresh renderer draws: history does not show."""
-    body = Body(name="body", shape=generate.contact_binary(radius_m=100.0, seed=3), brdf=Lambert(normal_albedo=0.2))
+    body = Body(name="body", shape=views.binary(3), brdf=Lambert(normal_albedo=0.2))
     scene = views.scene([body], [views.camera(128, 500.0)])
     state = views.state(phase_deg=70.0)
     nudged = views.state(phase_deg=70.003)
@@ -176,7 +176,7 @@ def test_the_same_request_gives_the_same_bytes_whatever_came_before(options):
 
 
 def test_a_shadow_map_serves_its_epoch_alone():
-    body = Body(name="body", shape=generate.contact_binary(radius_m=100.0, seed=3), brdf=Lambert(normal_albedo=0.2))
+    body = Body(name="body", shape=views.binary(3), brdf=Lambert(normal_albedo=0.2))
     with Renderer(views.scene([body], [views.camera(128, 500.0)])) as renderer:
         reused = [renderer.render(views.state(phase_deg=g), samples=2).plan.bodies[0].shadow_map_reused
                   for g in (70.0, 70.0, 70.001, 70.0)]
@@ -185,7 +185,7 @@ def test_a_shadow_map_serves_its_epoch_alone():
 
 def test_maps_of_one_frame_do_not_take_each_others_place():
     """Two bodies, after eight small maps: the second's large one was drawn over the first's, at 21 % of the flux."""
-    bodies = [Body(name=name, shape=generate.contact_binary(radius_m=100.0, seed=seed), brdf=Lambert(normal_albedo=0.2))
+    bodies = [Body(name=name, shape=views.binary(seed), brdf=Lambert(normal_albedo=0.2))
               for seed, name in enumerate(("first", "second"))]
     q = np.array([1.0, 0.0, 0.0, 0.0])
     moon = {"second": Pose(r_inertial_m=np.array([230.0, 40.0, 60.0]), q_from_inertial=q)}
@@ -207,7 +207,7 @@ def test_egl_and_osmesa_draw_the_same_image():
     """Two ways to one software rasteriser: 0.1 % of the pixels may differ by an edge sample."""
     backend_or_skip("osmesa")
     backend_or_skip("egl")
-    body = Body(name="body", shape=generate.contact_binary(radius_m=100.0, seed=3), brdf=Lambert(normal_albedo=0.2))
+    body = Body(name="body", shape=views.binary(3), brdf=Lambert(normal_albedo=0.2))
     images = []
     for backend in WORKING:
         with Renderer(views.scene([body], [views.camera(128, 500.0)]), backend=backend) as renderer:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import views
-from glrender import Body, generate
+from glrender import Body
 from glrender.brdf import Lambert
 from glrender.engines.rays.backend import RayTracer
 from missing import needed_module
@@ -46,7 +46,7 @@ def test_a_sphere(phase_deg):
 @pytest.mark.parametrize("phase_deg", [30.0, 75.0, 120.0])
 def test_a_rough_body_with_shadows(phase_deg):
     """A contact binary with craters and boulders, 20k facets."""
-    shape = generate.contact_binary(radius_m=100.0, seed=2, subdivisions=5)
+    shape = views.binary(2, 5)
     theirs, ours = _both(Body(name="body", shape=shape, brdf=Lambert(normal_albedo=0.4)), phase_deg, 2000.0, 800.0)
     _agree(theirs, ours, flux_rtol=1e-3, centroid_atol=0.02, rms=0.03)
 
