@@ -16,7 +16,9 @@ REPOSITORY = Path(__file__).parents[2]
 STANDARD = set(sys.stdlib_module_names)
 PACKAGES = {"glrender_camera": "camera_model/glrender_camera", "glrender": "glrender",
             "glrender_server": "server/glrender_server", "glrender_client": "clients/python/glrender_client",
-            "glrender_navigation": "clients/python/glrender_navigation", "glrender_vizard": "server/glrender_vizard",
+            "glrender_navigation": "clients/python/glrender_navigation",
+            "glrender_photogrammetry": "clients/python/glrender_photogrammetry",
+            "glrender_vizard": "server/glrender_vizard",
             "glrender_fmi": "clients/fmi/glrender_fmi", "glrender_ros": "clients/ros2/glrender_ros"}
 
 # Rooms of glrender, each may use those before it.
@@ -57,6 +59,7 @@ OUTSIDE = {
     "glrender_server.commands.top": {"glrender", "glrender_camera", "glrender_client"},
     "glrender_server.commands.demo": {"numpy", "tqdm", "glrender", "glrender_camera", "glrender_client",
                                       "glrender_navigation"},
+    "glrender_server.commands.deviation": {"numpy", "glrender", "glrender_photogrammetry"},
     "glrender_server.campaign": {"numpy", "cv2", "PIL", "glrender", "glrender_camera", "glrender_navigation"},
     # The on-board side knows nothing of the renderer, of scenes or of the truth.
     "glrender_server.campaign.onboard": {"numpy", "glrender_navigation"},
@@ -66,6 +69,9 @@ OUTSIDE = {
     "glrender_client": {"numpy", "zmq", "msgpack"},
     # On-board software: frames and states alone, neither the renderer nor the truth.
     "glrender_navigation": {"numpy", "scipy", "cv2"},
+    # Files and arrays alone.
+    "glrender_photogrammetry": {"numpy", "scipy", "cv2", "numba", "trimesh", "astropy", "pycolmap",
+                                "glrender_navigation"},
     "glrender_client.notebook": {"numpy", "ipywidgets"},
     "glrender_fmi": {"numpy", "glrender_client"},
     "glrender_ros": {"numpy", "glrender_client"},
@@ -132,6 +138,7 @@ def test_the_check_sees_a_backward_arrow():
                          ("glrender.scenario.scenario", "glrender.renderer"),
                          ("glrender.renderer", "glrender.scenario.scenario"),
                          ("glrender_client.client", "glrender"), ("glrender_navigation.filter", "glrender"),
+                         ("glrender_photogrammetry.frames", "glrender"),
                          ("glrender_server.server", "glrender_vizard"),
                          ("glrender_vizard.frames", "glrender_client"), ("glrender.scene.body", "glrender.view.view")):
         assert _wrong(module, {name}) == [name]
@@ -168,7 +175,7 @@ def test_no_import_of_our_own_inside_a_function():
 
 
 @pytest.mark.parametrize("name", ["glrender", "glrender_camera", "glrender.brdf", "glrender_client",
-                                  "glrender_navigation"])
+                                  "glrender_navigation", "glrender_photogrammetry"])
 def test_import_opens_no_context(name):
     """Laws, scenes and cameras work on a machine without OpenGL."""
     code = f"import {name}, sys; sys.exit('moderngl' in sys.modules)"

@@ -14,7 +14,8 @@ from missing import needed_module
 
 ROOT = Path(__file__).parents[2]
 PROGRAMS = ROOT / "tests" / "types"
-PACKAGES = ("glrender", "glrender_camera", "glrender.brdf", "glrender.scenario", "glrender_client")
+PACKAGES = ("glrender", "glrender_camera", "glrender.brdf", "glrender.scenario", "glrender_client",
+            "glrender_photogrammetry")
 MORE = ("glrender.engines.image", "glrender.planner.plan", "glrender.sequences.sequence", "glrender.sequences.options",
         "glrender.sequences.labels", "glrender_camera.notebook", "glrender_client.notebook")
 """Modules of what the packages' faces do not have: results, sequences, notebooks."""

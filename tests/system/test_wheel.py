@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 
 REPOSITORY = Path(__file__).parents[2]
-PACKAGES = ("glrender", "glrender_camera", "glrender_server", "glrender_client", "glrender_navigation")
+PACKAGES = ("glrender", "glrender_camera", "glrender_server", "glrender_client", "glrender_navigation",
+            "glrender_photogrammetry")
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +32,8 @@ def installed(tmp_path_factory):
 def test_every_file_of_the_packages_is_in_the_wheel(installed):
     for package, home in zip(PACKAGES, ("glrender", "camera_model/glrender_camera", "server/glrender_server",
                                         "clients/python/glrender_client",
-                                        "clients/python/glrender_navigation"), strict=True):
+                                        "clients/python/glrender_navigation",
+                                        "clients/python/glrender_photogrammetry"), strict=True):
         tracked = subprocess.run(["git", "ls-files", "."], cwd=REPOSITORY / home, capture_output=True, text=True)
         names = tracked.stdout.split()
         assert names and not [name for name in names if not (installed / package / name).is_file()]

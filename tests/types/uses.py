@@ -25,6 +25,7 @@ from glrender.sequences.sequence import FrameOptions, FrameSequence
 from glrender_camera import BrownConrady, CameraModel, Detector, Frame, Optics
 from glrender_client import AsyncClient, Busy, Client, GlrenderClientError, Reply
 from glrender_client.notebook import stretched
+from glrender_photogrammetry import Mesh, deviation, posed_frames
 
 
 def scene(shape: Path) -> Scene:
@@ -70,6 +71,12 @@ def fly(folder: Path) -> list[int]:
     options = FrameOptions(camera="navcam", format="npz")
     sequence = FrameSequence(scene=loaded.scene, states=own.states(), folder=folder, options=options)
     return list(sequence.draw())
+
+
+def compared(folder: Path, truth: glrender.Shape) -> float:
+    frames = posed_frames(folder, body="body")
+    found = deviation(Mesh.from_file(folder / "model.ply"), truth, px_m=frames[0].px_m, align="similarity")
+    return found.sigma_m + float(found.per_vertex_m.max()) + (found.complete_2px or 0.0)
 
 
 def loop(address: str, given: Scene) -> Reply:

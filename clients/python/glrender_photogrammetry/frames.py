@@ -1,0 +1,188 @@
+"""Frames with their poses in the frame of a body: all that a reconstruction knows of a sequence."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import trimesh
+from glrender_navigation import Camera, sight
+from glrender_navigation.checks import array, refuse
+
+from .mesh import Mesh, covered
+
+# Surfaces seen at more than 80 deg or lit at more than 87 deg from their normal show nothing to match.
+_LEAST_COS_EMISSION = 0.17
+_LEAST_COS_INCIDENCE = 0.05
+# Rays start that many pixels of the nearest frame above the surface, which Embree has in float32.
+_LIFT_PX = 0.1
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PosedFrame:
+    """A frame, and where its camera was as a body has it.
+
+    Parameters
+    ----------
+    name : str
+        Of its file, for messages.
+    image : (height, width) numbers
+        Digital numbers, or irradiance.
+    camera : glrender_navigation.Camera
+    body : str
+        Of which the pose is.
+    camera_from_body : (3, 3) float
+        Rotation.
+    r_camera_body_m : (3,) float [m]
+        Place of the camera in `body`.
+    sun_direction_body : (3,) float
+        Unit vector towards the Sun.
+    offset : float
+        Of a pixel without light.
+    most : float, optional
+        Of a pixel that is saturated; None where none can be.
+    """
+
+    name: str
+    image: np.ndarray
+    camera: Camera
+    body: str
+    camera_from_body: np.ndarray
+    r_camera_body_m: np.ndarray
+    sun_direction_body: np.ndarray
+    offset: float = 0.0
+    most: float | None = None
+
+    def __post_init__(self):
+        array("image", self.image, (self.camera.height_px, self.camera.width_px),
+              "give one band, its rows from the top down")
+        for name, shape in (("camera_from_body", (3, 3)), ("r_camera_body_m", (3,)), ("sun_direction_body", (3,))):
+            object.__setattr__(self, name, array(name, getattr(self, name), shape,
+                                                 "give the pose, or leave the frame out"))
+
+    @classmethod
+    def from_header(cls, name: str, image: np.ndarray, header: Mapping[str, Any], body: str) -> PosedFrame:
+        """The frame of a file of `glrender sequence`; a lens that distorts is undone.
+
+        Raises
+        ------
+        ValueError
+            A header without the body's state, or a mosaic.
+        """
+        table = header["camera"]
+        if table.get("mosaic"):
+            raise refuse(f"{name}.camera.mosaic", "must be none", table["mosaic"], "draw the sequence by one band")
+        camera = Camera.from_hello({**table, "distortion": None})
+        if lens := table.get("distortion"):
+            told = [lens.get(key, 0.0) for key in ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")]
+            image = cv2.undistort(image.astype(np.float32), camera.matrix, np.array(told))
+        here = sight(header["state"], camera, body)
+        detector = table.get("detector") if header["unit"] == "DN" else None
+        return cls(name=name, image=image, camera=camera, body=body, camera_from_body=here.camera_from_body,
+                   r_camera_body_m=-here.camera_from_body.T @ here.r_body_camera_m,
+                   sun_direction_body=here.camera_from_body.T @ here.sun_direction_camera,
+                   offset=float(detector["offset_DN"]) if detector else 0.0,
+                   most=2.0 ** detector["bit_depth"] - 1.0 if detector else None)
+
+    @cached_property
+    def signal(self) -> np.ndarray:
+        """(height, width) float32, above the offset, 0 at the least."""
+        return np.maximum(self.image.astype(np.float32) - np.float32(self.offset), np.float32(0.0))
+
+    @property
+    def px_m(self) -> float:
+        """Pixel on the ground [m], square on at the body's origin."""
+        return float(np.linalg.norm(self.r_camera_body_m)) / self.camera.focal_length_px
+
+    def to_camera(self, r_body_m: np.ndarray) -> np.ndarray:
+        """Places (..., 3) [m] in `camera` of places in `body`."""
+        return (r_body_m - self.r_camera_body_m) @ self.camera_from_body.T
+
+    def depth(self, mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
+        """Depths (height, width) [m] along the boresight, inf beside the surface, and facets there, -1 beside."""
+        at_m = self.to_camera(mesh.vertices_m)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            at_px, nearness = self.camera.project(at_m), 1.0 / at_m[:, 2]
+            nearest, facet = covered(at_px, nearness, mesh.facets, self.camera.width_px, self.camera.height_px)
+            return 1.0 / nearest, facet
+
+
+def angle_rad(one: PosedFrame, other: PosedFrame) -> float:
+    """Angle at the body's origin between two cameras."""
+    a, b = one.r_camera_body_m, other.r_camera_body_m
+    return float(np.arccos(np.clip(a @ b / (np.linalg.norm(a) * np.linalg.norm(b)), -1.0, 1.0)))
+
+
+def posed_frames(folder: str | Path, body: str | None = None) -> list[PosedFrame]:
+    """The frames of a folder of `glrender sequence` (NPZ or FITS), in its order, posed about a body, the first if None.
+
+    Raises
+    ------
+    ValueError
+        A folder that is no sequence, or a body that it does not have.
+    """
+    folder = Path(folder)
+    paths = sorted(path for path in folder.glob("frame_*") if path.suffix in _READERS)
+    if not paths or not (folder / "manifest.json").is_file():
+        raise refuse(str(folder), "must be a folder of `glrender sequence` with frames as npz or fits",
+                     sorted(path.name for path in folder.glob("*"))[:3], "glrender sequence SCENARIO --out FOLDER")
+    found = []
+    for path in paths:
+        image, header = _READERS[path.suffix](path)
+        if body is not None and body not in header["bodies"]:
+            raise refuse("body", f"must be one of {', '.join(header['bodies'])}", body)
+        found.append(PosedFrame.from_header(path.name, image, header, body or header["bodies"][0]))
+    return found
+
+
+def _npz(path: Path) -> tuple[np.ndarray, dict[str, Any]]:
+    with np.load(path, allow_pickle=False) as stored:
+        return stored["image"], json.loads(str(stored["header"]))
+
+
+def _fits(path: Path) -> tuple[np.ndarray, dict[str, Any]]:
+    try:
+        from astropy.io import fits
+    except ImportError:
+        raise refuse(path.name, "needs astropy", None, "pip install 'glrender[fits]'") from None
+    with fits.open(path) as parts:
+        # FITS counts rows from below.
+        stored = np.flipud(parts[0].data)
+        return stored.astype(stored.dtype.newbyteorder("=")), json.loads(parts["GLRENDER"].data.tobytes())
+
+
+_READERS = {".npz": _npz, ".fits": _fits}
+
+
+def seen_in_light(frames: Sequence[PosedFrame], mesh: Mesh, points_m: np.ndarray, facet: np.ndarray) -> np.ndarray:
+    """Number of frames (N,) that see points (N, 3) of the facets (N,) of a mesh lit, neither at too flat an angle.
+
+    Raises
+    ------
+    ValueError
+        Without Embree.
+    """
+    if not trimesh.ray.has_embree:
+        raise refuse("frames", "need embreex, for which points they see in light", None, "leave the frames out")
+    rays = trimesh.Trimesh(mesh.vertices_m, mesh.facets, process=False).ray
+    normal = mesh.facet_normals[facet]
+    lifted_m = points_m + _LIFT_PX * min(frame.px_m for frame in frames) * normal
+    count = np.zeros(len(points_m), int)
+    for frame in frames:
+        away_m = frame.r_camera_body_m - points_m
+        to_camera = away_m / np.linalg.norm(away_m, axis=1, keepdims=True)
+        at_px = np.rint(frame.camera.project(frame.to_camera(points_m)))
+        seen = ((at_px >= 0) & (at_px < (frame.camera.width_px, frame.camera.height_px))).all(axis=1)
+        for least, direction in ((_LEAST_COS_EMISSION, to_camera),
+                                 (_LEAST_COS_INCIDENCE, np.broadcast_to(frame.sun_direction_body, points_m.shape))):
+            seen &= (direction * normal).sum(axis=1) > least
+            here = np.flatnonzero(seen)
+            seen[here] = ~rays.intersects_any(lifted_m[here], direction[here]) if here.size else False
+        count += seen
+    return count

@@ -1,0 +1,179 @@
+"""Deviation of two surfaces: closed forms of spheres and boxes, movements that are known, halves, and the command."""
+
+from __future__ import annotations
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+from glrender import generate
+from glrender_photogrammetry import Mesh, deviation
+from glrender_photogrammetry.mesh import Closest, covered
+from glrender_server.cli import main
+from scipy.spatial.transform import Rotation
+
+RADIUS_M = 100.0
+
+
+@pytest.fixture(scope="module")
+def sphere():
+    return generate.icosphere(radius_m=RADIUS_M, subdivisions=6)
+
+
+@pytest.fixture(scope="module")
+def lobes():
+    return generate.contact_binary(radius_m=300.0, seed=1, subdivisions=5)
+
+
+def moved(shape, scale, turn_rad, shift_m, kept=slice(None)):
+    turn = Rotation.from_rotvec(turn_rad).as_matrix()
+    return Mesh(vertices_m=scale * shape.vertices_m @ turn.T + shift_m, facets=shape.facets[kept])
+
+
+@pytest.mark.parametrize("higher_m", [1.0, -1.0])
+def test_spheres_one_metre_larger_and_smaller(sphere, higher_m):
+    """Closed form, to 0.02 m (issue); pixels of 0.9 and 1.1 m tell that all, or nothing, is within one."""
+    model = generate.icosphere(radius_m=RADIUS_M + higher_m, subdivisions=5)
+    found = deviation(model, sphere, px_m=1.1)
+    np.testing.assert_allclose([found.mean_m, found.max_m, found.p95_m], [higher_m, 1.0, 1.0], atol=0.02)
+    assert found.sigma_m < 0.02 and found.mad_m < 0.02 and found.complete_1px == 1.0 and found.seen == 1.0
+    found = deviation(model, sphere, px_m=0.9)
+    assert (found.complete_1px, found.complete_2px) == (0.0, 1.0)
+
+
+def test_bumps_of_one_metre(sphere):
+    """Vertices raised or sunk by 1 m in caps of known area stand 1 m off, all others lie on the sphere."""
+    model = generate.icosphere(radius_m=RADIUS_M, subdivisions=5)
+    up = model.vertices_m / RADIUS_M
+    height_m = np.zeros(len(up))
+    for k, (direction, own_m) in enumerate(zip(np.vstack([np.eye(3), -np.eye(3)]), [1, -1, 1, -1, 1, -1],
+                                               strict=True)):
+        height_m[up @ direction > np.cos(np.radians(10.0 + k))] = own_m
+    found = deviation(Mesh(vertices_m=model.vertices_m + up * height_m[:, None], facets=model.facets), sphere)
+    np.testing.assert_allclose(found.per_vertex_m, height_m, atol=0.02)
+    np.testing.assert_allclose([found.mean_m, found.sigma_m, found.max_m],
+                               [height_m.mean(), height_m.std(), 1.0], atol=0.02)
+    assert found.mad_m < 0.02 and found.complete_1px is None
+
+
+@pytest.mark.parametrize("kept", ["all", "half"])
+def test_a_mesh_moved_turned_and_scaled_is_laid_back(lobes, kept):
+    """Itself, whole and halved: nothing is left to 0.02 m, and what was done to it is found."""
+    half = lobes.vertices_m[lobes.facets].mean(axis=1)[:, 2] > 0.0
+    share = lobes.facet_areas_m2[half].sum() / lobes.facet_areas_m2.sum()
+    kept, share = (half, share) if kept == "half" else (slice(None), 1.0)
+    for scale, turn_rad, shift_m in ((1.004, [0.01, -0.02, 0.015], [4.0, -3.0, 2.0]),
+                                     (0.9, [0.2, 0.1, -0.15], [40.0, 20.0, -30.0])):
+        found = deviation(moved(lobes, scale, turn_rad, shift_m, kept), lobes, px_m=0.5, align="similarity")
+        assert found.max_m < 0.02 and abs(found.complete_1px - share) < 0.03
+        np.testing.assert_allclose([found.scale, found.turn_rad], [1.0 / scale, np.linalg.norm(turn_rad)], rtol=1e-4)
+    assert deviation(moved(lobes, 1.004, [0.01, -0.02, 0.015], 0.0), lobes).max_m > 0.5
+
+
+def test_attitudes_leave_a_turn_and_take_scale_and_shift(lobes):
+    found = deviation(moved(lobes, 1.02, np.zeros(3), [5.0, -4.0, 3.0]), lobes, align="attitudes")
+    np.testing.assert_allclose([found.scale, found.turn_rad], [1.0 / 1.02, 0.0], atol=1e-6)
+    assert found.max_m < 0.02
+    assert deviation(moved(lobes, 1.02, [0.02, 0.0, 0.0], 0.0), lobes, align="attitudes").max_m > 1.0
+
+
+def test_half_a_mesh_is_half_complete(lobes):
+    half = lobes.vertices_m[lobes.facets].mean(axis=1)[:, 0] > 0.0
+    share = lobes.facet_areas_m2[half].sum() / lobes.facet_areas_m2.sum()
+    found = deviation(Mesh(vertices_m=lobes.vertices_m, facets=lobes.facets[half]), lobes, px_m=0.1)
+    assert found.max_m == 0.0 and abs(found.complete_1px - share) < 0.03
+
+
+def test_distances_to_a_box_of_twelve_facets():
+    """Signed distance of a box in closed form, near its edges and corners too, where facets are long and meet."""
+    size = np.array([200.0, 30.0, 8.0])
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * size
+    squares = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    box = Mesh(vertices_m=corners, facets=[t for a, b, c, d in squares for t in ((a, b, c), (a, c, d))])
+    points = np.random.default_rng(1).uniform(-1.2, 1.2, (5000, 3)) * size
+    beyond = np.abs(points) - size
+    true = np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(beyond.max(axis=1), 0.0)
+    found, place, facet = Closest(box)(points)
+    np.testing.assert_allclose(found, true, atol=1e-9)
+    np.testing.assert_allclose(np.linalg.norm(points - place, axis=1), np.abs(true), atol=1e-9)
+    on_plane = np.abs(((place - box.corners_m[facet, 0]) * box.facet_normals[facet]).sum(axis=1))
+    assert on_plane.max() < 1e-9
+
+
+def test_covered_pixels_have_the_nearest_facet():
+    """Two squares of four facets, one before the other: 1/z is linear in the image."""
+    at = np.array([[2.0, 2.0], [8.0, 2.0], [8.0, 8.0], [2.0, 8.0], [5.0, 5.0], [12.0, 5.0], [12.0, 12.0], [5.0, 12.0]])
+    nearness, number = covered(at, np.repeat([0.5, 0.25], 4),
+                               np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]]), 16, 16)
+    assert set(number[2:9, 2:9].ravel()) == {0, 1} and set(number[9:13, 5:13].ravel()) == {2, 3}
+    np.testing.assert_allclose(nearness[3, 3], 0.5)
+    assert number[4, 10] == -1 and number[1, 1] == -1 and (nearness > 0).sum() == 49 + 64 - 16
+
+
+def test_a_sample_is_even_over_the_area(sphere):
+    points_m, facet = Mesh.of(sphere).sample(20_000)
+    assert abs((points_m[:, 2] > 50.0).mean() - 0.25) < 0.01, "Archimedes: zones of a sphere by their height"
+    assert len(np.unique(facet)) > 15_000
+
+
+@pytest.mark.parametrize("model, options, message", [
+    (lambda s: moved(s, 1.0, np.zeros(3), [1e4, 0.0, 0.0]), {}, "model: must overlap the truth, which lies from"),
+    (lambda s: moved(s, 1e-3, np.zeros(3), 0.0), {"align": "similarity"}, "in another unit: give metres"),
+    (lambda s: s, {"align": "icp"}, "align: must be one of none, attitudes, similarity, got 'icp'"),
+    (lambda s: s, {"px_m": 0.0}, "px_m: must be > 0 and finite, got 0.0"),
+])
+def test_bad_input_is_refused_with_field_rule_and_value(sphere, model, options, message):
+    with pytest.raises(ValueError, match=message):
+        deviation(model(sphere), sphere, **options)
+
+
+@pytest.mark.parametrize("vertices_m, facets, message", [
+    ([[0, 0, 0], [1, 0, 0], [0, 1, np.nan]], [[0, 1, 2]], "vertices_m: must be finite numbers"),
+    ([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[1, 2, 3]], "facets: must be integers from 0 to 2, got 3"),
+    ([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.empty((0, 3)), "facets: must be finite numbers of shape"),
+])
+def test_a_mesh_checks_its_facets(vertices_m, facets, message):
+    with pytest.raises(ValueError, match=message):
+        Mesh(vertices_m=vertices_m, facets=facets)
+
+
+@pytest.mark.parametrize("ending", ["ply", "obj", "stl", "glb"])
+def test_a_mesh_is_read_as_it_was_written(tmp_path, ending, lobes):
+    Mesh.of(lobes).to_file(tmp_path / f"m.{ending}")
+    back = Mesh.from_file(tmp_path / f"m.{ending}")
+    np.testing.assert_allclose(back.corners_m, lobes.vertices_m[lobes.facets], atol=1e-3)
+
+
+def test_the_command_tells_numbers_and_draws_a_map(tmp_path, lobes, capsys, monkeypatch):
+    """A model 1 m too high on one side and too low on the other: red there, blue here."""
+    monkeypatch.chdir(tmp_path)
+    lobes.to_file("truth.obj")
+    up = lobes.vertices_m / np.linalg.norm(lobes.vertices_m, axis=1, keepdims=True)
+    side = np.sign(lobes.vertices_m[:, :1])
+    Mesh(vertices_m=lobes.vertices_m + side * up, facets=lobes.facets).to_file("model.ply")
+    assert main(["deviation", "model.ply", "truth.obj", "--px-m", "2", "--picture", "map.png", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert 0.8 < told["max_m"] <= 1.01 and abs(told["mean_m"]) < 0.2 and told["complete_1px"] == 1.0
+    blue, _, red = np.moveaxis(cv2.imread("map.png")[420:840].astype(int), 2, 0)
+    assert (red > blue + 60).sum() > 5000 and (blue > red + 60).sum() > 5000
+    assert main(["deviation", "model.ply", "truth.obj"]) == 0
+    assert capsys.readouterr().out.startswith("mean ")
+
+
+@pytest.mark.parametrize("arguments, message", [
+    (["none.ply", "truth.obj"], "none.ply"),
+    (["cloud.ply", "truth.obj"], "cloud.ply: must hold triangles, got 'Trimesh'; a cloud of points has no surface"),
+    (["truth.obj", "truth.obj", "--picture", "map.gif"], "picture: must be a file .png or .jpg"),
+    (["truth.obj", "truth.obj", "--picture", "nowhere/map.png"], "--picture: must be in a folder that is there"),
+    (["truth.obj", "truth.obj", "--unit", "km"], "model: must be of the truth's size"),
+    (["truth.obj", "truth.obj", "--frames", "."], ".: must be a folder of `glrender sequence`"),
+])
+def test_the_command_refuses_in_one_line(tmp_path, sphere, capsys, monkeypatch, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    generate.icosphere(radius_m=RADIUS_M, subdivisions=2).to_file("truth.obj")
+    (tmp_path / "cloud.ply").write_text("ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\n"
+                                        "property float z\nend_header\n0 0 0\n1 1 1\n")
+    assert main(["deviation", *arguments]) == 1
+    told = capsys.readouterr().err
+    assert message in told and told.count("\n") == 1
