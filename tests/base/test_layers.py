@@ -60,6 +60,8 @@ OUTSIDE = {
     "glrender_server.commands.demo": {"numpy", "tqdm", "glrender", "glrender_camera", "glrender_client",
                                       "glrender_navigation"},
     "glrender_server.commands.deviation": {"numpy", "glrender", "glrender_photogrammetry"},
+    "glrender_server.commands.deviation_picture": {"numpy", "cv2", "scipy", "glrender", "glrender_photogrammetry"},
+    "glrender_server.commands.reconstruct": {"tqdm", "glrender", "glrender_photogrammetry"},
     "glrender_server.campaign": {"numpy", "cv2", "PIL", "glrender", "glrender_camera", "glrender_navigation"},
     # The on-board side knows nothing of the renderer, of scenes or of the truth.
     "glrender_server.campaign.onboard": {"numpy", "glrender_navigation"},
@@ -70,8 +72,7 @@ OUTSIDE = {
     # On-board software: frames and states alone, neither the renderer nor the truth.
     "glrender_navigation": {"numpy", "scipy", "cv2"},
     # Files and arrays alone.
-    "glrender_photogrammetry": {"numpy", "scipy", "cv2", "numba", "trimesh", "astropy", "pycolmap",
-                                "glrender_navigation"},
+    "glrender_photogrammetry": {"numpy", "scipy", "cv2", "trimesh", "astropy", "pycolmap", "glrender_navigation"},
     "glrender_client.notebook": {"numpy", "ipywidgets"},
     "glrender_fmi": {"numpy", "glrender_client"},
     "glrender_ros": {"numpy", "glrender_client"},

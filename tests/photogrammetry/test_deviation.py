@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from glrender import generate
 from glrender_photogrammetry import Mesh, deviation
-from glrender_photogrammetry.mesh import Closest, covered
+from glrender_photogrammetry.mesh import Closest
 from glrender_server.cli import main
 from scipy.spatial.transform import Rotation
 
@@ -101,16 +101,6 @@ def test_distances_to_a_box_of_twelve_facets():
     assert on_plane.max() < 1e-9
 
 
-def test_covered_pixels_have_the_nearest_facet():
-    """Two squares of four facets, one before the other: 1/z is linear in the image."""
-    at = np.array([[2.0, 2.0], [8.0, 2.0], [8.0, 8.0], [2.0, 8.0], [5.0, 5.0], [12.0, 5.0], [12.0, 12.0], [5.0, 12.0]])
-    nearness, number = covered(at, np.repeat([0.5, 0.25], 4),
-                               np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]]), 16, 16)
-    assert set(number[2:9, 2:9].ravel()) == {0, 1} and set(number[9:13, 5:13].ravel()) == {2, 3}
-    np.testing.assert_allclose(nearness[3, 3], 0.5)
-    assert number[4, 10] == -1 and number[1, 1] == -1 and (nearness > 0).sum() == 49 + 64 - 16
-
-
 def test_a_sample_is_even_over_the_area(sphere):
     points_m, facet = Mesh.of(sphere).sample(20_000)
     assert abs((points_m[:, 2] > 50.0).mean() - 0.25) < 0.01, "Archimedes: zones of a sphere by their height"
@@ -164,7 +154,7 @@ def test_the_command_tells_numbers_and_draws_a_map(tmp_path, lobes, capsys, monk
 @pytest.mark.parametrize("arguments, message", [
     (["none.ply", "truth.obj"], "none.ply"),
     (["cloud.ply", "truth.obj"], "cloud.ply: must hold triangles, got 'Trimesh'; a cloud of points has no surface"),
-    (["truth.obj", "truth.obj", "--picture", "map.gif"], "picture: must be a file .png or .jpg"),
+    (["truth.obj", "truth.obj", "--picture", "map.gif"], "--picture: must be a file .png or .jpg"),
     (["truth.obj", "truth.obj", "--picture", "nowhere/map.png"], "--picture: must be in a folder that is there"),
     (["truth.obj", "truth.obj", "--unit", "km"], "model: must be of the truth's size"),
     (["truth.obj", "truth.obj", "--frames", "."], ".: must be a folder of `glrender sequence`"),

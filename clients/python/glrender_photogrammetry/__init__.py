@@ -10,5 +10,6 @@ It reads files and arrays, by OpenCV, SciPy and pycolmap (extra `reconstruction`
 from .deviation import Deviation, deviation
 from .frames import PosedFrame, posed_frames
 from .mesh import Mesh
+from .reconstruction import Reconstruction, reconstruct
 
-__all__ = ["Deviation", "Mesh", "PosedFrame", "deviation", "posed_frames"]
+__all__ = ["Deviation", "Mesh", "PosedFrame", "Reconstruction", "deviation", "posed_frames", "reconstruct"]

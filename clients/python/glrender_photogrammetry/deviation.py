@@ -13,7 +13,8 @@ from .frames import PosedFrame, seen_in_light
 from .mesh import Closest, HasFacets, Mesh
 
 ALIGNMENTS = ("none", "attitudes", "similarity")
-_N_SAMPLES = 20_000
+# Points of the truth for its completeness, and of the model for its alignment.
+_N_SAMPLES, _N_ALIGNED = 20_000, 10_000
 # Of the points, the nearer ones count for the alignment: the rest is what one surface lacks, or an outlier.
 _SHARE_ALIGNED = 0.9
 _MOST_STEPS = 200
@@ -129,8 +130,7 @@ def _check_sizes(model: Mesh, truth: Mesh) -> None:
 
 def _aligned(model: Mesh, closest: Closest, align: str) -> tuple[float, np.ndarray, np.ndarray]:
     """Scale, rotation (3, 3) and shift (3,) that lay the model on the truth; from the best of two starts."""
-    points_m, _ = model.sample(_N_SAMPLES)
-    true_m, _ = closest.mesh.sample(_N_SAMPLES)
+    points_m, true_m = (mesh.sample(_N_ALIGNED)[0] for mesh in (model, closest.mesh))
     middle_m, true_middle_m = points_m.mean(axis=0), true_m.mean(axis=0)
     larger = float((true_m - true_middle_m).std() / (points_m - middle_m).std())
     starts = [(1.0, np.zeros(3)), (larger, true_middle_m - larger * middle_m)]
@@ -149,7 +149,7 @@ def _closest_points(points_m: np.ndarray, closest: Closest, scale: float, shift_
     for _ in range(_MOST_STEPS):
         here = scale * points_m @ turn.T + shift_m
         _, place_m, facet = closest(here)
-        gap, normal = place_m - here, closest.normals[facet]
+        gap, normal = place_m - here, closest.mesh.facet_normals[facet]
         length = np.linalg.norm(gap, axis=1)
         kept = length <= np.quantile(length, _SHARE_ALIGNED)
         middle = here[kept].mean(axis=0)

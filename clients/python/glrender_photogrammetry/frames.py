@@ -11,15 +11,16 @@ from typing import Any
 
 import cv2
 import numpy as np
-import trimesh
 from glrender_navigation import Camera, sight
 from glrender_navigation.checks import array, refuse
 
-from .mesh import Mesh, covered
+from .mesh import Mesh
 
 # Surfaces seen at more than 80 deg or lit at more than 87 deg from their normal show nothing to match.
 _LEAST_COS_EMISSION = 0.17
 _LEAST_COS_INCIDENCE = 0.05
+# Standard deviation of rounding to whole digital numbers.
+_ROUNDING_DN = 12.0**-0.5
 # Rays start that many pixels of the nearest frame above the surface, which Embree has in float32.
 _LIFT_PX = 0.1
 
@@ -45,6 +46,8 @@ class PosedFrame:
         Unit vector towards the Sun.
     offset : float
         Of a pixel without light.
+    noise : float
+        Standard deviation of the same.
     most : float, optional
         Of a pixel that is saturated; None where none can be.
     """
@@ -57,6 +60,7 @@ class PosedFrame:
     r_camera_body_m: np.ndarray
     sun_direction_body: np.ndarray
     offset: float = 0.0
+    noise: float = 0.0
     most: float | None = None
 
     def __post_init__(self):
@@ -88,6 +92,8 @@ class PosedFrame:
                    r_camera_body_m=-here.camera_from_body.T @ here.r_body_camera_m,
                    sun_direction_body=here.camera_from_body.T @ here.sun_direction_camera,
                    offset=float(detector["offset_DN"]) if detector else 0.0,
+                   noise=float(np.hypot(detector["read_noise_electrons"] * detector["gain_DN_per_electron"],
+                                        _ROUNDING_DN)) if detector else 0.0,
                    most=2.0 ** detector["bit_depth"] - 1.0 if detector else None)
 
     @cached_property
@@ -105,12 +111,22 @@ class PosedFrame:
         return (r_body_m - self.r_camera_body_m) @ self.camera_from_body.T
 
     def depth(self, mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
-        """Depths (height, width) [m] along the boresight, inf beside the surface, and facets there, -1 beside."""
-        at_m = self.to_camera(mesh.vertices_m)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            at_px, nearness = self.camera.project(at_m), 1.0 / at_m[:, 2]
-            nearest, facet = covered(at_px, nearness, mesh.facets, self.camera.width_px, self.camera.height_px)
-            return 1.0 / nearest, facet
+        """Depths (height, width) float64 [m] along the boresight, and facets there; -1 where there is none."""
+        camera = self.camera
+        at_px = np.rint(camera.project(self.to_camera(mesh.vertices_m))).astype(int)
+        low = np.clip(at_px.min(axis=0) - 1, 0, None)
+        high = np.clip(at_px.max(axis=0) + 2, None, (camera.width_px, camera.height_px))
+        facet = np.full((camera.height_px, camera.width_px), -1)
+        depth_m = np.full(facet.shape, -1.0)
+        x, y = np.meshgrid(np.arange(low[0], high[0]), np.arange(low[1], high[1]))
+        unit = camera.direction(np.stack([x.ravel(), y.ravel()], axis=-1)) @ self.camera_from_body
+        found = mesh.seen_from(self.r_camera_body_m, unit)
+        x, y, unit, found = (each[found >= 0] for each in (x.ravel(), y.ravel(), unit, found))
+        normal = mesh.facet_normals[found]
+        range_m = (((mesh.corners_m[found, 0] - self.r_camera_body_m) * normal).sum(axis=1)
+                   / (unit * normal).sum(axis=1))
+        facet[y, x], depth_m[y, x] = found, range_m * (unit @ self.camera_from_body[2])
+        return depth_m, facet
 
 
 def angle_rad(one: PosedFrame, other: PosedFrame) -> float:
@@ -161,16 +177,7 @@ _READERS = {".npz": _npz, ".fits": _fits}
 
 
 def seen_in_light(frames: Sequence[PosedFrame], mesh: Mesh, points_m: np.ndarray, facet: np.ndarray) -> np.ndarray:
-    """Number of frames (N,) that see points (N, 3) of the facets (N,) of a mesh lit, neither at too flat an angle.
-
-    Raises
-    ------
-    ValueError
-        Without Embree.
-    """
-    if not trimesh.ray.has_embree:
-        raise refuse("frames", "need embreex, for which points they see in light", None, "leave the frames out")
-    rays = trimesh.Trimesh(mesh.vertices_m, mesh.facets, process=False).ray
+    """Number of frames (N,) that see points (N, 3) of the facets (N,) of a mesh lit, neither at too flat an angle."""
     normal = mesh.facet_normals[facet]
     lifted_m = points_m + _LIFT_PX * min(frame.px_m for frame in frames) * normal
     count = np.zeros(len(points_m), int)
@@ -183,6 +190,6 @@ def seen_in_light(frames: Sequence[PosedFrame], mesh: Mesh, points_m: np.ndarray
                                  (_LEAST_COS_INCIDENCE, np.broadcast_to(frame.sun_direction_body, points_m.shape))):
             seen &= (direction * normal).sum(axis=1) > least
             here = np.flatnonzero(seen)
-            seen[here] = ~rays.intersects_any(lifted_m[here], direction[here]) if here.size else False
+            seen[here] = ~mesh.rays.intersects_any(lifted_m[here], direction[here]) if here.size else False
         count += seen
     return count

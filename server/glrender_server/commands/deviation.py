@@ -12,8 +12,8 @@ import numpy as np
 from glrender import ConfigError, Shape
 from glrender_photogrammetry import Deviation, Mesh, deviation, posed_frames
 from glrender_photogrammetry.deviation import ALIGNMENTS
-from glrender_photogrammetry.picture import write_picture
 
+from .deviation_picture import write_picture
 from .picture import check_place
 
 

@@ -6,11 +6,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from glrender_navigation.checks import refuse
+from glrender import ConfigError
+from glrender_photogrammetry import Deviation, Mesh
 from scipy.spatial.transform import Rotation
-
-from .deviation import Deviation
-from .mesh import Mesh, covered
 
 _SIDE_PX = 420
 _HEIGHT_PX = 180
@@ -27,7 +25,7 @@ def write_picture(path: str | Path, found: Deviation, title: str = "") -> None:
 
     Raises
     ------
-    ValueError
+    ConfigError
         A path of another ending, or one that cannot be written.
     """
     full_m = max(float(np.quantile(np.abs(found.per_vertex_m), 0.99)), 1e-12)
@@ -38,17 +36,20 @@ def write_picture(path: str | Path, found: Deviation, title: str = "") -> None:
         rows.append(np.hstack(sides))
     sheet = np.vstack([*rows, _histogram(found, full_m, len(_TURNS_DEG) * _SIDE_PX, title)])
     if Path(path).suffix.lower() not in (".png", ".jpg", ".jpeg") or not cv2.imwrite(str(path), sheet):
-        raise refuse("picture", "must be a file .png or .jpg in a folder that is there", str(path))
+        raise ConfigError("--picture", "must be a file .png or .jpg", str(path))
 
 
 def _view(mesh: Mesh, turn_deg: float, share: np.ndarray | None) -> np.ndarray:
     """(side, side, 3) uint8, blue first, seen from afar with the light beside the eye."""
     turned = Rotation.from_euler("zx", [turn_deg, _ELEVATION_DEG - 90.0], degrees=True)
-    at, used = turned.apply(mesh.vertices_m), np.unique(mesh.facets)
-    low, high = at[used].min(axis=0), at[used].max(axis=0)
-    scale = 0.92 * (_SIDE_PX - 1) / float((high - low)[:2].max())
-    at_px = (at[:, :2] - (low + high)[:2] / 2.0) * [scale, -scale] + (_SIDE_PX - 1) / 2.0
-    _, front = covered(at_px, at[:, 2] - low[2] + 1.0, mesh.facets, _SIDE_PX, _SIDE_PX)
+    at = turned.apply(mesh.corners_m.reshape(-1, 3))
+    low, high = at.min(axis=0), at.max(axis=0)
+    x, y = np.meshgrid(*2 * [(np.arange(_SIDE_PX) - (_SIDE_PX - 1) / 2.0) / (0.92 * _SIDE_PX)])
+    middle, size = (low + high) / 2.0, (high - low)[:2].max()
+    eyes = np.stack([middle[0] + size * x.ravel(), middle[1] - size * y.ravel(),
+                     np.full(x.size, high[2] + 0.1 * size)], axis=1)
+    down = turned.inv().apply(np.tile([0.0, 0.0, -1.0], (len(eyes), 1)))
+    front = mesh.rays.intersects_first(turned.inv().apply(eyes), down).reshape(x.shape)
     light = np.abs(turned.apply(mesh.facet_normals) @ _LIGHT) ** 0.8
     colour = np.full((len(mesh.facets), 3), 235.0)
     if share is not None:

@@ -1,0 +1,239 @@
+"""A surface of a body from posed frames: sparse points, sweeps about a prior surface, each stage kept in a folder."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from glrender_navigation.checks import refuse
+
+from .frames import PosedFrame, angle_rad
+from .fusion import fused, surface_of
+from .mesh import Closest, HasFacets, Mesh
+from .sparse import sparse_points, white_of
+from .sweep import PASSES, Pass, depth_map
+
+_log = logging.getLogger(__name__)
+
+POSES = ("known",)
+_LEAST_FRAMES = 3
+# Features of frames further apart are right for less than 0.85 of their matches.
+_WIDE_STEP_RAD = np.radians(15.0)
+# Pixels that stand above so many sigmas of the noise without light; fewer of them is a dark frame.
+_LEAST_LIT_PX, _N_SIGMA = 500, 6.0
+_MOST_SATURATED = 0.5
+# Voxels of the surface of sparse points, and how far it goes beyond them, in pixels on the ground.
+_SPARSE_VOXEL_PX, _SPARSE_CUT_PX = 20.0, 26.0
+# Points count as one where depths differ by fewer steps.
+_N_STEPS_AGREE = 3.0
+# Brighter than white, in roots of it.
+_MOST_ROOT = np.float32(1.5)
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Reconstruction:
+    """A reconstructed surface.
+
+    Attributes
+    ----------
+    shape : Mesh
+        In `body`.
+    points : (N, 3) float64 [m]
+        Sparse points, of three frames or more.
+    report : dict
+        `frames` used, `left_out` with reasons, `warnings`, `points`, `px_m` on the ground of the nearest frame,
+        `cpu_s` by stage.
+    """
+
+    shape: Mesh
+    points: np.ndarray
+    report: dict[str, Any]
+
+
+def reconstruct(frames: Sequence[PosedFrame], *, body: str | None = None, poses: str = "known",
+                prior: HasFacets | None = None, folder: str | Path | None = None, passes: Sequence[Pass] = PASSES,
+                progress: Progress = lambda stage, done: None) -> Reconstruction:
+    """The surface of a body from frames of it.
+
+    Parameters
+    ----------
+    frames : sequence of PosedFrame
+        Three or more, of one body and camera, 15 deg or less from one to the next.
+    body : str, optional
+        That the frames are posed about; the first frame's by default.
+    poses : {"known"}
+    prior : Mesh or glrender.Shape, optional
+        Where the first sweep starts; by default the surface of the sparse points.
+    folder : path, optional
+        Keeps each stage, and goes on from there when called again with the same frames; made if it is missing.
+    passes : sequence of Pass, optional
+    progress : function of str and float, optional
+        Is called with the name of the stage and the share of it that is done.
+
+    Raises
+    ------
+    ValueError
+        Too few frames, of other bodies or cameras, dark, saturated or too far apart, poses that contradict them, a
+        prior that lies elsewhere, a folder of other frames, or without pycolmap.
+    """
+    if poses not in POSES:
+        raise refuse("poses", f"must be one of {', '.join(POSES)}", poses)
+    if find_spec("pycolmap") is None:
+        raise refuse("reconstruct", "needs pycolmap", None, "pip install 'glrender[reconstruction]'")
+    frames, left_out = _usable(frames, body)
+    px_m = min(frame.px_m for frame in frames)
+    stages = _Stages(folder, frames, prior, passes, poses)
+    report: dict[str, Any] = {"frames": len(frames), "left_out": left_out, "warnings": _wide_steps(frames),
+                              "px_m": px_m}
+    for warning in report["warnings"]:
+        _log.warning(warning)
+    points_m = stages.points("sparse", lambda: sparse_points(frames, lambda done: progress("sparse", done)).points_m)
+    report["points"] = len(points_m)
+    if prior is None:
+        cameras_m = _nearest_cameras(frames, points_m)
+        surface = stages.mesh("surface", lambda: surface_of(points_m, cameras_m, _SPARSE_VOXEL_PX * px_m,
+                                                            _SPARSE_CUT_PX * px_m))
+    else:
+        surface = _checked_prior(Mesh.of(prior), points_m, passes[0].reach_px * px_m)
+    roots = [np.minimum(np.sqrt(frame.signal / np.float32(white_of(frames))), _MOST_ROOT) for frame in frames]
+    for number, plan in enumerate(passes, start=1):
+        name, start = f"sweep_{number}", surface
+        surface = stages.mesh(name, lambda name=name, start=start, plan=plan: _swept(
+            frames, roots, start, plan, px_m, lambda done: progress(name, done)))
+        progress(name, 1.0)
+    report["cpu_s"] = stages.cpu_s
+    return Reconstruction(shape=surface, points=points_m, report=report)
+
+
+def stage_names(passes: Sequence[Pass] = PASSES) -> list[str]:
+    """The stages that `progress` is called with, in their order."""
+    return ["sparse", *(f"sweep_{number}" for number in range(1, len(passes) + 1))]
+
+
+def _swept(frames: Sequence[PosedFrame], roots: Sequence[np.ndarray], surface: Mesh, plan: Pass, px_m: float,
+           progress: Callable[[float], None]) -> Mesh:
+    depths_m = {}
+    for index in range(len(frames)):
+        found_m = depth_map(frames, roots, index, surface, plan, px_m)
+        if found_m is not None:
+            depths_m[index] = found_m
+        progress(0.8 * (index + 1) / len(frames))
+    if len(depths_m) < _LEAST_FRAMES:
+        raise refuse("frames", "must see the surface in light, three of them with neighbours 8 to 24 deg apart",
+                     len(depths_m), "take more frames on the way")
+    points_m, cameras_m = fused(frames, depths_m, _N_STEPS_AGREE * plan.step_px * px_m,
+                                int(plan.voxel_px))
+    if len(points_m) < _LEAST_LIT_PX:
+        raise refuse("frames", f"must have depths that three of them agree on, {_LEAST_LIT_PX} of them", len(points_m),
+                     "check poses and prior")
+    progress(0.9)
+    return surface_of(points_m, cameras_m, plan.voxel_px * px_m, 3.0 * plan.voxel_px * px_m)
+
+
+def _usable(frames: Sequence[PosedFrame], body: str | None) -> tuple[list[PosedFrame], dict[str, str]]:
+    """The frames that show something, and why others are left out."""
+    if len(frames) < _LEAST_FRAMES:
+        raise refuse("frames", "must be three or more", len(frames), "draw more: frames of a scenario's encounter")
+    body = frames[0].body if body is None else body
+    for number, frame in enumerate(frames):
+        if frame.body != body:
+            raise refuse(f"frames[{number}].body", f"must be {body!r}", frame.body, f"posed_frames(folder, {body!r})")
+        if frame.camera != frames[0].camera:
+            raise refuse(f"frames[{number}].camera", "must be the first frame's", frame.camera,
+                         "reconstruct the frames of each camera apart")
+    left_out = {}
+    for frame in frames:
+        n_lit = int((frame.signal > _N_SIGMA * frame.noise).sum())
+        if n_lit < _LEAST_LIT_PX:
+            left_out[frame.name] = f"dark: {n_lit} pixels are lit"
+        elif frame.most is not None and (share := float((frame.image >= frame.most).sum()) / n_lit) > _MOST_SATURATED:
+            left_out[frame.name] = f"saturated: {100.0 * share:.0f} % of what is lit"
+    used = [frame for frame in frames if frame.name not in left_out]
+    if len(used) < _LEAST_FRAMES:
+        raise refuse("frames", "must be neither dark nor saturated, three or more of them", left_out,
+                     "draw with another exposure, or exposure_s = \"auto\"")
+    return used, left_out
+
+
+def _wide_steps(frames: Sequence[PosedFrame]) -> list[str]:
+    """A sentence for each step between frames that is too wide."""
+    found = []
+    for one, other in zip(frames, frames[1:], strict=False):
+        if (step := angle_rad(one, other)) > _WIDE_STEP_RAD:
+            found.append(f"{one.name} to {other.name}: {np.degrees(step):.1f} deg about the body; steps of more than "
+                         "15 deg lose matches")
+    return found
+
+
+def _nearest_cameras(frames: Sequence[PosedFrame], points_m: np.ndarray) -> np.ndarray:
+    """Places (N, 3) [m] of the cameras most nearly above points."""
+    cameras_m = np.array([frame.r_camera_body_m for frame in frames])
+    up = cameras_m / np.linalg.norm(cameras_m, axis=1, keepdims=True)
+    return cameras_m[np.argmax(points_m @ up.T, axis=1)]
+
+
+def _checked_prior(prior: Mesh, points_m: np.ndarray, reach_m: float) -> Mesh:
+    away_m = float(np.median(np.abs(Closest(prior)(points_m[:: len(points_m) // 2000 + 1])[0])))
+    if away_m > reach_m:
+        raise refuse("prior", f"must lie within {reach_m:.4g} m of half of the sparse points", round(away_m, 1),
+                     "give it in metres and in the body's axes, or leave it out")
+    return prior
+
+
+class _Stages:
+    """What stages give, kept in a folder that says what it was made of."""
+
+    def __init__(self, folder: str | Path | None, frames: Sequence[PosedFrame], prior: HasFacets | None,
+                 passes: Sequence[Pass], poses: str):
+        self._folder = None if folder is None else Path(folder)
+        self.cpu_s: dict[str, float] = {}
+        if self._folder is None:
+            return
+        digest = hashlib.sha256(json.dumps([poses, [asdict(plan) for plan in passes]]).encode())
+        for frame in frames:
+            digest.update(json.dumps([frame.name, frame.body, asdict(frame.camera), frame.offset]).encode())
+            for array in (frame.image, frame.camera_from_body, frame.r_camera_body_m):
+                digest.update(np.ascontiguousarray(array).tobytes())
+        if prior is not None:
+            digest.update(Mesh.of(prior).corners_m.tobytes())
+        note = self._folder / "made_of.json"
+        made_of = {"sha256": digest.hexdigest(), "frames": [frame.name for frame in frames]}
+        if note.is_file() and json.loads(note.read_text(encoding="utf-8")) != made_of:
+            raise refuse(str(self._folder), "must be empty, or made of the same frames and settings", note.name,
+                         "name another folder, or delete this one")
+        self._folder.mkdir(parents=True, exist_ok=True)
+        note.write_text(json.dumps(made_of, indent=1), encoding="utf-8")
+
+    def points(self, name: str, make: Callable[[], np.ndarray]) -> np.ndarray:
+        """Points of an NPZ file, made if it is missing."""
+        return self._kept(name, ".npz", make, lambda path, found: np.savez(path, points_m=found),
+                          lambda path: np.load(path)["points_m"])
+
+    def mesh(self, name: str, make: Callable[[], Mesh]) -> Mesh:
+        """A surface of a PLY file, made if it is missing."""
+        return self._kept(name, ".ply", make, lambda path, found: found.to_file(path), Mesh.from_file)
+
+    def _kept(self, name: str, ending: str, make: Callable[[], Any], write: Callable[[Path, Any], None],
+              read: Callable[[Path], Any]) -> Any:
+        begin = time.process_time()
+        if self._folder is None:
+            found = make()
+        else:
+            path = self._folder / f"{name}{ending}"
+            if not path.is_file():
+                apart = path.with_name(f".{name}.part{ending}")
+                write(apart, make())
+                apart.replace(path)
+            found = read(path)
+        self.cpu_s[name] = round(time.process_time() - begin, 2)
+        return found
