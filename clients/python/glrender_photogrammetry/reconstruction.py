@@ -8,6 +8,7 @@ import logging
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -97,19 +98,17 @@ def reconstruct(frames: Sequence[PosedFrame], *, body: str | None = None, poses:
                               "px_m": px_m}
     for warning in report["warnings"]:
         _log.warning(warning)
-    points_m = stages.points("sparse", lambda: sparse_points(frames, lambda done: progress("sparse", done)).points_m)
+    points_m = stages.points("sparse", lambda: sparse_points(frames, partial(progress, "sparse")).points_m)
     report["points"] = len(points_m)
     if prior is None:
-        cameras_m = _nearest_cameras(frames, points_m)
-        surface = stages.mesh("surface", lambda: surface_of(points_m, cameras_m, _SPARSE_VOXEL_PX * px_m,
-                                                            _SPARSE_CUT_PX * px_m))
+        surface = stages.mesh("surface", partial(surface_of, points_m, _nearest_cameras(frames, points_m),
+                                                 _SPARSE_VOXEL_PX * px_m, _SPARSE_CUT_PX * px_m))
     else:
         surface = _checked_prior(Mesh.of(prior), points_m, passes[0].reach_px * px_m)
     roots = [np.minimum(np.sqrt(frame.signal / np.float32(white_of(frames))), _MOST_ROOT) for frame in frames]
     for number, plan in enumerate(passes, start=1):
-        name, start = f"sweep_{number}", surface
-        surface = stages.mesh(name, lambda name=name, start=start, plan=plan: _swept(
-            frames, roots, start, plan, px_m, lambda done: progress(name, done)))
+        name = f"sweep_{number}"
+        surface = stages.mesh(name, partial(_swept, frames, roots, surface, plan, px_m, partial(progress, name)))
         progress(name, 1.0)
     report["cpu_s"] = stages.cpu_s
     return Reconstruction(shape=surface, points=points_m, report=report)
