@@ -87,6 +87,10 @@ class Compression:
         """From plain data; unknown keys are refused by name."""
         return cls(**known_keys("", table, [each.name for each in fields(cls)], required=("codec",)))
 
+    def to_dict(self) -> dict[str, Any]:
+        """As `from_dict` reads it."""
+        return {each.name: getattr(self, each.name) for each in fields(self) if getattr(self, each.name) is not None}
+
     def encode(self, dn: np.ndarray, bit_depth: int, noise_DN: float = 0.0) -> bytes:
         """The stream of a frame.
 

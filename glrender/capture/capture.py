@@ -29,6 +29,7 @@ from ..view.state import State
 from .motion_blur import STILL, Motion, checked_sub_states, given_motion, plan_motion
 from .motion_path import moves
 from .off_axis_light import light_beyond
+from .outputs import checked_output
 from .sensor import PosePoints, Sensor, with_points
 from .static_exposure import Drawing, Still, lens_margin, margin_of
 
@@ -167,9 +168,7 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
     scene: Scene = renderer.scene
     pinhole = scene.camera(camera)
     model = pinhole.model
-    if model is None:
-        raise ConfigError("output", f"camera {pinhole.name!r} has no optics and detector", "dn",
-                          "give it a `model` in the scene, or ask for 'irradiance'")
+    checked_output("dn", pinhole)
     for name in ("roi", "out"):
         if name in options:
             raise ConfigError(name, "is of draw_still alone: light is spread over the whole frame", options[name])

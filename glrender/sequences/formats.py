@@ -1,4 +1,4 @@
-"""Frames as files: FITS, NPZ, PNG of 16 bits, and OpenEXR. Each is whole or not there."""
+"""Frames as files: FITS, NPZ, PNG of 16 bits, OpenEXR, and compressed streams. Each is whole or not there."""
 
 from __future__ import annotations
 
@@ -10,10 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from glrender_camera.compression import CODECS
 
 from ..base.errors import ConfigError
 from ..engines.image import UNITS
 from .fits_cards import Cards, cards_of, sky_cards
+from .folder import write_whole
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -29,16 +31,21 @@ class FrameFile:
         As of `Image`: `range` [m], `body_id`, ...
     header : mapping
         Plain data: state, camera, plan, seed, exposure, warnings.
+    stream : bytes, optional
+        The compressed frame, of which the pixels are decoded.
     """
 
     pixels: np.ndarray
     unit: str
     products: Mapping[str, np.ndarray]
     header: Mapping[str, Any]
+    stream: bytes | None = None
 
 
 def write(path: Path, frame: FrameFile) -> None:
     """Write a frame in the format of its path's ending; a process that is killed meanwhile leaves no such file.
+
+    A path that ends in the name of a codec gets the stream, and the header, as JSON, a file of its own beside it.
 
     Raises
     ------
@@ -46,14 +53,18 @@ def write(path: Path, frame: FrameFile) -> None:
         An unknown ending, a format that does not hold these pixels, or a library that is not installed.
     OSError
     """
-    ending = checked_ending(path.suffix.removeprefix("."), frame.unit)
+    ending = path.suffix.removeprefix(".")
+    if ending in CODECS:
+        write_stream(path, frame)
+        return
+    checked_ending(ending, frame.unit)
     apart = path.with_name(f".{path.stem}.{os.getpid()}.part.{ending}")
     _WRITERS[ending](apart, frame)
     os.replace(apart, path)
 
 
-def checked_ending(ending: str, unit: str) -> str:
-    """The name of a format that holds pixels of a unit.
+def checked_ending(ending: str, unit: str) -> None:
+    """Refuse a format that is unknown, or that does not hold pixels of a unit.
 
     Raises
     ------
@@ -63,11 +74,26 @@ def checked_ending(ending: str, unit: str) -> str:
         raise ConfigError("format", f"must be one of {', '.join(_WRITERS)}", ending)
     if ending == "png" and unit != "DN":
         raise ConfigError("format", "png holds digital numbers alone", unit, "use fits, npz or exr, or output dn")
-    return ending
+
+
+def header_path(path: Path) -> Path:
+    """The path of the header of a stream's file."""
+    return path.with_name(f"{path.name}.json")
+
+
+def write_stream(path: Path, frame: FrameFile) -> None:
+    """Write a frame's stream, and its header before it: where the stream is, both are.
+
+    Raises
+    ------
+    OSError
+    """
+    write_whole(header_path(path), json.dumps(frame.header, indent=1).encode())
+    write_whole(path, frame.stream)
 
 
 def _write_npz(path: Path, frame: FrameFile) -> None:
-    np.savez(path, image=frame.pixels, header=json.dumps(frame.header), **frame.products)
+    np.savez_compressed(path, image=frame.pixels, header=json.dumps(frame.header), **frame.products)
 
 
 def _write_png(path: Path, frame: FrameFile) -> None:
@@ -127,3 +153,5 @@ def _missing(name: str, library: str, extra: str) -> ConfigError:
 
 _WRITERS = {"fits": _write_fits, "npz": _write_npz, "png": _write_png, "exr": _write_exr}
 FORMATS = tuple(_WRITERS)
+STREAM = "stream"
+"""The format of output "compressed": files with the camera's streams, whose endings are the names of their codecs."""

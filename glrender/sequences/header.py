@@ -88,12 +88,17 @@ def camera_table(camera: PinholeCamera) -> dict[str, Any]:
         "r_camera_spacecraft_m": camera.r_camera_spacecraft_m.tolist(),
         "q_camera_from_spacecraft": camera.q_camera_from_spacecraft.tolist(),
         "detector": None if model is None else {name: _plain(value) for name, value in asdict(model.detector).items()},
-        "compression": None if model is None or model.compression is None else {
-            name: value for name, value in asdict(model.compression).items() if value is not None},
+        "compression": None if model is None or model.compression is None else model.compression.to_dict(),
         "mosaic": list(model.pattern) if isinstance(model, MosaicModel) else None,
         "band_nm": _of_letters({letter: list(optics.band_nm) for letter, optics in of_bands.items()}),
         "aperture_diameter_m": _of_letters({letter: optics.aperture_diameter_m
                                             for letter, optics in of_bands.items()})}
+
+
+def decoding_of(camera: Mapping[str, Any]) -> dict[str, Any]:
+    """The arguments of `glrender_camera.compression.decode` but for the stream, by a camera's part of a header."""
+    return {"codec": camera["compression"]["codec"], "shape": [camera["height_px"], camera["width_px"]],
+            "bit_depth": camera["detector"]["bit_depth"]}
 
 
 def offset_DN(camera: PinholeCamera) -> float | None:

@@ -10,10 +10,11 @@ from glrender_camera.camera import checked_exposure
 from glrender_camera.validate import integer, known_keys, one_of
 
 from ..base.errors import ConfigError
+from ..capture.outputs import OUTPUTS, checked_output, has_exposure
 from ..engines.image import checked_products
 from ..scene.scene import Scene
 from ..scene.tolerance import checked_max_error
-from .formats import checked_ending
+from .formats import STREAM, checked_ending
 from .labels import Keypoints
 
 OUTPUT_KEYS = ("camera", "output", "format", "products", "labels", "seed", "exposure_s", "max_error")
@@ -28,12 +29,13 @@ class FrameOptions:
     ----------
     camera : str
         Name.
-    output : "irradiance" or "dn"
-    format : "fits", "npz", "png" or "exr"
+    output : "irradiance", "dn" or "compressed"
+    format : str, optional
+        One of `FORMATS`, "fits" by default; of "compressed" "stream" alone.
     seed : int
-        With "dn": each frame's noise has a seed of its own, made of this one and of its number by `seed_of`.
+        But for "irradiance": each frame's noise has a seed of its own, made of this one and of its number by `seed_of`.
     exposure_s : float [s] or "auto", optional
-        With "dn"; the camera's by default.
+        But for "irradiance"; the camera's by default.
     products : tuple of str
         As of `Renderer.render`.
     has_labels : bool
@@ -50,7 +52,7 @@ class FrameOptions:
 
     camera: str
     output: str = "irradiance"
-    format: str = "fits"
+    format: str = ""
     seed: int = 0
     exposure_s: float | str | None = None
     products: tuple[str, ...] = ()
@@ -61,28 +63,44 @@ class FrameOptions:
     backend: str = "auto"
 
     def __post_init__(self):
-        one_of("output", self.output, ("irradiance", "dn"))
-        checked_ending(self.format, self.unit)
+        one_of("output", self.output, OUTPUTS)
+        if not self.format:
+            object.__setattr__(self, "format", STREAM if self.output == "compressed" else "fits")
+        if self.output == "compressed" and self.format != STREAM:
+            raise ConfigError("format", "must be stream with output 'compressed'", self.format,
+                              "leave it out, or ask for output 'dn', whose numbers are decoded from the stream")
+        if self.format != STREAM:
+            checked_ending(self.format, self.unit)
+        elif self.output != "compressed":
+            raise ConfigError("format", "goes with output 'compressed' alone", self.format,
+                              "leave it out, or ask for that output")
         integer("seed", self.seed, 0, 2**63)
         integer("limb_points", self.limb_points, 0, 1000)
-        if self.output == "dn" and "irradiance" in self.products:
-            raise ConfigError("products", "must not have 'irradiance' beside output 'dn': it is another image",
-                              list(self.products), "leave it out, or draw a second sequence of output 'irradiance'")
+        if self.is_of_detector and "irradiance" in self.products:
+            raise ConfigError("products", f"must not have 'irradiance' beside output {self.output!r}: it is another "
+                              "image", list(self.products),
+                              "leave it out, or draw a second sequence of output 'irradiance'")
         object.__setattr__(self, "products", checked_products(self.products))
-        if self.products and self.format == "png":
-            raise ConfigError("products", "must be none with format png, which holds the image alone",
-                              list(self.products), "use fits, npz or exr")
+        if self.products and self.format in ("png", STREAM):
+            raise ConfigError("products", f"must be none with format {self.format}, which holds the image alone",
+                              list(self.products), "use fits, npz or exr" if self.format == "png" else
+                              "draw a second sequence for them, or ask for output 'dn'")
         if self.exposure_s is not None:
             checked_exposure("exposure_s", self.exposure_s)
-            if self.output != "dn":
-                raise ConfigError("exposure_s", "goes with output 'dn' alone", self.exposure_s)
+            if not self.is_of_detector:
+                raise ConfigError("exposure_s", "goes with output 'dn' or 'compressed' alone", self.exposure_s)
         if self.max_error is not None:
             object.__setattr__(self, "max_error", checked_max_error(self.max_error))
 
     @property
     def unit(self) -> str:
-        """The pixels' unit."""
-        return "DN" if self.output == "dn" else "W/m2"
+        """The pixels' unit; of a stream, that of what is decoded."""
+        return "DN" if self.is_of_detector else "W/m2"
+
+    @property
+    def is_of_detector(self) -> bool:
+        """Whether frames have an exposure, noise and faults."""
+        return has_exposure(self.output)
 
     def to_dict(self) -> dict[str, Any]:
         """The options as plain data."""
@@ -94,12 +112,12 @@ class FrameOptions:
     @property
     def text(self) -> str:
         """The options in words."""
-        parts = [f"{self.format} of {self.unit}", f"camera {self.camera}"]
+        parts = [f"{self.format} of {'compressed ' * (self.format == STREAM)}{self.unit}", f"camera {self.camera}"]
         if self.products:
             parts.append(f"products {', '.join(self.products)}")
         if self.has_labels:
             parts.append("labels")
-        if self.output == "dn":
+        if self.is_of_detector:
             exposure = "the camera's" if self.exposure_s is None else self.exposure_s
             parts += [f"seed {self.seed}", f"exposure {exposure}{' s' if isinstance(exposure, float) else ''}"]
         if self.max_error is not None:
@@ -134,7 +152,7 @@ def options_of(scene: Scene, table: Mapping[str, Any], asked: Mapping[str, Any] 
         raise ConfigError("labels", "must be true or false", labels)
     camera = scene.camera(chosen.pop("camera", scene.cameras[0].name)).name
     options = FrameOptions(camera=camera, products=tuple(products), has_labels=labels, backend=backend, **chosen)
-    require_model(scene, options)
+    checked_output(options.output, scene.camera(options.camera))
     return options
 
 
@@ -144,16 +162,9 @@ def exposures_of(scene: Scene, options: FrameOptions) -> tuple[float, ...]:
     Rows that are read later have light from later; irradiance has no exposure.
     """
     camera = scene.camera(options.camera)
-    if options.output != "dn" or camera.model is None:
+    if not options.is_of_detector or camera.model is None:
         return ()
     asked: Any = camera.model.exposure_s if options.exposure_s is None else options.exposure_s
     limits = camera.model.auto_exposure
     read_out_s = abs(camera.model.detector.rolling_shutter_row_s) * camera.height_px
     return tuple(each + read_out_s for each in ((limits.min_s, limits.max_s) if asked == "auto" else (asked,)))
-
-
-def require_model(scene: Scene, options: FrameOptions) -> None:
-    """Refuse digital numbers of a camera that has no detector."""
-    if options.output == "dn" and scene.camera(options.camera).model is None:
-        raise ConfigError("output", f"camera {options.camera!r} has no optics and detector", "dn",
-                          "give it a `model` in the scene, or ask for 'irradiance'")

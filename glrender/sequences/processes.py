@@ -139,7 +139,7 @@ def processes_of(states: Sequence[State], options: FrameOptions, n_processes: in
 
 def _has_courses(states: Sequence[State], options: FrameOptions) -> bool:
     """Whether frames depend on courses: irradiance has no motion."""
-    return options.output == "dn" and any(state.course is not None for state in states)
+    return options.is_of_detector and any(state.course is not None for state in states)
 
 
 @contextmanager

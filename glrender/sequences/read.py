@@ -6,8 +6,11 @@ import json
 from pathlib import Path
 
 import numpy as np
+from glrender_camera.compression import CODECS, decode
 
-from ..base.errors import ConfigError
+from ..base.errors import ConfigError, error_path
+from .formats import header_path
+from .header import decoding_of
 
 
 def read_image(path: Path) -> np.ndarray:
@@ -19,6 +22,10 @@ def read_image(path: Path) -> np.ndarray:
         A file that is none of a sequence's.
     """
     ending = path.suffix.removeprefix(".")
+    if ending in CODECS:
+        header = json.loads(header_path(path).read_text(encoding="utf-8"))
+        with error_path(str(path)):
+            return decode(path.read_bytes(), **decoding_of(header["camera"]))
     if ending == "npz":
         with np.load(path, allow_pickle=False) as stored:
             return stored["image"]

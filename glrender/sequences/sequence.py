@@ -16,14 +16,15 @@ from glrender_camera.pattern import seed_of
 
 from ..base.errors import ConfigError, GlrenderError
 from ..capture.capture import Capture, draw_still, take_frame
+from ..capture.outputs import checked_output
 from ..renderer import open_renderer
 from ..scene.scene import Scene
 from ..view.state import State
 from . import labels
 from .folder import claim_folder
 from .formats import FrameFile, write
-from .header import VERSION, frame_header, offset_DN
-from .options import FrameOptions, exposures_of, require_model
+from .header import VERSION, camera_table, decoding_of, frame_header, offset_DN
+from .options import FrameOptions, exposures_of
 from .processes import own_processes, parted, processes_of
 from .read import read_image
 
@@ -63,11 +64,18 @@ class FrameSequence:
     def __post_init__(self):
         if not self.states:
             raise ConfigError("states", "must be one or more", 0)
-        require_model(self.scene, self.options)
+        checked_output(self.options.output, self.scene.camera(self.options.camera))
 
     def path(self, index: int) -> Path:
-        """The path of one frame's file."""
-        return self.folder / f"frame_{index:0{_DIGITS}d}.{self.options.format}"
+        """The path of one frame's file; a stream's ends in the name of its codec."""
+        codec = self._decoding.get("codec")
+        return self.folder / f"frame_{index:0{_DIGITS}d}.{codec or self.options.format}"
+
+    @property
+    def _decoding(self) -> dict[str, Any]:
+        """The arguments of `glrender_camera.compression.decode` but for the stream; empty without streams."""
+        camera = self.scene.camera(self.options.camera)
+        return decoding_of(camera_table(camera)) if self.options.output == "compressed" else {}
 
     def missing(self) -> list[int]:
         """Numbers of the frames that are not drawn yet."""
@@ -112,7 +120,8 @@ class FrameSequence:
         """The frames depend on these: version, digests of scene and states, options."""
         return {"glrender": VERSION, "n_frames": len(self.states),
                 "states_sha256": digest_of_states(self.states, exposures_of(self.scene, self.options)),
-                "scene_sha256": digest_of_scene(self.scene), "options": self.options.to_dict()}
+                "scene_sha256": digest_of_scene(self.scene), "options": self.options.to_dict(),
+                **({"decoding": self._decoding} if self._decoding else {})}
 
 
 def digest_of_states(states: Sequence[State], spans_s: Sequence[float] = ()) -> str:
@@ -230,7 +239,7 @@ def captured(renderer: Any, index: int, state: State, options: FrameOptions, **a
     products = dict.fromkeys((*options.products, *(labels.PRODUCTS if options.has_labels else ())))
     asked |= {"products": tuple(products), "max_error": options.max_error}
     seed = asked.pop("seed", None)
-    if options.output == "dn":
+    if options.is_of_detector:
         return take_frame(renderer, state, options.camera, seed=seed_of(options.seed, index) if seed is None else seed,
                           exposure_s=options.exposure_s, **asked)
     return draw_still(renderer, state, options.camera, **asked)
@@ -244,4 +253,7 @@ def frame_file(scene: Scene, index: int, state: State, options: FrameOptions, ca
         header["labels"] = labels.frame_labels(scene, state, scene.camera(options.camera), pixels, capture.products,
                                                options.keypoints, options.limb_points, capture.irradiance_W_m2)
     kept = {name: capture.products[name] for name in options.products}
-    return FrameFile(pixels=pixels, unit=options.unit, products=kept, header=header)
+    # Ranges have float64: half of it is noise to a compressor, and a millimetre in 10 km is enough for a file.
+    kept = {name: array.astype(np.float32) if array.dtype == np.float64 else array for name, array in kept.items()}
+    return FrameFile(pixels=pixels, unit=options.unit, products=kept, header=header,
+                     stream=None if capture.frame is None else capture.frame.stream)

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple, Protocol
 import glrender
 import zmq
 from glrender import GlrenderError
+from glrender.capture.outputs import OUTPUTS
 from glrender.engines.image import PRODUCTS
 from glrender.engines.rays.laser_ranges import MAX_DIRECTIONS
 from glrender_camera.validate import known_keys
@@ -24,7 +25,7 @@ from glrender_camera.validate import known_keys
 from . import codec, limits, operations
 from .background import Background
 from .envelope import ENVELOPE, checked_envelope, echo, refusal
-from .frame import MAX_ARRAYS, MAX_FRAME_BYTES, OUTPUTS
+from .frame import MAX_ARRAYS, MAX_FRAME_BYTES
 from .front import Answer, FairQueue, Front, Request
 from .job import QUICK_S, Done, Job
 from .kept import KeptReplies

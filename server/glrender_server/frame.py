@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 from glrender import ConfigError, PinholeCamera, ProtocolError, Scene
+from glrender.capture.outputs import checked_output, has_exposure
 from glrender.capture.static_exposure import drawn_pixels
 from glrender.engines.image import peak_bytes
 from glrender_camera.faults.fault import Fault
 from glrender_camera.faults.frame_faults import checked_faults
-from glrender_camera.validate import integer, known_keys, one_of, positive
+from glrender_camera.validate import integer, known_keys, positive
 
-OUTPUTS = ("irradiance", "dn")
 FRAME_KEYS = ("camera", "output", "exposure_s", "seed", "max_error", "samples", "products", "roi", "faults")
 """Fields of a frame: of the request itself, or of an entry of its `frames`."""
 MAX_FRAME_BYTES = 4 * 1024**3
@@ -54,21 +54,21 @@ class FrameRequest:
         ConfigError
         """
         camera = scene.camera(table.get("camera"))
-        output = one_of("output", table.get("output", "irradiance"), OUTPUTS)
+        output = checked_output(table.get("output", "irradiance"), camera)
         products = table.get("products", [])
         if not isinstance(products, list):
             raise ProtocolError("products", "must be a list of names", products)
         exposure_s, seed, faults = table.get("exposure_s"), table.get("seed", 0), None
-        if output == "dn":
-            if camera.model is None:
-                raise ConfigError("output", f"camera {camera.name!r} has no optics and detector", output,
-                                  "give it a `model` in the scene, or ask for 'irradiance'")
+        if has_exposure(output):
             if exposure_s not in (None, "auto"):
                 exposure_s = positive("exposure_s", exposure_s)
             seed = integer("seed", seed, 0, 2**64 - 1)
             faults = checked_faults("faults", table["faults"]) if "faults" in table else None
         elif found := [name for name in ("exposure_s", "seed", "faults") if name in table]:
-            raise ProtocolError(found[0], "belongs to output 'dn'", output)
+            raise ProtocolError(found[0], "belongs to output 'dn' or 'compressed'", output)
+        if output == "compressed" and "roi" in table:
+            raise ConfigError("roi", "goes with no output 'compressed': a stream is of the whole frame", table["roi"],
+                              "leave it out and cut the decoded frame, or ask for output 'dn'")
         roi = _region(table["roi"], camera) if "roi" in table else None
         return cls(path=path, camera=camera, output=output, exposure_s=exposure_s, seed=seed,
                    max_error=table.get("max_error"), samples=table.get("samples"), products=products, roi=roi,

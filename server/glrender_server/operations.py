@@ -25,6 +25,7 @@ from glrender import (
     take_frame,
 )
 from glrender.base.errors import error_path
+from glrender.capture.outputs import has_exposure
 from glrender.capture.static_exposure import prepare
 from glrender.engines.advice import Advice, scene_advice
 from glrender.engines.rays.laser_ranges import RangeNoise, laser_ranges
@@ -45,8 +46,8 @@ OPERATIONS = ("render", "range", "load_scene")
 _TOLD_OF_DETECTORS = ("gain_DN_per_electron", "offset_DN", "bit_depth", "full_well_electrons",
                       "read_noise_electrons")
 _RANGE_KEYS = ("state", "camera", "directions_camera", "noise")
-_UNITS = {"irradiance": "W/m2", "dn": "DN", "range": "m", "r_body": "m", "body_id": "1", "facet_id": "1",
-          "incidence": "rad", "emission": "rad", "phase": "rad", "sunlit": "1"}
+_UNITS = {"irradiance": "W/m2", "dn": "DN", "compressed": "byte", "range": "m", "r_body": "m", "body_id": "1",
+          "facet_id": "1", "incidence": "rad", "emission": "rad", "phase": "rad", "sunlit": "1"}
 
 
 class Operations:
@@ -100,6 +101,8 @@ class Operations:
                          "detector": None if c.model is None else {
                              name: getattr(c.model.detector, name) for name in _TOLD_OF_DETECTORS},
                          "distortion": None if c.distortion is None else asdict(c.distortion),
+                         "compression": None if c.model is None or c.model.compression is None
+                         else c.model.compression.to_dict(),
                          "mosaic": list(c.model.pattern) if isinstance(c.model, MosaicModel) else None}
                         for c in self.scene.cameras],
             "bodies": [{"name": b.name, "n_facets": len(b.shape.facets), "radius_m": b.shape.radius_m,
@@ -200,12 +203,16 @@ class Operations:
         """The reply's fields of one frame, and its arrays with their units."""
         camera, fields = asked.camera, {}
         options = {"products": asked.products, "max_error": asked.max_error, "samples": asked.samples, **slow}
-        if asked.output == "dn":
+        if has_exposure(asked.output):
             options |= {"seed": asked.seed, "exposure_s": asked.exposure_s, "faults": asked.faults}
             capture = self._drawn(take_frame, state, camera.name, **options)
             frame, pixels = capture.frame, capture.frame.dn
             fields = {"exposure_s": frame.exposure_s, "seed": asked.seed,
                       "n_saturated_px": int(np.count_nonzero(asked.cut(frame.saturated)))}
+            if asked.output == "compressed":
+                pixels = np.frombuffer(frame.stream, np.uint8)
+                fields |= {"codec": camera.model.compression.codec, "shape": list(frame.dn.shape),
+                           "bit_depth": camera.model.detector.bit_depth}
             if asked.faults or camera.model.faults:
                 fields["faults"] = list(frame.faults)
             if "auto" in (asked.exposure_s, camera.model.exposure_s):

@@ -19,12 +19,13 @@ from typing import Any
 from glrender_camera.validate import integer, one_of
 
 from ...base.errors import ConfigError, GlrenderError
+from ...capture.outputs import checked_output
 from ...scene.scene import Scene
 from ...view.state import State
 from .. import labels
 from ..folder import MANIFEST, claim_folder, write_whole
 from ..header import VERSION, camera_table
-from ..options import FrameOptions, exposures_of, require_model
+from ..options import FrameOptions, exposures_of
 from ..processes import Pool, own_processes, parted, processes_of
 from ..sequence import digest_of_scene, digest_of_states
 from . import bop, coco
@@ -83,7 +84,10 @@ class DataSet:
         one_of("format", self.format, FORMATS)
         integer("frames_a_shard", self.frames_a_shard, 1, 10_000)
         camera = self.scene.camera(self.options.camera)
-        require_model(self.scene, self.options)
+        checked_output(self.options.output, camera)
+        if self.options.output == "compressed":
+            raise ConfigError("output", "must be 'irradiance' or 'dn' in a data set", self.options.output,
+                              "ask for 'dn', whose numbers are decoded from the stream")
         if self.options.output != "dn" and self.format in ("coco", "bop"):
             raise ConfigError("format", f"{self.format} holds digital numbers alone", self.options.unit,
                               "use webdataset or hdf5, or --output dn")

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from glrender import Body, ConfigError, GlrenderError, PinholeCamera
 from glrender.base.errors import error_path
+from glrender.capture.outputs import has_exposure
 from glrender.engines.advice import scene_advice
 from glrender.scenario import RandomStates, Scenario
 from glrender.scenario.files.keypoint_fields import off_surface
@@ -27,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_subject(parser)
     parser.add_argument("given", nargs="?", type=Path, metavar="STATE", help="the same as --state STATE")
     add_drawing(parser)
-    add_picture(parser, None)
+    add_picture(parser, "")
     parser.add_argument("--plot", type=Path, metavar="FILE.png",
                         help="of a scenario: draw its range, phase, Sun, field of view and path there")
 
@@ -39,7 +40,7 @@ def run(arguments: argparse.Namespace) -> int:
             raise ConfigError("--state", "is given twice", str(arguments.state), "leave one of them out")
         arguments.state = arguments.given
     if arguments.out is not None:
-        check_picture(arguments, "DN" if arguments.output == "dn" else "W/m2")
+        check_picture(arguments, "DN" if has_exposure(arguments.output) else "W/m2")
     if arguments.plot is not None:
         check_place("--plot", arguments.plot)
     subject = read_subject(arguments.subject, arguments.unit)

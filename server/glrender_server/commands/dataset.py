@@ -101,7 +101,7 @@ def _dataset(arguments: argparse.Namespace) -> tuple[DataSet, list[str]]:
                               "change its `frames`, or give it [random] instead of a trajectory")
         warnings, states = scenario.check(), list(scenario.iter_states())
     camera = scene.camera(camera_name) if camera_name else scene.cameras[0]
-    table = {"output": "dn" if camera.model else "irradiance", **table, "format": "npz", "labels": True}
+    table = {"output": "dn" if camera.model else "irradiance", **table, "labels": True}
     asked = {name: getattr(arguments, name) for name in _FOLLOWED} | {
         "camera": camera.name, "max_error": read_max_error(arguments.max_error)}
     options = replace(options_of(scene, table, asked, arguments.backend), keypoints=keypoints,

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from glrender import ConfigError, Scene, State, open_renderer
 from glrender.capture.capture import Capture
+from glrender.capture.outputs import OUTPUTS, checked_output, has_exposure
 from glrender.engines.advice import Advice, scene_advice
 from glrender.scenario import RandomStates
 from glrender.sequences.sequence import FrameOptions, captured
@@ -25,10 +26,10 @@ def add_drawing(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--max-error", metavar="SHARE",
                         help="error tolerance, 0.02 for 2 %%, or by unit: centroid_px=0.05,flux=0.001; the scene's")
     parser.add_argument("--samples", type=int, metavar="N", help="along a pixel's side, by OpenGL; default: planned")
-    parser.add_argument("--output", default="irradiance", choices=("irradiance", "dn"),
-                        help="irradiance, or the digital numbers of the camera's detector")
-    parser.add_argument("--exposure-s", metavar="S", help="with dn: seconds, or auto; the camera's")
-    parser.add_argument("--seed", type=int, default=0, help="of the noise, with dn (0)")
+    parser.add_argument("--output", default="irradiance", choices=OUTPUTS,
+                        help="irradiance, the digital numbers of the camera's detector, or the stream that it sends")
+    parser.add_argument("--exposure-s", metavar="S", help="of dn and compressed: seconds, or auto; the camera's")
+    parser.add_argument("--seed", type=int, default=0, help="of the noise of dn and compressed (0)")
     parser.add_argument("--backend", default="auto", help="auto, egl, osmesa, or a plug-in such as raytrace or cycles")
 
 
@@ -65,11 +66,12 @@ def draw(arguments: argparse.Namespace) -> Drawn:
         if not is_number(exposure_s):
             raise ConfigError("--exposure-s", "must be a number of seconds, or auto", exposure_s)
         exposure_s = float(exposure_s)
-    if exposure_s is not None and arguments.output != "dn":
+    if exposure_s is not None and not has_exposure(arguments.output):
         raise ConfigError("--exposure-s", "is of digital numbers alone", arguments.exposure_s, "add --output dn")
     subject = read_subject(arguments.subject, arguments.unit)
     scene = subject.scene
     camera = scene.camera(arguments.camera) if arguments.camera else scene.cameras[0]
+    checked_output(arguments.output, camera)
     state = state_of(subject, arguments, camera)
     options = FrameOptions(camera=camera.name, output=arguments.output, seed=arguments.seed, exposure_s=exposure_s,
                            products=tuple(getattr(arguments, "products", ())),
@@ -103,6 +105,9 @@ def summary(drawn: Drawn) -> dict[str, Any]:
             "min": pixels.min().item(), "max": pixels.max().item()}
     if frame is not None:
         said |= {"exposure_s": float(frame.exposure_s), "saturated_share": float(np.mean(frame.saturated))}
+        if frame.stream is not None:
+            said |= {"compression": frame.stages["compression"], "compressed_bytes": frame.compressed_bytes,
+                     "bits_per_pixel": frame.bits_per_pixel}
     return said | {"predicted_error": float(capture.plan.predicted_error), "max_error": float(capture.plan.max_error),
                    "asked": dict(capture.plan.asked), "predicted": capture.plan.predicted,
                    "warnings": drawn.warnings}
@@ -113,6 +118,8 @@ def in_words(said: dict[str, Any]) -> str:
     parts = [f"{said['width_px']} x {said['height_px']}", f"{said['min']:.3g} to {said['max']:.3g} {said['unit']}"]
     if "exposure_s" in said:
         parts += [f"exposure {said['exposure_s']:.3g} s", f"{100.0 * said['saturated_share']:.2g} % saturated"]
+    if "compression" in said:
+        parts.append(said["compression"])
     parts += [f"predicted {'error' if unit == 'rms' else unit} {said['predicted'][unit]:.2g} of {most:.3g} allowed"
               for unit, most in said["asked"].items()]
     return ", ".join(parts)

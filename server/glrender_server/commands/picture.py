@@ -19,15 +19,34 @@ ENDINGS = (*WITHOUT_PRODUCTS, *(f".{name}" for name in FORMATS if name != "png")
 _LIBRARIES = {".fits": ("astropy", "fits"), ".exr": ("OpenEXR", "exr")}
 
 
-def add_picture(parser: argparse.ArgumentParser, default: str | None) -> None:
-    """Add the arguments that say how a frame is written."""
-    parser.add_argument("--out", type=Path, default=default and Path(default), metavar="FILE",
+def add_picture(parser: argparse.ArgumentParser, default: str) -> None:
+    """Add the arguments that say how a frame is written; `default` tells what is written without --out."""
+    parser.add_argument("--out", type=Path, metavar="FILE",
                         help=f"by its ending {', '.join(ENDINGS)}: a picture for the eye of 8 bits, or the numbers"
                              + (f" ({default})" if default else ""))
     parser.add_argument("--stretch", choices=STRETCHES, default="gamma", help="of a picture: gamma 2.2 by default")
     parser.add_argument("--white", type=float, metavar="VALUE",
                         help="of a picture: what is shown white, in the frame's unit; the brightest 0.1 %% by default")
     parser.add_argument("--raw", action="store_true", help="digital numbers as they are in a PNG of 8 or 16 bits")
+
+
+def check_stream(arguments: argparse.Namespace) -> None:
+    """Refuse, before anything is drawn, what a stream's file has not, or an ending that promises another format.
+
+    Raises
+    ------
+    ConfigError
+    """
+    for option in ("raw", "white"):
+        if getattr(arguments, option):
+            raise ConfigError(f"--{option}", "is of pixels, and --output compressed writes the camera's stream",
+                              getattr(arguments, option), "ask for --output dn")
+    if arguments.out is not None:
+        if arguments.out.suffix.lower() in ENDINGS:
+            raise ConfigError("--out", "must have an ending of its own with --output compressed: the file is the "
+                              "camera's stream", str(arguments.out), "end it in the codec's name, as in frame.jpeg_ls, "
+                              "or ask for --output dn")
+        check_place("--out", arguments.out)
 
 
 def check_picture(arguments: argparse.Namespace, unit: str) -> None:

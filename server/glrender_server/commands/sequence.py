@@ -11,11 +11,12 @@ from pathlib import Path
 import numpy as np
 from glrender import ConfigError, State
 from glrender.base.errors import error_path
+from glrender.capture.outputs import OUTPUTS
 from glrender.scenario import load_scenario
 from glrender.scenario.files.keypoint_fields import off_surface
 from glrender.scenario.files.scenario_file import load_setting
 from glrender.sequences.contact_sheet import contact_sheet
-from glrender.sequences.formats import FORMATS
+from glrender.sequences.formats import FORMATS, STREAM
 from glrender.sequences.header import offset_DN
 from glrender.sequences.options import OUTPUT_KEYS, options_of
 from glrender.sequences.read import read_image
@@ -38,13 +39,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="write the scenario's states there, and no frames")
     parser.add_argument("--out", type=Path, metavar="FOLDER", help="made if it is missing")
     parser.add_argument("--camera", help="default: the first")
-    parser.add_argument("--output", choices=("irradiance", "dn"), help="default: irradiance")
-    parser.add_argument("--format", choices=FORMATS, help="png: 16 bits, with dn alone; default: fits")
+    parser.add_argument("--output", choices=OUTPUTS, help="default: irradiance")
+    parser.add_argument("--format", choices=(*FORMATS, STREAM),
+                        help="png: 16 bits, with dn alone; stream: of compressed; default: fits")
     parser.add_argument("--products", nargs="*", metavar="NAME", help="range, body_id, incidence, ...")
     parser.add_argument("--labels", action=argparse.BooleanOptionalAction,
                         help="pose, box, centres and keypoints of each body, in the header")
     parser.add_argument("--seed", type=int, help="of the noise, which each frame has of its own (0)")
-    parser.add_argument("--exposure-s", type=exposure, help="with dn: seconds, or auto; default: the camera's")
+    parser.add_argument("--exposure-s", type=exposure, help="of dn and compressed: seconds, or auto; the camera's")
     parser.add_argument("--max-error", metavar="SHARE", help="or units with one each; the scene's")
     parser.add_argument("--video", type=Path, metavar="FILE.mp4", help="write the frames as a video for the eye too")
     parser.add_argument("--video-rate-hz", type=float, default=25.0, metavar="HZ")
