@@ -29,6 +29,8 @@ _HEAD = struct.Struct("<II")
 _AEC = {"blocksize": 16, "rsi": 64}
 # A rate or PSNR is searched for until it is met to this share, or by so many steps.
 _MET, _STEPS, _MET_DB = 0.01, 24, 1.0
+# Rows or columns of a frame: JPEG-LS counts them with 16 bits.
+_MOST_PX = 65535
 # Where a body is: so many sigma of the read noise above the offset.
 _LIT_SIGMA = 5.0
 
@@ -137,12 +139,12 @@ class Compression:
         return best, best_found
 
 
-def decode(stream: bytes, codec: str, shape: tuple[int, int], bit_depth: int) -> np.ndarray:
+def decode(stream: bytes | np.ndarray, codec: str, shape: tuple[int, int], bit_depth: int) -> np.ndarray:
     """The frame of a stream, as the ground decodes it.
 
     Parameters
     ----------
-    stream : bytes
+    stream : bytes or (N) uint8
     codec : str
         One of `CODECS`.
     shape : (int, int)
@@ -157,9 +159,16 @@ def decode(stream: bytes, codec: str, shape: tuple[int, int], bit_depth: int) ->
     Raises
     ------
     ConfigError
-        A stream that is cut off, spoilt or of another shape.
+        An unknown codec; a stream that is cut off, spoilt or of another shape; imagecodecs not installed.
     """
     one_of("codec", codec, CODECS)
+    _library()
+    if not isinstance(stream, bytes | bytearray | memoryview | np.ndarray):
+        raise ConfigError("stream", "must be bytes", type(stream).__name__)
+    stream = memoryview(stream).tobytes()
+    if not isinstance(shape, list | tuple) or len(shape) != 2:
+        raise ConfigError("shape", "must be two integers: rows and columns", shape)
+    shape = integer("shape[0]", shape[0], 1, _MOST_PX), integer("shape[1]", shape[1], 1, _MOST_PX)
     bit_depth = integer("bit_depth", bit_depth, 1, 16)
     kind = np.dtype(np.uint8 if bit_depth <= 8 else np.uint16)
     body = stream[_HEAD.size:]
@@ -170,8 +179,8 @@ def decode(stream: bytes, codec: str, shape: tuple[int, int], bit_depth: int) ->
     except Exception as error:
         # The library raises an error class of its own for each codec.
         raise ConfigError("stream", f"must be a stream of {codec}: {error}", len(stream)) from None
-    if made.shape != tuple(shape):
-        raise ConfigError("shape", f"must be {made.shape}, the stream's own", tuple(shape))
+    if made.shape != shape:
+        raise ConfigError("shape", f"must be {made.shape}, the stream's own of {codec}", shape)
     # Codecs with a loss may overshoot.
     return np.minimum(made, 2**bit_depth - 1).astype(kind)
 

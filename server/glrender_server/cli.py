@@ -24,6 +24,7 @@ COMMANDS = {
     "plan": "how a frame is drawn, with which error, and what is left out",
     "sequence": "draw frames of many states as files, on all cores",
     "dataset": "draw labelled frames in shards: WebDataset, HDF5, COCO or BOP",
+    "compress": "what each codec does to a frame: rate, errors, shifts of centre and features",
     "bench": "how long frames of a scene take on this machine",
     "doctor": "what this machine has, and how to mend what it lacks",
     "demo": "fly a closed loop around a body through the server",

@@ -149,8 +149,9 @@ class Client:
             lists or NumPy arrays. Or a `glrender.State`, and any object with its `to_dict`.
         camera : str, optional
             Name; the scene's only camera by default.
-        output : "irradiance" or "dn"
-            float32 W/m2 per pixel, or the detector's digital numbers.
+        output : "irradiance", "dn" or "compressed"
+            float32 W/m2 per pixel, the detector's digital numbers, or the stream that a camera with compression sends:
+            uint8, which ``glrender_camera.compression.decode`` reads by the header's `codec`, `shape`, `bit_depth`.
         exposure_s : float or "auto", optional
         seed : int, optional
             Of the noise; the same request and seed give the same bytes.

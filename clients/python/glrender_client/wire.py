@@ -57,7 +57,7 @@ class Reply:
 
     @property
     def pixels(self) -> np.ndarray:
-        """The image, (height, width), row 0 on top."""
+        """The image, (height, width), row 0 on top; of output "compressed" the stream, (N) uint8."""
         return self.arrays["image"]
 
     @property
@@ -80,12 +80,13 @@ class Reply:
             return f"<Reply {header.get('op')} t={header.get('t_s')} s: {total:.1f} ms, arrays {sorted(self.arrays)}>"
         image = self.pixels
         products = sorted(set(self.arrays) - {"image"})
-        return (f"<Reply {header.get('camera')} t={header.get('t_s')} s: {image.shape[1]} x {image.shape[0]} "
+        size = " x ".join(map(str, image.shape[1::-1]))
+        return (f"<Reply {header.get('camera')} t={header.get('t_s')} s: {size} "
                 f"{image.dtype} [{header.get('unit')}], {total:.1f} ms, products {products}>")
 
     def _repr_png_(self) -> bytes | None:
-        """For notebooks: the image in grey."""
-        return png(self.pixels) if "image" in self.arrays else None
+        """For notebooks: the image in grey; a stream has none."""
+        return png(self.pixels) if "image" in self.arrays and self.pixels.ndim == 2 else None
 
 
 class Watched(NamedTuple):

@@ -35,6 +35,8 @@ class CameraNode(Node):
         self._given, self._n_frames, self._told_lost = given, 0, 0
         if not 0 <= given["seed"] < _MOST_SEEDS:
             raise ValueError(f"seed: must be from 0 to {_MOST_SEEDS - 1}, got {given['seed']!r}")
+        if given["output"] not in ("dn", "irradiance"):
+            raise ValueError(f"output: must be 'dn' or 'irradiance', which are images, got {given['output']!r}")
         self._client = Client(given["endpoint"], timeout_s=given["timeout_s"])
         hello = self._client.hello()
         cameras = {each["name"]: each for each in hello["cameras"]}

@@ -11,6 +11,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from glrender_camera.compression import decode
 
 from .geometry import sketch
 
@@ -70,6 +71,14 @@ class Frame:
         text = json.dumps(finite(head), separators=(",", ":")).encode()
         text += b" " * (-(len(text) + 4) % _ALIGNMENT)
         return b"".join([struct.pack("<I", len(text)), text, self.pixels.data.cast("B")])
+
+
+def shown(header: Mapping[str, Any], pixels: np.ndarray) -> tuple[Mapping[str, Any], np.ndarray]:
+    """A copy of a reply's pixels, with its header; of a compressed one, of the digital numbers that are decoded."""
+    if header.get("output") != "compressed":
+        return header, np.array(pixels, order="C")
+    dn = decode(pixels, header["codec"], tuple(header["shape"]), header["bit_depth"])
+    return {**header, "output": "dn", "unit": "DN"}, dn
 
 
 def finite(value: Any) -> Any:

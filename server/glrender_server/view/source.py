@@ -14,10 +14,11 @@ from queue import SimpleQueue
 from typing import Any
 
 import numpy as np
+from glrender_camera import ConfigError
 from glrender_client import Client, GlrenderClientError, Reply, Watched
 
 from . import geometry
-from .frame import Frame
+from .frame import Frame, shown
 
 log = logging.getLogger(__name__)
 
@@ -184,9 +185,13 @@ class Source:
     def _frame(self, watched: Watched, reply: Reply, index: int) -> Frame:
         camera = self._camera(reply.header["camera"])
         self._number += 1
-        return Frame(number=self._number, stream=(watched.client, camera["name"], index), header=reply.header,
-                     request=watched.request, pixels=np.array(reply.pixels, order="C"), camera=camera,
-                     bodies=self.status["bodies"], generation=watched.generation)
+        try:
+            header, pixels = shown(reply.header, reply.pixels)
+        except ConfigError as error:
+            raise GlrenderClientError(f"its frames cannot be shown here: {error}") from None
+        return Frame(number=self._number, stream=(watched.client, camera["name"], index), header=header,
+                     request=watched.request, pixels=pixels, camera=camera, bodies=self.status["bodies"],
+                     generation=watched.generation)
 
     def _camera(self, name: str) -> Mapping[str, Any] | None:
         return next((camera for camera in self.status.get("cameras", ()) if camera["name"] == name), None)

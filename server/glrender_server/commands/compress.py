@@ -1,0 +1,92 @@
+"""`glrender compress`: what each codec does to a frame, before one is chosen for a camera."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from glrender import ConfigError, GlrenderError
+from glrender.sequences.read import read_header, read_image
+from glrender_camera.codec_table import CodecRow, codec_rows
+from glrender_camera.compression import noise_DN
+from glrender_camera.validate import integer
+
+_HEAD = "codec      loss                bit/px  PSNR dB  max DN  body DN  centre px  features  by px  encode, decode ms"
+_LOSSES = {"max_error_DN": "within {:g} DN", "share_of_noise": "{:g} of the noise", "rate_bpp": "{:g} bit/px",
+           "psnr_db": "{:g} dB"}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `glrender compress`."""
+    parser.add_argument("frame", type=Path, metavar="FRAME",
+                        help="digital numbers: a file of `render --output dn` or `sequence` (NPZ, FITS, PNG, EXR)")
+    parser.add_argument("--bit-depth", type=int, metavar="N", help="of a frame without a header; the detector's")
+    parser.add_argument("--json", action="store_true", help="the rows, as JSON")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Compress a frame by each codec, and print what that does to it."""
+    dn, bit_depth, detector = _read(arguments)
+    noise = None
+    if detector:
+        noise = noise_DN(dn, **{name: detector[name] for name in (
+            "offset_DN", "gain_DN_per_electron", "read_noise_electrons")})
+    rows = codec_rows(dn, bit_depth, noise, detector.get("offset_DN"))
+    if arguments.json:
+        made = [{**row.compression.to_dict(), **{name: value for name, value in asdict(row).items()
+                                                 if name != "compression"}} for row in rows]
+        sys.stdout.write(json.dumps({"frame": str(arguments.frame), "bit_depth": bit_depth, "noise_DN": noise,
+                                     "rows": made}) + "\n")
+        return 0
+    told = "" if noise is None else f", noise of the lit pixels {noise:.3g} DN"
+    sys.stdout.write(f"{arguments.frame}: {dn.shape[1]} x {dn.shape[0]}, {bit_depth} bit{told}\n{_HEAD}\n")
+    for row in rows:
+        sys.stdout.write(_line(row) + "\n")
+        sys.stdout.flush()
+    return 0
+
+
+def _read(arguments: argparse.Namespace) -> tuple[Any, int, dict[str, Any]]:
+    """Digital numbers, their depth [bit], and the detector's fields, empty where the file does not tell them."""
+    path = arguments.frame
+    if not path.is_file():
+        raise ConfigError(str(path), "is no file", hint="draw one by `glrender render --output dn --out frame.npz`")
+    try:
+        dn, header = read_image(path), read_header(path)
+    except GlrenderError:
+        raise
+    except Exception as error:
+        # Each library raises an error class of its own.
+        raise ConfigError(str(path), f"cannot be read as a frame: {error}") from None
+    if dn.dtype.kind != "u" or dn.ndim != 2:
+        raise ConfigError(str(path), "must hold digital numbers", f"{dn.dtype} of shape {dn.shape}",
+                          "draw it with --output dn")
+    camera = (header or {}).get("camera") or {}
+    detector, compression = camera.get("detector") or {}, camera.get("compression") or {}
+    if len(compression) > 1:
+        sys.stderr.write(f"glrender: warning: the frame is decoded from {compression['codec']} with loss, and the rows "
+                         "tell what a second loss does; draw it by a camera without `compression`\n")
+    bit_depth = detector.get("bit_depth") if arguments.bit_depth is None else arguments.bit_depth
+    if bit_depth is None:
+        raise ConfigError("--bit-depth", "missing: the frame has no header of a camera", hint="--bit-depth 12")
+    integer("--bit-depth", bit_depth, 1, 16)
+    if dn.max() > 2**bit_depth - 1:
+        raise ConfigError("--bit-depth", f"must hold the frame's largest number, {dn.max()}", bit_depth)
+    return dn.astype("u1" if bit_depth <= 8 else "u2"), bit_depth, detector
+
+
+def _line(row: CodecRow) -> str:
+    codec, *losses = row.compression.to_dict().items()
+    loss = _LOSSES[losses[0][0]].format(losses[0][1]) if losses else "none"
+    kept = "-" if row.features_kept is None else f"{100.0 * row.features_kept:.0f} %"
+    return (f"{codec[1]:<10} {loss:<17} {row.bits_per_pixel:8.3f} {_number(row.psnr_db, '8.1f')} "
+            f"{row.largest_error_DN:7d} {_number(row.body_rms_DN, '8.2f')} {_number(row.centre_px, '10.4f')} {kept:>9} "
+            f"{_number(row.features_px, '6.3f')} {1e3 * row.encode_s:8.0f}, {1e3 * row.decode_s:.0f}")
+
+
+def _number(value: float | None, form: str) -> str:
+    return f"{'-':>{form.split('.')[0]}}" if value is None else f"{value:{form}}"
