@@ -10,11 +10,11 @@ import struct
 import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 
+from .codecs import DECODED, LOSSLESS, LOSSY, Lossy, library, reversible_2000
 from .detector import Detector
 from .errors import ConfigError
 from .validate import integer, known_keys, one_of, positive, within
@@ -25,10 +25,10 @@ _LOSSES = {"jpeg_ls": ("max_error_DN", "share_of_noise"), "jpeg_2000": ("rate_bp
 CODECS = tuple(_LOSSES)
 # Length and CRC-32 of what follows, little-endian: libaec decodes half a stream without an error.
 _HEAD = struct.Struct("<II")
-# The blocks of CCSDS 121, and how many of them share a reference sample.
-_AEC = {"blocksize": 16, "rsi": 64}
 # A rate or PSNR is searched for until it is met to this share, or by so many steps.
 _MET, _STEPS, _MET_DB = 0.01, 24, 1.0
+# A rate that is off by more than this share is not met.
+_MET_RATE = 0.1
 # Rows or columns of a frame: JPEG-LS counts them with 16 bits.
 _MOST_PX = 65535
 # Where a body is: so many sigma of the read noise above the offset.
@@ -82,7 +82,7 @@ class Compression:
             "psnr_db": lambda name, value: within(name, value, 20.0, 120.0)}
         for name in given:
             object.__setattr__(self, name, checks[name](name, getattr(self, name)))
-        _library()
+        library()
 
     @classmethod
     def from_dict(cls, table: Mapping[str, Any]) -> Compression:
@@ -106,12 +106,17 @@ class Compression:
         dn = np.ascontiguousarray(dn)
         bound = self.max_error_DN if self.share_of_noise is None else _error_of(self.share_of_noise * noise_DN)
         if bound is not None:
-            return _sealed(_library().jpegls_encode(dn, level=min(bound, _most_error(dn.dtype))))
-        lossless = _sealed(_LOSSLESS[self.codec](dn, bit_depth))
+            return _sealed(library().jpegls_encode(dn, level=min(bound, _most_error(dn.dtype))))
+        lossless = _sealed(LOSSLESS[self.codec](dn, bit_depth))
         if self.rate_bpp is not None:
             if 8 * len(lossless) <= self.rate_bpp * dn.size:
                 return lossless
-            return self._searched(dn, bit_depth, lambda stream: 8.0 * len(stream) / dn.size, self.rate_bpp)[0]
+            rate = lambda stream: 8.0 * len(stream) / dn.size  # noqa: E731
+            made, found = self._searched(dn, bit_depth, rate, self.rate_bpp)
+            if self.codec == "jpeg_2000" and found < (1.0 - _MET_RATE) * self.rate_bpp:
+                # The transform that rounds has no more to send; the one that is reversible has.
+                made, _ = self._searched(dn, bit_depth, rate, self.rate_bpp, reversible_2000)
+            return made
         if self.psnr_db is not None:
             made, found = self._searched(dn, bit_depth, lambda stream: psnr_db(
                 decode(stream, self.codec, dn.shape, bit_depth), dn, bit_depth), self.psnr_db)
@@ -120,7 +125,7 @@ class Compression:
         return lossless
 
     def _searched(self, dn: np.ndarray, bit_depth: int, measure: Callable[[bytes], float],
-                  wanted: float) -> tuple[bytes, float]:
+                  wanted: float, lossy: Lossy | None = None) -> tuple[bytes, float]:
         """The stream whose measure is the wanted one, or of those tried the nearest, and that measure.
 
         By halving: rate and PSNR both rise with the setting.
@@ -129,7 +134,7 @@ class Compression:
         best, best_found, best_off = b"", np.inf, np.inf
         for _ in range(_STEPS):
             middle = 0.5 * (low + high)
-            stream = _sealed(_LOSSY[self.codec](dn, bit_depth, middle))
+            stream = _sealed((lossy or LOSSY[self.codec])(dn, bit_depth, middle))
             found = measure(stream)
             if abs(found - wanted) < best_off:
                 best, best_found, best_off = stream, found, abs(found - wanted)
@@ -162,7 +167,7 @@ def decode(stream: bytes | np.ndarray, codec: str, shape: tuple[int, int], bit_d
         An unknown codec; a stream that is cut off, spoilt or of another shape; imagecodecs not installed.
     """
     one_of("codec", codec, CODECS)
-    _library()
+    library()
     if not isinstance(stream, bytes | bytearray | memoryview | np.ndarray):
         raise ConfigError("stream", "must be bytes", type(stream).__name__)
     stream = memoryview(stream).tobytes()
@@ -175,12 +180,14 @@ def decode(stream: bytes | np.ndarray, codec: str, shape: tuple[int, int], bit_d
     if len(stream) < _HEAD.size or _HEAD.unpack_from(stream) != (len(body), zlib.crc32(body)):
         raise ConfigError("stream", f"must be a whole stream of {codec}: it is cut off or spoilt", len(stream))
     try:
-        made = _DECODED[codec](body, shape, bit_depth, kind)
+        made = DECODED[codec](body, shape, bit_depth, kind)
     except Exception as error:
         # The library raises an error class of its own for each codec.
         raise ConfigError("stream", f"must be a stream of {codec}: {error}", len(stream)) from None
     if made.shape != shape:
         raise ConfigError("shape", f"must be {made.shape}, the stream's own of {codec}", shape)
+    if made.dtype != kind:
+        raise ConfigError("bit_depth", f"must be of {made.dtype}, the stream's own of {codec}", bit_depth)
     # Codecs with a loss may overshoot.
     return np.minimum(made, 2**bit_depth - 1).astype(kind)
 
@@ -210,7 +217,7 @@ def compressed(dn: np.ndarray, compression: Compression | None, detector: Detect
     decoded = decode(stream, compression.codec, dn.shape, detector.bit_depth)
     largest = int(np.abs(decoded.astype(np.int32) - dn).max())
     rate, asked = 8.0 * len(stream) / dn.size, compression.rate_bpp
-    missed = f" ({asked:g} asked, which the codec does not reach)" if asked and rate > 1.1 * asked else ""
+    missed = f" ({asked:g} asked, which the codec does not reach)" if asked and rate > (1.0 + _MET_RATE) * asked else ""
     return Sent(dn=decoded, stream=stream,
                 text=f"{compression.codec}, {rate:.3g} bit/px{missed}, largest error {largest} DN")
 
@@ -239,38 +246,5 @@ def _most_error(kind: np.dtype) -> int:
     return min(255, np.iinfo(kind).max // 2)
 
 
-def _library() -> ModuleType:
-    try:
-        import imagecodecs
-    except ImportError:
-        raise ConfigError("codec", "needs imagecodecs", None, "pip install 'glrender[compression]'") from None
-    return imagecodecs
-
-
 def _sealed(body: bytes) -> bytes:
     return _HEAD.pack(len(body), zlib.crc32(body)) + body
-
-
-_LOSSLESS: dict[str, Callable[[np.ndarray, int], bytes]] = {
-    "jpeg_ls": lambda dn, bits: _library().jpegls_encode(dn),
-    "jpeg_2000": lambda dn, bits: _library().jpeg2k_encode(dn, level=0, reversible=True, bitspersample=bits,
-                                                           codecformat="j2k", numthreads=1),
-    "jpeg_xl": lambda dn, bits: _library().jpegxl_encode(dn, lossless=True, effort=3, numthreads=1),
-    "ccsds_121": lambda dn, bits: _library().aec_encode(dn, bitspersample=bits, **_AEC)}
-# By a PSNR [dB] of JPEG 2000; of JPEG XL by a distance, which halves where that rises by 6 dB.
-_LOSSY: dict[str, Callable[[np.ndarray, int, float], bytes]] = {
-    "jpeg_2000": lambda dn, bits, db: _library().jpeg2k_encode(dn, level=db, reversible=False, bitspersample=bits,
-                                                               codecformat="j2k", numthreads=1),
-    "jpeg_xl": lambda dn, bits, db: _library().jpegxl_encode(dn, distance=min(10.0 ** ((50.0 - db) / 20.0), 25.0),
-                                                             effort=5, bitspersample=bits, numthreads=1)}
-_DECODED: dict[str, Callable[[bytes, tuple[int, int], int, np.dtype], np.ndarray]] = {
-    "jpeg_ls": lambda body, shape, bits, kind: _library().jpegls_decode(body),
-    "jpeg_2000": lambda body, shape, bits, kind: _library().jpeg2k_decode(body),
-    "jpeg_xl": lambda body, shape, bits, kind: _library().jpegxl_decode(body),
-    "ccsds_121": lambda body, shape, bits, kind: np.frombuffer(_library().aec_decode(
-        body, bitspersample=bits, out=_in_blocks(shape) * kind.itemsize, **_AEC), kind)[:np.prod(shape)].reshape(shape)}
-
-
-def _in_blocks(shape: tuple[int, int]) -> int:
-    """Pixels of a frame, with those that fill the last block of CCSDS 121."""
-    return -(-shape[0] * shape[1] // _AEC["blocksize"]) * _AEC["blocksize"]

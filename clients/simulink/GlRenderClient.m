@@ -110,8 +110,8 @@ classdef GlRenderClient < handle
     function reply = render(self, state, varargin)
       %RENDER  One frame.
       %   reply = client.render(state, NAME, VALUE, ...) with the names of docs/protocol.md: camera, output
-      %   ('irradiance' or 'dn'), exposure_s, seed, max_error, samples, products (cell of names), roi ([x0 y0 x1 y1],
-      %   pixels from 0, one past the last: whole(y0 + 1:y1, x0 + 1:x1)), faults (cell of structs), allow_slow (true,
+      %   ('irradiance', 'dn' or 'compressed'), exposure_s, seed, max_error, samples, products (cell of names), roi
+      %   ([x0 y0 x1 y1], pixels from 0, one past the last: whole(y0 + 1:y1, x0 + 1:x1)), faults (cell of structs), allow_slow (true,
       %   'raytrace' or 'cycles': who may draw in seconds or minutes what OpenGL cannot within max_error; give the client
       %   a Timeout as long).
       %   max_error is a number, or a struct of any of rms, flux, centroid_px, limb_px, range.

@@ -1,6 +1,7 @@
 classdef GlRenderReply < handle
 %GLRENDERREPLY  A rendered frame.
-%   reply.pixels          the image, height x width, row 1 on top; irradiance [W/m2 per pixel] or digital numbers
+%   reply.pixels          the image, height x width, row 1 on top; irradiance [W/m2 per pixel] or digital numbers;
+%                         of output 'compressed' the stream, a column of uint8
 %   reply.arrays          struct: image, and each product asked for
 %   reply.header          struct: plan, timings_ms, t_s, unit, exposure_s, seed, ...; read when first asked for
 

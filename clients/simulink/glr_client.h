@@ -34,7 +34,7 @@ typedef struct {
 /* Zero-initialise: then the scene's only camera, its irradiance, row-major, nothing beside it. */
 typedef struct {
     const char *camera; /* NULL: the scene's only one */
-    int is_dn;          /* digital numbers instead of irradiance [W/m2 per pixel] */
+    int is_dn;          /* digital numbers instead of irradiance [W/m2 per pixel]; streams are not for this client */
     double exposure_s;  /* of digital numbers; 0: the camera's; below 0: automatic */
     uint64_t seed;      /* of the noise of digital numbers */
     double max_error;   /* RMS tolerance; 0, and none of the next four: the scene's */

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import zlib
 
+import cv2
 import numpy as np
 import pytest
 from glrender_camera import CameraModel, Compression, ConfigError, Detector, MosaicModel, Optics
@@ -89,6 +90,18 @@ def test_rates_are_met_to_a_tenth(codec, rate):
     np.testing.assert_array_equal(decode(lossless, codec, dn.shape, 12), dn)
 
 
+@pytest.mark.parametrize("rate", [0.5, 0.8, 1.1, 1.6])
+def test_a_rate_is_met_where_the_transform_that_rounds_has_no_more_to_send(rate):
+    """A small body before a quiet sky: JPEG 2000 with rounding ends at 0.9 bit/px, without loss it takes 1.9."""
+    rng = np.random.default_rng(3)
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    body = np.hypot(x - 100, y - 75) < 18
+    dn = np.rint(48.0 + rng.normal(0.0, 0.45, body.shape) + body * (400.0 + 150.0 * np.sin(x / 2.0))).astype(np.uint16)
+    stream = Compression(codec="jpeg_2000", rate_bpp=rate).encode(dn, 12)
+    np.testing.assert_allclose(8 * len(stream) / dn.size, rate, rtol=0.1)
+    assert np.abs(decode(stream, "jpeg_2000", dn.shape, 12).astype(int) - dn).max() <= 5
+
+
 def test_a_rate_that_a_codec_does_not_reach_is_told():
     """JPEG XL ends at a distance of 25, which is 0.1 bit/px of this small frame."""
     frame = model(compression=Compression(codec="jpeg_xl", rate_bpp=0.01)).expose(image(), 1)
@@ -165,6 +178,17 @@ def test_a_stream_that_is_cut_spoilt_or_of_another_shape_is_refused(codec):
             decode(bad, codec, dn.shape, 12)
     with pytest.raises(ConfigError, match="shape|stream"):
         decode(stream, codec, (HEIGHT + 1, WIDTH), 12)
+    if codec != "ccsds_121":
+        # It has no mark of its own depth.
+        with pytest.raises(ConfigError, match="bit_depth: must be of uint16"):
+            decode(stream, codec, dn.shape, 8)
+    for shape in ((HEIGHT,), (0, WIDTH), (HEIGHT, WIDTH, 1), "frame", (HEIGHT, 70000), (HEIGHT, 2.5)):
+        with pytest.raises(ConfigError, match=r"^shape"):
+            decode(stream, codec, shape, 12)
+    with pytest.raises(ConfigError, match="codec: must be one of 'jpeg_ls', 'jpeg_2000'.*got 'jpeg'"):
+        decode(stream, "jpeg", dn.shape, 12)
+    with pytest.raises(ConfigError, match="stream: must be bytes, got 'str'"):
+        decode("frame.jls", codec, dn.shape, 12)
     other = CODECS[(CODECS.index(codec) + 1) % len(CODECS)]
     if other != "ccsds_121":
         # A stream of CCSDS 121 has no mark of its own: others' bytes are values to it.
@@ -194,3 +218,21 @@ def test_without_the_package_the_extra_is_named():
             "try:\n    Compression(codec='jpeg_ls')\nexcept ConfigError as error:\n    print(error)")
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert "codec: needs imagecodecs" in run.stdout and "pip install 'glrender[compression]'" in run.stdout, run.stderr
+
+
+@pytest.mark.parametrize("bit_depth", [8, 12, 16])
+def test_opencv_reads_jpeg_2000_behind_the_eight_bytes(bit_depth):
+    dn = frame_dn(bit_depth)
+    stream = Compression(codec="jpeg_2000").encode(dn, bit_depth)[8:]
+    np.testing.assert_array_equal(cv2.imdecode(np.frombuffer(stream, np.uint8), cv2.IMREAD_UNCHANGED), dn)
+
+
+@pytest.mark.parametrize("bound", [None, 3])
+@pytest.mark.parametrize("bit_depth", [8, 16])
+def test_ffmpeg_reads_jpeg_ls_behind_the_eight_bytes(tmp_path, bit_depth, bound):
+    """Its decoder shares no line with CharLS; OpenCV makes 8 bits of its 16, a step of 256 DN."""
+    dn = frame_dn(bit_depth)
+    (tmp_path / "frame.jls").write_bytes(Compression(codec="jpeg_ls", max_error_DN=bound).encode(dn, bit_depth)[8:])
+    is_read, picture = cv2.VideoCapture(str(tmp_path / "frame.jls"), cv2.CAP_FFMPEG).read()
+    step = 2.0 ** (bit_depth - 8)
+    assert is_read and np.abs(picture[..., 0] * step - dn).max() <= (bound or 0) + (256 if bit_depth == 16 else 0)

@@ -11,6 +11,7 @@ import msgpack
 import numpy as np
 import pytest
 from glrender import ProtocolError
+from glrender_camera.compression import decode
 from glrender_client import Client, ServerError, shared
 from glrender_client.wire import Packer, frames_fields, read_header, read_reply, render_fields
 from glrender_server import codec, framing
@@ -85,6 +86,20 @@ def test_the_client_reads_the_golden_region_and_writes_its_request():
               if name not in make_golden.ENVELOPE | {"op": ""}}
     header = msgpack.unpackb(Packer()("render", render_fields(**fields))[1])
     assert header == {**make_golden.REQUESTS["region"], "order": "C", "id": 1, "client": header["client"]}
+
+
+def test_the_client_reads_the_golden_stream_and_writes_its_request():
+    """Which `decode` reads by the header's fields, and no picture is made of."""
+    parts = GOLDEN["reply_compressed"]
+    reply = read_reply(read_header(parts[0]), parts)
+    told = {name: reply.header[name] for name in ("codec", "shape", "bit_depth")}
+    np.testing.assert_array_equal(decode(reply.pixels, **told), make_golden.IMAGE)
+    assert reply.pixels.tobytes() == make_golden.STREAM and reply._repr_png_() is None
+    assert f": {len(make_golden.STREAM)} uint8 [byte]," in repr(reply)
+    fields = {name: value for name, value in make_golden.REQUESTS["compressed"].items()
+              if name not in make_golden.ENVELOPE | {"op": ""}}
+    header = msgpack.unpackb(Packer()("render", render_fields(**fields))[1])
+    assert header == {**make_golden.REQUESTS["compressed"], "id": 1, "client": header["client"]}
 
 
 def test_the_client_reads_the_golden_warnings():

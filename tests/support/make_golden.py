@@ -23,6 +23,8 @@ REQUESTS = {
         {"camera": "wac", "output": "irradiance", "roi": [8, 4, 11, 6]}]},
     "shared": {**ENVELOPE, "op": "render", "shared": True, "state": STATE, "camera": "navcam", "output": "dn",
                "exposure_s": 0.1, "seed": 7, "products": ["range"], "order": "F"},
+    "compressed": {**ENVELOPE, "op": "render", "state": STATE, "camera": "navcam", "output": "compressed",
+                   "exposure_s": 0.1, "seed": 7, "order": "F"},
     "refused": {**ENVELOPE, "op": "render", "state": {**STATE, "gamma": 2.2}},
 }
 IMAGE = np.arange(6, dtype=np.uint16).reshape(2, 3) * 1000
@@ -39,6 +41,13 @@ REGION_REPLY = {**ENVELOPE, "op": "render", "ok": True, "t_s": 12.5, "camera": "
 WARNED_REPLY = {**REGION_REPLY, "warnings": [
     {"code": "behind_camera", "path": "state.spacecraft.q_from_inertial", "message": "body is behind the camera"},
     {"code": "sun_distance", "path": "state.r_sun_inertial_m", "message": "the Sun is 0.01 au from body"}]}
+# IMAGE by JPEG-LS without loss, behind its length and CRC-32.
+STREAM = bytes.fromhex(
+    "5f000000250c7a68ffd8ffe800205350494646000200000100000002000000030a1006010000012c0000012cffe80008"
+    "00000001ffd8fff7000b100002000301011100fff8000d01ffff0012004301140040ffda00080101000000009f3df3c1"
+    "dc1f41f400ffd9")
+COMPRESSED_REPLY = {**REPLY, "output": "compressed", "unit": "byte", "codec": "jpeg_ls", "shape": [2, 3],
+                    "bit_depth": 16}
 PLACE = {"name": "glrender-slot-golden", "number": 300, "offsets": [64, 128], "sizes": [12, 48]}
 """Places of the parts of `reply_shared`: in `slot_shared`, the file's bytes."""
 
@@ -53,6 +62,8 @@ def golden() -> dict[str, list[str]]:
         messages[f"reply_frames_{order}"] = codec.pack(
             FRAMES_REPLY, [{"image": (IMAGE, "DN"), "range": (RANGE, "m")}, {"image": (REGION, "W/m2")}], order)
     messages["reply_region"] = codec.pack(REGION_REPLY, {"image": (REGION, "W/m2")})
+    messages["reply_compressed"] = codec.pack(
+        COMPRESSED_REPLY, {"image": (np.frombuffer(STREAM, np.uint8), "byte")}, "F")
     messages["reply_warned"] = codec.pack(WARNED_REPLY, {"image": (REGION, "W/m2")})
     header, image, distances = messages["reply_frame_F"]
     messages["reply_shared"] = [codec.with_field(header, "shared", PLACE)]
