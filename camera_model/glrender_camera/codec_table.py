@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -64,8 +65,9 @@ class CodecRow:
 
 
 def codec_rows(dn: np.ndarray, bit_depth: int, noise_DN: float | None = None,
-               offset_DN: float | None = None) -> Iterator[CodecRow]:
-    """Measures of `COMPRESSIONS` on a frame, one after the other.
+               offset_DN: float | None = None,
+               compressions: Iterable[Mapping[str, Any]] = COMPRESSIONS) -> Iterator[CodecRow]:
+    """Measures of codecs on a frame, one after the other.
 
     Parameters
     ----------
@@ -75,6 +77,8 @@ def codec_rows(dn: np.ndarray, bit_depth: int, noise_DN: float | None = None,
         Of the lit pixels, as of `compression.noise_DN`; without it there are no shares of it.
     offset_DN : float [DN], optional
         As of `black_and_white`.
+    compressions : iterable of mapping
+        Tables of `Compression.from_dict`.
 
     Raises
     ------
@@ -84,7 +88,7 @@ def codec_rows(dn: np.ndarray, bit_depth: int, noise_DN: float | None = None,
     black, white = black_and_white([dn], offset_DN)
     lit = _lit(dn, black, white)
     centre, features = _centre(dn, black, white), _features(dn, black, white)
-    for table in COMPRESSIONS:
+    for table in compressions:
         if "share_of_noise" in table and noise_DN is None:
             continue
         compression, began = Compression.from_dict(table), time.process_time()
