@@ -170,7 +170,7 @@ def decode(stream: bytes | np.ndarray, codec: str, shape: tuple[int, int], bit_d
     library()
     if not isinstance(stream, bytes | bytearray | memoryview | np.ndarray):
         raise ConfigError("stream", "must be bytes", type(stream).__name__)
-    stream = memoryview(stream).tobytes()
+    stream = stream.tobytes() if isinstance(stream, np.ndarray) else bytes(stream)
     if not isinstance(shape, list | tuple) or len(shape) != 2:
         raise ConfigError("shape", "must be two integers: rows and columns", shape)
     shape = integer("shape[0]", shape[0], 1, _MOST_PX), integer("shape[1]", shape[1], 1, _MOST_PX)

@@ -167,8 +167,8 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
     """
     scene: Scene = renderer.scene
     pinhole = scene.camera(camera)
-    model = pinhole.model
     checked_output("dn", pinhole)
+    model: Any = pinhole.model
     for name in ("roi", "out"):
         if name in options:
             raise ConfigError(name, "is of draw_still alone: light is spread over the whole frame", options[name])
