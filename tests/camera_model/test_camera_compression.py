@@ -236,3 +236,90 @@ def test_ffmpeg_reads_jpeg_ls_behind_the_eight_bytes(tmp_path, bit_depth, bound)
     is_read, picture = cv2.VideoCapture(str(tmp_path / "frame.jls"), cv2.CAP_FFMPEG).read()
     step = 2.0 ** (bit_depth - 8)
     assert is_read and np.abs(picture[..., 0] * step - dn).max() <= (bound or 0) + (256 if bit_depth == 16 else 0)
+
+
+class Bits:
+    """Bits of a stream, the first the highest of its byte."""
+
+    def __init__(self, stream):
+        self.text, self.at = "".join(f"{byte:08b}" for byte in stream), 0
+
+    def number(self, n_bits):
+        self.at += n_bits
+        return int(self.text[self.at - n_bits:self.at] or "0", 2)
+
+    def zeros(self):
+        """Zeros before the next one."""
+        end = self.text.index("1", self.at)
+        count, self.at = end - self.at, end + 1
+        return count
+
+
+def blue_book_decoder(stream, n_pixels, bit_depth):
+    """A decoder of CCSDS 121.0-B-3, written from the Blue Book: blocks of 16, a reference in every 64th block.
+
+    Sections 3.2 to 3.5 of the entropy coder's options, 4.2 of the unit-delay predictor and its mapping.
+    """
+    bits, pixels, largest = Bits(stream), [], 2**bit_depth - 1
+    n_id = 3 if bit_depth <= 8 else 4
+    while len(pixels) < n_pixels:
+        # One run of 64 blocks begins with a reference sample.
+        block, before = 0, None
+        while block < 64 and len(pixels) < n_pixels:
+            option, n_blocks, n_samples = bits.number(n_id), 1, 16
+            if option == 0 and bits.number(1) == 0:
+                kind = "zeros"
+            elif option == 0:
+                kind = "pairs"
+            else:
+                kind = "plain" if option == 2**n_id - 1 else "split"
+            mapped = []
+            if block == 0:
+                before = bits.number(bit_depth)
+                pixels.append(before)
+                n_samples = 15
+            if kind == "zeros":
+                n_blocks = bits.zeros() + 1
+                if n_blocks == 5:  # the rest of the segment of 64 blocks
+                    n_blocks = 64 - block % 64
+                elif n_blocks > 5:
+                    n_blocks -= 1
+                mapped = [0] * (n_samples + 16 * (n_blocks - 1))
+            elif kind == "pairs":
+                while len(mapped) < 16:
+                    code = bits.zeros()
+                    total = int((np.sqrt(8.0 * code + 1.0) - 1.0) / 2.0)
+                    second = code - total * (total + 1) // 2
+                    mapped += [total - second, second]
+                mapped = mapped[16 - n_samples:]
+            elif kind == "plain":
+                mapped = [bits.number(bit_depth) for _ in range(n_samples)]
+            else:
+                split = option - 1
+                high = [bits.zeros() for _ in range(n_samples)]
+                mapped = [(each << split) | (bits.number(split) if split else 0) for each in high]
+            for each in mapped:
+                room = min(before, largest - before)
+                if each > 2 * room:
+                    step = each - room if room == before else room - each
+                else:
+                    step = each // 2 if each % 2 == 0 else -(each + 1) // 2
+                before += step
+                pixels.append(before)
+            block += n_blocks
+    return pixels[:n_pixels]
+
+
+@pytest.mark.parametrize("bit_depth", [6, 8, 12, 16])
+@pytest.mark.parametrize("kind", ["noise", "flat", "steps"])
+def test_a_decoder_of_the_blue_book_reads_ccsds_121(bit_depth, kind):
+    """All options of the coder: blocks of zeros, pairs, split samples, and noise that is not coded at all."""
+    rng = np.random.default_rng(5)
+    dn = frame_dn(bit_depth)[40:100]
+    if kind == "flat":
+        dn = np.where(dn > 2 ** (bit_depth - 2), dn, 1).astype(dn.dtype)
+    elif kind == "steps":
+        dn = rng.integers(0, 2**bit_depth, dn.shape).astype(dn.dtype)
+        dn[20:40] = rng.random((20, dn.shape[1])) < 0.1
+    stream = Compression(codec="ccsds_121").encode(dn, bit_depth)
+    np.testing.assert_array_equal(blue_book_decoder(stream[8:], dn.size, bit_depth), dn.ravel())
