@@ -74,7 +74,8 @@ class Compression:
                 raise ConfigError(name, f"is no key of {self.codec}", getattr(self, name),
                                   f"it has {' and '.join(allowed) or 'none: it is lossless'}")
         if len(given) > 1:
-            raise ConfigError(given[1], f"must not be given with {given[0]}", getattr(self, given[1]))
+            raise ConfigError(given[1], f"must not be given with {given[0]}", getattr(self, given[1]),
+                              "leave one of them out")
         checks: dict[str, Callable[[str, Any], Any]] = {
             "max_error_DN": lambda name, value: integer(name, value, 1, _most_error(np.dtype(np.uint16))),
             "share_of_noise": lambda name, value: within(name, positive(name, value), 0.0, 4.0),
@@ -104,6 +105,8 @@ class Compression:
             Of the lit pixels; `share_of_noise` is of it.
         """
         dn = np.ascontiguousarray(dn)
+        if max(dn.shape) > _MOST_PX:
+            raise ConfigError("codec", f"{self.codec} takes at most {_MOST_PX} rows and columns", dn.shape)
         bound = self.max_error_DN if self.share_of_noise is None else _error_of(self.share_of_noise * noise_DN)
         if bound is not None:
             return _sealed(library().jpegls_encode(dn, level=min(bound, _most_error(dn.dtype))))
@@ -178,9 +181,12 @@ def decode(stream: bytes | np.ndarray, codec: str, shape: tuple[int, int], bit_d
     kind = np.dtype(np.uint8 if bit_depth <= 8 else np.uint16)
     body = stream[_HEAD.size:]
     if len(stream) < _HEAD.size or _HEAD.unpack_from(stream) != (len(body), zlib.crc32(body)):
-        raise ConfigError("stream", f"must be a whole stream of {codec}: it is cut off or spoilt", len(stream))
+        raise ConfigError("stream", f"must be a whole stream of {codec}: it is cut off or spoilt", len(stream),
+                          "its first 8 bytes are its length and CRC-32; read or send it anew")
     try:
         made = DECODED[codec](body, shape, bit_depth, kind)
+    except ConfigError:
+        raise
     except Exception as error:
         # The library raises an error class of its own for each codec.
         raise ConfigError("stream", f"must be a stream of {codec}: {error}", len(stream)) from None
