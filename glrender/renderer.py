@@ -33,16 +33,19 @@ from .engines.rays.engine import RayEngine
 from .engines.rays.products import traced_products
 from .engines.reference_fallback import SlowFrames, checked_allow_slow, misses_tolerance, with_emission
 from .engines.small_bodies import SmallBody
-from .planner import body_plan as plan
+from .planner.account import account
+from .planner.body_plan import plan_body
 from .planner.engine_choice import ENGINES, MAX_SAMPLES, Request, apart_limit, plan_windows
-from .planner.error_model import own_penumbra, rounding_px
+from .planner.error_budget import Budget
+from .planner.error_model import rounding_px
+from .planner.penumbra import penumbra_of
 from .planner.plan import BodyPlan, RenderPlan, WindowPlan
 from .scene.plugins.checks import blamed_on
 from .scene.plugins.registry import OPENGL_BACKENDS, backends
 from .scene.scene import Scene
 from .scene.tolerance import checked_max_error
 from .view import regions as grouping
-from .view.occluders import cast_penumbra, casters, eclipse
+from .view.occluders import casters
 from .view.state import State
 from .view.view import BodyView, view_bodies
 
@@ -201,8 +204,9 @@ class Renderer:
         apart_px = apart_limit(views, apart_px)
         asked = tolerance if isinstance(tolerance, Mapping) else None
         request = Request(
-            camera=pinhole, tolerance=1.0 if asked else tolerance / gain, error_gain=gain, engines=self._engines,
-            has_gpu=not self._context.is_software, samples=samples, engine=engine, apart_px=apart_px, asked=asked)
+            camera=pinhole, budget=Budget(tolerance=1.0 if asked else tolerance / gain), error_gain=gain,
+            engines=self._engines, has_gpu=not self._context.is_software, samples=samples, engine=engine,
+            apart_px=apart_px, asked=asked)
         bodies = self._plan_bodies(views, request)
         choices = plan_windows(views, self._traits, bodies, request)
         if not all(choices):
@@ -216,14 +220,14 @@ class Renderer:
         frame = Frame(camera=pinhole, views=views, bodies=bodies, shadows=shadows)
         irradiance = _blank((pinhole.height_px, pinhole.width_px), out)
         small: list[SmallBody] = []
-        windows = [self._irradiance.draw(irradiance, options, frame, gain, clock, small, apart_px, deadline)
+        windows = [self._irradiance.draw(irradiance, options, frame, clock, small, apart_px, deadline)
                    for options in choices]
         if hopeless := [window for window in windows if math.isinf(window.predicted_error)]:
             names = ", ".join(name for window in hopeless for name in window.bodies)
             raise ConfigError("engine", f"cannot draw {names}", engine,
                               "light falls between the corners of facets; leave engine out")
-        frame_plan = plan.frame_plan(pinhole, tolerance, gain, views, self._traits, bodies, windows,
-                                     self.scene.sun_disc, _remedy(time.monotonic() > deadline, engine, may_be_slow))
+        frame_plan = account(pinhole, tolerance, gain, views, self._traits, bodies, windows, self.scene.sun_disc,
+                             _remedy(time.monotonic() > deadline, engine, may_be_slow))
         slow = None
         if may_be_slow and misses_tolerance(frame_plan):
             fast = Image(irradiance_W_m2=irradiance, products={}, plan=frame_plan, timings_ms=clock.laps_ms,
@@ -262,16 +266,9 @@ class Renderer:
         for view in views:
             sun_radius_rad = view.sun_radius_rad if self.scene.sun_disc else 0.0
             cast = casters(view, views, hulls, sun_radius_rad) if view.is_visible else []
-            own = (0.0, 0.0)
-            if self.scene.sun_disc and not hulls[view.name].is_convex:
-                own = own_penumbra(view)
-            footprint_m = view.depth_m[0] / request.camera.focal_length_px
-            error, width_px = cast_penumbra(view, cast, hulls, footprint_m, sun_radius_rad)
-            tolerance = request.of([view], "raster").tolerance if view.is_visible else request.tolerance
-            bodies.append(plan.plan_body(
-                view, self._traits[view.name], request.camera, [name for name, _ in cast], tolerance,
-                penumbra=(math.hypot(own[0], error), max(own[1], width_px)),
-                eclipse=eclipse(view, cast if sun_radius_rad else (), hulls, sun_radius_rad)))
+            budget = (request.of([view], "raster") if view.is_visible else request).budget
+            bodies.append(plan_body(view, self._traits[view.name], request.camera, [name for name, _ in cast], budget,
+                                    penumbra_of(view, cast, hulls, sun_radius_rad)))
         return bodies
 
     def forget_shadow_maps(self) -> None:

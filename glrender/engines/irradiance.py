@@ -14,6 +14,7 @@ from ..base.stopwatch import Clock
 from ..planner import eclipse_samples, error_model
 from ..planner.adaptive_samples import frame_error, pixel_errors, pixel_means, plan_refinement
 from ..planner.engine_choice import MAX_SAMPLES, MOST_FIRST_SAMPLES, apart_size_px
+from ..planner.error_budget import ECLIPSE_SHARE
 from ..planner.plan import WindowPlan
 from ..planner.small_body_grid import MAX_RAYS_ACROSS
 from ..view.regions import outline_px
@@ -27,8 +28,6 @@ from .small_bodies import SmallBody, add_by_area
 
 # Samples drawn at once: 16 Mi samples of float32 and depth are 128 MiB.
 _MAX_WINDOW_SAMPLES = 4096 * 4096
-# Of the tolerance [1], what is asked for at least, however much of it is taken by what is modelled otherwise.
-_LEAST_LEFT = 0.3
 # Rays that are cast at first at what faces Sun and camera of a crescent: 0.1 s.
 _FIRST_RAYS = 3e5
 # Side [px] of the parts of an image that are passed over where nothing faces both.
@@ -58,7 +57,7 @@ class IrradiancePass:
     def __exit__(self, *exception) -> None:
         self._target.__exit__(*exception)
 
-    def draw(self, irradiance: np.ndarray, options: Sequence[WindowPlan], frame: Frame, error_gain: float, clock: Clock,
+    def draw(self, irradiance: np.ndarray, options: Sequence[WindowPlan], frame: Frame, clock: Clock,
              small: list[SmallBody], apart_px: float, deadline: float = math.inf) -> WindowPlan:
         """Add a region to an image; its plan with the error that was estimated.
 
@@ -69,8 +68,6 @@ class IrradiancePass:
         options : sequence of WindowPlan
             Ways to draw it, at least one: the first that meets the tolerance does, or the one that comes nearest.
         frame : Frame
-        error_gain : float [1]
-            What the camera's PSF leaves of an error that is independent from pixel to pixel.
         clock : Clock
         small : list of SmallBody
             Gets the body that has a grid of its own.
@@ -81,13 +78,13 @@ class IrradiancePass:
         """
         best = None
         for option in options:
-            mean, window = self._draw_option(option, frame, error_gain, clock, deadline, option is options[-1])
+            mean, window = self._draw_option(option, frame, clock, deadline, option is options[-1])
             # Engines may be allowed RMS errors of their own, where other units are asked for.
-            if best is None or (window.predicted_error * best[1].tolerance
-                                < best[1].predicted_error * window.tolerance):
+            if best is None or (window.predicted_error * best[1].budget.tolerance
+                                < best[1].predicted_error * window.budget.tolerance):
                 best = mean, window
             is_over = time.monotonic() > deadline and math.isfinite(best[1].predicted_error)
-            if window.predicted_error <= error_gain * window.tolerance or is_over:
+            if window.predicted_error <= window.budget.tolerance or is_over:
                 break
         mean, window = best
         if window.samples:
@@ -98,13 +95,13 @@ class IrradiancePass:
         clock.lap("readback")
         return window
 
-    def _draw_option(self, window: WindowPlan, frame: Frame, error_gain: float, clock: Clock, deadline: float,
+    def _draw_option(self, window: WindowPlan, frame: Frame, clock: Clock, deadline: float,
                      is_last: bool) -> tuple[np.ndarray, WindowPlan]:
         """The region's pixels, or a small body's own cells, and its plan."""
         if window.engine == "coverage":
-            return self._draw_coverage(window, frame, error_gain, clock)
+            return self._draw_coverage(window, frame, clock)
         if window.samples:
-            return self._draw_sampled(window, frame, error_gain, clock, deadline, is_last)
+            return self._draw_sampled(window, frame, clock, deadline, is_last)
         samples = self._samples(window, frame, clock, window.bounds_px, window.grid)
         if window.eclipse_px > 0.0:
             members = [view for view in frame.views if view.name in window.bodies]
@@ -114,8 +111,7 @@ class IrradiancePass:
                        for view in members)
             flux = eclipse_samples.grid_flux_error(samples, bare)
             pixels = eclipse_samples.grid_pixel_error(flux, outline_px(members), phase_rad)
-            window = replace(window, flux_error=flux,
-                             predicted_error=math.hypot(window.predicted_error, error_gain * pixels))
+            window = replace(window, flux_error=flux, drawn={**window.drawn, "eclipse": pixels})
         return samples, window
 
     def _add_small(self, irradiance: np.ndarray, samples: np.ndarray, window: WindowPlan, frame: Frame,
@@ -128,18 +124,15 @@ class IrradiancePass:
             add_by_area(irradiance, samples, window.bounds_px)
         return body
 
-    def _draw_coverage(self, window: WindowPlan, frame: Frame, error_gain: float, clock: Clock
-                       ) -> tuple[np.ndarray, WindowPlan]:
+    def _draw_coverage(self, window: WindowPlan, frame: Frame, clock: Clock) -> tuple[np.ndarray, WindowPlan]:
         """Means of the region's cells and its plan, whose error is infinite where nothing could be drawn."""
-        left = max(math.sqrt(max(window.tolerance**2 - window.modelling_error**2, 0.0)),
-                   _LEAST_LEFT * window.tolerance)
+        left = window.budget.left_after(window.modelling_error)
         draw = self._coverage.draw_by_centroids if window.by_centroids else self._coverage.draw
         means, error = draw(window.bodies, frame.camera, list(frame.views), window.bounds_px, window.grid, left)
         clock.lap("surface")
-        predicted = error_gain * math.hypot(error, window.modelling_error)
-        return means.astype(np.float32), replace(window, predicted_error=predicted)
+        return means.astype(np.float32), replace(window, drawn={"boundaries": error})
 
-    def _draw_sampled(self, window: WindowPlan, frame: Frame, error_gain: float, clock: Clock, deadline: float,
+    def _draw_sampled(self, window: WindowPlan, frame: Frame, clock: Clock, deadline: float,
                       is_last: bool) -> tuple[np.ndarray, WindowPlan]:
         """The region's pixels and its plan: few samples everywhere, then more where their contrast is high.
 
@@ -155,7 +148,7 @@ class IrradiancePass:
         if facing is not None:
             n_facing = np.count_nonzero(facing)
             if not n_facing:
-                return mean, replace(window, predicted_error=0.0)
+                return mean, replace(window, modelled={})
             # Where few pixels have light, more samples find slivers of it; where many have, fewer do.
             most = max(math.isqrt(2 * MOST_FIRST_SAMPLES // n_facing), 2)
             count = max(min(window.samples, most), min(int(math.sqrt(_FIRST_RAYS / n_facing)), MAX_SAMPLES))
@@ -188,22 +181,22 @@ class IrradiancePass:
             error = np.maximum(error, eclipse_samples.pixel_errors(variance, window.samples, window.eclipse_px))
         now = frame_error(mean, error)
         # Edges of shadows lie where the map's texels put them, however many samples see them.
-        floor = math.hypot(window.modelling_error,
-                           now * window.samples**(0.5 * power) * math.sqrt(window.shadow_share))
-        left = max(math.sqrt(max(window.tolerance**2 - floor**2, 0.0)), _LEAST_LEFT * window.tolerance)
+        edges = now * window.samples**(0.5 * power) * math.sqrt(window.shadow_share)
+        floor = math.hypot(window.modelling_error, edges)
+        left = window.budget.left_after(floor)
         most = MAX_RAYS_ACROSS / max(view.size_px for view in members) if window.engine == "rays" else 0.0
         refinement = None
-        has_aim = is_last or floor <= window.tolerance or math.isfinite(deadline)
+        has_aim = is_last or floor <= window.budget.tolerance or math.isfinite(deadline)
         if math.isfinite(left) and has_aim and time.monotonic() < deadline:
-            left *= eclipse_samples.AIM if is_eclipsed else 1.0
+            left *= ECLIPSE_SHARE if is_eclipsed else 1.0
             refinement = plan_refinement(mean, error, window.samples, left, power, most)
             if is_eclipsed:
                 refinement = eclipse_samples.holding_flux(refinement, mean, error, variance, window.samples, left,
-                                                          window.flux_tolerance, most)
+                                                          window.budget.flux_asked, most)
         clock.lap("refine")
         if refinement is None:
             told = {"flux_error": eclipse_samples.flux_error(mean, variance, window.samples)} if is_eclipsed else {}
-            return mean, replace(window, predicted_error=error_gain * math.hypot(now, floor), **told)
+            return mean, replace(window, drawn={"samples": now, "edges of shadow maps": edges}, **told)
         for tile in self._tiles(mean.shape, refinement.samples):
             mask = refinement.mask[tile]
             if mask.any():
@@ -216,7 +209,7 @@ class IrradiancePass:
             count = eclipse_samples.counts(refinement, window.samples)
             reached = frame_error(mean, error * (window.samples / count) ** (0.5 * power))
             told = {"flux_error": eclipse_samples.flux_error(mean, variance, count)}
-        return mean, replace(window, predicted_error=error_gain * math.hypot(reached, floor), **told,
+        return mean, replace(window, drawn={"samples": reached, "edges of shadow maps": edges}, **told,
                              refined_samples=refinement.samples, refined_share=refinement.share)
 
     def _tiles(self, shape: tuple[int, int], samples: int, most_px: float = math.inf) -> Iterator[tuple[slice, slice]]:

@@ -16,8 +16,6 @@ from .error_model import lit_share
 
 ECLIPSE_POWER = 2.5
 """Power of the samples along a pixel's side that divides the squared error."""
-AIM = 0.85
-"""Part of a tolerance [1] that is aimed at: the first samples show fewer lit pixels than there are."""
 # Error of n x n samples of a pixel, times n^1.25, over the deviation of one [1], and error of the total over that of
 # independent samples [1]: a sphere of 2 to 40 px in three penumbras, 2 to 192 samples, beside closed forms
 # (tests/planner/test_eclipse_samples.py).

@@ -15,9 +15,9 @@ from dataclasses import dataclass, replace
 from glrender_camera import PinholeCamera
 
 from ..view.regions import outline, outline_px, region, touching
-from ..view.sun_disc import PENUMBRA_SHARE
 from ..view.view import BodyView
-from .error_model import CRESCENT_RAD, FLUX_SHARE, BodyTraits, facets_per_px, own_penumbra
+from .error_budget import CELL_SHARE, PENUMBRA_SHARE, SAMPLES_SHARE, Budget
+from .error_model import CRESCENT_RAD, BodyTraits, facets_per_px, parallel_error, ray_rounding_error
 from .plan import BodyPlan, WindowPlan
 from .predicted import allowed_rms
 from .small_body_grid import CELL_PX, MAX_RAYS_ACROSS, cell_error, cell_size, samples_across, sampling_errors
@@ -39,9 +39,6 @@ _SMALL_PX = 4.0
 _FLUX_PX = 32.0
 # Widest of a crescent apart over a full disc apart [1]: its own grid has only so many samples.
 _MOST_LARGER = 4.0
-# Of the tolerance [1]: what samples of a small body's pixels may take, and its cells.
-_PIXELS_SHARE = 0.9
-_CELL_SHARE = 0.3
 # Error of cells of several bodies over that of one [1]: pairs with a gap between them (test_small_bodies.py).
 _SEVERAL_CELLS = 2.7
 # Cells across a small body's own grid, at most.
@@ -56,8 +53,6 @@ _UNEVEN_PIXEL = 0.3
 # RMS error (ten times that of the flux) times the cube of the angle from a phase of 180 deg [rad^3]: a rough binary at
 # 165, 172, 175 deg loses 0.37, 0.86, 3.5 % of its light.
 _CRESCENT_LOSS = 6.6e-4
-# Width of another body's penumbra over the size of the body that it falls on [1], from which rays sample the disc.
-_WITHIN_PENUMBRA = 0.3
 # Phase angle [rad] anywhere on a body beyond which a facet's centroid does not tell of slivers of light on it.
 _CENTROIDS_RAD = 2.15
 # Error [1] of centroid visibility that the image does not tell, ten times that of the flux: at a phase of 60 deg (cells
@@ -66,15 +61,11 @@ _CENTROIDS_LEAST = 0.006
 _CENTROIDS_POWER = 3.0
 # Fewest facets a pixel [1]: of larger ones few are at the boundary of light (held-out scene 100).
 _LEAST_FACETS_PER_PX = 0.05
-# Width of a penumbra from which it is more than an edge [px], and over the body's size [1].
-_LEAST_ECLIPSE_PX, _LEAST_ECLIPSE = 0.25, 0.02
 # First samples along a pixel's side of an eclipse, and rays that they may take: light that is left, or lost, in few
 # pixels shows in some of them.
 _ECLIPSE_SAMPLES, _ECLIPSE_RAYS = 4, 1e5
-# Shares of the light [1] that an eclipse is taken to leave at least, and at most: spheres tell it of other shapes.
-_LEAST_LEFT, _MOST_LEFT = 0.02, 0.5
 # A body's own penumbras by rays are noise: crease [rad] and facets a pixel that say so to `error_model.noise_gain`.
-_PENUMBRA_NOISE = (0.4, 1e4)
+_PENUMBRA_NOISE = (math.inf, math.inf)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,8 +75,8 @@ class Request:
     Attributes
     ----------
     camera : PinholeCamera
-    tolerance : float [1]
-        RMS error before the camera's PSF.
+    budget : Budget
+        Of its errors before the camera's PSF.
     error_gain : float [1]
         What the PSF leaves of an error that is independent from pixel to pixel.
     engines : tuple of str
@@ -98,11 +89,11 @@ class Request:
     apart_px : float [px]
         Bodies of a smaller `apart_size_px` have a grid of their own in any case.
     asked : mapping, optional
-        Tolerances by unit, in place of `tolerance`, which follows from them for each engine and its bodies.
+        Tolerances by unit, in place of the budget's, which follows from them for each engine and its bodies.
     """
 
     camera: PinholeCamera
-    tolerance: float
+    budget: Budget
     error_gain: float = 1.0
     engines: tuple[str, ...] = ENGINES
     has_gpu: bool = False
@@ -111,16 +102,12 @@ class Request:
     apart_px: float = 0.0
     asked: Mapping[str, float] | None = None
 
-    @property
-    def flux_tolerance(self) -> float:
-        """Error of the total [1] that was asked for; infinite where none was."""
-        return (self.asked or {}).get("flux", math.inf)
-
     def of(self, members: Sequence[BodyView], how: str) -> Request:
         """The request with the RMS error that bodies may have which are drawn so: "centroids", or an engine's name."""
         if self.asked is None:
             return self
-        return replace(self, tolerance=allowed_rms(self.asked, members, self.camera, how, self.error_gain))
+        allowed = allowed_rms(self.asked, members, self.camera, how, self.error_gain)
+        return replace(self, budget=Budget(tolerance=allowed, flux_asked=self.asked.get("flux", math.inf)))
 
 
 def plan_windows(views: Sequence[BodyView], traits: Mapping[str, BodyTraits], bodies: Sequence[BodyPlan],
@@ -175,8 +162,8 @@ def _options(members: Sequence[BodyView], traits: Mapping[str, BodyTraits], draw
     coverage = made.get("coverage", [])
     rays = [made["rays"]] if made.get("rays") is not None else []
     raster = [made["raster"]] if "raster" in made else []
-    is_in_penumbra = _is_within_penumbra(members, drawn, request.of(members, "raster"))
-    is_fine_enough = (raster and raster[0].modelling_error <= raster[0].tolerance and not is_in_penumbra)
+    is_in_penumbra = _are_in_penumbra(members, drawn, request.of(members, "raster"))
+    is_fine_enough = (raster and raster[0].modelling_error <= raster[0].budget.tolerance and not is_in_penumbra)
     if request.engine is not None:
         options, why = [*coverage, *rays, *raster], "asked for"
     elif request.has_gpu and is_fine_enough:
@@ -224,45 +211,46 @@ def _is_crowded(members: Sequence[BodyView], known: Sequence[BodyTraits]) -> boo
 def _coverage(members: Sequence[BodyView], known: Sequence[BodyTraits], drawn: Sequence[BodyPlan],
               request: Request) -> list[WindowPlan]:
     """By exact coverage: by centroids first where that may do, then clipped; none where it cannot draw the bodies."""
-    camera, tolerance = request.camera, request.tolerance
+    camera, tolerance = request.camera, request.budget.tolerance
     if any(view.bounds_px is None or not math.isfinite(traits.facet_m) or body.detail_layers
            for view, traits, body in zip(members, known, drawn, strict=True)):
         return []
-    error = max(math.hypot(_UNEVEN_FACET * traits.view_slope(view.phase_rad) * traits.facet_m / view.depth_m[0],
-                           _UNEVEN_PIXEL * 3.0 * _off_axis(view, camera) / camera.focal_length_px)
-                for view, traits in zip(members, known, strict=True))
+    uneven = max(math.hypot(_UNEVEN_FACET * traits.view_slope(view.phase_rad) * traits.facet_m / view.depth_m[0],
+                            _UNEVEN_PIXEL * 3.0 * _off_axis(view, camera) / camera.focal_length_px)
+                 for view, traits in zip(members, known, strict=True))
+    modelled = {"uneven facets": uneven}
     where = _whole(members, camera, 1)
     if _is_small(members, request):
         bounds, sides = _own_bounds(members)
         size_px, phase_rad = outline_px(members), max(view.phase_rad for view in members)
         is_apart = apart_size_px(members) < request.apart_px
         several = _SEVERAL_CELLS if len(members) > 1 else 1.0
-        cell_px = CELL_PX if is_apart else min(CELL_PX, cell_size(_CELL_SHARE * tolerance / several, phase_rad))
+        cell_px = CELL_PX if is_apart else min(CELL_PX, cell_size(CELL_SHARE * tolerance / several, phase_rad))
         grid = tuple(max(math.ceil(side / max(cell_px, size_px / _MOST_CELLS)), 8) for side in sides)
         if not is_apart:
             cell_px = max(side / count for side, count in zip(sides, grid, strict=True))
-            error = math.hypot(error, several * cell_error(cell_px, phase_rad))
+            modelled["cells"] = several * cell_error(cell_px, phase_rad)
         where = {"samples": 0, "bounds_px": bounds, "grid": grid}
     # Light falls in slivers far smaller than facets: what none of their corners sees is lost.
     below_rad = min((math.pi - view.phase_rad for view, traits in zip(members, known, strict=True)
                      if not traits.is_convex), default=math.inf)
     # A few points of the Sun's disc do not tell how much of it is left of a body within another's penumbra.
-    if error > PENUMBRA_SHARE * tolerance or _is_within_penumbra(members, drawn, request):
+    if math.hypot(*modelled.values()) > PENUMBRA_SHARE * tolerance or _are_in_penumbra(members, drawn, request):
         return []
-    error = math.hypot(error, _CRESCENT_LOSS / max(below_rad, 1e-3) ** 3)
-    clipped = _window("coverage", members, request, modelling_error=error, predicted_error=tolerance,
-                      flux_error=max(body.penumbra_flux for body in drawn), **where)
+    modelled["slivers"] = _CRESCENT_LOSS / max(below_rad, 1e-3) ** 3
+    where["flux_error"] = max(body.penumbra.hard_flux for body in drawn)
+    clipped = _window("coverage", members, known, request, modelled, **where)
     half_rad = min(0.5 * max(view.phase_rad for view in members), 1.5)
     least = _CENTROIDS_LEAST * max(math.tan(half_rad) / math.tan(math.radians(30.0)), 1.0) ** _CENTROIDS_POWER
-    by_centroids = math.hypot(error, least, max(body.penumbra_error for body in drawn))
-    view, traits, allowed = members[0], known[0], request.of(members, "centroids").tolerance
+    modelled |= {"centroids": least, "hard edges": max(body.penumbra.hard_error for body in drawn)}
+    view, traits, allowed = members[0], known[0], request.of(members, "centroids")
+    is_too_much = math.hypot(*modelled.values()) > PENUMBRA_SHARE * allowed.budget.tolerance
     # Where bodies hide or shade each other facets are clipped at the edges anyway.
-    if (by_centroids > PENUMBRA_SHARE * allowed or len(members) > 1 or drawn[0].casters or not traits.has_centroids
+    if (is_too_much or len(members) > 1 or drawn[0].casters or not traits.has_centroids
             or facets_per_px(view, traits.n_facets) < _LEAST_FACETS_PER_PX
             or view.phase_rad + traits.radius_m / view.range_m > _CENTROIDS_RAD):
         return [clipped]
-    return [replace(clipped, by_centroids=True, modelling_error=by_centroids, tolerance=allowed,
-                    predicted_error=request.error_gain * allowed), clipped]
+    return [_window("coverage", members, known, allowed, modelled, by_centroids=True, **where), clipped]
 
 
 def _rays(members: Sequence[BodyView], known: Sequence[BodyTraits], drawn: Sequence[BodyPlan],
@@ -270,60 +258,60 @@ def _rays(members: Sequence[BodyView], known: Sequence[BodyTraits], drawn: Seque
     """By rays; None with surface detail, which they would take a minute for."""
     if any(body.detail_layers for body in drawn):
         return None
-    return _sampled("rays", members, known, drawn, request)
+    eclipse_px = max(body.penumbra.sampled_px(view.size_px) for view, body in zip(members, drawn, strict=True))
+    return _sampled("rays", members, known, drawn, request, {}, eclipse_px=eclipse_px)
 
 
 def _raster(members: Sequence[BodyView], known: Sequence[BodyTraits], drawn: Sequence[BodyPlan],
             request: Request) -> WindowPlan:
     """By OpenGL, with the shadow maps that were planned."""
-    return _sampled("raster", members, known, drawn, request, flux_error=max(body.penumbra_flux for body in drawn),
-                    modelling_error=max(body.modelling_error for body in drawn))
+    worst = max((body.modelled for body in drawn), key=lambda errors: math.hypot(*errors.values()))
+    return _sampled("raster", members, known, drawn, request, worst,
+                    flux_error=max(body.penumbra.hard_flux for body in drawn))
 
 
 def _sampled(engine: str, members: Sequence[BodyView], known: Sequence[BodyTraits], drawn: Sequence[BodyPlan],
-             request: Request, modelling_error: float = 0.0, **told) -> WindowPlan:
+             request: Request, modelled: Mapping[str, float], *, eclipse_px: float = 0.0,
+             flux_error: float = 0.0) -> WindowPlan:
     """On a regular grid of samples, the first of them few: the image itself tells where more are needed."""
-    pairs, size_px = list(zip(members, known, strict=True)), outline_px(members)
-    flux_error = FLUX_SHARE * request.tolerance * request.error_gain
+    pairs, size_px, budget = list(zip(members, known, strict=True)), outline_px(members), request.budget
+    eclipsed = [body.penumbra.noise(view.size_px) for view, body in zip(members, drawn, strict=True)]
+    told = {"eclipse_px": eclipse_px, "flux_error": flux_error}
+    # A point spread function leaves the error of the flux as it is.
+    flux = request.error_gain * budget.flux
     if request.samples is None and _is_small(members, request):
         bounds, sides = _own_bounds(members)
-        wanted = {view.name: samples_across(view, traits, flux_error, _PIXELS_SHARE * request.tolerance,
-                                            penumbra=_in_penumbra(view, body))
-                  for view, traits, body in zip(members, known, drawn, strict=True)}
+        pixels = min(SAMPLES_SHARE * budget.tolerance, budget.left_after(math.hypot(*modelled.values())))
         # Of each body, whatever part of the grid it has.
-        per_px = max(wanted[view.name] / max(view.size_px, 1e-9) for view in members)
+        per_px = max(samples_across(view, traits, flux, pixels, noise) / max(view.size_px, 1e-9)
+                     for (view, traits), noise in zip(pairs, eclipsed, strict=True))
         per_px = min(per_px, MAX_RAYS_ACROSS / size_px)
-        if engine == "rays":
-            told["eclipse_px"] = _eclipse_px(members, drawn)
         # The samples tell of an eclipse's own noise, once they are drawn.
-        error = max(sampling_errors(view, traits, per_px * view.size_px,
-                                    0.0 if told.get("eclipse_px") else _in_penumbra(view, body))[1]
-                    for view, traits, body in zip(members, known, drawn, strict=True))
+        error = max(sampling_errors(view, traits, per_px * view.size_px, 0.0 if eclipse_px else noise)[1]
+                    for (view, traits), noise in zip(pairs, eclipsed, strict=True))
         grid = tuple(max(math.ceil(per_px * side), 8) for side in sides)
-        return _window(engine, members, request, samples=0, bounds_px=bounds, grid=grid,
-                       modelling_error=modelling_error, predicted_error=math.hypot(modelling_error, error), **told)
-    eclipse_px = _eclipse_px(members, drawn) if engine == "rays" else 0.0
-    count, asked = request.samples, {"tolerance": math.inf}
-    if count is None:
-        count, asked = _first_samples(engine, pairs, request.camera), {}
+        return _window(engine, members, known, request, modelled, samples=0, bounds_px=bounds, grid=grid,
+                       drawn={"samples": error}, **told)
+    count = request.samples
+    if count is not None:
+        request = replace(request, budget=Budget(tolerance=math.inf))
+    else:
+        count = _first_samples(engine, pairs, request.camera)
         if eclipse_px:
             x0, y0, x1, y1 = region(members, request.camera)
             most = math.isqrt(int(_ECLIPSE_RAYS) // max((x1 - x0) * (y1 - y0), 1))
             count = max(count, min(most, _ECLIPSE_SAMPLES))
         if size_px < _FLUX_PX:
-            n_across = max(samples_across(view, traits, flux_error, penumbra=_in_penumbra(view, body))
-                           for view, traits, body in zip(members, known, drawn, strict=True))
+            n_across = max(samples_across(view, traits, flux, math.inf, noise)
+                           for (view, traits), noise in zip(pairs, eclipsed, strict=True))
             most = MAX_RAYS_ACROSS / size_px if engine == "rays" else MAX_SAMPLES
             count = max(count, math.ceil(min(n_across / size_px, most)))
     noise = (max(traits.crease_rad for traits in known),
              max(facets_per_px(view, traits.n_facets) for view, traits in pairs))
-    if engine == "rays":
-        told |= {"eclipse_px": eclipse_px, "flux_tolerance": request.flux_tolerance}
-        if any(body.penumbra_px > 1.0 and (not body.casters or own_penumbra(view)[1] > 1.0 and not traits.is_convex)
-               for (view, traits), body in zip(pairs, drawn, strict=True)):
-            noise = _PENUMBRA_NOISE
-    return _window(engine, members, request, **_whole(members, request.camera, count), noise=noise,
-                   modelling_error=modelling_error, predicted_error=request.tolerance, **told, **asked)
+    if engine == "rays" and any(body.penumbra.own_px > 1.0 for body in drawn):
+        noise = _PENUMBRA_NOISE
+    return _window(engine, members, known, request, modelled, noise=noise, **_whole(members, request.camera, count),
+                   **told)
 
 
 def _first_samples(engine: str, pairs: Sequence[tuple[BodyView, BodyTraits]], camera: PinholeCamera) -> int:
@@ -340,32 +328,21 @@ def _first_samples(engine: str, pairs: Sequence[tuple[BodyView, BodyTraits]], ca
     return min(_CRESCENT_SAMPLES if is_crescent else _FIRST_SAMPLES, max(most, fewest))
 
 
-def _is_within_penumbra(members: Sequence[BodyView], drawn: Sequence[BodyPlan], request: Request) -> bool:
+def _are_in_penumbra(members: Sequence[BodyView], drawn: Sequence[BodyPlan], request: Request) -> bool:
     """Whether a body may be within another's penumbra, which sharpens no edge on it, or which ends beside it."""
-    most = PENUMBRA_SHARE * min(FLUX_SHARE * request.tolerance, request.flux_tolerance)
-    return any(body.casters and (body.penumbra_px > _WITHIN_PENUMBRA * view.size_px or body.penumbra_flux > most)
+    return any(body.penumbra.surrounds(view.size_px, request.budget)
                for view, body in zip(members, drawn, strict=True))
 
 
-def _eclipse_px(members: Sequence[BodyView], drawn: Sequence[BodyPlan]) -> float:
-    """Width [px] of the widest penumbra that others cast on bodies, or 0 where all are edges."""
-    return max((body.eclipse_px for view, body in zip(members, drawn, strict=True)
-                if body.eclipse_px > min(_LEAST_ECLIPSE_PX, _LEAST_ECLIPSE * view.size_px)), default=0.0)
-
-
-def _in_penumbra(view: BodyView, body: BodyPlan) -> float:
-    """Share of a body that another's penumbra may cover, about, times dark over lit samples there."""
-    if not body.casters:
-        return 0.0
-    left = min(max(body.eclipse_left, _LEAST_LEFT), _MOST_LEFT)
-    return min(body.eclipse_px / max(view.size_px, 1e-9), 1.0) * (1.0 - left) / left
-
-
-def _window(engine: str, members: Sequence[BodyView], request: Request, *, predicted_error: float,
-            **told) -> WindowPlan:
-    told = {"tolerance": request.tolerance} | told
-    return WindowPlan(bodies=tuple(view.name for view in members), engine=engine,
-                      roi=region(members, request.camera), predicted_error=request.error_gain * predicted_error, **told)
+def _window(engine: str, members: Sequence[BodyView], known: Sequence[BodyTraits], request: Request,
+            modelled: Mapping[str, float], **told) -> WindowPlan:
+    """A window with the errors that all have: one direction to the Sun, which no PSF averages, and rays' rounding."""
+    pairs = list(zip(members, known, strict=True))
+    always = {"one direction to the Sun": max(parallel_error(*pair) for pair in pairs) / request.error_gain}
+    if engine != "raster":
+        always["rounding"] = max(ray_rounding_error(*pair) for pair in pairs)
+    return WindowPlan(bodies=tuple(view.name for view in members), engine=engine, budget=request.budget,
+                      roi=region(members, request.camera), modelled={**modelled, **always}, **told)
 
 
 def _is_small(members: Sequence[BodyView], request: Request) -> bool:

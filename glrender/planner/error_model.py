@@ -1,4 +1,4 @@
-"""The error that the planner predicts of an image's samples, shadow maps and penumbras. Pure.
+"""The error that the planner predicts of an image's samples and shadow maps. Pure.
 
 Each constant is fitted to measurements beside the ray tracer and kept above them; `benchmarks/heldout.py` holds the
 predictions against scenes that no constant was fitted to.
@@ -23,12 +23,6 @@ NOISE_FACETS = 20.0
 # Share of the squared error at the edges of cast shadows, per radian of phase, and at most: engine.md.
 _SHADOW_EDGES_PER_RAD = 0.1
 _MOST_SHADOW_EDGES = 0.2
-# RMS error of hard edges in place of a body's own penumbras at 1 rad and 1 au: Itokawa at 500 px has 0.0039, a contact
-# binary of 400 px 0.0052 (test_penumbra.py).
-_PENUMBRA_ERROR = 0.0055
-_PENUMBRA_PX = 300.0
-# Width of a body's own penumbras over its size at 1 au [1]: the Sun's angle times a tenth of the size.
-_PENUMBRA_WIDTH = 1e-3
 # Flux that leaks through a shadow map, times its texels, at 90 deg: four shapes, creases of 0.06 to 0.31 rad, 30 to
 # 150 deg, 256 to 4096 texels.
 _LEAK = 1.9
@@ -51,8 +45,6 @@ times the error of 4 x 4."""
 _SLIVERS_RAD = 2.55
 # Error over the estimate of an image, per radian of phase beyond it: 24 crescents at 136 to 162 deg, 40 to 300 px.
 _CRESCENTS_PER_RAD = 2.5
-FLUX_SHARE = 0.1
-"""Share of the error tolerance [1] by which the total flux may err (docs/accuracy.md)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -195,13 +187,3 @@ def leaked_flux(view: BodyView, traits: BodyTraits, shadow_map_px: int) -> float
     tangent = math.tan(min(0.5 * view.phase_rad, 1.5))
     roughness = max(traits.crease_rad / _LEAK_CREASE_RAD, 1.0)
     return _LEAK * max(tangent**_LEAK_POWERS[0], tangent**_LEAK_POWERS[1]) * roughness**1.5 / shadow_map_px
-
-
-def own_penumbra(view: BodyView) -> tuple[float, float]:
-    """RMS error [1] of hard edges in place of the penumbras of a body's shadows on itself, and the widest one's [px].
-
-    Itokawa, 500 px across at 1 au, has 0.0041 at 60 deg, 0.0094 at 120; a contact binary of 400 px 0.0054 at 60 deg.
-    """
-    sharpness = min(view.finest_px / _PENUMBRA_PX, 1.0)
-    error = _PENUMBRA_ERROR * view.phase_rad * sharpness / math.sqrt(view.sun_distance_au)
-    return error, _PENUMBRA_WIDTH * view.finest_px / view.sun_distance_au

@@ -9,6 +9,9 @@ from typing import Any
 
 from glrender_camera.notebook import table
 
+from .error_budget import Budget
+from .penumbra import Penumbra
+
 # Lines of a plan as text.
 _MOST_LINES = 10
 EMISSION_LEFT_OUT = "emission around"
@@ -32,18 +35,9 @@ class BodyPlan:
     """Whether normals are looked up by facet, or are screen-space derivatives."""
     size_px: float
     """Larger side of the outline's box [px]."""
-    modelling_error: float = 0.0
-    """RMS error [1] that samples do not cure: of the shadow map's texels and of hard edges of shadows."""
-    penumbra_px: float = 0.0
-    """Width of the widest penumbra [px]: shadow maps have hard edges."""
-    penumbra_error: float = 0.0
-    """RMS error [1] of hard edges in place of penumbras, as predicted."""
-    penumbra_flux: float = 0.0
-    """Error of the body's light [1] with hard edges in place of other bodies' penumbras, as predicted."""
-    eclipse_px: float = 0.0
-    """Width of the widest penumbra [px] that another body casts on it, however small that body."""
-    eclipse_left: float = 1.0
-    """Share of the body's light [1] that other bodies leave, as predicted."""
+    modelled: Mapping[str, float] = field(default_factory=dict)
+    """RMS errors [1] by OpenGL that samples do not cure, by cause: of coordinates, shadow maps and hard edges."""
+    penumbra: Penumbra = Penumbra()
     casters: tuple[str, ...] = ()
     """Other bodies that may cast a shadow on it."""
     shadow_map_drawn_px: tuple[int, int] = (0, 0)
@@ -71,12 +65,12 @@ class WindowPlan:
         What is drawn: the region's edges, or the small body's box.
     grid : (int, int)
         Samples or cells across and down.
-    tolerance : float [1]
-        RMS error before the camera's PSF that the window may have; infinite where nothing is drawn again.
-    modelling_error : float [1]
-        RMS error that samples do not cure.
-    predicted_error : float [1]
-        RMS error over the mean of the lit pixels, after the camera's PSF where a frame is asked for.
+    budget : Budget
+        Of errors before the camera's PSF.
+    modelled : mapping of str to float [1]
+        RMS errors that samples do not cure, by cause; of a drawn frame after the camera's PSF.
+    drawn : mapping of str to float [1]
+        RMS errors of the drawing, by cause, once it is drawn; likewise.
     by_centroids : bool
         Of coverage: whether each facet is lit or dark by its centroid, or clipped at shadow boundaries.
     shadow_share : float [1]
@@ -89,8 +83,6 @@ class WindowPlan:
         Of the region's pixels, those that were drawn again.
     eclipse_px : float [px]
         Width of the widest penumbra of another body that its rays meet; 0 for none.
-    flux_tolerance : float [1]
-        Error of the total that was asked for; infinite where none was.
     flux_error : float [1]
         Error of the total by points of the Sun's disc, or by hard edges of shadows, in other bodies' penumbras.
     why : str
@@ -103,18 +95,27 @@ class WindowPlan:
     samples: int
     bounds_px: tuple[float, float, float, float]
     grid: tuple[int, int]
-    tolerance: float
-    modelling_error: float
-    predicted_error: float
+    budget: Budget
+    modelled: Mapping[str, float] = field(default_factory=dict)
+    drawn: Mapping[str, float] = field(default_factory=dict)
     by_centroids: bool = False
     shadow_share: float = 0.0
     noise: tuple[float, float] = (0.0, 0.0)
     refined_samples: int = 0
     refined_share: float = 0.0
     eclipse_px: float = 0.0
-    flux_tolerance: float = math.inf
     flux_error: float = 0.0
     why: str = ""
+
+    @property
+    def modelling_error(self) -> float:
+        """RMS error [1] that samples do not cure."""
+        return math.hypot(*self.modelled.values())
+
+    @property
+    def predicted_error(self) -> float:
+        """RMS error [1] over the mean of the lit pixels."""
+        return math.hypot(*self.modelled.values(), *self.drawn.values())
 
     @property
     def how(self) -> str:
@@ -243,7 +244,7 @@ class RenderPlan:
         sizes = {body.name: f"{body.name} ({body.n_facets} facets, {body.size_px:.0f} px, {body.law})"
                  for body in self.bodies}
         lines += [f"{', '.join(sizes[name] for name in window.bodies)}: {window.method}, "
-                  f"{100.0 * window.predicted_error:.2g} %{f'; {window.why}' if window.why else ''}"
+                  f"{100.0 * window.predicted_error:.2g} %{_spent(window)}{f'; {window.why}' if window.why else ''}"
                   for window in self.windows]
         lines += [f"emission of {added.body}: {added.kind}, {100.0 * added.predicted_error:.2g} %"
                   for added in self.emission]
@@ -262,7 +263,18 @@ class RenderPlan:
         """Plain data, for the wire."""
         told = asdict(self)
         del told["navigation"]
-        return {**told, "predicted": self.predicted, "missed": self.missed}
+        windows = [{**each, "predicted_error": window.predicted_error}
+                   for each, window in zip(told["windows"], self.windows, strict=True)]
+        bodies = [{**each, "penumbra_px": body.penumbra.width_px}
+                  for each, body in zip(told["bodies"], self.bodies, strict=True)]
+        return {**told, "windows": windows, "bodies": bodies, "predicted": self.predicted, "missed": self.missed}
+
+
+def _spent(window: WindowPlan) -> str:
+    """The causes of a window's error, the largest first, without those below a tenth of it."""
+    causes = sorted({**window.modelled, **window.drawn}.items(), key=lambda each: -each[1])
+    told = [f"{cause} {100.0 * error:.2g}" for cause, error in causes if error > 0.1 * window.predicted_error]
+    return f" ({', '.join(told)})" if len(told) > 1 else ""
 
 
 def _amount(unit: str, error: float) -> str:

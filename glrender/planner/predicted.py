@@ -17,7 +17,8 @@ from glrender_camera import PinholeCamera
 from ..scene.tolerance import UNITS
 from ..view.regions import outline, region
 from ..view.view import BodyView
-from .error_model import FLUX_SHARE, lit_share
+from .error_budget import FLUX_SHARE, Budget
+from .error_model import lit_share
 
 # Errors over the RMS error and the powers above [1] or [px], of flux, centre, limb and range, by how bodies are drawn:
 # of 600 frames (`benchmarks/heldout.py --units`, seeds from 5000, 7000, 9000) beside float64 rays 95 % are within.
@@ -25,8 +26,6 @@ _OVER_RMS = {"coverage": (0.45, 0.15, 0.2, 1.15), "centroids": (1.0, 0.15, 0.25,
              "rays": (0.6, 0.2, 0.45, 2.0), "raster": (0.6, 0.2, 0.45, 2.0)}
 # Least errors that are predicted, likewise: the same frames. That of range is of the mean limb [px].
 _LEAST = (3e-5, 3e-4, 0.012, 0.002)
-# Of a tolerance, or of the least error where that is more [1], what the RMS error may take at least.
-_LEAST_LEFT = 0.3
 
 
 def allowed_rms(asked: Mapping[str, float], members: Sequence[BodyView], camera: PinholeCamera, how: str,
@@ -39,7 +38,7 @@ def allowed_rms(asked: Mapping[str, float], members: Sequence[BodyView], camera:
     laws, found = _laws(members, camera, how, error_gain), 1.0 / error_gain
     for unit, most in asked.items():
         drawn, modelled, least = laws[unit]
-        left = max(math.sqrt(max(most**2 - least**2, 0.0)), _LEAST_LEFT * max(most, least))
+        left = Budget(tolerance=max(most, least)).left_after(least)
         found = min(found, left / max(drawn, modelled))
     return found
 

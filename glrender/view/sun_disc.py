@@ -9,17 +9,6 @@ import numpy as np
 from ..base.rotations import GOLDEN_ANGLE_RAD, sun_from_body
 from .view import BodyView
 
-POINT_COUNTS = ((4, 0.4), (8, 0.25))
-"""Points of the disc, and the share of a hard edge's error [1] that steps of so many leave (test_penumbra.py)."""
-PENUMBRA_SHARE = 0.7
-"""Share of the error tolerance [1] that penumbrae may take."""
-
-
-def fewest_points(error: float, tolerance: float) -> tuple[int, float] | None:
-    """The fewest points, and their share, with which a penumbra's error fits a tolerance; None if none do."""
-    return next(((n_points, share) for n_points, share in POINT_COUNTS if share * error <= PENUMBRA_SHARE * tolerance),
-                None)
-
 
 def on_disc(n_points: int) -> np.ndarray:
     """Points (K, 2) of a disc of radius 1: Vogel's spiral (1979), about its own middle."""

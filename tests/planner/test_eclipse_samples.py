@@ -15,7 +15,8 @@ from glrender.brdf import Lambert
 from glrender.planner import eclipse_samples
 from glrender.planner.adaptive_samples import pixel_means
 from glrender.planner.engine_choice import MAX_SAMPLES
-from glrender.view.occluders import casters, eclipse
+from glrender.planner.penumbra import penumbra_of
+from glrender.view.occluders import casters
 from glrender.view.view import view_bodies
 
 LAW, RADIUS_M, RANGE_M = Lambert(normal_albedo=0.3), 100.0, 1e5
@@ -88,7 +89,7 @@ def test_the_light_that_is_left_of_a_crescent(phase_deg):
     scene, state, left = eclipsed(9e3, 60.0, 130.0, phase_deg, 60.0)
     seen = view_bodies(state, scene.cameras[0], scene.hulls)
     sun_rad = SUN_RADIUS_M / AU_M
-    found = eclipse(seen[0], casters(seen[0], seen, scene.hulls, sun_rad), scene.hulls, sun_rad)
+    found = penumbra_of(seen[0], casters(seen[0], seen, scene.hulls, sun_rad), scene.hulls, sun_rad)
     assert found.left == pytest.approx(left, abs=0.01) and found.hard_flux <= 1.0
 
 

@@ -13,7 +13,9 @@ from glrender.brdf import Lambert
 from glrender.engines.small_bodies import CELL_PX
 from glrender.planner import engine_choice
 from glrender.planner.engine_choice import ENGINES, Request, plan_windows
+from glrender.planner.error_budget import Budget
 from glrender.planner.error_model import FEWEST_CENTROIDS
+from glrender.planner.penumbra import Penumbra
 from glrender.view import regions as grouping
 from planning import CAMERA, body, traits, view
 
@@ -27,7 +29,8 @@ def ways(members, known=None, tolerance=0.02, planned=None, **request):
     known = known or traits()
     all_known = {member.name: known for member in members}
     bodies = [replace(body(member, known, tolerance), **(planned or {})) for member in members]
-    return plan_windows(members, all_known, bodies, Request(camera=CAMERA, tolerance=tolerance, **request))
+    return plan_windows(members, all_known, bodies, Request(
+        camera=CAMERA, budget=Budget(tolerance=tolerance), **request))
 
 
 def order(*given, **request):
@@ -86,7 +89,7 @@ def test_from_ten_thousand_facets_on_centroids_come_first():
 
 
 def test_centroids_are_not_tried_where_hard_edges_of_other_bodies_cost_too_much():
-    assert order(NEAR, planned={"penumbra_error": 0.05}) == ["coverage", "rays"]
+    assert order(NEAR, planned={"penumbra": Penumbra(hard_error=0.05)}) == ["coverage", "rays"]
 
 
 def test_coverage_takes_each_pixel_as_a_whole():
@@ -98,7 +101,7 @@ def test_coverage_takes_each_pixel_as_a_whole():
 
 def test_an_asked_number_of_samples_is_never_refined():
     (window,), = ways(NEAR, tolerance=0.001, samples=3)
-    assert window.samples == 3 and window.tolerance == np.inf and window.engine == "raster"
+    assert window.samples == 3 and window.budget.tolerance == np.inf and window.engine == "raster"
 
 
 def test_bodies_of_few_pixels_have_samples_enough_for_their_flux():
@@ -128,13 +131,6 @@ def test_large_regions_begin_with_fewer_samples():
 
     assert [samples(phase_deg) for phase_deg in (60.0, 150.0)] == [1, 4]
     assert [samples(phase_deg, UNEVEN) for phase_deg in (60.0, 150.0)] == [1, 2]
-
-
-def test_the_psf_s_share_of_an_error_is_what_is_predicted():
-    sharp, smooth = (ways(NEAR, tolerance=0.01, error_gain=gain)[0] for gain in (1.0, 0.3))
-    for one, other in zip(sharp, smooth, strict=True):
-        assert other.predicted_error == pytest.approx(0.3 * one.predicted_error)
-        assert other.tolerance == one.tolerance == 0.01, "before the PSF"
 
 
 def test_a_small_body_has_a_grid_of_its_own():
@@ -186,7 +182,8 @@ def test_each_of_two_small_bodies_errs_by_its_own_facets():
     def across(*each):
         known = {member.name: one for member, one in zip(members, each, strict=True)}
         bodies = [body(member, known[member.name]) for member in members]
-        (window,), = plan_windows(members, known, bodies, Request(camera=CAMERA, tolerance=0.02, engine="rays"))
+        (window,), = plan_windows(members, known, bodies, Request(
+            camera=CAMERA, budget=Budget(tolerance=0.02), engine="rays"))
         return max(window.grid)
 
     assert across(smooth, smooth) <= across(rough, smooth) <= across(rough, rough) < across(both, smooth)

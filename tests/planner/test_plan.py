@@ -35,10 +35,10 @@ def test_a_map_of_a_part_has_more_texels_across_the_body_and_no_more_along_a_sid
 
 def test_hard_edges_count_where_there_is_a_shadow_map():
     """The error of a penumbra is part of the modelling error; a body that nothing casts on has none."""
-    hard, soft = (body(view(), penumbra=(error, 3.0)) for error in (0.05, 0.0))
-    assert hard.modelling_error == pytest.approx(np.hypot(soft.modelling_error, 0.05)) and hard.penumbra_px == 3.0
-    convex = body(view(), traits(is_convex=True), penumbra=(0.05, 3.0))
-    assert convex.shadow_map_px is None and convex.modelling_error == convex.penumbra_error == 0.0
+    hard, soft = (body(view(), hard_error=error, own_px=3.0) for error in (0.05, 0.0))
+    assert {**soft.modelled, "hard edges": 0.05} == hard.modelled and hard.penumbra.width_px == 3.0
+    convex = body(view(), traits(is_convex=True), hard_error=0.05)
+    assert convex.shadow_map_px is None and set(convex.modelled) == {"coordinates"}
 
 
 def test_depth_groups_are_disjoint_and_farthest_first():

@@ -64,7 +64,7 @@ def test_a_number_plans_as_ever_and_as_a_table_of_rms(renderer, max_error):
     assert plain.irradiance_W_m2.tobytes() == table.irradiance_W_m2.tobytes()
     assert plain.plan.windows == table.plan.windows and plain.plan.predicted == table.plan.predicted
     assert plain.plan.max_error == max_error and plain.plan.asked == table.plan.asked == {"rms": max_error}
-    assert all(window.tolerance == max_error for window in plain.plan.windows)
+    assert all(window.budget.tolerance == max_error for window in plain.plan.windows)
 
 
 @pytest.mark.parametrize("how", ["coverage", "centroids", "rays", "raster"])

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import views
 from glrender.planner import body_plan
+from glrender.planner.error_budget import Budget
 from glrender.planner.error_model import BodyTraits
+from glrender.planner.penumbra import Penumbra
 from glrender.view.view import BodyView
 
 
@@ -28,5 +30,6 @@ def traits(n_facets=50_000, crease_rad=0.15, facet_m=0.3, **known):
                          "n_facets": n_facets, "crease_rad": crease_rad, "facet_m": facet_m, **known})
 
 
-def body(member, known=None, tolerance=0.02, casters=(), **given):
-    return body_plan.plan_body(member, known or traits(), CAMERA, casters, tolerance, **given)
+def body(member, known=None, tolerance=0.02, casters=(), **penumbra):
+    budget = Budget(tolerance=tolerance)
+    return body_plan.plan_body(member, known or traits(), CAMERA, casters, budget, Penumbra(**penumbra))

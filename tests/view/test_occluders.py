@@ -1,4 +1,4 @@
-"""Which bodies may cast on which, how wide their penumbras are, and what hard edges in their place cost."""
+"""Which bodies may cast on which."""
 
 from __future__ import annotations
 
@@ -11,9 +11,8 @@ from glrender import Pose, frames, generate
 from glrender.base.constants import AU_M, SUN_RADIUS_M
 from glrender.brdf import Lambert
 from glrender.scene.shape.convex_hull import Hull
-from glrender.view.occluders import cast_penumbra, casters, eclipse, shared_area
+from glrender.view.occluders import casters
 from glrender.view.view import view_bodies
-from missing import needed_module
 from scipy.spatial.transform import Rotation
 
 LAW, SUN_RAD = Lambert(normal_albedo=0.3), SUN_RADIUS_M / AU_M
@@ -65,88 +64,3 @@ def test_a_tilted_body_casts_on_what_its_sunward_end_is_before(widths_m):
         "small": Pose(r_inertial_m=[end_m, 0.0, 0.4 * end_m]), "tilted": Pose(r_inertial_m=np.zeros(3))})
     small, tilted = view_bodies(posed, camera, hulls)
     assert [name for name, _ in casters(small, [small, tilted], hulls)] == ["tilted"]
-
-
-@pytest.mark.parametrize("gap_m", [400.0, 4000.0])
-@pytest.mark.parametrize("footprint_m", [0.5, 5.0])
-def test_the_width_of_a_penumbra_is_the_sun_s_angle_times_the_gap(gap_m, footprint_m):
-    cast, view, scene, _ = eclipsed((gap_m, 0.0, 0.0), 50.0, sun_radius_rad=SUN_RAD)
-    _, width_px = cast_penumbra(view, cast, scene.hulls, footprint_m, SUN_RAD)
-    assert width_px == pytest.approx(2.0 * SUN_RAD * gap_m / footprint_m, rel=1e-3)
-
-
-def test_no_penumbra_is_wider_than_what_casts_it():
-    """From 1e6 m away the Sun is far wider than the moon: no more than its diameter is lit in part at once."""
-    cast, view, scene, _ = eclipsed((1e6, 0.0, 0.0), 10.0, sun_radius_rad=SUN_RAD)
-    _, width_px = cast_penumbra(view, cast, scene.hulls, 1.0, SUN_RAD)
-    assert width_px == pytest.approx(20.0, rel=0.01)
-
-
-def test_a_point_sun_and_no_caster_have_no_penumbra():
-    for place_m, sun_radius_rad in (((4000.0, 0.0, 0.0), 0.0), ((4000.0, 900.0, 0.0), SUN_RAD)):
-        cast, view, scene, _ = eclipsed(place_m, 50.0, sun_radius_rad=sun_radius_rad)
-        assert cast_penumbra(view, cast, scene.hulls, 1.0, sun_radius_rad) == (0.0, 0.0)
-
-
-def test_a_planet_far_from_its_moon_overflows_nowhere():
-    with np.errstate(all="raise"):
-        cast, view, scene, _ = eclipsed((4e9, 0.0, 0.0), 7e6, sun_radius_rad=SUN_RAD)
-        error, width_px = cast_penumbra(view, cast, scene.hulls, 5.0, SUN_RAD)
-    assert 0.0 < error <= 1.0 and np.isfinite(width_px)
-
-
-def test_hard_edges_cost_less_than_is_predicted():
-    """Beside rays with and without the Sun's disc: a moon over a sphere, at twelve places; and not far too much."""
-    needed_module("embreex", "pip install embreex")
-    from glrender.engines.rays.backend import RayTracer
-
-    rng, ratios = np.random.default_rng(3), []
-    for _ in range(12):
-        place_m = (rng.uniform(300.0, 3000.0), *rng.uniform(-60.0, 60.0, 2))
-        cast, view, scene, state = eclipsed(place_m, rng.uniform(20.0, 60.0), rng.uniform(20.0, 80.0), SUN_RAD)
-        images = []
-        for sun_disc in (True, False):
-            with RayTracer(replace(scene, sun_disc=sun_disc)) as tracer:
-                image = tracer.render(state, samples=6, products=["body_id"])
-                images.append(np.where(image.products["body_id"] != 1, image.irradiance_W_m2.astype(float), 0.0))
-        error, _ = cast_penumbra(view, cast, scene.hulls, view.depth_m[0] / FOCAL_PX, SUN_RAD)
-        ratios.append(views.relative_rms(images[1], images[0]) / error)
-    assert np.mean(np.array(ratios) <= 1.0) >= 0.9 and max(ratios) > 0.3, np.round(ratios, 2)
-
-
-@pytest.mark.parametrize("one, other, apart, expected", [
-    (1.0, 1.0, 1.0, 2.0 * np.pi / 3.0 - np.sqrt(3.0) / 2.0), (2.0, 1.0, 0.5, np.pi), (1.0, 2.0, 3.0, 0.0),
-    (1.0, 1.0, 0.0, np.pi), (3.0, 1.0, 2.0, np.pi)])
-def test_the_area_that_two_discs_share(one, other, apart, expected):
-    """Closed form: two thirds of pi less the root of three quarters where each passes through the other's middle."""
-    assert shared_area(one, other, np.array(apart)) == pytest.approx(expected, abs=1e-7)
-
-
-@pytest.mark.parametrize("place_m, radius_m, left, hard_flux", [
-    ((1000.0, 0.0, 0.0), 150.0, (0.0, 0.0), (0.0, 1e-9)),      # total
-    ((100e3, 0.0, 0.0), 100.0, (0.95, 0.96), (0.3, 1.0)),      # an annulus: 1 - (100 / 465)^2 of the Sun's disc
-    ((20e3, 230.0, 0.0), 100.0, (0.5, 0.999), (1e-3, 0.2)),    # partial: the shadow itself is beside the body
-    ((300.0, 0.0, 0.0), 20.0, (0.9, 0.97), (0.0, 1e-3)),       # a moon near it, whose shadow is all on it
-])
-def test_an_eclipse_s_light_and_that_of_hard_edges(place_m, radius_m, left, hard_flux):
-    cast, view, scene, _ = eclipsed(place_m, radius_m, sun_radius_rad=SUN_RAD)
-    found = eclipse(view, cast, scene.hulls, SUN_RAD)
-    assert left[0] <= found.left <= left[1] and hard_flux[0] <= found.hard_flux <= hard_flux[1], found
-    assert found.width_m == pytest.approx(2.0 * SUN_RAD * place_m[0], rel=0.4)
-    assert eclipse(view, [], scene.hulls, SUN_RAD).left == 1.0
-
-
-@pytest.mark.parametrize("phase_deg", [170.0, 177.3, 179.0, 179.9, 180.0])
-def test_a_crescent_s_eclipse_is_that_of_its_lit_part(phase_deg):
-    """An annulus leaves 1 - (100 / 465)^2 of the Sun's disc at every phase, and a total eclipse nothing."""
-    for place_m, radius_m, expected in (((100e3, 0.0, 0.0), 100.0, 1.0 - (100.0 / 1e5 / SUN_RAD) ** 2),
-                                        ((1000.0, 0.0, 0.0), 150.0, 0.0)):
-        cast, view, scene, _ = eclipsed(place_m, radius_m, phase_deg, sun_radius_rad=SUN_RAD)
-        with np.errstate(all="raise"):
-            found = eclipse(view, cast, scene.hulls, SUN_RAD)
-        assert found.left == pytest.approx(expected, abs=2e-3) and 0.0 <= found.hard_flux <= 1.0
-        assert found.width_m == pytest.approx(2.0 * SUN_RAD * place_m[0], rel=0.2)
-
-
-def test_a_small_disc_by_the_edge_of_a_large_one_is_half_shared():
-    assert shared_area(1e7, 1.0, np.array(1e7)) == pytest.approx(0.5 * np.pi, rel=1e-6)

@@ -10,7 +10,7 @@ import math
 import numpy as np
 from glrender_camera import PinholeCamera
 
-from ...planner.error_model import FLUX_SHARE
+from ...planner.error_budget import FLUX_SHARE
 from ...view.view import BodyView
 from ..rays.engine import RayEngine
 from . import accumulate, facet_loops

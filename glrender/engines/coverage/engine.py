@@ -13,11 +13,13 @@ import cv2
 import numpy as np
 from glrender_camera import PinholeCamera, threads
 
-from ...planner.error_model import FLUX_SHARE, crescent_gain
+from ...planner.error_budget import FLUX_SHARE, OVERLAPS_LEFT, PENUMBRA_SHARE, Budget
+from ...planner.error_model import crescent_gain
+from ...planner.penumbra import sun_points
 from ...scene.scene import Scene
 from ...scene.shape.shape import Shape
 from ...scene.surface import Surface
-from ...view.sun_disc import PENUMBRA_SHARE, fewest_points, lit_from, on_disc
+from ...view.sun_disc import lit_from, on_disc
 from ...view.view import BodyView
 from ..rays.engine import RayEngine
 from ..rays.mesh import dot
@@ -36,8 +38,6 @@ _EXCESS = 0.5
 _ROWS = 64
 # Cells that a facet covers, below which it is far smaller than one.
 _FINE = 0.15
-# Of the squared tolerance [1], what is left for facets that turn out to overlap.
-_AIM = 0.9
 # Least error [1] that is estimated: a facet's radiance at its centroid for all of it, and rays in float32.
 _LEAST = 5e-4
 
@@ -92,11 +92,11 @@ class CoverageEngine:
         means, error, penumbra = drawn(views, tolerance, self._scene.sun_disc)
         if penumbra <= PENUMBRA_SHARE * tolerance:
             return means, error
-        points = fewest_points(penumbra, tolerance)
+        points = sun_points(penumbra, tolerance)
         if points is None:
             return means, math.inf
         n_points, share = points
-        left = math.sqrt(tolerance**2 - (share * penumbra) ** 2)
+        left = Budget(tolerance=tolerance).left_after(share * penumbra)
         sums, total = np.zeros(grid[::-1]), 0.0
         for point in on_disc(n_points):
             means, error, _ = drawn(lit_from(views, point), left, False)
@@ -175,7 +175,8 @@ class CoverageEngine:
             penumbra = per_root * math.sqrt(penumbras)
         if penumbra > PENUMBRA_SHARE * tolerance:
             return dark, math.inf, penumbra
-        squared = penumbras + sum(body.refine(_AIM * (most - penumbras) / len(bodies), flux_weight) for body in bodies)
+        allowed = OVERLAPS_LEFT * (most - penumbras) / len(bodies)
+        squared = penumbras + sum(body.refine(allowed, flux_weight) for body in bodies)
         if math.isinf(squared):
             return dark, math.inf, penumbra
         # A pixel's solid angle falls off as cos^3 of its angle from the boresight: of facets that are far smaller.

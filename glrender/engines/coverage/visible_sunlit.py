@@ -11,6 +11,7 @@ import math
 import numpy as np
 from glrender_camera import PinholeCamera, threads
 
+from ...planner.error_budget import HIDDEN_SHARE, MISSED_SHARE, STILL_MISSED_SHARE, UNDIVIDED_SHARE
 from ...view.view import BodyView, between
 from ..rays.engine import RayEngine
 from ..rays.mesh import dot
@@ -34,16 +35,14 @@ _MOST_SAFETY = 3.0
 # 60 deg, per radian between neighbouring facets, of this much at least: 100 frames of seven shapes beside rays.
 _MISSED_PER_RAD = 5e-3
 _LEAST_CREASE_RAD = 0.2
-# The part of it that is left where the facets beside boundary ones are divided too [1]; the share of the squared
-# tolerance [1] from which they are, and the angle between neighbours [rad]: bumps are then as small as facets, and 67P,
-# with 0.5, errs half as much at the same time. Itokawa has 0.15.
+# The part of it that is left where the facets beside boundary ones are divided too [1]; and the angle between
+# neighbours [rad] from which they are: bumps are then as small as facets, and 67P, with 0.5, errs half as much at the
+# same time. Itokawa has 0.15.
 _STILL_MISSED = 0.36
-_MOST_MISSED = 0.5
 _ROUGH_RAD = 0.3
-# The part that each division more leaves of that [1], the share of the squared tolerance [1] from which there is one,
-# the most divisions, and the most parts: 12 frames at tolerances of 0.004 to 0.01 beside rays; 1 s.
+# The part that each division more leaves of that [1], the most divisions, and the most parts: 12 frames at tolerances
+# of 0.004 to 0.01 beside rays; 1 s.
 _STILL_MISSED_LATER = 0.5
-_MOST_STILL_MISSED = 0.8
 _MOST_BESIDE = 3
 _MOST_PARTS = 2_500_000
 # Share of the squared light of the brightest facet that another body may take between its corners unseen [1].
@@ -51,10 +50,6 @@ _MISSED_BEHIND = 0.1
 # Squared light of a facet over the squared tolerance from which it is divided first [1]: of few facets, and of many.
 _LARGE = 0.15
 _LARGE_OF_MANY = 20.0
-# The same, summed over all facets that may have light between dark corners.
-_HIDDEN_LIGHT = 0.25
-# Share of the squared tolerance that triangles which are not divided may have [1].
-_UNDIVIDED = 0.25
 # Most divisions of a triangle by four.
 _MOST_DIVISIONS = 6
 # Facets that are few, and triangles that are too many to be divided again.
@@ -159,8 +154,8 @@ class SunlitAreas:
         error = _CLIPPED_ERROR * squared + missed + behind + flux_weight * bias**2
         if error > most_squared:
             is_rough = self._facets.crease_rad > _ROUGH_RAD
-            if len(self._views) > 1 or is_rough or missed > _MOST_MISSED * most_squared:
-                triangles, missed = self._with_beside(triangles, missed, _MOST_STILL_MISSED * most_squared - behind)
+            if len(self._views) > 1 or is_rough or missed > MISSED_SHARE * most_squared:
+                triangles, missed = self._with_beside(triangles, missed, STILL_MISSED_SHARE * most_squared - behind)
             triangles, error = self._divide(triangles, missed + behind, most_squared)
         self._cutter.cut_off(triangles, _BISECTIONS)
         return error
@@ -196,7 +191,7 @@ class SunlitAreas:
                 break
             # The dimmest ones stay as they are.
             order = np.argsort(squared)
-            n_left = int(np.searchsorted(np.cumsum(squared[order]), _UNDIVIDED * allowed))
+            n_left = int(np.searchsorted(np.cumsum(squared[order]), UNDIVIDED_SHARE * allowed))
             left.append(triangles.at(order[:n_left]))
             rest = float(squared[order[:n_left]].sum())
             error, allowed = error + rest, allowed - rest
@@ -285,7 +280,7 @@ class SunlitAreas:
             return True
         least = _LARGE if len(self._facing) <= _FEW else _LARGE_OF_MANY
         always = _LARGE_OF_MANY if len(self._views) == 1 else least
-        of_hidden = _HIDDEN_LIGHT / max(int(self._may_hide_light.sum()), 1)
+        of_hidden = HIDDEN_SHARE / max(int(self._may_hide_light.sum()), 1)
 
         def are_large(facet: np.ndarray, area_px: np.ndarray, radiance: np.ndarray | float, least: float
                       ) -> np.ndarray:

@@ -15,7 +15,7 @@ from glrender import Body, ConfigError, Pose, Renderer, Scene, State, frames
 from glrender.base.constants import AU_M, SUN_RADIUS_M
 from glrender.brdf import Lambert
 from glrender.engines.rays.backend import RayTracer
-from glrender.planner import error_model
+from glrender.planner.penumbra import penumbra_of
 from glrender.view.view import view_bodies
 
 WHITE = Lambert(normal_albedo=1.0)
@@ -121,7 +121,7 @@ def test_hard_edges_cost_less_than_predicted(phase_deg):
     lit = disc > 0.0
     error = np.sqrt(np.mean((hard - disc)[lit] ** 2)) / disc[lit].mean()
     view = view_bodies(state, scene.cameras[0], {"body": scene.bodies[0].hull})[0]
-    assert 1e-4 < error < error_model.own_penumbra(view)[0]
+    assert 1e-4 < error < penumbra_of(view, (), scene.hulls, view.sun_radius_rad).hard_error
     np.testing.assert_allclose(hard.sum(), disc.sum(), rtol=1e-3)
 
 

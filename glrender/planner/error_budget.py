@@ -1,0 +1,55 @@
+"""The error budget of a frame: the share of the tolerance that each cause of error may take, with its reason. Pure.
+
+Errors are RMS over the lit pixels over their mean [1], before the camera's point spread function: `account` applies the
+function's gain once, where errors are reported. Causes are independent, so that their errors add up in squares.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+FLUX_SHARE = 0.1
+"""Error of the total light over the tolerance: the promise of docs/accuracy.md."""
+PENUMBRA_SHARE = 0.7
+"""Penumbras, and facets of one radiance each: half of the squared tolerance, so that the drawing has the other half."""
+SHADOW_MAP_SHARE = 0.4
+"""Texels of shadow maps at the edges of shadows: samples are left 0.92 of the tolerance."""
+CELL_SHARE = 0.3
+"""Cells of a small body's own grid, which are cheap: clipping is left 0.95 of the tolerance."""
+SAMPLES_SHARE = 0.9
+"""Samples of a small body's own grid, which is drawn once: 0.44 is left for shadow maps."""
+LEAST_LEFT = 0.3
+"""The least that the drawing aims at, whatever is modelled otherwise: it then adds 4 % to that error."""
+OVERLAPS_LEFT = 0.9
+"""Clipping, of the squared tolerance: a tenth is left for facets that turn out to overlap."""
+HIDDEN_SHARE = 0.25
+"""Light that may be hidden between dark corners of facets, of the squared tolerance."""
+MISSED_SHARE = 0.5
+"""Boundaries that pass between corners that agree, of the squared tolerance: facets beside are divided where it is
+more."""
+STILL_MISSED_SHARE = 0.8
+"""The same once facets beside are divided: they are divided again while it is more."""
+UNDIVIDED_SHARE = 0.25
+"""Triangles that are clipped as they are, of the squared error that is left: the dimmest, which are most of them."""
+ECLIPSE_SHARE = 0.85
+"""Samples in an eclipse: the first samples, which the refinement follows, show fewer lit pixels than there are."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Budget:
+    """The errors that a region's image may have."""
+
+    tolerance: float
+    """RMS error [1]; infinite where nothing is drawn again."""
+    flux_asked: float = math.inf
+    """Error of the total light [1], where one was asked for: no less than `flux`."""
+
+    @property
+    def flux(self) -> float:
+        """Error of the total light [1]."""
+        return FLUX_SHARE * self.tolerance
+
+    def left_after(self, modelled: float) -> float:
+        """The part of the tolerance that an error [1] leaves for the drawing, in squares; `LEAST_LEFT` at least."""
+        return max(math.sqrt(max(self.tolerance**2 - modelled**2, 0.0)), LEAST_LEFT * self.tolerance)

@@ -1,0 +1,112 @@
+"""What each cause of error may take of the tolerance: the parts of a plan never add up to more. Mostly without GL."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import views
+from glrender import Body, Renderer, Scene, generate
+from glrender.brdf import Lambert
+from glrender.planner import error_budget
+from glrender.planner.engine_choice import Request, plan_windows
+from glrender.planner.error_budget import Budget
+from glrender.planner.small_body_grid import MAX_RAYS_ACROSS
+from planning import CAMERA, body, traits, view
+
+STATE = views.state(phase_deg=60.0, range_m=1500.0)
+BODY = Body(name="body", shape=generate.contact_binary(radius_m=100.0, seed=7, subdivisions=4),
+            brdf=Lambert(normal_albedo=0.3))
+# Of the tolerance, what is modelled may take at most so that the least that the drawing aims at fits as well.
+ROOM = math.sqrt(1.0 - error_budget.LEAST_LEFT**2)
+
+
+@pytest.fixture(scope="module")
+def renderer():
+    with Renderer(Scene(bodies=[BODY], cameras=[views.camera(64, 350.0)])) as made:
+        yield made
+
+
+@pytest.mark.parametrize("modelled, left", [(0.0, 0.05), (0.03, 0.04), (0.04, 0.03), (0.0499, 0.015), (7.0, 0.015)])
+def test_what_is_left_is_the_other_leg_and_never_less_than_the_least(modelled, left):
+    assert Budget(tolerance=0.05).left_after(modelled) == pytest.approx(left)
+
+
+def test_a_tenth_of_the_tolerance_is_the_flux_s():
+    assert Budget(tolerance=0.02).flux == pytest.approx(0.002)
+
+
+def test_shares_that_stand_side_by_side_leave_the_drawing_its_least():
+    """Facets, cells and penumbras of coverage; texels and leaks of OpenGL's shadow maps, and a small body's samples."""
+    of = error_budget
+    assert of.PENUMBRA_SHARE <= ROOM and of.CELL_SHARE <= of.PENUMBRA_SHARE
+    leaks = 2.0 * of.FLUX_SHARE
+    assert math.hypot(of.SHADOW_MAP_SHARE, leaks) <= math.sqrt(1.0 - of.SAMPLES_SHARE**2) + 0.012
+    assert max(of.STILL_MISSED_SHARE, of.MISSED_SHARE, of.HIDDEN_SHARE, of.UNDIVIDED_SHARE) < of.OVERLAPS_LEFT < 1.0
+
+
+def test_the_parts_of_random_windows_are_within_the_tolerance():
+    """1000 bodies at random: what is modelled, with what the drawing is left or a small body's samples, in squares."""
+    rng, n_checked = np.random.default_rng(54), 0
+    for _ in range(1000):
+        slope = float(rng.uniform(0.0, 2.0))
+        known = traits(n_facets=int(10.0 ** rng.uniform(2.0, 6.5)), crease_rad=rng.uniform(0.01, 0.6),
+                       facet_m=rng.choice([np.inf, 10.0 ** rng.uniform(-2.0, 2.0)]), is_convex=bool(rng.random() < 0.2),
+                       view_slope=lambda phase_rad, slope=slope: slope)
+        member = view(size_px=10.0 ** rng.uniform(-1.0, 2.8), phase_deg=rng.uniform(0.0, 178.0))
+        budget = Budget(tolerance=10.0 ** rng.uniform(-3.5, 0.0))
+        planned = body(member, known, budget.tolerance, hard_error=10.0 ** rng.uniform(-4.0, -1.0))
+        request = Request(camera=CAMERA, budget=budget, error_gain=rng.uniform(0.2, 1.0))
+        for option in plan_windows([member], {"body": known}, [planned], request)[0]:
+            modelled, tolerance = option.modelling_error, option.budget.tolerance * (1.0 + 1e-9)
+            drawing = option.drawn.get("samples", option.budget.left_after(modelled))
+            if modelled > ROOM * option.budget.tolerance or max(option.grid) >= MAX_RAYS_ACROSS:
+                continue
+            n_checked += 1
+            assert math.hypot(modelled, drawing) <= tolerance, option
+            assert math.hypot(*option.modelled.values()) == pytest.approx(modelled)
+    assert n_checked > 1000
+
+
+@pytest.mark.parametrize("engine", ["coverage", "rays", "raster"])
+@pytest.mark.parametrize("max_error", [0.1, 0.02, 0.006])
+def test_a_drawn_frame_s_parts_are_its_prediction_and_within_the_tolerance(renderer, engine, max_error):
+    plan = renderer.render(STATE, max_error=max_error, engine=engine).plan
+    window, = plan.windows
+    assert window.drawn and window.modelled
+    assert plan.predicted_error == pytest.approx(math.hypot(*window.modelled.values(), *window.drawn.values()))
+    assert plan.predicted_error <= max_error or plan.missed == ("rms",)
+    assert plan.to_dict()["windows"][0]["predicted_error"] == plan.predicted_error
+
+
+def test_a_point_spread_function_s_gain_is_applied_once_where_errors_are_reported(renderer):
+    """Equal errors before it are equal frames; what is reported is the part of them that it leaves."""
+    bare, blurred = (renderer.render(STATE, max_error=0.02 * gain, error_gain=gain) for gain in (1.0, 0.3))
+    assert bare.irradiance_W_m2.tobytes() == blurred.irradiance_W_m2.tobytes()
+    one, other = bare.plan.windows[0], blurred.plan.windows[0]
+    assert one.budget == other.budget, "before the point spread function"
+    assert blurred.plan.predicted_error == pytest.approx(0.3 * bare.plan.predicted_error)
+    for cause in (*one.modelled, *one.drawn):
+        if cause != "one direction to the Sun":
+            assert {**other.modelled, **other.drawn}[cause] == pytest.approx(0.3 * {**one.modelled, **one.drawn}[cause])
+
+
+def test_no_point_spread_function_averages_one_direction_to_the_sun(renderer):
+    cause = "one direction to the Sun"
+    one, other = (renderer.render(STATE, max_error=0.02, error_gain=gain).plan.windows[0].modelled[cause]
+                  for gain in (1.0, 0.3))
+    assert one == pytest.approx(other) == pytest.approx(BODY.shape.radius_m / views.AU_M, rel=0.1)
+
+
+def test_a_printed_plan_says_what_spent_the_tolerance(renderer):
+    """The causes from a tenth of the window's error on, the largest first, in per cent."""
+    plan = renderer.render(STATE, max_error=0.02, engine="raster").plan
+    line, = (line for line in str(plan).splitlines() if "OpenGL" in line)
+    spent = dict(each.rsplit(" ", 1) for each in line.split("% (")[1].split(")")[0].split(", "))
+    parts = {**plan.windows[0].modelled, **plan.windows[0].drawn}
+    assert list(spent) == sorted((cause for cause, error in parts.items() if error > 0.1 * plan.predicted_error),
+                                 key=lambda cause: -parts[cause])
+    for cause, percent in spent.items():
+        assert float(percent) == pytest.approx(100.0 * parts[cause], rel=0.06)
+    assert math.hypot(*map(float, spent.values())) == pytest.approx(100.0 * plan.predicted_error, rel=0.06)
