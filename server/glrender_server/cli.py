@@ -32,6 +32,7 @@ COMMANDS = {
     "view": "show the frames of a running server on a page in the browser",
     "keygen": "make CURVE keys: the server's, and one pair for each client",
     "campaign": "fly a loop with other seeds, beliefs, faults and budgets, and report its errors",
+    "reconstruct": "make a surface from the frames of a sequence",
     "deviation": "how far a surface lies from the true one, in numbers and as a picture",
     "completion": "print a script that completes commands in a shell",
 }

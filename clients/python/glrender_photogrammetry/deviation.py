@@ -17,9 +17,9 @@ ALIGNMENTS = ("none", "attitudes", "similarity")
 _N_SAMPLES, _N_ALIGNED = 20_000, 10_000
 # Of the points, the nearer ones count for the alignment: the rest is what one surface lacks, or an outlier.
 _SHARE_ALIGNED = 0.9
-_MOST_STEPS = 200
+_MOST_STEPS = 40
 # A step that moves the surface by less than this share of its radius is the last.
-_SETTLED = 1e-9
+_SETTLED = 1e-7
 # Surfaces whose radii differ by more are in other units.
 _MOST_TIMES_LARGER = 100.0
 _MAD_OF_NORMAL = 1.4826

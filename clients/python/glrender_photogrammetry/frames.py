@@ -19,8 +19,11 @@ from .mesh import Mesh
 # Surfaces seen at more than 80 deg or lit at more than 87 deg from their normal show nothing to match.
 _LEAST_COS_EMISSION = 0.17
 _LEAST_COS_INCIDENCE = 0.05
+# Share of the pixels that are brighter than white, and how bright they may be, in roots of it.
+_WHITE, _MOST_ROOT = 0.0005, np.float32(1.5)
 # Standard deviation of rounding to whole digital numbers.
 _ROUNDING_DN = 12.0**-0.5
+_SATURATED_SIGMAS = 3.0
 # Rays start that many pixels of the nearest frame above the surface, which Embree has in float32.
 _LIFT_PX = 0.1
 
@@ -87,19 +90,28 @@ class PosedFrame:
             told = [lens.get(key, 0.0) for key in ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")]
             image = cv2.undistort(image.astype(np.float32), camera.matrix, np.array(told))
         here = sight(header["state"], camera, body)
-        detector = table.get("detector") if header["unit"] == "DN" else None
+        offset, noise, most = 0.0, 0.0, None
+        if header["unit"] == "DN" and (detector := table.get("detector")):
+            gain, offset = detector["gain_DN_per_electron"], float(detector["offset_DN"])
+            noise = float(np.hypot(gain * detector["read_noise_electrons"], _ROUNDING_DN))
+            # Full wells are read with the noise of reading.
+            most = min(2.0 ** detector["bit_depth"] - 1.0,
+                       offset + gain * detector["full_well_electrons"] - _SATURATED_SIGMAS * noise)
         return cls(name=name, image=image, camera=camera, body=body, camera_from_body=here.camera_from_body,
                    r_camera_body_m=-here.camera_from_body.T @ here.r_body_camera_m,
-                   sun_direction_body=here.camera_from_body.T @ here.sun_direction_camera,
-                   offset=float(detector["offset_DN"]) if detector else 0.0,
-                   noise=float(np.hypot(detector["read_noise_electrons"] * detector["gain_DN_per_electron"],
-                                        _ROUNDING_DN)) if detector else 0.0,
-                   most=2.0 ** detector["bit_depth"] - 1.0 if detector else None)
+                   sun_direction_body=here.camera_from_body.T @ here.sun_direction_camera, offset=offset, noise=noise,
+                   most=most)
 
     @cached_property
     def signal(self) -> np.ndarray:
         """(height, width) float32, above the offset, 0 at the least."""
         return np.maximum(self.image.astype(np.float32) - np.float32(self.offset), np.float32(0.0))
+
+    @cached_property
+    def root(self) -> np.ndarray:
+        """(height, width) float32, root of the signal over white: noise of the light is the same at all levels."""
+        white = np.float32(max(float(np.quantile(self.signal, 1.0 - _WHITE)), 1e-30))
+        return np.minimum(np.sqrt(self.signal / white), _MOST_ROOT)
 
     @property
     def px_m(self) -> float:

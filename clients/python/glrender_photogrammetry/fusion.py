@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -26,6 +27,15 @@ _FROM_POINTS = 3.0
 """Voxels from the nearest point, beyond which the surface is cut off."""
 _LEAST_PIECE = 0.01
 """Facets of a piece over those of the largest; smaller ones go."""
+
+
+def needed_pycolmap() -> Any:
+    """The module, or a ValueError that says how to install it."""
+    try:
+        import pycolmap
+    except ImportError:
+        raise refuse("reconstruct", "needs pycolmap", None, "pip install 'glrender[reconstruction]'") from None
+    return pycolmap
 
 
 def fused(frames: Sequence[PosedFrame], depths_m: Mapping[int, np.ndarray], tolerance_m: float,
@@ -68,10 +78,7 @@ def surface_of(points_m: np.ndarray, cameras_m: np.ndarray, voxel_m: float, cut_
     ValueError
         Without pycolmap, or of points that make no surface.
     """
-    try:
-        import pycolmap
-    except ImportError:
-        raise refuse("reconstruct", "needs pycolmap", None, "pip install 'glrender[reconstruction]'") from None
+    pycolmap = needed_pycolmap()
     points_m, to_camera = _thinned(points_m, cameras_m - points_m, voxel_m)
     normals = _normals(points_m, to_camera)
     with tempfile.TemporaryDirectory() as folder:

@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +16,9 @@ import numpy as np
 from glrender_navigation.checks import refuse
 
 from .frames import PosedFrame, angle_rad
-from .fusion import fused, surface_of
+from .fusion import fused, needed_pycolmap, surface_of
 from .mesh import Closest, HasFacets, Mesh
-from .sparse import sparse_points, white_of
+from .sparse import sparse_points
 from .sweep import PASSES, Pass, depth_map
 
 _log = logging.getLogger(__name__)
@@ -35,8 +34,6 @@ _MOST_SATURATED = 0.5
 _SPARSE_VOXEL_PX, _SPARSE_CUT_PX = 20.0, 26.0
 # Points count as one where depths differ by fewer steps.
 _N_STEPS_AGREE = 3.0
-# Brighter than white, in roots of it.
-_MOST_ROOT = np.float32(1.5)
 
 Progress = Callable[[str, float], None]
 
@@ -89,8 +86,7 @@ def reconstruct(frames: Sequence[PosedFrame], *, body: str | None = None, poses:
     """
     if poses not in POSES:
         raise refuse("poses", f"must be one of {', '.join(POSES)}", poses)
-    if find_spec("pycolmap") is None:
-        raise refuse("reconstruct", "needs pycolmap", None, "pip install 'glrender[reconstruction]'")
+    needed_pycolmap()
     frames, left_out = _usable(frames, body)
     px_m = min(frame.px_m for frame in frames)
     stages = _Stages(folder, frames, prior, passes, poses)
@@ -105,10 +101,9 @@ def reconstruct(frames: Sequence[PosedFrame], *, body: str | None = None, poses:
                                                  _SPARSE_VOXEL_PX * px_m, _SPARSE_CUT_PX * px_m))
     else:
         surface = _checked_prior(Mesh.of(prior), points_m, passes[0].reach_px * px_m)
-    roots = [np.minimum(np.sqrt(frame.signal / np.float32(white_of(frames))), _MOST_ROOT) for frame in frames]
     for number, plan in enumerate(passes, start=1):
         name = f"sweep_{number}"
-        surface = stages.mesh(name, partial(_swept, frames, roots, surface, plan, px_m, partial(progress, name)))
+        surface = stages.mesh(name, partial(_swept, frames, surface, plan, px_m, partial(progress, name)))
         progress(name, 1.0)
     report["cpu_s"] = stages.cpu_s
     return Reconstruction(shape=surface, points=points_m, report=report)
@@ -119,11 +114,11 @@ def stage_names(passes: Sequence[Pass] = PASSES) -> list[str]:
     return ["sparse", *(f"sweep_{number}" for number in range(1, len(passes) + 1))]
 
 
-def _swept(frames: Sequence[PosedFrame], roots: Sequence[np.ndarray], surface: Mesh, plan: Pass, px_m: float,
+def _swept(frames: Sequence[PosedFrame], surface: Mesh, plan: Pass, px_m: float,
            progress: Callable[[float], None]) -> Mesh:
     depths_m = {}
     for index in range(len(frames)):
-        found_m = depth_map(frames, roots, index, surface, plan, px_m)
+        found_m = depth_map(frames, index, surface, plan, px_m)
         if found_m is not None:
             depths_m[index] = found_m
         progress(0.8 * (index + 1) / len(frames))

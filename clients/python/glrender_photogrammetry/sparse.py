@@ -16,8 +16,8 @@ from .frames import PosedFrame, angle_rad
 
 _log = logging.getLogger(__name__)
 
-# Frames further apart, as the body sees them, share too little: SIFT is right for 0.85 at 15 deg, 0.6 at 25.
-_NEIGHBOURS_RAD = np.radians(16.0)
+# Frames nearer to each other, as the body sees them, tell no depth; further apart too few matches are right.
+_NEIGHBOURS_RAD = (np.radians(0.5), np.radians(16.0))
 _N_FEATURES = 8000
 _CONTRAST = 0.01
 # Ratio of the best match's distance to the second best's (Lowe 2004 has 0.8; the epipolar check takes off the rest).
@@ -29,10 +29,8 @@ _LEAST_TRACK = 3
 _LEAST_SPREAD = 2.0 * np.sin(np.radians(2.0)) ** 2
 # Of the matches; poses that are right leave 0.15 to 0.4 outside of the check.
 _LEAST_SHARE_RIGHT = 0.5
-# Share of the pixels that are brighter than what is shown white, and share of white below which a pixel is dark.
-_WHITE = 0.0005
-# Grey levels of 8 bits, the root of the signal: noise of the light is then the same at all levels.
-_LEVELS = 255.0
+# Points, below which there is no surface.
+_LEAST_POINTS = 100
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -44,11 +42,6 @@ class SparsePoints:
     n_features: list[int]
     n_matches: int
     share_right: float
-
-
-def white_of(frames: Sequence[PosedFrame]) -> float:
-    """The signal that is shown white in all frames."""
-    return float(np.mean([np.quantile(frame.signal, 1.0 - _WHITE) for frame in frames]))
 
 
 def sparse_points(frames: Sequence[PosedFrame], progress: Callable[[float], None] = lambda done: None) -> SparsePoints:
@@ -64,19 +57,20 @@ def sparse_points(frames: Sequence[PosedFrame], progress: Callable[[float], None
     Raises
     ------
     ValueError
-        Frames without neighbours within 16 deg, without common points, or poses that contradict the matches.
+        Frames without neighbours 0.5 to 16 deg apart, without common points, or poses that contradict the matches.
     """
-    pairs = [(i, j) for i in range(len(frames)) for j in range(i + 1, len(frames))
-             if angle_rad(frames[i], frames[j]) < _NEIGHBOURS_RAD]
+    apart = {(i, j): angle_rad(frames[i], frames[j]) for i in range(len(frames)) for j in range(i + 1, len(frames))}
+    low, high = _NEIGHBOURS_RAD
+    pairs = [pair for pair, angle in apart.items() if low < angle < high]
     if not pairs:
-        least = min(angle_rad(frames[i], frames[i + 1]) for i in range(len(frames) - 1))
-        raise refuse("frames", "must have neighbours within 16 deg about the body",
+        least = min((angle for angle in apart.values() if angle > low), default=0.0)
+        raise refuse("frames", "must have neighbours 0.5 to 16 deg apart about the body",
                      f"{np.degrees(least):.1f} deg at the least", "take more frames on the way")
-    white, n_steps = white_of(frames), len(frames) + len(pairs)
+    n_steps = len(frames) + len(pairs)
     sift = cv2.SIFT_create(_N_FEATURES, contrastThreshold=_CONTRAST)
     places, features = [], []
     for k, frame in enumerate(frames):
-        grey = (_LEVELS * np.sqrt(np.minimum(frame.signal / np.float32(white), 1.0))).astype(np.uint8)
+        grey = (255.0 * np.minimum(frame.root, 1.0)).astype(np.uint8)
         found, described = sift.detectAndCompute(grey, None)
         described = np.zeros((0, 128), np.float32) if described is None else described
         places.append(np.array([point.pt for point in found]).reshape(-1, 2))
@@ -100,8 +94,8 @@ def sparse_points(frames: Sequence[PosedFrame], progress: Callable[[float], None
                      f"epipolar check of {_EPIPOLAR_PX:g} px", f"{np.median(errors):.1f} px in the median",
                      'poses that are not known well: poses="free"')
     points_m, n_frames = _tracks(frames, np.concatenate(edges, axis=1), np.concatenate(places), first)
-    if len(points_m) < 100:
-        raise refuse("frames", "must share 100 points in three frames or more", len(points_m),
+    if len(points_m) < _LEAST_POINTS:
+        raise refuse("frames", f"must share {_LEAST_POINTS} points in three frames or more", len(points_m),
                      "take more frames, no more than 15 deg apart")
     return SparsePoints(points_m=points_m, n_frames=n_frames, n_features=[len(place) for place in places],
                         n_matches=int((errors < _EPIPOLAR_PX).sum()), share_right=share_right)

@@ -53,15 +53,12 @@ PASSES = (Pass(reach_px=20.0, step_px=2.0, window=9, voxel_px=2.0),
 """About the surface of sparse points, and about what that gives."""
 
 
-def depth_map(frames: Sequence[PosedFrame], roots: Sequence[np.ndarray], index: int, prior: Mesh, plan: Pass,
-              px_m: float) -> np.ndarray | None:
+def depth_map(frames: Sequence[PosedFrame], index: int, prior: Mesh, plan: Pass, px_m: float) -> np.ndarray | None:
     """Depths (height, width) float32 [m] along the boresight, 0 where there is none; None of a frame of no use.
 
     Parameters
     ----------
     frames : sequence of PosedFrame
-    roots : sequence of (height, width) float32
-        Root of each frame's signal over white.
     index : int
         Of the frame.
     prior : Mesh
@@ -69,7 +66,7 @@ def depth_map(frames: Sequence[PosedFrame], roots: Sequence[np.ndarray], index: 
     px_m : float [m]
         Pixel on the ground, of the nearest frame.
     """
-    frame, root = frames[index], roots[index]
+    frame, root = frames[index], frames[index].root
     neighbours = _neighbours(frames, index)
     depth_m, facet = frame.depth(prior)
     hit = (facet >= 0) & (root > _LEAST_LIGHT)
@@ -78,7 +75,7 @@ def depth_map(frames: Sequence[PosedFrame], roots: Sequence[np.ndarray], index: 
     rows, columns = np.flatnonzero(hit.any(axis=1)), np.flatnonzero(hit.any(axis=0))
     cut = np.s_[max(rows[0] - _MARGIN_PX, 0):rows[-1] + _MARGIN_PX + 1,
                 max(columns[0] - _MARGIN_PX, 0):columns[-1] + _MARGIN_PX + 1]
-    y, x = np.mgrid[cut]
+    y, x = (each[cut] for each in np.indices(hit.shape))
     hit, facet = hit[cut], facet[cut]
     start_m = np.where(facet >= 0, depth_m[cut], np.median(depth_m[cut][hit])).astype(np.float32)
     unit = frame.camera.direction(np.stack([x, y], axis=-1))
@@ -86,7 +83,7 @@ def depth_map(frames: Sequence[PosedFrame], roots: Sequence[np.ndarray], index: 
     ray = (unit / unit[..., 2:]).astype(np.float32)
     offsets_m = (np.arange(-plan.reach_px, plan.reach_px + plan.step_px / 2.0, plan.step_px) * px_m).astype(np.float32)
     window = _Window(root[cut], plan.window)
-    warps = [(roots[k], _Warp(frame, frames[k], ray, start_m)) for k in neighbours]
+    warps = [(frames[k].root, _Warp(frame, frames[k], ray, start_m)) for k in neighbours]
     volume = np.empty((len(offsets_m), *start_m.shape), np.float32)
     for k, offset_m in enumerate(offsets_m):
         scores = [window.correlation(warp.image(other, offset_m, plan.window)) for other, warp in warps]

@@ -1,0 +1,53 @@
+"""`glrender reconstruct`: a surface from the frames of a sequence; started again, it goes on where it was stopped."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+from glrender import ConfigError
+from glrender_photogrammetry import Mesh, posed_frames, reconstruct
+from glrender_photogrammetry.reconstruction import POSES, stage_names
+from tqdm import tqdm
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `glrender reconstruct`."""
+    parser.add_argument("folder", type=Path, metavar="FOLDER", help="of `glrender sequence`: npz or fits")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR",
+                        help="of shape.ply, report.json and the stages; made if it is missing")
+    parser.add_argument("--body", help="that is reconstructed; default: the first")
+    parser.add_argument("--poses", choices=POSES, default="known", help="how well the frames' states are known (known)")
+    parser.add_argument("--prior", type=Path, metavar="FILE",
+                        help="surface in metres where the first sweep starts; default: that of the sparse points")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Reconstruct, with progress and time left."""
+    names = stage_names()
+    with tqdm(total=len(names), unit="stage", disable=None, bar_format="{desc}: {percentage:3.0f} %|{bar}| "
+              "[{elapsed}<{remaining}]") as bar:
+        def show(stage: str, done: float) -> None:
+            bar.set_description(stage, refresh=False)
+            bar.n = names.index(stage) + done
+            bar.refresh()
+
+        try:
+            prior = None if arguments.prior is None else Mesh.from_file(arguments.prior)
+            found = reconstruct(posed_frames(arguments.folder, arguments.body), poses=arguments.poses, prior=prior,
+                                folder=arguments.out, progress=show)
+        except ConfigError:
+            raise
+        except ValueError as error:
+            field, _, rest = str(error).partition(": ")
+            raise ConfigError(field, rest) from None
+    found.shape.to_file(arguments.out / "shape.ply")
+    report = found.report
+    (arguments.out / "report.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+    for text in (*report["warnings"], *(f"{name} is left out: {why}" for name, why in report["left_out"].items())):
+        sys.stderr.write(f"glrender: warning: {text}\n")
+    sys.stdout.write(f"{arguments.out / 'shape.ply'}: {len(found.shape.facets)} facets of {report['frames']} frames, "
+                     f"{report['points']} points, {report['px_m']:.3g} m a pixel\n")
+    return 0

@@ -1,0 +1,203 @@
+"""A surface from frames that were drawn of a known one: points, depths, fusion, the whole, and what is refused."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from arcs import state
+from glrender import generate
+from glrender_navigation import Camera
+from glrender_photogrammetry import Mesh, deviation, posed_frames, reconstruct
+from glrender_photogrammetry.fusion import fused, surface_of
+from glrender_photogrammetry.mesh import Closest
+from glrender_photogrammetry.sparse import sparse_points
+from glrender_photogrammetry.sweep import PASSES, depth_map
+from glrender_server.cli import main
+from missing import needed_module
+from scipy.spatial.transform import Rotation
+
+
+@pytest.fixture(scope="module")
+def frames(flown):
+    needed_module("pycolmap", "pip install 'glrender[reconstruction]'")
+    return posed_frames(flown.folder)
+
+
+@pytest.fixture(scope="module")
+def truth(flown):
+    return Mesh.of(flown.shape)
+
+
+@pytest.fixture(scope="module")
+def made(frames, tmp_path_factory):
+    """The result of the first sweep alone, its folder, and the calls of its progress."""
+    folder, calls = tmp_path_factory.mktemp("made"), []
+    found = reconstruct(frames, body="body", folder=folder, passes=PASSES[:1],
+                        progress=lambda stage, done: calls.append((stage, done)))
+    return found, folder, calls
+
+
+def turned(frame, angle_rad):
+    """The frame with another attitude."""
+    return replace(frame, camera_from_body=Rotation.from_rotvec(angle_rad).as_matrix() @ frame.camera_from_body)
+
+
+def test_sparse_points_lie_on_the_surface(frames, truth):
+    """Within a pixel in the median and three at the 95th percentile; each by three frames or more."""
+    found = sparse_points(frames)
+    away_px = np.abs(Closest(truth)(found.points_m)[0]) / frames[0].px_m
+    assert len(found.points_m) > 500 and found.n_frames.min() >= 3 and found.share_right > 0.7
+    assert np.median(away_px) < 1.0 and np.quantile(away_px, 0.95) < 3.0
+
+
+def test_poses_that_contradict_the_matches_are_refused(frames):
+    """Attitudes that are wrong by 0.3 deg (6 px) in all directions; the message tells the pixels."""
+    rng = np.random.default_rng(1)
+    wrong = [turned(frame, np.radians(0.3) * rng.normal(size=3)) for frame in frames]
+    with pytest.raises(ValueError, match=r"must have poses that the matches agree with.*px in the median.*free"):
+        sparse_points(wrong)
+
+
+def test_a_sweep_finds_the_depth_about_a_surface_that_is_too_low(frames, truth):
+    """The true shape 6 px lower as the prior: three quarters of the pixels are found, right to 0.5 px in the median."""
+    px_m = frames[4].px_m
+    low = Mesh(vertices_m=truth.vertices_m * (1.0 - 6.0 * px_m / 280.0), facets=truth.facets)
+    found_m = depth_map(frames, 4, low, PASSES[0], px_m)
+    true_m, facet = frames[4].depth(truth)
+    kept = (found_m > 0.0) & (facet >= 0)
+    start_m, _ = frames[4].depth(low)
+    gap_px = (found_m - true_m)[kept] / px_m
+    assert kept.sum() > 0.6 * ((facet >= 0) & (frames[4].root > 0.2)).sum()
+    assert np.median(np.abs(gap_px)) < 0.6 and np.quantile(np.abs(gap_px), 0.9) < 2.5
+    assert np.median(np.abs(start_m - true_m)[kept]) / px_m > 5.0
+    assert depth_map(frames[:1] * 3, 0, truth, PASSES[0], px_m) is None, "no neighbour 8 to 24 deg away"
+
+
+def test_depths_that_agree_are_averaged_and_others_dropped(frames, truth):
+    """Depths of the truth, one frame's wrong by more than the tolerance: its points are gone, the rest lie on it."""
+    depths = {}
+    for index in range(6):
+        depth_m, facet = frames[index].depth(truth)
+        depths[index] = np.where(facet >= 0, depth_m, 0.0).astype(np.float32)
+    right, _ = fused(frames, depths, 3.0)
+    assert np.quantile(np.abs(Closest(truth)(right[::20])[0]), 0.95) < 1.0
+    depths[2] = np.where(depths[2] > 0.0, depths[2] + 40.0, 0.0).astype(np.float32)
+    points_m, cameras_m = fused(frames, depths, 3.0)
+    assert (np.linalg.norm(cameras_m - frames[2].r_camera_body_m, axis=1) < 1.0).mean() < 0.02
+    assert np.quantile(np.abs(Closest(truth)(points_m[::20])[0]), 0.95) < 1.0
+
+
+def test_the_surface_of_points_is_cut_where_there_are_none(frames):
+    """Points of a half sphere: its surface within a tenth of their distance, and no cap over the open side."""
+    sphere = generate.icosphere(radius_m=100.0, subdivisions=6)
+    half = sphere.vertices_m[sphere.vertices_m[:, 2] > 0.0]
+    found = surface_of(half, 10.0 * half, voxel_m=3.0, cut_m=6.0)
+    radius_m = np.linalg.norm(found.vertices_m, axis=1)
+    assert np.quantile(np.abs(radius_m - 100.0), 0.99) < 0.5 and found.vertices_m[:, 2].min() > -8.0
+    up = (found.facet_normals * found.corners_m.mean(axis=1)).sum(axis=1)
+    assert (up > 0.0).mean() > 0.999, "outward"
+
+
+def test_one_sweep_is_right_to_a_pixel_or_two(made, truth, frames):
+    found, _, calls = made
+    told = deviation(found.shape, truth, px_m=found.report["px_m"], frames=frames)
+    assert abs(told.mean_m) < 0.4 * frames[0].px_m and told.sigma_m < 1.2 * frames[0].px_m
+    assert told.max_m < 15.0 * frames[0].px_m and told.complete_2px > 0.6
+    assert found.report["frames"] == 10 and found.report["points"] == len(found.points) > 500
+    assert found.report["left_out"] == {} and found.report["warnings"] == []
+    assert set(found.report["cpu_s"]) == {"sparse", "surface", "sweep_1"}
+    assert [stage for stage, done in calls if done == 1.0] == ["sparse", "sweep_1"]
+    assert all(a <= b for (_, a), (_, b) in zip(calls, calls[1:], strict=False) if b > 0.1)
+
+
+def test_stages_are_kept_and_taken_up(made, frames):
+    """The same call reads what is there; after a stage is gone only that is made anew; other frames are refused."""
+    found, folder, _ = made
+    assert {path.name for path in folder.iterdir()} == {"made_of.json", "sparse.npz", "surface.ply", "sweep_1.ply"}
+    before = {path.name: path.stat().st_mtime_ns for path in folder.iterdir() if path.suffix != ".json"}
+    again = reconstruct(frames, folder=folder, passes=PASSES[:1])
+    np.testing.assert_array_equal(again.shape.vertices_m, found.shape.vertices_m)
+    assert before == {path.name: path.stat().st_mtime_ns for path in folder.iterdir() if path.suffix != ".json"}
+    with pytest.raises(ValueError, match="must be empty, or made of the same frames and settings"):
+        reconstruct(frames[:-1], folder=folder, passes=PASSES[:1])
+
+
+@pytest.mark.slow
+def test_the_whole_reaches_the_bounds_of_the_issue(frames, truth, flown, tmp_path, capsys, monkeypatch):
+    """By the command, both sweeps: mean 0.3 px, sigma 1 px, max 15 px after alignment."""
+    monkeypatch.chdir(tmp_path)
+    assert main(["reconstruct", str(flown.folder), "--out", "made"]) == 0
+    assert "m a pixel" in capsys.readouterr().out and (tmp_path / "made" / "report.json").is_file()
+    px_m = frames[0].px_m
+    found = deviation(Mesh.from_file("made/shape.ply"), truth, px_m=px_m, align="similarity", frames=frames)
+    assert abs(found.mean_m) <= 0.3 * px_m and found.sigma_m <= px_m and found.max_m <= 15.0 * px_m
+    assert found.complete_2px > 0.7
+
+
+def dark(frame):
+    return replace(frame, image=np.full_like(frame.image, frame.offset))
+
+
+def saturated(frame):
+    return replace(frame, image=np.where(frame.image > frame.offset + 20, 4095, frame.image))
+
+
+def test_frames_that_show_nothing_are_left_out_and_told(made, frames):
+    """By a look at the frames alone: the stages are those of the eight others."""
+    given = [dark(frames[0]), *frames[1:-1], saturated(frames[-1])]
+    found = reconstruct(given, passes=[], folder=None)
+    assert found.report["left_out"][frames[0].name] == "dark: 0 pixels are lit"
+    assert found.report["left_out"][frames[-1].name].startswith("saturated: 9")
+    assert found.report["frames"] == 8
+
+
+def test_wide_steps_are_told(frames):
+    found = reconstruct([*frames[:5], *frames[8:]], passes=[])
+    assert len(found.report["warnings"]) == 1 and "frame_00004.npz to frame_00008.npz: 27.9 deg" in found.report[
+        "warnings"][0]
+
+
+@pytest.mark.parametrize("change, options, message", [
+    (lambda f: f[:2], {}, "frames: must be three or more, got 2"),
+    (lambda f: f[::9] * 2, {}, "frames: must have neighbours 0.5 to 16 deg apart about the body, got '62.7 deg"),
+    (lambda f: f[::3], {}, "frames: must have neighbours 0.5 to 16 deg apart about the body, got '20.9 deg"),
+    (lambda f: [dark(x) for x in f], {}, "must be neither dark nor saturated.*dark: 0 pixels"),
+    (lambda f: [saturated(x) for x in f], {}, "must be neither dark nor saturated.*saturated: 98 %"),
+    (lambda f: [*f[:3], replace(f[3], body="moon")], {}, r"frames\[3\].body: must be 'body', got 'moon'"),
+    (lambda f: f, {"body": "moon"}, r"frames\[0\].body: must be 'moon', got 'body'; posed_frames"),
+    (lambda f: [*f[:3], replace(f[3], camera=Camera(width_px=256, height_px=256, focal_length_px=1000.0))], {},
+     r"frames\[3\].camera: must be the first frame's"),
+    (lambda f: f, {"poses": "guessed"}, "poses: must be one of known"),
+])
+def test_bad_input_is_refused_with_field_rule_and_value(frames, change, options, message):
+    with pytest.raises(ValueError, match=message):
+        reconstruct(change(frames), **options)
+
+
+@pytest.mark.parametrize("prior", [
+    lambda m: Mesh(vertices_m=1e-3 * m.vertices_m, facets=m.facets),
+    lambda m: Mesh(vertices_m=m.vertices_m + [0.0, 0.0, 300.0], facets=m.facets)])
+def test_a_prior_of_another_size_or_place_is_refused(frames, truth, prior):
+    with pytest.raises(ValueError, match="prior: must lie within .* of half of the sparse points.*in metres"):
+        reconstruct(frames, prior=prior(truth), passes=PASSES[:1])
+
+
+def test_without_pycolmap_the_extra_is_named(tmp_path):
+    code = ("import sys; sys.modules['pycolmap'] = None\n"
+            "from glrender_photogrammetry import reconstruct\n"
+            "try: reconstruct([])\nexcept ValueError as error: print(error)")
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert "needs pycolmap" in run.stdout and "pip install 'glrender[reconstruction]'" in run.stdout, run.stderr
+
+
+def test_the_command_refuses_in_one_line(tmp_path, flown, capsys):
+    for arguments, message in (([str(tmp_path)], "must be a folder of `glrender sequence`"),
+                               ([str(flown.folder), "--body", "moon"], "body: must be one of body, got 'moon'"),
+                               ([str(flown.drawn([state(0.0), state(5.0)]))], "frames: must be three or more, got 2")):
+        assert main(["reconstruct", *arguments, "--out", str(tmp_path / "out")]) == 1
+        told = capsys.readouterr().err
+        assert message in told.splitlines()[-1] and "Traceback" not in told
