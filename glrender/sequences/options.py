@@ -68,7 +68,7 @@ class FrameOptions:
             object.__setattr__(self, "format", STREAM if self.output == "compressed" else "fits")
         if self.output == "compressed" and self.format != STREAM:
             raise ConfigError("format", "must be stream with output 'compressed'", self.format,
-                              "leave it out, or ask for output 'dn', whose numbers are decoded from the stream")
+                              "leave it out (--format stream), or ask for 'dn', the numbers that are decoded from it")
         if self.format != STREAM:
             checked_ending(self.format, self.unit)
         elif self.output != "compressed":
@@ -84,7 +84,7 @@ class FrameOptions:
         if self.products and self.format in ("png", STREAM):
             raise ConfigError("products", f"must be none with format {self.format}, which holds the image alone",
                               list(self.products), "use fits, npz or exr" if self.format == "png" else
-                              "draw a second sequence for them, or ask for output 'dn'")
+                              "leave them out (--products without a name), or ask for output 'dn'")
         if self.exposure_s is not None:
             checked_exposure("exposure_s", self.exposure_s)
             if not self.is_of_detector:

@@ -101,6 +101,19 @@ def test_it_goes_on_where_it_was_stopped_and_shows_what_is_decoded(scenario, tmp
     assert "options.output" in capsys.readouterr().err
 
 
+def test_the_command_overrides_a_table_of_another_output(scenario, tmp_path, capsys):
+    """Each of the errors on the way names the argument that helps."""
+    other = tmp_path / "other.toml"
+    table = '[output]\noutput = "dn"\nformat = "npz"\nproducts = ["range"]\nseed = 3\n'
+    other.write_text(scene_text() + STATES + table)
+    command = ["sequence", str(other), "--out", str(tmp_path / "out"), "--processes", "1", "--output", "compressed"]
+    assert main(command) == 1 and "(--format stream)" in capsys.readouterr().err
+    assert main([*command, "--format", "stream"]) == 1 and "(--products without a name)" in capsys.readouterr().err
+    assert main([*command, "--format", "stream", "--products"]) == 0
+    list(sequence(tmp_path / "whole", scenario).draw(1))
+    assert contents(tmp_path / "out") == contents(tmp_path / "whole")
+
+
 def test_a_stream_that_was_spoilt_is_told_with_its_file(scenario, tmp_path, capsys):
     out = tmp_path / "out"
     command = ["sequence", str(scenario), "--processes", "1", "--out", str(out)]
@@ -143,7 +156,7 @@ def test_render_refuses_what_a_stream_has_not(tmp_path, monkeypatch, capsys, arg
 
 
 @pytest.mark.parametrize("changes, message", [
-    ({"format": "npz"}, "format: must be stream with output 'compressed', got 'npz'; leave it out, or ask for"),
+    ({"format": "npz"}, "format: must be stream with output 'compressed', got 'npz'; leave it out \\(--format"),
     ({"output": "dn", "format": "stream"}, "format: goes with output 'compressed' alone, got 'stream'"),
     ({"products": ("range",)}, "products: must be none with format stream"),
     ({"products": ("irradiance",)}, "products: must not have 'irradiance' beside output 'compressed'"),
