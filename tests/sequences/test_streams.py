@@ -62,7 +62,9 @@ def contents(folder):
 def test_a_sequences_file_is_the_stream_that_the_camera_sends(scenario, tmp_path, capsys):
     """The very bytes of `take_frame`; what a decoder needs stands in the manifest, the rest in the frame's header."""
     assert main(["check", str(scenario)]) == 0
-    assert "output: stream of compressed DN, camera navcam, seed 3" in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert "output: stream of compressed DN, camera navcam, seed 3" in told
+    assert " a pixel, detector, jpeg_ls\n" in told and " a pixel, no detector\n" in told
     out = tmp_path / "out"
     assert main(["sequence", str(scenario), "--out", str(out), "--processes", "1"]) == 0
     names = [f"frame_{k:05d}.jpeg_ls{end}" for k in range(3) for end in ("", ".json")]

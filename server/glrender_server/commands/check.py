@@ -119,8 +119,10 @@ def _of_body(body: Body) -> str:
 def _of_camera(camera: PinholeCamera) -> str:
     field = " x ".join(f"{np.degrees(2.0 * np.arctan(0.5 * side / camera.focal_length_px)):.3g}"
                        for side in (camera.width_px, camera.height_px))
+    compression = None if camera.model is None else camera.model.compression
     return (f"camera {camera.name}: {camera.width_px} x {camera.height_px} px, {field} deg, "
-            f"{1e6 / camera.focal_length_px:.4g} urad a pixel, {'no ' if camera.model is None else ''}detector")
+            f"{1e6 / camera.focal_length_px:.4g} urad a pixel, {'no ' if camera.model is None else ''}detector"
+            + ("" if compression is None else f", {compression.codec}"))
 
 
 def _of_view(drawn: Drawn) -> list[str]:
