@@ -470,7 +470,7 @@ def test_a_server_serves_on_without_its_view(tmp_path):
 
 def answers(address):
     try:
-        urllib.request.urlopen(address, timeout=5.0).close()
+        urllib.request.urlopen(address, timeout=PATIENCE_S).close()
     except OSError:
         return False
     return True

@@ -101,13 +101,13 @@ def test_two_workers_render_at_once_and_status_does_not_wait(live):
 def test_a_killed_worker_is_replaced_and_its_request_answered(tmp_path):
     with serving.server(tmp_path, "--workers", "2") as (endpoint, process), Client(endpoint, timeout_s=60.0) as client:
         expected = client.render(STATE, "navcam").pixels
-        for count in range(5):
+        for count in range(3):
             until(lambda count=count: client.status()["workers"] == {"ready": 2, "of": 2, "restarts": count})
             os.kill(children(process)[0], signal.SIGKILL)
             for _ in range(4):
                 reply = client.render({**STATE, "t_s": time.monotonic()}, "navcam")
                 np.testing.assert_array_equal(reply.pixels, expected)
-        until(lambda: client.status()["workers"]["restarts"] == 5)
+        until(lambda: client.status()["workers"]["restarts"] == 3)
         assert "errors" in client.status() and client.status()["errors"] == {}
 
 
@@ -222,7 +222,7 @@ def test_a_scene_that_cannot_be_opened_again_gives_way_to_the_servers_own(tmp_pa
                 assert error.code == "device"
                 return False
 
-        until(is_drawn, 60.0)
+        until(is_drawn, 180.0)
         assert client.hello()["cameras"][0]["name"] == "navcam"
         process.terminate()
         assert process.wait(20.0) == 0

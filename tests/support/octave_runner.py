@@ -41,7 +41,7 @@ def _octave():
     return octave if probe.returncode == 0 else None
 
 
-def octave(script, *arguments, timeout=120, paths=(), environment=()):
+def octave(script, *arguments, timeout=300, paths=(), environment=()):
     """Run tests/clients/octave/<script>; it must end with rc 0 and say its mark. Returns what it said."""
     program = _octave()
     if program is None:

@@ -61,7 +61,7 @@ def server(folder, *arguments, scene=SCENE):
         process = subprocess.Popen([sys.executable, "-m", "glrender_server", str(file), "--zmq", "tcp://127.0.0.1:*",
                                     *arguments], stdout=subprocess.PIPE, stderr=log)
         try:
-            process.ready_line = wait_for_line(process, "glrender-server ready on", 60.0)
+            process.ready_line = wait_for_line(process, "glrender-server ready on", 180.0)
             yield process.ready_line.split()[3], process
         finally:
             process.kill()
@@ -74,7 +74,7 @@ def children(process):
     return processes.children(process.pid, b"spawn_main")
 
 
-def until(condition, seconds=30.0):
+def until(condition, seconds=90.0):
     deadline = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < deadline, "it did not come to pass"

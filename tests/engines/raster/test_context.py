@@ -61,7 +61,7 @@ def test_a_closed_context_says_so():
 
 def _python(code: str, **environment: str) -> subprocess.CompletedProcess:
     return subprocess.run([sys.executable, "-c", code], env={**os.environ, **environment}, capture_output=True,
-                          text=True, timeout=120)
+                          text=True, timeout=400)
 
 
 def test_without_egl_auto_falls_back_to_osmesa():
