@@ -15,7 +15,7 @@ demo: setup
 
 test: tools
 	$(BIN)/ruff check .
-	$(BIN)/python -m pytest -n 4 --dist loadfile $(PYTEST_OPTIONS)
+	$(BIN)/python -m pytest -n 4 --dist loadfile --no-loadscope-reorder $(PYTEST_OPTIONS)
 
 test-all: export GLRENDER_FUZZ_SECONDS ?= 15
 test-all: PYTEST_OPTIONS = -m ""

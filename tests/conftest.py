@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+from collections import Counter
 from pathlib import Path
 from zlib import crc32
 
@@ -12,6 +13,9 @@ import pytest
 from missing import missing
 
 _REPOSITORY = Path(__file__).parent.parent
+# Files that take about a minute, of few tests that are not marked slow.
+_LONG_FILES = {"test_basilisk", "test_command_line", "test_example_pages", "test_octave_tutorial", "test_server",
+               "test_site", "test_slow", "test_types", "test_view", "test_workers"}
 
 # In the background, as under nohup, neither tests nor what they start would hear Ctrl-C.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -50,14 +54,23 @@ def pytest_addoption(parser):
     parser.addoption("--slow-fifth", type=int, choices=range(5), help="of the slow tests, run this fifth alone")
 
 
+@pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config, items):
-    """Leave out four fifths of the slow tests, by their names: five fifths are all, whatever else is chosen."""
+    """Leave out four fifths of the slow tests, by their names: five fifths are all, whatever else is chosen.
+
+    Of several processes, which take file by file, each begins with a long one: else all wait for the last.
+    """
     fifth = config.getoption("--slow-fifth")
-    if fifth is None:
-        return
-    others = [item for item in items if item.get_closest_marker("slow") and crc32(item.nodeid.encode()) % 5 != fifth]
-    config.hook.pytest_deselected(items=others)
-    items[:] = [item for item in items if item not in set(others)]
+    if fifth is not None:
+        others = {item for item in items
+                  if item.get_closest_marker("slow") and crc32(item.nodeid.encode()) % 5 != fifth}
+        config.hook.pytest_deselected(items=list(others))
+        items[:] = [item for item in items if item not in others]
+    if hasattr(config, "workerinput"):
+        seconds = Counter({path: 60.0 for path in {item.path for item in items} if path.stem in _LONG_FILES})
+        for item in items:
+            seconds[item.path] += 20.0 if item.get_closest_marker("slow") else 0.3
+        items.sort(key=lambda item: -seconds[item.path])
 
 
 @pytest.hookimpl(wrapper=True)

@@ -12,10 +12,14 @@ apt_install() {
         echo "Please type: sudo apt-get update && sudo apt-get install -y $*" >&2
         return 1
     fi
+    lock=${TMPDIR:-/tmp}/glrender-apt-$(id -u).lock
     # One at a time: `make -j` brings several tools at once.
     (
         flock 9
-        $sudo apt-get update -qq || true
+        # Lists of packages that another tool has fetched within the hour are new enough.
+        if [ -z "$(find "$lock.updated" -mmin -60 2>/dev/null)" ]; then
+            $sudo apt-get update -qq && touch "$lock.updated" || true
+        fi
         DEBIAN_FRONTEND=noninteractive $sudo apt-get install -y -qq --no-install-recommends "$@" >/dev/null
-    ) 9>"${TMPDIR:-/tmp}/glrender-apt-$(id -u).lock"
+    ) 9>"$lock"
 }

@@ -13,7 +13,7 @@ works() { "$venv/bin/python" -c 'from Basilisk.utilities import vizSupport; from
 works && exit 0
 echo "Basilisk is missing: installing bsk and bsk-opnav into $venv for the tests" >&2
 if "$glrender_python" -m venv --clear "$venv"; then
-    pip="$venv/bin/python -m pip install --quiet --disable-pip-version-check --retries 5"
+    pip="$venv/bin/python -m pip install --no-compile --quiet --disable-pip-version-check --retries 5"
     $pip 'bsk[opnav]>=2.12' || true
     works && exit 0
 fi

@@ -21,7 +21,7 @@ echo "Blender is missing: installing PyPI's bpy into $venv for the backend cycle
 for python in "$glrender_python" python3.11 python3.13; do
     command -v "$python" >/dev/null || continue
     "$python" -m venv --clear "$venv" || continue
-    if "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --retries 5 'bpy>=4.2'; then
+    if "$venv/bin/python" -m pip install --no-compile --quiet --disable-pip-version-check --retries 5 'bpy>=4.2'; then
         works && exit 0
         # Blender opens no window, but needs the libraries for one.
         apt_install libegl1 libgl1 libsm6 libxfixes3 libxi6 libxkbcommon0 libxrender1 libxt6 libxxf86vm1 || true

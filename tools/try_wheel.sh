@@ -14,7 +14,7 @@ try() {
     python=$1 file=$2 place=$3
     mkdir -p "$place/home" "$place/work"
     "$python" -m venv "$place/env"
-    "$place/env/bin/python" -m pip install --quiet --disable-pip-version-check "$file"
+    "$place/env/bin/python" -m pip install --no-compile --quiet --disable-pip-version-check "$file"
     (
         cd "$place/work"
         unset PYTHONPATH GLRENDER_CACHE NUMBA_CACHE_DIR XDG_CACHE_HOME
