@@ -20,6 +20,8 @@ from .small_bodies import SmallBody
 
 PRODUCTS = ("irradiance", "range", "body_id", "facet_id", "incidence", "emission", "phase", "r_body", "sunlit")
 """Names of the products that `Renderer.render` can return."""
+MAX_DIRECTIONS = 10_000
+"""Of laser ranges that are asked for at once."""
 
 UNITS = {"irradiance": "W/m2", "range": "m", "body_id": "1", "facet_id": "1", "incidence": "rad", "emission": "rad",
          "phase": "rad", "r_body": "m", "sunlit": "1"}

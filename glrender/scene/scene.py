@@ -25,7 +25,7 @@ from .tolerance import checked_max_error
 __all__ = ["Body", "Scene", "band_irradiances", "load_scene"]
 
 SCENE_KEYS = ("bodies", "cameras", "stars", "solar_irradiance_1au_W_m2", "max_error", "sun_disc",
-               "emission")
+              "emission")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

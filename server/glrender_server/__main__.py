@@ -21,7 +21,6 @@ from .dispatcher import Dispatcher
 from .front import Front
 from .job import LocalEngine
 from .metrics import MetricsServer
-from .operations import Operations
 from .server import Server
 from .tap import Tap
 from .tcp_front import TcpFront
@@ -131,6 +130,8 @@ def _engine(arguments: argparse.Namespace) -> LocalEngine | WorkerPool:
         if n_workers > 1 or arguments.deadline is not None:
             raise ConfigError("--in-process", "goes with no --workers and no --deadline",
                               hint="only a process can be killed")
+        from .operations import Operations
+
         return LocalEngine(Operations(*what))
     deadline_s = DEADLINE_S if arguments.deadline is None else positive("--deadline", arguments.deadline)
     memory_bytes = worker_memory_bytes(arguments.worker_memory, n_workers)

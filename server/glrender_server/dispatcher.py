@@ -18,16 +18,14 @@ import glrender
 import zmq
 from glrender import GlrenderError
 from glrender.capture.outputs import OUTPUTS
-from glrender.engines.image import PRODUCTS
-from glrender.engines.rays.laser_ranges import MAX_DIRECTIONS
+from glrender.engines.image import MAX_DIRECTIONS, PRODUCTS
 from glrender_camera.validate import known_keys
 
-from . import codec, limits, operations
+from . import codec, limits
 from .background import Background
 from .envelope import ENVELOPE, checked_envelope, echo, refusal
-from .frame import MAX_ARRAYS, MAX_FRAME_BYTES
 from .front import Answer, FairQueue, Front, Request
-from .job import QUICK_S, Done, Job
+from .job import DRAWN, QUICK_S, Done, Job
 from .kept import KeptReplies
 from .metrics import Histogram, Recent, counter, escaped, gauge
 from .tap import Tap
@@ -35,7 +33,7 @@ from .warned import WarningLog
 
 log = logging.getLogger(__name__)
 
-OPERATIONS = ("hello", *operations.OPERATIONS, "status", "watch", "close")
+OPERATIONS = ("hello", *DRAWN, "status", "watch", "close")
 # A client that is told `busy` asks again after the time that the waiting requests take, within these [s].
 _MIN_RETRY_S, _MAX_RETRY_S = 0.05, 5.0
 _ALL_AT_WORK = "all connections are open and at work; close one"
@@ -190,7 +188,7 @@ class Dispatcher:
             self._refuse(request, header, "closing", "", "the server is shutting down")
         elif header["op"] == "watch":
             self._watch(request, header)
-        elif header["op"] not in operations.OPERATIONS:
+        elif header["op"] not in DRAWN:
             self.requests[header["op"]] += 1
             request.answer(getattr(self, f"_{header['op']}")(header))
         elif header["op"] == "load_scene" and self._operators is not None and request.user not in self._operators:
@@ -356,8 +354,7 @@ class Dispatcher:
             "protocol_minor": codec.MINOR_VERSION, "server": f"glrender {glrender.__version__}",
             "operations": list(OPERATIONS), "outputs": list(OUTPUTS), "products": list(PRODUCTS),
             **self._engine.described,
-            "limits": {**limits.described(), "max_frame_bytes": MAX_FRAME_BYTES, "max_arrays": MAX_ARRAYS,
-                       "max_directions": MAX_DIRECTIONS}})
+            "limits": {**limits.described(), "max_directions": MAX_DIRECTIONS}})
 
     def _status(self, header: Mapping[str, Any]) -> list[Any]:
         known_keys("", header, ENVELOPE)

@@ -16,12 +16,10 @@ from glrender_camera.faults.fault import Fault
 from glrender_camera.faults.frame_faults import checked_faults
 from glrender_camera.validate import integer, known_keys, positive
 
+from .limits import MAX_ARRAYS, MAX_FRAME_BYTES
+
 FRAME_KEYS = ("camera", "output", "exposure_s", "seed", "max_error", "samples", "products", "roi", "faults")
 """Fields of a frame: of the request itself, or of an entry of its `frames`."""
-MAX_FRAME_BYTES = 4 * 1024**3
-"""Most memory that one request's images and products may take while they are made."""
-MAX_ARRAYS = 15
-"""Images and products of one reply: a message has at most 16 parts, and the first is the header."""
 _OF_THE_REQUEST = ("state", "allow_slow", "shared")
 
 

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Hashable, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import zmq
 from glrender.engines.advice import Advice
 
-from .operations import Operations
 from .slots import SlotStore, offsets, room
+
+if TYPE_CHECKING:
+    from .operations import Operations
 
 log = logging.getLogger(__name__)
 
+DRAWN = ("render", "range", "load_scene")
+"""Operations that need a renderer; the dispatcher answers the others."""
 QUICK_S = 0.5
 """A request that keeps a renderer for less [s] keeps nobody waiting."""
 

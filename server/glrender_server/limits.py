@@ -56,6 +56,11 @@ BACKGROUND_SHARE, BACKGROUND_IDLE_S = 0.005, 2.0
 """The part of the time that frames of the background may take while others ask, and the time without a request after
 which nobody does."""
 
+MAX_FRAME_BYTES = 4 * 1024**3
+"""Most memory that one request's images and products may take while they are made."""
+MAX_ARRAYS = 15
+"""Images and products of one reply: a message has at most 16 parts, and the first is the header."""
+
 MAX_SCENE_PIXELS = 1 << 26
 """All cameras of a scene that came over the wire; with margins and the cells of distortion twice as many."""
 MAX_SCENE_FACETS = 10_000_000
@@ -102,4 +107,4 @@ def described() -> dict[str, int | float]:
             "max_scene_bodies": MAX_SCENE_BODIES, "max_scene_cameras": MAX_SCENE_CAMERAS,
             "max_scene_sources": MAX_SCENE_SOURCES, "max_scene_grains": MAX_SCENE_GRAINS,
             "max_scene_cells": MAX_SCENE_CELLS, "max_scene_texture_pixels": MAX_SCENE_TEXTURE_PIXELS,
-            "max_fields": MAX_FIELDS}
+            "max_fields": MAX_FIELDS, "max_frame_bytes": MAX_FRAME_BYTES, "max_arrays": MAX_ARRAYS}

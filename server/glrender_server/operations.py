@@ -41,8 +41,6 @@ from .scene_digest import scene_digest
 
 log = logging.getLogger(__name__)
 
-OPERATIONS = ("render", "range", "load_scene")
-"""Those that are served here; the dispatcher answers the others."""
 _TOLD_OF_DETECTORS = ("gain_DN_per_electron", "offset_DN", "bit_depth", "full_well_electrons",
                       "read_noise_electrons")
 _RANGE_KEYS = ("state", "camera", "directions_camera", "noise")

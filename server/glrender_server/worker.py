@@ -12,19 +12,22 @@ from collections.abc import Sequence
 from functools import partial
 from multiprocessing.shared_memory import SharedMemory
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from glrender import DeviceError, GlrenderError
 
 from . import logs
-from .operations import Operations
 from .slots import offsets, room
 from .stream import Channel
+
+if TYPE_CHECKING:
+    from .operations import Operations
 
 _MAX_ATTACHED = 16
 
 
 def work(peer: socket.socket, backend: str, shape_dir: Path | None, memory_bytes: int | None, log_level: int,
-         log_format: str, made_of: type[Operations] = Operations) -> None:
+         log_format: str, made_of: type[Operations] | None = None) -> None:
     """Serve jobs until the channel closes.
 
     Said: ``("awake",)``, answered by ``("scene", pickle, digest)``, which may come again: ``("ready", described)`` or
@@ -41,6 +44,9 @@ def work(peer: socket.socket, backend: str, shape_dir: Path | None, memory_bytes
     if memory_bytes is not None:
         _, most = resource.getrlimit(resource.RLIMIT_DATA)
         resource.setrlimit(resource.RLIMIT_DATA, (memory_bytes, most))
+    if made_of is None:
+        # Here, since the server's process, which has no renderer, starts a second sooner without it.
+        from .operations import Operations as made_of
     channel = Channel(peer, is_blocking=True)
     try:
         channel.send("awake")

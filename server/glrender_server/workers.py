@@ -17,7 +17,7 @@ from multiprocessing import get_context
 from multiprocessing.process import BaseProcess
 from multiprocessing.shared_memory import SharedMemory
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import zmq
 from glrender import DeviceError, Scene
@@ -25,11 +25,13 @@ from glrender.engines.advice import Advice
 
 from .envelope import refusal
 from .job import Done, Job
-from .operations import Operations
 from .scene_digest import scene_digest
 from .slots import SlotStore, offsets
 from .stream import Channel
 from .worker import work
+
+if TYPE_CHECKING:
+    from .operations import Operations
 
 log = logging.getLogger(__name__)
 
@@ -102,7 +104,7 @@ class WorkerPool:
 
     def __init__(self, scene: Scene, backend: str = "auto", shape_dir: Path | None = None, *, n_workers: int,
                  deadline_s: float, slow_deadline_s: float = SLOW_DEADLINE_S, memory_bytes: int | None = None,
-                 log_format: str = "text", operations: type[Operations] = Operations):
+                 log_format: str = "text", operations: type[Operations] | None = None):
         # As pickle and digest: the scene that is served, and the server's own.
         self._scene = self._own_scene = pickle.dumps(scene), scene_digest(scene)
         self._arguments, self._operations = (backend, shape_dir, memory_bytes), operations

@@ -8,6 +8,7 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -93,6 +94,7 @@ def _modules() -> dict[str, Path]:
 MODULES = _modules()
 
 
+@cache
 def _imports(module: str, path: Path) -> set[str]:
     """Absolute dotted names of all that a file imports, inside functions too."""
     package = module if path.name == "__init__.py" else module.rpartition(".")[0]
@@ -180,6 +182,12 @@ def test_no_import_of_our_own_inside_a_function():
 def test_import_opens_no_context(name):
     """Laws, scenes and cameras work on a machine without OpenGL."""
     code = f"import {name}, sys; sys.exit('moderngl' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], timeout=60).returncode == 0
+
+
+def test_the_servers_process_loads_no_renderer():
+    """Its workers draw: without Numba and OpenGL it starts a second sooner."""
+    code = "import glrender_server.__main__, sys; sys.exit(bool({'numba', 'moderngl'} & sys.modules.keys()))"
     assert subprocess.run([sys.executable, "-c", code], timeout=60).returncode == 0
 
 

@@ -25,22 +25,10 @@ from glrender.scenario import (
     load_scenario,
     scenario_of_table,
 )
-from orbits import DATE
+from orbits import DATE, DIDYMOS
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "scenarios" / "comet_flyby.toml"
-ISSUE = """
-[[bodies]]
-name = "didymos"
-generated = { kind = "icosphere", radius_m = 400.0, subdivisions = 3 }
-brdf = { law = "lambert", normal_albedo = 0.2 }
-[bodies.orbit]
-semi_major_axis_m = 2.4596e11
-eccentricity = 0.3839
-inclination_deg = 3.408
-longitude_ascending_node_deg = 73.2
-argument_of_periapsis_deg = 319.3
-mean_anomaly_deg = 124.6
-epoch_tdb = "2020-05-31T00:00:00"
+ISSUE = DIDYMOS + """
 [[cameras]]
 name = "navcam"
 width_px = 256

@@ -8,6 +8,20 @@ from glrender.scenario import Epoch, Kepler
 from scipy.integrate import solve_ivp
 
 DATE = Epoch.from_tdb("2022-10-11T00:00:00")
+DIDYMOS = """
+[[bodies]]
+name = "didymos"
+generated = { kind = "icosphere", radius_m = 400.0, subdivisions = 3 }
+brdf = { law = "lambert", normal_albedo = 0.2 }
+[bodies.orbit]
+semi_major_axis_m = 2.4596e11
+eccentricity = 0.3839
+inclination_deg = 3.408
+longitude_ascending_node_deg = 73.2
+argument_of_periapsis_deg = 319.3
+mean_anomaly_deg = 124.6
+epoch_tdb = "2020-05-31T00:00:00"
+"""
 
 
 def didymos() -> Kepler:

@@ -12,13 +12,11 @@ from ...base.errors import ConfigError
 from ...scene.scene import Scene
 from ...view.state import State
 from ...view.view import view_bodies
+from ..image import MAX_DIRECTIONS
 from .exact_rays import exact_mesh
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
-
-MAX_DIRECTIONS = 10_000
-"""In one request."""
 
 
 @dataclass(frozen=True, kw_only=True)
