@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import struct
+import sys
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ import serving
 import views
 from glrender import load_scene, open_renderer, take_frame
 from glrender_camera.compression import CODECS, decode
-from glrender_client import Client, ServerError
+from glrender_client import Client, GlrenderClientError, ServerError
 from glrender_client.aio import AsyncClient
 from glrender_server.view.frame import Frame, shown
 from glrender_server.view.source import Source
@@ -141,8 +142,19 @@ def test_those_who_watch_see_what_is_decoded(client):
     np.testing.assert_array_equal(np.frombuffer(frame.message[4 + size:], head["dtype"]).reshape(64, 96), dn)
 
 
+def test_a_page_without_the_codecs_says_so(client, monkeypatch):
+    """In place of a traceback a frame: the page shows `trouble`."""
+    client.render(STATE, "lossy", output="compressed", seed=10)
+    watched, source = client.watch(camera="lossy"), Source("tcp://127.0.0.1:1")
+    source.status = client.hello()
+    assert source._frame(watched, watched.reply, 0).pixels.shape == (64, 96)
+    monkeypatch.setitem(sys.modules, "imagecodecs", None)
+    with pytest.raises(GlrenderClientError, match="its frames cannot be shown here: codec: needs imagecodecs.*pip"):
+        source._frame(watched, watched.reply, 0)
+
+
 def test_the_pages_thread_takes_streams_as_they_come(live, client):
-    """Beside other frames, and one that cannot be decoded is told and passed over."""
+    """A client that asks for streams alone is followed: its frames are shown in digital numbers."""
     async def follow():
         source = Source(live[0])
         source.start(asyncio.get_running_loop())
