@@ -3,7 +3,9 @@
     python benchmarks/crowd.py --seconds 10 --clients 8 64 256 [--in-process]
 
 The clients are ZeroMQ sockets in four processes, so that the server has the machine to itself as far as it can; what is
-answered `busy` is asked again after the time that the server tells. Prints one JSON line for each number of clients.
+answered `busy` is asked again after the time that the server tells. `loop_ms` is the processor time of the server's
+loop, the first thread of its process, for one frame; `sockets_ms` that of its other threads, which are ZeroMQ's.
+Prints one JSON line for each number of clients.
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ from pathlib import Path
 import msgpack
 import numpy as np
 import zmq
+from glrender_client import Client
 from soak import SCENE, state
 
 N_PROCESSES, WARM_UP_S = 4, 2.0
@@ -70,20 +73,37 @@ def fly(endpoint: str, first: int, n_clients: int, seconds: float, results) -> N
     results.put((counts, waits, n_busy))
 
 
-def measured(endpoint: str, n_clients: int, seconds: float) -> dict:
+def n_rendered(endpoint: str) -> int:
+    """Requests to render that the server has taken."""
+    with Client(endpoint) as client:
+        return client.status()["requests"].get("render", 0)
+
+
+def threads_ms(pid: int) -> tuple[float, float]:
+    """Processor time of a process' first thread, and of its others together [ms]; proc(5), schedstat."""
+    used = {int(task.name): int((task / "schedstat").read_text().split()[0]) for task in
+            Path(f"/proc/{pid}/task").iterdir()}
+    return 1e-6 * used[pid], 1e-6 * (sum(used.values()) - used[pid])
+
+
+def measured(endpoint: str, pid: int, n_clients: int, seconds: float) -> dict:
     """Measure one row."""
     spawn = get_context("spawn")
     results, n_each = spawn.Queue(), n_clients // N_PROCESSES
     flyers = [spawn.Process(target=fly, args=(endpoint, k * n_each, n_each, seconds, results))
               for k in range(N_PROCESSES)]
+    before, n_before = threads_ms(pid), n_rendered(endpoint)
     for flyer in flyers:
         flyer.start()
     found = [results.get() for _ in flyers]
     for flyer in flyers:
         flyer.join()
+    n_frames = n_rendered(endpoint) - n_before
+    loop_ms, sockets_ms = ((now - then) / n_frames for now, then in zip(threads_ms(pid), before, strict=True))
     counts = np.array(sum((each for each, _, _ in found), []))
     waits = np.sort(1e3 * np.array(sum((each for _, each, _ in found), [])))
-    return {"clients": n_clients, "frames_per_s": round(counts.sum() / seconds, 1),
+    return {"clients": n_clients, "loop_ms": round(loop_ms, 3), "sockets_ms": round(sockets_ms, 3),
+            "frames_per_s": round(counts.sum() / seconds, 1),
             "p50_ms": round(float(np.quantile(waits, 0.5)), 1), "p99_ms": round(float(np.quantile(waits, 0.99)), 1),
             "busy": sum(busy for _, _, busy in found), "slowest": int(counts.min()), "fastest": int(counts.max()),
             "jain": round(float(counts.sum()**2 / (len(counts) * (counts.astype(float)**2).sum())), 3)}
@@ -105,7 +125,7 @@ def main(argv: list[str] | None = None) -> int:
         try:
             endpoint = process.stdout.readline().split()[3]
             for n_clients in arguments.clients:
-                row = measured(endpoint, n_clients, arguments.seconds)
+                row = measured(endpoint, process.pid, n_clients, arguments.seconds)
                 sys.stdout.write(json.dumps({"benchmark": "crowd", "server": " ".join(options), **row}) + "\n")
                 sys.stdout.flush()
         finally:

@@ -39,10 +39,10 @@ _MIN_RETRY_S, _MAX_RETRY_S = 0.05, 5.0
 _ALL_AT_WORK = "all connections are open and at work; close one"
 _UNTAKEN = "this client has not taken its replies; read them first"
 _WATCHED_S = 0.1
-# Senders whose last request's time is remembered.
+# Senders of whom is remembered whether they are quick.
 _MAX_SENDERS = 4096
-# After so many new senders in a row whose first request was quick, the next is believed to be.
-_N_NEW = 8
+# Who has had a slow frame is not known to be quick for so long, whatever came after it [s].
+_SLOW_FOR_S = 5.0
 
 
 class _UnderWay(NamedTuple):
@@ -116,8 +116,9 @@ class Dispatcher:
         self.errors: Counter[str] = Counter()
         self._kept = KeptReplies()
         self._under_way: dict[bytes, _UnderWay] = {}
-        self._seconds_of: OrderedDict[Hashable, float] = OrderedDict()
-        self._mean_seconds, self._n_new_and_quick = 0.0, 0
+        # From when on a sender is quick, by the monotonic clock.
+        self._quick_from: OrderedDict[Hashable, float] = OrderedDict()
+        self._mean_seconds = 0.0
         self._last_timings_ms: dict[str, float] = {}
         self._durations = Histogram("glrender_request_seconds", "op")
         self._stages = Histogram("glrender_stage_seconds", "stage")
@@ -211,7 +212,8 @@ class Dispatcher:
         self._under_way[digest] = _UnderWay(header, [request.answer])
         self.requests[header["op"]] += 1
         finish = partial(self._finish, request, header, digest, time.monotonic())
-        job = Job(header, request.parts[0], finish, request.sender, self._is_quick(request.sender))
+        account = _account(request)
+        job = Job(header, request.parts[0], finish, account, self._is_quick(account))
         if header["background"]:
             why = "a newer one, or another client's, waits in the background"
             refusals = self._background.put(request.sender, (job, digest, request))
@@ -253,11 +255,12 @@ class Dispatcher:
         self._durations.observe(header["op"], seconds)
         for stage, milliseconds in done.timings_ms.items():
             self._stages.observe(stage, 1e-3 * milliseconds)
-        log.debug("request", extra={"op": header["op"], "client": header["client"], "id": header["id"],
-                                    "code": done.code, "ms": 1e3 * seconds,
-                                    "render_ms": done.timings_ms.get("total", 0.0)})
+        if log.isEnabledFor(logging.DEBUG):
+            log.debug("request", extra={"op": header["op"], "client": header["client"], "id": header["id"],
+                                        "code": done.code, "ms": 1e3 * seconds,
+                                        "render_ms": done.timings_ms.get("total", 0.0)})
         self._mean_seconds += 0.1 * (seconds - self._mean_seconds)
-        self._remember(request.sender, done)
+        self._remember(_account(request), done, now)
         reply = done.reply
         if done.code:
             self.errors[done.code] += 1
@@ -298,24 +301,21 @@ class Dispatcher:
         self._under_way.clear()
 
     def _is_quick(self, sender: Hashable) -> bool:
-        """Whether a sender's last request was quick; of a new one, whether the last new ones all were."""
-        seconds = self._seconds_of.get(sender)
-        return self._n_new_and_quick >= _N_NEW if seconds is None else seconds < QUICK_S
+        """Whether a sender is known to be quick: a new one is not, nor is one who has had a slow frame lately."""
+        return self._quick_from.get(sender, math.inf) <= time.monotonic()
 
     def _known_by_now(self, job: Job) -> Job:
         """A job that waited, with what its sender is known for now: of many who come at once all wait as new ones."""
         return job if job.is_quick or not self._is_quick(job.sender) else job._replace(is_quick=True)
 
-    def _remember(self, sender: Hashable, done: Done) -> None:
-        """Keep the time for which the sender's last request had a renderer."""
+    def _remember(self, sender: Hashable, done: Done, now: float) -> None:
+        """Keep whether the sender's request had a renderer for long."""
         if done.timings_ms or done.code == "poison":
-            seconds = 1e-3 * done.timings_ms["total"] if done.timings_ms else math.inf
-            if sender not in self._seconds_of:
-                self._n_new_and_quick = self._n_new_and_quick + 1 if seconds < QUICK_S else 0
-            self._seconds_of[sender] = seconds
-            self._seconds_of.move_to_end(sender)
-            while len(self._seconds_of) > _MAX_SENDERS:
-                self._seconds_of.popitem(last=False)
+            is_slow = not done.timings_ms or 1e-3 * done.timings_ms["total"] >= QUICK_S
+            self._quick_from[sender] = now + _SLOW_FOR_S if is_slow else self._quick_from.get(sender, now)
+            self._quick_from.move_to_end(sender)
+            while len(self._quick_from) > _MAX_SENDERS:
+                self._quick_from.popitem(last=False)
 
     def _busy(self, header: Mapping[str, Any], answers: Sequence[Answer], why: str, wait_s: float = 0.0) -> None:
         self.errors["busy"] += 1
@@ -370,3 +370,8 @@ class Dispatcher:
         known_keys("", header, ENVELOPE)
         self._kept.forget(header["client"])
         return codec.pack({**echo(header), "ok": True})
+
+
+def _account(request: Request) -> Hashable:
+    """Who is known by the time of a request: all connections of a machine or a process, where they can be told."""
+    return request.sender if request.account is None else request.account

@@ -68,7 +68,7 @@ class Decoder:
         ProtocolError
             What comes is not framed as above, or larger than allowed: known before its parts are here.
         """
-        while (size := self._message_size()) is not None and len(self._held) >= size:
+        while self._held and (size := self._message_size()) is not None and len(self._held) >= size:
             sizes = self._part_sizes()
             start, parts = _PREFIX.size + 4 * len(sizes), []
             for length in sizes:

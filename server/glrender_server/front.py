@@ -26,6 +26,8 @@ class Request(NamedTuple):
     """Bytes of replies that the connection has not taken."""
     user: str = ""
     """Name of the client's key file, without CURVE empty."""
+    account: Hashable = None
+    """Who is known by the time of their frames, where that is more than the sender: all of a machine, or a process."""
     is_spare: bool = False
     """Whether all places are taken, and it came by one that is kept for operators."""
 

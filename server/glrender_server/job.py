@@ -42,8 +42,9 @@ class Job(NamedTuple):
     done: Callable[[Done], None]
     """Called once, with the reply."""
     sender: Hashable
+    """All connections of one process or machine, where they can be told."""
     is_quick: bool
-    """Whether the sender's last request took less than `QUICK_S`: such a sender may take every worker."""
+    """Whether the sender's requests take less than `QUICK_S`: such a sender may take every worker."""
 
     @property
     def is_load(self) -> bool:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
+import ipaddress
 import logging
 import os
 import resource
@@ -18,7 +19,7 @@ import stat
 import struct
 import termios
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 
 import zmq
@@ -27,8 +28,8 @@ from . import limits
 
 log = logging.getLogger(__name__)
 
-# A client sends some hundred megabytes a second on loopback; a look at a connection takes 5 us.
-_PATROL_S, _PATROL_S_PER_CONNECTION = 0.05, 6e-4
+# A client sends some hundred megabytes a second on loopback; a look at a connection takes 5 us, at another file 2.
+_PATROL_S, _PATROL_S_PER_DESCRIPTOR = 0.05, 6e-4
 # Without a descriptor for a list of them all numbers are tried, 1 us each.
 _NEXT_LOOK_S = 0.5
 # Bytes of ZMTP around one part, with CURVE, at most.
@@ -56,6 +57,8 @@ class Peer:
     n_marked_bytes: int = 0
     n_queued_bytes: int = 0
     n_acknowledged_bytes: int = 0
+    account: Hashable = None
+    """Whose it is, where the system says: another machine's address, or a process of this one over a Unix socket."""
     moved: float = field(default_factory=time.monotonic)
 
     @property
@@ -140,7 +143,7 @@ class Peers:
     def patrol(self) -> None:
         """Look at all connections, every so often, and hang up on those that take too much."""
         now = time.monotonic()
-        if now - self._looked < _PATROL_S + _PATROL_S_PER_CONNECTION * len(self):
+        if now - self._looked < _PATROL_S + _PATROL_S_PER_DESCRIPTOR * len(self._seen):
             return
         n_heartbeat_bytes, self._looked = int(_HEARTBEAT_BYTES_PER_S * (now - self._looked)), now
         peers = self._all()
@@ -236,7 +239,11 @@ class Peers:
         try:
             twin = self._held(peer)
             ours = twin.getsockname()
-            twin.getpeername()  # a listener has none
+            theirs = twin.getpeername()  # a listener has none
+            if self._port is None:
+                peer.account = struct.unpack("iII", twin.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
+            elif not ipaddress.ip_address(theirs[0].partition("%")[0]).is_loopback:
+                peer.account = theirs[0]
             return ours[1] == self._port if isinstance(ours, tuple) else ours == self._address
         except OSError:
             return False

@@ -58,6 +58,8 @@ class SlotStore:
         self._free: list[SharedMemory] = []
         self._all: dict[str, SharedMemory] = {}
         self._locks: dict[str, int] = {}
+        self.n_bytes = 0
+        """All that is allocated."""
         self._name = _PREFIX + secrets.token_hex(6)
         self._owner, self._room_bytes = -1, MAX_SHARED_BYTES
         if _CAN_LOCK:
@@ -67,11 +69,6 @@ class SlotStore:
             system = os.statvfs(_FOLDER)
             # The other half is for frames on their way: a container may have no more than 64 MiB.
             self._room_bytes = system.f_frsize * system.f_blocks // 2
-
-    @property
-    def n_bytes(self) -> int:
-        """All that is allocated."""
-        return sum(slot.size for slot in self._all.values())
 
     @property
     def _is_full(self) -> bool:
@@ -90,8 +87,7 @@ class SlotStore:
                 self._free.remove(slot)
                 if self.is_there(slot):
                     return slot
-                del self._all[slot.name]
-                self._release(slot)
+                self._remove(slot)
         slot = SharedMemory(f"{self._name}-{secrets.token_hex(4)}", create=True,
                             size=max(1, -(-n_bytes // _STEP_BYTES)) * _STEP_BYTES)
         try:
@@ -103,6 +99,7 @@ class SlotStore:
             self._release(slot)
             raise
         self._all[slot.name] = slot
+        self.n_bytes += slot.size
         self._claim(slot)
         return slot
 
@@ -131,14 +128,14 @@ class SlotStore:
         for slot in sorted(self._free, key=lambda free: -free.size)[:max(0, len(self._free) - n_kept)]:
             if self._claim(slot):
                 self._free.remove(slot)
-                del self._all[slot.name]
-                self._release(slot)
+                self._remove(slot)
 
     def close(self) -> None:
         """Release every slot; what is still being sent or read stays readable until then."""
         for slot in self._all.values():
             self._release(slot)
         self._all.clear()
+        self.n_bytes = 0
         self._free.clear()
         if self._owner >= 0:
             with contextlib.suppress(FileNotFoundError):
@@ -161,6 +158,11 @@ class SlotStore:
     def is_there(self, slot: SharedMemory) -> bool:
         """Whether its file has still its name, by which a worker opens it: somebody may have tidied /dev/shm."""
         return slot.name not in self._locks or os.fstat(self._locks[slot.name]).st_nlink > 0
+
+    def _remove(self, slot: SharedMemory) -> None:
+        del self._all[slot.name]
+        self.n_bytes -= slot.size
+        self._release(slot)
 
     def _release(self, slot: SharedMemory) -> None:
         if slot.name in self._locks:

@@ -74,6 +74,7 @@ class Channel:
 
     def __init__(self, peer: socket.socket, is_blocking: bool = False):
         peer.setblocking(is_blocking)
+        self._is_blocking = is_blocking
         self._peer, self._decoder, self.outbox = peer, Decoder(_MAX_PICKLE_BYTES), Outbox()
 
     def fileno(self) -> int:
@@ -118,9 +119,12 @@ class Channel:
         EOFError, OSError
             The peer is gone.
         """
+        has_more = True
         while True:
             for (data,) in self._decoder.messages():
                 yield pickle.loads(data)
+            if not has_more:
+                return
             try:
                 data = self._peer.recv(_RECEIVE_BYTES)
             except BlockingIOError:
@@ -128,6 +132,8 @@ class Channel:
             if not data:
                 raise EOFError
             self._decoder.feed(data)
+            # A poller tells of what comes later.
+            has_more = self._is_blocking or len(data) == _RECEIVE_BYTES
 
     def close(self) -> None:
         """Close the socket."""

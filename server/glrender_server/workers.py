@@ -6,7 +6,6 @@ import contextlib
 import logging
 import math
 import multiprocessing.connection  # noqa: F401, else a dead worker's first join imports it: it wants a descriptor
-import os
 import pickle
 import socket
 import time
@@ -43,10 +42,17 @@ SLOW_DEADLINE_S = 600.0
 # by a driver, for want of memory), so that a service which somebody keeps killing is back within seconds.
 _FIRST_BACK_OFF_S, _MAX_BACK_OFF_S, _MAX_BACK_OFF_AFTER_SIGNAL_S = 0.1, 30.0, 1.0
 _MAX_TRIES = 2
+# Of a scene that was loaded and is opened by new workers: so many in a row that a signal ended, as the system does for
+# want of memory; somebody may kill some by hand.
+_MAX_KILLED_BY_SCENE = 6
 # A worker that has used less of its deadline than this share was stopped from outside: its request is not to blame.
 _STOPPED_SHARE = 0.02
 # While a sender known to be quick has had a frame within this time [s], the last free worker is kept for such.
 _KEPT_FOR_QUICK_S = 10.0
+# The clock of all of a process' threads, in user and in kernel mode.
+_CPUCLOCK_SCHED = 2
+# Made once: to join flags takes the time of a system call.
+_IN_AND_OUT = zmq.POLLIN | zmq.POLLOUT
 # A killed process that is not dead by then hangs in a driver: the server's end does not wait for it.
 _DEATH_S = 5.0
 
@@ -115,7 +121,7 @@ class WorkerPool:
         self._workers = [_Worker() for _ in range(n_workers)]
         self._again: deque[_Task] = deque()
         self._dying: list[tuple[BaseProcess, SharedMemory | None]] = []
-        self.generation, self._n_failed_scenes = 0, 0
+        self.generation, self._n_failed_scenes, self._n_killed_by_scene = 0, 0, 0
         # Lets go of something in shared memory; whether there was any.
         self.make_room: Callable[[], bool] = lambda: False
         self._poller: zmq.Poller | None = None
@@ -233,7 +239,7 @@ class WorkerPool:
             self._slots.give_back(worker.slot)  # somebody has tidied up
             worker.slot = None
         worker.slot = worker.slot or self._take(self._frame_bytes)
-        worker.deadline, worker.processor_s = time.monotonic() + worker.deadline_s, use_of(worker.process.pid)[1]
+        worker.deadline, worker.processor_s = time.monotonic() + worker.deadline_s, used_s(worker.process.pid)
         self._tell(worker, "job", message, worker.slot.name if worker.slot else "")
 
     def _tell(self, worker: _Worker, *said: Any) -> None:
@@ -245,8 +251,7 @@ class WorkerPool:
     def _watch(self, worker: _Worker) -> None:
         """Let the loop wake for what a worker says, and for room in what it has not read."""
         if self._poller is not None and worker.channel is not None:
-            self._poller.register(worker.channel.fileno(),
-                                  zmq.POLLIN | (zmq.POLLOUT if worker.channel.outbox else 0))
+            self._poller.register(worker.channel.fileno(), _IN_AND_OUT if worker.channel.outbox else zmq.POLLIN)
 
     def _take(self, n_bytes: int) -> SharedMemory | None:
         is_last = False
@@ -281,8 +286,8 @@ class WorkerPool:
                 continue
             if worker.state in ("starting", "busy", "loading") and now > worker.deadline:
                 worker.overran = True
-                state, used_s = use_of(worker.process.pid)
-                worker.was_stopped = state == "T" or used_s - worker.processor_s < _STOPPED_SHARE * worker.deadline_s
+                has_used_s = used_s(worker.process.pid) - worker.processor_s
+                worker.was_stopped = has_used_s < _STOPPED_SHARE * worker.deadline_s or is_stopped(worker.process.pid)
                 self._bury(worker)
             elif worker.state == "idle" and worker.generation != self.generation:
                 worker.state, worker.deadline_s = "loading", self._slow_deadline_s
@@ -308,7 +313,8 @@ class WorkerPool:
             # Not before: one that dies unread leaves nothing behind.
             self._tell_scene(worker)
         elif kind == "ready":
-            worker.state, self.outage, self._n_failed_scenes, worker.deadline = "idle", "", 0, time.monotonic()
+            worker.state, self.outage, worker.deadline = "idle", "", time.monotonic()
+            self._n_failed_scenes = self._n_killed_by_scene = 0
             # Meanwhile another may have loaded a newer scene.
             if worker.generation == self.generation:
                 self._described = rest[0]
@@ -349,7 +355,7 @@ class WorkerPool:
         task.job.done(Done([head, *parts], code, timings_ms, place, warnings))
 
     def _start(self, worker: _Worker) -> None:
-        worker.state, worker.overran = "starting", False
+        worker.state, worker.overran, worker.generation = "starting", False, -1
         # A scene that was loaded may take as long again.
         worker.deadline_s = self._start_s if self._is_own_scene else max(self._start_s, self._slow_deadline_s)
         worker.deadline = time.monotonic() + worker.deadline_s
@@ -371,16 +377,19 @@ class WorkerPool:
         """Another in the place of a worker that died, after a while that doubles; its task again, once."""
         how = f"overran its deadline of {worker.deadline_s:g} s" if worker.overran else "died"
         was_starting = worker.state == "starting"
+        # Not before it was given the scene: until then the scene is not to blame.
+        is_opening = worker.state in ("starting", "loading") and worker.generation == self.generation
         # A worker that was dying when it got the request is not the request's fault: no try.
         is_its_fault = worker.state == "busy" and (worker.has_begun or worker.overran)
         exit_code = None if worker.process is None else worker.process.exitcode
         is_by_signal = not (worker.overran or has_failed) and (exit_code is None or exit_code < 0)
         self._end(worker)
-        if was_starting and (worker.overran or has_failed) and not self._is_own_scene:
-            self._n_failed_scenes += 1
-            if self._n_failed_scenes > _MAX_TRIES:
+        if is_opening and not self._is_own_scene:
+            self._n_failed_scenes += not is_by_signal
+            self._n_killed_by_scene += is_by_signal
+            if self._n_failed_scenes > _MAX_TRIES or self._n_killed_by_scene >= _MAX_KILLED_BY_SCENE:
                 log.error("the scene that was loaded cannot be opened any more: the server's own is served again")
-                self._scene, self._n_failed_scenes = self._own_scene, 0
+                self._scene, self._n_failed_scenes, self._n_killed_by_scene = self._own_scene, 0, 0
                 self.generation += 1
         back_off = min(_FIRST_BACK_OFF_S * 2**worker.failures,
                        _MAX_BACK_OFF_AFTER_SIGNAL_S if is_by_signal else _MAX_BACK_OFF_S)
@@ -428,13 +437,20 @@ class WorkerPool:
                 self._slots.give_back(slot)
 
 
-def use_of(pid: int) -> tuple[str, float]:
-    """State of a process (T: stopped), and processor time that it has used [s], infinite where nothing says (no /proc).
+def used_s(pid: int) -> float:
+    """Processor time that a process has used [s], infinite where the system does not say.
 
-    Source: proc_pid_stat(5), fields 3, 14 and 15.
+    Source: clock_getcpuclockid(3), whose clock of a process Linux numbers so (linux/posix-timers.h).
     """
     try:
-        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        return time.clock_gettime(~pid << 3 | _CPUCLOCK_SCHED)
     except OSError:
-        return "", math.inf
-    return fields[0], (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+        return math.inf
+
+
+def is_stopped(pid: int) -> bool:
+    """Whether a process is stopped by a signal or a debugger. Source: proc_pid_stat(5), field 3."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] in "Tt"
+    except OSError:
+        return False

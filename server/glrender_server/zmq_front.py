@@ -24,6 +24,8 @@ log = logging.getLogger(__name__)
 
 # From this size a part is handed to ZeroMQ without a copy; below, the bookkeeping costs more.
 _ZERO_COPY_BYTES = 65536
+# Made once: to join flags takes the time of a system call.
+_SEND_MORE = zmq.NOBLOCK | zmq.SNDMORE
 # Messages that ZeroMQ may hold for one client before it is asked to wait, either way.
 _SEND_HIGH_WATER, _RECEIVE_HIGH_WATER = 32, 32
 # What a reply that waits here takes beside its bytes.
@@ -55,10 +57,12 @@ class _Backlog:
     on_their_way: deque[tuple[zmq.MessageTracker, int]] = field(default_factory=deque)
     since: float = field(default_factory=time.monotonic)
     peer: Peer | None = None
+    n_bytes_at_most: int = 0
 
     def put(self, reply: list[Any]) -> None:
         self.replies.append(reply)
         self.waiting_bytes += _size(reply)
+        self.n_bytes_at_most += _size(reply)
 
     def taken(self) -> None:
         """ZeroMQ has the first."""
@@ -73,7 +77,8 @@ class _Backlog:
     @property
     def n_bytes(self) -> int:
         """Bytes that it has not taken, those that the system has for it too."""
-        return self.held_bytes + (0 if self.peer is None else self.peer.queued_bytes())
+        self.n_bytes_at_most = self.held_bytes + (0 if self.peer is None else self.peer.queued_bytes())
+        return self.n_bytes_at_most
 
     def forget_sent(self) -> None:
         while self.on_their_way and self.on_their_way[0][0].done:
@@ -163,7 +168,10 @@ class ZmqFront:
         is_due = now - self._flushed > _FLUSH_S
         self._flushed = now if is_due else self._flushed
         for identity in [identity for identity, backlog in self._backlogs.items() if is_due or backlog.replies]:
-            self._flush(identity)
+            self._flush(identity, is_due)
+        if self._socket not in ready:
+            self._peers.has_read_all()
+            return
         end = time.monotonic() + _TURN_S
         while time.monotonic() < end and (frames := self._message()) is not None:
             try:
@@ -210,7 +218,8 @@ class ZmqFront:
         if peer is not None:
             peer.n_owed += 1
         return Request(user or name, [part.bytes for part in parts[len(envelope) - 1:]],
-                       partial(self._answer, envelope, peer), partial(self._untaken_by, name), user)
+                       partial(self._answer, envelope, peer), partial(self._untaken_by, name), user,
+                       user or (None if peer is None else peer.account))
 
     @property
     def is_idle(self) -> bool:
@@ -239,7 +248,11 @@ class ZmqFront:
 
     def _untaken_by(self, identity: bytes) -> int:
         backlog = self._backlogs.get(identity)
-        return 0 if backlog is None else backlog.n_bytes
+        if backlog is None:
+            return 0
+        # What cannot be too much need not be counted.
+        most = backlog.n_bytes_at_most
+        return most if most <= limits.FEW_UNTAKEN_BYTES else backlog.n_bytes
 
     def _answer(self, envelope: list[bytes], peer: Peer | None, reply: Sequence[Any]) -> None:
         if peer is not None:
@@ -255,9 +268,10 @@ class ZmqFront:
             log.warning("a client takes nothing: replies were dropped")
         else:
             backlog.put([*envelope, *reply])
-        self._flush(identity)
+        self._flush(identity, False)
 
-    def _flush(self, identity: bytes) -> None:
+    def _flush(self, identity: bytes, is_due: bool) -> None:
+        """Send what ZeroMQ takes; where it is due, look at what the client has taken."""
         backlog = self._backlogs[identity]
         try:
             while backlog.replies:
@@ -268,6 +282,11 @@ class ZmqFront:
         except zmq.ZMQError as error:
             log.warning("replies to a client were not sent: %s", error.strerror)
             del self._backlogs[identity]
+            return
+        if not is_due:
+            return
+        if not backlog.replies and not backlog.on_their_way and backlog.n_bytes_at_most <= _STALL_BYTES:
+            del self._backlogs[identity]  # less than any buffer has
             return
         if not (n_bytes := backlog.n_bytes):
             del self._backlogs[identity]
@@ -286,11 +305,11 @@ class ZmqFront:
     def _send(self, backlog: _Backlog) -> None:
         message = backlog.replies[0]
         for index, part in enumerate(message):
-            more = zmq.SNDMORE if index + 1 < len(message) else 0
+            flags = _SEND_MORE if index + 1 < len(message) else zmq.NOBLOCK
             if len(part) < _ZERO_COPY_BYTES:
-                self._socket.send(part, zmq.NOBLOCK | more)
+                self._socket.send(part, flags)
             else:
-                tracker = self._socket.send(part, zmq.NOBLOCK | more, copy=False, track=True)
+                tracker = self._socket.send(part, flags, copy=False, track=True)
                 backlog.on_their_way.append((tracker, len(part)))
         backlog.taken()
 

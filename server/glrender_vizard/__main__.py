@@ -24,7 +24,7 @@ from glrender_server.zmq_front import ZmqFront
 
 from .bodies import BodyMap
 from .dispatcher import VizardDispatcher
-from .engines import Engines
+from .engines import Engines, memory_shares
 from .frames import make_scene
 from .limits import MAX_MESSAGE_BYTES
 from .pictures import Pictures
@@ -76,7 +76,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--deadline", type=float, default=DEADLINE_S, metavar="S",
                         help=f"give up a frame that takes longer ({DEADLINE_S:g} s)")
     parser.add_argument("--worker-memory", type=float, metavar="GIB",
-                        help="data that a process may have; default: four fifths of the machine's memory by --workers")
+                        help="data that a process may have: fewer scenes are open where all together had more than "
+                             "four fifths of the machine's memory; default: an even share of that")
     parser.add_argument("--backend", default="auto", help="auto, egl, osmesa, or a plug-in such as raytrace")
     parser.add_argument("--allow-remote", action="store_true",
                         help="listen beyond this machine, unencrypted, for anyone who can reach the port")
@@ -90,9 +91,12 @@ def _parser() -> argparse.ArgumentParser:
 
 def _serve(arguments: argparse.Namespace, body_map: BodyMap) -> None:
     endpoint = checked_endpoint(arguments.zmq, arguments.allow_remote)
-    options = {"n_workers": integer("--workers", arguments.workers, 1, MAX_WORKERS),
+    n_workers = integer("--workers", arguments.workers, 1, MAX_WORKERS)
+    given_bytes = None if arguments.worker_memory is None else worker_memory_bytes(arguments.worker_memory, n_workers)
+    max_scenes, memory_bytes = memory_shares(worker_memory_bytes(None, 1), n_workers, given_bytes)
+    options = {"n_workers": n_workers,
                "deadline_s": positive("--deadline", arguments.deadline), "log_format": arguments.log_format,
-               "memory_bytes": worker_memory_bytes(arguments.worker_memory, arguments.workers),
+               "memory_bytes": memory_bytes,
                "operations": Pictures}
 
     def make(key: Hashable) -> WorkerPool:
@@ -101,7 +105,7 @@ def _serve(arguments: argparse.Namespace, body_map: BodyMap) -> None:
     with ExitStack() as stack:
         of_zmq, _ = limits.max_connections()
         front = stack.enter_context(closing(ZmqFront(endpoint, None, of_zmq, _MAX_PARTS, _MAX_PART_BYTES)))
-        engines = stack.enter_context(closing(Engines(make)))
+        engines = stack.enter_context(closing(Engines(make, max_scenes)))
         dispatcher = VizardDispatcher(engines, body_map)
         said = ""
         if arguments.metrics is not None:

@@ -14,7 +14,7 @@ from glrender import GlrenderError
 from glrender_server.job import Job
 from glrender_server.workers import WorkerPool
 
-from .limits import MAX_SCENES
+from .limits import LEAST_WORKER_BYTES, MAX_SCENES
 
 log = logging.getLogger(__name__)
 
@@ -23,6 +23,23 @@ _AGAIN_S = 10.0
 # One that nobody has used for so long since it was opened, nobody waits for.
 _UNUSED_S = 10.0
 _JOIN_S = 5.0
+
+
+def memory_shares(all_bytes: int, n_workers: int, given_bytes: int | None = None) -> tuple[int, int]:
+    """Scenes that may be open together, and the data that each process may have [bytes].
+
+    Parameters
+    ----------
+    all_bytes : int
+        Of the processes of all scenes together.
+    n_workers : int
+        Processes of each scene.
+    given_bytes : int, optional
+        Of each process, if it is given: fewer scenes are open for it. Otherwise an even share.
+    """
+    least = LEAST_WORKER_BYTES if given_bytes is None else given_bytes
+    n_scenes = max(1, min(MAX_SCENES, all_bytes // (n_workers * least)))
+    return n_scenes, all_bytes // (n_workers * n_scenes) if given_bytes is None else given_bytes
 
 
 class _Place:
@@ -60,16 +77,17 @@ class _Place:
 
 
 class Engines:
-    """Opens an engine for a scene when it is first asked for, and closes the longest unused beyond `MAX_SCENES`.
+    """Opens an engine for a scene when it is first asked for, and closes the longest unused beyond so many.
 
     Parameters
     ----------
     make : callable
         From a scene's key to its engine; called in a thread of its own, may raise GlrenderError.
+    max_scenes : int
     """
 
-    def __init__(self, make: Callable[[Hashable], WorkerPool]):
-        self._make = make
+    def __init__(self, make: Callable[[Hashable], WorkerPool], max_scenes: int = MAX_SCENES):
+        self._make, self._max_scenes = make, max_scenes
         self._places: OrderedDict[Hashable, _Place] = OrderedDict()
         self._closing: list[threading.Thread] = []
         self._poller: zmq.Poller | None = None
@@ -133,7 +151,7 @@ class Engines:
     def _make_room(self) -> bool:
         """Whether another may be opened; else the longest unused is closed, beside the loop, as that takes time."""
         self._closing = [thread for thread in self._closing if thread.is_alive()]
-        while len(self._places) + len(self._closing) >= MAX_SCENES:
+        while len(self._places) + len(self._closing) >= self._max_scenes:
             idle = next((key for key, place in self._places.items() if place.may_go), None)
             if self._closing or idle is None:
                 return False

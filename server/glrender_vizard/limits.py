@@ -28,5 +28,7 @@ MAX_CACHED_BYTES = 1 << 26
 """Of pictures that may be asked for again: Basilisk's examples ask twice."""
 MAX_SCENES = 8
 """Scenes that are open together: each has a process at least."""
+LEAST_WORKER_BYTES = 3 << 29
+"""Data of a process that draws, where fewer scenes are open for it: a small scene has 0.8 GiB."""
 MAX_NOTE_CHARACTERS = 300
 """Of one line of the log about a simulation."""

@@ -15,7 +15,7 @@ import serving
 import views
 import zmq
 from glrender_client import Client, ServerError
-from glrender_server import workers
+from glrender_server import dispatcher, workers
 from glrender_server.dispatcher import Dispatcher
 from glrender_server.job import Done, Job
 from glrender_server.workers import WorkerPool, _Task, _Worker
@@ -179,23 +179,30 @@ def test_the_last_free_worker_is_kept_for_who_is_quick_however_many_connections_
     assert pool.has_room(job("b", is_quick=False))
 
 
-def test_a_new_client_is_believed_to_be_quick_where_the_last_new_ones_were():
-    """Else 256 clients that come at once would be served by one worker of two until each is known."""
-    engine = SimpleNamespace(described={}, make_room=None)
-    served = Dispatcher(engine)
+def test_a_client_is_quick_once_it_has_been_and_not_soon_after_a_slow_frame(monkeypatch):
+    """New connections were believed to be quick where eight new ones had been: each could be another's slow frame."""
+    served, now = Dispatcher(SimpleNamespace(described={}, make_room=None)), [100.0]
+    monkeypatch.setattr(dispatcher.time, "monotonic", lambda: now[0])
 
-    def first_request_of(sender, ms):
-        served._remember(sender, Done([], "", {"total": ms}))
+    def request_of(sender, ms):
+        served._remember(sender, Done([], "", {"total": ms} if ms else {}), now[0])
 
-    for number in range(8):
-        assert not served._is_quick("new") and served._is_quick(number) is False
-        first_request_of(number, 7.0)
-        assert served._is_quick(number)
+    for number in range(20):
+        request_of(number, 7.0)
+        assert served._is_quick(number) and not served._is_quick("new")
     waited = job("new", is_quick=False)
-    assert served._known_by_now(waited).is_quick and not waited.is_quick
-    first_request_of("slow", 2000.0)
-    assert not served._is_quick("slow") and not served._is_quick("new") and served._is_quick(0)
     assert served._known_by_now(waited) is waited
+    request_of("new", 7.0)
+    assert served._known_by_now(waited).is_quick and not waited.is_quick
+    request_of("new", 2000.0)
+    request_of("new", 7.0)
+    assert not served._is_quick("new"), "a quick frame between two slow ones makes no quick client"
+    now[0] += 4.0
+    assert not served._is_quick("new") and served._is_quick(0)
+    now[0] += 1.0
+    assert served._is_quick("new")
+    served._remember("new", Done([], "poison", {}), now[0])
+    assert not served._is_quick("new")
 
 
 def test_a_pool_is_full_where_no_job_at_all_has_room():

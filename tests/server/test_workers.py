@@ -311,6 +311,34 @@ def test_the_server_does_not_wait_while_a_worker_starts(pool):
     assert longest < 0.5 * (time.monotonic() - began)
 
 
+class Places(workers.WorkerPool):
+    """Places without processes, of a pool that serves a scene which was loaded."""
+
+    def __init__(self):
+        self._own_scene, self._scene = (b"own", "0"), (b"loaded", "1")
+        self.generation, self._n_failed_scenes, self._n_killed_by_scene = 3, 0, 0
+        self.restarts, self.outage, self._poller, self._dying = 0, "", None, []
+
+
+def test_a_loaded_scene_that_kills_the_workers_which_open_it_gives_way_to_the_servers_own():
+    """The system kills them for want of memory: the server had none for ever."""
+    pool, worker = Places(), workers._Worker()
+
+    def dies(state, generation):
+        worker.state, worker.generation = state, generation
+        pool._bury(worker)
+
+    for _ in range(20):
+        dies("starting", -1)
+    assert not pool._is_own_scene, "before it has the scene somebody else kills it"
+    for number in range(6):
+        assert not pool._is_own_scene
+        dies(("starting", "loading")[number % 2], 3)
+    assert pool._is_own_scene and pool.generation == 4
+    dies("starting", 4)
+    assert pool._is_own_scene and pool.generation == 4
+
+
 def test_a_system_without_room_for_a_worker_is_asked_again(pool, monkeypatch):
     pool._workers[0].process.kill()
     with monkeypatch.context() as patch:

@@ -22,7 +22,7 @@ from glrender_server.front import Request
 from glrender_vizard.__main__ import main
 from glrender_vizard.bodies import BodyMap
 from glrender_vizard.dispatcher import MAX_SIMULATIONS, MAX_UPDATE_BYTES, VizardDispatcher
-from glrender_vizard.engines import MAX_SCENES, Engines
+from glrender_vizard.engines import MAX_SCENES, Engines, memory_shares
 from glrender_vizard.messages import read_update
 from vizard_peer import Peer, scene
 
@@ -279,6 +279,25 @@ def test_closing_an_engine_keeps_nobody_waiting():
     opened[0].may_close.set()
     serving.until(lambda: engines.has_room("new", None))
     assert opened[0].closed and not any(opened[key].is_ended for key in range(1, MAX_SCENES))
+    engines.close()
+
+
+@pytest.mark.parametrize("all_gib, n_workers, given_gib, n_scenes, gib", [
+    (64, 1, None, 8, 8.0), (8, 1, None, 5, 1.6), (1, 1, None, 1, 1.0), (8, 2, None, 2, 2.0),
+    (8, 1, 4.0, 2, 4.0), (8, 4, 4.0, 1, 4.0), (64, 1, 0.5, 8, 0.5)])
+def test_the_processes_of_all_scenes_share_one_bound_of_memory(all_gib, n_workers, given_gib, n_scenes, gib):
+    """Each of eight scenes had four fifths of the machine's memory for itself."""
+    given = None if given_gib is None else int(given_gib * 2**30)
+    found, each = memory_shares(all_gib * 2**30, n_workers, given)
+    assert (found, each / 2**30) == (n_scenes, pytest.approx(gib, abs=1e-6))
+    assert found == 1 or found * n_workers * each <= all_gib * 2**30
+
+
+def test_fewer_scenes_are_open_where_the_memory_is_small():
+    engines = Engines(lambda key: Opened(), max_scenes=2)
+    for key in range(2):
+        serving.until(lambda key=key: engines.has_room(key, None))
+    assert not engines.has_room("third", None), "who had the others opened comes soon"
     engines.close()
 
 
