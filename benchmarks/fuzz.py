@@ -5,9 +5,10 @@
     python benchmarks/fuzz.py --messages 20000 --sockets --workers 2
 
 Random bytes; golden requests with bytes changed, cut or added, a value wrong, very deep or very long, or a key twice;
-TCP frames changed, cut short, in odd pieces; connections that stay half open, are reset, or ask and do not read. Each
-message must be answered once (or its connection closed), never `internal`; every thousandth is a good request, which
-must give the very pixels within its deadline. Prints one JSON line; exit code 1 if anything was amiss.
+TCP frames changed, cut short, in odd pieces; connections that stay half open, are reset, go amid an answer, or ask and
+do not read. Each message must be answered once (or its connection closed), never `internal`; every thousandth is a good
+request, which must give the very pixels within its deadline: through sockets those of two clients with scenes of their
+own, neither of whom may get the other's. Prints one JSON line; exit code 1 if anything was amiss.
 """
 
 from __future__ import annotations
@@ -15,8 +16,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import socket
-import struct
 import subprocess
 import sys
 import tempfile
@@ -25,11 +24,9 @@ from collections import Counter
 from pathlib import Path
 
 import msgpack
-import numpy as np
-import zmq
 from fuzz_messages import LOAD, SCENE, STATE, Mutator, frame
+from fuzz_peers import DEADLINE_S, GOOD_EVERY, Pair, Peer
 from glrender import generate, load_scene
-from glrender_client import Client
 from glrender_client.shared import SharedFrames
 from glrender_server import slots
 from glrender_server.dispatcher import Dispatcher
@@ -38,9 +35,6 @@ from glrender_server.front import Request
 from glrender_server.job import LocalEngine
 from glrender_server.operations import Operations
 
-DEADLINE_S = 5.0
-GOOD_EVERY = 1000
-MAX_HELD_OPEN = 60
 # "forbidden" is `watch`, of a server that was not started with it.
 ALLOWED = {"protocol", "config", "scene", "shape", "busy", "forbidden"}
 
@@ -155,23 +149,16 @@ def through_sockets(folder: Path, n_messages: int, seed: int, workers: int) -> T
         try:
             words = process.stdout.readline().split()
             host, _, port = words[5].rpartition(":")
-            with Peer(words[3], (host, int(port)), mutator, tally) as peer, \
-                    Client(words[3], timeout_s=DEADLINE_S, retries=0) as client:
-                truth, count = None, 0
+            with Peer(words[3], (host, int(port)), mutator, tally) as peer, Pair(words[3], tally) as pair:
+                count = 0
                 while count < n_messages:
                     burst = mutator.burst()
                     before, count = count, count + len(burst)
                     peer.by_zmq(burst) if rng.random() < 0.5 else peer.by_tcp(burst)
                     if count // 100 != before // 100:
-                        peer.hold_one_open()
-                    if count // GOOD_EVERY != before // GOOD_EVERY or truth is None:
-                        began = time.monotonic()
-                        client.load_scene(LOAD["scene"])
-                        pixels = client.render(STATE, "navcam").pixels
-                        tally.waited(time.monotonic() - began)
-                        truth = pixels if truth is None else truth
-                        if not np.array_equal(pixels, truth):
-                            tally.fault("a good request gave other pixels")
+                        rng.choice([peer.hold_one_open, peer.leave_unread, peer.go_amid_answer])()
+                    if count // GOOD_EVERY != before // GOOD_EVERY or before == 0:
+                        pair.fly(count)
             if process.poll() is not None:
                 tally.fault(f"the server ended with {process.returncode}")
         finally:
@@ -182,87 +169,6 @@ def through_sockets(folder: Path, n_messages: int, seed: int, workers: int) -> T
         if "Traceback" in (text := log.read()):
             tally.fault(text[text.index("Traceback"):])
     return tally
-
-
-class Peer:
-    """A client that means ill, on both transports."""
-
-    def __init__(self, endpoint: str, address: tuple[str, int], mutator: Mutator, tally: Tally):
-        self._address, self._mutator, self._tally = address, mutator, tally
-        self._context = zmq.Context()
-        self._zmq = self._context.socket(zmq.DEALER)
-        self._zmq.set(zmq.LINGER, 0)
-        self._zmq.connect(endpoint)
-        self._tcp: socket.socket | None = None
-        self._held: list[socket.socket] = []
-
-    def __enter__(self) -> Peer:
-        return self
-
-    def __exit__(self, *exception) -> None:
-        for peer in [*self._held, *([self._tcp] if self._tcp else [])]:
-            peer.close()
-        self._context.destroy(0)
-
-    def by_zmq(self, burst: list[list[bytes]]) -> None:
-        """Send messages over ZeroMQ, which gives one reply to each."""
-        for parts in burst:
-            self._zmq.send_multipart(parts)
-        for parts in burst:
-            if not self._zmq.poll(int(1e3 * DEADLINE_S)):
-                self._tally.fault(f"no reply to one of {parts!r} and its like")
-                return
-            reply = self._zmq.recv_multipart()
-            # What begins with an empty part is a REQ socket's, and so is its reply.
-            self._tally.take(reply[1] if reply[0] == b"" else reply[0])
-
-    def by_tcp(self, burst: list[list[bytes]]) -> None:
-        """Send frames over TCP: each sound one gets a reply; a spoilt or cut stream may end with its connection."""
-        rng = self._mutator.rng
-        stream, kind = b"".join(map(frame, burst)), rng.random()
-        if self._tcp is None:
-            self._tcp = self._connect()
-        if kind < 0.6:
-            self._tcp.sendall(stream)
-            for _ in burst:
-                self._tally.take(self._receive())
-            return
-        try:
-            self._tcp.sendall(self._mutator.spoilt(stream[:12], 1) + stream[12:] if kind < 0.8
-                              else stream[:rng.randrange(len(stream))])
-        except OSError:
-            pass  # hung up on, as it should be
-        if rng.random() < 0.5:
-            self._tcp.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
-        self._tcp.close()
-        self._tcp = None
-        self._tally.answers["connection closed"] += len(burst)
-
-    def hold_one_open(self) -> None:
-        """Half a message and silence; or a request whose reply is not read."""
-        rng = self._mutator.rng
-        whole = frame([msgpack.packb({"v": 1, "op": "render", "id": 1, "client": f"slow{rng.random()}", "state": STATE,
-                                      "camera": "navcam", "products": ["r_body", "range"]})])
-        slow = self._connect(receive_buffer=2048)
-        slow.sendall(whole * 4 if rng.random() < 0.5 else whole[:rng.randrange(1, len(whole))])
-        self._held.append(slow)
-        while len(self._held) > MAX_HELD_OPEN:
-            self._held.pop(0).close()
-
-    def _connect(self, receive_buffer: int = 0) -> socket.socket:
-        peer = socket.socket()
-        if receive_buffer:
-            peer.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
-        peer.settimeout(DEADLINE_S)
-        peer.connect(self._address)
-        return peer
-
-    def _receive(self) -> bytes:
-        """The header of the next reply."""
-        exactly = lambda size: self._tcp.recv(size, socket.MSG_WAITALL) if size else b""  # noqa: E731
-        _, n_parts, _ = struct.unpack("<4sHH", exactly(8))
-        header, *rest = [exactly(size) for size in struct.unpack(f"<{n_parts}I", exactly(4 * n_parts))]
-        return header
 
 
 def main(argv: list[str] | None = None) -> int:

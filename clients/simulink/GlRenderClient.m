@@ -102,6 +102,7 @@ classdef GlRenderClient < handle
       %   From then on, where the server shows another scene, this client's frames and ranges end with glrender:scene.
       [~, bytes] = self.ask('load_scene', {'scene', scene}, []);
       header = glr_unpack(bytes);
+      self.Scene = '';  % an older server names none, and takes no field `scene`
       if isfield(header, 'scene')
         self.Scene = header.scene;
       end

@@ -39,6 +39,8 @@ _HEARTBEAT_BYTES_PER_S = 1024
 # Places of tcpi_bytes_acked and tcpi_bytes_received (u64) in struct tcp_info, since Linux 4.1 (linux/tcp.h).
 _TCP_INFO_ACKED, _TCP_INFO_RECEIVED = 120, 128
 _DESCRIPTORS = "/proc/self/fd"
+# Process, user and group of whoever connected: unix(7), struct ucred.
+_UCRED_BYTES = 12
 
 
 @dataclass(eq=False)
@@ -240,11 +242,13 @@ class Peers:
             twin = self._held(peer)
             ours = twin.getsockname()
             theirs = twin.getpeername()  # a listener has none
-            if self._port is None:
-                peer.account = struct.unpack("iII", twin.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
-            elif not ipaddress.ip_address(theirs[0].partition("%")[0]).is_loopback:
+            if not isinstance(ours, tuple):
+                if ours == self._address and hasattr(socket, "SO_PEERCRED"):
+                    peer.account = twin.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _UCRED_BYTES)
+                return ours == self._address
+            if not ipaddress.ip_address(theirs[0].partition("%")[0]).is_loopback:
                 peer.account = theirs[0]
-            return ours[1] == self._port if isinstance(ours, tuple) else ours == self._address
+            return ours[1] == self._port
         except OSError:
             return False
         finally:

@@ -135,7 +135,7 @@ class Busy:
     """A server that says `busy` to the first requests, and that it wants to be asked again in 20 ms."""
 
     def __init__(self, n_refusals):
-        self.n_asked, self.n_refusals = 0, n_refusals
+        self.n_asked, self.n_refusals, self.headers = 0, n_refusals, []
         self.context = zmq.Context()
         self.socket = self.context.socket(zmq.ROUTER)
         self.endpoint = f"tcp://127.0.0.1:{self.socket.bind_to_random_port('tcp://127.0.0.1')}"
@@ -157,11 +157,29 @@ class Busy:
             if self.socket.poll(50):
                 identity, message = self.socket.recv_multipart()
                 header = msgpack.unpackb(message)
+                self.headers.append(header)
                 self.n_asked += header["op"] != "close"
                 said = ({"ok": True} if self.n_asked > self.n_refusals else {"ok": False, "error": {
                     "code": "busy", "path": "", "message": "others", "retry_after_s": 0.02}})
                 self.socket.send_multipart([identity, msgpack.packb({
                     "v": 1, "op": header["op"], "id": header["id"], "client": "", "arrays": [], **said})])
+
+
+def test_an_older_server_which_names_no_scene_is_asked_for_none():
+    """It refuses fields that it does not know; what was loaded from another server is forgotten."""
+    with Busy(n_refusals=0) as server, Client(server.endpoint) as client:
+        client._pack.scene = "0" * 32
+        client.load_scene({})
+        client.render(STATE)
+
+        async def ask():
+            async with AsyncClient(server.endpoint) as other:
+                await other.load_scene({})
+                await other.range(STATE, [[0.0, 0.0, 1.0]])
+
+        asyncio.run(ask())
+        asked = [header for header in server.headers if header["op"] in ("render", "range")]
+        assert len(asked) == 2 and not any("scene" in header for header in asked)
 
 
 def test_a_busy_server_is_asked_again():

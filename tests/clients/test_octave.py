@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import socket
+import tomllib
 
 import numpy as np
 import pytest
@@ -47,6 +48,15 @@ def test_the_class_gets_the_pixels_that_python_gets(live, tmp_path):
         kept = np.fromfile(tmp_path / name, array.dtype).reshape(array.shape, order="F")
         np.testing.assert_array_equal(kept, array, err_msg=name)
         assert len(np.unique(kept[np.isfinite(kept)])) > 1, f"{name} must not be flat"
+
+
+def test_a_frame_of_another_scene_does_not_come_in_the_place_of_the_loaded_ones(tmp_path):
+    bright = tomllib.loads(SCENE)
+    dark = {**bright, "bodies": [{**bright["bodies"][0], "brdf": {"law": "lambert", "normal_albedo": 0.02}}]}
+    (tmp_path / "told.json").write_text(json.dumps({"scenes": [bright, dark], "state": STATE}))
+    # Its own: the scene is replaced.
+    with serving.server(tmp_path, "--tcp", "127.0.0.1:0", scene=SCENE) as (_, process):
+        octave("scene_script.m", *serving.tcp_address(process), tmp_path / "told.json")
 
 
 def test_the_simulink_blocks_give_pythons_pixels_with_stand_ins_for_simulink(live, tmp_path):

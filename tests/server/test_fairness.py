@@ -17,6 +17,7 @@ import zmq
 from glrender_client import Client, ServerError
 from glrender_server import dispatcher, workers
 from glrender_server.dispatcher import Dispatcher
+from glrender_server.front import Request
 from glrender_server.job import Done, Job
 from glrender_server.workers import WorkerPool, _Task, _Worker
 
@@ -203,6 +204,26 @@ def test_a_client_is_quick_once_it_has_been_and_not_soon_after_a_slow_frame(monk
     assert served._is_quick("new")
     served._remember("new", Done([], "poison", {}), now[0])
     assert not served._is_quick("new")
+
+
+def test_a_clients_slow_frames_are_known_of_all_its_connections():
+    """Each new connection was a new client, which might have every worker."""
+    started = []
+    engine = SimpleNamespace(described={}, make_room=None, outage="", is_full=False, draws_here=False, generation=0,
+                             has_room=lambda job: True, start=started.append)
+    served = Dispatcher(engine)
+
+    def is_known_to_be_quick(sender, number, ms, account=None):
+        served.submit(Request(sender, [head("render", number, "x")], lambda reply: None, account=account))
+        served.work()
+        started[-1].done(Done([b"\x80"], "", {"total": ms}))
+        return started[-1].is_quick
+
+    assert not is_known_to_be_quick("first", 0, 7.0, "process")
+    assert is_known_to_be_quick("first", 1, 2000.0, "process")
+    assert not is_known_to_be_quick("second", 2, 7.0, "process")
+    assert not is_known_to_be_quick("alone", 3, 7.0) and is_known_to_be_quick("alone", 4, 7.0)
+    assert {job.sender for job in started} == {"process", "alone"}
 
 
 def test_a_pool_is_full_where_no_job_at_all_has_room():

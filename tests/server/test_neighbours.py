@@ -15,6 +15,7 @@ import threading
 import time
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 
 import msgpack
 import pytest
@@ -338,6 +339,28 @@ def test_a_look_at_the_connections_leaves_no_descriptor_whatever_their_descripto
         assert len(os.listdir("/proc/self/fd")) == before
         one.send(head("hello", 2))
         assert taken_in(5.0), "whose descriptor was meant by mistake is served on"
+
+
+def test_all_connections_of_a_process_or_of_another_machine_are_one_account(tmp_path, monkeypatch):
+    """A client with many connections was a new one with each."""
+    elsewhere = ("import sys, zmq\ns = zmq.Context().socket(zmq.DEALER)\ns.connect(sys.argv[1])\n"
+                 "s.send(b'x')\ns.poll(20_000)\n")
+    with serving_front(f"ipc://{tmp_path}/z") as (front, taken_in), peer(front.endpoint) as one, \
+            peer(front.endpoint) as two, subprocess.Popen([sys.executable, "-c", elsewhere, front.endpoint]) as other:
+        others, = taken_in(20.0)
+        one.send(b"x")
+        two.send(b"x")
+        ours = taken_in(5.0, enough=2)
+        others.answer([b"y"])
+        assert ours[0].sender != ours[1].sender and ours[0].account == ours[1].account != others.account
+        assert ours[0].account and others.account and other.wait(20.0) == 0
+    for is_loopback, account in ((True, None), (False, "127.0.0.1")):
+        monkeypatch.setattr(peers.ipaddress, "ip_address", lambda text, is_it=is_loopback: SimpleNamespace(
+            is_loopback=is_it))
+        with serving_front("tcp://127.0.0.1:*") as (front, taken_in), peer(front.endpoint) as dealer:
+            dealer.send(b"x")
+            request, = taken_in(5.0)
+            assert request.account == account
 
 
 def test_where_no_descriptor_is_free_too_many_connections_are_closed_nevertheless():
