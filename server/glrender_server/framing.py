@@ -71,9 +71,11 @@ class Decoder:
         while self._held and (size := self._message_size()) is not None and len(self._held) >= size:
             sizes = self._part_sizes()
             start, parts = _PREFIX.size + 4 * len(sizes), []
-            for length in sizes:
-                parts.append(bytes(self._held[start:start + length]))
-                start += length
+            # One copy of each: a scene has hundreds of megabytes.
+            with memoryview(self._held) as held:
+                for length in sizes:
+                    parts.append(bytes(held[start:start + length]))
+                    start += length
             del self._held[:start]
             yield parts
 

@@ -25,8 +25,9 @@ MIN_SHARED_BYTES = 1 << 16
 """Frames that are smaller come sooner over the socket."""
 _STEP_BYTES = 1 << 16
 _MAX_FREE, _MAX_FREE_WHEN_FULL = 8, 2
-# Of a slot's parts: any pixel may stand there. The first place holds the slot's number.
-_ALIGNMENT = 64
+# Of a slot's parts: any pixel may stand there. The first place holds the slot's number, and behind it whether a worker
+# has begun with it.
+_ALIGNMENT, _BEGUN = 64, 8
 _FOLDER = Path("/dev/shm")
 _CAN_LOCK = _FOLDER.is_dir()
 _PREFIX = "glrender-slot-"
@@ -38,6 +39,16 @@ def offsets(sizes: Iterable[int]) -> list[int]:
     for size in sizes:
         found.append(found[-1] + -(-size // _ALIGNMENT) * _ALIGNMENT)
     return found
+
+
+def mark_begun(slot: SharedMemory, is_it: bool = True) -> None:
+    """Write down that a worker has begun with the request which the slot came with, or that none has yet."""
+    slot.buf[_BEGUN] = is_it
+
+
+def has_begun(slot: SharedMemory) -> bool:
+    """Whether it has: a message would wake the server for each frame once more."""
+    return bool(slot.buf[_BEGUN])
 
 
 def room(slot: SharedMemory, sizes: Sequence[int]) -> list[memoryview]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import pickle
 import resource
@@ -17,7 +18,7 @@ from typing import TYPE_CHECKING
 from glrender import DeviceError, GlrenderError
 
 from . import logs
-from .slots import offsets, room
+from .slots import mark_begun, offsets, room
 from .stream import Channel
 
 if TYPE_CHECKING:
@@ -31,11 +32,11 @@ def work(peer: socket.socket, backend: str, shape_dir: Path | None, memory_bytes
     """Serve jobs until the channel closes.
 
     Said: ``("awake",)``, answered by ``("scene", pickle, digest)``, which may come again: ``("ready", described)`` or
-    ``("failed", text)``; then for each ``("job", message, slot)``: ``("begun",)``, ``("progress", share)`` now and then
-    from a slow frame, ``("need", n_bytes)`` where the slot is too small (answered by a slot's name, empty if there is
-    none), and ``("done", header, sizes, code, timings_ms, warnings, loaded)``, the parts in the slot at their
-    `offsets`; `loaded` is None, or of a new scene its pickle, its digest, and the description of it. ``("forget",)``
-    lets go of all slots.
+    ``("failed", text)``; then for each ``("job", message, slot)``, its slot marked as begun: ``("progress", share)``
+    now and then from a slow frame, ``("need", n_bytes)`` where the slot is too small (answered by a slot's name, empty
+    if there is none), and ``("done", header, sizes, code, timings_ms, warnings, loaded)``, the parts in the slot at
+    their `offsets`; `loaded` is None, or of a new scene its pickle, its digest, and the description of it.
+    ``("forget",)`` lets go of all slots.
     """
     # The server drains on a signal to the group; then the channel closes.
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
@@ -78,7 +79,9 @@ def work(peer: socket.socket, backend: str, shape_dir: Path | None, memory_bytes
                 _forget(slots)
                 continue
             message, name = rest
-            channel.send("begun")
+            if name:
+                with contextlib.suppress(OSError):  # somebody has tidied up: asked for another, the server knows
+                    mark_begun(_attached(slots, name))
             loaded.clear()
             (head, *parts), code = operations.answer_message(message, partial(_room, channel, slots, name))
             sizes = [len(part) for part in parts]

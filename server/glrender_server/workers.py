@@ -25,7 +25,7 @@ from glrender.engines.advice import Advice
 from .envelope import refusal
 from .job import Done, Job
 from .scene_digest import scene_digest
-from .slots import SlotStore, offsets
+from .slots import SlotStore, has_begun, mark_begun, offsets
 from .stream import Channel
 from .worker import work
 
@@ -74,7 +74,6 @@ class _Worker:
     slot: SharedMemory | None = None
     deadline: float = 0.0
     deadline_s: float = 0.0
-    has_begun: bool = False
     processor_s: float = 0.0
     progress: float | None = None
     overran: bool = False
@@ -234,11 +233,13 @@ class WorkerPool:
         self._send(worker, task.job.message)
 
     def _send(self, worker: _Worker, message: bytes) -> None:
-        worker.has_begun, worker.progress = False, None
+        worker.progress = None
         if worker.slot is not None and not self._slots.is_there(worker.slot):
             self._slots.give_back(worker.slot)  # somebody has tidied up
             worker.slot = None
         worker.slot = worker.slot or self._take(self._frame_bytes)
+        if worker.slot is not None:
+            mark_begun(worker.slot, False)
         worker.deadline, worker.processor_s = time.monotonic() + worker.deadline_s, used_s(worker.process.pid)
         self._tell(worker, "job", message, worker.slot.name if worker.slot else "")
 
@@ -323,14 +324,14 @@ class WorkerPool:
                 self.outage = f"a worker did not start: {rest[0]}"
             log.error("a worker cannot open the scene that is served: %s", rest[0])
             self._bury(worker, has_failed=True)
-        elif kind == "begun":
-            worker.has_begun = True
         elif kind == "progress":
             worker.progress = rest[0]
         elif kind == "need":
             if worker.slot is not None:
                 self._slots.give_back(worker.slot)
             worker.slot = self._take(rest[0])
+            if worker.slot is not None:
+                mark_begun(worker.slot)
             self._tell(worker, worker.slot.name if worker.slot else "")
         else:
             self._done(worker, *rest)
@@ -380,7 +381,7 @@ class WorkerPool:
         # Not before it was given the scene: until then the scene is not to blame.
         is_opening = worker.state in ("starting", "loading") and worker.generation == self.generation
         # A worker that was dying when it got the request is not the request's fault: no try.
-        is_its_fault = worker.state == "busy" and (worker.has_begun or worker.overran)
+        is_its_fault = worker.state == "busy" and (worker.overran or worker.slot is None or has_begun(worker.slot))
         exit_code = None if worker.process is None else worker.process.exitcode
         is_by_signal = not (worker.overran or has_failed) and (exit_code is None or exit_code < 0)
         self._end(worker)
