@@ -195,6 +195,7 @@ class Outages:
 
     def __init__(self, endpoint: str):
         self.longest_s = self.longest_status_s = 0.0
+        self.n_ready = 0
         self._endpoint, self._is_over = endpoint, threading.Event()
         self._thread = threading.Thread(target=self._watch)
         self._thread.start()
@@ -204,7 +205,7 @@ class Outages:
         with Client(self._endpoint, timeout_s=60.0) as client:
             while not self._is_over.wait(0.1):
                 asked = time.monotonic()
-                n_ready = client.status()["workers"]["ready"]
+                n_ready = self.n_ready = client.status()["workers"]["ready"]
                 now = time.monotonic()
                 self.longest_status_s = max(self.longest_status_s, now - asked)
                 since = None if n_ready else since or asked
@@ -296,7 +297,9 @@ def soak(process: subprocess.Popen, ready: str, adapter: tuple[str, subprocess.P
             flyers[index].join()
             flyers[index] = start(index)
             killed["clients"] += 1
-        if arguments.kill_worker_seconds and time.monotonic() - last_kill > arguments.kill_worker_seconds:
+        # A machine that takes longer to start a worker than they live would have none for ever.
+        if (arguments.kill_worker_seconds and time.monotonic() - last_kill > arguments.kill_worker_seconds
+                and outages.n_ready):
             last_kill, is_worker_due = time.monotonic(), True
         if is_worker_due:
             for number in rng.sample(found, 1) if (found := workers_of(process)) else []:

@@ -47,6 +47,8 @@ _MAX_TRIES = 2
 _MAX_KILLED_BY_SCENE = 6
 # A worker that has used less of its deadline than this share was stopped from outside: its request is not to blame.
 _STOPPED_SHARE = 0.02
+# A worker that starts, or loads a scene, for less than so long [s]: most take 2, on a busy machine 15.
+_COMES_WITHIN_S = 30.0
 # While a sender known to be quick has had a frame within this time [s], the last free worker is kept for such.
 _KEPT_FOR_QUICK_S = 10.0
 # The clock of all of a process' threads, in user and in kernel mode.
@@ -81,6 +83,12 @@ class _Worker:
     generation: int = 0
     failures: int = 0
     start_at: float = 0.0
+
+    def comes_soon(self, now: float) -> bool:
+        """Whether it is about to start, or to load its scene, and should be ready in a while: it is waited for."""
+        if self.state in ("starting", "loading"):
+            return now - (self.deadline - self.deadline_s) < _COMES_WITHIN_S
+        return self.state == "down" and self.start_at - now < _MAX_BACK_OFF_AFTER_SIGNAL_S
 
 
 class WorkerPool:
@@ -163,16 +171,17 @@ class WorkerPool:
         tasks = [worker.task.job for worker in self._workers if worker.task is not None]
         if any(task.is_load and (job.is_load or task.sender == job.sender) for task in tasks):
             return False
-        others = len(self._workers) - 1
-        if len(idle) > 1 or others == 0:
+        if len(idle) > 1 or len(self._workers) == 1:
             return True
+        now = time.monotonic()
+        others = len(self._workers) - 1 - sum(worker.comes_soon(now) for worker in self._workers)
         if job.is_slow and sum(task.is_slow for task in tasks) == others:
             return False
         if job.is_quick:
             return True
-        if time.monotonic() - self._quick_at < _KEPT_FOR_QUICK_S:
+        if now - self._quick_at < _KEPT_FOR_QUICK_S:
             return sum(not task.is_quick for task in tasks) < others
-        return sum(task.sender == job.sender for task in tasks) < others
+        return others == 0 or sum(task.sender == job.sender for task in tasks) < others
 
     @property
     def is_idle(self) -> bool:

@@ -226,6 +226,29 @@ def test_a_clients_slow_frames_are_known_of_all_its_connections():
     assert {job.sender for job in started} == {"process", "alone"}
 
 
+def test_while_a_worker_starts_the_other_is_kept_for_who_is_quick():
+    """A slow frame that overran its deadline was followed by the next on the worker that was left: 55 s for others."""
+    pool = Pool(None, None)
+    slow, new, quick = job("a", allow_slow=True), job("b", is_quick=False), job("c")
+
+    def have_room():
+        return [pool.has_room(each) for each in (slow, new, quick)]
+
+    assert have_room() == [True, True, True]
+    for state in ("starting", "loading", "down"):
+        now, pool._workers[0].state = time.monotonic(), state
+        pool._workers[0].deadline, pool._workers[0].deadline_s, pool._workers[0].start_at = now + 50.0, 60.0, now + 0.5
+        assert have_room() == [False, True, True], "nobody quick has asked"
+        pool._quick_at = time.monotonic()
+        assert have_room() == [False, False, True]
+        pool._quick_at = -math.inf
+    for state in ("starting", "loading", "down"):
+        pool._workers[0].state, pool._workers[0].deadline, pool._workers[0].start_at = state, now + 20.0, now + 20.0
+        assert have_room() == [True, True, True], "one that comes late is not waited for"
+    lone = Pool(None)
+    assert lone.has_room(slow) and lone.has_room(new)
+
+
 def test_a_pool_is_full_where_no_job_at_all_has_room():
     assert Pool(job("a")).is_full and not Pool(job("a"), None).is_full
     behind = Pool(None)
