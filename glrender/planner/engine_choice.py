@@ -43,9 +43,9 @@ _MOST_LARGER = 4.0
 _SEVERAL_CELLS = 2.7
 # Cells across a small body's own grid, at most.
 _MOST_CELLS = 2048
-# First samples along a pixel's side, and of narrow crescents.
+# First samples along a pixel's side; and of narrow crescents and eclipses, whose light, or its loss, is in few pixels.
 _FIRST_SAMPLES = 2
-_CRESCENT_SAMPLES = 4
+_MORE_SAMPLES = 4
 # RMS distance from the centroid of an equilateral triangle over the root of its area [1]: 0.31 along each axis.
 _UNEVEN_FACET = 0.44
 # Variation of a pixel's solid angle within it over its angle [1]: above 3 tan(theta) / sqrt(12), off the boresight.
@@ -61,9 +61,8 @@ _CENTROIDS_LEAST = 0.006
 _CENTROIDS_POWER = 3.0
 # Fewest facets a pixel [1]: of larger ones few are at the boundary of light (held-out scene 100).
 _LEAST_FACETS_PER_PX = 0.05
-# First samples along a pixel's side of an eclipse, and rays that they may take: light that is left, or lost, in few
-# pixels shows in some of them.
-_ECLIPSE_SAMPLES, _ECLIPSE_RAYS = 4, 1e5
+# Rays that the first samples of an eclipse may take.
+_ECLIPSE_RAYS = 100_000
 # A body's own penumbras by rays are noise: crease [rad] and facets a pixel that say so to `error_model.noise_gain`.
 _PENUMBRA_NOISE = (math.inf, math.inf)
 
@@ -299,8 +298,8 @@ def _sampled(engine: str, members: Sequence[BodyView], known: Sequence[BodyTrait
         count = _first_samples(engine, pairs, request.camera)
         if eclipse_px:
             x0, y0, x1, y1 = region(members, request.camera)
-            most = math.isqrt(int(_ECLIPSE_RAYS) // max((x1 - x0) * (y1 - y0), 1))
-            count = max(count, min(most, _ECLIPSE_SAMPLES))
+            most = math.isqrt(_ECLIPSE_RAYS // max((x1 - x0) * (y1 - y0), 1))
+            count = max(count, min(most, _MORE_SAMPLES))
         if size_px < _FLUX_PX:
             n_across = max(samples_across(view, traits, flux, math.inf, noise)
                            for (view, traits), noise in zip(pairs, eclipsed, strict=True))
@@ -322,10 +321,10 @@ def _first_samples(engine: str, pairs: Sequence[tuple[BodyView, BodyTraits]], ca
     if max(view.phase_rad for view, _ in pairs) > CRESCENT_RAD:
         # Rays pass over what faces away from the Sun, where that is known.
         is_known = all(view.bounds_px is not None and math.isfinite(traits.facet_m) for view, traits in pairs)
-        fewest = _CRESCENT_SAMPLES if engine == "rays" and is_known else _FIRST_SAMPLES
+        fewest = _MORE_SAMPLES if engine == "rays" and is_known else _FIRST_SAMPLES
     x0, y0, x1, y1 = region([view for view, _ in pairs], camera)
     most = math.isqrt((1 if engine == "rays" else 4) * MOST_FIRST_SAMPLES // max((x1 - x0) * (y1 - y0), 1))
-    return min(_CRESCENT_SAMPLES if is_crescent else _FIRST_SAMPLES, max(most, fewest))
+    return min(_MORE_SAMPLES if is_crescent else _FIRST_SAMPLES, max(most, fewest))
 
 
 def _are_in_penumbra(members: Sequence[BodyView], drawn: Sequence[BodyPlan], request: Request) -> bool:

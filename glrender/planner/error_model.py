@@ -10,6 +10,8 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+
 from ..base.constants import AU_M
 from ..scene.detail.height_field import Relief
 from ..view.view import FINE_FOOTPRINT, BodyView
@@ -30,7 +32,7 @@ _LEAK_POWERS = (1.2, 1.57)
 _LEAK_CREASE_RAD = 0.146
 # Half a step of float32 coordinates [1], and RMS error [1/px] for each pixel that they are off: a sphere's facets seen
 # from 1e-6 to 1e-8 of their size, and a bar of 1e6 times its width, have 0.012 to 0.04.
-_FLOAT32 = 2.0**-24
+_FLOAT32 = 0.5 * float(np.finfo(np.float32).eps)
 _ROUNDING_ERROR = 0.1
 # RMS error of rays over radii that a pixel sees [1]: a pillar's shadow on a slab has 0.0055 at 5e-6 radii.
 _RAY_ROUNDING = 3e-8

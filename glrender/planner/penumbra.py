@@ -24,12 +24,11 @@ _OWN_PX = 300.0
 _OWN_WIDTH = 1e-3
 # Brightness of a sphere's middle at full phase over the mean of its disc by Lambert's law [1]: where a shadow may fall.
 _HARD_EDGE = 1.5
-# Points of the lit part of a sphere's image in which an eclipse is looked at, and half the distance of neighbours over
-# its radius [1] at full phase.
+# Points of the lit part of a sphere's image at which an eclipse is computed.
 _POINTS = 400
-_POINT = 0.5 * math.sqrt(math.pi / _POINTS)
-# How far a shadow may be from where a sphere's is, towards its light, over its radius [1]: bodies are no spheres.
-_ASIDE = (0.0, -0.3, 0.3)
+# Most distance of a shadow from where a sphere's is, along the line to its light, over its radius [1]: bodies are no
+# spheres.
+_ASIDE = 0.3
 # Width of another body's penumbra over the size of the body that it falls on [1], from which rays sample the disc.
 _WITHIN = 0.3
 # Width of a penumbra from which it is more than an edge [px], and over the body's size [1].
@@ -145,15 +144,17 @@ def _eclipse(receiver: BodyView, cast: Sequence[tuple[str, np.ndarray]], hulls: 
     """
     hull, sun = hulls[receiver.name], receiver.sun_direction_body
     point_m, light = _lit_points(receiver, hull.radius_m)
-    edge_m = hull.radius_m * max(_POINT * math.cos(0.5 * receiver.phase_rad), 1.0 / _POINTS)
-    (soft, hard), width_m = np.ones((2, len(_ASIDE), len(light))), 0.0
+    # At full phase half the distance of neighbouring points.
+    edge_m = hull.radius_m * max(0.5 * math.sqrt(math.pi / _POINTS) * math.cos(0.5 * receiver.phase_rad), 1.0 / _POINTS)
+    places = (0.0, -_ASIDE, _ASIDE)
+    (soft, hard), width_m = np.ones((2, len(places), len(light))), 0.0
     for name, receiver_from_caster in cast:
         offset_m, caster_m = receiver_from_caster[:3, 3], hulls[name].radius_m
         to_caster_m = offset_m - point_m
         sunward_m = np.maximum(to_caster_m @ sun, 0.0)
         aside_m = to_caster_m - np.outer(to_caster_m @ sun, sun)
         to_light = light @ aside_m
-        moved_m = np.multiply.outer(_ASIDE, hull.radius_m * to_light / max(np.linalg.norm(to_light), 1e-300))
+        moved_m = np.multiply.outer(places, hull.radius_m * to_light / max(np.linalg.norm(to_light), 1e-300))
         apart_m = np.linalg.norm(aside_m + moved_m[:, None], axis=-1)
         half_m = np.maximum(sun_radius_rad * sunward_m, 1e-9 * caster_m)
         is_shaded = sunward_m > 0.0

@@ -17,16 +17,16 @@ from ..base.errors import ConfigError, error_path
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-_STATE_KEYS = ("t_s", "r_sun_inertial_m", "spacecraft", "bodies", "date_tdb")
-_STATE_REQUIRED = _STATE_KEYS[1:4]
-_POSE_KEYS = ("r_inertial_m", "q_from_inertial")
-_POSE_REQUIRED = _POSE_KEYS[:1]
+_STATE_REQUIRED = ("r_sun_inertial_m", "spacecraft", "bodies")
+_STATE_KEYS = ("t_s", *_STATE_REQUIRED, "date_tdb")
+_POSE_REQUIRED = ("r_inertial_m",)
+_POSE_KEYS = (*_POSE_REQUIRED, "q_from_inertial")
 _RATE_KEYS = ("v_inertial_m_s", "angular_velocity_rad_s")
 # 160 turns a second: beyond it degrees were given, or worse.
 _MAX_RATE_RAD_S = 1e3
 # Calendar years of a date: Gregorian all through the first, and a year from the last that a date can be of.
-_YEARS = (1583, 9998)
-_OF_YEARS = f"must be of the years {_YEARS[0]} to {_YEARS[1]}"
+_FIRST_YEAR, _LAST_YEAR = 1583, 9998
+_OF_YEARS = f"must be of the years {_FIRST_YEAR} to {_LAST_YEAR}"
 # The frame's axes are those of `inertial`.
 _IDENTITY: Any = (1.0, 0.0, 0.0, 0.0)
 
@@ -227,7 +227,7 @@ def _checked_date(name: str, value: object) -> str:
         raise ConfigError(name, "must be a date year-month-dayThour:minute:second", value, hint) from None
     if date.tzinfo is not None:
         raise ConfigError(name, "must be TDB, without a Z or an offset", value, hint)
-    if not _YEARS[0] <= date.year <= _YEARS[1]:
+    if not _FIRST_YEAR <= date.year <= _LAST_YEAR:
         raise ConfigError(name, _OF_YEARS, value, hint)
     return date.isoformat()
 

@@ -10,8 +10,8 @@ from glrender_camera import PinholeCamera, threads
 from ...view.view import BodyView
 from . import facet_loops
 
-# Points that a thread projects in a turn.
-_AT_ONCE = 1 << 15
+FACETS_AT_ONCE = 16_384
+"""Facets, or points, that a thread takes in a turn: what they need stays in a core's cache."""
 
 
 class Points:
@@ -82,5 +82,5 @@ def projected(r_body_m: np.ndarray, view: BodyView, camera: PinholeCamera) -> np
         facet_loops.project(r_body_m, part.start, part.stop, view.camera_from_body, view.r_camera_body_m,
                             camera.focal_length_px, middle_px, found)
 
-    threads.run_in_parts(project, r_body_m.shape[1], _AT_ONCE)
+    threads.run_in_parts(project, r_body_m.shape[1], FACETS_AT_ONCE)
     return found

@@ -18,7 +18,7 @@ from ..rays.mesh import dot
 from . import accumulate, facet_loops
 from .boundary_clip import FacetCutter
 from .facet_tables import FacetTables
-from .sub_triangles import FacetParts, projected
+from .sub_triangles import FACETS_AT_ONCE, FacetParts, projected
 
 # Errors are estimated from the light of triangles that are clipped: 35 low-poly and 12 finer shapes at 20 to 160 deg
 # beside rays (test_coverage_engine.py, benchmarks/heldout.py).
@@ -56,12 +56,9 @@ _MOST_DIVISIONS = 6
 _FEW = 3000
 _MANY = 120_000
 # Mean [1] of max(0, u + t) over the Sun's disc and over u from -1 to 0, in units of the Sun's radius: closed form.
-_MEAN_SET = 1.0 / 16.0
+_MEAN_SET = 0.0625
 # RMS error of a hard edge over that of the ramp in its place [1]: Itokawa at 60 and 120 deg (test_penumbra.py).
 _PENUMBRA = 0.65
-# Facets that a thread looks at in a turn, and that it shades.
-_FOUND_AT_ONCE = 1 << 16
-_SHADED_AT_ONCE = 1 << 14
 
 
 class SunlitAreas:
@@ -140,7 +137,7 @@ class SunlitAreas:
         facets, view = self._facets, self._view
         found = threads.run_in_parts(lambda part: facet_loops.facing(
             facets.normal, facets.offset_m, part.start, part.stop, view.sun_direction_body, sun_radius_rad,
-            view.r_camera_body_m, self._xy, facets.corners, bounds_px), facets.n_facets, _FOUND_AT_ONCE)
+            view.r_camera_body_m, self._xy, facets.corners, bounds_px), facets.n_facets, FACETS_AT_ONCE)
         *found, set_px = zip(*found, strict=True)
         self._set_px = sum(set_px)
         return tuple(np.concatenate(each) for each in found)
@@ -362,7 +359,7 @@ class SunlitAreas:
             self._radiance[some] = value / view.sun_distance_au**2
             self._off_axis[some] = -dot(view.camera_from_body[2], to_camera)
 
-        threads.run_in_parts(work, len(facet), _SHADED_AT_ONCE)
+        threads.run_in_parts(work, len(facet), FACETS_AT_ONCE)
 
     def _squared(self, triangles: FacetParts) -> np.ndarray:
         """Squared light (N,) of triangles with the safety factor: their errors are in proportion to it."""

@@ -1,0 +1,159 @@
+"""The planner's numbers are those of docs/rendering.md and docs/accuracy.md, to a few per cent. Without GL.
+
+Each number is a limit of the documents: the plan changes between a little below it and a little above.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from glrender.planner import error_model, small_body_grid
+from glrender.planner.engine_choice import Request, plan_windows
+from glrender.planner.error_budget import Budget
+from glrender.planner.penumbra import Penumbra
+from glrender.planner.predicted import frame_errors
+from planning import CAMERA, body, traits, view
+
+ACCURACY = (Path(__file__).parents[2] / "docs" / "accuracy.md").read_text(encoding="utf-8")
+BELOW, ABOVE = 0.96, 1.04
+
+
+def first(member, known=None, tolerance=0.02, penumbra=None, engine=None, **planned):
+    """The first way to draw a body."""
+    known = known or traits()
+    made = replace(body(member, known, tolerance), penumbra=penumbra or Penumbra(), **planned)
+    request = Request(camera=CAMERA, budget=Budget(tolerance=tolerance), engine=engine)
+    return plan_windows([member], {member.name: known}, [made], request)[0][0]
+
+
+def test_rays_from_300_facets_a_pixel_and_100_000_facets():
+    """Facets that face Sun and camera: a third of them at 60 deg, on 0.6 of the square around the body."""
+    size_px = 20.0
+    limit = 300.0 * 3.0 * 0.6 * size_px**2
+    found = [first(view(size_px=size_px), traits(n_facets=int(times * limit))).how for times in (BELOW, ABOVE)]
+    assert found == ["centroids", "rays"]
+    small = [first(view(size_px=5.0), traits(n_facets=n)).how for n in (96_000, 104_000)]
+    assert small == ["centroids", "rays"]
+
+
+def test_centroids_want_one_facet_in_20_pixels():
+    """Half of the facets face a pixel's side, on 0.6 of the square."""
+    limit_px = math.sqrt(20.0 * 0.5 / 0.6 * 10_000)
+    found = [first(view(size_px=times * limit_px), traits(n_facets=10_000)).how for times in (0.97, 1.03)]
+    assert found == ["centroids", "coverage"]
+
+
+def test_centroids_up_to_123_degrees_anywhere_on_the_body():
+    """A radius of 100 m seen from 1000 m: 5.7 deg less at its middle; a flat response leaves the tolerance alone."""
+    found = [first(view(size_px=200.0, phase_deg=phase_deg), tolerance=0.9).how for phase_deg in (116.0, 119.0)]
+    assert found == ["centroids", "coverage"]
+
+
+@pytest.mark.parametrize("phase_deg, limit", [(30.0, 0.0086), (60.0, 0.0086), (90.0, 0.045)])
+def test_centroids_down_to_the_tolerance_that_leaves_room_for_the_flux(phase_deg, limit):
+    member = view(size_px=200.0, phase_deg=phase_deg)
+    assert [first(member, tolerance=times * limit).how for times in (BELOW, ABOVE)] == ["coverage", "centroids"]
+
+
+def test_facets_of_one_radiance_within_0_7_of_the_tolerance():
+    """0.44 of a facet's side over its range times the change of the radiance, of facets on the boresight."""
+    middle = np.array([510.0, 510.0, 513.0, 513.0]) + [0, 0, 10, 10]
+    member = view(size_px=13.0, bounds_px=middle)
+    sides_m = [times * 0.7 * 0.02 * 900.0 / 0.44 for times in (BELOW, ABOVE)]
+    found = [first(member, traits(n_facets=5_000, facet_m=side_m, view_slope=lambda phase_rad: 1.0)).engine
+             for side_m in sides_m]
+    assert found == ["coverage", "raster"]
+
+
+def test_rays_in_a_penumbra_wider_than_0_3_of_the_body_or_that_changes_its_light():
+    """By 0.7 of a tenth of the tolerance."""
+    member = view(size_px=100.0)
+    for times, engine in ((BELOW, "coverage"), (ABOVE, "rays")):
+        for penumbra in (Penumbra(cast_px=times * 30.0), Penumbra(hard_flux=times * 0.7 * 0.1 * 0.02)):
+            assert first(member, penumbra=penumbra, casters=("moon",)).engine == engine
+
+
+def test_a_grid_of_its_own_below_4_px():
+    assert [first(view(size_px=size_px)).samples == 0 for size_px in (3.9, 4.1)] == [True, False]
+
+
+def test_rays_hold_the_flux_of_bodies_below_32_px():
+    rough = traits(n_facets=10_000_000, crease_rad=0.35)
+    found = [first(view(size_px=size_px), rough, 0.001, engine="rays").samples for size_px in (31.0, 33.0)]
+    assert found[0] > 4 and found[1] == 2
+
+
+def test_rays_are_a_million_at_first_and_four_times_as_many_by_opengl():
+    """Of a region 0.8 times as high as wide, 2 x 2 a pixel."""
+    sides_px = [times * math.sqrt(2.0**20 / 4.0 / 0.8) for times in (BELOW, ABOVE)]
+    assert [first(view(size_px=side_px), engine="rays").samples for side_px in sides_px] == [2, 1]
+    assert [first(view(size_px=side_px), engine="raster").samples for side_px in sides_px] == [2, 2]
+
+
+def test_crescents_beyond_120_degrees_begin_with_4_x_4():
+    found = [first(view(size_px=200.0, phase_deg=phase_deg), engine="rays").samples for phase_deg in (112.0, 122.0)]
+    assert found == [2, 4]
+
+
+def test_estimates_rise_from_146_degrees_on_to_2_2_at_174():
+    assert error_model.crescent_gain(math.radians(145.0)) == 1.0 < error_model.crescent_gain(math.radians(147.5))
+    assert error_model.crescent_gain(math.radians(174.0)) == pytest.approx(2.2, rel=0.02)
+
+
+def test_noise_errs_as_it_was_measured_and_little_more():
+    """Four rough shapes: 1.1, 1.2, 1.3, 1.7 times the error of an edge at 0.6, 2, 6, 20 facets a sample."""
+    for n_facets, measured in ((0.6, 1.1), (2.0, 1.2), (6.0, 1.3), (20.0, 1.7), (300.0, 1.7)):
+        assert measured <= error_model.noise_gain(0.4, n_facets) <= 1.15 * measured
+    assert error_model.noise_gain(0.15, 20.0) == 1.0, "of smooth shapes none"
+    assert error_model.noise_power(error_model.noise_gain(0.4, 20.0)) == pytest.approx(2.0)
+
+
+def test_rays_rounding_is_that_of_a_pillar_s_shadow():
+    """0.0055 at 5e-6 radii a pixel, where rays are cast in float64; here at 4e-5, an eighth of it."""
+    found = error_model.ray_rounding_error(replace(view(), footprint_m=4e-3), traits())
+    assert 0.0055 / 8.0 <= found <= 1.2 * 0.0055 / 8.0
+
+
+def test_cells_of_a_small_body_err_as_their_area():
+    """A third of the tolerance's width: four times the cells' area is four times the error, and the inverse agrees."""
+    for phase_rad in (0.0, 1.0, 2.5):
+        error = small_body_grid.cell_error(0.2, phase_rad)
+        assert small_body_grid.cell_error(0.4, phase_rad) == pytest.approx(4.0 * error)
+        assert small_body_grid.cell_size(error, phase_rad) == pytest.approx(0.2)
+
+
+def _table():
+    """Factors of the documented laws by unit, of clipped coverage, centroids and samples; powers of area and share."""
+    number = r" ([\d.]+) \|"
+    rows = re.findall(rf"^\| `(\w+)` \|{3 * number} A\^([-\d/]+) s\^([-\d/]+) \|", ACCURACY, re.M)
+
+    def power(text):
+        over, _, under = text.partition("/")
+        return float(over) / float(under)
+
+    return {unit: (*map(float, factors), power(area), power(lit)) for unit, *factors, area, lit in rows}
+
+
+@pytest.mark.parametrize("how, column", [("coverage", 0), ("centroids", 1), ("rays", 2), ("raster", 2)])
+@pytest.mark.parametrize("size_px, phase_deg", [(50.0, 20.0), (400.0, 130.0)])
+def test_errors_by_unit_follow_the_documented_table(how, column, size_px, phase_deg):
+    """A large RMS error, beside which the least that is promised is nothing; the area is that of the body's box."""
+    member, rms = view(size_px=size_px, phase_deg=phase_deg), 50.0
+    area, lit = 0.8 * size_px**2, 0.5 * (1.0 + math.cos(math.radians(phase_deg)))
+    found, table = frame_errors([([member], how, rms, 0.0)], CAMERA), _table()
+    assert set(table) == set(found)
+    for unit, row in table.items():
+        assert found[unit] == pytest.approx(rms * row[column] * area ** row[3] * lit ** row[4], rel=1e-3), unit
+
+
+def test_no_less_is_promised_than_the_document_says():
+    """3e-5, 3e-4 px, 0.012 px, and 0.002 px of the mean limb over the root of the area."""
+    assert "3e-5, 3e-4 px, 0.012 px, and for `range` 0.002 px" in ACCURACY
+    found = frame_errors([([view(size_px=100.0)], "coverage", 0.0, 0.0)], CAMERA)
+    side_px = math.sqrt(0.8) * 100.0
+    assert found == pytest.approx({"flux": 3e-5, "centroid_px": 3e-4, "limb_px": 0.012, "range": 0.002 / side_px})
