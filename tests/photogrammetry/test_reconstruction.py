@@ -13,6 +13,7 @@ from glrender import generate
 from glrender_navigation import Camera
 from glrender_photogrammetry import Mesh, deviation, posed_frames, reconstruct
 from glrender_photogrammetry.fusion import fused, surface_of
+from glrender_photogrammetry.mapping import mapped, reposed
 from glrender_photogrammetry.mesh import Closest
 from glrender_photogrammetry.sparse import sparse_points
 from glrender_photogrammetry.sweep import PASSES, depth_map
@@ -126,6 +127,34 @@ def test_stages_are_kept_and_taken_up(made, frames):
         reconstruct(frames[:-1], folder=folder, passes=PASSES[:1])
 
 
+def test_free_poses_are_found_from_features(frames, truth):
+    """Given poses that are off in turn, scale and shift as a whole are found as they are, but for just these.
+
+    Within 0.2 % of the range (3 px) and 0.3 deg: a turn of a narrow field is a shift; points are off as far."""
+    turn, scale, shift_m = Rotation.from_rotvec([0.2, -0.1, 0.3]).as_matrix(), 1.1, np.array([50.0, -20.0, 30.0])
+    off = [replace(frame, camera_from_body=frame.camera_from_body @ turn.T,
+                   r_camera_body_m=scale * turn @ frame.r_camera_body_m + shift_m) for frame in frames]
+    found = mapped(off)
+    assert found["index"].tolist() == list(range(len(frames))) and len(found["points_m"]) > 500
+    for frame, own in zip(reposed(off, found), off, strict=True):
+        assert np.linalg.norm(frame.r_camera_body_m - own.r_camera_body_m) < 0.002 * 3000.0 * scale
+        angle = Rotation.from_matrix(frame.camera_from_body @ own.camera_from_body.T).magnitude()
+        assert np.degrees(angle) < 0.3
+    back_m = (found["points_m"] - shift_m) @ turn / scale
+    assert np.median(np.abs(Closest(truth)(back_m)[0])) < 5.0 * frames[0].px_m
+
+
+@pytest.mark.slow
+def test_poses_that_are_off_one_by_one_are_mended_by_free_ones(frames, truth):
+    """Attitudes wrong by 0.3 deg each: refused as known, reconstructed as free, right to a pixel after alignment."""
+    rng = np.random.default_rng(1)
+    wrong = [turned(frame, np.radians(0.3) * rng.normal(size=3)) for frame in frames]
+    found = reconstruct(wrong, poses="free")
+    told = deviation(found.shape, truth, px_m=found.report["px_m"], align="similarity")
+    assert told.sigma_m < frames[0].px_m and abs(told.mean_m) < 0.3 * frames[0].px_m
+    assert found.report["frames"] == 10 and found.report["left_out"] == {}
+
+
 @pytest.mark.slow
 def test_the_whole_reaches_the_bounds_of_the_issue(frames, truth, flown, tmp_path, capsys, monkeypatch):
     """By the command, both sweeps: mean 0.3 px, sigma 1 px, max 15 px after alignment."""
@@ -171,7 +200,7 @@ def test_wide_steps_are_told(frames):
     (lambda f: f, {"body": "moon"}, r"frames\[0\].body: must be 'moon', got 'body'; posed_frames"),
     (lambda f: [*f[:3], replace(f[3], camera=Camera(width_px=256, height_px=256, focal_length_px=1000.0))], {},
      r"frames\[3\].camera: must be the first frame's"),
-    (lambda f: f, {"poses": "guessed"}, "poses: must be one of known"),
+    (lambda f: f, {"poses": "guessed"}, "poses: must be one of known, free, got 'guessed'"),
 ])
 def test_bad_input_is_refused_with_field_rule_and_value(frames, change, options, message):
     with pytest.raises(ValueError, match=message):

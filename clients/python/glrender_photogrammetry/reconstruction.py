@@ -17,13 +17,14 @@ from glrender_navigation.checks import refuse
 
 from .frames import PosedFrame, angle_rad
 from .fusion import fused, needed_pycolmap, surface_of
+from .mapping import mapped, reposed
 from .mesh import Closest, HasFacets, Mesh
 from .sparse import sparse_points
 from .sweep import PASSES, Pass, depth_map
 
 _log = logging.getLogger(__name__)
 
-POSES = ("known",)
+POSES = ("known", "free")
 _LEAST_FRAMES = 3
 # Features of frames further apart are right for less than 0.85 of their matches.
 _WIDE_STEP_RAD = np.radians(15.0)
@@ -69,7 +70,8 @@ def reconstruct(frames: Sequence[PosedFrame], *, body: str | None = None, poses:
         Three or more, of one body and camera, 15 deg or less from one to the next.
     body : str, optional
         That the frames are posed about; the first frame's by default.
-    poses : {"known"}
+    poses : {"known", "free"}
+        Free ones are found from the features alone; the given ones then lend turn, scale and shift of the whole.
     prior : Mesh or glrender.Shape, optional
         Where the first sweep starts; by default the surface of the sparse points.
     folder : path, optional
@@ -94,7 +96,16 @@ def reconstruct(frames: Sequence[PosedFrame], *, body: str | None = None, poses:
                               "px_m": px_m}
     for warning in report["warnings"]:
         _log.warning(warning)
-    points_m = stages.points("sparse", lambda: sparse_points(frames, partial(progress, "sparse")).points_m)
+    if poses == "free":
+        found = stages.arrays("mapping", partial(mapped, frames))
+        left_out |= {frame.name: "shares too few features with the others" for k, frame in enumerate(frames)
+                     if k not in found["index"]}
+        frames, points_m = reposed(frames, found), found["points_m"]
+        report["frames"] = len(frames)
+    else:
+        points_m = stages.arrays("sparse", lambda: {"points_m": sparse_points(
+            frames, partial(progress, "sparse")).points_m})["points_m"]
+    progress("sparse", 1.0)
     report["points"] = len(points_m)
     if prior is None:
         surface = stages.mesh("surface", partial(surface_of, points_m, _nearest_cameras(frames, points_m),
@@ -208,10 +219,10 @@ class _Stages:
         self._folder.mkdir(parents=True, exist_ok=True)
         note.write_text(json.dumps(made_of, indent=1), encoding="utf-8")
 
-    def points(self, name: str, make: Callable[[], np.ndarray]) -> np.ndarray:
-        """Points of an NPZ file, made if it is missing."""
-        return self._kept(name, ".npz", make, lambda path, found: np.savez(path, points_m=found),
-                          lambda path: np.load(path)["points_m"])
+    def arrays(self, name: str, make: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+        """Arrays of an NPZ file, made if it is missing."""
+        return self._kept(name, ".npz", make, lambda path, found: np.savez(path, **found),
+                          lambda path: dict(np.load(path)))
 
     def mesh(self, name: str, make: Callable[[], Mesh]) -> Mesh:
         """A surface of a PLY file, made if it is missing."""

@@ -1,0 +1,114 @@
+"""Poses of frames from nothing but their features, by COLMAP, laid on the poses that the frames were given."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from glrender_navigation.checks import refuse
+from scipy.spatial.transform import Rotation
+
+from .frames import PosedFrame
+from .fusion import needed_pycolmap
+
+# Frames after each one that it is matched with.
+_OVERLAP = 4
+_N_FEATURES = 6000
+_CONTRAST = 0.003
+# Of the first two frames, and of every point.
+_FIRST_ANGLE_DEG, _LEAST_ANGLE_DEG = 4.0, 1.0
+_LEAST_MATCHES = 15
+_LEAST_TRACK = 3
+
+
+def mapped(frames: Sequence[PosedFrame], folder: str | Path | None = None) -> dict[str, np.ndarray]:
+    """Poses and points by incremental mapping, whose turn, scale and shift are then those of the given poses.
+
+    Parameters
+    ----------
+    frames : sequence of PosedFrame
+        In the order of the pass. Their poses are the datum alone: a turn is the mean over the attitudes, as places on
+        a straight line leave one free; scale and shift are those of the places.
+    folder : path, optional
+        For images and the data base; a temporary one by default.
+
+    Returns
+    -------
+    dict of `index` (n,) of the frames that were registered, `camera_from_body` (n, 3, 3), `r_camera_body_m` (n, 3)
+    and `points_m` (N, 3) [m] that three frames or more share.
+
+    Raises
+    ------
+    ValueError
+        Without pycolmap, or of frames of which fewer than three hang together.
+
+    Source: Schoenberger and Frahm (2016), Structure-from-Motion Revisited.
+    """
+    with tempfile.TemporaryDirectory() as own:
+        model = _colmap(needed_pycolmap(), frames, Path(own if folder is None else folder))
+    found = [image for image in model.images.values() if image.has_pose]
+    index = np.array([int(image.name[:5]) for image in found])
+    rotations = [_pose(image).rotation.matrix() for image in found]
+    places = np.array([image.projection_center() for image in found])
+    given_m = np.array([frames[k].r_camera_body_m for k in index])
+    turn = Rotation.from_matrix([frames[k].camera_from_body.T @ own for k, own in zip(index, rotations, strict=True)])
+    datum = turn.mean()
+    laid = datum.apply(places)
+    arms, given_arms = laid - laid.mean(axis=0), given_m - given_m.mean(axis=0)
+    scale = float((arms * given_arms).sum() / (arms**2).sum())
+    shift_m = given_m.mean(axis=0) - scale * laid.mean(axis=0)
+    points = np.array([point.xyz for point in model.points3D.values() if point.track.length() >= _LEAST_TRACK])
+    order = np.argsort(index)
+    return {"index": index[order], "camera_from_body": np.array(rotations)[order] @ datum.as_matrix().T,
+            "r_camera_body_m": (scale * laid + shift_m)[order],
+            "points_m": scale * datum.apply(points.reshape(-1, 3)) + shift_m}
+
+
+def reposed(frames: Sequence[PosedFrame], found: dict[str, np.ndarray]) -> list[PosedFrame]:
+    """The frames that were registered, with the poses that were found."""
+    return [replace(frames[k], camera_from_body=turn, r_camera_body_m=place_m) for k, turn, place_m in zip(
+        found["index"], found["camera_from_body"], found["r_camera_body_m"], strict=True)]
+
+
+def _pose(image: Any) -> Any:
+    return image.cam_from_world() if callable(image.cam_from_world) else image.cam_from_world
+
+
+def _colmap(pycolmap: Any, frames: Sequence[PosedFrame], folder: Path) -> Any:
+    """The reconstruction with the most frames."""
+    images, models, base = folder / "images", folder / "models", folder / "features.db"
+    for needed in (images, models):
+        needed.mkdir(parents=True, exist_ok=True)
+    for k, frame in enumerate(frames):
+        cv2.imwrite(str(images / f"{k:05d}.png"), (255.0 * np.minimum(frame.root, 1.0)).astype(np.uint8))
+    pycolmap.set_random_seed(0)
+    camera = frames[0].camera
+    reader = pycolmap.ImageReaderOptions()
+    # COLMAP's (0, 0) is the corner of the first pixel.
+    x, y = (each + 0.5 for each in camera.principal_point_px)
+    reader.camera_model, reader.camera_params = "SIMPLE_PINHOLE", f"{camera.focal_length_px},{x},{y}"
+    extraction = pycolmap.FeatureExtractionOptions()
+    extraction.use_gpu, extraction.num_threads = False, 1
+    extraction.sift.max_num_features, extraction.sift.peak_threshold = _N_FEATURES, _CONTRAST
+    pycolmap.extract_features(base, images, camera_mode=pycolmap.CameraMode.SINGLE, reader_options=reader,
+                              extraction_options=extraction)
+    matching, pairing = pycolmap.FeatureMatchingOptions(), pycolmap.SequentialPairingOptions()
+    matching.use_gpu, matching.num_threads = False, 1
+    pairing.overlap, pairing.quadratic_overlap = _OVERLAP, False
+    pycolmap.match_sequential(base, matching_options=matching, pairing_options=pairing)
+    options = pycolmap.IncrementalPipelineOptions()
+    options.ba_refine_focal_length = options.ba_refine_extra_params = options.ba_refine_principal_point = False
+    options.num_threads, options.min_num_matches = 1, _LEAST_MATCHES
+    options.mapper.init_min_tri_angle = _FIRST_ANGLE_DEG
+    options.triangulation.min_angle = options.mapper.filter_min_tri_angle = _LEAST_ANGLE_DEG
+    found = pycolmap.incremental_mapping(base, images, models, options).values()
+    best = max(found, key=lambda model: model.num_reg_images(), default=None)
+    if best is None or best.num_reg_images() < 3:
+        raise refuse("frames", "must hang together, three of them by their features",
+                     0 if best is None else best.num_reg_images(), "take steps of 15 deg or less, away from opposition")
+    return best
