@@ -19,7 +19,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, required=True, metavar="DIR",
                         help="of shape.ply, report.json and the stages; made if it is missing")
     parser.add_argument("--body", help="that is reconstructed; default: the first")
-    parser.add_argument("--poses", choices=POSES, default="known", help="known: those of the states; free: found from features, laid on them (known)")
+    parser.add_argument("--poses", choices=POSES, default="known",
+                        help="known: those of the states; free: found from features, laid on them (known)")
     parser.add_argument("--prior", type=Path, metavar="FILE",
                         help="surface in metres where the first sweep starts; default: that of the sparse points")
 
