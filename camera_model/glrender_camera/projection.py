@@ -177,8 +177,9 @@ class PinholeCamera:
         (height, width, 2) float64 [1], read-only
         """
         x, y = np.arange(self.width_px), np.arange(self.height_px)
-        rows = [self.normalised(np.stack(np.broadcast_arrays(x, row), axis=-1)) for row in y]
-        seen = np.stack(rows)
+        # Some rows at a time: a row alone is mostly calls, all of them would be many times the frame's memory.
+        some = np.split(y[:, None], range(8, self.height_px, 8))
+        seen = np.concatenate([self.normalised(np.stack(np.broadcast_arrays(x, rows), axis=-1)) for rows in some])
         seen.setflags(write=False)
         return seen
 

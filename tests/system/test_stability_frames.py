@@ -64,7 +64,7 @@ def test_the_image_tells_whether_a_coarse_map_has_edges_to_blur():
     place = np.array([60.0, -280.0, 80.0])
     base = views.state(phase_deg=60.0, direction=place)
     scene = views.scene([Body(name="body", shape=views.binary(1),
-                              brdf=sweeps.GREY)], [views.camera(256, 3500.0)], sun_disc=False)
+                              brdf=sweeps.GREY)], [views.camera(128, 3500.0)], sun_disc=False)
     state = State(r_sun_inertial_m=base.r_sun_inertial_m, bodies=base.bodies,
                   spacecraft=Pose(r_inertial_m=place, q_from_inertial=frames.look_at(place, np.zeros(3))))
     assert _agrees_with_rays(scene, state, max_error=0.01, engine="raster").windows[0].engine == "raster"
