@@ -1,5 +1,5 @@
 #!/bin/sh
-# Build wheel and sdist, and try both in clean environments of every Python 3.11 to 3.13 here: try_wheel.sh [FOLDER]
+# Build wheel and sdist, and try both in a clean environment of every Python 3.11 to 3.13 here: try_wheel.sh [FOLDER]
 # VERSIONS="3.12" tries these. A Python that is not here is told. The wheel draws a frame, serves and is uninstalled;
 # the sdist is built and tells its version.
 set -eu
@@ -13,7 +13,8 @@ rm -rf "$out" && mkdir -p "$out" && out=$(cd "$out" && pwd)
 try() {
     python=$1 file=$2 place=$3
     mkdir -p "$place/home" "$place/work"
-    "$python" -m venv "$place/env"
+    # The sdist is tried where the wheel was, and left nothing but what both need.
+    [ -d "$place/env" ] || "$python" -m venv "$place/env"
     "$place/env/bin/python" -m pip install --no-compile --quiet --disable-pip-version-check "$file"
     (
         cd "$place/work"
@@ -48,7 +49,6 @@ PYTHON
             exit 1
         fi
     )
-    rm -rf "$place"
 }
 
 # The interpreter of a version: on the path, or pyenv's, whose shims may lead nowhere.
@@ -73,6 +73,7 @@ for version in ${VERSIONS:-3.11 3.12 3.13}; do
         try "$python" "$file" "$out/try-$version"
         tried=$((tried + 1))
     done
+    rm -rf "$out/try-$version"
 done
 [ "$tried" -gt 0 ]
 echo "tried: $tried"
