@@ -69,7 +69,7 @@ def pytest_collection_modifyitems(config, items):
     if hasattr(config, "workerinput"):
         seconds = Counter({path: 60.0 for path in {item.path for item in items} if path.stem in _LONG_FILES})
         for item in items:
-            seconds[item.path] += 20.0 if item.get_closest_marker("slow") else 0.3
+            seconds[item.path] += 6.0 if item.get_closest_marker("slow") else 0.1
         items.sort(key=lambda item: -seconds[item.path])
 
 
