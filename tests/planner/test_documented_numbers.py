@@ -157,3 +157,41 @@ def test_no_less_is_promised_than_the_document_says():
     found = frame_errors([([view(size_px=100.0)], "coverage", 0.0, 0.0)], CAMERA)
     side_px = math.sqrt(0.8) * 100.0
     assert found == pytest.approx({"flux": 3e-5, "centroid_px": 3e-4, "limb_px": 0.012, "range": 0.002 / side_px})
+
+
+def test_cells_take_0_3_of_the_tolerance_and_are_2048_at_most():
+    """Cells of bodies of which each hides a part of the other err 2.7 times as much, and are finer by its root."""
+    def widest(tolerance, *members, apart_px=0.0):
+        known = {member.name: traits(n_facets=9_000) for member in members}
+        made = [body(member, known[member.name], tolerance) for member in members]
+        request = Request(camera=CAMERA, budget=Budget(tolerance=tolerance), engine="coverage", apart_px=apart_px)
+        option = plan_windows(list(members), known, made, request)[0][0]
+        sides = np.subtract(option.bounds_px[2:], option.bounds_px[:2])
+        return max(sides / option.grid), option
+
+    one = view("one", size_px=3.0)
+    other = view("other", size_px=3.0, bounds_px=one.bounds_px + np.array([0.2, 0.0, 0.2, 0.0]))
+    (alone_px, alone), (together_px, together) = widest(0.005, one), widest(0.005, one, other)
+    assert 0.24 < alone.modelled["cells"] / 0.005 <= 0.3 and 0.24 < together.modelled["cells"] / 0.005 <= 0.3
+    assert alone_px / together_px == pytest.approx(math.sqrt(2.7), rel=0.05)
+    assert widest(0.9, one)[0] == pytest.approx(0.28, rel=0.1)
+    assert max(widest(1e-3, view(size_px=800.0), apart_px=900.0)[1].grid) == math.ceil(1.04 * 2048)
+
+
+def test_a_pixel_s_solid_angle_varies_off_the_boresight():
+    """By cos^3: its spread over a pixel, numerically; what is predicted is above it, by no more than a half."""
+    found = first(view(size_px=100.0, bounds_px=np.array([920.0, 470.0, 1020.0, 550.0]))).modelled["uneven facets"]
+    focal_px, middle_px = CAMERA.focal_length_px, CAMERA.principal_point_px
+    offset = (np.arange(64) + 0.5) / 64 - 0.5
+    x, y = np.meshgrid(1020.0 + offset - middle_px[0], 550.0 + offset - middle_px[1])
+    angle = (1.0 + (x**2 + y**2) / focal_px**2) ** -1.5
+    spread = angle.std() / angle.mean()
+    assert spread <= found <= 1.5 * spread
+
+
+def test_an_eclipse_begins_with_4_x_4_rays_a_pixel_up_to_100_000():
+    penumbra = Penumbra(eclipse_px=5.0, left=0.5)
+    for times, samples in ((BELOW, 4), (ABOVE, 3)):
+        size_px = times * math.sqrt(1e5 / 16.0 / 0.8)
+        found = first(view(size_px=size_px), penumbra=penumbra, casters=("moon",), engine="rays")
+        assert found.samples == samples and found.eclipse_px == 5.0

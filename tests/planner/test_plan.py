@@ -18,6 +18,13 @@ def test_shadows_only_where_something_can_cast(phase_deg, is_convex, casters, ex
     assert (planned.shadow_map_px is not None) == expected
 
 
+def test_a_map_is_drawn_where_cast_shadows_may_take_more_than_the_flux_s_share():
+    """Cast shadows take 6 % of the sunlit surface at 10 deg, in proportion to the phase angle."""
+    limit_deg = 0.1 * 0.02 / 0.06 * 10.0
+    found = [body(view(phase_deg=times * limit_deg)).shadow_map_px is not None for times in (0.95, 1.05)]
+    assert found == [False, True]
+
+
 def test_a_low_sun_and_a_tight_budget_ask_for_a_finer_shadow_map():
     def size(phase_deg, tolerance=0.02):
         return body(view(phase_deg=phase_deg), tolerance=tolerance).shadow_map_px

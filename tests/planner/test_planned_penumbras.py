@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,10 +11,12 @@ import views
 from glrender import Pose, frames
 from glrender.base.constants import AU_M, SUN_RADIUS_M
 from glrender.brdf import Lambert
-from glrender.planner.penumbra import Penumbra, penumbra_of, shared_area
+from glrender.planner.penumbra import SUN_POINTS, Penumbra, penumbra_of, shared_area, sun_points
 from glrender.view.occluders import casters
+from glrender.view.sun_disc import on_disc
 from glrender.view.view import view_bodies
 from missing import needed_module
+from planning import view
 
 LAW, SUN_RAD = Lambert(normal_albedo=0.3), SUN_RADIUS_M / AU_M
 FOCAL_PX = 400.0
@@ -116,3 +119,53 @@ def test_a_crescent_s_eclipse_is_that_of_its_lit_part(phase_deg):
 
 def test_a_small_disc_by_the_edge_of_a_large_one_is_half_shared():
     assert shared_area(1e7, 1.0, np.array(1e7)) == pytest.approx(0.5 * np.pi, rel=1e-6)
+
+
+def test_a_body_s_own_penumbras_err_as_was_measured_and_little_more():
+    """Itokawa, 500 px across at 1 au, has 0.0041 at 60 deg and 0.0094 at 120, a contact binary of 400 px 0.0054 at 60;
+    below 300 px an edge is less sharp in the image, and at 4 au the penumbra is a quarter as wide."""
+    hull = views.sphere(LAW, 3, 100.0).hull
+
+    def own(phase_deg, size_px=500.0, sun_distance_au=1.0):
+        seen = replace(view(size_px=size_px, phase_deg=phase_deg), sun_distance_au=sun_distance_au)
+        return penumbra_of(seen, (), {"body": SimpleNamespace(is_convex=False, radius_m=hull.radius_m)}, SUN_RAD)
+
+    for phase_deg, measured in ((60.0, 0.0054), (120.0, 0.0094)):
+        assert measured <= own(phase_deg).hard_error <= 1.3 * measured
+    assert own(60.0, 100.0).hard_error == pytest.approx(own(60.0, 260.0).hard_error / 2.6)
+    assert own(60.0, 310.0).hard_error == own(60.0, 900.0).hard_error
+    assert own(60.0, sun_distance_au=4.0).hard_error == pytest.approx(0.5 * own(60.0).hard_error)
+    depth = 0.5 * (900.0 + 1100.0) / 900.0
+    assert own(60.0).own_px == pytest.approx(0.1 * 2.0 * SUN_RAD * 500.0 * depth, rel=0.1), "a tenth of the size away"
+    assert own(60.0, sun_distance_au=4.0).own_px == pytest.approx(0.25 * own(60.0).own_px)
+
+
+def test_points_of_the_disc_leave_the_share_of_a_hard_edge_s_error():
+    """An edge across the disc: its light is the area of a segment, that of points is steps; over all directions."""
+    edge, angle = np.meshgrid(np.linspace(-1.0, 1.0, 401), np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False))
+    exact = (np.arccos(edge) - edge * np.sqrt(1.0 - edge**2)) / np.pi
+    hard = np.sqrt(np.mean(((edge < 0.0) - exact) ** 2))
+    for n_points, share in SUN_POINTS:
+        x, y = on_disc(n_points).T
+        lit = (x[:, None, None] * np.cos(angle) + y[:, None, None] * np.sin(angle) > edge).mean(axis=0)
+        assert 0.6 * share <= np.sqrt(np.mean((lit - exact) ** 2)) / hard <= share, n_points
+
+
+def test_the_fewest_points_that_fit_0_7_of_the_tolerance_are_taken():
+    for error, n_points in ((0.69 / 0.4, 4), (0.71 / 0.4, 8), (0.69 / 0.25, 8), (0.71 / 0.25, None)):
+        found = sun_points(error * 0.02, 0.02)
+        assert (found and found[0]) == n_points
+
+
+@pytest.mark.parametrize("size_px, limit_px", [(100.0, 0.25), (5.0, 0.1)])
+def test_a_penumbra_is_an_edge_up_to_a_quarter_of_a_pixel_or_a_fiftieth_of_the_body(size_px, limit_px):
+    """Round choices: what is narrower errs as an edge does."""
+    assert [Penumbra(eclipse_px=times * limit_px).sampled_px(size_px) > 0.0 for times in (0.9, 1.1)] == [False, True]
+
+
+def test_an_eclipse_s_noise_is_that_of_independent_samples_within_bounds():
+    """Dark over lit samples; spheres are taken to leave 2 % of other shapes' light at least, and half at most."""
+    for left, expected in ((0.2, 4.0), (0.001, 49.0), (0.9, 1.0)):
+        assert Penumbra(eclipse_px=30.0, left=left).noise(100.0) == pytest.approx(0.3 * expected)
+        assert Penumbra(eclipse_px=300.0, left=left).noise(100.0) == pytest.approx(expected)
+    assert Penumbra().noise(100.0) == 0.0
