@@ -130,7 +130,7 @@ class Renderer:
     def render(self, state: State, camera: str | PinholeCamera | None = None, *,
                max_error: float | Mapping[str, float] | None = None, products: Iterable[str] = ("irradiance",),
                samples: int | None = None, engine: str | None = None, deadline_s: float | None = None,
-               after_psf: bool = False, error_gain: float = 1.0, apart_px: float = 0.0,
+               error_gain: float = 1.0, apart_px: float = 0.0,
                allow_slow: bool | str = False,
                on_progress: Callable[[float], None] | None = None, out: np.ndarray | None = None) -> Image:
         """Draw one frame.
@@ -151,11 +151,9 @@ class Renderer:
             The only engine that may draw; the planner's choice by default.
         deadline_s : float [s], > 0, optional
             After which nothing more is begun: the frame is then the best so far, and its plan says so.
-        after_psf : bool
-            Whether the tolerance holds for the image after the camera's PSF.
         error_gain : float [1], 1e-9..1
-            What is left of an error that is independent from pixel to pixel where others average them, as a lens does
-            that has several cells a pixel: the tolerance holds for that.
+            Factor by which later averaging, by a point spread function or of several cells a pixel, reduces an error
+            that is independent from pixel to pixel. `max_error` holds after it.
         apart_px : float [px], 0..256
             Bodies that are smaller, and alone in their pixels, are in `Image.small_bodies` instead of the
             image: sub-pixel places that a point spread function can use. At a phase angle g those up to 1 / cos(g / 2)
@@ -195,8 +193,6 @@ class Renderer:
         apart_px = within("apart_px", apart_px, 0.0, 256.0)
         may_be_slow = checked_allow_slow(allow_slow) and samples is None and engine is None
         gain = within("error_gain", error_gain, 1e-9, 1.0)
-        if after_psf and pinhole.model is not None:
-            gain *= pinhole.model.psf_noise_gain
         views = view_bodies(state, pinhole, self.scene.hulls)
         if any(getattr(emission, "dims", True) for emission in self.scene.emission):
             # What dims the image does not reach points beside it.

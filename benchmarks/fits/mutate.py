@@ -4,8 +4,8 @@ Each number of the planner, the views and exact coverage is doubled, then halved
 views are run with it: those that need no OpenGL, or with `--full` all of them. Writes a table of constants with the
 test that notices; a number that none notices is no more than a round choice, and its comment should say so.
 
-Each run is a child of this process, in which the constant's module is evaluated anew; loops that Numba has compiled
-keep the numbers that they were compiled with, so that constants of `*_loops.py` are not tried.
+Each run is a process of its own, in which the constant's module is evaluated anew; loops that Numba has compiled keep
+the numbers that they were compiled with, so that constants of `*_loops.py` are not tried.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ import argparse
 import ast
 import importlib
 import inspect
-import io
-import os
+import subprocess
 import sys
 import traceback
 from collections.abc import Iterator
-from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 TESTS = ("tests/planner", "tests/view")
+# Seconds that a run may take, and what a child writes before its answer.
+_MOST_S, _MARK = 1800, "noticed by:"
 # Words of tests that draw: what they need takes seconds.
 _DRAWING = ("renderer", "Renderer", "RayTracer", "RayEngine", "lattice", "take_frame", "draw_still", "check_units")
 
@@ -89,28 +89,27 @@ class _Plugin:
             self.failed = f"{report.nodeid} is not imported"
 
 
+def run_mutated(file: Path, place: tuple[int, int], factor: float, is_full: bool, tests: list[str]) -> str:
+    """The first test that fails in this process with a number multiplied, or nothing."""
+    plugin = _Plugin(is_full)
+    try:
+        mutate(file, place, factor)
+        pytest.main(["-x", "-q", "-p", "no:cacheprovider", "-m", "not slow", *tests], plugins=[plugin])
+    except Exception:
+        return traceback.format_exc().splitlines()[-1]
+    return plugin.failed
+
+
 def noticed_by(file: Path, place: tuple[int, int], factor: float, is_full: bool, tests: list[str]) -> str:
-    """The first test that fails with a number multiplied, or nothing."""
-    reading, writing = os.pipe()
-    child = os.fork()
-    if child == 0:
-        told = "?"
-        try:
-            plugin = _Plugin(is_full)
-            with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
-                mutate(file, place, factor)
-                pytest.main(["-x", "-q", "-p", "no:cacheprovider", "-m", "not slow", *tests], plugins=[plugin])
-            told = plugin.failed
-        except BaseException:
-            told = traceback.format_exc().splitlines()[-1]
-        finally:
-            os.write(writing, told.encode()[:4000])
-            os._exit(0)
-    os.close(writing)
-    with os.fdopen(reading, "rb") as pipe:
-        told = pipe.read().decode()
-    os.waitpid(child, 0)
-    return told
+    """The same in a process of its own."""
+    asked = [str(file), str(place[0]), str(place[1]), str(factor)]
+    command = [sys.executable, __file__, *(["--full"] if is_full else []), "--child", *asked, "--tests", *tests]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=_MOST_S, check=False)
+    except subprocess.TimeoutExpired:
+        return f"no end in {_MOST_S} s"
+    _, _, told = done.stdout.rpartition(_MARK)
+    return told.strip() if _MARK in done.stdout else f"ends with {done.returncode}"
 
 
 def main() -> None:
@@ -120,10 +119,13 @@ def main() -> None:
     parser.add_argument("--factors", nargs="*", type=float, default=(2.0, 0.5))
     parser.add_argument("--tests", nargs="*", default=[str(ROOT / each) for each in TESTS])
     parser.add_argument("--out", type=Path, default=ROOT / "out" / "mutations.md")
+    parser.add_argument("--child", nargs=4, metavar=("FILE", "LINE", "COLUMN", "FACTOR"), help=argparse.SUPPRESS)
     arguments = parser.parse_args()
-    # Imported here, once for all children.
-    with redirect_stdout(io.StringIO()):
-        pytest.main(["--collect-only", "-q", "-p", "no:cacheprovider", *arguments.tests])
+    if arguments.child:
+        file, line, column, factor = arguments.child
+        told = run_mutated(Path(file), (int(line), int(column)), float(factor), arguments.full, arguments.tests)
+        sys.stdout.write(f"{_MARK} {told}\n")
+        return
     arguments.out.parent.mkdir(parents=True, exist_ok=True)
     rows, n_noticed = [], 0
     for file, statement, node in constants():

@@ -32,7 +32,7 @@ _APART_PX = 24.0
 # Options that a renderer may take, besides those that all do.
 _OPTIONS = ("allow_slow", "on_progress", "out")
 # What `render` takes that a capture gives itself.
-_NOT_OPTIONS = {"state", "camera", "products", "after_psf", "error_gain", "apart_px"}
+_NOT_OPTIONS = {"state", "camera", "products", "error_gain", "apart_px"}
 # Of products beside the bodies, where it is not NaN.
 _BESIDE = {"body_id": -1, "facet_id": -1, "sunlit": 0}
 

@@ -21,7 +21,7 @@ MAX_SHADOW_SIDE_PX = 4096
 _ONE_SAMPLE = 0.015
 # RMS error [1] of light that leaks over that of the flux: the data of `error_model.leaked_flux`.
 _LEAK_RMS = 2.0
-# Share of the sunlit surface in cast shadow, per radian of phase: engine.md, 6 % at 10 deg.
+# Share of the sunlit surface in cast shadow, per radian of phase: 6 % at 10 deg.
 _SHADOWED_PER_RAD = 0.34
 
 

@@ -27,12 +27,13 @@ ENGINES = ("coverage", "rays", "raster")
 MAX_SAMPLES = 16
 """Most samples along a pixel's side by OpenGL."""
 MOST_FACETS_PER_PX = 300.0
-"""Facets that face Sun and camera, a pixel, from which rays are cheaper than coverage (redesign.md, A.3)."""
+"""Facets that face Sun and camera, a pixel, from which rays are cheaper than coverage, by the cells of
+benchmarks/bench_cells.py."""
 MOST_FIRST_SAMPLES = 2**20
 """Rays of a whole region at first: of 1024 x 1024 px one each tells as much (benchmarks/cliffs.py), in 0.3 s. By OpenGL
 four times as many samples take less."""
 FEWEST_FACETS_FOR_RAYS = 100_000
-"""Facets from which that holds: fewer cost coverage no more than the rays that a flux asks for (cells of A.3)."""
+"""Facets from which that holds: fewer cost coverage no more than the rays that a flux asks for, by the same cells."""
 # Side [px] of an outline below which a body has a grid of its own.
 _SMALL_PX = 4.0
 # Side [px] of an outline up to which the samples must hold the flux as well: larger bodies have enough for the image.
@@ -56,10 +57,12 @@ _CRESCENT_LOSS = 6.6e-4
 # Phase angle [rad] anywhere on a body beyond which a facet's centroid does not tell of slivers of light on it.
 _CENTROIDS_RAD = 2.15
 # Error [1] of centroid visibility that the image does not tell, ten times that of the flux: at a phase of 60 deg (cells
-# of A.3), and its power of the tangent of half the phase (a rough binary at 100 deg: held-out scene 178).
+# of benchmarks/bench_cells.py), and its power of the tangent of half the phase (a rough binary at 100 deg: seed 178 of
+# benchmarks/heldout.py).
 _CENTROIDS_LEAST = 0.006
 _CENTROIDS_POWER = 3.0
-# Fewest facets a pixel [1]: of larger ones few are at the boundary of light (held-out scene 100).
+# Fewest facets a pixel [1]: of larger ones few are at the boundary of light (seed 100 of
+# benchmarks/heldout.py).
 _LEAST_FACETS_PER_PX = 0.05
 # Rays that the first samples of an eclipse may take.
 _ECLIPSE_RAYS = 100_000

@@ -22,7 +22,7 @@ _DETAIL_CREASE = 0.36
 _NOISE_GAIN = 0.85
 NOISE_FACETS = 20.0
 """Facets a sample from which rough facets are noise."""
-# Share of the squared error at the edges of cast shadows, per radian of phase, and at most: engine.md.
+# Share of the squared error at the edges of cast shadows, per radian of phase, and at most: round choices.
 _SHADOW_EDGES_PER_RAD = 0.1
 _MOST_SHADOW_EDGES = 0.2
 # Flux that leaks through a shadow map, times its texels, at 90 deg: four shapes, creases of 0.06 to 0.31 rad, 30 to

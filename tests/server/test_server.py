@@ -116,7 +116,7 @@ def test_pixels_are_the_renderers_own(client, folder):
     with Renderer(load_scene(folder / "scene.toml")) as renderer:
         image = renderer.render(State.from_dict(STATE), camera="navcam", products=products)
         camera = renderer.scene.camera("navcam")
-        softer = renderer.render(State.from_dict(STATE), camera="navcam", after_psf=True)
+        softer = renderer.render(State.from_dict(STATE), camera="navcam", error_gain=camera.model.psf_noise_gain)
         frame = camera.expose(softer.irradiance_W_m2, 7, exposure_s=0.02, roi=softer.roi)
     for order in ("C", "F"):
         reply = client.render(STATE, camera="navcam", products=products, order=order)
