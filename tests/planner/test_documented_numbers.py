@@ -195,3 +195,20 @@ def test_an_eclipse_begins_with_4_x_4_rays_a_pixel_up_to_100_000():
         size_px = times * math.sqrt(1e5 / 16.0 / 0.8)
         found = first(view(size_px=size_px), penumbra=penumbra, casters=("moon",), engine="rays")
         assert found.samples == samples and found.eclipse_px == 5.0
+
+
+def test_coordinates_of_float32_are_off_by_half_a_step():
+    """2^-24 of their size; a pixel that they are off errs by 0.04 at most as measured, and by no more than 0.1 here."""
+    seen, known = replace(view(), footprint_m=1e-6), traits()
+    assert error_model.rounding_px(seen, known, False) == pytest.approx(100.0 * 2.0**-24 / 1e-6)
+    relative_px = error_model.rounding_px(seen, replace(known, longest_side_m=1.0), True)
+    assert relative_px == pytest.approx(200.0 * 2.0**-24 / 1e-6), "of the body's diameter at most"
+    assert 0.04 <= error_model.rounding_error(replace(view(), footprint_m=100.0 * 2.0**-24), known, False) <= 0.1
+
+
+def test_edges_of_shadows_have_a_tenth_of_the_squared_error_a_radian_and_a_fifth_at_most():
+    """Round choices; of a part of a body, or in another's shadow, they may be all that there is."""
+    for phase_rad, share in ((0.5, 0.05), (1.9, 0.19), (2.5, 0.2)):
+        assert error_model.usual_edges(replace(view(), phase_rad=phase_rad), False) == pytest.approx(share)
+    assert error_model.usual_edges(view(), True) == error_model.usual_edges(view(size_px=np.inf), False) == 1.0
+

@@ -169,3 +169,21 @@ def test_an_eclipse_s_noise_is_that_of_independent_samples_within_bounds():
         assert Penumbra(eclipse_px=30.0, left=left).noise(100.0) == pytest.approx(0.3 * expected)
         assert Penumbra(eclipse_px=300.0, left=left).noise(100.0) == pytest.approx(expected)
     assert Penumbra().noise(100.0) == 0.0
+
+
+def test_a_narrow_ramp_errs_as_its_closed_form():
+    """A step within a ramp of w < 1 px errs by w^3 / 12 a pixel of edge, in squares. The shadow may fall on the middle
+    of Lambert's sphere, which has 3/2 of the disc's mean."""
+    cast, seen, scene, _ = eclipsed((300.0, 0.0, 0.0), 20.0, sun_radius_rad=SUN_RAD)
+    seen = replace(seen, footprint_m=5.0)
+    found, wide_px = penumbra_of(seen, cast, scene.hulls, SUN_RAD), 2.0 * SUN_RAD * 300.0 / 5.0
+    edge_px, lit_px = 2.0 * np.pi * 20.0 / 5.0, np.pi * (100.0 / 5.0) ** 2
+    assert wide_px < 1.0
+    assert found.hard_error == pytest.approx(1.5 * np.sqrt(edge_px * wide_px**3 / 12.0 / lit_px), rel=0.02)
+
+
+@pytest.mark.parametrize("aside_m, is_felt", [(280.0, True), (360.0, False)])
+def test_hard_edges_count_up_to_0_3_of_the_radius_aside(aside_m, is_felt):
+    """Bodies are no spheres: the total may err though the spheres' penumbra just misses. Here it reaches to 293 m."""
+    cast, seen, scene, _ = eclipsed((20e3, aside_m, 0.0), 100.0, sun_radius_rad=SUN_RAD)
+    assert (penumbra_of(seen, cast, scene.hulls, SUN_RAD).hard_flux > 1e-3) == is_felt
