@@ -108,7 +108,7 @@ def test_one_sweep_is_right_to_a_pixel_or_two(made, truth, frames):
     told = deviation(found.shape, truth, px_m=found.report["px_m"], frames=frames)
     assert abs(told.mean_m) < 0.4 * frames[0].px_m and told.sigma_m < 1.2 * frames[0].px_m
     assert told.max_m < 15.0 * frames[0].px_m and told.complete_2px > 0.6
-    assert found.report["frames"] == 10 and found.report["points"] == len(found.points) > 500
+    assert found.report["frames"] == len(found.frames) == 10 and found.report["points"] == len(found.points) > 500
     assert found.report["left_out"] == {} and found.report["warnings"] == []
     assert set(found.report["cpu_s"]) == {"sparse", "surface", "sweep_1"}
     assert [stage for stage, done in calls if done == 1.0] == ["sparse", "sweep_1"]
@@ -160,7 +160,7 @@ def test_poses_that_are_off_one_by_one_are_mended_by_free_ones(frames, truth):
 def test_the_whole_reaches_the_bounds_of_the_issue(frames, truth, flown, tmp_path, capsys, monkeypatch):
     """By the command, both sweeps: mean 0.3 px, sigma 1 px, max 15 px after alignment."""
     monkeypatch.chdir(tmp_path)
-    assert main(["reconstruct", str(flown.folder), "--out", "made"]) == 0
+    assert main(["reconstruct", str(flown.folder), "--out", "made", "--texture"]) == 0
     assert "m a pixel" in capsys.readouterr().out and (tmp_path / "made" / "report.json").is_file()
     px_m = frames[0].px_m
     found = deviation(Mesh.from_file("made/shape.ply"), truth, px_m=px_m, align="similarity", frames=frames)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -188,20 +188,27 @@ def _fits(path: Path) -> tuple[np.ndarray, dict[str, Any]]:
 _READERS = {".npz": _npz, ".fits": _fits}
 
 
-def seen_in_light(frames: Sequence[PosedFrame], mesh: Mesh, points_m: np.ndarray, facet: np.ndarray) -> np.ndarray:
-    """Number of frames (N,) that see points (N, 3) of the facets (N,) of a mesh lit, neither at too flat an angle."""
-    normal = mesh.facet_normals[facet]
+def views_in_light(frames: Sequence[PosedFrame], mesh: Mesh, points_m: np.ndarray, normal: np.ndarray) -> Iterator[
+        tuple[PosedFrame, np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+    """Each frame, whether it sees points (N, 3) of a mesh lit and not at too flat an angle, and their pixels (N, 2).
+
+    The cosines (N,) of incidence and emission are the last two; `normal` (N, 3) is that of the surface at the points.
+    """
     lifted_m = points_m + _LIFT_PX * min(frame.px_m for frame in frames) * normal
-    count = np.zeros(len(points_m), int)
     for frame in frames:
         away_m = frame.r_camera_body_m - points_m
         to_camera = away_m / np.linalg.norm(away_m, axis=1, keepdims=True)
-        at_px = np.rint(frame.camera.project(frame.to_camera(points_m)))
+        to_sun = np.tile(frame.sun_direction_body, (len(points_m), 1))
+        cos_emission, cos_incidence = ((direction * normal).sum(axis=1) for direction in (to_camera, to_sun))
+        at_px = np.rint(frame.camera.project(frame.to_camera(points_m))).astype(int)
         seen = ((at_px >= 0) & (at_px < (frame.camera.width_px, frame.camera.height_px))).all(axis=1)
-        for least, direction in ((_LEAST_COS_EMISSION, to_camera),
-                                 (_LEAST_COS_INCIDENCE, np.broadcast_to(frame.sun_direction_body, points_m.shape))):
-            seen &= (direction * normal).sum(axis=1) > least
+        seen &= (cos_emission > _LEAST_COS_EMISSION) & (cos_incidence > _LEAST_COS_INCIDENCE)
+        for direction in (to_camera, to_sun):
             here = np.flatnonzero(seen)
             seen[here] = ~mesh.rays.intersects_any(lifted_m[here], direction[here]) if here.size else False
-        count += seen
-    return count
+        yield frame, seen, at_px, cos_incidence, cos_emission
+
+
+def seen_in_light(frames: Sequence[PosedFrame], mesh: Mesh, points_m: np.ndarray, facet: np.ndarray) -> np.ndarray:
+    """Number of frames (N,) that see points (N, 3) of the facets (N,) of a mesh lit, neither at too flat an angle."""
+    return np.sum([seen for _, seen, *_ in views_in_light(frames, mesh, points_m, mesh.facet_normals[facet])], axis=0)

@@ -83,9 +83,14 @@ class Mesh:
             raise refuse(str(path), "must hold triangles", type(found).__name__, "a cloud of points has no surface")
         return cls(vertices_m=found.vertices, facets=found.faces)
 
-    def to_file(self, path: str | Path) -> None:
-        """Write the surface in metres, by the ending of the path: .ply, .obj, .stl, .off or .glb."""
-        self._trimesh.export(str(path))
+    def to_file(self, path: str | Path, brightness: np.ndarray | None = None) -> None:
+        """Write the surface in metres, by the ending of the path: .ply, .obj, .stl, .off or .glb.
+
+        Vertices are grey by a brightness (V,) of mean 1, whose double is white; those of nan are black.
+        """
+        grey = None if brightness is None else np.nan_to_num(127.5 * brightness).clip(0.0, 255.0).astype(np.uint8)
+        colours = None if grey is None else np.repeat(grey[:, None], 3, axis=1)
+        trimesh.Trimesh(self.vertices_m, self.facets, process=False, vertex_colors=colours).export(str(path))
 
     @cached_property
     def _trimesh(self) -> trimesh.Trimesh:
@@ -102,6 +107,11 @@ class Mesh:
         a, b, c = np.moveaxis(self.corners_m, 1, 0)
         across = np.cross(b - a, c - a)
         return across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
+
+    @cached_property
+    def vertex_normals(self) -> np.ndarray:
+        """(V, 3) float64, outward, of length 1, of the facets around weighted by their angles."""
+        return np.asarray(self._trimesh.vertex_normals)
 
     @cached_property
     def rays(self) -> Any:

@@ -49,6 +49,8 @@ class Reconstruction:
         In `body`.
     points : (N, 3) float64 [m]
         Sparse points, of three frames or more.
+    frames : list of PosedFrame
+        Those that were used, with the poses that were found.
     report : dict
         `frames` used, `left_out` with reasons, `warnings`, `points`, `px_m` on the ground of the nearest frame,
         `cpu_s` by stage.
@@ -56,6 +58,7 @@ class Reconstruction:
 
     shape: Mesh
     points: np.ndarray
+    frames: list[PosedFrame]
     report: dict[str, Any]
 
 
@@ -117,7 +120,7 @@ def reconstruct(frames: Sequence[PosedFrame], *, body: str | None = None, poses:
         surface = stages.mesh(name, partial(_swept, frames, surface, plan, px_m, partial(progress, name)))
         progress(name, 1.0)
     report["cpu_s"] = stages.cpu_s
-    return Reconstruction(shape=surface, points=points_m, report=report)
+    return Reconstruction(shape=surface, points=points_m, frames=frames, report=report)
 
 
 def stage_names(passes: Sequence[Pass] = PASSES) -> list[str]:

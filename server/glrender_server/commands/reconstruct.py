@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 from glrender import ConfigError
-from glrender_photogrammetry import Mesh, posed_frames, reconstruct
+from glrender_photogrammetry import Mesh, posed_frames, reconstruct, vertex_brightness
 from glrender_photogrammetry.reconstruction import POSES, stage_names
 from tqdm import tqdm
 
@@ -21,6 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--body", help="that is reconstructed; default: the first")
     parser.add_argument("--poses", choices=POSES, default="known",
                         help="known: those of the states; free: found from features, laid on them (known)")
+    parser.add_argument("--texture", action="store_true", help="vertices grey by the signal over the shading")
     parser.add_argument("--prior", type=Path, metavar="FILE",
                         help="surface in metres where the first sweep starts; default: that of the sparse points")
 
@@ -44,7 +45,8 @@ def run(arguments: argparse.Namespace) -> int:
         except ValueError as error:
             field, _, rest = str(error).partition(": ")
             raise ConfigError(field, rest) from None
-    found.shape.to_file(arguments.out / "shape.ply")
+    brightness = vertex_brightness(found.frames, found.shape) if arguments.texture else None
+    found.shape.to_file(arguments.out / "shape.ply", brightness)
     report = found.report
     (arguments.out / "report.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
     for text in (*report["warnings"], *(f"{name} is left out: {why}" for name, why in report["left_out"].items())):
