@@ -105,10 +105,10 @@ def reconstruct(frames: Sequence[PosedFrame], *, body: str | None = None, poses:
                      if k not in found["index"]}
         frames, points_m = reposed(frames, found), found["points_m"]
         report["frames"] = len(frames)
+        progress("sparse", 1.0)
     else:
         points_m = stages.arrays("sparse", lambda: {"points_m": sparse_points(
             frames, partial(progress, "sparse")).points_m})["points_m"]
-    progress("sparse", 1.0)
     report["points"] = len(points_m)
     if prior is None:
         surface = stages.mesh("surface", partial(surface_of, points_m, _nearest_cameras(frames, points_m),
