@@ -80,12 +80,15 @@ class _Worker:
     progress: float | None = None
     overran: bool = False
     was_stopped: bool = False
+    is_after_overrun: bool = False
     generation: int = 0
     failures: int = 0
     start_at: float = 0.0
 
     def comes_soon(self, now: float) -> bool:
-        """Whether it is about to start, or to load its scene, and should be ready in a while: it is waited for."""
+        """Whether it starts after a request that overran, whose sender may have sent more of the kind."""
+        if not self.is_after_overrun:
+            return False
         if self.state in ("starting", "loading"):
             return now - (self.deadline - self.deadline_s) < _COMES_WITHIN_S
         return self.state == "down" and self.start_at - now < _MAX_BACK_OFF_AFTER_SIGNAL_S
@@ -324,6 +327,7 @@ class WorkerPool:
             self._tell_scene(worker)
         elif kind == "ready":
             worker.state, self.outage, worker.deadline = "idle", "", time.monotonic()
+            worker.is_after_overrun = False
             self._n_failed_scenes = self._n_killed_by_scene = 0
             # Meanwhile another may have loaded a newer scene.
             if worker.generation == self.generation:
@@ -393,6 +397,7 @@ class WorkerPool:
         is_its_fault = worker.state == "busy" and (worker.overran or worker.slot is None or has_begun(worker.slot))
         exit_code = None if worker.process is None else worker.process.exitcode
         is_by_signal = not (worker.overran or has_failed) and (exit_code is None or exit_code < 0)
+        worker.is_after_overrun |= worker.state == "busy" and worker.overran and not worker.was_stopped
         self._end(worker)
         if is_opening and not self._is_own_scene:
             self._n_failed_scenes += not is_by_signal

@@ -235,6 +235,9 @@ def test_while_a_worker_starts_the_other_is_kept_for_who_is_quick():
         return [pool.has_room(each) for each in (slow, new, quick)]
 
     assert have_room() == [True, True, True]
+    pool._workers[0].state = "starting"
+    assert have_room() == [True, True, True], "somebody killed it"
+    pool._workers[0].is_after_overrun = True
     for state in ("starting", "loading", "down"):
         now, pool._workers[0].state = time.monotonic(), state
         pool._workers[0].deadline, pool._workers[0].deadline_s, pool._workers[0].start_at = now + 50.0, 60.0, now + 0.5
