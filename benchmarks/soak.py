@@ -282,6 +282,7 @@ def soak(process: subprocess.Popen, ready: str, adapter: tuple[str, subprocess.P
         # From the second minute on everything has been kept that is ever kept.
         if before is None and (share >= WARM_UP or elapsed > WARM_UP_S):
             before = usage(process)
+            samples.append(before)
             adapter_before = usage(adapter[1]) if arguments.all else {}
             moments.append((share, elapsed, loop_ms(process), done))
         if before is not None and arguments.all and elapsed - sampled > 0.02 * arguments.seconds:
