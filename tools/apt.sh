@@ -20,6 +20,8 @@ apt_install() {
         if [ -z "$(find "$lock.updated" -mmin -60 2>/dev/null)" ]; then
             $sudo apt-get update -qq && touch "$lock.updated" || true
         fi
-        DEBIAN_FRONTEND=noninteractive $sudo apt-get install -y -qq --no-install-recommends "$@" >/dev/null
+        install="env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends"
+        # Lists that have gone or changed since are fetched again.
+        $sudo $install "$@" >/dev/null 2>&1 || { $sudo apt-get update -qq || true; $sudo $install "$@" >/dev/null; }
     ) 9>"$lock"
 }

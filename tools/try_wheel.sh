@@ -1,7 +1,7 @@
 #!/bin/sh
 # Build wheel and sdist, and try both in a clean environment of every Python 3.11 to 3.13 here: try_wheel.sh [FOLDER]
 # VERSIONS="3.12" tries these. A Python that is not here is told. The wheel draws a frame, serves and is uninstalled;
-# the sdist is built and tells its version.
+# the sdist is built where the wheel was, and tells its version.
 set -eu
 cd "$(dirname "$0")/.."
 builder=${PYTHON:-.venv/bin/python}
