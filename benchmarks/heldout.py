@@ -5,8 +5,8 @@ flux error is within a tenth of it, by phase, size, facets per pixel and samples
 `--units` draws smaller frames instead, and checks what is predicted in every unit: out/heldout_units.{json,md};
 `--kind eclipses`, `neighbours` or `tiny` those of bodies in penumbras, next to another body, and of 0.3 to 3 px.
 
-Seeds that constants were fitted to: `--units` from 5000, 7000, 9000; eclipses 0 to 69. Never fitted: `--units` 10000 to
-10199; eclipses, neighbours and tiny ones from 20000.
+Seeds that constants were fitted to: 0 to 399; `--units` from 5000, 7000, 9000; eclipses 0 to 69. Never fitted: 400 to
+459; `--units` 10000 to 10199; eclipses, neighbours and tiny ones from 20000.
 """
 
 from __future__ import annotations

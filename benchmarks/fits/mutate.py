@@ -127,8 +127,11 @@ def main() -> None:
         sys.stdout.write(f"{_MARK} {told}\n")
         return
     arguments.out.parent.mkdir(parents=True, exist_ok=True)
-    rows, n_noticed = [], 0
-    for file, statement, node in constants():
+    rows, n_noticed, found = [], 0, list(constants())
+    first, _, number = found[0]
+    if told := noticed_by(first, (number.lineno, number.col_offset), 1.0, arguments.full, arguments.tests):
+        parser.exit(1, f"a test fails without any change: {told}\n")
+    for file, statement, node in found:
         name = name_of(statement)
         if arguments.only and not any(each in name or each == file.name for each in arguments.only):
             continue

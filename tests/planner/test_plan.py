@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from glrender.planner import body_plan as plan
+from glrender.planner import error_model
 from glrender.view import regions as grouping
 from planning import body, traits, view
 
@@ -38,6 +39,30 @@ def test_a_map_of_a_part_has_more_texels_across_the_body_and_no_more_along_a_sid
     whole, part = (body(view(size_px=size_px, phase_deg=150.0, depth_m=(1.0, 200.0)), tolerance=0.001)
                    for size_px in (200.0, np.inf))
     assert whole.shadow_map_px <= plan.MAX_SHADOW_SIDE_PX < part.shadow_map_px
+
+
+def test_the_sizes_of_shadow_maps():
+    """From 256 texels to as many as leave 256 steps of float32 a texel; of a whole body 4096 along a side at most."""
+    assert plan.SHADOW_SIZES_PX[0] == 256 and plan.SHADOW_SIZES_PX[-1] == 2**24 // 256
+    assert body(view(size_px=800.0), tolerance=1e-6).shadow_map_px == 4096
+
+
+def test_the_map_is_the_coarsest_whose_edges_and_leaks_are_within_their_shares():
+    """One sample a pixel has a squared error of some 0.015 (0.002 to 0.05 of twelve shapes); of that n texels a pixel
+    leave n^-3 at the edges of shadows, for 0.4 of the tolerance."""
+    sizes = []
+    for tolerance in np.geomspace(2e-4, 0.05, 60):
+        seen, known = view(size_px=100.0, phase_deg=8.0), traits(crease_rad=0.0)
+        size = body(seen, known, tolerance).shadow_map_px
+
+        def fits(texels, tolerance=tolerance, seen=seen, known=known):
+            edges = np.sqrt(0.015 * error_model.shadow_share(seen, texels))
+            return edges <= 0.4 * tolerance and error_model.leaked_flux(seen, known, texels) <= 0.1 * tolerance
+
+        sizes.append(size)
+        assert size == 4096 or fits(size)
+        assert size == 256 or not fits(size // 2)
+    assert len(set(sizes)) == 5
 
 
 def test_hard_edges_count_where_there_is_a_shadow_map():
