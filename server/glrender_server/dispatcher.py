@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import hashlib
 import logging
-import math
 import time
 from collections import Counter, OrderedDict
 from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
@@ -43,6 +42,8 @@ _WATCHED_S = 0.1
 _MAX_SENDERS = 4096
 # Who has had a slow frame is not known to be quick for so long, whatever came after it [s].
 _SLOW_FOR_S = 5.0
+# After so many new senders in a row whose first request was quick, the next is believed to be.
+_N_NEW = 8
 
 
 class _UnderWay(NamedTuple):
@@ -118,7 +119,7 @@ class Dispatcher:
         self._under_way: dict[bytes, _UnderWay] = {}
         # From when on a sender is quick, by the monotonic clock.
         self._quick_from: OrderedDict[Hashable, float] = OrderedDict()
-        self._mean_seconds = 0.0
+        self._mean_seconds, self._n_new_and_quick = 0.0, 0
         self._last_timings_ms: dict[str, float] = {}
         self._durations = Histogram("glrender_request_seconds", "op")
         self._stages = Histogram("glrender_stage_seconds", "stage")
@@ -301,8 +302,9 @@ class Dispatcher:
         self._under_way.clear()
 
     def _is_quick(self, sender: Hashable) -> bool:
-        """Whether a sender is known to be quick: a new one is not, nor is one who has had a slow frame lately."""
-        return self._quick_from.get(sender, math.inf) <= time.monotonic()
+        """Whether a sender has had no slow frame lately; of a new one, whether the last new ones all were quick."""
+        quick_from = self._quick_from.get(sender)
+        return self._n_new_and_quick >= _N_NEW if quick_from is None else quick_from <= time.monotonic()
 
     def _known_by_now(self, job: Job) -> Job:
         """A job that waited, with what its sender is known for now: of many who come at once all wait as new ones."""
@@ -312,6 +314,8 @@ class Dispatcher:
         """Keep whether the sender's request had a renderer for long."""
         if done.timings_ms or done.code == "poison":
             is_slow = not done.timings_ms or 1e-3 * done.timings_ms["total"] >= QUICK_S
+            if is_slow or sender not in self._quick_from:
+                self._n_new_and_quick = 0 if is_slow else self._n_new_and_quick + 1
             self._quick_from[sender] = now + _SLOW_FOR_S if is_slow else self._quick_from.get(sender, now)
             self._quick_from.move_to_end(sender)
             while len(self._quick_from) > _MAX_SENDERS:

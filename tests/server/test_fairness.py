@@ -181,7 +181,7 @@ def test_the_last_free_worker_is_kept_for_who_is_quick_however_many_connections_
 
 
 def test_a_client_is_quick_once_it_has_been_and_not_soon_after_a_slow_frame(monkeypatch):
-    """New connections were believed to be quick where eight new ones had been: each could be another's slow frame."""
+    """New ones are believed to be where eight have been: else 256 at once would wait for one worker of two."""
     served, now = Dispatcher(SimpleNamespace(described={}, make_room=None)), [100.0]
     monkeypatch.setattr(dispatcher.time, "monotonic", lambda: now[0])
 
@@ -190,7 +190,9 @@ def test_a_client_is_quick_once_it_has_been_and_not_soon_after_a_slow_frame(monk
 
     for number in range(20):
         request_of(number, 7.0)
-        assert served._is_quick(number) and not served._is_quick("new")
+        assert served._is_quick(number) and served._is_quick("new") == (number >= 7)
+    request_of(0, 2000.0)
+    assert not served._is_quick("new") and not served._is_quick(0), "any slow frame ends the belief"
     waited = job("new", is_quick=False)
     assert served._known_by_now(waited) is waited
     request_of("new", 7.0)
@@ -199,7 +201,7 @@ def test_a_client_is_quick_once_it_has_been_and_not_soon_after_a_slow_frame(monk
     request_of("new", 7.0)
     assert not served._is_quick("new"), "a quick frame between two slow ones makes no quick client"
     now[0] += 4.0
-    assert not served._is_quick("new") and served._is_quick(0)
+    assert not served._is_quick("new") and served._is_quick(1)
     now[0] += 1.0
     assert served._is_quick("new")
     served._remember("new", Done([], "poison", {}), now[0])
