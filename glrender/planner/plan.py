@@ -260,14 +260,24 @@ class RenderPlan:
         return table(first, (line.partition(": ")[::2] for line in lines))
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data, for the wire."""
+        """Plain data, for the wire: None in place of infinite numbers, which JSON does not have."""
         told = asdict(self)
         del told["navigation"]
         windows = [{**each, "predicted_error": window.predicted_error}
                    for each, window in zip(told["windows"], self.windows, strict=True)]
         bodies = [{**each, "penumbra_px": body.penumbra.width_px}
                   for each, body in zip(told["bodies"], self.bodies, strict=True)]
-        return {**told, "windows": windows, "bodies": bodies, "predicted": self.predicted, "missed": self.missed}
+        return _finite({**told, "windows": windows, "bodies": bodies, "predicted": self.predicted,
+                        "missed": self.missed})
+
+
+def _finite(value: Any) -> Any:
+    """Plain data with None in place of each number that is not finite."""
+    if isinstance(value, dict):
+        return {key: _finite(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return type(value)(_finite(each) for each in value)
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _spent(window: WindowPlan) -> str:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -97,6 +99,16 @@ def test_no_point_spread_function_averages_one_direction_to_the_sun(renderer):
     one, other = (renderer.render(STATE, max_error=0.02, error_gain=gain).plan.windows[0].modelled[cause]
                   for gain in (1.0, 0.3))
     assert one == pytest.approx(other) == pytest.approx(BODY.shape.radius_m / views.AU_M, rel=0.1)
+
+
+@pytest.mark.parametrize("asked, infinite", [({}, "flux_asked"), ({"samples": 4}, "tolerance")])
+def test_a_plan_on_the_wire_has_none_in_place_of_infinite_numbers(renderer, asked, infinite):
+    """JSON has no infinity. A window by rays with a wide penumbra has an infinite `noise` too."""
+    plan = renderer.render(STATE, **asked).plan
+    plan = replace(plan, windows=(replace(plan.windows[0], noise=(math.inf, math.nan)),))
+    window, = json.loads(json.dumps(plan.to_dict(), allow_nan=False))["windows"]
+    assert window["noise"] == [None, None] and window["budget"][infinite] is None
+    assert window["predicted_error"] == plan.predicted_error
 
 
 def test_a_printed_plan_says_what_spent_the_tolerance(renderer):
