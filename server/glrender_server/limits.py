@@ -32,8 +32,8 @@ MAX_TURN = 32
 
 MAX_UNTAKEN_BYTES = 1 << 26
 """Replies that one client has not taken; its next frame is answered `busy`."""
-MAX_UNTAKEN_BYTES_IN_ALL, FEW_UNTAKEN_BYTES = 1 << 30, 1 << 20
-"""Of all clients; beyond it only clients that have few left to take get frames."""
+MAX_UNTAKEN_BYTES_IN_ALL, FEW_UNTAKEN_BYTES = 15 << 26, 1 << 20
+"""Of all clients, 1 GiB with the objects around them; beyond it only clients that have few left to take get frames."""
 
 
 def is_too_much(own: int, in_all: Callable[[], int]) -> bool:
