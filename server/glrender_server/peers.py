@@ -244,12 +244,17 @@ class Peers:
             theirs = twin.getpeername()  # a listener has none
             if not isinstance(ours, tuple):
                 if ours == self._address and hasattr(socket, "SO_PEERCRED"):
-                    peer.account = twin.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _UCRED_BYTES)
+                    credentials = twin.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _UCRED_BYTES)
+                    # A process that this one's namespace does not show has the number 0, as all such have.
+                    peer.account = credentials if struct.unpack_from("i", credentials)[0] else None
                 return ours == self._address
+            # Other families say numbers, or addresses that are none of a network.
+            if ours[1] != self._port or not isinstance(theirs[0], str):
+                return False
             if not ipaddress.ip_address(theirs[0].partition("%")[0]).is_loopback:
                 peer.account = theirs[0]
-            return ours[1] == self._port
-        except OSError:
+            return True
+        except (OSError, ValueError):
             return False
         finally:
             self._let_go()
