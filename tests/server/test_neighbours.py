@@ -363,6 +363,32 @@ def test_all_connections_of_a_process_or_of_another_machine_are_one_account(tmp_
             assert request.account == account
 
 
+@pytest.mark.parametrize("pid", [0, 4711])
+def test_a_process_that_another_namespace_hides_is_no_account(tmp_path, pid):
+    """Its number is 0, as that of all such: several containers with one user were one client."""
+    with serving_front(f"ipc://{tmp_path}/z") as (front, _):
+        credentials = struct.pack("3i", pid, 1000, 1000)
+        connection = SimpleNamespace(getsockname=lambda: f"{tmp_path}/z", getpeername=lambda: "",
+                                     getsockopt=lambda *which: credentials)
+        found = peers.Peer(-1, -1, None)
+        front._peers._held = lambda peer: connection
+        assert front._peers._is_ours(found) and found.account == (credentials if pid else None)
+
+
+@pytest.mark.parametrize("endpoint", ["tcp://127.0.0.1:*", "ipc://{}/z"])
+def test_a_socket_of_another_family_is_no_connection_and_ends_no_look(tmp_path, endpoint):
+    """A library that asks for network interfaces keeps a netlink socket: its addresses are numbers (netlink(7))."""
+    with serving_front(endpoint.format(tmp_path)) as (front, taken_in), peer(front.endpoint) as one, \
+            socket.socket(socket.AF_NETLINK, socket.SOCK_RAW) as plain, \
+            socket.socket(socket.AF_NETLINK, socket.SOCK_RAW) as alike:
+        # Its groups stand where TCP has the port.
+        alike.bind((0, front._peers._port or 1))
+        one.send(b"x")
+        assert taken_in(5.0)
+        serving.until(lambda: taken_in(0.1) or len(front._peers) == 1)
+        assert all(front._peers._peer(other.fileno()) is None for other in (plain, alike))
+
+
 def test_where_no_descriptor_is_free_too_many_connections_are_closed_nevertheless():
     with serving_front("tcp://127.0.0.1:*", max_connections=4) as (front, taken_in):
         host, _, port = front.endpoint.removeprefix("tcp://").rpartition(":")
