@@ -397,7 +397,8 @@ class WorkerPool:
         is_its_fault = worker.state == "busy" and (worker.overran or worker.slot is None or has_begun(worker.slot))
         exit_code = None if worker.process is None else worker.process.exitcode
         is_by_signal = not (worker.overran or has_failed) and (exit_code is None or exit_code < 0)
-        worker.is_after_overrun |= worker.state == "busy" and worker.overran and not worker.was_stopped
+        # One that does not come after all, killed again and again, is waited for no more.
+        worker.is_after_overrun = worker.state == "busy" and worker.overran and not worker.was_stopped
         self._end(worker)
         if is_opening and not self._is_own_scene:
             self._n_failed_scenes += not is_by_signal

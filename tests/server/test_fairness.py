@@ -254,6 +254,23 @@ def test_while_a_worker_starts_the_other_is_kept_for_who_is_quick():
     assert lone.has_room(slow) and lone.has_room(new)
 
 
+def test_who_is_slow_has_the_last_worker_where_the_other_is_killed_again_and_again():
+    """A container whose memory holds one worker kills the other at each start: slow frames waited for ever."""
+    pool = Pool(None, job("a", allow_slow=True, id=1, client="a"))
+    pool._scene = pool._own_scene = None
+    pool._poller, pool._dying, pool.restarts, pool.outage = None, [], 0, ""
+    other = pool._workers[1]
+    other.overran = True
+    pool._bury(other)
+    assert not pool.has_room(job("b", allow_slow=True)), "it may be ready in seconds"
+    # As a process that has begun, and that a signal ended.
+    other.state, other.overran = "starting", False
+    other.deadline, other.deadline_s = time.monotonic() + 60.0, 60.0
+    pool._bury(other)
+    for other.state in ("down", "starting"):
+        assert pool.has_room(job("b", allow_slow=True))
+
+
 def test_a_pool_is_full_where_no_job_at_all_has_room():
     assert Pool(job("a")).is_full and not Pool(job("a"), None).is_full
     behind = Pool(None)
