@@ -214,7 +214,7 @@ class Dispatcher:
         self.requests[header["op"]] += 1
         finish = partial(self._finish, request, header, digest, time.monotonic())
         account = _account(request)
-        job = Job(header, request.parts[0], finish, account, self._is_quick(account))
+        job = Job(header, request.parts[0], finish, request.sender, account, self._is_quick(account))
         if header["background"]:
             why = "a newer one, or another client's, waits in the background"
             refusals = self._background.put(request.sender, (job, digest, request))
@@ -308,7 +308,7 @@ class Dispatcher:
 
     def _known_by_now(self, job: Job) -> Job:
         """A job that waited, with what its sender is known for now: of many who come at once all wait as new ones."""
-        return job if job.is_quick or not self._is_quick(job.sender) else job._replace(is_quick=True)
+        return job if job.is_quick or not self._is_quick(job.account) else job._replace(is_quick=True)
 
     def _remember(self, sender: Hashable, done: Done, now: float) -> None:
         """Keep whether the sender's request had a renderer for long."""

@@ -42,9 +42,11 @@ class Job(NamedTuple):
     done: Callable[[Done], None]
     """Called once, with the reply."""
     sender: Hashable
-    """All connections of one process or machine, where they can be told."""
+    """Who takes turns, and waits for its own `load_scene`: the `Request`'s."""
+    account: Hashable
+    """All connections of one process or machine, where they can be told; else the sender."""
     is_quick: bool
-    """Whether the sender's requests take less than `QUICK_S`: such a sender may take every worker."""
+    """Whether the account's requests take less than `QUICK_S`: such an account may take every worker."""
 
     @property
     def is_load(self) -> bool:

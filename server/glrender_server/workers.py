@@ -184,7 +184,7 @@ class WorkerPool:
             return True
         if now - self._quick_at < _KEPT_FOR_QUICK_S:
             return sum(not task.is_quick for task in tasks) < others
-        return others == 0 or sum(task.sender == job.sender for task in tasks) < others
+        return others == 0 or sum(task.account == job.account for task in tasks) < others
 
     @property
     def is_idle(self) -> bool:

@@ -207,7 +207,7 @@ class VizardDispatcher:
     def _enqueue(self, request: Request, wanted: _Wanted) -> None:
         message = wanted.key[1]
         self._under_way[wanted.key] = wanted
-        job = Job(_HEADER, message, partial(self._drawn, wanted), request.sender, True)
+        job = Job(_HEADER, message, partial(self._drawn, wanted), request.sender, request.sender, True)
         for _, of_it in self._queue.put(request.sender, (job, wanted), len(message)):
             self._end(of_it, None, f"{len(self._queue)} images are waiting")
 

@@ -164,8 +164,9 @@ class Pool(WorkerPool):
         self._again, self.generation, self._quick_at = [], 0, -math.inf
 
 
-def job(sender, op="render", is_quick=True, **fields):
-    return Job({"op": op, "allow_slow": False, **fields}, b"", lambda done: None, sender, is_quick)
+def job(sender, op="render", is_quick=True, account=None, **fields):
+    return Job({"op": op, "allow_slow": False, **fields}, b"", lambda done: None, sender,
+               account or sender, is_quick)
 
 
 def test_the_last_free_worker_is_kept_for_who_is_quick_however_many_connections_others_have():
@@ -225,7 +226,8 @@ def test_a_clients_slow_frames_are_known_of_all_its_connections():
     assert is_known_to_be_quick("first", 1, 2000.0, "process")
     assert not is_known_to_be_quick("second", 2, 7.0, "process")
     assert not is_known_to_be_quick("alone", 3, 7.0) and is_known_to_be_quick("alone", 4, 7.0)
-    assert {job.sender for job in started} == {"process", "alone"}
+    assert {job.account for job in started} == {"process", "alone"}
+    assert {job.sender for job in started} == {"first", "second", "alone"}
 
 
 def test_while_a_worker_starts_the_other_is_kept_for_who_is_quick():
@@ -292,6 +294,8 @@ def test_a_pool_is_full_where_no_job_at_all_has_room():
     ([job("a", "load_scene"), None], job("b", "load_scene"), False),
     ([job("a", "load_scene"), None], job("a"), False),
     ([job("a", "load_scene"), None], job("b"), True),
+    ([job("a", "load_scene", account="process"), None], job("b", account="process"), True),
+    ([job("a", account="process"), None], job("b", is_quick=False, account="process"), False),
 ])
 def test_the_last_free_worker_is_kept_from_who_has_the_others(under_way, asked, has_room):
     assert Pool(*under_way).has_room(asked) is has_room
