@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 from types import ModuleType
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,6 +17,19 @@ Lossy = Callable[[np.ndarray, int, float], bytes]
 _AEC = {"blocksize": 16, "rsi": 64}
 # Rows, columns and bit depth, little-endian: the standard's own stream tells none of them.
 _AEC_HEAD = struct.Struct("<HHB")
+# Columns over rows of a codestream of JPEG XL that names the rows alone (ISO 18181-1, D.2).
+_XL_RATIOS = ((1, 1), (12, 10), (4, 3), (3, 2), (16, 9), (5, 4), (2, 1))
+
+
+class Head(NamedTuple):
+    """Numbers that a stream declares before its pixels: a decoder allocates memory by them."""
+
+    shape: tuple[int, ...]
+    """Rows, columns, and components where there are several."""
+    bit_depth: int | None = None
+    """None where the codec counts whole bytes."""
+    overshoot_DN: int = 0
+    """Decoded numbers exceed the frame's by so many at most."""
 
 
 def library() -> ModuleType:
@@ -58,12 +72,66 @@ DECODED: dict[str, Callable[[bytes, tuple[int, int], int, np.dtype], np.ndarray]
 
 
 def _aec_decoded(body: bytes, shape: tuple[int, int], bits: int, kind: np.dtype) -> np.ndarray:
-    rows, columns, depth = _AEC_HEAD.unpack_from(body)
-    if (rows, columns) != shape:
-        raise ConfigError("shape", f"must be {(rows, columns)}, the stream's own of ccsds_121", shape)
-    if depth != bits:
-        raise ConfigError("bit_depth", f"must be {depth}, the stream's own of ccsds_121", bits)
     # Whole blocks: the last one is filled up.
-    n_px = -(-rows * columns // _AEC["blocksize"]) * _AEC["blocksize"]
+    n_px = -(-shape[0] * shape[1] // _AEC["blocksize"]) * _AEC["blocksize"]
     found = library().aec_decode(body[_AEC_HEAD.size:], bitspersample=bits, out=n_px * kind.itemsize, **_AEC)
-    return np.frombuffer(found, kind)[:rows * columns].reshape(shape)
+    return np.frombuffer(found, kind)[:shape[0] * shape[1]].reshape(shape)
+
+
+def _ls_head(body: bytes) -> Head:
+    """Of JPEG-LS: its frame header and the bound in its scan header (ISO 14495-1, C.2.2 and C.2.3)."""
+    at, shape = 2, None
+    while body[at] == 0xFF:
+        marker, length = body[at + 1], int.from_bytes(body[at + 2:at + 4], "big")
+        if marker == 0xF7:
+            rows, columns, n = struct.unpack_from(">HHB", body, at + 5)
+            shape = (rows, columns) if n == 1 else (rows, columns, n)
+        elif marker == 0xDA and shape:
+            return Head(shape, overshoot_DN=body[at + 5 + 2 * body[at + 4]])
+        at += 2 + length
+    raise ValueError("it has no header")
+
+
+def _2000_head(body: bytes) -> Head:
+    """Of JPEG 2000: the segment SIZ that begins its codestream (ISO 15444-1, A.5.1)."""
+    if not body.startswith(b"\xff\x4f\xff\x51"):
+        raise ValueError("it has no header")
+    columns, rows, left, top = struct.unpack_from(">4I", body, 8)
+    n, depth = struct.unpack_from(">HB", body, 40)
+    return Head((rows - top, columns - left) if n == 1 else (rows - top, columns - left, n), (depth & 0x7F) + 1)
+
+
+def _xl_head(body: bytes) -> Head:
+    """Of JPEG XL: the size that begins its codestream (ISO 18181-1, D.2), bare or in a box of its container."""
+    at = 0
+    while body[:2] != b"\xff\x0a":
+        size, kind = struct.unpack_from(">I4s", body, at)
+        if kind in (b"jxlc", b"jxlp"):
+            body = body[at + (12 if kind == b"jxlp" else 8):]
+            break
+        if size < 8:
+            raise ValueError("it has no header")
+        at += size
+    bits = int.from_bytes(body[2:14], "little")
+
+    def taken(n: int) -> int:
+        nonlocal bits
+        value, bits = bits & ((1 << n) - 1), bits >> n
+        return value
+
+    def side() -> int:
+        return 8 * (1 + taken(5)) if is_small else 1 + taken((9, 13, 18, 30)[taken(2)])
+
+    is_small = taken(1)
+    rows, ratio = side(), taken(3)
+    across, down = _XL_RATIOS[ratio - 1]
+    return Head((rows, rows * across // down if ratio else side()))
+
+
+def _aec_head(body: bytes) -> Head:
+    rows, columns, depth = _AEC_HEAD.unpack_from(body)
+    return Head((rows, columns), depth)
+
+
+HEADS: dict[str, Callable[[bytes], Head]] = {
+    "jpeg_ls": _ls_head, "jpeg_2000": _2000_head, "jpeg_xl": _xl_head, "ccsds_121": _aec_head}

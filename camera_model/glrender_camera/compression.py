@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from .codecs import DECODED, LOSSLESS, LOSSY, Lossy, library, reversible_2000
+from .codecs import DECODED, HEADS, LOSSLESS, LOSSY, Lossy, library, reversible_2000
 from .detector import Detector
 from .errors import ConfigError
 from .validate import integer, known_keys, one_of, positive, within
@@ -119,12 +119,14 @@ class Compression:
             if self.codec == "jpeg_2000" and found < (1.0 - _MET_RATE) * self.rate_bpp:
                 # The transform that rounds has no more to send; the one that is reversible has.
                 made, _ = self._searched(dn, bit_depth, rate, self.rate_bpp, reversible_2000)
-            return made
+            # A blank frame takes less without loss.
+            return min(lossless, made, key=len)
         if self.psnr_db is not None:
             made, found = self._searched(dn, bit_depth, lambda stream: psnr_db(
                 decode(stream, self.codec, dn.shape, bit_depth), dn, bit_depth), self.psnr_db)
             # Lossy transforms round, and reach no PSNR above some; without loss a frame may be smaller, too.
-            return made if found > self.psnr_db - _MET_DB and len(made) < len(lossless) else lossless
+            # No stream is the nearest where all that were tried have no error.
+            return made if self.psnr_db - _MET_DB < found < np.inf and len(made) < len(lossless) else lossless
         return lossless
 
     def _searched(self, dn: np.ndarray, bit_depth: int, measure: Callable[[bytes], float],
@@ -167,7 +169,8 @@ def decode(stream: bytes | np.ndarray, codec: str, shape: tuple[int, int], bit_d
     Raises
     ------
     ConfigError
-        An unknown codec; a stream that is cut off, spoilt or of another shape; imagecodecs not installed.
+        An unknown codec; a stream that is cut off, spoilt, of another shape or of a greater depth; imagecodecs not
+        installed.
     """
     one_of("codec", codec, CODECS)
     library()
@@ -184,6 +187,11 @@ def decode(stream: bytes | np.ndarray, codec: str, shape: tuple[int, int], bit_d
         raise ConfigError("stream", f"must be a whole stream of {codec}: it is cut off or spoilt", len(stream),
                           "its first 8 bytes are its length and CRC-32; read or send it anew")
     try:
+        head = HEADS[codec](body)
+        if head.shape != shape:
+            raise ConfigError("shape", f"must be {head.shape}, the stream's own of {codec}", shape)
+        if head.bit_depth not in (None, bit_depth):
+            raise ConfigError("bit_depth", f"must be {head.bit_depth}, the stream's own of {codec}", bit_depth)
         made = DECODED[codec](body, shape, bit_depth, kind)
     except ConfigError:
         raise
@@ -194,8 +202,11 @@ def decode(stream: bytes | np.ndarray, codec: str, shape: tuple[int, int], bit_d
         raise ConfigError("shape", f"must be {made.shape}, the stream's own of {codec}", shape)
     if made.dtype != kind:
         raise ConfigError("bit_depth", f"must be of {made.dtype}, the stream's own of {codec}", bit_depth)
-    # Codecs with a loss may overshoot.
-    return np.minimum(made, 2**bit_depth - 1).astype(kind)
+    most = 2**bit_depth - 1
+    if made.max() > most + head.overshoot_DN:
+        raise ConfigError("bit_depth", f"must hold the stream's largest number, {made.max()}", bit_depth,
+                          "give that of the camera that sent it")
+    return np.minimum(made, most).astype(kind)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import resource
 import struct
 import subprocess
 import sys
 import zlib
 
 import cv2
+import imagecodecs
 import numpy as np
 import pytest
 from glrender_camera import CameraModel, Compression, ConfigError, Detector, MosaicModel, Optics
@@ -191,6 +193,65 @@ def test_a_stream_that_is_cut_spoilt_or_of_another_shape_is_refused(codec):
     other = CODECS[(CODECS.index(codec) + 1) % len(CODECS)]
     with pytest.raises(ConfigError, match=f"stream: must be a stream of {other}|the stream's own of {other}"):
         decode(stream, other, dn.shape, 12)
+
+
+@pytest.mark.parametrize("codec", CODECS)
+def test_a_frame_of_more_bits_than_are_named_is_not_clipped(codec):
+    """Of 12 bits, without loss and with it: a camera of 10 bits has no number above 1023."""
+    dn = frame_dn(12)
+    for losses in ({}, {ENCODED[codec]: 20} if codec in ENCODED else {}):
+        stream = Compression(codec=codec, **losses).encode(dn, 12)
+        with pytest.raises(ConfigError, match="bit_depth: must (hold the stream's largest number|be 12, the stream's)"):
+            decode(stream, codec, dn.shape, 10)
+
+
+def test_a_codec_that_overshoots_the_depth_within_its_bound_is_not_refused():
+    """JPEG-LS with a bound decodes numbers above the detector's largest: they are that."""
+    dn = np.where(electrons() > 1e4, 4095, 4080).astype(np.uint16)
+    dn[1::2, ::3] = 4094
+    stream = Compression(codec="jpeg_ls", max_error_DN=7).encode(dn, 12)
+    assert imagecodecs.jpegls_decode(stream[8:]).max() > 4095
+    made = decode(stream, "jpeg_ls", dn.shape, 12).astype(int)
+    assert made.max() == 4095 and np.abs(made - dn).max() <= 7
+
+
+@pytest.mark.parametrize("value", [0, 48, 4095])
+@pytest.mark.parametrize("bound", [{"psnr_db": 30.0}, {"psnr_db": 110.0}, {"rate_bpp": 0.01}, {"rate_bpp": 0.05}])
+@pytest.mark.parametrize("codec", ["jpeg_2000", "jpeg_xl"])
+def test_a_blank_frame_is_sent_in_no_more_bytes_than_without_loss(codec, bound, value):
+    """Every stream of it may be exact: no PSNR is the nearest then."""
+    dn = np.full((64, 72), value, np.uint16)
+    stream = Compression(codec=codec, **bound).encode(dn, 12)
+    assert len(stream) <= len(Compression(codec=codec).encode(dn, 12))
+    assert np.abs(decode(stream, codec, dn.shape, 12).astype(int) - dn).max() <= 0.04 * 4095
+
+
+def sealed(body):
+    return struct.pack("<II", len(body), zlib.crc32(body)) + body
+
+
+@pytest.mark.parametrize("codec, marker, after, sides", [("jpeg_ls", b"\xff\xf7", 5, ">HH"),
+                                                          ("jpeg_2000", b"\xff\x51", 6, ">II")])
+def test_a_small_stream_that_declares_a_huge_frame_is_refused_before_it_is_decoded(codec, marker, after, sides):
+    """The libraries take memory by the declared size: of 65535 x 65535 pixels, 8 GB and more."""
+    body = bytearray(Compression(codec=codec).encode(frame_dn(12), 12)[8:])
+    struct.pack_into(sides, body, body.index(marker) + after, 65535, 65535)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(ConfigError, match=rf"shape: must be \(65535, 65535\), the stream's own of {codec}"):
+        decode(sealed(bytes(body)), codec, (HEIGHT, WIDTH), 12)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100_000, "KiB"
+
+
+@pytest.mark.parametrize("shape", [(8, 8), (256, 256), (264, 264), (300, 360), (300, 400), (200, 300), (45, 80), (40, 50),
+                                   (64, 128), (9, 700), (8, 256), (1, 9000)])
+@pytest.mark.parametrize("lossless", [True, False])
+@pytest.mark.parametrize("container", [True, False])
+def test_the_size_of_jpeg_xl_is_read_in_all_its_forms(shape, lossless, container):
+    """Sides of multiples of 8, the seven ratios, and numbers of 9 to 14 bits, by the library's encoder."""
+    body = imagecodecs.jpegxl_encode(np.zeros(shape, np.uint16), lossless=lossless, usecontainer=container)
+    assert decode(sealed(body), "jpeg_xl", shape, 16).shape == shape
+    with pytest.raises(ConfigError, match=rf"shape: must be \({shape[0]}, {shape[1]}\), the stream's own of jpeg_xl"):
+        decode(sealed(body[:len(body) // 2 + 20]), "jpeg_xl", (shape[0] + 1, shape[1]), 16)
 
 
 @pytest.mark.parametrize("table, match", [
