@@ -10,12 +10,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from glrender_camera import PinholeCamera
 from glrender_camera.compression import CODECS
 
 from ..base.errors import ConfigError
 from ..engines.image import UNITS
 from .fits_cards import Cards, cards_of, sky_cards
 from .folder import write_whole
+
+# A step of the ranges in a file is at most this share of a pixel's footprint: half of float64 is noise to a compressor.
+_RANGE_STEP_PX = 0.1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -61,6 +65,14 @@ def write(path: Path, frame: FrameFile) -> None:
     apart = path.with_name(f".{path.stem}.{os.getpid()}.part.{ending}")
     _WRITERS[ending](apart, frame)
     os.replace(apart, path)
+
+
+def range_type(camera: PinholeCamera) -> type:
+    """The type of ranges in files: float32, but for a camera whose pixels it is too coarse for.
+
+    A step of float32 is a range times 2**-23 at most, a pixel's footprint is a range over the focal length [px].
+    """
+    return np.float64 if camera.focal_length_px * np.finfo(np.float32).eps > _RANGE_STEP_PX else np.float32
 
 
 def checked_ending(ending: str, unit: str) -> None:
@@ -112,6 +124,9 @@ def _write_exr(path: Path, frame: FrameFile) -> None:
         raise _missing("exr", "OpenEXR", "exr") from None
     channels = {"Y": frame.pixels.astype(np.float32)}
     for name, array in frame.products.items():
+        if array.dtype == np.float64:
+            raise ConfigError("format", f"exr holds float32, which is too coarse for this camera's {name}",
+                              hint="use fits or npz")
         if array.ndim == 2:
             # Whole numbers have 32 bits without a sign: -1, beside the bodies, is 2**32 - 1.
             channels[name] = array.astype(np.uint32 if array.dtype.kind in "iu" else np.float32)

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from glrender_camera.compression import CODECS, decode
 
-from ..base.errors import ConfigError, error_path
+from ..base.errors import ConfigError, GlrenderError, error_path
 from .formats import header_path
 from .header import decoding_of
+
+_ANEW = "remove what is there of the frame, and draw it anew"
 
 
 def read_image(path: Path) -> np.ndarray:
@@ -20,13 +24,28 @@ def read_image(path: Path) -> np.ndarray:
     Raises
     ------
     ConfigError
-        A file that is none of a sequence's; a stream that is cut off, spoilt or of another camera.
+        A file that is missing, spoilt or none of a sequence's; a stream without its header or of another camera.
     """
+    with _reading(path):
+        return _image(path)
+
+
+def _image(path: Path) -> np.ndarray:
     ending = _ending(path)
     if ending in CODECS:
+        table = read_header(path).get("camera")
+        try:
+            how = decoding_of(table)
+        except (KeyError, TypeError):
+            raise ConfigError(str(header_path(path)), "must have the detector and the compression of a camera", table,
+                              _ANEW) from None
         with error_path(str(path)):
-            header = json.loads(header_path(path).read_text(encoding="utf-8"))
-            return decode(path.read_bytes(), **decoding_of(header["camera"]))
+            try:
+                return decode(path.read_bytes(), **how)
+            except ConfigError as error:
+                # Who asks `decode` is to have a spoilt stream sent anew.
+                error.hint = error.hint if error.path == "codec" else _ANEW
+                raise
     if ending == "npz":
         with np.load(path, allow_pickle=False) as stored:
             return stored["image"]
@@ -57,8 +76,18 @@ def read_header(path: Path) -> dict[str, Any] | None:
     Raises
     ------
     ConfigError
-        As of `read_image`.
+        As of `read_image`; a header that is no table in JSON.
     """
+    source = header_path(path) if _ending(path) in CODECS else path
+    with _reading(source):
+        text = _header_text(path)
+        header = None if text is None else json.loads(text)
+        if header is not None and not isinstance(header, dict):
+            raise ConfigError(str(source), "must have a header that is a table", header, _ANEW)
+        return header
+
+
+def _header_text(path: Path) -> str | bytes | None:
     ending = _ending(path)
     text: Any = None
     if ending in CODECS:
@@ -83,7 +112,20 @@ def read_header(path: Path) -> dict[str, Any] | None:
             text = file.header().get("glrender")
     else:
         raise ConfigError("path", "must be a frame's file", str(path))
-    return None if text is None else json.loads(text)
+    return text
+
+
+@contextmanager
+def _reading(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except GlrenderError:
+        raise
+    except ImportError as error:
+        raise ConfigError(str(path), f"needs {error.name}", hint=f"pip install {error.name}") from None
+    except Exception as error:
+        # Each library raises an error class of its own.
+        raise ConfigError(str(path), f"cannot be read as a frame: {error}", hint=_ANEW) from None
 
 
 def _ending(path: Path) -> str:

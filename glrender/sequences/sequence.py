@@ -22,7 +22,7 @@ from ..scene.scene import Scene
 from ..view.state import State
 from . import labels
 from .folder import claim_folder
-from .formats import FrameFile, write
+from .formats import FrameFile, header_path, range_type, write
 from .header import VERSION, camera_table, decoding_of, frame_header, offset_DN
 from .options import FrameOptions, exposures_of
 from .processes import own_processes, parted, processes_of
@@ -79,7 +79,10 @@ class FrameSequence:
 
     def missing(self) -> list[int]:
         """Numbers of the frames that are not drawn yet."""
-        return [index for index in range(len(self.states)) if not self.path(index).exists()]
+        return [index for index in range(len(self.states)) if not self._is_drawn(self.path(index))]
+
+    def _is_drawn(self, path: Path) -> bool:
+        return path.exists() and (self.options.output != "compressed" or header_path(path).exists())
 
     def draw(self, n_processes: int | None = None) -> Iterator[int]:
         """Draw what is missing; yields the number of each frame when its file is there.
@@ -253,7 +256,7 @@ def frame_file(scene: Scene, index: int, state: State, options: FrameOptions, ca
         header["labels"] = labels.frame_labels(scene, state, scene.camera(options.camera), pixels, capture.products,
                                                options.keypoints, options.limb_points, capture.irradiance_W_m2)
     kept = {name: capture.products[name] for name in options.products}
-    # Ranges have float64: half of it is noise to a compressor, and a millimetre in 10 km is enough for a file.
-    kept = {name: array.astype(np.float32) if array.dtype == np.float64 else array for name, array in kept.items()}
+    if "range" in kept:
+        kept["range"] = kept["range"].astype(range_type(scene.camera(options.camera)))
     return FrameFile(pixels=pixels, unit=options.unit, products=kept, header=header,
                      stream=None if capture.frame is None else capture.frame.stream)

@@ -10,11 +10,11 @@ import cv2
 import numpy as np
 import pytest
 import serving
-from glrender import ConfigError, Scene, take_frame
+from glrender import ConfigError, PinholeCamera, Scene, take_frame
 from glrender.renderer import open_renderer
 from glrender.scenario import load_scenario
 from glrender.sequences.dataset.dataset import DataSet
-from glrender.sequences.formats import FrameFile, write
+from glrender.sequences.formats import FrameFile, range_type, write
 from glrender.sequences.options import FrameOptions
 from glrender.sequences.read import read_header, read_image
 from glrender.sequences.sequence import FrameSequence
@@ -123,7 +123,10 @@ def test_a_stream_that_was_spoilt_is_told_with_its_file(scenario, tmp_path, caps
     file = out / "frame_00002.jpeg_ls"
     file.write_bytes(file.read_bytes()[:-5])
     assert main(command) == 1
-    assert f"{file}.stream: must be a whole stream of jpeg_ls" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert f"{file}.stream: must be a whole stream of jpeg_ls" in told and "remove what is there of the frame" in told
+    file.unlink()
+    assert main(command) == 0
 
 
 @pytest.mark.parametrize("codec", CODECS)
@@ -148,6 +151,9 @@ def test_render_writes_the_stream_and_its_header(tmp_path, monkeypatch, capsys, 
     (["--out", "frame.NPZ"], "--out: must have an ending of its own"),
     (["--out", "no/frame.jpeg_ls"], "--out: must be in a folder that is there"),
     (["--raw"], "--raw: is of pixels"), (["--white", "3"], "--white: is of pixels"),
+    (["--white", "0"], "--white: is of pixels"), (["--stretch", "gamma"], "--stretch: is of pixels"),
+    (["--out", "frame.jpeg_xl"], "--out: must end in .jpeg_ls, the codec of camera 'navcam'.*name it frame.jpeg_ls"),
+    (["--out", "frame.JPEG_2000"], "--out: must end in .jpeg_ls"),
     (["--products", "range"], "products: must be none with format stream.*or ask for output 'dn'")])
 def test_render_refuses_what_a_stream_has_not(tmp_path, monkeypatch, capsys, arguments, message):
     monkeypatch.chdir(tmp_path)
@@ -155,6 +161,15 @@ def test_render_refuses_what_a_stream_has_not(tmp_path, monkeypatch, capsys, arg
     assert main(["render", "scene.toml", "--output", "compressed", *arguments]) == 1
     told = capsys.readouterr().err.replace("\n", " ")
     assert re.search(message, told), told
+
+
+@pytest.mark.parametrize("arguments", [["frame.npy", "--stretch", "log"], ["frame.npz", "--white", "3"],
+                                       ["frame.png", "--output", "dn", "--raw", "--stretch", "log"]])
+def test_render_refuses_a_stretch_of_numbers(tmp_path, monkeypatch, capsys, arguments):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scene.toml").write_text(scene_text())
+    assert main(["render", "scene.toml", "--out", *arguments]) == 1
+    assert "is of a picture for the eye, and the file has the numbers" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("changes, message", [
@@ -180,28 +195,96 @@ def test_a_camera_without_compression_and_a_data_set_are_refused(scenario, tmp_p
 
 
 def test_a_frame_as_npz_takes_a_tenth_of_its_numbers(tmp_path):
-    """Ranges are float32 in files: of a body 2 km away to 0.2 mm; equal frames are equal bytes."""
+    """Of a round body 2 km away, its ranges of the type that files have; equal frames are equal bytes."""
     y, x = np.mgrid[:256, :256]
     on_body = np.hypot(x - 128, y - 128) < 60
     rng = np.random.default_rng(0)
     pixels = np.where(on_body, 800.0 + 100.0 * rng.normal(size=x.shape), 48.0).astype(np.uint16)
     for name in ("a", "b"):
         write(tmp_path / f"{name}.npz", FrameFile(pixels=pixels, unit="DN", header={}, products={
-            "range": np.where(on_body, 2000.0, np.nan).astype(np.float32)}))
+            "range": np.where(on_body, 2000.0 - np.sqrt(np.maximum(60.0**2 - (x - 128) ** 2 - (y - 128) ** 2, 0.0)),
+                              np.nan).astype(range_type(camera(5000.0)))}))
     assert (tmp_path / "a.npz").stat().st_size < 0.1 * (2 + 8) * x.size
     assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
-    assert Compression(codec="ccsds_121").to_dict() == {"codec": "ccsds_121"}
+
+
+def camera(focal_length_px):
+    return PinholeCamera(name="c", width_px=64, height_px=64, focal_length_px=focal_length_px)
+
+
+@pytest.mark.parametrize("focal_length_px", np.geomspace(1e2, 1e9, 15))
+def test_ranges_of_files_are_as_fine_as_a_tenth_of_a_pixels_footprint(focal_length_px):
+    """At any range; and they are float32 wherever that is as fine: its steps are 2**-24 to 2**-23 of a number."""
+    ranges_m = np.geomspace(1e-2, 1e12, 999)
+    kind = range_type(camera(focal_length_px))
+    assert (np.spacing(ranges_m.astype(kind)) <= 0.1 * ranges_m / focal_length_px).all()
+    if kind is np.float64:
+        assert (np.spacing(ranges_m.astype(np.float32)) > 0.1 * ranges_m / focal_length_px).any()
+
+
+def stored_ranges(path):
+    if path.suffix == ".npz":
+        with np.load(path) as stored:
+            return stored["range"]
+    return needed_module("astropy.io.fits", "pip install 'glrender[fits]'").getdata(path, "RANGE")
 
 
 @pytest.mark.parametrize("format", ["npz", "fits"])
-def test_ranges_of_files_are_float32(scenario, tmp_path, format):
+def test_ranges_of_files_are_float32_but_of_a_camera_with_very_small_pixels(scenario, tmp_path, format):
+    """From 300 000 km a pixel of the second sees 30 m, and a step of float32 is 32 m: 5 of them in 100 m of relief."""
     made = sequence(tmp_path / "out", scenario, output="dn", format=format, products=("range",))
     list(made.draw(1))
-    if format == "npz":
-        with np.load(made.path(0)) as stored:
-            distances = stored["range"]
-    else:
-        distances = needed_module("astropy.io.fits", "pip install 'glrender[fits]'").getdata(made.path(0), "RANGE")
+    distances = stored_ranges(made.path(0))
     assert distances.dtype.itemsize == 4
     # The body's surface: 100 m lobes about an origin 1581 m away.
     assert 1350.0 < np.nanmin(distances) < np.nanmax(distances) < 1650.0
+    scenario.write_text(scene_text().replace("focal_length_px = 400.0", "focal_length_px = 1e7") + STATES.replace(
+        "[1500.0, 0.0, 500.0]", "[3e8, 0.0, 0.0]"))
+    far = sequence(tmp_path / "far", scenario, output="irradiance", format=format, products=("range",))
+    list(far.draw(1))
+    distances = stored_ranges(far.path(0))
+    assert distances.dtype.itemsize == 8 and np.unique(distances[np.isfinite(distances)]).size > 10
+    assert (np.abs(distances[np.isfinite(distances)] - 3e8) < 250.0).all()
+
+
+def test_ranges_that_exr_is_too_coarse_for_are_refused(scenario, tmp_path):
+    scenario.write_text(scene_text().replace("focal_length_px = 400.0", "focal_length_px = 1e7") + STATES)
+    made = sequence(tmp_path / "exr", scenario, output="irradiance", format="exr", products=("range",))
+    needed_module("OpenEXR", "pip install 'glrender[exr]'")
+    with pytest.raises(ConfigError, match="exr holds float32, which is too coarse for this camera's range; use"):
+        list(made.draw(1))
+
+
+def test_a_frame_without_its_header_is_drawn_again(scenario, tmp_path):
+    made = sequence(tmp_path / "out", scenario)
+    list(made.draw(1))
+    whole = contents(tmp_path / "out")
+    (tmp_path / "out/frame_00001.jpeg_ls.json").unlink()
+    assert made.missing() == [1] and list(made.draw(1)) == [1] and contents(tmp_path / "out") == whole
+
+
+@pytest.mark.parametrize("header, message", [
+    (None, "cannot be read as a frame"), ("", "cannot be read"), ('{"camera": {"na', "cannot be read"),
+    ("[1]", "must have a header that is a table"), ("{}", "must have the detector and the compression of a camera"),
+    *((json.dumps({"camera": table}), "must have the detector and the compression of a camera")
+      for table in (None, "navcam", {}, {"compression": None}, {"compression": CODEC, "width_px": 9, "height_px": 9})),
+    (json.dumps({"camera": {"compression": CODEC, "width_px": 9, "height_px": 9, "detector": {"bit_depth": 12}}}),
+     r"shape: must be \(64, 96\), the stream's own")])
+def test_a_header_that_is_missing_cut_or_of_another_camera_is_told(tmp_path, header, message):
+    path = tmp_path / "frame.jpeg_ls"
+    path.write_bytes(Compression(codec="jpeg_ls").encode(np.zeros((64, 96), np.uint16), 12))
+    if header is not None:
+        (tmp_path / "frame.jpeg_ls.json").write_text(header)
+    with pytest.raises(ConfigError, match=f"frame.jpeg_ls.*{message}.*remove what is there of the frame, and draw it"):
+        read_image(path)
+
+
+@pytest.mark.parametrize("ending", ["npz", "png", "fits", "exr", "jpeg_xl"])
+def test_a_file_that_is_spoilt_or_missing_is_told_by_its_name(tmp_path, ending):
+    path = tmp_path / f"frame.{ending}"
+    for content in (None, b"", b"no frame"):
+        if content is not None:
+            path.write_bytes(content)
+        for read in (read_image, read_header):
+            with pytest.raises(ConfigError, match=f"frame.{ending}.*: cannot be read as a frame"):
+                read(path)

@@ -157,9 +157,24 @@ def test_the_example_is_a_frame_with_stars_and_a_dark_body_before_them(tmp_path)
 
 def test_a_picture_of_an_exposure_and_a_seed_that_are_asked_for(tmp_path):
     (tmp_path / "scene.toml").write_text(SCENE)
-    assert glrender(["render", str(tmp_path / "scene.toml"), "--output", "dn", "--exposure-s", "auto", "--seed", "3",
+
+    def drawn(seed, exposure_s):
+        assert glrender(["render", str(tmp_path / "scene.toml"), "--output", "dn", "--exposure-s", str(exposure_s),
+                         "--seed", str(seed), "--out", str(tmp_path / "frame.npy")]) == 0
+        return np.load(tmp_path / "frame.npy").astype(float)
+
+    first, again, other, longer = drawn(3, 4e-9), drawn(3, 4e-9), drawn(4, 4e-9), drawn(3, 8e-9)
+    np.testing.assert_array_equal(first, again)
+    # Frames differ by the noise of the signal and of reading, 10 e- at 0.1 DN, and by rounding; a well has 3000 DN.
+    lit = (first > 200.0) & (longer < 2800.0)
+    assert lit.sum() > 100
+    noise = np.sqrt(0.1 * first[lit].mean() + (0.1 * 10.0) ** 2 + 1.0 / 12.0)
+    np.testing.assert_allclose(np.std((first - other)[lit]) / np.sqrt(2.0), noise, rtol=0.2)
+    np.testing.assert_allclose(longer[lit].sum() / first[lit].sum(), 2.0, rtol=0.02)
+    assert glrender(["render", str(tmp_path / "scene.toml"), "--output", "dn", "--exposure-s", "auto",
                      "--out", str(tmp_path / "frame.png")]) == 0
-    assert cv2.imread(str(tmp_path / "frame.png")).max() > 100
+    picture = cv2.imread(str(tmp_path / "frame.png"), cv2.IMREAD_GRAYSCALE)
+    assert picture[lit].min() > 200 and np.median(picture[first < 20.0]) < 60
 
 
 def test_the_command_line_refuses_what_is_no_exposure(tmp_path, capsys):

@@ -177,6 +177,37 @@ def test_what_is_no_frame_of_digital_numbers_is_refused(tmp_path, capsys):
     assert "must be a frame's file" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("camera, message", [
+    ("navcam", "header.camera: must be a table, got 'navcam'"), ({"detector": [1]}, "header.detector: must be a table"),
+    ({"detector": DETECTOR, "compression": "jpeg_ls"}, "header.compression: must be a table"),
+    *(({"detector": {**DETECTOR, name: value}}, f"header.camera.detector.{name}: must be")
+      for name in ("offset_DN", "gain_DN_per_electron", "read_noise_electrons") for value in (None, "much")),
+    ({"detector": {**DETECTOR, "gain_DN_per_electron": 0.0}}, "gain_DN_per_electron: must be > 0"),
+    ({"detector": {**DETECTOR, "bit_depth": "12"}}, "--bit-depth: must be an integer")])
+def test_odd_headers_are_refused_by_field(tmp_path, capsys, camera, message):
+    path = tmp_path / "frame.npz"
+    write(path, FrameFile(pixels=frame_dn()[0][:40, :40], unit="DN", products={}, header={"camera": camera}))
+    assert main(["compress", str(path)]) == 1
+    assert message in capsys.readouterr().err
+
+
+def test_a_loss_without_a_codecs_name_is_warned_of_too(tmp_path, capsys):
+    path = tmp_path / "frame.npz"
+    write(path, FrameFile(pixels=frame_dn()[0][:40, :40], unit="DN", products={}, header={
+        "camera": {"detector": DETECTOR, "compression": {"rate_bpp": 1.0, "of": "nobody"}}}))
+    assert main(["compress", str(path)]) == 0 and "with loss" in capsys.readouterr().err
+
+
+def test_headers_that_are_no_tables_and_frames_of_no_pixel_are_refused(tmp_path, capsys):
+    for name, arrays, message in (
+            ("a", {"image": np.zeros((0, 4), np.uint16)}, "must hold digital numbers, got 'uint16 of shape (0, 4)'"),
+            ("b", {"image": np.zeros((8, 8), np.uint16), "header": "[1]"}, "must have a header that is a table"),
+            ("c", {"image": np.zeros((8, 8), np.uint16), "header": "{"}, "cannot be read as a frame")):
+        np.savez(tmp_path / f"{name}.npz", **arrays)
+        assert main(["compress", str(tmp_path / f"{name}.npz"), "--bit-depth", "12"]) == 1
+        assert message in capsys.readouterr().err
+
+
 def test_without_the_package_the_extra_is_named(tmp_path, monkeypatch, capsys):
     small_frame(tmp_path / "frame.npz")
     monkeypatch.setitem(sys.modules, "imagecodecs", None)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 import struct
 import sys
 
@@ -13,7 +14,7 @@ import serving
 import views
 from glrender import load_scene, open_renderer, take_frame
 from glrender_camera.compression import CODECS, decode
-from glrender_client import Client, GlrenderClientError, ServerError
+from glrender_client import Client, ServerError
 from glrender_client.aio import AsyncClient
 from glrender_server.view.frame import Frame, shown
 from glrender_server.view.source import Source
@@ -142,15 +143,29 @@ def test_those_who_watch_see_what_is_decoded(client):
     np.testing.assert_array_equal(np.frombuffer(frame.message[4 + size:], head["dtype"]).reshape(64, 96), dn)
 
 
-def test_a_page_without_the_codecs_says_so(client, monkeypatch):
-    """In place of a traceback a frame: the page shows `trouble`."""
-    client.render(STATE, "lossy", output="compressed", seed=10)
-    watched, source = client.watch(camera="lossy"), Source("tcp://127.0.0.1:1")
-    source.status = client.hello()
-    assert source._frame(watched, watched.reply, 0).pixels.shape == (64, 96)
+def test_a_page_without_the_codecs_says_so(live, client, monkeypatch):
+    """And shows the frames that are no streams on, those of the same request and of the same camera too."""
+    async def follow():
+        source = Source(live[0])
+        source.start(asyncio.get_running_loop())
+        source.want(True, {None})
+        try:
+            for seed in range(40):
+                await asyncio.to_thread(client.render_frames, STATE, [
+                    {"camera": "lossy", "output": "compressed", "seed": seed}, {"camera": "navcam", "output": "dn"}])
+                await asyncio.sleep(0.1)
+                await asyncio.to_thread(client.render, STATE, "jpeg_ls", output="compressed", seed=seed)
+                await asyncio.sleep(0.1)
+                if source.not_shown.startswith("camera 'jpeg_ls'") and source.frames:
+                    break
+            assert source.trouble == "" and source.status["cameras"]
+            return source.not_shown, {frame.camera["name"] for frame in source.frames.values()}
+        finally:
+            source.close()
+
     monkeypatch.setitem(sys.modules, "imagecodecs", None)
-    with pytest.raises(GlrenderClientError, match="its frames cannot be shown here: codec: needs imagecodecs.*pip"):
-        source._frame(watched, watched.reply, 0)
+    not_shown, cameras = asyncio.run(follow())
+    assert re.match("camera 'jpeg_ls': codec: needs imagecodecs.*pip install", not_shown) and cameras == {"navcam"}
 
 
 def test_the_pages_thread_takes_streams_as_they_come(live, client):

@@ -24,6 +24,7 @@ from ...scene.scene import Scene
 from ...view.state import State
 from .. import labels
 from ..folder import MANIFEST, claim_folder, write_whole
+from ..formats import range_type
 from ..header import VERSION, camera_table
 from ..options import FrameOptions, exposures_of
 from ..processes import Pool, own_processes, parted, processes_of
@@ -36,8 +37,8 @@ FRAMES_A_SHARD = 50
 _LIBRARIES = ("numpy", "scipy", "pillow")
 # Labels, twice: in the shard and beside it; and the heads of a tar file.
 _JSON_BYTES = 16_000
-# The mask has `body_id`.
-_BYTES = {"body_id": 0, "range": 4, "incidence": 4, "emission": 4, "phase": 4, "facet_id": 4,
+# The mask has `body_id`; ranges are of `range_type`.
+_BYTES = {"body_id": 0, "incidence": 4, "emission": 4, "phase": 4, "facet_id": 4,
           "r_body": 12, "sunlit": 4}
 
 
@@ -258,5 +259,6 @@ def most_bytes(scene: Scene, camera: str, n_frames: int, products: Sequence[str]
     """What a data set takes on disk [byte], at most: pixels, masks and products as they are, without compression."""
     pinhole = scene.camera(camera)
     n_px = pinhole.width_px * pinhole.height_px
+    each = _BYTES | {"range": range_type(pinhole)().itemsize}
     # A digital number has 2 bytes, an irradiance 4; a mask one.
-    return n_frames * (n_px * ((2 if pinhole.model else 4) + 1 + sum(_BYTES[name] for name in products)) + _JSON_BYTES)
+    return n_frames * (n_px * ((2 if pinhole.model else 4) + 1 + sum(each[name] for name in products)) + _JSON_BYTES)

@@ -44,6 +44,5 @@ def mask(body_id: np.ndarray) -> np.ndarray:
 
 
 def kept(products: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Products as they are kept: float32, the mask apart."""
-    return {name: array.astype(np.float32) if array.dtype == np.float64 else array
-            for name, array in products.items() if name != "body_id"}
+    """Products as they are kept: all but `body_id`, which the mask has."""
+    return {name: array for name, array in products.items() if name != "body_id"}

@@ -5,15 +5,17 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from glrender import ConfigError, GlrenderError
+from glrender import ConfigError
+from glrender.base.errors import error_path
 from glrender.sequences.read import read_header, read_image
 from glrender_camera.codec_table import CodecRow, codec_rows
 from glrender_camera.compression import noise_DN
-from glrender_camera.validate import integer
+from glrender_camera.validate import finite, integer, positive
 
 _HEAD = "codec      loss                bit/px  PSNR dB  max DN  body DN  centre px  features  by px  encode, decode ms"
 _LOSSES = {"max_error_DN": "within {:g} DN", "share_of_noise": "{:g} of the noise", "rate_bpp": "{:g} bit/px",
@@ -30,12 +32,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Compress a frame by each codec, and print what that does to it."""
-    dn, bit_depth, detector = _read(arguments)
-    noise = None
-    if detector:
-        noise = noise_DN(dn, **{name: detector[name] for name in (
-            "offset_DN", "gain_DN_per_electron", "read_noise_electrons")})
-    rows = codec_rows(dn, bit_depth, noise, detector.get("offset_DN"))
+    dn, bit_depth, noise, offset_DN = _read(arguments)
+    rows = codec_rows(dn, bit_depth, noise, offset_DN)
     if arguments.json:
         made = [{**row.compression.to_dict(), **{name: value for name, value in asdict(row).items()
                                                  if name != "compression"}} for row in rows]
@@ -50,33 +48,41 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _read(arguments: argparse.Namespace) -> tuple[Any, int, dict[str, Any]]:
-    """Digital numbers, their depth [bit], and the detector's fields, empty where the file does not tell them."""
+def _read(arguments: argparse.Namespace) -> tuple[Any, int, float | None, float | None]:
+    """Digital numbers, their depth [bit], and the detector's noise and offset [DN]: None where no header has them."""
     path = arguments.frame
     if not path.is_file():
         raise ConfigError(str(path), "is no file", hint="draw one by `glrender render --output dn --out frame.npz`")
-    try:
-        dn, header = read_image(path), read_header(path)
-    except GlrenderError:
-        raise
-    except Exception as error:
-        # Each library raises an error class of its own.
-        raise ConfigError(str(path), f"cannot be read as a frame: {error}") from None
-    if dn.dtype.kind != "u" or dn.ndim != 2:
+    dn, header = read_image(path), read_header(path)
+    if dn.dtype.kind != "u" or dn.ndim != 2 or not dn.size:
         raise ConfigError(str(path), "must hold digital numbers", f"{dn.dtype} of shape {dn.shape}",
                           "draw it with --output dn")
-    camera = (header or {}).get("camera") or {}
-    detector, compression = camera.get("detector") or {}, camera.get("compression") or {}
+    camera = _table(header or {}, "camera")
+    detector, compression = _table(camera, "detector"), _table(camera, "compression")
     if len(compression) > 1:
-        sys.stderr.write(f"glrender: warning: the frame is decoded from {compression['codec']} with loss, and the rows "
-                         "tell what a second loss does; draw it by a camera without `compression`\n")
+        sys.stderr.write(f"glrender: warning: the frame is decoded from {compression.get('codec')} with loss, and the "
+                         "rows tell what a second loss does; draw it by a camera without `compression`\n")
     bit_depth = detector.get("bit_depth") if arguments.bit_depth is None else arguments.bit_depth
     if bit_depth is None:
         raise ConfigError("--bit-depth", "missing: the frame has no header of a camera", hint="--bit-depth 12")
     integer("--bit-depth", bit_depth, 1, 16)
     if dn.max() > 2**bit_depth - 1:
         raise ConfigError("--bit-depth", f"must hold the frame's largest number, {dn.max()}", bit_depth)
-    return dn.astype("u1" if bit_depth <= 8 else "u2"), bit_depth, detector
+    dn = dn.astype("u1" if bit_depth <= 8 else "u2")
+    if not detector:
+        return dn, bit_depth, None, None
+    with error_path(f"{path}: header.camera.detector"):
+        rules = {"offset_DN": finite, "gain_DN_per_electron": positive, "read_noise_electrons": finite}
+        numbers = {name: rule(name, detector.get(name)) for name, rule in rules.items()}
+    return dn, bit_depth, noise_DN(dn, **numbers), numbers["offset_DN"]
+
+
+def _table(header: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    """A table of a header, empty where it is null or missing."""
+    table = header.get(name)
+    if table is not None and not isinstance(table, dict):
+        raise ConfigError(f"header.{name}", "must be a table", table, "draw the frame anew")
+    return table or {}
 
 
 def _line(row: CodecRow) -> str:

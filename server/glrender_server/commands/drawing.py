@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import logging
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -54,8 +55,10 @@ class Drawn:
         return [*dict.fromkeys(str(advice) for advice in (*self.doubts, *scene_advice(self.scene), *of_frame))]
 
 
-def draw(arguments: argparse.Namespace) -> Drawn:
+def draw(arguments: argparse.Namespace, check: Callable[[PinholeCamera], None] = lambda camera: None) -> Drawn:
     """Draw the frame that the arguments of `add_subject` and `add_drawing` ask for; its warnings go to stderr.
+
+    `check` may refuse the camera before anything is drawn.
 
     Raises
     ------
@@ -72,6 +75,7 @@ def draw(arguments: argparse.Namespace) -> Drawn:
     scene = subject.scene
     camera = scene.camera(arguments.camera) if arguments.camera else scene.cameras[0]
     checked_output(arguments.output, camera)
+    check(camera)
     state = state_of(subject, arguments, camera)
     options = FrameOptions(camera=camera.name, output=arguments.output, seed=arguments.seed, exposure_s=exposure_s,
                            products=tuple(getattr(arguments, "products", ())),

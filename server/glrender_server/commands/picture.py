@@ -7,9 +7,10 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
-from glrender import ConfigError
+from glrender import ConfigError, PinholeCamera
 from glrender.sequences.contact_sheet import STRETCHES, grey_levels
 from glrender.sequences.formats import FORMATS, FrameFile, write
+from glrender_camera.compression import CODECS
 from glrender_camera.levels import black_and_white
 from glrender_camera.validate import did_you_mean, positive
 
@@ -24,7 +25,7 @@ def add_picture(parser: argparse.ArgumentParser, default: str) -> None:
     parser.add_argument("--out", type=Path, metavar="FILE",
                         help=f"by its ending {', '.join(ENDINGS)}: a picture for the eye of 8 bits, or the numbers"
                              + (f" ({default})" if default else ""))
-    parser.add_argument("--stretch", choices=STRETCHES, default="gamma", help="of a picture: gamma 2.2 by default")
+    parser.add_argument("--stretch", choices=STRETCHES, help="of a picture: gamma 2.2 by default")
     parser.add_argument("--white", type=float, metavar="VALUE",
                         help="of a picture: what is shown white, in the frame's unit; the brightest 0.1 %% by default")
     parser.add_argument("--raw", action="store_true", help="digital numbers as they are in a PNG of 8 or 16 bits")
@@ -37,8 +38,8 @@ def check_stream(arguments: argparse.Namespace) -> None:
     ------
     ConfigError
     """
-    for option in ("raw", "white"):
-        if getattr(arguments, option):
+    for option in ("raw", "white", "stretch"):
+        if getattr(arguments, option) is not None and getattr(arguments, option) is not False:
             raise ConfigError(f"--{option}", "is of pixels, and --output compressed writes the camera's stream",
                               getattr(arguments, option), "ask for --output dn")
     if arguments.out is not None:
@@ -47,6 +48,19 @@ def check_stream(arguments: argparse.Namespace) -> None:
                               "camera's stream", str(arguments.out), "end it in the codec's name, as in frame.jpeg_ls, "
                               "or ask for --output dn")
         check_place("--out", arguments.out)
+
+
+def check_codec(path: Path | None, camera: PinholeCamera) -> None:
+    """Refuse, before anything is drawn, a stream's file that ends in the name of another codec than its camera's.
+
+    Raises
+    ------
+    ConfigError
+    """
+    codec = camera.model.compression.codec
+    if path is not None and path.suffix[1:].lower() in CODECS and path.suffix != f".{codec}":
+        raise ConfigError("--out", f"must end in .{codec}, the codec of camera {camera.name!r}", str(path),
+                          f"name it {path.with_suffix('.' + codec)}")
 
 
 def check_picture(arguments: argparse.Namespace, unit: str) -> None:
@@ -65,6 +79,10 @@ def check_picture(arguments: argparse.Namespace, unit: str) -> None:
         raise ConfigError("--out", f"{ending} needs {library}", str(path), f"pip install 'glrender[{extra}]'")
     if arguments.raw and (ending != ".png" or unit != "DN"):
         raise ConfigError("--raw", "is of digital numbers in a PNG", str(path), "--output dn --out frame.png")
+    for option in ("white", "stretch"):
+        if getattr(arguments, option) is not None and (ending not in _PICTURES or arguments.raw):
+            raise ConfigError(f"--{option}", "is of a picture for the eye, and the file has the numbers",
+                              getattr(arguments, option), "leave it out, or write --out frame.png without --raw")
     if arguments.white is not None:
         positive("--white", arguments.white)
 
@@ -95,7 +113,7 @@ def write_frame(arguments: argparse.Namespace, frame: FrameFile) -> None:
         write(path, frame)
 
 
-def write_picture(path: Path, image: np.ndarray, stretch: str = "gamma", white: float | None = None,
+def write_picture(path: Path, image: np.ndarray, stretch: str | None = None, white: float | None = None,
                   offset_DN: float | None = None) -> None:
     """An 8-bit picture for the eye; what is brighter than `white`, the brightest 0.1 % by default, is white."""
     from PIL import Image
@@ -103,4 +121,4 @@ def write_picture(path: Path, image: np.ndarray, stretch: str = "gamma", white: 
     black, brightest = black_and_white([image], offset_DN)
     if white is not None and not white > black:
         raise ConfigError("--white", f"must be above the sky's {black:g}", white)
-    Image.fromarray(grey_levels(image, brightest if white is None else white, stretch, black)).save(path)
+    Image.fromarray(grey_levels(image, brightest if white is None else white, stretch or "gamma", black)).save(path)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from functools import partial
 from pathlib import Path
 
 from glrender import ConfigError
@@ -14,7 +15,7 @@ from glrender.sequences.formats import write_stream
 from glrender.sequences.sequence import frame_file
 
 from .drawing import add_drawing, draw, in_words, summary
-from .picture import WITHOUT_PRODUCTS, add_picture, check_picture, check_stream, write_frame
+from .picture import WITHOUT_PRODUCTS, add_picture, check_codec, check_picture, check_stream, write_frame
 from .subject import add_subject
 from .waited import waited_s
 
@@ -40,7 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
     checked_products(arguments.products)
     if arguments.products and not is_stream and arguments.out.suffix.lower() in WITHOUT_PRODUCTS:
         raise ConfigError("--products", "need a file that holds them", str(arguments.out), "--out frame.fits")
-    drawn = draw(arguments)
+    drawn = draw(arguments, partial(check_codec, arguments.out)) if is_stream else draw(arguments)
     file = frame_file(drawn.scene, 0, drawn.state, drawn.options, drawn.capture)
     if is_stream:
         arguments.out = arguments.out or Path(f"frame.{file.header['camera']['compression']['codec']}")

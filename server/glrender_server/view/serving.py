@@ -266,8 +266,8 @@ class _Viewer:
         source = self._source
         told = {name: value for name, value in source.status.items() if name not in ("v", "op", "id", "client", "ok",
                                                                                      "arrays")}
-        return {"trouble": source.trouble, "endpoint": source.endpoint, "status": told, "streams": source.streams,
-                "seen": source.seen, "viewers": len(self._viewers)}
+        return {"trouble": source.trouble, "not_shown": source.not_shown, "endpoint": source.endpoint, "status": told,
+                "streams": source.streams, "seen": source.seen, "viewers": len(self._viewers)}
 
     async def _pixel(self, number: int, x: int, y: int) -> dict[str, Any]:
         frame = self._source.numbered(number) or self._source.newest(self.stream)

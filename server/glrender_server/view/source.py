@@ -54,6 +54,8 @@ class Source:
         The last reply to `status`; empty while the server does not answer.
     trouble : str
         Why not; empty if it does.
+    not_shown : str
+        Camera of the last frame that cannot be shown here, and why; empty if all can.
     frames : dict of stream to Frame
         The newest of each, the newest last.
     streams : list of dict
@@ -64,6 +66,7 @@ class Source:
         self.endpoint, self._keys, self._password = endpoint, keys, password
         self.status: dict[str, Any] = {}
         self.trouble = "the server is being asked"
+        self.not_shown = ""
         self.frames: OrderedDict[tuple[str, str, int], Frame] = OrderedDict()
         self.streams: list[dict[str, Any]] = []
         self.seen = {"frames": 0, "over_budget": 0}
@@ -145,7 +148,7 @@ class Source:
                       shared_memory=True)
 
     def _follow(self, client: Client) -> None:
-        asked_at = -1e9
+        asked_at, self.not_shown = -1e9, ""
         while self._is_looked_at and not self._ended.is_set():
             began = time.monotonic()
             if began - asked_at > _STATUS_S:
@@ -172,7 +175,12 @@ class Source:
         for reply in replies:
             name = reply.header["camera"]
             index = counts[name] = counts.get(name, -1) + 1
-            frame = self._frame(watched, reply, index)
+            try:
+                frame = self._frame(watched, reply, index)
+            except ConfigError as error:
+                # A stream, and no codec here: frames that are none are shown on.
+                self.not_shown = f"camera {name!r}: {error}"
+                continue
             frames.pop(frame.stream, None)
             frames[frame.stream] = frame
             plan = reply.header["plan"]
@@ -185,10 +193,7 @@ class Source:
     def _frame(self, watched: Watched, reply: Reply, index: int) -> Frame:
         camera = self._camera(reply.header["camera"])
         self._number += 1
-        try:
-            header, pixels = shown(reply.header, reply.pixels)
-        except ConfigError as error:
-            raise GlrenderClientError(f"its frames cannot be shown here: {error}") from None
+        header, pixels = shown(reply.header, reply.pixels)
         return Frame(number=self._number, stream=(watched.client, camera["name"], index), header=header,
                      request=watched.request, pixels=pixels, camera=camera, bodies=self.status["bodies"],
                      generation=watched.generation)

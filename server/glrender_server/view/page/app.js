@@ -99,11 +99,12 @@ function light(kind, text) {
 link.on("status", told => {
   server = told;
   if (told.trouble) light("bad", "no answer from the server");
+  else if (told.not_shown) light("bad", "some frames cannot be shown");
   else light("good", "connected");
   if (!live) {
     find("empty").replaceChildren(told.trouble ? "The server does not answer" : "No frame yet");
     const small = document.createElement("small");
-    small.textContent = told.trouble || "The first frame that a client asks for appears here. " +
+    small.textContent = told.trouble || told.not_shown || "The first frame that a client asks for appears here. " +
       "Free camera shows the scene meanwhile.";
     find("empty").append(small);
   }

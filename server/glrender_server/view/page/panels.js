@@ -107,7 +107,7 @@ export function pixelRows(head, value, asked) {
   return rows;
 }
 
-export function serverRows({status, streams, seen, endpoint, viewers}) {
+export function serverRows({status, streams, seen, endpoint, viewers, not_shown}) {
   if (!("uptime_s" in status)) return [["address", endpoint, "", "long"]];
   const errors = Object.entries(status.errors).map(([code, n]) => `${n} ${code}`).join(", ");
   const workers = status.workers;
@@ -122,6 +122,7 @@ export function serverRows({status, streams, seen, endpoint, viewers}) {
     ["streams", String(streams.length)],
     ["over budget", seen.frames ? `${seen.over_budget} of ${grouped(seen.frames)} seen` : "–", "",
      seen.over_budget ? "over" : ""],
+    not_shown && ["not shown", not_shown, "", "long"],
     ["pages open", String(viewers)],
     ["drawn by", `${status.gl_renderer ?? ""}`.replace(/\s*\(.*$/, "") + (status.backend ? `, ${status.backend}` : "")],
   ];
