@@ -169,9 +169,19 @@ def sight(state: StateLike, camera: Camera, body: str) -> Sight:
                  camera_from_inertial=camera_from_inertial)
 
 
-def moved(state: StateLike, camera: Camera, body: str, r_body_camera_m: np.ndarray) -> dict[str, Any]:
-    """The state with its spacecraft moved so that the body is at a place (3,) [m] in `camera`; attitudes stay."""
+def moved(state: StateLike, camera: Camera, body: str, r_body_camera_m: np.ndarray,
+          camera_from_body: np.ndarray | None = None) -> dict[str, Any]:
+    """The state with its spacecraft moved so that the body is at a place (3,) [m] in `camera`.
+
+    The spacecraft is turned too where a rotation (3, 3) is given; else attitudes stay.
+    """
     table, here = copy.deepcopy(plain(state)), sight(state, camera, body)
+    if camera_from_body is not None:
+        inertial_from_body = here.camera_from_inertial.T @ here.camera_from_body
+        spacecraft_from_inertial = (_dcm(camera.q_camera_from_spacecraft).T @ camera_from_body @ inertial_from_body.T)
+        table["spacecraft"]["q_from_inertial"] = Rotation.from_matrix(spacecraft_from_inertial).as_quat(
+            scalar_first=True).tolist()
+        here = sight(table, camera, body)
     moved_m = here.camera_from_inertial.T @ (here.r_body_camera_m - np.asarray(r_body_camera_m, float))
     table["spacecraft"]["r_inertial_m"] = (np.asarray(table["spacecraft"]["r_inertial_m"], float) + moved_m).tolist()
     return table

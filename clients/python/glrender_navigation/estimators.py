@@ -12,9 +12,10 @@ from .horizon import LimbEllipse
 from .landmarks import Landmarks
 from .limb import LimbShape
 from .measurement import Estimator
+from .pose import PoseByFeatures
 from .templates import Templates
 
 ESTIMATORS: dict[str, Callable[[Camera, BelievedBody], Estimator]] = {
     estimator.name: estimator for estimator in (
-        Sphere, Model, LimbEllipse, LimbShape, Templates, Landmarks, Altimeter)}
+        Sphere, Model, LimbEllipse, LimbShape, Templates, Landmarks, PoseByFeatures, Altimeter)}
 """Name -> factory of a camera and a body."""

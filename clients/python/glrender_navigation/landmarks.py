@@ -14,6 +14,7 @@ from .believed import Drawn, Refined, grown
 from .body import BelievedBody
 from .camera import Camera, Sight, StateLike
 from .checks import number
+from .features import ALIKE, jacobian, places_at, variance
 from .measurement import N_STRETCHES, Estimator, Measurement, NotFound
 
 _LEAST_MATCHES = 8
@@ -21,8 +22,6 @@ _INLIER_PX = 2.0
 # Side of the windows that are tracked [px], and how far a feature may be from where tracking it back ends.
 _WINDOW_PX = 21
 _BACK_PX = 0.5
-# Windows overlap: errors of neighbours are alike.
-_ALIKE = 2.0
 # Sigmas of the star tracker and of the features by which a pose may be turned from the believed attitude.
 _MOST_TURNED = 5.0
 # Errors of the believed attitude, where nothing else is said [rad]: a star tracker's 20 arc seconds, and the pole's.
@@ -83,7 +82,7 @@ class Landmarks(Estimator):
             back, is_back, _ = cv2.calcOpticalFlowPyrLK(grey, whole, tracked, None, winSize=(_WINDOW_PX,) * 2)
             is_found = (is_found & is_back)[:, 0] > 0
             is_found &= np.linalg.norm(back - corners, axis=2)[:, 0] < _BACK_PX
-            r_body_m = _places(drawn.products["r_body"], corners[:, 0] - drawn.corner_px)
+            r_body_m = places_at(drawn.products["r_body"], corners[:, 0] - drawn.corner_px)
             is_found &= np.isfinite(r_body_m).all(axis=1)
             at_px = tracked[:, 0]
             is_found &= ((at_px > half) & (at_px < [width_px - 1.0 - half, height_px - 1.0 - half])).all(axis=1)
@@ -113,11 +112,11 @@ class Landmarks(Estimator):
 
         solved = least_squares(off_px, here.r_body_camera_m, loss="soft_l1", f_scale=0.3, x_scale="jac")
         self._check_turn(off_px, solved.x)
-        by_turn, by_place = np.split(_jacobian(self.camera.focal_length_px, places, solved.x), 2, axis=1)
+        by_turn, by_place = np.split(jacobian(self.camera.focal_length_px, places, solved.x), 2, axis=1)
         inverse = np.linalg.inv(by_place.T @ by_place)
         # An attitude that errs moves the place.
         lever = inverse @ by_place.T @ by_turn
-        return solved.x, _ALIKE * _variance(off_px(solved.x)) * inverse + self._sigma_turn**2 * lever @ lever.T
+        return solved.x, ALIKE * variance(off_px(solved.x)) * inverse + self._sigma_turn**2 * lever @ lever.T
 
     @property
     def _sigma_turn(self) -> float:
@@ -133,29 +132,13 @@ class Landmarks(Estimator):
         NotFound
         """
         solved = least_squares(off_px, np.append(np.zeros(3), r_m), loss="soft_l1", f_scale=0.3, x_scale="jac")
-        covariance = _ALIKE * _variance(off_px(solved.x)) * np.linalg.inv(solved.jac.T @ solved.jac)[:3, :3]
+        covariance = ALIKE * variance(off_px(solved.x)) * np.linalg.inv(solved.jac.T @ solved.jac)[:3, :3]
         covariance += self._sigma_turn**2 * np.eye(3)
         turn = solved.x[:3]
         if (sigmas := float(np.sqrt(turn @ np.linalg.solve(covariance, turn)))) > _MOST_TURNED:
             raise NotFound(f"the landmarks are turned by {np.degrees(np.linalg.norm(turn)):.2f} deg from the believed "
                            f"attitude, {sigmas:.0f} sigma: {_MOST_TURNED:g} are allowed; check the attitude, or the "
                            "body's shape and rotation")
-
-
-def _variance(left_px: np.ndarray) -> float:
-    """Variance [px2] of residuals, without their outliers."""
-    return float((1.4826 * np.median(np.abs(left_px)))**2) + 0.05**2
-
-
-def _jacobian(focal_length_px: float, places_m: np.ndarray, r_m: np.ndarray) -> np.ndarray:
-    """Derivatives (2 N, 6) [px/rad, px/m] of landmarks' (N, 3) pixels by a turn of the body and its place."""
-    x, y, z = (places_m + r_m).T
-    zero = np.zeros_like(x)
-    by_place = focal_length_px * np.stack([np.column_stack([1.0 / z, zero, -x / z**2]),
-                                           np.column_stack([zero, 1.0 / z, -y / z**2])], axis=1)
-    # A turn t moves a landmark by t x p.
-    by_turn = np.cross(places_m[:, None], by_place)
-    return np.concatenate([by_turn, by_place], axis=2).reshape(-1, 6)
 
 
 def _grey(pixels: np.ndarray, light: np.ndarray) -> np.ndarray:
@@ -168,11 +151,3 @@ def _grey(pixels: np.ndarray, light: np.ndarray) -> np.ndarray:
     sky = float(np.quantile(pixels[::4, ::4], 0.05))
     top = max(float(np.quantile(light, 0.99)) - sky, 1e-30)
     return (255.0 * np.clip((np.asarray(pixels, np.float32) - sky) / top, 0.0, 1.0)).astype(np.uint8)
-
-
-def _places(r_body_m: np.ndarray, points_px: np.ndarray) -> np.ndarray:
-    """Places (N, 3) [m] on the body, between pixel centres; NaN at outlines, also between near and far ground."""
-    at = points_px.astype(np.float32)[:, None]
-    places = cv2.remap(np.ascontiguousarray(r_body_m, np.float32), at[..., 0], at[..., 1], cv2.INTER_LINEAR,
-                       borderMode=cv2.BORDER_CONSTANT, borderValue=(np.nan,) * 3)[:, 0]
-    return places.astype(np.float64)

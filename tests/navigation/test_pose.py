@@ -1,0 +1,86 @@
+"""Place and attitude by features; beliefs are 3 % of the range and 1.5 deg off, and lack the truth's relief."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from glrender import Pose, State, generate
+from glrender_navigation import ESTIMATORS, Camera, moved, sight
+from scipy.spatial.transform import Rotation
+
+SIDE = 384
+
+
+def off(true: State, camera: Camera, rng: np.random.Generator) -> State:
+    """The true state with its camera 3 % of the range farther, 2 % across and 1.5 deg of each axis off."""
+    here = sight(true, camera, "body")
+    turn = Rotation.from_rotvec(np.radians(1.5) * rng.standard_normal(3)).as_matrix()
+    place_m = turn @ (here.r_body_camera_m * 1.03 + 0.02 * here.range_m * np.append(rng.standard_normal(2), 0.0))
+    return State.from_dict(moved(true, camera, "body", place_m, turn @ here.camera_from_body))
+
+
+def errors(found, true, camera):
+    """Turns [rad] about the camera's axes and place [m] of the truth from what was found, (6,)."""
+    here = sight(true, camera, "body")
+    turn = Rotation.from_matrix(here.camera_from_body) * Rotation.from_quat(found.q_camera_from_body,
+                                                                            scalar_first=True).inv()
+    return np.append(turn.as_rotvec(), here.r_body_camera_m - found.r_camera_m)
+
+
+@pytest.fixture(scope="module")
+def seen(world):
+    """Frames of a body with relief, their true states and beliefs."""
+    shape, camera, rng = world.shape(6), world.camera(SIDE), np.random.default_rng(11)
+    rough = generate.subdivide_with_relief(shape, levels=1, relief=0.06, seed=2)
+    # The near half of the flight: the body is 100 px wide and more.
+    states = [true for true, _ in world.views(10)][6:]
+    with world.Local(world.scene(rough, SIDE)) as truth:
+        return [(true, off(true, camera, rng), truth.render(true, output="dn", exposure_s="auto", seed=seed).pixels)
+                for seed, true in enumerate(states)]
+
+
+def test_pose_finds_place_and_attitude_within_three_sigma(world, seen):
+    """Errors of all six axes are within three sigma, and below 0.6 px, 0.4 % and 0.8 deg, where a pose is found."""
+    shape, camera, n_found = world.shape(6), world.camera(SIDE), 0
+    estimator = ESTIMATORS["pose"](camera, world.body(shape))
+    with world.Local(world.scene(shape, SIDE), max_error=0.1) as board:
+        for true, believed, frame in seen:
+            found = estimator.measure(frame, believed, board.render)
+            if found is None:
+                assert "are needed" in estimator.reason
+                continue
+            n_found += 1
+            error, here = errors(found, true, camera), sight(true, camera, "body")
+            assert (np.abs(error) < 3.0 * np.sqrt(np.diag(found.pose_covariance))).all(), error
+            np.testing.assert_array_equal(found.pose_covariance[3:, 3:], found.covariance_m2)
+            off_px = np.linalg.norm(np.subtract(found.center_px, camera.project(here.r_body_camera_m)))
+            assert off_px < 0.6 and abs(found.range_m / here.range_m - 1.0) < 4e-3
+            assert np.degrees(np.linalg.norm(error[:3])) < 0.8
+    assert n_found >= 3
+
+
+def test_a_coarse_belief_is_refused_or_within_a_percent(world, seen):
+    """A belief of 1280 facets, of 15 px a side; the counts are told."""
+    shape, camera, reasons = world.shape(3), world.camera(SIDE), []
+    estimator = ESTIMATORS["pose"](camera, world.body(shape))
+    with world.Local(world.scene(shape, SIDE), max_error=0.1) as board:
+        for true, believed, frame in seen:
+            found = estimator.measure(frame, believed, board.render)
+            reasons.append(estimator.reason)
+            if found is not None:
+                assert abs(found.range_m / sight(true, camera, "body").range_m - 1.0) < 0.01
+    assert all(not reason or any(char.isdigit() for char in reason) for reason in reasons), reasons
+    assert any("30 are needed" in reason or "30 and 25% are needed" in reason for reason in reasons), reasons
+
+
+def test_a_state_is_turned_so_that_a_mounted_camera_sees_the_pose():
+    """`moved` with a rotation: `sight` of its state has that rotation and place."""
+    half = 0.5**0.5
+    camera = Camera(width_px=64, height_px=48, focal_length_px=100.0, q_camera_from_spacecraft=(half, 0.0, 0.0, half),
+                    r_camera_spacecraft_m=(0.0, 1.0, 2.0))
+    state = State(r_sun_inertial_m=[0.0, 1e11, 0.0], spacecraft=Pose(r_inertial_m=[10.0, 0.0, 0.0]),
+                  bodies={"b": Pose(r_inertial_m=[13.0, 0.0, 102.0], q_from_inertial=[half, half, 0.0, 0.0])})
+    asked = Rotation.from_rotvec([0.3, -0.2, 0.9]).as_matrix()
+    here = sight(moved(state, camera, "b", [5.0, 6.0, 70.0], asked), camera, "b")
+    np.testing.assert_allclose(here.camera_from_body, asked, atol=1e-12)
+    np.testing.assert_allclose(here.r_body_camera_m, [5.0, 6.0, 70.0], atol=1e-9)
