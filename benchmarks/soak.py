@@ -334,7 +334,7 @@ def soak(process: subprocess.Popen, ready: str, adapter: tuple[str, subprocess.P
     used = [[b - a for a, b in zip(then, now, strict=True)] for then, now in pairwise(moments)]
     # Frames fall short where workers start; what else goes on does not.
     loop = {"ms_a_frame": [round(ms / max(n, 1), 3) for _, _, ms, n in used],
-            "share_of_a_core": [round(1e-3 * ms / seconds, 4) for _, seconds, ms, _ in used]}
+            "share_of_a_core": [round(1e-3 * ms / max(seconds, 1e-9), 4) for _, seconds, ms, _ in used]}
     each = [b - a for a, b in zip(first, last, strict=True)]
     fairness = min(each) / max(each)
     # Of those who come and go some are always there.

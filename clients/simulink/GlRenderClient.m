@@ -112,9 +112,9 @@ classdef GlRenderClient < handle
       %RENDER  One frame.
       %   reply = client.render(state, NAME, VALUE, ...) with the names of docs/protocol.md: camera, output
       %   ('irradiance', 'dn' or 'compressed'), exposure_s, seed, max_error, samples, products (cell of names), roi
-      %   ([x0 y0 x1 y1], pixels from 0, one past the last: whole(y0 + 1:y1, x0 + 1:x1)), faults (cell of structs), allow_slow (true,
-      %   'raytrace' or 'cycles': who may draw in seconds or minutes what OpenGL cannot within max_error; give the client
-      %   a Timeout as long).
+      %   ([x0 y0 x1 y1], pixels from 0, one past the last: whole(y0 + 1:y1, x0 + 1:x1)), faults (cell of structs),
+      %   allow_slow (true, 'raytrace' or 'cycles': who may draw in seconds or minutes what OpenGL cannot within
+      %   max_error; give the client a Timeout as long).
       %   max_error is a number, or a struct of any of rms, flux, centroid_px, limb_px, range.
       %   'progress', @(share) fprintf('%.0f %%\n', 100 * share) is called about twice a second while a server with
       %   worker processes draws slow frames.

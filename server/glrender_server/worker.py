@@ -80,7 +80,7 @@ def work(peer: socket.socket, backend: str, shape_dir: Path | None, memory_bytes
                 continue
             message, name = rest
             if name:
-                with contextlib.suppress(OSError):  # somebody has tidied up: asked for another, the server knows
+                with contextlib.suppress(OSError):  # somebody has tidied up: a reply that needs it fails
                     mark_begun(_attached(slots, name))
             loaded.clear()
             (head, *parts), code = operations.answer_message(message, partial(_room, channel, slots, name))

@@ -163,6 +163,9 @@ class ZmqFront:
 
     def take_in(self, ready: dict[Any, int]) -> Iterator[Request]:
         """Requests that have come, for a while; tries again what a slow client has not taken."""
+        # Before a mark is set: of bytes that came after the poll it says nothing.
+        if self._socket not in ready:
+            self._peers.has_read_all()
         self._peers.patrol()
         now = time.monotonic()
         is_due = now - self._flushed > _FLUSH_S
@@ -170,7 +173,6 @@ class ZmqFront:
         for identity in [identity for identity, backlog in self._backlogs.items() if is_due or backlog.replies]:
             self._flush(identity, is_due)
         if self._socket not in ready:
-            self._peers.has_read_all()
             return
         end = time.monotonic() + _TURN_S
         while time.monotonic() < end and (frames := self._message()) is not None:

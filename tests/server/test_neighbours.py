@@ -241,6 +241,15 @@ def test_a_message_without_end_is_found_where_there_is_always_another_to_read(mo
             assert not raw.recv(1)
 
 
+def test_a_poll_says_nothing_of_the_bytes_of_a_later_mark():
+    """A whole message that came between the two was counted as one without end until it was read."""
+    with serving_front("tcp://127.0.0.1:*") as (front, _):
+        for _ in range(2):
+            front._peers._looked = 0.0
+            assert not list(front.take_in({}))
+            assert front._peers._n_messages < front._peers._n_to_settle, "the mark has still to be settled"
+
+
 def test_heartbeats_are_no_message_without_end(monkeypatch):
     """ZMTP's PING (RFC 37) brings no message; a client that sends it for days is hung up on otherwise."""
     monkeypatch.setattr(limits, "MAX_UNFINISHED_BYTES", 1000)
