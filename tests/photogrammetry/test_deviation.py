@@ -107,9 +107,48 @@ def test_a_sample_is_even_over_the_area(sphere):
     assert len(np.unique(facet)) > 15_000
 
 
+def test_vertices_of_no_facet_are_no_part_of_the_surface():
+    """Far away in both: the alignment goes on to the end, and rays start near the body."""
+    sphere = generate.icosphere(radius_m=RADIUS_M, subdivisions=4)
+    lone = Mesh(vertices_m=np.vstack([sphere.vertices_m, [1e9, 0.0, 0.0]]), facets=sphere.facets)
+    larger = Mesh(vertices_m=1.05 * lone.vertices_m, facets=lone.facets)
+    found = deviation(larger, lone, align="similarity")
+    np.testing.assert_allclose([found.scale, found.max_m, found.sigma_m], [1.0 / 1.05, 0.0, 0.0], atol=1e-4)
+    ray = np.array([[0.0, 0.6, -0.8]])
+    assert lone.seen_from(-5e4 * ray[0], ray)[0] == Mesh.of(sphere).seen_from(-5e4 * ray[0], ray)[0] >= 0
+
+
+def test_a_fine_patch_on_a_coarse_surface_needs_few_pieces():
+    """Squares of 64 m and of 1 m on a plane; the distances are the heights."""
+    def squares(n, side_m, start_m):
+        y, x = np.divmod(np.arange((n + 1) ** 2), n + 1)
+        corner = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
+        return (np.column_stack([start_m + side_m * x, side_m * y, 0.0 * x]),
+                np.vstack([corner + step for step in ([[0], [1], [n + 2]], [[0], [n + 2], [n + 1]])], dtype=int,
+                          casting="unsafe").reshape(2, 3, -1).transpose(0, 2, 1).reshape(-1, 3))
+
+    (coarse_m, coarse), (fine_m, fine) = squares(23, 64.0, 0.0), squares(26, 1.0, -26.0)
+    closest = Closest(Mesh(vertices_m=np.vstack([coarse_m, fine_m]), facets=np.vstack([coarse, fine + len(coarse_m)])))
+    assert len(coarse) == 1058 and len(fine) == 1352 and closest._tree.n < 200_000
+    points_m = np.random.default_rng(1).uniform([0.0, 0.0, -30.0], [1400.0, 1400.0, 30.0], (2000, 3))
+    np.testing.assert_allclose(closest(points_m)[0], points_m[:, 2], atol=1e-9)
+
+
+def test_a_small_patch_of_the_truth_is_no_other_unit(sphere):
+    patch = moved(sphere, 1.0, np.zeros(3), 0.1, np.arange(20))
+    assert np.ptp(patch.used_vertices_m, axis=0).max() < 10.0
+    assert deviation(patch, sphere, align="none").max_m < 0.2
+
+
 @pytest.mark.parametrize("model, options, message", [
     (lambda s: moved(s, 1.0, np.zeros(3), [1e4, 0.0, 0.0]), {}, "model: must overlap the truth, which lies from"),
     (lambda s: moved(s, 1e-3, np.zeros(3), 0.0), {"align": "similarity"}, "in another unit: give metres"),
+    (lambda s: moved(s, 100.0, np.zeros(3), 0.0, s.vertices_m[s.facets].mean(axis=1)[:, 2] > 0.0), {}, "another unit"),
+    (lambda s: moved(s, 39.37, np.zeros(3), 0.0), {"align": "attitudes"}, "must be of the truth's size"),
+    (lambda s: moved(s, 1.0 / 39.37, np.zeros(3), 0.0), {}, "must be of the truth's size"),
+    (lambda s: moved(s, 3.28, np.zeros(3), 0.0), {"align": "similarity"}, "truth's scale to 2 times, got '0.3049 by"),
+    (lambda s: moved(s, 0.3048, np.zeros(3), 0.0), {"align": "attitudes"}, "truth's scale to 2 times, got '3.281 by"),
+    (lambda s: s, {"frames": []}, "frames: must be one or more, got 0"),
     (lambda s: s, {"align": "icp"}, "align: must be one of none, attitudes, similarity, got 'icp'"),
     (lambda s: s, {"px_m": 0.0}, "px_m: must be > 0 and finite, got 0.0"),
 ])

@@ -128,6 +128,42 @@ def test_a_folder_that_is_no_sequence_is_refused(tmp_path, flown, change, messag
         posed_frames(tmp_path)
 
 
+def rewritten(path, change):
+    with np.load(path) as stored:
+        image, header = stored["image"], json.loads(str(stored["header"]))
+    np.savez(path, image=image, header=json.dumps(change(header)))
+
+
+@pytest.mark.parametrize("change, message", [
+    (lambda path: path.write_bytes(b""), "EOFError"),
+    (lambda path: path.write_bytes(path.read_bytes()[:5000]), "BadZipFile"),
+    (lambda path: path.write_bytes(b"no frame"), "ValueError"),
+    (lambda path: np.savez(path, image=np.zeros((256, 256))), "'KeyError'; 'header"),
+    (lambda path: rewritten(path, lambda header: {"bodies": header["bodies"]}), "'KeyError'; 'camera'"),
+    (lambda path: rewritten(path, lambda header: header | {"state": {}}), "'ValueError'; state.spacecraft: is missing"),
+    (lambda path: rewritten(path, lambda header: header | {"bodies": []}), "IndexError"),
+    (lambda path: rewritten(path, lambda header: header | {"camera": header["camera"] | {"mosaic": "rggb"}}),
+     "camera.mosaic: must be none, got 'rggb'; draw the sequence by one band"),
+])
+def test_a_broken_frame_is_refused_by_its_name(tmp_path, flown, change, message):
+    for name in ("manifest.json", "frame_00000.npz"):
+        (tmp_path / name).write_bytes((flown.folder / name).read_bytes())
+    change(tmp_path / "frame_00000.npz")
+    with pytest.raises(ValueError, match=rf"frame_00000.npz: must be a frame of a sequence, got .*{message}"):
+        posed_frames(tmp_path)
+
+
+def test_other_bodies_in_view_are_named(flown):
+    """A moon 500 m (190 px) to the side of 256 px is out, one 300 m (115 px) away is in."""
+    with np.load(flown.folder / "frame_00000.npz") as stored:
+        image, header = stored["image"], json.loads(str(stored["header"]))
+    own = header["state"]["bodies"]["body"]
+    header["state"]["bodies"] |= {f"moon_{y}": own | {"r_inertial_m": [0.0, y, 0.0]} for y in (300.0, 500.0)}
+    frame = PosedFrame.from_header("frame", image, header, "body")
+    assert frame.others == ("moon_300.0",) and frame.exposure_s == header["exposure_s"] == 5e-5
+    assert PosedFrame.from_header("frame", image, header | {"exposure_s": None}, "body").exposure_s == 1.0
+
+
 def test_a_frame_checks_its_pose_and_size(flown):
     frame = posed_frames(flown.folder)[0]
     with pytest.raises(ValueError, match="r_camera_body_m: must be finite numbers.*give the pose"):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -13,10 +15,10 @@ from glrender import generate
 from glrender_navigation import Camera
 from glrender_photogrammetry import Mesh, deviation, posed_frames, reconstruct
 from glrender_photogrammetry.fusion import fused, surface_of
-from glrender_photogrammetry.mapping import mapped, reposed
+from glrender_photogrammetry.mapping import laid, mapped, reposed
 from glrender_photogrammetry.mesh import Closest
 from glrender_photogrammetry.sparse import sparse_points
-from glrender_photogrammetry.sweep import PASSES, depth_map
+from glrender_photogrammetry.sweep import PASSES, Pass, depth_map
 from glrender_server.cli import main
 from missing import needed_module
 from scipy.spatial.transform import Rotation
@@ -50,8 +52,8 @@ def turned(frame, angle_rad):
 def test_sparse_points_lie_on_the_surface(frames, truth):
     """Within a pixel in the median and three at the 95th percentile; each by three frames or more."""
     found = sparse_points(frames)
-    away_px = np.abs(Closest(truth)(found.points_m)[0]) / frames[0].px_m
-    assert len(found.points_m) > 500 and found.n_frames.min() >= 3 and found.share_right > 0.7
+    away_px = np.abs(Closest(truth)(found["points_m"])[0]) / frames[0].px_m
+    assert len(found["points_m"]) > 500 and found["n_frames"].min() >= 3
     assert np.median(away_px) < 1.0 and np.quantile(away_px, 0.95) < 3.0
 
 
@@ -115,16 +117,106 @@ def test_one_sweep_is_right_to_a_pixel_or_two(made, truth, frames):
     assert all(a <= b for (_, a), (_, b) in zip(calls, calls[1:], strict=False) if b > 0.1)
 
 
-def test_stages_are_kept_and_taken_up(made, frames):
-    """The same call reads what is there; after a stage is gone only that is made anew; other frames are refused."""
+def test_stages_are_kept_and_taken_up(made, frames, tmp_path):
+    """The same call reads what is there, with the seconds that it took; after a stage is gone it and later ones are
+    made anew."""
     found, folder, _ = made
     assert {path.name for path in folder.iterdir()} == {"made_of.json", "sparse.npz", "surface.ply", "sweep_1.ply"}
     before = {path.name: path.stat().st_mtime_ns for path in folder.iterdir() if path.suffix != ".json"}
     again = reconstruct(frames, folder=folder, passes=PASSES[:1])
     np.testing.assert_array_equal(again.shape.vertices_m, found.shape.vertices_m)
     assert before == {path.name: path.stat().st_mtime_ns for path in folder.iterdir() if path.suffix != ".json"}
-    with pytest.raises(ValueError, match="must be empty, or made of the same frames and settings"):
-        reconstruct(frames[:-1], folder=folder, passes=PASSES[:1])
+    assert again.report["cpu_s"] == found.report["cpu_s"] and found.report["cpu_s"]["sparse"] > 0.2
+    own = shutil.copytree(folder, tmp_path / "own")
+    (own / "surface.ply").unlink()
+    (own / "sweep_1.ply").write_text("stale")
+    again = reconstruct(frames, folder=own, passes=PASSES[:1])
+    np.testing.assert_array_equal(again.shape.vertices_m, found.shape.vertices_m)
+    assert (own / "sparse.npz").stat().st_mtime_ns == before["sparse.npz"]
+    assert again.report["cpu_s"]["sparse"] == found.report["cpu_s"]["sparse"]
+
+
+@pytest.mark.parametrize("change", [
+    {"frames": lambda f: f[:-1]}, {"poses": "free"}, {"passes": PASSES}, {"passes": [Pass(
+        reach_px=20.0, step_px=2.0, window=9, voxel_px=2.1)]}, {"prior": Mesh.of(generate.icosphere(radius_m=280.0))},
+    *({"frames": lambda f, made=made: [made(f[0]), *f[1:]]} for made in (
+        lambda f: replace(f, image=f.image + np.pad([[1]], ((9, 246), (7, 248)))),
+        lambda f: replace(f, name="other"), lambda f: replace(f, offset=f.offset + 1e-6),
+        lambda f: replace(f, r_camera_body_m=f.r_camera_body_m + [1e-6, 0.0, 0.0]), lambda f: turned(f, [1e-9, 0, 0]))),
+    {"frames": lambda f: [replace(x, camera=replace(x.camera, focal_length_px=1152.1)) for x in f]},
+])
+def test_a_folder_of_anything_else_is_refused(made, frames, change):
+    options = {"folder": made[1], "passes": PASSES[:1]} | change
+    with pytest.raises(ValueError, match="must be empty, or made of the same frames and settings.*'made_of.json'"):
+        reconstruct(options.pop("frames", lambda f: f)(frames), **options)
+
+
+def test_a_folder_of_another_version_or_of_ones_own_files_is_refused(made, frames, tmp_path, monkeypatch):
+    (tmp_path / "surface.ply").write_bytes((made[1] / "surface.ply").read_bytes())
+    with pytest.raises(ValueError, match="must be empty, or made of the same.*, got 'surface.ply'"):
+        reconstruct(frames, folder=tmp_path, passes=PASSES[:1])
+    (tmp_path / "surface.ply").unlink()
+    (tmp_path / ".hidden").touch()
+    for place, name in (("pycolmap", "__version__"), ("glrender_photogrammetry.reconstruction", "version")):
+        with monkeypatch.context() as other:
+            other.setattr(f"{place}.{name}", "0.1" if name == "__version__" else lambda package: "0.2")
+            with pytest.raises(ValueError, match="by this version, got 'made_of.json'"):
+                reconstruct(frames, folder=made[1], passes=PASSES[:1])
+    assert json.loads((made[1] / "made_of.json").read_text())["frames"] == [frame.name for frame in frames]
+
+
+def test_a_moon_in_view_is_reported(frames):
+    given = [replace(frame, others=("moon",)) for frame in frames[:4]] + frames[4:]
+    assert reconstruct(given, passes=[]).report["warnings"] == [
+        "moon is in view of 4 frames: the surface may have pieces of it"]
+
+
+@pytest.mark.parametrize("n", [0, 1, 5, 99, 200])
+def test_too_few_points_make_no_surface(n):
+    """The last ones are enough, but all in one voxel."""
+    points_m = np.random.default_rng(n).normal(size=(n, 3))
+    with pytest.raises(ValueError, match="frames: must agree in threes on .* points of the surface or more, got"):
+        surface_of(points_m, 100.0 * points_m, voxel_m=20.0, cut_m=30.0)
+
+
+def test_too_few_points_of_free_poses_are_refused(frames, truth, monkeypatch):
+    """With a prior too, which needs no surface of theirs."""
+    few = {"index": np.arange(10), "camera_from_body": np.array([frame.camera_from_body for frame in frames]),
+           "r_camera_body_m": np.array([frame.r_camera_body_m for frame in frames]), "points_m": np.zeros((0, 3)),
+           "turn_rad": np.array(0.01), "place_m": np.array(2.0)}
+    monkeypatch.setattr("glrender_photogrammetry.reconstruction.mapped", lambda frames: few)
+    for prior in (None, truth):
+        with pytest.raises(ValueError, match="frames: must agree in threes on 100 points"):
+            reconstruct(frames, poses="free", prior=prior)
+
+
+@pytest.mark.parametrize("given, message", [
+    (lambda f: [replace(x, r_camera_body_m=-x.r_camera_body_m) for x in f], "at a scale above 0, got '0.0 deg, .* -1'"),
+    (lambda f: [replace(x, r_camera_body_m=f[0].r_camera_body_m) for x in f], "at a scale above 0"),
+    (lambda f: [replace(x, r_camera_body_m=y.r_camera_body_m) for x, y in zip(f, f[::3] + f[1::3] + f[2::3],
+                                                                             strict=True)], "half of their spread"),
+    (lambda f: [turned(x, np.radians(25.0) * np.eye(3)[k % 3]) for k, x in enumerate(f)], "attitudes within 10 deg"),
+])
+def test_given_poses_that_are_no_datum_are_refused(frames, given, message):
+    """Found ones in units of the range; the right ones are laid back with no residual."""
+    rotations, places = (np.array([getattr(frame, name) for frame in frames]) for name in (
+        "camera_from_body", "r_camera_body_m"))
+    found = laid(frames, rotations, places / 3000.0, np.eye(3))
+    np.testing.assert_allclose(found["points_m"], 3000.0 * np.eye(3), atol=1e-6)
+    assert found["turn_rad"] < 1e-7 and found["place_m"] < 1e-6
+    found = laid([turned(x, np.radians(2.0 * (-1) ** k) * np.eye(3)[0]) for k, x in enumerate(frames)], rotations,
+                 places, np.eye(3))
+    np.testing.assert_allclose(np.degrees(found["turn_rad"]), 2.0, rtol=0.2)
+    with pytest.raises(ValueError, match=message):
+        laid(given(frames), rotations, places, np.eye(3))
+
+
+@pytest.mark.parametrize("change, message", [
+    ({"voxel_px": 0.5}, "voxel_px: must be >= 1, got 0.5"), ({"step_px": 0.0}, "step_px: must be > 0"),
+    ({"reach_px": 1.0}, "reach_px: must be >= 2, got 1.0"), ({"window": 0}, "window: must be an integer >= 3")])
+def test_a_pass_checks_its_numbers(change, message):
+    with pytest.raises(ValueError, match=message):
+        replace(PASSES[0], **change)
 
 
 def test_free_poses_are_found_from_features(frames, truth, capfd):
@@ -154,6 +246,7 @@ def test_poses_that_are_off_one_by_one_are_mended_by_free_ones(frames, truth):
     told = deviation(found.shape, truth, px_m=found.report["px_m"], align="similarity")
     assert told.sigma_m < frames[0].px_m and abs(told.mean_m) < 0.3 * frames[0].px_m
     assert found.report["frames"] == 10 and found.report["left_out"] == {}
+    assert 0.2 < found.report["datum"]["turn_deg"] < 1.0 and found.report["datum"]["place_m"] < 20.0
 
 
 @pytest.mark.slow
@@ -201,6 +294,7 @@ def test_wide_steps_are_told(frames):
     (lambda f: f, {"body": "moon"}, r"frames\[0\].body: must be 'moon', got 'body'; posed_frames"),
     (lambda f: [*f[:3], replace(f[3], camera=Camera(width_px=256, height_px=256, focal_length_px=1000.0))], {},
      r"frames\[3\].camera: must be the first frame's"),
+    (lambda f: f, {"prior": 0, "passes": []}, "passes: must be one or more where there is a prior"),
     (lambda f: f, {"poses": "guessed"}, "poses: must be one of known, free, got 'guessed'"),
 ])
 def test_bad_input_is_refused_with_field_rule_and_value(frames, change, options, message):

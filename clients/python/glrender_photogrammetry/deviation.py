@@ -20,8 +20,11 @@ _SHARE_ALIGNED = 0.9
 _MOST_STEPS = 40
 # A step that moves the surface by less than this share of its radius is the last.
 _SETTLED = 1e-7
-# Surfaces whose radii differ by more are in other units.
-_MOST_TIMES_LARGER = 100.0
+# A model that is more times larger is in another unit, as is one more times smaller that lies off the truth.
+_MOST_TIMES_LARGER = 10.0
+# So is one that alignment scales by more, or by less than the inverse.
+_MOST_SCALE = 2.0
+_UNIT_HINT = "one of them is in another unit: give metres"
 _MAD_OF_NORMAL = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation."""
 
@@ -73,7 +76,7 @@ def deviation(model: HasFacets, truth: HasFacets, *, px_m: float | None = None, 
     model, truth : Mesh or glrender.Shape
         In the same axes, in metres.
     px_m : float [m], optional
-        Pixel on the ground, of which completeness is told.
+        Pixel on the ground, of which completeness is reported.
     align : {"none", "attitudes", "similarity"}
         What is taken off first: nothing; scale and shift, where attitudes are known; scale, shift and turn.
     frames : sequence of PosedFrame, optional
@@ -82,7 +85,7 @@ def deviation(model: HasFacets, truth: HasFacets, *, px_m: float | None = None, 
     Raises
     ------
     ValueError
-        Surfaces that do not overlap, of sizes that differ by more than 100 times, or an unknown alignment.
+        Surfaces that do not overlap, of other units by their sizes, no frames at all, or an unknown alignment.
     """
     model, truth = Mesh.of(model), Mesh.of(truth)
     if align not in ALIGNMENTS:
@@ -90,16 +93,19 @@ def deviation(model: HasFacets, truth: HasFacets, *, px_m: float | None = None, 
     if px_m is not None:
         px_m = number("px_m", px_m, "give metres on the ground")
     closest = Closest(truth)
-    _check_sizes(model, truth)
+    _check_size(model, closest)
     scale, turn, shift_m = (1.0, np.eye(3), np.zeros(3)) if align == "none" else _aligned(model, closest, align)
+    if not 1.0 / _MOST_SCALE < scale < _MOST_SCALE:
+        raise refuse("model", f"must be of the truth's scale to {_MOST_SCALE:g} times", f"{scale:.4g} by alignment",
+                     _UNIT_HINT)
     mesh = Mesh(vertices_m=scale * model.vertices_m @ turn.T + shift_m, facets=model.facets)
-    (low, high), (least, most) = _box(mesh), _box(truth)
+    (low, high), (least, most) = ((each.used_vertices_m.min(axis=0), each.used_vertices_m.max(axis=0))
+                                  for each in (mesh, truth))
     if (np.minimum(high, most) < np.maximum(low, least)).any():
         raise refuse("model", f"must overlap the truth, which lies from {least.round(1).tolist()} to "
                      f"{most.round(1).tolist()} m", low.round(1).tolist(), "align it, or check axes and origin")
-    vertices_m = mesh.vertices_m[np.unique(mesh.facets)]
     distance_m, _, _ = closest(mesh.vertices_m)
-    used_m = distance_m if len(vertices_m) == len(distance_m) else closest(vertices_m)[0]
+    used_m = distance_m[np.unique(mesh.facets)]
     points_m, facet = truth.sample(_N_SAMPLES)
     seen = np.ones(len(points_m), bool)
     if frames is not None:
@@ -116,16 +122,17 @@ def deviation(model: HasFacets, truth: HasFacets, *, px_m: float | None = None, 
                      per_vertex_m=distance_m, mesh=mesh)
 
 
-def _box(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
-    corners_m = mesh.corners_m.reshape(-1, 3)
-    return corners_m.min(axis=0), corners_m.max(axis=0)
+def _size_m(mesh: Mesh) -> float:
+    """Diagonal of the box around the surface [m]."""
+    return float(np.linalg.norm(np.ptp(mesh.used_vertices_m, axis=0)))
 
 
-def _check_sizes(model: Mesh, truth: Mesh) -> None:
-    size, true_size = (float(np.linalg.norm(np.ptp(mesh.corners_m.reshape(-1, 3), axis=0))) for mesh in (model, truth))
-    if not true_size / _MOST_TIMES_LARGER < size < true_size * _MOST_TIMES_LARGER:
-        raise refuse("model", f"must be of the truth's size, {true_size:.6g} m across", size,
-                     "one of them is in another unit: give metres")
+def _check_size(model: Mesh, closest: Closest) -> None:
+    """A patch may be small, but lies within its own size of the truth."""
+    size_m, true_m = _size_m(model), _size_m(closest.mesh)
+    is_small = size_m * _MOST_TIMES_LARGER < true_m
+    if size_m > _MOST_TIMES_LARGER * true_m or (is_small and np.abs(closest(model.sample(200)[0])[0]).min() > size_m):
+        raise refuse("model", f"must be of the truth's size, {true_m:.6g} m across", size_m, _UNIT_HINT)
 
 
 def _aligned(model: Mesh, closest: Closest, align: str) -> tuple[float, np.ndarray, np.ndarray]:
@@ -145,7 +152,7 @@ def _closest_points(points_m: np.ndarray, closest: Closest, scale: float, shift_
 
     Source: Chen and Medioni (1992), point to plane; Chetverikov et al. (2002), trimmed.
     """
-    turn, radius_m = np.eye(3), float(np.linalg.norm(np.ptp(closest.mesh.vertices_m, axis=0))) / 2.0
+    turn, radius_m = np.eye(3), _size_m(closest.mesh) / 2.0
     for _ in range(_MOST_STEPS):
         here = scale * points_m @ turn.T + shift_m
         _, place_m, facet = closest(here)

@@ -12,12 +12,13 @@ from typing import Any
 import cv2
 import numpy as np
 from glrender_navigation import Camera, sight
+from glrender_navigation.camera import others_px
 from glrender_navigation.checks import array, refuse
 
 from .mesh import Mesh
 
 # Surfaces seen at more than 80 deg or lit at more than 87 deg from their normal show nothing to match.
-_LEAST_COS_EMISSION = 0.17
+LEAST_COS_EMISSION = 0.17
 _LEAST_COS_INCIDENCE = 0.05
 # Share of the pixels that are brighter than white, and how bright they may be, in roots of it.
 _WHITE, _MOST_ROOT = 0.0005, np.float32(1.5)
@@ -53,6 +54,10 @@ class PosedFrame:
         Standard deviation of the same.
     most : float, optional
         Of a pixel that is saturated; None where none can be.
+    exposure_s : float [s]
+        Brightness of vertices is by it; 1 of irradiance.
+    others : tuple of str
+        Other bodies whose origins lie within the image.
     """
 
     name: str
@@ -65,6 +70,8 @@ class PosedFrame:
     offset: float = 0.0
     noise: float = 0.0
     most: float | None = None
+    exposure_s: float = 1.0
+    others: tuple[str, ...] = ()
 
     def __post_init__(self):
         array("image", self.image, (self.camera.height_px, self.camera.width_px),
@@ -90,6 +97,9 @@ class PosedFrame:
             told = [lens.get(key, 0.0) for key in ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")]
             image = cv2.undistort(image.astype(np.float32), camera.matrix, np.array(told))
         here = sight(header["state"], camera, body)
+        size_px = (camera.width_px - 0.5, camera.height_px - 0.5)
+        others = tuple(other for other, at_px in others_px(header["state"], camera, body).items()
+                       if (at_px > -0.5).all() and (at_px < size_px).all())
         offset, noise, most = 0.0, 0.0, None
         if header["unit"] == "DN" and (detector := table.get("detector")):
             gain, offset = detector["gain_DN_per_electron"], float(detector["offset_DN"])
@@ -100,7 +110,7 @@ class PosedFrame:
         return cls(name=name, image=image, camera=camera, body=body, camera_from_body=here.camera_from_body,
                    r_camera_body_m=-here.camera_from_body.T @ here.r_body_camera_m,
                    sun_direction_body=here.camera_from_body.T @ here.sun_direction_camera, offset=offset, noise=noise,
-                   most=most)
+                   most=most, exposure_s=header.get("exposure_s") or 1.0, others=others)
 
     @cached_property
     def signal(self) -> np.ndarray:
@@ -125,7 +135,7 @@ class PosedFrame:
     def depth(self, mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
         """Depths (height, width) float64 [m] along the boresight, and facets there; -1 where there is none."""
         camera = self.camera
-        at_px = np.rint(camera.project(self.to_camera(mesh.vertices_m))).astype(int)
+        at_px = np.rint(camera.project(self.to_camera(mesh.used_vertices_m))).astype(int)
         low = np.clip(at_px.min(axis=0) - 1, 0, None)
         high = np.clip(at_px.max(axis=0) + 2, None, (camera.width_px, camera.height_px))
         facet = np.full((camera.height_px, camera.width_px), -1)
@@ -153,7 +163,7 @@ def posed_frames(folder: str | Path, body: str | None = None) -> list[PosedFrame
     Raises
     ------
     ValueError
-        A folder that is no sequence, or a body that it does not have.
+        A folder that is no sequence, a body that it does not have, or a frame that cannot be read.
     """
     folder = Path(folder)
     paths = sorted(path for path in folder.glob("frame_*") if path.suffix in _READERS)
@@ -162,10 +172,17 @@ def posed_frames(folder: str | Path, body: str | None = None) -> list[PosedFrame
                      sorted(path.name for path in folder.glob("*"))[:3], "glrender sequence SCENARIO --out FOLDER")
     found = []
     for path in paths:
-        image, header = _READERS[path.suffix](path)
-        if body is not None and body not in header["bodies"]:
-            raise refuse("body", f"must be one of {', '.join(header['bodies'])}", body)
-        found.append(PosedFrame.from_header(path.name, image, header, body or header["bodies"][0]))
+        try:
+            image, header = _READERS[path.suffix](path)
+            bodies = list(header["bodies"])
+            if body in (None, *bodies):
+                found.append(PosedFrame.from_header(path.name, image, header, body or bodies[0]))
+                continue
+        except ImportError:
+            raise refuse(path.name, "needs astropy", None, "pip install 'glrender[fits]'") from None
+        except Exception as error:  # a file can be broken in as many ways as its readers have errors
+            raise refuse(str(path), "must be a frame of a sequence", type(error).__name__, str(error)) from None
+        raise refuse("body", f"must be one of {', '.join(bodies)}", body)
     return found
 
 
@@ -175,10 +192,8 @@ def _npz(path: Path) -> tuple[np.ndarray, dict[str, Any]]:
 
 
 def _fits(path: Path) -> tuple[np.ndarray, dict[str, Any]]:
-    try:
-        from astropy.io import fits
-    except ImportError:
-        raise refuse(path.name, "needs astropy", None, "pip install 'glrender[fits]'") from None
+    from astropy.io import fits
+
     with fits.open(path) as parts:
         # FITS counts rows from below.
         stored = np.flipud(parts[0].data)
@@ -194,6 +209,8 @@ def views_in_light(frames: Sequence[PosedFrame], mesh: Mesh, points_m: np.ndarra
 
     The cosines (N,) of incidence and emission are the last two; `normal` (N, 3) is that of the surface at the points.
     """
+    if not frames:
+        raise refuse("frames", "must be one or more", 0, "posed_frames(folder)")
     lifted_m = points_m + _LIFT_PX * min(frame.px_m for frame in frames) * normal
     for frame in frames:
         away_m = frame.r_camera_body_m - points_m
@@ -202,7 +219,7 @@ def views_in_light(frames: Sequence[PosedFrame], mesh: Mesh, points_m: np.ndarra
         cos_emission, cos_incidence = ((direction * normal).sum(axis=1) for direction in (to_camera, to_sun))
         at_px = np.rint(frame.camera.project(frame.to_camera(points_m))).astype(int)
         seen = ((at_px >= 0) & (at_px < (frame.camera.width_px, frame.camera.height_px))).all(axis=1)
-        seen &= (cos_emission > _LEAST_COS_EMISSION) & (cos_incidence > _LEAST_COS_INCIDENCE)
+        seen &= (cos_emission > LEAST_COS_EMISSION) & (cos_incidence > _LEAST_COS_INCIDENCE)
         for direction in (to_camera, to_sun):
             here = np.flatnonzero(seen)
             seen[here] = ~mesh.rays.intersects_any(lifted_m[here], direction[here]) if here.size else False

@@ -23,8 +23,8 @@ _N_AROUND, _N_SIGMA = 16, 2.0
 _N_FOR_NORMAL = 24
 # Octree of Poisson's surface: at most 2^11 cells a side.
 _MOST_DEPTH = 11
-_FROM_POINTS = 3.0
-"""Voxels from the nearest point, beyond which the surface is cut off."""
+_LEAST_POINTS = 100
+"""Points, below which there is no surface."""
 _LEAST_PIECE = 0.01
 """Facets of a piece over those of the largest; smaller ones go."""
 
@@ -38,6 +38,14 @@ def needed_pycolmap() -> Any:
     # It tells each step of its work on the standard error output.
     pycolmap.logging.minloglevel = int(pycolmap.logging.WARNING)
     return pycolmap
+
+
+def enough(points_m: np.ndarray, least: int = _LEAST_POINTS) -> np.ndarray:
+    """The points, or a ValueError where they are too few for a surface."""
+    if len(points_m) < least:
+        raise refuse("frames", f"must agree in threes on {least} points of the surface or more", len(points_m),
+                     "take more frames, no more than 15 deg apart; check poses and prior")
+    return points_m
 
 
 def fused(frames: Sequence[PosedFrame], depths_m: Mapping[int, np.ndarray], tolerance_m: float,
@@ -81,7 +89,7 @@ def surface_of(points_m: np.ndarray, cameras_m: np.ndarray, voxel_m: float, cut_
         Without pycolmap, or of points that make no surface.
     """
     pycolmap = needed_pycolmap()
-    points_m, to_camera = _thinned(points_m, cameras_m - points_m, voxel_m)
+    points_m, to_camera = _thinned(enough(points_m), cameras_m - points_m, voxel_m)
     normals = _normals(points_m, to_camera)
     with tempfile.TemporaryDirectory() as folder:
         cloud, surface = Path(folder) / "points.ply", Path(folder) / "surface.ply"
@@ -105,7 +113,7 @@ def _thinned(points_m: np.ndarray, to_camera_m: np.ndarray, voxel_m: float) -> t
     towards = to_camera_m / np.linalg.norm(to_camera_m, axis=1, keepdims=True)
     points_m, towards = (np.stack([np.bincount(number, column) for column in each.T], axis=1) / count[:, None]
                          for each in (points_m, towards))
-    away_m = cKDTree(points_m).query(points_m, k=min(_N_AROUND + 1, len(points_m)), workers=-1)[0][:, 1:].mean(axis=1)
+    away_m = cKDTree(enough(points_m, _N_FOR_NORMAL)).query(points_m, k=_N_AROUND + 1, workers=-1)[0][:, 1:].mean(axis=1)
     kept = away_m < away_m.mean() + _N_SIGMA * away_m.std()
     return points_m[kept], towards[kept]
 

@@ -23,10 +23,12 @@ _CONTRAST = 0.003
 # Of the first two frames, and of every point.
 _FIRST_ANGLE_DEG, _LEAST_ANGLE_DEG = 4.0, 1.0
 _LEAST_MATCHES = 15
+# RMS of the given attitudes about the found ones, and of places over the length of the pass: more is no datum.
+_MOST_TURN_RAD, _MOST_PLACE = np.radians(10.0), 0.5
 _LEAST_TRACK = 3
 
 
-def mapped(frames: Sequence[PosedFrame], folder: str | Path | None = None) -> dict[str, np.ndarray]:
+def mapped(frames: Sequence[PosedFrame]) -> dict[str, np.ndarray]:
     """Poses and points by incremental mapping, whose turn, scale and shift are then those of the given poses.
 
     Parameters
@@ -34,49 +36,59 @@ def mapped(frames: Sequence[PosedFrame], folder: str | Path | None = None) -> di
     frames : sequence of PosedFrame
         In the order of the pass. Their poses are the datum alone: a turn is the mean over the attitudes, as places on
         a straight line leave one free; scale and shift are those of the places.
-    folder : path, optional
-        For images and the data base; a temporary one by default.
 
     Returns
     -------
-    dict of `index` (n,) of the frames that were registered, `camera_from_body` (n, 3, 3), `r_camera_body_m` (n, 3)
-    and `points_m` (N, 3) [m] that three frames or more share.
+    dict of `index` (n,) of the frames that were registered, `camera_from_body` (n, 3, 3), `r_camera_body_m` (n, 3),
+    `points_m` (N, 3) [m] that three frames or more share, and `turn_rad` and `place_m`, RMS of the given poses about
+    these.
 
     Raises
     ------
     ValueError
-        Without pycolmap, or of frames of which fewer than three hang together.
+        Without pycolmap, of frames of which fewer than three hang together, or given poses that contradict each other.
 
     Source: Schoenberger and Frahm (2016), Structure-from-Motion Revisited.
     """
-    with tempfile.TemporaryDirectory() as own:
-        model = _colmap(needed_pycolmap(), frames, Path(own if folder is None else folder))
-    found = [image for image in model.images.values() if image.has_pose]
+    with tempfile.TemporaryDirectory() as folder:
+        model = _colmap(needed_pycolmap(), frames, Path(folder))
+    found = sorted((image for image in model.images.values() if image.has_pose), key=lambda image: image.name)
     index = np.array([int(image.name[:5]) for image in found])
-    rotations = [_pose(image).rotation.matrix() for image in found]
-    places = np.array([image.projection_center() for image in found])
-    given_m = np.array([frames[k].r_camera_body_m for k in index])
-    turn = Rotation.from_matrix([frames[k].camera_from_body.T @ own for k, own in zip(index, rotations, strict=True)])
-    datum = turn.mean()
-    laid = datum.apply(places)
-    arms, given_arms = laid - laid.mean(axis=0), given_m - given_m.mean(axis=0)
-    scale = float((arms * given_arms).sum() / (arms**2).sum())
-    shift_m = given_m.mean(axis=0) - scale * laid.mean(axis=0)
     points = np.array([point.xyz for point in model.points3D.values() if point.track.length() >= _LEAST_TRACK])
-    order = np.argsort(index)
-    return {"index": index[order], "camera_from_body": np.array(rotations)[order] @ datum.as_matrix().T,
-            "r_camera_body_m": (scale * laid + shift_m)[order],
-            "points_m": scale * datum.apply(points.reshape(-1, 3)) + shift_m}
+    return {"index": index, **laid([frames[k] for k in index], np.array(
+        [image.cam_from_world().rotation.matrix() for image in found]), np.array(
+        [image.projection_center() for image in found]), points.reshape(-1, 3))}
+
+
+def laid(frames: Sequence[PosedFrame], rotations: np.ndarray, places: np.ndarray,
+         points: np.ndarray) -> dict[str, np.ndarray]:
+    """Rotations (n, 3, 3) to cameras, their places (n, 3) and points (N, 3) of any axes and unit, by the given poses.
+
+    Returns all that `mapped` does but `index`, with its errors.
+    """
+    given_m = np.array([frame.r_camera_body_m for frame in frames])
+    turn = Rotation.from_matrix([frame.camera_from_body.T @ own for frame, own in zip(frames, rotations, strict=True)])
+    datum = turn.mean()
+    turned = datum.apply(places)
+    arms, given_arms = turned - turned.mean(axis=0), given_m - given_m.mean(axis=0)
+    scale = float((arms * given_arms).sum() / (arms**2).sum())
+    shift_m = given_m.mean(axis=0) - scale * turned.mean(axis=0)
+    turn_rad = float(np.sqrt(np.mean((datum.inv() * turn).magnitude() ** 2)))
+    place_m = float(np.sqrt(((scale * arms - given_arms) ** 2).sum(axis=1).mean()))
+    length_m = float(np.sqrt((given_arms**2).sum(axis=1).mean()))
+    if not (scale > 0.0 and turn_rad < _MOST_TURN_RAD and place_m < _MOST_PLACE * length_m):
+        raise refuse("frames", "must have attitudes within 10 deg of the found ones, RMS, and places within half of "
+                     f"their spread, {length_m:.4g} m, at a scale above 0", f"{np.degrees(turn_rad):.1f} deg, "
+                     f"{place_m:.4g} m, {scale:.3g}", "give them in the body's axes, in the order of the pass")
+    return {"camera_from_body": rotations @ datum.as_matrix().T, "r_camera_body_m": scale * turned + shift_m,
+            "points_m": scale * datum.apply(points) + shift_m, "turn_rad": np.array(turn_rad),
+            "place_m": np.array(place_m)}
 
 
 def reposed(frames: Sequence[PosedFrame], found: dict[str, np.ndarray]) -> list[PosedFrame]:
     """The frames that were registered, with the poses that were found."""
     return [replace(frames[k], camera_from_body=turn, r_camera_body_m=place_m) for k, turn, place_m in zip(
         found["index"], found["camera_from_body"], found["r_camera_body_m"], strict=True)]
-
-
-def _pose(image: Any) -> Any:
-    return image.cam_from_world() if callable(image.cam_from_world) else image.cam_from_world
 
 
 def _colmap(pycolmap: Any, frames: Sequence[PosedFrame], folder: Path) -> Any:

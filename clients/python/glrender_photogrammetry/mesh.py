@@ -14,8 +14,8 @@ from scipy.spatial import cKDTree
 
 # Vertices of a mesh about which the closest facet is looked for, and points for which that is done at once.
 _N_NEAREST, _AT_ONCE = 8, 50_000
-# Facets with a longer side, in median sides, have points of their own in the tree.
-_LONG = 3.0
+# Facets with a longer side, in median sides, have points of their own in the tree: about so many, or one a facet.
+_LONG, _MOST_PIECES = 3.0, 200_000
 # Distances within this share of each other are one, of facets that share a side or a corner.
 _TIE = 1e-9
 
@@ -97,6 +97,11 @@ class Mesh:
         return trimesh.Trimesh(self.vertices_m, self.facets, process=False)
 
     @cached_property
+    def used_vertices_m(self) -> np.ndarray:
+        """(U, 3) float64 [m], vertices that facets have; others are no part of the surface."""
+        return self.vertices_m[np.unique(self.facets)]
+
+    @cached_property
     def corners_m(self) -> np.ndarray:
         """(F, 3, 3) float64 [m], vertices of the facets."""
         return self.vertices_m[self.facets]
@@ -129,7 +134,7 @@ class Mesh:
     def seen_from(self, r_m: np.ndarray, directions: np.ndarray) -> np.ndarray:
         """Facets (N,) that rays from a place (3,) [m] along unit vectors (N, 3) meet first, -1 for none."""
         # Rays start near the body: Embree has float32.
-        away_m = max(0.0, float(np.linalg.norm(r_m)) - float(np.linalg.norm(self.vertices_m, axis=1).max()))
+        away_m = max(0.0, float(np.linalg.norm(r_m)) - float(np.linalg.norm(self.used_vertices_m, axis=1).max()))
         return self.rays.intersects_first(r_m + away_m * directions, directions)
 
     def sample(self, count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -154,6 +159,8 @@ class Closest:
         self._radius_m = np.linalg.norm(corners_m - self._middle_m[:, None], axis=2).max(axis=1)
         places_m, place, facet = mesh.vertices_m, facets.ravel(), np.repeat(np.arange(len(facets)), 3)
         finest_m = max(_LONG * float(np.median(side_m)), float(side_m.max()) / 64.0)
+        while np.square(side_m[side_m > finest_m] / finest_m).sum() > max(_MOST_PIECES, len(facets)):
+            finest_m *= 2.0
         if (long := np.flatnonzero(side_m > finest_m)).size:
             dense_m, pieces, parent = trimesh.remesh.subdivide_to_size(mesh.vertices_m, facets[long], finest_m,
                                                                        max_iter=20, return_index=True)
@@ -162,7 +169,6 @@ class Closest:
             places_m = np.concatenate([places_m, dense_m[pieces].mean(axis=1)])
         order = np.argsort(place, kind="stable")
         self._facet, start = facet[order], np.searchsorted(place[order], np.arange(len(places_m) + 1))
-        # A vertex of no facet is no part of the surface.
         used = np.flatnonzero(np.diff(start))
         self._start, self._count, self._tree = start[used], np.diff(start)[used], cKDTree(places_m[used])
 

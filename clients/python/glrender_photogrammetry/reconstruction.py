@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ import numpy as np
 from glrender_navigation.checks import refuse
 
 from .frames import PosedFrame, angle_rad
-from .fusion import fused, needed_pycolmap, surface_of
+from .fusion import enough, fused, needed_pycolmap, surface_of
 from .mapping import mapped, reposed
 from .mesh import Closest, HasFacets, Mesh
 from .sparse import sparse_points
@@ -25,6 +26,7 @@ from .sweep import PASSES, Pass, depth_map
 _log = logging.getLogger(__name__)
 
 POSES = ("known", "free")
+_NOTE = "made_of.json"
 _LEAST_FRAMES = 3
 # Features of frames further apart are right for less than 0.85 of their matches.
 _WIDE_STEP_RAD = np.radians(15.0)
@@ -53,7 +55,7 @@ class Reconstruction:
         Those that were used, with the poses that were found.
     report : dict
         `frames` used, `left_out` with reasons, `warnings`, `points`, `px_m` on the ground of the nearest frame,
-        `cpu_s` by stage.
+        `cpu_s` by stage, of the run that made it; of free poses `datum`, RMS of the given ones about them.
     """
 
     shape: Mesh
@@ -87,16 +89,18 @@ def reconstruct(frames: Sequence[PosedFrame], *, body: str | None = None, poses:
     ------
     ValueError
         Too few frames, of other bodies or cameras, dark, saturated or too far apart, poses that contradict them, a
-        prior that lies elsewhere, a folder of other frames, or without pycolmap.
+        prior that lies elsewhere or has no pass, a folder of other things, or without pycolmap.
     """
     if poses not in POSES:
         raise refuse("poses", f"must be one of {', '.join(POSES)}", poses)
+    if prior is not None and not passes:
+        raise refuse("passes", "must be one or more where there is a prior", 0, "leave out one of both")
     needed_pycolmap()
     frames, left_out = _usable(frames, body)
     px_m = min(frame.px_m for frame in frames)
     stages = _Stages(folder, frames, prior, passes, poses)
-    report: dict[str, Any] = {"frames": len(frames), "left_out": left_out, "warnings": _wide_steps(frames),
-                              "px_m": px_m}
+    report: dict[str, Any] = {"frames": len(frames), "left_out": left_out,
+                              "warnings": _wide_steps(frames) + _others(frames), "px_m": px_m}
     for warning in report["warnings"]:
         _log.warning(warning)
     if poses == "free":
@@ -104,12 +108,12 @@ def reconstruct(frames: Sequence[PosedFrame], *, body: str | None = None, poses:
         left_out |= {frame.name: "shares too few features with the others" for k, frame in enumerate(frames)
                      if k not in found["index"]}
         frames, points_m = reposed(frames, found), found["points_m"]
-        report["frames"] = len(frames)
+        report |= {"frames": len(frames), "datum": {"turn_deg": float(np.degrees(found["turn_rad"])),
+                                                    "place_m": float(found["place_m"])}}
         progress("sparse", 1.0)
     else:
-        points_m = stages.arrays("sparse", lambda: {"points_m": sparse_points(
-            frames, partial(progress, "sparse")).points_m})["points_m"]
-    report["points"] = len(points_m)
+        points_m = stages.arrays("sparse", partial(sparse_points, frames, partial(progress, "sparse")))["points_m"]
+    report["points"] = len(enough(points_m))
     if prior is None:
         surface = stages.mesh("surface", partial(surface_of, points_m, _nearest_cameras(frames, points_m),
                                                  _SPARSE_VOXEL_PX * px_m, _SPARSE_CUT_PX * px_m))
@@ -141,9 +145,6 @@ def _swept(frames: Sequence[PosedFrame], surface: Mesh, plan: Pass, px_m: float,
                      len(depths_m), "take more frames on the way")
     points_m, cameras_m = fused(frames, depths_m, _N_STEPS_AGREE * plan.step_px * px_m,
                                 int(plan.voxel_px))
-    if len(points_m) < _LEAST_LIT_PX:
-        raise refuse("frames", f"must have depths that three of them agree on, {_LEAST_LIT_PX} of them", len(points_m),
-                     "check poses and prior")
     progress(0.9)
     return surface_of(points_m, cameras_m, plan.voxel_px * px_m, 3.0 * plan.voxel_px * px_m)
 
@@ -183,6 +184,13 @@ def _wide_steps(frames: Sequence[PosedFrame]) -> list[str]:
     return found
 
 
+def _others(frames: Sequence[PosedFrame]) -> list[str]:
+    """A sentence for each other body that is in view."""
+    names = [name for frame in frames for name in frame.others]
+    return [f"{name} is in view of {names.count(name)} frames: the surface may have pieces of it"
+            for name in dict.fromkeys(names)]
+
+
 def _nearest_cameras(frames: Sequence[PosedFrame], points_m: np.ndarray) -> np.ndarray:
     """Places (N, 3) [m] of the cameras most nearly above points."""
     cameras_m = np.array([frame.r_camera_body_m for frame in frames])
@@ -205,22 +213,25 @@ class _Stages:
                  passes: Sequence[Pass], poses: str):
         self._folder = None if folder is None else Path(folder)
         self.cpu_s: dict[str, float] = {}
+        self._earlier_s: dict[str, float] = {}
         if self._folder is None:
             return
-        digest = hashlib.sha256(json.dumps([poses, [asdict(plan) for plan in passes]]).encode())
+        digest = hashlib.sha256(json.dumps([version("glrender"), needed_pycolmap().__version__, poses,
+                                            [asdict(plan) for plan in passes]]).encode())
         for frame in frames:
             digest.update(json.dumps([frame.name, frame.body, asdict(frame.camera), frame.offset]).encode())
             for array in (frame.image, frame.camera_from_body, frame.r_camera_body_m):
                 digest.update(np.ascontiguousarray(array).tobytes())
         if prior is not None:
             digest.update(Mesh.of(prior).corners_m.tobytes())
-        note = self._folder / "made_of.json"
-        made_of = {"sha256": digest.hexdigest(), "frames": [frame.name for frame in frames]}
-        if note.is_file() and json.loads(note.read_text(encoding="utf-8")) != made_of:
-            raise refuse(str(self._folder), "must be empty, or made of the same frames and settings", note.name,
-                         "name another folder, or delete this one")
+        self._made_of = {"sha256": digest.hexdigest(), "frames": [frame.name for frame in frames], "cpu_s": self.cpu_s}
         self._folder.mkdir(parents=True, exist_ok=True)
-        note.write_text(json.dumps(made_of, indent=1), encoding="utf-8")
+        note = self._folder / _NOTE
+        kept = json.loads(note.read_text(encoding="utf-8")) if note.is_file() else {}
+        if kept.get("sha256") != digest.hexdigest() and (there := sorted(self._folder.glob("[!.]*"))):
+            raise refuse(str(self._folder), "must be empty, or made of the same frames and settings by this version",
+                         there[0].name, "name another folder, or delete this one")
+        self._earlier_s = kept.get("cpu_s", {})
 
     def arrays(self, name: str, make: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
         """Arrays of an NPZ file, made if it is missing."""
@@ -233,15 +244,21 @@ class _Stages:
 
     def _kept(self, name: str, ending: str, make: Callable[[], Any], write: Callable[[Path, Any], None],
               read: Callable[[Path], Any]) -> Any:
+        path = None if self._folder is None else self._folder / f"{name}{ending}"
+        if path is not None and path.is_file() and name in self._earlier_s:
+            self.cpu_s[name] = self._earlier_s[name]
+            return read(path)
         begin = time.process_time()
-        if self._folder is None:
-            found = make()
-        else:
-            path = self._folder / f"{name}{ending}"
-            if not path.is_file():
-                apart = path.with_name(f".{name}.part{ending}")
-                write(apart, make())
-                apart.replace(path)
-            found = read(path)
+        found = make()
         self.cpu_s[name] = round(time.process_time() - begin, 2)
-        return found
+        if path is None:
+            return found
+        # What comes after a stage that is made anew is made anew too.
+        self._earlier_s = {}
+        for target, put in ((path.with_name(_NOTE), lambda part: part.write_text(json.dumps(self._made_of, indent=1))),
+                            (path, lambda part: write(part, found))):
+            part = target.with_name(f".part.{target.name}")
+            put(part)
+            part.replace(target)
+        # The same numbers as when they are taken up.
+        return read(path)

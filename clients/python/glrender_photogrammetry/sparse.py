@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -13,8 +11,6 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from .frames import PosedFrame, angle_rad
-
-_log = logging.getLogger(__name__)
 
 # Frames nearer to each other, as the body sees them, tell no depth; further apart too few matches are right.
 _NEIGHBOURS_RAD = (np.radians(0.5), np.radians(16.0))
@@ -29,22 +25,10 @@ _LEAST_TRACK = 3
 _LEAST_SPREAD = 2.0 * np.sin(np.radians(2.0)) ** 2
 # Of the matches; poses that are right leave 0.15 to 0.4 outside of the check.
 _LEAST_SHARE_RIGHT = 0.5
-# Points, below which there is no surface.
-_LEAST_POINTS = 100
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SparsePoints:
-    """Points (N, 3) [m] in `body`, each seen in (N,) frames, and counts for a report."""
-
-    points_m: np.ndarray
-    n_frames: np.ndarray
-    n_features: list[int]
-    n_matches: int
-    share_right: float
-
-
-def sparse_points(frames: Sequence[PosedFrame], progress: Callable[[float], None] = lambda done: None) -> SparsePoints:
+def sparse_points(frames: Sequence[PosedFrame],
+                  progress: Callable[[float], None] = lambda done: None) -> dict[str, np.ndarray]:
     """Points that three frames or more share, triangulated by the frames' poses.
 
     Parameters
@@ -54,10 +38,14 @@ def sparse_points(frames: Sequence[PosedFrame], progress: Callable[[float], None
     progress : function of float, optional
         Is called with the share of the work that is done.
 
+    Returns
+    -------
+    dict of `points_m` (N, 3) [m] in `body`, and `n_frames` (N,) int that each is seen in
+
     Raises
     ------
     ValueError
-        Frames without neighbours 0.5 to 16 deg apart, without common points, or poses that contradict the matches.
+        Frames without neighbours 0.5 to 16 deg apart, without common features, or poses that contradict the matches.
     """
     apart = {(i, j): angle_rad(frames[i], frames[j]) for i in range(len(frames)) for j in range(i + 1, len(frames))}
     low, high = _NEIGHBOURS_RAD
@@ -94,11 +82,7 @@ def sparse_points(frames: Sequence[PosedFrame], progress: Callable[[float], None
                      f"epipolar check of {_EPIPOLAR_PX:g} px", f"{np.median(errors):.1f} px in the median",
                      'poses that are not known well: poses="free"')
     points_m, n_frames = _tracks(frames, np.concatenate(edges, axis=1), np.concatenate(places), first)
-    if len(points_m) < _LEAST_POINTS:
-        raise refuse("frames", f"must share {_LEAST_POINTS} points in three frames or more", len(points_m),
-                     "take more frames, no more than 15 deg apart")
-    return SparsePoints(points_m=points_m, n_frames=n_frames, n_features=[len(place) for place in places],
-                        n_matches=int((errors < _EPIPOLAR_PX).sum()), share_right=share_right)
+    return {"points_m": points_m, "n_frames": n_frames}
 
 
 def _matches(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

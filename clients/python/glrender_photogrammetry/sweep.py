@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from glrender_navigation.checks import number, refuse, whole
 
-from .frames import PosedFrame, angle_rad
+from .frames import LEAST_COS_EMISSION, PosedFrame, angle_rad
 from .mesh import Mesh
 
 # Neighbours: near enough to look alike, far enough to tell depth.
@@ -21,8 +22,6 @@ _LEAST_LIGHT = 0.2
 # Variance of the same in a window: below it is noise alone.
 _LEAST_VARIANCE = 0.3 / 3600.0
 _LEAST_CORRELATION = 0.7
-# Cosine of the emission angle on the prior surface: 80 deg.
-_LEAST_COS_EMISSION = 0.17
 _LEAST_PIXELS = 500
 _MARGIN_PX = 8
 
@@ -38,14 +37,26 @@ class Pass:
     step_px : float
     window : int
         Pixels of the frame on a side, of the correlation.
-    voxel_px : float
+    voxel_px : float, 1 or more
         Of the surface that is made of the depths.
+
+    Raises
+    ------
+    ValueError
+        Steps longer than the reach, voxels below a pixel, or what is not above 0.
     """
 
     reach_px: float
     step_px: float
     window: int
     voxel_px: float
+
+    def __post_init__(self):
+        number("step_px", self.step_px, "give pixels on the ground")
+        whole("window", self.window, 3)
+        for name, least in (("reach_px", self.step_px), ("voxel_px", 1.0)):
+            if number(name, getattr(self, name), "give pixels on the ground") < least:
+                raise refuse(name, f"must be >= {least:g}", getattr(self, name), "give pixels on the ground")
 
 
 PASSES = (Pass(reach_px=20.0, step_px=2.0, window=9, voxel_px=2.0),
@@ -96,7 +107,7 @@ def depth_map(frames: Sequence[PosedFrame], index: int, prior: Mesh, plan: Pass,
     part = np.clip(0.5 * (low - high) / np.where(np.abs(bend) > 1e-6, bend, np.float32(1e9)), -1.0, 1.0)
     step_m = np.float32(plan.step_px * px_m)
     found_m = (start_m + offsets_m[inner] + part * step_m).astype(np.float32)
-    good = hit & (volume.max(axis=0) > _LEAST_CORRELATION) & (best == inner) & (cos_emission > _LEAST_COS_EMISSION)
+    good = hit & (volume.max(axis=0) > _LEAST_CORRELATION) & (best == inner) & (cos_emission > LEAST_COS_EMISSION)
     # Lone pixels off the median of those around them are wrong.
     good &= np.abs(found_m - cv2.medianBlur(found_m, 5)) < 0.6 * step_m + 0.7 * px_m
     whole_m = np.zeros(root.shape, np.float32)

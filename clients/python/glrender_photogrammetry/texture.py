@@ -20,12 +20,11 @@ def lommel_seeliger(cos_incidence: np.ndarray, cos_emission: np.ndarray) -> np.n
 
 def vertex_brightness(frames: Sequence[PosedFrame], mesh: Mesh,
                       law: Callable[[np.ndarray, np.ndarray], np.ndarray] = lommel_seeliger) -> np.ndarray:
-    """Signal over shading at each vertex, (V,) float64, its mean over the surface 1; nan where no frame saw it lit.
+    """Signal over exposure and shading at each vertex, (V,) float64, of mean 1; nan where no frame saw it lit.
 
     Parameters
     ----------
     frames : sequence of PosedFrame
-        Of one exposure.
     mesh : Mesh
     law : function of (N,) cosines of incidence and emission, optional
         Shading, up to a factor; Lommel and Seeliger's by default.
@@ -33,7 +32,7 @@ def vertex_brightness(frames: Sequence[PosedFrame], mesh: Mesh,
     Raises
     ------
     ValueError
-        Without embreex.
+        Without embreex, or without frames.
     """
     total, count = np.zeros((2, len(mesh.vertices_m)))
     for frame, seen, at_px, cos_incidence, cos_emission in views_in_light(frames, mesh, mesh.vertices_m,
@@ -41,7 +40,7 @@ def vertex_brightness(frames: Sequence[PosedFrame], mesh: Mesh,
         here = np.flatnonzero(seen)
         shading = law(cos_incidence[here], cos_emission[here])
         here, shading = here[shading > _LEAST_SHADING], shading[shading > _LEAST_SHADING]
-        total[here] += frame.signal[at_px[here, 1], at_px[here, 0]] / shading
+        total[here] += frame.signal[at_px[here, 1], at_px[here, 0]] / (frame.exposure_s * shading)
         count[here] += 1
     with np.errstate(invalid="ignore"):
         found = total / count
