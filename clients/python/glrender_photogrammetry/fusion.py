@@ -40,12 +40,11 @@ def needed_pycolmap() -> Any:
     return pycolmap
 
 
-def enough(points_m: np.ndarray, least: int = _LEAST_POINTS) -> np.ndarray:
-    """The points, or a ValueError where they are too few for a surface."""
+def enough(points_m: np.ndarray, least: int = _LEAST_POINTS) -> None:
+    """Check that points are not too few for a surface."""
     if len(points_m) < least:
         raise refuse("frames", f"must agree in threes on {least} points of the surface or more", len(points_m),
                      "take more frames, no more than 15 deg apart; check poses and prior")
-    return points_m
 
 
 def fused(frames: Sequence[PosedFrame], depths_m: Mapping[int, np.ndarray], tolerance_m: float,
@@ -89,7 +88,8 @@ def surface_of(points_m: np.ndarray, cameras_m: np.ndarray, voxel_m: float, cut_
         Without pycolmap, or of points that make no surface.
     """
     pycolmap = needed_pycolmap()
-    points_m, to_camera = _thinned(enough(points_m), cameras_m - points_m, voxel_m)
+    enough(points_m)
+    points_m, to_camera = _thinned(points_m, cameras_m - points_m, voxel_m)
     normals = _normals(points_m, to_camera)
     with tempfile.TemporaryDirectory() as folder:
         cloud, surface = Path(folder) / "points.ply", Path(folder) / "surface.ply"
@@ -113,7 +113,8 @@ def _thinned(points_m: np.ndarray, to_camera_m: np.ndarray, voxel_m: float) -> t
     towards = to_camera_m / np.linalg.norm(to_camera_m, axis=1, keepdims=True)
     points_m, towards = (np.stack([np.bincount(number, column) for column in each.T], axis=1) / count[:, None]
                          for each in (points_m, towards))
-    away_m = cKDTree(enough(points_m, _N_FOR_NORMAL)).query(points_m, k=_N_AROUND + 1, workers=-1)[0][:, 1:].mean(axis=1)
+    enough(points_m, _N_FOR_NORMAL)
+    away_m = cKDTree(points_m).query(points_m, k=_N_AROUND + 1, workers=-1)[0][:, 1:].mean(axis=1)
     kept = away_m < away_m.mean() + _N_SIGMA * away_m.std()
     return points_m[kept], towards[kept]
 

@@ -113,7 +113,8 @@ def reconstruct(frames: Sequence[PosedFrame], *, body: str | None = None, poses:
         progress("sparse", 1.0)
     else:
         points_m = stages.arrays("sparse", partial(sparse_points, frames, partial(progress, "sparse")))["points_m"]
-    report["points"] = len(enough(points_m))
+    enough(points_m)
+    report["points"] = len(points_m)
     if prior is None:
         surface = stages.mesh("surface", partial(surface_of, points_m, _nearest_cameras(frames, points_m),
                                                  _SPARSE_VOXEL_PX * px_m, _SPARSE_CUT_PX * px_m))
