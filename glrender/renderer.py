@@ -36,7 +36,7 @@ from .engines.small_bodies import SmallBody
 from .planner.account import account
 from .planner.body_plan import plan_body
 from .planner.engine_choice import ENGINES, MAX_SAMPLES, Request, apart_limit, plan_windows
-from .planner.error_budget import Budget
+from .planner.error_budget import FLUX_SHARE, Budget
 from .planner.error_model import rounding_px
 from .planner.penumbra import penumbra_of
 from .planner.plan import BodyPlan, RenderPlan, WindowPlan
@@ -199,10 +199,10 @@ class Renderer:
             apart_px = 0.0
         apart_px = apart_limit(views, apart_px)
         asked = tolerance if isinstance(tolerance, Mapping) else None
+        budget = Budget(tolerance=1.0) if asked else Budget(tolerance=tolerance / gain, flux=FLUX_SHARE * tolerance)
         request = Request(
-            camera=pinhole, budget=Budget(tolerance=1.0 if asked else tolerance / gain), error_gain=gain,
-            engines=self._engines, has_gpu=not self._context.is_software, samples=samples, engine=engine,
-            apart_px=apart_px, asked=asked)
+            camera=pinhole, budget=budget, error_gain=gain, engines=self._engines,
+            has_gpu=not self._context.is_software, samples=samples, engine=engine, apart_px=apart_px, asked=asked)
         bodies = self._plan_bodies(views, request)
         choices = plan_windows(views, self._traits, bodies, request)
         if not all(choices):

@@ -16,7 +16,7 @@ from glrender_camera import PinholeCamera
 
 from ..view.regions import outline, outline_px, region, touching
 from ..view.view import BodyView
-from .error_budget import CELL_SHARE, PENUMBRA_SHARE, SAMPLES_SHARE, Budget
+from .error_budget import CELL_SHARE, FLUX_SHARE, PENUMBRA_SHARE, SAMPLES_SHARE, Budget
 from .error_model import CRESCENT_RAD, BodyTraits, facets_per_px, parallel_error, ray_rounding_error
 from .plan import BodyPlan, WindowPlan
 from .predicted import allowed_rms
@@ -78,7 +78,7 @@ class Request:
     ----------
     camera : PinholeCamera
     budget : Budget
-        Of its errors before the camera's PSF.
+        Of its errors before the camera's PSF, which leaves that of the flux as it is.
     error_gain : float [1]
         What the PSF leaves of an error that is independent from pixel to pixel.
     engines : tuple of str
@@ -108,8 +108,9 @@ class Request:
         """The request with the RMS error that bodies may have which are drawn so: "centroids", or an engine's name."""
         if self.asked is None:
             return self
-        allowed = allowed_rms(self.asked, members, self.camera, how, self.error_gain)
-        return replace(self, budget=Budget(tolerance=allowed, flux_asked=self.asked.get("flux", math.inf)))
+        allowed, bare = (allowed_rms(self.asked, members, self.camera, how, gain) for gain in (self.error_gain, 1.0))
+        return replace(self, budget=Budget(tolerance=allowed, flux=FLUX_SHARE * bare,
+                                           flux_asked=self.asked.get("flux", math.inf)))
 
 
 def plan_windows(views: Sequence[BodyView], traits: Mapping[str, BodyTraits], bodies: Sequence[BodyPlan],
@@ -279,13 +280,11 @@ def _sampled(engine: str, members: Sequence[BodyView], known: Sequence[BodyTrait
     pairs, size_px, budget = list(zip(members, known, strict=True)), outline_px(members), request.budget
     eclipsed = [body.penumbra.noise(view.size_px) for view, body in zip(members, drawn, strict=True)]
     told = {"eclipse_px": eclipse_px, "flux_error": flux_error}
-    # A point spread function leaves the error of the flux as it is.
-    flux = request.error_gain * budget.flux
     if request.samples is None and _is_small(members, request):
         bounds, sides = _own_bounds(members)
         pixels = min(SAMPLES_SHARE * budget.tolerance, budget.left_after(math.hypot(*modelled.values())))
         # Of each body, whatever part of the grid it has.
-        per_px = max(samples_across(view, traits, flux, pixels, noise) / max(view.size_px, 1e-9)
+        per_px = max(samples_across(view, traits, budget.flux, pixels, noise) / max(view.size_px, 1e-9)
                      for (view, traits), noise in zip(pairs, eclipsed, strict=True))
         per_px = min(per_px, MAX_RAYS_ACROSS / size_px)
         # The samples tell of an eclipse's own noise, once they are drawn.
@@ -304,7 +303,7 @@ def _sampled(engine: str, members: Sequence[BodyView], known: Sequence[BodyTrait
             most = math.isqrt(_ECLIPSE_RAYS // max((x1 - x0) * (y1 - y0), 1))
             count = max(count, min(most, _MORE_SAMPLES))
         if size_px < _FLUX_PX:
-            n_across = max(samples_across(view, traits, flux, math.inf, noise)
+            n_across = max(samples_across(view, traits, budget.flux, math.inf, noise)
                            for (view, traits), noise in zip(pairs, eclipsed, strict=True))
             most = MAX_RAYS_ACROSS / size_px if engine == "rays" else MAX_SAMPLES
             count = max(count, math.ceil(min(n_across / size_px, most)))

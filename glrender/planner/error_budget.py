@@ -1,7 +1,8 @@
 """The error budget of a frame: the share of the tolerance that each cause of error may take, with its reason. Pure.
 
 Errors are RMS over the lit pixels over their mean [1], before the camera's point spread function: `account` applies the
-function's gain once, where errors are reported. Causes are independent, so that their errors add up in squares.
+function's gain once, where errors are reported. Of the total light it averages none. Causes are independent, so that
+their errors add up in squares.
 """
 
 from __future__ import annotations
@@ -42,13 +43,14 @@ class Budget:
 
     tolerance: float
     """RMS error [1]; infinite where nothing is drawn again."""
+    flux: float | None = None
+    """Error of the total light [1]: by default `FLUX_SHARE` of the RMS error, as before a point spread function."""
     flux_asked: float = math.inf
-    """Error of the total light [1], where one was asked for: no less than `flux`."""
+    """Error of the total light [1], where one was asked for; infinite without."""
 
-    @property
-    def flux(self) -> float:
-        """Error of the total light [1]."""
-        return FLUX_SHARE * self.tolerance
+    def __post_init__(self):
+        if self.flux is None:
+            object.__setattr__(self, "flux", FLUX_SHARE * self.tolerance)
 
     def left_after(self, modelled: float) -> float:
         """The part of the tolerance that an error [1] leaves for the drawing, in squares; `LEAST_LEFT` at least."""
