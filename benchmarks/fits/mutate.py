@@ -1,8 +1,9 @@
 """Which fitted constants tests hold: `python benchmarks/fits/mutate.py [--only NAME ...] [--full] [--out FILE]`.
 
-Each number of the planner, the views and exact coverage is doubled, then halved, and the tests of the planner and the
-views are run with it: those that need no OpenGL, or with `--full` all of them. Writes a table of constants with the
-test that notices; a number that none notices is no more than a round choice, and its comment should say so.
+Each number that a module of the planner, the views or exact coverage assigns on top is doubled, then halved, and the
+tests of the planner and the views are run with it: those that need no OpenGL, or with `--full` all of them. Default
+arguments and numbers within functions are left out. Writes a table of constants with the test that notices; a number
+that none notices is no more than a round choice, and its comment should say so.
 
 Each run is a process of its own, in which the constant's module is evaluated anew; loops that Numba has compiled keep
 the numbers that they were compiled with, so that constants of `*_loops.py` are not tried.

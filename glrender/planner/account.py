@@ -13,7 +13,7 @@ from ..scene.tolerance import by_unit
 from ..view import regions as grouping
 from ..view.view import BodyView
 from .error_model import BodyTraits, parallel_error
-from .plan import BodyPlan, RenderPlan, WindowPlan
+from .plan import ONE_DIRECTION, BodyPlan, RenderPlan, WindowPlan
 from .predicted import frame_errors, with_eclipse
 
 
@@ -48,10 +48,12 @@ def account(camera: PinholeCamera, max_error: float | Mapping[str, float], error
         if known.relief is not None:
             left_out.append(_detail_left_out(body, known))
     members = [[view for view in views if view.name in window.bodies] for window in windows]
+    # The Sun's direction and distance along a body have laws of their own.
+    others = [replace(window, modelled={cause: error for cause, error in window.modelled.items()
+                                        if cause != ONE_DIRECTION}) for window in windows]
     drawn_so = [(each, window.how, window.predicted_error, window.modelling_error)
-                for each, window in zip(members, windows, strict=True)]
+                for each, window in zip(members, others, strict=True)]
     navigation = frame_errors(drawn_so, camera, error_gain)
-    # The Sun's distance differs along a body.
     navigation["flux"] = math.hypot(navigation["flux"], max(
         (parallel_error(view, traits[view.name]) for view in views if view.is_visible), default=0.0))
     for each, window in zip(members, windows, strict=True):

@@ -18,7 +18,7 @@ from ..view.regions import outline, outline_px, region, touching
 from ..view.view import BodyView
 from .error_budget import CELL_SHARE, FLUX_SHARE, PENUMBRA_SHARE, SAMPLES_SHARE, Budget
 from .error_model import CRESCENT_RAD, BodyTraits, facets_per_px, parallel_error, ray_rounding_error
-from .plan import BodyPlan, WindowPlan
+from .plan import ONE_DIRECTION, BodyPlan, WindowPlan
 from .predicted import allowed_rms
 from .small_body_grid import CELL_PX, MAX_RAYS_ACROSS, cell_error, cell_size, samples_across, sampling_errors
 
@@ -339,7 +339,7 @@ def _window(engine: str, members: Sequence[BodyView], known: Sequence[BodyTraits
             modelled: Mapping[str, float], **told) -> WindowPlan:
     """A window with the errors that all have: one direction to the Sun, which no PSF averages, and rays' rounding."""
     pairs = list(zip(members, known, strict=True))
-    always = {"one direction to the Sun": max(parallel_error(*pair) for pair in pairs) / request.error_gain}
+    always = {ONE_DIRECTION: max(parallel_error(*pair) for pair in pairs) / request.error_gain}
     if engine != "raster":
         always["rounding"] = max(ray_rounding_error(*pair) for pair in pairs)
     return WindowPlan(bodies=tuple(view.name for view in members), engine=engine, budget=request.budget,

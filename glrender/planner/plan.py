@@ -14,6 +14,8 @@ from .penumbra import Penumbra
 
 # Lines of a plan as text.
 _MOST_LINES = 10
+ONE_DIRECTION = "one direction to the Sun"
+"""The cause of error that no point spread function averages, and of which all of a body's light errs."""
 EMISSION_LEFT_OUT = "emission around"
 """How a plan begins to say that light which no surface scatters is not in the image."""
 
@@ -36,7 +38,8 @@ class BodyPlan:
     size_px: float
     """Larger side of the outline's box [px]."""
     modelled: Mapping[str, float] = field(default_factory=dict)
-    """RMS errors [1] by OpenGL that samples do not cure, by cause: of coordinates, shadow maps and hard edges."""
+    """RMS errors [1] by OpenGL that samples do not cure, by cause, before the camera's PSF: of coordinates, shadow maps
+    and hard edges."""
     penumbra: Penumbra = Penumbra()
     casters: tuple[str, ...] = ()
     """Other bodies that may cast a shadow on it."""

@@ -130,6 +130,18 @@ def test_a_plan_on_the_wire_has_none_in_place_of_infinite_numbers(renderer, aske
     assert window["predicted_error"] == plan.predicted_error
 
 
+def test_the_sun_s_direction_on_a_planet_is_no_error_that_a_point_spread_function_hides_or_adds():
+    """A body of 6.4e6 m at 1 au: its error of the total light, R / d, and of the centre are those of any gain."""
+    shape = generate.contact_binary(radius_m=6.4e6, seed=7, subdivisions=5)
+    scene = Scene(bodies=[Body(name="body", shape=shape, brdf=Lambert(normal_albedo=0.3))],
+                  cameras=[views.camera(64, 350.0)])
+    with Renderer(scene) as made:
+        bare, blurred = (made.render(views.state(phase_deg=60.0, range_m=9.6e7), max_error=0.02 * gain, engine="rays",
+                                     error_gain=gain).plan.predicted for gain in (1.0, 0.05))
+    for unit in ("flux", "centroid_px", "range"):
+        assert blurred[unit] == pytest.approx(bare[unit], rel=1e-6), unit
+
+
 def test_a_printed_plan_says_what_spent_the_tolerance(renderer):
     """The causes from a tenth of the window's error on, the largest first, in per cent."""
     plan = renderer.render(STATE, max_error=0.02, engine="raster").plan
