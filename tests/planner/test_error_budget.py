@@ -49,8 +49,12 @@ def test_shares_that_stand_side_by_side_leave_the_drawing_its_least():
 
 
 def test_the_parts_of_random_windows_are_within_the_tolerance():
-    """1000 bodies at random: what is modelled, with what the drawing is left or a small body's samples, in squares."""
-    rng, n_checked = np.random.default_rng(54), 0
+    """1000 bodies at random: what is modelled leaves the drawing its least, and a small body's own samples fit as well.
+
+    Slivers of light near a phase of 180 deg may exceed it in clipped coverage, which then is not drawn but for lack of
+    anything better; and a small body's grid that is as fine as any.
+    """
+    rng, n_whole, n_own = np.random.default_rng(54), 0, 0
     for _ in range(1000):
         slope = float(rng.uniform(0.0, 2.0))
         known = traits(n_facets=int(10.0 ** rng.uniform(2.0, 6.5)), crease_rad=rng.uniform(0.01, 0.6),
@@ -61,14 +65,17 @@ def test_the_parts_of_random_windows_are_within_the_tolerance():
         planned = body(member, known, budget.tolerance, hard_error=10.0 ** rng.uniform(-4.0, -1.0))
         request = Request(camera=CAMERA, budget=budget, error_gain=rng.uniform(0.2, 1.0))
         for option in plan_windows([member], {"body": known}, [planned], request)[0]:
-            modelled, tolerance = option.modelling_error, option.budget.tolerance * (1.0 + 1e-9)
-            drawing = option.drawn.get("samples", option.budget.left_after(modelled))
-            if modelled > ROOM * option.budget.tolerance or max(option.grid) >= MAX_RAYS_ACROSS:
-                continue
-            n_checked += 1
-            assert math.hypot(modelled, drawing) <= tolerance, option
-            assert math.hypot(*option.modelled.values()) == pytest.approx(modelled)
-    assert n_checked > 1000
+            others = [error for cause, error in option.modelled.items() if cause != "slivers"]
+            if option.engine != "raster":
+                assert math.hypot(*others) <= ROOM * option.budget.tolerance, option
+            if option.modelling_error > option.budget.tolerance:
+                assert option.how == "coverage" and option.modelled["slivers"] > 0.5 * option.budget.tolerance, option
+            elif "samples" in option.drawn and max(option.grid) < MAX_RAYS_ACROSS:
+                assert option.predicted_error <= option.budget.tolerance * (1.0 + 1e-9), option
+                n_own += 1
+            else:
+                n_whole += 1
+    assert n_whole > 1000 and n_own > 200
 
 
 @pytest.mark.parametrize("engine", ["coverage", "rays", "raster"])
@@ -78,7 +85,7 @@ def test_a_drawn_frame_s_parts_are_its_prediction_and_within_the_tolerance(rende
     window, = plan.windows
     assert window.drawn and window.modelled
     assert plan.predicted_error == pytest.approx(math.hypot(*window.modelled.values(), *window.drawn.values()))
-    assert plan.predicted_error <= max_error or plan.missed == ("rms",)
+    assert plan.predicted_error <= max_error and plan.missed == ()
     assert plan.to_dict()["windows"][0]["predicted_error"] == plan.predicted_error
 
 
