@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 import serving
 import views
-from glrender import DeviceError, generate, load_scene
+from glrender import DeviceError, load_scene
 from glrender_client import Client, ServerError
 from glrender_server import slots, workers
 from serving import Framed, children, until
@@ -193,39 +193,6 @@ def test_a_new_scene_reaches_every_worker_and_those_that_come_later(tmp_path):
         assert clients[3].render(state).pixels.shape == (10, 20)
         for client in clients:
             client.close()
-
-
-@pytest.mark.slow
-def test_a_scene_that_cannot_be_opened_again_gives_way_to_the_servers_own(tmp_path):
-    """Its shape file is gone when its worker dies: the requests are answered, and then drawn."""
-    shape = tmp_path / "shapes" / "ball.obj"
-    shape.parent.mkdir()
-    ball = generate.icosphere(radius_m=50.0, subdivisions=2)
-    shape.write_text("".join(f"v {x} {y} {z}\n" for x, y, z in ball.vertices_m)
-                     + "".join(f"f {a} {b} {c}\n" for a, b, c in ball.facets + 1))
-    scene = {"bodies": [{"name": "body", "shape": "ball.obj", "length_unit": "m",
-                         "brdf": {"law": "lambert", "normal_albedo": 0.5}}],
-             "cameras": [{"name": "bare", "width_px": 32, "height_px": 32, "focal_length_px": 100.0}]}
-    with serving.server(tmp_path, "--shape-dir", str(shape.parent)) as (endpoint, process), \
-            Client(endpoint, timeout_s=30.0) as client:
-        own = client.render(STATE, "bare").pixels
-        client.load_scene(scene)
-        assert client.render(STATE, "bare").pixels.max() != own.max()
-        shape.unlink()
-        for number in children(process):
-            os.kill(number, signal.SIGKILL)
-
-        def is_drawn():
-            try:
-                return np.array_equal(client.render({**STATE, "t_s": time.monotonic()}, "bare").pixels, own)
-            except ServerError as error:
-                assert error.code == "device"
-                return False
-
-        until(is_drawn, 180.0)
-        assert client.hello()["cameras"][0]["name"] == "navcam"
-        process.terminate()
-        assert process.wait(20.0) == 0
 
 
 def test_nothing_is_left_in_shared_memory_and_no_process_behind(tmp_path):
