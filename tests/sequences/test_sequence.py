@@ -187,7 +187,7 @@ def test_numbers_of_facets_are_whole_in_exr(tmp_path):
     """Beyond 2**24, where float32 has every second number; beside the bodies -1, as 32 bits without a sign have it."""
     exr = needed_module("OpenEXR", "pip install 'glrender[exr]'")
     ids = np.array([[-1, 0, 1], [2**24 - 1, 2**24 + 1, 2**31 - 1]], np.int32)
-    products = {"facet_id": ids, "body_id": ids, "range": np.full((2, 3), 2.5),
+    products = {"facet_id": ids, "body_id": ids, "range": np.full((2, 3), 2.5, np.float32),
                 "r_body": np.ones((2, 3, 3), np.float32)}
     write(tmp_path / "f.exr", FrameFile(pixels=np.ones((2, 3), np.float32), unit="W/m2", products=products, header={}))
     with exr.File(str(tmp_path / "f.exr")) as file:

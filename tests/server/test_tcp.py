@@ -273,10 +273,10 @@ def connected_pair():
 
 
 @pytest.mark.parametrize("own, in_all, takes", [
-    (0, 2**40, True), (2**20, 2**40, True), (2**20 + 1, 2**40, False), (2**20 + 1, 2**30, True),
-    (2**26, 2**30, True), (2**26 + 1, 0, False)])
+    (0, 2**40, True), (2**20, 2**40, True), (2**20 + 1, 2**40, False), (2**20 + 1, 15 * 2**26, True),
+    (2**26, 15 * 2**26, True), (2**26 + 1, 0, False)])
 def test_whoever_has_much_to_take_is_read_no_further(own, in_all, takes):
-    """64 MiB of its own, and 1 MiB where all together have 1 GiB: also of replies that are no frames."""
+    """64 MiB of its own, and 1 MiB where all together have 960 MiB: also of replies that are no frames."""
     ours, theirs = connected_pair()
     connection = tcp_front._Connection(ours, "127.0.0.1", in_all=lambda: in_all)
     connection._output.n_bytes = own
