@@ -48,7 +48,7 @@ docs: setup
 lint: setup
 	$(BIN)/ruff check .
 	$(BIN)/python -m pytest -q tests/system/test_types.py
-	$(BIN)/codespell $$(git ls-files '*.md')
+	$(BIN)/codespell -L nees $$(git ls-files '*.md')
 	$(BIN)/hadolint examples/service/Dockerfile
 
 # Wheel and sdist, in clean environments of every Python from 3.11 to 3.13 that is here.
