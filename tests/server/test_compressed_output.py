@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import re
 import struct
@@ -143,13 +144,22 @@ def test_those_who_watch_see_what_is_decoded(client):
     np.testing.assert_array_equal(np.frombuffer(frame.message[4 + size:], head["dtype"]).reshape(64, 96), dn)
 
 
+@contextlib.asynccontextmanager
+async def followed(endpoint):
+    """A page's source that wants the frames of all clients."""
+    source = Source(endpoint)
+    source.start(asyncio.get_running_loop())
+    source.want(True, {None})
+    try:
+        yield source
+    finally:
+        source.close()
+
+
 def test_a_page_without_the_codecs_says_so(live, client, monkeypatch):
     """And shows the frames that are no streams on, those of the same request and of the same camera too."""
     async def follow():
-        source = Source(live[0])
-        source.start(asyncio.get_running_loop())
-        source.want(True, {None})
-        try:
+        async with followed(live[0]) as source:
             for seed in range(40):
                 await asyncio.to_thread(client.render_frames, STATE, [
                     {"camera": "lossy", "output": "compressed", "seed": seed}, {"camera": "navcam", "output": "dn"}])
@@ -160,8 +170,6 @@ def test_a_page_without_the_codecs_says_so(live, client, monkeypatch):
                     break
             assert source.trouble == "" and source.status["cameras"]
             return source.not_shown, {frame.camera["name"] for frame in source.frames.values()}
-        finally:
-            source.close()
 
     monkeypatch.setitem(sys.modules, "imagecodecs", None)
     not_shown, cameras = asyncio.run(follow())
@@ -171,17 +179,12 @@ def test_a_page_without_the_codecs_says_so(live, client, monkeypatch):
 def test_the_pages_thread_takes_streams_as_they_come(live, client):
     """A client that asks for streams alone is followed: its frames are shown in digital numbers."""
     async def follow():
-        source = Source(live[0])
-        source.start(asyncio.get_running_loop())
-        source.want(True, {None})
-        try:
+        async with followed(live[0]) as source:
             for seed in range(40):
                 await asyncio.to_thread(client.render, STATE, "lossy", output="compressed", seed=seed)
                 await asyncio.sleep(0.2)
                 if (frame := source.newest(None)) is not None and frame.stream[1] == "lossy":
                     return frame
-        finally:
-            source.close()
 
     frame = asyncio.run(follow())
     assert frame is not None and frame.pixels.shape == (64, 96) and frame.header["unit"] == "DN"
