@@ -20,7 +20,7 @@ COMPRESSIONS = (
       for loss in ({"rate_bpp": 1.0}, {"rate_bpp": 0.5}, {"psnr_db": 56.0})))
 """Tables of `Compression.from_dict`: all codecs without loss, then bounds, rates and a PSNR."""
 
-# Of the way from the sky to the brightest light: what is above is the body.
+# The body is what is brighter than the sky by this share of the brightest light above it [1].
 _LIT_SHARE = 0.05
 # Features are matched where the best descriptor is nearer than this share of the second (Lowe 2004), and are the same
 # within so many pixels.
@@ -31,7 +31,7 @@ _CONTRAST = 0.02
 
 @dataclass(frozen=True, kw_only=True)
 class CodecRow:
-    """What one codec does to a frame.
+    """The rate, the errors and the times of one codec on a frame.
 
     Attributes
     ----------

@@ -79,7 +79,7 @@ def _aec_decoded(body: bytes, shape: tuple[int, int], bits: int, kind: np.dtype)
 
 
 def _ls_head(body: bytes) -> Head:
-    """Of JPEG-LS: its frame header and the bound in its scan header (ISO 14495-1, C.2.2 and C.2.3)."""
+    """Read JPEG-LS's frame header, and the bound in its scan header (ISO 14495-1, C.2.2 and C.2.3)."""
     at, shape = 2, None
     while body[at] == 0xFF:
         marker, length = body[at + 1], int.from_bytes(body[at + 2:at + 4], "big")
@@ -93,7 +93,7 @@ def _ls_head(body: bytes) -> Head:
 
 
 def _2000_head(body: bytes) -> Head:
-    """Of JPEG 2000: the segment SIZ that begins its codestream (ISO 15444-1, A.5.1)."""
+    """Read the segment SIZ that begins a codestream of JPEG 2000 (ISO 15444-1, A.5.1)."""
     if not body.startswith(b"\xff\x4f\xff\x51"):
         raise ValueError("it has no header")
     columns, rows, left, top = struct.unpack_from(">4I", body, 8)
@@ -102,7 +102,7 @@ def _2000_head(body: bytes) -> Head:
 
 
 def _xl_head(body: bytes) -> Head:
-    """Of JPEG XL: the size that begins its codestream (ISO 18181-1, D.2), bare or in a box of its container."""
+    """Read the size that begins a codestream of JPEG XL (ISO 18181-1, D.2), bare or in a box of its container."""
     at = 0
     while body[:2] != b"\xff\x0a":
         size, kind = struct.unpack_from(">I4s", body, at)

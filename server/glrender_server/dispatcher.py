@@ -38,7 +38,7 @@ _MIN_RETRY_S, _MAX_RETRY_S = 0.05, 5.0
 _ALL_AT_WORK = "all connections are open and at work; close one"
 _UNTAKEN = "this client has not taken its replies; read them first"
 _WATCHED_S = 0.1
-# Senders of whom is remembered whether they are quick.
+# The most senders whose speed is remembered.
 _MAX_SENDERS = 4096
 # Who has had a slow frame is not known to be quick for so long, whatever came after it [s].
 _SLOW_FOR_S = 5.0
