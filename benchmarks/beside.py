@@ -1,4 +1,4 @@
-"""What `soak.py --all` has going on beside its clients; each is a process that does one thing until it is ended.
+"""Strangers and operators of `soak.py --all` beside its clients; each is a process that does one thing until its end.
 
 Each counts in `done[0]` what went well and in `done[1]` what did not.
 """

@@ -61,8 +61,8 @@ N_PHASES, WARM_UP, WARM_UP_S = 4, 0.3, 60.0
 MAX_OUTAGE_S = 10.0
 # Connections that come and go, at one moment, of twenty a second.
 MAX_PEERS_AT_ONCE = 20
-# Of the loop's processor time for a frame, from the first half of what is measured to the second: other work on the
-# machine takes caches away.
+# The loop's processor time for a frame may grow so much from the first half of what is measured to the second: other
+# work on the machine takes caches away.
 MAX_LOOP_GROWTH = 1.33
 MAX_EXIT_S = 5.0
 # Longer than a client waits for a frame, shorter than the test does for the run.
@@ -223,7 +223,7 @@ def is_due(n_frames: int, n_killed: int, every: int) -> bool:
 
 
 def all_beside(ready: str, adapter: tuple[str, subprocess.Popen], served: dict[str, dict]) -> dict:
-    """What goes on beside the clients, by its name: function and arguments."""
+    """The function and the arguments, by name, of each thing that goes on beside the clients."""
     endpoint, address = ready.split()[3], ready.split()[5]
     metrics, page = (re.search(rf"{what} on (\S+?)[;)]", ready)[1] for what in ("metrics", "view"))
     return {"scenes": (beside.load_scenes, endpoint, served), "junk": (beside.send_junk, endpoint, address),
@@ -337,7 +337,7 @@ def soak(process: subprocess.Popen, ready: str, adapter: tuple[str, subprocess.P
             "share_of_a_core": [round(1e-3 * ms / max(seconds, 1e-9), 4) for _, seconds, ms, _ in used]}
     each = [b - a for a, b in zip(first, last, strict=True)]
     fairness = min(each) / max(each)
-    # Of those who come and go some are always there.
+    # Some of those who come and go are always there.
     more = {"rss_MiB": 0.0, "fds": MAX_PEERS_AT_ONCE * arguments.come_and_go}
     if arguments.all:  # a scene that is loaded lets replies go that were kept: the most of each half tells
         half = len(samples) // 2

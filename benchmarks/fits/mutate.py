@@ -1,4 +1,4 @@
-"""Which fitted constants tests hold: `python benchmarks/fits/mutate.py [--only NAME ...] [--full] [--out FILE]`.
+"""Find which fitted constants tests hold: `python benchmarks/fits/mutate.py [--only NAME ...] [--full] [--out FILE]`.
 
 Each number that a module of the planner, the views or exact coverage assigns on top is doubled, then halved, and the
 tests of the planner and the views are run with it: those that need no OpenGL, or with `--full` all of them. Default
