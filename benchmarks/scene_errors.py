@@ -1,7 +1,7 @@
 """Measured errors, without times: `python benchmarks/scene_errors.py [--scenes PART...]`.
 
 The scenes are the chart's and thin crescents. The Sun has its disc, as scenes have by default. Writes
-out/scene_errors.{json,md}; docs/accuracy.md has the table.
+out/scene_errors.{json,md}; benchmarks/RESULTS.md has the table.
 """
 
 from __future__ import annotations
