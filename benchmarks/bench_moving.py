@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 NAMES = ("middle 500 px, 49k", "middle 500 px, 3.1M")
 BUDGETS = (0.1, 0.05, 0.02, 0.01)
 AXIS = np.array([0.3, 0.2, 1.0]) / np.linalg.norm([0.3, 0.2, 1.0])
-# Of which motion is not known yet.
+# Frames of which motion is not known yet.
 FIRST = 8
 
 

@@ -188,7 +188,7 @@ def limb_offsets(image: np.ndarray, exact: np.ndarray, body: np.ndarray) -> tupl
         return nothing
     middle = centroid_px(body.astype(float))
     inner = cv2.erode(body.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=1)
-    # Of a pixel, the light of the body's inside next to it.
+    # Light of the body's inside next to each pixel.
     level = 0.5 * cv2.dilate(np.where(inner > 0, exact, 0.0), np.ones((5, 5), np.uint8))
     outer = cv2.distanceTransform(1 - np.pad(body, 1, mode="edge").astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
     inside = cv2.distanceTransform(np.pad(body, 1, mode="edge").astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]

@@ -20,7 +20,7 @@ COMPRESSIONS = (
       for loss in ({"rate_bpp": 1.0}, {"rate_bpp": 0.5}, {"psnr_db": 56.0})))
 """Tables of `Compression.from_dict`: all codecs without loss, then bounds, rates and a PSNR."""
 
-# The body is what is brighter than the sky by this share of the brightest light above it [1].
+# Pixels of the body exceed the sky by this share of the brightest light above the sky [1].
 _LIT_SHARE = 0.05
 # Features are matched where the best descriptor is nearer than this share of the second (Lowe 2004), and are the same
 # within so many pixels.
@@ -74,7 +74,7 @@ def codec_rows(dn: np.ndarray, bit_depth: int, noise_DN: float | None = None,
     dn : (H, W) uint8 or uint16 [DN]
     bit_depth : int, 1..16
     noise_DN : float [DN], optional
-        Of the lit pixels, as of `compression.noise_DN`; without it there are no shares of it.
+        Of the lit pixels, as of `compression.noise_DN`; without it shares of the noise are left out.
     offset_DN : float [DN], optional
         As of `black_and_white`.
     compressions : iterable of mapping

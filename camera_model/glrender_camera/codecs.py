@@ -13,9 +13,9 @@ from .errors import ConfigError
 
 Lossy = Callable[[np.ndarray, int, float], bytes]
 """The bytes of a frame, of its bit depth, at a setting."""
-# The blocks of CCSDS 121, and how many of them share a reference sample.
+# Samples in a block of CCSDS 121, and blocks that share a reference sample.
 _AEC = {"blocksize": 16, "rsi": 64}
-# Rows, columns and bit depth, little-endian: the standard's own stream tells none of them.
+# Rows, columns and bit depth, little-endian: the standard's own stream has none of these.
 _AEC_HEAD = struct.Struct("<HHB")
 # Columns over rows of a codestream of JPEG XL that names the rows alone (ISO 18181-1, D.2).
 _XL_RATIOS = ((1, 1), (12, 10), (4, 3), (3, 2), (16, 9), (5, 4), (2, 1))
@@ -48,7 +48,7 @@ def library() -> ModuleType:
 
 
 def reversible_2000(dn: np.ndarray, bits: int, db: float) -> bytes:
-    """JPEG 2000 by the transform without rounding, cut off at a PSNR [dB]; 0 for all of it."""
+    """JPEG 2000 by the transform without rounding, cut off at a PSNR [dB]; 0 for the whole stream."""
     return library().jpeg2k_encode(dn, level=db, reversible=True, bitspersample=bits, codecformat="j2k", numthreads=1)
 
 

@@ -102,7 +102,7 @@ class Compression:
         dn : (H, W) uint8 or uint16 [DN]
         bit_depth : int, 1..16
         noise_DN : float [DN]
-            Of the lit pixels; `share_of_noise` is of it.
+            Of the lit pixels; the unit of `share_of_noise`.
         """
         dn = np.ascontiguousarray(dn)
         if max(dn.shape) > _MOST_PX:
@@ -219,7 +219,7 @@ class Sent:
 
 
 def checked_compression(compression: object) -> None:
-    """Refuse what is neither a `Compression` nor None."""
+    """Refuse values that are neither a `Compression` nor None."""
     if compression is not None and not isinstance(compression, Compression):
         raise ConfigError("compression", "must be Compression", compression)
 

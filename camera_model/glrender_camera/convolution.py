@@ -13,7 +13,7 @@ _RANK_TOLERANCE = 1e-7
 _LARGEST_DIRECT_PX = 11
 # Transforms of a kernel are kept for so many sizes of image; sizes are rounded up so that few are needed.
 _N_TRANSFORMS, _SIZE_STEP_PX = 8, 32
-# Large images are spread in bands of rows beside each other, so many whatever the number of threads.
+# Large images are spread in parallel bands of rows; their number does not depend on that of the threads.
 _MAX_BANDS, _BAND_PX = 4, 2**17
 
 

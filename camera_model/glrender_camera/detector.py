@@ -32,7 +32,7 @@ _BLOCK_PX = 2**18
 # Beyond this many full wells the drawn number says nothing more, and NumPy's Poisson loses its
 # variance.
 _MAX_FULL_WELLS = 100.0
-# Of the read noise, that the offset should hold: 0.13 % are clipped beyond it.
+# Deviations of the read noise that the offset should hold: 0.13 % of the pixels are clipped beyond.
 _HELD_SIGMA = 3.0
 # Well inside 32 bits, whatever the read noise adds.
 _MAX_NUMBER = 1e9
@@ -181,7 +181,7 @@ class Detector:
         if not self.offset_DN + 0.5 < _HELD_SIGMA * sigma_DN:
             return ""
         share = ndtr(-(self.offset_DN + 0.5) / sigma_DN)
-        return (f"{share:.0%} of it is clipped at 0 DN where no light falls, and dark pixels are too bright: "
+        return (f"{share:.0%} of the noise is clipped at 0 DN where no light falls, and dark pixels are too bright: "
                 f"give an offset_DN of {math.ceil(_HELD_SIGMA * sigma_DN)} or more")
 
     def fixed_pattern(self, shape: tuple[int, int]) -> FixedPattern:

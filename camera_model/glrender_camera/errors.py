@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 
 _NO_VALUE = object()
-_PREFIX: ContextVar[str] = ContextVar("path of what is being checked", default="")
+_PREFIX: ContextVar[str] = ContextVar("path of the field being checked", default="")
 
 
 class GlrenderError(Exception):
@@ -56,7 +56,7 @@ def _rebuild(kind: type, path: str, rule: str, hint: str, *got: object) -> Confi
 
 
 class _Brief(reprlib.Repr):
-    """Values for messages: what a stranger sent costs no more than what is said of it."""
+    """Writes values for messages in few characters, however large a stranger's value is."""
 
     def __init__(self):
         super().__init__()

@@ -18,7 +18,7 @@ MAX_EXPOSURE_S, _MAX_STEP = 1e6, 1e6
 _MAX_METERED_PX = 2**16
 # The dimmest pixel that counts as lit for the metering, as a fraction of the brightest.
 _LIT_FRACTION = 0.01
-# Of a pixel that counts as lit in a frame with noise: one dark pixel in 1.7 million is brighter.
+# Deviations of the noise from which a pixel counts as lit: one dark pixel in 1.7 million is brighter.
 _LIT_SIGMAS = 5.0
 
 
@@ -36,7 +36,7 @@ class AutoExposure:
     min_s, max_s : float [s], > 0, up to 1e6
         Limits; `max_s` is what a frame without light gets.
     max_step : float [1], > 1, up to 1e6
-        Largest ratio of the exposures of two frames, where the last frame is told.
+        Largest ratio of the exposures of two frames, where the last frame's is given.
     """
 
     percentile: float = 99.0

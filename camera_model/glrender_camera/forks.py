@@ -17,7 +17,7 @@ from types import ModuleType
 
 
 def in_child(renew: Callable[[], object]) -> None:
-    """Call this in every forked child, before anything else of it."""
+    """Call this in every forked child, before anything else in the child."""
     if hasattr(os, "register_at_fork"):
         os.register_at_fork(after_in_child=renew)
 
@@ -29,7 +29,7 @@ def _ours() -> Iterator[tuple[str, ModuleType]]:
 def _wait_for_imports() -> None:
     """Let other threads end the imports of our modules: loops are compiled in them."""
     for name, _ in _ours():
-        # Of one that fails, who imports it is told.
+        # A module that fails reports that to its importer.
         with suppress(Exception):
             importlib.import_module(name)
 

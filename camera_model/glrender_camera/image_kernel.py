@@ -4,7 +4,7 @@ A rendered pixel has been averaged over once. A kernel that averages over it aga
 1/12 px^2 an axis. Here is the kernel with the least error at a limb instead. Of edges at any place between the pixels,
 whose power falls with the square of the frequency, the best linear estimate of what the detector sees interpolates the
 pixels by a cubic spline, spreads that and reads it at the pixels' centres. Where the point spread function is
-narrow, sigma < 0.7 px, that undershoots beside an edge; light cannot, so pixels below zero are filled up from
+narrow, sigma < 0.7 px, that undershoots near an edge; light cannot, so pixels below zero are filled up from
 their neighbours.
 
 Source: Unser (1999), Splines: a perfect fit for signal and image processing, IEEE Signal Proc. Mag. 16(6), 22.
@@ -30,7 +30,7 @@ def gaussian_image_axis(sigma_px: float, radius_px: int) -> np.ndarray:
     """Gaussian along one axis, for images: (2 radius + 1,) float64 [1], its sum 1.
 
     Its variance is sigma^2 within 0.005 px^2 from 0.65 px on; up to 0.07 px^2 more below, where the pixels do not
-    tell more.
+    resolve more.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def spline_weights(x_px: np.ndarray, sigma_px: float, radius_px: int) -> np.ndar
 
 
 def from_splines(weights: np.ndarray) -> np.ndarray:
-    """The kernel (..., n, m) of a point spread function's light under each pixel's B-spline; none of it below 0."""
+    """The kernel (..., n, m) of a point spread function's light under each pixel's B-spline; no value is below 0."""
     kernel = np.asarray(weights, np.float64)
     for axis in (-2, -1):
         if kernel.shape[axis] > 1:
@@ -169,7 +169,7 @@ def _filled(kernel: np.ndarray) -> np.ndarray:
 
 
 def _fourth_integral(x: np.ndarray, sigma_px: float) -> np.ndarray:
-    """The fourth integral of a Gaussian of unit area: x^3 / 6 far to the right of it."""
+    """The fourth integral of a Gaussian of unit area: x^3 / 6 far to its right."""
     if sigma_px == 0.0:
         return np.maximum(x, 0.0) ** 3 / 6.0
     z = x / sigma_px

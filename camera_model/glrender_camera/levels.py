@@ -24,7 +24,7 @@ _MOST_SKY = 0.25
 _BIT_DEPTHS = range(8, 17)
 # Light is that much above the sky, in sigma; white is at least so far, that noise stays dark.
 _LIT_SIGMA, _LEAST_SIGMA = 5.0, 20.0
-# Of the noise's sigma: whole numbers have steps of this.
+# Least sigma of the noise [DN]: the step of whole numbers.
 _LEAST_DN = 1.0
 _BRIGHTEST = 0.999
 _GOLDEN = 0.6180339887498949

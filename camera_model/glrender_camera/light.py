@@ -15,7 +15,7 @@ from .validate import integer
 
 # A rounding error of the renderer below this fraction of the maximum is clipped, more is a fault.
 NEGATIVE_TOLERANCE = 1e-12
-# Of the light beyond an image, the brightest sources that have this share throw their wings.
+# The brightest sources beyond an image are followed until they have this share of its light.
 _BRIGHT_SHARE = 0.999
 
 
@@ -30,7 +30,7 @@ class Light:
     lit : (slice, slice)
         The part outside which it is 0; empty in darkness.
     text : str
-        Where the light came from and how much of it fell on the frame; the rest is beyond kernels, frame and wing.
+        Where the light came from and which share fell on the frame; the rest is beyond kernels, frame and wing.
     """
 
     signal: np.ndarray

@@ -67,7 +67,7 @@ class Optics:
     psf_measured : (n, m) or (rows, columns, n, m) numbers [1], optional
         Measured kernel, n and m odd, of non-negative shares that sum to at most 1; or a grid of
         kernels, evenly spaced from the frame's first pixel to its last, between which the light is
-        shared out. It holds the optics' diffraction and the pixel: no `f_number` may be given beside
+        shared out. It holds the optics' diffraction and the pixel: no `f_number` may be given with
         it; a Gaussian blurs it further, without counting the pixel again.
     stray_light : StrayLight, optional
         Wide wing and veil, over the whole frame.
@@ -176,7 +176,7 @@ class Optics:
                     gaussian_image_axis(self.psf_sigma_px, gaussian_px))
         point, splines = np.moveaxis(self._pupil_kernels(max(self.psf_radius_px, gaussian_px)), -3, 0)
         image = from_splines(splines)
-        # Beside the rim one holds a little more than the other.
+        # Near the rim one holds a little more than the other.
         return point, image * (point.sum(axis=(-2, -1)) / image.sum(axis=(-2, -1)))[..., None, None]
 
     @cached_property
@@ -199,7 +199,7 @@ class Optics:
         return rows[..., FINE:] - rows[..., :-FINE]
 
     def _pupil_kernels(self, radius: int, parts: int = 1) -> np.ndarray:
-        """(..., windows, n, n): kernels, or a grid of them, of so many cells to each side, `parts` a pixel and axis."""
+        """(..., windows, n, n): kernels, or a grid of kernels: `radius` pixels to each side, `parts` cells a pixel."""
         relative_width = 2.0 * (self.band_nm[1] - self.band_nm[0]) / sum(self.band_nm)
         n_wavelengths = min(_N_WAVELENGTHS, math.ceil(_WAVELENGTHS_PER_RELATIVE_WIDTH * relative_width))
         wavelengths_m, weights = photon_weights(self.band_nm, self.transmission, n_wavelengths)
@@ -271,7 +271,7 @@ class Optics:
         Parameters
         ----------
         image : (h, w) float32
-            The frame, or a part of it with darkness elsewhere; each pixel the light of its area.
+            The frame, or a part with darkness elsewhere; each pixel the light of its area.
         origin_px : (row, column) int [px]
             Of the part in the frame.
         frame_shape : (H, W) int [px], optional

@@ -11,10 +11,10 @@ import numpy as np
 
 # Spawn keys that keep the streams of a sensor, of a frame and of its faults apart when their seeds are equal.
 SENSOR, FRAME, COSMIC, FAULT = 0, 1, 2, 3
-# Of seeds made of another: a number and a name with the same bytes are two keys.
+# Kinds of keys from which seeds are derived: a number and a name with the same bytes differ.
 _NUMBER, _NAME = 4, 5
 
-# Of a seed that is made of another: whole numbers up to 2**53 are exact in JSON as MATLAB and JavaScript read it.
+# Bits of a derived seed: whole numbers up to 2**53 are exact in JSON as MATLAB and JavaScript read it.
 _SEED_BITS = 53
 
 

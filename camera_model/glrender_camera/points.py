@@ -80,7 +80,7 @@ class PointSources:
             add = _add_gaussian_crowd if is_gaussian else _add_crowd
             add(out, xy[crowd], fluxes[crowd], optics, frame_origin_px, frame)
         if is_gaussian:
-            # What is spread at once stays within a core's cache, or little beyond.
+            # Sources that are spread at once stay within a core's cache, or little beyond.
             for part in np.array_split(lone, lone.size * (2 * margin_y + 3) ** 2 // _AT_ONCE + 1):
                 _add_gaussians(out, xy[part], fluxes[part], optics.psf_sigma_px, margin_y + 1)
             return out
@@ -101,7 +101,7 @@ class PointSources:
         return PointSources(self.xy_px[index], self.irradiance_W_m2[index])
 
     def is_inside(self, shape: tuple[int, int], margin_px: int = 0) -> np.ndarray:
-        """(N,) bool: whether a source lies in a frame (H, W) [px], or within so many pixels of it."""
+        """(N,) bool: whether a source lies in a frame (H, W) [px] or its margin."""
         edge = 0.5 + margin_px
         return np.all((self.xy_px >= -edge) & (self.xy_px < np.array(shape[::-1]) - 1.0 + edge), axis=1)
 
@@ -217,7 +217,7 @@ def _add_gaussian_crowd(out: np.ndarray, xy: np.ndarray, fluxes: np.ndarray, opt
 
 
 def _add_gaussians(out: np.ndarray, xy: np.ndarray, fluxes: np.ndarray, sigma_px: float, radius_px: int) -> None:
-    """Spread all Gaussians at once: one of them costs more to begin than to spread."""
+    """Spread all Gaussians at once: a single one costs more to begin than to spread."""
     middle = np.rint(xy)
     across, down = (psf.gaussian_weights(offset, sigma_px, radius_px).T for offset in (xy - middle).T)
     steps = np.arange(-radius_px, radius_px + 1)

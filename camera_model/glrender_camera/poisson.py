@@ -114,7 +114,7 @@ def _same(rng: np.random.Generator, mean: float, n: int) -> np.ndarray:
     np.copyto(place, cell)
     count = count_of_cell.take(place, mode="clip")
     undecided = np.flatnonzero(count == _UNDECIDED)
-    # A second number tells where in the cell.
+    # A second number chooses the place in the cell.
     uniform = (place[undecided] + rng.random(undecided.size)) / _CELLS
     count[undecided] = _counted(cumulative, 0, least[place[undecided]], uniform)
     return count.astype(np.float32)
@@ -129,8 +129,8 @@ def _small(rng: np.random.Generator, mean: np.ndarray) -> np.ndarray:
     np.floor(remainder, out=level)
     remainder -= level
     remainder *= np.float32(1.0 / _LEVELS_PER_ELECTRON)
-    # Of 32 random bits eleven choose the cell; those left say nothing about the count of a decided cell: a second,
-    # independent number. Bits below the last are drawn where they are needed.
+    # Eleven of 32 random bits choose the cell. The others say nothing about the count of a decided cell, and serve as a
+    # second, independent number. Bits below the last are drawn where they are needed.
     bits = random_bits(rng, n, np.uint32)
     cell, row = _scratch.array("cell", (n,), np.uint32), _scratch.array("row", (n,), np.int32)
     np.right_shift(bits, np.uint32(_REST_BITS), out=cell)

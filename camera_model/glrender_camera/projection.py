@@ -31,7 +31,7 @@ MAX_IMAGE_PX = 16384
 """Widest image [px]: the texture limit of every OpenGL that glrender runs on."""
 # From one wide pixel that sees half the sky to a picoradian a pixel.
 _FOCAL_LENGTHS_PX = (1e-3, 1e12)
-# float64 tells places apart to 1e-11 px there.
+# float64 resolves places to 1e-11 px there.
 _MAX_PRINCIPAL_POINT_PX = 1e5
 
 # A margin changes a frame's aspect by a few percent; height for width is a mistake.
@@ -177,7 +177,7 @@ class PinholeCamera:
         (height, width, 2) float64 [1], read-only
         """
         x, y = np.arange(self.width_px), np.arange(self.height_px)
-        # Some rows at a time: a row alone is mostly calls, all of them would be many times the frame's memory.
+        # Some rows at a time: a row alone is mostly calls, and all at once would take many times the frame's memory.
         some = np.split(y[:, None], range(8, self.height_px, 8))
         seen = np.concatenate([self.normalised(np.stack(np.broadcast_arrays(x, rows), axis=-1)) for rows in some])
         seen.setflags(write=False)

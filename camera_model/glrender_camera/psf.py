@@ -1,7 +1,7 @@
 """Point spread functions on the pixel grid.
 
 A kernel holds the fraction of a point's light, at a pixel's centre, that falls into each pixel. It
-is not renormalised: what it misses is light that goes farther, and the caller is told how much.
+is not renormalised: the light that it misses goes farther, and its share is reported.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-# Of a Gauss rule beyond what the phase asks for: exp(i c x) needs c/2 nodes and a few more.
+# Nodes of a Gauss rule beyond those that the phase needs: exp(i c x) needs c/2 nodes and a few more.
 _SPARE_NODES = 24
 
 

@@ -14,7 +14,7 @@ from .errors import ConfigError
 from .projection import MAX_IMAGE_PX, PinholeCamera
 from .validate import integer, positive
 
-# Between the frame's edge and what is rendered: a cell's width and its neighbour's.
+# Cells rendered beyond the frame's edge: one, and its neighbour for interpolation.
 _RIM_PX = 2
 _BAND_ROWS = 32
 _MAX_OVERSAMPLING = 8
@@ -167,7 +167,7 @@ class DistortingLens:
         source, camera = self.source, self.camera
         x = (np.arange(source.width_px) - source.principal_point_px[0]) / source.focal_length_px
         y = (np.arange(source.height_px) - source.principal_point_px[1]) / source.focal_length_px
-        # A band of rows at a time: what is in the cache is fast.
+        # A band of rows at a time stays in the cache.
         parts = [self._band(x, y[row:row + _BAND_ROWS], row * x.size) for row in range(0, y.size, _BAND_ROWS)]
         rows, columns, shares = (np.concatenate([part[i] for part in parts]) for i in range(3))
         return csr_array((shares, (rows, columns)), shape=(camera.width_px * camera.height_px, x.size * y.size))
@@ -186,7 +186,7 @@ class DistortingLens:
         if not used.size:
             return np.empty(0, np.int32), np.empty(0, np.int32), np.empty(0, np.float32)
         low = np.rint(place - 0.5 * size).astype(np.int64)
-        # Of each axis: the part of the cell before the boundary between two pixels.
+        # The part of the cell, along each axis, before the boundary between two pixels.
         before = np.clip((low + 0.5 - (place - 0.5 * size)) / size, 0.0, 1.0)
         rows, columns, shares = [], [], []
         for dy in (0, 1):

@@ -9,7 +9,7 @@ import numpy as np
 from .errors import ConfigError
 from .validate import finite, positive
 
-# Of the exposure: a window may miss the samples' span by its own rounding.
+# Share of the exposure by which a window may miss the samples' span: its own rounding.
 _SPAN_TOLERANCE = 1e-9
 
 

@@ -20,7 +20,7 @@ SUN_RADIUS_M = 6.957e8
 """Nominal: IAU 2015 Resolution B3."""
 HIPPARCOS_YEAR = 1991.25
 _MAS = np.pi / 180.0 / 3.6e6
-# Of B - V from -0.4 to 2.5, and places between at which a camera's response is worked out once.
+# Inverse temperatures of B - V from -0.4 to 2.5; places between at which a camera's response is computed once.
 _INVERSE_TEMPERATURES_K, _N_RESPONSES = (4e-5, 5e-4), 1024
 # A Sun of this radius or less is a point.
 _POINT_RADIUS_PX = 1.5
@@ -229,7 +229,7 @@ def sun_in_view(camera: PinholeCamera, r_sun_camera_m: np.ndarray, solar_irradia
         part = np.maximum(1.0 - np.abs(x), 0.0) * np.maximum(1.0 - np.abs(y), 0.0)
     else:
         part = np.clip(radius_px - np.hypot(x, y) + 0.5, 0.0, 1.0)
-        # Of a disc that is cut off, the closed form of the same sum; it is 2 % out for a few pixels.
+        # A disc that is cut off is normalised by the closed form of the sum, 2 % off for a few pixels.
         is_whole = min(x0, y0) > 0 and x1 < image.shape[1] and y1 < image.shape[0]
         part /= part.sum() if is_whole else np.pi * (radius_px**2 + 1.0 / 12.0)
     image[y0:y1, x0:x1] = solar_irradiance_W_m2 * part

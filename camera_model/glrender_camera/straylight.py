@@ -99,7 +99,7 @@ class StrayLight:
         image : (H, W) float32
             The whole frame with its margin, after the point spread function; not changed.
         margin_px : int [px]
-            Of it; the veil is shared out from the frame alone, whatever is drawn beside it.
+            Width of the margin. The veil is shared out from the frame alone, whatever the margin shows.
 
         Returns
         -------

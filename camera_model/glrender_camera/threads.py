@@ -19,7 +19,7 @@ N_CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 
 """Number of cores that this process may use."""
 N_THREADS = min(4, os.cpu_count() or 1)
 """Most threads of the camera model: more gain nothing on a megapixel."""
-# Of all that run at a time; they are made when they are needed.
+# Most threads that run at a time; they are made when they are needed.
 _MOST_THREADS = 64
 
 
@@ -42,7 +42,7 @@ def run(task: Callable[[int], None], items: Iterable[int], n_threads: int = N_TH
     try:
         work()
     finally:
-        # All of them, also if one fails: what they work on may be released then. For none, waiting takes longer than
+        # Wait for all, also if one fails: their memory may be released then. Without helpers, waiting takes longer than
         # the work of few items.
         if helpers:
             wait(helpers)

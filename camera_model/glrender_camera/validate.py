@@ -148,7 +148,7 @@ def unit_vectors(name: str, array: np.ndarray, hint: str) -> np.ndarray:
 
 
 def near_unit(name: str, off: float, rule: str, got: object, hint: str) -> None:
-    """Refuse a norm farther than 1e-3 from unity; warn of what is farther than 1e-6, once a process for each field.
+    """Refuse a norm farther than 1e-3 from unity; warn of one farther than 1e-6, once a process for each field.
 
     Parameters
     ----------

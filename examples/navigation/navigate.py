@@ -20,7 +20,7 @@ from PIL import Image
 
 BELIEFS = {"the true shape": 6, "a sixteenth of its facets": 4}
 _COLOURS = ("tab:blue", "tab:orange")
-# Of the body's mass at 2 g/cm3, and the filter's flight past it.
+# Gravity of the body at 2 g/cm3, and the steps of the filter's flight past it.
 _GM_M3_S2 = 2.9
 _STEP_S = 600.0
 _RANGE_SIGMA_M = 1.0

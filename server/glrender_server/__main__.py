@@ -90,7 +90,7 @@ def main(argv: list[str] | None = None) -> int:
             if address is not None:
                 fronts.append(stack.enter_context(closing(TcpFront(address, of_tcp))))
                 if arguments.curve is not None:
-                    log.warning("--tcp beside --curve: whoever reaches %s, as every user of this machine does, asks "
+                    log.warning("--tcp with --curve: whoever reaches %s, as every user of this machine does, asks "
                                 "without a key", address)
             # Whoever watches must know the password, or nobody may.
             password = "" if arguments.watch else secrets.token_urlsafe()
@@ -111,7 +111,7 @@ def main(argv: list[str] | None = None) -> int:
             if view is not None:
                 view.start(fronts[0].endpoint, password, arguments.curve)
                 said.append(f"view on {view.address}")
-            # What is loaded by now is no garbage; looking through it takes some tenths of a millisecond of each frame.
+            # Modules that are loaded are no garbage; looking through them takes some tenths of a millisecond a frame.
             gc.freeze()
             # Scripts wait for this line; logs go to standard error.
             Server(dispatcher, engine, fronts, fronts[0].reload_keys).serve(
@@ -164,7 +164,7 @@ def _memory_bytes(groups: Path = Path("/proc/self/cgroup"), root: Path = Path("/
     """Memory of the machine, or of the control group that this process is in, or of one above it."""
     found = [os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")]
     with suppress(OSError):
-        # Of version 2, `0::/path`; within a container the path may lead to where nothing is.
+        # Version 2 writes `0::/path`; within a container nothing may be at that path.
         own = next((line[3:] for line in groups.read_text().splitlines() if line.startswith("0::/")), "/")
         for folder in (root / own.lstrip("/"), *(root / own.lstrip("/")).parents):
             with suppress(OSError, ValueError):  # none, or "max"

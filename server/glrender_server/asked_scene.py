@@ -61,7 +61,7 @@ def _hide(error: ConfigError, folder: Path) -> None:
 
 
 def _check_counts(table: Mapping[str, Any]) -> None:
-    """Refuse a scene before it is made, if its table tells that it is too large."""
+    """Refuse a scene before it is made, if its table shows that it is too large."""
     for name, most in (("bodies", limits.MAX_SCENE_BODIES), ("cameras", limits.MAX_SCENE_CAMERAS)):
         if isinstance(table.get(name), list) and len(table[name]) > most:
             raise ConfigError(f"scene.{name}", f"must be at most {most}", len(table[name]))
@@ -77,7 +77,7 @@ def _check_counts(table: Mapping[str, Any]) -> None:
 
 
 def _check_emission(table: Mapping[str, Any]) -> None:
-    """Refuse sources that together take minutes; each of them alone is the scene's to check."""
+    """Refuse sources that together take minutes; the scene checks each alone."""
     sources = [source for emission in _tables(table.get("emission")) for source in _tables(emission.get("sources"))]
     _check_sum("emission", len(sources), limits.MAX_SCENE_SOURCES, "sources")
     tails = [source for source in sources if source.get("model") == "tail"]
@@ -88,7 +88,7 @@ def _check_emission(table: Mapping[str, Any]) -> None:
 
 
 def _check_textures(table: Mapping[str, Any], folder: Path) -> None:
-    """Refuse textures before a pixel of them is read; one that cannot be read is told by its reader."""
+    """Refuse textures that are too large before a pixel is read; the reader refuses those that it cannot read."""
     n_pixels = 0
     for body in _tables(table.get("bodies")):
         name = body.get("albedo_texture")

@@ -19,9 +19,9 @@ from .logs import is_ours
 # Each command is a module of `commands`, loaded when it is asked for.
 COMMANDS = {
     "init": "write a scene file with comments, to start from",
-    "check": "what a shape, a scene or a scenario is, and what is odd in it",
+    "check": "describe a shape, a scene or a scenario, and warn of oddities",
     "render": "draw one frame of a scene, a scenario or a shape file",
-    "plan": "how a frame is drawn, with which error, and what is left out",
+    "plan": "explain how a frame is drawn, its predicted error, and the effects left out",
     "sequence": "draw frames of many states as files, on all cores",
     "dataset": "draw labelled frames in shards: WebDataset, HDF5, COCO or BOP",
     "compress": "what each codec does to a frame: rate, errors, shifts of centre and features",
@@ -46,7 +46,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point of the console script: 0, or 1 after an error. What is wrong with the arguments exits with 2."""
+    """Entry point of the console script: 0, or 1 after an error. Wrong arguments exit with 2."""
     argv = sys.argv[1:] if argv is None else list(argv)
     command = next((word for word in argv if not word.startswith("-")), None)
     parser = parser_of(() if command is None else (command,))

@@ -40,7 +40,7 @@ def pack(header: Mapping[str, Any], arrays: Arrays | Sequence[Arrays] = (), orde
     ----------
     header : mapping
         Plain data.
-    arrays : mapping of str to (array, unit), or a sequence of them
+    arrays : mapping of str to (array, unit), or a sequence of such mappings
         Each array becomes a part; the header's ``arrays`` describes them in order, with the index of their
         mapping as ``frame`` where there is a sequence.
     order : "C" or "F"

@@ -1,4 +1,4 @@
-"""Requests in, replies out: what the server does beside rendering, and nothing of sockets.
+"""Requests in, replies out: the server's work apart from rendering and sockets.
 
 Every request gets one reply.
 """
@@ -33,7 +33,7 @@ from .warned import WarningLog
 log = logging.getLogger(__name__)
 
 OPERATIONS = ("hello", *DRAWN, "status", "watch", "close")
-# A client that is told `busy` asks again after the time that the waiting requests take, within these [s].
+# A client that gets `busy` asks again after the time that the waiting requests take, within these bounds [s].
 _MIN_RETRY_S, _MAX_RETRY_S = 0.05, 5.0
 _ALL_AT_WORK = "all connections are open and at work; close one"
 _UNTAKEN = "this client has not taken its replies; read them first"
@@ -57,7 +57,7 @@ class Engine(Protocol):
     """Engines render requests: in this thread (`LocalEngine`) or in processes (`WorkerPool`)."""
 
     described: dict[str, Any]
-    """Scene and OpenGL, as `hello` tells them."""
+    """Scene and OpenGL, as `hello` describes them."""
     draws_here: bool
     """Whether `start` draws in the loop's thread, and returns when it is done."""
     generation: int
@@ -85,7 +85,7 @@ class Engine(Protocol):
         """Register what wakes the loop, now and later."""
 
     def turn(self, ready: dict[Any, int]) -> None:
-        """Take in what is finished; replace what has died or taken too long."""
+        """Take in finished jobs; replace workers that have died or taken too long."""
 
 
 class Dispatcher:
@@ -184,7 +184,7 @@ class Dispatcher:
         if kept is not None and kept.digest == digest:
             request.answer(kept.reply)
         elif under_way is not None and len(under_way.answers) < limits.MAX_COPIES:
-            # A retry of what is being drawn: both get the one reply.
+            # A retry of a request that is being drawn: both get the one reply.
             under_way.answers.append(request.answer)
         elif is_closing:
             self._refuse(request, header, "closing", "", "the server is shutting down")
@@ -292,7 +292,7 @@ class Dispatcher:
             answer(reply)
 
     def give_up(self) -> None:
-        """Tell all that still wait that the server ends."""
+        """Answer `closing` to all requests that still wait."""
         while self._queue.get() is not None:
             pass
         for header, answers in self._under_way.values():
@@ -377,5 +377,5 @@ class Dispatcher:
 
 
 def _account(request: Request) -> Hashable:
-    """Who is known by the time of a request: all connections of a machine or a process, where they can be told."""
+    """Who is known by the time of a request: all connections of a machine or a process, where these are known."""
     return request.sender if request.account is None else request.account

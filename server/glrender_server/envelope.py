@@ -1,4 +1,4 @@
-"""The four fields that every request has, and what every reply repeats of them."""
+"""The four fields that every request has, and those that every reply repeats."""
 
 from __future__ import annotations
 
@@ -41,5 +41,5 @@ def echo(header: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def refusal(header: Mapping[str, Any], code: str, path: str, message: str, **more: Any) -> list[Any]:
-    """The reply that says what is wrong; `more` stands in its error."""
+    """The reply with an error; `more` stands in that."""
     return codec.pack({**echo(header), "ok": False, "error": {"code": code, "path": path, "message": message, **more}})

@@ -74,7 +74,7 @@ class FrameRequest:
 
     @contextmanager
     def named_errors(self) -> Iterator[None]:
-        """Errors raised inside tell the field's place in the request; what all frames share keeps its own."""
+        """Errors raised inside name the field's place in the request; fields that all frames share keep theirs."""
         with _named(self.path):
             yield
 

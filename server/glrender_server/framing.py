@@ -49,7 +49,7 @@ class Decoder:
 
     @property
     def has_message(self) -> bool:
-        """Whether a whole message is here, or what is none."""
+        """Whether a whole message is here, or bytes that are no message."""
         try:
             size = self._message_size()
         except ProtocolError:

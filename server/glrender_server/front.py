@@ -49,7 +49,7 @@ class Front(Protocol):
         """Whether `take_in` would give a request at once."""
 
     def take_in(self, ready: dict[Any, int]) -> Iterable[Request]:
-        """Requests that have come, after `poller.poll` said what is ready; sends what is due."""
+        """Requests that have come, after `poller.poll` named the ready sockets; sends the replies that are due."""
 
     @property
     def is_idle(self) -> bool:
@@ -59,7 +59,7 @@ class Front(Protocol):
         """Let no further connection come, where the transport can; those that are there are served on."""
 
     def close(self, linger_s: float = 0.0) -> None:
-        """Close every socket, after so long at most for what is on its way [s]; may be called again."""
+        """Close every socket, waiting at most `linger_s` for messages on their way; may be called again."""
 
 
 class FairQueue:

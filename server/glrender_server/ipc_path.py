@@ -24,7 +24,7 @@ def claimed(endpoint: str) -> Claim | None:
 
 
 class Claim:
-    """A socket's path, and the lock on a file beside it that says that a server has it.
+    """A socket's path, and the lock on a file next to it by which a server owns it.
 
     Parameters
     ----------

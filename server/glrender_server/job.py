@@ -44,7 +44,7 @@ class Job(NamedTuple):
     sender: Hashable
     """Who takes turns, and waits for its own `load_scene`: the `Request`'s."""
     account: Hashable
-    """All connections of one process or machine, where they can be told; else the sender."""
+    """All connections of one process or machine, where these are known; else the sender."""
     is_quick: bool
     """Whether the account's requests take less than `QUICK_S`: such an account may take every worker."""
 

@@ -26,12 +26,12 @@ log = logging.getLogger(__name__)
 
 # A key that is added or taken away counts after so long [s].
 _READ_AGAIN_S = 1.0
-# Of ZAP (RFC 27): a handler of another domain is not asked.
+# Domain of ZAP (RFC 27): a handler of another domain is not asked.
 _DOMAIN = "glrender"
 
 
 def generate(folder: Path, clients: list[str]) -> list[Path]:
-    """Make what is missing of the server's pair and of the clients' pairs; the files written.
+    """Make the pairs that the server and the clients lack; the files written.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Every bound of the service in one place: `hello` tells them, `docs/service.md` lists them.
+"""Every bound of the service in one place: `hello` sends them, `docs/service.md` lists them.
 
 A client that exceeds one is answered `busy` with the time after which to ask again, is refused by name, or is hung up
 on; the others are served meanwhile.
@@ -99,7 +99,7 @@ def max_connections() -> tuple[int, int]:
 
 
 def described() -> dict[str, int | float]:
-    """The bounds as `hello` tells them."""
+    """The bounds as `hello` sends them."""
     of_zmq, of_tcp = max_connections()
     return {"max_header_bytes": MAX_HEADER_BYTES, "max_values": MAX_VALUES, "max_depth": MAX_DEPTH,
             "max_waiting": MAX_WAITING, "max_untaken_bytes": MAX_UNTAKEN_BYTES, "max_connections": of_zmq,

@@ -19,7 +19,7 @@ _STANDARD = frozenset(logging.makeLogRecord({}).__dict__) | {"message", "asctime
 
 
 class JsonFormatter(logging.Formatter):
-    """`{"t", "level", "logger", "process", "message", ...}`, with whatever the record carries beside."""
+    """`{"t", "level", "logger", "process", "message", ...}`, with whatever else the record carries."""
 
     def format(self, record: logging.LogRecord) -> str:
         """One line."""
@@ -37,7 +37,7 @@ def say(line: str) -> None:
         sys.stdout.write(line + "\n")
         sys.stdout.flush()
     except OSError:
-        # What is left in the buffer would be tried, and told, again at the end.
+        # The rest of the buffer would be written, and fail, again at the end.
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, sys.stdout.fileno())
         os.close(nowhere)
@@ -69,7 +69,7 @@ class Sparing(logging.Filter):
 
     def __init__(self):
         super().__init__()
-        # Of each kind: when its period began, the lines in it, and those left out.
+        # Start of each kind's period, the lines written in it, and those left out.
         self._kinds: dict[tuple[str, str, str], list[float]] = {}
 
     def filter(self, record: logging.LogRecord) -> bool:

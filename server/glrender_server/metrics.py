@@ -17,7 +17,7 @@ from .limits import MAX_METRICS_CONNECTIONS
 log = logging.getLogger(__name__)
 
 _BUCKETS_S = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 60.0)
-# Of the rate that is told, and the durations that its percentiles are taken of.
+# Time over which the rate is averaged [s], and number of durations of which percentiles are computed.
 _RATE_S, _N_RECENT = 5.0, 512
 # A scrape that does not say within this time what it wants, or stands still, is closed [s].
 _REQUEST_S = 1.0

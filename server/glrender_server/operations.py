@@ -89,7 +89,7 @@ class Operations:
 
     @property
     def described(self) -> dict[str, Any]:
-        """The scene and the OpenGL behind it, as `hello` tells them."""
+        """The scene and the OpenGL behind it, as `hello` describes them."""
         return {
             "scene": self.digest, "cameras": [{"name": c.name, "width_px": c.width_px, "height_px": c.height_px,
                          "focal_length_px": c.focal_length_px, "principal_point_px": list(c.principal_point_px),

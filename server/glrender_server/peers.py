@@ -30,7 +30,7 @@ log = logging.getLogger(__name__)
 
 # A client sends some hundred megabytes a second on loopback; a look at a connection takes 5 us, at another file 2.
 _PATROL_S, _PATROL_S_PER_DESCRIPTOR = 0.05, 6e-4
-# Without a descriptor for a list of them all numbers are tried, 1 us each.
+# Without a descriptor to list descriptors with, all numbers are tried, 1 us each.
 _NEXT_LOOK_S = 0.5
 # Bytes of ZMTP around one part, with CURVE, at most.
 _PART_OVERHEAD_BYTES = 80
@@ -45,7 +45,7 @@ _UCRED_BYTES = 12
 
 @dataclass(eq=False)
 class Peer:
-    """A socket of ZeroMQ's, by its descriptor here; its inode tells whether the descriptor is still this socket's."""
+    """A socket of ZeroMQ's, by its descriptor here; the inode identifies the socket if the descriptor is used anew."""
 
     descriptor: int
     inode: int
@@ -73,8 +73,8 @@ class Peer:
 
     @property
     def unfinished_bytes(self) -> int:
-        """Bytes that ZeroMQ has of it by the last look, and that no message has brought; whole messages may wait."""
-        # What surrounds parts is reckoned high: no credit comes of it.
+        """Bytes that ZeroMQ had read at the last look without a message for them; whole messages may wait."""
+        # The overhead of parts is estimated high, and gives no credit.
         self.n_read_bytes = min(self.n_read_bytes, self.n_received_bytes)
         return self.n_received_bytes - self.n_read_bytes
 
@@ -110,14 +110,14 @@ class Peers:
     def __init__(self, endpoint: str, max_connections: int, max_part_bytes: int, n_waiting: int):
         self._address = endpoint.partition("://")[2]
         self._port = int(endpoint.rpartition(":")[2]) if endpoint.startswith("tcp:") else None
-        # Told, the system need not be asked each time.
+        # With the family given, Python need not ask the system for it each time.
         self._family = (socket.AF_UNIX if self._port is None else socket.AF_INET6 if "[" in self._address
                         else socket.AF_INET)
         self._max_connections, self._looked, self._n_found = max_connections, time.monotonic(), 0
-        # Of whole messages, of one that comes and of one that is passed on.
+        # Bounds for whole messages that wait, one that comes and one that is passed on.
         self._max_part_bytes, self._n_waiting = max_part_bytes, n_waiting + 2
         self._n_messages, self._n_to_settle = 0, 0
-        # By descriptor, with the inode; None for what is no connection of the ROUTER.
+        # By descriptor, with the inode; None for a descriptor that is no connection of the ROUTER.
         self._seen: dict[int, tuple[int, Peer | None]] = {}
         # Every duplicate has this one's descriptor, and gives way to the next: none is left open, and none wants a free
         # descriptor.
@@ -193,7 +193,7 @@ class Peers:
             self.hang_up(peer)
 
     def hang_up(self, peer: Peer) -> None:
-        """End a connection, if it is still there: ZeroMQ forgets all that it holds of it."""
+        """End a connection, if it is still there: ZeroMQ forgets all its bytes."""
         with contextlib.suppress(OSError):
             twin = self._held(peer)
             # A peer that writes into a full window would not hear of the end for a minute: ZeroMQ's close resets.

@@ -24,7 +24,7 @@ def scene_digest(scene: Scene) -> str:
 
 
 class _Content(pickle.Pickler):
-    """Pickles what things are made of, and nothing that they keep beside it once it was asked for."""
+    """Pickles the fields of objects, without the values that they cache."""
 
     def __init__(self, *arguments: Any):
         super().__init__(*arguments)

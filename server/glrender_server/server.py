@@ -24,7 +24,7 @@ _MAX_FAILED_TURNS = 100
 
 
 class Server:
-    """Serves until told to stop, and answers what is waiting then.
+    """Serves until it is stopped, and then answers the requests that wait.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ class Server:
             while not self._dispatcher.is_idle:
                 self._turn(is_closing=True)
                 if time.monotonic() > deadline:
-                    log.warning("not all requests were answered within %g s: the rest is told", _FINISH_S)
+                    log.warning("not all requests were answered within %g s: the rest get `closing`", _FINISH_S)
                     self._dispatcher.give_up()
                     break
             deadline = time.monotonic() + _DRAIN_S

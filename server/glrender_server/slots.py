@@ -25,8 +25,8 @@ MIN_SHARED_BYTES = 1 << 16
 """Frames that are smaller come sooner over the socket."""
 _STEP_BYTES = 1 << 16
 _MAX_FREE, _MAX_FREE_WHEN_FULL = 8, 2
-# Of a slot's parts: any pixel may stand there. The first place holds the slot's number, and behind it whether a worker
-# has begun with it.
+# Parts of a slot begin at multiples of so many bytes, as any pixel needs. The first holds the slot's number, and behind
+# it whether a worker has begun with it.
 _ALIGNMENT, _BEGUN = 64, 8
 _FOLDER = Path("/dev/shm")
 _CAN_LOCK = _FOLDER.is_dir()
@@ -52,7 +52,7 @@ def has_begun(slot: SharedMemory) -> bool:
 
 
 def room(slot: SharedMemory, sizes: Sequence[int]) -> list[memoryview]:
-    """Views of a slot for parts of these sizes [bytes]; let go of them before the slot is closed."""
+    """Views of a slot for parts of these sizes [bytes]; release the views before the slot is closed."""
     return [slot.buf[start:start + size] for start, size in zip(offsets(sizes), sizes, strict=False)]
 
 
@@ -61,8 +61,8 @@ class SlotStore:
 
     A client that reads a slot holds a shared lock (flock) on its file, which the system takes away when the client
     dies. Each time that a slot is taken its number goes up, under the exclusive lock: a client that comes too late
-    sees that, with its own lock in hand. A lock on a file of the store's own tells that it lives: what stores left
-    that were killed is removed by the next.
+    sees that, with its own lock in hand. A lock on a file of the store's own shows that it lives; slots of stores
+    that were killed are removed by the next.
     """
 
     def __init__(self):
@@ -104,7 +104,7 @@ class SlotStore:
         try:
             if _CAN_LOCK:
                 self._locks[slot.name] = lock = os.open(_FOLDER / slot.name, os.O_RDWR | os.O_CLOEXEC)
-                # Memory that the system does not have is told now; else whoever writes there would be killed (SIGBUS).
+                # Allocated now, lack of memory is an error; later it would kill (SIGBUS) the process that writes.
                 os.posix_fallocate(lock, 0, slot.size)
         except OSError:
             self._release(slot)
@@ -142,7 +142,7 @@ class SlotStore:
                 self._remove(slot)
 
     def close(self) -> None:
-        """Release every slot; what is still being sent or read stays readable until then."""
+        """Release every slot; views that are being sent or read stay valid until they end."""
         for slot in self._all.values():
             self._release(slot)
         self._all.clear()

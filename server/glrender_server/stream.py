@@ -132,7 +132,7 @@ class Channel:
             if not data:
                 raise EOFError
             self._decoder.feed(data)
-            # A poller tells of what comes later.
+            # A poller reports bytes that come later.
             has_more = self._is_blocking or len(data) == _RECEIVE_BYTES
 
     def close(self) -> None:

@@ -15,7 +15,7 @@ log = logging.getLogger(__name__)
 
 
 class Systemd:
-    """Tells the service manager of `$NOTIFY_SOCKET` how the server's loop does.
+    """Reports the state of the server's loop to the service manager of `$NOTIFY_SOCKET`.
 
     A loop that stands still says nothing: after `WatchdogSec` systemd starts the server anew.
     """
@@ -55,6 +55,6 @@ def _watchdog_us() -> int:
     told, pid = os.environ.get("WATCHDOG_USEC", ""), os.environ.get("WATCHDOG_PID", "")
     if not told.isdecimal() or pid not in ("", str(os.getpid())):
         if told and not told.isdecimal():
-            log.warning("WATCHDOG_USEC must be a number of microseconds, got %r: no watchdog is told", told)
+            log.warning("WATCHDOG_USEC must be a number of microseconds, got %r: no watchdog is served", told)
         return 0
     return int(told)

@@ -34,7 +34,7 @@ class _Frame(NamedTuple):
 
 
 class Tap:
-    """Keeps the newest frame of each client's camera, a few of them, and answers `watch`.
+    """Keeps the newest frames, one for each client's camera, and answers `watch`.
 
     Parameters
     ----------

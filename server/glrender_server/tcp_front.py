@@ -298,7 +298,7 @@ class _Connection:
         except ProtocolError as error:
             self._is_open, self._error = False, error
             self._break_off()
-        # What is left of a stream that has ended is half a message, or waits for room.
+        # A stream that has ended may leave half a message, or one that waits for room.
         if self._has_ended and self._has_room:
             self._is_open = False
         return requests
@@ -307,7 +307,7 @@ class _Connection:
         """Answer a stream that lost its framing, once all that came before is answered, and hang up."""
         if self._owed or self._error is None:
             return
-        # What is on its way is read and thrown away: to close on unread bytes would reset the
+        # Bytes on their way are read and thrown away: to close on unread bytes would reset the
         # connection, and the client would lose the answer.
         self._hang_up_at = time.monotonic() + _HANG_UP_S
         self._output.put(refusal({}, self._error.code, "", str(self._error)))

@@ -11,35 +11,35 @@ from glrender.engines.advice import NOTES, Advice
 log = logging.getLogger(__name__)
 
 AWAY_S = 10.0
-"""Time that a warning must be away from a camera's frames [s] until it is told anew: one line of what comes and goes
-as a spacecraft tumbles."""
+"""Time [s] that a warning must be absent from a camera's frames before it is logged anew: a warning that comes and goes
+as a spacecraft tumbles makes one line."""
 _MAX_CAMERAS = 256
 
 
 class WarningLog:
-    """Writes what frames and scenes warn of to the log, where it has not been told already."""
+    """Writes the warnings of frames and scenes to the log, each until it is known."""
 
     def __init__(self):
-        # Of each client's camera, when it last had which warning.
+        # Times at which each client's camera last had each warning.
         self._known: OrderedDict[tuple[str, str], dict[tuple[str, str], float]] = OrderedDict()
         self._of_scene: list[Mapping[str, str]] = []
 
     def scene(self, warnings: Sequence[Mapping[str, str]]) -> None:
-        """Tell of a scene that is served from now on; its frames' warnings are all new."""
+        """Log the warnings of a scene that is served from now on; its frames' warnings are all new."""
         self._known.clear()
-        for told in warnings:
-            if told not in self._of_scene:
-                log.warning("%s", told["message"], extra={"code": told["code"], "path": told["path"]})
+        for warning in warnings:
+            if warning not in self._of_scene:
+                log.warning("%s", warning["message"], extra={"code": warning["code"], "path": warning["path"]})
         self._of_scene = list(warnings)
 
     def frames(self, client: str, warnings: Iterable[tuple[str, Sequence[Advice]]], now_s: float) -> None:
-        """Tell of the frames of one request.
+        """Log the warnings of the frames of one request.
 
         Parameters
         ----------
         client : str
         warnings : iterable of (str, sequence of Advice)
-            Each frame's camera and what it warns of: nothing, most often.
+            Each frame's camera and its warnings: none, most often.
         now_s : float [s]
             Of a monotonic clock.
         """

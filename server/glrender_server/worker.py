@@ -35,7 +35,7 @@ def work(peer: socket.socket, backend: str, shape_dir: Path | None, memory_bytes
     ``("failed", text)``; then for each ``("job", message, slot)``, its slot marked as begun: ``("progress", share)``
     now and then from a slow frame, ``("need", n_bytes)`` where the slot is too small (answered by a slot's name, empty
     if there is none), and ``("done", header, sizes, code, timings_ms, warnings, loaded)``, the parts in the slot at
-    their `offsets`; `loaded` is None, or of a new scene its pickle, its digest, and the description of it.
+    their `offsets`; `loaded` is None, or of a new scene its pickle, its digest and its description.
     ``("forget",)`` lets go of all slots.
     """
     # The server drains on a signal to the group; then the channel closes.
@@ -64,7 +64,7 @@ def work(peer: socket.socket, backend: str, shape_dir: Path | None, memory_bytes
     operations.on_progress = lambda share: channel.send("progress", share)
     # As it is read, so that others need not read its files again, which may have gone or changed.
     operations.on_scene = lambda scene, digest: loaded.append((pickle.dumps(scene), digest))
-    # What is loaded by now is no garbage; looking through it takes some tenths of a millisecond of each frame.
+    # Modules that are loaded by now are no garbage; looking through them takes some tenths of a millisecond a frame.
     gc.freeze()
     slots: OrderedDict[str, SharedMemory] = OrderedDict()
     try:

@@ -42,8 +42,8 @@ SLOW_DEADLINE_S = 600.0
 # by a driver, for want of memory), so that a service which somebody keeps killing is back within seconds.
 _FIRST_BACK_OFF_S, _MAX_BACK_OFF_S, _MAX_BACK_OFF_AFTER_SIGNAL_S = 0.1, 30.0, 1.0
 _MAX_TRIES = 2
-# Of a scene that was loaded and is opened by new workers: so many in a row that a signal ended, as the system does for
-# want of memory; somebody may kill some by hand.
+# Workers of a new scene, one after the other, that a signal ended while they opened it: so many refute the scene, as
+# one that needs more memory than there is; fewer may be killed by hand.
 _MAX_KILLED_BY_SCENE = 6
 # A worker that has used less of its deadline than this share was stopped from outside: its request is not to blame.
 _STOPPED_SHARE = 0.02
@@ -204,7 +204,7 @@ class WorkerPool:
             self._watch(worker)
 
     def turn(self, ready: dict[Any, int]) -> None:
-        """Take in what is finished; replace what has died or taken too long."""
+        """Take in finished jobs; replace workers that have died or taken too long."""
         self._turn_all()
         self._reap()
         while self._again and self._free_workers():
@@ -272,7 +272,7 @@ class WorkerPool:
             try:
                 return self._slots.take(n_bytes)
             except OSError as error:
-                # What is kept for retries and viewers gives way to frames that are wanted now.
+                # Frames kept for retries and viewers give way to frames that are wanted now.
                 if self.make_room():
                     continue  # a slot that is free now serves as it is
                 if is_last:

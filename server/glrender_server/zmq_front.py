@@ -28,7 +28,7 @@ _ZERO_COPY_BYTES = 65536
 _SEND_MORE = zmq.NOBLOCK | zmq.SNDMORE
 # Messages that ZeroMQ may hold for one client before it is asked to wait, either way.
 _SEND_HIGH_WATER, _RECEIVE_HIGH_WATER = 32, 32
-# What a reply that waits here takes beside its bytes.
+# Memory of a reply that waits here, besides its bytes.
 _REPLY_BYTES = 600
 # A Unix socket is quickest when it holds the whole of a 4 MiB frame.
 _IPC_BUFFER = 1 << 22

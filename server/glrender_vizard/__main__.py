@@ -33,7 +33,7 @@ from .recorded import FrameFiles, replay, tap
 ENDPOINT = "tcp://127.0.0.1:5556"
 # Name and delimiter of the connection, and the four parts of an update.
 _MAX_PARTS = 6
-# What is a little too large is answered; beyond this the connection is closed.
+# A message that is a little too large is answered; beyond this the connection is closed.
 _MAX_PART_BYTES = MAX_MESSAGE_BYTES * 3 // 2
 _IGNORED = ("-batchmode", "-saveMetrics", "-saveMsgFile", "--args")
 
@@ -112,7 +112,7 @@ def _serve(arguments: argparse.Namespace, body_map: BodyMap) -> None:
             metrics = stack.enter_context(closing(MetricsServer(
                 integer("--metrics", arguments.metrics, 0, 65535), dispatcher.metrics)))
             said = f" (metrics on {metrics.endpoint})"
-        # What is loaded by now is no garbage; looking through it takes a millisecond of each frame.
+        # Modules that are loaded are no garbage; looking through them takes a millisecond a frame.
         gc.freeze()
         # Scripts wait for this line; logs go to standard error.
         Server(dispatcher, engines, [front]).serve(

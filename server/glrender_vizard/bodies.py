@@ -24,11 +24,11 @@ from .messages import CelestialBody, CustomModel
 _MAP_KEYS = ("bodies", "cameras", "models", "max_error", "white_radf", "sun_direction_inertial")
 _CAMERA_KEYS = ("id", "white_radf", "principal_point_px", "model", "distortion")
 _PRIMITIVES = ("CUBE", "CYLINDER", "CAPSULE", "SPHERE", "HI_DEF_SPHERE")
-# Of bodies that the map does not name: between the Moon's and Venus'; thresholds of image processing want them bright.
+# Normal albedo of bodies that the map does not name, between the Moon's and Venus': bright enough for thresholds.
 _NORMAL_ALBEDO = 0.5
 # A sphere's facets leave its outline by 8e-5 of its radius on average.
 _SUBDIVISIONS = 5
-# What is flatter is no radius ratio but a field that was left out.
+# A smaller ratio of radii is no flat body but a field that was left out.
 _MIN_POLAR_RATIO = 0.1
 
 
@@ -200,10 +200,10 @@ def _camera_entry(path: str, table: object, white_radf: float | str) -> tuple[in
     table = known_keys(path, table, _CAMERA_KEYS, required=("id",))
     number = integer(f"{path}.id", table["id"], 0, 2**63 - 1)
     if "model" in table and "white_radf" in table:
-        raise ConfigError(f"{path}.white_radf", "must be left out beside a model, which has an exposure_s")
+        raise ConfigError(f"{path}.white_radf", "must be left out with a model, which has an exposure_s")
     white_radf = _white(f"{path}.white_radf", table.get("white_radf", white_radf))
     fields = {key: value for key, value in table.items() if key not in ("id", "white_radf")}
-    # Of the resolution that a simulation sends nothing is known yet; what is wrong in the rest is told at the start.
+    # The simulation sends the resolution later; errors in the other fields are found at the start.
     made = camera({"name": str(number), "width_px": 64, "height_px": 64, "focal_length_px": 64.0, **fields}, path)
     if isinstance(made.model, MosaicModel):
         raise ConfigError(f"{path}.model", "must have no mosaic: Basilisk takes grey images of one band here")

@@ -1,7 +1,7 @@
 """Basilisk's side of Vizard's protocol: every message gets its answer, in the order that Basilisk waits for.
 
 Basilisk waits for ever (its socket has no time limit), so nothing may go unanswered: a frame that cannot be made is an
-image of no bytes, which Basilisk takes as an invalid one, and the log tells the reason, once while it lasts.
+image of no bytes, which Basilisk takes as an invalid one, and the log has the reason, once while it lasts.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _HEADER = {"v": 1, "op": "render", "id": 0, "client": "vizard", "allow_slow": Fa
 
 @dataclass(eq=False)
 class Simulation:
-    """Basilisk behind one connection: its last update, and what the log has told of it."""
+    """Basilisk behind one connection: its last update, and the notes that the log has about it."""
 
     number: int
     update: Update | None = None
@@ -273,7 +273,7 @@ class VizardDispatcher:
             log.warning("simulation %d: %s", simulation.number, text)
 
     def give_up(self) -> None:
-        """Tell all that still wait that the adapter ends."""
+        """Answer all requests that still wait: the adapter ends."""
         while self._queue.get() is not None:
             pass
         for wanted in list(self._under_way.values()):

@@ -129,7 +129,7 @@ class Engines:
         self._poller = poller
 
     def turn(self, ready: dict[Any, int]) -> None:
-        """Take in what is finished."""
+        """Take in finished jobs."""
         for place in self._places.values():
             if place.is_opening or place.engine is None:
                 continue
@@ -149,7 +149,7 @@ class Engines:
             thread.join(_JOIN_S)
 
     def _make_room(self) -> bool:
-        """Whether another may be opened; else the longest unused is closed, beside the loop, as that takes time."""
+        """Whether another may be opened; else the longest unused is closed, outside the loop, as that takes time."""
         self._closing = [thread for thread in self._closing if thread.is_alive()]
         while len(self._places) + len(self._closing) >= self._max_scenes:
             idle = next((key for key, place in self._places.items() if place.may_go), None)

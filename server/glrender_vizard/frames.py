@@ -70,7 +70,7 @@ class FrameOrder:
                                                          "sun_irradiance_W_m2": self.sun_irradiance_W_m2}})
 
 
-# Of numbers beyond 1e154 the squares are infinite: the renderer refuses their state, and no warning is needed.
+# Numbers beyond 1e154 have infinite squares: the renderer refuses their state, and no warning is needed.
 @np.errstate(over="ignore", invalid="ignore")
 def ordered(update: Update, models: Sequence[CustomModel], camera_id: int, body_map: BodyMap) -> FrameOrder:
     """The frame of a camera at an epoch.
@@ -97,7 +97,7 @@ def ordered(update: Update, models: Sequence[CustomModel], camera_id: int, body_
     notes: list[str] = []
     drawn = _drawn_bodies(update, models, carrier, body_map, notes)
     if not drawn:
-        raise SceneError("bodies", "the last update has none to draw beside the Sun")
+        raise SceneError("bodies", "the last update has none to draw but the Sun")
     body_from = Rotation.from_quat(from_basilisk_mrp(carrier.sigma_BN), scalar_first=True)
     mounting = _mounting(sent.sigma_CuB)
     r_camera_m = np.array(carrier.r_inertial_m) + body_from.inv().apply(sent.r_camera_body_m)
@@ -133,7 +133,7 @@ def make_scene(key: SceneKey, body_map: BodyMap) -> Scene:
         try:
             cameras.append(body_map.camera(sent))
         except ConfigError:
-            continue  # told to whoever asks for its image
+            continue  # the request for its image gets the error
     n_pixels = sum(camera.width_px * camera.height_px for camera in cameras)
     if n_pixels > MAX_SCENE_PIXELS or len(cameras) > MAX_SCENE_CAMERAS:
         raise ConfigError("cameras", f"must be at most {MAX_SCENE_CAMERAS}, of {MAX_SCENE_PIXELS} pixels together",

@@ -1,4 +1,4 @@
-"""Every bound of the adapter in one place: those of the server's scenes, and what is Basilisk's alone."""
+"""Every bound of the adapter in one place: those of the server's scenes, and those for Basilisk alone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What Basilisk tells Vizard, as far as a picture needs it: bodies, spacecraft, cameras, custom models.
+"""Basilisk's messages to Vizard, as far as a picture needs them: bodies, spacecraft, cameras, custom models.
 
 Source: Basilisk 2.12, vizMessage.proto (field numbers) and vizInterface.cpp (units and frames).
 """

@@ -44,7 +44,7 @@ class FrameFiles:
         self._operations: Operations | None = None
 
     def take(self, data: bytes) -> list[Path]:
-        """The files of an update's images; one that cannot be made is told to the log.
+        """The files of an update's images; one that cannot be made leaves a line in the log.
 
         Raises
         ------
@@ -132,7 +132,7 @@ def replay(path: Path, made: FrameFiles) -> int:
 
 
 def tap(endpoint: str, made: FrameFiles, is_stopped) -> int:
-    """Draw what Basilisk broadcasts, until told to stop; the number of frames.
+    """Draw what Basilisk broadcasts, until it is stopped; the number of frames.
 
     A frame takes longer than a step of a simulation that does not wait: steps are then left out, and the log says so.
     """

@@ -19,7 +19,7 @@ _LISTS = ("ints", "doubles")
 
 
 class Many(NamedTuple):
-    """A list of messages, or of texts, and the most that there may be of them."""
+    """A list of messages, or of texts, and its largest length."""
 
     kind: Any
     most: int
@@ -47,7 +47,7 @@ def read(data: bytes, schema: Schema) -> dict[str, Any]:
     Returns
     -------
     dict of str to value
-        Of what was sent alone; lists are there, empty, if nothing of them was. Of a field sent twice the last counts.
+        Fields that were sent, and lists, empty if nothing was sent for them. The last value of a field counts.
 
     Raises
     ------
@@ -75,7 +75,7 @@ def varint(data: Any, at: int, end: int) -> tuple[int, int]:
 
 
 class _Reader:
-    """One message's bytes, and how many fields have been read of them."""
+    """One message's bytes, and how many fields have been read."""
 
     def __init__(self, data: memoryview):
         self._data, self._n_fields = data, 0
@@ -129,7 +129,7 @@ class _Reader:
             raise ProtocolError(name, f"must be {what}, has wire type", wire)
 
     def _text(self, name: str, start: int, end: int, most: int) -> str:
-        # A character has four bytes at most: what is longer need not be decoded to be refused.
+        # A character has four bytes at most: a longer field need not be decoded to be refused.
         if end - start > _CHARACTER_BYTES * most:
             raise ProtocolError(name, f"must have at most {most} characters", f"{end - start} bytes")
         try:

@@ -192,8 +192,9 @@ def test_read_noise_that_is_cut_off_is_told(caplog):
     cut = camera_model(read_noise_electrons=50.0, gain_DN_per_electron=1.0, offset_DN=0.0)
     frame = cut.expose(np.zeros((300, 300), np.float32), 1)
     np.testing.assert_allclose(frame.dn.mean(), 50.0 / np.sqrt(2.0 * np.pi), rtol=0.02)
-    assert frame.stages["read_noise"].startswith("50 e-; 50% of it is clipped at 0 DN")
-    assert "read noise of 50 e-: 50% of it is clipped" in caplog.text and "offset_DN of 150 or more" in caplog.text
+    assert frame.stages["read_noise"].startswith("50 e-; 50% of the noise is clipped at 0 DN")
+    assert "read noise of 50 e-: 50% of the noise is clipped" in caplog.text
+    assert "offset_DN of 150 or more" in caplog.text
     whole = replace(cut, detector=replace(cut.detector, offset_DN=150.0))
     assert whole.expose(np.zeros((300, 300), np.float32), 1).stages["read_noise"] == "50 e-"
 

@@ -279,7 +279,7 @@ def test_a_slew_that_begins_in_the_exposure_is_drawn(still):
     q = Rotation.from_rotvec(-angle[:, None] * [0.0, 1.0, 0.0]).as_quat(scalar_first=True)
     table = AttitudeTable(times_s=t, q_from_inertial=q, interpolation="linear")
     centre, spread = moments(exposed(scenario_of(table)).irradiance_W_m2)
-    # Of x = 0 in one half and of 0 to 8 px in the other: mean 2, mean square 64 / 6.
+    # Places are x = 0 in one half and 0 to 8 px in the other: mean 2, mean square 64 / 6.
     np.testing.assert_allclose(abs(centre[0] - still[0][0]), 2.0, atol=0.05)
     np.testing.assert_allclose(spread[0] - still[1][0], 64.0 / 6.0 - 4.0, atol=0.1)
 

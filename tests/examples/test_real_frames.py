@@ -16,7 +16,7 @@ from missing import needed_module
 from PIL import Image
 
 FOLDER = Path(__file__).parents[2] / "examples" / "real_frames"
-# Of the 48 images one with the least NCC, and the one with the greatest.
+# One with the least NCC of the 48 images, and the one with the greatest.
 NAMES = ("ROS_CAM1_20140805T200719", "ROS_CAM1_20140807T130717")
 BENNU = "M605862153F5"
 

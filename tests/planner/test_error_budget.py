@@ -20,7 +20,7 @@ from planning import CAMERA, body, traits, view
 STATE = views.state(phase_deg=60.0, range_m=1500.0)
 BODY = Body(name="body", shape=generate.contact_binary(radius_m=100.0, seed=7, subdivisions=4),
             brdf=Lambert(normal_albedo=0.3))
-# Of the tolerance, what is modelled may take at most so that the least that the drawing aims at fits as well.
+# Most of the tolerance that modelling may take, so that the least that the drawing aims at fits as well.
 ROOM = math.sqrt(1.0 - error_budget.LEAST_LEFT**2)
 
 

@@ -360,7 +360,7 @@ def test_lunar_orbiters_radial_terms_are_those_of_its_keywords(shared, tmp_path)
     np.testing.assert_allclose(got, expected, rtol=1e-14)
     assert np.abs(got - [3.0, -2.0]).max() > 0.02
     assert not any("radial terms" in note for note in of_table(table, tmp_path).notes)
-    # Of several instruments the sensor's own, at any place; without one the first, with a note.
+    # The sensor's own instrument counts at any place; without one the first, with a note.
     own = f"INS{table['instrument_pointing']['time_dependent_frames'][0]}_OD_K"
     for keywords, note in (({"INS-1_OD_K": [0.5], own: [0.01, 0.0, 0.0]}, None),
                            ({own: [0.01, 0.0, 0.0], "INS-1_OD_K": [0.5]}, None),

@@ -8,7 +8,7 @@ from glrender.scenario import Jitter
 from scipy.integrate import quad
 from scipy.signal import welch
 
-# Of reaction wheels: a floor over decades, and a tone of a hundred times its density.
+# Jitter of reaction wheels: a floor over decades, and a tone of a hundred times its density.
 WIDE = ([0.02, 0.2, 2.0, 2.9, 3.0, 3.1, 10.0], [1e-8, 1e-9, 1e-11, 1e-11, 1e-9, 1e-11, 1e-12])
 
 

@@ -140,7 +140,7 @@ def test_flux_is_what_it_was_within_what_slopes_tell():
     camera, state = views.camera(128, 20000.0), views.state(phase_deg=30.0, range_m=2000.0)
     with Renderer(scene(DETAIL, camera)) as renderer, Renderer(scene(None, camera)) as bare:
         image, flat = renderer.render(state, samples=3), bare.render(state, samples=3)
-    # Of a footprint of 0.095 m at the nearest point.
+    # The footprint at the nearest point is 0.095 m.
     slope = scene(DETAIL, camera).bodies[0].relief.slope_rms(1900.0 / 20000.0)
     assert 0.1 < slope < 0.5
     ratio = pixels(image).sum() / pixels(flat).sum()

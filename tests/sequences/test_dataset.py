@@ -380,7 +380,7 @@ def test_the_command_draws_random_states(tmp_path, capsys):
     assert np.histogram(ranges, np.linspace(700.0, 1500.0, 6))[0].tolist() == [1, 1, 1, 1, 1]
     assert main([*command, "--seed", "4"]) == 1 and "another sequence" in capsys.readouterr().err
     assert main([*command[:4], "--states", str(scenario), "--frames", "5"]) == 1
-    assert "--frames: is given beside --states" in capsys.readouterr().err
+    assert "--frames: is given with --states" in capsys.readouterr().err
 
 
 def test_the_command_follows_output_and_options_override_it(tmp_path, capsys):

@@ -37,7 +37,7 @@ from Basilisk.utilities import (
 
 ASKED = {"port": 5556, "minutes": 15, "prepared_minutes": 5, "off_deg": 9.0} | json.load(sys.stdin)
 MU, RADIUS_M, INERTIA = 4.28283100e13, 3396190.0, [900.0, 0.0, 0.0, 0.0, 800.0, 0.0, 0.0, 0.0, 600.0]
-# Of 2019-12-12 18:00, from Mars' mean elements, in equatorial axes.
+# The Sun on 2019-12-12 18:00, from Mars' mean elements, in equatorial axes.
 SUN_M = [2.19e11, 0.92e11, 0.40e11]
 
 simulation = SimulationBaseClass.SimBaseClass()

@@ -223,7 +223,7 @@ def test_a_laser_does_not_slip_between_facets(solid, range_m, rng):
             share * corner[:, k] + (1.0 - share) * corner[:, (k + 1) % 3] for k in range(3))])
         expected = np.linalg.norm(targets, axis=1)
         _, distance = ExactMesh(seen, facets).hit(np.zeros(3), targets / expected[:, None])
-        # Of the place of the camera, over the least cosine.
+        # The bound is the rounding of the camera's place over the least cosine.
         np.testing.assert_allclose(distance, expected, rtol=0.0, atol=1e-13 + 400.0 * np.finfo(float).eps * range_m)
 
 

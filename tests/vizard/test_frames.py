@@ -194,7 +194,7 @@ def test_a_custom_model_without_a_folder_is_a_sphere_and_told():
 @pytest.mark.parametrize("data, said", [
     (peer.scene().replace(peer.text(2, "craft"), peer.text(2, "ghost")), "parentName: is no spacecraft"),
     (peer.message(peer.body("sun", (1e11, 0.0, 0.0), 7e8), peer.craft("craft", (0.0, 0.0, 0.0)), peer.camera()),
-     "none to draw beside the Sun"),
+     "none to draw but the Sun"),
     (peer.message(peer.body("a", (0.0, 0.0, 1e3), 1.0), peer.craft("craft", (0.0, 0.0, 0.0)), peer.camera(mode=1)),
      "renderMode: must be 0"),
     (peer.scene(side_px=20000), "width_px"), (peer.scene(side_px=0), "width_px"),

@@ -19,9 +19,9 @@ from ..validate import integer, known_keys, one_of, within
 MAX_FAULT_SEED = 2**32 - 1
 PLACES = ("random", "limb")
 """Places of a fault: anywhere, or on the lit edge of the largest body in the frame, where it hurts most."""
-# Of the brightest pixel, below full well: light of a body, not the wing of its point spread function.
+# Share of the brightest pixel below full well that is light of a body, not the wing of its point spread function.
 _LIT_SHARE = 0.02
-# Width of the neighbourhood that tells the limb, a step of light, from the terminator, a slope.
+# Width of the neighbourhood that separates the limb, a step of light, from the terminator, a slope.
 _STEP_PX = 7
 
 

@@ -21,7 +21,7 @@ KINDS = {kind.kind: kind for kind in (LostLines, RepeatedLines, ShiftedLines, Lo
 """Faults by the name of their kind."""
 MAX_FAULTS = 16
 """Most faults of a camera."""
-# Of a fault's place in words; `truth` has all of it.
+# Longest text of a fault's place; `truth` has the whole place.
 _MAX_CHARACTERS = 100
 # Purposes of a fault's random numbers: whether a frame has it, where, and the noise of its light.
 _WHETHER, _WHERE, _NOISE = range(3)
@@ -68,7 +68,7 @@ class FrameFaults:
         for fault in faults:
             number = of_kind[fault.kind]
             of_kind[fault.kind] += 1
-            # Of the same kind, each further one has numbers of its own.
+            # Each further fault of one kind has random numbers of its own.
             is_had = fault.stream(seed, number, _WHETHER).random() < fault.probability
             if is_had:
                 self._had.append((fault, number))
@@ -97,9 +97,9 @@ class FrameFaults:
         """The stage in words."""
         if not self._n_asked:
             return "skipped: none asked for"
-        return "; ".join(f"{told['kind']}: " + shortened(", ".join(
-            f"{key} {value}" for key, value in told.items() if key != "kind"), _MAX_CHARACTERS)
-            for told in self.truth) or f"none of {self._n_asked} in this frame"
+        return "; ".join(f"{fault['kind']}: " + shortened(", ".join(
+            f"{key} {value}" for key, value in fault.items() if key != "kind"), _MAX_CHARACTERS)
+            for fault in self.truth) or f"none of {self._n_asked} in this frame"
 
     @property
     def changes_charge(self) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 from ..exposure import checked_exposure_s
 from .fault import Effect, Fault, Site, number, whole
 
-# Full wells in a pixel of the Sun's image: more of them make no difference to the numbers.
+# Full wells in a pixel of the Sun's image: more would not change the numbers.
 _MOST_FULL_WELLS = 10.0
 # How far beyond the frame the Sun may stand, as a share of the frame's sides.
 _BESIDE = 0.25
@@ -32,7 +32,7 @@ class StuckExposure(Fault):
 
 @dataclass(frozen=True, kw_only=True)
 class SunBlinding(Fault):
-    """The Sun shines into the optics, in the frame or up to a quarter of its sides beside it.
+    """The Sun shines into the optics, from within the frame or up to a quarter of its sides outside.
 
     The veil around it falls with the distance squared and is a full well at `radius_px`. Where the Sun stands in the
     frame its charge overflows along the columns as far as `bloom_px`.

@@ -88,7 +88,7 @@ class Client:
         return f"<Client of {self._endpoint}{' (closed)' if self._context.closed else ''}>"
 
     def _repr_html_(self) -> str:
-        """For notebooks: where it asks, and what `hello` told last."""
+        """For notebooks: its endpoint, and the last reply to `hello`."""
         return described(repr(self)[1:-1], self._hello)
 
     def close(self) -> None:

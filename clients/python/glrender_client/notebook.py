@@ -30,7 +30,7 @@ def png(image: np.ndarray, stretch: str = "linear", white: float | None = None) 
         Black at zero; NaN is black.
     stretch : "linear", "gamma", "log" or "asinh"
     white : float, optional
-        What is as bright or brighter is white; the 99.9th percentile by default.
+        Value from which pixels are white; the 99.9th percentile by default.
     """
     step = -(-max(image.shape) // LARGEST_PX)
     part = np.nan_to_num(np.asarray(image[::step, ::step], np.float64), nan=0.0)
@@ -44,7 +44,7 @@ def png(image: np.ndarray, stretch: str = "linear", white: float | None = None) 
 
 
 def described(title: str, hello: Mapping[str, Any] | None) -> str:
-    """HTML: a title, and the cameras and bodies that the server told of, if it was asked."""
+    """HTML: a title, and the cameras and bodies that the server named, if it was asked."""
     text = f"<b>{html.escape(title)}</b>"
     if hello is None:
         return text

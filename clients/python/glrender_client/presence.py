@@ -1,4 +1,4 @@
-"""Whether a server that did not answer is there: a busy one still shakes hands, as ZeroMQ does that beside it."""
+"""Whether a server that did not answer is there: a busy one still shakes hands, as ZeroMQ's own thread does that."""
 
 from __future__ import annotations
 

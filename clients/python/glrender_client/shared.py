@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-_FOLDER = Path("/dev/shm")  # noqa: S108 (POSIX shared memory; only names that a server told are opened)
+_FOLDER = Path("/dev/shm")  # noqa: S108 (POSIX shared memory; only names from the server are opened)
 _NAME = "glrender-slot-[0-9a-z-]{1,64}"
 _MAX_MAPPED = 16
 
@@ -70,7 +70,7 @@ class SharedFrames:
         if name not in self._mapped:
             while len(self._mapped) >= _MAX_MAPPED:
                 self._mapped.popitem(last=False)
-            # Of a file of its own: a mapping keeps its file open, and so would keep the lock.
+            # The lock has a file of its own: a mapping keeps its file open, and so would keep the lock.
             file = _opened(name)
             try:
                 self._mapped[name] = mmap.mmap(file, 0, access=mmap.ACCESS_READ)

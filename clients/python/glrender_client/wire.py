@@ -63,12 +63,12 @@ class Reply:
     @property
     def warnings(self) -> tuple[FrameWarning, ...]:
         """Warnings of the frame, or of any of several: nothing in view, saturation (docs/protocol.md)."""
-        return (*self._told("warnings"), *(told for frame in self.frames for told in frame.warnings))
+        return (*self._told("warnings"), *(warning for frame in self.frames for warning in frame.warnings))
 
     @property
     def notes(self) -> tuple[FrameWarning, ...]:
         """Notes of the frame, or of any of several: the exposure that "auto" chose."""
-        return (*self._told("notes"), *(told for frame in self.frames for told in frame.notes))
+        return (*self._told("notes"), *(note for frame in self.frames for note in frame.notes))
 
     def _told(self, name: str) -> list[FrameWarning]:
         return [FrameWarning(each["code"], each["path"], each["message"]) for each in self.header.get(name, ())]
@@ -179,7 +179,7 @@ def read_header(part: Any) -> dict[str, Any]:
 
 
 def read_reply(header: dict[str, Any], parts: Sequence[Any]) -> Reply:
-    """The reply of these parts (bytes-like, the header first); its arrays are views of them.
+    """The reply of these parts (bytes-like, the header first); its arrays are views into the parts.
 
     Raises
     ------

@@ -13,7 +13,7 @@ from .camera import Camera, Sight, StateLike, others_px
 from .checks import array, number, refuse, whole
 from .measurement import Estimator, Measurement, NotFound
 
-# Of the believed range: what is not known across the surface's normals.
+# Standard deviation across the surface's normals, over the believed range [1]: nothing is known there.
 _UNKNOWN = 10.0
 _LEAST_GROUND = 9
 
@@ -40,7 +40,7 @@ class Altimeter(Estimator):
     Raises
     ------
     ValueError
-        With the field: a beam out of the image, or what is no number.
+        With the field: a beam out of the image, or a value that is no number.
     """
 
     name = "altimeter"

@@ -1,4 +1,4 @@
-"""The believed scene's frame beside the camera's: drawn where the body is believed to be, and roughly aligned."""
+"""The believed scene's frame, to compare with the camera's: drawn where the body should be, and roughly aligned."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def is_anothers_ground(products: dict[str, np.ndarray], corner_px: np.ndarray, c
 
 
 def grown(mask: np.ndarray, reach_px: int) -> np.ndarray:
-    """A mask (h, w) with all within a reach of it."""
+    """A mask (h, w) with all pixels within a reach of the given ones."""
     return cv2.dilate(mask.astype(np.uint8), np.ones((2 * reach_px + 1,) * 2, np.uint8), borderValue=0) > 0
 
 
@@ -143,7 +143,7 @@ def _shrunk(image: np.ndarray, factor: float) -> np.ndarray:
 
 
 def placed(camera: Camera, center_px: np.ndarray, range_m: float) -> np.ndarray:
-    """Place (3,) [m] of what is seen at a pixel from a distance."""
+    """Place (3,) [m] of a point that is seen at a pixel from a distance."""
     return range_m * camera.direction(center_px)
 
 
@@ -165,18 +165,18 @@ class Refined:
         self._render, self._products, self._enough_px, self._most = render, products, enough_px, most
 
     def __call__(self, step: Callable[[Drawn, int], tuple[np.ndarray, Any]]) -> tuple[np.ndarray, Any]:
-        """The place (3,) [m] and what `step(drawn, number)` says of it: (place, anything)."""
+        """The place (3,) [m] and the second value of `step(drawn, number)`, which gives the place first."""
         drawn = self._draw(sight(self._state, self._camera, self._body.name).r_body_camera_m)
         others = others_px(self._state, self._camera, self._body.name)
         rough_m = roughly_aligned(self._frame, drawn, self._camera, self._body, others)
         if self._size_px(drawn, rough_m) > 2.0:
             drawn = self._draw(rough_m)
         for number in range(self._most):
-            place_m, told = step(drawn, number)
+            place_m, result = step(drawn, number)
             if not np.isfinite(place_m).all() or not place_m[2] > 0.0:
                 raise NotFound("the solution went astray")
             if self._size_px(drawn, place_m) < self._enough_px:
-                return place_m, told
+                return place_m, result
             if number + 1 < self._most:
                 drawn = self._draw(place_m)
         raise NotFound(f"the place still moves by {self._size_px(drawn, place_m):.1f} px after {self._most} steps, "

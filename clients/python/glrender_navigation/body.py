@@ -8,7 +8,7 @@ import numpy as np
 
 from .checks import array, number, refuse
 
-# Of a closed shape, over the surface to the power of 1.5; a sphere has 0.094.
+# Least volume of a closed shape, over its surface to the power of 1.5; a sphere has 0.094.
 _LEAST_VOLUME = 1e-6
 
 
@@ -27,7 +27,7 @@ class BelievedBody:
     ellipsoid_center_m : (3,) float [m], optional
         In `body`.
     shape_error_m : float [m], optional
-        Standard deviation of the believed shape's surface, as mapping tells it; by default 0.5 % of the mean radius.
+        Standard deviation of the believed shape's surface, by mapping; by default 0.5 % of the mean radius.
     ellipsoid_error_m : float [m], optional
         RMS distance of the surface from the ellipsoid; by default a twentieth of the mean radius.
     bounding_radius_m : float [m], optional
@@ -36,7 +36,7 @@ class BelievedBody:
     Raises
     ------
     ValueError
-        With the field: a radius that is not above zero, an error below it, or what is no number.
+        With the field: a radius that is not above zero, an error below it, or a value that is no number.
     """
 
     name: str

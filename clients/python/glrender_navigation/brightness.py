@@ -90,7 +90,7 @@ def _whole(lit: np.ndarray, what: str) -> np.ndarray:
     n_cut = sum(np.count_nonzero(edge) for edge in (lit[0], lit[-1], lit[:, 0], lit[:, -1]))
     if n_cut > min(_MOST_CUT_PX, _MOST_CUT * np.count_nonzero(lit)):
         raise NotFound(f"the body is cut by the edge of {what}, where {n_cut} pixels are lit: its centre of brightness "
-                       "needs all of it")
+                       "needs the whole body")
     return lit
 
 
@@ -113,7 +113,7 @@ def _apart(lit: np.ndarray, believed_px: np.ndarray, others: dict[str, np.ndarra
     for name in inside:
         if nearest[name] == nearest[""]:
             raise NotFound(f"{name!r} is believed where this body is seen, before it, behind it or next to it: their "
-                           "light cannot be told apart")
+                           "light cannot be separated")
         lit[piece == nearest[name]] = 0.0
     return lit
 

@@ -44,7 +44,7 @@ class Camera:
     Raises
     ------
     ValueError
-        With the field: a size below 1, a length that is not above zero, or what is no number.
+        With the field: a size below 1, a length that is not above zero, or a value that is no number.
     """
 
     width_px: int
@@ -108,7 +108,7 @@ class Camera:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sight:
-    """A body as a camera has it by a state: what is believed before a frame is looked at.
+    """A body as a camera should see it by a state: the belief before a frame is measured.
 
     Attributes
     ----------
@@ -148,7 +148,7 @@ def sight(state: StateLike, camera: Camera, body: str) -> Sight:
     Raises
     ------
     ValueError
-        With the field of the state: no such body, what is no number, or two that are at one place.
+        With the field of the state: no such body, a value that is no number, or two bodies at one place.
     """
     table = plain(state)
     r_craft, spacecraft_from_inertial = _pose("state.spacecraft", member("state", table, "spacecraft"))

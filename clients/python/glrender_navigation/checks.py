@@ -1,4 +1,4 @@
-"""Checks of the values that a caller gives: a ValueError tells field, rule, value and the way out."""
+"""Checks of the values that a caller gives: a ValueError names field, rule, value and the way out."""
 
 from __future__ import annotations
 

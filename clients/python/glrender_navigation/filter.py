@@ -30,7 +30,7 @@ class Navigator:
     """Extended Kalman filter of position and velocity about the body, inertial axes, and of its size's error.
 
     Ranges by apparent size err all alike where the believed size is wrong: no mean over frames helps, but an altimeter
-    beside them does.
+    added to them does.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ class Navigator:
     gm_m3_s2 : float [m3/s2], optional
         Gravity of the body, as of a point.
     process_acceleration_m_s2 : float [m/s2], optional
-        Standard deviation of what is not modelled, constant over a step.
+        Standard deviation of accelerations that are not modelled, constant over a step.
     thruster_error : float [1], optional
         Standard deviation of a commanded acceleration, relative to its largest component.
     sigma_size : float [1], optional
@@ -52,7 +52,7 @@ class Navigator:
     Raises
     ------
     ValueError
-        With the field: what is no number, a standard deviation below zero, or a place in the body's origin.
+        With the field: a value that is no number, a standard deviation below zero, or a place in the body's origin.
     """
 
     def __init__(self, r_m: np.ndarray, v_m_s: np.ndarray, *, sigma_r_m: float, sigma_v_m_s: float,
@@ -95,7 +95,7 @@ class Navigator:
         """Carry the estimate along its orbit, with the commanded acceleration (3,) and the body's gravity.
 
         The step is integrated (DOP853), and the covariance by the orbit's own transition matrix: one long step is as
-        exact as many short ones. What is not modelled counts as constant over the step.
+        exact as many short ones. Accelerations that are not modelled count as constant over the step.
 
         Raises
         ------

@@ -15,8 +15,8 @@ from .measurement import N_STRETCHES, Estimator, Measurement, NotFound, is_anoth
 
 # A Lambert sphere at full phase loses 0.6 px of its limb to its shades, at other phases less; no render takes them off.
 _SHADING_PX = 0.3
-# Of the believed range, which an ellipsoid's horizon is helped by: half a limb tells size and place apart badly; and
-# the farthest that a horizon may be from it.
+# Standard deviation over the believed range [1] by which that helps an ellipsoid's horizon, as half a limb separates
+# size and place badly; and the farthest that a horizon may be from the believed range.
 _SIGMA_RANGE = 0.2
 _FARTHEST = 3.0 * _SIGMA_RANGE
 # Horizons through three edges each that are tried, edges that are counted on each, and points of its own outline.
@@ -25,7 +25,7 @@ _N_TRIED, _N_COUNTED, _N_OUTLINE = 400, 200, 64
 # the horizon's within 45 degrees.
 _NEAR_PX = 1.5
 _ALONG = np.cos(np.radians(45.0))
-# Of the lit limb that a horizon has in the image, the share that must be found.
+# Share of a horizon's lit limb in the image that must be found.
 _LEAST_SHARE = 0.3
 # Times the median distance of the limb's points from the fitted horizon, or the ellipsoid's own error, from which a
 # point is no limb of this body.

@@ -1,4 +1,4 @@
-"""Estimator by features that the frame and the believed frame share, and the pose that they tell of."""
+"""Estimator by features that the frame and the believed frame share, and the pose that follows."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Landmarks(Estimator):
     Raises
     ------
     ValueError
-        With the field: a sigma below zero, or what is no number.
+        With the field: a sigma below zero, or a value that is no number.
     """
 
     name = "landmarks"
@@ -63,7 +63,7 @@ class Landmarks(Estimator):
         is_inner[half:-half, half:-half] = True
 
         def step(drawn: Drawn, number: int) -> tuple[np.ndarray, np.ndarray]:
-            # The whole frame with the drawn region in it: what is tracked may leave the region.
+            # The whole frame with the drawn region in it: tracked features may leave the region.
             whole, mask = np.zeros(frame.shape, np.float32), np.zeros(frame.shape, np.uint8)
             (x, y), (height, width) = drawn.corner_px, drawn.pixels.shape
             region = np.s_[y : y + height, x : x + width]

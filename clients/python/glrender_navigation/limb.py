@@ -85,14 +85,14 @@ def limb_points(pixels: np.ndarray, here: Sight) -> tuple[np.ndarray, np.ndarray
     NotFound
     """
     is_lit = (lit_pixels(pixels) > 0.0).astype(np.uint8)
-    # Beside what is lit nothing is looked at.
+    # Only the box around the lit pixels is searched.
     left, top, wide, high = cv2.boundingRect(is_lit)
     margin, (height, width) = int(4.0 * _REACH_PX), pixels.shape
     x0, y0 = max(left - margin, 0), max(top - margin, 0)
     part = np.s_[y0:top + high + margin, x0:left + wide + margin]
     smooth = cv2.GaussianBlur(np.asarray(pixels[part], np.float32), (0, 0), _SMOOTH_PX)
     contours, _ = cv2.findContours(is_lit[part], cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    # Shadows may part the body; specks of light beyond the terminator tell nothing.
+    # Shadows may part the body; specks of light beyond the terminator are no limb.
     least = _LEAST_PIECE * max(map(len, contours))
     outlines = [contour.reshape(-1, 2).astype(np.float64) for contour in contours if len(contour) >= least]
     points, normals = np.concatenate(outlines), np.concatenate([_normals(outline) for outline in outlines])
@@ -123,7 +123,7 @@ def _normals(outline: np.ndarray) -> np.ndarray:
     normals = np.column_stack([-tangent[:, 1], tangent[:, 0]])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
     x, y = outline.T
-    # The sign of the outline's area tells which way round it goes.
+    # The sign of the outline's area gives the sense of rotation.
     return normals * -np.sign(x @ np.roll(y, -1) - y @ np.roll(x, -1))
 
 

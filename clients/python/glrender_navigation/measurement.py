@@ -12,7 +12,7 @@ import numpy as np
 from .body import BelievedBody
 from .camera import Camera, Sight, StateLike, sight
 
-# Of the believed range: how little is known of an axis that nothing measured.
+# Standard deviation along an axis that nothing measured, over the believed range [1].
 _UNKNOWN = 10.0
 # Share of the lit pixels beyond which a frame is blinded; heights between sky and brightest pixel from which one is
 # saturated, and lit; and the least height [DN] at which such shares mean something.
@@ -21,10 +21,10 @@ _SATURATED = 0.998
 _LIT = 0.1
 _LEAST_RANGE_DN = 100.0
 _LEAST_LIT_PX = 4
-# Of the body's radius: a find as near as this to its believed place is its own.
+# Share of the body's radius within which a find is the body's own, by its believed place.
 _OWN = 0.25
 N_STRETCHES = 8.0
-"""Errors of a shape are alike over stretches of it: so many count as independent."""
+"""Number of stretches of a surface whose errors count as independent: within each they are alike."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -142,7 +142,7 @@ class Estimator:
         Raises
         ------
         ValueError
-            With the field: a frame of another shape, or a state without the body or with what is no number.
+            With the field: a frame of another shape, or a state without the body or with a value that is no number.
         """
         self.reason = ""
         try:
@@ -177,11 +177,11 @@ class Estimator:
         if top == sky:
             raise NotFound(f"every pixel of the frame is {top:g}: it is dark, saturated or lost")
         if frame.dtype.kind in "ui":
-            # Within read noise of the top, of what is lit at all.
+            # Share of the lit pixels that are within read noise of the top.
             height = (frame[::2, ::2] - float(sky)) / (float(top) - float(sky))
             share = np.count_nonzero(height > _SATURATED) / max(np.count_nonzero(height > _LIT), 1)
             if share > _MOST_SATURATED and float(top) - float(sky) > _LEAST_RANGE_DN:
-                raise NotFound(f"{share:.0%} of what is lit in the frame is saturated: expose it shorter")
+                raise NotFound(f"{share:.0%} of the lit pixels are saturated: expose it shorter")
         return frame
 
 
@@ -198,7 +198,7 @@ def lit_pixels(frame: np.ndarray, least: float | None = None) -> np.ndarray:
     # The body may fill most of the frame: the sky is its darkest twentieth.
     sky = np.float32(np.quantile(frame[::4, ::4], 0.05))
     values = np.maximum(frame, sky, dtype=np.float32) - sky
-    # Of neighbours' differences, which are sqrt(2) times as noisy; the sky was taken 1.6 sigma below its mean.
+    # Neighbours' differences are sqrt(2) times as noisy; the sky was taken 1.6 sigma below its mean.
     noise = 1.4826 / 2**0.5 * float(np.median(np.abs(np.diff(frame[::8].astype(np.float32), axis=1))))
     least = max(7.0 * noise, 0.02 * float(np.quantile(values[::2, ::2], 0.999)) if least is None else least)
     values[values <= least] = 0.0

@@ -13,7 +13,7 @@ from .checks import refuse
 _TOLERANCE = 1e-11
 # One orbit takes 150 to 600 evaluations: a step of more than some fifty orbits, or into the centre, is refused.
 _MOST_EVALUATIONS = 20_000
-# Columns of what is integrated: the motion, and its derivatives by the first place, velocity and the acceleration.
+# Columns of the integrated state: the motion, and its derivatives by the first place, velocity and the acceleration.
 _MOTION, _BY_FIRST, _BY_ACCELERATION = 0, slice(1, 7), slice(7, 10)
 
 

@@ -126,7 +126,7 @@ class PoseByFeatures(Estimator):
                                x_scale="jac")
         turn, place_m = Rotation.from_rotvec(solved.x[:3]), solved.x[3:]
         derivatives = np.repeat(weights, 2, axis=0) * jacobian(focal_length_px, turn.apply(arms_m), place_m)
-        # The believed shape errs alike over stretches of it.
+        # The believed shape errs alike over stretches of the surface.
         shape_px = focal_length_px * self.body.shape_error_m / place_m[2]
         square_px2 = ALIKE * variance(solved.fun) + shape_px**2 * n / N_STRETCHES
         covariance = square_px2 * np.linalg.inv(derivatives.T @ derivatives)

@@ -21,7 +21,7 @@ _SMOOTH_PX, _MOST_STEPS = {4.0: 0.1, 1.0: 0.01}, 12
 _BORDER_PX = 4
 # Pixels of the template that are compared: more say no more, and OpenCV's `remap` takes 32,767 rows.
 _LEAST_USED, _MOST_USED = 20, 16_000
-# Of the brightest light: darker and smoother pixels say nothing.
+# Share of the brightest light below which pixels, dark and smooth, do not count.
 _LIT = 0.01
 # Parts of the template to each side, whose residuals count as independent.
 _N_BLOCKS = 8
@@ -64,7 +64,7 @@ class Templates(Estimator):
 
 
 class _Match:
-    """A template (h, w) to be found in frames, with the pixels (h, w) of it that count, and its centre (2,) [px]."""
+    """A template (h, w) to be found in frames, with the pixels (h, w) that count, and its centre (2,) [px]."""
 
     def __init__(self, template: np.ndarray, is_clear: np.ndarray, center_px: np.ndarray):
         right, down = (cv2.Sobel(template, cv2.CV_32F, *order, scale=0.125) for order in ((1, 0), (0, 1)))

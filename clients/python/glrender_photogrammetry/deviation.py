@@ -15,7 +15,7 @@ from .mesh import Closest, HasFacets, Mesh
 ALIGNMENTS = ("none", "attitudes", "similarity")
 # Points of the truth for its completeness, and of the model for its alignment.
 _N_SAMPLES, _N_ALIGNED = 20_000, 10_000
-# Of the points, the nearer ones count for the alignment: the rest is what one surface lacks, or an outlier.
+# Share of the points, the nearer ones, that count for the alignment: others are gaps in a surface, or outliers.
 _SHARE_ALIGNED = 0.9
 _MOST_STEPS = 40
 # A step that moves the surface by less than this share of its radius is the last.

@@ -20,7 +20,7 @@ from .fusion import needed_pycolmap
 _OVERLAP = 4
 _N_FEATURES = 6000
 _CONTRAST = 0.003
-# Of the first two frames, and of every point.
+# Least angle between the views of the first two frames, and between the rays of every point.
 _FIRST_ANGLE_DEG, _LEAST_ANGLE_DEG = 4.0, 1.0
 _LEAST_MATCHES = 15
 # RMS of the given attitudes about the found ones, and of places over the length of the pass: more is no datum.

@@ -194,7 +194,7 @@ class Closest:
         length_m = np.linalg.norm(gap_m, axis=1)
         height_m = (gap_m * self.mesh.facet_normals[facet]).sum(axis=1)
         least_m = np.minimum.reduceat(length_m, np.searchsorted(owner, np.arange(len(points_m))))
-        # Of facets that share the closest point, the one that faces the point most has its side right.
+        # Several facets may share the closest point: the one that faces the point most has its side right.
         tied = np.flatnonzero(length_m <= least_m[owner] * (1.0 + _TIE))
         tied = tied[np.lexsort((-np.abs(height_m[tied]), owner[tied]))]
         first = tied[np.searchsorted(owner[tied], np.arange(len(points_m)))]

@@ -23,7 +23,7 @@ _REPROJECTION_PX = 1.5
 _LEAST_TRACK = 3
 # Sum of the squared angles between a point's rays and their mean: three frames that are 2 deg apart.
 _LEAST_SPREAD = 2.0 * np.sin(np.radians(2.0)) ** 2
-# Of the matches; poses that are right leave 0.15 to 0.4 outside of the check.
+# Least share of the matches within the check [1]: right poses leave 0.15 to 0.4 outside.
 _LEAST_SHARE_RIGHT = 0.5
 
 
@@ -94,7 +94,7 @@ def _matches(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray
     best, rows = alike.argmax(axis=1), np.arange(len(one))
     most = alike[rows, best]
     alike[rows, best] = -1.0
-    # Of unit vectors: distance squared is 2 - 2 cos.
+    # For unit vectors the squared distance is 2 - 2 cos.
     is_clear = 1.0 - most < _RATIO**2 * (1.0 - alike.max(axis=1))
     kept = np.flatnonzero(is_clear & (back[best] == rows))
     return kept, best[kept]

@@ -17,7 +17,7 @@ _NEIGHBOURS_RAD = (np.radians(8.0), np.radians(24.0))
 _N_NEIGHBOURS = 4
 # The best of the neighbours count: in others the place is hidden or in shadow.
 _N_BEST = 2
-# Of the root of the signal, over that of white.
+# Least root of the signal over that of white [1].
 _LEAST_LIGHT = 0.2
 # Variance of the same in a window: below it is noise alone.
 _LEAST_VARIANCE = 0.3 / 3600.0

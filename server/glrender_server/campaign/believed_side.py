@@ -58,7 +58,7 @@ def undistortion(camera: PinholeCamera, k: BrownConrady | None) -> Callable[[np.
     coefficients = np.array([k.k1, k.k2, k.p1, k.p2, k.k3, k.k4, k.k5, k.k6])
     maps = cv2.initUndistortRectifyMap(matrix, coefficients, None, matrix, (camera.width_px, camera.height_px),
                                        cv2.CV_32FC1)
-    # Of OpenCV's interpolations the one that widens edges least.
+    # Lanczos is the one of OpenCV's interpolations that widens edges least.
     return lambda frame: cv2.remap(frame, *maps, cv2.INTER_LANCZOS4)
 
 

@@ -67,7 +67,7 @@ class Setup:
     states : sequence of State
         The true trajectory; `pointing` says whether its attitudes are flown.
     camera, body : str
-        What takes the frames, and what is navigated about.
+        The camera that takes the frames, and the body to navigate about.
     pointing : "estimate" or "scenario"
     handover : float [1]
         Standard deviation of the first estimate, relative to the range.
@@ -311,8 +311,8 @@ class _Beliefs:
             except ConfigError as error:
                 error.path = f"axes.{error.path}" if values else f"scenario.{error.path}"
                 if values:
-                    told = " and ".join(f"{name} = {value!r}" for name, value in values.items())
-                    error.hint = f"{error.hint}; {told}".removeprefix("; ") + ": fly them in separate campaigns"
+                    combined = " and ".join(f"{name} = {value!r}" for name, value in values.items())
+                    error.hint = f"{error.hint}; {combined}".removeprefix("; ") + ": fly them in separate campaigns"
                 raise
         return found
 

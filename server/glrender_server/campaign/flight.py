@@ -20,10 +20,10 @@ from .pictures import Frame, strip_of
 
 RESULT_KEYS = {"id", "values", "status", "reason", "frames", "accepted", "error_m", "error_over_range", "worst_frame",
                "track", "processor_s", "frame_ms", "on_board_ms"}
-"""What a flight's result tells."""
+"""Fields of a flight's result."""
 # Beyond this share of the range the body is lost.
 _LOST = 0.1
-# What is told of a frame that was measured in vain.
+# Reason given for a frame that was measured in vain.
 _REFUSED = "the filter refused the measurement"
 # Standard deviation of the first velocity, of the first position's over a step.
 _HANDOVER_RATE = 2e-3
@@ -31,7 +31,7 @@ _HANDOVER_RATE = 2e-3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Flight:
-    """What is kept of a flight: its result, plain data, and a picture (PNG) of its first, worst and last frame."""
+    """A flight's record: its result, plain data, and a picture (PNG) of its first, worst and last frame."""
 
     result: dict[str, Any]
     picture: bytes

@@ -15,7 +15,7 @@ _PICTURE_PX = 240
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Frame:
-    """One frame of a flight, as it is told.
+    """One frame of a flight, as it is reported.
 
     Attributes
     ----------

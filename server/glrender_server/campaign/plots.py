@@ -22,7 +22,7 @@ def error_against(axis: str, values: Sequence[str], results: Sequence[Mapping[st
     ----------
     axis : str
     values : sequence of str
-        The axis' own, as they are told.
+        The axis' own, as text.
     results : sequence of mappings
     places : sequence of int
         Of each result, which value it has.
@@ -32,7 +32,7 @@ def error_against(axis: str, values: Sequence[str], results: Sequence[Mapping[st
     plt = _pyplot(axis)
     names = list(dict.fromkeys(groups))
     figure, plot = plt.subplots(figsize=(6.4, 3.0), layout="constrained")
-    # Beside each other, in their order: the same picture each time.
+    # Next to each other, in their order: the same picture each time.
     for number, name in enumerate(names):
         shift = 0.0 if len(names) == 1 else 0.5 * (number / (len(names) - 1) - 0.5)
         for place in range(len(values)):

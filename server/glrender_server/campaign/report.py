@@ -50,10 +50,11 @@ def write_report(path: Path, campaign: Campaign, results: Sequence[Mapping[str, 
         There is no matplotlib.
     OSError
     """
-    told = _told(results)
+    summary = _told(results)
     worst = sorted(range(len(results)), key=lambda index: -_badness(results[index]))[:_WORST]
     by_estimator = len(campaign.axes["estimator"]) > 1
-    parts = [f"<h1>Campaign {html.escape(campaign.path.stem)}</h1>", f"<p>{html.escape(told)}</p>", _settings(campaign),
+    parts = [f"<h1>Campaign {html.escape(campaign.path.stem)}</h1>", f"<p>{html.escape(summary)}</p>",
+             _settings(campaign),
              "<p>The error is the distance between the estimated and the true position, as a share of the range: root "
              "mean square over the last two thirds of the frames. A case has lost the body where the on-board side "
              "failed, ends more than 10 % of the range off, or accepted no measurement in these frames.</p>"]
@@ -75,7 +76,7 @@ def write_report(path: Path, campaign: Campaign, results: Sequence[Mapping[str, 
             f"<title>{html.escape(campaign.path.stem)}</title><style>{_STYLE}</style></head><body>"
             f"{''.join(parts)}</body></html>\n")
     write_whole(path, page.encode())
-    return told
+    return summary
 
 
 def command_of(campaign: Campaign, case: Case, folder: Path) -> str:
@@ -114,8 +115,8 @@ def _table_of_axis(name: str, values: Sequence[str], results: Sequence[Mapping[s
         own = [result for result, at in zip(results, places, strict=True) if at == place]
         kept = [100.0 * result["error_over_range"]["rms_settled"] for result in own if result["status"] == "kept"]
         ms = np.median([result["on_board_ms"] for result in own])
-        told = [f"{number(kept):.3g} %" if kept else "" for number in (np.median, _percentile_95)]
-        rows.append([html.escape(value), str(len(own)), _lost(len(own) - len(kept)), *told, f"{ms:.3g} ms"])
+        errors = [f"{number(kept):.3g} %" if kept else "" for number in (np.median, _percentile_95)]
+        rows.append([html.escape(value), str(len(own)), _lost(len(own) - len(kept)), *errors, f"{ms:.3g} ms"])
     return _table([name, "cases", "lost", "median error", "95th percentile", "on board, a frame"], rows)
 
 

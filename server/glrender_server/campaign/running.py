@@ -142,7 +142,7 @@ def _believed(setup: Setup, case: Case) -> Scene:
         return onboard_scene(setup.scene, case.belief)
 
 
-# Of a process: its renderers, what was given to it at its start, and the thread that OpenGL stays on.
+# A process has its renderers, the setup that it got at its start, and the thread that OpenGL stays on.
 _renderers = Renderers()
 _setup: Setup | None = None
 _thread = ThreadPoolExecutor(1)

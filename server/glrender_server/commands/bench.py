@@ -35,7 +35,7 @@ def run(arguments: argparse.Namespace) -> int:
     state, rows = state_of(subject, arguments, camera), []
     with open_renderer(subject.scene, arguments.backend) as renderer:
         for max_error in _TOLERANCES:
-            renderer.render(_turned(state, -1), camera.name, max_error=max_error)  # what is made once
+            renderer.render(_turned(state, -1), camera.name, max_error=max_error)  # tables and maps that are made once
             took_ms, until = [], time.monotonic() + seconds
             while len(took_ms) < _LEAST_FRAMES or time.monotonic() < until:
                 turned, began = _turned(state, len(took_ms)), time.perf_counter()

@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Fly what is missing in the folder, then write the report; or one case."""
+    """Fly the cases that the folder lacks, then write the report; or fly one case."""
     checked_processes(arguments.processes, "--processes")
     campaign = load_campaign(arguments.campaign)
     folder = arguments.out or Path("out") / arguments.campaign.stem
@@ -44,14 +44,14 @@ def run(arguments: argparse.Namespace) -> int:
             bar.update()
     results = [result_of(folder, case) for case in campaign.cases]
     try:
-        told = write_report(folder / "report.html", campaign, results, folder)
+        summary = write_report(folder / "report.html", campaign, results, folder)
     except ImportError as error:
         raise GlrenderError(f"the report is drawn by matplotlib: pip install 'glrender[demo]'; all {n_cases} cases are "
                             f"in {folder}") from error
     except OSError as error:
         raise GlrenderError(f"{folder}/report.html: cannot be written: {error.strerror}; all {n_cases} cases are there "
                             "and stay: make room, and start again") from error
-    sys.stdout.write(f"{folder}: {n_cases} cases, {n_left} flown now; {told}\n{folder}/report.html\n")
+    sys.stdout.write(f"{folder}: {n_cases} cases, {n_left} flown now; {summary}\n{folder}/report.html\n")
     return 0
 
 

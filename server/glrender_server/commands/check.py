@@ -1,4 +1,4 @@
-"""`glrender check`: what a shape, a scene or a scenario is, and what is odd in it, before a loop is flown."""
+"""`glrender check`: describes a shape, a scene or a scenario, and warns of oddities before a loop is flown."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Tell of bodies and cameras; then of a scenario's sequence, or else of one frame, which is drawn."""
+    """Describe bodies and cameras; then a scenario's sequence, or else one frame, which is drawn."""
     if arguments.given is not None:
         if arguments.state is not None:
-            raise ConfigError("--state", "is given twice", str(arguments.state), "leave one of them out")
+            raise ConfigError("--state", "is given twice", str(arguments.state), "leave one out")
         arguments.state = arguments.given
     if arguments.out is not None:
         check_picture(arguments, "DN" if has_exposure(arguments.output) else "W/m2")

@@ -40,8 +40,8 @@ def run(arguments: argparse.Namespace) -> int:
         sys.stdout.write(json.dumps({"frame": str(arguments.frame), "bit_depth": bit_depth, "noise_DN": noise,
                                      "rows": made}) + "\n")
         return 0
-    told = "" if noise is None else f", noise of the lit pixels {noise:.3g} DN"
-    sys.stdout.write(f"{arguments.frame}: {dn.shape[1]} x {dn.shape[0]}, {bit_depth} bit{told}\n{_HEAD}\n")
+    noise_text = "" if noise is None else f", noise of the lit pixels {noise:.3g} DN"
+    sys.stdout.write(f"{arguments.frame}: {dn.shape[1]} x {dn.shape[0]}, {bit_depth} bit{noise_text}\n{_HEAD}\n")
     for row in rows:
         sys.stdout.write(_line(row) + "\n")
         sys.stdout.flush()
@@ -61,7 +61,7 @@ def _read(arguments: argparse.Namespace) -> tuple[Any, int, float | None, float 
     detector, compression = _table(camera, "detector"), _table(camera, "compression")
     if len(compression) > 1:
         sys.stderr.write(f"glrender: warning: the frame is decoded from {compression.get('codec')} with loss, and the "
-                         "rows tell what a second loss does; draw it by a camera without `compression`\n")
+                         "rows show the effect of a second loss; draw it by a camera without `compression`\n")
     bit_depth = detector.get("bit_depth") if arguments.bit_depth is None else arguments.bit_depth
     if bit_depth is None:
         raise ConfigError("--bit-depth", "missing: the frame has no header of a camera", hint="--bit-depth 12")

@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--camera", help="default: that of [output] or [random], or the first")
     parser.add_argument("--output", choices=("irradiance", "dn"), help="default: dn where the camera has a model")
     parser.add_argument("--products", nargs="*", metavar="NAME",
-                        help="range, incidence, emission, phase, ... of each pixel, beside the mask")
+                        help="range, incidence, emission, phase, ... of each pixel, with the mask")
     parser.add_argument("--limb-points", type=int, default=_LIMB_POINTS, metavar="N", help="of a body (64)")
     parser.add_argument("--seed", type=int, help="of [random] and of the frames' noise (the file's, and 0)")
     parser.add_argument("--exposure-s", type=exposure, help="with dn: seconds, or auto; default: the camera's")
@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Draw what is missing in the folder, then a contact sheet with the labels."""
+    """Draw the frames that the folder lacks, then a contact sheet with the labels."""
     dataset, warnings = _dataset(arguments)
     for warning in warnings:
         sys.stderr.write(f"glrender: warning: {warning}\n")
@@ -75,10 +75,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _dataset(arguments: argparse.Namespace) -> tuple[DataSet, list[str]]:
-    """The data set that the arguments ask for, and what is worth a warning."""
+    """The data set that the arguments ask for, and its warnings."""
     if arguments.states is not None:
         if arguments.frames is not None:
-            raise ConfigError("--frames", "is given beside --states", arguments.frames, "leave one out")
+            raise ConfigError("--frames", "is given with --states", arguments.frames, "leave one out")
         scenario, (scene, keypoints, output) = None, load_setting(arguments.scenario)
     else:
         scenario = load_scenario(arguments.scenario)

@@ -1,6 +1,6 @@
 """The closed-loop demo: a spacecraft finds its way to a body and round it by its camera alone.
 
-Two servers run in processes of their own: one has the true body, the other the on-board model of it, of a tenth of
+Two servers run in processes of their own: one has the true body, the other its on-board model, of a tenth of
 the facets. Each step posts the true state to the first, gets the frame that the navigation camera would have taken,
 and steers by the on-board estimate. The on-board side has the second server, frames and its own estimate alone.
 """
@@ -84,7 +84,7 @@ def run(arguments: argparse.Namespace) -> int:
         belief_file.write_text(f'scene = "{scene_file.name}"\n[belief.bodies.body]\nfacets = {share}\n')
         believed = load_believed_scene(belief_file).bodies[0].shape
         arguments.out.mkdir(parents=True, exist_ok=True)
-        say(f"Body: {len(shape.facets)} facets, {2.0 * shape.radius_m:.4g} m across; the on-board model of it has "
+        say(f"Body: {len(shape.facets)} facets, {2.0 * shape.radius_m:.4g} m across; its on-board model has "
             f"{len(believed.facets)}{', the same' * (share == 1.0)}")
         options = ["--backend", arguments.backend]
         view = [] if arguments.view is None else ["--view", arguments.view]
@@ -177,7 +177,7 @@ def _fly(client: Client, onboard_client: Client, shape: Shape, believed: Shape,
     path = ReferencePath(radius_m=shape.radius_m, sun_direction=sun_direction, n_steps=arguments.frames,
                          step_s=_STEP_S, fill=0.5 / (size / focal_length_px))
     r_true, v_true = path(0.0)
-    # What is known at the start: the position to a tenth of the range.
+    # The navigator starts with the position to a tenth of the range.
     handover_m = 0.1 * np.linalg.norm(r_true)
     navigator = Navigator(r_true + handover_m * rng.standard_normal(3) / np.sqrt(3.0),
                           v_true + 1e-4 * handover_m / _STEP_S * rng.standard_normal(3),
@@ -255,6 +255,6 @@ def _report(log: _Log, elapsed_s: float, shape: Shape, believed: Shape, argument
 
 
 def say(line: str) -> None:
-    """Tell the person at the terminal."""
+    """Write a line to the person at the terminal."""
     sys.stdout.write(line + "\n")
     sys.stdout.flush()

@@ -40,7 +40,7 @@ def write_picture(path: str | Path, found: Deviation, title: str = "") -> None:
 
 
 def _view(mesh: Mesh, turn_deg: float, share: np.ndarray | None) -> np.ndarray:
-    """(side, side, 3) uint8, blue first, seen from afar with the light beside the eye."""
+    """(side, side, 3) uint8, blue first, seen from afar with the light next to the eye."""
     turned = Rotation.from_euler("zx", [turn_deg, _ELEVATION_DEG - 90.0], degrees=True)
     at = turned.apply(mesh.corners_m.reshape(-1, 3))
     low, high = at.min(axis=0), at.max(axis=0)

@@ -1,4 +1,4 @@
-"""One frame that a command draws, with what is said of it."""
+"""One frame that a command draws, with its warnings and description."""
 
 from __future__ import annotations
 
@@ -47,8 +47,8 @@ class Drawn:
 
     @property
     def warnings(self) -> list[str]:
-        """What is odd in the scenario, in the scene and in the frame, each once."""
-        # A field of the scenario is told under its own name, not under the state's that comes of it.
+        """Oddities of the scenario, of the scene and of the frame, each once."""
+        # A field of the scenario is named by its own path, not by the state's that follows from it.
         codes = {advice.code for advice in self.doubts}
         of_frame = [advice for advice in self.capture.warnings
                     if advice.code not in codes or not advice.path.startswith("state.")]

@@ -21,13 +21,13 @@ _LIBRARIES = {".fits": ("astropy", "fits"), ".exr": ("OpenEXR", "exr")}
 
 
 def add_picture(parser: argparse.ArgumentParser, default: str) -> None:
-    """Add the arguments that say how a frame is written; `default` tells what is written without --out."""
+    """Add the arguments that say how a frame is written; `default` names the file that is written without --out."""
     parser.add_argument("--out", type=Path, metavar="FILE",
                         help=f"by its ending {', '.join(ENDINGS)}: a picture for the eye of 8 bits, or the numbers"
                              + (f" ({default})" if default else ""))
     parser.add_argument("--stretch", choices=STRETCHES, help="of a picture: gamma 2.2 by default")
     parser.add_argument("--white", type=float, metavar="VALUE",
-                        help="of a picture: what is shown white, in the frame's unit; the brightest 0.1 %% by default")
+                        help="of a picture: the value shown as white [frame's unit]; the brightest 0.1 %% by default")
     parser.add_argument("--raw", action="store_true", help="digital numbers as they are in a PNG of 8 or 16 bits")
 
 
@@ -115,7 +115,7 @@ def write_frame(arguments: argparse.Namespace, frame: FrameFile) -> None:
 
 def write_picture(path: Path, image: np.ndarray, stretch: str | None = None, white: float | None = None,
                   offset_DN: float | None = None) -> None:
-    """An 8-bit picture for the eye; what is brighter than `white`, the brightest 0.1 % by default, is white."""
+    """An 8-bit picture for the eye; pixels brighter than `white`, the brightest 0.1 % by default, are white."""
     from PIL import Image
 
     black, brightest = black_and_white([image], offset_DN)

@@ -1,4 +1,4 @@
-"""`glrender plan`: how a frame is drawn, which errors are expected, and what is left out."""
+"""`glrender plan`: explains how a frame is drawn, its predicted errors, and the effects left out."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Draw the frame, and print its plan."""
     plan = draw(arguments).capture.plan
-    # Its warnings are among those of the frame, which were told.
+    # Its warnings are among those of the frame, which were printed.
     text = json.dumps(plan.to_dict()) if arguments.json else str(replace(plan, warnings=()))
     sys.stdout.write(text + "\n")
     return 0

@@ -55,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Draw what is missing in the folder, then a contact sheet, and a video if it is asked for."""
+    """Draw the frames that the folder lacks, then a contact sheet, and a video if one is asked for."""
     for option in ("write_states", "video"):
         if getattr(arguments, option) is not None:
             check_place("--" + option.replace("_", "-"), getattr(arguments, option))

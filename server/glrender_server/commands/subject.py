@@ -23,7 +23,7 @@ from glrender_camera.validate import within
 
 # Tables that a scenario file has and a scene file has not.
 _OF_SCENARIOS = ("scene", "encounter", "trajectory", "random")
-# Of the frame's smaller side, what the first body takes in the state that is made for it.
+# Share of the frame's smaller side that the first body takes in the state that is made for it.
 _FILLED = 0.8
 # Single-scattering albedo of a shape without a scene: between comets (0.04) and S-type asteroids (0.3).
 _ALBEDO = 0.1
@@ -144,7 +144,7 @@ def read_state(path: Path) -> State:
 def default_state(scene: Scene, camera_name: str, phase_rad: float) -> State:
     """The scene's first body at the origin, 1 au from the Sun, filling most of a camera's frame.
 
-    Other bodies stand in a row beside it, out of the way.
+    Other bodies stand in a row next to it, out of the way.
     """
     camera = scene.camera(camera_name)
     body, *others = scene.bodies

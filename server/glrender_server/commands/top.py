@@ -66,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def screen(endpoint: str, status: Mapping[str, Any], rate: float | None = None) -> Iterator[str]:
-    """The lines that tell a server's `status`; what it says moves nothing on the terminal.
+    """The lines that show a server's `status`; no text from the server moves the terminal's cursor.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def _lines(endpoint: str, status: Mapping[str, Any], rate: float | None) -> Iter
 
 
 def _show(lines: list[str]) -> None:
-    """Write a screen; on a terminal in the place of the last, and no more of it than fits."""
+    """Write a screen; on a terminal in the place of the last, and no more lines than fit."""
     begin = ""
     if sys.stdout.isatty():
         size = shutil.get_terminal_size()

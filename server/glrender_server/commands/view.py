@@ -32,7 +32,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     keys = None if arguments.key is None and arguments.server_key is None else (arguments.key, arguments.server_key)
     try:
-        # What is no address, and keys that are none, are told now.
+        # Wrong addresses and keys are refused now.
         with Client(arguments.endpoint, timeout_s=2.0, retries=0, key=arguments.key,
                     server_key=arguments.server_key) as client:
             client.watch()

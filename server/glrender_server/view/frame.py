@@ -17,7 +17,7 @@ from .geometry import sketch
 
 _TOLD = ("t_s", "output", "unit", "exposure_s", "seed", "n_saturated_px", "plan", "stages", "warnings", "timings_ms",
          "next_exposure_s")
-# Pixels begin at a multiple of it, as typed arrays need.
+# Pixels begin at a multiple of so many bytes, as typed arrays need.
 _ALIGNMENT = 8
 
 

@@ -63,7 +63,7 @@ def _angle_deg(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def default_state(bodies: list[Mapping[str, Any]]) -> dict[str, Any]:
-    """The first body at the origin, 1 au from the Sun, the others in a row beside it: before any client has asked."""
+    """The first body at the origin, 1 au from the Sun, the others in a row next to it: before any client has asked."""
     poses, offset = {}, 0.0
     for body in bodies:
         offset += 1.5 * body["radius_m"] if poses else 0.0

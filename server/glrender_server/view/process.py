@@ -1,4 +1,4 @@
-"""The server's side of its page: a child process that watches, so that nothing of it runs in the server's loop."""
+"""The server's side of its page: a child process that watches, so that the page takes no time of the server's loop."""
 
 from __future__ import annotations
 
@@ -103,9 +103,9 @@ class ViewProcess:
                 raise ConfigError("--view", "needs a key of its own",
                                   hint=f"glrender keygen {key_folder} --client view")
         # Secrets go through the pipe: arguments and environments can be read by others.
-        told = {"endpoint": endpoint.replace("//0.0.0.0:", "//127.0.0.1:"), "password": password, "keys": keys,
-                "token": self._token, "socket": self._socket.fileno()}
-        line = json.dumps(told).encode() + b"\n"
+        secret = {"endpoint": endpoint.replace("//0.0.0.0:", "//127.0.0.1:"), "password": password, "keys": keys,
+                  "token": self._token, "socket": self._socket.fileno()}
+        line = json.dumps(secret).encode() + b"\n"
         self._begin(line)
         threading.Thread(target=self._keep_up, args=(line,), daemon=True, name="glrender-view").start()
 

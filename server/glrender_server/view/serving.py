@@ -36,7 +36,7 @@ MAX_VIEWERS, MAX_CONNECTIONS, MAX_MESSAGE_BYTES = 32, 64, 4096
 HTTP_S = 10.0
 """The longest life of a connection that has not become a page's conversation."""
 BYTES_PER_S = 1 << 27
-"""Pixels that all pages get in a second; each waits for its part of it."""
+"""Pixels that all pages get in a second; each waits for its share."""
 _LOWEST_PRIORITY = 19
 _KINDS = {".html": "text/html; charset=utf-8", ".css": "text/css; charset=utf-8",
           ".js": "text/javascript; charset=utf-8", ".svg": "image/svg+xml"}
@@ -90,7 +90,7 @@ def serve(listening: socket.socket, token: str, endpoint: str, keys: Iterable[st
 
 
 def _step_back() -> None:
-    """Let renderer and clients go first wherever a core is wanted by both: this process gets 1.5 % of it then."""
+    """Let renderer and clients go first wherever a core is wanted by both: this process then gets 1.5 % of its time."""
     with contextlib.suppress(OSError, AttributeError):
         os.setpriority(os.PRIO_PROCESS, 0, _LOWEST_PRIORITY)
         os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
@@ -155,7 +155,7 @@ class _BriefConnection(H11Protocol):
         if len(self.connections) >= MAX_CONNECTIONS:
             brief = [each for each in self.connections if isinstance(each, _BriefConnection)]
             oldest = min(brief, key=lambda each: each._end.when())
-            # At once: the system tells of its end later than of many another's beginning.
+            # At once: many connections may begin before the system reports the end of this one.
             self.connections.discard(oldest)
             oldest.transport.abort()
 

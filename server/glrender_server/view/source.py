@@ -26,7 +26,7 @@ _WATCH_S, _STATUS_S, _AGAIN_S = 1.0 / 15.0, 1.0, 1.0
 # The server answers `watch` and `status` at once, but for one that draws in its own process.
 _TIMEOUT_S, _BACKGROUND_TIMEOUT_S, _LEAVE_S = 5.0, 20.0, 0.5
 _MAX_STREAMS = 16
-# Of the free camera: an eye needs no more.
+# Tolerance of the free camera's frames [1]: an eye needs no more.
 _FREE_ERROR = 0.5
 
 Stream = tuple[str, str]

@@ -110,7 +110,7 @@ def test_cells_are_added_up_over_their_cover_and_by_their_solid_angles(right, le
     expected[1:5, 1:5], expected[1:3, 5:7] = 3.0, 5.0 if right == 7 else 0.0
     expected[1:3, 3:3 + n_twice] = twice
     np.testing.assert_allclose(image, 2.0 * expected / (1.0 + across + down[:, None]) ** 1.5, rtol=1e-12)
-    # Of 8 over twice the cover 4 is too much, of 4.25 over 1.25 of it 0.85, in each of two rows.
+    # In each of two rows 8 over twice the cover is 4 too much, and 4.25 over 1.25 times the cover 0.85.
     np.testing.assert_allclose(unsure, [n_twice * half**2, n_twice * half**2], rtol=1e-12)
 
 

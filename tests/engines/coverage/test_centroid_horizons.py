@@ -48,7 +48,7 @@ def peaks():
     return made.vertices_m * radius_m[:, None], made.facets
 
 
-# Of each, at 20, 60 and 100 degrees, how far an image may be from one with every ray cast.
+# Each shape's largest difference, at 20, 60 and 100 degrees, from an image with every ray cast.
 SHAPES = {"torus": (lambda: torus(100.0, 40.0, 192, 96), (1e-3, 1e-3, 1e-3)),
           "ring": (lambda: solids.joined(ball(100.0, (0, 0, 0), 5), torus(160.0, 6.0, 256, 32)), (1e-3, 1e-3, 1e-3)),
           "moon": (lambda: solids.joined(ball(100.0, (0, 0, 0), 6), ball(5.0, (30, -115, 90), 4)),
