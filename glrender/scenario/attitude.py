@@ -109,7 +109,7 @@ class Spin:
         pole_right_ascension_deg, pole_declination_deg : float [deg]
             ICRF.
         rotation_period_s, rate_deg_day : float [s], [deg/day]
-            One of them; negative turns the other way.
+            One of the two; negative turns the other way.
         prime_meridian_deg : float [deg]
             The angle W at the epoch.
         epoch : Epoch, optional
@@ -211,7 +211,7 @@ class Pointing:
         if rule == "sun":
             return _unit_and_rate(*geometry.between(owner, "sun"))
         if rule == "orbit_normal":
-            # Of a central motion r x v is constant, so its rate is 0.
+            # A central motion has a constant r x v, so its rate is 0.
             normal = np.cross(r, v)
             return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300), np.zeros_like(r)
         return np.tile(np.eye(3)[2] if rule == "north" else self.up, (len(r), 1)), np.zeros_like(r)

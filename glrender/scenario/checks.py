@@ -22,7 +22,7 @@ def numbers(name: str, value: object) -> np.ndarray:
     Raises
     ------
     ConfigError
-        What is not numbers, is not rectangular, or is not finite.
+        A value that is not numbers, not rectangular, or not finite.
     """
     try:
         array = np.asarray(value)
@@ -85,7 +85,7 @@ def unit(name: str, value: object) -> np.ndarray:
     largest = float(np.abs(array).max())
     if not largest > 0.0:
         raise ConfigError(name, "must not be zero", array.tolist())
-    # Scaled first: squares of what is huge or tiny leave float64.
+    # Scaled first: squares of huge or tiny numbers leave float64.
     array = array / largest
     return array / np.linalg.norm(array)
 

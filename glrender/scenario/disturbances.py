@@ -129,7 +129,7 @@ def _line_places(frequency: np.ndarray, density: np.ndarray, share: np.ndarray) 
     power = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(frequency))])
     wanted = share * power[-1]
     k = np.clip(np.searchsorted(power, wanted, side="right") - 1, 0, len(frequency) - 2)
-    # Of a density that is linear between two: d x + slope x^2 / 2 = rest, in the form that holds at slope 0.
+    # The density is linear between two points: d x + slope x^2 / 2 = rest, in the form that holds at slope 0.
     rest, d = wanted - power[k], density[k]
     slope = (np.diff(density) / np.diff(frequency))[k]
     root = d + np.sqrt(np.maximum(d * d + 2.0 * slope * rest, 0.0))

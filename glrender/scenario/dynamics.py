@@ -128,7 +128,7 @@ class _Beyond(Exception):
 class _Flight:
     """The motion of a rigid body from the start on, forwards or backwards, and its states at some of its steps.
 
-    Those steps do not depend on the times that are asked for, so what is found does not depend on what was asked for
+    Those steps do not depend on the times that are asked for, so a result does not depend on the times asked for
     before. Steps end where a torque jumps, and at impulses, where the state is that before them.
     """
 

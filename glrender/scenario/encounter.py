@@ -17,7 +17,7 @@ from .kepler import EQUATORIAL_FROM_ECLIPTIC
 from .paths import Trajectory
 
 SIDES = ("sunlit", "terminator", "dark")
-# Sine of the angle between velocity and Sun below which the sides of a pass cannot be told apart.
+# Sine of the angle between velocity and Sun below which the sides of a pass cannot be separated.
 _LEAST_SINE = 1e-6
 
 

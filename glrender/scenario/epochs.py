@@ -14,7 +14,7 @@ from glrender_camera.validate import finite, one_of
 from ..base.errors import ConfigError
 
 EPOCH_SUFFIXES = ("_tdb", "_utc", "_et_s")
-"""Endings that tell the scale of a field: `date_tdb`, `date_utc`, or `date_et_s`, TDB seconds past J2000."""
+"""Endings that give the time scale of a field: `date_tdb`, `date_utc`, or `date_et_s`, TDB seconds past J2000."""
 
 _J2000 = datetime(2000, 1, 1, 12)
 _TEXT = re.compile(r"(\d{4})-(\d\d)-(\d\d)(?:[T ](\d\d):(\d\d)(?::(\d\d)(\.\d{1,15})?)?)?(Z?)")
@@ -42,7 +42,7 @@ class Epoch:
 
     @classmethod
     def from_et(cls, et_s: float, name: str = "et_s") -> Epoch:
-        """An epoch of SPICE's ET [s]; ConfigError for what is no finite number."""
+        """An epoch of SPICE's ET [s]; ConfigError unless it is a finite number."""
         whole = math.floor(et_s := finite(name, et_s))
         return cls(whole, et_s - whole)
 
@@ -99,19 +99,19 @@ class Epoch:
 
     @classmethod
     def of_field(cls, table: Mapping[str, Any], stem: str) -> Epoch | None:
-        """The epoch of `<stem>_tdb`, `<stem>_utc` or `<stem>_et_s` in a table; None where there is none of them.
+        """The epoch of `<stem>_tdb`, `<stem>_utc` or `<stem>_et_s` in a table; None where all are absent.
 
         Raises
         ------
         ConfigError
-            Two of them, or `<stem>` alone: a time without a scale.
+            Two are given, or `<stem>` alone: a time without a scale.
         """
         names = [stem + suffix for suffix in EPOCH_SUFFIXES]
         given = [name for name in names if name in table]
         if stem in table:
             raise ConfigError(stem, "has no time scale", table[stem], f"write {names[0]}, {names[1]} or {names[2]}")
         if len(given) > 1:
-            raise ConfigError(given[1], f"is given beside {given[0]}", table[given[1]], "give one of them")
+            raise ConfigError(given[1], f"is given as well as {given[0]}", table[given[1]], "give one")
         read: dict[str, Any] = {names[0]: cls.from_tdb, names[1]: cls.from_utc, names[2]: cls.from_et}
         return read[given[0]](table[given[0]], given[0]) if given else None
 

@@ -106,7 +106,7 @@ class Kepler:
                        longitude_ascending_node_deg: float, argument_of_periapsis_deg: float, periapsis: Epoch,
                        frame: str = "ecliptic", about: str = "sun",
                        gravitational_parameter_m3_s2: float | None = None) -> Kepler:
-        """An orbit of its periapsis and the time of it, as comets have them: an ellipse, a parabola or a hyperbola.
+        """An orbit by its periapsis and the time there, as comets have them: an ellipse, a parabola or a hyperbola.
 
         Parameters
         ----------

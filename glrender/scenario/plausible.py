@@ -1,4 +1,4 @@
-"""What is improbable, or impossible, in the fields of trajectories and attitudes, most often for their unit."""
+"""Finds improbable or impossible values in the fields of trajectories and attitudes, most often for their unit."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ GRAVITATION_M3_KG_S2 = 6.6743e-11
 """Constant of gravitation [m3/(kg s2)]; CODATA 2018."""
 # Fields that give a distance from the centre of what a trajectory is about.
 _PLACES = ("distance_m", "radius_m", "r_m", "r_hill_m", "semi_major_axis_m", "periapsis_distance_m")
-# Of them, sizes of orbits: an impact or a hop is one that leads into the body.
+# Those that are sizes of orbits: an impact or a hop is an orbit that leads into the body.
 _SIZES = ("semi_major_axis_m", "periapsis_distance_m")
 
 
@@ -136,7 +136,7 @@ def scenario_doubts(written: Iterable[Written], bodies: Iterable[Body]) -> list[
 
 @contextmanager
 def doubted(doubts: Iterable[Advice]) -> Iterator[None]:
-    """Add what is doubted to the way out of an error that comes of it."""
+    """Add doubts about fields to the way out of an error that follows from them."""
     try:
         yield
     except ConfigError as error:
@@ -146,7 +146,7 @@ def doubted(doubts: Iterable[Advice]) -> Iterator[None]:
 
 def overlap_doubts(states: Sequence[State], bodies: Sequence[Body], written: Iterable[Written],
                    told: Iterable[Advice]) -> list[Advice]:
-    """Warnings of bodies that are within each other in some states, where no field has told of it."""
+    """Warnings of bodies that are within each other in some states, unless a field has been warned of."""
     hulls, nearest_m, count = {body.name: body.hull for body in bodies}, {}, Counter()
     for state in states if len(hulls) > 1 else ():
         for first, second, distance_m in overlaps(state, hulls):

@@ -31,13 +31,13 @@ SAMPLERS = ("latin_hypercube", "sobol", "independent")
 NUMBERS: Mapping[str, tuple[float, float, Any]] = {
     "range_m": (1e-3, 1e16, None), "phase_angle_deg": (0.0, 180.0, [0.0, 120.0]), "off_pointing_deg": (0.0, 180.0, 0.0),
     "roll_deg": (-360.0, 360.0, [0.0, 360.0]), "sun_distance_au": (0.01, 1000.0, 1.0), "time_s": (-1e11, 1e11, 0.0)}
-"""Numbers that are drawn: their bounds, and what is drawn where nothing is given."""
+"""Numbers that are drawn: their bounds, and the default distribution."""
 # One column of the samples for each number, and for: azimuth of the view about the Sun's line, of the off-pointing;
 # the body's attitude (3), the Sun's direction (2). A range that changes changes no other column.
 _COLUMNS = (*NUMBERS, "azimuth", "off_azimuth", "turn_1", "turn_2", "turn_3", "sun_z", "sun_azimuth")
 # It is given up where fewer than one in 20 views show anything, once 1000 were looked at.
 _MOST_TRIES, _FIRST_TRIES = 20, 50
-# Light of less than a pixel's area is none; of a large shape that many facets tell.
+# Lit area that counts as none [px], and facets of a large shape from which it is estimated.
 _LEAST_LIT_PX, _FACETS_LOOKED_AT = 1.0, 20_000
 
 
@@ -50,7 +50,7 @@ class RandomStates:
     setting : Scenario
         The scene, and where bodies and the Sun are at a time; its spacecraft stands at `body`.
     camera : PinholeCamera
-        Of the scene: what is in its field counts.
+        Of the scene: bodies in its field count.
     body : str
         What the camera looks at; range and phase angle are those of its origin.
     range_m, phase_angle_deg, off_pointing_deg, roll_deg, sun_distance_au, time_s : Distribution
@@ -61,7 +61,7 @@ class RandomStates:
     sun_direction : "uniform", "own" or (3,) float
         From the body, ICRF axes: any, that of the setting at the time, or this one. "own" has its own distance.
     up : str or (3,) float
-        As of `Pointing`: what is up in the image at roll 0.
+        As of `Pointing`: the direction that is up in the image at roll 0.
     in_field : "part" or "whole"
         How much of the body must be in the field.
     sampler : "latin_hypercube", "sobol" or "independent"
@@ -129,7 +129,7 @@ class RandomStates:
         Raises
         ------
         SceneError
-            Where hardly any view shows anything: with what is in the way.
+            Where hardly any view shows anything: with the commonest reasons.
         """
         return self._drawn[0]
 
@@ -143,7 +143,7 @@ class RandomStates:
         return self._drawn[1]
 
     def told(self) -> dict[str, Any]:
-        """What is drawn, as plain data."""
+        """The distributions, as plain data."""
         sun = self.sun_direction if isinstance(self.sun_direction, str) else self.sun_direction.tolist()
         used = [name for name in NUMBERS if name != "sun_distance_au" or sun != "own"]
         up = self.up if isinstance(self.up, str) else np.asarray(self.up).tolist()
@@ -152,16 +152,16 @@ class RandomStates:
                 "sun_direction": sun, "up": up, "in_field": self.in_field}
 
     def check(self) -> list[str]:
-        """What is worth a warning, in sentences: views rejected, a body that is small at its farthest."""
-        told, n = [*self.setting.notes, *map(str, self.setting.doubts)], len(self.states())
+        """Warnings, in sentences: views rejected, a body that is small at its farthest."""
+        warnings, n = [*self.setting.notes, *map(str, self.setting.doubts)], len(self.states())
         if self.rejected:
             all_of = n + sum(self.rejected.values())
             reasons = ", ".join(f"{reason} {count / all_of:.1%}" for reason, count in self.rejected.items())
-            told.append(f"[random]: {1.0 - n / all_of:.1%} of {all_of} views were rejected: {reasons}")
+            warnings.append(f"[random]: {1.0 - n / all_of:.1%} of {all_of} views were rejected: {reasons}")
         size_px = 2.0 * self.scene.hulls[self.body].radius_m * self.camera.focal_length_px / self.range_m.span[1]
         if size_px < 1.0:
-            told.append(f"[random] range_m: {self.body!r} is {size_px:.2g} px at {self.range_m.span[1]:g} m")
-        return told
+            warnings.append(f"[random] range_m: {self.body!r} is {size_px:.2g} px at {self.range_m.span[1]:g} m")
+        return warnings
 
     @cached_property
     def _pointing(self) -> Pointing:
@@ -203,7 +203,7 @@ class RandomStates:
     def _states_of(self, share: Mapping[str, np.ndarray]) -> Iterator[State]:
         """States of samples (N,) in 0..1 of each column."""
         drawn = {name: getattr(self, name).of(share[name]) for name in NUMBERS}
-        order = np.argsort(drawn["time_s"], kind="stable")  # what is integrated goes on with the time
+        order = np.argsort(drawn["time_s"], kind="stable")  # integrated motions go on with the time
         moments = dict(zip(order.tolist(), self.setting.states(drawn["time_s"][order]), strict=True))
         base = [moments[k] for k in range(len(order))]
         r_body = np.array([state.bodies[self.body].r_inertial_m for state in base])
@@ -237,7 +237,7 @@ class RandomStates:
                 state.spacecraft, r_inertial_m=r_craft[k], q_from_inertial=q_craft[k]))
 
     def _refusal(self, state: State) -> str | None:
-        """Why a state shows nothing, or not what is asked for; None where it does."""
+        """The reason for which a state does not show the body as asked for; None where it does."""
         try:
             views = view_bodies(state, self.camera, self.scene.hulls)
         except SceneError:

@@ -164,7 +164,7 @@ def equal_turns(r_of: Callable[[np.ndarray], np.ndarray], *, duration_s: float, 
     Parameters
     ----------
     r_of : callable
-        Of times (N,) [s] from the start, to positions (N, 3) [m] relative to what is looked at.
+        From times (N,) [s] after the start to positions (N, 3) [m] relative to the target.
     duration_s : float [s], > 0
     frames : int, 1..1e7
 

@@ -32,7 +32,7 @@ from .plausible import (
     written_objects,
 )
 
-# Of a file there is always one: who reads `scenario.scene` need not ask.
+# The scene of a scenario without one. Those from files have one, so that readers of `scenario.scene` need not ask.
 _NO_SCENE: Any = None
 
 
@@ -43,7 +43,7 @@ class Scenario:
     Parameters
     ----------
     trajectories : mapping of name to Trajectory
-        Of "spacecraft", of the bodies and of "sun". Each is about another one of them; one, the root, has none.
+        Of "spacecraft", of the bodies and of "sun". Each is about another object; one, the root, has none.
     sampler : object with `t_s()`
         As in `glrender.scenario.samplers`.
     attitudes : mapping of name to Attitude
@@ -58,7 +58,7 @@ class Scenario:
     output : mapping
         The table of that name of a scenario file, as it was read.
     notes : sequence of str
-        Sentences that `check` tells too: what was found when cameras were read.
+        Warnings from the reading of cameras, which `check` repeats.
     keypoints : mapping
         Places (3,) [m] in a body's frame, by the names of the body and the keypoint: for labels.
     belief : Belief
@@ -93,7 +93,7 @@ class Scenario:
         root = self._chain(self.origin)[-1]
         for name in names:
             if (other := self._chain(name)[-1]) != root:
-                raise ConfigError(f"trajectories.{other}", "missing", hint=f"nothing tells its place from {root!r}")
+                raise ConfigError(f"trajectories.{other}", "missing", hint=f"nothing gives its place from {root!r}")
         for name in self.attitudes:
             if name not in names or name == SUN:
                 raise ConfigError(f"attitudes.{name}", "must be of the spacecraft or a body", name,
@@ -143,7 +143,7 @@ class Scenario:
         Raises
         ------
         ConfigError
-            What a trajectory or an attitude cannot tell, with its path.
+            A state that a trajectory or an attitude does not have, with its path.
         """
         return list(self.iter_states(t_s))
 
@@ -158,7 +158,7 @@ class Scenario:
 
     @cached_property
     def _motion(self) -> Scenario:
-        """What moves, without what is drawn: it is sent with states to other processes."""
+        """The moving objects, without the scene: they are sent with states to other processes."""
         return replace(self, scene=_NO_SCENE, output={}, notes=(), keypoints={}, belief=Belief())
 
     def _plain_states(self, t_s: np.ndarray) -> Iterator[State]:
@@ -194,7 +194,7 @@ class Scenario:
         return self.written or written_objects(self.trajectories, self.attitudes)
 
     def check(self) -> list[str]:
-        """What is worth a warning before the first frame is drawn, in sentences; nothing is drawn.
+        """Warnings, in sentences, before the first frame is drawn; nothing is drawn.
 
         Raises
         ------
@@ -211,17 +211,17 @@ class Scenario:
         cameras = [] if self.scene is None else self.scene.cameras
         doubts = [*self.doubts, *overlap_doubts(states, self.scene_bodies, self._fields, self.doubts)]
         return [*self.notes, *map(str, doubts), *self._of_sources(),
-                *(told for camera in cameras for told in self._of_camera(camera, states))]
+                *(warning for camera in cameras for warning in self._of_camera(camera, states))]
 
     def _of_sources(self) -> list[str]:
         """Warnings of trajectories and attitudes that have some (`notes_at`) about the frames' times."""
-        told = []
+        warnings = []
         for kind, sources in (("trajectory", self.trajectories), ("attitude", self.attitudes)):
             for name, source in sources.items():
                 if hasattr(source, "notes_at"):
                     with error_path(f"{kind}.{name}"):
-                        told += [f"{kind} of {name!r}: {note}" for note in source.notes_at(self.start, self.t_s)]
-        return told
+                        warnings += [f"{kind} of {name!r}: {note}" for note in source.notes_at(self.start, self.t_s)]
+        return warnings
 
     def _refuse_inside(self, index: int, state: State) -> None:
         for name, pose in state.bodies.items():
@@ -252,14 +252,14 @@ class Scenario:
                 seen.append(_off_axis_rad(r) < np.arctan(corner) + np.arcsin(min(radius_m / max(range_m, 1e-9), 1.0)))
             if not any(seen):
                 empty.append(index)
-        told = []
+        warnings = []
         if with_sun:
-            told.append(f"camera {camera.name!r}: the Sun is in the field, behind what is looked at, in "
-                        f"{_frames(with_sun)}: bodies show their dark sides; check the side of the trajectory")
+            warnings.append(f"camera {camera.name!r}: the Sun is in the field, behind the target, in "
+                            f"{_frames(with_sun)}: bodies show their dark sides; check the side of the trajectory")
         if empty:
-            told.append(f"camera {camera.name!r}: no body is in the field in {_frames(empty)}"
-                        f"{', the whole sequence' if len(empty) == len(states) else ''}: check [attitude]")
-        return told
+            warnings.append(f"camera {camera.name!r}: no body is in the field in {_frames(empty)}"
+                            f"{', the whole sequence' if len(empty) == len(states) else ''}: check [attitude]")
+        return warnings
 
     def _turned(self, geometry: Geometry) -> dict[str, tuple[np.ndarray, np.ndarray | None]]:
         turned = {}

@@ -121,12 +121,12 @@ class Body:
 
 MAX_TEXTURE_PX = 2**27
 """Most pixels of a texture: 16384 x 8192, 0.5 GiB as float32."""
-# Of what Pillow reads, those that are pictures alone: others start programs (EPS) or unpack to any size.
+# Pillow's formats that are pictures alone: others start programs (EPS) or unpack to any size.
 _TEXTURE_FORMATS = ("PNG", "TIFF", "JPEG", "JPEG2000", "BMP", "PPM", "WEBP")
 
 
 def texture_pixels(path: Path) -> int:
-    """Number of pixels that an image file's header tells; 0 of one that `read_texture` refuses."""
+    """Number of pixels in an image file's header; 0 for one that `read_texture` refuses."""
     from PIL import Image
 
     Image.MAX_IMAGE_PIXELS = None
@@ -146,7 +146,7 @@ def read_texture(path: Path) -> np.ndarray:
     """
     from PIL import Image
 
-    # Planetary maps are large: ours is the limit, told before a pixel is decoded.
+    # Planetary maps are large: our own limit is checked before a pixel is decoded.
     Image.MAX_IMAGE_PIXELS = None
     try:
         with Image.open(path, formats=_TEXTURE_FORMATS) as image:

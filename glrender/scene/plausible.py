@@ -1,4 +1,4 @@
-"""What is improbable, or impossible, in the fields of cameras, most often for their unit."""
+"""Finds improbable or impossible values in the fields of cameras, most often for their unit."""
 
 from __future__ import annotations
 

@@ -27,14 +27,14 @@ _BODY_KEYS = ("name", "shape", "generated", "length_unit", "brdf", "albedo_textu
               "smooth_normals", "detail")
 _CAMERA_KEYS = ("name", "width_px", "height_px", "focal_length_px", "principal_point_px",
                 "q_camera_from_spacecraft", "r_camera_spacecraft_m", "model", "distortion")
-# Of one name on all file systems in use.
+# Longest name of a file on all file systems in use.
 _MAX_NAME_BYTES = 255
 _GENERATORS = ("icosphere", "contact_binary", "gaussian_random_sphere", "three_lobes")
 
 
 @dataclass(frozen=True)
 class Files:
-    """The folder that names of files are relative to, and whether they may lead out of it."""
+    """The folder that names of files are relative to, and whether they may lead elsewhere."""
 
     directory: Path | None
     restricted: bool
@@ -47,10 +47,10 @@ class Files:
             if Path(name).name != name or name in (".", ".."):
                 raise ConfigError(field_path, "must be a bare file name in the server's shape directory", name)
             if "\0" in name or len(name.encode("utf-8", "surrogatepass")) > _MAX_NAME_BYTES:
-                raise ConfigError(field_path, f"must be a file name of at most {_MAX_NAME_BYTES} bytes, none of them 0",
+                raise ConfigError(field_path, f"must be a file name of at most {_MAX_NAME_BYTES} bytes without a 0",
                                   name)
             path = self.directory / name
-            # A link inside the directory must not lead out of it.
+            # A link inside the directory must not lead out.
             if path.exists() and path.resolve().parent != self.directory.resolve():
                 raise ConfigError(field_path, "must be a file in the server's shape directory", name)
             return path
@@ -138,7 +138,7 @@ def read_law(table: object, path: str) -> Law:
 
 
 def emission(table: object, path: str, files: Files, bodies: Mapping[str, Body]) -> Any:
-    """A source of light beside the surfaces, by the plug-in of its `kind`."""
+    """A source of light other than surfaces, by the plug-in of its `kind`."""
     if not isinstance(table, Mapping) or table.get("kind") not in emissions():
         kind = table.get("kind") if isinstance(table, Mapping) else table
         raise ConfigError(f"{path}.kind", f"must be one of {', '.join(sorted(emissions()))}", kind)
@@ -177,7 +177,7 @@ def stars(table: Mapping[str, Any], path: str) -> Stars:
 
 
 def _call(function, arguments: dict[str, Any]):
-    """Call with keyword arguments out of a file; a wrong name is the file's fault, told by name."""
+    """Call with keyword arguments out of a file; a wrong name is the file's fault, and the error has it."""
     import inspect
 
     parameters = inspect.signature(function).parameters

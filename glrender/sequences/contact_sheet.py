@@ -49,11 +49,11 @@ def grey_levels(image: np.ndarray, white: float, stretch: str = "gamma", black: 
     ----------
     image : (height, width) array
     white : float
-        What is as bright or brighter has level 255.
+        Value from which pixels have level 255.
     stretch : "gamma", "linear", "log" or "asinh"
         Gamma 2.2; the logarithm over three decades; asinh, linear below a hundredth of white and logarithmic above.
     black : float
-        What is as dark or darker has level 0.
+        Value up to which pixels have level 0.
 
     Returns
     -------

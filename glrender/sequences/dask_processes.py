@@ -55,7 +55,7 @@ def dask_processes(address: str, patience_s: float = 60.0) -> Iterator[Pool]:
         try:
             return len(client.nthreads())
         except (OSError, RuntimeError) as error:
-            raise DeviceError(f"{death} ({type(error).__name__}); what is done stays: start again") from error
+            raise DeviceError(f"{death} ({type(error).__name__}); finished work stays: start again") from error
 
     def watch() -> None:
         """Raise where no worker was seen for too long."""
@@ -64,7 +64,7 @@ def dask_processes(address: str, patience_s: float = 60.0) -> Iterator[Pool]:
             last_seen = time.monotonic()
         elif time.monotonic() - last_seen > patience_s:
             raise DeviceError(f"the Dask scheduler {address} has had no worker for {patience_s:g} s: start one, "
-                              f"`dask worker {address} --nthreads 1`; what is done stays")
+                              f"`dask worker {address} --nthreads 1`; finished work stays")
 
     kept: dict[int, Any] = {}
 

@@ -11,7 +11,7 @@ from glrender_camera import PinholeCamera
 from ..view.view import BodyView
 
 SMALL_PX = 3.0
-"""Size [px] below which a body's pixels are those that have its light: their centres see a share of it by chance."""
+"""Size [px] below which a body's pixels are those that have its light: their centres see the body by chance."""
 # The light of a pixel that a body's edge crosses is in it or in the next.
 _BESIDE_PX = 1.0
 # In a frame the optics spread it farther.
@@ -55,13 +55,13 @@ def point_label(number: int, boxes: dict[int, np.ndarray], body_id: np.ndarray, 
     dict
         `centre_of_brightness_px`, weighted by the irradiance and inside the body's outline, None of a body without
         light; `light_box_px`: x0, y0, x1, y1, one past the last, of the pixels whose light in the image is above the
-        noise, None where there is none. What is behind other bodies has neither.
+        noise, None where there is none. A body behind others has neither.
     """
     x, y = _own(number, boxes, body_id, _BESIDE_PX)
     light = irradiance_W_m2[y, x].astype(np.float64)
     if not light.sum() > 0.0:
         return {"centre_of_brightness_px": None, "light_box_px": None}
-    # A pixel tells no place inside it; the outline does.
+    # A pixel has no place inside; the outline bounds it.
     centre = np.clip(np.array([light @ x, light @ y]) / light.sum(), *boxes[number]).tolist()
     x, y = _own(number, boxes, body_id, _SPREAD_PX)
     is_seen = image[y, x] > _least_seen(image, body_id)

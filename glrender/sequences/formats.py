@@ -49,7 +49,7 @@ class FrameFile:
 def write(path: Path, frame: FrameFile) -> None:
     """Write a frame in the format of its path's ending; a process that is killed meanwhile leaves no such file.
 
-    A path that ends in the name of a codec gets the stream, and the header, as JSON, a file of its own beside it.
+    A path that ends in the name of a codec gets the stream, and the header, as JSON, a second file.
 
     Raises
     ------
@@ -128,7 +128,7 @@ def _write_exr(path: Path, frame: FrameFile) -> None:
             raise ConfigError("format", f"exr holds float32, which is too coarse for this camera's {name}",
                               hint="use fits or npz")
         if array.ndim == 2:
-            # Whole numbers have 32 bits without a sign: -1, beside the bodies, is 2**32 - 1.
+            # Whole numbers have 32 bits without a sign: -1, on the sky, is 2**32 - 1.
             channels[name] = array.astype(np.uint32 if array.dtype.kind in "iu" else np.float32)
         else:
             channels |= {f"{name}.{axis}": np.ascontiguousarray(array[..., k], np.float32)

@@ -20,8 +20,8 @@ from .limb import limb_points
 
 PRODUCTS = ("body_id",)
 """Products that labels are made of."""
-# Of a body's radius: a keypoint is seen where the ray to it meets nothing that much before it. On a sphere that tells
-# points 0.1 degrees beyond the horizon from those before it.
+# A keypoint is seen where the ray to it meets nothing farther before it than this share of the body's radius. On a
+# sphere that separates points 0.1 degrees beyond the horizon from those before it.
 _SEEN_WITHIN = 2e-3
 
 Keypoints = Mapping[str, Mapping[str, Sequence[float] | np.ndarray]]
@@ -46,7 +46,7 @@ def frame_labels(scene: Scene, state: State, camera: PinholeCamera, image: np.nd
     n_limb_points : int, 0..1000
         Points of each body's outline, as of `limb_points`.
     irradiance_W_m2 : (height, width) float32, optional
-        Of the bodies, beside an image of digital numbers: for the centres of bodies below 3 px. The image by default.
+        Of the bodies, where the image has digital numbers: for the centres of bodies below 3 px. The image by default.
 
     Returns
     -------
@@ -54,9 +54,9 @@ def frame_labels(scene: Scene, state: State, camera: PinholeCamera, image: np.nd
         `sun_direction_camera`, and `bodies` by name: `r_camera_m`, `q_camera_from_body`, `range_m`, `phase_deg`,
         `origin_px` (of the body's frame; None behind the camera), `n_px` (pixels whose centre sees it), `box_px`
         (x0, y0, x1, y1, one past the last; None if it is not seen), `centre_of_figure_px`, `centre_of_brightness_px`
-        (weighted by `image` above its median beside all bodies; of a body below 3 px by the irradiance in the pixels
+        (weighted by `image` above its median on the sky; of a body below 3 px by the irradiance in the pixels
         that it touches), `light_box_px` (of a body below 3 px: the pixels with its light, as of `point_label`; else
-        None), `keypoints`: place, and whether it is in view and seen, by a ray; `limb` where points of it are asked
+        None), `keypoints`: place, and whether it is in view and seen, by a ray; `limb` where its points are asked
         for. Pixels are as of docs/conventions.md: (0, 0) is the centre of the top-left one.
 
     Raises

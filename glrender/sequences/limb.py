@@ -1,4 +1,4 @@
-"""Points of a body's outline in the image, to a thousandth of a pixel: between a ray that meets it and one beside."""
+"""Points of a body's outline in the image, to a thousandth of a pixel: between a ray that meets it and one off it."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def limb_points(scene: Scene, state: State, camera: PinholeCamera, body_id: np.n
     if not len(inside):
         return {"px": [], "faces_sun": []}
     ends = lambda places: laser_ranges(scene, state, camera.directions(places), camera.name)  # noqa: E731
-    # A lens moves the outline of `body_id` by half a pixel, to whole ones: there it is beside these two centres.
+    # A lens moves the outline of `body_id` by half a pixel, to whole ones: there it is outside these two centres.
     step = outside - inside
     inside = inside - step * (ends(inside).body_id != number)[:, None]
     outside = outside + step * (ends(outside).body_id == number)[:, None]
@@ -66,7 +66,7 @@ def limb_points(scene: Scene, state: State, camera: PinholeCamera, body_id: np.n
 
 
 def _crossings(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Centres (N, 2) [px] of pixels of a mask and of their neighbours beside it, by their angle about the middle."""
+    """Centres (N, 2) [px] of pixels of a mask and of their neighbours outside, by their angle about the middle."""
     y, x = np.nonzero(mask)
     if not x.size:
         return np.empty((0, 2)), np.empty((0, 2))

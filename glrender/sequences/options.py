@@ -1,4 +1,4 @@
-"""Options of a sequence's frames, out of the table [output] of a scenario file and of what is asked beside it."""
+"""Options of a sequence's frames, out of the table [output] of a scenario file and of a caller's arguments."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class FrameOptions:
         integer("seed", self.seed, 0, 2**63)
         integer("limb_points", self.limb_points, 0, 1000)
         if self.is_of_detector and "irradiance" in self.products:
-            raise ConfigError("products", f"must not have 'irradiance' beside output {self.output!r}: it is another "
+            raise ConfigError("products", f"must not have 'irradiance' with output {self.output!r}: it is another "
                               "image", list(self.products),
                               "leave it out, or draw a second sequence of output 'irradiance'")
         object.__setattr__(self, "products", checked_products(self.products))
@@ -94,7 +94,7 @@ class FrameOptions:
 
     @property
     def unit(self) -> str:
-        """The pixels' unit; of a stream, that of what is decoded."""
+        """The pixels' unit; of a stream, that of the decoded pixels."""
         return "DN" if self.is_of_detector else "W/m2"
 
     @property

@@ -43,11 +43,11 @@ class Pool:
     watch : callable
         Called where nothing was done for `pause_s`: it may raise.
     given : callable
-        Makes of a value what tasks take instead of it, so that it is sent once.
+        Replaces a value by a handle that tasks take, so that the value is sent once.
     deaths : tuple of type
         Exceptions of a task whose process died.
     death : str
-        What is said of one.
+        Text of the error after such a death.
     n_tasks : int
         Given to a process at a time.
     """
@@ -84,7 +84,7 @@ class Pool:
                 try:
                     result = future.result()
                 except self.deaths:
-                    raise DeviceError(f"{self.death}; what is done stays: start again") from None
+                    raise DeviceError(f"{self.death}; finished work stays: start again") from None
                 yield number, result
 
 
@@ -101,7 +101,7 @@ def checked_processes(n_processes: int | None, name: str = "processes") -> int:
 def parted(states: Sequence[State], options: FrameOptions) -> tuple[Sequence[State], Sequence[State | None]]:
     """What a process needs of states at its start, and what with each frame.
 
-    States with courses are sent at once, with what they have in common; irradiance needs none of them.
+    States with courses are sent at once, with what they have in common; irradiance needs no courses.
     """
     if _has_courses(states, options):
         return states, [None] * len(states)
@@ -170,7 +170,7 @@ def own_processes(n_processes: int | None, start: Callable[..., None], arguments
 
 
 class _ThisProcess(Executor):
-    """Does what is asked for at once."""
+    """Runs each task at once."""
 
     def submit(self, function: Callable[..., Any], *arguments: Any) -> Future:
         done = Future()

@@ -15,7 +15,7 @@ from ..base.errors import ConfigError, GlrenderError, error_path
 from .formats import header_path
 from .header import decoding_of
 
-_ANEW = "remove what is there of the frame, and draw it anew"
+_ANEW = "remove the frame's files, and draw it anew"
 
 
 def read_image(path: Path) -> np.ndarray:

@@ -29,7 +29,7 @@ from .processes import own_processes, parted, processes_of
 from .read import read_image
 
 _DIGITS = 5
-# Instants of an exposure at which a course is compared, in exposures from its middle: no period has all of them alike.
+# Instants of an exposure at which a course is compared, in exposures from its middle: no period has all alike.
 _INSTANTS = (-0.5, -0.309017, -0.118034, 0.190983, 0.5)
 # Frames that a notebook shows, and their longer side.
 _N_SHOWN, _SHOWN_PX = 5, 160
@@ -85,7 +85,7 @@ class FrameSequence:
         return path.exists() and (self.options.output != "compressed" or header_path(path).exists())
 
     def draw(self, n_processes: int | None = None) -> Iterator[int]:
-        """Draw what is missing; yields the number of each frame when its file is there.
+        """Draw the missing frames; yields the number of each when its file is there.
 
         Parameters
         ----------
@@ -110,7 +110,7 @@ class FrameSequence:
         return f"<FrameSequence {self.folder}: {len(self.states) - n_missing} of {len(self.states)} frames drawn>"
 
     def _repr_html_(self) -> str:
-        """For notebooks: what is asked for, how much of it is drawn, and some of the frames that are."""
+        """For notebooks: the options, the number of frames drawn, and some of the frames."""
         drawn = sorted(set(range(len(self.states))) - set(self.missing()))
         shown = [drawn[round(k)] for k in np.linspace(0, len(drawn) - 1, min(_N_SHOWN, len(drawn)))]
         rows = [("folder", self.folder), ("frames", f"{len(drawn)} of {len(self.states)} drawn"),
@@ -137,7 +137,7 @@ def digest_of_states(states: Sequence[State], spans_s: Sequence[float] = ()) -> 
 
 
 def _motion(state: State, dt_s: np.ndarray) -> str:
-    """The states of a course at times (N,) [s] about one of them; where they are not known, why."""
+    """The states of a course at times (N,) [s] about one state; where they are not known, the error's text."""
     try:
         return json.dumps([later.to_dict() for later in state.at(dt_s)])
     except GlrenderError as error:
@@ -169,7 +169,7 @@ def _feed(digest: Any, value: Any) -> None:
             _feed(digest, entry)
             digest.update(b",")
     elif kind.__repr__ is object.__repr__:
-        # It tells the place in memory alone: another one in each process.
+        # The repr has the place in memory alone, another one in each process.
         _feed_named(digest, getattr(value, "__dict__", {}))
     else:
         digest.update(repr(value).encode())
@@ -183,7 +183,7 @@ def _feed_named(digest: Any, values: Mapping[Any, Any]) -> None:
         digest.update(b",")
 
 
-# Of a process that draws: its renderer, and what is asked of it.
+# A process that draws has its renderer, and the options and states that it was given.
 _renderer: Any = None
 _options: Any = None
 _states: Sequence[State] = ()
@@ -223,7 +223,7 @@ def drawn(renderer: Any, index: int, state: State, options: FrameOptions) -> Fra
     renderer
         Of `open_renderer`.
     index : int
-        Number of the frame: its noise has the seed that `seed_of` makes of it and of the options' seed.
+        Number of the frame: its noise has the seed that `seed_of` derives from the number and the options' seed.
     state : State
     options : FrameOptions
 
@@ -249,7 +249,7 @@ def captured(renderer: Any, index: int, state: State, options: FrameOptions, **a
 
 
 def frame_file(scene: Scene, index: int, state: State, options: FrameOptions, capture: Capture) -> FrameFile:
-    """What is written of a frame of `captured`."""
+    """The file of a frame of `captured`."""
     pixels = capture.irradiance_W_m2 if capture.frame is None else capture.frame.dn
     header = frame_header(scene, index, state, options, capture)
     if options.has_labels:

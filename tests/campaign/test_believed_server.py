@@ -75,4 +75,4 @@ def test_the_believed_endpoint_draws_no_true_faults(tmp_path):
 def test_a_scene_without_a_belief_is_refused(tmp_path, capsys):
     (tmp_path / "scene.toml").write_text(TRUTH)
     assert main([str(tmp_path / "scene.toml"), "--belief", "--zmq", "tcp://127.0.0.1:*", "--in-process"]) == 1
-    assert "scene.toml.belief: missing; say in [belief] what is believed" in capsys.readouterr().err
+    assert "scene.toml.belief: missing; describe the on-board scene in [belief]" in capsys.readouterr().err

@@ -100,7 +100,7 @@ def fixed(q):
      "has one frame at least, got []"),
     ("times_s = [0.0, 1.0]", "duration_s = 3.0\nframes = 0", "s.toml.time.frames: must be an integer between 1 and "
      "10000000, got 0"),
-    ("times_s = [0.0, 1.0]", "", "s.toml.time: tells no times; give duration_s with frames or rate_hz, times_s, or "
+    ("times_s = [0.0, 1.0]", "", "s.toml.time: gives no times; give duration_s with frames or rate_hz, times_s, or "
      "epochs_tdb"),
     # Quaternions far off unity; those of tables too.
     ("[time]", fixed([0.7, 0.0, -0.7, 0.0]), "s.toml.attitude.q_from_inertial: norm must be 1 within 0.001, is "

@@ -423,7 +423,7 @@ def test_a_wrong_isd_is_told_by_its_field(shared, tmp_path, path, value, message
 def test_what_does_not_go_with_isds_is_told(shared, tmp_path):
     (tmp_path / "none.json").write_text("{")
     for changes, message in (
-            ({"time": {"frames": 3}}, "time: is given beside ISDs, which have the times"),
+            ({"time": {"frames": 3}}, "time: is given as well as ISDs, which have the times"),
             ({"time": {"start_tdb": "2005-10-13"}}, "trajectory.files: have the epochs, so [time] must not"),
             ({"trajectory": {"kind": "isd", "files": []}}, "trajectory.files: must be a list of ISD files"),
             ({"trajectory": {"kind": "isd", "files": [str(tmp_path / "none.json")]}}, "none.json: is not JSON"),

@@ -288,7 +288,7 @@ def spoilt(path, value):
     ("encounter", None, "scenario.encounter: needs exactly one of [encounter], [trajectory] and [random]"),
     ("bodies.0.orbit.eccentricity", 1.5, "scenario.bodies[0].orbit.semi_major_axis_m: must be < 0 for a hyperbola"),
     ("bodies.0.orbit.epoch_tdb", None, "scenario.bodies[0].orbit.epoch_tdb: missing; or epoch_utc"),
-    ("bodies.0.orbit", None, "scenario.bodies[0].orbit: missing: nothing tells where the Sun is; give an orbit"),
+    ("bodies.0.orbit", None, "scenario.bodies[0].orbit: missing: nothing gives the Sun's place; give an orbit"),
     ("bodies.0.name", "sun", "scenario.bodies[0].name: must be another name in a scenario, got 'sun'"),
     ("bodies.0.spin", {"pole_declination_deg": 3.0}, "scenario.bodies[0].spin.pole_right_ascension_deg: missing"),
     ("bodies.0.colour", "red", "scenario.bodies[0].colour: unknown key"),
@@ -302,7 +302,7 @@ def spoilt(path, value):
     ("attitude", {"mode": "spice", "frame": "J2000"}, "scenario.attitude: needs [spice] with its kernels"),
     ("attitude", {"mode": "target", "camera": "wide"}, "scenario.attitude.camera: unknown camera, got 'wide'"),
     ("movie", {}, "scenario.movie: unknown key"),
-    ("sun", {"r_m": [1e11, 0.0, 0.0]}, "scenario.sun: is given beside an orbit about the Sun"),
+    ("sun", {"r_m": [1e11, 0.0, 0.0]}, "scenario.sun: is given as well as an orbit about the Sun"),
     ("output", 3, "scenario.output: must be a table, got 3"),
 ])
 def test_a_wrong_field_is_told_by_its_path(path, value, message):
@@ -371,7 +371,7 @@ def test_the_sun_in_the_field_and_empty_frames_are_warned_of():
     made = hovering()
     made["trajectory"]["r_m"] = [-9000.0, 30.0, 0.0]
     (told,) = scenario_of_table(made).check()
-    assert told == ("camera 'navcam': the Sun is in the field, behind what is looked at, in 3 frames (0 to 2): bodies "
+    assert told == ("camera 'navcam': the Sun is in the field, behind the target, in 3 frames (0 to 2): bodies "
                     "show their dark sides; check the side of the trajectory")
     made["trajectory"]["r_m"] = [0.0, -9000.0, 0.0]
     made["attitude"] = {"mode": "fixed", "q_from_inertial": [1.0, 0.0, 0.0, 0.0]}

@@ -53,7 +53,7 @@ def test_a_difference_keeps_its_digits():
     ({"date_utc": "2015-12-31T23:59:60"}, "date_utc: has a leap second that there was not"),
     ({"date_utc": "1971-12-31"}, "date_utc: must not be before 1972"),
     ({"date_et_s": float("nan")}, "date_et_s: must be a finite number"),
-    ({"date_tdb": "2029-02-13", "date_utc": "2029-02-13"}, "date_utc: is given beside date_tdb"),
+    ({"date_tdb": "2029-02-13", "date_utc": "2029-02-13"}, "date_utc: is given as well as date_tdb"),
     ({"date_utc": datetime.datetime(2029, 1, 1, tzinfo=datetime.timezone(datetime.timedelta(hours=2)))},
      "date_utc: must have no offset from UTC"),
 ])

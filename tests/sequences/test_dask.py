@@ -75,7 +75,7 @@ def test_a_scheduler_that_goes_away_is_told(distributed, tmp_path):
         drawing = made.draw(pool=dask_processes(cluster.scheduler_address))
         next(drawing)
         cluster.close()
-        with pytest.raises(DeviceError, match="went away.*what is done stays: start again"):
+        with pytest.raises(DeviceError, match="went away.*finished work stays: start again"):
             list(drawing)
     assert 0 < len(made.missing()) < 120
 

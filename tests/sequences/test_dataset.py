@@ -146,7 +146,7 @@ def test_a_process_that_is_killed_is_told_and_costs_nothing(scene, whole, tmp_pa
     next(drawing)
     for pid in processes.children(os.getpid(), b"spawn_main"):
         os.kill(pid, signal.SIGKILL)
-    with pytest.raises(DeviceError, match="a process that draws was killed.*what is done stays: start again"):
+    with pytest.raises(DeviceError, match="a process that draws was killed.*finished work stays: start again"):
         for _ in drawing:
             pass
     list(made.draw(1))

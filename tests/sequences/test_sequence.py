@@ -202,7 +202,7 @@ def test_numbers_of_facets_are_whole_in_exr(tmp_path):
     ({"format": "jpg"}, "format: must be one of fits"),
     ({"format": "png", "output": "irradiance"}, "png holds digital"),
     ({"format": "png", "products": ("range",)}, "products: must be none with format png, which holds the image alone"),
-    ({"products": ("irradiance", "range")}, "must not have 'irradiance' beside output 'dn': .* a second sequence"),
+    ({"products": ("irradiance", "range")}, "must not have 'irradiance' with output 'dn': .* a second sequence"),
     ({"output": "image"}, "output"), ({"seed": -1}, "seed")])
 def test_options_that_are_none(scene, tmp_path, options, message):
     with pytest.raises(ConfigError, match=message):

@@ -124,7 +124,7 @@ def test_a_stream_that_was_spoilt_is_told_with_its_file(scenario, tmp_path, caps
     file.write_bytes(file.read_bytes()[:-5])
     assert main(command) == 1
     told = capsys.readouterr().err
-    assert f"{file}.stream: must be a whole stream of jpeg_ls" in told and "remove what is there of the frame" in told
+    assert f"{file}.stream: must be a whole stream of jpeg_ls" in told and "remove the frame's files" in told
     file.unlink()
     assert main(command) == 0
 
@@ -176,7 +176,7 @@ def test_render_refuses_a_stretch_of_numbers(tmp_path, monkeypatch, capsys, argu
     ({"format": "npz"}, "format: must be stream with output 'compressed', got 'npz'; leave it out \\(--format"),
     ({"output": "dn", "format": "stream"}, "format: goes with output 'compressed' alone, got 'stream'"),
     ({"products": ("range",)}, "products: must be none with format stream"),
-    ({"products": ("irradiance",)}, "products: must not have 'irradiance' beside output 'compressed'"),
+    ({"products": ("irradiance",)}, "products: must not have 'irradiance' with output 'compressed'"),
     ({"camera": "bare"}, "output: camera 'bare' has no optics and detector")])
 def test_options_that_a_stream_has_not(scenario, tmp_path, changes, message):
     with pytest.raises(ConfigError, match=message):
@@ -275,7 +275,7 @@ def test_a_header_that_is_missing_cut_or_of_another_camera_is_told(tmp_path, hea
     path.write_bytes(Compression(codec="jpeg_ls").encode(np.zeros((64, 96), np.uint16), 12))
     if header is not None:
         (tmp_path / "frame.jpeg_ls.json").write_text(header)
-    with pytest.raises(ConfigError, match=f"frame.jpeg_ls.*{message}.*remove what is there of the frame, and draw it"):
+    with pytest.raises(ConfigError, match=f"frame.jpeg_ls.*{message}.*remove the frame's files, and draw it"):
         read_image(path)
 
 

@@ -28,7 +28,7 @@ _NO_OFFSET: Any = (0.0, 0.0)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BodyBelief:
-    """How a body is believed to be; what is not given is as it is.
+    """How a body is believed to be; fields that are not given are as in truth.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ class BodyBelief:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CameraBelief:
-    """How a camera is believed to be calibrated; what is not given is as it is.
+    """How a camera is believed to be calibrated; fields that are not given are as in truth.
 
     Parameters
     ----------
@@ -214,12 +214,12 @@ class Belief:
 
     def told(self, truth: Scene) -> list[str]:
         """One sentence for each member of a scene that is believed to differ, for a person."""
-        told = []
+        sentences = []
         for kind, believed in (("body", self.bodies), ("camera", self.cameras), ("", {"spacecraft": self.spacecraft})):
             for name, belief in believed.items():
                 if differences := _differences(belief):
-                    told.append(f"{kind} {name}: {', '.join(differences)}".strip())
-        return told
+                    sentences.append(f"{kind} {name}: {', '.join(differences)}".strip())
+        return sentences
 
 
 def _of_type(path: str, value: object, of: type, hint: str, *, is_optional: bool = False) -> None:

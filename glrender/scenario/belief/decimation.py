@@ -59,7 +59,7 @@ def decimated(shape: Shape, share: float, name: str = "facets") -> Shape:
     fewer = Shape.from_arrays(vertices * shape.radius_m, _largest_shells(facets, shape.report.n_shells))
     if not (shape.report.is_watertight and fewer.report.is_watertight):
         return fewer
-    # Collapsed edges cut off what is convex: 76 facets of Itokawa have 6 % less volume, and look 2 % farther away.
+    # Collapsed edges cut off convex parts: 76 facets of Itokawa have 6 % less volume, and look 2 % farther away.
     size = (shape.report.volume_m3 / fewer.report.volume_m3) ** (1.0 / 3.0)
     r_true_m, r_fewer_m = (centre_of_volume(each.vertices_m, each.facets) for each in (shape, fewer))
     return Shape.from_arrays(r_true_m + size * (fewer.vertices_m - r_fewer_m), fewer.facets)

@@ -44,7 +44,7 @@ def read_craft_attitude(known: Known, value: object, target: str) -> Attitude:
 def read_body_attitude(known: Known, name: str, entry: Mapping[str, Any], origin: str) -> Attitude | None:
     """The attitude of a body, of its `spin` or `attitude`, or of the ISDs of the origin; None where it has none."""
     if "spin" in entry and "attitude" in entry:
-        raise ConfigError("spin", "is given beside attitude", hint="give one of them")
+        raise ConfigError("spin", "is given as well as attitude", hint="give one")
     if "spin" in entry:
         with error_path("spin"):
             table, epoch = taken_epoch(entry["spin"], "epoch")

@@ -1,4 +1,4 @@
-"""Cameras of a scenario file that kernels or ISDs tell of: `instrument` or `isd` in [[cameras]]."""
+"""Cameras of a scenario file that kernels or ISDs describe: `instrument` or `isd` in [[cameras]]."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _ISD_KEYS = ("isd", "lens")
 
 
 def read_cameras(table: dict[str, Any], folder: Path, spice: Spice | None) -> list[str]:
-    """Replace cameras of kernels and ISDs, in a scene's table, by what these tell; returns notes worth a warning."""
+    """Replace cameras of kernels and ISDs, in a scene's table, by those described there; returns notes to warn of."""
     notes: list[str] = []
     if isinstance(cameras := table.get("cameras"), list):
         table["cameras"] = [_camera(entry, f"cameras[{index}]", folder, spice, notes)
@@ -51,9 +51,9 @@ def _camera(entry: object, path: str, folder: Path, spice: Spice | None, notes: 
 
 def _table(camera: PinholeCamera, entry: Mapping[str, Any], replaced: tuple[str, ...]) -> dict[str, Any]:
     """The table of a camera in a scene file, with the entry's other fields."""
-    told = {"name": camera.name, "width_px": camera.width_px, "height_px": camera.height_px,
-            "focal_length_px": camera.focal_length_px, "principal_point_px": list(camera.principal_point_px),
-            "q_camera_from_spacecraft": camera.q_camera_from_spacecraft.tolist()}
+    described = {"name": camera.name, "width_px": camera.width_px, "height_px": camera.height_px,
+                 "focal_length_px": camera.focal_length_px, "principal_point_px": list(camera.principal_point_px),
+                 "q_camera_from_spacecraft": camera.q_camera_from_spacecraft.tolist()}
     if camera.distortion is not None:
-        told["distortion"] = dataclasses.asdict(camera.distortion)
-    return {**told, **{key: value for key, value in entry.items() if key not in replaced}}
+        described["distortion"] = dataclasses.asdict(camera.distortion)
+    return {**described, **{key: value for key, value in entry.items() if key not in replaced}}

@@ -1,4 +1,4 @@
-"""The parts that all readers of a scenario file share: what is known so far, and calls with a table's fields."""
+"""The parts that all readers of a scenario file share: the objects known so far, and calls with a table's fields."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Known:
 
 
 def a_table(value: object) -> dict[str, Any]:
-    """A copy of a table; what is none is refused."""
+    """A copy of a table; another value is refused."""
     if not isinstance(value, Mapping):
         raise ConfigError("", "must be a table", value)
     return dict(value)

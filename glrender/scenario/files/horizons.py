@@ -21,7 +21,7 @@ from .tables import TrajectoryTable
 _UNITS = {"KM-S": (1e3, 1e3), "AU-D": (AU_M, AU_M / 86400.0), "KM-D": (1e3, 1e3 / 86400.0)}
 _SCALES = {"TDB": "TDB", "UT": "UTC", "TT": "TT"}
 _FRAMES = {"ICRF": np.eye(3), "ICRF/J2000.0": np.eye(3), "Ecliptic of J2000.0": EQUATORIAL_FROM_ECLIPTIC}
-# Of tables before 2020, whose frame is ICRF/J2000.0.
+# Systems of tables before 2020, whose frame is ICRF/J2000.0.
 _SYSTEMS = {"Earth Mean Equator and Equinox of Reference Epoch": np.eye(3),
             "Ecliptic and Mean Equinox of Reference Epoch": EQUATORIAL_FROM_ECLIPTIC}
 _DATE = re.compile(r"(A\.D\.|B\.C\.)\s+(\d{4}-[A-Z][a-z]{2}-\d\d\s+\d\d:\d\d(?::\d\d)?)(\.\d+)?")
@@ -114,7 +114,7 @@ def _columns(head: list[str]) -> tuple[list[str], bool, str]:
     """The names of a row's numbers behind its date, whether commas part them, and the time scale of dates."""
     titles = [(k, found[1]) for k, line in enumerate(head) if (found := re.match(r"\s*JD(TDB|UT|TT)\b", line))]
     if not titles:
-        raise ConfigError("JDTDB", "missing: no line tells the columns")
+        raise ConfigError("JDTDB", "missing: no line names the columns")
     at, kind = titles[-1]
     first, scale = head[at], _SCALES[kind]
     is_csv = "," in first

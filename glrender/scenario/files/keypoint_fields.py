@@ -16,7 +16,7 @@ from .state_files import csv_rows
 _COLUMNS = ("name", "r_x_m", "r_y_m", "r_z_m")
 # Columns for people, that change no place.
 _PASSED_OVER = ("comment", "comments", "description", "id", "note", "notes", "remark", "remarks", "source")
-# Of a body's radius: a keypoint farther off its surface is likely another body's, or of another length unit.
+# Distance from the surface over the body's radius [1] beyond which a keypoint is likely another body's, or in km.
 _OFF_SURFACE = 1e-3
 
 
@@ -44,14 +44,14 @@ def read_keypoints(value: object, folder: Path) -> dict[str, np.ndarray]:
 
 def off_surface(scene: Scene, keypoints: Mapping[str, Mapping[str, np.ndarray]]) -> list[str]:
     """A warning of each keypoint that is off its body's surface."""
-    told = []
+    warnings = []
     for body in scene.bodies:
         for name, place in keypoints.get(body.name, {}).items():
             distance = surface_distance_m(body.shape.vertices_m, body.shape.facets, np.asarray(place, float))
             if distance > _OFF_SURFACE * body.hull.radius_m:
-                told.append(f"keypoint {name!r} is {distance:.3g} m off the surface of {body.name!r}: labels say that "
-                            "it is seen where the line to it is free; is it in metres, in the body's frame?")
-    return told
+                warnings.append(f"keypoint {name!r} is {distance:.3g} m off the surface of {body.name!r}: labels say "
+                                "that it is seen where the line to it is free; is it in metres, in the body's frame?")
+    return warnings
 
 
 def _of_csv(path: Path) -> dict[str, np.ndarray]:

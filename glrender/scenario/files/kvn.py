@@ -19,7 +19,7 @@ from ..epochs import Epoch
 from .state_files import text_of
 
 INERTIAL = ("ICRF", "ICRF2", "ICRF3", "EME2000", "J2000", "GCRF")
-"""Frames that are taken for ICRF: EME2000 is ICRF to 0.02 arcseconds, and the files tell these apart no better."""
+"""Frames that are taken for ICRF: EME2000 is ICRF to 0.02 arcseconds, and files do not distinguish the two."""
 # What the header may have that changes no number.
 _HEADER = ("CLASSIFICATION", "CREATION_DATE", "ORIGINATOR", "MESSAGE_ID")
 _BLOCKS = ("META", "DATA", "COVARIANCE")

@@ -29,7 +29,7 @@ def place_of_craft(known: Known, value: object) -> AtRest:
 
 
 def read_random(setting: Scenario, value: object, has_sun: bool) -> RandomStates:
-    """The random states of [random]; `has_sun` says whether the file tells where the Sun is."""
+    """The random states of [random]; `has_sun` says whether the file gives the Sun's place."""
     table = a_table(value)
     body, attitude = setting.origin, setting.attitudes.get(setting.origin)
     given: dict[str, Any] = {"attitude": "uniform" if attitude is None else "own",
@@ -52,7 +52,7 @@ def read_random(setting: Scenario, value: object, has_sun: bool) -> RandomStates
     if given["sun_direction"] == "own" and not has_sun:
         raise ConfigError("sun_direction", "needs an orbit about the Sun, [sun] or [spice]", "own")
     if given["sun_direction"] == "own" and "sun_distance_au" in table:
-        raise ConfigError("sun_distance_au", "is told by the orbit or [sun]",
+        raise ConfigError("sun_distance_au", "is given by the orbit or [sun]",
                           hint='leave it out, or give sun_direction = "uniform"')
     if given["attitude"] == "own" and attitude is None:
         raise ConfigError("attitude", f"needs the spin or the attitude of {body!r}", "own", "give bodies.spin")

@@ -86,7 +86,8 @@ def load_believed_scene(path: str | Path) -> Scene:
         table = _with_scene(table, path.parent)
         own, _ = _taken(table)
         if "belief" not in own:
-            raise ConfigError("belief", "missing", hint="say in [belief] what is believed, or serve the scene itself")
+            raise ConfigError("belief", "missing",
+                              hint="describe the on-board scene in [belief], or serve the scene itself")
         read_cameras(table, path.parent, _spice(own, path.parent))
         scene = _scene(table, path.parent)
         belief = _belief(own, scene, path.parent)
@@ -173,7 +174,7 @@ def _scenario(table: dict[str, Any], folder: Path) -> Scenario | RandomStates:
     if "random" in own:
         for key in ("attitude", "time"):
             if set(a_table(own.get(key, {}))) - set(with_scales("start")):
-                raise ConfigError(key, "is given beside [random]", hint="leave it out: [random] points the camera")
+                raise ConfigError(key, "is given as well as [random]", hint="leave it out: [random] points the camera")
         setting = make(attitudes=attitudes, sampler=Times(times_s=[0.0]))
         with error_path("random"):
             return read_random(setting, own["random"], has_sun)

@@ -34,7 +34,7 @@ def trajectory_of_csv(path: str | Path, about: str) -> Trajectory:
 
     Its first line names the columns: `t_s` (from the scenario's start), `epoch_tdb`, `epoch_utc` or `epoch_et_s`;
     `r_x_m`, `r_y_m`, `r_z_m`; and `v_x_m_s`, `v_y_m_s`, `v_z_m_s` where velocities are known. Columns of an attitude
-    may stand beside them.
+    may stand with them.
 
     Raises
     ------

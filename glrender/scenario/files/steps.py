@@ -31,7 +31,7 @@ def own_motion(moved: np.ndarray) -> np.ndarray:
     """The motion of steps (N - 1,) of how far the rows at their ends are apart, in the same unit.
 
     Where a motion turns round, rows are close to each other though nothing holds: two thirds of what both neighbours
-    moved counts, if that is more. Of a smooth turn the chord is off by a tenth of it, of a hold beside a slew a spline
+    moved counts, if that is more. On a smooth turn the chord is off by a tenth of that, on a hold after a slew a spline
     by a sixth. Between equal rows there is no motion.
     """
     padded = np.concatenate([moved[:1], moved, moved[-1:]])

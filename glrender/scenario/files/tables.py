@@ -144,7 +144,7 @@ class TrajectoryTable:
         return CubicHermiteSpline(self.times_s, self.r_m, self.v_m_s)
 
     def _by_two(self, step: np.ndarray) -> np.ndarray:
-        """Whether the polynomial of a step (M,) goes through a row beside a step that leaves its rows.
+        """Whether the polynomial of a step (M,) goes through a row next to a step that leaves its rows.
 
         Or through too few rows: without velocities those of two or three are worse than the neighbours' slopes.
         """
@@ -181,7 +181,7 @@ class TrajectoryTable:
         return np.maximum(moved, 0.5 * (speed[1:] + speed[:-1]) * np.diff(self.times_s))
 
     def _leaves_rows(self, steps: np.ndarray) -> np.ndarray:
-        """Whether the polynomials of steps (M,) leave the rows of them."""
+        """Whether the polynomials of steps (M,) leave the lines between their rows."""
         t = (self.times_s[steps, None] + np.diff(self.times_s)[steps, None] * PLACES).ravel()
         off = np.linalg.norm(self._smooth(t, np.repeat(steps, len(PLACES)))[0] - self._of_two_rows(t), axis=1)
         return off.reshape(-1, len(PLACES)).max(axis=1) > self._allowed_m[steps]

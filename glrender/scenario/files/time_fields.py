@@ -37,7 +37,7 @@ class TimeFields:
 
     def __init__(self, value: object):
         table = a_table(value)
-        # A time without a scale is told as that, not as an unknown key.
+        # A time without a scale is refused as that, not as an unknown key.
         for stem in ("start", "epochs"):
             if stem in table:
                 raise ConfigError(stem, "has no time scale", table[stem], f"write {' or '.join(with_scales(stem))}")
@@ -51,22 +51,22 @@ class TimeFields:
         """The time sampler, of [encounter] where it has `frames`."""
         if isinstance(craft, PlacesAtImages):
             if self._table:
-                raise ConfigError("time", "is given beside ISDs, which have the times", sorted(self._table),
+                raise ConfigError("time", "is given as well as ISDs, which have the times", sorted(self._table),
                                   "leave [time] out")
             return Times.of_epochs([image.epoch for image in craft.images], needed(start))
         own = {key: encounter[key] for key in (*SAMPLER_KEYS, "duration_s") if key in encounter}
         if "frames" in own:
             if self._table or self._epochs:
-                raise ConfigError("time", "is given beside frames in [encounter]", hint="give one of them")
+                raise ConfigError("time", "is given as well as frames in [encounter]", hint="give one")
             with error_path("encounter"):
                 return _spread(own, craft, start)
         with error_path("time"):
             if self._epochs or "times_s" in self._table:
                 if len(self._table) + bool(self._epochs) > 1:
-                    raise ConfigError("", "gives times in two ways", sorted(self._table), "give one of them")
+                    raise ConfigError("", "gives times in two ways", sorted(self._table), "give one")
                 return (Times.of_epochs(self._epochs, needed(start)) if self._epochs else made(Times, self._table))
             if not self._table and not isinstance(craft, Encounter):
-                raise ConfigError("", "tells no times",
+                raise ConfigError("", "gives no times",
                                   hint="give duration_s with frames or rate_hz, times_s, or epochs_tdb")
             table = {**({"duration_s": craft.duration_s} if isinstance(craft, Encounter) else {}), **self._table}
             return made(FixedRate, table) if "rate_hz" in table else _spread(table, craft, start)
@@ -86,7 +86,7 @@ def _listed(table: Mapping[str, Any]) -> list[Epoch]:
     """The epochs that [time] lists."""
     given = [name for name in with_scales("epochs") if name in table]
     if len(given) > 1:
-        raise ConfigError(given[1], f"is given beside {given[0]}", hint="give one of them")
+        raise ConfigError(given[1], f"is given as well as {given[0]}", hint="give one")
     if not given:
         return []
     values, listed = table[given[0]], []

@@ -32,9 +32,9 @@ def read_trajectory(known: Known, value: object, target: str) -> Trajectory:
 
 
 def read_motion_of_body(known: Known, name: str, entry: Mapping[str, Any]) -> None:
-    """Add the trajectory of a body, of its `orbit` or `trajectory`, to what is known."""
+    """Add the trajectory of a body, of its `orbit` or `trajectory`, to the known trajectories."""
     if "orbit" in entry and "trajectory" in entry:
-        raise ConfigError("orbit", "is given beside trajectory", hint="give one of them")
+        raise ConfigError("orbit", "is given as well as trajectory", hint="give one")
     if "orbit" in entry:
         with error_path("orbit"):
             known.trajectories[name] = _kepler(known, a_table(entry["orbit"]), name)
@@ -44,7 +44,7 @@ def read_motion_of_body(known: Known, name: str, entry: Mapping[str, Any]) -> No
 
 
 def read_images_of(known: Known, value: object) -> None:
-    """Add the images of a trajectory of ISDs to what is known; the first one is the start."""
+    """Add the images of a trajectory of ISDs to the known images; the first one is the start."""
     table = a_table(value)
     if table.get("kind") != "isd":
         return
@@ -63,7 +63,7 @@ def read_sun(known: Known, own: Mapping[str, Any]) -> None:
     if "sun" in own:
         with error_path("sun"):
             if any(path.about == SUN for path in known.trajectories.values()):
-                raise ConfigError("", "is given beside an orbit about the Sun", hint="give one of them")
+                raise ConfigError("", "is given as well as an orbit about the Sun", hint="give one")
             known.trajectories[SUN] = _at_rest(known, a_table(own["sun"]), SUN)
     elif not any(path.about == SUN for path in known.trajectories.values()):
         if known.images:
@@ -71,7 +71,7 @@ def read_sun(known: Known, own: Mapping[str, Any]) -> None:
                                                      about=known.about(own["trajectory"]))
             return
         if known.spice is None:
-            raise ConfigError("bodies[0].orbit", "missing: nothing tells where the Sun is",
+            raise ConfigError("bodies[0].orbit", "missing: nothing gives the Sun's place",
                               hint="give an orbit about the Sun, [spice], or [sun] with r_m")
         known.trajectories[SUN] = SpiceTrajectory(spice=known.spice, target=SUN, about=known.names[0])
 

@@ -1,4 +1,4 @@
-"""Focal planes in millimetres, turned into cameras: the lens is inverted, with the residual told."""
+"""Focal planes in millimetres, turned into cameras: the lens is inverted, and the residual reported."""
 
 from __future__ import annotations
 
@@ -144,18 +144,18 @@ class FittedCamera:
     is_mirrored: bool
 
     def notes(self) -> list[str]:
-        """What is worth a warning, in sentences."""
-        told = []
+        """Warnings, in sentences."""
+        warnings = []
         if self.residual_px > TOLD_RESIDUAL_PX:
-            told.append(f"camera {self.camera.name!r}: its distortion follows the instrument's to "
-                        f"{self.residual_px:.2g} px at the worst place")
+            warnings.append(f"camera {self.camera.name!r}: its distortion follows the instrument's to "
+                            f"{self.residual_px:.2g} px at the worst place")
         if self.shift_px > TOLD_SHIFT * self.camera.width_px:
-            told.append(f"camera {self.camera.name!r}: its lens moves places by up to {self.shift_px:.3g} px; if that "
-                        'is too much, give another `lens`, or lens.model = "none"')
+            warnings.append(f"camera {self.camera.name!r}: its lens moves places by up to {self.shift_px:.3g} px; if "
+                            'that is too much, give another `lens`, or lens.model = "none"')
         if self.is_mirrored:
-            told.append(f"camera {self.camera.name!r}: the file counts lines upwards; row r is its line "
-                        f"{self.camera.height_px - 1} - r, as FITS viewers show it")
-        return told
+            warnings.append(f"camera {self.camera.name!r}: the file counts lines upwards; row r is its line "
+                            f"{self.camera.height_px - 1} - r, as FITS viewers show it")
+        return warnings
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -94,5 +94,5 @@ def _at(images: Sequence[Isd], start: Epoch | None, t_s: np.ndarray) -> list[Isd
     for index, t in zip(nearest, t_s, strict=True):
         if not abs(from_start[index] - t) <= _SAME_S:
             raise ConfigError("time", f"must be an image's: the nearest is of {images[index].epoch.tdb} TDB",
-                              f"{needed(start).after(float(t)).tdb} TDB", "ISDs tell nothing between images")
+                              f"{needed(start).after(float(t)).tdb} TDB", "ISDs have no state between images")
     return [images[index] for index in nearest]

@@ -63,7 +63,7 @@ class Isd:
         NAIF's numbers of the sensor's frame and the body's.
     focal_plane : FocalPlane
     notes : list of str
-        What is worth a warning.
+        Warnings.
 
     Source: ALE, formatter.py; usgscsm, UsgsAstroFrameSensorModel.cpp: pixels count from the corner of the first one.
     """
@@ -116,13 +116,13 @@ def _isd(table: Any, lens: Mapping[str, Any] | None) -> Isd:
         raise ConfigError("projection", "must not be there: a map is no image of a camera", projection)
     name = str(_field(table, "name_sensor"))
     center_s = finite("center_ephemeris_time", _field(table, "center_ephemeris_time"))
-    et_s, told = _epoch_of_tables(table, name, center_s)
+    et_s, of_epoch = _epoch_of_tables(table, name, center_s)
     sensor_from_inertial, sensor_rates, sensor = _turned(table, "instrument_pointing", et_s)
     body_from_inertial, body_rates, body = _turned(table, "body_rotation", et_s)
     r, v = _moved(table, "instrument_position", et_s)
     r_sun, v_sun = _moved(table, "sun_position", et_s)
     plane, notes = _focal_plane(table, name, lens)
-    notes = [*told, *notes]
+    notes = [*of_epoch, *notes]
     return Isd(name=name, epoch=Epoch.from_et(center_s), r_spacecraft_m=r, v_spacecraft_m_s=v, r_sun_m=r_sun,
                v_sun_m_s=v_sun, q_sensor_from_inertial=sensor_from_inertial, q_body_from_inertial=body_from_inertial,
                rates_sensor_rad_s=sensor_rates, rates_body_rad_s=body_rates, frames=(sensor, body),
@@ -130,7 +130,7 @@ def _isd(table: Any, lens: Mapping[str, Any] | None) -> Isd:
 
 
 def _field(table: object, path: str) -> Any:
-    """A value of a table by its dotted path; what is missing is told."""
+    """A value of a table by its dotted path; ConfigError where it is missing."""
     for key in path.split("."):
         if not isinstance(table, Mapping) or key not in table:
             raise ConfigError(path, "missing", hint="must be an ISD of ALE, as `isd_generate` writes it")
@@ -212,7 +212,7 @@ def _turned(table: Any, name: str, et_s: float) -> tuple[np.ndarray, np.ndarray 
     times, about = _rows_about(table, name, et_s, len(q))
     rows, times = Rotation.from_quat(q[about], scalar_first=True), times[about]
     share = -times[0] / (times[1] - times[0]) if len(times) > 1 else 0.0
-    # Of rotations of components; from row to row the frame turns at a constant rate.
+    # Rotations act on components; from row to row the frame turns at a constant rate.
     turned = Rotation.from_rotvec(share * (rows[-1] * rows[0].inv()).as_rotvec()) * rows[0]
     rates = None
     if _are_given(table[name].get("angular_velocities")):
@@ -244,10 +244,10 @@ def _focal_plane(table: object, name: str, lens: Mapping[str, Any] | None) -> tu
         raise ConfigError("focal2pixel_samples", "and focal2pixel_lines must be three numbers each, of two directions",
                           affine.tolist())
     axes = ("sample", "line")
-    summing, told = np.ones(2), []
+    summing, of_summing = np.ones(2), []
     for k, axis in enumerate(axes):
         if (given := _field(table, f"detector_{axis}_summing")) == 0:
-            told.append(f"camera {name!r}: the ISD's detector_{axis}_summing is 0; it is taken as 1")
+            of_summing.append(f"camera {name!r}: the ISD's detector_{axis}_summing is 0; it is taken as 1")
         else:
             summing[k] = positive(f"detector_{axis}_summing", given)
     start = np.array([finite(f"starting_detector_{axis}", _field(table, f"starting_detector_{axis}"))
@@ -260,7 +260,7 @@ def _focal_plane(table: object, name: str, lens: Mapping[str, Any] | None) -> tu
     # CSM's pixels count from the corner of the first one: its centre is 0.5.
     return FocalPlane(width_px=width, height_px=height, focal_length_mm=focal_length_mm,
                       centre_px=(centre + affine[:, 0] - start) / summing - 0.5,
-                      px_from_mm=affine[:, 1:] / summing[:, None], lens=ideal), [*told, *notes, *of_lens]
+                      px_from_mm=affine[:, 1:] / summing[:, None], lens=ideal), [*of_summing, *notes, *of_lens]
 
 
 def _focal_length_mm(table: object, name: str, px_from_mm: np.ndarray, size_px: float) -> tuple[float, list[str]]:

@@ -27,7 +27,7 @@ def lens_of(model: str, coefficients: Any, focal_length_mm: float) -> Lens:
     model : str
         ``radial`` (k0, k1, k2): u = d (1 - k0 - k1 |d|^2 - k2 |d|^4), as OD_K of NAIF's and ISIS's kernels; of one
         number k alone u = d (1 + k |d|^2), as K1 of Galileo's and Voyager's.
-        ``cahvor`` (k0, k1, k2, x0, y0): the same about a place beside the boresight.
+        ``cahvor`` (k0, k1, k2, x0, y0): the same about a place off the boresight.
         ``dawnfc`` (k): d = u (1 + k |u|^2), as RAD_DIST_COEFF of Dawn's.
         ``radtan`` (k1, k2, p1, p2, k3): OpenCV's, in units of the focal length.
         ``ocams`` (k0, k1, k2, k3, k4, x0, y0): d = u + (u - c) (k0 + k1 s + ... + k4 s^4), s = |u - c|, of OSIRIS-REx.

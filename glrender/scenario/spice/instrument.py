@@ -54,14 +54,14 @@ def camera_of_kernel(spice: Spice, *, instrument: str, name: str, spacecraft_fra
         In place of the kernel's FOCAL_LENGTH over PIXEL_SIZE (or PIXEL_PITCH). Kernels write these in mm and um,
         or both in one unit: it is taken as the field of view (`getfov`) has it, within 5 %.
     image_right : (3,) float
-        Direction in the instrument's frame that points right in the image; no kernel tells it. The boresight is
+        Direction in the instrument's frame that points right in the image; no kernel has it. The boresight is
         the kernel's, and the third axis, down, follows: no frame is mirrored.
     lens : mapping, optional
         `model` and `coefficients` of `lens_of`, along right and down, or the model "none". By default the kernel's
         OD_K (radial) or RAD_DIST_COEFF (dawnfc), if it has one.
     **more
         Of `PinholeCamera`: model; and principal_point_px in place of the kernel's CCD_CENTER or CENTER, from 0, or
-        ISIS's BORESIGHT_SAMPLE and BORESIGHT_LINE, from 1. The detector's middle where the kernel has none of them.
+        ISIS's BORESIGHT_SAMPLE and BORESIGHT_LINE, from 1. Without either, the detector's middle.
 
     Returns
     -------

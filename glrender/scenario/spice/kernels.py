@@ -27,7 +27,7 @@ _POOL: dict[str, list] = {}
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Spice:
-    """Kernels, and what positions are wanted of them.
+    """Kernels, and the positions that they give.
 
     SPICE has one pool of kernels in a process. Before anything is asked, the pool is made that of `kernels`, in their
     order: of kernels with the same data the last one counts. Others' kernels, and values put into the pool, are
@@ -155,7 +155,7 @@ class Spice:
             for key in (self.tool.namfrm(frame), frame):
                 if self.tool.expool(f"TKFRAME_{key}_MATRIX"):
                     with error_path("frame"):
-                        # Of rows and columns both hold, so their order does not matter.
+                        # The check holds for rows and columns alike, so their order does not matter.
                         _of_matrix(f"TKFRAME_{key}_MATRIX", self.tool.gdpool(f"TKFRAME_{key}_MATRIX", 0, 9))
                 with contextlib.suppress(self.error):
                     frame = self.tool.gcpool(f"TKFRAME_{key}_RELATIVE", 0, 1)[0]
@@ -200,7 +200,7 @@ class Spice:
     def tool(self) -> Any:
         """spiceypy, its pool that of the kernels."""
         tool = _spiceypy()
-        # All names cost as much as a position: the number of kernels and the last one tell others' from ours.
+        # All names cost as much as a position: the number of kernels and the last one show whether the pool is ours.
         if not (_POOL.get("kernels") == self._key and tool.ktotal("ALL") == len(_POOL["files"])
                 and _POOL["files"][-1:] == _pool(tool, len(_POOL["files"]) - 1)):
             self._load(tool)

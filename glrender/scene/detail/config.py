@@ -1,6 +1,6 @@
 """Surface detail that a shape model does not hold, as a scene asks for it (docs/detail.md).
 
-Nothing here is seen of a body: what is asked for is a statistic, and the seed picks one of its cases.
+Nothing here was seen on a body: the scene gives a statistic, and the seed picks one of its cases.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ read where the surface is, so it has no seams and no poles, and asks for no text
 
 * noise: a random number at each corner, quintic between corners, so that slope and curvature are continuous;
 * craters and boulders: in some cubes a sphere of influence that stays within its cube, so that a point has to look
-  at its own cube only. A surface that cuts it beside the middle has a smaller, shallower one.
+  at its own cube only. A surface that cuts it off the middle has a smaller, shallower one.
 
 A layer whose scale is below two footprints of a pixel is left out, up to four it fades in: finer is not resolved,
 and would alias. So the function depends on the footprint, and on nothing else of the view.
@@ -117,7 +117,7 @@ class Relief:
                 to_camera: np.ndarray) -> np.ndarray:
         """Unit normals (N, 3) of the ground that a camera sees where it looks at points (N, 3) [m] of facets.
 
-        The line of sight meets the ground where it rises beside that point: found in STEPS steps, exact where slopes
+        The line of sight meets the ground where it rises near that point: found in STEPS steps, exact where slopes
         are less than the line's. There the facet's normal (N, 3) is tilted by the slope, and turned back where it would
         face away from the camera (N, 3).
 

@@ -11,7 +11,7 @@ from .config import Detail
 NOISE, CRATER, BOULDER = range(3)
 # Radii of rims that a crater's ejecta reach; height of a rim over the crater's radius, of its depth.
 _REACH, _RIM = 1.6, 0.2
-# Of a cube's side, the radius of the largest sphere of influence; the centres of smaller ones move.
+# Radius of the largest sphere of influence over a cube's side [1]; the centres of smaller ones move.
 _SPHERE = {CRATER: 0.5, BOULDER: 0.4}
 # Mean cube of sizes that are even between a half and one: of features over that of the largest.
 _MEAN_CUBE = 0.46875

@@ -1,6 +1,6 @@
 """Plug-ins are tried before they are trusted: an error names the plug-in, when its scene opens.
 
-glrender's own classes are not tried here: what is wrong with those is a bug, and keeps its traceback.
+glrender's own classes are not tried here: an error there is a bug, and keeps its traceback.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def try_law(law: Law) -> None:
 
 
 def directions() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Sun, camera and normal (N, 3): half of them lit and seen at least, the last ones at zero phase."""
+    """Sun, camera and normal (N, 3): at least half lit and seen, the last ones at zero phase."""
     vectors = np.random.default_rng(7).normal(size=(3, _DIRECTIONS, 3))
     to_sun, to_camera, normal = vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
     normal[::2] = (to_sun + to_camera)[::2]

@@ -92,7 +92,7 @@ class Plugins(Mapping[str, type]):
         path, entries = f"{self.group}.{name}", self._entries[name]
         if len(entries) > 1:
             raise PluginError(path, f"has two owners: {' and '.join(_owner(entry) for entry in entries)}",
-                              hint="uninstall one of them")
+                              hint="uninstall one")
         entry, owner = entries[0], _owner(entries[0])
         try:
             found = entry.load()
@@ -109,7 +109,7 @@ class Plugins(Mapping[str, type]):
                 said = "does not say which" if asked is None else f"is for version {asked}"
                 raise PluginError(path, f"of {owner} must be a class for version {API} of glrender's plug-in "
                                         f"interface, and {said}", entry.value,
-                                  f"its class body says `glrender_api = {API}`; another release of it may fit")
+                                  f"its class body says `glrender_api = {API}`; another release may fit")
         wrong = self._check(name, found)
         if wrong:
             raise PluginError(path, f"of {owner} {wrong}", entry.value)
@@ -126,7 +126,7 @@ def laws() -> Plugins:
 
 @cache
 def backends() -> Plugins:
-    """Backends beside OpenGL, by name: classes with the interface of `Backend`."""
+    """Backends other than OpenGL, by name: classes with the interface of `Backend`."""
     return Plugins(BACKEND_GROUP, _has("render", "info", "close", "__enter__", "__exit__"), reserved=OPENGL_BACKENDS)
 
 

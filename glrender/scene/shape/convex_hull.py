@@ -18,9 +18,9 @@ from .convexity import bends_outwards
 _CONVEX_VOLUME_RTOL = 1e-6
 # So is its area: shells that overlap may have the hull's volume by chance.
 _CONVEX_AREA_RTOL = 1e-4
-# Of its extent: what is thinner, as a panel, has a hull as thick as this.
+# Least thickness of a hull over its extent [1]; thinner bodies, as panels, get it.
 _FLAT_RTOL = 1e-6
-# Of its radius, how near a hull the distance of a surface with dips is measured.
+# Distance from a hull over its radius [1] within which that of a surface with dips is measured.
 _CLOSE = 0.02
 # Directions that give a hull's outlines.
 _EXTREMES = 500
@@ -56,7 +56,7 @@ class Hull:
     Raises
     ------
     ShapeError
-        A body so thin, or so far from its origin, that float64 cannot tell its sides apart.
+        A body so thin, or so far from its origin, that float64 cannot separate its sides.
     """
 
     def __init__(self, vertices_m: np.ndarray, facets: np.ndarray, solid: np.ndarray | None = None,
@@ -120,7 +120,7 @@ class Hull:
 
 
 def _thickened(vertices_m: np.ndarray) -> np.ndarray:
-    """Points (N, 3) [m] that have a hull: of what is flat, or a needle, on both sides of it."""
+    """Points (N, 3) [m] that have a hull: those of a plane or a needle are doubled, on both of its sides."""
     centred = vertices_m - vertices_m.mean(axis=0)
     least = _FLAT_RTOL * float(np.ptp(centred, axis=0).max())
     for axis in np.linalg.eigh(centred.T @ centred)[1].T[:2]:

@@ -15,8 +15,8 @@ _LEAST_SINE = 2e-3
 def bends_outwards(vertices_m: np.ndarray, facets: np.ndarray) -> bool:
     """Whether a surface (F, 3) between vertices (V, 3) [m] is one closed shell, and no facet rises above its neighbour.
 
-    Volumes and areas do not tell of what is far smaller than the body. Of edges within 2e-3 rad of flat nothing is
-    asked.
+    Volumes and areas do not show features far smaller than the body. Edges within 2e-3 rad of flat are not
+    tested.
     """
     edges = Edges(facets)
     if (edges.size != 2).any():

@@ -204,7 +204,7 @@ class _TextRows:
         except ValueError:
             raise ShapeError("", f"has a list of {element.name} with a count of", repr(words[at])) from None
         self._at = at
-        with np.errstate(invalid="ignore"):  # what is no index is refused as one
+        with np.errstate(invalid="ignore"):  # a NaN is refused later, as an index
             indices = _numbers(values, element.name).astype(np.int64)
         return ({name: _numbers(column, element.name) for name, column in scalars.items()},
                 (indices, np.array(sizes, np.int64)))

@@ -1,4 +1,4 @@
-"""Polygons cut into triangles, concave ones too, so that every corner is kept: no open edge arises beside a neighbour.
+"""Polygons cut into triangles, concave ones too, so that every corner is kept: no open edge arises next to a neighbour.
 
 Source: Meisters (1975), polygons have ears.
 """
@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
-# Of a polygon's area: a fan's triangle below it has none, or lies outside.
+# Area of a fan's triangle over its polygon's [1], below which it has none or lies outside.
 _AREA_RTOL = 1e-12
-# Of a polygon's extent: a corner this near a triangle's side is on it. First as float32 rounds, then exactly.
+# Distance over a polygon's extent [1] within which a corner is on a triangle's side: as float32 rounds, then exactly.
 _SIDE_RTOL = (1e-6, 0.0)
 # Corners from which a fan is tried before ears are cut, and polygons looked at together.
 _FANS, _TOGETHER = 8, 500_000
@@ -75,7 +75,7 @@ class _Search:
 
 
 def _cut(points: np.ndarray, begins: np.ndarray, size: int, search: _Search) -> tuple[np.ndarray, np.ndarray]:
-    """Triangles (T, 3) of polygons of one size (P,), and which of them each is of."""
+    """Triangles (T, 3) of polygons of one size (P,), and the number of each triangle's polygon."""
     everyone = np.arange(len(begins))
     if size == 3:
         return begins[:, None] + np.arange(3), everyone
@@ -88,7 +88,7 @@ def _cut(points: np.ndarray, begins: np.ndarray, size: int, search: _Search) -> 
         side = corner[:, 1:] - corner[:, :1]
         area = np.cross(side[:, :-1], side[:, 1:])
         normal = area.sum(axis=1)
-        # What is not finite is refused by the shape, with the vertex' name.
+        # Vertices that are not finite are refused by the shape, by their number.
         is_fan = ~(np.einsum("pki,pi->pk", area, normal)
                    <= _AREA_RTOL * np.einsum("pi,pi->p", normal, normal)[:, None]).any(axis=1)
         start[left[is_fan]] = turn

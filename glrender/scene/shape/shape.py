@@ -19,7 +19,7 @@ from .shells import WELD_RTOL, are_all_different, of_one_diagonal, seams, wound
 _log = logging.getLogger(__name__)
 
 _METRES_PER_UNIT = {"m": 1.0, "km": 1000.0}
-# Facets whose edges tell how rough a shape is.
+# Facets whose edges are enough to measure a shape's roughness.
 _CREASE_FACETS = 100_000
 MIN_EXTENT_M, MAX_COORDINATE_M = 1e-3, 1e10
 """Bounds of extent and coordinates: a grain of sand, whose facets have areas that float32 holds, and seven Suns."""
@@ -126,10 +126,10 @@ class Shape:
             with np.errstate(over="ignore"):
                 vertices_m = mesh.vertices * scale
             shape = cls.from_arrays(vertices_m, mesh.facets, uv=mesh.uv)
-        told = (*mesh.warnings, *_unit_doubt(shape), *shape.report.warnings)
-        for text in told:
+        messages = (*mesh.warnings, *_unit_doubt(shape), *shape.report.warnings)
+        for text in messages:
             _log.warning("%s: %s", path.name, text)
-        return replace(shape, report=replace(shape.report, warnings=told))
+        return replace(shape, report=replace(shape.report, warnings=messages))
 
     @classmethod
     def from_arrays(cls, vertices_m: np.ndarray, facets: np.ndarray, *, uv: np.ndarray | None = None) -> Shape:
@@ -276,11 +276,11 @@ def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None) -
     facets, flipped, solid = shells.facets, shells.is_flipped, shells.is_solid
     if uv is not None:
         uv = np.where(flipped[:, None, None], uv[:, [0, 2, 1]], uv)
-    # Facets without an area close what is around them, and are left out only when that is known.
+    # Facets without an area close their neighbours' edges, and are left out only after shells are known.
     corner = vertices[facets]
     area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
     longest = np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).max(axis=1)
-    # What float64 can tell of a facet's height: that is its corners' rounding, however small it is.
+    # Least height of a facet in float64: the rounding of its corners, however small the facet is.
     kept = area > 1e-15 * extent * longest
     n_degenerate += int((~kept).sum())
     if not kept.any():
@@ -312,30 +312,31 @@ def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None) -
 
 def _warnings(report: ShapeReport, n_holed_edges: int) -> tuple[str, ...]:
     """Warnings of a shape, each with a way out."""
-    told, n_open = [], report.n_open_edges - n_holed_edges
+    messages, n_open = [], report.n_open_edges - n_holed_edges
     if n_holed_edges:
-        told.append(f"{n_holed_edges} open edges of holes in a surface that is closed else: light and sight pass "
-                    "through, and it is not turned outward; close them in the program that made the shape")
+        messages.append(f"{n_holed_edges} open edges of holes in a surface that is closed else: light and sight pass "
+                        "through, and it is not turned outward; close them in the program that made the shape")
     if n_open:
-        told.append(f"{n_open} open edges of a surface that encloses nothing, as terrain: it is seen and lit from the "
-                    "front of its facets alone; if it is dark from above, wind them the other way")
+        messages.append(f"{n_open} open edges of a surface that encloses nothing, as terrain: it is seen and lit from "
+                        "the front of its facets alone; if it is dark from above, wind them the other way")
     if report.n_non_manifold_edges:
-        told.append(f"{report.n_non_manifold_edges} edges with more than two facets: surfaces part there, and one that "
-                    "is not closed without the others is not turned outward; leave out walls that nobody sees")
+        messages.append(f"{report.n_non_manifold_edges} edges with more than two facets: surfaces part there, and one "
+                        "that is not closed without the others is not turned outward; leave out walls that nobody sees")
     if report.has_odd_extent:
-        told.append(f"extent of {max(report.extent_m):.4g} m: is the length unit right (km or m)?")
+        messages.append(f"extent of {max(report.extent_m):.4g} m: is the length unit right (km or m)?")
     if report.n_shells > 1:
-        told.append(f"{report.n_shells} separate shells")
+        messages.append(f"{report.n_shells} separate shells")
     if report.n_flipped:
-        told.append(f"{report.n_flipped} facets turned over, so that neighbours agree and closed shells face outward")
+        messages.append(f"{report.n_flipped} facets turned over, so that neighbours agree and closed shells face "
+                        "outward")
     if report.n_seam:
-        told.append(f"{report.n_seam} vertices on open edges welded to others within {report.seam_tolerance_m:.3g} m, "
-                    f"over gaps of up to {report.seam_gap_m:.3g} m; where gaps are meant, make them wider")
+        messages.append(f"{report.n_seam} vertices on open edges welded to others within {report.seam_tolerance_m:.3g} "
+                        f"m, over gaps of up to {report.seam_gap_m:.3g} m; where gaps are meant, make them wider")
     if report.n_degenerate:
-        told.append(f"{report.n_degenerate} facets without an area left out")
+        messages.append(f"{report.n_degenerate} facets without an area left out")
     if report.n_duplicate:
-        told.append(f"{report.n_duplicate} facets left out that are there twice with the same side")
-    return tuple(told)
+        messages.append(f"{report.n_duplicate} facets left out that are there twice with the same side")
+    return tuple(messages)
 
 
 def _without_copies(facets: np.ndarray, uv: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None, int, int]:

@@ -16,15 +16,15 @@ from .edges import Edges
 
 # Gaps of seams: steps of float32 at the largest coordinate, and a share of an open edge's length.
 _SEAM_STEPS, _SEAM_OF_EDGE = 4.0, 1e-3
-# Of the shortest open edge at a vertex, how far it may be moved: no facet collapses.
+# Farthest move of a vertex over its shortest open edge [1]: no facet collapses.
 _MOST_OF_EDGE = 0.25
-# Of the extent, below which vertices are one wherever they are: a text file's last digit.
+# Distance over the extent [1] below which vertices are one anywhere: a text file's last digit.
 WELD_RTOL = 1e-9
 # Vertices around one at which a seam is looked for: corners where tiles meet.
 _AROUND = 8
 # The sum of a shell's area vectors over its area, below which it is closed but for holes: a hemisphere has a half.
 _HOLED = 0.25
-# Of a shell's extent times its area, a volume that is none, and of the extent a distance that is none.
+# Volume over a shell's extent times its area, and distance over the extent [1], that count as none.
 _VOLUME_RTOL, _TOUCH_RTOL = 1e-12, 1e-6
 
 
@@ -36,13 +36,13 @@ class Shells:
     ----------
     facets : (F, 3) int
     is_flipped : (F,) bool
-        Which of them were turned over.
+        Which facets were turned over.
     is_solid : (F,) bool
         Which belong to a shell that has an inside: closed, or closed but for holes.
     n_shells, n_two_sided : int
         Shells, and facets that are there with both their sides.
     n_open_edges, n_holed_edges, n_non_manifold_edges : int
-        Edges of one facet, those of them in shells that are closed else, and of more than two.
+        Edges of one facet, such edges in shells that are closed else, and edges of more than two facets.
     """
 
     facets: np.ndarray
@@ -103,7 +103,7 @@ def of_one_diagonal(vertices: np.ndarray, facets: np.ndarray, edges: Edges
     if not len(twice):
         return None
     chosen = np.flatnonzero(np.isin(mixed, twice) & (edges.start[a] == edges.end[b]))
-    # One plane, and one side of it.
+    # In one plane, and on one side.
     p, q, r, s = (vertices[each[chosen]] for each in (edges.start[a], edges.end[a], *beyond))
     normal, other = np.cross(q - p, r - p), np.cross(p - q, s - q)
     longest = np.maximum(np.linalg.norm(r - s, axis=1), np.linalg.norm(q - p, axis=1))
@@ -174,7 +174,7 @@ def wound(vertices: np.ndarray, facets: np.ndarray, edges: Edges) -> Shells:
 
 
 def are_all_different(facets: np.ndarray) -> bool:
-    """Whether no two facets have the same corners, told sooner than which: by a hash that may say no for yes."""
+    """Whether no two facets have the same corners, found sooner than the facets: by a hash that may say no for yes."""
     return not len(_repeated(_hashed(np.sort(facets, axis=1))))
 
 

@@ -37,9 +37,9 @@ def read_stl(path: Path) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
                          f"a binary file of as many has {size} bytes")
     corners = np.frombuffer(data, _ROW, count, _HEAD)["corners"].reshape(-1, 3).astype(np.float64)
     behind = len(data) - size
-    told = (f"{behind} bytes behind the last of {count} facets were left out: if facets are missing, the file's count "
-            f"is wrong",) if behind else ()
-    return corners, np.full(count, 3), told
+    warnings = (f"{behind} bytes behind the last of {count} facets were left out: if facets are missing, the file's "
+                f"count is wrong",) if behind else ()
+    return corners, np.full(count, 3), warnings
 
 
 def _text(text: str) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:

@@ -48,7 +48,7 @@ class BopWriter:
         step_mm = max(float(depth_mm.max()), 1e-9) / _FULL
         self._files[f"gray/{index:06d}.png"] = png(frame.pixels)
         self._files[f"depth/{index:06d}.png"] = png(np.rint(depth_mm / step_mm).astype(np.uint16))
-        poses, told = [], []
+        poses, infos = [], []
         views = view_bodies(state, camera, self._scene.hulls)
         for number, (body, view) in enumerate(zip(self._scene.bodies, views, strict=True)):
             label, is_seen = record["labels"]["bodies"][body.name], body_id == number
@@ -58,14 +58,14 @@ class BopWriter:
             turn = dcm(np.array(label["q_camera_from_body"]))
             poses.append({"obj_id": number + 1, "cam_R_m2c": turn.ravel().tolist(),
                           "cam_t_m2c": [_MM * x for x in label["r_camera_m"]]})
-            told.append({"bbox_obj": outline.box, "bbox_visib": _box(label["box_px"]), "px_count_all": outline.n_px,
-                         "px_count_valid": int((outline.mask & (depth_mm > 0.0)).sum()),
-                         "px_count_visib": label["n_px"],
-                         "visib_fract": min(label["n_px"] / outline.n_px, 1.0) if outline.n_px else 0.0})
+            infos.append({"bbox_obj": outline.box, "bbox_visib": _box(label["box_px"]), "px_count_all": outline.n_px,
+                          "px_count_valid": int((outline.mask & (depth_mm > 0.0)).sum()),
+                          "px_count_visib": label["n_px"],
+                          "visib_fract": min(label["n_px"] / outline.n_px, 1.0) if outline.n_px else 0.0})
         header = {name: value for name, value in record.items() if name != "labels"}
         for name, entry in (("scene_camera", {**intrinsics(camera), **_from_world(state, camera),
                                               "depth_scale": step_mm}),
-                            ("scene_gt", poses), ("scene_gt_info", told), ("scene_header", header)):
+                            ("scene_gt", poses), ("scene_gt_info", infos), ("scene_header", header)):
             self._of_images[name][str(index)] = entry
 
     def files(self) -> dict[str, bytes]:
@@ -82,7 +82,7 @@ class Outline:
     mask : (height, width) bool
         Of the image.
     box : list of int
-        x, y, width, height; -1 each where the body is out of it.
+        x, y, width, height; -1 each where the body is outside.
     n_px : int
         Counted on a grid of 192 x 192 where it goes beyond the image: to 0.2 % of a disc's.
     """
@@ -122,20 +122,20 @@ def models(scene: Scene, camera: PinholeCamera) -> dict[str, bytes]:
         "cx": camera.principal_point_px[0], "cy": camera.principal_point_px[1], "fx": camera.focal_length_px,
         "fy": camera.focal_length_px, "width": camera.width_px, "height": camera.height_px,
         "depth_scale": 1.0}).encode()}
-    told = {}
+    models_info = {}
     for number, body in enumerate(scene.bodies, start=1):
         vertices, facets = _MM * body.shape.vertices_m, body.shape.facets
         low, size = vertices.min(axis=0), np.ptp(vertices, axis=0)
-        told[str(number)] = {"diameter": _MM * _diameter_m(body.hull.points_m.T),
-                             **{f"min_{axis}": float(value) for axis, value in zip("xyz", low, strict=True)},
-                             **{f"size_{axis}": float(value) for axis, value in zip("xyz", size, strict=True)}}
+        models_info[str(number)] = {"diameter": _MM * _diameter_m(body.hull.points_m.T),
+                                    **{f"min_{axis}": float(value) for axis, value in zip("xyz", low, strict=True)},
+                                    **{f"size_{axis}": float(value) for axis, value in zip("xyz", size, strict=True)}}
         header = ["ply", "format ascii 1.0", f"element vertex {len(vertices)}",
                   *(f"property double {axis}" for axis in "xyz"), f"element face {len(facets)}",
                   "property list uchar int vertex_indices", "end_header"]
         lines = [*header, *(f"{x:.9g} {y:.9g} {z:.9g}" for x, y, z in vertices.tolist()),
                  *(f"3 {a} {b} {c}" for a, b, c in facets.tolist())]
         files[f"models/obj_{number:06d}.ply"] = ("\n".join(lines) + "\n").encode()
-    return {**files, "models/models_info.json": json.dumps(told).encode()}
+    return {**files, "models/models_info.json": json.dumps(models_info).encode()}
 
 
 def intrinsics(camera: PinholeCamera) -> dict[str, Any]:

@@ -87,7 +87,7 @@ def _annotation(index: int, number: int, n_bodies: int, label: Mapping[str, Any]
 
 
 def run_lengths(mask: np.ndarray) -> list[int]:
-    """Run lengths of a mask down its columns, first of what is not in it."""
+    """Run lengths of a mask down its columns, first of pixels outside."""
     flat = np.concatenate([[False], mask.ravel(order="F")])
     ends = np.flatnonzero(flat[1:] != flat[:-1])
     return np.diff(np.concatenate([[0], ends, [mask.size]])).tolist()

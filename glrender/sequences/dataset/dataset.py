@@ -35,7 +35,7 @@ from .shards import FORMATS, Files
 
 FRAMES_A_SHARD = 50
 _LIBRARIES = ("numpy", "scipy", "pillow")
-# Labels, twice: in the shard and beside it; and the heads of a tar file.
+# Labels, twice: in the shard and in a file of their own; and the heads of a tar file.
 _JSON_BYTES = 16_000
 # The mask has `body_id`; ranges are of `range_type`.
 _BYTES = {"body_id": 0, "incidence": 4, "emission": 4, "phase": 4, "facet_id": 4,
@@ -137,7 +137,7 @@ class DataSet:
         return [number for number in self.numbers() if not self.path(number).exists()]
 
     def draw(self, n_processes: int | None = None, pool: AbstractContextManager[Pool] | None = None) -> Iterator[int]:
-        """Draw what is missing; yields the number of each shard when it is there; then write what is of all of them.
+        """Draw the missing shards; yields the number of each when it is there; then write the files about all shards.
 
         Parameters
         ----------
@@ -152,7 +152,7 @@ class DataSet:
             What cannot be drawn or written; shards that are there stay.
         """
         claim_folder(self.folder, self.claim())
-        began, told = time.monotonic(), {"n_frames": 0, "processor_s": 0.0, "renderers": set()}
+        began, totals = time.monotonic(), {"n_frames": 0, "processor_s": 0.0, "renderers": set()}
         missing = self.missing()
         if missing:
             n_processes = processes_of(self.states, self.options, n_processes, pool is not None)
@@ -160,11 +160,11 @@ class DataSet:
                 tasks = ((number, *self._task(number, processes, pool is None)) for number in missing)
                 for number, drawn in processes.done(tasks):
                     self._put(number, drawn.files, drawn.labels)
-                    told["n_frames"] += len(self.indices(number))
-                    told["processor_s"] += drawn.processor_s
-                    told["renderers"].add(drawn.renderer)
+                    totals["n_frames"] += len(self.indices(number))
+                    totals["processor_s"] += drawn.processor_s
+                    totals["renderers"].add(drawn.renderer)
                     yield number
-        self._finish({**told, "wall_s": time.monotonic() - began, "renderers": sorted(told["renderers"])})
+        self._finish({**totals, "wall_s": time.monotonic() - began, "renderers": sorted(totals["renderers"])})
 
     def claim(self) -> dict[str, Any]:
         """The frames depend on these: versions, digests of scene and states, options."""
@@ -222,8 +222,8 @@ class DataSet:
             raise GlrenderError(f"{path}: cannot be written: {error.strerror}; {n_there} of {len(self.numbers())} "
                                 "shards are there and stay: make room, and start again") from error
 
-    def _finish(self, told: Mapping[str, Any]) -> None:
-        """Write what is of all shards: annotations of COCO and models of BOP, and the manifest with the digests."""
+    def _finish(self, totals: Mapping[str, Any]) -> None:
+        """Write the files about all shards: annotations of COCO, models of BOP, and the manifest with the digests."""
         if self.format == "coco":
             parts = [self.path(number) for number in self.numbers()]
             write_whole(self.folder / "annotations.json", coco.merged(self.scene, self.options.keypoints, parts))
@@ -235,11 +235,11 @@ class DataSet:
                    "sha256": digest_of_shard(self.path(number))} for number in self.numbers()]
         file = self.folder / MANIFEST
         before = json.loads(file.read_text(encoding="utf-8"))
-        n, wall_s, processor_s = told["n_frames"], told["wall_s"], told["processor_s"]
+        n, wall_s, processor_s = totals["n_frames"], totals["wall_s"], totals["processor_s"]
         throughput = before.get("throughput", {}) if not n else {
             "n_frames": n, "wall_s": round(wall_s, 3), "processor_s": round(processor_s, 3),
             "frames_a_second": round(n / wall_s, 3), "frames_a_core_second": round(n / max(processor_s, 1e-9), 3),
-            "renderers": told["renderers"]}
+            "renderers": totals["renderers"]}
         versions = {"python": platform.python_version(), **{name: version(name) for name in _LIBRARIES}}
         write_whole(file, json.dumps({**self.claim(), "versions": versions, "scenario": self.scenario,
                                       "shards": shards, "throughput": throughput}, indent=1).encode())

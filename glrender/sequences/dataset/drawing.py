@@ -43,7 +43,7 @@ class Shard:
     renderer: str
 
 
-# Of a process: its renderer, and what it was opened for.
+# A process has its renderer, and the setup that it was opened for.
 _opened: tuple[Setup, Any] | None = None
 _setup: Setup | None = None
 # OpenGL stays on its thread, whichever of a Dask worker's threads asks.

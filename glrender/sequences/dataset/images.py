@@ -9,7 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 from PIL import Image
 
-# Of zlib: noise hardly shrinks more by a higher one, which takes twice as long.
+# Level of zlib: noise hardly shrinks more by a higher one, which takes twice as long.
 _LEVEL = 1
 
 
@@ -39,7 +39,7 @@ def npz(arrays: Mapping[str, np.ndarray]) -> bytes:
 
 
 def mask(body_id: np.ndarray) -> np.ndarray:
-    """The (height, width) mask of a frame: 0 beside the bodies, k + 1 at body k of the scene."""
+    """The (height, width) mask of a frame: 0 on the sky, k + 1 at body k of the scene."""
     return (body_id + 1).astype(np.uint8 if body_id.max(initial=-1) < 255 else np.uint16)
 
 

@@ -26,7 +26,7 @@ class LabelledFrame:
     ----------
     image : (height, width) uint8, uint16 [DN] or float32 [W/m2]
     mask : (height, width) uint8
-        0 beside the bodies, k + 1 at body k.
+        0 on the sky, k + 1 at body k.
     products : mapping of str to array
         Those that were asked for; none of BOP's.
     labels : mapping
