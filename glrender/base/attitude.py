@@ -1,8 +1,8 @@
 """Attitudes that other tools give, turned into glrender's `q_b_from_a`: [w, x, y, z], components in a to those in b.
 
 SPICE's quaternions turn vectors, as glrender's do. Those of MATLAB's Aerospace Toolbox and of Basilisk turn frames:
-they are the conjugates. Every function takes leading axes and returns w >= 0. What is off unity by up to 1e-6 is
-renormalised, by up to 1e-3 with a warning, for digits that were rounded; what is farther off is refused.
+they are the conjugates. Every function takes leading axes and returns w >= 0. Norms off unity by up to 1e-6 are
+renormalised, by up to 1e-3 with a warning, for digits that were rounded; others are refused.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def from_basilisk_mrp(sigma_BN: np.ndarray) -> np.ndarray:
     Raises
     ------
     ConfigError
-        What is not finite.
+        A number that is not finite.
 
     Source: Schaub and Junkins, Analytical Mechanics of Space Systems, section 3.5; Basilisk's MRP2C.
     """
@@ -102,7 +102,7 @@ def from_spice(rotation: np.ndarray) -> np.ndarray:
     Parameters
     ----------
     rotation : (..., 3, 3) or (..., 4) float [1]
-        The matrix of `pxform(a, b, et)` or `ckgp`, or the quaternion that `m2q` makes of it.
+        The matrix of `pxform(a, b, et)` or `ckgp`, or the quaternion that `m2q` makes of that matrix.
 
     Returns
     -------
@@ -138,7 +138,7 @@ def from_scipy(rotation: Rotation) -> np.ndarray:
     Raises
     ------
     ConfigError
-        Another type: SciPy's quaternions are scalar last, and an array does not tell.
+        Another type: SciPy's quaternions are scalar last, and an array does not say so.
     """
     if not isinstance(rotation, Rotation):
         raise ConfigError("rotation", "must be a scipy Rotation", rotation, "of numbers take Rotation.from_quat(...)")

@@ -35,7 +35,7 @@ def cached_bytes(name: str, size: tuple[int, ...], make: Callable[[], np.ndarray
         if kept.shape == size and kept.dtype == np.uint8:
             os.utime(file)
             return kept
-    # Who reads it sees all of it or none; each process writes its own.
+    # A reader sees the whole file or none; each process writes its own.
     made, apart = make(), file.with_suffix(f".{os.getpid()}.part")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)

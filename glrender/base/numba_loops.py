@@ -1,6 +1,6 @@
-"""Numba compiles loops when their file is imported, and keeps the code beside it or in the user's cache folder.
+"""Numba compiles loops when their file is imported, and keeps the code next to it or in the user's cache folder.
 
-Numba tells from a file's text alone whether the code that it kept is old, so a loop calls no loop of another file.
+Numba decides by a file's text alone whether the code that it kept is old, so a loop calls no loop of another file.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def compiled(signature: Any) -> Callable[[Callable], Callable]:
 
 
 class _FirstTime:
-    """Tells who waits for loops that were never compiled here how long that takes."""
+    """Logs how long loops that were never compiled here take, for those who wait."""
 
     def __init__(self):
         self._n_made, self._spent_s, self._told_s = 0, 0.0, -_PAUSE_S

@@ -29,7 +29,7 @@ FASTEST_CRAFT_RAD_S = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Advice:
-    """A warning: its kind, the field to look at, and a sentence that says what is seen and the way out."""
+    """A warning: its kind, the field to look at, and a sentence with the observation and the way out."""
 
     code: str
     path: str
@@ -55,7 +55,7 @@ class Rule:
     source : str
         Where the bounds are from, in a few words.
     others : tuple of (str, float)
-        Units that the field is given in by mistake, and what one of them is in the field's.
+        Units that the field is given in by mistake, and their size in the field's unit.
     size : callable
         From the value to the numbers that must be within the bounds.
     """

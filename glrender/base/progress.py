@@ -18,7 +18,7 @@ class Progress:
         self._report, self._told = report, 0.0
 
     def part(self, begin: float, end: float) -> Callable[[float], None]:
-        """A callback for a part of the whole, from one share of it to another; the part calls it with its own share."""
+        """A callback for a part of the whole, from one share to another; the part calls it with its own share."""
         return lambda share: self._tell(begin + share * (end - begin))
 
     def finish(self) -> None:

@@ -61,7 +61,7 @@ def compare(law: Law, truth: Law, phase_deg: object, *, is_scaled: bool = False)
     phase_deg = _checked(phase_deg)
     rows = []
     with warnings.catch_warnings():
-        # The error beyond a law's range is what is asked for.
+        # Evaluated beyond a law's range on purpose: its error there is the result.
         warnings.filterwarnings("ignore", message=".*beyond the phase")
         for phase in np.radians(phase_deg):
             disc = Disc.at(phase, _N_NODES)
@@ -101,7 +101,7 @@ def fit(truth: Law, kind: type[Law], phase_deg: object) -> Replacement:
     Raises
     ------
     ConfigError
-        Another kind, too few phases, or a truth that is dark at one of them.
+        Another kind, too few phases, or a truth that is dark at a phase.
 
     Warns
     -----

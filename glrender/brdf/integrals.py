@@ -43,7 +43,7 @@ class Disc:
 
     @classmethod
     def at(cls, phase: float, n_nodes: int = N_NODES) -> Disc:
-        """The disc at a phase angle [rad], 0..pi; at pi nothing of it is lit and every weight is 0.
+        """The disc at a phase angle [rad], 0..pi; at pi it is dark and every weight is 0.
 
         Raises
         ------

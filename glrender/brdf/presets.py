@@ -1,6 +1,6 @@
 """Published parameter sets of real bodies, each with its source, and tables of Lunar-Lambert weights.
 
-A set is here only if a sphere of it has the geometric albedo that was published with it, within
+A set is here only if a sphere with it has the geometric albedo that was published with it, within
 4 % (a test integrates each). Sets in the literature that do not close, or whose parameters nobody
 on this project could read in the source, are not shipped: see docs/photometry.md.
 """

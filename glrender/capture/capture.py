@@ -33,7 +33,7 @@ from .outputs import checked_output
 from .sensor import PosePoints, Sensor, with_points
 from .static_exposure import Drawing, Still, lens_margin, margin_of
 
-# Of what moves, poses whose light from beyond the image is followed: a wing is wide.
+# Poses of a motion whose light from beyond the image is followed: a wing is wide.
 _BEYOND_POSES = 9
 
 
@@ -52,14 +52,14 @@ class Capture:
         With `take_frame`: digital numbers, exposure, seed.
     plan : RenderPlan
         Of the image that was drawn at `t_s`: its pixels are the frame's, or those of the margin and the oversampled
-        rectilinear image that `stages` tell of.
+        rectilinear image that `stages` describe.
     stages : dict of str to str
         What was modelled between the bodies and the digital numbers, and what was skipped, with why.
     timings_ms : dict of str to float
     warnings : tuple of Advice
-        What is odd in it: nothing in view or lit, saturation, an exposure at its limit; the plan's warnings.
+        Warnings: nothing in view or lit, saturation, an exposure at its limit; the plan's warnings.
     notes : tuple of Advice
-        What is worth a word: the exposure that "auto" chose.
+        Notes: the exposure that "auto" chose.
     """
 
     irradiance_W_m2: np.ndarray
@@ -151,7 +151,7 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
         Poses during the exposure, of rising `t_s` that spans it, around `state.t_s`: drawn instead of those that
         rates would make; the light is linear in time between them.
     faults : sequence of tables, optional
-        Instead of the model's (docs/camera_model.md); empty for none. `frame.faults` tells where they are.
+        Instead of the model's (docs/camera_model.md); empty for none. `frame.faults` has their places.
     **options
         `max_error`, `samples`, `allow_slow`, `on_progress`, as of `draw_still`; the tolerance holds after the point
         spread function. A frame is that of the whole detector: there is no `roi`, and each pose has its own image.
@@ -244,7 +244,7 @@ def _moves(state: State, half_s: float) -> bool:
 
 def _mean(drawing: Drawing, state: State, still: Still, motion: Motion,
           done: float) -> tuple[np.ndarray, tuple[int, int, int, int], list[PosePoints], list[frozenset[str]]]:
-    """Mean irradiance over each row's exposure, its region, and what the poses have besides; `done` of it is."""
+    """Mean irradiance over each row's exposure, its region, and the poses' points; `done` says how far it is."""
     regions, points, apart, states = [], [], [], motion.states
     shares = pairwise(np.linspace(done, 1.0, _n_drawn(state, motion)).tolist())
 

@@ -148,9 +148,9 @@ def plan_motion(scene: Scene, state: State, camera: PinholeCamera, exposure_s: f
     n_poses = max(n_poses, _LEAST_SPREAD)
     chosen = _chosen(path, n_poses)
     grain = "" if across <= MAX_POSES and not row_s else (
-        f"motion back and forth over {extent_px:.3g} px, faster than the exposure, is drawn as {n_poses} poses of it: "
-        "they have its mean and its spread, and leave out what is between them, or differs from row to row; a shorter "
-        "exposure has less of it")
+        f"motion back and forth over {extent_px:.3g} px, faster than the exposure, is drawn as {n_poses} of its poses: "
+        "they have its mean and its spread, and leave out places between them, and differences from row to row; a "
+        "shorter exposure has less")
     return Motion(times_s=path.times_s[chosen], states=tuple(path.states[k] for k in chosen), **made,
                   text=f"{n_poses} poses, back and forth over {extent_px:.3g} px {span}", warning=unknown or grain)
 

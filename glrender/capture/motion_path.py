@@ -59,7 +59,7 @@ class Path:
 def path_of(scene: Scene, state: State, camera: PinholeCamera, half_s: float) -> Path:
     """The motion from `half_s` before a state to `half_s` after it, of bodies and sky in the image of a camera.
 
-    A motion of unknown frequencies is looked at more and more often, at instants in step with none of them.
+    A motion of unknown frequencies is looked at more and more often, at instants in step with no frequency.
 
     Raises
     ------
@@ -195,7 +195,7 @@ def _turned(q: np.ndarray) -> float:
 
 def _most_px(totals: dict[str, tuple[float, float]], camera: PinholeCamera, view: BodyView, hull: Hull,
              least_cosine: float) -> float:
-    """A path [px] that nothing on a body exceeds that reaches beside or behind the camera."""
+    """A path [px] that nothing on a body exceeds that reaches behind the camera's plane."""
     moved_m, turned_rad = totals[view.name]
     # About the body's origin, which the view's need not be.
     arm_m = float(np.linalg.norm(view.r_camera_body_m + view.centre_m))

@@ -1,4 +1,4 @@
-"""Light from beyond the image that stray light brings in: the Sun and bodies beside it, or partly beside it."""
+"""Light from beyond the image that stray light brings in: the Sun, and bodies or parts of bodies outside the image."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from ..view.state import State
 from ..view.view import BodyView, view_bodies
 from .sky_background import Place, merged
 
-# A body beside the image is drawn with so many pixels across, put together to so many sources.
+# A body outside the image is drawn with so many pixels across, put together to so many sources.
 _BODY_PX, _BODY_SOURCES = 32, 8
 _WIDEST_RAD = 1.0
 # Rays to the Sun's disc: its middle, and rings around it.
 _RINGS, _PLACES = (0, 1, 2), (1, 6, 12)
-# Of the field angle, at a baffle of 90 degrees.
+# Least cosine of the field angle, at a baffle of 90 degrees.
 _LEAST_COSINE = 1e-3
 
 
@@ -38,7 +38,7 @@ def light_beyond(renderer: Any, camera: PinholeCamera, margin_px: int,
     margin_px : int [px]
         Of the image.
     poses : sequence of (State, names, float)
-        With the names of bodies whose light, all of it, is given as points already, and a pose's weight.
+        With the names of bodies whose whole light is given as points already, and a pose's weight.
 
     Returns
     -------
@@ -71,14 +71,14 @@ def light_beyond(renderer: Any, camera: PinholeCamera, margin_px: int,
 
 def _kept(rays: np.ndarray, light: np.ndarray, wide: PinholeCamera, stray: list[StrayLight],
           margin_px: int) -> PointSources:
-    """Sources in the frame, of light (N,) from unit vectors (N, 3) that is beside the image and within the baffle."""
+    """Sources in the frame, of light (N,) from unit vectors (N, 3) from outside the image and within the baffle."""
     chosen = rays[:, 2] > max(_LEAST_COSINE, np.cos(np.radians(max(each.baffle_deg for each in stray))))
     rays, light = rays[chosen], light[chosen]
     xy, cosine = _place_px(rays, wide), rays[:, 2]
     x0, y0, x1, y1 = wide.bounds_px
     x, y = xy.T
     beside = (x < x0) | (y < y0) | (x >= x1) | (y >= y1)
-    # The exposure dims what lies beside the image as its nearest pixel; the aperture is foreshortened more.
+    # The exposure dims light from outside the image as its nearest pixel; the aperture is foreshortened more.
     nearest = np.clip(xy, 0.0, np.array([wide.width_px, wide.height_px]) - 1.0)
     light = light * cosine / wide.directions(nearest)[:, 2]
     return PointSources(xy[beside] - margin_px, light[beside])
@@ -114,7 +114,7 @@ def _sun(renderer: Any, state: State, wide: PinholeCamera) -> tuple[np.ndarray, 
 
 def _body(renderer: Any, state: State, wide: PinholeCamera, view: BodyView,
           index: int) -> tuple[np.ndarray, np.ndarray] | None:
-    """A body by a camera of its own that looks at it: what is beside the image is what lies there."""
+    """A body by a camera of its own that looks at it: its parts outside the image."""
     towards = -view.camera_from_body @ view.r_camera_body_m
     range_m = float(np.linalg.norm(towards))
     radius_m = renderer.scene.hulls[view.name].radius_m

@@ -17,7 +17,7 @@ from .sky_background import merged, stars_behind
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PosePoints:
-    """One pose of an exposure: its state and the points beside its image.
+    """One pose of an exposure: its state and the points apart from its image.
 
     Attributes
     ----------
@@ -83,7 +83,7 @@ class Sensor:
 
     def expose(self, irradiance: np.ndarray, seed: int, exposure_s: float | str, roi: tuple[int, int, int, int],
                grey: Sequence[PointSources], stars: dict[str, PointSources], faults: Any = None) -> Frame:
-        """The frame. What is grey is drawn once: a band's light is that times the Sun's irradiance in the band."""
+        """The frame. Monochrome light is rendered once and scaled by the Sun's irradiance in each band."""
         model = self._camera.model
         drawn = self._scene.solar_irradiance_of(self._camera)
         is_mosaic = isinstance(model, MosaicModel)

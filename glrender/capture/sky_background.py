@@ -39,7 +39,7 @@ class Place:
 
 
 def stars_behind(scene: Scene, state: State, camera: PinholeCamera) -> dict[str, PointSources]:
-    """The stars that a camera sees beside the bodies, in each of its bands.
+    """The stars that a camera sees between the bodies, in each of its bands.
 
     A star is a point: the ray to it meets a facet or it does not, wherever in a pixel.
 
@@ -54,7 +54,7 @@ def stars_behind(scene: Scene, state: State, camera: PinholeCamera) -> dict[str,
     Raises
     ------
     SceneError
-        Aberration is asked for and the state does not tell the spacecraft's velocity.
+        Aberration is asked for and the state does not have the spacecraft's velocity.
     """
     catalogue, place = scene.stars.catalogue, Place.of(state, camera)
     direction = catalogue.direction

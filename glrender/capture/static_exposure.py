@@ -33,7 +33,7 @@ _APART_PX = 24.0
 _OPTIONS = ("allow_slow", "on_progress", "out")
 # What `render` takes that a capture gives itself.
 _NOT_OPTIONS = {"state", "camera", "products", "error_gain", "apart_px"}
-# Of products beside the bodies, where it is not NaN.
+# Values of products on the sky that are not NaN.
 _BESIDE = {"body_id": -1, "facet_id": -1, "sunlit": 0}
 
 
@@ -108,7 +108,7 @@ class Drawing:
         self._tells = on_progress is not None and "on_progress" in taken
         self._tolerance = renderer.scene.max_error if max_error is None else checked_max_error(max_error)
         # What the frame keeps of the drawn image's errors, but for the flux's: for the renderer to know, where it can.
-        # Cells' errors are independent: their mean has 1 / n of them.
+        # Cells' errors are independent: their mean has 1 / n of each.
         n = self._n = 1 if self.lens is None else self.lens.oversampling
         self._share = (camera.model.psf_noise_gain if is_for_detector else 1.0) / n
         if "error_gain" in taken:
@@ -151,7 +151,7 @@ class Drawing:
             light[y0:y1, x0:x1] += disc
             roi, sun_text = union([roi, box]) if any(roi) else box, "in view"
             if not disc.any():
-                sun_text = "skipped: hidden by a body, or beside the image"
+                sun_text = "skipped: hidden by a body, or outside the image"
         plan, made = image.plan, image.products
         if self._box is not None:
             x0, y0, _, _ = self._box

@@ -49,7 +49,7 @@ def columns(field: Field, r_camera_m: np.ndarray, directions: np.ndarray, steps:
         squared = np.sum(closest**2, axis=1) + s**2
         value = field.weight(r) * (a**2 + s**2) / np.maximum(squared, a**2)
         if lit is not None:
-            # A step is in the shadow as its middle is: where the edge is between two, what is wrongly so is put right.
+            # A step is in the shadow as its middle is: where the edge is between two, the wrong part is corrected.
             is_lit, bare = lit(r) > 0.5, value
             value = bare * is_lit
             if last is not None and (at := np.flatnonzero(is_lit != last[0])).size:

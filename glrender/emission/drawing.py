@@ -50,7 +50,7 @@ class ComaDrawing(ExitStack):
         self._volumes: dict[int, tuple[Layer, ComaVolume]] = {}
 
     def add(self, irradiance: np.ndarray, frame: EmissionFrame) -> EmissionPlan:
-        """Add the coma's light; where its dust hides what is behind it, dim that."""
+        """Add the coma's light; where its dust hides surfaces, dim these."""
         began = time.perf_counter()
         view, dust = frame.views[self._coma.body], self._coma.dust
         drawn = self._plan(frame, view)
@@ -124,7 +124,7 @@ class ComaDrawing(ExitStack):
 
     def _near(self, box: tuple[int, int, int, int], frame: EmissionFrame, drawn: list[_Drawn],
               body: tuple[int, int, int, int] | None) -> tuple[int, int, int, int]:
-        """The box of a tile beyond which columns are linear between nodes: all of it where a field has none far."""
+        """The box of a tile beyond which columns are linear between nodes: the tile where a field has none far."""
         whole = (0, 0, box[2] - box[0], box[3] - box[1])
         view, camera = frame.views[self._coma.body], frame.camera
         focus = -view.camera_from_body @ view.r_camera_body_m
@@ -150,7 +150,7 @@ class ComaDrawing(ExitStack):
             values = shader_values(each.layer.field, frame.camera, view, frame.views, each.field_from_body, box[:2])
             values |= {
                 "shadow_from_field": shadow_from_body @ frames.transform(each.field_from_body.T, np.zeros(3)),
-                # Rays through a nucleus that ends none of them: there `a` must be rho.
+                # Rays through a nucleus that ends no ray: there `a` must be rho.
                 "least_m": least_m,
                 "nodes_reach_rad": REACH_RAD}
             sampling = each.sampling
@@ -170,7 +170,7 @@ class ComaDrawing(ExitStack):
 
 
 def _cut(boxes: list[tuple[int, int, int, int]], width: int, height: int) -> tuple[int, int, int, int] | None:
-    """The box around boxes, within a tile; None when they are beside it."""
+    """The box around boxes, within a tile; None when they are outside the tile."""
     boxes = [(max(a, 0), max(b, 0), min(c, width), min(d, height)) for a, b, c, d in boxes]
     boxes = [box for box in boxes if box[2] > box[0] and box[3] > box[1]]
     if not boxes:

@@ -20,7 +20,7 @@ from glrender_camera.validate import positive, within
 from ..base.errors import ConfigError
 from .phase_function import HenyeyGreenstein, PhaseFunction
 
-# Of less, float32 has (1 - exp(-q N)) / q as 0 / 0.
+# Least efficiency q: below it float32 has (1 - exp(-q N)) / q as 0 / 0.
 _LEAST_EFFICIENCY = 1e-6
 
 

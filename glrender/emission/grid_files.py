@@ -23,7 +23,7 @@ from glrender_camera.validate import integer, one_of, positive, vector
 from ..base.errors import ConfigError, DeviceError
 
 MAX_CELLS = 256**3
-# Of float64, and the array's header.
+# Largest array [bytes]: float64, and its header.
 _MAX_ARRAY_BYTES = 8 * MAX_CELLS + 4096
 CHANNELS = {"dust": "G", "gas": "B"}
 
@@ -71,7 +71,7 @@ def write_grid(path: Path, grid: Grid) -> None:
 def _read_npz(path: Path) -> Grid:
     try:
         with np.load(path, allow_pickle=False) as file:
-            # A few bytes may unpack to any number of them.
+            # A few bytes may unpack to any number of bytes.
             unpacked = max((member.file_size for member in file.zip.infolist()), default=0)
             if unpacked > _MAX_ARRAY_BYTES:
                 raise ConfigError("density", f"must be at most {MAX_CELLS} cells", hint=f"{unpacked} bytes: {path}")
@@ -157,7 +157,7 @@ def read_exr(path: Path, channel: str, shape: tuple[int, int]) -> np.ndarray:
             pixels = np.array(channels[channel].pixels, np.float32)
     except ConfigError:
         raise
-    except Exception as error:  # a broken image raises whatever its library makes of it
+    except Exception as error:  # a broken image raises any of its library's errors
         raise ConfigError("tiles_file", f"is no readable OpenEXR image: {error}", str(path)) from None
     if pixels.shape != shape:
         raise ConfigError("tiles_file", "must have a value of the channel in each pixel", pixels.shape[::-1])

@@ -9,7 +9,7 @@ def refined(values: np.ndarray, factor: int) -> np.ndarray:
     """Each cell of an array made `factor` cells along each axis, by monotone cubic interpolation.
 
     Along an axis the curve is Catmull-Rom's, between two cells' middles limited to their values: plain
-    Catmull-Rom (and Lekien and Marsden's tricubic) is -0.074 beside a lone 1. Axis after axis, the result
+    Catmull-Rom (and Lekien and Marsden's tricubic) is -0.074 next to a lone 1. Axis after axis, the result
     stays within the 2 x 2 x 2 values around; it meets them where the new middles fall on the old.
 
     Parameters

@@ -19,7 +19,7 @@ from .measuring import FieldErrors, Hits, measured_errors, worst
 _SUN_NODES = 64
 # Where the Sun stands when errors are measured: what a frame uses depends on no frame before it.
 _HALF_AXES = np.vstack([np.eye(3), -np.eye(3)])
-# Of weights, beyond any comet by 1e15: their columns stay far within float32.
+# Largest weight, beyond any comet by 1e15: its columns stay far within float32.
 _GREATEST_M = 1e20
 # How far out errors are measured, in body radii, where a field has no end.
 _FAR_RADII = 100.0
@@ -60,7 +60,7 @@ class Layers:
                               "move the shape there")
         distance = np.linalg.norm(shape.vertices_m, axis=1)
         body_radius_m = (float(distance.min()), float(distance.max()))
-        # Beside the outline, where the coma is seen to its end, rays pass at about that distance.
+        # Outside the outline, where the coma is seen to its end, rays pass at about that distance.
         self.radius_m = float(np.median(distance))
         self._nearest_m = max(body_radius_m[0], 0.05 * body_radius_m[1])
         self._hits = body_hits(shape)
@@ -115,7 +115,7 @@ class Layers:
 
     @staticmethod
     def _errors_beside(sun: np.ndarray, by_axis: Sequence[FieldErrors]) -> FieldErrors:
-        """The worst with the Sun on one of the half axes around it: what any of them lights is all that it lights."""
+        """The worst with the Sun on one of the half axes around it: one of these lights all that the Sun can light."""
         return worst([errors for axis, errors in zip(_HALF_AXES, by_axis, strict=True) if axis @ sun > 0.0])
 
 

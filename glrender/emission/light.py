@@ -26,7 +26,7 @@ def is_point(radius_m: float, view: BodyView, camera: PinholeCamera) -> bool:
 
 def add_light(irradiance: np.ndarray, column: np.ndarray, hidden: np.ndarray, camera: PinholeCamera, view: BodyView,
               dust: Dust, box: tuple[int, int, int, int], solar_irradiance_W_m2: float) -> None:
-    """Add a coma's light to an image, in place, and dim what is behind it.
+    """Add a coma's light to an image, in place, and dim surfaces behind it.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def add_light(irradiance: np.ndarray, column: np.ndarray, hidden: np.ndarray, ca
     """
     if dust.extinction_efficiency > 0.0:
         irradiance *= dust.transmission(hidden)
-        # Of the dust that hides itself, the sunlit share shines.
+        # Dust that hides itself shines by its sunlit share.
         column = column * (dust.thin(hidden) / np.maximum(hidden, np.float32(1e-30)))
     light = light_per_column(camera, view, dust, box, solar_irradiance_W_m2)
     cv2.accumulateProduct(column, light, irradiance)
@@ -77,7 +77,7 @@ def point_correction(column: np.ndarray, camera: PinholeCamera, view: BodyView, 
     """Around a nucleus below a pixel, give each pixel the mean of 1/rho over it, in place.
 
     A pixel's middle sees 1/rho, which its area does not: 4 % too little one pixel away, without bound at 0. The
-    nucleus itself hides what is behind it, and holds none: of pi K / rho, within its radius R only
+    nucleus itself hides the coma behind it, and holds none: of pi K / rho, within its radius R only
     K asin(rho / R) / rho is seen, 2 pi K R (pi / 2 + 1) less in sum.
     """
     focus = -view.camera_from_body @ view.r_camera_body_m

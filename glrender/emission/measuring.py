@@ -16,7 +16,7 @@ NODE_ANGLES = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 0.64)
 """Angles [rad] between nodes, as the body's origin sees them."""
 REACH_RAD = 0.1
 """Angle between the surfaces of a pixel and a node up to which the node speaks for the pixel."""
-# Rays past the origin in each zone, steps that are the truth, and steps that tell of nodes.
+# Rays past the origin in each zone, steps that are the truth, and steps from which nodes are judged.
 _RAYS, _FINE_STEPS, _MIDDLE_STEPS = 96, 768, 128
 # Where zones begin: in least distances of the surface, that one, and in typical ones.
 _LEAST, _ZONES = 0.1, (1.0, 1.4, 2.5, 6.0)
@@ -36,9 +36,9 @@ class FieldErrors:
     level_m : (B,) float64 [m]
         Mean of the integrals.
     steps_m, front_steps_m : (S, B) float64 [m]
-        By `STEPS`: of rays beside the body, and of those that it ends. As all here, RMS over all rays of the zone.
+        By `STEPS`: of rays that miss the body, and of those that it ends. All errors are RMS over all rays of the zone.
     nodes_m, fronts_m : (A, B) float64 [m]
-        Of what is between nodes, by `NODE_ANGLES`: beside the body, and before it.
+        Of pixels between nodes, by `NODE_ANGLES`: off the body, and before it.
     """
 
     edges_m: np.ndarray
@@ -117,7 +117,7 @@ def _zone(field: Field, low_m: float, high_m: float, far_m: float, hits: Hits,
         ends = [hits(place, direction) for place in places]
         apart = [np.where(np.isfinite(at), theta - np.arctan(np.where(np.isfinite(at), at, 0.0) / rho[:, 0]), np.inf)
                  for at in ends]
-        # A pixel beside the body lies between nodes whose rays may have gone through it.
+        # A pixel near the body lies between nodes whose rays may have gone through it.
         through = sum(integrals(place, _MIDDLE_STEPS, endless, is_free) for place in places)
         nodes.append(rms(0.5 * through - middle[is_free]))
         near = ~is_free & (np.abs(apart) < REACH_RAD).all(axis=0)

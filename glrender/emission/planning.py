@@ -17,10 +17,10 @@ NEAR_NODES = 12
 between nodes, which leaves (n / rho)^2 / 12 of 1/rho."""
 NEAR_RADII = 1.5
 """Body radii within which it has so too."""
-# Of the tolerance, what steps and nodes may take; float32 and the light's map have the rest.
+# Share of the tolerance that steps and nodes may take; float32 and the light's map have the rest.
 _SHARE = 0.6
 # Some hundred rays miss the worst places: a vent, an edge of the body. On 67P the truth is up to that much above
-# what they tell of steps, of nodes beside the body and of nodes before it (docs/coma.md).
+# their estimate for steps, for nodes off the body and for nodes before it (docs/coma.md).
 _MARGINS = (1.4, 1.6, 2.0)
 # And what pixels at edges may take. Bodies that are smaller are cheap to draw; so are so many samples across one.
 _EDGE_SHARE, _SMALL_PX, _MOST_SAMPLES = 0.7, 256.0, 2048.0
@@ -33,13 +33,13 @@ _SHADOW_STEP_ERROR = 0.066
 # A ray that starts at a camera off the nucleus by an angle lacks that share of the half circle, which has a kink
 # at the nucleus: of the light there, angle / pi at most.
 _VIEW_ERROR = 0.15
-# Costs in steps (6.5 ns on llvmpipe): of a node beside its steps, and of a pixel's column.
+# Costs in steps (6.5 ns on llvmpipe): a node's besides its steps, and a pixel's column.
 _NODE_STEPS, _PIXEL_STEPS = 6.0, 5.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sampling:
-    """A frame's nodes for one field: beside the body, before it, and far from it; 0 if nothing is far."""
+    """A frame's nodes for one field: off the body, before it, and far from it; 0 if nothing is far."""
 
     steps: int
     front_steps: int
@@ -93,7 +93,7 @@ def choose(errors: FieldErrors, footprint_m: float, body_m: float, image_px: flo
     of_far = np.where(is_near, 0.0, between(errors.nodes_m, far) ** 2 + curved**2) @ weight
     of_front = between(errors.fronts_m, node) ** 2 @ weight
     steps = np.array(STEPS)
-    # Along axes: steps beside the body and before it, nodes beside it, before it and far from it.
+    # Along axes: steps off the body and before it, nodes off it, before it and far from it.
     s, t, n, f, g = np.ix_(*(np.arange(len(axis)) for axis in (steps, steps, node, node, far)))
     squared = sum(margin**2 * part for margin, part in zip(
         _MARGINS, (of_steps[0][s] + of_steps[1][t], of_nodes[n, g] + of_far[g], of_front[f]), strict=True))
@@ -119,7 +119,7 @@ def choose(errors: FieldErrors, footprint_m: float, body_m: float, image_px: flo
 
 
 def surface_samples(size_px: float, footprint_m: float, body_m: float, tolerance: float) -> int:
-    """Samples along a pixel's side that tell where bodies are: 1, 2 or 4.
+    """Samples along a pixel's side that find where bodies are: 1, 2 or 4.
 
     A body below 256 px is cheap to draw with 4. A larger one has the fewest that leave `edge_error` its share of the
     tolerance, and no more than 2048 across it.
@@ -135,7 +135,7 @@ def edge_error(footprint_m: float, body_m: float, samples: int) -> float:
 
     Around an even coma of column pi K / rho, 8 R pixels (R px the body's radius) see half of pi K / R more or less,
     and middles miss the mean by the root of 1/12 of that: 0.116 / sqrt(R) of the image's mean. Outlines that are
-    no circles have more edge: 0.23 on 67P, whose 2 x 2 and 4 x 4 samples leave n^-1.5 of it (an outline crosses
+    no circles have more edge: 0.23 on 67P, whose 2 x 2 and 4 x 4 samples leave n^-1.5 of the error (an outline crosses
     cells at all angles; measured against area means, benchmarks/bench_coma.py).
     """
     return 0.24 * math.sqrt(footprint_m / body_m) / samples**1.5

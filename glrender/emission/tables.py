@@ -103,7 +103,7 @@ def _facet_table(path: Path) -> np.ndarray:
             # Mapped: a header that promises more than the file holds is refused before memory is taken.
             values = np.load(path, allow_pickle=False, mmap_mode="r")
         else:
-            # Lines: given a name, NumPy would unpack what is compressed.
+            # Lines, not a name: by a name NumPy would unpack compressed files.
             values = np.loadtxt(path.read_text(encoding="utf-8").splitlines(), delimiter=",")
     except Exception as error:  # a broken file raises anything
         raise ConfigError("table", f"cannot be read: {error}", str(path)) from None

@@ -32,7 +32,7 @@ def told(coma: ComaSettings, drawn: Sequence[tuple[Layer, Sampling]], greatest: 
     if not coma.has_shadow:
         left_out.append("the bodies' shadow in the coma")
     if other_shadows:
-        left_out.append(f"shadows in the coma that other bodies cast beside {coma.body}")
+        left_out.append(f"shadows in the coma that bodies other than {coma.body} cast")
     if coma.dust.extinction_efficiency == 0.0:
         left_out.append(f"extinction: columns up to {greatest:.2g} of cross-section over area")
     if not drawn:

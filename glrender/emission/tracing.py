@@ -36,7 +36,7 @@ class ComaTracing:
         self._layers = Layers(coma.sources, next(body.shape for body in scene.bodies if body.name == coma.body))
 
     def add(self, irradiance: np.ndarray, frame: TracedFrame) -> EmissionPlan:
-        """Add the coma's light; where its dust hides what is behind it, dim that."""
+        """Add the coma's light; where its dust hides surfaces, dim these."""
         began = time.perf_counter()
         view, camera = frame.views[self._coma.body], frame.camera
         has_shadow, q = self._coma.has_shadow, self._coma.dust.extinction_efficiency
@@ -75,7 +75,7 @@ class _Rays:
                         for (layer, sampling), rotation in zip(drawn, rotations, strict=True)]
 
     def image(self, edge_m: float, has_shadow: bool) -> np.ndarray:
-        """Columns (height, width) float32 [1]; beside surfaces farther apart than `edge_m`, means over pixels."""
+        """Columns (height, width) float32 [1]; at edges of more than `edge_m`, means over pixels."""
         height, width = self._frame.camera.height_px, self._frame.camera.width_px
         y, x = (axis.ravel() for axis in np.mgrid[:height, :width])
         pixel = np.stack([x, y], axis=1).astype(np.float64)

@@ -25,7 +25,7 @@ leaves one in a hundred of the lit ones."""
 LEAST_BODY_PX = 1e-3
 """Size of a body [px] below which its unit or range is doubted: missions have seen their targets from 5e-3 px on."""
 NOTES = ("exposure",)
-"""Codes of what is worth a word and no warning."""
+"""Codes of notes, which are no warnings."""
 MIN_LIT_PX = 100
 """Least number of lit pixels for a warning of their share: fewer are a point source, which saturates its few pixels."""
 NIGHT_PHASE_DEG = 175.0
@@ -33,10 +33,10 @@ NIGHT_PHASE_DEG = 175.0
 LIMIT_RATIO = 1.5
 """Least ratio of the exposure that is wanted to the limit that it stopped at, either way, for a warning."""
 LEAST_DN = 0.5
-"""Signal of the brightest pixel [DN] below which rounding leaves nothing of it."""
+"""Signal of the brightest pixel [DN] below which rounding leaves nothing."""
 # Rays along each side of the image that look for a body around the camera.
 _RAYS = 5
-# Rows of an image that are looked at before all of it is.
+# Rows of an image that are looked at before the whole image is.
 _ROWS = 8
 
 
@@ -212,7 +212,7 @@ def _cos_off_axis(view: BodyView) -> float:
 
 
 def _is_seen(view: BodyView, camera: PinholeCamera, scene: Scene) -> bool:
-    """Whether a body is in the image; of one that reaches beside or behind the camera a grid of rays tells."""
+    """Whether a body is in the image: by a grid of rays if it reaches behind the camera's plane."""
     if view.bounds_px is not None or not view.is_visible:
         return view.is_visible
     x0, y0, x1, y1 = camera.bounds_px
@@ -272,7 +272,7 @@ def _saturation(scene: Scene, camera: PinholeCamera, frame: Frame, part: np.ndar
     x0, y0, x1, y1 = roi
     saturated, region, text = frame.saturated, frame.saturated[y0:y1, x0:x1], ""
     some, near = _some_rows(saturated), _some_rows(region)
-    # By half of what the rows have, so that none of them decides.
+    # The limits for some rows are half of those for all, so that the whole image decides.
     if np.count_nonzero(some) <= 0.5 * SATURATED_SHARE * some.size and (
             not np.count_nonzero(near) or np.count_nonzero(near & (lit := _some_rows(part) > 0.0))
             <= 0.5 * SATURATED_LIT_SHARE * np.count_nonzero(lit)):
@@ -292,7 +292,7 @@ def _saturation(scene: Scene, camera: PinholeCamera, frame: Frame, part: np.ndar
     if has_sun:
         way_out = "the Sun is in view"
     elif not fitting_s < frame.exposure_s:
-        way_out = "by light from beside the image, dark current or cosmic rays, not by what is in view"
+        way_out = "by light from outside the image, dark current or cosmic rays, not by the bodies in view"
     return [Advice("saturated", "exposure_s", f"{text} are saturated at an exposure_s of {frame.exposure_s:.3g}; "
                                               f"{way_out}")]
 
@@ -329,7 +329,7 @@ def _bands(scene: Scene, camera: PinholeCamera) -> list[tuple[CameraModel, float
 
 
 def _signal_DN(scene: Scene, camera: PinholeCamera, frame: Frame, light_W_m2: float) -> float:
-    """Number of a pixel with so much light, in the band that has most of it, were it unbounded."""
+    """Number of a pixel with so much light, in the band that has most light, were it unbounded."""
     electrons_s = max(share * band.optics.aperture_area_m2 * band.electrons_per_joule
                       for band, share in _bands(scene, camera))
     return electrons_s * float(light_W_m2) * frame.exposure_s * camera.model.detector.gain_DN_per_electron

@@ -4,7 +4,7 @@ A plug-in is a class with `from_table(table, resolve, bodies)`, which reads a `[
 returns an object with `body`, the name of the body that the light is around, and `open(context, scene)`, which
 gives a context manager with `add(irradiance, frame)`. The object may also have `trace(scene)`, which gives an object
 with `add` for backends that trace rays; these leave out emissions without it, and say so. An emission with `dims`
-false never dims the surfaces: small bodies in it may then be points beside the image.
+false never dims the surfaces: small bodies in it may then be points apart from the image.
 """
 
 from __future__ import annotations

@@ -40,10 +40,10 @@ class Image:
     irradiance_W_m2 : (height, width) float32 [W/m2]
         Irradiance that arrives at the aperture from the solid angle of each pixel.
     products : dict of str to array
-        Those asked for, at each pixel's centre: ``range`` float64 [m] (NaN beside the bodies),
-        ``body_id`` int32 (index into the scene's bodies, -1 beside), ``facet_id`` int32 (-1 beside),
-        ``incidence``, ``emission``, ``phase`` float32 [rad] (NaN beside), ``r_body`` (height, width, 3)
-        float32 [m] (NaN beside), ``sunlit`` float32 (0 in a cast shadow or facing away, 1 in sunlight).
+        Those asked for, at each pixel's centre: ``range`` float64 [m] (NaN on the sky),
+        ``body_id`` int32 (index into the scene's bodies, -1 on the sky), ``facet_id`` int32 (likewise),
+        ``incidence``, ``emission``, ``phase`` float32 [rad] (NaN there), ``r_body`` (height, width, 3)
+        float32 [m] (NaN there), ``sunlit`` float32 (0 in a cast shadow or facing away, 1 in sunlight).
     plan : RenderPlan
     timings_ms : dict of str to float
     small_bodies : tuple of SmallBody

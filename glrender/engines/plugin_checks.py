@@ -12,7 +12,7 @@ from ..brdf import Law
 from ..planner.plan import EmissionPlan
 from ..scene.plugins.checks import blamed_on, check_values, directions, is_foreign, named
 
-# Of the law's RMS [1]: float32, and opposition surges that are steep in it.
+# Largest difference over the law's RMS [1]: float32, and opposition surges that are steep in it.
 _TWIN_TOLERANCE = 0.01
 
 

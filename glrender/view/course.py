@@ -1,4 +1,4 @@
-"""The motion of a source's states about one of them, also where the source knows one side alone."""
+"""The motion of a source's states about one state, also where the source knows one side alone."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .state import Pose, State
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Course:
-    """The states of a source at times about one of them: `State.course`.
+    """The states of a source at times about one state: `State.course`.
 
     Where the source has none, before its first time or after its last, the state moves on at its rates; a pose
     without rates as it moves on the other side.
@@ -24,7 +24,7 @@ class Course:
     states : callable
         From times (N,) [s] of the source to N states.
     state : State
-        One of them.
+        The state in the middle.
     """
 
     states: Callable[[np.ndarray], list[State]]

@@ -1,4 +1,4 @@
-"""What is improbable in a state: rates of another unit, bodies within each other."""
+"""Finds improbable values in a state: rates of another unit, bodies within each other."""
 
 from __future__ import annotations
 

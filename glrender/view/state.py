@@ -183,7 +183,7 @@ class State:
         return any(pose.is_moving for pose in (self.spacecraft, *self.bodies.values()))
 
     def with_course(self, course: StatesAfter) -> State:
-        """The same state, with what is known of its motion besides the rates."""
+        """The same state, with knowledge of its motion besides the rates."""
         state = replace(self)
         object.__setattr__(state, "course", course)
         return state
@@ -221,7 +221,7 @@ def later(date: str, dt_s: float) -> str:
 def _checked_date(name: str, value: object) -> str:
     hint = 'write "2029-02-13T12:00:00.5"'
     try:
-        # What is no string is refused as what is no date.
+        # Values that are no strings are refused as no dates.
         date = datetime.fromisoformat(cast(str, value))
     except (TypeError, ValueError):
         raise ConfigError(name, "must be a date year-month-dayThour:minute:second", value, hint) from None

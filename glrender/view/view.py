@@ -46,9 +46,9 @@ class BodyView:
         x0, y0, x1, y1 of the outline, `pixel` frame; None when part of the body is beside or
         behind the camera, so that it may fill any of the image.
     is_visible : bool
-        Whether any of it may be in the image.
+        Whether any part may be in the image.
     is_whole : bool
-        Whether all of it is.
+        Whether the whole body is.
     footprint_m : float [m]
         Side of what a pixel sees of its nearest point.
     centre_m : (3,) float64 [m]
@@ -86,7 +86,7 @@ class BodyView:
 
     @property
     def finest_px(self) -> float:
-        """Size [px] of the body if all of it were as near as its nearest point: a shadow map must resolve this."""
+        """Size [px] of the body if all were as near as its nearest point: a shadow map must resolve this."""
         near, far = self.depth_m
         return min(self.size_px * 0.5 * (near + far) / near, 1e5)
 
@@ -126,7 +126,7 @@ def view_bodies(state: State, camera: PinholeCamera, hulls: dict[str, Hull]) -> 
     Raises
     ------
     ConfigError
-        What is no State.
+        A value that is no State.
     SceneError
         A body that the state lacks or the scene does not know, a camera or a Sun inside a body,
         a visible body of less than 1e-9 px.

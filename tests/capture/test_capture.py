@@ -406,5 +406,5 @@ def test_a_sun_that_a_body_covers_is_not_told_in_view():
     scene, state = sunward(camera, 0.0, radius_px=40.0)
     with open_renderer(scene) as renderer:
         capture = take_frame(renderer, state)
-    assert capture.stages["sun"] == "skipped: hidden by a body, or beside the image"
+    assert capture.stages["sun"] == "skipped: hidden by a body, or outside the image"
     assert not capture.frame.saturated.any()

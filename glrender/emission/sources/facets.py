@@ -22,7 +22,7 @@ _CHUNK = 512
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Facets:
-    """Each facet sends dust along its normal: K of it is S A cos(angle)^spread r^2 / d^2.
+    """Each facet sends dust along its normal: its K is S A cos(angle)^spread r^2 / d^2.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class Facets:
 
     @property
     def feature_rad(self) -> float:
-        """Dust of one facet spreads over this angle, whatever lies beside it."""
+        """Dust of one facet spreads over this angle, whatever lies next to it."""
         return 0.5 / np.sqrt(self.spread)
 
     def components(self, r_m: np.ndarray) -> np.ndarray:
@@ -104,7 +104,7 @@ def _clusters(shape: Shape, strength: np.ndarray) -> tuple[np.ndarray, np.ndarra
     _, index = np.unique(cells @ np.array([1, 4096, 4096**2]), return_inverse=True)
     added = lambda values: np.bincount(index, weights=values)  # noqa: E731
     total = np.maximum(added(power), 1e-300)
-    # Of a facet without strength the area would still shape the cluster: only what is sent does.
+    # Weighted by power: the area of a facet without strength must not shape the cluster.
     mean = lambda vectors: np.stack([added(power * vectors[:, k]) for k in range(3)], axis=1) / total[:, None]  # noqa: E731
     facing = mean(shape.facet_normals)
     length = np.linalg.norm(facing, axis=1, keepdims=True)

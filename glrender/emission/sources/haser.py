@@ -14,7 +14,7 @@ from .source import EVERYWHERE
 
 @dataclass(frozen=True, kw_only=True)
 class Haser:
-    """k(r) = k0 (r0 / r)^exponent, times what has formed of parents, times what is left.
+    """k(r) = k0 (r0 / r)^exponent, times the share that parents have formed, times the share left.
 
     Parameters
     ----------

@@ -12,7 +12,7 @@ from ..fields import CartesianField
 from ..interpolation import refined
 
 _MAX_CELLS = 160
-"""Along a side of what is interpolated finer: 16 MiB of weights."""
+"""Cells along a side of the finer grid: 16 MiB of weights."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -152,7 +152,7 @@ class Cycles:
             x0, y0, x1, y1 = lens.roi
             irradiance[y0:y1, x0:x1] = rounds.mean
             reached = max(reached, error)
-            warnings += tuple(told for told in warnings_of(main, views, lens, asked) if told not in warnings)
+            warnings += tuple(text for text in warnings_of(main, views, lens, asked) if text not in warnings)
         if groups and not irradiance.any():
             reached = max(reached, self._missed(pinhole, views, roi, seed))
         remedy = ""
@@ -187,8 +187,8 @@ class Cycles:
     def _start(self) -> None:
         self._blender = BlenderProcess()
         self._displaced: set[int] = set()
-        told, arrays = self._terms.bodies()
-        self._ask({"op": "load", "bodies": told, "threads": self._n_threads}, arrays)
+        described, arrays = self._terms.bodies()
+        self._ask({"op": "load", "bodies": described, "threads": self._n_threads}, arrays)
 
     def _shape_ground(self, members: list[BodyView], camera: PinholeCamera) -> None:
         """Give Blender the ground that the camera resolves of bodies with detail."""
@@ -208,7 +208,7 @@ class Cycles:
         try:
             return self._blender.ask(head, arrays, deadline_s=self._deadline_s, on_progress=on_progress)
         except BaseException:
-            # Of a request that was given up, by an error or by the caller, no answer may come later.
+            # A request that was given up, by an error or by the caller, must get no answer later.
             self._blender.close()
             self._blender = None
             raise
@@ -231,7 +231,7 @@ class Cycles:
             head = {"op": "draw", **asked, "samples": n_samples, "seed": seed, "bounces": n_bounces,
                     "is_indirect": is_indirect}
             drawn = self._ask(head, on_progress=lambda share: on_progress((part + share) / n_parts))["pixels"]
-            # Not every Blender tells its samples as it goes.
+            # Not every Blender reports its samples as it goes.
             on_progress((part + 1) / n_parts)
             return drawn
 

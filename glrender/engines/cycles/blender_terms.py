@@ -1,4 +1,4 @@
-"""A scene and a view of it in Blender's terms: units, axes, lens and Sun. What `inside/drawing.py` is sent."""
+"""A scene and its view in Blender's terms, which `inside/drawing.py` is sent: units, axes, lens and Sun."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from .osl import law_as_osl
 _BLENDER_AXES = np.diag([1.0, -1.0, -1.0])
 # Blender's units across the largest body: rays start off the surface by a share of the coordinates.
 _UNITS_PER_RADIUS = 50.0
-# Of the Sun's angular radius: a body whose Sun stands further off is told of.
+# Difference of the Sun's direction over its angular radius [1] from which a body is warned of.
 _MAX_SUN_DIFFERENCE = 0.1
-# Of a focal length: what Blender's float32 puts a ray beside its cell; and from where on that is told.
+# Error of Blender's float32 in a ray's place over the focal length [1]; error [px] from which there is a warning.
 _FLOAT32, _MAX_BESIDE_PX = 1e-7, 0.2
 
 
@@ -41,12 +41,12 @@ class BlenderTerms:
 
     def bodies(self) -> tuple[list[dict[str, Any]], dict[str, np.ndarray]]:
         """The head's `bodies` and the arrays of `drawing.Stage`."""
-        told, arrays = [], {}
+        described, arrays = [], {}
         for index, body in enumerate(self._scene.bodies):
-            told.append(_described(body))
+            described.append(_described(body))
             for key, array in self.arrays(body).items():
                 arrays[f"{key}/{index}"] = array
-        return told, arrays
+        return described, arrays
 
     def arrays(self, body: Body) -> dict[str, np.ndarray]:
         """The geometry of a body, for `drawing.Stage`."""
@@ -98,8 +98,8 @@ class BlenderTerms:
 def _share_of_range(lens: Lens, near_m: float, far_m: float, depth_m: float) -> float:
     """Share of its range at which the camera stands, with as much less focal length: 1 unless it is far away.
 
-    Blender's float32 puts rays 1e-7 focal lengths beside their cells; from nearer, perspective puts the outline
-    of what is s cells across and as deep as d off by s / 2 d / range. The share makes both the same, which for a
+    Blender's float32 puts rays 1e-7 focal lengths off their cells; from nearer, perspective puts the outline
+    of a body s cells across and d deep off by s / 2 d / range. The share makes both the same, which for a
     sphere of 1000 cells is 0.16 cells; and the camera stays well before all that it sees.
     """
     if not np.isfinite(lens.extent):
@@ -147,7 +147,7 @@ def warnings_of(main: BodyView, views: list[BodyView], lens: Lens, asked: dict[s
     warnings = []
     beside_px = _FLOAT32 * asked["focal_length"] / lens.cells_per_px
     if beside_px > _MAX_BESIDE_PX:
-        warnings.append(f"{main.name}: rays stand up to {beside_px:.2g} px beside their pixels, for Blender's float32")
+        warnings.append(f"{main.name}: rays stand up to {beside_px:.2g} px off their pixels, for Blender's float32")
     sun_rad = main.sun_radius_rad
     for view in views:
         there = view.camera_from_body @ view.sun_direction_body - main.camera_from_body @ main.sun_direction_body

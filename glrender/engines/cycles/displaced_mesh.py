@@ -17,7 +17,7 @@ from ...view.view import BodyView
 
 MAX_FACETS = 1 << 22
 """Most facets that a shape is split into: beyond this, edges may be longer."""
-# Of a pixel, the length of an edge; and of the frame, what is split beside it.
+# Longest edge of a split facet [px]; width of the margin around the frame that is split, over the frame's [1].
 _EDGE_PX, _MARGIN = 1.0, 0.05
 # Facets that turn away by more than this cosine are not split.
 _TURNED_AWAY = -0.1

@@ -28,7 +28,7 @@ class Lens:
     focal_length, centre : float, (2,) float [cells]
         Of the camera; `centre` is the principal point, (0, 0) the middle of the first cell.
     extent : float [cells]
-        Larger side of what the bodies cover; infinite where a body is beside or behind the camera.
+        Larger side of the bodies' box; infinite where a body reaches behind the camera's plane.
     roi : (int, int, int, int) [px]
         Pixels that the cells give.
     left_top_px : (2,) float [px]

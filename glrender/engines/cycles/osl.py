@@ -135,7 +135,7 @@ def _reflectance(law: Law) -> str:
     cosines = np.linspace(0.0, 1.0, _NODES)
     cosines[0] = 1e-3
     with warnings.catch_warnings():
-        # Beyond its phases a law is held; what is asked for here is an average.
+        # Beyond its phases a law is held; the value here is an average.
         warnings.simplefilter("ignore")
         values = [hemispherical_albedo(law, math.acos(c), 48) for c in cosines]
     numbers = ", ".join(_number(x) for x in values)

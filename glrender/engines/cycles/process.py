@@ -102,7 +102,7 @@ class BlenderProcess:
             except (EOFError, OSError):
                 raise self._failure("died") from None
             except (framing.FramingError, ValueError, KeyError) as error:
-                raise self._failure(f"sent what is no message ({error})") from None
+                raise self._failure(f"sent bytes that are no message ({error})") from None
             if "progress" in head:
                 on_progress(float(head["progress"]))
             elif "failed" in head:
@@ -111,7 +111,7 @@ class BlenderProcess:
                 return head, arrays
 
     def _failure(self, what: str) -> DeviceError:
-        """The error to raise; the process is ended, and the last lines that it said are told."""
+        """The error to raise; the process is ended, and its last lines are in the error."""
         self._said.seek(max(self._said.seek(0, 2) - 4000, 0))
         lines = [line.strip() for line in self._said.read().decode(errors="replace").splitlines() if line.strip()]
         self.close()

@@ -1,4 +1,4 @@
-"""Two halves of a frame's samples, drawn round by round until their difference tells that the error is small."""
+"""Two halves of a frame's samples, drawn round by round until their difference shows that the error is small."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ...planner.adaptive_samples import frame_error, pixel_errors
 _FIRST_SAMPLES = 8
 MAX_SAMPLES = 1 << 14
 """Most samples of a pixel."""
-# The error of eight samples may be told too large by that much of its square.
+# The squared error of eight samples may be estimated too large by this factor.
 _HOPELESS = 4.0
 # A round has at most this many times the samples of all before it.
 _GROWTH = 4
@@ -51,7 +51,7 @@ class Rounds:
         """Draw until the error is below the tolerance, or known to stay above it by MAX_SAMPLES; the error."""
         n, done = _FIRST_SAMPLES, 0.0
         while True:
-            # Of all the work, at the pace of n^-1/2, were this round the last.
+            # Share of all the work, at the pace of n^-1/2, were this round the last.
             error = self._round(n // 2, n // 2, done, 0.5 * (1.0 + done))
             # A tolerance out of reach is not paid for: the samples that it needs go with the error's square.
             is_hopeless = self.n_samples * (error / tolerance) ** 2 > _HOPELESS * MAX_SAMPLES
@@ -65,7 +65,7 @@ class Rounds:
                 return error
 
     def _report(self, share: float) -> None:
-        """Guesses may fall; what is told does not."""
+        """Report a share that never falls, though guesses may."""
         self._told = max(self._told, min(share, 1.0))
         self._tell(self._told)
 

@@ -1,4 +1,4 @@
-"""A body in a context: its mesh, and what the planner knows of it."""
+"""A body in a context: its mesh, and its traits for the planner."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ from .gl.mesh import Mesh
 from .gl.targets import ShadowMap, rounded_room
 
 _MAPS_KEPT = 8
-# Texels beside what must be covered: a lookup at its edge still meets the map.
+# Texels around the part that must be covered: a lookup at its edge still meets the map.
 _MARGIN_TEXELS = 2
 # The largest bias of surface.glsl is 20.2 texels.
 _DEPTH_MARGIN_TEXELS = 21.0
@@ -62,7 +62,7 @@ class Shadows:
     def __init__(self, context: Context, hulls: Mapping[str, Hull], meshes: Mapping[str, Mesh]):
         self._context, self._hulls, self._meshes = context, hulls, meshes
         self._maps: OrderedDict[tuple, ShadowMap] = OrderedDict()
-        # Of the frame that is drawn.
+        # Maps that the frame needs.
         self._needed: set[tuple] = set()
 
     def close(self) -> None:
@@ -97,7 +97,7 @@ class Shadows:
              ) -> tuple[dict[str, Shadow], list[BodyPlan]]:
         """Shadows of the bodies that need a map, or of those `names` alone; and the plans with what was done.
 
-        A map covers what the image shows of its body, or all of it where `is_whole`. Other cameras of the same epoch
+        A map covers what the image shows of its body, or the whole where `is_whole`. Other cameras of the same epoch
         share it; it stays until the next frame begins.
         """
         shadows, done = {}, []
@@ -148,7 +148,7 @@ class Shadows:
         if len(self._maps) < _MAPS_KEPT or not idle:
             return ShadowMap(self._context, size_px)
         for key in idle:
-            # Not one with more room: its texels' coordinates round otherwise, and the bytes would tell who came before.
+            # Not one with more room: its texels' coordinates round otherwise, and bytes would depend on earlier frames.
             if self._maps[key].room_px == rounded_room(size_px):
                 return self._maps.pop(key)
         self._maps.pop(idle[0]).close()

@@ -92,7 +92,7 @@ class SurfacePass:
         for index, (near, far, group) in enumerate(groups):
             clip_from_camera = frames.clip_from_camera(
                 camera.focal_length_px, camera.principal_point_px, bounds_px, near * (1.0 - 1e-6), far * (1.0 + 1e-6))
-            # Each group has its slice of the depth buffer: what is nearer covers what is farther.
+            # Each group has its slice of the depth buffer: nearer groups cover farther ones.
             clip_from_camera = frames.depth_slice(index, len(groups)) @ clip_from_camera
             for view in group:
                 self._draw_body(stage, view, plans[view.name], clip_from_camera, camera,

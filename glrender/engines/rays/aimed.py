@@ -18,7 +18,7 @@ from ...view.view import BodyView
 from .engine import RayEngine
 from .mesh import dot
 
-# Point sets with shifts of their own; points of each in the first turn, and most of all of them together: a minute.
+# Point sets with shifts of their own; points of each in the first turn, and the most of all together: a minute.
 _SETS, _FIRST_POINTS, _MOST_POINTS = 16, 1 << 12, 1 << 25
 # Share of the points [1] that is the same for each body: the others may be hidden, and a small one all that is lit.
 _SHARED_POINTS = 0.25
@@ -34,7 +34,7 @@ _FACETS_AT_ONCE = 1 << 13
 _R4 = 1.1673039782614187 ** -np.arange(1.0, 5.0)[:, None]
 # Farthest over nearest corner of a facet [1], to which its points have about equal light.
 _MOST_DEEP = 1.5
-# Distance [px] by which rays in float32 may meet a facet beside its outline, and more.
+# Distance [px] by which rays in float32 may meet a facet outside its outline, and more.
 _BESIDE_PX = 0.1
 # Light of a facet that is not as bright all over, over that of its middle: so much of the mean of all.
 _UNEVEN = 0.3
@@ -43,7 +43,7 @@ _SURE = 1.5
 
 
 class AimedRays:
-    """The facets of a frame that face the camera and any of the Sun's disc, and rays from points of them.
+    """The facets of a frame that face the camera and any of the Sun's disc, and rays from their points.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ class AimedRays:
             RMS error over the mean of the lit pixels. In a dark frame, the share of `unhidden` that the points may have
             missed: by Laplace's rule of succession.
         """
-        sums, n_points, n_each, told = np.zeros((_SETS, int(self.may_be_lit.sum()))), 0, _FIRST_POINTS, 0.0
+        sums, n_points, n_each, done = np.zeros((_SETS, int(self.may_be_lit.sum()))), 0, _FIRST_POINTS, 0.0
         n_each = min(max(n_each, self.n_facets), _MOST_POINTS // _SETS)
         while True:
             for one in sums:
@@ -115,8 +115,8 @@ class AimedRays:
             if is_over or error <= (tolerance if mean.any() else _DARK):
                 report(1.0)
                 return mean, error
-            told = max(told, min((tolerance / error) ** 1.5, 1.0), _SETS * n_points / _MOST_POINTS)
-            report(told)
+            done = max(done, min((tolerance / error) ** 1.5, 1.0), _SETS * n_points / _MOST_POINTS)
+            report(done)
             n_each = n_points
 
     def _mean_of(self, sets: np.ndarray, n_points: int) -> tuple[np.ndarray, float]:
@@ -164,7 +164,7 @@ class _FacingFacets:
         corner = solid.facets[facing].T
         from_camera = solid.vertices_m - view.r_camera_body_m
         depth_m = from_camera @ view.camera_from_body[2]
-        # Of facets that reach behind the camera, no box is known.
+        # Facets that reach behind the camera have no box.
         safe_m = np.where(depth_m > 0.0, depth_m, np.nan)
         place = (camera.focal_length_px * (from_camera @ view.camera_from_body[:2].T).T / safe_m
                  + np.array(camera.principal_point_px)[:, None])[:, corner]
@@ -216,7 +216,7 @@ class _FacingFacets:
 
         threads.run_in_parts(shade, len(found), _FACETS_AT_ONCE)
         if self._solid.is_uneven:
-            # What is dark in the middle may be bright beside it.
+            # A facet that is dark in the middle may be bright elsewhere.
             found += _UNEVEN * found.mean()
         return found * solid_angle_sr
 
@@ -230,7 +230,7 @@ class _FacingFacets:
         """Add the light of points, so many for each W/m2 that a facet would send, to an image (rows x columns,)."""
         wanted = points_per_light * self.light
         count = np.floor(wanted + rng.random(len(wanted))).astype(int)
-        # Of less than a point on average, the few that are drawn stand for all.
+        # Facets with less than a point on average: the few that are drawn stand for all.
         share = np.where(wanted < 1.0, 1.0 / np.maximum(wanted, 1e-300), 1.0 / np.maximum(count, 1))
         shift, ends = rng.random((4, len(wanted))), np.cumsum(count)
         for first in range(0, int(ends[-1]) if len(ends) else 0, _POINTS_AT_ONCE):

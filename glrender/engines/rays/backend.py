@@ -213,7 +213,7 @@ class _PixelRays:
         cells = (np.arange(_STRATA) + 0.5) / _STRATA - 0.5
         places = [(dx, dy) for dy in cells for dx in cells]
         total, squares, rounds = (np.zeros(len(self._pixel)) for _ in range(3))
-        active, told = np.arange(len(self._pixel)), 0.0
+        active, share_done = np.arange(len(self._pixel)), 0.0
         for count in range(1, _MAX_ROUNDS + 1):
             jitter = self._rng.uniform(-0.5 / _STRATA, 0.5 / _STRATA, (_STRATA**2, len(active), 2))
             done = (count - 1) * len(places)
@@ -232,8 +232,8 @@ class _PixelRays:
             own = np.maximum(squares / rounds - mean**2, 0.0) / (rounds - 1.0)
             variance = np.maximum(own, _neighbours_mean(self._image(own)).ravel()[self._asked])
             reached = frame_error(mean, np.sqrt(variance))
-            told = max(told, min((tolerance / max(reached, 1e-30)) ** 2, 1.0), count / _MAX_ROUNDS)
-            report(told)
+            share_done = max(share_done, min((tolerance / max(reached, 1e-30)) ** 2, 1.0), count / _MAX_ROUNDS)
+            report(share_done)
             if reached <= tolerance:
                 break
             level = mean[mean > 0.0].mean()

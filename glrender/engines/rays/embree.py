@@ -14,7 +14,7 @@ import numpy as np
 
 from ...base.errors import DeviceError
 
-# Of rtcore_common.h, rtcore_device.h, rtcore_buffer.h, rtcore_geometry.h.
+# Constants of rtcore_common.h, rtcore_device.h, rtcore_buffer.h, rtcore_geometry.h.
 _VERSION_MAJOR, _TRIANGLES, _INDEX, _VERTEX, _UINT3, _FLOAT3 = 1, 0, 0, 1, 0x5003, 0x9003
 _FUNCTIONS = {
     "rtcNewDevice": (c_void_p, c_char_p), "rtcGetDeviceProperty": (c_ssize_t, c_void_p, c_int),

@@ -25,7 +25,7 @@ class Emitted:
     ----------
     scene : Scene
     rays : callable
-        Gives the RayEngine that tells depths, when the first frame needs it.
+        Gives the RayEngine that finds depths, when the first frame needs it.
     """
 
     def __init__(self, scene: Scene, rays: Callable[[], RayEngine]):
@@ -35,7 +35,7 @@ class Emitted:
 
     def add(self, irradiance: np.ndarray, state: State, camera: PinholeCamera, views: list[BodyView],
             plan: RenderPlan) -> RenderPlan:
-        """Add their light to (height, width) float32 [W/m2], in place; the plan with it, or with what is left out."""
+        """Add their light to (height, width) float32 [W/m2], in place; the plan with it, or with the parts left out."""
         emissions = self._scene.emission
         if not emissions:
             return plan

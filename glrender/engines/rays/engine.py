@@ -69,8 +69,8 @@ class RayEngine:
                    draw: np.ndarray | int = 0) -> np.ndarray:
         """Irradiance (N,) float64 [W/m2 per pixel] of places in the image (N, 2) [px].
 
-        If the scene's Sun has a disc, each place is lit by one point of it, the `draw`-th (N,) of its pixel: the mean
-        of a pixel's draws 0, 1, 2, ... has penumbras.
+        If the scene's Sun has a disc, each place is lit by one of its points, the `draw`-th (N,) of the
+        pixel: the mean of a pixel's draws 0, 1, 2, ... has penumbras.
         """
         value = np.zeros(len(pixel))
         draws = np.broadcast_to(draw, len(pixel)) if self.scene.sun_disc else None
@@ -110,7 +110,7 @@ class RayEngine:
     def in_light(self, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView, views: list[BodyView],
                  is_asked: np.ndarray, is_open: np.ndarray | None = None, to_sun: np.ndarray | None = None
                  ) -> np.ndarray:
-        """Whether points (3, N) [m] of a body's facets (N,) see the Sun's middle, (N,) bool; only what is asked for.
+        """Whether points (3, N) [m] of a body's facets (N,) see the Sun's middle, (N,) bool; only points asked for.
 
         Or a place of its disc each, in directions (3, N). Of some points it may be known that nothing of their own body
         hides it, (N,) bool.
@@ -119,7 +119,7 @@ class RayEngine:
 
     def in_view(self, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView, views: list[BodyView],
                 is_asked: np.ndarray, is_open: np.ndarray | None = None) -> np.ndarray:
-        """Whether the camera sees points (3, N) [m] of a body's facets (N,), (N,) bool; only what is asked for.
+        """Whether the camera sees points (3, N) [m] of a body's facets (N,), (N,) bool; only points asked for.
 
         As of `in_light`.
         """
@@ -213,7 +213,7 @@ class RayEngine:
         """Hits that face the Sun, their points (3, K) [m] on the body, the Sun's direction and whether it is free (K,).
 
         The direction is that of the Sun's middle (3,), or of a place on its disc for each hit (3, K), which `on_disc`
-        tells of the rays' numbers: each place lights what faces it, also where the Sun's middle has set.
+        gives by the rays' numbers: each place lights facets that face it, also where the Sun's middle has set.
         """
         to_sun = view.sun_direction_body
         if on_disc is not None:
@@ -240,7 +240,7 @@ class RayEngine:
         return [(index, hits.at(np.flatnonzero(body[hits.place] == index))) for index, hits in met]
 
     def _mesh(self, view: BodyView, views: Sequence[BodyView]) -> RayMesh:
-        """A body's full shape for what pixels see of it."""
+        """A body's full shape, for pixels that see it."""
         return self._solids[view.name].at(self._footprint_m(view, views))
 
     def _footprint_m(self, view: BodyView, views: Sequence[BodyView]) -> float:

@@ -16,7 +16,7 @@ from ...base.numba_loops import PLACE, POINTS, TABLE, compiled, inlined, read, w
 
 # Deeper than any tree: of 2^60 facets.
 _DEPTH = 64
-# Share [1] of the distance of the farthest corner by which a ray may pass beside a box or an edge and meets it still:
+# Share [1] of the distance of the farthest corner by which a ray may miss a box or an edge and still counts as a hit:
 # four roundings of float64, of places and unit vectors. A ray that is aimed at a corner meets it.
 _ROUNDING = 4.0 * 2.0**-52
 
@@ -49,7 +49,7 @@ def _highest(a, b, c):
 
 @inlined
 def _distance(corners, i, place, ray, right, down):
-    """Distance from a place along a ray to facet i of some (F, 9); infinite beside it."""
+    """Distance from a place along a ray to facet i of some (F, 9); infinite where the ray misses it."""
     ax, bx, cx = (_towards(corners, i, 0, place, right), _towards(corners, i, 3, place, right),
                   _towards(corners, i, 6, place, right))
     ay, by, cy = (_towards(corners, i, 0, place, down), _towards(corners, i, 3, place, down),
@@ -62,10 +62,10 @@ def _distance(corners, i, place, ray, right, down):
                   _towards(corners, i, 6, place, ray))
     low_z, high_z = _lowest(az, bz, cz), _highest(az, bz, cz)
     far = _ROUNDING * max(max(high_x, -low_x), max(max(high_y, -low_y), max(high_z, -low_z)))
-    # A side is no longer than the box across the ray; nor is what is beside the box on a side.
+    # A side is no longer than the box across the ray; a place outside the box is on no side.
     if (least >= -far * (high_x - low_x + high_y - low_y) and low_x <= far and high_x >= -far and low_y <= far
             and high_y >= -far):
-        # Of a facet that is seen edge-on the quotient is noise: the place is between its corners all the same.
+        # A facet that is seen edge-on makes the quotient noise: the place is between its corners all the same.
         found = min(max(az + (v * (bz - az) + w * (cz - az)) / area, low_z), high_z)
     return found
 

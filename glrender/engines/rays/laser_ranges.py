@@ -28,7 +28,7 @@ class RangeNoise:
     sigma_m : float [m], >= 0
         Standard deviation of a normal error.
     resolution_m : float [m], >= 0
-        Ranges are rounded to multiples of it; 0 leaves them.
+        Ranges are rounded to its multiples; 0 leaves them.
     max_range_m : float [m], > 0, optional
         Nothing returns from farther away.
     seed : int

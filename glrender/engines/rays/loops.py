@@ -16,7 +16,7 @@ from numba.types import Tuple, boolean, float32, float64, int32, intp, uint8, ui
 from ...base.numba_loops import PLACE, POINTS, compiled, inlined, read, write
 from .embree import library
 
-# Of the bounding sphere, in radii: what passes beyond meets nothing, and float32 has no room for a start far off.
+# Radius of the bounding sphere, in radii: rays beyond meet nothing, and float32 has no room for a start far off.
 _REACH = 1.01
 # Float32 rays start no farther than this from where they pass the middle, in radii.
 _NEARBY = 1.5
@@ -52,7 +52,7 @@ def _aligned(n_words):
 
 @compiled(Tuple((_RAYS, write(uint32, 2), _VALID))())
 def _new_rays():
-    """Memory of an RTCRayHit of many rays, in float32 and uint32; and which of them are valid."""
+    """Memory of an RTCRayHit of many rays, in float32 and uint32; and which rays are valid."""
     bits = _aligned(_ROWS * _LANES).reshape((_ROWS, _LANES))
     bits[_MASK] = _NONE
     return bits.view(np.float32), bits, _aligned(_LANES).view(np.int32)
@@ -64,7 +64,7 @@ def _aim(rays, lane, place, towards, reach):
     x, y, z = place
     u, v, w = towards
     if x * x + y * y + z * z > _REACH**2:
-        # Far sunward or beside the bounding sphere there is nothing to meet.
+        # Far sunward of the bounding sphere, or outside it, there is nothing to meet.
         along = x * u + y * v + z * w
         a, b, c = x - along * u, y - along * v, z - along * w
         if along >= _REACH or not a * a + b * b + c * c < _REACH**2:
@@ -139,7 +139,7 @@ def _around(axes, i, s, t):
 
 @compiled(boolean(uintp, _RAYS, _VALID, PLACE, POINTS, intp, PLACE, read(float64, 2), intp, write(uint8, 2, "A")))
 def _stands_else(scene, rays, valid, place, axes, i, normal, azimuths, in_row, heights):
-    """Whether a few rays from point i, which is in a row of neighbours, find anything else than its heights tell."""
+    """Whether a few rays from point i, which is in a row of neighbours, find anything else than its heights predict."""
     # Each neighbour at places of its own in both.
     part, turn, n_azimuths = in_row / _IN_A_ROW, 3 * in_row % _IN_A_ROW, azimuths.shape[1]
     near = _BETWEEN if part else _AT

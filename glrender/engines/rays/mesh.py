@@ -28,8 +28,8 @@ LIFT = 6e-7
 of the bounding sphere: ten float32 steps."""
 LEAST_LIFT = 2e-7
 """One from where a ray of an image met a facet, the same: what starts higher sees over the foot of what rises."""
-# Of what float32 errs by off a facet: times its longest side, as often as that is as long as the facet is high. Most of
-# it, in radii, as there is no light in what is thinner.
+# Error of float32 off a facet [1]: times its longest side, and the ratio of that side to the facet's height; at most
+# the second number, in radii, as thinner gaps hold no light.
 _UNSURE, _MOST_UNSURE = 6e-8, 2e-5
 # What is left there of all that rays start off facets: of 2^-29, by which float64 is finer, 2^7 is for what rounding
 # adds up.

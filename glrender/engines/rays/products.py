@@ -44,7 +44,7 @@ def full_shape_plan(scene: Scene, camera: PinholeCamera, views: list[BodyView], 
 
 def traced_products(engine: RayEngine, wanted: tuple[str, ...], camera: PinholeCamera, views: list[BodyView],
                     roi: tuple[int, int, int, int]) -> dict[str, np.ndarray]:
-    """Products (height, width[, 3]) of the pixels' centres, in float64 as `RayEngine` tells them."""
+    """Products (height, width[, 3]) of the pixels' centres, in float64, as `RayEngine` finds them."""
     if not wanted:
         return {}
     x0, y0, x1, y1 = roi

@@ -173,7 +173,7 @@ def test_what_is_no_message_is_no_blender(monkeypatch, tmp_path):
                        "socket.socket(fileno=int(sys.argv[-1])).sendall(b'Blender 9.9 says hello')\n")
     program.chmod(0o755)
     monkeypatch.setenv("GLRENDER_BLENDER", str(program))
-    with pytest.raises(DeviceError, match="sent what is no message"):
+    with pytest.raises(DeviceError, match="sent bytes that are no message"):
         BlenderProcess()
 
 

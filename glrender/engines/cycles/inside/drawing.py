@@ -1,4 +1,4 @@
-"""Runs in Blender's process: the scene as Blender's data, and one draw of it as float32 pixels."""
+"""Runs in Blender's process: the scene as Blender's data, and its image as float32 pixels."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-# Blender as a module leaves its own libraries out; the compiler of OSL asks for one of them.
+# Blender as a module leaves its own libraries out; the compiler of OSL asks for one.
 sys.path += glob.glob(os.path.join(bpy.utils.resource_path("LOCAL"), "python", "lib", "python3*", "site-packages"))
 warnings.simplefilter("ignore", DeprecationWarning)
 

@@ -51,7 +51,7 @@ def main() -> None:
         except (BrokenPipeError, ConnectionResetError):
             return
         except Exception as error:
-            # What is raised on purpose says all; anything else is a bug.
+            # Errors raised on purpose have a full message; others are bugs.
             if not isinstance(error, RuntimeError):
                 traceback.print_exc()
             framing.send(link, {"failed": f"{type(error).__name__}: {error}"})

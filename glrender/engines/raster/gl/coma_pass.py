@@ -131,7 +131,7 @@ class ComaPass(ResourceOwner):
         values : mapping
             Of `coma_block`, but for steps, grids and boxes.
         steps, per_node : (int, int)
-            Steps that the half circle has, and pixels from node to node: beside bodies, and before them.
+            Steps that the half circle has, and pixels from node to node: off the bodies, and before them.
         body : (int, int, int, int) [px] or None
             The box x0, y0, x1, y1 of the tile, within the one that was begun, where `surface`, drawn there with
             `coma/surface.frag.glsl` and `surface_samples` along a pixel's side, ends rays.

@@ -40,7 +40,7 @@ RELIEF_BLOCK = UniformBlock("Relief", {
     "footprint_per_m": "float",
 })
 IRRADIANCE_STAGE = "surface.frag.glsl"
-"""The fragment shader that draws light; others see what is dark too."""
+"""The fragment shader that draws light; others see dark surfaces too."""
 _BODY_BINDING, _RELIEF_BINDING = 0, 1
 _SHADOW_UNIT, _ALBEDO_UNIT, _NORMAL_UNIT = 0, 1, 2
 _TEXELS_PER_ROW = 4096
@@ -80,7 +80,7 @@ class Mesh(ResourceOwner):
     albedo_map : (H, W) float32, optional
         Factor on the law's albedo, row 0 on top.
     is_closed : bool
-        Of an open surface facets that face away from the Sun cast shadows too: nothing else may stand sunward of them.
+        Of an open surface facets that face away from the Sun cast shadows too: nothing else may stand sunward.
     """
 
     def __init__(self, context: Context, vertices_m: np.ndarray, facets: np.ndarray, law: Law, *,

@@ -45,7 +45,7 @@ class ShadowMap(ResourceOwner):
         self._context.make_current()
         self._framebuffer.use()
         self._framebuffer.viewport = (0, 0, *size_px)
-        # All of the room: beside the box there is light, for a coma that asks.
+        # The whole room: outside the box there is light, for a coma that asks.
         self._framebuffer.clear(depth=1.0)
         gl.front_face = "ccw"
         for mesh, sun_clip_from_body in casters:
@@ -59,7 +59,7 @@ def rounded_room(size_px: tuple[int, int]) -> tuple[int, int]:
 
 
 class PixelMask(ResourceOwner):
-    """Opens pixels of a target whose depths were cleared to the nearest: the rest rejects what is drawn.
+    """Opens pixels of a target whose depths were cleared to the nearest: the other pixels reject samples.
 
     A rejected sample costs a depth test, where a shader that discards it costs its start.
     """
