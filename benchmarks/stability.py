@@ -1,4 +1,4 @@
-"""Plots of the stability sweeps for docs/accuracy.md: `python benchmarks/stability.py`.
+"""Plots of the stability sweeps for benchmarks/RESULTS.md: `python benchmarks/stability.py`.
 
 The tests bound the same numbers. Writes out/stability.{png,json}.
 """

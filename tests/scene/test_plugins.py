@@ -50,9 +50,8 @@ print(dark / bright)
     np.testing.assert_allclose(float(ran.stdout), np.exp(-70.0 / 40.0), rtol=1e-3)
 
 
-def test_the_documentation_prints_the_example():
+def test_the_documentation_prints_the_examples_entry_point():
     page = (EXAMPLE.parent.parent / "docs" / "plugins.md").read_text(encoding="utf-8")
-    assert f"```python\n{GOOD}```" in page
     assert (EXAMPLE / "pyproject.toml").read_text(encoding="utf-8").split("\n\n")[-1] in page
 
 

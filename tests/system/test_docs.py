@@ -179,6 +179,14 @@ def test_the_readme_leads_to_every_page():
     assert pages <= linked, pages - linked
 
 
+def test_each_line_of_a_call_stack_is_in_the_code():
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    calls = re.findall(r"^    ([ \w./]+\.py) +(\w+)$", page, re.M)
+    assert len(calls) == len(re.findall(r"^    .*\.py", page, re.M)) > 30
+    assert not [(path, name) for path, name in calls
+                if not re.search(rf"^(?:class|def) {name}\b", (ROOT / path.strip()).read_text(encoding="utf-8"), re.M)]
+
+
 def test_documents_stay_short():
     count = {page: len(page.read_text(encoding="utf-8").splitlines()) for page in DOCUMENTS}
     assert sum(lines for page, lines in count.items() if page.is_relative_to(ROOT / "docs")) <= 2600

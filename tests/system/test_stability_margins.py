@@ -1,6 +1,6 @@
 """Ratios of 1 to 1e8: near planes, offsets of rays, tolerances of edges and coordinates far from an origin hold.
 
-Truths: closed forms, and float64 rays against every facet (`sweeps.traced_by_hand`). docs/accuracy.md has the table.
+Truths: closed forms, and float64 rays against every facet (`sweeps.traced_by_hand`). RESULTS.md has the table.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Where shadow maps fail: acne at low Sun, shadows that leave their boulder. docs/accuracy.md has the plots."""
+"""Where shadow maps fail: acne at low Sun, shadows that leave their boulder. benchmarks/RESULTS.md has the plots."""
 
 from __future__ import annotations
 
