@@ -73,7 +73,8 @@ OUTSIDE = {
     # On-board software: frames and states alone, neither the renderer nor the truth.
     "glrender_navigation": {"numpy", "scipy", "cv2"},
     # Files and arrays alone.
-    "glrender_photogrammetry": {"numpy", "scipy", "cv2", "trimesh", "astropy", "pycolmap", "glrender_navigation"},
+    "glrender_photogrammetry": {"numpy", "scipy", "cv2", "PIL", "trimesh", "astropy", "pycolmap",
+                                "glrender_navigation"},
     "glrender_client.notebook": {"numpy", "ipywidgets"},
     "glrender_fmi": {"numpy", "glrender_client"},
     "glrender_ros": {"numpy", "glrender_client"},

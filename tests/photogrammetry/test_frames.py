@@ -168,5 +168,7 @@ def test_a_frame_checks_its_pose_and_size(flown):
     frame = posed_frames(flown.folder)[0]
     with pytest.raises(ValueError, match="r_camera_body_m: must be finite numbers.*give the pose"):
         replace(frame, r_camera_body_m=[np.nan, 0.0, 0.0])
+    with pytest.raises(ValueError, match="place_sigma_m: must be > 0 and finite, got 0.0; give metres"):
+        replace(frame, place_sigma_m=0.0)
     with pytest.raises(ValueError, match=r"image: must be finite numbers of shape \(256, 256\)"):
         replace(frame, image=frame.image[:-1])

@@ -11,7 +11,7 @@ from .deviation import Deviation, deviation
 from .frames import PosedFrame, posed_frames
 from .mesh import Mesh
 from .reconstruction import Reconstruction, reconstruct
-from .texture import vertex_brightness
+from .texture import textured, vertex_brightness
 
 __all__ = ["Deviation", "Mesh", "PosedFrame", "Reconstruction", "deviation", "posed_frames", "reconstruct",
-           "vertex_brightness"]
+           "textured", "vertex_brightness"]

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from glrender_navigation import Camera, sight
 from glrender_navigation.camera import others_px
-from glrender_navigation.checks import array, refuse
+from glrender_navigation.checks import array, number, refuse
 
 from .mesh import Mesh
 
@@ -58,6 +58,8 @@ class PosedFrame:
         Brightness of vertices is by it; 1 of irradiance.
     others : tuple of str
         Other bodies whose origins lie within the image.
+    place_sigma_m : float [m], optional
+        Standard deviation of each component of the place, for poses that are a prior.
     """
 
     name: str
@@ -72,8 +74,11 @@ class PosedFrame:
     most: float | None = None
     exposure_s: float = 1.0
     others: tuple[str, ...] = ()
+    place_sigma_m: float | None = None
 
     def __post_init__(self):
+        if self.place_sigma_m is not None:
+            number("place_sigma_m", self.place_sigma_m, "give metres")
         array("image", self.image, (self.camera.height_px, self.camera.width_px),
               "give one band, its rows from the top down")
         for name, shape in (("camera_from_body", (3, 3)), ("r_camera_body_m", (3,)), ("sun_direction_body", (3,))):

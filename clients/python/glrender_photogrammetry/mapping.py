@@ -28,14 +28,16 @@ _MOST_TURN_RAD, _MOST_PLACE = np.radians(10.0), 0.5
 _LEAST_TRACK = 3
 
 
-def mapped(frames: Sequence[PosedFrame]) -> dict[str, np.ndarray]:
+def mapped(frames: Sequence[PosedFrame], is_prior: bool = False) -> dict[str, np.ndarray]:
     """Poses and points by incremental mapping, whose turn, scale and shift are then those of the given poses.
 
     Parameters
     ----------
     frames : sequence of PosedFrame
-        In the order of the pass. Their poses are the datum alone: a turn is the mean over the attitudes, as places on
-        a straight line leave one free; scale and shift are those of the places.
+        In the order of the pass. Their poses are the datum: a turn is the mean over the attitudes, as places on a
+        straight line leave one free; scale and shift are those of the places.
+    is_prior : bool, optional
+        The given places count in the adjustment too, each by its `place_sigma_m`.
 
     Returns
     -------
@@ -52,6 +54,8 @@ def mapped(frames: Sequence[PosedFrame]) -> dict[str, np.ndarray]:
     """
     with tempfile.TemporaryDirectory() as folder:
         model = _colmap(needed_pycolmap(), frames, Path(folder))
+    if is_prior:
+        _adjust(needed_pycolmap(), model, frames)
     found = sorted((image for image in model.images.values() if image.has_pose), key=lambda image: image.name)
     index = np.array([int(image.name[:5]) for image in found])
     points = np.array([point.xyz for point in model.points3D.values() if point.track.length() >= _LEAST_TRACK])
@@ -124,3 +128,22 @@ def _colmap(pycolmap: Any, frames: Sequence[PosedFrame], folder: Path) -> Any:
         raise refuse("frames", "must hang together, three of them by their features",
                      0 if best is None else best.num_reg_images(), "take steps of 15 deg or less, away from opposition")
     return best
+
+
+def _adjust(pycolmap: Any, model: Any, frames: Sequence[PosedFrame]) -> None:
+    """Move places and points to where features and given places agree best, each by its sigma."""
+    options, priors = pycolmap.BundleAdjustmentOptions(), pycolmap.PosePriorBundleAdjustmentOptions()
+    options.refine_focal_length = options.refine_extra_params = options.print_summary = False
+    options.ceres.solver_options.num_threads = 1
+    # The model is laid on the given places first: none is an outlier there.
+    priors.alignment_ransac.max_error = max(float(np.linalg.norm(frame.r_camera_body_m)) for frame in frames)
+    config, places = pycolmap.BundleAdjustmentConfig(), []
+    for image in model.images.values():
+        if image.has_pose:
+            frame = frames[int(image.name[:5])]
+            config.add_image(image.image_id)
+            places.append(pycolmap.PosePrior(
+                corr_data_id=image.data_id, position=frame.r_camera_body_m,
+                position_covariance=frame.place_sigma_m**2 * np.eye(3),
+                coordinate_system=pycolmap.PosePriorCoordinateSystem.CARTESIAN))
+    pycolmap.create_pose_prior_bundle_adjuster(options, priors, config, places, model).solve()

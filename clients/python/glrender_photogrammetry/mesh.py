@@ -88,8 +88,7 @@ class Mesh:
 
         Vertices are grey by a brightness (V,) of mean 1, whose double is white; those of nan are black.
         """
-        grey = None if brightness is None else np.nan_to_num(127.5 * brightness).clip(0.0, 255.0).astype(np.uint8)
-        colours = None if grey is None else np.repeat(grey[:, None], 3, axis=1)
+        colours = None if brightness is None else np.repeat(grey(brightness)[:, None], 3, axis=1)
         trimesh.Trimesh(self.vertices_m, self.facets, process=False, vertex_colors=colours).export(str(path))
 
     @cached_property
@@ -147,6 +146,11 @@ class Mesh:
         u, v = rng.random((2, count, 1))
         u, v = np.where(u + v > 1.0, (1.0 - u, 1.0 - v), (u, v))
         return a[facet] + u * (b - a)[facet] + v * (c - a)[facet], facet
+
+
+def grey(brightness: np.ndarray) -> np.ndarray:
+    """Grey levels (...) uint8 of a brightness whose double is white; nan is black."""
+    return np.nan_to_num(127.5 * brightness).clip(0.0, 255.0).astype(np.uint8)
 
 
 class Closest:

@@ -25,7 +25,7 @@ from .sweep import PASSES, Pass, depth_map
 
 _log = logging.getLogger(__name__)
 
-POSES = ("known", "free")
+POSES = ("known", "prior", "free")
 _NOTE = "made_of.json"
 _LEAST_FRAMES = 3
 # Features of frames further apart are right for less than 0.85 of their matches.
@@ -75,8 +75,9 @@ def reconstruct(frames: Sequence[PosedFrame], *, body: str | None = None, poses:
         Three or more, of one body and camera, 15 deg or less from one to the next.
     body : str, optional
         That the frames are posed about; the first frame's by default.
-    poses : {"known", "free"}
-        Free ones are found from the features alone; the given ones then lend turn, scale and shift of the whole.
+    poses : {"known", "prior", "free"}
+        Free ones are found from the features alone; the given ones then lend turn, scale and shift of the whole. With
+        a prior the given places count too, each by the frame's `place_sigma_m`.
     prior : Mesh or glrender.Shape, optional
         Where the first sweep starts; by default the surface of the sparse points.
     folder : path, optional
@@ -95,6 +96,9 @@ def reconstruct(frames: Sequence[PosedFrame], *, body: str | None = None, poses:
         raise refuse("poses", f"must be one of {', '.join(POSES)}", poses)
     if prior is not None and not passes:
         raise refuse("passes", "must be one or more where there is a prior", 0, "leave out one of both")
+    if poses == "prior" and None in (sigmas_m := [frame.place_sigma_m for frame in frames]):
+        raise refuse(f"frames[{sigmas_m.index(None)}].place_sigma_m", "must be given where poses are a prior", None,
+                     'replace(frame, place_sigma_m=...), or poses="free"')
     needed_pycolmap()
     frames, left_out = _usable(frames, body)
     px_m = min(frame.px_m for frame in frames)
@@ -103,8 +107,8 @@ def reconstruct(frames: Sequence[PosedFrame], *, body: str | None = None, poses:
                               "warnings": _wide_steps(frames) + _others(frames), "px_m": px_m}
     for warning in report["warnings"]:
         _log.warning(warning)
-    if poses == "free":
-        found = stages.arrays("mapping", partial(mapped, frames))
+    if poses != "known":
+        found = stages.arrays("mapping", partial(mapped, frames, poses == "prior"))
         left_out |= {frame.name: "shares too few features with the others" for k, frame in enumerate(frames)
                      if k not in found["index"]}
         frames, points_m = reposed(frames, found), found["points_m"]
@@ -220,7 +224,8 @@ class _Stages:
         digest = hashlib.sha256(json.dumps([version("glrender"), needed_pycolmap().__version__, poses,
                                             [asdict(plan) for plan in passes]]).encode())
         for frame in frames:
-            digest.update(json.dumps([frame.name, frame.body, asdict(frame.camera), frame.offset]).encode())
+            digest.update(json.dumps([frame.name, frame.body, asdict(frame.camera), frame.offset,
+                                      frame.place_sigma_m]).encode())
             for array in (frame.image, frame.camera_from_body, frame.r_camera_body_m):
                 digest.update(np.ascontiguousarray(array).tobytes())
         if prior is not None:

@@ -1,16 +1,23 @@
-"""Brightness of a surface's material: the frames' signal over the shading of a law, at each vertex."""
+"""Brightness of a surface's material: the frames' signal over the shading of a law, at vertices or in a map."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
 import numpy as np
+import trimesh
+from glrender_navigation.checks import whole
+from PIL import Image
 
 from .frames import PosedFrame, views_in_light
-from .mesh import Mesh
+from .mesh import Mesh, grey
+
+Law = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 # Below it the shading is of the relief that the surface lacks.
 _LEAST_SHADING = 0.1
+# Texels that a square of two facets has besides those along a side: what is between two texels is of one facet.
+_BETWEEN = 3
 
 
 def lommel_seeliger(cos_incidence: np.ndarray, cos_emission: np.ndarray) -> np.ndarray:
@@ -18,8 +25,7 @@ def lommel_seeliger(cos_incidence: np.ndarray, cos_emission: np.ndarray) -> np.n
     return cos_incidence / (cos_incidence + cos_emission)
 
 
-def vertex_brightness(frames: Sequence[PosedFrame], mesh: Mesh,
-                      law: Callable[[np.ndarray, np.ndarray], np.ndarray] = lommel_seeliger) -> np.ndarray:
+def vertex_brightness(frames: Sequence[PosedFrame], mesh: Mesh, law: Law = lommel_seeliger) -> np.ndarray:
     """Signal over exposure and shading at each vertex, (V,) float64, of mean 1; nan where no frame saw it lit.
 
     Parameters
@@ -34,14 +40,70 @@ def vertex_brightness(frames: Sequence[PosedFrame], mesh: Mesh,
     ValueError
         Without embreex, or without frames.
     """
-    total, count = np.zeros((2, len(mesh.vertices_m)))
-    for frame, seen, at_px, cos_incidence, cos_emission in views_in_light(frames, mesh, mesh.vertices_m,
-                                                                          mesh.vertex_normals):
+    found = _brightness(frames, mesh, mesh.vertices_m, mesh.vertex_normals, law)
+    return found / _mean(found)
+
+
+def textured(frames: Sequence[PosedFrame], mesh: Mesh, n_texels: int = 2,
+             law: Law = lommel_seeliger) -> trimesh.Trimesh:
+    """The surface with a grey map of its brightness, as `trimesh` exports it to OBJ (with MTL and PNG) or GLB.
+
+    Parameters
+    ----------
+    frames, mesh, law
+        As of `vertex_brightness`; texels have the greys of its vertices.
+    n_texels : int, optional
+        Steps of the map along the sides of a facet, 1 or more.
+
+    Raises
+    ------
+    ValueError
+        Without embreex, without frames, or with less than a texel.
+    """
+    n, n_facets = whole("n_texels", n_texels), len(mesh.facets)
+    side, n_columns = n + _BETWEEN, int(np.ceil(np.sqrt(n_facets / 2.0)))
+    n_rows = -(-(n_facets + 1) // 2 // n_columns)
+    # Two facets share a square, the second one turned by half a turn.
+    y, x = np.indices((side, side))
+    is_first = x + y <= n + 1
+    x, y = np.where(is_first, x, side - 1 - x) / n, np.where(is_first, y, side - 1 - y) / n
+    weights = np.stack([np.maximum(1.0 - x - y, 0.0), x, y], axis=-1)
+    weights /= weights.sum(axis=-1, keepdims=True)
+    square, facet = divmod(np.arange(n_facets), 2)
+    row, column = divmod(square, n_columns)
+    picture = np.full((n_rows * side, n_columns * side), np.nan)
+    corner_normals = mesh.vertex_normals[mesh.facets]
+    for number, own in enumerate((is_first, ~is_first)):
+        kept = facet == number
+        points_m, normal = (np.einsum("tk,fkc->ftc", weights[own], each[kept]).reshape(-1, 3)
+                            for each in (mesh.corners_m, corner_normals))
+        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+        found = _brightness(frames, mesh, points_m, normal, law).reshape(-1, own.sum())
+        at_y, at_x = np.nonzero(own)
+        picture[side * row[kept, None] + at_y, side * column[kept, None] + at_x] = found
+    corner = np.array([[[0, 0], [n, 0], [0, n]], [[side - 1, side - 1], [side - 1 - n, side - 1],
+                                                  [side - 1, side - 1 - n]]])[facet]
+    at = corner + side * np.stack([column, row], axis=-1)[:, None]
+    uv = (at + 0.5) / picture.shape[::-1]
+    uv[..., 1] = 1.0 - uv[..., 1]
+    visual = trimesh.visual.TextureVisuals(uv=uv.reshape(-1, 2), image=Image.fromarray(grey(picture / _mean(picture))))
+    return trimesh.Trimesh(mesh.corners_m.reshape(-1, 3), np.arange(3 * n_facets).reshape(-1, 3), process=False,
+                           visual=visual)
+
+
+def _brightness(frames: Sequence[PosedFrame], mesh: Mesh, points_m: np.ndarray, normal: np.ndarray,
+                law: Law) -> np.ndarray:
+    """Signal over exposure and shading (N,) at points (N, 3) of the mesh with normals (N, 3)."""
+    total, count = np.zeros((2, len(points_m)))
+    for frame, seen, at_px, cos_incidence, cos_emission in views_in_light(frames, mesh, points_m, normal):
         here = np.flatnonzero(seen)
         shading = law(cos_incidence[here], cos_emission[here])
         here, shading = here[shading > _LEAST_SHADING], shading[shading > _LEAST_SHADING]
         total[here] += frame.signal[at_px[here, 1], at_px[here, 0]] / (frame.exposure_s * shading)
         count[here] += 1
-    with np.errstate(invalid="ignore"):
-        found = total / count
-    return found / np.nanmean(found) if count.any() else found
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def _mean(found: np.ndarray) -> float:
+    seen = found[np.isfinite(found)]
+    return float(seen.mean()) if seen.size else 1.0

@@ -5,10 +5,11 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 from glrender import ConfigError
-from glrender_photogrammetry import Mesh, posed_frames, reconstruct, vertex_brightness
+from glrender_photogrammetry import Mesh, posed_frames, reconstruct, textured, vertex_brightness
 from glrender_photogrammetry.reconstruction import POSES, stage_names
 from tqdm import tqdm
 
@@ -20,8 +21,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="of shape.ply, report.json and the stages; made if it is missing")
     parser.add_argument("--body", help="that is reconstructed; default: the first")
     parser.add_argument("--poses", choices=POSES, default="known",
-                        help="known: those of the states; free: found from features, laid on them (known)")
+                        help="of the states (known), found from features and laid on them (free; prior: by places too)")
+    parser.add_argument("--place-sigma-m", type=float, metavar="M", help="of the states' places, for --poses prior")
     parser.add_argument("--texture", action="store_true", help="vertices grey by the signal over the shading")
+    parser.add_argument("--map", action="store_true", help="the same as a map: shape.obj with its picture, shape.glb")
     parser.add_argument("--prior", type=Path, metavar="FILE",
                         help="surface in metres where the first sweep starts; default: that of the sparse points")
 
@@ -38,8 +41,9 @@ def run(arguments: argparse.Namespace) -> int:
 
         try:
             prior = None if arguments.prior is None else Mesh.from_file(arguments.prior)
-            found = reconstruct(posed_frames(arguments.folder, arguments.body), poses=arguments.poses, prior=prior,
-                                folder=arguments.out, progress=show)
+            frames = [replace(frame, place_sigma_m=arguments.place_sigma_m)
+                      for frame in posed_frames(arguments.folder, arguments.body)]
+            found = reconstruct(frames, poses=arguments.poses, prior=prior, folder=arguments.out, progress=show)
         except ConfigError:
             raise
         except ValueError as error:
@@ -47,6 +51,10 @@ def run(arguments: argparse.Namespace) -> int:
             raise ConfigError(field, rest) from None
     brightness = vertex_brightness(found.frames, found.shape) if arguments.texture else None
     found.shape.to_file(arguments.out / "shape.ply", brightness)
+    if arguments.map:
+        surface = textured(found.frames, found.shape)
+        for ending in ("obj", "glb"):
+            surface.export(arguments.out / f"shape.{ending}")
     report = found.report
     (arguments.out / "report.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
     for text in (*report["warnings"], *(f"{name} is left out: {why}" for name, why in report["left_out"].items())):
