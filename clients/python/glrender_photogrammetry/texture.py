@@ -66,8 +66,8 @@ def textured(frames: Sequence[PosedFrame], mesh: Mesh, n_texels: int = 2,
     # Two facets share a square, the second one turned by half a turn.
     y, x = np.indices((side, side))
     is_first = x + y <= n + 1
-    x, y = np.where(is_first, x, side - 1 - x) / n, np.where(is_first, y, side - 1 - y) / n
-    weights = np.stack([np.maximum(1.0 - x - y, 0.0), x, y], axis=-1)
+    along, across = (np.where(is_first, each, side - 1 - each) / n for each in (x, y))
+    weights = np.stack([np.maximum(1.0 - along - across, 0.0), along, across], axis=-1)
     weights /= weights.sum(axis=-1, keepdims=True)
     square, facet = divmod(np.arange(n_facets), 2)
     row, column = divmod(square, n_columns)
