@@ -125,8 +125,8 @@ def test_what_is_wrong_is_told(tmp_path, capsys, old, new, told):
 
 
 @pytest.mark.parametrize("old, new, told", [
-    ("[9000.0, 0.0, 0.0]", "[-9000.0, 10.0, 0.0]", "camera 'navcam': the Sun is in the field, behind what is looked "
-     "at, in 2 frames (0 to 1): bodies show their dark sides; check the side of the trajectory"),
+    ("[9000.0, 0.0, 0.0]", "[-9000.0, 10.0, 0.0]", "camera 'navcam': the Sun is in the field, behind the target, in "
+     "2 frames (0 to 1): bodies show their dark sides; check the side of the trajectory"),
     ("[time]", fixed([0.0, 0.0, 1.0, 0.0]), "camera 'navcam': no body is in the field in 2 frames (0 to 1), the whole "
      "sequence: check [attitude]"),
 ])

@@ -162,7 +162,7 @@ def test_tables_that_do_not_go_with_random_are_refused():
                             ({"time": {"duration_s": 5.0}}, "time: is given as well as")):
         with pytest.raises(ConfigError, match=message):
             made(**tables)
-    with pytest.raises(ConfigError, match="sun_distance_au: is told by"):
+    with pytest.raises(ConfigError, match="sun_distance_au: is given by"):
         made({"sun_distance_au": 1.0}, sun={"r_m": [1e11, 0.0, 0.0]})
 
 
