@@ -158,7 +158,8 @@ def test_what_is_wrong_is_told_with_its_field(random, message):
 
 
 def test_tables_that_do_not_go_with_random_are_refused():
-    for tables, message in (({"trajectory": {}}, "needs exactly one of"), ({"attitude": {"mode": "target"}}, "attitude: is given as well as"),
+    for tables, message in (({"trajectory": {}}, "needs exactly one of"),
+                            ({"attitude": {"mode": "target"}}, "attitude: is given as well as"),
                             ({"time": {"duration_s": 5.0}}, "time: is given as well as")):
         with pytest.raises(ConfigError, match=message):
             made(**tables)
