@@ -78,7 +78,7 @@ class Body:
         Parameters
         ----------
         path : path
-            OBJ, PLY, STL, PDS plate model (.tab) or ICQ.
+            OBJ, PLY, STL, PDS plate model (.tab, .plt), ICQ, binary glTF (.glb) or OFF: docs/shapes.md.
         length_unit : "m", "km" or float
             Of the file; metres per unit when a number.
         albedo_texture : path, optional
