@@ -6,9 +6,7 @@ from glrender_camera import PinholeCamera
 from glrender_camera.validate import one_of
 
 from ..base.errors import ConfigError
-
-OUTPUTS = ("irradiance", "dn", "compressed")
-"""Irradiance [W/m2 per pixel], digital numbers, and the stream that the camera sends, from which they are decoded."""
+from ..base.names import OUTPUTS
 
 
 def checked_output(output: object, camera: PinholeCamera) -> str:

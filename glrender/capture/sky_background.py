@@ -14,7 +14,7 @@ from glrender_camera.stars import aberrated
 from ..base import rotations as frames
 from ..base.constants import AU_M, SUN_RADIUS_M
 from ..base.errors import SceneError
-from ..engines.image import MAX_DIRECTIONS
+from ..base.names import MAX_DIRECTIONS
 from ..engines.rays.laser_ranges import laser_ranges
 from ..scene.scene import Scene, band_irradiances
 from ..view.state import State

@@ -24,8 +24,6 @@ SATURATED_SHARE, SATURATED_LIT_SHARE = 0.5, 0.05
 leaves one in a hundred of the lit ones."""
 LEAST_BODY_PX = 1e-3
 """Size of a body [px] below which its unit or range is doubted: missions have seen their targets from 5e-3 px on."""
-NOTES = ("exposure",)
-"""Codes of notes, which are no warnings."""
 MIN_LIT_PX = 100
 """Least number of lit pixels for a warning of their share: fewer are a point source, which saturates its few pixels."""
 NIGHT_PHASE_DEG = 175.0

@@ -12,20 +12,13 @@ from glrender_camera.notebook import png
 from glrender_camera.validate import did_you_mean
 
 from ..base.errors import ConfigError
+from ..base.names import PRODUCTS
 from ..planner.plan import RenderPlan
 from ..scene.scene import Scene
 from ..view.state import State
 from .advice import Advice, image_advice
 from .small_bodies import SmallBody
 
-PRODUCTS = ("irradiance", "range", "body_id", "facet_id", "incidence", "emission", "phase", "r_body", "sunlit")
-"""Names of the products that `Renderer.render` can return."""
-MAX_DIRECTIONS = 10_000
-"""Of laser ranges that are asked for at once."""
-
-UNITS = {"irradiance": "W/m2", "range": "m", "body_id": "1", "facet_id": "1", "incidence": "rad", "emission": "rad",
-         "phase": "rad", "r_body": "m", "sunlit": "1"}
-"""Units of the products."""
 _BYTES = {"range": 8, "body_id": 4, "facet_id": 4, "incidence": 4, "emission": 4, "phase": 4, "r_body": 12, "sunlit": 4}
 # What products are made from: three layers of four float32.
 _LAYER_BYTES = 48

@@ -14,7 +14,7 @@ from glrender_camera import PinholeCamera
 from glrender_camera.compression import CODECS
 
 from ..base.errors import ConfigError
-from ..engines.image import UNITS
+from ..base.names import PRODUCTS
 from .fits_cards import Cards, cards_of, sky_cards
 from .folder import write_whole
 
@@ -151,7 +151,7 @@ def _write_fits(path: Path, frame: FrameFile) -> None:
     for name, array in frame.products.items():
         parts.append(fits.ImageHDU(np.moveaxis(np.flipud(array), 2, 0) if array.ndim == 3 else np.flipud(array),
                                    name=name.upper()))
-        _put(parts[-1], {"BUNIT": (UNITS[name], "1: a number or a share"), **({} if array.ndim == 3 else sky)})
+        _put(parts[-1], {"BUNIT": (PRODUCTS[name], "1: a number or a share"), **({} if array.ndim == 3 else sky)})
     parts.append(fits.ImageHDU(np.frombuffer(json.dumps(frame.header).encode(), np.uint8), name="GLRENDER"))
     _put(parts[-1], {"BUNIT": ("byte", "UTF-8, JSON")})
     fits.HDUList(parts).writeto(path, output_verify="exception")

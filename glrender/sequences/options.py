@@ -10,7 +10,8 @@ from glrender_camera.camera import checked_exposure
 from glrender_camera.validate import integer, known_keys, one_of
 
 from ..base.errors import ConfigError
-from ..capture.outputs import OUTPUTS, checked_output, has_exposure
+from ..base.names import OUTPUTS
+from ..capture.outputs import checked_output, has_exposure
 from ..engines.image import checked_products
 from ..scene.scene import Scene
 from ..scene.tolerance import checked_max_error

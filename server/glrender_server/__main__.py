@@ -13,7 +13,7 @@ from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from glrender import ConfigError, GlrenderError, Scene, __version__, load_scene
+from glrender import ConfigError, GlrenderError, __version__
 from glrender_camera.validate import integer, positive
 
 from . import limits, logs
@@ -21,6 +21,7 @@ from .dispatcher import Dispatcher
 from .front import Front
 from .job import LocalEngine
 from .metrics import MetricsServer
+from .scene_source import SceneFile
 from .server import Server
 from .tap import Tap
 from .tcp_front import TcpFront
@@ -125,18 +126,19 @@ def main(argv: list[str] | None = None) -> int:
 
 def _engine(arguments: argparse.Namespace) -> LocalEngine | WorkerPool:
     n_workers = integer("--workers", arguments.workers, 1, MAX_WORKERS)
-    what = _scene(arguments), arguments.backend, arguments.shape_dir
+    file = SceneFile(arguments.scene, arguments.belief)
     if arguments.in_process:
         if n_workers > 1 or arguments.deadline is not None:
             raise ConfigError("--in-process", "goes with no --workers and no --deadline",
                               hint="only a process can be killed")
         from .operations import Operations
 
-        return LocalEngine(Operations(*what))
+        return LocalEngine(Operations(file.load(), arguments.backend, arguments.shape_dir))
     deadline_s = DEADLINE_S if arguments.deadline is None else positive("--deadline", arguments.deadline)
     memory_bytes = worker_memory_bytes(arguments.worker_memory, n_workers)
-    return WorkerPool(*what, n_workers=n_workers, deadline_s=deadline_s, log_format=arguments.log_format,
-                      slow_deadline_s=positive("--slow-deadline", arguments.slow_deadline), memory_bytes=memory_bytes)
+    return WorkerPool(file, arguments.backend, arguments.shape_dir, n_workers=n_workers, deadline_s=deadline_s,
+                      slow_deadline_s=positive("--slow-deadline", arguments.slow_deadline), memory_bytes=memory_bytes,
+                      log_format=arguments.log_format)
 
 
 def worker_memory_bytes(given_gib: float | None, n_workers: int) -> int:
@@ -149,15 +151,6 @@ def worker_memory_bytes(given_gib: float | None, n_workers: int) -> int:
     if given_gib is None:
         return int(_SHARE_OF_MEMORY * _memory_bytes() / n_workers)
     return int(2**30 * positive("--worker-memory", given_gib))
-
-
-def _scene(arguments: argparse.Namespace) -> Scene:
-    if not arguments.belief:
-        return load_scene(arguments.scene)
-    # It takes a second to import, and few servers need it.
-    from glrender.scenario import load_believed_scene
-
-    return load_believed_scene(arguments.scene)
 
 
 def _memory_bytes(groups: Path = Path("/proc/self/cgroup"), root: Path = Path("/sys/fs/cgroup")) -> int:

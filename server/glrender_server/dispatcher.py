@@ -16,8 +16,7 @@ from typing import Any, NamedTuple, Protocol
 import glrender
 import zmq
 from glrender import GlrenderError
-from glrender.capture.outputs import OUTPUTS
-from glrender.engines.image import MAX_DIRECTIONS, PRODUCTS
+from glrender.base.names import MAX_DIRECTIONS, OUTPUTS, PRODUCTS
 from glrender_camera.validate import known_keys
 
 from . import codec, limits

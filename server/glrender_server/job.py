@@ -7,7 +7,7 @@ from collections.abc import Callable, Hashable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import zmq
-from glrender.engines.advice import Advice
+from glrender.base.plausible import Advice
 
 from .slots import SlotStore, offsets, room
 

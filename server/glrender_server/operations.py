@@ -25,6 +25,7 @@ from glrender import (
     take_frame,
 )
 from glrender.base.errors import error_path
+from glrender.base.names import OUTPUTS, PRODUCTS
 from glrender.capture.outputs import has_exposure
 from glrender.capture.static_exposure import prepare
 from glrender.engines.advice import Advice, scene_advice
@@ -33,7 +34,7 @@ from glrender.engines.reference_fallback import checked_allow_slow
 from glrender_camera import MosaicModel
 from glrender_camera.validate import known_keys, one_of
 
-from . import codec
+from . import codec, pixels
 from .asked_scene import scene_asked
 from .envelope import ENVELOPE, echo, refusal
 from .frame import FRAME_KEYS, FrameRequest, frames_asked
@@ -44,8 +45,7 @@ log = logging.getLogger(__name__)
 _TOLD_OF_DETECTORS = ("gain_DN_per_electron", "offset_DN", "bit_depth", "full_well_electrons",
                       "read_noise_electrons")
 _RANGE_KEYS = ("state", "camera", "directions_camera", "noise")
-_UNITS = {"irradiance": "W/m2", "dn": "DN", "compressed": "byte", "range": "m", "r_body": "m", "body_id": "1",
-          "facet_id": "1", "incidence": "rad", "emission": "rad", "phase": "rad", "sunlit": "1"}
+_UNITS = {**OUTPUTS, **PRODUCTS}
 
 
 class Operations:
@@ -79,7 +79,7 @@ class Operations:
         self._of_scene = scene_advice(scene)
         self.last_timings_ms: dict[str, float] = {}
         self.last_warnings: list[tuple[str, tuple[Advice, ...]]] = []
-        self._memory: codec.Memory | None = None
+        self._memory: pixels.Memory | None = None
         self.on_progress: Callable[[float], None] = lambda share: None
         self.on_scene: Callable[[Scene, str], None] = lambda scene, digest: None
 
@@ -108,7 +108,7 @@ class Operations:
             "max_error": self.scene.max_error, "warnings": [*map(asdict, self._of_scene)],
             "stars": None if self.scene.stars is None else asdict(self.scene.stars), **self._renderer.info}
 
-    def answer_message(self, message: bytes, memory: codec.Memory | None = None) -> tuple[list[Any], str]:
+    def answer_message(self, message: bytes, memory: pixels.Memory | None = None) -> tuple[list[Any], str]:
         """As `answer`, of a request's bytes: its lists and maps are decoded here, at its sender's cost."""
         self.last_warnings, self.last_timings_ms = [], {}
         try:
@@ -125,7 +125,7 @@ class Operations:
         self.scene, self.digest, self._renderer = scene, digest, renderer
         self._of_scene = scene_advice(scene)
 
-    def answer(self, header: Mapping[str, Any], memory: codec.Memory | None = None) -> tuple[list[Any], str]:
+    def answer(self, header: Mapping[str, Any], memory: pixels.Memory | None = None) -> tuple[list[Any], str]:
         """The reply to one request and its error code, empty if it went well; raises nothing.
 
         The arrays are written to `memory`, if it is given.
@@ -184,8 +184,8 @@ class Operations:
         # What making the frames left behind is freed by now: that is part of their time.
         fields["timings_ms"]["total"] = 1e3 * (time.perf_counter() - began)
         self.last_timings_ms = fields["timings_ms"]
-        return codec.pack({**echo(header), "ok": True, "scene": self.digest, "t_s": state.t_s, **fields}, arrays, order,
-                          self._memory)
+        return pixels.pack({**echo(header), "ok": True, "scene": self.digest, "t_s": state.t_s, **fields}, arrays,
+                           order, self._memory)
 
     def _place(self, asked: FrameRequest) -> dict[str, np.ndarray]:
         """The place of a lone image, if it is sent from memory that we are given and as it is drawn."""
@@ -242,8 +242,8 @@ class Operations:
         arrays = {"range": (found.range_m, "m"), "body_id": (found.body_id, "1"), "facet_id": (found.facet_id, "1"),
                   "beam_incidence": (found.beam_incidence, "rad")}
         self.last_timings_ms = {"total": 1e3 * (time.perf_counter() - began)}
-        return codec.pack({**echo(header), "ok": True, "scene": self.digest, "t_s": state.t_s, "camera": camera.name,
-                           "timings_ms": self.last_timings_ms}, arrays, memory=self._memory)
+        return pixels.pack({**echo(header), "ok": True, "scene": self.digest, "t_s": state.t_s, "camera": camera.name,
+                            "timings_ms": self.last_timings_ms}, arrays, memory=self._memory)
 
     def _check_scene(self, header: Mapping[str, Any]) -> None:
         """Refuse a request that means another scene."""

@@ -5,10 +5,12 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import pickle
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from glrender import Scene
+
+if TYPE_CHECKING:
+    from glrender import Scene
 
 _N_CHARACTERS = 32
 

@@ -6,7 +6,8 @@ import logging
 from collections import OrderedDict
 from collections.abc import Iterable, Mapping, Sequence
 
-from glrender.engines.advice import NOTES, Advice
+from glrender.base.names import NOTES
+from glrender.base.plausible import Advice
 
 log = logging.getLogger(__name__)
 

@@ -18,10 +18,14 @@ from typing import TYPE_CHECKING
 from glrender import DeviceError, GlrenderError
 
 from . import logs
+from .scene_digest import scene_digest
+from .scene_source import SceneFile
 from .slots import mark_begun, offsets, room
 from .stream import Channel
 
 if TYPE_CHECKING:
+    from glrender import Scene
+
     from .operations import Operations
 
 _MAX_ATTACHED = 16
@@ -32,11 +36,12 @@ def work(peer: socket.socket, backend: str, shape_dir: Path | None, memory_bytes
     """Serve jobs until the channel closes.
 
     Said: ``("awake",)``, answered by ``("scene", pickle, digest)``, which may come again: ``("ready", described)`` or
-    ``("failed", text)``; then for each ``("job", message, slot)``, its slot marked as begun: ``("progress", share)``
-    now and then from a slow frame, ``("need", n_bytes)`` where the slot is too small (answered by a slot's name, empty
-    if there is none), and ``("done", header, sizes, code, timings_ms, warnings, loaded)``, the parts in the slot at
-    their `offsets`; `loaded` is None, or of a new scene its pickle, its digest and its description.
-    ``("forget",)`` lets go of all slots.
+    ``("failed", text)``. Before that, of a `SceneFile`, which has no digest, ``("opened", pickle, digest, n_facets)``
+    for the other workers, or ``("unreadable", error)``. Then for each ``("job", message, slot)``, its slot marked as
+    begun: ``("progress", share)`` now and then from a slow frame, ``("need", n_bytes)`` where the slot is too small
+    (answered by a slot's name, empty if there is none), and ``("done", header, sizes, code, timings_ms, warnings,
+    loaded)``, the parts in the slot at their `offsets`; `loaded` is None, or of a new scene its pickle, its digest, and
+    its description. ``("forget",)`` lets go of all slots.
     """
     # The server drains on a signal to the group; then the channel closes.
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
@@ -55,11 +60,14 @@ def work(peer: socket.socket, backend: str, shape_dir: Path | None, memory_bytes
     except (EOFError, OSError):
         return  # the server is gone
     try:
-        operations = made_of(pickle.loads(scene_pickle), backend, shape_dir, digest)
+        scene = pickle.loads(scene_pickle)
+        if isinstance(scene, SceneFile):
+            scene, digest = _opened(scene, channel)
+        operations = made_of(scene, backend, shape_dir, digest)
     except (GlrenderError, MemoryError) as error:
         channel.send("failed", str(error))
         return
-    del scene_pickle
+    del scene, scene_pickle
     loaded: list[tuple[bytes, str]] = []
     operations.on_progress = lambda share: channel.send("progress", share)
     # As it is read, so that others need not read its files again, which may have gone or changed.
@@ -94,6 +102,17 @@ def work(peer: socket.socket, backend: str, shape_dir: Path | None, memory_bytes
     finally:
         operations.close()
         _forget(slots)
+
+
+def _opened(file: SceneFile, channel: Channel) -> tuple[Scene, str]:
+    try:
+        scene = file.load()
+    except GlrenderError as error:
+        channel.send("unreadable", error)
+        raise
+    digest = scene_digest(scene)
+    channel.send("opened", pickle.dumps(scene), digest, sum(len(body.shape.facets) for body in scene.bodies))
+    return scene, digest
 
 
 def _forget(slots: OrderedDict[str, SharedMemory]) -> None:

@@ -19,17 +19,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import zmq
-from glrender import DeviceError, Scene
-from glrender.engines.advice import Advice
+from glrender import DeviceError, GlrenderError
+from glrender.base.plausible import Advice
 
 from .envelope import refusal
 from .job import Done, Job
 from .scene_digest import scene_digest
+from .scene_source import SceneFile
 from .slots import SlotStore, has_begun, mark_begun, offsets
 from .stream import Channel
 from .worker import work
 
 if TYPE_CHECKING:
+    from glrender import Scene
+
     from .operations import Operations
 
 log = logging.getLogger(__name__)
@@ -80,6 +83,7 @@ class _Worker:
     progress: float | None = None
     overran: bool = False
     was_stopped: bool = False
+    wants_scene: bool = False
     is_after_overrun: bool = False
     generation: int = 0
     failures: int = 0
@@ -99,7 +103,9 @@ class WorkerPool:
 
     Parameters
     ----------
-    scene, backend, shape_dir
+    scene : Scene or SceneFile
+        A file is read by the first worker that is awake, and the others have the scene from it.
+    backend, shape_dir
         As of `Operations`.
     n_workers : int
     deadline_s : float [s]
@@ -116,15 +122,19 @@ class WorkerPool:
     ------
     DeviceError
         No worker starts.
+    ConfigError, ShapeError
+        The file cannot be read.
     """
 
-    def __init__(self, scene: Scene, backend: str = "auto", shape_dir: Path | None = None, *, n_workers: int,
-                 deadline_s: float, slow_deadline_s: float = SLOW_DEADLINE_S, memory_bytes: int | None = None,
-                 log_format: str = "text", operations: type[Operations] | None = None):
-        # As pickle and digest: the scene that is served, and the server's own.
-        self._scene = self._own_scene = pickle.dumps(scene), scene_digest(scene)
+    def __init__(self, scene: Scene | SceneFile, backend: str = "auto", shape_dir: Path | None = None, *,
+                 n_workers: int, deadline_s: float, slow_deadline_s: float = SLOW_DEADLINE_S,
+                 memory_bytes: int | None = None, log_format: str = "text", operations: type[Operations] | None = None):
+        # As pickle and digest: the scene that is served, and the server's own, which has no digest until it is read.
+        is_read = not isinstance(scene, SceneFile)
+        self._scene = self._own_scene = pickle.dumps(scene), scene_digest(scene) if is_read else ""
+        self._start_s = _start_s(sum(len(body.shape.facets) for body in scene.bodies)) if is_read else math.inf
+        self._unreadable: GlrenderError | None = None
         self._arguments, self._operations = (backend, shape_dir, memory_bytes), operations
-        self._start_s = START_S + START_S_PER_FACET * sum(len(body.shape.facets) for body in scene.bodies)
         self._deadline_s, self._slow_deadline_s, self._log_format = deadline_s, slow_deadline_s, log_format
         self._spawn = get_context("spawn")
         self._slots, self._frame_bytes = SlotStore(), 0
@@ -143,6 +153,8 @@ class WorkerPool:
             while not any(worker.state == "idle" for worker in self._workers):
                 time.sleep(0.02)
                 self._turn_all()
+                if self._unreadable is not None:
+                    raise self._unreadable
                 if self.outage:
                     raise DeviceError(self.outage)
         except BaseException:
@@ -233,6 +245,12 @@ class WorkerPool:
     def _is_own_scene(self) -> bool:
         return self._scene is self._own_scene
 
+    @property
+    def _may_have_scene(self) -> bool:
+        """Whether the scene can be handed out: its file is read by one worker alone."""
+        return bool(self._scene[1]) or not any(w.state == "starting" and w.generation == self.generation
+                                               for w in self._workers)
+
     def _tell_scene(self, worker: _Worker) -> None:
         worker.generation = self.generation
         self._tell(worker, "scene", *self._scene)
@@ -297,6 +315,9 @@ class WorkerPool:
             except (EOFError, OSError):
                 self._bury(worker)
                 continue
+            if worker.wants_scene and self._may_have_scene:
+                worker.wants_scene = False
+                self._tell_scene(worker)
             if worker.state in ("starting", "busy", "loading") and now > worker.deadline:
                 worker.overran = True
                 has_used_s = used_s(worker.process.pid) - worker.processor_s
@@ -324,7 +345,15 @@ class WorkerPool:
         kind, *rest = said
         if kind == "awake":
             # Not before: one that dies unread leaves nothing behind.
-            self._tell_scene(worker)
+            worker.wants_scene = True
+        elif kind == "opened":
+            *scene, n_facets = rest
+            self._scene = self._own_scene = tuple(scene)
+            self._start_s = _start_s(n_facets)
+            for starting in self._workers:
+                starting.deadline_s, starting.deadline = self._start_s, time.monotonic() + self._start_s
+        elif kind == "unreadable":
+            (self._unreadable,) = rest
         elif kind == "ready":
             worker.state, self.outage, worker.deadline = "idle", "", time.monotonic()
             worker.is_after_overrun = False
@@ -369,7 +398,7 @@ class WorkerPool:
         task.job.done(Done([head, *parts], code, timings_ms, place, warnings))
 
     def _start(self, worker: _Worker) -> None:
-        worker.state, worker.overran, worker.generation = "starting", False, -1
+        worker.state, worker.overran, worker.wants_scene, worker.generation = "starting", False, False, -1
         # A scene that was loaded may take as long again.
         worker.deadline_s = self._start_s if self._is_own_scene else max(self._start_s, self._slow_deadline_s)
         worker.deadline = time.monotonic() + worker.deadline_s
@@ -451,6 +480,10 @@ class WorkerPool:
             self._dying.remove((process, slot))
             if slot is not None:
                 self._slots.give_back(slot)
+
+
+def _start_s(n_facets: int) -> float:
+    return START_S + START_S_PER_FACET * n_facets
 
 
 def used_s(pid: int) -> float:

@@ -14,7 +14,7 @@ from glrender import ProtocolError
 from glrender_camera.compression import decode
 from glrender_client import Client, ServerError, shared
 from glrender_client.wire import Packer, frames_fields, read_header, read_reply, render_fields
-from glrender_server import codec, framing
+from glrender_server import codec, framing, pixels
 
 GOLDEN = {name: [bytes.fromhex(part) for part in parts] for name, parts in json.loads(
     (Path(__file__).parents[1] / "data" / "golden.json").read_text(encoding="ascii")).items()}
@@ -151,7 +151,7 @@ def test_column_major_bytes_are_what_matlab_reshapes():
 def test_both_orders_carry_the_same_array(rng, shape, dtype):
     array = (100.0 * rng.random(shape)).astype(dtype)
     for order in ("C", "F"):
-        parts = codec.pack({}, {"x": (array, "1"), "view": (np.repeat(array, 2, axis=0)[::2], "1")}, order)
+        parts = pixels.pack({}, {"x": (array, "1"), "view": (np.repeat(array, 2, axis=0)[::2], "1")}, order)
         for part in parts[1:]:
             assert bytes(part) == array.tobytes(order)
 
@@ -225,4 +225,4 @@ def test_random_bytes_are_refused_never_crash(rng):
 
 def test_an_array_that_the_protocol_has_no_name_for_is_a_bug():
     with pytest.raises(TypeError, match="complex128"):
-        codec.pack({}, {"image": (np.zeros((2, 2), complex), "1")})
+        pixels.pack({}, {"image": (np.zeros((2, 2), complex), "1")})

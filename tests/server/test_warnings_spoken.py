@@ -16,6 +16,7 @@ import pytest
 import serving
 import views
 from glrender import draw_still, generate, load_scene, open_renderer, take_frame
+from glrender.base.names import NOTES
 from glrender.brdf import Lambert
 from glrender.engines import advice
 from glrender.scenario import RandomStates, load_scenario
@@ -113,7 +114,7 @@ def test_each_is_in_every_reply_and_in_the_log_once(told, name):
         assert {each.code for each in of_reply} <= {code, "exposure"}, "and nothing else is odd"
     lines = [line for line in log if found[name][0][0].message in line]
     lines = [line for line in lines if code == "shape" or f": {name}: " in line]
-    assert len(lines) == 1 and (" INFO " if code in advice.NOTES else " WARNING ") in lines[0], lines
+    assert len(lines) == 1 and (" INFO " if code in NOTES else " WARNING ") in lines[0], lines
 
 
 @pytest.mark.parametrize("name", CONDITIONS)
@@ -124,7 +125,7 @@ def test_check_prints_each_before_a_loop_is_flown(folder, capsys, monkeypatch, n
     (folder / "state.json").write_text(json.dumps(state.to_dict()))
     options = [text for key, value in request.items() for text in (f"--{key.replace('_', '-')}", str(value))]
     assert main(["check", "one.toml", "state.json", *options]) == 0
-    kind = "note" if code in advice.NOTES else "warning"
+    kind = "note" if code in NOTES else "warning"
     said = capsys.readouterr().err.splitlines()
     lines = [line for line in said if piece in line]
     assert len(lines) == 1, said

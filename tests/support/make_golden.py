@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import numpy as np
-from glrender_server import codec, framing
+from glrender_server import codec, framing, pixels
 
 STATE = {"t_s": 12.5, "r_sun_inertial_m": [1.5e11, 0.0, 0.0],
          "spacecraft": {"r_inertial_m": [0.0, 0.0, -2000.0], "q_from_inertial": [1.0, 0.0, 0.0, 0.0]},
@@ -58,13 +58,13 @@ def golden() -> dict[str, list[str]]:
 
     messages = {f"request_{name}": [msgpack.packb(header)] for name, header in REQUESTS.items()}
     for order in ("C", "F"):
-        messages[f"reply_frame_{order}"] = codec.pack(REPLY, {"image": (IMAGE, "DN"), "range": (RANGE, "m")}, order)
-        messages[f"reply_frames_{order}"] = codec.pack(
+        messages[f"reply_frame_{order}"] = pixels.pack(REPLY, {"image": (IMAGE, "DN"), "range": (RANGE, "m")}, order)
+        messages[f"reply_frames_{order}"] = pixels.pack(
             FRAMES_REPLY, [{"image": (IMAGE, "DN"), "range": (RANGE, "m")}, {"image": (REGION, "W/m2")}], order)
-    messages["reply_region"] = codec.pack(REGION_REPLY, {"image": (REGION, "W/m2")})
-    messages["reply_compressed"] = codec.pack(
+    messages["reply_region"] = pixels.pack(REGION_REPLY, {"image": (REGION, "W/m2")})
+    messages["reply_compressed"] = pixels.pack(
         COMPRESSED_REPLY, {"image": (np.frombuffer(STREAM, np.uint8), "byte")}, "F")
-    messages["reply_warned"] = codec.pack(WARNED_REPLY, {"image": (REGION, "W/m2")})
+    messages["reply_warned"] = pixels.pack(WARNED_REPLY, {"image": (REGION, "W/m2")})
     header, image, distances = messages["reply_frame_F"]
     messages["reply_shared"] = [codec.with_field(header, "shared", PLACE)]
     messages["slot_shared"] = [b"".join(bytes(part).ljust(64, b"\0") for part in (

@@ -12,8 +12,8 @@ import views
 from conventions import FACETS, PAGE, PYRAMID, PYRAMID_FACETS, R_MARKER_M, ROOT, blocks
 from glrender import Body, PinholeCamera, Pose, Renderer, Scene, Shape, State, frames, from_basilisk_mrp, generate
 from glrender.base.constants import AU_M
+from glrender.base.names import PRODUCTS
 from glrender.brdf import Lambert
-from glrender.engines.image import PRODUCTS
 from glrender.scene.solar_irradiance import Band
 from glrender.view.light_time import apparent_state
 from glrender_camera import Detector, MosaicModel, Optics

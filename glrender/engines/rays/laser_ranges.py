@@ -9,10 +9,10 @@ import numpy as np
 from glrender_camera.validate import finite, integer, positive, unit_vectors
 
 from ...base.errors import ConfigError
+from ...base.names import MAX_DIRECTIONS
 from ...scene.scene import Scene
 from ...view.state import State
 from ...view.view import view_bodies
-from ..image import MAX_DIRECTIONS
 from .exact_rays import exact_mesh
 
 if TYPE_CHECKING:

@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 from glrender import ConfigError, Scene, State, open_renderer
+from glrender.base.names import OUTPUTS
 from glrender.capture.capture import Capture
-from glrender.capture.outputs import OUTPUTS, checked_output, has_exposure
+from glrender.capture.outputs import checked_output, has_exposure
 from glrender.engines.advice import Advice, scene_advice
 from glrender.scenario import RandomStates
 from glrender.sequences.sequence import FrameOptions, captured

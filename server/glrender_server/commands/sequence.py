@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from glrender import ConfigError, State
 from glrender.base.errors import error_path
-from glrender.capture.outputs import OUTPUTS
+from glrender.base.names import OUTPUTS
 from glrender.scenario import load_scenario
 from glrender.scenario.files.keypoint_fields import off_surface
 from glrender.scenario.files.scenario_file import load_setting
