@@ -18,9 +18,11 @@ import numpy as np
 import pytest
 import serving
 import views
-from glrender import DeviceError, load_scene
+from glrender import ConfigError, DeviceError, load_scene
 from glrender_client import Client, ServerError
 from glrender_server import slots, workers
+from glrender_server.scene_digest import scene_digest
+from glrender_server.scene_source import SceneFile
 from serving import Framed, children, until
 
 STATE = views.state().to_dict()
@@ -224,6 +226,32 @@ def test_a_pool_that_cannot_start_says_why(tmp_path, monkeypatch):
     # The spawned process cannot make a context of a backend that is none.
     with pytest.raises(DeviceError, match="a worker did not start: backend: must be one of"):
         workers.WorkerPool(load_scene(tmp_path / "scene.toml"), "vulkan", n_workers=2, deadline_s=5.0)
+
+
+def test_one_worker_alone_reads_the_file_of_the_scene(tmp_path):
+    """The others, and those that come when it has gone, have what was read."""
+    source = tmp_path / "scene.toml"
+    source.write_text(serving.SCENE)
+    made = workers.WorkerPool(SceneFile(source), n_workers=2, deadline_s=20.0)
+    try:
+        source.unlink()
+        until(lambda: made.turn({}) or made.described["workers"]["ready"] == 2)
+        for worker in made._workers:
+            worker.process.kill()
+        until(lambda: made.turn({}) or (made.restarts == 2 and made.described["workers"]["ready"] == 2))
+        source.write_text(serving.SCENE)
+        assert made.described["scene"] == scene_digest(load_scene(source)) and not made.outage
+    finally:
+        made.close()
+
+
+def test_a_file_that_no_scene_comes_from_is_named_with_its_field(tmp_path):
+    source = tmp_path / "scene.toml"
+    source.write_text(serving.SCENE.replace("radius_m", "radius_km"))
+    with pytest.raises(ConfigError, match="radius_km: unknown key"):
+        workers.WorkerPool(SceneFile(source), n_workers=2, deadline_s=20.0)
+    with pytest.raises(ConfigError, match="none.toml"):
+        workers.WorkerPool(SceneFile(tmp_path / "none.toml"), n_workers=1, deadline_s=20.0)
 
 
 @pytest.fixture
