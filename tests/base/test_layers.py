@@ -188,7 +188,8 @@ def test_import_opens_no_context(name):
 
 def test_the_servers_process_loads_no_renderer():
     """Its workers draw: without Numba and OpenGL it starts a second sooner."""
-    code = "import glrender_server.__main__, sys; sys.exit(bool({'cv2', 'moderngl', 'numba', 'scipy'} & sys.modules.keys()))"
+    heavy = "{'cv2', 'moderngl', 'numba', 'scipy'}"
+    code = f"import glrender_server.__main__, sys; sys.exit(bool({heavy} & sys.modules.keys()))"
     assert subprocess.run([sys.executable, "-c", code], timeout=60).returncode == 0
 
 
