@@ -86,8 +86,9 @@ def test_progress_rises_to_the_end():
 
 @pytest.mark.usefixtures("blender")
 def test_a_frame_beyond_its_deadline_is_given_up_and_the_next_is_drawn():
-    with Cycles(SCENE, deadline_s=0.6) as cycles:
+    with Cycles(SCENE) as cycles:
         pid, = blenders(os.getpid())
+        cycles._deadline_s = 0.6
         with pytest.raises(DeviceError, match="took longer than its deadline"):
             cycles.render(views.state(), samples=128)
         assert not is_alive(pid)
