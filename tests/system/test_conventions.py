@@ -54,7 +54,7 @@ CHECKS = {
                              "test_stellar_aberration_is_the_closed_form", "test_the_sun_stands_still"]},
     "Photometry": {
         "A law returns": ["test_radf_of_lambert_is_albedo_times_cosine", "test_lambert_is_its_albedo_over_pi"],
-        "The Sun lights": ["test_the_suns_direction_is_that_of_the_bodys_origin",
+        "Each body has": ["test_the_suns_direction_is_that_of_the_bodys_origin",
                            "test_the_suns_distance_is_that_of_each_bodys_origin", "test_a_straight_edges_penumbra",
                            "test_a_point_sun_on_request"],
         "`irradiance_W_m2`": ["test_solid_angle_falls_off_as_cos_cubed", "test_flux_of_a_sphere",
