@@ -75,7 +75,7 @@ class Compression:
                                   f"it has {' and '.join(allowed) or 'none: it is lossless'}")
         if len(given) > 1:
             raise ConfigError(given[1], f"must not be given with {given[0]}", getattr(self, given[1]),
-                              "leave one of them out")
+                              "leave one out")
         checks: dict[str, Callable[[str, Any], Any]] = {
             "max_error_DN": lambda name, value: integer(name, value, 1, _most_error(np.dtype(np.uint16))),
             "share_of_noise": lambda name, value: within(name, positive(name, value), 0.0, 4.0),

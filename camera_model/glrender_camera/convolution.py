@@ -163,7 +163,7 @@ class FieldConvolution:
                 continue
             light = cv2.copyMakeBorder(light, margin_y, margin_y, margin_x, margin_x, cv2.BORDER_CONSTANT, value=0.0)
             spread = convolution(light)
-            # What reaches beyond the part is cut off.
+            # Light that reaches beyond the part is cut off.
             top, left = rows.start - margin_y, columns.start - margin_x
             inside = np.s_[max(0, -top):image.shape[0] - top, max(0, -left):image.shape[1] - left]
             part = spread[inside]

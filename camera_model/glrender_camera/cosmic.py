@@ -29,7 +29,7 @@ def tracks(rng: np.random.Generator, shape: tuple[int, int], n_hits: int, *, ele
     pixel : (N,) int64
         Flat indices, rising, each once.
     electrons : (N,) float32 [e-]
-        What lies outside the detector is left out.
+        Parts of tracks outside the detector are left out.
     """
     height, width = shape
     column, row = rng.uniform(-0.5, width - 0.5, n_hits), rng.uniform(-0.5, height - 0.5, n_hits)

@@ -25,7 +25,7 @@ class ConfigError(GlrenderError, ValueError):
     path : str
         Dotted path of the field, e.g. ``bodies[1].q_from_inertial``; empty for the whole.
     rule : str
-        What must hold.
+        The rule that must hold.
     got : object, optional
         The value received.
     hint : str, optional

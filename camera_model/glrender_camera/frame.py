@@ -24,7 +24,7 @@ class Frame:
     exposure_s : float [s]
     seed : int
     stages : dict of str to str
-        What was modelled and what was skipped, with why, in the order of the light.
+        Each stage, how it was modelled or why it was skipped, in the order of the light.
     faults : tuple of dict
         Kind and place of each fault that the frame has. `electrons` and `saturated` are the detector's: before lines,
         blocks or bytes are lost, and before compression.

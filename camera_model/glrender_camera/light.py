@@ -66,7 +66,7 @@ def light_on_frame(optics: Optics, irradiance_W_m2: np.ndarray, *, roi: object =
     margin_px = integer("margin_px", margin_px, 0, (min(irradiance.shape) - 1) // 2)
     height, width = (n - 2 * margin_px for n in irradiance.shape)
     stray = optics.stray_light
-    # What the point spread function carries out of the image throws its wing from there.
+    # Light that the point spread function carries out of the image throws its wing from there.
     room_px = max(optics.psf_margin_px) if stray is not None and stray.wing_fraction > 0.0 else 0
     edge_px = margin_px + room_px
     signal = np.zeros((height + 2 * edge_px, width + 2 * edge_px), np.float32)
@@ -78,7 +78,7 @@ def light_on_frame(optics: Optics, irradiance_W_m2: np.ndarray, *, roi: object =
         lit = np.s_[max(0, y0 - margin_y):min(signal.shape[0], y1 + margin_y),
                     max(0, x0 - margin_x):min(signal.shape[1], x1 + margin_x)]
         # A copy, so that the filter sees darkness around the box on every path.
-        # What was not in the region is dark, whatever it holds.
+        # Pixels outside the region are dark, whatever they hold.
         light = np.zeros((lit[0].stop - lit[0].start, lit[1].stop - lit[1].start), np.float32)
         inner = np.s_[y0 - lit[0].start:y1 - lit[0].start, x0 - lit[1].start:x1 - lit[1].start]
         np.maximum(irradiance[drawn], 0.0, out=light[inner])
@@ -103,7 +103,7 @@ def light_on_frame(optics: Optics, irradiance_W_m2: np.ndarray, *, roi: object =
             far = _brightest(points.chosen(~is_drawn))
             stray.add_from_beyond(signal, far.xy_px + edge_px, far.irradiance_W_m2, edge_px)
     if points is not None and not is_drawn.all():
-        # What their point spread function brings in has no second wing.
+        # The light that their point spread function brings in has no second wing.
         rest = points.chosen(~is_drawn).image(optics, signal.shape, (-edge_px, -edge_px))
         signal += rest if stray is None else rest * np.float32(stray.direct_share)
     if stray is not None and (box is not None or points is not None):

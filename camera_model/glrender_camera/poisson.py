@@ -212,7 +212,7 @@ def _large(rng: np.random.Generator, mean: np.ndarray) -> np.ndarray:
     np.divide(np.float32(_doubt(_USUAL_W)), mean, out=near)
     x += near
     k += whole
-    # What float32 leaves of the sum: 2^-24 of its largest term, for each of four roundings.
+    # Error of float32 in the sum: 2^-24 of its largest term, for each of four roundings.
     rounding = 2.0**-22 * (_USUAL_W * float(mean.max()) ** 0.5 + 1.0)
     is_far |= x > np.float32(0.5 - rounding)
     index = np.flatnonzero(is_far)

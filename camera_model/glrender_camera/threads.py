@@ -53,7 +53,7 @@ def run(task: Callable[[int], None], items: Iterable[int], n_threads: int = N_TH
 def run_in_parts(task: Callable[[slice], Any], n_items: int, at_once: int) -> list[Any]:
     """Do a task for each part of some items, on all cores; parts depend on the items' number alone.
 
-    So many items at once are one part, more are an even number of parts. Returns what the tasks do, in order of parts.
+    Up to this number of items is one part, more are an even number of parts. Returns the tasks' values, in order.
     """
     n_parts = 1 if n_items <= at_once else 2 * math.ceil(n_items / (2 * at_once))
     done = [None] * n_parts

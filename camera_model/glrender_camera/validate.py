@@ -156,7 +156,7 @@ def near_unit(name: str, off: float, rule: str, got: object, hint: str) -> None:
     off : float
         How far it is from unity.
     rule : str
-        What must hold, with `{:g}` where the tolerance is to stand.
+        The rule that must hold, with `{:g}` in the tolerance's place.
     got, hint : object, str
         The value received, and the way out.
     """

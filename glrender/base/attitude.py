@@ -24,7 +24,7 @@ def from_matlab_dcm(dcm_b_from_a: np.ndarray) -> np.ndarray:
     Parameters
     ----------
     dcm_b_from_a : (..., 3, 3) float [1]
-        What `angle2dcm` and `quat2dcm` give, and `dcm2quat` takes: components in a to components in b. MATLAB's
+        Matrix that `angle2dcm` and `quat2dcm` give, and `dcm2quat` takes: components in a to components in b. MATLAB's
         3 x 3 x M is `np.moveaxis(dcm, -1, 0)`.
 
     Returns

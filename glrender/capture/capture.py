@@ -2,7 +2,7 @@
 
     bodies → distortion → mean over the exposure → the camera model (point spread, stars, detector)
 
-What a scene does not need is skipped, and `stages` says so.
+Stages that a scene does not need are skipped, and `stages` says so.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class Capture:
         Of the image that was drawn at `t_s`: its pixels are the frame's, or those of the margin and the oversampled
         rectilinear image that `stages` describe.
     stages : dict of str to str
-        What was modelled between the bodies and the digital numbers, and what was skipped, with why.
+        Each stage between the bodies and the digital numbers: how it was modelled, or why it was skipped.
     timings_ms : dict of str to float
     warnings : tuple of Advice
         Warnings: nothing in view or lit, saturation, an exposure at its limit; the plan's warnings.

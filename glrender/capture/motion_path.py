@@ -155,7 +155,7 @@ def _of_points(camera: PinholeCamera, track: list[np.ndarray]) -> tuple[np.ndarr
     near = np.any([((np.fmax(a, b) > -size) & (np.fmin(a, b) < 2 * size)).all(axis=1) for a, b in pairwise(xy)], axis=0)
     path = sum(np.hypot(*(b - a).T) for a, b in pairwise(xy))[near]
     places = np.array(xy)[:, near]
-    # What comes from behind the camera, or goes there, crosses all of the frame.
+    # A body that comes from behind the camera, or goes there, crosses all of the frame.
     across = float(np.hypot(*size))
     reach = np.hypot(*(np.max(places, axis=0) - np.min(places, axis=0)).T) if places.size else np.zeros(0)
     longest, extent = (float(np.nan_to_num(each, nan=across).max(initial=0.0)) for each in (path, reach))

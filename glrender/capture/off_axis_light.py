@@ -55,7 +55,7 @@ def light_beyond(renderer: Any, camera: PinholeCamera, margin_px: int,
     for state, apart, weight in poses:
         parts = {"the Sun": _sun(renderer, state, plain)}
         for index, view in enumerate(view_bodies(state, plain, renderer.scene.hulls)):
-            # What a distorting lens leaves of the image, nobody knows beforehand.
+            # The part of the image behind a distorting lens is not known beforehand.
             if view.name not in apart and not (view.is_whole and camera.distortion is None):
                 parts[view.name] = _body(renderer, state, plain, view, index)
         for name, part in parts.items():

@@ -35,7 +35,7 @@ def strength_m(table: Mapping[str, Any], dust: Dust) -> float:
     if "cross_section_rate_m2_s" not in table or "speed_m_s" not in table:
         raise ConfigError("afrho_m", "missing", hint="or give cross_section_rate_m2_s and speed_m_s")
     rate = positive("cross_section_rate_m2_s", table["cross_section_rate_m2_s"])
-    # What a sphere holds at a distance r: rate / (4 pi r^2 v), and K is that times r^2.
+    # Density on a sphere at a distance r: rate / (4 pi r^2 v), and K is that times r^2.
     return rate / (4.0 * math.pi * positive("speed_m_s", table["speed_m_s"]))
 
 

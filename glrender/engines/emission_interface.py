@@ -93,7 +93,7 @@ class EmissionPass(Protocol):
     def __exit__(self, *exception) -> None: ...
 
     def add(self, irradiance: np.ndarray, frame: EmissionFrame) -> EmissionPlan:
-        """Add its light to the irradiance (height, width) float32 [W/m2], in place; it may dim what is there."""
+        """Add its light to the irradiance (height, width) float32 [W/m2], in place; it may dim the light there."""
 
 
 class Emission(Protocol):

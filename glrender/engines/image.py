@@ -20,7 +20,7 @@ from .advice import Advice, image_advice
 from .small_bodies import SmallBody
 
 _BYTES = {"range": 8, "body_id": 4, "facet_id": 4, "incidence": 4, "emission": 4, "phase": 4, "r_body": 12, "sunlit": 4}
-# What products are made from: three layers of four float32.
+# Bytes a pixel from which products are made: three layers of four float32.
 _LAYER_BYTES = 48
 
 
@@ -33,7 +33,7 @@ class Image:
     irradiance_W_m2 : (height, width) float32 [W/m2]
         Irradiance that arrives at the aperture from the solid angle of each pixel.
     products : dict of str to array
-        Those asked for, at each pixel's centre: ``range`` float64 [m] (NaN on the sky),
+        Products that were asked for, at each pixel's centre: ``range`` float64 [m] (NaN on the sky),
         ``body_id`` int32 (index into the scene's bodies, -1 on the sky), ``facet_id`` int32 (likewise),
         ``incidence``, ``emission``, ``phase`` float32 [rad] (NaN there), ``r_body`` (height, width, 3)
         float32 [m] (NaN there), ``sunlit`` float32 (0 in a cast shadow or facing away, 1 in sunlight).
@@ -42,7 +42,7 @@ class Image:
     small_bodies : tuple of SmallBody
         Bodies of a few pixels or less: flux and centre of brightness, where OpenGL drew them alone.
     request : (Scene, State, PinholeCamera), optional
-        What it is the image of.
+        Scene, state and camera of the image.
     """
 
     irradiance_W_m2: np.ndarray

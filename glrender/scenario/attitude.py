@@ -155,7 +155,7 @@ class Pointing:
     target : str
         A body, or "sun".
     up : "north", "sun", "orbit_normal" or (3,) float
-        What points up (-Y): the ICRF pole, the Sun, the normal of the motion about the target (nadir pointing), or a
+        Points up (-Y): the ICRF pole, the Sun, the normal of the motion about the target (nadir pointing), or a
         direction, ICRF axes.
     roll_deg : float [deg]
         By which the camera is turned on about its boresight, +X towards +Y.

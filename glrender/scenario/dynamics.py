@@ -44,7 +44,7 @@ class RigidBody:
         As `Torque`: `GravityGradient`, `GasDrag`, `Thruster`, `Wheels`, or a function. The sum counts. One that jumps
         has the times of that as `edges_s`.
     impulses : sequence of object with `times_s` and `impulse(index, q_from_inertial)`
-        What changes the angular momentum at once, [N m s] in the frame: `DustImpacts`.
+        Impulses that change the angular momentum at once, [N m s] in the frame: `DustImpacts`.
     wheel_momentum_N_m_s : (3,) float [N m s]
         Constant angular momentum of wheels, in the frame.
     rtol : float [1]

@@ -20,7 +20,7 @@ class Trajectory(Protocol):
 
     @property
     def about(self) -> str:
-        """What positions are relative to."""
+        """Name of the object that positions are relative to."""
 
     def at(self, start: Any, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Positions (N, 3) [m] and velocities (N, 3) [m/s] at times (N,) [s] from the scenario's start."""

@@ -52,7 +52,7 @@ class RandomStates:
     camera : PinholeCamera
         Of the scene: bodies in its field count.
     body : str
-        What the camera looks at; range and phase angle are those of its origin.
+        Body that the camera looks at; range and phase angle are those of its origin.
     range_m, phase_angle_deg, off_pointing_deg, roll_deg, sun_distance_au, time_s : Distribution
         Off-pointing is the angle between boresight and body, in any direction; the roll is as of `Pointing`; the time
         is that of bodies which move.

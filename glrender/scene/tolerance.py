@@ -32,7 +32,7 @@ def checked_max_error(value: object, name: str = "max_error") -> float | dict[st
 
 
 def by_unit(max_error: float | Mapping[str, float]) -> dict[str, float]:
-    """What a checked tolerance asks of each unit; a number is of `rms`."""
+    """A checked tolerance by unit; a number is that of `rms`."""
     return dict(max_error) if isinstance(max_error, Mapping) else {"rms": max_error}
 
 

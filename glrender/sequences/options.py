@@ -136,7 +136,7 @@ def options_of(scene: Scene, table: Mapping[str, Any], asked: Mapping[str, Any] 
     table : mapping
         [output] of a scenario file, with keys out of `OUTPUT_KEYS`.
     asked : mapping, optional
-        What overrides it, with the same keys; None leaves the table's.
+        Values that override it, with the same keys; None leaves the table's.
     backend : str
 
     Raises

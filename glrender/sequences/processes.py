@@ -66,7 +66,7 @@ class Pool:
 
         Raises
         ------
-        What a task raises, and DeviceError where its process died.
+        The task's own error, and DeviceError where its process died.
         """
         under_way: dict[Future, int] = {}
         while True:
@@ -99,7 +99,7 @@ def checked_processes(n_processes: int | None, name: str = "processes") -> int:
 
 
 def parted(states: Sequence[State], options: FrameOptions) -> tuple[Sequence[State], Sequence[State | None]]:
-    """What a process needs of states at its start, and what with each frame.
+    """The states that a process needs at its start, and those that it gets with each frame.
 
     States with courses are sent at once, with what they have in common; irradiance needs no courses.
     """
@@ -110,7 +110,7 @@ def parted(states: Sequence[State], options: FrameOptions) -> tuple[Sequence[Sta
 
 def processes_of(states: Sequence[State], options: FrameOptions, n_processes: int | None,
                  is_elsewhere: bool = False) -> int | None:
-    """As many processes as are asked for; by default (None or 0) one where courses cannot be sent to others.
+    """The number of processes; by default (None or 0) one where courses cannot be sent to others.
 
     Raises
     ------

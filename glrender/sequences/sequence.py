@@ -90,7 +90,7 @@ class FrameSequence:
         Parameters
         ----------
         n_processes : int, optional
-            As many as the machine has cores by default; one where the states' courses cannot be sent to others.
+            By default one for each core; one where the states' courses cannot be sent to others.
 
         Raises
         ------

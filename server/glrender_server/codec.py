@@ -26,7 +26,7 @@ _READ_BYTES = 4096
 
 def pack(header: Mapping[str, Any]) -> list[bytes]:
     """The one part of a message of plain data, which has no arrays unless the header describes some."""
-    # What says how to read the parts comes first, so that a slow interpreter may leave the rest unread.
+    # Fields needed to read the parts come first, so that a slow interpreter may leave the rest unread.
     first = {name: header[name] for name in _FIRST if name in header}
     return [msgpack.packb({**first, "arrays": [], **header}, default=_plain)]
 
@@ -42,7 +42,7 @@ def with_field(packed: bytes, name: str, value: Any) -> bytes:
 def unpack_envelope(parts: Sequence[bytes]) -> dict[str, Any]:
     """The top of a request's header: its plain values, and an empty list in the place of each list or map.
 
-    What a list or a map holds is passed over, unread: it costs whoever decodes the rest.
+    The contents of lists and maps are passed over, unread: decoding them is the reader's cost.
 
     Raises
     ------

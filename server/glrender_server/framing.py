@@ -66,7 +66,7 @@ class Decoder:
         Raises
         ------
         ProtocolError
-            What comes is not framed as above, or larger than allowed: known before its parts are here.
+            A message is not framed as above, or larger than allowed: known before its parts are here.
         """
         while self._held and (size := self._message_size()) is not None and len(self._held) >= size:
             sizes = self._part_sizes()

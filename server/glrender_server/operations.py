@@ -68,7 +68,7 @@ class Operations:
     on_progress : callable
         Called while a slow frame is drawn, with the share done of the request's frames.
     last_warnings : list of (str, tuple of Advice)
-        What the last request's frames warn of and note, each with its camera's name.
+        Warnings and notes of the last request's frames, each with its camera's name.
     """
 
     def __init__(self, scene: Scene, backend: str = "auto", shape_dir: Path | None = None, digest: str | None = None):
@@ -129,7 +129,7 @@ class Operations:
         """The reply to one request and its error code, empty if it went well; raises nothing.
 
         The arrays are written to `memory`, if it is given.
-        What the caller did wrong is answered with `code`, `path` and `message`; anything else is a bug:
+        A caller's error is answered with `code`, `path` and `message`; anything else is a bug:
         logged with its traceback, answered `internal`, and survived.
         """
         self._memory, self.last_warnings, self.last_timings_ms = memory, [], {}
@@ -181,7 +181,7 @@ class Operations:
             fields = {"frames": made, "timings_ms": _summed(frame["timings_ms"] for frame in made)}
         else:
             arrays, fields = arrays[0], made[0]
-        # What making the frames left behind is freed by now: that is part of their time.
+        # The frames' temporary memory is freed by now: that is part of their time.
         fields["timings_ms"]["total"] = 1e3 * (time.perf_counter() - began)
         self.last_timings_ms = fields["timings_ms"]
         return pixels.pack({**echo(header), "ok": True, "scene": self.digest, "t_s": state.t_s, **fields}, arrays,

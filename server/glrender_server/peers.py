@@ -165,7 +165,7 @@ class Peers:
     def _end_unfinished(self, peers: list[Peer]) -> None:
         """Hang up on those of whose bytes ZeroMQ holds more than whole messages can be.
 
-        What it held at the mark is no whole message once none was left to read, or each connection had its turns.
+        Bytes held at the mark are no whole message once none was left to read, or each connection had its turns.
         """
         unfinished = {peer: peer.unfinished_bytes for peer in peers}
         if has_settled := self._n_messages >= self._n_to_settle:
@@ -268,7 +268,7 @@ class Peers:
                 told = twin.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _TCP_INFO_RECEIVED + 8)
                 if len(told) == _TCP_INFO_RECEIVED + 8:
                     peer.n_acknowledged_bytes, received = struct.unpack_from("QQ", told, _TCP_INFO_ACKED)
-                    # What the system holds still may be whole messages, and is bounded by it.
+                    # Bytes that the system still holds may be whole messages; the system bounds them.
                     peer.n_received_bytes = received - _n_bytes(twin, termios.FIONREAD)
             peer.n_queued_bytes = _n_bytes(twin, termios.TIOCOUTQ)
             if before != (peer.n_queued_bytes, peer.n_acknowledged_bytes):

@@ -19,7 +19,7 @@ log = logging.getLogger(__name__)
 _POLL_MS, _RETRY_MS = 100, 10
 # For what waits and is under way when the end is asked for, and then for clients to take it.
 _FINISH_S, _DRAIN_S, _LEAST_LINGER_S = 40.0, 3.0, 0.2
-# So many turns in a row that fail somewhere are no mishap: a service manager starts the server anew.
+# Failed turns in a row from which the server ends, so that a service manager starts it anew.
 _MAX_FAILED_TURNS = 100
 
 

@@ -266,7 +266,7 @@ class _Connection:
         self._output.put(reply)
         self._write()
         self._break_off()
-        # What the system did not take must not wait for the loop's next turn.
+        # Bytes that the system did not take must not wait for the loop's next turn.
         self._on_answer(self)
 
     def _read(self) -> None:

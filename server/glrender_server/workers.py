@@ -116,7 +116,7 @@ class WorkerPool:
     memory_bytes : int, optional
         Data that a worker may have (RLIMIT_DATA); a request that needs more is answered `device`.
     operations : type
-        What serves a worker's requests.
+        Class that serves a worker's requests.
 
     Raises
     ------

@@ -44,7 +44,7 @@ _LINGER_S = 3.0
 _KEEP_ALIVE_IDLE_S, _KEEP_ALIVE_INTERVAL_S, _KEEP_ALIVE_COUNT = 60, 20, 3
 # Who has connected and not shaken hands by then is closed by ZeroMQ.
 _HANDSHAKE_MS = 10_000
-# What ZeroMQ has sent by itself is looked for so often.
+# Interval at which bytes that ZeroMQ has sent by itself are looked for.
 _FLUSH_S = 0.1
 
 
@@ -252,7 +252,7 @@ class ZmqFront:
         backlog = self._backlogs.get(identity)
         if backlog is None:
             return 0
-        # What cannot be too much need not be counted.
+        # An amount that cannot be too much need not be counted.
         most = backlog.n_bytes_at_most
         return most if most <= limits.FEW_UNTAKEN_BYTES else backlog.n_bytes
 

@@ -46,7 +46,7 @@ class BodyKey:
 
 @dataclass(frozen=True, eq=False)
 class SceneKey:
-    """What does not change from frame to frame: one object for equal scenes, which share a renderer."""
+    """The unchanging part of a simulation: one object for equal scenes, which share a renderer."""
 
     bodies: tuple[BodyKey, ...]
     cameras: tuple[Camera, ...]

@@ -1,4 +1,4 @@
-"""What the adapter's workers do: a frame, and of its light the picture that Basilisk reads."""
+"""The work of the adapter's processes: a frame, and from its light the picture that Basilisk reads."""
 
 from __future__ import annotations
 

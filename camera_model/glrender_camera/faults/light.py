@@ -50,7 +50,7 @@ class SunBlinding(Fault):
             across, down = site.offsets(rows, x, y)
             light = np.float32(self.radius_px**2) / np.maximum(across**2 + down**2, np.float32(1.0))
             if is_inside:
-                # What overflows thins out.
+                # The overflow thins out.
                 half = 0.5 * self.radius_px * (1.0 - np.abs(down) / (self.bloom_px + 1.0))
                 light[np.abs(across) <= half] = _MOST_FULL_WELLS
             return np.minimum(light, np.float32(_MOST_FULL_WELLS)) * np.float32(site.detector.full_well_electrons)

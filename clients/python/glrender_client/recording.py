@@ -29,7 +29,7 @@ _PREFIX = struct.Struct("<4sHH")
 _REQUEST, _REPLY = 0, 1
 # Fastest of gzip's levels, in a thread of its own, and exchanges that may wait for it.
 _LEVEL, _MOST_WAITING = 1, 8
-# What may differ between two drawings of one frame.
+# Fields that may differ between two drawings of one frame.
 _OF_THE_MOMENT = ("timings_ms", "uptime_s", "requests", "errors", "clients", "waiting", "last_timings_ms", "workers",
                   "generation")
 

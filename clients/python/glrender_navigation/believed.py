@@ -35,7 +35,7 @@ class Drawn:
         Irradiance, spread by the camera's point spread function.
     products : dict of str to array (h, w, ...)
     is_clear : (h, w) bool
-        What neither another body nor its surroundings have.
+        Pixels that neither another body nor its surroundings have.
     corner_px : (2,) int [px]
         Place of its pixel (0, 0) in the whole frame.
     here : Sight

@@ -78,7 +78,7 @@ def deviation(model: HasFacets, truth: HasFacets, *, px_m: float | None = None, 
     px_m : float [m], optional
         Pixel on the ground, of which completeness is reported.
     align : {"none", "attitudes", "similarity"}
-        What is taken off first: nothing; scale and shift, where attitudes are known; scale, shift and turn.
+        Alignment that is taken off first: none; scale and shift, where attitudes are known; scale, shift and turn.
     frames : sequence of PosedFrame, optional
         Completeness is of what three of them or more saw in light; else of the whole truth.
 

@@ -74,7 +74,7 @@ class SurfacePass:
         stage : str
             The fragment shader.
         bounds_px : (float, float, float, float) [px]
-            What of the image the target is: x0, y0, x1, y1.
+            Part of the image that the target shows: x0, y0, x1, y1.
         grid : (int, int)
             Samples across and down.
         names : sequence of str

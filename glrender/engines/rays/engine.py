@@ -85,7 +85,7 @@ class RayEngine:
                 across: int) -> np.ndarray:
         """Irradiance (M, N) float64 [W/m2 per pixel] of columns (N,) and rows (M,) of places [px].
 
-        So many places in a row have a pixel's draws of the Sun's disc to themselves.
+        `across` places in a row share a pixel's draws of the Sun's disc.
         """
         value = np.empty((len(y_px), len(x_px)))
         column, at_once = np.arange(len(x_px)), max(_PLACES_AT_ONCE // len(x_px), 1)
@@ -184,7 +184,7 @@ class RayEngine:
         on_disc = None if draw is None else partial(_on_disc, pixel, camera.principal_point_px, draw)
         for index, hits in self._first(ray, views):
             view = views[index]
-            # What stands in shadow is shaded too: it is less than leaving it out would cost.
+            # Points in shadow are shaded too: leaving them out would cost more.
             hits, r_body, to_sun, is_lit = self._facing(hits, view, views, on_disc)
             radiance = self.radiance(hits.facet, r_body, hits.normal, -hits.ray, to_sun, hits.distance_m, view, camera)
             off_axis = ray[2].take(hits.place)

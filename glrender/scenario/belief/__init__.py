@@ -1,1 +1,1 @@
-"""What the on-board side believes of a scene: other shapes, laws, attitudes, cameras and ephemerides than the true."""
+"""The on-board side's scene: shapes, laws, attitudes, cameras and ephemerides that differ from the true ones."""

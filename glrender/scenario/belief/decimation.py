@@ -36,7 +36,7 @@ def decimated(shape: Shape, share: float, name: str = "facets") -> Shape:
     share : float [1], 0..1
         Of the facets, above 0; 1 gives the shape itself, all others lose its texture.
     name : str
-        What errors call the share.
+        Name of the share in errors.
 
     Raises
     ------

@@ -41,7 +41,7 @@ def attitude_of_aem(path: str | Path, object_name: str | None = None, *, frame: 
         The file's name of the frame whose attitude is wanted, where it is none of SC_BODY_1, IAU_X, X_FIXED of the
         object X: a star tracker's frame is not the spacecraft's.
     bodies : sequence of str
-        What the object may not be where no `object_name` is given.
+        Names that the object may not have where no `object_name` is given.
 
     Returns
     -------

@@ -32,9 +32,9 @@ def trajectory_of_oem(path: str | Path, about: str | Sequence[str], object_name:
     object_name : str, optional
         Needed where the file has several objects.
     center_name : str, optional
-        What the file calls `about`, where it has another name there; names are one but for case and punctuation.
+        The file's name for `about`, where it has another one there; case and punctuation make no difference.
     bodies : sequence of str
-        What the object may not be where no `object_name` is given: a spacecraft's file, not a moon's.
+        Names that the object may not have where no `object_name` is given: a spacecraft's file, not a moon's.
 
     Returns
     -------

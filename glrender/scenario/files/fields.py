@@ -21,7 +21,7 @@ from ..spice.kernels import Spice
 
 @dataclass
 class Known:
-    """What was read of a scenario file before."""
+    """Objects that were read from a scenario file so far."""
 
     scene: Scene
     folder: Path
@@ -37,7 +37,7 @@ class Known:
         return [body.name for body in self.scene.bodies]
 
     def about(self, table: Mapping[str, Any]) -> str:
-        """What a trajectory is about: the first body by default."""
+        """Name of the object that a trajectory is about: the first body by default."""
         return one_of("about", table.get("about", self.names[0]), [SUN, *self.names])
 
     def about_sun(self, name: str) -> Trajectory:

@@ -42,9 +42,9 @@ def trajectory_of_horizons(path: str | Path, about: str | Sequence[str], object_
     object_name : str, optional
         The target, with or without its number: "Didymos" of "65803 Didymos (1996 GT)".
     center_name : str, optional
-        What the file calls `about`, where it has another name there.
+        The file's name for `about`, where it has another one there.
     bodies : sequence of str
-        What the target may not be where no `object_name` is given.
+        Names that the target may not have where no `object_name` is given.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def _of_field(head: dict[str, str], key: str, allowed: Sequence[str]) -> str:
 
 
 def _called(head: dict[str, str], key: str) -> list[str]:
-    """What a body is called: with its numbers, and without those and where its places are from."""
+    """Names of a body: with its numbers, and without those and the origin of its places."""
     full = re.sub(r"\s*\{.*", "", head.get(key, ""))
     if not full:
         raise ConfigError(key, "missing")

@@ -20,7 +20,7 @@ from .state_files import text_of
 
 INERTIAL = ("ICRF", "ICRF2", "ICRF3", "EME2000", "J2000", "GCRF")
 """Frames that are taken for ICRF: EME2000 is ICRF to 0.02 arcseconds, and files do not distinguish the two."""
-# What the header may have that changes no number.
+# Keywords of the header that change no number.
 _HEADER = ("CLASSIFICATION", "CREATION_DATE", "ORIGINATOR", "MESSAGE_ID")
 _BLOCKS = ("META", "DATA", "COVARIANCE")
 _SCALES = ("TDB", "UTC", "TT", "TAI")
@@ -106,7 +106,7 @@ def segments_of(path: Path, kind: str, versions: Sequence[str], keywords: Iterab
     versions : sequence of str
         Those that are known.
     keywords : iterable of str
-        What metadata may have; others are refused, as are keywords among the rows.
+        Keywords that metadata may have; others are refused, as are keywords among the rows.
 
     Raises
     ------
@@ -166,7 +166,7 @@ def of_one_object(path: Path, segments: list[Segment], name: str | None, bodies:
     name : str, optional
         Needed where the file has several objects.
     bodies : sequence of str
-        What the object may not be where no name is given.
+        Names that the object may not have where no name is given.
 
     Raises
     ------
@@ -196,11 +196,11 @@ def centre_of(field: str, in_file: Sequence[str], about: str | Sequence[str], ce
     field : str
         The file's, for messages.
     in_file : sequence of str
-        What the file calls it, in full and in short.
+        The file's names for it, in full and in short.
     about : str, or sequence of str
         Names in the scenario; of several the one that is called so.
     center_name : str, optional
-        What the file is said to call `about`.
+        The file's name for `about`, as it was given.
 
     Raises
     ------

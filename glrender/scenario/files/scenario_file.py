@@ -105,7 +105,7 @@ def scenario_of_table(table: Mapping[str, Any], *, folder: str | Path = ".",
     folder : path
         Where relative names of files lead from.
     path : str
-        What messages call the whole.
+        Name of the whole in messages.
 
     Raises
     ------

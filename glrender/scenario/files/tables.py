@@ -195,7 +195,7 @@ class Segments:
 
     @property
     def about(self) -> str:
-        """What all are about."""
+        """Name of the object that all positions are relative to."""
         return self.parts[0].about
 
     def at(self, start: Epoch | None, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

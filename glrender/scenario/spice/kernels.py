@@ -117,7 +117,7 @@ class Spice:
         return rotation, None
 
     def coverage(self) -> list[str]:
-        """What the kernels cover, a line for each object of each SPK and CK, also of meta-kernels' members."""
+        """The kernels' coverage, a line for each object of each SPK and CK, also of meta-kernels' members."""
         lines, tool = [], self.tool
         for kernel in dict.fromkeys(_pool(tool)):
             kind = tool.getfat(kernel)[1]
@@ -238,6 +238,6 @@ def _date(et_s: float) -> str:
 
 
 def told_by(error: Exception) -> str:
-    """What SPICE says, in its short and long words."""
+    """SPICE's error, in its short and long words."""
     short, long = getattr(error, "short", ""), getattr(error, "long", "")
     return " ".join(f"{short} {long}".split()) or str(error)

@@ -138,7 +138,7 @@ def layers_of(detail: Detail) -> tuple[Layer, ...]:
             continue
         size = 2.0 * (asked.depth if kind == CRATER else asked.height)
         radius = _SPHERE[kind] / reach
-        # What a plane cuts of spheres is their share of the volume.
+        # A plane cuts of spheres an area equal to their share of the volume.
         most = 4.0 / 3.0 * np.pi * radius**3 * _MEAN_CUBE
         n_lattices = int(np.ceil(asked.coverage / most))
         for diameter in _octaves(asked.largest_m, asked.smallest_m):

@@ -139,7 +139,7 @@ def _mesh(mesh: dict, values: _Values) -> tuple[np.ndarray, np.ndarray]:
             corners = values.of(primitive["indices"], "SCALAR")[:, 0]
             if corners.dtype.kind != "u" or len(corners) and corners.max() >= n_points:
                 raise ShapeError("meshes.primitives.indices", f"must be whole numbers below {n_points}")
-        # What no corner names is not taken along: a mesh may be drawn many times.
+        # Vertices that no corner names are left out: a mesh may be drawn many times.
         used, corners = np.unique(corners, return_inverse=True)
         vertices.append(values.places(place, used))
         triangles.append(count + _triangles(corners.reshape(-1).astype(np.int64), primitive.get("mode", _TRIANGLES)))

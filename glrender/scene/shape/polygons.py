@@ -132,7 +132,7 @@ def _ears(points: np.ndarray, search: _Search) -> list[tuple[int, int, int]]:
     while len(left) > 2:
         here = xy[left]
         before, after = np.roll(here, 1, axis=0), np.roll(here, -1, axis=0)
-        # What turns back on itself, or stands still, has no area.
+        # A corner that turns back on itself, or stands still, has no area.
         spike = (before == here).all(axis=1) | (before == after).all(axis=1)
         if spike.any():
             del left[int(np.argmax(spike))]

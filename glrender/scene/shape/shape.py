@@ -25,7 +25,7 @@ MIN_EXTENT_M, MAX_COORDINATE_M = 1e-3, 1e10
 """Bounds of extent and coordinates: a grain of sand, whose facets have areas that float32 holds, and seven Suns."""
 # Small bodies span metres to a few thousand kilometres.
 _LIKELY_EXTENT_M = (1.0, 6e6)
-# What looks like one of those that are visited, by a file: 170 m (Dimorphos) to 279 km (Psyche). Kilometres read as
+# Likely extents of bodies in files [m]; those visited have 170 m (Dimorphos) to 279 km (Psyche). Kilometres read as
 # metres make them smaller than the first, metres read as kilometres larger than the second.
 _LIKELY_NATURAL_M = (30.0, 1.5e5)
 # Such a shape's facets at least, and of these the planes that differ at least, to so many digits of their normals: a

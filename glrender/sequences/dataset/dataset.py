@@ -142,14 +142,14 @@ class DataSet:
         Parameters
         ----------
         n_processes : int, optional
-            As many as the machine has cores by default; one where the states' courses cannot be sent to others.
+            By default one for each core; one where the states' courses cannot be sent to others.
         pool : context manager of Pool, optional
             Processes elsewhere, as of `dask_processes`, instead of this machine's.
 
         Raises
         ------
         GlrenderError
-            What cannot be drawn or written; shards that are there stay.
+            A shard cannot be drawn or written; shards that are there stay.
         """
         claim_folder(self.folder, self.claim())
         began, totals = time.monotonic(), {"n_frames": 0, "processor_s": 0.0, "renderers": set()}
@@ -178,7 +178,7 @@ class DataSet:
                 "camera": camera_table(camera)}
 
     def throughput(self) -> dict[str, Any]:
-        """What the last sitting took, as the manifest has it."""
+        """Times of the last sitting, as the manifest has them."""
         return json.loads((self.folder / MANIFEST).read_text(encoding="utf-8"))["throughput"]
 
     def warnings(self) -> list[str]:
@@ -256,7 +256,7 @@ def digest_of_shard(path: Path) -> str:
 
 
 def most_bytes(scene: Scene, camera: str, n_frames: int, products: Sequence[str] = ()) -> int:
-    """What a data set takes on disk [byte], at most: pixels, masks and products as they are, without compression."""
+    """Most bytes of a data set on disk: pixels, masks and products as they are, without compression."""
     pinhole = scene.camera(camera)
     n_px = pinhole.width_px * pinhole.height_px
     each = _BYTES | {"range": range_type(pinhole)().itemsize}

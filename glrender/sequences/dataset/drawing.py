@@ -24,7 +24,7 @@ Frames = list[tuple[int, State | None]]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Setup:
-    """What a process needs to know: the scene, the options, the format, whose version asks, and states with courses."""
+    """Set-up of a process: the scene, the options, the format, the version that asks, and states with courses."""
 
     scene: Scene
     options: FrameOptions

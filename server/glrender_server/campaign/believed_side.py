@@ -1,4 +1,4 @@
-"""What the on-board side is made of: the believed scene, its camera and body, and a function that draws it."""
+"""The on-board side: the believed scene, its camera and body, and a function that draws it."""
 
 from __future__ import annotations
 

@@ -58,7 +58,7 @@ class Case:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Setup:
-    """What all flights of a campaign have in common.
+    """The settings that all flights of a campaign share.
 
     Attributes
     ----------

@@ -92,7 +92,7 @@ def fly(setup: Setup, case: Case, truth: Any, believed: Any,
         if reason:
             break
         if index < len(steps_s):
-            # What carries the one true place and velocity to the next: known on board but for its error.
+            # The acceleration that leads from one true state to the next: known on board but for its error.
             acceleration = 2.0 * (r[index + 1] - r[index] - v[index] * steps_s[index]) / steps_s[index] ** 2
             onboard.fly(acceleration * (1.0 + setup.acceleration_error * rng.standard_normal(3)), steps_s[index])
     errors, reason = _errors(track), reason or _lost(track, accepted)

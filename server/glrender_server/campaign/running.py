@@ -32,14 +32,14 @@ def fly_all(campaign: Campaign, folder: Path, n_processes: int | None = None,
     folder : path
         Made if it is missing. Each case has a result, `cases/ID.json`, and a picture.
     n_processes : int, optional
-        As many as the machine has cores by default.
+        By default one for each core.
     pool : context manager of Pool, optional
         Processes elsewhere, as of `dask_processes`, instead of this machine's.
 
     Raises
     ------
     GlrenderError
-        What cannot be drawn or written; cases that are done stay.
+        A case cannot be drawn or written; cases that are done stay.
     """
     cases = missing(campaign, folder)
     if not cases:

@@ -1,4 +1,4 @@
-"""What a command draws: a scene, a scenario or a shape file, and the state that it is drawn at."""
+"""The subject of a command: a scene, a scenario or a shape file, and the state to draw."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ class Frame:
 
     @cached_property
     def message(self) -> bytes:
-        """What every page gets: u32 size of the head, the head (JSON), the pixels; made once."""
+        """The message to every page: u32 size of the head, the head (JSON), the pixels; made once."""
         height, width = self.pixels.shape
         head = {"kind": self.kind, "number": self.number, "stream": self.stream, "dtype": self.pixels.dtype.name,
                 "width": width, "height": height, "origin": self.roi_origin_px, "camera": self.camera,

@@ -67,7 +67,7 @@ class ViewProcess:
     Raises
     ------
     ConfigError
-        What it needs is not installed.
+        A library that it needs is not installed.
     OSError
         The port cannot be bound.
     """

@@ -38,7 +38,7 @@ class SceneReplaced(GlrenderClientError):
 
 
 class Source:
-    """What the page shows of one server; it asks only while somebody looks.
+    """The page's view of one server, which is asked only while somebody looks.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class Source:
     frames : dict of stream to Frame
         The newest of each, the newest last.
     streams : list of dict
-        What the server has: client, cameras, number.
+        The server's streams: client, cameras, number.
     """
 
     def __init__(self, endpoint: str, keys: Iterable[str | Path] | None = None, password: str = ""):
