@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cells import slow_but
 from missing import needed_module
 
 NOTEBOOKS = sorted((Path(__file__).parents[2] / "docs" / "notebooks").glob("*.ipynb"))
@@ -31,7 +32,7 @@ def printed(cell) -> tuple[list[str], list[float]]:
     return re.split(number, text), [float(each) for each in re.findall(number, text)]
 
 
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", slow_but(NOTEBOOKS, 1), ids=lambda path: path.stem)
 def test_a_notebook_runs_and_shows_what_is_stored(path, nbformat, tmp_path):
     from nbclient import NotebookClient
 

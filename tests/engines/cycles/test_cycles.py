@@ -34,7 +34,7 @@ def pixels(image):
 
 
 @pytest.mark.filterwarnings("ignore:.*is used beyond the phase")
-@pytest.mark.parametrize("law", slow_but(LAWS, 0, 3, 5), ids=[f"{law.glsl}{index}" for index, law in enumerate(LAWS)])
+@pytest.mark.parametrize("law", slow_but(LAWS, 0, 5), ids=[f"{law.glsl}{index}" for index, law in enumerate(LAWS)])
 def test_a_sphere_of_each_law_is_as_opengl_draws_it(law):
     """16 x 16 samples each, off-axis principal point: flux within 0.05 %, 1 % RMS, centre within 0.01 px."""
     camera = views.camera(96, 640.0, height_px=72, principal_point_px=(50.3, 31.8))
@@ -78,6 +78,7 @@ def test_a_lambert_sphere(phase_deg):
     np.testing.assert_allclose(pixels(image).sum(), pixels(drawn).sum(), rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_the_limb_is_where_opengl_puts_it():
     """A dark body's flat disc at full phase: each row's ends within 0.1 px where rows cross the limb steeply."""
     scene = views.scene([views.sphere(LommelSeeliger(single_scattering_albedo=0.3), 5)], [views.camera(128, 1100.0)])
@@ -131,8 +132,9 @@ def test_bodies_far_away_and_far_apart_in_depth(range_m, rms):
     assert any("Blender's float32" in told for told in image.plan.warnings) == (range_m > 1e7)
 
 
-@pytest.mark.parametrize("law", slow_but([Lambert(normal_albedo=0.6), LunarLambert(normal_albedo=0.6, weight=(0.0,))],
-                                         0), ids=["closure", "osl"])
+@pytest.mark.slow
+@pytest.mark.parametrize("law", [Lambert(normal_albedo=0.6), LunarLambert(normal_albedo=0.6, weight=(0.0,))],
+                         ids=["closure", "osl"])
 def test_light_between_facets_of_a_bowl_is_the_closed_series(law):
     """The shaded part of a bowl's wall: A/pi times A cos(i)/4 (1 + A/2 + (A/2)^2 + ...), within 1 %."""
     incidence, range_m = np.radians(60.0), 1e5
@@ -154,6 +156,7 @@ def test_light_between_facets_of_a_bowl_is_the_closed_series(law):
             np.testing.assert_allclose(image[shaded].mean(), expected, rtol=0.01, atol=1e-6 * scale)
 
 
+@pytest.mark.slow
 def test_the_suns_disc_gives_the_penumbra_of_a_straight_edge():
     """A slab seen from above, shaded by a wide wall: the share of a disc beside a line, at 0.2 au."""
     distance_au, incidence, range_m, height = 0.2, np.radians(60.0), 1e5, 30.0
@@ -199,6 +202,7 @@ def test_several_bodies_hide_and_shade_each_other():
     assert relative_rms(image, truth) < 0.02
 
 
+@pytest.mark.slow
 def test_a_texture_and_smooth_normals_are_as_opengl_draws_them():
     shape = generate.icosphere(radius_m=100.0, subdivisions=3)
     corner = shape.vertices_m[shape.facets] / 100.0
