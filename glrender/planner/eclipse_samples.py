@@ -1,7 +1,7 @@
 """The error of samples that meet one point of the Sun's disc each, on a body in another's penumbra. Pure.
 
-Samples of a pixel that agree do not tell that all points of the disc do: where few points are hidden, or few are free,
-most pixels show none of them. The share that an eclipse leaves is therefore taken from more than a pixel.
+A pixel whose samples agree may still have other points of the disc: where few points are hidden, or few are free,
+most pixels show none of these. The share that an eclipse leaves is therefore taken from more than a pixel.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from .error_model import lit_share
 ECLIPSE_POWER = 2.5
 """Power of the samples along a pixel's side that divides the squared error."""
 # Error of n x n samples of a pixel, times n^1.25, over the deviation of one [1], and error of the total over that of
-# independent samples [1]: a sphere of 2 to 40 px in three penumbras, 2 to 192 samples, beside closed forms
+# independent samples [1]: a sphere of 2 to 40 px in three penumbras, 2 to 192 samples, against closed forms
 # (tests/planner/test_eclipse_samples.py).
 _PIXEL_ERROR = 1.3
 _FLUX_ERROR = 1.5
@@ -78,7 +78,7 @@ def grid_flux_error(samples: np.ndarray, bare: np.ndarray) -> float:
     if not light > 0.0:
         return 1.0
     scatter = float(np.square(bare / light, dtype=np.float64).mean())
-    # Of so many lit samples none that is hidden tells of a share below that of one.
+    # If no lit sample is hidden, the hidden share is taken as that of one sample.
     dark_over_lit = max(light / left - 1.0, 1.0 / np.count_nonzero(bare))
     return _FLUX_ERROR * math.sqrt(scatter * dark_over_lit / samples.size)
 
@@ -100,7 +100,7 @@ def bare_samples(phase_rad: float, most: tuple[int, int]) -> tuple[int, int]:
 
 
 def counts(refinement: Refinement | None, count: int) -> np.ndarray | int:
-    """Samples along the side of each pixel (height, width) float32 after a refinement, or of all of them."""
+    """Samples along the side of each pixel (height, width) float32 after a refinement, or the one number of all pixels."""
     if refinement is None:
         return count
     return np.where(refinement.mask > 0, np.float32(refinement.samples), np.float32(count))

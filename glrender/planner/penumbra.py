@@ -29,11 +29,11 @@ _POINTS = 400
 # Most distance of a shadow from where a sphere's is, along the line to its light, over its radius [1]: bodies are no
 # spheres.
 _ASIDE = 0.3
-# Width of another body's penumbra over the size of the body that it falls on [1], from which rays sample the disc.
+# Penumbra width over body size [1] above which rays sample the Sun's disc.
 _WITHIN = 0.3
 # Width of a penumbra from which it is more than an edge [px], and over the body's size [1].
 _LEAST_PX, _LEAST = 0.25, 0.02
-# Shares of the light [1] that an eclipse is taken to leave at least, and at most: spheres tell it of other shapes.
+# Least and largest share of the light [1] that an eclipse may leave: it is computed for spheres, not for the shapes.
 _LEAST_LIGHT, _MOST_LIGHT = 0.02, 0.5
 
 
@@ -60,7 +60,7 @@ class Penumbra:
         return max(self.own_px, self.cast_px)
 
     def surrounds(self, size_px: float, budget: Budget) -> bool:
-        """Whether another body's penumbra sharpens no edge on a body of that size, or ends beside it."""
+        """Whether another body's penumbra sharpens no edge on a body of that size, or ends outside it."""
         return self.cast_px > _WITHIN * size_px or self.hard_flux > PENUMBRA_SHARE * budget.flux
 
     def sampled_px(self, size_px: float) -> float:
@@ -139,7 +139,7 @@ def _eclipse(receiver: BodyView, cast: Sequence[tuple[str, np.ndarray]], hulls: 
              sun_radius_rad: float) -> tuple[float, float, float]:
     """Share of the light [1] that casters leave, error of the total [1] with hard edges, and the widest penumbra [m].
 
-    All bodies are spheres, and the receiver is as bright as Lambert's. Hard edges err where a penumbra ends beside the
+    All bodies are spheres, and the receiver is as bright as Lambert's. Hard edges err where a penumbra ends outside the
     part that is seen and lit, and where that is not evenly bright.
     """
     hull, sun = hulls[receiver.name], receiver.sun_direction_body

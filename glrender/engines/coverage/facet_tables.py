@@ -14,7 +14,7 @@ from ..rays.mesh import RayMesh, dot
 from . import facet_loops
 from .centroid_horizons import CentroidHorizons
 
-# Of the radius, how far a facet may rise above its neighbour's plane on a body that is convex.
+# Height over the radius [1] by which a facet of a convex body may rise above its neighbour's plane.
 _FLAT = 1e-7
 
 
