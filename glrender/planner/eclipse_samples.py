@@ -100,7 +100,7 @@ def bare_samples(phase_rad: float, most: tuple[int, int]) -> tuple[int, int]:
 
 
 def counts(refinement: Refinement | None, count: int) -> np.ndarray | int:
-    """Samples along the side of each pixel (height, width) float32 after a refinement, or the one number of all pixels."""
+    """Samples along the side of each pixel (height, width) float32 after a refinement, or one number for all."""
     if refinement is None:
         return count
     return np.where(refinement.mask > 0, np.float32(refinement.samples), np.float32(count))

@@ -17,7 +17,7 @@ _CORNERS = read(intp, 2)
 def facing(normal, offset_m, first, last, to_sun, sun_radius, r_camera_m, xy, corners, bounds):
     """Facets (N,) out of first to last that face Sun and camera and are shown.
 
-    With the cosines (N,) of the Sun's incidence, and the shown share of their boxes (N,), by the places of their vertices
+    With the cosines (N,) of the Sun's incidence, and the shown share of boxes (N,), by the places of their vertices
     (2, V) and the edges x0, y0, x1, y1 of the image; and the area of those that face the camera and that the Sun's
     middle has set for by no more than its radius [rad].
     """
@@ -77,7 +77,7 @@ def lit_edges(facets, radiance, neighbours, corners, xy, bounds, every, to_sun, 
 
 @compiled(Tuple((write(intp, 1), write(intp, 1), write(intp, 2)))(_CORNERS, NUMBERS, intp))
 def vertices_of(corners, facets, n_vertices):
-    """Vertices (M,) of facets (N,), one facet (M,) of each, and the numbers (3, N) of the facets' corners among them."""
+    """Vertices (M,) of facets (N,), one facet (M,) of each, and the numbers (3, N) of the facets' corners."""
     number = np.full(n_vertices, -1, np.intp)
     vertices, of = np.empty(n_vertices, np.intp), np.empty(n_vertices, np.intp)
     places = np.empty((3, len(facets)), np.intp)
