@@ -17,6 +17,7 @@ from glrender.engines.coverage.brdf_tables import BrdfTables
 from glrender.engines.coverage.centroid_horizons import CentroidHorizons
 from glrender.engines.coverage.centroid_visibility import CentroidVisibility
 from glrender.engines.coverage.facet_tables import FacetTables
+from glrender.engines.coverage.image_cells import ImageCells
 from glrender.engines.rays.backend import RayTracer
 from glrender.engines.rays.engine import RayEngine
 from glrender.planner.engine_choice import ENGINES
@@ -73,5 +74,5 @@ def test_no_thread_works_on_after_large_shapes():
     tables.horizons = CentroidHorizons(facets=facets.astype(np.float32, order="C"),
                                        heights=np.zeros((tables.n_facets, 16), np.uint8))
     seen = view_bodies(views.state(phase_deg=50.0, range_m=5000.0), camera, scene.hulls)
-    bounds_px = np.array(camera.bounds_px)
-    assert spun_s(lambda: CentroidVisibility(tables, seen[0], camera, bounds_px, rays, BrdfTables())) < 0.02
+    cells = ImageCells(camera, camera.bounds_px, (64, 64))
+    assert spun_s(lambda: CentroidVisibility(tables, seen[0], cells, rays, BrdfTables())) < 0.02

@@ -17,6 +17,9 @@ _GAUSS = 0.5 - 0.5 / math.sqrt(3.0)
 # What light leaves at a lit and at a dark corner, over what that rule finds, of natural shapes: decision 0022.
 _BEYOND = 1.01, 1.02
 
+Polygons = tuple[np.ndarray, np.ndarray]
+"""Corners (K, M) among points, counter-clockwise as the facets (M,) that they are in."""
+
 
 class FacetCutter:
     """Finds where light ends in the facets of one body.
@@ -38,8 +41,6 @@ class FacetCutter:
         The facets' vertices first, then what divides and cuts them.
     corner : (3, N) int
         The facets' corners among the points.
-    polygons : list of ((K, M) int, (M,) int)
-        Lit ones that are done: corners among the points, and facets.
     is_free : bool
         Nothing hides or shades any of it.
     """
@@ -52,7 +53,6 @@ class FacetCutter:
         vertex, of, self.corner = facet_loops.vertices_of(facets.corners, facing, facets.vertices_m.shape[1])
         r_m = facets.vertices_m.take(vertex, axis=1)
         self.points = Points(r_m, *self._told(r_m, of))
-        self.polygons: list[tuple[np.ndarray, np.ndarray]] = []
 
     def are_lit(self, triangles: FacetParts) -> np.ndarray:
         """Whether the corners (3, N) of triangles are lit."""
@@ -63,16 +63,11 @@ class FacetCutter:
         is_lit = self.are_lit(triangles)
         return (is_lit != is_lit[0]).any(axis=0)
 
-    def keep_lit(self, triangles: FacetParts) -> None:
-        """Triangles that are not mixed are done."""
-        lit = np.flatnonzero(self.are_lit(triangles)[0])
-        self.polygons.append((triangles.corner.take(lit, axis=1), triangles.facet.take(lit)))
-
-    def keep_even(self, triangles: FacetParts) -> FacetParts:
-        """Triangles that are not mixed are done; the mixed ones are given back."""
-        is_mixed = self.are_mixed(triangles)
-        self.keep_lit(triangles.at(np.flatnonzero(~is_mixed)))
-        return triangles.at(np.flatnonzero(is_mixed))
+    def sorted(self, triangles: FacetParts) -> tuple[FacetParts, FacetParts]:
+        """Triangles whose corners are all lit, and those whose corners differ."""
+        is_lit = self.are_lit(triangles)
+        n_lit = is_lit.sum(axis=0)
+        return tuple(triangles.at(np.flatnonzero(chosen)) for chosen in (n_lit == 3, (n_lit > 0) & (n_lit < 3)))
 
     def quarters(self, triangles: FacetParts) -> FacetParts:
         """Each divided in four between the midpoints of its sides."""
@@ -85,8 +80,8 @@ class FacetCutter:
         return FacetParts.joined([FacetParts(corner[three], triangles.facet, 0.25 * triangles.area_px)
                                   for three in ([0, 3, 5], [3, 1, 4], [5, 4, 2], [4, 5, 3])])
 
-    def cut_off(self, triangles: FacetParts, n_bisections: int) -> None:
-        """Cut triangles between the corner that differs and the two others.
+    def cut_off(self, triangles: FacetParts, n_bisections: int) -> list[Polygons]:
+        """The lit rest of triangles that are cut between the corner that differs and the two others.
 
         What is cut off ends straight, and is as large as what an edge of light that bends leaves there.
         """
@@ -109,9 +104,9 @@ class FacetCutter:
         end = np.clip(np.sqrt(share) * (reach[0] / reach[1]) ** (0.5 / (1.0 - 2.0 * _GAUSS)), share, 1.0)
         made = [points.add(begin_m + part * side_m, True, True)
                 for part, side_m in zip((end, share / end), sides_m, strict=True)]
-        for chosen, corners in ((np.flatnonzero(is_one), [corner, *made]),
-                                (np.flatnonzero(~is_one), [made[0], *others, made[1]])):
-            self.polygons.append((np.stack(corners).take(chosen, axis=1), triangles.facet.take(chosen)))
+        return [(np.stack(corners).take(chosen, axis=1), triangles.facet.take(chosen))
+                for chosen, corners in ((np.flatnonzero(is_one), [corner, *made]),
+                                        (np.flatnonzero(~is_one), [made[0], *others, made[1]]))]
 
     def _reach(self, begin_m: np.ndarray, facet: np.ndarray, is_seen: np.ndarray, is_lit: np.ndarray,
                way_m: np.ndarray, n_bisections: int) -> np.ndarray:

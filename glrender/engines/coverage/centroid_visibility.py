@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from glrender_camera import PinholeCamera
 
 from ...planner.error_budget import FLUX_SHARE
 from ...view.view import BodyView
@@ -16,6 +15,7 @@ from ..rays.engine import RayEngine
 from . import accumulate, facet_loops
 from .brdf_tables import BrdfTables
 from .facet_tables import FacetTables
+from .image_cells import ImageCells
 from .sub_triangles import projected
 
 # Error over what boundary facets tell [1], and the power of small facets' areas in it: 2900 images of five shapes with
@@ -47,9 +47,8 @@ class CentroidVisibility:
         With horizons of their centroids.
     view : BodyView
         Of the body: all of it is before the camera.
-    camera : PinholeCamera
-    bounds_px : (4,) float64 [px]
-        Edges x0, y0, x1, y1 of the image: no ray is cast beside it.
+    cells : ImageCells
+        Beyond whose edges no ray is cast.
     rays : RayEngine
     brdf_tables : BrdfTables
 
@@ -59,13 +58,13 @@ class CentroidVisibility:
         RMS error of pixels over the mean of the lit ones, as estimated.
     """
 
-    def __init__(self, facets: FacetTables, view: BodyView, camera: PinholeCamera, bounds_px: np.ndarray,
-                 rays: RayEngine, brdf_tables: BrdfTables):
-        self._facets, self._view, self._bounds_px = facets, view, bounds_px
-        self._xy = projected(facets.vertices_m, view, camera)
+    def __init__(self, facets: FacetTables, view: BodyView, cells: ImageCells, rays: RayEngine,
+                 brdf_tables: BrdfTables):
+        self._facets, self._view, self._bounds_px = facets, view, cells.bounds_px
+        self._xy = projected(facets.vertices_m, view, cells.camera)
         self._radiance = self._shaded(rays, brdf_tables)
         self.error = centroid_error(facet_loops.lit_edges(
-            facets.horizons.facets, self._radiance, facets.neighbours, facets.corners, self._xy, bounds_px,
+            facets.horizons.facets, self._radiance, facets.neighbours, facets.corners, self._xy, cells.bounds_px,
             _SAMPLED, view.sun_direction_body, view.r_camera_body_m))
 
     def _shaded(self, rays: RayEngine, brdf_tables: BrdfTables) -> np.ndarray:
@@ -85,15 +84,8 @@ class CentroidVisibility:
         radiance[asked[~sees]] = 0.0
         return radiance
 
-    def add_to(self, changes: np.ndarray, origin_px: np.ndarray, per_px: np.ndarray) -> None:
-        """Add the facets to an accumulation buffer, as `SunlitAreas.add_to` does.
-
-        Parameters
-        ----------
-        changes : (rows, columns + 2) complex128
-        origin_px : (2,) float64 [px]
-        per_px : (2,) float64 [1/px]
-        """
+    def add_to(self, changes: np.ndarray, cells: ImageCells) -> None:
+        """Add the facets to an accumulation buffer (rows, columns + 2) complex128, as `SunlitAreas.add_to` does."""
         facets = self._facets
         accumulate.in_two_images(changes, facets.n_facets, lambda image, *turn: accumulate.add_facets(
-            image, self._xy, facets.corners, facets.neighbours, self._radiance, *turn, origin_px, per_px))
+            image, self._xy, facets.corners, facets.neighbours, self._radiance, *turn, cells.origin_px, cells.per_px))

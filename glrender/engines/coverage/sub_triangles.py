@@ -69,6 +69,11 @@ class FacetParts:
         return FacetParts(*(getattr(self, field.name).take(chosen, axis=-1) for field in fields(self)))
 
     @classmethod
+    def none(cls) -> FacetParts:
+        """No part."""
+        return cls(np.zeros((3, 0), np.intp), np.zeros(0, np.intp), np.zeros(0))
+
+    @classmethod
     def joined(cls, several: list[FacetParts]) -> FacetParts:
         """All of them, one after the other."""
         return cls(*(np.concatenate([getattr(one, field.name) for one in several], axis=-1) for field in fields(cls)))

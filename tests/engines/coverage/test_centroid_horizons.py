@@ -15,6 +15,7 @@ from glrender.engines.coverage.centroid_horizons import CentroidHorizons
 from glrender.engines.coverage.centroid_visibility import CentroidVisibility
 from glrender.engines.coverage.facet_tables import FacetTables
 from glrender.engines.coverage.horizon_loops import UNKNOWN
+from glrender.engines.coverage.image_cells import ImageCells
 from glrender.engines.rays.engine import RayEngine
 from glrender.view.view import view_bodies
 
@@ -67,8 +68,8 @@ def images(body, phase_deg):
     for known in (heights, np.full_like(heights, UNKNOWN)):
         tables.horizons = CentroidHorizons(facets=tables.horizons.facets, heights=known)
         changes, (image, cover) = no_changes((128, 128)), np.empty((2, 128, 128))
-        CentroidVisibility(tables, view, camera, np.array(camera.bounds_px), rays, BrdfTables()).add_to(
-            changes, np.array(camera.bounds_px[:2]), np.ones(2))
+        cells = ImageCells(camera, camera.bounds_px, (128, 128))
+        CentroidVisibility(tables, view, cells, rays, BrdfTables()).add_to(changes, cells)
         image[image < ROUNDING * means(changes, 0, 128, image, cover)] = 0.0
         drawn.append(image)
     rays.close()

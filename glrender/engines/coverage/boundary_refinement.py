@@ -1,0 +1,238 @@
+"""The sunlit areas of a body: facets that boundaries of light cross are divided as the tolerance asks, then clipped.
+
+Between corners that differ runs the edge of a shadow, or of what hides the rest, which is nearly straight within a
+small triangle. Where another body or a far part may hide what is between corners that agree, large facets are divided.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...planner.error_budget import HIDDEN_SHARE, MISSED_SHARE, STILL_MISSED_SHARE, UNDIVIDED_SHARE
+from . import accumulate, sunlit_error
+from .boundary_clip import Polygons
+from .corner_visibility import FEW, CornerVisibility
+from .image_cells import ImageCells
+from .sub_triangles import FacetParts, projected
+from .sunlit_error import CLIPPED_ERROR, pixels_squared
+
+# Bisections by which ends of cuts are found.
+_BISECTIONS = 2
+# The part of the error of boundaries between corners that agree that is left where the facets beside boundary ones are
+# divided too [1]; and the angle between neighbours [rad] from which they are: bumps are then as small as facets, and
+# 67P, with 0.5, errs half as much at the same time. Itokawa has 0.15.
+_STILL_MISSED = 0.36
+_ROUGH_RAD = 0.3
+# The part that each division more leaves of that [1], the most divisions, and the most parts: 12 frames at tolerances
+# of 0.004 to 0.01 beside rays; 1 s.
+_STILL_MISSED_LATER = 0.5
+_MOST_BESIDE = 3
+_MOST_PARTS = 2_500_000
+# Squared light of a facet over the squared tolerance from which it is divided first [1]: of few facets, and of many.
+_LARGE = 0.15
+_LARGE_OF_MANY = 20.0
+# Most divisions of a triangle by four.
+_MOST_DIVISIONS = 6
+# Triangles that are too many to be divided again.
+_MANY = 120_000
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SunlitAreas:
+    """The sunlit areas of one body that a camera sees.
+
+    Attributes
+    ----------
+    seen : CornerVisibility
+        The body, whose cutter has the points.
+    whole : (W,) int
+        Facets that are lit as a whole.
+    polygons : list of ((K, M) int, (M,) int)
+        Lit parts of others.
+    clipped : FacetParts
+        Parts that a boundary crosses, of which some polygons are what is lit.
+    squared : float
+        Their squared error: `sunlit_error`.
+    """
+
+    seen: CornerVisibility
+    whole: np.ndarray
+    polygons: list[Polygons]
+    clipped: FacetParts
+    squared: float
+
+    def add_to(self, changes: np.ndarray, cells: ImageCells, off_axis_power: float) -> None:
+        """Add what the areas change in the cells of an image: `accumulate`.
+
+        The real part is of radiance, in 1/sr of the Sun's irradiance at 1 au, times a power of the cosine of the
+        facets' angles off the boresight; the imaginary one is of cover, which is 1 where there is any.
+
+        Parameters
+        ----------
+        changes : (rows, columns + 2) complex128
+        cells : ImageCells
+        off_axis_power : float
+        """
+        seen, facets, origin_px, per_px = self.seen, self.seen.facets, cells.origin_px, cells.per_px
+        radiance = np.zeros(facets.n_facets)
+        radiance[self.whole] = seen.radiance.times_off_axis(self.whole, off_axis_power)
+        accumulate.in_two_images(changes, len(self.whole), lambda image, *turn: accumulate.add_facets(
+            image, seen.xy_px, facets.corners, facets.neighbours, radiance, *turn, origin_px, per_px))
+        points_xy = projected(seen.cutter.points.r_m, seen.view, cells.camera)
+        for corner, facet in self.polygons:
+            values = seen.radiance.times_off_axis(facet, off_axis_power) + 1j
+            accumulate.add_polygons(changes, points_xy, corner, values, origin_px, per_px)
+
+
+def find_areas(seen: CornerVisibility, most_squared: float, flux_weight: float) -> SunlitAreas | None:
+    """Clip facets, and divide them before, until the squared error is small enough.
+
+    Parameters
+    ----------
+    seen : CornerVisibility
+    most_squared : float
+        The largest squared error.
+    flux_weight : float
+        Weight of the squared error of the total light in it.
+
+    Returns
+    -------
+    SunlitAreas or None
+        None if too much light is in too few facets.
+    """
+    seen = _divide_large(seen, most_squared)
+    if seen is None:
+        return None
+    triangles, lit, whole = seen.boundary, [], seen.whole
+    squared = float(seen.squared_light(triangles).sum())
+    bias = sunlit_error.clipped_bias(seen.radiance.of(triangles.facet) * triangles.area_px)
+    missed = sunlit_error.missed(squared / seen.safety_squared, seen.facets.crease_rad, seen.view.phase_rad)
+    behind = _missed_behind(seen)
+    error = CLIPPED_ERROR * squared + missed + behind + flux_weight * bias**2
+    if error > most_squared:
+        if not seen.is_alone or seen.facets.crease_rad > _ROUGH_RAD or missed > MISSED_SHARE * most_squared:
+            beside = _beside(seen)
+            whole = np.setdiff1d(whole, beside.facet)
+            done, triangles, missed = _divide_with_beside(seen, beside, missed,
+                                                          STILL_MISSED_SHARE * most_squared - behind)
+            lit.append(done)
+        done, triangles, error = _divide(seen, triangles, missed + behind, most_squared)
+        lit += done
+    polygons = [(each.corner, each.facet) for each in lit] + seen.cutter.cut_off(triangles, _BISECTIONS)
+    uniform, _ = seen.cutter.sorted(seen.uniform)
+    return SunlitAreas(seen=seen, whole=whole, polygons=[*polygons, (uniform.corner, uniform.facet)],
+                       clipped=triangles, squared=error)
+
+
+def _missed_behind(seen: CornerVisibility) -> float:
+    """Squared error of what other bodies that are smaller than facets may hide or shade between corners."""
+    if not seen.may_stand_before:
+        return 0.0
+    facet = np.concatenate([seen.whole, seen.uniform.facet])
+    area_px = np.concatenate([seen.facet_px(seen.whole), seen.uniform.area_px])
+    return sunlit_error.missed_behind(pixels_squared(seen.radiance.of(facet), area_px))
+
+
+def _beside(seen: CornerVisibility) -> FacetParts:
+    """Facets that touch those that a boundary crosses."""
+    facets, facing = seen.facets, seen.facing
+    is_boundary, touched = np.zeros(facets.n_facets, bool), np.zeros(facets.vertices_m.shape[1], bool)
+    is_boundary[seen.boundary.facet] = True
+    touched[facets.corners[:, is_boundary]] = True
+    return seen.parts_of(np.flatnonzero(~is_boundary.take(facing) & touched.take(
+        facets.corners.take(facing, axis=1)).any(axis=0)))
+
+
+def _divide_with_beside(seen: CornerVisibility, beside: FacetParts, missed: float, most_left: float
+                        ) -> tuple[FacetParts, FacetParts, float]:
+    """Lit and mixed parts of boundary triangles and of the facets beside them, and what is missed: boundaries bend.
+
+    The facets beside are divided once, and both again until no more is left than may be, or parts are too many.
+    """
+    cutter, triangles = seen.cutter, seen.boundary
+    beside, missed = cutter.quarters(beside), _STILL_MISSED * missed
+    for _ in range(_MOST_BESIDE - 1):
+        if missed <= most_left or 4 * (len(triangles.facet) + len(beside.facet)) > _MOST_PARTS:
+            break
+        triangles, beside = cutter.quarters(triangles), cutter.quarters(beside)
+        missed *= _STILL_MISSED_LATER
+    return *cutter.sorted(FacetParts.joined([triangles, beside])), missed
+
+
+def _divide(seen: CornerVisibility, triangles: FacetParts, missed: float, most_squared: float
+            ) -> tuple[list[FacetParts], FacetParts, float]:
+    """Divide triangles until clipping them, with what is missed, errs by no more than a square.
+
+    Lit parts, mixed ones, and their error.
+    """
+    lit, left, error = [], [], missed
+    allowed = missed if missed > most_squared else most_squared - missed
+    for _ in range(_MOST_DIVISIONS):
+        squared = CLIPPED_ERROR * seen.squared_light(triangles)
+        if squared.sum() <= allowed:
+            break
+        # The dimmest ones stay as they are.
+        order = np.argsort(squared)
+        n_left = int(np.searchsorted(np.cumsum(squared[order]), UNDIVIDED_SHARE * allowed))
+        left.append(triangles.at(order[:n_left]))
+        rest = float(squared[order[:n_left]].sum())
+        error, allowed = error + rest, allowed - rest
+        done, triangles = seen.cutter.sorted(seen.cutter.quarters(triangles.at(order[n_left:])))
+        lit.append(done)
+    error += CLIPPED_ERROR * float(seen.squared_light(triangles).sum())
+    return lit, FacetParts.joined([*left, triangles]), error
+
+
+def _divide_large(seen: CornerVisibility, most_squared: float) -> CornerVisibility | None:
+    """Divide facets that have more light than may be missed, few facets sooner: parts find what is between.
+
+    None if some are left.
+    """
+    cutter = seen.cutter
+    if cutter.is_free:
+        return seen
+    least = _LARGE if len(seen.facing) <= FEW else _LARGE_OF_MANY
+    always = _LARGE_OF_MANY if seen.is_alone else least
+    of_hidden = HIDDEN_SHARE / max(int(seen.may_hide_light.sum()), 1)
+
+    def are_large(facet: np.ndarray, area_px: np.ndarray, radiance: np.ndarray | float, least: float) -> np.ndarray:
+        most = np.where(seen.may_hide_light.take(facet), of_hidden, least) * most_squared
+        return pixels_squared(radiance, area_px) > most
+
+    area_px = seen.facet_px(seen.facing)
+    large = np.flatnonzero(are_large(seen.facing, area_px, seen.brightest, least))
+    facet = seen.facing[large]
+    large = large[are_large(facet, area_px[large], seen.radiance.of(facet), least)]
+    if not len(large):
+        return seen
+    parts = seen.parts_of(large)
+    is_large = np.zeros(seen.facets.n_facets, bool)
+    is_large[parts.facet] = True
+    boundary = seen.boundary.at(np.flatnonzero(~is_large.take(seen.boundary.facet)))
+    small = []
+    for _ in range(_MOST_DIVISIONS):
+        if len(parts.facet) > _MANY:
+            return None
+        parts = cutter.quarters(parts)
+        # A boundary that passes between corners that agree goes on in a part beside them whose corners differ, but
+        # for those that another body, or a far part, makes in the middle of a facet.
+        is_beside = np.zeros(cutter.points.r_m.shape[1], bool)
+        for each in (parts, boundary):
+            is_beside[each.corner[:, cutter.are_mixed(each)]] = True
+        light = parts.facet, parts.area_px, seen.radiance.of(parts.facet)
+        goes_on = are_large(*light, least) & (
+            is_beside.take(parts.corner).any(axis=0) | are_large(*light, always))
+        small.append(parts.at(np.flatnonzero(~goes_on)))
+        parts = parts.at(np.flatnonzero(goes_on))
+        if not len(parts.facet):
+            break
+    else:
+        return None
+    small = FacetParts.joined(small)
+    is_boundary = cutter.are_mixed(small)
+    return replace(seen, whole=seen.whole[~is_large.take(seen.whole)], facing=np.delete(seen.facing, large),
+                   corner=np.delete(seen.corner, large, axis=-1),
+                   boundary=FacetParts.joined([boundary, small.at(np.flatnonzero(is_boundary))]),
+                   uniform=small.at(np.flatnonzero(~is_boundary)))
