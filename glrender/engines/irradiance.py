@@ -19,6 +19,7 @@ from ..planner.plan import WindowPlan
 from ..planner.small_body_grid import MAX_RAYS_ACROSS
 from ..view.regions import outline_px
 from .coverage.engine import CoverageEngine
+from .coverage.image_cells import ImageCells
 from .raster.gl.context import Context
 from .raster.gl.mesh import IRRADIANCE_STAGE
 from .raster.gl.targets import Target
@@ -126,9 +127,9 @@ class IrradiancePass:
 
     def _draw_coverage(self, window: WindowPlan, frame: Frame, clock: Clock) -> tuple[np.ndarray, WindowPlan]:
         """Means of the region's cells and its plan, whose error is infinite where nothing could be drawn."""
-        left = window.budget.left_after(window.modelling_error)
         draw = self._coverage.draw_by_centroids if window.by_centroids else self._coverage.draw
-        means, error = draw(window.bodies, frame.camera, list(frame.views), window.bounds_px, window.grid, left)
+        means, error = draw(window.bodies, list(frame.views), ImageCells(frame.camera, window.bounds_px, window.grid),
+                            window.budget.after(window.modelling_error))
         clock.lap("surface")
         return means.astype(np.float32), replace(window, drawn={"boundaries": error})
 
@@ -143,8 +144,8 @@ class IrradiancePass:
         members = [view for view in frame.views if view.name in window.bodies]
         facing = None
         if window.engine == "rays" and max(view.phase_rad for view in members) > error_model.CRESCENT_RAD:
-            facing = self._coverage.may_be_lit(window.bodies, frame.camera, list(frame.views), window.bounds_px,
-                                               (x1 - x0, y1 - y0))
+            facing = self._coverage.may_be_lit(window.bodies, list(frame.views), ImageCells(
+                frame.camera, window.bounds_px, (x1 - x0, y1 - y0)))
         if facing is not None:
             n_facing = np.count_nonzero(facing)
             if not n_facing:

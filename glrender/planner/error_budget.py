@@ -8,7 +8,7 @@ their errors add up in squares.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 FLUX_SHARE = 0.1
 """Error of the total light over the tolerance: the promise of docs/accuracy.md."""
@@ -51,6 +51,16 @@ class Budget:
     def __post_init__(self):
         if self.flux is None:
             object.__setattr__(self, "flux", FLUX_SHARE * self.tolerance)
+
+    @property
+    def flux_share(self) -> float:
+        """Error of the total light over the RMS error before a point spread function [1]."""
+        return self.flux / self.tolerance
+
+    def after(self, modelled: float) -> Budget:
+        """The budget of the drawing, by `left_after`: the total light has the same share of it."""
+        left = self.left_after(modelled)
+        return replace(self, tolerance=left, flux=self.flux_share * left)
 
     def left_after(self, modelled: float) -> float:
         """The part of the tolerance that an error [1] leaves for the drawing, in squares; `LEAST_LEFT` at least."""

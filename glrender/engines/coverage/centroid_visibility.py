@@ -9,7 +9,6 @@ import math
 
 import numpy as np
 
-from ...planner.error_budget import FLUX_SHARE
 from ...view.view import BodyView
 from ..rays.engine import RayEngine
 from . import accumulate, facet_loops
@@ -26,15 +25,18 @@ _ALIKE = 0.6
 _SAMPLED = 3
 
 
-def centroid_error(boundary: np.ndarray) -> float:
-    """RMS error [1] over the mean of the lit pixels, by what `facet_loops.lit_edges` tells (4,)."""
+def centroid_error(boundary: np.ndarray, flux_share: float) -> float:
+    """RMS error [1] over the mean of the lit pixels, or the flux error over its share, by `facet_loops.lit_edges` (4,).
+
+    The share is the tolerance of the total light over that of the RMS error [1].
+    """
     area, light, squared, of_area = boundary
     if not squared:
         return 0.0
     # Errors of small facets next to each other are alike.
     pixels = _BOUNDARY_ERROR * math.sqrt(squared * min(of_area / squared, 1.0) ** _ALIKE * area) / light
     # One facet in a few was asked: all of them have as many times the light, and the root of it as error of the flux.
-    flux = _BOUNDARY_ERROR * math.sqrt(of_area / _SAMPLED) / (FLUX_SHARE * light)
+    flux = _BOUNDARY_ERROR * math.sqrt(of_area / _SAMPLED) / (flux_share * light)
     return max(pixels, flux)
 
 
@@ -51,6 +53,8 @@ class CentroidVisibility:
         Beyond whose edges no ray is cast.
     rays : RayEngine
     brdf_tables : BrdfTables
+    flux_share : float [1]
+        Tolerance of the total light over that of the RMS error.
 
     Attributes
     ----------
@@ -59,13 +63,13 @@ class CentroidVisibility:
     """
 
     def __init__(self, facets: FacetTables, view: BodyView, cells: ImageCells, rays: RayEngine,
-                 brdf_tables: BrdfTables):
+                 brdf_tables: BrdfTables, flux_share: float):
         self._facets, self._view, self._bounds_px = facets, view, cells.bounds_px
         self._xy = projected(facets.vertices_m, view, cells.camera)
         self._radiance = self._shaded(rays, brdf_tables)
         self.error = centroid_error(facet_loops.lit_edges(
             facets.horizons.facets, self._radiance, facets.neighbours, facets.corners, self._xy, cells.bounds_px,
-            _SAMPLED, view.sun_direction_body, view.r_camera_body_m))
+            _SAMPLED, view.sun_direction_body, view.r_camera_body_m), flux_share)
 
     def _shaded(self, rays: RayEngine, brdf_tables: BrdfTables) -> np.ndarray:
         """Radiance (F,) in 1/sr of the Sun's irradiance at 1 au: 0 of facets that are dark, or not seen."""

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-from glrender_camera import PinholeCamera
 
 from ...planner.error_budget import OVERLAPS_LEFT, PENUMBRA_SHARE, Budget
 from ...planner.penumbra import sun_points
@@ -61,10 +60,9 @@ class CoverageEngine:
         """Release the tables."""
         self._facets.clear()
 
-    def draw(self, names: Sequence[str], camera: PinholeCamera, views: list[BodyView],
-             bounds_px: tuple[float, float, float, float], grid: tuple[int, int], tolerance: float
+    def draw(self, names: Sequence[str], views: list[BodyView], cells: ImageCells, budget: Budget
              ) -> tuple[np.ndarray, float]:
-        """Means over the cells of a grid (rows, columns) float64 [W/m2 per pixel], and their estimated error [1].
+        """Means over cells (rows, columns) float64 [W/m2 per pixel], and their estimated error [1].
 
         Facets are clipped where their visible, sunlit part ends. Nothing is drawn, and the error is infinite, where
         rays have to look: no corner of facets that face Sun and camera is lit, too few facets have too much of the
@@ -74,25 +72,20 @@ class CoverageEngine:
         ----------
         names : sequence of str
             Bodies that are drawn, all of each before the camera; others may cast shadows.
-        camera : PinholeCamera
         views : list of BodyView
             Of all bodies.
-        bounds_px : (float, float, float, float) [px]
-            Of the grid: x0, y0, x1, y1.
-        grid : (int, int)
-            Columns and rows.
-        tolerance : float [1]
-            RMS error of pixels over the mean of the lit ones.
+        cells : ImageCells
+        budget : Budget
+            Errors that the drawing may have.
         """
-        cells = ImageCells(camera, bounds_px, grid)
-        means, error, penumbra = self._clipped(names, views, cells, tolerance, self._scene.sun_disc)
-        if penumbra <= PENUMBRA_SHARE * tolerance:
+        means, error, penumbra = self._clipped(names, views, cells, budget, self._scene.sun_disc)
+        if penumbra <= PENUMBRA_SHARE * budget.tolerance:
             return means, error
-        points = sun_points(penumbra, tolerance)
+        points = sun_points(penumbra, budget.tolerance)
         if points is None:
             return means, math.inf
         n_points, share = points
-        left = Budget(tolerance=tolerance).left_after(share * penumbra)
+        left = budget.after(share * penumbra)
         sums, total = np.zeros(cells.shape), 0.0
         for point in on_disc(n_points):
             means, error, _ = self._clipped(names, lit_from(views, point), cells, left, False)
@@ -102,24 +95,23 @@ class CoverageEngine:
             total += error
         return sums / n_points, math.hypot(total / n_points, share * penumbra)
 
-    def draw_by_centroids(self, names: Sequence[str], camera: PinholeCamera, views: list[BodyView],
-                          bounds_px: tuple[float, float, float, float], grid: tuple[int, int], tolerance: float
+    def draw_by_centroids(self, names: Sequence[str], views: list[BodyView], cells: ImageCells, budget: Budget
                           ) -> tuple[np.ndarray, float]:
         """The same of one body that no other hides or shades, with each facet lit or dark by its centroid.
 
         The error is estimated before anything is drawn; nothing is drawn, and it is infinite, where it exceeds the
         tolerance.
         """
-        view, cells = next(view for view in views if view.name in names), ImageCells(camera, bounds_px, grid)
-        body = CentroidVisibility(self._facets[view.name], view, cells, self._rays, self._brdf_tables)
-        if body.error > tolerance:
+        view = next(view for view in views if view.name in names)
+        body = CentroidVisibility(self._facets[view.name], view, cells, self._rays, self._brdf_tables,
+                                  budget.flux_share)
+        if body.error > budget.tolerance:
             return np.zeros(cells.shape), math.inf
         changes = accumulate.no_changes(cells.shape)
         body.add_to(changes, cells)
-        return cells.light(changes, self._scene.solar_irradiance_of(camera))[0], body.error
+        return cells.light(changes, self._scene.solar_irradiance_of(cells.camera))[0], body.error
 
-    def may_be_lit(self, names: Sequence[str], camera: PinholeCamera, views: list[BodyView],
-                   bounds_px: tuple[float, float, float, float], grid: tuple[int, int]) -> np.ndarray | None:
+    def may_be_lit(self, names: Sequence[str], views: list[BodyView], cells: ImageCells) -> np.ndarray | None:
         """Cells (rows, columns) uint8 that a facet touches which faces the camera and any of the Sun's disc.
 
         None where a body is not drawn by coverage, or not all of it is before the camera.
@@ -127,10 +119,9 @@ class CoverageEngine:
         members = [view for view in views if view.name in names and view.is_visible]
         if any(view.name not in self._facets or view.bounds_px is None for view in members):
             return None
-        return _may_be_lit([(self._facets[view.name], view) for view in members], ImageCells(camera, bounds_px, grid),
-                           self._scene.sun_disc)
+        return _may_be_lit([(self._facets[view.name], view) for view in members], cells, self._scene.sun_disc)
 
-    def _clipped(self, names: Sequence[str], views: list[BodyView], cells: ImageCells, tolerance: float,
+    def _clipped(self, names: Sequence[str], views: list[BodyView], cells: ImageCells, budget: Budget,
                  has_disc: bool) -> tuple[np.ndarray, float, float]:
         """Means with hard edges of shadows, their error, and what hard edges cost if the Sun has a disc.
 
@@ -144,12 +135,13 @@ class CoverageEngine:
         if not light > 0.0:
             # Light between corners that are all dark is for rays to find.
             return dark, math.inf if any(body.has_facing for body in bodies) else 0.0, 0.0
-        scale = ErrorScale(light=light, n_px=n_px, phase_rad=max(view.phase_rad for view in members))
+        scale = ErrorScale(light=light, n_px=n_px, phase_rad=max(view.phase_rad for view in members),
+                           flux_share=budget.flux_share)
         penumbras = self._penumbras(bodies, views, cells, scale) if has_disc else 0.0
         penumbra = scale.rms(penumbras)
-        if penumbra > PENUMBRA_SHARE * tolerance:
+        if penumbra > PENUMBRA_SHARE * budget.tolerance:
             return dark, math.inf, penumbra
-        allowed = OVERLAPS_LEFT * (scale.most_squared(tolerance) - penumbras) / len(bodies)
+        allowed = OVERLAPS_LEFT * (scale.most_squared(budget.tolerance) - penumbras) / len(bodies)
         # A pixel's solid angle falls off as cos^3 of its angle from the boresight: of facets that are far smaller.
         is_fine = n_px * cells.per_px.prod() < _FINE * sum(body.n_areas for body in bodies)
         changes, squared = accumulate.no_changes(cells.shape), 0.0

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...planner.error_budget import FLUX_SHARE
 from ...planner.error_model import crescent_gain
 
 # Errors are estimated from the light of triangles that are clipped: 35 low-poly and 12 finer shapes at 20 to 160 deg
@@ -48,21 +47,24 @@ class ErrorScale:
     n_px : float
         Pixels that are lit.
     phase_rad : float [rad]
+    flux_share : float [1]
+        Tolerance of the total light over that of the RMS error: `Budget.flux_share`.
     """
 
     light: float
     n_px: float
     phase_rad: float
+    flux_share: float
 
     @property
     def per_root(self) -> float:
         """RMS error [1] over the root of a squared error."""
-        return crescent_gain(self.phase_rad) * max(math.sqrt(self.n_px), 1.0 / FLUX_SHARE) / self.light
+        return crescent_gain(self.phase_rad) * max(math.sqrt(self.n_px), 1.0 / self.flux_share) / self.light
 
     @property
     def flux_weight(self) -> float:
         """Weight of the squared error of the total light in a squared error."""
-        return (FLUX_SHARE * self.per_root * self.light) ** -2
+        return (self.flux_share * self.per_root * self.light) ** -2
 
     def rms(self, squared: float) -> float:
         """RMS error [1] of a squared error."""
@@ -81,7 +83,7 @@ class ErrorScale:
 
         By pixels alone: penumbras take no flux, a low Sun does.
         """
-        return hard * min(self.n_px * FLUX_SHARE**2, 1.0) + max(
+        return hard * min(self.n_px * self.flux_share**2, 1.0) + max(
             sum(squared for squared, _ in low), self.flux_weight * sum(missed for _, missed in low) ** 2)
 
 

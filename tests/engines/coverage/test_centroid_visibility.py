@@ -14,9 +14,11 @@ from glrender.brdf import Hapke, Lambert, LommelSeeliger
 from glrender.engines.coverage.brdf_tables import BrdfTables
 from glrender.engines.coverage.centroid_horizons import CentroidHorizons
 from glrender.engines.coverage.engine import CoverageEngine
+from glrender.engines.coverage.image_cells import ImageCells
 from glrender.engines.rays.backend import RayTracer
 from glrender.engines.rays.engine import RayEngine
 from glrender.engines.rays.mesh import RayMesh
+from glrender.planner.error_budget import Budget
 from glrender.scene.surface import Surface
 from glrender.view.regions import region
 from glrender.view.view import view_bodies
@@ -162,7 +164,7 @@ def engine_of(shape):
 def whole(camera, seen):
     """Arguments of the engine for a body's region, in pixels."""
     x0, y0, x1, y1 = region(seen, camera)
-    return ("body",), camera, seen, (x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5), (x1 - x0, y1 - y0)
+    return ("body",), seen, ImageCells(camera, (x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5), (x1 - x0, y1 - y0))
 
 
 @pytest.mark.parametrize("kind", ["rough", "binary"])
@@ -176,8 +178,8 @@ def test_boundary_facets_tell_the_error_of_a_frame(rough, kind, size_px):
                                  (75.0, (-1, 0.4, 0.1))):
         state = views.state(phase_deg=phase_deg, range_m=2000.0, direction=direction)
         given = whole(camera, view_bodies(state, camera, scene.hulls))
-        image, told = engine.draw_by_centroids(*given, 1.0)
-        exact, _ = engine.draw(*given, 0.004)
+        image, told = engine.draw_by_centroids(*given, Budget(tolerance=1.0))
+        exact, _ = engine.draw(*given, Budget(tolerance=0.004))
         ratios.append(views.relative_rms(image, exact) / np.hypot(told, 0.003))
     assert 0.2 < np.median(ratios) < 0.8 and max(ratios) < 1.0
 
@@ -187,10 +189,10 @@ def test_a_frame_tells_its_error_before_it_is_drawn(rough):
     scene, engine = engine_of(rough.shape)
     camera, = scene.cameras
     given = whole(camera, view_bodies(views.state(phase_deg=60.0, range_m=2000.0), camera, scene.hulls))
-    image, told = engine.draw_by_centroids(*given, 1.0)
-    again, told_again = engine.draw_by_centroids(*given, 1.01 * told)
+    image, told = engine.draw_by_centroids(*given, Budget(tolerance=1.0))
+    again, told_again = engine.draw_by_centroids(*given, Budget(tolerance=1.01 * told))
     assert told_again == told > 0.0 and again.tobytes() == image.tobytes()
-    dark, unknown = engine.draw_by_centroids(*given, 0.99 * told)
+    dark, unknown = engine.draw_by_centroids(*given, Budget(tolerance=0.99 * told))
     assert not dark.any() and np.isinf(unknown), "it is no image, and may not be taken for the best one"
 
 
@@ -198,9 +200,9 @@ def test_the_image_does_not_depend_on_the_number_of_threads(rough, monkeypatch):
     scene, engine = engine_of(rough.shape)
     camera, = scene.cameras
     given = whole(camera, view_bodies(views.state(phase_deg=60.0, range_m=2000.0), camera, scene.hulls))
-    image, told = engine.draw_by_centroids(*given, 1.0)
+    image, told = engine.draw_by_centroids(*given, Budget(tolerance=1.0))
     monkeypatch.setattr(threads, "N_CORES", 1)
-    again, told_again = engine.draw_by_centroids(*given, 1.0)
+    again, told_again = engine.draw_by_centroids(*given, Budget(tolerance=1.0))
     assert again.tobytes() == image.tobytes() and told_again == told
 
 
@@ -211,7 +213,7 @@ def test_a_frame_whose_boundaries_are_too_long_is_clipped_instead(phase_deg):
     camera, = scene.cameras
     state = views.state(phase_deg=phase_deg, range_m=1500.0, direction=(0.2, -1.0, 0.5))
     given = whole(camera, view_bodies(state, camera, scene.hulls))
-    exact, _ = engine.draw(*given, 0.003)
+    exact, _ = engine.draw(*given, Budget(tolerance=0.003))
     with Renderer(scene) as renderer:
         told = 0.1
         for budget_share, by_centroids in ((1.0, True), (0.8, False)):

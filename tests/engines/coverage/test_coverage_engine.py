@@ -17,7 +17,9 @@ from glrender.base.constants import AU_M
 from glrender.brdf import Hapke, Lambert, LommelSeeliger
 from glrender.engines.coverage.engine import CoverageEngine
 from glrender.engines.coverage.facet_tables import neighbours
+from glrender.engines.coverage.image_cells import ImageCells
 from glrender.engines.rays.engine import RayEngine
+from glrender.planner.error_budget import Budget
 from glrender.view.regions import region
 from glrender.view.view import view_bodies
 from glrender_camera import threads
@@ -38,8 +40,8 @@ def drawn(bodies, state, camera, budget=0.02, names=None):
     rays = RayEngine(scene)
     x0, y0, x1, y1 = roi = region([view for view in seen if view.is_visible], camera)
     image, told = CoverageEngine(scene, rays).draw(
-        names or [body.name for body in bodies], camera, seen, (x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5),
-        (x1 - x0, y1 - y0), budget)
+        names or [body.name for body in bodies], seen,
+        ImageCells(camera, (x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5), (x1 - x0, y1 - y0)), Budget(tolerance=budget))
     return image, told, roi, (rays, seen)
 
 
@@ -241,8 +243,8 @@ def test_what_is_dark_beside_a_body_that_a_window_cuts_is_zero(shape):
         seen = view_bodies(views.state(phase_deg=phase_deg, sun_in_image=(0.8, 0.6)), camera, scene.hulls)
         x0, y0, x1, y1 = region(seen, camera)
         for left in range(x0 + (x1 - x0) // 2, x1, 7):
-            image, _ = areas.draw(["body"], camera, seen, (left - 0.5, y0 - 0.5, x1 + 19.5, y1 - 0.5),
-                                  (x1 + 20 - left, y1 - y0), 0.05)
+            cells = ImageCells(camera, (left - 0.5, y0 - 0.5, x1 + 19.5, y1 - 0.5), (x1 + 20 - left, y1 - y0))
+            image, _ = areas.draw(["body"], seen, cells, Budget(tolerance=0.05))
             assert not ((image != 0.0) & (image < 1e-10 * image.max())).any()
             n_dark += np.count_nonzero((image == 0.0).all(axis=1))
     assert n_dark > 100
