@@ -90,16 +90,20 @@ def test_a_drawn_frame_s_parts_are_its_prediction_and_within_the_tolerance(rende
 
 
 def test_a_point_spread_function_s_gain_is_applied_once_where_errors_are_reported(renderer):
-    """Equal errors before it are equal frames; what is reported is the part of them that it leaves."""
-    bare, blurred = (renderer.render(STATE, max_error=0.02 * gain, error_gain=gain) for gain in (1.0, 0.3))
+    """Equal errors before it are equal frames; what is reported is the part of them that it leaves.
+
+    The flux, which it leaves as it is, asks for no more of a body of so many pixels, and weighs by half a percent.
+    """
+    bare, blurred = (renderer.render(STATE, max_error=0.02 * gain, error_gain=gain) for gain in (1.0, 0.6))
     assert bare.irradiance_W_m2.tobytes() == blurred.irradiance_W_m2.tobytes()
     one, other = bare.plan.windows[0], blurred.plan.windows[0]
     assert one.budget.tolerance == other.budget.tolerance, "before the point spread function"
-    assert other.budget.flux == pytest.approx(0.1 * 0.02 * 0.3), "which leaves the error of the flux as it is"
-    assert blurred.plan.predicted_error == pytest.approx(0.3 * bare.plan.predicted_error)
+    assert other.budget.flux == pytest.approx(0.1 * 0.02 * 0.6), "which leaves the error of the flux as it is"
+    assert blurred.plan.predicted_error == pytest.approx(0.6 * bare.plan.predicted_error, rel=0.005)
     for cause in (*one.modelled, *one.drawn):
         if cause != "one direction to the Sun":
-            assert {**other.modelled, **other.drawn}[cause] == pytest.approx(0.3 * {**one.modelled, **one.drawn}[cause])
+            assert {**other.modelled, **other.drawn}[cause] == pytest.approx(
+                0.6 * {**one.modelled, **one.drawn}[cause], rel=0.005)
 
 
 @pytest.mark.parametrize("asked", [{"flux": 0.004}, {"centroid_px": 0.05}, {"range": 0.01}, {"rms": 0.02}])
