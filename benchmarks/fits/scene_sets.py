@@ -1,0 +1,25 @@
+"""The seeds of random scenes that numbers were fitted to, and those that none was: a fit takes none of the latter.
+
+Scenes of `accuracy/random_scenes.py`, `units.py` and `eclipses.py`; `heldout.py` draws them.
+"""
+
+from __future__ import annotations
+
+FITTED = {
+    "draw": (range(400),),
+    "draw_small": (range(5000, 5200), range(7000, 7200), range(9000, 9200)),
+    "draw_eclipse": (range(70),),
+}
+"""Seeds that numbers were fitted to, by the function that makes their scenes."""
+
+NEVER_FITTED = {
+    "draw": (range(400, 460),),
+    "draw_small": (range(10_000, 10_200),),
+    "draw_eclipse": (range(20_000, 21_000),),
+    "draw_neighbours": (range(20_000, 21_000),),
+    "draw_tiny": (range(20_000, 21_000),),
+}
+"""Seeds that hold the promises of docs/accuracy.md: nothing may be fitted to them."""
+
+COVERAGE_FITTED = range(5000, 5060)
+"""Seeds of `draw_small` that `coverage_errors.py` takes: of those that numbers were fitted to."""
