@@ -32,7 +32,7 @@ classdef GlRenderClient < handle
     Packed = []  % of the last request, for the next like it: see glr_request
     Read = []    % of the last reply, likewise: see glr_header
     Scene = ''   % digest of the scene that load_scene has loaded: no frame of another comes in its place
-    RetryAfter = 0.05  % [s], as the last `busy` told
+    RetryAfter = 0.05  % [s], as the last `busy` reply said
   end
 
   methods

@@ -3,7 +3,7 @@ function build_glrender_library(folder)
 %   Camera             Level-2 MATLAB S-function: needs nothing but MATLAB and Simulink
 %   Camera System      MATLAB System block: the same, for those who prefer it
 %   Camera C           C S-function, for Rapid Accelerator; build_glrender_mex compiles it
-%   folder: where to save (default: beside this file).
+%   folder: where to save (default: this file's folder).
   if nargin < 1
     folder = fileparts(mfilename('fullpath'));
   end

@@ -1,7 +1,7 @@
 function build_glrender_mex(folder)
 %BUILD_GLRENDER_MEX  Compile glrender_mex, the C client as a function; in MATLAB with Simulink also sfun_glrender_c.
 %   Needs the C compiler that `mex -setup C` finds; in GNU Octave mkoctfile (Debian: octave-dev).
-%   folder: where the binaries go (default: beside this file).
+%   folder: where the binaries go (default: this file's folder).
   here = fileparts(mfilename('fullpath'));
   if nargin < 1
     folder = here;

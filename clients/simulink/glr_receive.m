@@ -39,7 +39,7 @@ function bytes = exactly(socket, count, timeout_s, where)
     end
   catch problem
     if ~isempty(regexpi([problem.identifier, ' ', problem.message], 'time-?out|timed out', 'once'))
-      bytes = zeros(1, 0, 'uint8');  % MATLAB may raise what Octave tells by a short result
+      bytes = zeros(1, 0, 'uint8');  % MATLAB may raise an error where Octave returns less
     else
       error('glrender:connection', 'the connection to %s is lost: %s', where, problem.message);
     end

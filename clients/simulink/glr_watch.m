@@ -16,7 +16,7 @@ function glr_watch(socket, host, port, timeout_s, progress)
       end
       told = other.status();
     catch
-      return  % what is wrong, the reply will tell
+      return  % the reply will have the error
     end
     if isfield(told, 'slow_frames') && ~isempty(told.slow_frames)
       progress(max(told.slow_frames));
