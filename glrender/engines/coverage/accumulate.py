@@ -1,11 +1,11 @@
-"""Means over an image's cells of what is constant between straight lines: exact, and by the lines alone.
+"""Exact means, over an image's cells, of a value that is constant between straight lines, from the lines alone.
 
 Green's theorem, as in the signed-area rasterisers of outline fonts: a line changes what lies to its right in its
 row of cells, so that sums along the rows are the image. The cost is that of the cells that lines cross.
 
 Compiled by Numba when this is imported, once on a machine. Values are complex, of two quantities at once. A line's
-step is what has larger x over what has smaller x beside a line that goes towards larger y; below, beside one that
-goes towards smaller y. Lines around a value are closed.
+step is the value at larger x less that at smaller x if the line goes towards larger y, and the reverse if it goes
+towards smaller y. Lines around a value are closed.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _CHANGES, _VALUES = write(complex128, 2), read(complex128, 1)
 
 
 def no_changes(shape: tuple[int, int]) -> np.ndarray:
-    """Changes from cell to cell of an image of (rows, columns) that is dark: with two columns for what is beyond."""
+    """Changes from cell to cell of an image of (rows, columns) that is dark: with two columns beyond its edge."""
     return np.zeros((shape[0], shape[1] + 2), complex)
 
 
@@ -38,7 +38,7 @@ def no_changes(shape: tuple[int, int]) -> np.ndarray:
 def means(changes, first, last, values, cover):
     """Write the means of rows first to last of changes (R, C + 2): their real part and their imaginary one.
 
-    Returns the largest real one. Of what is dark, rounding is left: less than `ROUNDING` of the image's largest.
+    Returns the largest real one. Dark cells keep the rounding: less than `ROUNDING` of the image's largest.
     """
     largest = 0.0
     for row in range(first, last):
@@ -53,11 +53,11 @@ def means(changes, first, last, values, cover):
 @compiled(float64(write(float64, 2), write(float64, 2), intp, intp, float64, float64, read(float64, 1),
                   read(float64, 1), float64, float64))
 def settle(values, cover, first, last, least, scale, across, down, most, least_share):
-    """Turn means (R, C) of rows first to last into light: 0 of what is less than the least.
+    """Turn means (R, C) of rows first to last into light: 0 where it is less than the least.
 
-    Where the cover is more than `most`, of what is too much a share is taken off, all where there is twice as much as
-    there can be, or more; and all is times a scale over (1 + x^2 + y^2)^1.5 by the squares `across` (C,) and `down`
-    (R,). Returns what is unsure where areas overlap: a sum of squares, of half of what is too much.
+    Where the cover exceeds `most`, a share of the excess is taken off, and all of it from twice the possible cover on.
+    The result is times a scale over (1 + x^2 + y^2)^1.5 by the squares `across` (C,) and `down` (R,). Returns the error
+    where areas overlap: the sum of the squares of half of each excess.
     """
     unsure = 0.0
     for row in range(first, last):
@@ -88,7 +88,7 @@ def add_line(changes, x0, y0, x1, y1, step):
     if y1 < y0:
         x0, y0, x1, y1, step = x1, y1, x0, y0, -step
     top, bottom = max(y0, 0.0), min(y1, float(rows))
-    # What is no number, or too large for a count of cells, is nowhere.
+    # A line whose ends are no numbers, or too large for a count of cells, is nowhere.
     if not top < bottom or min(x0, x1) >= columns or not abs(x0) + abs(x1) + y1 - y0 < _FARTHEST:
         return
     slope = (x1 - x0) / (y1 - y0)
@@ -121,7 +121,7 @@ def add_line(changes, x0, y0, x1, y1, step):
 def add_facets(changes, xy, corners, neighbours, radiance, first, block, every, origin, per_px):
     """Add what lines around facets that have a radiance (F,) change in cells; one line for two facets that share it.
 
-    The facets are taken in blocks: `block` of them from the `first` on, and from each that is `every` further.
+    The facets are taken in blocks: `block` facets from the `first` on, and from each that is `every` further.
     """
     for begin in range(first, len(radiance), every):
         for facet in range(begin, min(begin + block, len(radiance))):

@@ -1,4 +1,4 @@
-"""Triangles within facets, divided and cut by what rays tell of their corners."""
+"""Triangles within facets, divided and cut by the visibility of their corners."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class FacetCutter:
     corner : (3, N) int
         The facets' corners among the points.
     is_free : bool
-        Nothing hides or shades any of it.
+        Nothing hides or shades any part.
     """
 
     def __init__(self, facets: FacetTables, view: BodyView, views: list[BodyView], rays: RayEngine,
@@ -83,7 +83,7 @@ class FacetCutter:
     def cut_off(self, triangles: FacetParts, n_bisections: int) -> list[Polygons]:
         """The lit rest of triangles that are cut between the corner that differs and the two others.
 
-        What is cut off ends straight, and is as large as what an edge of light that bends leaves there.
+        The part cut off has a straight edge, and the area that the bent edge of light would leave dark.
         """
         points = self.points
         is_lit = self.are_lit(triangles)

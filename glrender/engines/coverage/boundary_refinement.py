@@ -1,7 +1,7 @@
 """The sunlit areas of a body: facets that boundaries of light cross are divided as the tolerance asks, then clipped.
 
 Between corners that differ runs the edge of a shadow, or of what hides the rest, which is nearly straight within a
-small triangle. Where another body or a far part may hide what is between corners that agree, large facets are divided.
+small triangle. Where another body or a far part may hide light between corners that agree, large facets are divided.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from .sunlit_error import CLIPPED_ERROR, pixels_squared
 
 # Bisections by which ends of cuts are found.
 _BISECTIONS = 2
-# The part of the error of boundaries between corners that agree that is left where the facets beside boundary ones are
+# Share of the error of boundaries between corners that agree that is left when the neighbours of boundary facets are
 # divided too [1]; and the angle between neighbours [rad] from which they are: bumps are then as small as facets, and
 # 67P, with 0.5, errs half as much at the same time. Itokawa has 0.15.
 _STILL_MISSED = 0.36
 _ROUGH_RAD = 0.3
 # The part that each division more leaves of that [1], the most divisions, and the most parts: 12 frames at tolerances
-# of 0.004 to 0.01 beside rays; 1 s.
+# of 0.004 to 0.01 against rays; 1 s.
 _STILL_MISSED_LATER = 0.5
 _MOST_BESIDE = 3
 _MOST_PARTS = 2_500_000
@@ -52,7 +52,7 @@ class SunlitAreas:
     polygons : list of ((K, M) int, (M,) int)
         Lit parts of others.
     clipped : FacetParts
-        Parts that a boundary crosses, of which some polygons are what is lit.
+        Parts that a boundary crosses; some polygons are their lit rest.
     squared : float
         Their squared error: `sunlit_error`.
     """
@@ -147,9 +147,9 @@ def _beside(seen: CornerVisibility) -> FacetParts:
 
 def _divide_with_beside(seen: CornerVisibility, beside: FacetParts, missed: float, most_left: float
                         ) -> tuple[FacetParts, FacetParts, float]:
-    """Lit and mixed parts of boundary triangles and of the facets beside them, and what is missed: boundaries bend.
+    """Lit and mixed parts of boundary triangles and of the facets next to them, and the error left: boundaries bend.
 
-    The facets beside are divided once, and both again until no more is left than may be, or parts are too many.
+    The facets next to them are divided once, and both again until the error is small enough or parts are too many.
     """
     cutter, triangles = seen.cutter, seen.boundary
     beside, missed = cutter.quarters(beside), _STILL_MISSED * missed
@@ -163,7 +163,7 @@ def _divide_with_beside(seen: CornerVisibility, beside: FacetParts, missed: floa
 
 def _divide(seen: CornerVisibility, triangles: FacetParts, missed: float, most_squared: float
             ) -> tuple[list[FacetParts], FacetParts, float]:
-    """Divide triangles until clipping them, with what is missed, errs by no more than a square.
+    """Divide triangles until clipping, with the error `missed`, errs by no more than a square.
 
     Lit parts, mixed ones, and their error.
     """
@@ -186,7 +186,7 @@ def _divide(seen: CornerVisibility, triangles: FacetParts, missed: float, most_s
 
 
 def _divide_large(seen: CornerVisibility, most_squared: float) -> CornerVisibility | None:
-    """Divide facets that have more light than may be missed, few facets sooner: parts find what is between.
+    """Divide facets that have more light than may be missed, few facets sooner: parts find light between corners.
 
     None if some are left.
     """
@@ -216,7 +216,7 @@ def _divide_large(seen: CornerVisibility, most_squared: float) -> CornerVisibili
         if len(parts.facet) > _MANY:
             return None
         parts = cutter.quarters(parts)
-        # A boundary that passes between corners that agree goes on in a part beside them whose corners differ, but
+        # A boundary that passes between corners that agree goes on in a neighbouring part whose corners differ, but
         # for those that another body, or a far part, makes in the middle of a facet.
         is_beside = np.zeros(cutter.points.r_m.shape[1], bool)
         for each in (parts, boundary):

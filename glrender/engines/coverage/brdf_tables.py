@@ -13,7 +13,7 @@ from ...view.view import BodyView
 # Steps of the table by a normal's place out of the plane of Sun and camera.
 _STEPS = 24
 # Steps by the root of the distance of the unit vectors to Sun and camera, about a phase angle [rad]: small near 0,
-# where surfaces surge; powers of 2, so that frames share nodes; and the fewest of them in a table.
+# where surfaces surge; powers of 2, so that frames share nodes; and the fewest steps in a table.
 _LEAST_STEP = 0.0078125
 _MOST_STEP = 0.03125
 _LEAST_STEPS = 4.0
@@ -64,7 +64,7 @@ class BrdfTables:
 
 @cache
 def _places() -> tuple[np.ndarray, ...]:
-    """A table's angles in the plane, and parts of the normal in it and out of it."""
+    """A table's angles in the plane, and parts of the normal along it and across."""
     place, part = np.meshgrid(np.arange(-_STEPS, _STEPS + 1) / _STEPS, np.arange(_STEPS + 1) / _STEPS, indexing="ij")
     part = np.maximum(part, _EDGE_ON)
     return np.arctan2(place, 1.0 - np.abs(place)), part, np.sqrt(1.0 - part * part)

@@ -1,4 +1,4 @@
-"""Horizon maps at the centroids of a shape's facets: which of them Sun and camera see, without a ray.
+"""Horizon maps at the centroids of a shape's facets: which centroids Sun and camera see, without a ray.
 
 Source: Max (1988), Horizon mapping: shadows for bump-mapped surfaces.
 """
@@ -16,7 +16,7 @@ from ..rays.mesh import RayMesh
 from .horizon_loops import N_AZIMUTHS, UNKNOWN, axes_across, shade_centroids
 
 MOST_HORIZONS = 150_000
-"""Facets up to which horizons are made: 30 us a facet, once; of larger shapes rays tell of every centroid."""
+"""Facets up to which horizons are made: 30 us a facet, once; larger shapes cast a ray from every centroid."""
 # Facets that a thread looks at in a turn.
 _PART = 4096
 
@@ -30,8 +30,8 @@ class CentroidHorizons:
     facets : (F, 6) float32
         Normals and centroids [m].
     heights : (F, 16) uint8
-        Of the horizon, in azimuths around: 255 times the sine; `UNKNOWN` in all of them where azimuths do not tell what
-        stands around, as under an overhang.
+        Of the horizon, in azimuths around: 255 times the sine; `UNKNOWN` in all azimuths where these are not enough to
+        describe the surroundings, as under an overhang.
     """
 
     facets: np.ndarray
@@ -73,7 +73,7 @@ class CentroidHorizons:
         -------
         radiance : (F,) float64
         asked : (N,) int
-            Facets that are shaded as if lit, of which rays have to tell.
+            Facets that are shaded as if lit, to be decided by rays.
         is_asked : (2, N) bool
             Whether of their being seen, and of their being lit.
         """
@@ -99,7 +99,7 @@ def heights_around(points_m: np.ndarray, normal: np.ndarray, solid: RayMesh, n_a
     solid : RayMesh
     n_azimuths : int
     unknown : int
-        Where azimuths do not tell what stands around; 0 for not looking whether they do.
+        Value where azimuths do not describe the surroundings; 0 for not testing that.
     """
     found = np.empty((normal.shape[1], n_azimuths), np.uint8)
     # As the loops count azimuths.

@@ -17,11 +17,11 @@ from .facet_tables import FacetTables
 from .image_cells import ImageCells
 from .sub_triangles import projected
 
-# Error over what boundary facets tell [1], and the power of small facets' areas in it: 2900 images of five shapes with
-# 49k to 197k facets, 30 to 480 px, 20 to 120 deg, beside clipped ones; it is less in 98.9 %, 0.28 to 0.64 in half.
+# Error over the estimate by boundary facets [1], and the power of small facets' areas in it: 2900 images of five shapes
+# with 49k to 197k facets, 30 to 480 px, 20 to 120 deg, against clipped ones; less in 98.9 %, 0.28 to 0.64 in half.
 _BOUNDARY_ERROR = 0.42
 _ALIKE = 0.6
-# One facet of so many tells of boundaries: an odd number, as divided shapes come in fours.
+# One facet in so many is tested for a boundary: an odd number, as divided shapes come in fours.
 _SAMPLED = 3
 
 
@@ -35,7 +35,7 @@ def centroid_error(boundary: np.ndarray, flux_share: float) -> float:
         return 0.0
     # Errors of small facets next to each other are alike.
     pixels = _BOUNDARY_ERROR * math.sqrt(squared * min(of_area / squared, 1.0) ** _ALIKE * area) / light
-    # One facet in a few was asked: all of them have as many times the light, and the root of it as error of the flux.
+    # One facet in a few was tested: all have as many times the light, and the root of that as error of the flux.
     flux = _BOUNDARY_ERROR * math.sqrt(of_area / _SAMPLED) / (flux_share * light)
     return max(pixels, flux)
 
@@ -48,7 +48,7 @@ class CentroidVisibility:
     facets : FacetTables
         With horizons of their centroids.
     view : BodyView
-        Of the body: all of it is before the camera.
+        Of the body, which is wholly before the camera.
     cells : ImageCells
         Beyond whose edges no ray is cast.
     rays : RayEngine

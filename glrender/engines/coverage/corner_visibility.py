@@ -159,7 +159,7 @@ def look(facets: FacetTables, view: BodyView, views: list[BodyView], cells: Imag
     cutter = FacetCutter(facets, view, views, rays, facing)
     corner = cutter.corner
     n_lit, n_seen = (of.take(corner).sum(axis=0) for of in (cutter.points.is_lit, cutter.points.is_seen))
-    # Where the camera sees one end of a facet in shadow, the Sun may see the other, and both what is between.
+    # Where the camera sees one end of a facet in shadow, the Sun may see the other, and both the part between.
     may_hide_light = np.zeros(facets.n_facets, bool)
     may_hide_light[facing[(n_lit == 0) & (n_seen > 0) & (n_seen < 3) & (len(facing) <= FEW)]] = True
     mixed, lit = np.flatnonzero((n_lit > 0) & (n_lit < 3)), np.flatnonzero(n_lit == 3)
@@ -168,7 +168,7 @@ def look(facets: FacetTables, view: BodyView, views: list[BodyView], cells: Imag
                           facet_loops.areas(xy_px, facets.corners, facing[mixed]))
     area_px = np.concatenate([facet_loops.areas(xy_px, facets.corners, whole) * shown.take(lit),
                               boundary.area_px * n_lit.take(mixed) / 3.0 * shown.take(mixed)])
-    # In one call, as threads take parts of it; no product of matrices, since BLAS keeps threads of its own spinning,
+    # In one call, as threads share the call; no product of matrices, since BLAS keeps threads of its own spinning,
     # which takes the time of others' frames.
     light = float((area_px * radiance.of(np.concatenate([whole, boundary.facet]))).sum())
     return CornerVisibility(

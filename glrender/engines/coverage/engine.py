@@ -114,7 +114,7 @@ class CoverageEngine:
     def may_be_lit(self, names: Sequence[str], views: list[BodyView], cells: ImageCells) -> np.ndarray | None:
         """Cells (rows, columns) uint8 that a facet touches which faces the camera and any of the Sun's disc.
 
-        None where a body is not drawn by coverage, or not all of it is before the camera.
+        None where a body is not drawn by coverage, or is not wholly before the camera.
         """
         members = [view for view in views if view.name in names and view.is_visible]
         if any(view.name not in self._facets or view.bounds_px is None for view in members):
@@ -151,7 +151,7 @@ class CoverageEngine:
                 return dark, math.inf, penumbra
             areas.add_to(changes, cells, 3.0 if is_fine else 0.0)
             squared += areas.squared
-        # Where areas overlap, one that is hidden was taken to be seen: which of them is not known.
+        # Where areas overlap, one that is hidden was taken to be seen: which one is not known.
         means, unsure = cells.light(changes, self._scene.solar_irradiance_of(cells.camera), 1.0 + _OVERLAP,
                                     _EXCESS if self._is_one_surface else 1.0, is_even=is_fine)
         return means, scale.error(penumbras + squared + unsure / cells.per_px.prod() ** 2), penumbra
@@ -175,7 +175,7 @@ def _may_be_lit(bodies: list[tuple[FacetTables, BodyView]], cells: ImageCells, h
                               cells.origin_px, cells.per_px)
     found, cover = np.empty((2, *cells.shape))
     largest = accumulate.means(changes, 0, len(found), found, cover)
-    # A cell next to one that is touched may have what rounding, or another sample's place, leaves of it.
+    # A cell next to a touched one may have light by rounding, or at another sample's place.
     return cv2.dilate((cover > accumulate.ROUNDING * largest).astype(np.uint8), np.ones((3, 3), np.uint8))
 
 

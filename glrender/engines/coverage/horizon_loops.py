@@ -12,7 +12,7 @@ from ...base.numba_loops import POINTS, VECTOR, compiled, inlined, read, write
 N_AZIMUTHS = 16
 # Height that is not known, of 255 steps of its sine.
 UNKNOWN = 255
-# Of 255 parts of a sine: how near heights between azimuths are to those of both, about.
+# Difference of heights between azimuths from those of both, about, in 255 parts of a sine.
 _NEAR = 3.0
 # Sine of the phase angle below which a place around does not matter.
 _LEAST_SINE = 1e-4
@@ -127,7 +127,7 @@ def _radiance(incidence, emission, squared, brdf, least_root, per_root):
                write(float64, 1), write(intp, 1), write(boolean, 2)))
 def shade_centroids(facets, heights, first, last, to_sun, r_camera_m, brdf, least_root, per_root, found, asked,
                     is_asked):
-    """Write the radiance of facets first to last, each lit or dark by its centroid: 0 of what is dark or not seen.
+    """Write the radiance of facets first to last, each lit or dark by its centroid: 0 if dark or not seen.
 
     Facets (F, 6) float32 have normals and centroids [m], and heights (F, sectors) of the horizon. Their BRDF times the
     sum of the cosines of incidence and emission, which is smooth at the limb, is in a table (C, 2 S + 1, S + 1):
@@ -136,7 +136,7 @@ def shade_centroids(facets, heights, first, last, to_sun, r_camera_m, brdf, leas
 
     Returns how many (N,) are `asked`, whether they are seen or lit `is_asked` (2, N): they are shaded as if they were.
 
-    In three turns, each over what is left, that have no branches: what a facet is would be guessed wrong half the time.
+    In three turns without branches, each over the facets left: a branch would be predicted wrongly half the time.
     """
     left, how, light = np.empty(last - first, np.intp), np.empty(last - first, np.intp), np.empty((last - first, 3))
     n_facing, n_shown, n_asked = 0, 0, 0

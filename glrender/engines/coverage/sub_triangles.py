@@ -1,4 +1,4 @@
-"""Parts of facets, and the points between which they are: what is divided shares them, and what is known of them."""
+"""Parts of facets, and the points between which they are: divided parts share points, and knowledge about them."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class FacetParts:
 
     @classmethod
     def joined(cls, several: list[FacetParts]) -> FacetParts:
-        """All of them, one after the other."""
+        """All parts, one after the other."""
         return cls(*(np.concatenate([getattr(one, field.name) for one in several], axis=-1) for field in fields(cls)))
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from ...planner.error_model import crescent_gain
 
 # Errors are estimated from the light of triangles that are clipped: 35 low-poly and 12 finer shapes at 20 to 160 deg
-# beside rays (test_coverage_engine.py, benchmarks/heldout.py).
+# against rays (test_coverage_engine.py, benchmarks/heldout.py).
 CLIPPED_ERROR = 0.006625
 """Squared error of one of many clipped triangles over its squared light [1]."""
 # Share [1] of their light that clipped triangles are too dark by, at 60 deg.
@@ -22,14 +22,14 @@ _CLIPPED_BIAS = 0.003
 _SAFETY_OF_FEW = 16.0
 _MOST_SAFETY = 6.0
 # Squared error of boundaries that pass between corners that agree, over squared light of clipped triangles [1] up to
-# 60 deg, per radian between neighbouring facets, of this much at least: 100 frames of seven shapes beside rays.
+# 60 deg, per radian between neighbouring facets, of this much at least: 100 frames of seven shapes, against rays.
 _MISSED_PER_RAD = 5e-3
 _LEAST_CREASE_RAD = 0.2
 # Share of the squared light of the brightest facet that another body may take between its corners unseen [1].
 _MISSED_BEHIND = 0.1
 # RMS error of a hard edge over that of the ramp in its place [1]: Itokawa at 60 and 120 deg (test_penumbra.py).
 _PENUMBRA = 0.65
-# Least error [1] that is estimated: a facet's radiance at its centroid for all of it, and rays in float32.
+# Least error [1] that is estimated: a facet's radiance at its centroid for the whole facet, and rays in float32.
 _LEAST = 5e-4
 
 
@@ -103,7 +103,7 @@ def clipped_bias(light: np.ndarray) -> float:
 def missed(squared: float, crease_rad: float, phase_rad: float) -> float:
     """Squared error of boundaries that pass between corners that agree, of the squared light of clipped triangles.
 
-    The lower the Sun, the longer are the shadows of what is narrower than a facet.
+    The lower the Sun, the longer are the shadows of features narrower than a facet.
     """
     low_sun = max(math.tan(min(0.5 * phase_rad, 1.5)) / math.tan(math.radians(30.0)), 1.0)
     return _MISSED_PER_RAD * max(crease_rad, _LEAST_CREASE_RAD) * low_sun * squared
@@ -118,7 +118,7 @@ def hard_edges(radiance: np.ndarray, area_px: np.ndarray, wide_px: np.ndarray) -
     """Squared error of hard edges of shadows across triangles (N,) in place of ramps of a width (N,) [px].
 
     Within a pixel a ramp has the light of a hard edge, and errs where the pixels' sides cross it: the mean over how
-    they lie, as one that lies along a ramp may cross all of it.
+    the sides lie, as one along a ramp may cross the whole ramp.
     """
     squared = radiance**2 * np.sqrt(area_px) * wide_px * np.minimum(wide_px, 1.0) ** 2
     return _PENUMBRA**2 * float(squared.sum()) / 12.0
