@@ -1,1 +1,1 @@
-"""The planner decides what is drawn, by which engine, and the error to expect: functions of views and tolerance."""
+"""The planner chooses the engine of each region and predicts its error: functions of views and tolerance."""

@@ -1,4 +1,4 @@
-"""Samples where they matter: what a first, coarse image tells of its own error, and which pixels to draw again.
+"""Samples where they matter: the error of a first, coarse image by its contrast, and the pixels to draw again.
 
 Most of a frame's sampling error sits in few of its pixels: limb, terminator, shadow edges,
 creases. Contrast shows them: between neighbours when a pixel has one sample, between its
@@ -16,7 +16,7 @@ import numpy as np
 from .engine_choice import MAX_SAMPLES
 
 # Error of a sample's area over the contrast within 3 x 3 samples: 0.18 as measured against rays
-# (docs/accuracy.md), and 0.3 of it more, so that the truth is within.
+# (docs/accuracy.md), times 1.3, so that the truth is within.
 _ERROR_PER_CONTRAST = 0.235
 SAMPLE_COUNTS = tuple(sorted(first * 2**k for first in (2, 3) for k in range(6) if first * 2**k <= 64))
 """Samples along a pixel's side that a refinement may take: up to 16, and more where they are asked for."""
@@ -68,7 +68,7 @@ def pixel_errors(samples: np.ndarray, count: int, noise_gain: float = 1.0,
         if is_dark:
             padded[edge] = 0.0
     around = np.ones((3, 3), np.uint8)
-    # In place: memory that is new costs more than what is computed in it.
+    # In place: new memory costs more than the computation.
     high = cv2.dilate(padded, around)
     contrast = cv2.subtract(high, cv2.erode(padded, around, dst=padded), dst=high)[1:-1, 1:-1]
     if count == 1:

@@ -27,12 +27,12 @@ OVERLAPS_LEFT = 0.9
 HIDDEN_SHARE = 0.25
 """Light that may be hidden between dark corners of facets, of the squared tolerance."""
 MISSED_SHARE = 0.5
-"""Boundaries that pass between corners that agree, of the squared tolerance: facets beside are divided where it is
-more."""
+"""Boundaries that pass between corners that agree, of the squared tolerance: neighbours of boundary facets are divided
+where it is more."""
 STILL_MISSED_SHARE = 0.8
-"""The same once facets beside are divided: they are divided again while it is more."""
+"""The same once neighbours are divided: they are divided again while it is more."""
 UNDIVIDED_SHARE = 0.25
-"""Triangles that are clipped as they are, of the squared error that is left: the dimmest, which are most of them."""
+"""Triangles that are clipped as they are, of the squared error that is left: the dimmest, which are the most."""
 ECLIPSE_SHARE = 0.85
 """Samples in an eclipse: the first samples, which the refinement follows, show fewer lit pixels than there are."""
 
@@ -58,7 +58,7 @@ class Budget:
         return self.flux / self.tolerance
 
     def after(self, modelled: float) -> Budget:
-        """The budget of the drawing, by `left_after`: the total light has the same share of it."""
+        """The budget of the drawing, by `left_after`: the total light has the same share."""
         left = self.left_after(modelled)
         return replace(self, tolerance=left, flux=self.flux_share * left)
 

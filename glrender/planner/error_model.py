@@ -1,6 +1,6 @@
 """The error that the planner predicts of an image's samples and shadow maps. Pure.
 
-Each constant is fitted to measurements beside the ray tracer and kept above them; `benchmarks/heldout.py` holds the
+Each constant is fitted to measurements against the ray tracer and kept above them; `benchmarks/heldout.py` holds the
 predictions against scenes that no constant was fitted to.
 """
 
@@ -39,9 +39,9 @@ _RAY_ROUNDING = 3e-8
 FEWEST_CENTROIDS = 10_000
 """Facets from which a shape is drawn by centroids: fewer are soon clipped."""
 FACETS_SEEN = 0.5 / 0.6
-"""Facets that a pixel sees times squared size over all facets: half of them face it, on 0.6 of the square."""
+"""Facets that a pixel sees times squared size over all facets: half face it, on 0.6 of the square."""
 CRESCENT_RAD = 2.1
-"""Phase angle [rad] from which light falls in narrow crescents: at 143 deg what 2 x 2 first samples tell leads to 1.4
+"""Phase angle [rad] from which light falls in narrow crescents: at 143 deg 2 x 2 first samples lead to 1.4
 times the error of 4 x 4."""
 # Phase angle [rad] from which samples miss some of a crescent's light.
 _SLIVERS_RAD = 2.55
@@ -111,7 +111,7 @@ def rounding_px(view: BodyView, traits: BodyTraits, is_relative: bool) -> float:
 
 
 def rounding_error(view: BodyView, traits: BodyTraits, is_relative: bool) -> float:
-    """RMS error of what `rounding_px` tells of.
+    """RMS error of places that are off by `rounding_px`.
 
     Of a sphere's facets seen from 1e-6 to 1e-8 of their size, and of a bar of 1e6 times its width, it is 0.012 to 0.04
     for each pixel.
@@ -156,9 +156,9 @@ def noise_power(gain: float) -> float:
 
 
 def crescent_gain(phase_rad: float) -> float:
-    """Error over what an image tells of itself: thin crescents have light between samples that nothing tells.
+    """Error over the estimate from an image's contrast: thin crescents have light between samples, which none shows.
 
-    Of 24 crescents at 136 to 162 deg, 40 to 300 px, those beyond 150 deg had up to 1.5 times the error that was told.
+    Of 24 crescents at 136 to 162 deg, 40 to 300 px, those beyond 150 deg had up to 1.5 times the estimated error.
     """
     return 1.0 + _CRESCENTS_PER_RAD * max(phase_rad - _SLIVERS_RAD, 0.0)
 
@@ -175,7 +175,7 @@ def shadow_share(view: BodyView, shadow_map_px: int, may_be_eclipsed: bool = Fal
 
 def usual_edges(view: BodyView, may_be_eclipsed: bool) -> float:
     """Share of one sample's squared error at the edges of cast shadows."""
-    # Of a part of a body, or of what another body's shadow leaves of it, they may be all that there is.
+    # A part of a body, or the part that another body's shadow leaves, may consist of edges alone.
     is_usual = view.is_whole and not may_be_eclipsed
     return min(_SHADOW_EDGES_PER_RAD * view.phase_rad, _MOST_SHADOW_EDGES) if is_usual else 1.0
 

@@ -43,7 +43,7 @@ class BodyView:
     depth_m : (float, float) [m]
         Nearest and farthest depth along the boresight; both > 0.
     bounds_px : (4,) float64 [px] or None
-        x0, y0, x1, y1 of the outline, `pixel` frame; None when part of the body is beside or
+        x0, y0, x1, y1 of the outline, `pixel` frame; None when part of the body is in the camera's plane or
         behind the camera, so that it may fill any of the image.
     is_visible : bool
         Whether any part may be in the image.
