@@ -22,7 +22,7 @@ class Background:
         return self._waiting is not None
 
     def put(self, sender: Hashable, item: Any) -> list[Any]:
-        """Let an item wait; that which finds no place: the sender's own before it, or this one behind another's."""
+        """Let an item wait. Returns the items refused: the sender's own before it, or this one behind another's."""
         if self._waiting is not None and self._waiting[0] != sender:
             return [item]
         refused = [] if self._waiting is None else [self._waiting[1]]

@@ -13,7 +13,7 @@ from .limits import MAX_DEPTH, MAX_FIELDS, MAX_HEADER_BYTES, MAX_VALUES
 
 VERSION = 1
 MINOR_VERSION = 2
-"""Of additions to the protocol: fields that a client may do without."""
+"""Counts additions to the protocol: fields that a client may do without."""
 _FIRST = ("v", "op", "id", "client", "ok")
 
 

@@ -11,7 +11,7 @@ import resource
 from collections.abc import Callable
 
 MAX_HEADER_BYTES = 1 << 20
-"""Of one request."""
+"""Largest header of a request."""
 MAX_VALUES = 60_000
 """Entries of all lists and maps of a header together: the 10,000 directions of a `range` have 40,000."""
 MAX_FIELDS = 64
@@ -33,7 +33,8 @@ MAX_TURN = 32
 MAX_UNTAKEN_BYTES = 1 << 26
 """Replies that one client has not taken; its next frame is answered `busy`."""
 MAX_UNTAKEN_BYTES_IN_ALL, FEW_UNTAKEN_BYTES = 15 << 26, 1 << 20
-"""Of all clients, 1 GiB with the objects around them; beyond it only clients that have few left to take get frames."""
+"""Untaken replies of all clients together, 1 GiB with the objects around them; beyond it only clients that have few
+left to take get frames."""
 
 
 def is_too_much(own: int, in_all: Callable[[], int]) -> bool:
@@ -67,13 +68,13 @@ MAX_SCENE_FACETS = 10_000_000
 MAX_SCENE_BODIES = 64
 MAX_SCENE_CAMERAS = 64
 MAX_SCENE_SOURCES = 64
-"""Of all comae."""
+"""Sources of all comae of a scene."""
 MAX_SCENE_GRAINS = 5_000_000
-"""Of all tails: as many as one may have."""
+"""Grains of all tails of a scene: as many as one tail may have."""
 MAX_SCENE_CELLS = 1 << 24
-"""Of all tails and grids of dust: as many as one grid may have, four tails of the finest."""
+"""Cells of all tails and grids of dust: as many as one grid may have, or four of the finest tails."""
 MAX_SCENE_TEXTURE_PIXELS = 1 << 27
-"""Of all textures: as many as one may have, half a gibibyte."""
+"""Pixels of all textures of a scene: as many as one may have, half a gibibyte."""
 
 LOG_LINES, LOG_PERIOD_S = 10, 10.0
 """Lines of one kind that are logged in a period; the next one says how many were left out."""

@@ -40,7 +40,7 @@ log = logging.getLogger(__name__)
 START_S, START_S_PER_FACET = 120.0, 2e-4
 """A worker that is not ready by then has failed; the first time, tables of its shapes are made."""
 SLOW_DEADLINE_S = 600.0
-"""Of a request that allows slow frames, or loads a scene."""
+"""Deadline of a request that allows slow frames, or loads a scene."""
 # The next start waits longer each time: of a worker that ends by itself, and of one that a signal ends (killed by hand,
 # by a driver, for want of memory), so that a service which somebody keeps killing is back within seconds.
 _FIRST_BACK_OFF_S, _MAX_BACK_OFF_S, _MAX_BACK_OFF_AFTER_SIGNAL_S = 0.1, 30.0, 1.0

@@ -33,7 +33,7 @@ class Known:
 
     @property
     def names(self) -> list[str]:
-        """Of the bodies."""
+        """Names of the bodies."""
         return [body.name for body in self.scene.bodies]
 
     def about(self, table: Mapping[str, Any]) -> str:

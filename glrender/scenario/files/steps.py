@@ -8,7 +8,7 @@ LARGEST_DEPARTURE = 0.1
 """By how much of a step's own motion smooth interpolation may leave that between its two rows [1]. Of an arc between
 two rows the chord is off by an eighth of its angle: circles of eight rows and more are smooth."""
 LARGEST_RATIO = 5.0
-"""Of the lengths of two steps that follow each other [1]: beyond it polynomials through both swing in the longer."""
+"""Ratio of the lengths of two successive steps [1] beyond which polynomials through both swing in the longer one."""
 # Rows are equal, but for their rounding, of which the distance is less [1] of what both neighbours moved.
 _EQUAL = 1e-9
 PLACES = np.array([0.25, 0.5, 0.75])

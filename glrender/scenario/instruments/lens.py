@@ -13,7 +13,7 @@ from ...base.errors import ConfigError
 from ..checks import numbers
 
 Lens = Callable[[np.ndarray], np.ndarray]
-"""Of distorted places (..., 2) [mm] from the boresight, to undistorted ones."""
+"""Takes distorted places (..., 2) [mm] from the boresight to undistorted ones."""
 _LO_KEYS = ("perspective_x", "perspective_y", "center_point_x", "center_point_y")
 # Lenses near unity halve the error at least at each step.
 _STEPS = 100
