@@ -33,13 +33,13 @@ class CameraModel:
     optics : Optics
     detector : Detector
     exposure_s : float [s] > 0, or "auto"
-        Of a frame that asks for no other.
+        Exposure of a frame that asks for no other.
     auto_exposure : AutoExposure
         Rules of the automatic exposure.
     faults : sequence of Fault, or of tables with their `kind`
         That frames may have, where they ask for no others.
     compression : Compression, optional
-        Of the frames that are sent.
+        Compression of the frames that are sent.
 
     Raises
     ------
@@ -133,7 +133,7 @@ class CameraModel:
         irradiance_W_m2 : (H, W) float32 [W/m2], >= 0
             In-band irradiance at the aperture from each pixel's solid angle, without noise.
         seed : int, 0..2**64 - 1
-            Of the temporal noise: equal seeds give equal bytes.
+            Seed of the temporal noise: equal seeds give equal bytes.
         exposure_s : float [s] > 0 or "auto", optional
             Default is the model's.
         roi : (x0, y0, x1, y1) int [px], optional

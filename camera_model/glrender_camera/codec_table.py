@@ -74,7 +74,7 @@ def codec_rows(dn: np.ndarray, bit_depth: int, noise_DN: float | None = None,
     dn : (H, W) uint8 or uint16 [DN]
     bit_depth : int, 1..16
     noise_DN : float [DN], optional
-        Of the lit pixels, as of `compression.noise_DN`; without it shares of the noise are left out.
+        Noise of the lit pixels, as of `compression.noise_DN`; without it shares of the noise are left out.
     offset_DN : float [DN], optional
         As of `black_and_white`.
     compressions : iterable of mapping

@@ -49,7 +49,7 @@ class Compression:
         RMS error in the noise of the frame's lit pixels (read noise, shot noise and rounding by the detector's
         numbers); of jpeg_ls.
     rate_bpp : float [bit/px], optional
-        Of jpeg_2000 and jpeg_xl. A frame that needs less without loss has no loss.
+        Rate of jpeg_2000 and jpeg_xl. A frame that needs less without loss has no loss.
     psnr_db : float [dB], 20..120, optional
         20 log10 of the largest digital number over the RMS error; of jpeg_2000 and jpeg_xl.
 
@@ -102,7 +102,7 @@ class Compression:
         dn : (H, W) uint8 or uint16 [DN]
         bit_depth : int, 1..16
         noise_DN : float [DN]
-            Of the lit pixels; the unit of `share_of_noise`.
+            Noise of the lit pixels; the unit of `share_of_noise`.
         """
         dn = np.ascontiguousarray(dn)
         if max(dn.shape) > _MOST_PX:

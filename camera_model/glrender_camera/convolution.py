@@ -144,7 +144,7 @@ class FieldConvolution:
         image : (h, w) float32
             A part of the frame; darkness elsewhere.
         origin_px : (row, column) int [px]
-            Of the part in the frame.
+            Place of the part in the frame.
         frame_shape : (H, W) int [px]
 
         Returns

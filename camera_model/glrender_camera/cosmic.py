@@ -22,7 +22,7 @@ def tracks(rng: np.random.Generator, shape: tuple[int, int], n_hits: int, *, ele
         Per pixel width of path: about 80 e-/um times the pitch for a minimum ionising particle in
         silicon (Janesick 2001, Scientific Charge-Coupled Devices, section 8.1).
     depth_px : float [px]
-        Of the sensitive layer, over the pitch.
+        Depth of the sensitive layer, over the pitch.
 
     Returns
     -------

@@ -90,7 +90,7 @@ class Detector:
     nonlinearity_DN : pairs (ideal DN, actual DN), optional
         Both rising, joined by straight lines and held beyond the ends; default linear.
     sensor_seed : int, 0..2**64 - 1
-        Of the fixed pattern.
+        Seed of the fixed pattern.
 
     Raises
     ------
@@ -199,7 +199,7 @@ class Detector:
             Mean photo-electrons of each pixel; trusted to hold no NaN.
         exposure_s : float [s], > 0
         seed : int
-            Of the temporal noise.
+            Seed of the temporal noise.
         collect : callable, optional
             Changes the charge of each block of rows, as `FrameFaults.collect` does.
 

@@ -29,7 +29,7 @@ class AutoExposure:
     Parameters
     ----------
     percentile : float [%], 0..100
-        Of the pixels brighter than 1 % of the brightest, after the point spread function.
+        Percentile of the pixels brighter than 1 % of the brightest, after the point spread function.
     target : float [1], 0..1
         Fraction of full scale (the lower of full well and the largest digital number) where
         the percentile is put.

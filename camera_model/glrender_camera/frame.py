@@ -31,7 +31,7 @@ class Frame:
     stream : bytes, optional
         The compressed frame, as it is sent; `dn` is then what the ground decodes from it.
     offset_DN : float [DN], optional
-        Of the detector: black in pictures where no sky is seen.
+        Offset of the detector: black in pictures where no sky is seen.
     """
 
     dn: np.ndarray

@@ -146,7 +146,7 @@ def non_negative(kernel: np.ndarray) -> np.ndarray:
     Returns
     -------
     (..., n, m) float64, >= 0
-        Of the same sum.
+        Kernels of the same sum.
     """
     return np.array([_filled(part) for part in kernel.reshape(-1, *kernel.shape[-2:])]).reshape(kernel.shape)
 

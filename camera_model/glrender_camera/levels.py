@@ -38,7 +38,7 @@ def black_and_white(images: Iterable[np.ndarray], offset_DN: float | None = None
     images : iterable of (height, width) array
         Digital numbers (of an integer type), or irradiance, whose black is 0.
     offset_DN : float [DN], optional
-        Of the detector, where it is known. Without it a frame that light fills evenly may be taken for sky.
+        Offset of the detector, where it is known. Without it a frame that light fills evenly may be taken for sky.
 
     Returns
     -------

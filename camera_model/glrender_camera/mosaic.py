@@ -36,7 +36,7 @@ class MosaicModel:
     pattern : sequence of str
         Rows of letters, repeated from the top-left pixel on; default RGGB.
     auto_exposure : AutoExposure
-        Of the mosaic's pixels together.
+        Automatic exposure by all the mosaic's pixels together.
     magnification : mapping of letter to float [1], 0.9..1.1
         Lateral chromatic aberration: how much larger than the camera's focal length has it a band's image is.
         Letters that are left out have 1. `PinholeCamera.expose` applies it, about the principal point.

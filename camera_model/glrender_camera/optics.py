@@ -47,9 +47,9 @@ class Optics:
     Parameters
     ----------
     aperture_diameter_m : float [m], > 0, up to 100
-        Of the entrance pupil, outside.
+        Outer diameter of the entrance pupil.
     transmission : float or pairs (wavelength [nm], value) [1], 0..1
-        Of lenses and filter together.
+        Transmission of lenses and filter together.
     band_nm : (low, high) float [nm]
         The wavelengths that the irradiance image spans.
     psf_sigma_px : float [px], 0..100
@@ -63,7 +63,7 @@ class Optics:
     psf_radius_px : int [px], 1..255
         Half width of a diffraction kernel; what falls farther is lost and reported.
     aberrations : Aberrations, optional
-        Of the pupil; needs `f_number`. Where they vary over the field, the kernels are a grid.
+        Wavefront error of the pupil; needs `f_number`. Where they vary over the field, the kernels are a grid.
     psf_measured : (n, m) or (rows, columns, n, m) numbers [1], optional
         Measured kernel, n and m odd, of non-negative shares that sum to at most 1; or a grid of
         kernels, evenly spaced from the frame's first pixel to its last, between which the light is
@@ -273,7 +273,7 @@ class Optics:
         image : (h, w) float32
             The frame, or a part with darkness elsewhere; each pixel the light of its area.
         origin_px : (row, column) int [px]
-            Of the part in the frame.
+            Place of the part in the frame.
         frame_shape : (H, W) int [px], optional
             Default: the image is the frame.
         is_points : bool

@@ -59,9 +59,9 @@ class PointSources:
         ----------
         optics : Optics
         shape : (H, W) int [px]
-            Of the image: the frame, or the frame with its margin.
+            Size of the image: the frame, or the frame with its margin.
         frame_origin_px : (row, column) int [px]
-            Of the image in the frame: negative in a margin.
+            Place of the image in the frame: negative in a margin.
 
         Returns
         -------

@@ -62,7 +62,7 @@ class PinholeCamera:
     model : CameraModel or MosaicModel, optional
         Optics, detector and exposure; without it the camera gives irradiance only.
     distortion : BrownConrady, optional
-        Of the lens. `project` and `directions` know it; renderers draw what `DistortingLens.source` sees.
+        Distortion of the lens. `project` and `directions` know it; renderers draw what `DistortingLens.source` sees.
 
     Raises
     ------

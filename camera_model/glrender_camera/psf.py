@@ -86,7 +86,7 @@ def diffraction_kernels(wavelengths_m: np.ndarray, weights: np.ndarray, *, f_num
     central_obscuration : float [1], 0..0.95
         Inner over outer diameter of the pupil.
     sigma_px : float [px], >= 0
-        Of the Gaussian: jitter, residual aberrations.
+        Width of the Gaussian: jitter, residual aberrations.
     radius_px : int [px]
     opd_m : function of x, y (...) [1] -> (...) [m], optional
         Optical path difference over the pupil; by default none: Airy's pattern.

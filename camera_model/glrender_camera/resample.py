@@ -33,7 +33,7 @@ class DistortingLens:
     Parameters
     ----------
     camera : PinholeCamera
-        Of the frame; its focal length and principal point are those of the distortion's model.
+        Camera of the frame; its focal length and principal point are those of the distortion's model.
     distortion : BrownConrady
     oversampling : int, 1..8, optional
         Cells per pixel and axis in the rendered image. A cell must stay smaller than a pixel; by default the

@@ -104,7 +104,7 @@ def stellar_response(temperature_K: np.ndarray, band_nm: tuple[float, float], tr
     Parameters
     ----------
     temperature_K : (N,) float [K], > 0
-        Of the black body with the star's colour.
+        Temperature of the black body with the star's colour.
     band_nm : (2,) float [nm]
     transmission, quantum_efficiency : Curve [1]
 

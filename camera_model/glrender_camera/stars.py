@@ -114,7 +114,7 @@ def aberrated(direction: np.ndarray, velocity_m_s: np.ndarray) -> np.ndarray:
     direction : (N, 3) float [1]
         Unit vectors for an observer at rest.
     velocity_m_s : (3,) float [m/s]
-        Of the observer relative to the Sun, in the same frame.
+        Velocity of the observer relative to the Sun, in the same frame.
 
     Returns
     -------
@@ -151,7 +151,7 @@ def stars_in_view(camera: PinholeCamera, q_camera_from_inertial: np.ndarray, *, 
     solar_irradiance_1au_W_m2 : float [W/m2]
         In the camera's band.
     velocity_m_s : (3,) float [m/s], optional
-        Of the camera relative to the Sun, inertial: stellar aberration. Default none.
+        Velocity of the camera relative to the Sun, inertial: stellar aberration. Default none.
     is_body : (H, W) bool, optional
         True where a body covers the sky: a star whose place is in such a pixel is not seen.
     margin_px : int [px]

@@ -51,7 +51,7 @@ class Capture:
     frame : Frame or None
         With `take_frame`: digital numbers, exposure, seed.
     plan : RenderPlan
-        Of the image that was drawn at `t_s`: its pixels are the frame's, or those of the margin and the oversampled
+        The plan of the image at `t_s`: its pixels are the frame's, or those of the margin and the oversampled
         rectilinear image that `stages` describe.
     stages : dict of str to str
         Each stage between the bodies and the digital numbers: how it was modelled, or why it was skipped.
@@ -95,7 +95,7 @@ def draw_still(renderer: Any, state: State, camera: str | None = None, *, produc
     Parameters
     ----------
     renderer
-        Of `glrender.open_renderer`.
+        A renderer of `glrender.open_renderer`.
     state : State
     camera : str, optional
         Name; the scene's only camera by default.
@@ -133,14 +133,14 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
     Parameters
     ----------
     renderer
-        Of `glrender.open_renderer`.
+        A renderer of `glrender.open_renderer`.
     state : State
         At the middle of the exposure. What moves is blurred: along the course of a scenario's state, at the rates of
         others.
     camera : str, optional
         Name; the scene's only camera by default.
     seed : int, 0..2**64 - 1
-        Of the temporal noise.
+        Seed of the temporal noise.
     exposure_s : float [s] > 0 or "auto", optional
         Default is the model's. "auto" meters the light of `state`, standing still.
     previous : Frame, optional

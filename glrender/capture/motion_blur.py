@@ -77,10 +77,10 @@ def given_motion(state: State, sub_states: tuple[State, ...], exposure_s: float,
     state : State
         At the middle of all rows' exposures.
     sub_states : tuple of State
-        Of `checked_sub_states`; must span the exposures of all rows.
+        States of `checked_sub_states`; must span the exposures of all rows.
     exposure_s, row_s : float [s]
     n_rows : int
-        Of the image with its margin.
+        Rows of the image with its margin.
 
     Raises
     ------

@@ -41,7 +41,7 @@ class Path:
         After the state's, ascending, 0 among them.
     states : sequence of M State
     xy_px : (M, P, 2) float64 [px]
-        Of points of the body, or of the sky, that moves most; P may be 0.
+        Places of the fastest body's points, or the sky's; P may be 0.
     length_px, extent_px : float [px]
         The longest path of a point, and the largest distance between two places of one.
     is_followed : bool
@@ -64,7 +64,7 @@ def path_of(scene: Scene, state: State, camera: PinholeCamera, half_s: float) ->
     Raises
     ------
     ConfigError, SceneError
-        Of the state's course.
+        Errors of the state's course.
     """
     if state.course is None:
         turn_rad = 2.0 * half_s * max(_rate(pose.angular_velocity_rad_s) for pose in _poses(state))

@@ -32,11 +32,11 @@ def light_beyond(renderer: Any, camera: PinholeCamera, margin_px: int,
     Parameters
     ----------
     renderer
-        Of `glrender.open_renderer`.
+        A renderer of `glrender.open_renderer`.
     camera : PinholeCamera
         One of the scene's, with a model.
     margin_px : int [px]
-        Of the image.
+        Margin of the image.
     poses : sequence of (State, names, float)
         With the names of bodies whose whole light is given as points already, and a pose's weight.
 

@@ -23,9 +23,9 @@ class PosePoints:
     ----------
     state : State
     bodies : PointSources
-        Of small bodies, in the camera's band.
+        Small bodies as points, in the camera's band.
     row_weights : (rows,) float or None
-        Of the pose in the image's rows; None where it is the only one.
+        Weight of the pose in each row of the image; None for a single pose.
     """
 
     state: State
@@ -42,7 +42,7 @@ class Sensor:
     camera : PinholeCamera
         With a model.
     margin_px : int [px]
-        Of the images.
+        Margin of the images.
     """
 
     def __init__(self, scene: Scene, camera: PinholeCamera, margin_px: int):

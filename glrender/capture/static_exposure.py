@@ -62,7 +62,7 @@ class Drawing:
     Parameters
     ----------
     renderer
-        Of `glrender.open_renderer`.
+        A renderer of `glrender.open_renderer`.
     camera : PinholeCamera
         One of the scene's.
     margin_px : int [px]
@@ -81,7 +81,7 @@ class Drawing:
     Raises
     ------
     ConfigError
-        Of an option that is none.
+        An option that the renderer does not have.
     """
 
     def __init__(self, renderer: Any, camera: PinholeCamera, margin_px: int, is_for_detector: bool, *,

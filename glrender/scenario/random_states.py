@@ -50,7 +50,7 @@ class RandomStates:
     setting : Scenario
         The scene, and where bodies and the Sun are at a time; its spacecraft stands at `body`.
     camera : PinholeCamera
-        Of the scene: bodies in its field count.
+        A camera of the scene: bodies in its field count.
     body : str
         Body that the camera looks at; range and phase angle are those of its origin.
     range_m, phase_angle_deg, off_pointing_deg, roll_deg, sun_distance_au, time_s : Distribution

@@ -43,11 +43,11 @@ class Scenario:
     Parameters
     ----------
     trajectories : mapping of name to Trajectory
-        Of "spacecraft", of the bodies and of "sun". Each is about another object; one, the root, has none.
+        Trajectories of "spacecraft", of the bodies and of "sun". Each is about another object; one, the root, has none.
     sampler : object with `t_s()`
         As in `glrender.scenario.samplers`.
     attitudes : mapping of name to Attitude
-        Of "spacecraft" and of the bodies; who has none keeps ICRF's axes.
+        Attitudes of "spacecraft" and of the bodies; an object without one keeps ICRF's axes.
     origin : str
         Whose place is the origin of the states' frame `inertial`, with ICRF's axes: the body that is flown by, for
         digits.

@@ -80,7 +80,7 @@ class Body:
         path : path
             OBJ, PLY, STL, PDS plate model (.tab, .plt), ICQ, binary glTF (.glb) or OFF: docs/shapes.md.
         length_unit : "m", "km" or float
-            Of the file; metres per unit when a number.
+            Length unit of the file; metres per unit when a number.
         albedo_texture : path, optional
             Image whose grey value over its full scale, times `albedo_texture_gain`, scales the albedo.
 

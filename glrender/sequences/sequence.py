@@ -221,7 +221,7 @@ def drawn(renderer: Any, index: int, state: State, options: FrameOptions) -> Fra
     Parameters
     ----------
     renderer
-        Of `open_renderer`.
+        A renderer of `open_renderer`.
     index : int
         Number of the frame: its noise has the seed that `seed_of` derives from the number and the options' seed.
     state : State

@@ -45,7 +45,7 @@ class Pose:
     v_inertial_m_s : (3,) float [m/s], optional
         Velocity of the origin in `inertial`, below the speed of light. Not given, it stands still.
     angular_velocity_rad_s : (3,) float [rad/s], optional
-        Of the frame against `inertial`, in the frame's own components, as a gyroscope has it; each within 1e3.
+        Rate of the frame against `inertial`, in the frame's own components, as a gyroscope has it; each within 1e3.
     """
 
     r_inertial_m: np.ndarray
@@ -194,7 +194,7 @@ class State:
         Raises
         ------
         ConfigError, SceneError
-            Of a course that does not know them.
+            The course does not know the states.
         """
         if self.course is None:
             return [self.after(dt) for dt in dt_s]

@@ -26,7 +26,7 @@ MAX_WAITING_BYTES = 1 << 26
 MAX_COPIES = 16
 """Copies of one request under way that get its reply."""
 SPARE_OPERATIONS = ("hello", "status", "close")
-"""Those that are answered where all connections are at work."""
+"""Operations that are answered where all connections are at work."""
 MAX_TURN = 32
 """Connections that are accepted over TCP before others have their turn."""
 

@@ -154,7 +154,7 @@ class Client:
             uint8, which ``glrender_camera.compression.decode`` reads by the header's `codec`, `shape`, `bit_depth`.
         exposure_s : float or "auto", optional
         seed : int, optional
-            Of the noise; the same request and seed give the same bytes.
+            Seed of the noise; the same request and seed give the same bytes.
         max_error : float or mapping, optional
             Error tolerance instead of the scene's: RMS, or of each unit that is named out of ``rms``, ``flux``,
             ``centroid_px``, ``limb_px``, ``range``.
@@ -195,7 +195,7 @@ class Client:
         of_client, camera : str, optional
             Whose frames, of which camera; everyone's by default.
         password : str
-            Of a server that shows its frames by `--view` alone.
+            Password of a server that shows its frames by `--view` alone.
 
         Raises
         ------

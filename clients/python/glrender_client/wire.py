@@ -48,7 +48,7 @@ class Reply:
         ``image`` and the products asked for; of ranges ``range``, ``body_id``, ``facet_id``,
         ``beam_incidence``. Read-only, without a copy of what came.
     frames : tuple of Reply
-        Of a request for several: one for each, in their order; this reply itself has no arrays then.
+        Replies to a request for several frames, one for each, in their order; this reply itself has no arrays then.
     """
 
     header: dict[str, Any]

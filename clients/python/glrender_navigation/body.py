@@ -21,7 +21,7 @@ class BelievedBody:
     name : str
         In the believed states.
     mean_radius_m : float [m]
-        Of the disc that the body covers on average.
+        Radius of the disc that the body covers on average.
     ellipsoid_m : (3, 3) float [m], optional
         Columns are the semi-axes of the ellipsoid that stands for it, in `body`; by default a sphere's.
     ellipsoid_center_m : (3,) float [m], optional
@@ -31,7 +31,7 @@ class BelievedBody:
     ellipsoid_error_m : float [m], optional
         RMS distance of the surface from the ellipsoid; by default a twentieth of the mean radius.
     bounding_radius_m : float [m], optional
-        Of the sphere about the origin that holds the body; by default three mean radii.
+        Radius of the sphere about the origin that holds the body; by default three mean radii.
 
     Raises
     ------

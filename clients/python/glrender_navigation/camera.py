@@ -37,7 +37,7 @@ class Camera:
     r_camera_spacecraft_m : (3,) float [m], optional
         Place of the camera in the spacecraft's frame.
     psf_sigma_px : float [px], optional
-        Of its point spread function, which rendered irradiance lacks.
+        Width of its point spread function, which rendered irradiance lacks.
 
     A lens that distorts is not modelled: undistort frames first (`cv2.undistort`).
 

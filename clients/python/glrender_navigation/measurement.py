@@ -45,11 +45,11 @@ class Measurement:
     r_camera_m : (3,) float64 [m] or None
         The body's place in `camera`, of methods that solve for it.
     covariance_m2 : (3, 3) float64 [m2] or None
-        Of `r_camera_m`.
+        Covariance of `r_camera_m`.
     q_camera_from_body : (4,) float64 or None
         The body's attitude in `camera`, [w, x, y, z], of methods that solve for it.
     pose_covariance : (6, 6) float64 [rad2, rad m, m2] or None
-        Of small turns of the body about its origin, along the axes of `camera`, and of `r_camera_m`.
+        Covariance of small turns of the body about its origin, along the axes of `camera`, and of `r_camera_m`.
     is_by_size : bool
         Whether the range is of the body's apparent size, so that it errs as the believed size does.
     """

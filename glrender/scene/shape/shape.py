@@ -110,7 +110,7 @@ class Shape:
         path : path
             OBJ, PLY, STL, PDS plate model (.tab, .plt) or ICQ (.icq).
         length_unit : "m", "km" or float
-            Of the file; metres per unit when a number, 1e-9..1e9.
+            Length unit of the file; metres per unit when a number, 1e-9..1e9.
         max_facets : int
 
         Raises
