@@ -23,7 +23,7 @@ class OrenNayar(Law):
     Parameters
     ----------
     normal_albedo : float [1], 0..1
-        Of the grooves' sides; the surface's own is a times it.
+        Albedo of the grooves' sides; the surface's own is `a` times that.
     roughness_deg : float [deg], 0 <= roughness < 90
         Standard deviation of the slopes; 0 is Lambert's law.
 

@@ -26,7 +26,7 @@ def shader_values(field: Field, camera: PinholeCamera, view: BodyView, views: Ma
     field : Field
     camera : PinholeCamera
     view : BodyView
-        Of the body whose origin the field is about.
+        View of the body whose origin the field is about.
     views : mapping of str to BodyView
         All, in the scene's order.
     field_from_body : (3, 3) float64

@@ -31,9 +31,9 @@ def add_light(irradiance: np.ndarray, column: np.ndarray, hidden: np.ndarray, ca
     Parameters
     ----------
     irradiance : (rows, columns) float32 [W/m2]
-        Of a box x0, y0, x1, y1 [px] of the image.
+        Irradiance of a box x0, y0, x1, y1 [px] of the image.
     column, hidden : (rows, columns) float32 [1]
-        Of sunlit dust, and of all dust.
+        Columns of sunlit dust, and of all dust.
     camera, view, dust, box
     solar_irradiance_W_m2 : float [W/m2]
         At the body.
@@ -50,7 +50,7 @@ def light_per_column(camera: PinholeCamera, view: BodyView, dust: Dust,
                      box: tuple[int, int, int, int], solar_irradiance_W_m2: float) -> np.ndarray:
     """Irradiance of a column of 1: (rows, columns) float32 [W/m2] of a box x0, y0, x1, y1 of the image.
 
-    Of the dust along a ray the phase angle is the same: it lies between the ray and the Sun.
+    All dust along a ray has the same phase angle, that between the ray and the Sun.
     """
     x0, y0, x1, y1 = box
     step = int(min(max(_NODE_RAD * camera.focal_length_px, 1.0), _MOST_PX))

@@ -58,7 +58,7 @@ def choose(errors: FieldErrors, footprint_m: float, body_m: float, image_px: flo
     ----------
     errors : FieldErrors
     footprint_m : float [m]
-        Of a pixel at the body.
+        Footprint of a pixel at the body.
     body_m : float [m]
         Typical distance of the surface from the origin.
     image_px : float [px]

@@ -61,7 +61,7 @@ class ComaTracing:
 class _Rays:
     """The columns of a frame's rays, by all fields.
 
-    Of a nucleus that is a point in its coma none ends: `light.point_correction` takes out what it hides.
+    A nucleus that is a point in its coma ends no ray: `light.point_correction` takes out the light that it hides.
     """
 
     def __init__(self, frame: TracedFrame, body: str, drawn: list[tuple[Layer, Sampling]],

@@ -30,7 +30,7 @@ class Geometry:
     t_s : (N,) float64 [s]
         From the start.
     r_m, v_m_s : mapping of name to (N, 3) float64 [m], [m/s]
-        Of "sun", "spacecraft" and the bodies, from one origin, ICRF axes.
+        Places and velocities of "sun", "spacecraft" and the bodies from one origin, ICRF axes.
     """
 
     start: Epoch | None

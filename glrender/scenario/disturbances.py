@@ -25,7 +25,7 @@ class Disturbed:
     Parameters
     ----------
     attitude : Attitude
-        Of the spacecraft.
+        Attitude of the spacecraft.
     offset_rad : (3,) float [rad]
         Turns of the camera about its X, Y and Z, as a rotation vector: +X lifts the view, +Y moves it right.
     jitter : Jitter, optional

@@ -48,7 +48,7 @@ class RigidBody:
     wheel_momentum_N_m_s : (3,) float [N m s]
         Constant angular momentum of wheels, in the frame.
     rtol : float [1]
-        Of the integration (DOP853).
+        Relative tolerance of the integration (DOP853).
 
     Raises
     ------
@@ -217,9 +217,9 @@ class GravityGradient:
     inertia_kg_m2 : (3, 3) or (3,) float [kg m2]
         As of `RigidBody`.
     gravitational_parameter_m3_s2 : float [m3/s2], > 0
-        Of the attracting mass.
+        Parameter of the attracting mass.
     trajectory : Trajectory
-        Of the body that turns, about that mass.
+        Trajectory of the turning body about that mass.
     start : Epoch, optional
         The scenario's.
 

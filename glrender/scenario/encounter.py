@@ -30,13 +30,13 @@ class Encounter:
     body : str
         Name of the body.
     body_trajectory : Trajectory
-        Of the body about the Sun: `Kepler`, or from SPK.
+        Trajectory of the body about the Sun: `Kepler`, or from SPK.
     distance_m : float [m], > 0
         Between the spacecraft and the body's origin at `date`, the least of the pass.
     relative_velocity_m_s : float [m/s], > 0
         At `date`.
     date : Epoch
-        Of the closest approach, in the middle of the duration.
+        Date of the closest approach, in the middle of the duration.
     duration_s : float [s], > 0
     side : "sunlit", "terminator" or "dark", optional
         The phase angle at `date` is the least that the direction of flight allows, 90 deg, or the greatest.
@@ -45,9 +45,9 @@ class Encounter:
     direction : (3,) float, optional
         Of the velocity relative to the body, ICRF axes, any length; by default against the body's own velocity.
     over : "north" or "south"
-        Of the two passes with one phase angle, the one to the north of the ecliptic or to the south.
+        Side of the ecliptic that chooses one of the two passes with the same phase angle.
     gravitational_parameter_m3_s2 : float [m3/s2], >= 0
-        Of the body; it bends a pass by 2 mu / (d v^2) rad, which matters below some 10 m/s. 0 leaves it out.
+        Parameter of the body; it bends a pass by 2 mu / (d v^2) rad, which matters below some 10 m/s. 0 leaves it out.
 
     Raises
     ------

@@ -37,7 +37,7 @@ class Kepler:
     about : str, optional
         "sun", or the name of a body.
     gravitational_parameter_m3_s2 : float [m3/s2], > 0, optional
-        Of what it is about; the Sun's by default.
+        Parameter of the central mass; the Sun's by default.
     """
 
     r_m: np.ndarray

@@ -59,7 +59,7 @@ class Hovering:
     about : str
         The body.
     body_trajectory : Trajectory
-        Of the body about the Sun.
+        Trajectory of the body about the Sun.
     """
 
     r_hill_m: np.ndarray
@@ -124,7 +124,7 @@ class OfFunction:
     Parameters
     ----------
     function : callable
-        Of t_s, a float [s] from the scenario's start, to a position (3,) [m], ICRF axes, or to a pair of position and
+        Of t_s, a float [s] after the scenario's start, to a position (3,) [m], ICRF axes, or to a pair of position and
         velocity (3,) [m/s]. A position alone is differentiated over `step_s`.
     about : str
     step_s : float [s], > 0

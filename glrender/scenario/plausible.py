@@ -36,13 +36,13 @@ class Written:
     Parameters
     ----------
     path : str
-        Of the table in its file, or of the object in its scenario.
+        Path of the table in its file, or of the object in its scenario.
     thing : mapping or object
         The table, or the object, whose fields are looked at.
     of : str
         "spacecraft", "sun" or the body whose it is.
     about : str, optional
-        Of a trajectory: what it is about.
+        Name of the object that a trajectory is about.
     """
 
     path: str

@@ -52,16 +52,16 @@ class GasDrag:
     Parameters
     ----------
     trajectory : Trajectory
-        Of the body that turns, about the one with the coma.
+        Trajectory of the turning body about the one with the coma.
     density_kg_m3 : float [kg/m3], > 0, or callable
         At `reference_distance_m`; or a function of the position (3,) [m] from the comet, ICRF axes.
     outflow_speed_m_s : float [m/s], > 0, or callable
         Radial; or a function of the position to the gas's velocity (3,) [m/s], relative to the comet.
     reference_distance_m : float [m], > 0
     area_m2, centre_of_pressure_m : float [m2], (3,) float [m]
-        Of a body with one cross-section from everywhere, and from its centre of mass in the frame; or
+        Cross-section, the same from everywhere, and its centre from the centre of mass in the frame; or
     plates : sequence of Plate
-        Of which those that face the flow count, without shadows of one on another.
+        Plates; those that face the flow count, without shadows of one on another.
     drag_coefficient : float [1], 0..10
     start : Epoch, optional
         The scenario's.
@@ -119,16 +119,16 @@ class DustImpacts:
     Parameters
     ----------
     trajectory : Trajectory
-        Of the body that turns, about the one that the dust flows from.
+        Trajectory of the turning body about the one that the dust flows from.
     rate_hz : float [1/s], > 0
         Mean number of impacts a second; arrivals are Poisson's.
     grain_mass_kg : float [kg], > 0
     outflow_speed_m_s : float [m/s], > 0, or callable
         As of `GasDrag`.
     radius_m : float [m], > 0
-        Of the disc across the flow that grains hit evenly; each stops there.
+        Radius of the disc across the flow that grains hit evenly; each stops there.
     centre_m : (3,) float [m]
-        Of that disc, from the centre of mass, in the frame.
+        Place of that disc from the centre of mass, in the frame.
     seed : int
     duration_s : float [s], > 0
         From the scenario's start, in which grains come: 1e5 at most.
@@ -138,7 +138,7 @@ class DustImpacts:
     Attributes
     ----------
     times_s : (K,) float64 [s]
-        Of the impacts, ascending.
+        Times of the impacts, ascending.
     """
 
     trajectory: Trajectory
@@ -237,7 +237,7 @@ class Wheels:
     times_s : (N,) float [s]
         Ascending, from the scenario's start, N >= 2; before and after them the momentum stays.
     momentum_N_m_s : (N, 3) float [N m s]
-        Of all wheels, in the frame; linear between the times.
+        Momentum of all wheels, in the frame; linear between the times.
 
     Attributes
     ----------

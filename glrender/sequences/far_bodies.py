@@ -48,7 +48,7 @@ def point_label(number: int, boxes: dict[int, np.ndarray], body_id: np.ndarray, 
     image : (height, width) array
         Digital numbers or irradiance.
     irradiance_W_m2 : (height, width) float32
-        Of the bodies, without noise and before the optics.
+        Irradiance of the bodies, without noise and before the optics.
 
     Returns
     -------

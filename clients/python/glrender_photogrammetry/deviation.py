@@ -39,14 +39,14 @@ class Deviation:
     mad_m : float [m]
         Median absolute deviation from the median, times 1.4826: sigma of a normal distribution.
     p95_m, max_m : float [m]
-        Of the distances without sign.
+        95th percentile and maximum of the distances without sign.
     complete_1px, complete_2px : float [1], None without `px_m`
         Share of the truth's area (of which frames saw in light, where frames are given) that lies within one and two
         pixels of the model.
     seen : float [1]
         Share of the truth's area that three frames or more saw in light; 1 without frames.
     scale, turn_rad, shift_m : float
-        Of the alignment that was applied to the model, about the body's origin.
+        Scale, turn and shift of the alignment that was applied to the model, about the body's origin.
     per_vertex_m : (V,) float64 [m]
     mesh : Mesh
         The model as aligned.

@@ -36,12 +36,12 @@ class PosedFrame:
     Parameters
     ----------
     name : str
-        Of its file, for messages.
+        Name of its file, for messages.
     image : (height, width) numbers
         Digital numbers, or irradiance.
     camera : glrender_navigation.Camera
     body : str
-        Of which the pose is.
+        Name of the body that the pose is of.
     camera_from_body : (3, 3) float
         Rotation.
     r_camera_body_m : (3,) float [m]
@@ -49,11 +49,11 @@ class PosedFrame:
     sun_direction_body : (3,) float
         Unit vector towards the Sun.
     offset : float
-        Of a pixel without light.
+        Value of a pixel without light.
     noise : float
         Standard deviation of the same.
     most : float, optional
-        Of a pixel that is saturated; None where none can be.
+        Value of a saturated pixel; None where none can be.
     exposure_s : float [s]
         Brightness of vertices is by it; 1 of irradiance.
     others : tuple of str

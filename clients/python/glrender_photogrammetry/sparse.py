@@ -34,7 +34,7 @@ def sparse_points(frames: Sequence[PosedFrame],
     Parameters
     ----------
     frames : sequence of PosedFrame
-        Of one body and camera.
+        Frames of one body and camera.
     progress : function of float, optional
         Is called with the share of the work that is done.
 

@@ -38,7 +38,7 @@ class Pass:
     window : int
         Pixels of the frame on a side, of the correlation.
     voxel_px : float, 1 or more
-        Of the surface that is made of the depths.
+        Voxel of the surface that is made of the depths.
 
     Raises
     ------
@@ -71,7 +71,7 @@ def depth_map(frames: Sequence[PosedFrame], index: int, prior: Mesh, plan: Pass,
     ----------
     frames : sequence of PosedFrame
     index : int
-        Of the frame.
+        Number of the frame.
     prior : Mesh
     plan : Pass
     px_m : float [m]

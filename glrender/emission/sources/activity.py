@@ -17,7 +17,7 @@ class Activity:
     exponent : float [1], 0..10
         0 is the same all day.
     night : float [1], 0..1
-        Of the activity at noon; 1 is the same day and night.
+        Activity at night over that at noon; 1 is the same day and night.
     lag_deg : float [deg], -180..180
         By which the body turned, about its +Z axis, between sunlight and activity.
     """

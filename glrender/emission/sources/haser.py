@@ -25,9 +25,9 @@ class Haser:
     reference_radius_m : float [m], optional
         r0; needed unless the exponent is 2.
     scale_length_m : float [m], optional
-        Of what disintegrates: exp(-r / scale_length).
+        Scale of disintegration: exp(-r / scale_length).
     parent_length_m : float [m], optional
-        Of parents that the dust comes from, less than the scale length if both are given:
+        Scale of the parents that the dust comes from, less than the scale length if both are given:
         1 - exp(-r / parent), or Haser's daughter with both.
     reach_m : float [m], optional
         The law is cut there.

@@ -25,7 +25,7 @@ class Jet:
     vent_m : (3,) float64 [m]
         On the surface, body-fixed.
     normal : (3,) float64 [1]
-        Of the surface there: it decides the local time.
+        Normal of the surface there: it decides the local time.
     axis : (3,) float64 [1]
     weight_m : float [m], > 0
         Mean over all directions of K, fully active.

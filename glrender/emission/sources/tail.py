@@ -40,9 +40,9 @@ class Tail:
     perihelion_au : float [au], > 0
     eccentricity : float [1], 0..10
     true_anomaly_deg : float [deg], -180..180
-        Of the comet when it is seen.
+        Anomaly of the comet when it is seen.
     pole_inertial : (3,) float [1]
-        Of the orbit: the comet goes round it counter-clockwise.
+        Pole of the orbit: the comet goes round it counter-clockwise.
     oldest_s : float [s], > 0
         Age of the oldest grains.
     length_m : float [m], > 0
@@ -52,11 +52,11 @@ class Tail:
     size_exponent : float [1], 1..6
         q of their numbers, a^-q da, as they leave.
     density_kg_m3, pressure_efficiency : float, > 0
-        Of the grains: beta = 5.74e-4 Q / (density [kg/m3] a [m]).
+        Density and efficiency of the grains: beta = 5.74e-4 Q / (density [kg/m3] a [m]).
     speed_m_s : float [m/s], > 0
         At which grains of beta 1 leave at 1 au, in all directions.
     speed_exponent : float [1], 0..1
-        Of beta; the speed falls with the root of the distance from the Sun.
+        Power of beta in the speed, which falls with the root of the distance from the Sun.
     rate_exponent : float [1], 0..8
         The rate goes with that power of the inverse distance from the Sun.
     particles, cells, seed : int

@@ -92,7 +92,7 @@ class RayTracer:
             Samples along a pixel's side on a regular grid, and no adaptation. Their error is what they differ by from
             other rays: from one at random in each cell of the grid, or, of a crescent, from rays of its facets.
         seed : int
-            Of the jitter: equal seeds give equal images.
+            Seed of the jitter: equal seeds give equal images.
         on_progress : callable, optional
             Called with the share done, 0..1: the rounds still to come are a guess.
 

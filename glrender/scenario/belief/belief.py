@@ -45,7 +45,7 @@ class BodyBelief:
     spin_phase_offset_deg : float [deg]
         How far the body is believed to have turned about its +Z more than it has.
     r_offset_m : (3,) float [m]
-        Of the believed place from the true one, `inertial`.
+        Offset of the believed place from the true one, `inertial`.
     """
 
     facets: float | None = None
@@ -100,7 +100,7 @@ class CameraBelief:
     ----------
     focal_length_factor : float [1], > 0
     principal_point_offset_px : (2,) float [px]
-        Of the believed principal point from the true one.
+        Offset of the believed principal point from the true one.
     distortion : BrownConrady, optional
         Another one; `BrownConrady()` has none.
     """
@@ -130,9 +130,9 @@ class SpacecraftBelief:
     Parameters
     ----------
     r_offset_m, v_offset_m_s : (3,) float [m], [m/s]
-        Of the first estimate, `inertial`.
+        Offsets of the first estimate, `inertial`.
     attitude_offset_deg : (3,) float [deg]
-        Of the star tracker's attitude, about the spacecraft's axes, as a rotation vector.
+        Error of the star tracker's attitude, about the spacecraft's axes, as a rotation vector.
     """
 
     r_offset_m: np.ndarray = field(default=_NOWHERE)

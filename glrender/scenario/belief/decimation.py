@@ -34,7 +34,7 @@ def decimated(shape: Shape, share: float, name: str = "facets") -> Shape:
     ----------
     shape : Shape
     share : float [1], 0..1
-        Of the facets, above 0; 1 gives the shape itself, all others lose its texture.
+        Share of the facets that is kept, above 0; 1 gives the shape itself, all others lose its texture.
     name : str
         Name of the share in errors.
 

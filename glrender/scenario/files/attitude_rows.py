@@ -34,7 +34,7 @@ class AttitudesWithRates:
         In the frame.
     epoch : Epoch
     lines : (N,) sequence of int
-        Of the file, for messages.
+        Lines of the file, for messages.
     is_spin : bool
         Whether the rates are those about the spin axis alone: the correction is then linear.
 
@@ -98,7 +98,7 @@ class AttitudeSegments:
     ----------
     parts : sequence of Attitude
     useable : sequence of (Epoch, Epoch)
-        Of each part, the first and the last epoch.
+        First and last epoch of each part.
     """
 
     parts: Sequence[Attitude]

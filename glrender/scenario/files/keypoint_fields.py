@@ -26,7 +26,7 @@ def read_keypoints(value: object, folder: Path) -> dict[str, np.ndarray]:
     Parameters
     ----------
     value : table or str
-        Of names and [x, y, z], or the name of a CSV file with the columns `name`, `r_x_m`, `r_y_m`, `r_z_m`; others
+        Names and [x, y, z], or the name of a CSV file with the columns `name`, `r_x_m`, `r_y_m`, `r_z_m`; others
         for people, as `description`, are passed over.
     folder : path
         Where the file's name leads from.

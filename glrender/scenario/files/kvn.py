@@ -33,7 +33,7 @@ class Segment:
     Parameters
     ----------
     line : int
-        Of META_START.
+        Line of META_START.
     meta : dict of str to str
         Values by keyword, as the file has them.
     rows : list of (int, list of str)

@@ -28,9 +28,9 @@ class SumImage:
     Parameters
     ----------
     name : str
-        Of the image.
+        Name of the image.
     epoch : Epoch
-        Of mid-exposure.
+        Epoch of mid-exposure.
     camera : PinholeCamera
     state : State
         One body at the origin, in whose frame `inertial` is; the Sun at the distance that was given.

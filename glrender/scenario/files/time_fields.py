@@ -32,7 +32,7 @@ class TimeFields:
     ----------
     start : Epoch or None
     first : Epoch or None
-        Of the epochs that are listed.
+        First of the epochs that are listed.
     """
 
     def __init__(self, value: object):

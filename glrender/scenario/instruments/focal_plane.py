@@ -67,7 +67,7 @@ class FocalPlane:
         ----------
         name : str
         **more
-            Of `PinholeCamera`: the model.
+            A field of `PinholeCamera`: the model.
 
         Raises
         ------

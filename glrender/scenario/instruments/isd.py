@@ -300,7 +300,7 @@ def _lens(table: Any, name: str, lens: Mapping[str, Any] | None) -> tuple[str, A
 def _radial_terms(table: Any, name: str) -> tuple[Any, list[str]]:
     """The terms of a lens that ALE writes among the keywords of the kernels alone, and notes.
 
-    Of several instruments those of the one whose number the sensor's frame has.
+    Keywords of the instrument whose number the sensor's frame has, if there are several.
     """
     found = {key: terms for key, terms in (table.get("naif_keywords") or {}).items() if key.endswith("_OD_K")}
     if not found:

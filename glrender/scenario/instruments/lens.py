@@ -35,7 +35,7 @@ def lens_of(model: str, coefficients: Any, focal_length_mm: float) -> Lens:
         p = d (1 + perspective . d), u = p - (p - c) (k0 + k1 s^2 + k2 s^4), s = |p - c|.
         ``transverse`` {x: 10, y: 10}: d is a cubic polynomial of u, in 1, x, y, x2, xy, y2, x3, x2y, xy2, y3.
     coefficients : list of float, or table of such
-        Of lengths in mm.
+        Coefficients for lengths in mm.
     focal_length_mm : float [mm]
 
     Raises

@@ -45,7 +45,7 @@ def camera_of_kernel(spice: Spice, *, instrument: str, name: str, spacecraft_fra
     instrument : str
         SPICE's name or number.
     name : str
-        Of the camera.
+        Name of the camera.
     spacecraft_frame : str, optional
         The frame of the scenario's spacecraft; by default the instrument's own, with no mounting.
     width_px, height_px : int [px], optional

@@ -40,7 +40,7 @@ class Spice:
     observer : str
         SPICE's name or number of the spacecraft.
     aberration : "NONE", "LT", "LT+S" or "CN+S"
-        Of bodies as the observer sees them, as `spkezr` has it; bodies turn back by the light time too, and the Sun
+        How the observer sees bodies, as in `spkezr`; bodies turn back by the light time too, and the Sun
         stands where each body saw it then.
     ids : mapping of name to str
         SPICE's names or numbers of bodies that have others in the scenario.

@@ -58,7 +58,7 @@ class Craters:
     coverage : float [1], 0..0.25
         Share of the surface within rims, of each octave.
     depth : float [1], 0..0.2
-        Of the middle below the surface around, over the diameter.
+        Depth of the middle below the surface around, over the diameter.
     """
 
     largest_m: float

@@ -45,7 +45,7 @@ class Relief:
     facet_m : float [m]
         Side of the shape's facets: a pixel that sees more than one sees the shape, not the detail.
     radius_m : float [m]
-        Of the vertex farthest from the body's origin.
+        Distance of the vertex farthest from the body's origin.
 
     Raises
     ------
@@ -92,7 +92,7 @@ class Relief:
         Parameters
         ----------
         footprint_m : (N,) float [m]
-            Of a pixel there.
+            Footprint of a pixel there.
         least_m : (N,) float [m]
             Layers that rise less are left out, up to twice as much they fade in.
         """

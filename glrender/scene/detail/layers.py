@@ -45,9 +45,9 @@ class Layer:
     size : float
         Amplitude of noise [m]; of a crater its depth, of a boulder its height, over its radius.
     share : float [1]
-        Of the cubes, those with a feature.
+        Share of the cubes that have a feature.
     radius : float [1]
-        Of the largest feature, over the cube's side.
+        Radius of the largest feature, over the cube's side.
     """
 
     kind: int
