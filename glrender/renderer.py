@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from glrender_camera import PinholeCamera
-from glrender_camera.validate import integer, within
+from glrender_camera.validate import within
 
 from .base.errors import ConfigError, DeviceError
 from .base.own_process import OwnProcess
@@ -32,31 +32,23 @@ from .engines.raster.surface_pass import Frame, SurfacePass
 from .engines.rays.engine import RayEngine
 from .engines.rays.products import traced_products
 from .engines.reference_fallback import SlowFrames, checked_allow_slow, misses_tolerance, with_emission
-from .engines.small_bodies import SmallBody
 from .planner.account import account
-from .planner.body_plan import plan_body
-from .planner.engine_choice import ENGINES, MAX_SAMPLES, Request, apart_limit, plan_windows
-from .planner.error_budget import FLUX_SHARE, Budget
 from .planner.error_model import rounding_px
-from .planner.penumbra import penumbra_of
-from .planner.plan import BodyPlan, RenderPlan, WindowPlan
+from .planner.frame_plan import FramePlan, plan_frame
+from .planner.plan import RenderPlan, WindowPlan
+from .planner.request import ENGINES, WHOLE_IMAGE, ImageUse, Request
+from .planner.seen import Seen, seen_bodies
 from .scene.plugins.checks import blamed_on
 from .scene.plugins.registry import OPENGL_BACKENDS, backends
 from .scene.scene import Scene
 from .scene.tolerance import checked_max_error
-from .view import regions as grouping
-from .view.occluders import casters
+from .view.regions import union
 from .view.state import State
-from .view.view import BodyView, view_bodies
 
 # How far OpenGL may put places off in products.
 _MOST_ROUNDING_PX = 0.02
 # Side of a shadow map that only a coma asks for.
 _EMISSION_SHADOW_PX = 1024
-# What to do where an engine that was asked for cannot draw a body.
-_NO_ENGINE = {"coverage": "exact coverage draws bodies that are all before the camera, of facets without texture, "
-                          "smooth normals or surface detail; leave engine out",
-              "rays": "rays draw no surface detail; leave engine out"}
 
 
 class Renderer:
@@ -130,8 +122,7 @@ class Renderer:
     def render(self, state: State, camera: str | PinholeCamera | None = None, *,
                max_error: float | Mapping[str, float] | None = None, products: Iterable[str] = ("irradiance",),
                samples: int | None = None, engine: str | None = None, deadline_s: float | None = None,
-               error_gain: float = 1.0, apart_px: float = 0.0,
-               allow_slow: bool | str = False,
+               use: ImageUse = WHOLE_IMAGE, allow_slow: bool | str = False,
                on_progress: Callable[[float], None] | None = None, out: np.ndarray | None = None) -> Image:
         """Draw one frame.
 
@@ -151,14 +142,8 @@ class Renderer:
             The only engine that may draw; the planner's choice by default.
         deadline_s : float [s], > 0, optional
             After which nothing more is begun: the frame is then the best so far, and its plan says so.
-        error_gain : float [1], 1e-9..1
-            Factor by which later averaging, by a point spread function or of several cells a pixel, reduces an error
-            that is independent from pixel to pixel. `max_error` holds after it.
-        apart_px : float [px], 0..256
-            Bodies that are smaller, and alone in their pixels, are in `Image.small_bodies` instead of the
-            image: sub-pixel places that a point spread function can use. At a phase angle g those up to 1 / cos(g / 2)
-            as large are, at most 4 times. Of several the smallest, as many as together cover no more than one body of
-            this size; none in an emission that dims.
+        use : ImageUse, optional
+            `capture` passes it.
         allow_slow : bool or {"raytrace", "cycles"}
             Whether another backend may draw the frame, in seconds or minutes, where OpenGL's error is above
             the tolerance and no `samples` or `engine` is asked for; or which one.
@@ -179,93 +164,71 @@ class Renderer:
             An argument breaks a rule.
         """
         self._own.check()
-        clock = Clock()
-        pinhole = self.scene.drawn_camera(camera)
-        wanted = checked_products(products)
-        tolerance = self.scene.max_error if max_error is None else checked_max_error(max_error)
-        if samples is not None:
-            samples = integer("samples", samples, 1, MAX_SAMPLES)
-        if engine is not None and engine not in self._engines:
-            raise ConfigError("engine", f"must be one of {', '.join(self._engines)}", engine)
-        if samples is not None and engine not in (None, "raster"):
-            raise ConfigError("engine", "must be raster, or left out, where samples are given", engine)
+        clock, wanted = Clock(), checked_products(products)
         deadline = math.inf if deadline_s is None else time.monotonic() + within("deadline_s", deadline_s, 1e-6, 1e6)
-        apart_px = within("apart_px", apart_px, 0.0, 256.0)
         may_be_slow = checked_allow_slow(allow_slow) and samples is None and engine is None
-        gain = within("error_gain", error_gain, 1e-9, 1.0)
-        views = view_bodies(state, pinhole, self.scene.hulls)
-        if any(getattr(emission, "dims", True) for emission in self.scene.emission):
-            # What dims the image does not reach points beside it.
-            apart_px = 0.0
-        apart_px = apart_limit(views, apart_px)
-        asked = tolerance if isinstance(tolerance, Mapping) else None
-        budget = Budget(tolerance=1.0) if asked else Budget(tolerance=tolerance / gain, flux=FLUX_SHARE * tolerance)
-        request = Request(
-            camera=pinhole, budget=budget, error_gain=gain, engines=self._engines,
-            has_gpu=not self._context.is_software, samples=samples, engine=engine, apart_px=apart_px, asked=asked)
-        bodies = self._plan_bodies(views, request)
-        choices = plan_windows(views, self._traits, bodies, request)
-        if not all(choices):
-            raise ConfigError("engine", f"cannot draw {_named(views, choices)}", engine, _NO_ENGINE.get(engine, ""))
+        plan = plan_frame(*self._asked(state, camera, max_error, samples, engine, use))
+        irradiance = _blank(plan.request.camera, out)
         clock.lap("plan")
-        self._context.make_current()
-        self._shadows.begin_frame()
-        by_raster = {name for options in choices if options[0].engine == "raster" for name in options[0].bodies}
-        shadows, bodies = self._shadows.draw(views, bodies, pinhole, by_raster)
+        frame = self._frame(plan)
         clock.lap("shadow")
-        frame = Frame(camera=pinhole, views=views, bodies=bodies, shadows=shadows)
-        irradiance = _blank((pinhole.height_px, pinhole.width_px), out)
-        small: list[SmallBody] = []
-        windows = [self._irradiance.draw(irradiance, options, frame, clock, small, apart_px, deadline)
-                   for options in choices]
-        if hopeless := [window for window in windows if math.isinf(window.predicted_error)]:
-            names = ", ".join(name for window in hopeless for name in window.bodies)
-            raise ConfigError("engine", f"cannot draw {names}", engine,
-                              "light falls between the corners of facets; leave engine out")
-        frame_plan = account(pinhole, tolerance, gain, views, self._traits, bodies, windows, self.scene.sun_disc,
-                             _remedy(time.monotonic() > deadline, engine, may_be_slow))
-        slow = None
+        drawn = self._irradiance.draw(plan, frame, irradiance, clock, deadline)
+        frame_plan = account(plan, frame.bodies, drawn.windows, self.scene.sun_disc,
+                             _remedy(drawn.is_late, engine, may_be_slow))
+        small, slow = drawn.small_bodies, None
         if may_be_slow and misses_tolerance(frame_plan):
             fast = Image(irradiance_W_m2=irradiance, products={}, plan=frame_plan, timings_ms=clock.laps_ms,
-                         small_bodies=tuple(small))
-            slow = self._slow.instead_of(fast, allow_slow, state, pinhole, error_gain=gain,
+                         small_bodies=small)
+            slow = self._slow.instead_of(fast, allow_slow, state, frame.camera, error_gain=use.error_gain,
                                           on_progress=on_progress)
             if slow.irradiance_W_m2 is not irradiance:
                 # All of its bodies are in the image.
-                irradiance, small = slow.irradiance_W_m2, []
+                irradiance, small = slow.irradiance_W_m2, ()
             clock.lap("slow")
         if self._emission:
             frame_plan = self._add_emission(irradiance, state, frame, frame_plan)
             clock.lap("emission")
         arrays = {}
         if wanted:
-            arrays = self._drawn_products(wanted, frame, windows)
+            arrays = self._drawn_products(wanted, plan, frame, drawn.windows)
             clock.lap("products")
         frame_plan = frame_plan if slow is None else with_emission(slow.plan, frame_plan)
-        return Image(irradiance_W_m2=irradiance, products=arrays, timings_ms=clock.laps_ms, small_bodies=tuple(small),
-                     request=(self.scene, state, pinhole),
+        return Image(irradiance_W_m2=irradiance, products=arrays, timings_ms=clock.laps_ms, small_bodies=small,
+                     request=(self.scene, state, frame.camera),
                      plan=replace(frame_plan, milliseconds=sum(clock.laps_ms.values())))
 
-    def _drawn_products(self, wanted: Sequence[str], frame: Frame, windows: list[WindowPlan]) -> dict[str, np.ndarray]:
+    def _asked(self, state: State, camera: str | PinholeCamera | None, max_error: float | Mapping[str, float] | None,
+               samples: int | None, engine: str | None, use: ImageUse) -> tuple[tuple[Seen, ...], Request]:
+        """The bodies before the camera, and the frame's demands, checked."""
+        scene, pinhole = self.scene, self.scene.drawn_camera(camera)
+        if any(getattr(emission, "dims", True) for emission in scene.emission):
+            # What dims the image does not reach points beside it.
+            use = replace(use, apart_px=0.0)
+        request = Request(
+            camera=pinhole, max_error=scene.max_error if max_error is None else checked_max_error(max_error), use=use,
+            engines=self._engines, has_gpu=not self._context.is_software, samples=samples, engine=engine)
+        return seen_bodies(state, pinhole, scene.hulls, self._traits, scene.sun_disc), request
+
+    def _frame(self, plan: FramePlan) -> Frame:
+        """The bodies, with the shadow maps that the first ways to draw them need."""
+        self._context.make_current()
+        self._shadows.begin_frame()
+        views, camera = [seen.view for seen in plan.seen], plan.request.camera
+        by_raster = {name for options in plan.options if options[0].engine == "raster" for name in options[0].bodies}
+        shadows, bodies = self._shadows.draw(views, plan.bodies, camera, by_raster)
+        return Frame(camera=camera, views=views, bodies=bodies, shadows=shadows)
+
+    def _drawn_products(self, wanted: Sequence[str], plan: FramePlan, frame: Frame, windows: Sequence[WindowPlan]
+                        ) -> dict[str, np.ndarray]:
         """Products by OpenGL, or by rays where OpenGL's coordinates are too coarse."""
         views, bodies, camera = list(frame.views), frame.bodies, frame.camera
         shadows, _ = self._shadows.draw(views, bodies, camera) if "sunlit" in wanted else ({}, None)
         arrays = self._products.draw(wanted, replace(frame, shadows=shadows), windows)
-        if self._rays is not None and max(rounding_px(view, self._traits[view.name], body.relative_to_camera)
-                                          for view, body in zip(views, bodies, strict=True)) > _MOST_ROUNDING_PX:
-            traced = traced_products(self._rays, wanted, camera, views, grouping.union([w.roi for w in windows]))
+        if self._rays is not None and max(rounding_px(seen.view, seen.traits, body.relative_to_camera)
+                                          for seen, body in zip(plan.seen, bodies, strict=True)) > _MOST_ROUNDING_PX:
+            traced = traced_products(self._rays, wanted, camera, views, union([w.roi for w in windows]))
             arrays = {name: values.astype(arrays[name].dtype) for name, values in traced.items()}
         return arrays
-
-    def _plan_bodies(self, views: list[BodyView], request: Request) -> list[BodyPlan]:
-        bodies, hulls = [], self.scene.hulls
-        for view in views:
-            sun_radius_rad = view.sun_radius_rad if self.scene.sun_disc else 0.0
-            cast = casters(view, views, hulls, sun_radius_rad) if view.is_visible else []
-            budget = (request.of([view], "raster") if view.is_visible else request).budget
-            bodies.append(plan_body(view, self._traits[view.name], request.camera, [name for name, _ in cast], budget,
-                                    penumbra_of(view, cast, hulls, sun_radius_rad)))
-        return bodies
 
     def forget_shadow_maps(self) -> None:
         """Draw all shadow maps anew when next they are needed; no image changes."""
@@ -344,17 +307,12 @@ def _remedy(is_late: bool, engine: str | None, may_be_slow: bool) -> str:
     return "" if may_be_slow else "the backend \"raytrace\" draws it, or allow_slow=True where frames are asked for"
 
 
-def _blank(shape: tuple[int, int], out: np.ndarray | None) -> np.ndarray:
-    """A dark image, in `out` if that is given."""
+def _blank(camera: PinholeCamera, out: np.ndarray | None) -> np.ndarray:
+    """A dark image of a camera, in `out` if that is given."""
+    shape = (camera.height_px, camera.width_px)
     if out is None:
         return np.zeros(shape, np.float32)
     if out.shape != shape or out.dtype != np.float32:
         raise ConfigError("out", f"must be float32 of shape {shape}", f"{out.dtype} of {out.shape}")
     out.fill(0.0)
     return out
-
-
-def _named(views: list[BodyView], choices: list[list]) -> str:
-    """The visible bodies that no option draws."""
-    drawn = {name for options in choices for option in options for name in option.bodies}
-    return ", ".join(view.name for view in views if view.is_visible and view.name not in drawn)

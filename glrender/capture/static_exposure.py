@@ -16,6 +16,7 @@ from glrender_camera.validate import integer
 from ..base.progress import Progress
 from ..engines.image import checked_products
 from ..planner.plan import RenderPlan
+from ..planner.request import ImageUse
 from ..scene.scene import Scene
 from ..scene.tolerance import by_unit, checked_max_error
 from ..view.regions import union
@@ -32,7 +33,7 @@ _APART_PX = 24.0
 # Options that a renderer may take, besides those that all do.
 _OPTIONS = ("allow_slow", "on_progress", "out")
 # What `render` takes that a capture gives itself.
-_NOT_OPTIONS = {"state", "camera", "products", "error_gain", "apart_px"}
+_NOT_OPTIONS = {"state", "camera", "products", "use"}
 # Values of products on the sky that are not NaN.
 _BESIDE = {"body_id": -1, "facet_id": -1, "sunlit": 0}
 
@@ -111,10 +112,9 @@ class Drawing:
         # Cells' errors are independent: their mean has 1 / n of each.
         n = self._n = 1 if self.lens is None else self.lens.oversampling
         self._share = (camera.model.psf_noise_gain if is_for_detector else 1.0) / n
-        if "error_gain" in taken:
-            self._options["error_gain"], self._share = self._share, 1.0
-        if is_for_detector and "apart_px" in taken:
-            self._options["apart_px"] = _APART_PX * n
+        if "use" in taken:
+            self._options["use"] = ImageUse(error_gain=self._share, apart_px=_APART_PX * n if is_for_detector else 0.0)
+            self._share = 1.0
         asked = _in_pixels(by_unit(self._tolerance), n)
         if "rms" in asked:
             asked["rms"] = min(asked["rms"] / self._share, 1.0)

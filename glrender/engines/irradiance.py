@@ -1,23 +1,26 @@
-"""The irradiance of one region of an image: the engines are tried in order until one meets the tolerance."""
+"""The irradiance of the bodies of a frame: of each region engines are tried in order until one meets the tolerance."""
 
 from __future__ import annotations
 
 import math
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
+from ..base.errors import ConfigError
 from ..base.stopwatch import Clock
 from ..planner import eclipse_samples, error_model
 from ..planner.adaptive_samples import frame_error, pixel_errors, pixel_means, plan_refinement
-from ..planner.engine_choice import MAX_SAMPLES, MOST_FIRST_SAMPLES, apart_size_px
+from ..planner.engine_choice import MOST_FIRST_SAMPLES
 from ..planner.error_budget import ECLIPSE_SHARE
+from ..planner.frame_plan import FramePlan
 from ..planner.plan import WindowPlan
+from ..planner.request import MAX_SAMPLES
 from ..planner.small_body_grid import MAX_RAYS_ACROSS
-from ..view.regions import outline_px
+from ..view.regions import Group
 from .coverage.engine import CoverageEngine
 from .coverage.image_cells import ImageCells
 from .raster.gl.context import Context
@@ -35,8 +38,28 @@ _FIRST_RAYS = 3e5
 _FACING_TILE_PX = 32
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Drawn:
+    """The irradiance of a frame's bodies, and the account of how it was drawn.
+
+    Attributes
+    ----------
+    irradiance_W_m2 : (height, width) float32 [W/m2]
+    small_bodies : tuple of SmallBody
+    windows : tuple of WindowPlan
+        Of each group the one that was drawn, with its errors before the camera's point spread function.
+    is_late : bool
+        Whether a deadline had passed.
+    """
+
+    irradiance_W_m2: np.ndarray
+    small_bodies: tuple[SmallBody, ...]
+    windows: tuple[WindowPlan, ...]
+    is_late: bool
+
+
 class IrradiancePass:
-    """Draws regions.
+    """Draws the irradiance of frames.
 
     Parameters
     ----------
@@ -58,28 +81,51 @@ class IrradiancePass:
     def __exit__(self, *exception) -> None:
         self._target.__exit__(*exception)
 
-    def draw(self, irradiance: np.ndarray, options: Sequence[WindowPlan], frame: Frame, clock: Clock,
-             small: list[SmallBody], apart_px: float, deadline: float = math.inf) -> WindowPlan:
-        """Add a region to an image; its plan with the error that was estimated.
+    def draw(self, plan: FramePlan, frame: Frame, irradiance: np.ndarray, clock: Clock, deadline: float = math.inf
+             ) -> Drawn:
+        """Draw the groups of a plan: each in the first way that meets the tolerance, or the one that comes nearest.
 
         Parameters
         ----------
-        irradiance : (height, width) float32 [W/m2]
-            Changed in place.
-        options : sequence of WindowPlan
-            Ways to draw it, at least one: the first that meets the tolerance does, or the one that comes nearest.
+        plan : FramePlan
         frame : Frame
+        irradiance : (height, width) float32 [W/m2]
+            Dark; changed in place.
         clock : Clock
-        small : list of SmallBody
-            Gets the body that has a grid of its own.
-        apart_px : float [px]
-            A body of a smaller `apart_size_px` stands there alone, and is not added to the image.
         deadline : float [s]
-            Of `time.monotonic`: nothing is begun after it, once there is an image.
+            By `time.monotonic`: nothing is begun after it, once there is an image.
+
+        Raises
+        ------
+        ConfigError
+            The engine that was asked for finds no light on a body.
         """
+        windows, small = [], []
+        for group, options in zip(plan.groups, plan.options, strict=True):
+            mean, window = self._first_that_fits(group, options, frame, clock, deadline)
+            windows.append(window)
+            if window.target == "region":
+                x0, y0, x1, y1 = window.roi
+                irradiance[y0:y1, x0:x1] = mean
+            else:
+                is_apart = window.target == "point"
+                small.append(SmallBody.from_grid(window.bodies, mean, window.bounds_px, size_px=group.size_px,
+                                                 is_apart=is_apart))
+                if not is_apart:
+                    add_by_area(irradiance, mean, window.bounds_px)
+            clock.lap("readback")
+        if hopeless := [name for window in windows if math.isinf(window.predicted_error) for name in window.bodies]:
+            raise ConfigError("engine", f"cannot draw {', '.join(hopeless)}", plan.request.engine,
+                              "light falls between the corners of facets; leave engine out")
+        return Drawn(irradiance_W_m2=irradiance, small_bodies=tuple(small), windows=tuple(windows),
+                     is_late=time.monotonic() > deadline)
+
+    def _first_that_fits(self, group: Group, options: Sequence[WindowPlan], frame: Frame, clock: Clock,
+                         deadline: float) -> tuple[np.ndarray, WindowPlan]:
+        """The pixels of a group or its own cells, and its plan with the error that was estimated."""
         best = None
         for option in options:
-            mean, window = self._draw_option(option, frame, clock, deadline, option is options[-1])
+            mean, window = self._draw_option(group, option, frame, clock, deadline, option is options[-1])
             # Engines may be allowed RMS errors of their own, where other units are asked for.
             if best is None or (window.predicted_error * best[1].budget.tolerance
                                 < best[1].predicted_error * window.budget.tolerance):
@@ -87,43 +133,24 @@ class IrradiancePass:
             is_over = time.monotonic() > deadline and math.isfinite(best[1].predicted_error)
             if window.predicted_error <= window.budget.tolerance or is_over:
                 break
-        mean, window = best
-        if window.samples:
-            x0, y0, x1, y1 = window.roi
-            irradiance[y0:y1, x0:x1] = mean
-        else:
-            small.append(self._add_small(irradiance, mean, window, frame, apart_px))
-        clock.lap("readback")
-        return window
+        return best
 
-    def _draw_option(self, window: WindowPlan, frame: Frame, clock: Clock, deadline: float,
+    def _draw_option(self, group: Group, window: WindowPlan, frame: Frame, clock: Clock, deadline: float,
                      is_last: bool) -> tuple[np.ndarray, WindowPlan]:
         """The region's pixels, or a small body's own cells, and its plan."""
         if window.engine == "coverage":
             return self._draw_coverage(window, frame, clock)
-        if window.samples:
-            return self._draw_sampled(window, frame, clock, deadline, is_last)
+        if window.target == "region":
+            return self._draw_sampled(group, window, frame, clock, deadline, is_last)
         samples = self._samples(window, frame, clock, window.bounds_px, window.grid)
         if window.eclipse_px > 0.0:
-            members = [view for view in frame.views if view.name in window.bodies]
-            phase_rad = max(view.phase_rad for view in members)
-            few = eclipse_samples.bare_samples(phase_rad, window.grid)
+            few = eclipse_samples.bare_samples(group.phase_rad, window.grid)
             bare = sum(self._samples(window, replace(frame, views=[view]), clock, window.bounds_px, few)
-                       for view in members)
+                       for view in group.views)
             flux = eclipse_samples.grid_flux_error(samples, bare)
-            pixels = eclipse_samples.grid_pixel_error(flux, outline_px(members), phase_rad)
+            pixels = eclipse_samples.grid_pixel_error(flux, group.size_px, group.phase_rad)
             window = replace(window, flux_error=flux, drawn={**window.drawn, "eclipse": pixels})
         return samples, window
-
-    def _add_small(self, irradiance: np.ndarray, samples: np.ndarray, window: WindowPlan, frame: Frame,
-                   apart_px: float) -> SmallBody:
-        """A body of the samples of its own grid; in the image as well if it is not kept apart."""
-        members = [view for view in frame.views if view.name in window.bodies]
-        body = SmallBody.from_grid(window.bodies, samples, window.bounds_px, size_px=outline_px(members),
-                                   is_apart=apart_size_px(members) < apart_px)
-        if not body.is_apart:
-            add_by_area(irradiance, samples, window.bounds_px)
-        return body
 
     def _draw_coverage(self, window: WindowPlan, frame: Frame, clock: Clock) -> tuple[np.ndarray, WindowPlan]:
         """Means of the region's cells and its plan, whose error is infinite where nothing could be drawn."""
@@ -133,7 +160,7 @@ class IrradiancePass:
         clock.lap("surface")
         return means.astype(np.float32), replace(window, drawn={"boundaries": error})
 
-    def _draw_sampled(self, window: WindowPlan, frame: Frame, clock: Clock, deadline: float,
+    def _draw_sampled(self, group: Group, window: WindowPlan, frame: Frame, clock: Clock, deadline: float,
                       is_last: bool) -> tuple[np.ndarray, WindowPlan]:
         """The region's pixels and its plan: few samples everywhere, then more where their contrast is high.
 
@@ -141,9 +168,8 @@ class IrradiancePass:
         """
         x0, y0, x1, y1 = window.roi
         mean, error = (np.zeros((y1 - y0, x1 - x0), np.float32) for _ in range(2))
-        members = [view for view in frame.views if view.name in window.bodies]
         facing = None
-        if window.engine == "rays" and max(view.phase_rad for view in members) > error_model.CRESCENT_RAD:
+        if window.engine == "rays" and group.phase_rad > error_model.CRESCENT_RAD:
             facing = self._coverage.may_be_lit(window.bodies, list(frame.views), ImageCells(
                 frame.camera, window.bounds_px, (x1 - x0, y1 - y0)))
         if facing is not None:
@@ -161,7 +187,7 @@ class IrradiancePass:
         variance = np.zeros_like(mean) if is_eclipsed else None
         crease_rad, facets_per_px = window.noise
         noise = error_model.noise_gain(crease_rad, facets_per_px / window.samples**2)
-        gain = noise * error_model.crescent_gain(max(view.phase_rad for view in members))
+        gain = noise * error_model.crescent_gain(group.phase_rad)
         # Beside the bodies' outlines it is dark; beyond the frame, nobody knows.
         sides = (y0 > 0, x0 > 0, y1 < frame.camera.height_px, x1 < frame.camera.width_px)
         for tile in self._tiles(mean.shape, window.samples, math.inf if facing is None else _FACING_TILE_PX):
@@ -174,7 +200,7 @@ class IrradiancePass:
             mean[tile], error[tile] = pixel_errors(samples, window.samples, gain, dark)
             if is_eclipsed:
                 bare = sum(self._draw_tile(window, replace(frame, views=[view]), clock, tile, window.samples, mask)
-                           for view in members)
+                           for view in group.views)
                 variance[tile] = eclipse_samples.sample_variances(samples, bare, window.samples, window.eclipse_px)
         power = error_model.noise_power(noise)
         if is_eclipsed:
@@ -185,7 +211,7 @@ class IrradiancePass:
         edges = now * window.samples**(0.5 * power) * math.sqrt(window.shadow_share)
         floor = math.hypot(window.modelling_error, edges)
         left = window.budget.left_after(floor)
-        most = MAX_RAYS_ACROSS / max(view.size_px for view in members) if window.engine == "rays" else 0.0
+        most = MAX_RAYS_ACROSS / max(view.size_px for view in group.views) if window.engine == "rays" else 0.0
         refinement = None
         has_aim = is_last or floor <= window.budget.tolerance or math.isfinite(deadline)
         if math.isfinite(left) and has_aim and time.monotonic() < deadline:
@@ -254,7 +280,7 @@ class IrradiancePass:
         # Others may still cast shadows here.
         seen = [replace(view, is_visible=view.is_visible and view.name in window.bodies) for view in frame.views]
         # Each pixel has the Sun's disc to itself; a grid of a body's own has it once.
-        across = round(columns / (x1 - x0)) if window.samples else columns
+        across = round(columns / (x1 - x0)) if window.target == "region" else columns
         if mask is None:
             return self._rays.lattice(x, y, frame.camera, seen, across).astype(np.float32)
         samples = np.zeros((rows, columns), np.float32)

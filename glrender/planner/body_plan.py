@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 from glrender_camera import PinholeCamera
 
 from ..view.view import BodyView
 from .error_budget import SHADOW_MAP_SHARE, Budget
 from .error_model import BodyTraits, leaked_flux, rounding_error, usual_edges
-from .penumbra import Penumbra
 from .plan import BodyPlan
+from .seen import Seen
 
 SHADOW_SIZES_PX = tuple(2**k for k in range(8, 17))
 """Texels across a body; float32 coordinates have 256 steps in the finest."""
@@ -25,36 +24,22 @@ _LEAK_RMS = 2.0
 _SHADOWED_PER_RAD = 0.34
 
 
-def plan_body(view: BodyView, traits: BodyTraits, camera: PinholeCamera, casters: Sequence[str], budget: Budget,
-              penumbra: Penumbra) -> BodyPlan:
-    """The features of a body that are modelled.
-
-    Parameters
-    ----------
-    view : BodyView
-    traits : BodyTraits
-    camera : PinholeCamera
-    casters : sequence of str
-        Other bodies that may cast a shadow on it.
-    budget : Budget
-    penumbra : Penumbra
-    """
+def plan_body(body: Seen, camera: PinholeCamera, budget: Budget | None) -> BodyPlan:
+    """The features of a body that are modelled; there is a budget for each body in view."""
+    view, traits, casters = body.view, body.traits, body.casters
     footprint_m = view.depth_m[0] / camera.focal_length_px
     is_relative = is_close(view, traits.radius_m, footprint_m)
     shadow_px, modelled = None, {"coordinates": rounding_error(view, traits, is_relative)}
-    if view.is_visible:
+    if budget is not None:
         shadow_px = plan_shadow(view, traits, bool(casters), budget, _seen_share(view, traits, camera))
     if shadow_px is not None:
-        modelled |= {"shadow map": _LEAK_RMS * leaked_flux(view, traits, shadow_px), "hard edges": penumbra.hard_error}
-    detail_m, n_layers = None, 0
-    if traits.relief is not None and view.is_visible and (active := traits.relief.active(footprint_m)):
-        detail_m = float(max(traits.relief.scales_m()[active].min(), 2.0 * footprint_m))
-        n_layers = len(active)
+        modelled |= {"shadow map": _LEAK_RMS * leaked_flux(view, traits, shadow_px),
+                     "hard edges": body.penumbra.hard_error}
     return BodyPlan(
         name=view.name, is_visible=view.is_visible, n_facets=traits.n_facets, law=traits.law,
         shadow_map_px=shadow_px, shadow_map_reused=False, relative_to_camera=is_relative,
         normal_lookup=footprint_m < 2e-4 * traits.radius_m, size_px=view.size_px, modelled=modelled,
-        penumbra=penumbra, casters=tuple(casters), detail_m=detail_m, detail_layers=n_layers)
+        penumbra=body.penumbra, casters=casters, detail_m=body.detail_m, detail_layers=body.detail_layers)
 
 
 def plan_shadow(view: BodyView, traits: BodyTraits, has_casters: bool, budget: Budget,

@@ -9,23 +9,22 @@ OpenGL comes first.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
 
 from glrender_camera import PinholeCamera
 
-from ..view.regions import outline, outline_px, region, touching
+from ..view.regions import Group
 from ..view.view import BodyView
-from .error_budget import CELL_SHARE, FLUX_SHARE, PENUMBRA_SHARE, SAMPLES_SHARE, Budget
-from .error_model import CRESCENT_RAD, BodyTraits, facets_per_px, parallel_error, ray_rounding_error
-from .plan import ONE_DIRECTION, BodyPlan, WindowPlan
-from .predicted import allowed_rms
+from .error_budget import CELL_SHARE, PENUMBRA_SHARE, SAMPLES_SHARE, Budget
+from .error_model import CRESCENT_RAD, facets_per_px, parallel_error, ray_rounding_error
+from .plan import ONE_DIRECTION, BodyPlan, Target, WindowPlan
+from .request import MAX_SAMPLES, Request
+from .seen import Seen
 from .small_body_grid import CELL_PX, MAX_RAYS_ACROSS, cell_error, cell_size, samples_across, sampling_errors
 
-ENGINES = ("coverage", "rays", "raster")
-"""Names that `engine=` may have."""
-MAX_SAMPLES = 16
-"""Most samples along a pixel's side by OpenGL."""
 MOST_FACETS_PER_PX = 300.0
 """Facets that face Sun and camera, a pixel, from which rays are cheaper than coverage, by the cells of
 benchmarks/bench_cells.py."""
@@ -70,114 +69,42 @@ _ECLIPSE_RAYS = 100_000
 _PENUMBRA_NOISE = (math.inf, math.inf)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Request:
-    """A frame's demands on all its regions.
+def ways_to_draw(group: Group, bodies: Sequence[Seen], plans: Sequence[BodyPlan], request: Request,
+                 apart_px: float = 0.0) -> list[WindowPlan]:
+    """The ways to draw bodies together, in the order in which they are tried; none where `engine` cannot draw them.
 
-    Attributes
+    Parameters
     ----------
-    camera : PinholeCamera
-    budget : Budget
-        Of its errors before the camera's PSF, which leaves that of the flux as it is.
-    error_gain : float [1]
-        What the PSF leaves of an error that is independent from pixel to pixel.
-    engines : tuple of str
-        Out of `ENGINES`: those that are there.
-    has_gpu : bool
-    samples : int or None
-        Along a pixel's side, asked for instead of the planner's choice: drawn by OpenGL.
-    engine : str or None
-        The only engine that may draw.
+    group : Group
+    bodies : sequence of Seen
+        Those of the group.
+    plans : sequence of BodyPlan
+        Likewise.
+    request : Request
     apart_px : float [px]
-        Bodies of a smaller `apart_size_px` have a grid of their own in any case.
-    asked : mapping, optional
-        Tolerances by unit, in place of the budget's, which follows from them for each engine and its bodies.
+        Bodies of a smaller `apart_size_px` are points.
     """
-
-    camera: PinholeCamera
-    budget: Budget
-    error_gain: float = 1.0
-    engines: tuple[str, ...] = ENGINES
-    has_gpu: bool = False
-    samples: int | None = None
-    engine: str | None = None
-    apart_px: float = 0.0
-    asked: Mapping[str, float] | None = None
-
-    def of(self, members: Sequence[BodyView], how: str) -> Request:
-        """The request with the RMS error that bodies may have which are drawn so: "centroids", or an engine's name."""
-        if self.asked is None:
-            return self
-        allowed, bare = (allowed_rms(self.asked, members, self.camera, how, gain) for gain in (self.error_gain, 1.0))
-        return replace(self, budget=Budget(tolerance=allowed, flux=FLUX_SHARE * bare,
-                                           flux_asked=self.asked.get("flux", math.inf)))
-
-
-def plan_windows(views: Sequence[BodyView], traits: Mapping[str, BodyTraits], bodies: Sequence[BodyPlan],
-                 request: Request) -> list[list[WindowPlan]]:
-    """For each region of overlapping bodies, the ways to draw it in the order in which they are tried.
-
-    Bodies far apart in the image are drawn apart, so that the cost follows their pixels; a body smaller than a few
-    pixels is drawn on a grid of its own that fits its outline. A region has no way where `engine` cannot draw it.
-    """
-    plans = {body.name: body for body in bodies}
-    return [_options(members, traits, [plans[view.name] for view in members], request)
-            for members in touching(views, request.camera)]
-
-
-def apart_limit(views: Sequence[BodyView], apart_px: float) -> float:
-    """`apart_size_px` below which bodies are apart, so that together they cover no more than one of `apart_px`.
-
-    A body has a point for each 0.3 px: what spreads them is to cost as much for many bodies as for one.
-    """
-    covered = 0.0
-    for size_px in sorted(size for view in views if view.is_visible and (size := apart_size_px([view])) < apart_px):
-        covered += size_px**2
-        if covered > apart_px**2:
-            return size_px
-    return apart_px
-
-
-def apart_size_px(views: Sequence[BodyView]) -> float:
-    """Size [px] of the full disc that has as much light as bodies that are drawn together, about.
-
-    A crescent has few pixels, and an image errs the more: at 24 px by 0.4 % of its mean at 20 deg, 7 % at 150 deg.
-    """
-    size_px = outline_px(views)
-    return max(size_px * max(math.cos(0.5 * view.phase_rad) for view in views), size_px / _MOST_LARGER)
-
-
-def facing_share(phase_rad: float) -> float:
-    """The share of a body's facets that faces both camera and Sun, about."""
-    return (math.pi - phase_rad) / (2.0 * math.pi)
-
-
-def _options(members: Sequence[BodyView], traits: Mapping[str, BodyTraits], drawn: Sequence[BodyPlan],
-             request: Request) -> list[WindowPlan]:
-    """Ways to draw bodies together, in order."""
-    known = [_with_detail(traits[view.name], view, body, request.camera)
-             for view, body in zip(members, drawn, strict=True)]
+    part = _Part(group=group, bodies=tuple(bodies), request=request, target=_target(group, request, apart_px))
+    worst = max((plan.modelled for plan in plans), key=lambda errors: math.hypot(*errors.values()))
     if request.samples is not None:
-        return [replace(_raster(members, known, drawn, request), why="samples were asked for")]
-    makers = {"coverage": _coverage, "rays": _rays, "raster": _raster}
-    made = {name: makers[name](members, known, drawn, request.of(members, name)) for name in request.engines
-            if request.engine in (None, name)}
-    coverage = made.get("coverage", [])
-    rays = [made["rays"]] if made.get("rays") is not None else []
-    raster = [made["raster"]] if "raster" in made else []
-    is_in_penumbra = _are_in_penumbra(members, drawn, request.of(members, "raster"))
+        return [replace(_raster(part, worst), why="samples were asked for")]
+    made = [name for name in request.engines if request.engine in (None, name)]
+    coverage = _coverage(part) if "coverage" in made else []
+    rays = _rays(part) if "rays" in made else []
+    raster = [_raster(part, worst)] if "raster" in made else []
+    is_in_penumbra = part.is_in_penumbra(request.budget(group, "raster"))
     is_fine_enough = (raster and raster[0].modelling_error <= raster[0].budget.tolerance and not is_in_penumbra)
     if request.engine is not None:
         options, why = [*coverage, *rays, *raster], "asked for"
     elif request.has_gpu and is_fine_enough:
         options, why = [*raster, *coverage, *rays], "there is a GPU, and its shadow map is fine enough"
-    elif _is_crowded(members, known):
+    elif _is_crowded(bodies):
         options = [*rays, *coverage, *([] if rays else raster)]
         why = f"more than {MOST_FACETS_PER_PX:g} facets that face Sun and camera share a pixel"
     elif coverage:
         options, why = [*coverage, *rays], "evenly bright facets that are all before the camera"
     else:
-        options, why = [*raster, *rays], _no_coverage(members, known, drawn, request.engines)
+        options, why = [*raster, *rays], _no_coverage(part)
         if not is_fine_enough:
             options = rays or raster
             why = "a wide penumbra is on it" if is_in_penumbra else f"{why}, and no shadow map is fine enough"
@@ -186,184 +113,210 @@ def _options(members: Sequence[BodyView], traits: Mapping[str, BodyTraits], draw
             for index, option in enumerate(options)]
 
 
-def _no_coverage(members: Sequence[BodyView], known: Sequence[BodyTraits], drawn: Sequence[BodyPlan],
-                 engines: Sequence[str]) -> str:
+def apart_limit(views: Iterable[BodyView], apart_px: float) -> float:
+    """`apart_size_px` below which bodies are apart, so that together they cover no more than one of `apart_px`.
+
+    A body has a point for each 0.3 px: what spreads them is to cost as much for many bodies as for one.
+    """
+    covered = 0.0
+    for size_px in sorted(size for view in views if view.is_visible
+                          and (size := apart_size_px(view.size_px, view.phase_rad)) < apart_px):
+        covered += size_px**2
+        if covered > apart_px**2:
+            return size_px
+    return apart_px
+
+
+def apart_size_px(size_px: float, phase_rad: float) -> float:
+    """Size [px] of the full disc that has as much light as a body of a size [px] at a phase angle [rad], about.
+
+    A crescent has few pixels, and an image errs the more: at 24 px by 0.4 % of its mean at 20 deg, 7 % at 150 deg.
+    """
+    return max(size_px * math.cos(0.5 * phase_rad), size_px / _MOST_LARGER)
+
+
+def facing_share(phase_rad: float) -> float:
+    """The share of a body's facets that faces both camera and Sun, about."""
+    return (math.pi - phase_rad) / (2.0 * math.pi)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Part:
+    """A part of a frame: the bodies of a group, and where they are drawn."""
+
+    group: Group
+    bodies: tuple[Seen, ...]
+    request: Request
+    target: Target
+
+    def is_in_penumbra(self, budget: Budget) -> bool:
+        """Whether a body may be within another's penumbra, which sharpens no edge on it, or which ends beside it."""
+        return any(body.penumbra.surrounds(body.view.size_px, budget) for body in self.bodies)
+
+    @property
+    def hard_flux(self) -> float:
+        """Error of the total light [1] with hard edges in place of other bodies' penumbras."""
+        return max(body.penumbra.hard_flux for body in self.bodies)
+
+    def whole(self, count: int) -> dict[str, Any]:
+        """Bounds [px] and grid of the region with so many samples along a pixel's side."""
+        x0, y0, x1, y1 = self.group.roi
+        return {"samples": count, "bounds_px": (x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5),
+                "grid": ((x1 - x0) * count, (y1 - y0) * count)}
+
+    def own_grid(self, per_px: float) -> dict[str, Any]:
+        """Bounds [px] of a small body's own grid, with a margin, and the grid with so many cells a pixel."""
+        margin, (x0, y0, x1, y1) = 0.02 * self.group.size_px, self.group.outline
+        bounds = (x0 - margin, y0 - margin, x1 + margin, y1 + margin)
+        sides = (bounds[2] - bounds[0], bounds[3] - bounds[1])
+        return {"samples": 0, "bounds_px": bounds, "grid": tuple(max(math.ceil(per_px * side), 8) for side in sides)}
+
+    def window(self, engine: str, budget: Budget, modelled: Mapping[str, float], **fields: Any) -> WindowPlan:
+        """A window with the errors that all have: one direction to the Sun, which no PSF averages; rays' rounding."""
+        always = {ONE_DIRECTION: max(parallel_error(body.view, body.traits) for body in self.bodies)
+                  / self.request.use.error_gain}
+        if engine != "raster":
+            always["rounding"] = max(ray_rounding_error(body.view, body.traits) for body in self.bodies)
+        return WindowPlan(bodies=self.group.names, engine=engine, budget=budget, roi=self.group.roi,
+                          target=self.target, modelled={**modelled, **always}, **fields)
+
+
+def _target(group: Group, request: Request, apart_px: float) -> Target:
+    """Where bodies are drawn."""
+    if request.samples is not None:
+        return "region"
+    if apart_size_px(group.size_px, min(view.phase_rad for view in group.views)) < apart_px:
+        return "point"
+    return "own_grid" if group.size_px < _SMALL_PX else "region"
+
+
+def _no_coverage(part: _Part) -> str:
     """The reason for which coverage does not draw bodies."""
-    reasons = {"Embree is missing": "coverage" not in engines,
-               "it reaches beside the camera": any(view.bounds_px is None for view in members),
-               "surface detail is drawn": any(body.detail_layers for body in drawn),
-               "texture or smooth normals vary within facets": any(math.isinf(traits.facet_m) for traits in known)}
+    reasons = {"Embree is missing": "coverage" not in part.request.engines,
+               "it reaches beside the camera": part.group.outline is None,
+               "surface detail is drawn": any(body.detail_layers for body in part.bodies),
+               "texture or smooth normals vary within facets": any(math.isinf(body.traits.facet_m)
+                                                                   for body in part.bodies)}
     return next((why for why, holds in reasons.items() if holds), "facets are too large to be evenly bright")
 
 
-def _with_detail(traits: BodyTraits, view: BodyView, body: BodyPlan, camera: PinholeCamera) -> BodyTraits:
-    """A body with the slope of the surface detail that is drawn."""
-    if not body.detail_layers or traits.relief is None:
-        return traits
-    return replace(traits, detail_slope=traits.relief.slope_rms(view.depth_m[0] / camera.focal_length_px))
-
-
-def _is_crowded(members: Sequence[BodyView], known: Sequence[BodyTraits]) -> bool:
+def _is_crowded(bodies: Sequence[Seen]) -> bool:
     """Whether so many facets that face camera and Sun share a pixel that rays are cheaper than any that visits each."""
-    n_facing = sum(traits.n_facets * facing_share(view.phase_rad) for view, traits in zip(members, known, strict=True))
-    n_px = sum(0.6 * min(view.size_px, 1e5) ** 2 for view in members)
+    n_facing = sum(body.traits.n_facets * facing_share(body.view.phase_rad) for body in bodies)
+    n_px = sum(0.6 * min(body.view.size_px, 1e5) ** 2 for body in bodies)
     return (n_facing > MOST_FACETS_PER_PX * n_px
-            and sum(traits.n_facets for traits in known) >= FEWEST_FACETS_FOR_RAYS)
+            and sum(body.traits.n_facets for body in bodies) >= FEWEST_FACETS_FOR_RAYS)
 
 
-def _coverage(members: Sequence[BodyView], known: Sequence[BodyTraits], drawn: Sequence[BodyPlan],
-              request: Request) -> list[WindowPlan]:
+def _coverage(part: _Part) -> list[WindowPlan]:
     """By exact coverage: by centroids first where that may do, then clipped; none where it cannot draw the bodies."""
-    camera, tolerance = request.camera, request.budget.tolerance
-    if any(view.bounds_px is None or not math.isfinite(traits.facet_m) or body.detail_layers
-           for view, traits, body in zip(members, known, drawn, strict=True)):
+    group, bodies, request = part.group, part.bodies, part.request
+    budget = request.budget(group, "coverage")
+    tolerance = budget.tolerance
+    if group.outline is None or any(not math.isfinite(body.traits.facet_m) or body.detail_layers for body in bodies):
         return []
-    uneven = max(math.hypot(_UNEVEN_FACET * traits.view_slope(view.phase_rad) * traits.facet_m / view.depth_m[0],
-                            _UNEVEN_PIXEL * 3.0 * _off_axis(view, camera) / camera.focal_length_px)
-                 for view, traits in zip(members, known, strict=True))
-    modelled = {"uneven facets": uneven}
-    where = _whole(members, camera, 1)
-    if _is_small(members, request):
-        bounds, sides = _own_bounds(members)
-        size_px, phase_rad = outline_px(members), max(view.phase_rad for view in members)
-        is_apart = apart_size_px(members) < request.apart_px
-        several = _SEVERAL_CELLS if len(members) > 1 else 1.0
-        cell_px = CELL_PX if is_apart else min(CELL_PX, cell_size(CELL_SHARE * tolerance / several, phase_rad))
-        grid = tuple(max(math.ceil(side / max(cell_px, size_px / _MOST_CELLS)), 8) for side in sides)
-        if not is_apart:
-            cell_px = max(side / count for side, count in zip(sides, grid, strict=True))
-            modelled["cells"] = several * cell_error(cell_px, phase_rad)
-        where = {"samples": 0, "bounds_px": bounds, "grid": grid}
-    # Light falls in slivers far smaller than facets: what none of their corners sees is lost.
-    below_rad = min((math.pi - view.phase_rad for view, traits in zip(members, known, strict=True)
-                     if not traits.is_convex), default=math.inf)
+    modelled = {"uneven facets": max(_unevenness(body, request.camera) for body in bodies)}
+    where = part.whole(1)
+    if part.target != "region":
+        several = _SEVERAL_CELLS if len(bodies) > 1 else 1.0
+        cell_px = CELL_PX
+        if part.target == "own_grid":
+            cell_px = min(cell_px, cell_size(CELL_SHARE * tolerance / several, group.phase_rad))
+        where = part.own_grid(1.0 / max(cell_px, group.size_px / _MOST_CELLS))
+        if part.target == "own_grid":
+            (x0, y0, x1, y1), grid = where["bounds_px"], where["grid"]
+            modelled["cells"] = several * cell_error(max((x1 - x0) / grid[0], (y1 - y0) / grid[1]), group.phase_rad)
     # A few points of the Sun's disc do not tell how much of it is left of a body within another's penumbra.
-    if math.hypot(*modelled.values()) > PENUMBRA_SHARE * tolerance or _are_in_penumbra(members, drawn, request):
+    if math.hypot(*modelled.values()) > PENUMBRA_SHARE * tolerance or part.is_in_penumbra(budget):
         return []
+    # Light falls in slivers far smaller than facets: what none of their corners sees is lost.
+    below_rad = min((math.pi - body.view.phase_rad for body in bodies if not body.traits.is_convex), default=math.inf)
     modelled["slivers"] = _CRESCENT_LOSS / max(below_rad, 1e-3) ** 3
-    where["flux_error"] = max(body.penumbra.hard_flux for body in drawn)
-    clipped = _window("coverage", members, known, request, modelled, **where)
-    half_rad = min(0.5 * max(view.phase_rad for view in members), 1.5)
+    clipped = part.window("coverage", budget, modelled, flux_error=part.hard_flux, **where)
+    half_rad = min(0.5 * group.phase_rad, 1.5)
     least = _CENTROIDS_LEAST * max(math.tan(half_rad) / math.tan(math.radians(30.0)), 1.0) ** _CENTROIDS_POWER
-    modelled |= {"centroids": least, "hard edges": max(body.penumbra.hard_error for body in drawn)}
-    view, traits, allowed = members[0], known[0], request.of(members, "centroids")
-    is_too_much = math.hypot(*modelled.values()) > PENUMBRA_SHARE * allowed.budget.tolerance
+    modelled |= {"centroids": least, "hard edges": max(body.penumbra.hard_error for body in bodies)}
+    view, traits, allowed = bodies[0].view, bodies[0].traits, request.budget(group, "centroids")
+    is_too_much = math.hypot(*modelled.values()) > PENUMBRA_SHARE * allowed.tolerance
     # Where bodies hide or shade each other facets are clipped at the edges anyway.
-    if (is_too_much or len(members) > 1 or drawn[0].casters or not traits.has_centroids
+    if (is_too_much or len(bodies) > 1 or bodies[0].casters or not traits.has_centroids
             or facets_per_px(view, traits.n_facets) < _LEAST_FACETS_PER_PX
             or view.phase_rad + traits.radius_m / view.range_m > _CENTROIDS_RAD):
         return [clipped]
-    return [_window("coverage", members, known, allowed, modelled, by_centroids=True, **where), clipped]
+    return [part.window("coverage", allowed, modelled, by_centroids=True, flux_error=part.hard_flux, **where), clipped]
 
 
-def _rays(members: Sequence[BodyView], known: Sequence[BodyTraits], drawn: Sequence[BodyPlan],
-          request: Request) -> WindowPlan | None:
-    """By rays; None with surface detail, which they would take a minute for."""
-    if any(body.detail_layers for body in drawn):
-        return None
-    eclipse_px = max(body.penumbra.sampled_px(view.size_px) for view, body in zip(members, drawn, strict=True))
-    return _sampled("rays", members, known, drawn, request, {}, eclipse_px=eclipse_px)
+def _unevenness(body: Seen, camera: PinholeCamera) -> float:
+    """RMS variation [1] of the light of a facet, and of a pixel, about that of its middle."""
+    view, traits = body.view, body.traits
+    facet = _UNEVEN_FACET * traits.view_slope(view.phase_rad) * traits.facet_m / view.depth_m[0]
+    return math.hypot(facet, _UNEVEN_PIXEL * 3.0 * _off_axis(view, camera) / camera.focal_length_px)
 
 
-def _raster(members: Sequence[BodyView], known: Sequence[BodyTraits], drawn: Sequence[BodyPlan],
-            request: Request) -> WindowPlan:
-    """By OpenGL, with the shadow maps that were planned."""
-    worst = max((body.modelled for body in drawn), key=lambda errors: math.hypot(*errors.values()))
-    return _sampled("raster", members, known, drawn, request, worst,
-                    flux_error=max(body.penumbra.hard_flux for body in drawn))
+def _rays(part: _Part) -> list[WindowPlan]:
+    """By rays; none with surface detail, which they would take a minute for."""
+    if any(body.detail_layers for body in part.bodies):
+        return []
+    eclipse_px = max(body.penumbra.sampled_px(body.view.size_px) for body in part.bodies)
+    return [_sampled("rays", part, {}, eclipse_px=eclipse_px)]
 
 
-def _sampled(engine: str, members: Sequence[BodyView], known: Sequence[BodyTraits], drawn: Sequence[BodyPlan],
-             request: Request, modelled: Mapping[str, float], *, eclipse_px: float = 0.0,
+def _raster(part: _Part, modelled: Mapping[str, float]) -> WindowPlan:
+    """By OpenGL, with the shadow maps that were planned: the errors of the body whose are largest."""
+    return _sampled("raster", part, modelled, flux_error=part.hard_flux)
+
+
+def _sampled(engine: str, part: _Part, modelled: Mapping[str, float], *, eclipse_px: float = 0.0,
              flux_error: float = 0.0) -> WindowPlan:
     """On a regular grid of samples, the first of them few: the image itself tells where more are needed."""
-    pairs, size_px, budget = list(zip(members, known, strict=True)), outline_px(members), request.budget
-    eclipsed = [body.penumbra.noise(view.size_px) for view, body in zip(members, drawn, strict=True)]
-    told = {"eclipse_px": eclipse_px, "flux_error": flux_error}
-    if request.samples is None and _is_small(members, request):
-        bounds, sides = _own_bounds(members)
+    group, request = part.group, part.request
+    budget = request.budget(group, engine)
+    eclipsed = [(body.view, body.traits, body.penumbra.noise(body.view.size_px)) for body in part.bodies]
+    window = partial(part.window, engine, eclipse_px=eclipse_px, flux_error=flux_error)
+    if request.samples is None and part.target != "region":
         pixels = min(SAMPLES_SHARE * budget.tolerance, budget.left_after(math.hypot(*modelled.values())))
         # Of each body, whatever part of the grid it has.
         per_px = max(samples_across(view, traits, budget.flux, pixels, noise) / max(view.size_px, 1e-9)
-                     for (view, traits), noise in zip(pairs, eclipsed, strict=True))
-        per_px = min(per_px, MAX_RAYS_ACROSS / size_px)
+                     for view, traits, noise in eclipsed)
+        per_px = min(per_px, MAX_RAYS_ACROSS / group.size_px)
         # The samples tell of an eclipse's own noise, once they are drawn.
         error = max(sampling_errors(view, traits, per_px * view.size_px, 0.0 if eclipse_px else noise)[1]
-                    for (view, traits), noise in zip(pairs, eclipsed, strict=True))
-        grid = tuple(max(math.ceil(per_px * side), 8) for side in sides)
-        return _window(engine, members, known, request, modelled, samples=0, bounds_px=bounds, grid=grid,
-                       drawn={"samples": error}, **told)
+                    for view, traits, noise in eclipsed)
+        return window(budget, modelled, drawn={"samples": error}, **part.own_grid(per_px))
     count = request.samples
     if count is not None:
-        request = replace(request, budget=Budget(tolerance=math.inf))
+        budget = Budget(tolerance=math.inf)
     else:
-        count = _first_samples(engine, pairs, request.camera)
+        count = _first_samples(engine, part)
+        x0, y0, x1, y1 = group.roi
         if eclipse_px:
-            x0, y0, x1, y1 = region(members, request.camera)
             most = math.isqrt(_ECLIPSE_RAYS // max((x1 - x0) * (y1 - y0), 1))
             count = max(count, min(most, _MORE_SAMPLES))
-        if size_px < _FLUX_PX:
+        if group.size_px < _FLUX_PX:
             n_across = max(samples_across(view, traits, budget.flux, math.inf, noise)
-                           for (view, traits), noise in zip(pairs, eclipsed, strict=True))
-            most = MAX_RAYS_ACROSS / size_px if engine == "rays" else MAX_SAMPLES
-            count = max(count, math.ceil(min(n_across / size_px, most)))
-    noise = (max(traits.crease_rad for traits in known),
-             max(facets_per_px(view, traits.n_facets) for view, traits in pairs))
-    if engine == "rays" and any(body.penumbra.own_px > 1.0 for body in drawn):
+                           for view, traits, noise in eclipsed)
+            most = MAX_RAYS_ACROSS / group.size_px if engine == "rays" else MAX_SAMPLES
+            count = max(count, math.ceil(min(n_across / group.size_px, most)))
+    noise = (max(body.traits.crease_rad for body in part.bodies),
+             max(facets_per_px(body.view, body.traits.n_facets) for body in part.bodies))
+    if engine == "rays" and any(body.penumbra.own_px > 1.0 for body in part.bodies):
         noise = _PENUMBRA_NOISE
-    return _window(engine, members, known, request, modelled, noise=noise, **_whole(members, request.camera, count),
-                   **told)
+    return window(budget, modelled, noise=noise, **part.whole(count))
 
 
-def _first_samples(engine: str, pairs: Sequence[tuple[BodyView, BodyTraits]], camera: PinholeCamera) -> int:
+def _first_samples(engine: str, part: _Part) -> int:
     """First samples along a pixel's side: more in crescents, fewer in a large region."""
     # Near a body the phase angle is another one on each side of it.
-    is_crescent = max(view.phase_rad + traits.radius_m / view.range_m for view, traits in pairs) > CRESCENT_RAD
+    is_crescent = max(body.view.phase_rad + body.traits.radius_m / body.view.range_m
+                      for body in part.bodies) > CRESCENT_RAD
     fewest = 1
-    if max(view.phase_rad for view, _ in pairs) > CRESCENT_RAD:
+    if part.group.phase_rad > CRESCENT_RAD:
         # Rays pass over what faces away from the Sun, where that is known.
-        is_known = all(view.bounds_px is not None and math.isfinite(traits.facet_m) for view, traits in pairs)
+        is_known = part.group.outline is not None and all(math.isfinite(body.traits.facet_m) for body in part.bodies)
         fewest = _MORE_SAMPLES if engine == "rays" and is_known else _FIRST_SAMPLES
-    x0, y0, x1, y1 = region([view for view, _ in pairs], camera)
+    x0, y0, x1, y1 = part.group.roi
     most = math.isqrt((1 if engine == "rays" else 4) * MOST_FIRST_SAMPLES // max((x1 - x0) * (y1 - y0), 1))
     return min(_MORE_SAMPLES if is_crescent else _FIRST_SAMPLES, max(most, fewest))
-
-
-def _are_in_penumbra(members: Sequence[BodyView], drawn: Sequence[BodyPlan], request: Request) -> bool:
-    """Whether a body may be within another's penumbra, which sharpens no edge on it, or which ends beside it."""
-    return any(body.penumbra.surrounds(view.size_px, request.budget)
-               for view, body in zip(members, drawn, strict=True))
-
-
-def _window(engine: str, members: Sequence[BodyView], known: Sequence[BodyTraits], request: Request,
-            modelled: Mapping[str, float], **told) -> WindowPlan:
-    """A window with the errors that all have: one direction to the Sun, which no PSF averages, and rays' rounding."""
-    pairs = list(zip(members, known, strict=True))
-    always = {ONE_DIRECTION: max(parallel_error(*pair) for pair in pairs) / request.error_gain}
-    if engine != "raster":
-        always["rounding"] = max(ray_rounding_error(*pair) for pair in pairs)
-    return WindowPlan(bodies=tuple(view.name for view in members), engine=engine, budget=request.budget,
-                      roi=region(members, request.camera), modelled={**modelled, **always}, **told)
-
-
-def _is_small(members: Sequence[BodyView], request: Request) -> bool:
-    """Whether bodies have a grid of their own."""
-    return outline_px(members) < _SMALL_PX or apart_size_px(members) < request.apart_px
-
-
-def _whole(members: Sequence[BodyView], camera: PinholeCamera, count: int) -> dict:
-    """Bounds [px] and grid of the region with so many samples along a pixel's side."""
-    x0, y0, x1, y1 = region(members, camera)
-    return {"samples": count, "bounds_px": (x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5),
-            "grid": ((x1 - x0) * count, (y1 - y0) * count)}
-
-
-def _own_bounds(members: Sequence[BodyView]) -> tuple[tuple[float, float, float, float], tuple[float, float]]:
-    """Box of a small body's own grid [px], with a margin, and that box's sides."""
-    margin = 0.02 * outline_px(members)
-    left, top, right, bottom = (float(edge + beyond) for edge, beyond in zip(
-        outline(members), (-margin, -margin, margin, margin), strict=True))
-    return (left, top, right, bottom), (right - left, bottom - top)
 
 
 def _off_axis(view: BodyView, camera: PinholeCamera) -> float:

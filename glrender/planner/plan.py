@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 from glrender_camera.notebook import table
 
 from .error_budget import Budget
 from .penumbra import Penumbra
 
+Target = Literal["region", "own_grid", "point"]
+"""What of an image a window draws: pixels; a small body's own grid, whose light its pixels share; or points of that."""
 # Lines of a plan as text.
 _MOST_LINES = 10
 ONE_DIRECTION = "one direction to the Sun"
@@ -61,9 +63,10 @@ class WindowPlan:
         Exact area coverage of visible, sunlit facets; rays; or OpenGL with shadow maps.
     roi : (int, int, int, int) [px]
         Pixels of the region: x0, y0, x1, y1, one past the last.
+    target : "region", "own_grid" or "point"
+        Its pixels; a small body's own grid of cells or samples; or the same, which is then not in the image.
     samples : int
-        Along each side of a pixel; 1 of coverage, which takes each pixel as a whole; 0 for a body so small that it has
-        a grid of its own.
+        Along each side of a pixel; 1 of coverage, which takes each pixel as a whole; 0 of a grid of its own.
     bounds_px : (float, float, float, float) [px]
         What is drawn: the region's edges, or the small body's box.
     grid : (int, int)
@@ -99,6 +102,7 @@ class WindowPlan:
     bounds_px: tuple[float, float, float, float]
     grid: tuple[int, int]
     budget: Budget
+    target: Target = "region"
     modelled: Mapping[str, float] = field(default_factory=dict)
     drawn: Mapping[str, float] = field(default_factory=dict)
     by_centroids: bool = False
@@ -132,7 +136,7 @@ class WindowPlan:
             how = "lit or dark by their centroids" if self.by_centroids else "clipped at shadow boundaries"
             return f"exact area coverage, facets {how}"
         name = {"rays": "rays", "raster": "OpenGL"}[self.engine]
-        grid = f"a grid of {self.grid[0]} x {self.grid[1]}" if self.samples == 0 else \
+        grid = f"a grid of {self.grid[0]} x {self.grid[1]}" if self.target != "region" else \
             f"{self.samples} x {self.samples} samples a pixel"
         return f"{name}, {grid}"
 

@@ -15,7 +15,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from glrender_camera import PinholeCamera
 
 from ..scene.tolerance import UNITS
-from ..view.regions import outline, region
+from ..view.regions import Group
 from ..view.view import BodyView
 from .error_budget import FLUX_SHARE, Budget
 from .error_model import lit_share
@@ -29,14 +29,13 @@ _OVER_RMS = {"coverage": (0.45, 0.15, 0.2, 1.15), "centroids": (1.0, 0.15, 0.25,
 _LEAST = (3e-5, 3e-4, 0.012, 0.002)
 
 
-def allowed_rms(asked: Mapping[str, float], members: Sequence[BodyView], camera: PinholeCamera, how: str,
-                error_gain: float = 1.0) -> float:
+def allowed_rms(asked: Mapping[str, float], group: Group, how: str, error_gain: float = 1.0) -> float:
     """The largest RMS error [1], before the camera's point spread function, with which bodies meet tolerances by unit.
 
     The bodies are in view and drawn together: `how` is "coverage", "centroids", "rays" or "raster". Of an error that is
     independent from pixel to pixel the point spread function leaves `error_gain` [1].
     """
-    laws, found = _laws(members, camera, how, error_gain), 1.0 / error_gain
+    laws, found = _laws(group, how, error_gain), 1.0 / error_gain
     for unit, most in asked.items():
         drawn, modelled, least = laws[unit]
         left = Budget(tolerance=max(most, least)).left_after(least)
@@ -48,37 +47,35 @@ def rms_tolerance(max_error: float | Mapping[str, float], views: Sequence[BodyVi
     """The RMS error that a frame by rays may have, of a tolerance in whatever units."""
     if not isinstance(max_error, Mapping):
         return max_error
-    return min((allowed_rms(max_error, [view], camera, "rays") for view in views if view.is_visible), default=1.0)
+    return min((allowed_rms(max_error, Group.of([view], camera), "rays") for view in views if view.is_visible),
+               default=1.0)
 
 
-def frame_errors(drawn: Iterable[tuple[Sequence[BodyView], str, float, float]], camera: PinholeCamera,
-                 error_gain: float = 1.0) -> dict[str, float]:
+def frame_errors(drawn: Iterable[tuple[Group, str, float, float]], error_gain: float = 1.0) -> dict[str, float]:
     """Predicted errors of a frame in each unit but `rms`: the largest of its regions.
 
     Of each region: its bodies, how they are drawn, its RMS error before the point spread function, and the part of
     that which is modelled otherwise.
     """
     found = dict.fromkeys(UNITS[1:], 0.0)
-    for members, how, rms, modelling in drawn:
-        laws, own = _laws(members, camera, how, error_gain), math.sqrt(max(rms**2 - modelling**2, 0.0))
+    for group, how, rms, modelling in drawn:
+        laws, own = _laws(group, how, error_gain), math.sqrt(max(rms**2 - modelling**2, 0.0))
         for unit, error in found.items():
             of_drawn, of_modelled, least = laws[unit]
             found[unit] = max(error, math.hypot(own * of_drawn, min(modelling, rms) * of_modelled, least))
     return found
 
 
-def with_eclipse(errors: Mapping[str, float], members: Sequence[BodyView], camera: PinholeCamera,
-                 flux_error: float) -> dict[str, float]:
+def with_eclipse(errors: Mapping[str, float], group: Group, flux_error: float) -> dict[str, float]:
     """Errors by unit, with an error of the total [1] of bodies in a penumbra: their centre moves with it."""
-    centre_px = 0.5 * _side(members, camera) * flux_error if flux_error else 0.0
+    centre_px = 0.5 * group.side_px * flux_error if flux_error else 0.0
     return {**errors, "flux": math.hypot(errors["flux"], flux_error),
             "centroid_px": math.hypot(errors["centroid_px"], centre_px)}
 
 
-def _laws(members: Sequence[BodyView], camera: PinholeCamera, how: str, error_gain: float
-          ) -> dict[str, tuple[float, float, float]]:
+def _laws(group: Group, how: str, error_gain: float) -> dict[str, tuple[float, float, float]]:
     """Error of each unit over the RMS error of what is drawn, and over that of what is modelled, and the least."""
-    side, share = _side(members, camera), math.sqrt(lit_share(max(view.phase_rad for view in members)))
+    side, share = group.side_px, math.sqrt(lit_share(group.phase_rad))
     # The point spread function moves neither flux nor centre, and averages the limb along it alone.
     root, along = math.sqrt(side), math.sqrt(error_gain)
     flux, centre, limb, size = _OVER_RMS[how]
@@ -88,11 +85,3 @@ def _laws(members: Sequence[BodyView], camera: PinholeCamera, how: str, error_ga
             "centroid_px": (centre * root / share, FLUX_SHARE * root, _LEAST[1]),
             "limb_px": (limb, limb, along * _LEAST[2]),
             "range": (size * share / side, FLUX_SHARE / root, _LEAST[3] / side)}
-
-
-def _side(members: Sequence[BodyView], camera: PinholeCamera) -> float:
-    """Root of the area [px] of the part of the bodies' box that is in the image."""
-    x0, y0, x1, y1 = region(members, camera)
-    has_outline = all(view.bounds_px is not None for view in members)
-    left, top, right, bottom = outline(members) if has_outline else (x0, y0, x1, y1)
-    return math.sqrt(max(min(right - left, x1 - x0) * min(bottom - top, y1 - y0), 1e-6))

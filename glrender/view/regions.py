@@ -4,20 +4,64 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 from glrender_camera import PinholeCamera
 
 from .view import BodyView
 
 
-def region(views: list[BodyView], camera: PinholeCamera) -> tuple[int, int, int, int]:
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Bodies that are drawn together, and their place in the image: `Group.of` makes it."""
+
+    views: tuple[BodyView, ...]
+    roi: tuple[int, int, int, int]
+    """Pixels that they may touch [px]: x0, y0, x1, y1, one past the last."""
+    outline: tuple[float, float, float, float] | None
+    """Box [px] around their outlines; None where one reaches beside the camera."""
+
+    @classmethod
+    def of(cls, views: Sequence[BodyView], camera: PinholeCamera) -> Group:
+        """At least one body, and its place in a camera's image."""
+        boxes = [view.bounds_px for view in views]
+        if any(box is None for box in boxes):
+            return cls(tuple(views), (0, 0, camera.width_px, camera.height_px), None)
+        x0, y0, x1, y1 = outline = _around([box.tolist() for box in boxes])
+        # Pixel k covers k - 1/2 to k + 1/2.
+        roi = (_within(x0, 0, camera.width_px), _within(y0, 0, camera.height_px),
+               _within(x1, 1, camera.width_px), _within(y1, 1, camera.height_px))
+        return cls(tuple(views), roi, outline)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The bodies' names."""
+        return tuple(view.name for view in self.views)
+
+    @cached_property
+    def size_px(self) -> float:
+        """Larger side of the outlines' box [px]; infinite where there is none."""
+        if self.outline is None:
+            return math.inf
+        x0, y0, x1, y1 = self.outline
+        return max(x1 - x0, y1 - y0)
+
+    @cached_property
+    def side_px(self) -> float:
+        """Root of the area [px] of the part of the outlines' box that is in the image."""
+        (x0, y0, x1, y1), (left, top, right, bottom) = self.roi, self.outline or self.roi
+        return math.sqrt(max(min(right - left, x1 - x0) * min(bottom - top, y1 - y0), 1e-6))
+
+    @cached_property
+    def phase_rad(self) -> float:
+        """Largest phase angle [rad]."""
+        return max(view.phase_rad for view in self.views)
+
+
+def region(views: Sequence[BodyView], camera: PinholeCamera) -> tuple[int, int, int, int]:
     """x0, y0, x1, y1 [px] of the pixels that visible bodies may touch."""
-    if any(view.bounds_px is None for view in views):
-        return (0, 0, camera.width_px, camera.height_px)
-    x0, y0, x1, y1 = outline(views)
-    # Pixel k covers k - 1/2 to k + 1/2.
-    return (_within(x0, 0, camera.width_px), _within(y0, 0, camera.height_px),
-            _within(x1, 1, camera.width_px), _within(y1, 1, camera.height_px))
+    return Group.of(views, camera).roi
 
 
 def _within(edge_px: float, beyond: int, frame_px: int) -> int:
@@ -25,33 +69,18 @@ def _within(edge_px: float, beyond: int, frame_px: int) -> int:
     return min(max(math.floor(min(max(edge_px, -1.0), frame_px) + 0.5) + beyond, 0), frame_px)
 
 
-def outline(views: list[BodyView]) -> tuple[float, float, float, float]:
-    """x0, y0, x1, y1 [px] around the outlines of bodies that are all before the camera."""
-    return _around([view.bounds_px.tolist() for view in views])
-
-
-def outline_px(views: list[BodyView]) -> float:
-    """Larger side [px] of the box around the outlines of bodies; infinite where one has none."""
-    if any(view.bounds_px is None for view in views):
-        return math.inf
-    x0, y0, x1, y1 = outline(views)
-    return max(x1 - x0, y1 - y0)
-
-
-def touching(views: list[BodyView], camera: PinholeCamera) -> list[list[BodyView]]:
+def touching(views: Sequence[BodyView], camera: PinholeCamera) -> list[Group]:
     """Visible bodies in groups whose regions share no pixel."""
-    groups: list[list[BodyView]] = []
+    groups: list[Group] = []
     for view in views:
         if not view.is_visible:
             continue
-        group = [view]
-        while True:
-            touches = [other for other in groups if _overlap(region(group, camera), region(other, camera))]
-            if not touches:
-                break
-            group = sum(touches, group)
+        group = Group.of([view], camera)
+        while touches := [other for other in groups if _overlap(group.roi, other.roi)]:
+            names = {name for each in (group, *touches) for name in each.names}
+            group = Group.of([view for view in views if view.name in names], camera)
             groups = [other for other in groups if other not in touches]
-        groups.append(sorted(group, key=views.index))
+        groups.append(group)
     return groups
 
 

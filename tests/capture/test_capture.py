@@ -12,6 +12,7 @@ from glrender import Body, ConfigError, Pose, Scene, State, draw_still, frames, 
 from glrender.base.constants import AU_M, SUN_RADIUS_M
 from glrender.brdf import Lambert
 from glrender.engines.rays.laser_ranges import laser_ranges
+from glrender.planner.request import ImageUse
 from glrender_camera import BrownConrady, CameraModel, Detector, MosaicModel, Optics, PinholeCamera
 
 GREY = Lambert(normal_albedo=0.4)
@@ -205,7 +206,7 @@ def test_a_body_well_inside_has_no_margin_and_the_bytes_of_the_plain_chain():
     state = views.state(range_m=1000.0)
     with open_renderer(scene) as renderer:
         capture = take_frame(renderer, state, seed=5, products=["range"])
-        image = renderer.render(state, error_gain=camera.model.psf_noise_gain, products=["range"])
+        image = renderer.render(state, use=ImageUse(error_gain=camera.model.psf_noise_gain), products=["range"])
     np.testing.assert_array_equal(capture.frame.dn, camera.expose(image.irradiance_W_m2, 5, roi=image.roi).dn)
     np.testing.assert_array_equal(capture.products["range"], image.products["range"])
     assert capture.stages["margin"] == "skipped: nothing reaches beyond the frame"

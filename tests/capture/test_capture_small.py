@@ -14,6 +14,7 @@ from glrender.brdf import Lambert
 from glrender.emission import Coma, Dust
 from glrender.emission.sources.haser import Haser
 from glrender.engines.rays.backend import RayTracer
+from glrender.planner.request import ImageUse
 from glrender_camera import BrownConrady, CameraModel, ConfigError, Detector, Optics, PointSources
 from scipy.special import ndtr
 
@@ -168,10 +169,11 @@ def test_a_gain_of_errors_leaves_the_flux_its_tenth_of_the_budget():
     state = views.state(phase_deg=70.0, range_m=RANGE_M)
     camera = views.camera(SIDE_PX, focal_length_px(2.0), name="straight", model=model(0.7))
     with Renderer(views.scene([binary()], [camera], max_error=0.02)) as renderer:
-        straight, lax, asked = (renderer.render(state, max_error=max_error, error_gain=gain, engine="rays").plan
+        straight, lax, asked = (renderer.render(state, max_error=max_error, engine="rays",
+                                                use=ImageUse(error_gain=gain)).plan
                                 for max_error, gain in ((0.02, 1.0), (0.08, 1.0), (0.02, 0.25)))
         # As of a point spread function of 100 px behind a lens of 3 x 3 cells a pixel.
-        assert renderer.render(state, "straight", error_gain=9e-4).irradiance_W_m2.any()
+        assert renderer.render(state, "straight", use=ImageUse(error_gain=9e-4)).irradiance_W_m2.any()
     assert [plan.windows[0].samples for plan in (straight, lax, asked)] == [0] * 3, "own grids"
     assert asked.windows[0].budget.tolerance == lax.windows[0].budget.tolerance and asked.max_error == 0.02
     across = [max(plan.windows[0].grid) for plan in (straight, lax, asked)]
@@ -201,9 +203,9 @@ def test_the_renderer_tells_flux_and_centre_of_small_bodies():
     each = camera("c", 2.0, (0.3, 0.2), 0.7)
     state = views.state(phase_deg=70.0, range_m=RANGE_M)
     with Renderer(views.scene([binary()], [each], max_error=0.02)) as renderer:
-        inside, apart = renderer.render(state), renderer.render(state, apart_px=6.0)
+        inside, apart = renderer.render(state), renderer.render(state, use=ImageUse(apart_px=6.0))
         with pytest.raises(ConfigError, match="apart_px: must be between 0 and 256, got 257"):
-            renderer.render(state, apart_px=257)
+            ImageUse(apart_px=257)
     flux, direction = true_light(70.0)
     for image in (inside, apart):
         body, = image.small_bodies

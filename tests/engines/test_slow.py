@@ -18,6 +18,7 @@ from glrender.emission import Coma
 from glrender.emission.sources.haser import Haser
 from glrender.engines.rays.backend import RayTracer
 from glrender.engines.reference_fallback import SlowFrames
+from glrender.planner.request import ImageUse
 from glrender_camera import CameraModel, Detector, Optics
 from glrender_client import AsyncClient, Client, ServerError
 from glrender_server.operations import Operations
@@ -162,9 +163,9 @@ def test_small_bodies_stay_apart_where_the_fast_frame_stays(monkeypatch, rms):
     """Of a body of 2 px, alone in its pixels, the image has nothing: its light is in `small_bodies`, or is lost."""
     scene = views.scene([BODY], [views.camera(16, 16.0)])
     with Renderer(scene) as renderer:
-        plain = renderer.render(STATE, max_error=1e-7, apart_px=8.0)
+        plain = renderer.render(STATE, max_error=1e-7, use=ImageUse(apart_px=8.0))
         monkeypatch.setattr(renderer._slow, "_open", lambda name: Scaled(plain, rms))
-        image = renderer.render(STATE, max_error=1e-7, apart_px=8.0, allow_slow="raytrace")
+        image = renderer.render(STATE, max_error=1e-7, use=ImageUse(apart_px=8.0), allow_slow="raytrace")
     assert plain.plan.missed and len(plain.small_bodies) == 1 and plain.small_bodies[0].irradiance_W_m2 > 0.0
     assert [body.irradiance_W_m2 for body in image.small_bodies] == [plain.small_bodies[0].irradiance_W_m2]
 

@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from glrender.planner import error_model, small_body_grid
-from glrender.planner.engine_choice import Request, plan_windows
-from glrender.planner.error_budget import Budget
 from glrender.planner.penumbra import Penumbra, sun_points
 from glrender.planner.predicted import frame_errors
-from planning import CAMERA, body, traits, view
+from glrender.planner.request import ImageUse
+from glrender.view.regions import Group
+from planning import CAMERA, body, seen, traits, view, ways
 
 ACCURACY = (Path(__file__).parents[2] / "docs" / "accuracy.md").read_text(encoding="utf-8")
 BELOW, ABOVE = 0.96, 1.04
@@ -25,10 +25,7 @@ BELOW, ABOVE = 0.96, 1.04
 
 def first(member, known=None, tolerance=0.02, penumbra=None, engine=None, **planned):
     """The first way to draw a body."""
-    known = known or traits()
-    made = replace(body(member, known, tolerance), penumbra=penumbra or Penumbra(), **planned)
-    request = Request(camera=CAMERA, budget=Budget(tolerance=tolerance), engine=engine)
-    return plan_windows([member], {member.name: known}, [made], request)[0][0]
+    return ways([seen(member, known, penumbra=penumbra, **planned)], tolerance, engine=engine)[0][0]
 
 
 def test_rays_from_300_facets_a_pixel_and_100_000_facets():
@@ -180,7 +177,7 @@ def test_errors_by_unit_follow_the_documented_table(how, column, size_px, phase_
     """A large RMS error, beside which the least that is promised is nothing; the area is that of the body's box."""
     member, rms = view(size_px=size_px, phase_deg=phase_deg), 50.0
     area, lit = 0.8 * size_px**2, 0.5 * (1.0 + math.cos(math.radians(phase_deg)))
-    found, table = frame_errors([([member], how, rms, 0.0)], CAMERA), _table()
+    found, table = frame_errors([(Group.of([member], CAMERA), how, rms, 0.0)]), _table()
     assert set(table) == set(found)
     for unit, row in table.items():
         assert found[unit] == pytest.approx(rms * row[column] * area ** row[3] * lit ** row[4], rel=1e-3), unit
@@ -190,7 +187,7 @@ def test_no_less_is_promised_than_the_document_says():
     """3e-5, 3e-4 px, 0.012 px, and 0.002 px of the mean limb over the root of the area."""
     least = ("3e-5 for `flux`", "3e-4 px for `centroid_px`", "0.012 px for `limb_px`", "mean limb by 0.002 px")
     assert [text for text in least if text in " ".join(ACCURACY.split())] == list(least)
-    found = frame_errors([([view(size_px=100.0)], "coverage", 0.0, 0.0)], CAMERA)
+    found = frame_errors([(Group.of([view(size_px=100.0)], CAMERA), "coverage", 0.0, 0.0)])
     side_px = math.sqrt(0.8) * 100.0
     assert found == pytest.approx({"flux": 3e-5, "centroid_px": 3e-4, "limb_px": 0.012, "range": 0.002 / side_px})
 
@@ -198,10 +195,8 @@ def test_no_less_is_promised_than_the_document_says():
 def test_cells_take_0_3_of_the_tolerance_and_are_2048_at_most():
     """Cells of bodies of which each hides a part of the other err 2.7 times as much, and are finer by its root."""
     def widest(tolerance, *members, apart_px=0.0):
-        known = {member.name: traits(n_facets=9_000) for member in members}
-        made = [body(member, known[member.name], tolerance) for member in members]
-        request = Request(camera=CAMERA, budget=Budget(tolerance=tolerance), engine="coverage", apart_px=apart_px)
-        option = plan_windows(list(members), known, made, request)[0][0]
+        bodies = [seen(member, traits(n_facets=9_000)) for member in members]
+        option = ways(bodies, tolerance, ImageUse(apart_px=apart_px), engine="coverage")[0][0]
         sides = np.subtract(option.bounds_px[2:], option.bounds_px[:2])
         return max(sides / option.grid), option
 
@@ -211,7 +206,7 @@ def test_cells_take_0_3_of_the_tolerance_and_are_2048_at_most():
     assert 0.24 < alone.modelled["cells"] / 0.005 <= 0.3 and 0.24 < together.modelled["cells"] / 0.005 <= 0.3
     assert alone_px / together_px == pytest.approx(math.sqrt(2.7), rel=0.05)
     assert widest(0.9, one)[0] == pytest.approx(0.28, rel=0.1)
-    assert max(widest(1e-3, view(size_px=800.0), apart_px=900.0)[1].grid) == math.ceil(1.04 * 2048)
+    assert max(widest(1e-3, view(size_px=1000.0, phase_deg=175.0), apart_px=256.0)[1].grid) == math.ceil(1.04 * 2048)
 
 
 def test_a_pixel_s_solid_angle_varies_off_the_boresight():

@@ -14,8 +14,8 @@ from glrender.base.rotations import sun_from_body
 from glrender.brdf import Lambert
 from glrender.planner import eclipse_samples
 from glrender.planner.adaptive_samples import pixel_means
-from glrender.planner.engine_choice import MAX_SAMPLES
 from glrender.planner.penumbra import penumbra_of
+from glrender.planner.request import MAX_SAMPLES
 from glrender.view.occluders import casters
 from glrender.view.view import view_bodies
 

@@ -6,18 +6,19 @@ import time
 from dataclasses import replace
 
 import numpy as np
+import planning
 import pytest
 import views
 from glrender import Body, ConfigError, Renderer, generate
 from glrender.brdf import Lambert
 from glrender.engines.small_bodies import CELL_PX
 from glrender.planner import engine_choice
-from glrender.planner.engine_choice import ENGINES, Request, plan_windows
-from glrender.planner.error_budget import Budget
 from glrender.planner.error_model import FEWEST_CENTROIDS
 from glrender.planner.penumbra import Penumbra
+from glrender.planner.request import ENGINES, ImageUse
 from glrender.view import regions as grouping
-from planning import CAMERA, body, traits, view
+from planning import seen as seen_body
+from planning import traits, view
 
 GREY = Lambert(normal_albedo=0.3)
 # Not as bright all over: a texture, smooth normals or surface detail.
@@ -26,16 +27,16 @@ UNEVEN = traits(facet_m=np.inf)
 
 def ways(members, known=None, tolerance=0.02, planned=None, **request):
     """Of each region, the ways to draw it in order."""
-    known = known or traits()
-    all_known = {member.name: known for member in members}
-    bodies = [replace(body(member, known, tolerance), **(planned or {})) for member in members]
-    return plan_windows(members, all_known, bodies, Request(
-        camera=CAMERA, budget=Budget(tolerance=tolerance), **request))
+    return planning.ways([seen_body(member, known, **(planned or {})) for member in members], tolerance, **request)
 
 
 def order(*given, **request):
-    """The engines of one region's ways in order; coverage by centroids as "centroids"."""
-    options, = ways(*given, **request)
+    """The engines of one region's ways in order, none where it is refused; coverage by centroids as "centroids"."""
+    try:
+        options, = ways(*given, **request)
+    except ConfigError as error:
+        assert error.path == "engine" and error.rule.startswith("cannot draw"), error
+        return []
     return ["centroids" if option.by_centroids else option.engine for option in options]
 
 
@@ -139,7 +140,7 @@ def test_a_small_body_has_a_grid_of_its_own():
     for tolerance in (0.05, 0.005):
         options, = ways([view(size_px=3.0)], traits(n_facets=9_000), tolerance)
         assert [option.engine for option in options] == ["coverage", "rays"]
-        assert all(option.samples == 0 for option in options) and options[0].roi == (100, 80, 104, 83)
+        assert all(option.target == "own_grid" for option in options) and options[0].roi == (100, 80, 104, 83)
         x0, _, x1, _ = options[0].bounds_px
         assert (x0, x1) == pytest.approx((100.0 - 0.06, 103.0 + 0.06))
         assert (x1 - x0) / options[0].grid[0] <= CELL_PX * (1.0 + 1e-9)
@@ -147,7 +148,7 @@ def test_a_small_body_has_a_grid_of_its_own():
     assert all(fine > coarse for coarse, fine in zip(*grids, strict=True))
     # In front of another body, occlusion needs the shared grid.
     options, = ways([view("small", size_px=2.0), view("large", size_px=200.0)])
-    assert all(option.samples >= 1 for option in options)
+    assert all(option.target == "region" for option in options)
 
 
 @pytest.mark.parametrize("size_px", [0.001, 0.3, 1.0, 3.9])
@@ -162,8 +163,8 @@ def test_cells_leave_coverage_most_of_the_tolerance(size_px, phase_deg):
 
 def test_a_body_that_is_kept_apart_has_a_grid_of_its_own_up_to_that_size():
     for size_px, is_own in ((20.0, True), (30.0, False)):
-        options, = ways([view(size_px=size_px, phase_deg=0.0)], apart_px=24.0)
-        assert {option.samples == 0 for option in options} == {is_own}
+        options, = ways([view(size_px=size_px, phase_deg=0.0)], use=ImageUse(apart_px=24.0))
+        assert {option.target == "point" for option in options} == {is_own}
 
 
 def test_crescents_that_no_grid_samples_have_the_most_and_say_so():
@@ -180,10 +181,7 @@ def test_each_of_two_small_bodies_errs_by_its_own_facets():
                for name, x in (("one", 100.0), ("other", 101.7))]
 
     def across(*each):
-        known = {member.name: one for member, one in zip(members, each, strict=True)}
-        bodies = [body(member, known[member.name]) for member in members]
-        (window,), = plan_windows(members, known, bodies, Request(
-            camera=CAMERA, budget=Budget(tolerance=0.02), engine="rays"))
+        (window,), = planning.ways(list(map(seen_body, members, each)), engine="rays")
         return max(window.grid)
 
     assert across(smooth, smooth) <= across(rough, smooth) <= across(rough, rough) < across(both, smooth)
@@ -202,11 +200,13 @@ def test_bodies_apart_cover_no_more_than_one():
 @pytest.mark.parametrize("phase_deg, size_px", [(0.0, 24.0), (60.0, 27.7), (110.0, 41.8), (150.0, 92.7), (175.0, 96.0)])
 def test_crescents_are_apart_while_they_have_no_more_pixels_than_a_disc(phase_deg, size_px):
     """24 px / cos(g / 2), at most 96: closed form; two that touch are as large as both, at the fuller one's phase."""
-    sizes = [engine_choice.apart_size_px([view(size_px=size_px + d, phase_deg=phase_deg)]) for d in (-0.1, 0.1)]
+    sizes = [engine_choice.apart_size_px(size_px + d, np.radians(phase_deg)) for d in (-0.1, 0.1)]
     assert sizes[0] < 24.0 < sizes[1]
-    both = [view(size_px=10.0, phase_deg=170.0), view(size_px=20.0, phase_deg=phase_deg)]
-    np.testing.assert_allclose(engine_choice.apart_size_px(both), engine_choice.apart_size_px(both[1:]))
-    assert np.isinf(engine_choice.apart_size_px([view(size_px=np.inf)]))
+    for d, is_apart in ((-0.1, True), (0.1, False)):
+        both = [view("thin", size_px=1.0, phase_deg=170.0), view("full", size_px=size_px + d, phase_deg=phase_deg)]
+        options, = ways(both, use=ImageUse(apart_px=24.0), engine="rays")
+        assert (options[0].target == "point") == is_apart and options[0].bodies == ("thin", "full")
+    assert np.isinf(engine_choice.apart_size_px(np.inf, 0.0))
 
 
 def test_the_region_holds_every_pixel_that_the_outline_touches():
@@ -224,7 +224,7 @@ def test_bodies_far_apart_are_drawn_apart_and_touching_ones_together():
 
 
 def test_nothing_in_view_is_nothing_to_draw():
-    assert ways([view(is_visible=False)]) == []
+    assert ways([view(is_visible=False)]) == ()
     assert grouping.union([]) == (0, 0, 0, 0)
 
 

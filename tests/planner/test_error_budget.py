@@ -12,10 +12,12 @@ import views
 from glrender import Body, Renderer, Scene, generate
 from glrender.brdf import Lambert
 from glrender.planner import error_budget
-from glrender.planner.engine_choice import Request, plan_windows
 from glrender.planner.error_budget import Budget
+from glrender.planner.penumbra import Penumbra
+from glrender.planner.request import ImageUse, Request
 from glrender.planner.small_body_grid import MAX_RAYS_ACROSS
-from planning import CAMERA, body, traits, view
+from glrender.view.regions import Group
+from planning import CAMERA, seen, traits, view, ways
 
 STATE = views.state(phase_deg=60.0, range_m=1500.0)
 BODY = Body(name="body", shape=generate.contact_binary(radius_m=100.0, seed=7, subdivisions=4),
@@ -61,10 +63,10 @@ def test_the_parts_of_random_windows_are_within_the_tolerance():
                        facet_m=rng.choice([np.inf, 10.0 ** rng.uniform(-2.0, 2.0)]), is_convex=bool(rng.random() < 0.2),
                        view_slope=lambda phase_rad, slope=slope: slope)
         member = view(size_px=10.0 ** rng.uniform(-1.0, 2.8), phase_deg=rng.uniform(0.0, 178.0))
-        budget = Budget(tolerance=10.0 ** rng.uniform(-3.5, 0.0))
-        planned = body(member, known, budget.tolerance, hard_error=10.0 ** rng.uniform(-4.0, -1.0))
-        request = Request(camera=CAMERA, budget=budget, error_gain=rng.uniform(0.2, 1.0))
-        for option in plan_windows([member], {"body": known}, [planned], request)[0]:
+        tolerance = 10.0 ** rng.uniform(-3.5, 0.0)
+        planned = seen(member, known, penumbra=Penumbra(hard_error=10.0 ** rng.uniform(-4.0, -1.0)))
+        gain = rng.uniform(0.2, 1.0)
+        for option in ways([planned], gain * tolerance, ImageUse(error_gain=gain))[0]:
             others = [error for cause, error in option.modelled.items() if cause != "slivers"]
             if option.engine != "raster":
                 assert math.hypot(*others) <= ROOM * option.budget.tolerance, option
@@ -94,7 +96,8 @@ def test_a_point_spread_function_s_gain_is_applied_once_where_errors_are_reporte
 
     The flux, which it leaves as it is, asks for no more of a body of so many pixels, and weighs by half a percent.
     """
-    bare, blurred = (renderer.render(STATE, max_error=0.02 * gain, error_gain=gain) for gain in (1.0, 0.6))
+    bare, blurred = (renderer.render(STATE, max_error=0.02 * gain, use=ImageUse(error_gain=gain))
+                     for gain in (1.0, 0.6))
     assert bare.irradiance_W_m2.tobytes() == blurred.irradiance_W_m2.tobytes()
     one, other = bare.plan.windows[0], blurred.plan.windows[0]
     assert one.budget.tolerance == other.budget.tolerance, "before the point spread function"
@@ -108,10 +111,10 @@ def test_a_point_spread_function_s_gain_is_applied_once_where_errors_are_reporte
 
 @pytest.mark.parametrize("asked", [{"flux": 0.004}, {"centroid_px": 0.05}, {"range": 0.01}, {"rms": 0.02}])
 def test_the_flux_that_a_table_allows_is_the_same_after_a_point_spread_function(asked):
-    members = [view(size_px=30.0)]
+    members = Group.of([view(size_px=30.0)], CAMERA)
     for how in ("coverage", "centroids", "rays", "raster"):
-        bare, blurred = (Request(camera=CAMERA, budget=Budget(tolerance=1.0), error_gain=gain, asked=asked).of(
-            members, how).budget for gain in (1.0, 0.3))
+        bare, blurred = (Request(camera=CAMERA, max_error=asked, use=ImageUse(error_gain=gain)).budget(members, how)
+                         for gain in (1.0, 0.3))
         assert bare.flux == blurred.flux == pytest.approx(0.1 * bare.tolerance)
         assert bare.flux <= asked.get("flux", 1.0) and blurred.tolerance >= bare.tolerance
 
@@ -119,14 +122,15 @@ def test_the_flux_that_a_table_allows_is_the_same_after_a_point_spread_function(
 def test_light_that_leaks_past_shadow_maps_is_held_as_without_a_point_spread_function(renderer):
     """At a low Sun the flux asks for texels: as many for 2 % after a function of any gain, fewer for 10 %."""
     low = views.state(phase_deg=140.0, range_m=1500.0)
-    bare, blurred, lax = (renderer.render(low, max_error=max_error, error_gain=gain, engine="raster").plan.bodies[0]
+    bare, blurred, lax = (renderer.render(low, max_error=max_error, engine="raster",
+                                          use=ImageUse(error_gain=gain)).plan.bodies[0]
                           for max_error, gain in ((0.02, 1.0), (0.02, 0.2), (0.1, 1.0)))
     assert bare.shadow_map_px == blurred.shadow_map_px >= 2 * lax.shadow_map_px
 
 
 def test_no_point_spread_function_averages_one_direction_to_the_sun(renderer):
     cause = "one direction to the Sun"
-    one, other = (renderer.render(STATE, max_error=0.02, error_gain=gain).plan.windows[0].modelled[cause]
+    one, other = (renderer.render(STATE, max_error=0.02, use=ImageUse(error_gain=gain)).plan.windows[0].modelled[cause]
                   for gain in (1.0, 0.3))
     assert one == pytest.approx(other) == pytest.approx(BODY.shape.radius_m / views.AU_M, rel=0.1)
 
@@ -148,7 +152,7 @@ def test_the_sun_s_direction_on_a_planet_is_no_error_that_a_point_spread_functio
                   cameras=[views.camera(64, 350.0)])
     with Renderer(scene) as made:
         bare, blurred = (made.render(views.state(phase_deg=60.0, range_m=9.6e7), max_error=0.02 * gain, engine="rays",
-                                     error_gain=gain).plan.predicted for gain in (1.0, 0.05))
+                                     use=ImageUse(error_gain=gain)).plan.predicted for gain in (1.0, 0.05))
     for unit in ("flux", "centroid_px", "range"):
         assert blurred[unit] == pytest.approx(bare[unit], rel=1e-6), unit
 

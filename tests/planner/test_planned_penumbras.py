@@ -11,6 +11,7 @@ import views
 from eclipses import LAW, SUN_RAD, eclipsed
 from glrender import Renderer
 from glrender.planner.penumbra import SUN_POINTS, Penumbra, penumbra_of, shared_area, sun_points
+from glrender.planner.request import ImageUse
 from glrender.view.sun_disc import on_disc
 from missing import needed_module
 from planning import view
@@ -106,7 +107,7 @@ def test_a_point_spread_function_does_not_excuse_an_eclipse_s_hard_edges(max_err
     assert 0.0014 < penumbra_of(seen, cast, scene.hulls, SUN_RAD).hard_flux < 0.7 * 0.002 / 0.3
     with Renderer(scene) as renderer:
         for gain in (1.0, 0.3, 0.1):
-            windows = renderer.render(state, max_error=max_error, error_gain=gain).plan.windows
+            windows = renderer.render(state, max_error=max_error, use=ImageUse(error_gain=gain)).plan.windows
             assert [window.engine for window in windows if "body" in window.bodies] == ["rays"], gain
         lax = renderer.render(state, max_error=0.1).plan.windows
     assert [window.engine for window in lax if "body" in window.bodies] == ["coverage"], "0.007 may be drawn"

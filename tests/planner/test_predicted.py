@@ -13,6 +13,7 @@ from glrender import Body, ConfigError, Renderer, Scene, draw_still, open_render
 from glrender.brdf import Lambert
 from glrender.planner.predicted import allowed_rms, frame_errors
 from glrender.scene.tolerance import LEAST, UNITS
+from glrender.view.regions import Group
 from glrender_camera import CameraModel, Detector, Optics
 from glrender_server.commands.tolerance import read_max_error
 from planning import CAMERA, view
@@ -71,15 +72,15 @@ def test_a_number_plans_as_ever_and_as_a_table_of_rms(renderer, max_error):
 @pytest.mark.parametrize("size_px, phase_deg", [(0.3, 20.0), (30.0, 140.0), (800.0, 60.0), (np.inf, 60.0)])
 def test_an_rms_error_that_is_allowed_meets_the_tolerance(how, size_px, phase_deg):
     """Whatever part of it is modelled, in each unit, and after a point spread function; a tolerance of all is least."""
-    members = [view(size_px=size_px, phase_deg=phase_deg)]
+    members = Group.of([view(size_px=size_px, phase_deg=phase_deg)], CAMERA)
     asked = {"flux": 0.004, "centroid_px": 0.05, "limb_px": 0.1, "range": 0.05}
     for gain in (1.0, 0.3):
-        each = {unit: allowed_rms({unit: most}, members, CAMERA, how, gain) for unit, most in asked.items()}
-        assert allowed_rms(asked, members, CAMERA, how, gain) == min(each.values())
+        each = {unit: allowed_rms({unit: most}, members, how, gain) for unit, most in asked.items()}
+        assert allowed_rms(asked, members, how, gain) == min(each.values())
         for unit, rms in each.items():
             for part in (0.0, 0.5, 1.0):
-                assert frame_errors([(members, how, rms, part * rms)], CAMERA, gain)[unit] <= asked[unit] * (1 + 1e-9)
-        assert allowed_rms({"rms": 0.02}, members, CAMERA, how, gain) == 0.02 / gain
+                assert frame_errors([(members, how, rms, part * rms)], gain)[unit] <= asked[unit] * (1 + 1e-9)
+        assert allowed_rms({"rms": 0.02}, members, how, gain) == 0.02 / gain
 
 
 @pytest.mark.parametrize("asked", [{"flux": 0.002}, {"centroid_px": 0.02}, {"limb_px": 0.05, "range": 1e-3},

@@ -16,7 +16,7 @@ from glrender.engines.small_bodies import add_by_area
 from glrender.planner.error_model import BodyTraits
 from glrender.planner.small_body_grid import SAMPLES_ACROSS, cell_error, cell_size, samples_across, sampling_errors
 from glrender.scene.scene import Body
-from glrender.view.regions import outline
+from glrender.view.regions import Group
 from glrender.view.view import view_bodies
 from missing import needed_module
 from scipy.spatial.transform import Rotation
@@ -148,7 +148,7 @@ def test_the_error_of_several_bodies_holds(sizes_px, seed):
     camera = views.camera(24, 1e6 * rng.uniform(*sizes_px) / (along_m[-1] + 200.0))
     scene = views.scene(bodies, [camera], sun_disc=False)
     seen = view_bodies(state, camera, scene.hulls)
-    x0, y0, x1, y1 = outline(seen)
+    x0, y0, x1, y1 = Group.of(seen, camera).outline
     x, y = (low + (np.arange(1500) + 0.5) * (high - low) / 1500 for low, high in ((x0, x1), (y0, y1)))
     truth = np.zeros((24, 24), np.float32)
     add_by_area(truth, RayEngine(scene).lattice(x, y, camera, seen, 1500), (x0, y0, x1, y1))

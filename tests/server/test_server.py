@@ -21,6 +21,7 @@ import zmq
 from glrender import Renderer, State, load_scene
 from glrender.brdf import Lambert
 from glrender.engines.image import peak_bytes
+from glrender.planner.request import ImageUse
 from glrender_client import Busy, Client, GlrenderClientError, RequestTimeout, ServerError
 from glrender_server import limits
 from glrender_server.dispatcher import Dispatcher
@@ -116,7 +117,8 @@ def test_pixels_are_the_renderers_own(client, folder):
     with Renderer(load_scene(folder / "scene.toml")) as renderer:
         image = renderer.render(State.from_dict(STATE), camera="navcam", products=products)
         camera = renderer.scene.camera("navcam")
-        softer = renderer.render(State.from_dict(STATE), camera="navcam", error_gain=camera.model.psf_noise_gain)
+        softer = renderer.render(State.from_dict(STATE), camera="navcam",
+                                 use=ImageUse(error_gain=camera.model.psf_noise_gain))
         frame = camera.expose(softer.irradiance_W_m2, 7, exposure_s=0.02, roi=softer.roi)
     for order in ("C", "F"):
         reply = client.render(STATE, camera="navcam", products=products, order=order)

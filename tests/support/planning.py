@@ -7,7 +7,10 @@ import views
 from glrender.planner import body_plan
 from glrender.planner.error_budget import Budget
 from glrender.planner.error_model import BodyTraits
+from glrender.planner.frame_plan import plan_frame
 from glrender.planner.penumbra import Penumbra
+from glrender.planner.request import WHOLE_IMAGE, Request
+from glrender.planner.seen import Seen
 from glrender.view.view import BodyView
 
 
@@ -30,6 +33,17 @@ def traits(n_facets=50_000, crease_rad=0.15, facet_m=0.3, **known):
                          "n_facets": n_facets, "crease_rad": crease_rad, "facet_m": facet_m, **known})
 
 
+def seen(member, known=None, casters=(), detail_layers=0, penumbra=None):
+    """A body with traits of its own, or those of `traits()`."""
+    return Seen(view=member, traits=known or traits(), casters=casters, detail_layers=detail_layers,
+                penumbra=penumbra or Penumbra())
+
+
 def body(member, known=None, tolerance=0.02, casters=(), **penumbra):
-    budget = Budget(tolerance=tolerance)
-    return body_plan.plan_body(member, known or traits(), CAMERA, casters, budget, Penumbra(**penumbra))
+    return body_plan.plan_body(seen(member, known, casters, penumbra=Penumbra(**penumbra)), CAMERA,
+                               Budget(tolerance=tolerance))
+
+
+def ways(bodies, tolerance=0.02, use=WHOLE_IMAGE, **request):
+    """The ways to draw each region of seen bodies, in order."""
+    return plan_frame(bodies, Request(camera=CAMERA, max_error=tolerance, use=use, **request)).options

@@ -20,7 +20,7 @@ from glrender.engines.coverage.facet_tables import FacetTables
 from glrender.engines.coverage.image_cells import ImageCells
 from glrender.engines.rays.backend import RayTracer
 from glrender.engines.rays.engine import RayEngine
-from glrender.planner.engine_choice import ENGINES
+from glrender.planner.request import ENGINES
 from glrender.view.view import view_bodies
 
 GREY = Lambert(normal_albedo=0.3)

@@ -139,7 +139,7 @@ class Cycles:
         irradiance = np.zeros((pinhole.height_px, pinhole.width_px), np.float32)
         reached, most, warnings = 0.0, 0, ()
         groups = touching(views, pinhole)
-        for index, members in enumerate(groups):
+        for index, members in enumerate(list(group.views) for group in groups):
             main = max(members, key=lambda view: min(view.size_px, 1e9))
             lens = Lens.of(members, pinhole)
             asked = self._terms.view(main, members, views, lens)

@@ -12,7 +12,7 @@ from ...planner.plan import BodyPlan, RenderPlan
 from ...planner.predicted import frame_errors, rms_tolerance
 from ...scene.scene import Scene
 from ...scene.tolerance import by_unit
-from ...view.regions import region
+from ...view.regions import Group, region
 from ...view.view import BodyView
 from .engine import BESIDE, RayEngine
 
@@ -33,7 +33,8 @@ def full_shape_plan(scene: Scene, camera: PinholeCamera, views: list[BodyView], 
     made = RenderPlan(
         camera=camera.name, max_error=rms_tolerance(max_error, views, camera), roi=roi, windows=(),
         predicted_error=predicted_error, asked=by_unit(max_error), left_out=left_out, warnings=warnings,
-        navigation=frame_errors([([view], "rays", predicted_error, 0.0) for view in views if view.is_visible], camera),
+        navigation=frame_errors([(Group.of([view], camera), "rays", predicted_error, 0.0) for view in views
+                                 if view.is_visible]),
         bodies=tuple(BodyPlan(
             name=view.name, is_visible=view.is_visible, n_facets=len(body.shape.facets), law=body.brdf.glsl,
             shadow_map_px=None, shadow_map_reused=False, relative_to_camera=True, normal_lookup=True,
