@@ -97,9 +97,9 @@ def test_a_frame_s_plan_has_each_body_and_the_groups_in_view():
 
 def test_bodies_that_are_drawn_together_have_one_budget():
     """Tolerances by unit follow from the box of both: their shadow maps are as fine as the window's own budget asks."""
-    near = view("near", size_px=40.0, phase_deg=20.0)
-    wide = view("wide", size_px=200.0, phase_deg=20.0, bounds_px=np.array([120.0, 80.0, 320.0, 280.0]))
-    request = Request(camera=CAMERA, max_error={"centroid_px": 0.5}, engine="raster")
+    near = view("near", size_px=40.0, phase_deg=60.0)
+    wide = view("wide", size_px=200.0, phase_deg=60.0, bounds_px=np.array([120.0, 80.0, 320.0, 280.0]))
+    request = Request(camera=CAMERA, max_error={"centroid_px": 0.05}, engine="raster")
     together, alone = (plan_frame([seen(member) for member in members], request) for members in ([near, wide], [near]))
     group, = together.groups
     assert together.options[0][0].budget == request.budget(group, "raster") != alone.options[0][0].budget
