@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import inspect
 import math
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from typing import Any
@@ -31,7 +30,6 @@ from .engines.raster.shadow_maps import Shadows
 from .engines.raster.surface_pass import Frame, SurfacePass
 from .engines.rays.engine import RayEngine
 from .engines.rays.products import traced_products
-from .engines.reference_fallback import SlowFrames, checked_allow_slow, misses_tolerance, with_emission
 from .planner.account import account
 from .planner.error_model import rounding_px
 from .planner.frame_plan import FramePlan, plan_frame
@@ -67,6 +65,9 @@ class Renderer:
         No OpenGL; the message says what to install.
     """
 
+    settings: tuple[str, ...] = ()
+    options: tuple[str, ...] = ("engine", "deadline_s", "use", "out")
+
     def __init__(self, scene: Scene, backend: str = "auto", device_index: int | None = None):
         if not isinstance(scene, Scene):
             raise ConfigError("scene", "must be a Scene", scene)
@@ -75,8 +76,6 @@ class Renderer:
             self._context = stack.enter_context(Context(backend, device_index))
             self._traits = {body.name: body_traits(body) for body in scene.bodies}
             self._meshes = {body.name: stack.enter_context(body_mesh(self._context, body)) for body in scene.bodies}
-            self._slow = SlowFrames(scene)
-            stack.callback(self._slow.close)
             rays = coverage = None
             try:
                 rays = RayEngine(scene)
@@ -122,8 +121,7 @@ class Renderer:
     def render(self, state: State, camera: str | PinholeCamera | None = None, *,
                max_error: float | Mapping[str, float] | None = None, products: Iterable[str] = ("irradiance",),
                samples: int | None = None, engine: str | None = None, deadline_s: float | None = None,
-               use: ImageUse = WHOLE_IMAGE, allow_slow: bool | str = False,
-               on_progress: Callable[[float], None] | None = None, out: np.ndarray | None = None) -> Image:
+               use: ImageUse = WHOLE_IMAGE, out: np.ndarray | None = None) -> Image:
         """Draw one frame.
 
         Parameters
@@ -144,13 +142,8 @@ class Renderer:
             After which nothing more is begun: the frame is then the best so far, and its plan says so.
         use : ImageUse, optional
             `capture` passes it.
-        allow_slow : bool or {"raytrace", "cycles"}
-            Whether another backend may draw the frame, in seconds or minutes, where OpenGL's error is above
-            the tolerance and no `samples` or `engine` is asked for; or which one.
-        on_progress : callable, optional
-            Called by the slow backend with the share done, 0..1.
         out : (height, width) float32 array, optional
-            Where the irradiance is drawn, instead of new memory; a slow backend brings its own.
+            Where the irradiance is drawn, instead of new memory.
 
         Returns
         -------
@@ -164,38 +157,24 @@ class Renderer:
             An argument breaks a rule.
         """
         self._own.check()
-        clock, wanted = Clock(), checked_products(products)
-        deadline = math.inf if deadline_s is None else time.monotonic() + within("deadline_s", deadline_s, 1e-6, 1e6)
-        may_be_slow = checked_allow_slow(allow_slow) and samples is None and engine is None
+        clock, wanted, deadline = Clock(), checked_products(products), _deadline(deadline_s)
         plan = plan_frame(*self._asked(state, camera, max_error, samples, engine, use))
         irradiance = _blank(plan.request.camera, out)
         clock.lap("plan")
         frame = self._frame(plan)
         clock.lap("shadow")
         drawn = self._irradiance.draw(plan, frame, irradiance, clock, deadline)
-        frame_plan = account(plan, frame.bodies, drawn.windows, self.scene.sun_disc,
-                             _remedy(drawn.is_late, engine, may_be_slow))
-        small, slow = drawn.small_bodies, None
-        if may_be_slow and misses_tolerance(frame_plan):
-            fast = Image(irradiance_W_m2=irradiance, products={}, plan=frame_plan, timings_ms=clock.laps_ms,
-                         small_bodies=small)
-            slow = self._slow.instead_of(fast, allow_slow, state, frame.camera, error_gain=use.error_gain,
-                                          on_progress=on_progress)
-            if slow.irradiance_W_m2 is not irradiance:
-                # All of its bodies are in the image.
-                irradiance, small = slow.irradiance_W_m2, ()
-            clock.lap("slow")
+        made = account(plan, frame.bodies, drawn.windows, self.scene.sun_disc, drawn.is_late)
         if self._emission:
-            frame_plan = self._add_emission(irradiance, state, frame, frame_plan)
+            made = self._add_emission(irradiance, state, frame, made)
             clock.lap("emission")
         arrays = {}
         if wanted:
             arrays = self._drawn_products(wanted, plan, frame, drawn.windows)
             clock.lap("products")
-        frame_plan = frame_plan if slow is None else with_emission(slow.plan, frame_plan)
-        return Image(irradiance_W_m2=irradiance, products=arrays, timings_ms=clock.laps_ms, small_bodies=small,
-                     request=(self.scene, state, frame.camera),
-                     plan=replace(frame_plan, milliseconds=sum(clock.laps_ms.values())))
+        return Image(irradiance_W_m2=irradiance, products=arrays, small_bodies=drawn.small_bodies,
+                     plan=replace(made, milliseconds=sum(clock.laps_ms.values())), timings_ms=clock.laps_ms,
+                     request=(self.scene, state, frame.camera))
 
     def _asked(self, state: State, camera: str | PinholeCamera | None, max_error: float | Mapping[str, float] | None,
                samples: int | None, engine: str | None, use: ImageUse) -> tuple[tuple[Seen, ...], Request]:
@@ -290,21 +269,16 @@ def open_renderer(scene: Scene, backend: str = "auto", device_index: int | None 
         raise ConfigError("backend", f"must be one of {', '.join((*OPENGL_BACKENDS, *backends()))}", backend)
     else:
         made, arguments = backends()[backend], {}
-    known = [name for name in inspect.signature(made).parameters if name not in ("scene", *arguments)]
     for name in options:
-        if name not in known:
+        if name not in made.settings:
             raise ConfigError(name, f"is no option of backend {backend!r}",
-                              hint=f"it has {', '.join(known)}" if known else "it has none")
+                              hint=f"it has {', '.join(made.settings)}" if made.settings else "it has none")
     return made(scene, **arguments, **options)
 
 
-def _remedy(is_late: bool, engine: str | None, may_be_slow: bool) -> str:
-    """The caller's way out where the tolerance is missed."""
-    if is_late:
-        return "give more time than deadline_s"
-    if engine is not None:
-        return "leave engine out"
-    return "" if may_be_slow else "the backend \"raytrace\" draws it, or allow_slow=True where frames are asked for"
+def _deadline(seconds: float | None) -> float:
+    """The end [s] by `time.monotonic` of a time from now on."""
+    return math.inf if seconds is None else time.monotonic() + within("deadline_s", seconds, 1e-6, 1e6)
 
 
 def _blank(camera: PinholeCamera, out: np.ndarray | None) -> np.ndarray:

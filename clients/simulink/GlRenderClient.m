@@ -113,8 +113,8 @@ classdef GlRenderClient < handle
       %   reply = client.render(state, NAME, VALUE, ...) with the names of docs/protocol.md: camera, output
       %   ('irradiance', 'dn' or 'compressed'), exposure_s, seed, max_error, samples, products (cell of names), roi
       %   ([x0 y0 x1 y1], pixels from 0, one past the last: whole(y0 + 1:y1, x0 + 1:x1)), faults (cell of structs),
-      %   allow_slow (true, 'raytrace' or 'cycles': who may draw in seconds or minutes what OpenGL cannot within
-      %   max_error; give the client a Timeout as long).
+      %   backend ('raytrace' or 'cycles': who draws, in seconds or minutes, instead of the server's own backend; give
+      %   the client a Timeout as long).
       %   max_error is a number, or a struct of any of rms, flux, centroid_px, limb_px, range.
       %   'progress', @(share) fprintf('%.0f %%\n', 100 * share) is called about twice a second while a server with
       %   worker processes draws slow frames.
@@ -130,7 +130,7 @@ classdef GlRenderClient < handle
     function replies = render_frames(self, state, frames, varargin)
       %RENDER_FRAMES  Several frames of one state in one request; a cell of GlRenderReply, in their order.
       %   frames: cell of structs with the options of `render`: {struct('camera', 'navcam'), struct('camera', 'wac')}.
-      %   15 images and products in all; one frame that is refused refuses all. Then NAME, VALUE of allow_slow, progress.
+      %   15 images and products in all; one frame that is refused refuses all. Then NAME, VALUE of backend, progress.
       if ~iscell(frames) || ~all(cellfun(@(frame) isstruct(frame) && isscalar(frame), frames))
         error('glrender:argument', 'frames must be a cell of structs');
       end
@@ -311,7 +311,7 @@ classdef GlRenderClient < handle
 
   methods (Static, Access = private)
     function names = request_options()
-      names = {'allow_slow', 'progress'};
+      names = {'backend', 'progress'};
     end
 
     function names = frame_options()

@@ -43,8 +43,8 @@ typedef struct {
     uint32_t samples; /* along a pixel's side; 0: the planner's choice */
     uint32_t n_products;
     const char *const *products; /* "range", "body_id", "facet_id", "incidence", "emission", "phase", ... */
-    const char *allow_slow; /* who may draw slowly what OpenGL cannot within max_error: "any", "raytrace" or "cycles";
-                               NULL: nobody. Of the first frame, for all; open the client with a timeout as long */
+    const char *backend; /* who draws instead of the server's own backend, in seconds or minutes: "raytrace" or "cycles";
+                            NULL: the server's. Of the first frame, for all; open the client with a timeout as long */
     uint32_t roi[4]; /* region of interest [px]: x0, y0, x1, y1, one past the last; 0, 0, 0, 0: the whole */
     const char *scene; /* digest of the scene that is meant (docs/protocol.md): where another is served, the frame is
                           refused; NULL: whatever is served. Of the first frame, for all */

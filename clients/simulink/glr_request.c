@@ -105,7 +105,7 @@ int glr_build_render(glr_buffer *out, const char *client, uint64_t id, const glr
     prefix = glr_reserve(out, PREFIX_BYTES);
     if (prefix)
         memcpy(prefix, "GLR1\1\0\0\0\0\0\0\0", PREFIX_BYTES);
-    glr_put_map(out, 6u + (n_frames && frames[0].allow_slow) + (n_frames && frames[0].scene) + (is_list ? 1u : n_fields(frames)));
+    glr_put_map(out, 6u + (n_frames && frames[0].backend) + (n_frames && frames[0].scene) + (is_list ? 1u : n_fields(frames)));
     glr_put_text(out, "v");
     glr_put_uint(out, 1);
     glr_put_text(out, "op");
@@ -122,12 +122,9 @@ int glr_build_render(glr_buffer *out, const char *client, uint64_t id, const glr
         glr_put_text(out, "scene");
         glr_put_text(out, frames[0].scene);
     }
-    if (n_frames && frames[0].allow_slow) {
-        glr_put_text(out, "allow_slow");
-        if (strcmp(frames[0].allow_slow, "any"))
-            glr_put_text(out, frames[0].allow_slow);
-        else
-            glr_put_true(out);
+    if (n_frames && frames[0].backend) {
+        glr_put_text(out, "backend");
+        glr_put_text(out, frames[0].backend);
     }
     if (is_list) {
         glr_put_text(out, "frames");

@@ -94,8 +94,6 @@ void glr_put_double(glr_buffer *out, double value) {
     put(out, 0xcb, bits, 8);
 }
 
-void glr_put_true(glr_buffer *out) { put(out, 0xc3, 0, 0); }
-
 void glr_put_vector(glr_buffer *out, const char *key, const double *values, uint32_t count) {
     uint32_t k;
     glr_put_text(out, key);

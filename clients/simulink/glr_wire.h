@@ -19,7 +19,6 @@ void glr_put_list(glr_buffer *out, uint32_t count);
 void glr_put_text(glr_buffer *out, const char *text);
 void glr_put_uint(glr_buffer *out, uint64_t value);
 void glr_put_double(glr_buffer *out, double value);
-void glr_put_true(glr_buffer *out);
 /* A key and a list of numbers. */
 void glr_put_vector(glr_buffer *out, const char *key, const double *values, uint32_t count);
 

@@ -6,7 +6,7 @@
  *     glrender_mex('close', handle)
  *
  * state: as for GlRenderClient, `bodies` a struct. options: struct with any of camera, output, exposure_s, seed, max_error,
- * samples, products, roi, allow_slow, scene (docs/protocol.md; the first struct's last two hold for all).
+ * samples, products, roi, backend, scene (docs/protocol.md; the first struct's last two hold for all).
  * Errors: glrender:CODE, glrender:argument.
  */
 #include <ctype.h>
@@ -169,11 +169,8 @@ static void get_options(const mxArray *value, glr_options *options) {
             options->samples = (uint32_t)samples;
         } else if (!strcmp(name, "products")) {
             get_products(given, options);
-        } else if (!strcmp(name, "allow_slow")) {
-            if (mxIsLogicalScalar(given))
-                options->allow_slow = mxIsLogicalScalarTrue(given) ? "any" : NULL;
-            else
-                options->allow_slow = text_of(given, name);
+        } else if (!strcmp(name, "backend")) {
+            options->backend = text_of(given, name);
         } else if (!strcmp(name, "scene")) {
             options->scene = text_of(given, name);
         } else if (!strcmp(name, "roi")) {

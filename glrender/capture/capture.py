@@ -105,8 +105,8 @@ def draw_still(renderer: Any, state: State, camera: str | None = None, *, produc
         The part that is asked for, one past the last: no other is drawn where there is neither a lens nor a coma, and
         the rest of the arrays is dark. The tolerance is held in it, with samples that the planner chose for it alone.
     **options
-        `max_error`, `samples`, `allow_slow`, `on_progress`, `out` of `Renderer.render`; those that another renderer
-        does not take are left out.
+        `max_error`, `samples`, `on_progress`, `out`, and the renderer's own (`Backend.options`); one that takes no
+        `on_progress` or `out` is not given it.
 
     Raises
     ------
@@ -153,8 +153,8 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
     faults : sequence of tables, optional
         Instead of the model's (docs/camera_model.md); empty for none. `frame.faults` has their places.
     **options
-        `max_error`, `samples`, `allow_slow`, `on_progress`, as of `draw_still`; the tolerance holds after the point
-        spread function. A frame is that of the whole detector: there is no `roi`, and each pose has its own image.
+        As of `draw_still`, but for `out`; the tolerance holds after the point spread function. A frame is that of the
+        whole detector: there is no `roi`, and each pose has its own image.
 
     Returns
     -------

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -30,10 +29,8 @@ _SMOOTH = ("range", "r_body")
 _LARGEST_STEP = 4.0
 # Smaller bodies are spread as points: an image of pixels has lost their places, a crescent's of 8 px by 0.06 px.
 _APART_PX = 24.0
-# Options that a renderer may take, besides those that all do.
-_OPTIONS = ("allow_slow", "on_progress", "out")
-# What `render` takes that a capture gives itself.
-_NOT_OPTIONS = {"state", "camera", "products", "use"}
+# Options of a capture, whatever its renderer takes.
+_OPTIONS = ("max_error", "samples", "on_progress", "out")
 # Values of products on the sky that are not NaN.
 _BESIDE = {"body_id": -1, "facet_id": -1, "sunlit": 0}
 
@@ -100,11 +97,11 @@ class Drawing:
             roi = _region(roi, wide)
         if roi is not None and self.lens is None:
             self._box, self._shape, self.source = roi, (wide.height_px, wide.width_px), _part(wide, roi)
-        taken = inspect.signature(renderer.render).parameters
+        taken = renderer.options
+        known = {*taken, *_OPTIONS} - {"use"}
         for name, value in options.items():
-            if name not in (*taken, *_OPTIONS):
-                known = sorted({*taken, *_OPTIONS} - _NOT_OPTIONS)
-                raise ConfigError(name, "is no option", value, f"there are {', '.join(known)}")
+            if name not in known:
+                raise ConfigError(name, "is no option", value, f"there are {', '.join(sorted(known))}")
         self._options = {name: value for name, value in options.items() if name in taken}
         self._tells = on_progress is not None and "on_progress" in taken
         self._tolerance = renderer.scene.max_error if max_error is None else checked_max_error(max_error)

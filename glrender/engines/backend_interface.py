@@ -14,8 +14,18 @@ class Backend(Protocol):
     """A backend draws a scene: a class of the group `glrender.backend`, called with a `Scene` and its own options.
 
     It may raise DeviceError, then and in `render`, with a message that says what to install.
+
+    Attributes
+    ----------
+    settings : tuple of str
+        Names of its own options.
+    options : tuple of str
+        Names of the options that its `render` takes besides those below. `capture` gives it ``use``, an `ImageUse`, and
+        ``on_progress``, a callable, if they are among them.
     """
 
+    settings: tuple[str, ...]
+    options: tuple[str, ...]
     scene: Scene
 
     @property

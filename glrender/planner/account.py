@@ -14,11 +14,12 @@ from .error_model import BodyTraits, parallel_error
 from .frame_plan import FramePlan
 from .plan import ONE_DIRECTION, BodyPlan, RenderPlan, WindowPlan
 from .predicted import frame_errors, with_eclipse
+from .request import Request
 from .seen import Seen
 
 
 def account(plan: FramePlan, bodies: Sequence[BodyPlan], windows: Sequence[WindowPlan], has_sun_disc: bool,
-            remedy: str = "") -> RenderPlan:
+            is_late: bool = False) -> RenderPlan:
     """The frame's plan as its windows were drawn, whose errors are before the camera's point spread function.
 
     Parameters
@@ -29,8 +30,8 @@ def account(plan: FramePlan, bodies: Sequence[BodyPlan], windows: Sequence[Windo
     windows : sequence of WindowPlan
         For each group of the plan the one that was drawn, with its errors.
     has_sun_disc : bool
-    remedy : str
-        The end of the warning of a miss.
+    is_late : bool
+        Whether a deadline had passed before all was drawn.
     """
     camera, max_error, error_gain = plan.request.camera, plan.request.max_error, plan.request.use.error_gain
     drawn = {name: window for window in windows for name in window.bodies}
@@ -56,10 +57,10 @@ def account(plan: FramePlan, bodies: Sequence[BodyPlan], windows: Sequence[Windo
         drawn_so = zip(plan.groups, windows, strict=True)
         least = frame_errors([(group, window.how, 0.0, 0.0) for group, window in drawn_so], error_gain)
         for unit, text in made.misses().items():
-            out = remedy
+            out = _way_out(plan.request, is_late)
             if made.asked[unit] <= least.get(unit, 0.0):
                 out = f"no frame of this view is promised less than {least[unit]:.2g}"
-            warnings.append(text + (f"; {out}" if out else ""))
+            warnings.append(f"{text}; {out}")
     return replace(made, warnings=tuple(warnings))
 
 
@@ -75,6 +76,13 @@ def _by_unit(plan: FramePlan, windows: Sequence[WindowPlan]) -> dict[str, float]
     for group, window in zip(plan.groups, windows, strict=True):
         found = with_eclipse(found, group, window.flux_error)
     return found
+
+
+def _way_out(request: Request, is_late: bool) -> str:
+    """The caller's way out where the tolerance is missed."""
+    if is_late:
+        return "give more time than deadline_s"
+    return "leave engine out" if request.engine is not None else "the backend \"raytrace\" draws it"
 
 
 def _without_map(body: BodyPlan) -> BodyPlan:

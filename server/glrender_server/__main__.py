@@ -56,7 +56,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--deadline", type=float, metavar="S", help="kill a worker that takes longer over one request "
                                                                     f"({DEADLINE_S:g} s)")
     parser.add_argument("--slow-deadline", type=float, default=SLOW_DEADLINE_S, metavar="S",
-                        help=f"the same for a request with allow_slow, or that loads a scene ({SLOW_DEADLINE_S:g} s)")
+                        help=f"the same for a request with a backend, or that loads a scene ({SLOW_DEADLINE_S:g} s)")
     parser.add_argument("--worker-memory", type=float, metavar="GIB",
                         help="data that a worker may have; default: four fifths of the machine's memory, shared evenly")
     parser.add_argument("--no-load-scene", action="store_true", help="serve this one scene: nobody may replace it")

@@ -207,7 +207,7 @@ class Dispatcher:
         return limits.is_too_much(request.untaken_bytes(), lambda: sum(front.untaken_bytes for front in self._fronts))
 
     def _enqueue(self, header: dict[str, Any], digest: bytes, request: Request) -> None:
-        header = {**{name: header[name] for name in ENVELOPE}, "allow_slow": bool(header.get("allow_slow")),
+        header = {**{name: header[name] for name in ENVELOPE}, "is_slow": "backend" in header,
                   "shared": header.get("shared") is True, "background": header.get("background") is True}
         self._under_way[digest] = _UnderWay(header, [request.answer])
         self.requests[header["op"]] += 1

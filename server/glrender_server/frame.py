@@ -20,7 +20,7 @@ from .limits import MAX_ARRAYS, MAX_FRAME_BYTES
 
 FRAME_KEYS = ("camera", "output", "exposure_s", "seed", "max_error", "samples", "products", "roi", "faults")
 """Fields of a frame: of the request itself, or of an entry of its `frames`."""
-_OF_THE_REQUEST = ("state", "allow_slow", "shared")
+_OF_THE_REQUEST = ("state", "backend", "shared")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -37,7 +37,7 @@ class Job(NamedTuple):
     """A request that needs a renderer; its bytes wait, which are decoded where it is drawn."""
 
     header: dict[str, Any]
-    """The envelope, `allow_slow` and `shared`: two bytes of an empty map are 64 of an object."""
+    """The envelope, `is_slow` and `shared`: two bytes of an empty map are 64 of an object."""
     message: bytes
     done: Callable[[Done], None]
     """Called once, with the reply."""
@@ -56,7 +56,7 @@ class Job(NamedTuple):
     @property
     def is_slow(self) -> bool:
         """Whether it may take minutes."""
-        return self.is_load or self.header["allow_slow"]
+        return self.is_load or self.header["is_slow"]
 
 
 class LocalEngine:

@@ -30,7 +30,7 @@ from glrender.capture.outputs import has_exposure
 from glrender.capture.static_exposure import prepare
 from glrender.engines.advice import Advice, scene_advice
 from glrender.engines.rays.laser_ranges import RangeNoise, laser_ranges
-from glrender.engines.reference_fallback import checked_allow_slow
+from glrender.scene.plugins.registry import backends
 from glrender_camera import MosaicModel
 from glrender_camera.validate import known_keys, one_of
 
@@ -76,6 +76,7 @@ class Operations:
         self.digest = scene_digest(scene) if digest is None else digest
         prepare(scene)
         self.scene, self._renderer = scene, open_renderer(scene, backend)
+        self._others: dict[str, Any] = {}
         self._of_scene = scene_advice(scene)
         self.last_timings_ms: dict[str, float] = {}
         self.last_warnings: list[tuple[str, tuple[Advice, ...]]] = []
@@ -84,8 +85,10 @@ class Operations:
         self.on_scene: Callable[[Scene, str], None] = lambda scene, digest: None
 
     def close(self) -> None:
-        """Release the renderer."""
-        self._renderer.close()
+        """Release the renderers."""
+        for renderer in (self._renderer, *self._others.values()):
+            renderer.close()
+        self._others.clear()
 
     @property
     def described(self) -> dict[str, Any]:
@@ -121,7 +124,7 @@ class Operations:
         """Serve another scene; the old one serves on if the new one fails."""
         prepare(scene)
         renderer = open_renderer(scene, self._backend)
-        self._renderer.close()
+        self.close()
         self.scene, self.digest, self._renderer = scene, digest, renderer
         self._of_scene = scene_advice(scene)
 
@@ -156,25 +159,24 @@ class Operations:
         return codec.pack({**echo(header), "ok": True, **self.described})
 
     def _render(self, header: Mapping[str, Any]) -> list[Any]:
-        known_keys("", header, (*ENVELOPE, "scene", "state", "order", "allow_slow", "shared", "background", "frames",
+        known_keys("", header, (*ENVELOPE, "scene", "state", "order", "backend", "shared", "background", "frames",
                                 *FRAME_KEYS), required=("state",))
         began = time.perf_counter()
         self._check_scene(header)
         state = State.from_dict(header["state"])
         order = one_of("order", header.get("order", "C"), ("C", "F"))
-        allow_slow = checked_allow_slow(header.get("allow_slow", False))
         for key in ("shared", "background"):
             if not isinstance(header.get(key, False), bool):
                 raise ConfigError(key, "must be true or false", header[key])
-        if header.get("background") and allow_slow:
-            raise ConfigError("background", "goes with no allow_slow", hint="nobody waits for minutes behind it")
+        if header.get("background") and "backend" in header:
+            raise ConfigError("background", "goes with no backend", hint="nobody waits for minutes behind it")
+        backend = one_of("backend", header["backend"], tuple(backends())) if "backend" in header else None
         asked, made, arrays = frames_asked(header, self.scene), [], []
         place = self._place(asked[0]) if len(asked) == 1 and order == "C" else {}
         for index, frame in enumerate(asked):
             progress = partial(self._progress, index, len(asked))
             with frame.named_errors():
-                fields, of_frame = self._frame(state, frame, {
-                    "allow_slow": allow_slow, "on_progress": progress, **place})
+                fields, of_frame = self._frame(state, frame, backend, {"on_progress": progress, **place})
             made.append(fields)
             arrays.append(of_frame)
         if "frames" in header:
@@ -196,14 +198,14 @@ class Operations:
         self._memory = lambda sizes: parts
         return {"out": np.frombuffer(parts[0], np.float32).reshape(camera.height_px, camera.width_px)}
 
-    def _frame(self, state: State, asked: FrameRequest,
-               slow: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, tuple[np.ndarray, str]]]:
+    def _frame(self, state: State, asked: FrameRequest, backend: str | None,
+               drawing: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, tuple[np.ndarray, str]]]:
         """The reply's fields of one frame, and its arrays with their units."""
         camera, fields = asked.camera, {}
-        options = {"products": asked.products, "max_error": asked.max_error, "samples": asked.samples, **slow}
+        options = {"products": asked.products, "max_error": asked.max_error, "samples": asked.samples, **drawing}
         if has_exposure(asked.output):
             options |= {"seed": asked.seed, "exposure_s": asked.exposure_s, "faults": asked.faults}
-            capture = self._drawn(take_frame, state, camera.name, **options)
+            capture = self._drawn(backend, take_frame, state, camera.name, **options)
             frame, pixels = capture.frame, capture.frame.dn
             fields = {"exposure_s": frame.exposure_s, "seed": asked.seed,
                       "n_saturated_px": int(np.count_nonzero(asked.cut(frame.saturated)))}
@@ -217,7 +219,7 @@ class Operations:
                 # The memory of an onboard loop is the client's: sent back, the same request gives the same bytes.
                 fields["next_exposure_s"] = camera.model.auto_exposure.after(frame, camera.model.detector)
         else:
-            capture = self._drawn(draw_still, state, camera.name, roi=asked.roi, **options)
+            capture = self._drawn(backend, draw_still, state, camera.name, roi=asked.roi, **options)
             pixels = capture.irradiance_W_m2
         arrays = {"image": (asked.cut(pixels), _UNITS[asked.output])}
         arrays |= {name: (asked.cut(array), _UNITS[name]) for name, array in capture.products.items()}
@@ -259,15 +261,30 @@ class Operations:
         log.debug("slow frames: %.0f %%", 100.0 * share)
         self.on_progress(share)
 
-    def _drawn(self, draw: Callable[..., Capture], state: State, camera: str, **options) -> Capture:
+    def _drawn(self, backend: str | None, draw: Callable[..., Capture], state: State, camera: str,
+               **options) -> Capture:
         """The capture that `draw` makes; a context that was lost is made anew, once."""
         try:
-            return draw(self._renderer, state, camera, **options)
+            return draw(self._renderer_of(backend), state, camera, **options)
         except DeviceError as error:
-            log.warning("OpenGL or a slow backend failed, the renderer is made anew: %s", error)
-            self._renderer.close()
-            self._renderer = open_renderer(self.scene, self._backend)
-            return draw(self._renderer, state, camera, **options)
+            log.warning("%s failed, the renderer is made anew: %s", backend or "OpenGL", error)
+            if backend is not None:
+                self._others.pop(backend).close()
+            else:
+                self._renderer.close()
+                self._renderer = open_renderer(self.scene, self._backend)
+            return draw(self._renderer_of(backend), state, camera, **options)
+
+    def _renderer_of(self, backend: str | None) -> Any:
+        """The server's renderer, or that of a backend which a request names: it is opened by the first and kept."""
+        if backend in (None, self._backend):
+            return self._renderer
+        if backend not in self._others:
+            try:
+                self._others[backend] = open_renderer(self.scene, backend)
+            except DeviceError as error:
+                raise ConfigError("backend", f"does not work here: {error}", backend) from error
+        return self._others[backend]
 
 
 def _summed(timings_ms: Iterable[Mapping[str, float]]) -> dict[str, float]:

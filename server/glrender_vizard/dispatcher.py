@@ -36,7 +36,7 @@ log = logging.getLogger(__name__)
 _BYTES_PER_ENTRY = 400
 _NO_IMAGE = (struct.pack(">i", 0), b"")
 _IMAGE = re.compile(rb"REQUEST_IMAGE_(-?\d{1,19})", re.ASCII)
-_HEADER = {"v": 1, "op": "render", "id": 0, "client": "vizard", "allow_slow": False, "shared": False}
+_HEADER = {"v": 1, "op": "render", "id": 0, "client": "vizard", "is_slow": False, "shared": False}
 
 
 @dataclass(eq=False)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -387,16 +389,30 @@ def test_a_distorted_edge_needs_more_cells_where_it_is_stretched():
     assert frames.dcm(camera.q_camera_from_spacecraft).shape == (3, 3)
 
 
+def test_progress_rises_through_poses():
+    """To 1, in steps that a frame's poses share, whether its exposure is given, metered, or its poses are."""
+    scene = views.scene([views.sphere(GREY, 4)], [views.camera(48, 200.0, model=soft())])
+    state = views.state(phase_deg=70.0, target=(30.0, 0.0, 0.0))
+    turning = replace(state.spacecraft, angular_velocity_rad_s=(0.0, 0.1, 0.0))
+    turning = replace(state, spacecraft=turning)
+    given = tuple(replace(turning.after(dt), t_s=dt) for dt in (-0.05, 0.0, 0.05))
+    with open_renderer(scene, "raytrace") as tracer:
+        for options, steps in (({"exposure_s": 0.1}, 3), ({"exposure_s": "auto"}, 2),
+                               ({"exposure_s": 0.1, "sub_states": given}, 4)):
+            told = []
+            capture = take_frame(tracer, turning, max_error=0.1, on_progress=told.append, **options)
+            assert "poses" in capture.stages["motion_blur"] or options["exposure_s"] == "auto"
+            assert told == sorted(set(told)) and told[-1] == 1.0 and 0.0 < told[0] <= 0.5 and len(told) >= steps
+
+
 @pytest.mark.parametrize("lens", [None, BrownConrady(k1=-0.05)])
-def test_a_slow_frame_has_the_margin_and_the_lens_too(lens, monkeypatch):
-    """Were OpenGL to miss the budget, across the frame's edge: rays draw the same wide image; 1 % of the light."""
-    monkeypatch.setattr("glrender.renderer.misses_tolerance", lambda plan: True)
+def test_a_ray_traced_frame_has_the_margin_and_the_lens_too(lens):
+    """Across the frame's edge: rays draw the same wide image; 1 % of the light."""
     camera = views.camera(48, 200.0, model=soft(), distortion=lens)
     scene, state = views.scene([views.sphere(GREY, 5)], [camera]), views.state(phase_deg=70.0, target=(200.0, 0.0, 0.0))
-    with open_renderer(scene) as renderer:
-        fast = take_frame(renderer, state, seed=1)
-        slow = take_frame(renderer, state, seed=1, max_error=0.02, allow_slow="raytrace")
-    assert any("drawn by raytrace" in warning for warning in slow.plan.warnings)
+    with open_renderer(scene) as renderer, open_renderer(scene, "raytrace") as tracer:
+        fast, slow = (take_frame(each, state, seed=1, max_error=0.02) for each in (renderer, tracer))
+    assert not slow.plan.windows and fast.plan.windows
     assert slow.irradiance_W_m2.shape == (48, 48) and slow.plan.predicted_error <= slow.plan.max_error == 0.02
     assert not slow.stages["margin"].startswith("skipped")
     np.testing.assert_allclose(slow.frame.electrons.sum(), fast.frame.electrons.sum(), rtol=0.01)

@@ -396,7 +396,7 @@ def test_a_server_that_draws_is_busy_and_a_stopped_one_is_not(tmp_path):
         frames = [{"camera": "navcam", "max_error": 1e-4}] * 10
         with Client(endpoint, timeout_s=0.1, retries=0) as client:
             with pytest.raises(RequestTimeout, match="`render` within 0.1 s, 1 times: a server is there, and busy"):
-                client.render_frames(STATE, frames, allow_slow="raytrace")
+                client.render_frames(STATE, frames, backend="raytrace")
             process.send_signal(signal.SIGSTOP)
             with pytest.raises(RequestTimeout, match="does not greet as glrender-server does"):
                 client.status()

@@ -48,8 +48,8 @@ def test_the_mex_function_gets_the_pixels_that_python_gets(built, tmp_path):
 
 
 @pytest.mark.slow
-def test_slow_frames_are_allowed_and_tell_how_far_they_are(built, tmp_path):
-    """By the class and the MEX function; `raytrace` draws what OpenGL's shadow maps cannot."""
+def test_another_backend_draws_and_tells_how_far_it_is(built, tmp_path):
+    """By the class and the MEX function: `raytrace`."""
     (tmp_path / "state.json").write_text(json.dumps(views.state(range_m=600.0).to_dict()))
     with serving.server(tmp_path, "--tcp", "127.0.0.1:0", "--workers", "1", "--deadline", "60") as (_, process):
         octave("slow_script.m", *serving.tcp_address(process), tmp_path / "state.json", paths=[built])

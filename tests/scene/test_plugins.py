@@ -101,6 +101,7 @@ def test_glrenders_own_names_cannot_be_taken(add):
 BACKEND = """
 class Blank:
     glrender_api = 1
+    settings, options = ("level",), ()
     def __init__(self, scene, *, level=0.5): self.scene, self.level = scene, level
     info = {"backend": "blank", "gl_renderer": "", "gl_version": ""}
     def render(self, state, camera=None, *, max_error=None, products=(), samples=None): return self.level
@@ -124,7 +125,7 @@ def test_a_backend_from_outside_with_options_of_its_own(add):
 def test_a_backend_that_lacks_a_method(add):
     add("half", plugins.BACKEND_GROUP, {"half": "half_module:X"}, "class X: glrender_api = 1")
     assert {"raytrace", "cycles", "half"} <= set(plugins.backends())
-    with pytest.raises(PluginError, match="of half 1.5 must have render, info, close, __enter__, __exit__"):
+    with pytest.raises(PluginError, match="of half 1.5 must have settings, options, render, info, close, __enter__"):
         open_renderer(Scene.from_dict(SCENE), "half")
     assert plugins.backends()["raytrace"]
 

@@ -165,7 +165,7 @@ class Pool(WorkerPool):
 
 
 def job(sender, op="render", is_quick=True, account=None, **fields):
-    return Job({"op": op, "allow_slow": False, **fields}, b"", lambda done: None, sender,
+    return Job({"op": op, "is_slow": False, **fields}, b"", lambda done: None, sender,
                account or sender, is_quick)
 
 
@@ -233,7 +233,7 @@ def test_a_clients_slow_frames_are_known_of_all_its_connections():
 def test_while_a_worker_starts_the_other_is_kept_for_who_is_quick():
     """A slow frame that overran its deadline was followed by the next on the worker that was left: 55 s for others."""
     pool = Pool(None, None)
-    slow, new, quick = job("a", allow_slow=True), job("b", is_quick=False), job("c")
+    slow, new, quick = job("a", is_slow=True), job("b", is_quick=False), job("c")
 
     def have_room():
         return [pool.has_room(each) for each in (slow, new, quick)]
@@ -258,19 +258,19 @@ def test_while_a_worker_starts_the_other_is_kept_for_who_is_quick():
 
 def test_who_is_slow_has_the_last_worker_where_the_other_is_killed_again_and_again():
     """A container whose memory holds one worker kills the other at each start: slow frames waited for ever."""
-    pool = Pool(None, job("a", allow_slow=True, id=1, client="a"))
+    pool = Pool(None, job("a", is_slow=True, id=1, client="a"))
     pool._scene = pool._own_scene = None
     pool._poller, pool._dying, pool.restarts, pool.outage = None, [], 0, ""
     other = pool._workers[1]
     other.overran = True
     pool._bury(other)
-    assert not pool.has_room(job("b", allow_slow=True)), "it may be ready in seconds"
+    assert not pool.has_room(job("b", is_slow=True)), "it may be ready in seconds"
     # As a process that has begun, and that a signal ended.
     other.state, other.overran = "starting", False
     other.deadline, other.deadline_s = time.monotonic() + 60.0, 60.0
     pool._bury(other)
     for other.state in ("down", "starting"):
-        assert pool.has_room(job("b", allow_slow=True))
+        assert pool.has_room(job("b", is_slow=True))
 
 
 def test_a_pool_is_full_where_no_job_at_all_has_room():
@@ -289,8 +289,8 @@ def test_a_pool_is_full_where_no_job_at_all_has_room():
     ([job("a"), None, None], job("a", is_quick=False), True),
     ([job("a"), job("a"), None], job("a", is_quick=False), False),
     ([job("a"), job("b"), None], job("a", is_quick=False), True),
-    ([job("a", allow_slow=True), None], job("b", allow_slow=True), False),
-    ([job("a", allow_slow=True), None], job("b"), True),
+    ([job("a", is_slow=True), None], job("b", is_slow=True), False),
+    ([job("a", is_slow=True), None], job("b"), True),
     ([job("a", "load_scene"), None], job("b", "load_scene"), False),
     ([job("a", "load_scene"), None], job("a"), False),
     ([job("a", "load_scene"), None], job("b"), True),

@@ -629,9 +629,9 @@ def test_the_background_is_free_while_nobody_asks():
     assert not place and place.get(1e9) is None
 
 
-def test_a_background_frame_goes_with_no_allow_slow(shown):
-    with Client(shown[0]) as client, pytest.raises(ServerError, match="background.*allow_slow"):
-        client.render(state(), "bare", background=True, allow_slow=True)
+def test_a_background_frame_goes_with_no_backend(shown):
+    with Client(shown[0]) as client, pytest.raises(ServerError, match="background.*backend"):
+        client.render(state(), "bare", background=True, backend="raytrace")
     with Client(shown[0]) as client:
         assert client.render(state(), "bare", background=True).pixels.tobytes() == client.render(
             state(), "bare").pixels.tobytes()

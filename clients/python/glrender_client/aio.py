@@ -81,9 +81,9 @@ class AsyncClient:
         return await self._ask("render", render_fields(state, camera, **options))
 
     async def render_frames(self, state: Mapping[str, Any] | HasDict, frames: Iterable[Mapping[str, Any]], *,
-                            order: str = "C", allow_slow: bool | str = False) -> tuple[Reply, ...]:
+                            order: str = "C", backend: str | None = None) -> tuple[Reply, ...]:
         """Several frames of one state; as `Client.render_frames`."""
-        return (await self._ask("render", frames_fields(state, frames, order, allow_slow))).frames
+        return (await self._ask("render", frames_fields(state, frames, order, backend))).frames
 
     async def range(self, state: Mapping[str, Any] | HasDict, directions_camera: Any, camera: str | None = None, *,
                     noise: Mapping[str, Any] | None = None) -> Reply:

@@ -138,7 +138,7 @@ class Client:
                exposure_s: float | str | None = None, seed: int | None = None,
                max_error: float | Mapping[str, float] | None = None, samples: int | None = None,
                products: Sequence[str] = (), roi: Sequence[int] | None = None, order: str = "C",
-               allow_slow: bool | str = False, background: bool = False,
+               backend: str | None = None, background: bool = False,
                faults: Sequence[Mapping[str, Any]] | None = None) -> Reply:
         """Ask for one frame.
 
@@ -166,8 +166,8 @@ class Client:
             Region of interest x0, y0, x1, y1, one past the last: that part of the very frame, and no more, is sent.
         order : "C" or "F"
             Order of the bytes on the wire; the arrays are (height, width) either way.
-        allow_slow : bool, "raytrace" or "cycles"
-            Whether another backend may draw what OpenGL cannot within the budget. It takes seconds or minutes:
+        backend : str, optional
+            The backend that draws instead of the server's own, "raytrace" or "cycles". It takes seconds or minutes:
             give `timeout_s` of this client as much.
         background : bool
             Whether the frame is drawn only while nobody else waits, and in 0.5 % of the time while others ask.
@@ -182,7 +182,7 @@ class Client:
         """
         return self._ask_frames(render_fields(
             state, camera, output=output, exposure_s=exposure_s, seed=seed, max_error=max_error, samples=samples,
-            products=products, roi=roi, order=order, allow_slow=allow_slow, background=background, faults=faults))
+            products=products, roi=roi, order=order, backend=backend, background=background, faults=faults))
 
     def watch(self, after: int = 0, *, of_client: str | None = None, camera: str | None = None,
               password: str = "") -> Watched:
@@ -208,7 +208,7 @@ class Client:
             {"after": after, **{name: value for name, value in optional.items() if value}}, "watch"))
 
     def render_frames(self, state: Mapping[str, Any] | HasDict, frames: Iterable[Mapping[str, Any]], *,
-                      order: str = "C", allow_slow: bool | str = False) -> tuple[Reply, ...]:
+                      order: str = "C", backend: str | None = None) -> tuple[Reply, ...]:
         """Several frames of one state in one request: of several cameras, or of one with several settings.
 
         Parameters
@@ -217,7 +217,8 @@ class Client:
         frames : iterable of mappings
             Each the keyword arguments of `render` but `state` and `order`; 15 images and products in all.
         order : "C" or "F"
-        allow_slow : bool, "raytrace" or "cycles"
+        backend : str, optional
+            As of `render`, for all frames.
 
         Returns
         -------
@@ -230,7 +231,7 @@ class Client:
             One frame that is refused refuses all; the path names it, e.g. ``frames[1].camera``.
         RequestTimeout
         """
-        return self._ask_frames(frames_fields(state, frames, order, allow_slow)).frames
+        return self._ask_frames(frames_fields(state, frames, order, backend)).frames
 
     def range(self, state: Mapping[str, Any] | HasDict, directions_camera: Any, camera: str | None = None, *,
               noise: Mapping[str, Any] | None = None) -> Reply:

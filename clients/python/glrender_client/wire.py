@@ -140,20 +140,20 @@ def frame_fields(camera: str | None = None, *, output: str = "irradiance", expos
 
 
 def render_fields(state: Mapping[str, Any] | HasDict, camera: str | None = None, *, order: str = "C",
-                  allow_slow: bool | str = False, background: bool = False, **options: Any) -> dict[str, Any]:
+                  backend: str | None = None, background: bool = False, **options: Any) -> dict[str, Any]:
     """The fields of a `render` request; the arguments are those of `Client.render`."""
-    return {"state": state, "order": order, **_slow(allow_slow), **({"background": True} if background else {}),
+    return {"state": state, "order": order, **_named(backend), **({"background": True} if background else {}),
             **frame_fields(camera, **options)}
 
 
 def frames_fields(state: Mapping[str, Any] | HasDict, frames: Iterable[Mapping[str, Any]], order: str = "C",
-                  allow_slow: bool | str = False) -> dict[str, Any]:
+                  backend: str | None = None) -> dict[str, Any]:
     """The fields of a `render` request for several frames; the arguments are those of `Client.render_frames`."""
-    return {"state": state, "order": order, **_slow(allow_slow), "frames": [frame_fields(**frame) for frame in frames]}
+    return {"state": state, "order": order, **_named(backend), "frames": [frame_fields(**frame) for frame in frames]}
 
 
-def _slow(allow_slow: bool | str) -> dict[str, bool | str]:
-    return {"allow_slow": allow_slow} if allow_slow else {}
+def _named(backend: str | None) -> dict[str, str]:
+    return {} if backend is None else {"backend": backend}
 
 
 def range_fields(state: Mapping[str, Any] | HasDict, directions_camera: Any, camera: str | None = None,

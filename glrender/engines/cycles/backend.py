@@ -58,6 +58,9 @@ class Cycles:
         There is no Blender, or it does not start; the message says what to install.
     """
 
+    settings: tuple[str, ...] = ("bounces", "deadline_s", "n_threads")
+    options: tuple[str, ...] = ("seed", "bounces", "on_progress")
+
     def __init__(self, scene: Scene, *, bounces: int = 4, deadline_s: float = 600.0, n_threads: int = 0):
         self._own, self.scene = OwnProcess(), scene
         self._bounces = integer("bounces", bounces, 0, MAX_BOUNCES)

@@ -56,6 +56,9 @@ class RayTracer:
         embreex is not installed.
     """
 
+    settings: tuple[str, ...] = ()
+    options: tuple[str, ...] = ("seed", "on_progress")
+
     def __init__(self, scene: Scene):
         self._own, self.scene = OwnProcess(), scene
         self._engine = RayEngine(scene)

@@ -127,7 +127,8 @@ def laws() -> Plugins:
 @cache
 def backends() -> Plugins:
     """Backends other than OpenGL, by name: classes with the interface of `Backend`."""
-    return Plugins(BACKEND_GROUP, _has("render", "info", "close", "__enter__", "__exit__"), reserved=OPENGL_BACKENDS)
+    needed = ("settings", "options", "render", "info", "close", "__enter__", "__exit__")
+    return Plugins(BACKEND_GROUP, _has(*needed), reserved=OPENGL_BACKENDS)
 
 
 @cache
