@@ -18,10 +18,10 @@ from .base.own_process import OwnProcess
 from .base.stopwatch import Clock
 from .brdf import Law
 from .engines.coverage.engine import CoverageEngine
-from .engines.emission_interface import EmissionFrame
+from .engines.emissions import Emissions
 from .engines.image import Image, checked_products
 from .engines.irradiance import IrradiancePass
-from .engines.plugin_checks import check_light, try_twin
+from .engines.plugin_checks import try_twin
 from .engines.raster.gl.context import Context
 from .engines.raster.gl.evaluate import BrdfEvaluator
 from .engines.raster.meshes import body_mesh, body_traits
@@ -30,13 +30,11 @@ from .engines.raster.shadow_maps import Shadows
 from .engines.raster.surface_pass import Frame, SurfacePass
 from .engines.rays.engine import RayEngine
 from .engines.rays.products import traced_products
-from .planner.account import account
+from .planner.account import Drawn, account
 from .planner.error_model import rounding_px
 from .planner.frame_plan import FramePlan, plan_frame
-from .planner.plan import RenderPlan, WindowPlan
 from .planner.request import ENGINES, WHOLE_IMAGE, ImageUse, Request
-from .planner.seen import Seen, seen_bodies
-from .scene.plugins.checks import blamed_on
+from .planner.seen import seen_bodies
 from .scene.plugins.registry import OPENGL_BACKENDS, backends
 from .scene.scene import Scene
 from .scene.tolerance import checked_max_error
@@ -45,8 +43,6 @@ from .view.state import State
 
 # How far OpenGL may put places off in products.
 _MOST_ROUNDING_PX = 0.02
-# Side of a shadow map that only a coma asks for.
-_EMISSION_SHADOW_PX = 1024
 
 
 class Renderer:
@@ -92,10 +88,8 @@ class Renderer:
             self._products = stack.enter_context(ProductPass(self._context, self._surfaces))
             for law in {id(body.brdf): body.brdf for body in scene.bodies}.values():
                 try_twin(law, self.evaluate_brdf)
-            self._emission = []
-            for emission in scene.emission:
-                with blamed_on(type(emission)):
-                    self._emission.append(stack.enter_context(emission.open(self._context, scene)))
+            self._emissions = Emissions(self._context, scene, self._surfaces, self._shadows)
+            stack.callback(self._emissions.close)
             self._stack = stack.pop_all()
 
     def __enter__(self) -> Renderer:
@@ -158,35 +152,34 @@ class Renderer:
         """
         self._own.check()
         clock, wanted, deadline = Clock(), checked_products(products), _deadline(deadline_s)
-        plan = plan_frame(*self._asked(state, camera, max_error, samples, engine, use))
-        irradiance = _blank(plan.request.camera, out)
+        request = self._request(camera, max_error, samples, engine, use)
+        seen = seen_bodies(state, request.camera, self.scene.hulls, self._traits, self.scene.sun_disc)
+        plan, irradiance = plan_frame(seen, request), _blank(request.camera, out)
         clock.lap("plan")
         frame = self._frame(plan)
         clock.lap("shadow")
         drawn = self._irradiance.draw(plan, frame, irradiance, clock, deadline)
-        made = account(plan, frame.bodies, drawn.windows, self.scene.sun_disc, drawn.is_late)
-        if self._emission:
-            made = self._add_emission(irradiance, state, frame, made)
+        made = account(plan, drawn)
+        if self._emissions:
+            made = self._emissions.add(irradiance, state, frame, made)
             clock.lap("emission")
         arrays = {}
         if wanted:
-            arrays = self._drawn_products(wanted, plan, frame, drawn.windows)
+            arrays = self._drawn_products(wanted, plan, frame, drawn)
             clock.lap("products")
         return Image(irradiance_W_m2=irradiance, products=arrays, small_bodies=drawn.small_bodies,
                      plan=replace(made, milliseconds=sum(clock.laps_ms.values())), timings_ms=clock.laps_ms,
-                     request=(self.scene, state, frame.camera))
+                     request=(self.scene, state, request.camera))
 
-    def _asked(self, state: State, camera: str | PinholeCamera | None, max_error: float | Mapping[str, float] | None,
-               samples: int | None, engine: str | None, use: ImageUse) -> tuple[tuple[Seen, ...], Request]:
-        """The bodies before the camera, and the frame's demands, checked."""
-        scene, pinhole = self.scene, self.scene.drawn_camera(camera)
-        if any(getattr(emission, "dims", True) for emission in scene.emission):
-            # What dims the image does not reach points beside it.
+    def _request(self, camera: str | PinholeCamera | None, max_error: float | Mapping[str, float] | None,
+                 samples: int | None, engine: str | None, use: ImageUse) -> Request:
+        """The frame's demands, checked."""
+        if self._emissions.dims:
             use = replace(use, apart_px=0.0)
-        request = Request(
-            camera=pinhole, max_error=scene.max_error if max_error is None else checked_max_error(max_error), use=use,
-            engines=self._engines, has_gpu=not self._context.is_software, samples=samples, engine=engine)
-        return seen_bodies(state, pinhole, scene.hulls, self._traits, scene.sun_disc), request
+        return Request(
+            camera=self.scene.drawn_camera(camera), use=use, samples=samples, engine=engine, engines=self._engines,
+            max_error=self.scene.max_error if max_error is None else checked_max_error(max_error),
+            has_gpu=not self._context.is_software, has_sun_disc=self.scene.sun_disc)
 
     def _frame(self, plan: FramePlan) -> Frame:
         """The bodies, with the shadow maps that the first ways to draw them need."""
@@ -197,49 +190,21 @@ class Renderer:
         shadows, bodies = self._shadows.draw(views, plan.bodies, camera, by_raster)
         return Frame(camera=camera, views=views, bodies=bodies, shadows=shadows)
 
-    def _drawn_products(self, wanted: Sequence[str], plan: FramePlan, frame: Frame, windows: Sequence[WindowPlan]
+    def _drawn_products(self, wanted: Sequence[str], plan: FramePlan, frame: Frame, drawn: Drawn
                         ) -> dict[str, np.ndarray]:
         """Products by OpenGL, or by rays where OpenGL's coordinates are too coarse."""
         views, bodies, camera = list(frame.views), frame.bodies, frame.camera
         shadows, _ = self._shadows.draw(views, bodies, camera) if "sunlit" in wanted else ({}, None)
-        arrays = self._products.draw(wanted, replace(frame, shadows=shadows), windows)
+        arrays = self._products.draw(wanted, replace(frame, shadows=shadows), drawn.windows)
         if self._rays is not None and max(rounding_px(seen.view, seen.traits, body.relative_to_camera)
                                           for seen, body in zip(plan.seen, bodies, strict=True)) > _MOST_ROUNDING_PX:
-            traced = traced_products(self._rays, wanted, camera, views, union([w.roi for w in windows]))
+            traced = traced_products(self._rays, wanted, camera, views, union([w.roi for w in drawn.windows]))
             arrays = {name: values.astype(arrays[name].dtype) for name, values in traced.items()}
         return arrays
 
     def forget_shadow_maps(self) -> None:
         """Draw all shadow maps anew when next they are needed; no image changes."""
         self._shadows.close()
-
-    def _add_emission(self, irradiance: np.ndarray, state: State, frame: Frame, frame_plan: RenderPlan) -> RenderPlan:
-        """Add the light that the scene's emission plug-ins draw; where their light falls is the whole image."""
-        views, camera = {view.name: view for view in frame.views}, frame.camera
-
-        def draw_surfaces(target, stage, bounds_px, grid):
-            self._surfaces.draw(replace(frame, shadows={}), target, stage, bounds_px, grid, tuple(views))
-
-        def shadow_map(name):
-            shadow = frame.shadows.get(name)
-            # The shadow falls on dust far beside what the image shows of the body.
-            if shadow is None or not views[name].is_whole:
-                bodies = [replace(body, shadow_map_px=_EMISSION_SHADOW_PX if body.name == name else None)
-                          for body in frame.bodies]
-                shadow = self._shadows.draw(frame.views, bodies, camera, is_whole=True)[0][name]
-            return shadow.shadow_map, shadow.shadow_from_body
-
-        given = EmissionFrame(
-            state=state, camera=camera, views=views, max_error=frame_plan.max_error,
-            solar_irradiance_1au_W_m2=self.scene.solar_irradiance_of(camera),
-            rois=tuple(window.roi for window in frame_plan.windows),
-            draw_surfaces=draw_surfaces, shadow_map=shadow_map)
-        added = []
-        for emission, opened in zip(self.scene.emission, self._emission, strict=True):
-            with blamed_on(type(emission)):
-                added.append(opened.add(irradiance, given))
-            check_light(emission, irradiance, added[-1])
-        return replace(frame_plan, emission=tuple(added), roi=(0, 0, camera.width_px, camera.height_px))
 
 
 def open_renderer(scene: Scene, backend: str = "auto", device_index: int | None = None, **options: Any) -> Any:

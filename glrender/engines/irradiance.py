@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -13,6 +13,7 @@ import numpy as np
 from ..base.errors import ConfigError
 from ..base.stopwatch import Clock
 from ..planner import eclipse_samples, error_model
+from ..planner.account import Drawn
 from ..planner.adaptive_samples import frame_error, pixel_errors, pixel_means, plan_refinement
 from ..planner.engine_choice import MOST_FIRST_SAMPLES
 from ..planner.error_budget import ECLIPSE_SHARE
@@ -36,26 +37,6 @@ _MAX_WINDOW_SAMPLES = 4096 * 4096
 _FIRST_RAYS = 3e5
 # Side [px] of the parts of an image that are passed over where nothing faces both.
 _FACING_TILE_PX = 32
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Drawn:
-    """The irradiance of a frame's bodies, and the account of how it was drawn.
-
-    Attributes
-    ----------
-    irradiance_W_m2 : (height, width) float32 [W/m2]
-    small_bodies : tuple of SmallBody
-    windows : tuple of WindowPlan
-        Of each group the one that was drawn, with its errors before the camera's point spread function.
-    is_late : bool
-        Whether a deadline had passed.
-    """
-
-    irradiance_W_m2: np.ndarray
-    small_bodies: tuple[SmallBody, ...]
-    windows: tuple[WindowPlan, ...]
-    is_late: bool
 
 
 class IrradiancePass:
@@ -118,7 +99,7 @@ class IrradiancePass:
             raise ConfigError("engine", f"cannot draw {', '.join(hopeless)}", plan.request.engine,
                               "light falls between the corners of facets; leave engine out")
         return Drawn(irradiance_W_m2=irradiance, small_bodies=tuple(small), windows=tuple(windows),
-                     is_late=time.monotonic() > deadline)
+                     bodies=tuple(frame.bodies), is_late=time.monotonic() > deadline)
 
     def _first_that_fits(self, group: Group, options: Sequence[WindowPlan], frame: Frame, clock: Clock,
                          deadline: float) -> tuple[np.ndarray, WindowPlan]:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from ..scene.tolerance import by_unit
-from ..view.regions import union
+from ..view.regions import Group, union
 from .error_model import BodyTraits, parallel_error
 from .frame_plan import FramePlan
 from .plan import ONE_DIRECTION, BodyPlan, RenderPlan, WindowPlan
@@ -18,62 +19,70 @@ from .request import Request
 from .seen import Seen
 
 
-def account(plan: FramePlan, bodies: Sequence[BodyPlan], windows: Sequence[WindowPlan], has_sun_disc: bool,
-            is_late: bool = False) -> RenderPlan:
-    """The frame's plan as its windows were drawn, whose errors are before the camera's point spread function.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Drawn:
+    """A frame of surfaces as it was drawn, of which `account` makes its plan.
 
-    Parameters
+    Attributes
     ----------
-    plan : FramePlan
-    bodies : sequence of BodyPlan
+    irradiance_W_m2 : (height, width) float32 [W/m2]
+    small_bodies : tuple of SmallBody
+    windows : tuple of WindowPlan
+        For each group of the plan the one that was drawn, with its errors before the camera's point spread function.
+    bodies : tuple of BodyPlan
         Those of the plan, with the shadow maps that were drawn.
-    windows : sequence of WindowPlan
-        For each group of the plan the one that was drawn, with its errors.
-    has_sun_disc : bool
     is_late : bool
         Whether a deadline had passed before all was drawn.
     """
-    camera, max_error, error_gain = plan.request.camera, plan.request.max_error, plan.request.use.error_gain
-    drawn = {name: window for window in windows for name in window.bodies}
-    done = [body if body.name in drawn and drawn[body.name].engine == "raster" else _without_map(body)
-            for body in bodies]
+
+    irradiance_W_m2: np.ndarray
+    small_bodies: tuple[Any, ...]
+    windows: tuple[WindowPlan, ...]
+    bodies: tuple[BodyPlan, ...]
+    is_late: bool
+
+
+def account(plan: FramePlan, drawn: Drawn) -> RenderPlan:
+    """The frame's plan as it was drawn: what was left out, the errors after the point spread function, and misses."""
+    request, way_out = plan.request, _way_out(plan.request, drawn.is_late)
+    by_name = {name: window for window in drawn.windows for name in window.bodies}
+    bodies = [body if body.name in by_name and by_name[body.name].engine == "raster" else _without_map(body)
+              for body in drawn.bodies]
     left_out, warnings = [], []
-    for seen, body in zip(plan.seen, done, strict=True):
-        left_out += _left_out(seen, body, drawn.get(body.name), has_sun_disc)
+    for seen, body in zip(plan.seen, bodies, strict=True):
+        left_out += _left_out(seen, body, by_name.get(body.name), request.has_sun_disc)
         if seen.view.is_visible and seen.view.phase_rad > seen.traits.max_phase_rad:
             phase_deg, limit_deg = np.degrees([seen.view.phase_rad, seen.traits.max_phase_rad])
             warnings.append(f"{seen.traits.law} of {body.name} at a phase of {phase_deg:.1f} deg: "
                             f"it holds to {limit_deg:.1f} deg")
-    navigation = _by_unit(plan, windows)
-    rms = max_error
-    if isinstance(max_error, Mapping):
-        rms = min([error_gain * window.budget.tolerance for window in windows] + [1.0])
-    reported = tuple(_reported(window, error_gain) for window in windows)
-    made = RenderPlan(camera=camera.name, max_error=rms, roi=union([w.roi for w in windows]),
-                      windows=reported, bodies=tuple(done), left_out=tuple(left_out),
-                      predicted_error=max((window.predicted_error for window in reported), default=0.0),
-                      navigation=navigation, asked=by_unit(max_error))
+    error_gain, rms = request.use.error_gain, request.max_error
+    if isinstance(rms, Mapping):
+        rms = min([error_gain * window.budget.tolerance for window in drawn.windows] + [1.0])
+    windows = tuple(_reported(window, error_gain) for window in drawn.windows)
+    drawn_so = list(zip(plan.groups, drawn.windows, strict=True))
+    made = RenderPlan(camera=request.camera.name, max_error=rms, roi=union([window.roi for window in windows]),
+                      windows=windows, bodies=tuple(bodies), left_out=tuple(left_out),
+                      predicted_error=max((window.predicted_error for window in windows), default=0.0),
+                      navigation=_by_unit(plan.seen, drawn_so, error_gain), asked=by_unit(request.max_error))
     if any(math.isfinite(window.budget.tolerance) for window in windows):
-        drawn_so = zip(plan.groups, windows, strict=True)
         least = frame_errors([(group, window.how, 0.0, 0.0) for group, window in drawn_so], error_gain)
         for unit, text in made.misses().items():
-            out = _way_out(plan.request, is_late)
-            if made.asked[unit] <= least.get(unit, 0.0):
-                out = f"no frame of this view is promised less than {least[unit]:.2g}"
-            warnings.append(f"{text}; {out}")
+            is_out_of_reach = made.asked[unit] <= least.get(unit, 0.0)
+            warnings.append(f"{text}; " + (f"no frame of this view is promised less than {least[unit]:.2g}"
+                                           if is_out_of_reach else way_out))
     return replace(made, warnings=tuple(warnings))
 
 
-def _by_unit(plan: FramePlan, windows: Sequence[WindowPlan]) -> dict[str, float]:
+def _by_unit(seen: Sequence[Seen], drawn: Sequence[tuple[Group, WindowPlan]], error_gain: float) -> dict[str, float]:
     """Predicted errors of the frame in each unit but `rms`."""
     # The Sun's direction and distance along a body have laws of their own.
-    others = [replace(window, modelled={cause: error for cause, error in window.modelled.items()
-                                        if cause != ONE_DIRECTION}) for window in windows]
+    others = [(group, replace(window, modelled={cause: error for cause, error in window.modelled.items()
+                                                if cause != ONE_DIRECTION})) for group, window in drawn]
     found = frame_errors([(group, window.how, window.predicted_error, window.modelling_error)
-                          for group, window in zip(plan.groups, others, strict=True)], plan.request.use.error_gain)
-    found["flux"] = math.hypot(found["flux"], max((parallel_error(seen.view, seen.traits) for seen in plan.seen
-                                                   if seen.view.is_visible), default=0.0))
-    for group, window in zip(plan.groups, windows, strict=True):
+                          for group, window in others], error_gain)
+    found["flux"] = math.hypot(found["flux"], max((parallel_error(body.view, body.traits) for body in seen
+                                                   if body.view.is_visible), default=0.0))
+    for group, window in drawn:
         found = with_eclipse(found, group, window.flux_error)
     return found
 

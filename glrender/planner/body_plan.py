@@ -29,9 +29,10 @@ def plan_body(body: Seen, camera: PinholeCamera, budget: Budget | None) -> BodyP
     view, traits, casters = body.view, body.traits, body.casters
     footprint_m = view.depth_m[0] / camera.focal_length_px
     is_relative = is_close(view, traits.radius_m, footprint_m)
-    shadow_px, modelled = None, {"coordinates": rounding_error(view, traits, is_relative)}
+    seen_share, shadow_px = _seen_share(view, traits, camera), None
     if budget is not None:
-        shadow_px = plan_shadow(view, traits, bool(casters), budget, _seen_share(view, traits, camera))
+        shadow_px = plan_shadow(view, traits, bool(casters), budget, seen_share)
+    modelled = {"coordinates": rounding_error(view, traits, is_relative)}
     if shadow_px is not None:
         modelled |= {"shadow map": _LEAK_RMS * leaked_flux(view, traits, shadow_px),
                      "hard edges": body.penumbra.hard_error}

@@ -88,7 +88,7 @@ def ways_to_draw(group: Group, bodies: Sequence[Seen], plans: Sequence[BodyPlan]
     worst = max((plan.modelled for plan in plans), key=lambda errors: math.hypot(*errors.values()))
     if request.samples is not None:
         return [replace(_raster(part, worst), why="samples were asked for")]
-    made = [name for name in request.engines if request.engine in (None, name)]
+    made, is_crowded = [name for name in request.engines if request.engine in (None, name)], _is_crowded(bodies)
     coverage = _coverage(part) if "coverage" in made else []
     rays = _rays(part) if "rays" in made else []
     raster = [_raster(part, worst)] if "raster" in made else []
@@ -98,7 +98,7 @@ def ways_to_draw(group: Group, bodies: Sequence[Seen], plans: Sequence[BodyPlan]
         options, why = [*coverage, *rays, *raster], "asked for"
     elif request.has_gpu and is_fine_enough:
         options, why = [*raster, *coverage, *rays], "there is a GPU, and its shadow map is fine enough"
-    elif _is_crowded(bodies):
+    elif is_crowded:
         options = [*rays, *coverage, *([] if rays else raster)]
         why = f"more than {MOST_FACETS_PER_PX:g} facets that face Sun and camera share a pixel"
     elif coverage:

@@ -53,10 +53,10 @@ def plan_frame(seen: Sequence[Seen], request: Request) -> FramePlan:
         The engine that was asked for cannot draw a body.
     """
     views = [body.view for body in seen]
-    groups, apart_px = touching(views, request.camera), apart_limit(views, request.use.apart_px)
+    groups = touching(views, request.camera)
     shared = {name: request.budget(group, "raster") for group in groups for name in group.names}
     bodies = {body.view.name: plan_body(body, request.camera, shared.get(body.view.name)) for body in seen}
-    options, by_name = [], {body.view.name: body for body in seen}
+    options, by_name, apart_px = [], {body.view.name: body for body in seen}, apart_limit(views, request.use.apart_px)
     for group in groups:
         members = [by_name[name] for name in group.names]
         options.append(tuple(ways_to_draw(group, members, [bodies[name] for name in group.names], request, apart_px)))

@@ -65,6 +65,8 @@ class Request:
     engines : tuple of str
         Out of `ENGINES`: those that are there.
     has_gpu : bool
+    has_sun_disc : bool
+        Whether the scene's Sun is no point.
     samples : int or None, 1..`MAX_SAMPLES`
         Along a pixel's side, asked for instead of the planner's choice: drawn by OpenGL.
     engine : str or None
@@ -81,6 +83,7 @@ class Request:
     use: ImageUse = WHOLE_IMAGE
     engines: tuple[str, ...] = ENGINES
     has_gpu: bool = False
+    has_sun_disc: bool = False
     samples: int | None = None
     engine: str | None = None
 
