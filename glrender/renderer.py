@@ -22,6 +22,7 @@ from .engines.emissions import Emissions
 from .engines.image import Image, checked_products
 from .engines.irradiance import IrradiancePass
 from .engines.plugin_checks import try_twin
+from .engines.prepared_body import PreparedBody
 from .engines.raster.gl.context import Context
 from .engines.raster.gl.evaluate import BrdfEvaluator
 from .engines.raster.meshes import body_mesh, body_traits
@@ -70,8 +71,7 @@ class Renderer:
         self._own, self.scene = OwnProcess(), scene
         with ExitStack() as stack:
             self._context = stack.enter_context(Context(backend, device_index))
-            self._traits = {body.name: body_traits(body) for body in scene.bodies}
-            self._meshes = {body.name: stack.enter_context(body_mesh(self._context, body)) for body in scene.bodies}
+            meshes = [stack.enter_context(body_mesh(self._context, body)) for body in scene.bodies]
             rays = coverage = None
             try:
                 rays = RayEngine(scene)
@@ -81,9 +81,14 @@ class Renderer:
             except DeviceError:
                 pass  # embreex has no wheel for every machine: OpenGL draws all there
             self._rays, self._engines = rays, ENGINES if rays is not None else ("raster",)
-            self._shadows = Shadows(self._context, scene.hulls, self._meshes)
+            self._bodies = {body.name: PreparedBody(
+                index=index, body=body, traits=body_traits(body), mesh=mesh,
+                solid=None if rays is None else rays.solid(body.name),
+                facets=None if coverage is None else coverage.facets(body.name))
+                for index, (body, mesh) in enumerate(zip(scene.bodies, meshes, strict=True))}
+            self._shadows = Shadows(self._context, scene, self._bodies)
             stack.callback(self._shadows.close)
-            self._surfaces = stack.enter_context(SurfacePass(self._context, scene, self._meshes))
+            self._surfaces = stack.enter_context(SurfacePass(self._context, scene, self._bodies))
             self._irradiance = stack.enter_context(IrradiancePass(self._context, self._surfaces, rays, coverage))
             self._products = stack.enter_context(ProductPass(self._context, self._surfaces))
             for law in {id(body.brdf): body.brdf for body in scene.bodies}.values():
@@ -105,8 +110,9 @@ class Renderer:
 
     @property
     def info(self) -> dict[str, Any]:
-        """The OpenGL that was found: backend, gl_renderer, gl_version, limits; and the engines that there are."""
-        return {**self._context.info, "engines": self._engines}
+        """The OpenGL that was found: backend, gl_renderer, gl_version, limits; the engines; the memory of each body."""
+        return {**self._context.info, "engines": self._engines,
+                "memory_bytes": {name: body.memory_bytes for name, body in self._bodies.items()}}
 
     def evaluate_brdf(self, law: Law, to_sun: np.ndarray, to_camera: np.ndarray, normal: np.ndarray) -> np.ndarray:
         """BRDF [1/sr] of (N, 3) unit vectors, (N,) float32, by the very GLSL function that draws."""
@@ -153,7 +159,8 @@ class Renderer:
         self._own.check()
         clock, wanted, deadline = Clock(), checked_products(products), _deadline(deadline_s)
         request = self._request(camera, max_error, samples, engine, use)
-        seen = seen_bodies(state, request.camera, self.scene.hulls, self._traits, self.scene.sun_disc)
+        traits = [body.traits for body in self._bodies.values()]
+        seen = seen_bodies(state, request.camera, self.scene.hulls, traits, request.has_sun_disc)
         plan, irradiance = plan_frame(seen, request), _blank(request.camera, out)
         clock.lap("plan")
         frame = self._frame(plan)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from glrender_camera import PinholeCamera
@@ -43,9 +43,9 @@ class Seen:
                        detail_layers=len(active))
 
 
-def seen_bodies(state: State, camera: PinholeCamera, hulls: Mapping[str, Hull], traits: Mapping[str, BodyTraits],
+def seen_bodies(state: State, camera: PinholeCamera, hulls: Mapping[str, Hull], traits: Sequence[BodyTraits],
                 has_sun_disc: bool) -> tuple[Seen, ...]:
-    """All bodies of a scene, in its order.
+    """All bodies of a scene, in the order of their hulls and traits.
 
     Raises
     ------
@@ -53,9 +53,9 @@ def seen_bodies(state: State, camera: PinholeCamera, hulls: Mapping[str, Hull], 
         The state cannot be rendered: an unknown body, a camera inside a body.
     """
     views, found = view_bodies(state, camera, hulls), []
-    for view in views:
+    for view, known in zip(views, traits, strict=True):
         sun_radius_rad = view.sun_radius_rad if has_sun_disc else 0.0
         cast = casters(view, views, hulls, sun_radius_rad) if view.is_visible else []
-        found.append(Seen.of(view, traits[view.name], camera, tuple(name for name, _ in cast),
+        found.append(Seen.of(view, known, camera, tuple(name for name, _ in cast),
                              penumbra_of(view, cast, hulls, sun_radius_rad)))
     return tuple(found)

@@ -66,7 +66,7 @@ def test_the_facts_of_a_body_are_those_of_the_scene():
     state = views.state(phase_deg=60.0, bodies=("body", "moon"))
     to_sun = state.r_sun_inertial_m / np.linalg.norm(state.r_sun_inertial_m)
     state = replace(state, bodies={**state.bodies, "moon": Pose(r_inertial_m=1000.0 * to_sun)})
-    known = {body.name: traits() for body in bodies}
+    known = [traits() for _ in bodies]
     body, moon = seen_bodies(state, scene.cameras[0], scene.hulls, known, True)
     assert (body.view.name, body.casters, moon.casters) == ("body", ("moon",), ())
     width_m = 2.0 * SUN_RADIUS_M / np.linalg.norm(state.r_sun_inertial_m) * 1000.0

@@ -56,6 +56,10 @@ class CoverageEngine:
         self._facets = {body.name: FacetTables(body, rays.solid(body.name))
                         for body in scene.bodies if Surface(body).is_even}
 
+    def facets(self, name: str) -> FacetTables | None:
+        """A body's tables; None where its facets are not evenly bright."""
+        return self._facets.get(name)
+
     def close(self) -> None:
         """Release the tables."""
         self._facets.clear()

@@ -12,11 +12,11 @@ from glrender_camera import PinholeCamera
 from ...base import rotations as frames
 from ...planner.body_plan import MAX_SHADOW_SIDE_PX
 from ...planner.plan import BodyPlan
-from ...scene.shape.convex_hull import Hull
+from ...scene.scene import Scene
 from ...view.occluders import casters
 from ...view.view import BodyView
+from ..prepared_body import PreparedBody
 from .gl.context import Context
-from .gl.mesh import Mesh
 from .gl.targets import ShadowMap, rounded_room
 
 _MAPS_KEPT = 8
@@ -53,14 +53,12 @@ class Shadows:
     Parameters
     ----------
     context : Context
-    hulls : mapping
-        Body name to its `Hull`.
-    meshes : mapping
-        Body name to its mesh.
+    scene : Scene
+    bodies : mapping of str to PreparedBody
     """
 
-    def __init__(self, context: Context, hulls: Mapping[str, Hull], meshes: Mapping[str, Mesh]):
-        self._context, self._hulls, self._meshes = context, hulls, meshes
+    def __init__(self, context: Context, scene: Scene, bodies: Mapping[str, PreparedBody]):
+        self._context, self._hulls, self._bodies = context, scene.hulls, bodies
         self._maps: OrderedDict[tuple, ShadowMap] = OrderedDict()
         # Maps that the frame needs.
         self._needed: set[tuple] = set()
@@ -80,7 +78,7 @@ class Shadows:
 
         A single one where there are none: no shadow is looked up then.
         """
-        mesh = self._meshes[view.name]
+        mesh = self._bodies[view.name].mesh
         clip = frames.clip_from_camera(camera.focal_length_px, camera.principal_point_px, camera.bounds_px,
                                        *view.depth_m) @ frames.transform(view.camera_from_body,
                                                                          -view.camera_from_body @ view.r_camera_body_m)
@@ -132,8 +130,7 @@ class Shadows:
                 self._maps.move_to_end(key)
             else:
                 shadow_map = self._map_to_fill(size_px)
-                shadow_map.draw([(self._meshes[name], clip @ matrix) for name, matrix in cast],
-                                size_px)
+                shadow_map.draw([(self._bodies[name].mesh, clip @ matrix) for name, matrix in cast], size_px)
                 self._maps[key] = shadow_map
             shadow_map = self._maps[key]
             shadows[view.name] = Shadow(

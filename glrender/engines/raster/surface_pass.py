@@ -13,8 +13,9 @@ from ...planner.plan import BodyPlan
 from ...scene.scene import Scene
 from ...view import regions as grouping
 from ...view.view import BodyView
+from ..prepared_body import PreparedBody
 from .gl.context import Context
-from .gl.mesh import IRRADIANCE_STAGE, Mesh, SurfaceVariant
+from .gl.mesh import IRRADIANCE_STAGE, SurfaceVariant
 from .gl.targets import PixelMask, Target
 from .shadow_maps import NO_SHADOW, Shadow
 
@@ -47,14 +48,11 @@ class SurfacePass:
     ----------
     context : Context
     scene : Scene
-    meshes : mapping
-        Body name to its mesh.
+    bodies : mapping of str to PreparedBody
     """
 
-    def __init__(self, context: Context, scene: Scene, meshes: Mapping[str, Mesh]):
-        self._scene, self._meshes = scene, meshes
-        self._ids = {body.name: index for index, body in enumerate(scene.bodies)}
-        self._reliefs = {body.name: body.relief for body in scene.bodies}
+    def __init__(self, context: Context, scene: Scene, bodies: Mapping[str, PreparedBody]):
+        self._scene, self._bodies = scene, bodies
         self._mask = PixelMask(context)
 
     def __enter__(self) -> SurfacePass:
@@ -100,7 +98,7 @@ class SurfacePass:
 
     def _draw_body(self, stage: str, view: BodyView, body_plan: BodyPlan, clip_from_camera: np.ndarray,
                    camera: PinholeCamera, shadow: Shadow) -> None:
-        r_camera = view.r_camera_body_m
+        prepared, r_camera = self._bodies[view.name], view.r_camera_body_m
         offset = np.zeros(3) if body_plan.relative_to_camera else -r_camera
         clip_from_surface = clip_from_camera @ frames.transform(
             view.camera_from_body, view.camera_from_body @ offset)
@@ -108,10 +106,10 @@ class SurfacePass:
         relief = None
         if body_plan.detail_m is not None and stage == IRRADIANCE_STAGE:
             footprint_m = view.depth_m[0] / camera.focal_length_px
-            relief = {**self._reliefs[view.name].uniforms(r_camera + offset, footprint_m),
+            relief = {**prepared.body.relief.uniforms(r_camera + offset, footprint_m),
                       "footprint_per_m": 1.0 / camera.focal_length_px}
         high = r_camera.astype(np.float32)
-        self._meshes[view.name].draw_surface(
+        prepared.mesh.draw_surface(
             stage,
             SurfaceVariant(relative_to_camera=body_plan.relative_to_camera, normal_lookup=body_plan.normal_lookup,
                            shadows=shadow.shadow_map is not None, relief=relief is not None),
@@ -120,5 +118,5 @@ class SurfacePass:
              "sun_direction_body": view.sun_direction_body, "boresight_body": view.camera_from_body[2],
              "irradiance_scale": solar_irradiance / camera.focal_length_px**2,
              "shadow_bias_per_texel": shadow.bias_per_texel,
-             "body_id": self._ids[view.name]},
+             "body_id": prepared.index},
             shadow.shadow_map and shadow.shadow_map.texture, relief)

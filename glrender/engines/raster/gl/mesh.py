@@ -125,6 +125,14 @@ class Mesh(ResourceOwner):
         self._relief_uniforms = None
         self._vertex_arrays: dict[Any, moderngl.VertexArray] = {}
 
+    @property
+    def memory_bytes(self) -> int:
+        """Memory [byte] of its buffers and textures on the device."""
+        held = vars(self).values()
+        return (sum(each.size for each in held if isinstance(each, moderngl.Buffer))
+                + sum(4 * each.width * each.height * each.components for each in held
+                      if isinstance(each, moderngl.Texture)))
+
     def _vertex_array(self, program: moderngl.Program) -> moderngl.VertexArray:
         if program not in self._vertex_arrays:
             buffers = {"position": (self._position, "3f"), "position_low": (self._position_low, "3f"),

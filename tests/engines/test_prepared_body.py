@@ -1,0 +1,44 @@
+"""The bodies of a renderer with what their engines hold of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import views
+from glrender import Body, Renderer, generate
+from glrender.brdf import Lambert
+from missing import needed_module
+
+SHAPE = generate.icosphere(radius_m=100.0, subdivisions=4)
+BODY = Body(name="body", shape=SHAPE, brdf=Lambert(normal_albedo=0.3))
+
+
+def memory(*bodies):
+    with Renderer(views.scene(bodies, [views.camera(32, 100.0)])) as renderer:
+        return renderer.info["memory_bytes"]
+
+
+def test_a_body_s_memory_is_that_of_its_arrays():
+    """V corners and F facets: float64 and int32 in the shape; float32 and int32 on the device, and some uniforms."""
+    needed_module("embreex", "pip install embreex")
+    n_vertices, n_facets = len(SHAPE.vertices_m), len(SHAPE.facets)
+    found = memory(BODY)["body"]
+    assert found["shape"] == 24 * n_vertices + 12 * n_facets
+    assert 0 <= found["raster"] - 12 * (n_vertices + n_facets) < 20_000
+    # A normal, an offset and an error of float64 each.
+    assert found["rays"] == 40 * n_facets
+    # At least numbers, corners, normals and neighbours.
+    assert found["coverage"] > (8 + 24 + 24 + 12) * n_facets
+
+
+def test_memory_is_in_proportion_to_facets_and_is_each_body_s_own():
+    coarser = replace(BODY, name="coarser", shape=generate.icosphere(radius_m=100.0, subdivisions=3))
+    both = memory(coarser, BODY)
+    assert both["body"] == memory(BODY)["body"]
+    for part in ("shape", "rays", "coverage"):
+        assert both["body"][part] == pytest.approx(4 * both["coarser"][part], rel=0.01), part
+
+
+def test_coverage_holds_nothing_of_what_it_does_not_draw():
+    assert memory(replace(BODY, smooth_normals=True))["body"]["coverage"] == 0
