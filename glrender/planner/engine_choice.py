@@ -275,7 +275,7 @@ def _sampled(engine: str, part: _Part, modelled: Mapping[str, float], *, eclipse
     window = partial(part.window, engine, eclipse_px=eclipse_px, flux_error=flux_error)
     if request.samples is None and part.target != "region":
         pixels = min(SAMPLES_SHARE * budget.tolerance, budget.left_after(math.hypot(*modelled.values())))
-        # Of each body, whatever part of the grid it has.
+        # Each body asks for its own samples, whatever part of the grid it has.
         per_px = max(samples_across(view, traits, budget.flux, pixels, noise) / max(view.size_px, 1e-9)
                      for view, traits, noise in eclipsed)
         per_px = min(per_px, MAX_RAYS_ACROSS / group.size_px)
