@@ -120,6 +120,7 @@ class Dispatcher:
         self._quick_from: OrderedDict[Hashable, float] = OrderedDict()
         self._mean_seconds, self._n_new_and_quick = 0.0, 0
         self._last_timings_ms: dict[str, float] = {}
+        self._own_operations = {"hello": self._hello, "status": self._status, "close": self._close}
         self._durations = Histogram("glrender_request_seconds", "op")
         self._stages = Histogram("glrender_stage_seconds", "stage")
         self._renders, self._background = Recent(), Background()
@@ -191,7 +192,7 @@ class Dispatcher:
             self._watch(request, header)
         elif header["op"] not in DRAWN:
             self.requests[header["op"]] += 1
-            request.answer(getattr(self, f"_{header['op']}")(header))
+            request.answer(self._own_operations[header["op"]](header))
         elif header["op"] == "load_scene" and self._operators is not None and request.user not in self._operators:
             self._refuse(request, header, "forbidden", "op", "this server's scene is replaced by its operators alone"
                          if self._operators else "this server's scene is not replaced (--no-load-scene)")

@@ -72,6 +72,11 @@ class FrameRequest:
                    max_error=table.get("max_error"), samples=table.get("samples"), products=products, roi=roi,
                    peak_bytes=peak_bytes(drawn_pixels(camera), products), faults=faults)
 
+    @property
+    def is_sent_as_drawn(self) -> bool:
+        """Whether all that is sent is an image as a renderer draws it."""
+        return self.output == "irradiance" and not (self.products or self.roi or self.camera.distortion)
+
     @contextmanager
     def named_errors(self) -> Iterator[None]:
         """Errors raised inside name the field's place in the request; fields that all frames share keep theirs."""

@@ -93,7 +93,8 @@ class LocalEngine:
                 return [memoryview(bytearray(size)) for size in sizes]
             return room(slot, sizes)
 
-        reply, code = self._operations.answer_message(job.message, memory if job.header["shared"] else None)
+        reply, code, timings_ms, warnings = self._operations.answer_message(
+            job.message, memory if job.header["shared"] else None)
         if job.is_load and not code:
             self.generation += 1
             self.described = self._operations.described
@@ -101,8 +102,7 @@ class LocalEngine:
             self._slots.give_back(slot)
         elif slot is not None:
             reply[1:], place = self._slots.lend(slot, [len(part) for part in reply[1:]])
-        job.done(Done(reply, code, {} if code else self._operations.last_timings_ms, place,
-                      self._operations.last_warnings))
+        job.done(Done(reply, code, timings_ms, place, warnings))
 
     def watch(self, poller: zmq.Poller) -> None:
         """Nothing here wakes the loop."""

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from glrender import (
@@ -16,6 +16,7 @@ from glrender import (
     ConfigError,
     DeviceError,
     GlrenderError,
+    PinholeCamera,
     ProtocolError,
     Scene,
     SceneError,
@@ -48,6 +49,18 @@ _RANGE_KEYS = ("state", "camera", "directions_camera", "noise")
 _UNITS = {**OUTPUTS, **PRODUCTS}
 
 
+class Answer(NamedTuple):
+    """The answer to a request."""
+
+    reply: list[Any]
+    """The message's parts."""
+    code: str = ""
+    """The error code; empty if it went well."""
+    timings_ms: dict[str, float] = {}
+    warnings: Sequence[tuple[str, tuple[Advice, ...]]] = ()
+    """Of each frame its camera's name, and what it warns of and notes."""
+
+
 class Operations:
     """Serves one scene with one renderer, in the thread that made it.
 
@@ -67,8 +80,6 @@ class Operations:
         Called with a scene that was asked for and its digest, before a renderer has it.
     on_progress : callable
         Called while a slow frame is drawn, with the share done of the request's frames.
-    last_warnings : list of (str, tuple of Advice)
-        Warnings and notes of the last request's frames, each with its camera's name.
     """
 
     def __init__(self, scene: Scene, backend: str = "auto", shape_dir: Path | None = None, digest: str | None = None):
@@ -78,9 +89,7 @@ class Operations:
         self.scene, self._renderer = scene, open_renderer(scene, backend)
         self._others: dict[str, Any] = {}
         self._of_scene = scene_advice(scene)
-        self.last_timings_ms: dict[str, float] = {}
-        self.last_warnings: list[tuple[str, tuple[Advice, ...]]] = []
-        self._memory: pixels.Memory | None = None
+        self._by_name = {"render": self._render, "range": self._range, "load_scene": self._load_scene}
         self.on_progress: Callable[[float], None] = lambda share: None
         self.on_scene: Callable[[Scene, str], None] = lambda scene, digest: None
 
@@ -111,13 +120,12 @@ class Operations:
             "max_error": self.scene.max_error, "warnings": [*map(asdict, self._of_scene)],
             "stars": None if self.scene.stars is None else asdict(self.scene.stars), **self._renderer.info}
 
-    def answer_message(self, message: bytes, memory: pixels.Memory | None = None) -> tuple[list[Any], str]:
+    def answer_message(self, message: bytes, memory: pixels.Memory | None = None) -> Answer:
         """As `answer`, of a request's bytes: its lists and maps are decoded here, at its sender's cost."""
-        self.last_warnings, self.last_timings_ms = [], {}
         try:
             header = codec.unpack_request([message])
         except GlrenderError as error:
-            return refusal(codec.unpack_envelope([message]), error.code, "", str(error)), error.code
+            return Answer(refusal(codec.unpack_envelope([message]), error.code, "", str(error)), error.code)
         return self.answer(header, memory)
 
     def replace(self, scene: Scene, digest: str) -> None:
@@ -128,37 +136,34 @@ class Operations:
         self.scene, self.digest, self._renderer = scene, digest, renderer
         self._of_scene = scene_advice(scene)
 
-    def answer(self, header: Mapping[str, Any], memory: pixels.Memory | None = None) -> tuple[list[Any], str]:
-        """The reply to one request and its error code, empty if it went well; raises nothing.
+    def answer(self, header: Mapping[str, Any], memory: pixels.Memory | None = None) -> Answer:
+        """The answer to one request; raises nothing.
 
         The arrays are written to `memory`, if it is given.
         A caller's error is answered with `code`, `path` and `message`; anything else is a bug:
         logged with its traceback, answered `internal`, and survived.
         """
-        self._memory, self.last_warnings, self.last_timings_ms = memory, [], {}
         try:
-            return getattr(self, f"_{header['op']}")(header), ""
+            return self._by_name[header["op"]](header, memory)
         except GlrenderError as error:
-            return refusal(header, error.code, getattr(error, "path", ""), str(error)), error.code
+            return Answer(refusal(header, error.code, getattr(error, "path", ""), str(error)), error.code)
         except MemoryError:
             log.exception("request %s needs more memory than there is", header.get("op"))
-            return refusal(header, "device", "", "the server has not the memory for this request; ask for less, or "
-                                                 "start it with more --worker-memory"), "device"
+            return Answer(refusal(header, "device", "", "the server has not the memory for this request; ask for less, "
+                                                        "or start it with more --worker-memory"), "device")
         except Exception:
             log.exception("request %s failed", header.get("op"))
-            return refusal(header, "internal", "", "the server failed on this request; its log has the "
-                                                   "traceback"), "internal"
-        finally:
-            self._memory = None  # whoever lent it may close it now
+            return Answer(refusal(header, "internal", "", "the server failed on this request; its log has the "
+                                                          "traceback"), "internal")
 
-    def _load_scene(self, header: Mapping[str, Any]) -> list[Any]:
+    def _load_scene(self, header: Mapping[str, Any], memory: pixels.Memory | None) -> Answer:
         scene = scene_asked(header, self._shape_dir)
         digest = scene_digest(scene)
         self.on_scene(scene, digest)
         self.replace(scene, digest)
-        return codec.pack({**echo(header), "ok": True, **self.described})
+        return Answer(codec.pack({**echo(header), "ok": True, **self.described}))
 
-    def _render(self, header: Mapping[str, Any]) -> list[Any]:
+    def _render(self, header: Mapping[str, Any], memory: pixels.Memory | None) -> Answer:
         known_keys("", header, (*ENVELOPE, "scene", "state", "order", "backend", "shared", "background", "frames",
                                 *FRAME_KEYS), required=("state",))
         began = time.perf_counter()
@@ -171,36 +176,31 @@ class Operations:
         if header.get("background") and "backend" in header:
             raise ConfigError("background", "goes with no backend", hint="nobody waits for minutes behind it")
         backend = one_of("backend", header["backend"], tuple(backends())) if "backend" in header else None
-        asked, made, arrays = frames_asked(header, self.scene), [], []
-        place = self._place(asked[0]) if len(asked) == 1 and order == "C" else {}
+        asked, made, arrays, warnings = frames_asked(header, self.scene), [], [], []
+        place: dict[str, Any] = {}
+        if memory is not None and len(asked) == 1 and order == "C" and asked[0].is_sent_as_drawn:
+            parts = memory([4 * asked[0].camera.width_px * asked[0].camera.height_px])
+            place, memory = {"out": _image_in(parts[0], asked[0].camera)}, lambda sizes: parts
         for index, frame in enumerate(asked):
             progress = partial(self._progress, index, len(asked))
             with frame.named_errors():
-                fields, of_frame = self._frame(state, frame, backend, {"on_progress": progress, **place})
+                fields, of_frame, advice = self._frame(state, frame, backend, {"on_progress": progress, **place})
             made.append(fields)
             arrays.append(of_frame)
+            warnings.append((frame.camera.name, advice))
         if "frames" in header:
             fields = {"frames": made, "timings_ms": _summed(frame["timings_ms"] for frame in made)}
         else:
             arrays, fields = arrays[0], made[0]
         # The frames' temporary memory is freed by now: that is part of their time.
         fields["timings_ms"]["total"] = 1e3 * (time.perf_counter() - began)
-        self.last_timings_ms = fields["timings_ms"]
-        return pixels.pack({**echo(header), "ok": True, "scene": self.digest, "t_s": state.t_s, **fields}, arrays,
-                           order, self._memory)
-
-    def _place(self, asked: FrameRequest) -> dict[str, np.ndarray]:
-        """The place of a lone image, if it is sent from memory that we are given and as it is drawn."""
-        camera = asked.camera
-        if self._memory is None or asked.output != "irradiance" or asked.products or asked.roi or camera.distortion:
-            return {}
-        parts = self._memory([4 * camera.width_px * camera.height_px])
-        self._memory = lambda sizes: parts
-        return {"out": np.frombuffer(parts[0], np.float32).reshape(camera.height_px, camera.width_px)}
+        fields = {**echo(header), "ok": True, "scene": self.digest, "t_s": state.t_s, **fields}
+        return Answer(pixels.pack(fields, arrays, order, memory), timings_ms=fields["timings_ms"], warnings=warnings)
 
     def _frame(self, state: State, asked: FrameRequest, backend: str | None,
-               drawing: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, tuple[np.ndarray, str]]]:
-        """The reply's fields of one frame, and its arrays with their units."""
+               drawing: Mapping[str, Any]
+               ) -> tuple[dict[str, Any], dict[str, tuple[np.ndarray, str]], tuple[Advice, ...]]:
+        """The reply's fields of one frame, its arrays with their units, and its warnings and notes."""
         camera, fields = asked.camera, {}
         options = {"products": asked.products, "max_error": asked.max_error, "samples": asked.samples, **drawing}
         if has_exposure(asked.output):
@@ -224,13 +224,12 @@ class Operations:
         arrays = {"image": (asked.cut(pixels), _UNITS[asked.output])}
         arrays |= {name: (asked.cut(array), _UNITS[name]) for name, array in capture.products.items()}
         own = [advice for advice in capture.warnings if advice not in self._of_scene]
-        self.last_warnings.append((camera.name, (*own, *capture.notes)))
         return {"camera": camera.name, "output": asked.output, "plan": capture.plan.to_dict(),
                 "timings_ms": dict(capture.timings_ms), "stages": capture.stages, "unit": _UNITS[asked.output],
                 "warnings": [*map(asdict, (*own, *self._of_scene))], "notes": [*map(asdict, capture.notes)],
-                **fields, **({"roi": asked.roi} if asked.roi else {})}, arrays
+                **fields, **({"roi": asked.roi} if asked.roi else {})}, arrays, (*own, *capture.notes)
 
-    def _range(self, header: Mapping[str, Any]) -> list[Any]:
+    def _range(self, header: Mapping[str, Any], memory: pixels.Memory | None) -> Answer:
         known_keys("", header, (*ENVELOPE, "scene", *_RANGE_KEYS), required=("state", "directions_camera"))
         began = time.perf_counter()
         self._check_scene(header)
@@ -243,9 +242,10 @@ class Operations:
         found = laser_ranges(self.scene, state, header["directions_camera"], camera.name, noise)
         arrays = {"range": (found.range_m, "m"), "body_id": (found.body_id, "1"), "facet_id": (found.facet_id, "1"),
                   "beam_incidence": (found.beam_incidence, "rad")}
-        self.last_timings_ms = {"total": 1e3 * (time.perf_counter() - began)}
-        return pixels.pack({**echo(header), "ok": True, "scene": self.digest, "t_s": state.t_s, "camera": camera.name,
-                            "timings_ms": self.last_timings_ms}, arrays, memory=self._memory)
+        timings_ms = {"total": 1e3 * (time.perf_counter() - began)}
+        fields = {**echo(header), "ok": True, "scene": self.digest, "t_s": state.t_s, "camera": camera.name,
+                  "timings_ms": timings_ms}
+        return Answer(pixels.pack(fields, arrays, memory=memory), timings_ms=timings_ms)
 
     def _check_scene(self, header: Mapping[str, Any]) -> None:
         """Refuse a request that means another scene."""
@@ -285,6 +285,11 @@ class Operations:
             except DeviceError as error:
                 raise ConfigError("backend", f"does not work here: {error}", backend) from error
         return self._others[backend]
+
+
+def _image_in(part: memoryview, camera: PinholeCamera) -> np.ndarray:
+    """The irradiance of a camera in memory that is lent."""
+    return np.frombuffer(part, np.float32).reshape(camera.height_px, camera.width_px)
 
 
 def _summed(timings_ms: Iterable[Mapping[str, float]]) -> dict[str, float]:

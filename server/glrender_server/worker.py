@@ -91,11 +91,12 @@ def work(peer: socket.socket, backend: str, shape_dir: Path | None, memory_bytes
                 with contextlib.suppress(OSError):  # somebody has tidied up: a reply that needs it fails
                     mark_begun(_attached(slots, name))
             loaded.clear()
-            (head, *parts), code = operations.answer_message(message, partial(_room, channel, slots, name))
+            (head, *parts), code, timings_ms, warnings = operations.answer_message(
+                message, partial(_room, channel, slots, name))
             sizes = [len(part) for part in parts]
             del parts
-            channel.send("done", bytes(head), sizes, code, {} if code else operations.last_timings_ms,
-                         operations.last_warnings, (*loaded[0], operations.described) if loaded and not code else None)
+            made = (*loaded[0], operations.described) if loaded and not code else None
+            channel.send("done", bytes(head), sizes, code, timings_ms, warnings, made)
             loaded.clear()
     except (EOFError, OSError):
         pass  # the server is gone

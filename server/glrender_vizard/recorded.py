@@ -81,7 +81,7 @@ class FrameFiles:
             scene = frames.make_scene(order.scene, self._map)
             self.close()
             self._scene, self._operations = order.scene, Operations(scene, self._backend)
-        parts, code = self._operations.answer(order.fields)
+        parts, code, *_ = self._operations.answer(order.fields)
         header = codec.unpack_request(parts[:1])
         if code:
             raise ProtocolError("", header["error"]["message"])

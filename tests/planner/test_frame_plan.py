@@ -10,6 +10,7 @@ import pytest
 import views
 from glrender import Body, ConfigError, Pose, generate
 from glrender.brdf import Lambert
+from glrender.planner.account import Drawn, account
 from glrender.planner.error_budget import Budget
 from glrender.planner.frame_plan import plan_frame
 from glrender.planner.penumbra import Penumbra
@@ -114,6 +115,31 @@ def test_bodies_that_are_drawn_together_have_one_budget():
 def test_an_engine_that_cannot_draw_a_body_is_refused_with_the_way_out(engine, known, text):
     with pytest.raises(ConfigError, match=text):
         ways([seen(view(), known, detail_layers=2)], engine=engine)
+
+
+@pytest.mark.parametrize("asked, is_late, way_out", [
+    ({}, False, 'the backend "raytrace" draws it'), ({"engine": "rays"}, False, "leave engine out"),
+    ({"engine": "rays"}, True, "give more time than deadline_s")])
+def test_a_miss_is_warned_of_with_the_way_out(asked, is_late, way_out):
+    """A frame whose drawing errs by 0.5 where 0.02 was asked for; by half of that after a point spread function."""
+    use = ImageUse(error_gain=0.5)
+    plan = plan_frame([seen(view())], Request(camera=CAMERA, max_error=0.02, use=use, **asked))
+    window = replace(plan.options[0][0], modelled={}, drawn={"samples": 0.5})
+    made = account(plan, Drawn(irradiance_W_m2=np.zeros((1, 1), np.float32), small_bodies=(), windows=(window,),
+                               bodies=plan.bodies, is_late=is_late))
+    assert made.predicted_error == made.windows[0].predicted_error == pytest.approx(0.25)
+    assert made.missed == ("rms",) and made.warnings == (f"predicted error 0.25 exceeds max_error 0.02; {way_out}",)
+
+
+def test_a_tolerance_that_no_frame_is_promised_says_so_and_the_other_has_its_way_out():
+    """The centre to 1e-9 px, and a total that the drawing misses."""
+    plan = plan_frame([seen(view())], Request(camera=CAMERA, max_error={"centroid_px": 1e-9, "flux": 1e-3}))
+    window = replace(plan.options[0][0], modelled={}, drawn={"samples": 0.5})
+    made = account(plan, Drawn(irradiance_W_m2=np.zeros((1, 1), np.float32), small_bodies=(), windows=(window,),
+                               bodies=plan.bodies, is_late=False))
+    ends = {text.split()[1]: text.split("; ")[1] for text in made.warnings}
+    assert ends == {"flux": 'the backend "raytrace" draws it',
+                    "centroid_px": "no frame of this view is promised less than 0.0003"}
 
 
 def test_the_use_of_an_image_is_checked():

@@ -221,15 +221,15 @@ def test_the_service_tells_it_where_a_scene_is_loaded_and_with_each_frame():
     operations = Operations(Scene.from_dict(TABLE))
     try:
         assert operations.described["warnings"] == []
-        loaded, code = operations.answer({"v": 1, "op": "load_scene", "id": 1, "client": "a",
-                                          "scene": changed(OPTICS, aperture_diameter_m=15.0)})
+        loaded, code, *_ = operations.answer({"v": 1, "op": "load_scene", "id": 1, "client": "a",
+                                              "scene": changed(OPTICS, aperture_diameter_m=15.0)})
         assert not code
-        drawn, code = operations.answer({"v": 1, "op": "render", "id": 2, "client": "a",
-                                         "state": views.state().to_dict()})
+        drawn, code, _, warnings = operations.answer({"v": 1, "op": "render", "id": 2, "client": "a",
+                                                      "state": views.state().to_dict()})
         assert not code
         for parts in (loaded, drawn):
             (said,) = msgpack.unpackb(parts[0])["warnings"]
             assert (said["code"], said["path"]) == ("unit", MODEL + "optics.aperture_diameter_m")
-        assert operations.last_warnings == [("navcam", ())]
+        assert warnings == [("navcam", ())]
     finally:
         operations.close()

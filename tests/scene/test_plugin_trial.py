@@ -22,7 +22,7 @@ def table(law):
 
 
 def ask(operations, op, **fields):
-    parts, code = operations.answer({"v": 1, "id": 1, "client": "test", "op": op, **fields})
+    parts, code, *_ = operations.answer({"v": 1, "id": 1, "client": "test", "op": op, **fields})
     return msgpack.unpackb(bytes(parts[0])), code
 
 

@@ -30,7 +30,7 @@ def served(tmp_path_factory):
 
 def answer(served, **fields):
     """The reply's header, and its image's bytes."""
-    (header, *parts), _ = served.answer({**REQUEST, **fields})
+    (header, *parts), *_ = served.answer({**REQUEST, **fields})
     return msgpack.unpackb(header), b"".join(map(bytes, parts))
 
 
@@ -49,7 +49,7 @@ def test_a_named_backend_draws_all_frames_of_a_request_and_reports_how_far_it_is
     frame = {"camera": "navcam", "max_error": 0.02}
     request = {name: value for name, value in REQUEST.items() if name not in frame}
     header, pixels = answer(served, backend="raytrace")
-    (together, *parts), code = served.answer({**request, "backend": "raytrace", "frames": [frame, frame]})
+    (together, *parts), code, *_ = served.answer({**request, "backend": "raytrace", "frames": [frame, frame]})
     assert not code and [bytes(part) for part in parts] == [pixels, pixels]
     served.on_progress = lambda share: None
     shares = told[told.index(1.0) + 1:]
@@ -65,7 +65,7 @@ def test_a_named_backend_draws_the_detector_s_frame_and_writes_to_shared_memory(
         return room
 
     _, pixels = answer(served, backend="raytrace")
-    _, code = served.answer({**REQUEST, "backend": "raytrace", "shared": True}, lent)
+    _, code, *_ = served.answer({**REQUEST, "backend": "raytrace", "shared": True}, lent)
     assert not code and bytes(room[0]) == pixels
     own, traced = (np.frombuffer(answer(served, output="dn", seed=1, **asked)[1], "<u2").astype(float)
                    for asked in ({}, {"backend": "raytrace"}))
@@ -97,7 +97,7 @@ def test_what_is_no_backend_is_refused_by_name_with_the_way_out(served, fields, 
     request = {**REQUEST, **fields}
     if "frames" in fields:
         del request["camera"], request["max_error"]
-    header, code = served.answer(request)
+    header, code, *_ = served.answer(request)
     error = msgpack.unpackb(header[0])["error"]
     assert code == "config" and error["path"] == path and message in error["message"], error
 

@@ -243,7 +243,7 @@ def test_a_lost_context_is_made_anew_and_the_request_answered(tmp_path, monkeypa
     served = operations.Operations(load_scene(tmp_path / "scene.toml"))
     header = {"v": 1, "op": "render", "id": 1, "client": "c", "state": STATE, "camera": "bare"}
     try:
-        first, code = served.answer(header)
+        first, code, *_ = served.answer(header)
         assert not code
         lost = served._renderer
 
@@ -251,7 +251,7 @@ def test_a_lost_context_is_made_anew_and_the_request_answered(tmp_path, monkeypa
             raise DeviceError("GL_CONTEXT_LOST")
 
         monkeypatch.setattr(lost, "render", fail)
-        again, code = served.answer(header)
+        again, code, *_ = served.answer(header)
         assert not code and served._renderer is not lost and bytes(again[1]) == bytes(first[1])
         monkeypatch.setattr(type(lost), "render", fail)
         assert served.answer(header)[1] == "device", "a device that fails twice is told"

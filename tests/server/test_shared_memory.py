@@ -145,7 +145,7 @@ def test_memory_that_was_lent_for_an_answer_can_be_closed_after_it(tmp_path):
     operations = Operations(load_scene(tmp_path / "scene.toml"))
     slot = SharedMemory(create=True, size=1 << 20)
     try:
-        (_, *parts), code = operations.answer(
+        (_, *parts), code, *_ = operations.answer(
             {"v": 1, "op": "render", "id": 1, "client": "a", "state": STATE, "camera": "bare"}, partial(room, slot))
         assert not code and np.frombuffer(parts[0], np.float32).max() > 0.0
         del parts

@@ -17,7 +17,7 @@ def served(tmp_path_factory):
     operations = Operations(Scene.from_dict(tomllib.loads(serving.SCENE)))
 
     def ask(op, **fields):
-        parts, _ = operations.answer({"v": 1, "id": 1, "client": "test", "op": op, **fields})
+        parts, *_ = operations.answer({"v": 1, "id": 1, "client": "test", "op": op, **fields})
         return msgpack.unpackb(parts[0]), [bytes(part) for part in parts[1:]]
 
     yield ask

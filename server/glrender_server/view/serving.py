@@ -185,6 +185,7 @@ class _Viewer:
         self._is_waiting = False
         self._questions: dict[str, dict[str, Any]] = {}
         self._asked = {kind: asyncio.Event() for kind in _READ}
+        self._answers = {"frame": self._frame, "status": self._status, "pixel": self._pixel, "free": self._free}
         self._sending = asyncio.Lock()
 
     async def serve(self) -> None:
@@ -248,7 +249,7 @@ class _Viewer:
         except _SENSELESS:
             return {"trouble": "this is no question of the page"}
         try:
-            return await getattr(self, f"_{kind}")(*asked)
+            return await self._answers[kind](*asked)
         except Exception:
             log.exception("a question of a page failed")
             return {"trouble": "the view failed on this; its log has the traceback"}
