@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 import msgpack
-from glrender_server.operations import Operations
+from glrender_server.operations import Answer, Operations
+from glrender_server.pixels import Memory
 
 from .frames import encoded, picture
 
@@ -15,9 +16,9 @@ class Pictures(Operations):
     """Serves `render` requests with a further field `picture`, {white_radf, sun_irradiance_W_m2}; the reply's one part
     is a PGM file. An image of many megapixels takes seconds, in which others must not wait."""
 
-    def _render(self, header: Mapping[str, Any]) -> list[Any]:
-        memory, self._memory = self._memory, None
-        head, pixels = super()._render({name: value for name, value in header.items() if name != "picture"})
+    def _render(self, header: Mapping[str, Any], memory: Memory | None) -> Answer:
+        answer = super()._render({name: value for name, value in header.items() if name != "picture"}, None)
+        head, pixels = answer.reply
         camera, wanted = self.scene.camera(header["camera"]), header["picture"]
         whole = encoded(picture(camera, wanted["white_radf"], wanted["sun_irradiance_W_m2"], msgpack.unpackb(head),
                                 pixels))
@@ -25,4 +26,4 @@ class Pictures(Operations):
             place, = memory([len(whole)])
             place[:] = whole
             whole = place
-        return [head, whole]
+        return answer._replace(reply=[head, whole])
