@@ -127,16 +127,18 @@ def main(argv: list[str] | None = None) -> int:
 def _engine(arguments: argparse.Namespace) -> LocalEngine | WorkerPool:
     n_workers = integer("--workers", arguments.workers, 1, MAX_WORKERS)
     file = SceneFile(arguments.scene, arguments.belief)
+    # A pipe, as of `<(...)` in a shell, is open in this process alone.
+    scene = file.load() if arguments.in_process or arguments.scene.is_fifo() else file
     if arguments.in_process:
         if n_workers > 1 or arguments.deadline is not None:
             raise ConfigError("--in-process", "goes with no --workers and no --deadline",
                               hint="only a process can be killed")
         from .operations import Operations
 
-        return LocalEngine(Operations(file.load(), arguments.backend, arguments.shape_dir))
+        return LocalEngine(Operations(scene, arguments.backend, arguments.shape_dir))
     deadline_s = DEADLINE_S if arguments.deadline is None else positive("--deadline", arguments.deadline)
     memory_bytes = worker_memory_bytes(arguments.worker_memory, n_workers)
-    return WorkerPool(file, arguments.backend, arguments.shape_dir, n_workers=n_workers, deadline_s=deadline_s,
+    return WorkerPool(scene, arguments.backend, arguments.shape_dir, n_workers=n_workers, deadline_s=deadline_s,
                       slow_deadline_s=positive("--slow-deadline", arguments.slow_deadline), memory_bytes=memory_bytes,
                       log_format=arguments.log_format)
 

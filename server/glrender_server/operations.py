@@ -132,9 +132,11 @@ class Operations:
         """Serve another scene; the old one serves on if the new one fails."""
         prepare(scene)
         renderer = open_renderer(scene, self._backend)
-        self.close()
-        self.scene, self.digest, self._renderer = scene, digest, renderer
+        before = self._renderer, *self._others.values()
+        self.scene, self.digest, self._renderer, self._others = scene, digest, renderer, {}
         self._of_scene = scene_advice(scene)
+        for each in before:
+            each.close()
 
     def answer(self, header: Mapping[str, Any], memory: pixels.Memory | None = None) -> Answer:
         """The answer to one request; raises nothing.
@@ -176,6 +178,7 @@ class Operations:
         if header.get("background") and "backend" in header:
             raise ConfigError("background", "goes with no backend", hint="nobody waits for minutes behind it")
         backend = one_of("backend", header["backend"], tuple(backends())) if "backend" in header else None
+        backend = None if backend == self._backend else backend
         asked, made, arrays, warnings = frames_asked(header, self.scene), [], [], []
         place: dict[str, Any] = {}
         if memory is not None and len(asked) == 1 and order == "C" and asked[0].is_sent_as_drawn:
@@ -277,7 +280,7 @@ class Operations:
 
     def _renderer_of(self, backend: str | None) -> Any:
         """The server's renderer, or that of a backend which a request names: it is opened by the first and kept."""
-        if backend in (None, self._backend):
+        if backend is None:
             return self._renderer
         if backend not in self._others:
             try:

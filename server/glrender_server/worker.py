@@ -63,6 +63,8 @@ def work(peer: socket.socket, backend: str, shape_dir: Path | None, memory_bytes
         scene = pickle.loads(scene_pickle)
         if isinstance(scene, SceneFile):
             scene, digest = _opened(scene, channel)
+            if scene is None:
+                return
         operations = made_of(scene, backend, shape_dir, digest)
     except (GlrenderError, MemoryError) as error:
         channel.send("failed", str(error))
@@ -105,14 +107,23 @@ def work(peer: socket.socket, backend: str, shape_dir: Path | None, memory_bytes
         _forget(slots)
 
 
-def _opened(file: SceneFile, channel: Channel) -> tuple[Scene, str]:
+def _opened(file: SceneFile, channel: Channel) -> tuple[Scene | None, str]:
+    """The scene of a file and its digest, which the server gets too; none where the server knows why, or is gone."""
+    scene, digest = None, ""
     try:
         scene = file.load()
+        digest = scene_digest(scene)
+        said = "opened", pickle.dumps(scene), digest, sum(len(body.shape.facets) for body in scene.bodies)
     except GlrenderError as error:
-        channel.send("unreadable", error)
-        raise
-    digest = scene_digest(scene)
-    channel.send("opened", pickle.dumps(scene), digest, sum(len(body.shape.facets) for body in scene.bodies))
+        said = "unreadable", error
+    except MemoryError:
+        said = "unreadable", DeviceError("the scene needs more memory than a worker has; start the server with more "
+                                         "--worker-memory")
+        scene = None
+    try:
+        channel.send(*said)
+    except OSError:
+        scene = None
     return scene, digest
 
 

@@ -132,7 +132,7 @@ class WorkerPool:
         # As pickle and digest: the scene that is served, and the server's own, which has no digest until it is read.
         is_read = not isinstance(scene, SceneFile)
         self._scene = self._own_scene = pickle.dumps(scene), scene_digest(scene) if is_read else ""
-        self._start_s = _start_s(sum(len(body.shape.facets) for body in scene.bodies)) if is_read else math.inf
+        self._start_s = _start_s(sum(len(body.shape.facets) for body in scene.bodies) if is_read else 0)
         self._unreadable: GlrenderError | None = None
         self._arguments, self._operations = (backend, shape_dir, memory_bytes), operations
         self._deadline_s, self._slow_deadline_s, self._log_format = deadline_s, slow_deadline_s, log_format
@@ -346,6 +346,9 @@ class WorkerPool:
         if kind == "awake":
             # Not before: one that dies unread leaves nothing behind.
             worker.wants_scene = True
+            # A file may take any time to read, and the others wait for it.
+            if not self._scene[1]:
+                worker.deadline = math.inf
         elif kind == "opened":
             *scene, n_facets = rest
             self._scene = self._own_scene = tuple(scene)
@@ -429,7 +432,11 @@ class WorkerPool:
         # One that does not come after all, killed again and again, is waited for no more.
         worker.is_after_overrun = worker.state == "busy" and worker.overran and not worker.was_stopped
         self._end(worker)
-        if is_opening and not self._is_own_scene:
+        if is_opening and not self._scene[1]:
+            self._n_failed_scenes += 1
+            if self._n_failed_scenes > _MAX_TRIES and not self.outage:
+                self.outage = "the workers that read the scene's file died; the server's log may say why"
+        elif is_opening and not self._is_own_scene:
             self._n_failed_scenes += not is_by_signal
             self._n_killed_by_scene += is_by_signal
             if self._n_failed_scenes > _MAX_TRIES or self._n_killed_by_scene >= _MAX_KILLED_BY_SCENE:

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 import serving
 import views
-from glrender import State, draw_still, load_scene, open_renderer
+from glrender import DeviceError, State, draw_still, load_scene, open_renderer
 from glrender_client import AsyncClient, Client, ServerError
+from glrender_server import operations
 from glrender_server.operations import Operations
 
 STATE = views.state().to_dict()
@@ -84,6 +85,25 @@ def test_another_scene_is_drawn_by_the_backend_too(served):
     finally:
         served.replace(scene, digest)
     assert header["arrays"][0]["shape"] == [32, 32] and answer(served, backend="raytrace")[1] == before
+
+
+def test_the_servers_own_backend_by_its_name_is_made_anew_when_it_fails(served, monkeypatch):
+    """One renderer has the name, and no second one is opened."""
+    own = Operations(served.scene, "raytrace")
+    draw, failed = operations.draw_still, []
+
+    def fails_once(*arguments, **options):
+        if not failed:
+            failed.append(True)
+            raise DeviceError("lost")
+        return draw(*arguments, **options)
+
+    monkeypatch.setattr(operations, "draw_still", fails_once)
+    try:
+        _, code = own.answer({**REQUEST, "backend": "raytrace"})
+        assert not code and failed and not own._others
+    finally:
+        own.close()
 
 
 @pytest.mark.parametrize("fields, path, message", [

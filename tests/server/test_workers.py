@@ -254,6 +254,27 @@ def test_a_file_that_no_scene_comes_from_is_named_with_its_field(tmp_path):
         workers.WorkerPool(SceneFile(tmp_path / "none.toml"), n_workers=1, deadline_s=20.0)
 
 
+class Deadly:
+    """The name of a file whose reader dies, as for want of memory."""
+
+    def __reduce__(self):
+        return os._exit, (3,)
+
+
+def test_a_file_that_its_readers_die_of_is_given_up_after_three():
+    began = time.monotonic()
+    with pytest.raises(DeviceError, match="read the scene's file died"):
+        workers.WorkerPool(SceneFile(Deadly()), n_workers=4, deadline_s=20.0)
+    assert time.monotonic() - began < 60.0
+
+
+def test_a_scene_larger_than_a_workers_memory_names_the_option(tmp_path):
+    source = tmp_path / "scene.toml"
+    source.write_text(serving.SCENE.replace("subdivisions = 4", "subdivisions = 9"))
+    with pytest.raises(DeviceError, match="--worker-memory"):
+        workers.WorkerPool(SceneFile(source), n_workers=1, deadline_s=20.0, memory_bytes=600 << 20)
+
+
 @pytest.fixture
 def pool(tmp_path):
     """One worker with a scene that no pipe holds."""
