@@ -100,7 +100,7 @@ def test_the_servers_own_backend_by_its_name_is_made_anew_when_it_fails(served, 
 
     monkeypatch.setattr(operations, "draw_still", fails_once)
     try:
-        _, code = own.answer({**REQUEST, "backend": "raytrace"})
+        _, code, *_ = own.answer({**REQUEST, "backend": "raytrace"})
         assert not code and failed and not own._others
     finally:
         own.close()
