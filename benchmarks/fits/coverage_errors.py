@@ -58,7 +58,7 @@ def frame(seed: int, most_rays: float) -> dict | None:
     changes = accumulate.no_changes(cells.shape)
     areas.add_to(changes, cells, 0.0)
     image = np.zeros((camera.height_px, camera.width_px))
-    image[y0:y1, x0:x1] = cells.light(changes, scene.solar_irradiance_of(camera), 1.001, 0.5)[0]
+    image[y0:y1, x0:x1] = cells.light(changes, scene.solar_irradiance_of(camera), 0.5)[0]
     exact = units.dense_truth(scene, case.state, most_rays)
     if exact is None:
         return None

@@ -32,7 +32,7 @@ from .rays.engine import RayEngine, draws
 from .small_bodies import SmallBody, add_by_area
 
 # Samples drawn at once: 16 Mi samples of float32 and depth are 128 MiB.
-_MAX_WINDOW_SAMPLES = 4096 * 4096
+_MAX_WINDOW_SAMPLES = 16_777_216
 # Rays that are cast at first at what faces Sun and camera of a crescent: 0.1 s.
 _FIRST_RAYS = 3e5
 # Side [px] of the parts of an image that are passed over where nothing faces both.

@@ -14,12 +14,11 @@ import cv2
 import numpy as np
 
 from .engine_choice import MAX_SAMPLES
+from .small_body_grid import SAMPLE_COUNTS
 
 # Error of a sample's area over the contrast within 3 x 3 samples: 0.18 as measured against rays
 # (docs/accuracy.md), times 1.3, so that the truth is within.
 _ERROR_PER_CONTRAST = 0.235
-SAMPLE_COUNTS = tuple(sorted(first * 2**k for first in (2, 3) for k in range(6) if first * 2**k <= 64))
-"""Samples along a pixel's side that a refinement may take: up to 16, and more where they are asked for."""
 # Values by which pixels are sorted by their errors.
 _BINS = 256
 

@@ -24,13 +24,9 @@ LEAST_LEFT = 0.3
 """The least that the drawing aims at, whatever is modelled otherwise: it then adds 4 % to that error."""
 OVERLAPS_LEFT = 0.9
 """Clipping, of the squared tolerance: a tenth is left for facets that turn out to overlap."""
-HIDDEN_SHARE = 0.25
-"""Light that may be hidden between dark corners of facets, of the squared tolerance."""
 MISSED_SHARE = 0.5
-"""Boundaries that pass between corners that agree, of the squared tolerance: neighbours of boundary facets are divided
-where it is more."""
-STILL_MISSED_SHARE = 0.8
-"""The same once neighbours are divided: they are divided again while it is more."""
+"""Boundaries that pass between corners that agree, of the squared tolerance: facets beside are divided while it is
+more."""
 UNDIVIDED_SHARE = 0.25
 """Triangles that are clipped as they are, of the squared error that is left: the dimmest, which are the most."""
 ECLIPSE_SHARE = 0.85

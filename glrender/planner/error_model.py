@@ -16,8 +16,6 @@ from ..base.constants import AU_M
 from ..scene.detail.height_field import Relief
 from ..view.view import FINE_FOOTPRINT, BodyView
 
-# Creases that err as surface detail does, over its slope [rad]: three kinds of detail at 30 and 70 deg.
-_DETAIL_CREASE = 0.36
 # Error of noise over that of an edge of the same contrast [1]: four rough shapes with 0.1 to 300 facets a sample.
 _NOISE_GAIN = 0.85
 NOISE_FACETS = 20.0
@@ -38,7 +36,7 @@ _ROUNDING_ERROR = 0.1
 _RAY_ROUNDING = 3e-8
 FEWEST_CENTROIDS = 10_000
 """Facets from which a shape is drawn by centroids: fewer are soon clipped."""
-FACETS_SEEN = 0.5 / 0.6
+FACETS_SEEN = 0.83
 """Facets that a pixel sees times squared size over all facets: half face it, on 0.6 of the square."""
 CRESCENT_RAD = 2.1
 """Phase angle [rad] from which light falls in narrow crescents: at 143 deg 2 x 2 first samples lead to 1.4
@@ -95,8 +93,8 @@ class BodyTraits:
 
     @property
     def slope(self) -> float:
-        """RMS angle of creases [rad] that err as its own and its surface detail do."""
-        return math.hypot(self.crease_rad, _DETAIL_CREASE * self.detail_slope)
+        """RMS angle of creases [rad] that err as its own and its surface detail do, at most."""
+        return math.hypot(self.crease_rad, self.detail_slope)
 
 
 def rounding_px(view: BodyView, traits: BodyTraits, is_relative: bool) -> float:

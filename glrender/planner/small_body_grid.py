@@ -10,9 +10,11 @@ from .error_model import FACETS_SEEN, NOISE_FACETS, BodyTraits, lit_share
 CELL_PX = 0.28
 """Side of the cells of a small body, each a point: light in its middle is 0.0065 px^2 narrower, and a crowd of points
 is spread 0.0067 px^2 wider."""
+SAMPLE_COUNTS = tuple(sorted(first * 2**k for first in (2, 3) for k in range(6)))
+"""Samples along a pixel's side that a refinement may take: up to 16, and more where they are asked for."""
 MAX_RAYS_ACROSS = 1024
 """Most rays across a small body: some half a second."""
-SAMPLES_ACROSS = (*(first * 2**k for k in range(4) for first in (64, 96)), MAX_RAYS_ACROSS)
+SAMPLES_ACROSS = tuple(n for each in SAMPLE_COUNTS if (n := 32 * each) <= MAX_RAYS_ACROSS)
 """Samples across the outline of a body that has a grid of its own."""
 # Relative error of one sample across a body: edges fall as N^-1.5, creases between facets as N^-1 while a sample is
 # larger than a facet and as N^-1.5 from there on. Seven shapes of 8,000 to 3.1 million facets, 0.1 to 20 px across, at
@@ -20,7 +22,7 @@ SAMPLES_ACROSS = (*(first * 2**k for k in range(4) for first in (64, 96)), MAX_R
 _EDGES = 0.47
 _CREASES = 0.67
 _CREASE_POWER = 0.8
-_LIT_POWER = 1.15
+_LIT_POWER = 1.2
 # The same of points of the Sun's disc, where all of a body is half eclipsed: half of the samples are lit.
 _DISC_NOISE = 0.5
 # The same data: errors of the flux, of pixels and of the centre of light [px], over that.
@@ -28,7 +30,6 @@ _FLUX = 2.8
 _PIXELS = 1.2
 # Error of cells [1/px2] that are shared among pixels by area: 120 attitudes of four shapes at 1 to 4 px.
 _CELL_ERROR = 2.2
-_CELL_LIT_POWER = 1.2
 
 
 def sampling_errors(view: BodyView, traits: BodyTraits, n_across: float, penumbra: float = 0.0
@@ -59,9 +60,9 @@ def samples_across(view: BodyView, traits: BodyTraits, flux_error: float, pixel_
 
 def cell_error(cell_px: float, phase_rad: float) -> float:
     """RMS error [1] of a body of few pixels whose cells of so many pixels' width are shared among pixels by area."""
-    return _CELL_ERROR * cell_px**2 * lit_share(phase_rad) ** -_CELL_LIT_POWER
+    return _CELL_ERROR * cell_px**2 * lit_share(phase_rad) ** -_LIT_POWER
 
 
 def cell_size(error: float, phase_rad: float) -> float:
     """Width [px] of cells that have such an error: the inverse of `cell_error`."""
-    return math.sqrt(error / _CELL_ERROR * lit_share(phase_rad) ** _CELL_LIT_POWER)
+    return math.sqrt(error / _CELL_ERROR * lit_share(phase_rad) ** _LIT_POWER)

@@ -20,8 +20,6 @@ FINE_FOOTPRINT = 1e-5
 """Side of a pixel's footprint, in radii, below which rays are cast in float64: some hundred float32 steps."""
 # The outline's edges, float64 pixel coordinates, are then good to 1e-4 of its size.
 _MIN_SIZE_PX = 1e-9
-# Radii: the range of a camera at the origin of open terrain, by which others divide.
-_LEAST_RANGE = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -184,10 +182,11 @@ def _view(name: str, hull: Hull, state: State, camera: PinholeCamera, camera_fro
         # Depth is range times the cosine off the boresight: least in the image's corner.
         corner = np.array([[x, y] for x in (-0.5, camera.width_px - 0.5) for y in (-0.5, camera.height_px - 0.5)])
         nearest = hull.distance_m(r_camera) * float(camera.directions(corner)[:, 2].min())
-    to_camera = r_camera / range_m if range_m > 0.0 else sun_direction
+    # At the origin of open terrain any direction and range do, by which others divide.
+    to_camera, range_m = (r_camera / range_m, range_m) if range_m > 0.0 else (sun_direction, hull.radius_m)
     return BodyView(
         name=name, camera_from_body=camera_from_body, r_camera_body_m=r_camera, sun_direction_body=sun_direction,
-        sun_distance_au=sun_distance / AU_M, range_m=max(range_m, _LEAST_RANGE * hull.radius_m),
+        sun_distance_au=sun_distance / AU_M, range_m=range_m,
         phase_rad=phase_angle(sun_direction, to_camera),
         depth_m=(nearest, farthest), bounds_px=bounds, is_visible=is_visible,
         is_whole=_is_within(bounds, camera.bounds_px), footprint_m=nearest / camera.focal_length_px,

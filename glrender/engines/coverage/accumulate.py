@@ -51,12 +51,12 @@ def means(changes, first, last, values, cover):
 
 
 @compiled(float64(write(float64, 2), write(float64, 2), intp, intp, float64, float64, read(float64, 1),
-                  read(float64, 1), float64, float64))
-def settle(values, cover, first, last, least, scale, across, down, most, least_share):
+                  read(float64, 1), float64))
+def settle(values, cover, first, last, least, scale, across, down, least_share):
     """Turn means (R, C) of rows first to last into light: 0 where it is less than the least.
 
-    Where the cover exceeds `most`, a share of the excess is taken off, and all of it from twice the possible cover on.
-    The result is times a scale over (1 + x^2 + y^2)^1.5 by the squares `across` (C,) and `down` (R,). Returns the error
+    Where the cover exceeds 1, a share of the excess is taken off, and all of it from twice the possible cover on. The
+    result is times a scale over (1 + x^2 + y^2)^1.5 by the squares `across` (C,) and `down` (R,). Returns the error
     where areas overlap: the sum of the squares of half of each excess.
     """
     unsure = 0.0
@@ -65,7 +65,7 @@ def settle(values, cover, first, last, least, scale, across, down, most, least_s
             value, covered = values[row, column], cover[row, column]
             if value < least:
                 value = 0.0
-            elif covered > most:
+            elif covered > 1.0:
                 unsure += (0.5 * value * (1.0 - 1.0 / covered)) ** 2
                 value *= 1.0 - max(least_share, min(covered - 1.0, 1.0)) * (1.0 - 1.0 / covered)
             slant = 1.0 + across[column] + down[row]

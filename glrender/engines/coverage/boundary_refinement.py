@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...planner.error_budget import HIDDEN_SHARE, MISSED_SHARE, STILL_MISSED_SHARE, UNDIVIDED_SHARE
+from ...planner.error_budget import MISSED_SHARE, UNDIVIDED_SHARE
 from . import accumulate, sunlit_error
 from .boundary_clip import Polygons
 from .corner_visibility import FEW, CornerVisibility
@@ -20,14 +20,9 @@ from .sunlit_error import CLIPPED_ERROR, pixels_squared
 
 # Bisections by which ends of cuts are found.
 _BISECTIONS = 2
-# Share of the error of boundaries between corners that agree that is left when the neighbours of boundary facets are
-# divided too [1]; and the angle between neighbours [rad] from which they are: bumps are then as small as facets, and
-# 67P, with 0.5, errs half as much at the same time. Itokawa has 0.15.
-_STILL_MISSED = 0.36
-_ROUGH_RAD = 0.3
-# The part that each division more leaves of that [1], the most divisions, and the most parts: 12 frames at tolerances
-# of 0.004 to 0.01 against rays; 1 s.
-_STILL_MISSED_LATER = 0.5
+# The part of the error of boundaries between corners that agree that a division of them and the facets beside them
+# leaves [1], the most divisions, and the most parts: 12 frames at tolerances of 0.004 to 0.01 beside rays; 1 s.
+_STILL_MISSED = 0.45
 _MOST_BESIDE = 3
 _MOST_PARTS = 2_500_000
 # Squared light of a facet over the squared tolerance from which it is divided first [1]: of few facets, and of many.
@@ -112,11 +107,11 @@ def find_areas(seen: CornerVisibility, most_squared: float, flux_weight: float) 
     behind = _missed_behind(seen)
     error = CLIPPED_ERROR * squared + missed + behind + flux_weight * bias**2
     if error > most_squared:
-        if not seen.is_alone or seen.facets.crease_rad > _ROUGH_RAD or missed > MISSED_SHARE * most_squared:
+        if not seen.is_alone or missed > MISSED_SHARE * most_squared:
             beside = _beside(seen)
             whole = np.setdiff1d(whole, beside.facet)
             done, triangles, missed = _divide_with_beside(seen, beside, missed,
-                                                          STILL_MISSED_SHARE * most_squared - behind)
+                                                          MISSED_SHARE * most_squared - behind)
             lit.append(done)
         done, triangles, error = _divide(seen, triangles, missed + behind, most_squared)
         lit += done
@@ -157,7 +152,7 @@ def _divide_with_beside(seen: CornerVisibility, beside: FacetParts, missed: floa
         if missed <= most_left or 4 * (len(triangles.facet) + len(beside.facet)) > _MOST_PARTS:
             break
         triangles, beside = cutter.quarters(triangles), cutter.quarters(beside)
-        missed *= _STILL_MISSED_LATER
+        missed *= _STILL_MISSED
     return *cutter.sorted(FacetParts.joined([triangles, beside])), missed
 
 
@@ -195,7 +190,7 @@ def _divide_large(seen: CornerVisibility, most_squared: float) -> CornerVisibili
         return seen
     least = _LARGE if len(seen.facing) <= FEW else _LARGE_OF_MANY
     always = _LARGE_OF_MANY if seen.is_alone else least
-    of_hidden = HIDDEN_SHARE / max(int(seen.may_hide_light.sum()), 1)
+    of_hidden = least / max(int(seen.may_hide_light.sum()), 1)
 
     def are_large(facet: np.ndarray, area_px: np.ndarray, radiance: np.ndarray | float, least: float) -> np.ndarray:
         most = np.where(seen.may_hide_light.take(facet), of_hidden, least) * most_squared

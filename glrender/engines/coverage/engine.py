@@ -31,9 +31,8 @@ from .image_cells import ImageCells
 from .sub_triangles import projected
 from .sunlit_error import ErrorScale
 
-# Share of a cell covered twice from which it counts; and the part of the excess that is taken off a closed surface that
-# is alone: as much is missing where its facets are clipped too small (tests/engines/coverage/test_coverage_engine.py).
-_OVERLAP = 1e-3
+# The part of what overlaps that is taken off a closed surface that is alone [1]: as much is missing where its facets
+# are clipped too small (tests/engines/coverage/test_coverage_engine.py).
 _EXCESS = 0.5
 # Cells that a facet covers, below which it is far smaller than one.
 _FINE = 0.15
@@ -156,7 +155,7 @@ class CoverageEngine:
             areas.add_to(changes, cells, 3.0 if is_fine else 0.0)
             squared += areas.squared
         # Where areas overlap, one that is hidden was taken to be seen: which one is not known.
-        means, unsure = cells.light(changes, self._scene.solar_irradiance_of(cells.camera), 1.0 + _OVERLAP,
+        means, unsure = cells.light(changes, self._scene.solar_irradiance_of(cells.camera),
                                     _EXCESS if self._is_one_surface else 1.0, is_even=is_fine)
         return means, scale.error(penumbras + squared + unsure / cells.per_px.prod() ** 2), penumbra
 

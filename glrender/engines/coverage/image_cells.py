@@ -52,8 +52,8 @@ class ImageCells:
                                    - camera.principal_point_px[k]) / camera.focal_length_px) for k in range(2))
         return across, down
 
-    def light(self, changes: np.ndarray, solar_W_m2: float, most_cover: float = 1.0, least_share: float = 1.0,
-              is_even: bool = False) -> tuple[np.ndarray, float]:
+    def light(self, changes: np.ndarray, solar_W_m2: float, least_share: float = 1.0, is_even: bool = False
+              ) -> tuple[np.ndarray, float]:
         """Means over cells (rows, columns) [W/m2 per pixel], and a sum of squares that is unsure where areas overlap.
 
         Parameters
@@ -62,8 +62,8 @@ class ImageCells:
             In radiance and cover: `accumulate`.
         solar_W_m2 : float [W/m2]
             Irradiance of the Sun at 1 au.
-        most_cover, least_share : float [1]
-            As `accumulate.settle` takes them.
+        least_share : float [1]
+            Of what is too much where areas overlap, the least that is taken off.
         is_even : bool
             All pixels have the solid angle of that on the boresight; radiance has the cosines.
         """
@@ -73,6 +73,6 @@ class ImageCells:
         least = accumulate.ROUNDING * max(threads.run_in_parts(
             lambda part: accumulate.means(changes, part.start, part.stop, image, cover), len(image), _ROWS))
         unsure = threads.run_in_parts(
-            lambda part: accumulate.settle(image, cover, part.start, part.stop, least, scale, across, down, most_cover,
+            lambda part: accumulate.settle(image, cover, part.start, part.stop, least, scale, across, down,
                                            least_share), len(image), _ROWS)
         return image, sum(unsure)

@@ -18,9 +18,8 @@ CLIPPED_ERROR = 0.006625
 """Squared error of one of many clipped triangles over its squared light [1]."""
 # Share [1] of their light that clipped triangles are too dark by, at 60 deg.
 _CLIPPED_BIAS = 0.003
-# Safety factor [1] of that error: 1 and this over the root of the number of triangles that matter, and at most.
+# Safety factor [1] of that error over 1, times the root of the number of triangles that matter.
 _SAFETY_OF_FEW = 16.0
-_MOST_SAFETY = 6.0
 # Squared error of boundaries that pass between corners that agree, over squared light of clipped triangles [1] up to
 # 60 deg, per radian between neighbouring facets, of this much at least: 100 frames of seven shapes, against rays.
 _MISSED_PER_RAD = 5e-3
@@ -90,9 +89,12 @@ def pixels_squared(radiance: np.ndarray | float, area_px: np.ndarray) -> np.ndar
 
 
 def safety_squared(squared: np.ndarray) -> float:
-    """Squared safety factor of an estimate from squared lights (N,): it falls with the number of those that matter."""
+    """Squared safety factor of an estimate from squared lights (N,): it falls with the number of those that matter.
+
+    No triangle errs by more than half of its light.
+    """
     n_clipped = float(squared.sum()) ** 2 / max(float((squared * squared).sum()), 1e-300)
-    return min(1.0 + _SAFETY_OF_FEW / math.sqrt(max(n_clipped, 1.0)), _MOST_SAFETY) ** 2
+    return min((1.0 + _SAFETY_OF_FEW / math.sqrt(max(n_clipped, 1.0))) ** 2, 0.25 / CLIPPED_ERROR)
 
 
 def clipped_bias(light: np.ndarray) -> float:

@@ -103,7 +103,7 @@ def test_cells_are_added_up_over_their_cover_and_by_their_solid_angles(right, le
     image, cover = np.full((2, rows, columns), np.nan)
     assert max(means(changes, first, last, image, cover) for first, last in ((0, 2), (2, rows))) == pytest.approx(
         largest)
-    unsure = [settle(image, cover, first, last, 1e-12, 2.0, across, down, 1.001, least_share)
+    unsure = [settle(image, cover, first, last, 1e-12, 2.0, across, down, least_share)
               for first, last in ((0, 2), (2, rows))]
     n_twice = 2 if right == 7 else 1
     expected = np.zeros((rows, columns))
