@@ -5,8 +5,7 @@ flux error is within a tenth of it, by phase, size, facets per pixel and samples
 `--units` draws smaller frames instead, and checks what is predicted in every unit: out/heldout_units.{json,md};
 `--kind eclipses`, `neighbours` or `tiny` those of bodies in penumbras, next to another body, and of 0.3 to 3 px.
 
-Seeds that constants were fitted to: 0 to 399; `--units` from 5000, 7000, 9000; eclipses 0 to 69. Never fitted: 400 to
-459; `--units` 10000 to 10199; eclipses, neighbours and tiny ones from 20000.
+Which seeds numbers were fitted to, and which never: `fits/scene_sets.py`; a run says how many of its own were.
 """
 
 from __future__ import annotations
@@ -25,6 +24,7 @@ from accuracy import units
 from accuracy.check import check
 from accuracy.eclipses import SpheresBefore, draw_eclipse
 from accuracy.random_scenes import draw
+from fits.scene_sets import n_fitted
 
 OUT = Path(__file__).parent.parent / "out"
 _DRAWS = {"bodies": units.draw_small, "eclipses": draw_eclipse, "neighbours": units.draw_neighbours,
@@ -43,12 +43,14 @@ def main() -> None:
     parser.add_argument("--kind", choices=list(_DRAWS), default="bodies", help="of scenes, with --units")
     parser.add_argument("--out", type=Path, default=OUT)
     arguments = parser.parse_args()
+    seeds = range(arguments.first, arguments.first + arguments.count)
+    maker = _DRAWS[arguments.kind] if arguments.units else draw
+    sys.stdout.write(f"numbers were fitted to {n_fitted(maker.__name__, seeds)} of {len(seeds)} seeds\n")
     if arguments.units:
-        by_unit(range(arguments.first, arguments.first + arguments.count), arguments.out, arguments.kind,
-                0.4 * arguments.rays)
+        by_unit(seeds, arguments.out, arguments.kind, 0.4 * arguments.rays)
         return
     rows = []
-    for seed in range(arguments.first, arguments.first + arguments.count):
+    for seed in seeds:
         row = check(draw(seed), arguments.rays, arguments.rounds)
         if row is not None:
             rows.append({"seed": seed, **row})

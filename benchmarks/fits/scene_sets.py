@@ -22,4 +22,9 @@ NEVER_FITTED = {
 """Seeds that hold the promises of docs/accuracy.md: nothing may be fitted to them."""
 
 COVERAGE_FITTED = range(5000, 5060)
-"""Seeds of `draw_small` that `coverage_errors.py` takes: of those that numbers were fitted to."""
+"""Seeds of `draw_small` that `coverage_errors.py` takes."""
+
+
+def n_fitted(maker: str, seeds: range) -> int:
+    """How many of some seeds numbers were fitted to, by the function that makes their scenes."""
+    return sum(any(seed in fitted for fitted in FITTED.get(maker, ())) for seed in seeds)
