@@ -20,9 +20,10 @@ from .sunlit_error import CLIPPED_ERROR, pixels_squared
 
 # Bisections by which ends of cuts are found.
 _BISECTIONS = 2
-# The part of the error of boundaries between corners that agree that a division of them and the facets beside them
-# leaves [1], the most divisions, and the most parts: 12 frames at tolerances of 0.004 to 0.01 beside rays; 1 s.
-_STILL_MISSED = 0.45
+# The part of the error of boundaries between corners that agree that is left where the facets next to boundary ones are
+# divided too, and that each division more leaves of that [1], the most divisions, and the most parts: 12 frames at
+# tolerances of 0.004 to 0.01, compared with rays; 1 s.
+_STILL_MISSED, _STILL_MISSED_LATER = 0.36, 0.5
 _MOST_BESIDE = 3
 _MOST_PARTS = 2_500_000
 # Squared light of a facet over the squared tolerance from which it is divided first [1]: of few facets, and of many.
@@ -152,7 +153,7 @@ def _divide_with_beside(seen: CornerVisibility, beside: FacetParts, missed: floa
         if missed <= most_left or 4 * (len(triangles.facet) + len(beside.facet)) > _MOST_PARTS:
             break
         triangles, beside = cutter.quarters(triangles), cutter.quarters(beside)
-        missed *= _STILL_MISSED
+        missed *= _STILL_MISSED_LATER
     return *cutter.sorted(FacetParts.joined([triangles, beside])), missed
 
 

@@ -25,7 +25,7 @@ from . import accumulate
 from .boundary_refinement import find_areas
 from .brdf_tables import BrdfTables
 from .centroid_visibility import CentroidVisibility
-from .corner_visibility import CornerVisibility, look
+from .corner_visibility import look
 from .facet_tables import FacetTables
 from .image_cells import ImageCells
 from .sub_triangles import projected
@@ -140,7 +140,10 @@ class CoverageEngine:
             return dark, math.inf if any(body.has_facing for body in bodies) else 0.0, 0.0
         scale = ErrorScale(light=light, n_px=n_px, phase_rad=max(view.phase_rad for view in members),
                            flux_share=budget.flux_share)
-        penumbras = self._penumbras(bodies, views, cells, scale) if has_disc else 0.0
+        penumbras = 0.0
+        if has_disc:
+            hard = sum(body.hard_edges(self._rays, views, cells.camera.focal_length_px) for body in bodies)
+            penumbras = scale.of_penumbras(hard, [body.low_sun() for body in bodies])
         penumbra = scale.rms(penumbras)
         if penumbra > PENUMBRA_SHARE * budget.tolerance:
             return dark, math.inf, penumbra
@@ -158,12 +161,6 @@ class CoverageEngine:
         means, unsure = cells.light(changes, self._scene.solar_irradiance_of(cells.camera),
                                     _EXCESS if self._is_one_surface else 1.0, is_even=is_fine)
         return means, scale.error(penumbras + squared + unsure / cells.per_px.prod() ** 2), penumbra
-
-    def _penumbras(self, bodies: list[CornerVisibility], views: list[BodyView], cells: ImageCells, scale: ErrorScale
-                   ) -> float:
-        """Squared error of hard edges in place of penumbras, and of a Sun without a disc where it is low."""
-        hard = sum(body.hard_edges(self._rays, views, cells.camera.focal_length_px) for body in bodies)
-        return scale.of_penumbras(hard, [body.low_sun() for body in bodies])
 
 
 def _may_be_lit(bodies: list[tuple[FacetTables, BodyView]], cells: ImageCells, has_disc: bool) -> np.ndarray:

@@ -218,6 +218,20 @@ def test_few_facets_with_most_of_the_error_are_not_hidden_by_many_with_little(ph
     assert views.relative_rms(image, traced(camera, roi, rays, 13)) <= told <= budget
 
 
+@pytest.mark.parametrize("subdivisions, least, most", [(3, 0.13, 0.26), (5, 0.25, 0.45)])
+def test_facets_that_are_clipped_as_they_are_err_as_is_predicted_of_few_and_of_many(subdivisions, least, most):
+    """Six bodies of 1,300 and of 20,000 facets beside rays: 0.18 and 0.33 of it, as of few facets less is known."""
+    ratios = []
+    for seed, phase_deg in ((3, 60.0), (4, 75.0), (5, 90.0), (6, 105.0), (7, 50.0), (8, 120.0)):
+        shape = (generate.contact_binary(radius_m=100.0, seed=seed, subdivisions=subdivisions) if seed % 2 else
+                 generate.gaussian_random_sphere(radius_m=100.0, sigma=0.25, correlation_deg=20.0, seed=seed,
+                                                 subdivisions=subdivisions))
+        state, camera = views.state(phase_deg=phase_deg, range_m=50_000.0), views.camera(80, 250.0 * 60.0)
+        image, predicted, roi, rays = drawn([Body(name="body", shape=shape, brdf=LAW)], state, camera, 1.0)
+        ratios.append(views.relative_rms(image, traced(camera, roi, rays, 16)) / predicted)
+    assert least < np.sqrt(np.mean(np.square(ratios))) < most and max(ratios) < 1.0
+
+
 def test_a_point_spread_function_does_not_widen_the_tolerance_of_the_flux():
     """One that leaves a fifth of the pixels' errors: 10 % are as good as 2 %, and 0.2 % of the flux stay 0.2 %."""
     bodies, state = [Body(name="body", shape=boulders_on_a_coarse_body(), brdf=LAW)], views.state(
