@@ -11,9 +11,10 @@ import numpy as np
 
 from ..scene.tolerance import by_unit
 from ..view.regions import Group, union
+from .error_budget import FLUX_SHARE
 from .error_model import BodyTraits, parallel_error
 from .frame_plan import FramePlan
-from .plan import ONE_DIRECTION, BodyPlan, RenderPlan, WindowPlan
+from .plan import CENTROIDS, ONE_DIRECTION, SLIVERS, BodyPlan, RenderPlan, WindowPlan
 from .predicted import frame_errors, with_eclipse
 from .request import Request
 from .seen import Seen
@@ -76,8 +77,9 @@ def account(plan: FramePlan, drawn: Drawn) -> RenderPlan:
 def _by_unit(seen: Sequence[Seen], drawn: Sequence[tuple[Group, WindowPlan]], error_gain: float) -> dict[str, float]:
     """Predicted errors of the frame in each unit but `rms`."""
     # The Sun's direction and distance along a body have laws of their own.
-    others = [(group, replace(window, modelled={cause: error for cause, error in window.modelled.items()
-                                                if cause != ONE_DIRECTION})) for group, window in drawn]
+    others = [(group, replace(window, modelled={cause: _before_gain(cause, error, window) for cause, error
+                                                in window.modelled.items() if cause != ONE_DIRECTION}))
+              for group, window in drawn]
     found = frame_errors([(group, window.how, window.predicted_error, window.modelling_error)
                           for group, window in others], error_gain)
     found["flux"] = math.hypot(found["flux"], max((parallel_error(body.view, body.traits) for body in seen
@@ -85,6 +87,11 @@ def _by_unit(seen: Sequence[Seen], drawn: Sequence[tuple[Group, WindowPlan]], er
     for group, window in drawn:
         found = with_eclipse(found, group, window.flux_error)
     return found
+
+
+def _before_gain(cause: str, error: float, window: WindowPlan) -> float:
+    """An error whose `FLUX_SHARE` is that of the flux: slivers' and centroids' follow from the flux's own tolerance."""
+    return error * window.budget.flux_share / FLUX_SHARE if cause in (SLIVERS, CENTROIDS) else error
 
 
 def _way_out(request: Request, is_late: bool) -> str:

@@ -20,7 +20,7 @@ from ..view.regions import Group
 from ..view.view import BodyView
 from .error_budget import CELL_SHARE, PENUMBRA_SHARE, SAMPLES_SHARE, Budget
 from .error_model import CRESCENT_RAD, facets_per_px, parallel_error, ray_rounding_error
-from .plan import ONE_DIRECTION, BodyPlan, Target, WindowPlan
+from .plan import CENTROIDS, ONE_DIRECTION, SLIVERS, BodyPlan, Target, WindowPlan
 from .request import MAX_SAMPLES, Request
 from .seen import Seen
 from .small_body_grid import CELL_PX, MAX_RAYS_ACROSS, cell_error, cell_size, samples_across, sampling_errors
@@ -50,15 +50,15 @@ _MORE_SAMPLES = 4
 _UNEVEN_FACET = 0.44
 # Variation of a pixel's solid angle within it over its angle [1]: above 3 tan(theta) / sqrt(12), off the boresight.
 _UNEVEN_PIXEL = 0.3
-# RMS error (ten times that of the flux) times the cube of the angle from a phase of 180 deg [rad^3]: a rough binary at
-# 165, 172, 175 deg loses 0.37, 0.86, 3.5 % of its light.
-_CRESCENT_LOSS = 6.6e-4
+# Error of the flux [1] times the cube of the angle from a phase of 180 deg [rad^3]: a rough binary at 165, 172, 175 deg
+# loses 0.37, 0.86, 3.5 % of its light.
+_CRESCENT_LOSS = 6.6e-5
 # Phase angle [rad] anywhere on a body beyond which a facet's centroid does not tell of slivers of light on it.
 _CENTROIDS_RAD = 2.15
-# Error [1] of centroid visibility that the image does not tell, ten times that of the flux: at a phase of 60 deg (cells
-# of benchmarks/bench_cells.py), and its power of the tangent of half the phase (a rough binary at 100 deg: seed 178 of
+# Error of the flux [1] by centroid visibility that the image does not show: at a phase of 60 deg (cells of
+# benchmarks/bench_cells.py), and its power of the tangent of half the phase (a rough binary at 100 deg: seed 178 of
 # benchmarks/heldout.py).
-_CENTROIDS_LEAST = 0.006
+_CENTROIDS_LEAST = 6e-4
 _CENTROIDS_POWER = 3.0
 # Fewest facets a pixel [1]: of larger ones few are at the boundary of light (seed 100 of
 # benchmarks/heldout.py).
@@ -231,12 +231,14 @@ def _coverage(part: _Part) -> list[WindowPlan]:
         return []
     # Light falls in slivers far smaller than facets: what none of their corners sees is lost.
     below_rad = min((math.pi - body.view.phase_rad for body in bodies if not body.traits.is_convex), default=math.inf)
-    modelled["slivers"] = _CRESCENT_LOSS / max(below_rad, 1e-3) ** 3
+    # No point spread function averages what the flux loses.
+    modelled[SLIVERS] = _CRESCENT_LOSS / max(below_rad, 1e-3) ** 3 / budget.flux_share
     clipped = part.window("coverage", budget, modelled, flux_error=part.hard_flux, **where)
     half_rad = min(0.5 * group.phase_rad, 1.5)
     least = _CENTROIDS_LEAST * max(math.tan(half_rad) / math.tan(math.radians(30.0)), 1.0) ** _CENTROIDS_POWER
-    modelled |= {"centroids": least, "hard edges": max(body.penumbra.hard_error for body in bodies)}
     view, traits, allowed = bodies[0].view, bodies[0].traits, request.budget(group, "centroids")
+    modelled |= {CENTROIDS: least / allowed.flux_share,
+                 "hard edges": max(body.penumbra.hard_error for body in bodies)}
     is_too_much = math.hypot(*modelled.values()) > PENUMBRA_SHARE * allowed.tolerance
     # Where bodies hide or shade each other facets are clipped at the edges anyway.
     if (is_too_much or len(bodies) > 1 or bodies[0].casters or not traits.has_centroids

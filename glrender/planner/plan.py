@@ -16,7 +16,7 @@ Target = Literal["region", "own_grid", "point"]
 """What of an image a window draws: pixels; a small body's own grid, whose light its pixels share; or points of that."""
 # Lines of a plan as text.
 _MOST_LINES = 10
-ONE_DIRECTION = "one direction to the Sun"
+ONE_DIRECTION, SLIVERS, CENTROIDS = "one direction to the Sun", "slivers", "centroids"
 """The cause of error that no point spread function averages, and of which all of a body's light errs."""
 EMISSION_LEFT_OUT = "emission around"
 """How a plan begins to say that light which no surface scatters is not in the image."""

@@ -104,7 +104,8 @@ def test_a_point_spread_function_s_gain_is_applied_once_where_errors_are_reporte
     assert other.budget.flux == pytest.approx(0.1 * 0.02 * 0.6), "which leaves the error of the flux as it is"
     assert blurred.plan.predicted_error == pytest.approx(0.6 * bare.plan.predicted_error, rel=0.005)
     for cause in (*one.modelled, *one.drawn):
-        if cause != "one direction to the Sun":
+        # These are errors of the flux.
+        if cause not in ("one direction to the Sun", "slivers"):
             assert {**other.modelled, **other.drawn}[cause] == pytest.approx(
                 0.6 * {**one.modelled, **one.drawn}[cause], rel=0.005)
 
@@ -126,6 +127,23 @@ def test_light_that_leaks_past_shadow_maps_is_held_as_without_a_point_spread_fun
                                           use=ImageUse(error_gain=gain)).plan.bodies[0]
                           for max_error, gain in ((0.02, 1.0), (0.02, 0.2), (0.1, 1.0)))
     assert bare.shadow_map_px == blurred.shadow_map_px >= 2 * lax.shadow_map_px
+
+
+@pytest.mark.parametrize("phase_deg, cause", [(165.0, "slivers"), (40.0, "centroids")])
+def test_no_point_spread_function_averages_the_flux_that_slivers_and_centroids_lose(phase_deg, cause):
+    """As digital numbers a frame is promised the same flux: the loss is reported whole, and predicted as it is.
+
+    The error of clipped crescents that are drawn is that of their flux as well, and is predicted twice as large.
+    """
+    body = Body(name="body", shape=generate.contact_binary(radius_m=100.0, seed=7, subdivisions=5),
+                brdf=Lambert(normal_albedo=0.3))
+    state = views.state(phase_deg=phase_deg, range_m=1500.0)
+    with Renderer(Scene(bodies=[body], cameras=[views.camera(64, 350.0)])) as made:
+        bare, blurred = (made.render(state, max_error=0.1, use=ImageUse(error_gain=gain)).plan for gain in (1.0, 0.5))
+    one, other = (plan.windows[0].modelled[cause] for plan in (bare, blurred))
+    assert one == pytest.approx(other) and blurred.windows[0].how == bare.windows[0].how
+    most = 1.05 if cause == "centroids" else 2.0
+    assert bare.predicted["flux"] <= blurred.predicted["flux"] * 1.000001 <= most * bare.predicted["flux"] * 1.000001
 
 
 def test_no_point_spread_function_averages_one_direction_to_the_sun(renderer):

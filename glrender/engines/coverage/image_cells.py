@@ -63,7 +63,7 @@ class ImageCells:
         solar_W_m2 : float [W/m2]
             Irradiance of the Sun at 1 au.
         least_share : float [1]
-            Of what is too much where areas overlap, the least that is taken off.
+            The least part of an excess that is taken off where areas overlap.
         is_even : bool
             All pixels have the solid angle of that on the boresight; radiance has the cosines.
         """
