@@ -33,7 +33,9 @@ class FacetRadiance:
 
     def of(self, facet: np.ndarray) -> np.ndarray:
         """Radiance (N,) of facets (N,) that face camera and Sun, each once at first."""
-        self._compute(facet[~self._is_known.take(facet)])
+        is_known = self._is_known.take(facet)
+        if not is_known.all():
+            self._compute(facet[~is_known])
         return self._radiance.take(facet)
 
     def times_off_axis(self, facet: np.ndarray, power: float) -> np.ndarray:
