@@ -33,7 +33,7 @@ _APART_PX, _ENOUGH_PX = 5.0, 0.05
 _MOST_PASSES = 8
 # Steps that are left after the last one, of which each is 0.7 of the one before at most: their sum over the last.
 _LEFT = 2.0
-# Of so many pixels one tells how far a pose moves the ground.
+# How far a pose moves the ground is averaged over one of so many pixels.
 _EVERY = 37
 
 
