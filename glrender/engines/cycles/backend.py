@@ -142,9 +142,10 @@ class Cycles:
         irradiance = np.zeros((pinhole.height_px, pinhole.width_px), np.float32)
         reached, most, warnings = 0.0, 0, ()
         groups = touching(views, pinhole)
-        for index, members in enumerate(list(group.views) for group in groups):
+        for index, group in enumerate(groups):
+            members = list(group.views)
             main = max(members, key=lambda view: min(view.size_px, 1e9))
-            lens = Lens.of(members, pinhole)
+            lens = Lens.of(group, pinhole)
             asked = self._terms.view(main, members, views, lens)
             solar = self.scene.solar_irradiance_of(pinhole) / main.sun_distance_au**2
             self._shape_ground(members, pinhole)

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from glrender_camera import PinholeCamera
 
-from ...view.regions import region
-from ...view.view import BodyView
+from ...view.regions import Group
 
 # A body that is smaller than the first has this many cells across its outline; below the second they are fitted to it.
 _SMALL_PX, _TINY_PX, _CELLS = 32.0, 2.0, 64
@@ -46,14 +45,11 @@ class Lens:
     cells_per_px: float
 
     @classmethod
-    def of(cls, members: list[BodyView], camera: PinholeCamera) -> Lens:
+    def of(cls, group: Group, camera: PinholeCamera) -> Lens:
         """The lens for bodies that are drawn together."""
-        roi = region(members, camera)
-        if any(view.bounds_px is None for view in members):
-            low, sides = np.full(2, -0.5), np.full(2, np.inf)
-        else:
-            bounds = np.array([view.bounds_px for view in members])
-            low, high = bounds[:, :2].min(axis=0), bounds[:, 2:].max(axis=0)
+        roi, low, sides = group.roi, np.full(2, -0.5), np.full(2, np.inf)
+        if group.outline is not None:
+            low, high = np.reshape(group.outline, (2, 2))
             sides = high - low
         extent_px = float(sides.max())
         principal = np.array(camera.principal_point_px)
