@@ -241,4 +241,4 @@ def test_shadows_of_other_bodies_beside_the_nucleus_are_told_to_be_missing():
     for make in (Renderer, RayTracer):
         with make(scene) as renderer:
             told.append(" ".join(renderer.render(at, samples=1).plan.emission[0].left_out))
-    assert "other bodies" in told[0] and "other bodies" not in told[1]
+    assert "bodies other than" in told[0] and "bodies other than" not in told[1]
