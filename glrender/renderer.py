@@ -181,12 +181,11 @@ class Renderer:
     def _request(self, camera: str | PinholeCamera | None, max_error: float | Mapping[str, float] | None,
                  samples: int | None, engine: str | None, use: ImageUse) -> Request:
         """The frame's demands, checked."""
-        if self._emissions.dims:
-            use = replace(use, apart_px=0.0)
-        return Request(
+        request = Request(
             camera=self.scene.drawn_camera(camera), use=use, samples=samples, engine=engine, engines=self._engines,
             max_error=self.scene.max_error if max_error is None else checked_max_error(max_error),
             has_gpu=not self._context.is_software, has_sun_disc=self.scene.sun_disc)
+        return replace(request, use=replace(request.use, apart_px=0.0)) if self._emissions.dims else request
 
     def _frame(self, plan: FramePlan) -> Frame:
         """The bodies, with the shadow maps that the first ways to draw them need."""
@@ -258,7 +257,9 @@ def _blank(camera: PinholeCamera, out: np.ndarray | None) -> np.ndarray:
     shape = (camera.height_px, camera.width_px)
     if out is None:
         return np.zeros(shape, np.float32)
-    if out.shape != shape or out.dtype != np.float32:
-        raise ConfigError("out", f"must be float32 of shape {shape}", f"{out.dtype} of {out.shape}")
+    if not isinstance(out, np.ndarray):
+        raise ConfigError("out", f"must be a float32 array of shape {shape}", out)
+    if out.shape != shape or out.dtype != np.float32 or not out.flags.writeable:
+        raise ConfigError("out", f"must be float32 of shape {shape}, and writeable", f"{out.dtype} of {out.shape}")
     out.fill(0.0)
     return out

@@ -14,6 +14,7 @@ from glrender_camera.validate import integer
 
 from ..base.progress import Progress
 from ..engines.image import checked_products
+from ..planner.account import restated
 from ..planner.plan import RenderPlan
 from ..planner.request import ImageUse
 from ..scene.scene import Scene
@@ -157,8 +158,8 @@ class Drawing:
             made = {name: self._in_place(values, _BESIDE.get(name, np.nan)) for name, values in made.items()}
         if self._share != 1.0 or self._n != 1:
             rms = plan.max_error * self._share if isinstance(self._tolerance, Mapping) else self._tolerance
-            plan = replace(plan, max_error=rms, predicted_error=plan.predicted_error * self._share, asked=by_unit(
-                self._tolerance), navigation=_in_pixels(plan.navigation, 1.0 / self._n))
+            plan = restated(plan, cells=self._n, max_error=rms, predicted_error=plan.predicted_error * self._share,
+                            asked=by_unit(self._tolerance), navigation=_in_pixels(plan.navigation, 1.0 / self._n))
         if self.lens is not None:
             light, roi = self.lens.apply(light, roi), self.lens.reached_box(roi)
             made = sampled(made, self.lens, self._camera, wanted)

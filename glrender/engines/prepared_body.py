@@ -40,7 +40,10 @@ class PreparedBody:
 
     @property
     def memory_bytes(self) -> dict[str, int]:
-        """Memory [byte] of the shape's arrays, and of those of each engine; trees of Embree are not counted."""
+        """Memory [byte] of the shape's arrays, and of those of each engine.
+
+        Embree's trees, float64 rays of views from very near, shadow maps and tables of surface detail are not counted.
+        """
         shape = self.body.drawn_shape
         shared = {id(shape.vertices_m), id(shape.facets)}
         tables = [] if self.facets is None else [self.facets, self.facets.horizons]

@@ -19,6 +19,8 @@ from .predicted import frame_errors, with_eclipse
 from .request import Request
 from .seen import Seen
 
+_PROMISED = "no frame of this view is promised less than"
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Drawn:
@@ -67,11 +69,39 @@ def account(plan: FramePlan, drawn: Drawn) -> RenderPlan:
                       navigation=_by_unit(plan.seen, drawn_so, error_gain), asked=by_unit(request.max_error))
     if any(math.isfinite(window.budget.tolerance) for window in windows):
         least = frame_errors([(group, window.how, 0.0, 0.0) for group, window in drawn_so], error_gain)
-        for unit, text in made.misses().items():
-            is_out_of_reach = made.asked[unit] <= least.get(unit, 0.0)
-            warnings.append(f"{text}; " + (f"no frame of this view is promised less than {least[unit]:.2g}"
-                                           if is_out_of_reach else way_out))
+        warnings += missed(made, least, way_out)
     return replace(made, warnings=tuple(warnings))
+
+
+def missed(plan: RenderPlan, least: Mapping[str, float], way_out: str) -> list[str]:
+    """Warnings of a plan's misses: each with the way out, or with the least error [unit] that a frame is promised."""
+    return [f"{text}; " + (f"{_PROMISED} {least[unit]:.2g}" if plan.asked[unit] <= least.get(unit, 0.0) else way_out)
+            for unit, text in plan.misses().items()]
+
+
+def restated(image: RenderPlan, *, cells: int = 1, **errors: Any) -> RenderPlan:
+    """The plan of a frame that a camera makes of an image: the frame has other errors, and misses of its own.
+
+    Parameters
+    ----------
+    image : RenderPlan
+    cells : int
+        Cells of the image along the side of a pixel of the frame.
+    **errors
+        The frame's `max_error`, `predicted_error`, `asked` and `navigation`.
+    """
+    made, warnings = replace(image, **errors), []
+    before, now = image.misses(), made.misses()
+    for text in image.warnings:
+        unit = next((unit for unit, miss in before.items() if text.startswith(miss)), None)
+        if unit is None:
+            warnings.append(text)
+        elif unit in now:
+            way_out, promised, least = text.removeprefix(before[unit]).partition(f"{_PROMISED} ")
+            if promised:
+                least = f"{float(least) / (cells if unit.endswith('_px') else 1):.2g}"
+            warnings.append(now.pop(unit) + way_out + promised + least)
+    return replace(made, warnings=(*warnings, *now.values()))
 
 
 def _by_unit(seen: Sequence[Seen], drawn: Sequence[tuple[Group, WindowPlan]], error_gain: float) -> dict[str, float]:

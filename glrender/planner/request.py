@@ -75,7 +75,7 @@ class Request:
     Raises
     ------
     ConfigError
-        Of samples and engine: no such ones, or not together.
+        The use is none; of samples and engine: no such ones, or not together.
     """
 
     camera: PinholeCamera
@@ -88,6 +88,8 @@ class Request:
     engine: str | None = None
 
     def __post_init__(self):
+        if not isinstance(self.use, ImageUse):
+            raise ConfigError("use", "must be an ImageUse of glrender.planner.request", self.use, "leave it out")
         if self.samples is not None:
             object.__setattr__(self, "samples", integer("samples", self.samples, 1, MAX_SAMPLES))
         if self.engine is not None and self.engine not in self.engines:

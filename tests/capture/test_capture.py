@@ -15,7 +15,7 @@ from glrender.base.constants import AU_M, SUN_RADIUS_M
 from glrender.brdf import Lambert
 from glrender.engines.rays.laser_ranges import laser_ranges
 from glrender.planner.request import ImageUse
-from glrender_camera import BrownConrady, CameraModel, Detector, MosaicModel, Optics, PinholeCamera
+from glrender_camera import BrownConrady, CameraModel, Detector, MosaicModel, Optics, PinholeCamera, lens_of
 
 GREY = Lambert(normal_albedo=0.4)
 QUIET = CameraModel(optics=Optics(aperture_diameter_m=0.01), detector=DETECTOR, exposure_s=1e-3)
@@ -119,6 +119,19 @@ def test_products_of_a_distorted_frame_are_those_of_each_pixels_own_direction(ma
         place = products["r_body"][rows, columns][seen] + np.array(state.bodies["body"].r_inertial_m)
         assert np.median(np.linalg.norm(place - direction[seen] * true.range_m[seen, None], axis=1)) < 0.05
         np.testing.assert_array_equal(np.isnan(products["range"]), products["body_id"] < 0)
+
+
+def test_the_warning_of_a_distorting_camera_has_pixels_of_its_frame():
+    """The limb's errors, predicted and promised at best, are those of the image of cells: 3 along a pixel's side."""
+    camera = views.camera(64, 40.0, distortion=BrownConrady(k1=2.0))
+    with open_renderer(views.scene([views.sphere(GREY, 4)], [camera])) as renderer:
+        frame = draw_still(renderer, views.state(range_m=400.0), max_error={"limb_px": 1e-6}).plan
+        cells = renderer.render(views.state(range_m=400.0), lens_of(camera).source, max_error={"limb_px": 3e-6}).plan
+    (said,), (said_of_cells,) = frame.warnings, cells.warnings
+    assert lens_of(camera).oversampling == 3 and frame.missed == cells.missed == ("limb_px",)
+    assert said.startswith(f"predicted limb_px {cells.predicted['limb_px'] / 3.0:.2g} exceeds max_error 1e-06; no ")
+    least, of_cells = (float(text.split("less than ")[1]) for text in (said, said_of_cells))
+    assert least == pytest.approx(of_cells / 3.0, rel=0.05)
 
 
 def test_no_renderer_draws_a_distorting_camera_by_itself():
@@ -382,8 +395,6 @@ def test_a_mosaic_of_a_scene_file_is_a_mosaic():
 
 def test_a_distorted_edge_needs_more_cells_where_it_is_stretched():
     """Pincushion k1 = 2 at the corner's r = 0.54: magnified 1 + 3 k1 r^2 = 2.7 along the radius, so 3 x 3 cells."""
-    from glrender_camera import lens_of
-
     camera = views.camera(160, 100.0, distortion=BrownConrady(k1=2.0))
     assert lens_of(camera).oversampling == 3
     assert frames.dcm(camera.q_camera_from_spacecraft).shape == (3, 3)

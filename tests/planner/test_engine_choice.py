@@ -11,6 +11,8 @@ import pytest
 import views
 from glrender import Body, ConfigError, Renderer, generate
 from glrender.brdf import Lambert
+from glrender.emission import Coma
+from glrender.emission.sources.haser import Haser
 from glrender.engines.small_bodies import CELL_PX
 from glrender.planner import engine_choice
 from glrender.planner.error_model import FEWEST_CENTROIDS
@@ -322,6 +324,19 @@ def test_a_budget_that_nothing_meets_has_a_lit_frame(lumpy, engine):
     image = lumpy.render(state, max_error=2e-4, engine=engine)
     assert image.irradiance_W_m2.sum(dtype=float) == pytest.approx(usual, rel=2e-3)
     assert 2e-4 < image.plan.predicted_error < 0.1 and image.plan.warnings
+
+
+@pytest.mark.parametrize("field, value, rule", [
+    ("use", {"error_gain": 0.5}, "must be an ImageUse"), ("use", None, "must be an ImageUse"),
+    ("out", [0.0], "must be a float32 array of shape"), ("out", np.zeros((8, 8), np.float32), "must be float32 of"),
+    ("out", np.frombuffer(bytes(160_000), np.float32).reshape(200, 200), "must be float32 of.*writeable")])
+def test_a_use_and_a_place_that_are_none_are_refused_by_name(lumpy, field, value, rule):
+    """By a renderer whose emission dims the image, too, in which no light comes as points."""
+    coma = Coma(body="body", sources=[Haser(weight_m=5.0)])
+    with Renderer(replace(lumpy.scene, emission=(coma,))) as dimmed:
+        for renderer in (lumpy, dimmed):
+            with pytest.raises(ConfigError, match=f"^{field}: {rule}"):
+                renderer.render(views.state(), **{field: value})
 
 
 @pytest.mark.parametrize("deadline_s", [0.0, -1.0, float("nan")])

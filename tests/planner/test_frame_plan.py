@@ -148,6 +148,9 @@ def test_the_use_of_an_image_is_checked():
         with pytest.raises(ConfigError, match=f"{field}: must be between {limits}"):
             ImageUse(**{field: value})
     assert WHOLE_IMAGE == ImageUse(error_gain=1, apart_px=0)
+    for value in ({"error_gain": 0.5}, None, 0.5):
+        with pytest.raises(ConfigError, match="use: must be an ImageUse of glrender.planner.request, got"):
+            Request(camera=CAMERA, max_error=0.02, use=value)
 
 
 def test_a_budget_is_before_the_point_spread_function_but_for_the_flux():

@@ -12,6 +12,10 @@ import pytest
 import serving
 import views
 from glrender import DeviceError, State, draw_still, load_scene, open_renderer
+from glrender.emission import Coma
+from glrender.emission.sources.haser import Haser
+from glrender.engines.rays.backend import RayTracer
+from glrender_camera import BrownConrady
 from glrender_client import AsyncClient, Client, ServerError
 from glrender_server import operations
 from glrender_server.operations import Operations
@@ -106,6 +110,56 @@ def test_the_servers_own_backend_by_its_name_is_made_anew_when_it_fails(served, 
         own.close()
 
 
+def test_a_miss_is_warned_of_with_the_figures_of_the_frame_behind_the_point_spread_function(served):
+    """One ray a pixel is too few before it and behind it: the warning has the plan's own figures."""
+    header, _ = answer(served, backend="raytrace", output="dn", exposure_s=0.02, seed=1, samples=1, max_error=0.002)
+    plan = header["plan"]
+    expected = f"predicted error {plan['predicted_error']:.2g} exceeds max_error 0.002; leave samples out"
+    assert plan["missed"] == ["rms"] and plan["asked"] == {"rms": 0.002} and plan["warnings"] == [expected]
+    assert [each["message"] for each in header["warnings"] if each["code"] == "plan"] == [expected]
+
+
+@pytest.mark.parametrize("n_lost", [1, 2])
+def test_a_backend_that_loses_its_device_is_made_anew_once(served, monkeypatch, n_lost):
+    """The same bytes then; a second loss is the device's fault. In either case it draws the next request."""
+    (_, pixels), (_, own), losses = answer(served, backend="raytrace"), answer(served), iter([True] * n_lost)
+    render, drawn_by = RayTracer.render, []
+
+    def failing(self, *arguments, **options):
+        drawn_by.append(self)
+        if next(losses, False):
+            raise DeviceError("the device is lost")
+        return render(self, *arguments, **options)
+
+    monkeypatch.setattr(RayTracer, "render", failing)
+    header, again = answer(served, backend="raytrace")
+    assert len(drawn_by) == 2 and drawn_by[0] is not drawn_by[1]
+    if n_lost == 1:
+        assert again == pixels
+    else:
+        assert header["error"]["code"] == "device" and "the device is lost" in header["error"]["message"]
+    assert answer(served, backend="raytrace")[1] == pixels and answer(served)[1] == own
+
+
+@pytest.mark.parametrize("lens", [None, BrownConrady(k1=-0.05)])
+def test_a_named_backend_draws_a_region_and_a_lens(served, lens):
+    """The light of OpenGL's whole image in the region, within twice the tolerance of 2 %: two frames' errors."""
+    (x0, y0, x1, y1), camera = (20, 24, 70, 90), views.camera(96, 400.0, distortion=lens)
+    another = Operations(views.scene([served.scene.bodies[0]], [camera]))
+    asked = {"camera": camera.name, "state": views.state(range_m=1500.0, target=(30.0, 10.0, 0.0)).to_dict()}
+    try:
+        (_, whole), (header, part) = (answer(another, **asked, **fields) for fields in (
+            {}, {"backend": "raytrace", "roi": [x0, y0, x1, y1]}))
+    finally:
+        another.close()
+    own, traced = (np.frombuffer(pixels, "<f4").astype(float) for pixels in (whole, part))
+    own, traced = own.reshape(96, 96)[y0:y1, x0:x1], traced.reshape(y1 - y0, x1 - x0)
+    assert header["stages"]["distortion"].startswith("skipped" if lens is None else "k1 -0.05")
+    assert header["stages"]["region"].startswith("skipped" if lens is not None else "drawn alone")
+    assert (own > 0.0).mean() > 0.1
+    assert views.relative_rms(traced, own) < 0.04
+
+
 @pytest.mark.parametrize("fields, path, message", [
     ({"backend": "vulkan"}, "backend", "must be one of"), ({"backend": "egl"}, "backend", "must be one of"),
     ({"backend": None}, "backend", "must be one of"), ({"backend": ["raytrace"]}, "backend", "must be one of"),
@@ -138,6 +192,24 @@ def test_a_backend_that_is_missing_is_the_request_s_fault_not_a_frame_s(tmp_path
             with pytest.raises(ServerError, match="does not work here: GLRENDER_BLENDER") as caught:
                 ask()
             assert caught.value.path == "backend"
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("blender")
+def test_cycles_draws_the_coma_that_opengl_adds(served):
+    """What a frame has more than one without a coma is the same in both backends' frames, to 0.1 % of its peak."""
+    body, camera, frames = served.scene.bodies[0], views.camera(48, 200.0), []
+    for emission in ([], [Coma(body="body", sources=[Haser(weight_m=5.0)])]):
+        another = Operations(views.scene([body], [camera], emission=emission))
+        try:
+            replies = [answer(another, camera=camera.name, **fields) for fields in ({}, {"backend": "cycles"})]
+        finally:
+            another.close()
+        assert [len(header["plan"]["emission"]) for header, _ in replies] == [len(emission)] * 2
+        frames.append([np.frombuffer(pixels, "<f4").astype(float) for _, pixels in replies])
+    fast, slow = (lit - without for without, lit in zip(*frames, strict=True))
+    assert fast.max() > 0.0
+    np.testing.assert_allclose(slow, fast, atol=1e-3 * fast.max())
 
 
 @pytest.mark.slow

@@ -159,15 +159,15 @@ class Cycles:
             warnings += tuple(text for text in warnings_of(main, views, lens, asked) if text not in warnings)
         if groups and not irradiance.any():
             reached = max(reached, self._missed(pinhole, views, roi, seed))
-        remedy = ""
-        if samples is None and reached > tolerance:
-            remedy = f"it is out of reach with {MAX_SAMPLES} samples a pixel, of which {most} were drawn"
+        way_out = "leave samples out"
+        if samples is None:
+            way_out = f"it is out of reach with {MAX_SAMPLES} samples a pixel, of which {most} were drawn"
         arrays = {}
         if wanted:
             arrays = traced_products(self._ray_engine(), wanted, pinhole, views, roi)
         left_out = ("light between facets",) if bounces == 0 else ()
         frame_plan = full_shape_plan(self.scene, pinhole, views, max_error=max_error, predicted_error=reached, roi=roi,
-                                     warnings=warnings, left_out=left_out, remedy=remedy)
+                                     warnings=warnings, left_out=left_out, way_out=way_out)
         frame_plan = self._emitted.add(irradiance, state, pinhole, views, frame_plan)
         took_ms = 1e3 * (time.perf_counter() - began)
         return Image(irradiance_W_m2=irradiance, products=arrays, plan=replace(frame_plan, milliseconds=took_ms),

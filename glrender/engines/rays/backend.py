@@ -36,6 +36,9 @@ from .products import full_shape_plan, traced_products, visible_region
 _FIRST_ROUNDS, _MAX_ROUNDS = 4, 256
 # Samples of a round along a pixel's side: one in each cell of the grid, jittered.
 _STRATA = 2
+# Ways out of a tolerance that is missed, of a lit and of a dark frame.
+_TOO_FEW = f"it is out of reach with {_MAX_ROUNDS * _STRATA**2} rays a pixel: the backend \"cycles\" casts more"
+_DARK = "no ray met light: give a larger max_error"
 # Width [px] below which crescents are drawn from their facets: 0.02 takes less time so, of spheres of 20 to 300 px, a
 # contact binary and Itokawa at 125 to 172 deg.
 _THIN_PX = 8.0
@@ -128,7 +131,9 @@ class RayTracer:
             mean, reached = _until(rays, aimed, is_thin, tolerance, rng, Progress(on_progress))
         irradiance[y0:y1, x0:x1] = mean
         arrays = traced_products(self._engine, wanted, pinhole, views, roi)
-        frame_plan = full_shape_plan(self.scene, pinhole, views, max_error=max_error, predicted_error=reached, roi=roi)
+        way_out = "leave samples out" if samples is not None else _TOO_FEW if mean.any() else _DARK
+        frame_plan = full_shape_plan(self.scene, pinhole, views, max_error=max_error, predicted_error=reached, roi=roi,
+                                     way_out=way_out)
         frame_plan = self._emitted.add(irradiance, state, pinhole, views, frame_plan)
         took_ms = 1e3 * (time.perf_counter() - began)
         return Image(irradiance_W_m2=irradiance, products=arrays, plan=replace(frame_plan, milliseconds=took_ms),

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from glrender_camera import PinholeCamera
 
+from ...planner.account import missed
 from ...planner.plan import BodyPlan, RenderPlan
 from ...planner.predicted import frame_errors, rms_tolerance
 from ...scene.scene import Scene
@@ -25,22 +26,22 @@ def visible_region(views: list[BodyView], camera: PinholeCamera) -> tuple[int, i
 
 def full_shape_plan(scene: Scene, camera: PinholeCamera, views: list[BodyView], *,
                     max_error: float | Mapping[str, float], predicted_error: float, roi: tuple[int, int, int, int],
-                    left_out: tuple[str, ...] = (), warnings: tuple[str, ...] = (), remedy: str = "") -> RenderPlan:
+                    way_out: str, left_out: tuple[str, ...] = (), warnings: tuple[str, ...] = ()) -> RenderPlan:
     """The plan of a frame that leaves no facet out and needs no shadow map.
 
-    Each miss of the tolerance is a warning, which ends with a `remedy`, if there is one.
+    Each miss of the tolerance is a warning, which ends with the way out.
     """
+    groups = [Group.of([view], camera) for view in views if view.is_visible]
     made = RenderPlan(
         camera=camera.name, max_error=rms_tolerance(max_error, views, camera), roi=roi, windows=(),
         predicted_error=predicted_error, asked=by_unit(max_error), left_out=left_out, warnings=warnings,
-        navigation=frame_errors([(Group.of([view], camera), "rays", predicted_error, 0.0) for view in views
-                                 if view.is_visible]),
+        navigation=frame_errors([(group, "rays", predicted_error, 0.0) for group in groups]),
         bodies=tuple(BodyPlan(
             name=view.name, is_visible=view.is_visible, n_facets=len(body.shape.facets), law=body.brdf.glsl,
             shadow_map_px=None, shadow_map_reused=False, relative_to_camera=True, normal_lookup=True,
             size_px=view.size_px) for view, body in zip(views, scene.bodies, strict=True)))
-    return replace(made, warnings=(*warnings, *(text + (f"; {remedy}" if remedy else "")
-                                                for text in made.misses().values())))
+    least = frame_errors([(group, "rays", 0.0, 0.0) for group in groups])
+    return replace(made, warnings=(*warnings, *missed(made, least, way_out)))
 
 
 def traced_products(engine: RayEngine, wanted: tuple[str, ...], camera: PinholeCamera, views: list[BodyView],
