@@ -126,7 +126,8 @@ def test_the_warning_of_a_distorting_camera_has_pixels_of_its_frame():
     camera = views.camera(64, 40.0, distortion=BrownConrady(k1=2.0))
     with open_renderer(views.scene([views.sphere(GREY, 4)], [camera])) as renderer:
         frame = draw_still(renderer, views.state(range_m=400.0), max_error={"limb_px": 1e-6}).plan
-        cells = renderer.render(views.state(range_m=400.0), lens_of(camera).source, max_error={"limb_px": 3e-6}).plan
+        cells = renderer.render(views.state(range_m=400.0), lens_of(camera).source, max_error={"limb_px": 3e-6},
+                                use=ImageUse(error_gain=1.0 / 3.0)).plan
     (said,), (said_of_cells,) = frame.warnings, cells.warnings
     assert lens_of(camera).oversampling == 3 and frame.missed == cells.missed == ("limb_px",)
     assert said.startswith(f"predicted limb_px {cells.predicted['limb_px'] / 3.0:.2g} exceeds max_error 1e-06; no ")
