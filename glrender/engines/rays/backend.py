@@ -37,7 +37,7 @@ _FIRST_ROUNDS, _MAX_ROUNDS = 4, 256
 # Samples of a round along a pixel's side: one in each cell of the grid, jittered.
 _STRATA = 2
 # Ways out of a tolerance that is missed, of a lit and of a dark frame.
-_TOO_FEW = f"it is out of reach with {_MAX_ROUNDS * _STRATA**2} rays a pixel: the backend \"cycles\" casts more"
+_TOO_FEW = f"it is out of reach with {_MAX_ROUNDS * _STRATA * _STRATA} rays a pixel: the backend \"cycles\" casts more"
 _DARK = "no ray met light: give a larger max_error"
 # Width [px] below which crescents are drawn from their facets: 0.02 takes less time so, of spheres of 20 to 300 px, a
 # contact binary and Itokawa at 125 to 172 deg.
