@@ -7,7 +7,7 @@ export PYTHONUNBUFFERED = 1
 # Tests start hundreds of processes: each would compile all of Python's sources anew, a third of a second.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo test test-all bench chart wheels image docs setup opengl lint clean
+.PHONY: demo test test-all bench chart paper wheels image docs setup opengl lint clean
 .PHONY: tools osmesa octave clang blender mitsuba basilisk chromium systemd
 
 demo: setup
@@ -36,6 +36,10 @@ bench: setup
 chart: setup
 	$(BIN)/python benchmarks/speed_accuracy.py
 	$(BIN)/python benchmarks/navigation_chart.py
+
+# Both cases of the SISPO paper, from frames to deviations: out/paper, about an hour on two cores.
+paper: setup
+	$(BIN)/python examples/paper/paper.py
 
 # With the gallery of real frames where their data set is.
 docs: setup

@@ -36,7 +36,7 @@ def needed_pycolmap() -> Any:
     except ImportError:
         raise refuse("reconstruct", "needs pycolmap", None, "pip install 'glrender[reconstruction]'") from None
     # It tells each step of its work on the standard error output.
-    pycolmap.logging.minloglevel = int(pycolmap.logging.WARNING)
+    pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
     return pycolmap
 
 

@@ -98,7 +98,7 @@ def reconstruct(frames: Sequence[PosedFrame], *, body: str | None = None, poses:
         raise refuse("passes", "must be one or more where there is a prior", 0, "leave out one of both")
     if poses == "prior" and None in (sigmas_m := [frame.place_sigma_m for frame in frames]):
         raise refuse(f"frames[{sigmas_m.index(None)}].place_sigma_m", "must be given where poses are a prior", None,
-                     'replace(frame, place_sigma_m=...), or poses="free"')
+                     'replace(frame, place_sigma_m=...), or --place-sigma-m; or poses="free"')
     needed_pycolmap()
     frames, left_out = _usable(frames, body)
     px_m = min(frame.px_m for frame in frames)
