@@ -5,13 +5,13 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import trimesh
 from glrender_navigation.checks import refuse
 from scipy.spatial import cKDTree
 
+from .features import needed_pycolmap
 from .frames import PosedFrame, angle_rad
 from .mesh import Mesh
 
@@ -27,17 +27,6 @@ _LEAST_POINTS = 100
 """Points, below which there is no surface."""
 _LEAST_PIECE = 0.01
 """Facets of a piece over those of the largest; smaller ones go."""
-
-
-def needed_pycolmap() -> Any:
-    """The module, or a ValueError that says how to install it."""
-    try:
-        import pycolmap
-    except ImportError:
-        raise refuse("reconstruct", "needs pycolmap", None, "pip install 'glrender[reconstruction]'") from None
-    # It tells each step of its work on the standard error output.
-    pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
-    return pycolmap
 
 
 def enough(points_m: np.ndarray, least: int = _LEAST_POINTS) -> None:

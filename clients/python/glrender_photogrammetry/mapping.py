@@ -8,13 +8,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from glrender_navigation.checks import refuse
 from scipy.spatial.transform import Rotation
 
+from .features import matched, needed_pycolmap, number_of, pipeline, shared_points
 from .frames import PosedFrame
-from .fusion import needed_pycolmap
 
 # Frames after each one that it is matched with.
 _OVERLAP = 4
@@ -25,7 +24,6 @@ _FIRST_ANGLE_DEG, _LEAST_ANGLE_DEG = 4.0, 1.0
 _LEAST_MATCHES = 15
 # RMS of the given attitudes about the found ones, and of places over the length of the pass: more is no datum.
 _MOST_TURN_RAD, _MOST_PLACE = np.radians(10.0), 0.5
-_LEAST_TRACK = 3
 
 
 def mapped(frames: Sequence[PosedFrame], is_prior: bool = False) -> dict[str, np.ndarray]:
@@ -57,11 +55,10 @@ def mapped(frames: Sequence[PosedFrame], is_prior: bool = False) -> dict[str, np
     if is_prior:
         _adjust(needed_pycolmap(), model, frames)
     found = sorted((image for image in model.images.values() if image.has_pose), key=lambda image: image.name)
-    index = np.array([int(image.name[:5]) for image in found])
-    points = np.array([point.xyz for point in model.points3D.values() if point.track.length() >= _LEAST_TRACK])
+    index = np.array([number_of(image) for image in found])
     return {"index": index, **laid([frames[k] for k in index], np.array(
         [image.cam_from_world().rotation.matrix() for image in found]), np.array(
-        [image.projection_center() for image in found]), points.reshape(-1, 3))}
+        [image.projection_center() for image in found]), shared_points(model))}
 
 
 def laid(frames: Sequence[PosedFrame], rotations: np.ndarray, places: np.ndarray,
@@ -97,32 +94,12 @@ def reposed(frames: Sequence[PosedFrame], found: dict[str, np.ndarray]) -> list[
 
 def _colmap(pycolmap: Any, frames: Sequence[PosedFrame], folder: Path) -> Any:
     """The reconstruction with the most frames."""
-    images, models, base = folder / "images", folder / "models", folder / "features.db"
-    for needed in (images, models):
-        needed.mkdir(parents=True, exist_ok=True)
-    for k, frame in enumerate(frames):
-        cv2.imwrite(str(images / f"{k:05d}.png"), (255.0 * np.minimum(frame.root, 1.0)).astype(np.uint8))
-    pycolmap.set_random_seed(0)
-    camera = frames[0].camera
-    reader = pycolmap.ImageReaderOptions()
-    # COLMAP's (0, 0) is the corner of the first pixel.
-    x, y = (each + 0.5 for each in camera.principal_point_px)
-    reader.camera_model, reader.camera_params = "SIMPLE_PINHOLE", f"{camera.focal_length_px},{x},{y}"
-    extraction = pycolmap.FeatureExtractionOptions()
-    extraction.use_gpu, extraction.num_threads = False, 1
-    extraction.sift.max_num_features, extraction.sift.peak_threshold = _N_FEATURES, _CONTRAST
-    pycolmap.extract_features(base, images, camera_mode=pycolmap.CameraMode.SINGLE, reader_options=reader,
-                              extraction_options=extraction)
-    matching, pairing = pycolmap.FeatureMatchingOptions(), pycolmap.SequentialPairingOptions()
-    matching.use_gpu, matching.num_threads = False, 1
-    pairing.overlap, pairing.quadratic_overlap = _OVERLAP, False
-    pycolmap.match_sequential(base, matching_options=matching, pairing_options=pairing)
-    options = pycolmap.IncrementalPipelineOptions()
-    options.ba_refine_focal_length = options.ba_refine_extra_params = options.ba_refine_principal_point = False
-    options.num_threads, options.min_num_matches = 1, _LEAST_MATCHES
-    options.mapper.init_min_tri_angle = _FIRST_ANGLE_DEG
-    options.triangulation.min_angle = options.mapper.filter_min_tri_angle = _LEAST_ANGLE_DEG
-    found = pycolmap.incremental_mapping(base, images, models, options).values()
+    base, models = matched(frames, [(i, j) for i in range(len(frames)) for j in range(
+        i + 1, min(i + _OVERLAP, len(frames) - 1) + 1)], folder), folder / "models"
+    models.mkdir()
+    options = pipeline(pycolmap)
+    options.min_num_matches, options.mapper.init_min_tri_angle = _LEAST_MATCHES, _FIRST_ANGLE_DEG
+    found = pycolmap.incremental_mapping(base, folder, models, options).values()
     best = max(found, key=lambda model: model.num_reg_images(), default=None)
     if best is None or best.num_reg_images() < 3:
         raise refuse("frames", "must hang together, three of them by their features",
@@ -140,7 +117,7 @@ def _adjust(pycolmap: Any, model: Any, frames: Sequence[PosedFrame]) -> None:
     config, places = pycolmap.BundleAdjustmentConfig(), []
     for image in model.images.values():
         if image.has_pose:
-            frame = frames[int(image.name[:5])]
+            frame = frames[number_of(image)]
             config.add_image(image.image_id)
             places.append(pycolmap.PosePrior(
                 corr_data_id=image.data_id, position=frame.r_camera_body_m,

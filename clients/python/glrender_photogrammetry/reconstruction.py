@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 from glrender_navigation.checks import refuse
 
+from .features import needed_pycolmap
 from .frames import PosedFrame, angle_rad
-from .fusion import enough, fused, needed_pycolmap, surface_of
+from .fusion import enough, fused, surface_of
 from .mapping import mapped, reposed
 from .mesh import Closest, HasFacets, Mesh
 from .sparse import sparse_points
@@ -114,9 +115,9 @@ def reconstruct(frames: Sequence[PosedFrame], *, body: str | None = None, poses:
         frames, points_m = reposed(frames, found), found["points_m"]
         report |= {"frames": len(frames), "datum": {"turn_deg": float(np.degrees(found["turn_rad"])),
                                                     "place_m": float(found["place_m"])}}
-        progress("sparse", 1.0)
     else:
-        points_m = stages.arrays("sparse", partial(sparse_points, frames, partial(progress, "sparse")))["points_m"]
+        points_m = stages.arrays("sparse", partial(sparse_points, frames))["points_m"]
+    progress("sparse", 1.0)
     enough(points_m)
     report["points"] = len(points_m)
     if prior is None:
