@@ -323,9 +323,11 @@ def test_bad_input_is_refused_with_field_rule_and_value(frames, change, options,
 @pytest.mark.parametrize("prior", [
     lambda m: Mesh(vertices_m=1e-3 * m.vertices_m, facets=m.facets),
     lambda m: Mesh(vertices_m=m.vertices_m + [0.0, 0.0, 300.0], facets=m.facets)])
-def test_a_prior_of_another_size_or_place_is_refused(frames, truth, prior):
+def test_a_prior_of_another_size_or_place_is_refused(frames, truth, prior, tmp_path):
+    """What was found before stays."""
     with pytest.raises(ValueError, match="prior: must lie within .* of half of the sparse points.*in metres"):
-        reconstruct(frames, prior=prior(truth), passes=PASSES[:1])
+        reconstruct(frames, prior=prior(truth), passes=PASSES[:1], folder=tmp_path)
+    assert (tmp_path / "sparse.npz").is_file()
 
 
 def test_without_pycolmap_the_extra_is_named(tmp_path):

@@ -14,8 +14,8 @@ from .frames import PosedFrame
 
 _N_FEATURES = 6000
 _CONTRAST = 0.003
-# Angle between a point's rays: at less it has no depth.
-LEAST_ANGLE_DEG = 1.0
+# Least angle between a point's rays: at less it has no depth.
+_LEAST_ANGLE_DEG = 1.0
 _LEAST_TRACK = 3
 
 
@@ -69,7 +69,7 @@ def pipeline(pycolmap: Any) -> Any:
     options = pycolmap.IncrementalPipelineOptions()
     options.ba_refine_focal_length = options.ba_refine_extra_params = options.ba_refine_principal_point = False
     options.num_threads = 1
-    options.triangulation.min_angle = options.mapper.filter_min_tri_angle = LEAST_ANGLE_DEG
+    options.triangulation.min_angle = options.mapper.filter_min_tri_angle = _LEAST_ANGLE_DEG
     return options
 
 

@@ -85,7 +85,8 @@ def surface_of(points_m: np.ndarray, cameras_m: np.ndarray, voxel_m: float, cut_
         _write_points(cloud, points_m, normals)
         options = pycolmap.PoissonMeshingOptions()
         size_m = float(np.ptp(points_m, axis=0).max()) * 1.1
-        options.depth = int(np.clip(np.ceil(np.log2(size_m / voxel_m)), 5, _MOST_DEPTH))
+        # Cells of one to two voxels: half of that gives four times the facets of the same deviation.
+        options.depth = int(np.clip(np.log2(size_m / voxel_m), 5, _MOST_DEPTH))
         # Its threads wait for each other by spinning: on cores that others use too, one is faster than two.
         options.num_threads, options.trim, options.color = 1, 0.0, False
         pycolmap.poisson_meshing(cloud, surface, options)

@@ -17,10 +17,8 @@ from .frames import PosedFrame
 
 # Frames after each one that it is matched with.
 _OVERLAP = 4
-_N_FEATURES = 6000
-_CONTRAST = 0.003
-# Least angle between the views of the first two frames, and between the rays of every point.
-_FIRST_ANGLE_DEG, _LEAST_ANGLE_DEG = 4.0, 1.0
+# Least angle between the views of the first two frames.
+_FIRST_ANGLE_DEG = 4.0
 _LEAST_MATCHES = 15
 # RMS of the given attitudes about the found ones, and of places over the length of the pass: more is no datum.
 _MOST_TURN_RAD, _MOST_PLACE = np.radians(10.0), 0.5

@@ -16,7 +16,7 @@ from .frames import PosedFrame, angle_rad
 _NEIGHBOURS_RAD = (np.radians(0.5), np.radians(16.0))
 _EPIPOLAR_PX = 1.0
 _REPROJECTION_PX = 1.5
-# Of the matches: poses that are right leave one in a hundred outside of the check.
+# Share of the matches; right poses leave one in a hundred outside of the check.
 _LEAST_SHARE_RIGHT = 0.5
 
 
