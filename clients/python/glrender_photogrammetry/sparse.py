@@ -16,7 +16,7 @@ from .frames import PosedFrame, angle_rad
 _NEIGHBOURS_RAD = (np.radians(0.5), np.radians(16.0))
 _EPIPOLAR_PX = 1.0
 _REPROJECTION_PX = 1.5
-# Share of the matches; right poses leave one in a hundred outside of the check.
+# Least share of the matches within the check [1]: right poses leave 0.01 outside.
 _LEAST_SHARE_RIGHT = 0.5
 
 
