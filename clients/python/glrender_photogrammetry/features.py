@@ -50,7 +50,7 @@ def matched(frames: Sequence[PosedFrame], pairs: Iterable[tuple[int, int]], fold
     pycolmap.set_random_seed(0)
     reader = pycolmap.ImageReaderOptions()
     # COLMAP's (0, 0) is the corner of the first pixel.
-    x, y = (each + 0.5 for each in camera.principal_point_px)
+    x, y = camera.matrix[:2, 2] + 0.5
     reader.camera_model, reader.camera_params = "SIMPLE_PINHOLE", f"{camera.focal_length_px},{x},{y}"
     extraction, matching = pycolmap.FeatureExtractionOptions(), pycolmap.FeatureMatchingOptions()
     extraction.use_gpu, extraction.num_threads, matching.use_gpu, matching.num_threads = False, 1, False, 1

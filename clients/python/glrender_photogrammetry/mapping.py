@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from glrender_navigation.checks import refuse
+from glrender_navigation.checks import number, refuse
 from scipy.spatial.transform import Rotation
 
 from .features import matched, needed_pycolmap, number_of, pipeline, shared_points
@@ -119,6 +119,6 @@ def _adjust(pycolmap: Any, model: Any, frames: Sequence[PosedFrame]) -> None:
             config.add_image(image.image_id)
             places.append(pycolmap.PosePrior(
                 corr_data_id=image.data_id, position=frame.r_camera_body_m,
-                position_covariance=frame.place_sigma_m**2 * np.eye(3),
+                position_covariance=number("place_sigma_m", frame.place_sigma_m, "give metres") ** 2 * np.eye(3),
                 coordinate_system=pycolmap.PosePriorCoordinateSystem.CARTESIAN))
     pycolmap.create_pose_prior_bundle_adjuster(options, priors, config, places, model).solve()
