@@ -21,8 +21,8 @@ _N_AGREE = 3
 # Points and their mean distance from so many others; further by so many sigmas is an outlier.
 _N_AROUND, _N_SIGMA = 16, 2.0
 _N_FOR_NORMAL = 24
-# Octree of Poisson's surface: at most 2^11 cells a side.
-_MOST_DEPTH = 11
+# Octree of Poisson's surface: 2^7 to 2^11 cells a side.
+_DEPTHS = (7, 11)
 _LEAST_POINTS = 100
 """Points, below which there is no surface."""
 _LEAST_PIECE = 0.01
@@ -86,7 +86,7 @@ def surface_of(points_m: np.ndarray, cameras_m: np.ndarray, voxel_m: float, cut_
         options = pycolmap.PoissonMeshingOptions()
         size_m = float(np.ptp(points_m, axis=0).max()) * 1.1
         # Cells of one to two voxels: half of that gives four times the facets of the same deviation.
-        options.depth = int(np.clip(np.log2(size_m / voxel_m), 5, _MOST_DEPTH))
+        options.depth = int(np.clip(np.log2(size_m / voxel_m), *_DEPTHS))
         # Its threads wait for each other by spinning: on cores that others use too, one is faster than two.
         options.num_threads, options.trim, options.color = 1, 0.0, False
         pycolmap.poisson_meshing(cloud, surface, options)
