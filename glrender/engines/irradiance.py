@@ -106,23 +106,28 @@ class IrradiancePass:
         """The pixels of a group or its own cells, and its plan with the error that was estimated."""
         best = None
         for option in options:
-            mean, window = self._draw_option(group, option, frame, clock, deadline, option is options[-1])
+            mean, window, error = self._draw_option(group, option, frame, clock, deadline, option is options[-1])
             # Engines may be allowed RMS errors of their own, where other units are asked for.
-            if best is None or (window.predicted_error * best[1].budget.tolerance
-                                < best[1].predicted_error * window.budget.tolerance):
-                best = mean, window
-            is_over = time.monotonic() > deadline and math.isfinite(best[1].predicted_error)
-            if window.predicted_error <= window.budget.tolerance or is_over:
+            if best is None or error * best[1].budget.tolerance < best[2] * window.budget.tolerance:
+                best = mean, window, error
+            is_over = time.monotonic() > deadline and math.isfinite(best[2])
+            if error <= window.budget.tolerance or is_over:
                 break
-        return best
+        return best[:2]
 
     def _draw_option(self, group: Group, window: WindowPlan, frame: Frame, clock: Clock, deadline: float,
-                     is_last: bool) -> tuple[np.ndarray, WindowPlan]:
-        """The region's pixels, or a small body's own cells, and its plan."""
+                     is_last: bool) -> tuple[np.ndarray, WindowPlan, float]:
+        """The region's pixels, or a small body's own cells, its plan, and the error that the tolerance is for."""
         if window.engine == "coverage":
             return self._draw_coverage(window, frame, clock)
-        if window.target == "region":
-            return self._draw_sampled(group, window, frame, clock, deadline, is_last)
+        draw = self._draw_grid if window.target != "region" else partial(
+            self._draw_sampled, deadline=deadline, is_last=is_last)
+        mean, window = draw(group, window, frame, clock)
+        return mean, window, window.predicted_error
+
+    def _draw_grid(self, group: Group, window: WindowPlan, frame: Frame, clock: Clock
+                   ) -> tuple[np.ndarray, WindowPlan]:
+        """A small body's own samples, and its plan."""
         samples = self._samples(window, frame, clock, window.bounds_px, window.grid)
         if window.eclipse_px > 0.0:
             few = eclipse_samples.bare_samples(group.phase_rad, window.grid)
@@ -133,13 +138,17 @@ class IrradiancePass:
             window = replace(window, flux_error=flux, drawn={**window.drawn, "eclipse": pixels})
         return samples, window
 
-    def _draw_coverage(self, window: WindowPlan, frame: Frame, clock: Clock) -> tuple[np.ndarray, WindowPlan]:
-        """Means of the region's cells and its plan, whose error is infinite where nothing could be drawn."""
+    def _draw_coverage(self, window: WindowPlan, frame: Frame, clock: Clock) -> tuple[np.ndarray, WindowPlan, float]:
+        """Means of the region's cells, its plan, and the error that the tolerance is for.
+
+        Errors are infinite where nothing could be drawn.
+        """
         draw = self._coverage.draw_by_centroids if window.by_centroids else self._coverage.draw
         means, error = draw(window.bodies, list(frame.views), ImageCells(frame.camera, window.bounds_px, window.grid),
                             window.budget.after(window.modelling_error))
         clock.lap("surface")
-        return means.astype(np.float32), replace(window, drawn={"boundaries": error})
+        judged, drawn = (replace(window, drawn={"boundaries": each}) for each in (error.judged, error.rms))
+        return means.astype(np.float32), drawn, judged.predicted_error
 
     def _draw_sampled(self, group: Group, window: WindowPlan, frame: Frame, clock: Clock, deadline: float,
                       is_last: bool) -> tuple[np.ndarray, WindowPlan]:

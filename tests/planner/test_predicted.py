@@ -11,7 +11,9 @@ import pytest
 import views
 from glrender import Body, ConfigError, Renderer, Scene, draw_still, open_renderer, take_frame
 from glrender.brdf import Lambert
+from glrender.planner.plan import ONE_DIRECTION, SLIVERS
 from glrender.planner.predicted import allowed_rms, frame_errors
+from glrender.planner.request import ImageUse
 from glrender.scene.tolerance import LEAST, UNITS
 from glrender.view.regions import Group
 from glrender_camera import CameraModel, Detector, Optics
@@ -115,7 +117,7 @@ def test_a_tolerance_below_what_is_promised_of_any_frame_costs_no_more_and_is_to
 def test_a_point_spread_function_leaves_flux_and_centre_as_they_are(renderer):
     """Of a frame of digital numbers: RMS by the function's gain, the limb by its root, range and the rest as before.
 
-    The flux that clipped facets miss, which it does not average, weighs up to 2 % more in the frame's own estimate.
+    Light that is lost or too bright as a whole is no less afterwards.
     """
     model = CameraModel(optics=Optics(aperture_diameter_m=0.02, psf_sigma_px=1.2), exposure_s=0.05,
                         detector=Detector(quantum_efficiency=0.5, full_well_electrons=3e4, gain_DN_per_electron=0.1,
@@ -125,9 +127,26 @@ def test_a_point_spread_function_leaves_flux_and_centre_as_they_are(renderer):
         frame = take_frame(blurred, STATE, max_error={"rms": 0.02 * model.psf_noise_gain}).plan
         bare = draw_still(blurred, STATE, max_error=0.02).plan
     gain, ratio = model.psf_noise_gain, {unit: frame.predicted[unit] / bare.predicted[unit] for unit in UNITS}
-    expected = {"rms": gain, "flux": 1.0, "centroid_px": 1.0, "limb_px": math.sqrt(gain), "range": 1.0}
-    assert ratio == pytest.approx(expected, rel=0.02) and gain < 0.5
-    assert all(ratio[unit] >= (1.0 - 1e-9) * most for unit, most in expected.items())
+    whole = math.hypot(*(bare.windows[0].modelled[cause] for cause in (ONE_DIRECTION, SLIVERS))) / bare.predicted_error
+    expected = {"rms": math.hypot(gain, whole * math.sqrt(1.0 - gain**2)), "flux": 1.0, "centroid_px": 1.0,
+                "limb_px": math.sqrt(gain), "range": 1.0}
+    assert ratio == pytest.approx(expected, rel=1e-6) and gain < 0.5
+
+
+@pytest.mark.parametrize("gain", [0.3, 0.05])
+@pytest.mark.parametrize("subdivisions, size_px, asked", [(4, 8, 0.02), (4, 150, 0.1), (5, 8, 0.02), (5, 150, 0.1)])
+def test_flux_centre_and_range_of_an_image_are_predicted_alike_before_any_point_spread_function(
+        subdivisions, size_px, asked, gain):
+    """Equal images, clipped or by centroids, small or large, have equal errors; one drawn better has no larger ones."""
+    body = Body(name="body", shape=views.binary(7, subdivisions), brdf=Lambert(normal_albedo=0.3))
+    with Renderer(views.scene([body], [views.camera(200 if size_px > 100 else 16, 50.0 * size_px)])) as made:
+        state = views.state(phase_deg=60.0, range_m=10_000.0)
+        bare, blurred, better = (made.render(state, max_error=most, use=ImageUse(error_gain=each)) for most, each in (
+            (asked, 1.0), (asked, gain), (0.05 * asked, gain)))
+    assert bare.irradiance_W_m2.tobytes() == blurred.irradiance_W_m2.tobytes()
+    for unit in ("flux", "centroid_px", "range"):
+        assert blurred.plan.predicted[unit] == pytest.approx(bare.plan.predicted[unit], rel=1e-6), unit
+        assert better.plan.predicted[unit] <= bare.plan.predicted[unit] * (1.0 + 1e-6), unit
 
 
 def test_a_slow_backend_takes_units_too():

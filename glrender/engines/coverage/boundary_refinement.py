@@ -51,6 +51,8 @@ class SunlitAreas:
         Parts that a boundary crosses; some polygons are their lit rest.
     squared : float
         Their squared error: `sunlit_error`.
+    bias : float
+        Light that is missing from all alike: an error of the total light.
     """
 
     seen: CornerVisibility
@@ -58,6 +60,7 @@ class SunlitAreas:
     polygons: list[Polygons]
     clipped: FacetParts
     squared: float
+    bias: float
 
     def add_to(self, changes: np.ndarray, cells: ImageCells, off_axis_power: float) -> None:
         """Add what the areas change in the cells of an image: `accumulate`.
@@ -91,7 +94,7 @@ def find_areas(seen: CornerVisibility, most_squared: float, flux_weight: float) 
     most_squared : float
         The largest squared error.
     flux_weight : float
-        Weight of the squared error of the total light in it.
+        Weight of the squared bias in it.
 
     Returns
     -------
@@ -106,8 +109,8 @@ def find_areas(seen: CornerVisibility, most_squared: float, flux_weight: float) 
     bias = sunlit_error.clipped_bias(seen.radiance.of(triangles.facet) * triangles.area_px)
     missed = sunlit_error.missed(squared / seen.safety_squared, seen.facets.crease_rad, seen.view.phase_rad)
     behind = _missed_behind(seen)
-    error = CLIPPED_ERROR * squared + missed + behind + flux_weight * bias**2
-    if error > most_squared:
+    error = CLIPPED_ERROR * squared + missed + behind
+    if error + flux_weight * bias**2 > most_squared:
         if not seen.is_alone or missed > MISSED_SHARE * most_squared:
             beside = _beside(seen)
             whole = np.setdiff1d(whole, beside.facet)
@@ -115,11 +118,11 @@ def find_areas(seen: CornerVisibility, most_squared: float, flux_weight: float) 
                                                           MISSED_SHARE * most_squared - behind)
             lit.append(done)
         done, triangles, error = _divide(seen, triangles, missed + behind, most_squared)
-        lit += done
+        lit, bias = lit + done, 0.0
     polygons = [(each.corner, each.facet) for each in lit] + seen.cutter.cut_off(triangles, _BISECTIONS)
     uniform, _ = seen.cutter.sorted(seen.uniform)
     return SunlitAreas(seen=seen, whole=whole, polygons=[*polygons, (uniform.corner, uniform.facet)],
-                       clipped=triangles, squared=error)
+                       clipped=triangles, squared=error, bias=bias)
 
 
 def _missed_behind(seen: CornerVisibility) -> float:

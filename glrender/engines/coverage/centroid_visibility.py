@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 
+from ...planner.error_budget import FLUX_SHARE
 from ...view.view import BodyView
 from ..rays.engine import RayEngine
 from . import accumulate, facet_loops
@@ -16,6 +17,7 @@ from .brdf_tables import BrdfTables
 from .facet_tables import FacetTables
 from .image_cells import ImageCells
 from .sub_triangles import projected
+from .sunlit_error import CoverageError
 
 # Error over the estimate by boundary facets [1], and the power of small facets' areas in it: 2900 images of five shapes
 # with 49k to 197k facets, 30 to 480 px, 20 to 120 deg, against clipped ones; less in 98.9 %, 0.28 to 0.64 in half.
@@ -25,19 +27,19 @@ _ALIKE = 0.6
 _SAMPLED = 3
 
 
-def centroid_error(boundary: np.ndarray, flux_share: float) -> float:
-    """RMS error [1] over the mean of the lit pixels, or the flux error over its share, by `facet_loops.lit_edges` (4,).
+def centroid_error(boundary: np.ndarray, flux_share: float) -> CoverageError:
+    """The estimated error by what `facet_loops.lit_edges` finds (4,).
 
     The share is the tolerance of the total light over that of the RMS error [1].
     """
     area, light, squared, of_area = boundary
     if not squared:
-        return 0.0
+        return CoverageError(0.0, 0.0)
     # Errors of small facets next to each other are alike.
     pixels = _BOUNDARY_ERROR * math.sqrt(squared * min(of_area / squared, 1.0) ** _ALIKE * area) / light
     # One facet in a few was tested: all have as many times the light, and the root of that as error of the flux.
-    flux = _BOUNDARY_ERROR * math.sqrt(of_area / _SAMPLED) / (flux_share * light)
-    return max(pixels, flux)
+    flux = _BOUNDARY_ERROR * math.sqrt(of_area / _SAMPLED) / light
+    return CoverageError(max(pixels, flux / flux_share), max(pixels, flux / FLUX_SHARE))
 
 
 class CentroidVisibility:
@@ -58,8 +60,7 @@ class CentroidVisibility:
 
     Attributes
     ----------
-    error : float [1]
-        RMS error of pixels over the mean of the lit ones, as estimated.
+    error : CoverageError
     """
 
     def __init__(self, facets: FacetTables, view: BodyView, cells: ImageCells, rays: RayEngine,

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import cv2
 import numpy as np
 
-from ...planner.error_budget import OVERLAPS_LEFT, PENUMBRA_SHARE, Budget
+from ...planner.error_budget import FLUX_SHARE, OVERLAPS_LEFT, PENUMBRA_SHARE, Budget
 from ...planner.penumbra import sun_points
 from ...scene.scene import Scene
 from ...scene.shape.shape import Shape
@@ -29,7 +30,7 @@ from .corner_visibility import look
 from .facet_tables import FacetTables
 from .image_cells import ImageCells
 from .sub_triangles import projected
-from .sunlit_error import ErrorScale
+from .sunlit_error import NOTHING_DRAWN, CoverageError, ErrorScale
 
 # The part of what overlaps that is taken off a closed surface that is alone [1]: as much is missing where its facets
 # are clipped too small (tests/engines/coverage/test_coverage_engine.py).
@@ -64,8 +65,8 @@ class CoverageEngine:
         self._facets.clear()
 
     def draw(self, names: Sequence[str], views: list[BodyView], cells: ImageCells, budget: Budget
-             ) -> tuple[np.ndarray, float]:
-        """Means over cells (rows, columns) float64 [W/m2 per pixel], and their estimated error [1].
+             ) -> tuple[np.ndarray, CoverageError]:
+        """Means over cells (rows, columns) float64 [W/m2 per pixel], and their estimated error.
 
         Facets are clipped where their visible, sunlit part ends. Nothing is drawn, and the error is infinite, where
         rays have to look: no corner of facets that face Sun and camera is lit, too few facets have too much of the
@@ -82,24 +83,26 @@ class CoverageEngine:
             Errors that the drawing may have.
         """
         means, error, penumbra = self._clipped(names, views, cells, budget, self._scene.sun_disc)
-        if penumbra <= PENUMBRA_SHARE * budget.tolerance:
+        if penumbra.judged <= PENUMBRA_SHARE * budget.tolerance:
             return means, error
-        points = sun_points(penumbra, budget.tolerance)
+        points = sun_points(penumbra.judged, budget.tolerance)
         if points is None:
-            return means, math.inf
+            return means, NOTHING_DRAWN
         n_points, share = points
-        left = budget.after(share * penumbra)
-        sums, total = np.zeros(cells.shape), 0.0
+        left = budget.after(share * penumbra.judged)
+        sums, errors = np.zeros(cells.shape), []
         for point in on_disc(n_points):
             means, error, _ = self._clipped(names, lit_from(views, point), cells, left, False)
-            if math.isinf(error):
+            if math.isinf(error.judged):
                 return means, error
             sums += means
-            total += error
-        return sums / n_points, math.hypot(total / n_points, share * penumbra)
+            errors.append(error)
+        return sums / n_points, CoverageError(*(
+            math.hypot(sum(of_points) / n_points, share * at_once)
+            for of_points, at_once in zip(zip(*errors, strict=True), penumbra, strict=True)))
 
     def draw_by_centroids(self, names: Sequence[str], views: list[BodyView], cells: ImageCells, budget: Budget
-                          ) -> tuple[np.ndarray, float]:
+                          ) -> tuple[np.ndarray, CoverageError]:
         """The same of one body that no other hides or shades, with each facet lit or dark by its centroid.
 
         The error is estimated before anything is drawn; nothing is drawn, and it is infinite, where it exceeds the
@@ -108,8 +111,8 @@ class CoverageEngine:
         view = next(view for view in views if view.name in names)
         body = CentroidVisibility(self._facets[view.name], view, cells, self._rays, self._brdf_tables,
                                   budget.flux_share)
-        if body.error > budget.tolerance:
-            return np.zeros(cells.shape), math.inf
+        if body.error.judged > budget.tolerance:
+            return np.zeros(cells.shape), NOTHING_DRAWN
         changes = accumulate.no_changes(cells.shape)
         body.add_to(changes, cells)
         return cells.light(changes, self._scene.solar_irradiance_of(cells.camera))[0], body.error
@@ -125,42 +128,47 @@ class CoverageEngine:
         return _may_be_lit([(self._facets[view.name], view) for view in members], cells, self._scene.sun_disc)
 
     def _clipped(self, names: Sequence[str], views: list[BodyView], cells: ImageCells, budget: Budget,
-                 has_disc: bool) -> tuple[np.ndarray, float, float]:
+                 has_disc: bool) -> tuple[np.ndarray, CoverageError, CoverageError]:
         """Means with hard edges of shadows, their error, and what hard edges cost if the Sun has a disc.
 
         Nothing is drawn if that is too much.
         """
-        dark = np.zeros(cells.shape)
+        dark, no_error = np.zeros(cells.shape), CoverageError(0.0, 0.0)
         members = [view for view in views if view.name in names and view.is_visible]
         bodies = [look(self._facets[view.name], view, views, cells, self._rays,
                        view.sun_radius_rad if has_disc else 0.0) for view in members]
         light, n_px = sum(body.light for body in bodies), sum(body.area_px for body in bodies)
         if not light > 0.0:
             # Light between corners that are all dark is for rays to find.
-            return dark, math.inf if any(body.has_facing for body in bodies) else 0.0, 0.0
+            return dark, NOTHING_DRAWN if any(body.has_facing for body in bodies) else no_error, no_error
         scale = ErrorScale(light=light, n_px=n_px, phase_rad=max(view.phase_rad for view in members),
                            flux_share=budget.flux_share)
-        penumbras = 0.0
+        scales = scale, replace(scale, flux_share=FLUX_SHARE)
+        penumbras = [0.0 for _ in scales]
         if has_disc:
             hard = sum(body.hard_edges(self._rays, views, cells.camera.focal_length_px) for body in bodies)
-            penumbras = scale.of_penumbras(hard, [body.low_sun() for body in bodies])
-        penumbra = scale.rms(penumbras)
-        if penumbra > PENUMBRA_SHARE * budget.tolerance:
-            return dark, math.inf, penumbra
-        allowed = OVERLAPS_LEFT * (scale.most_squared(budget.tolerance) - penumbras) / len(bodies)
+            low = [body.low_sun() for body in bodies]
+            penumbras = [each.of_penumbras(hard, low) for each in scales]
+        penumbra = CoverageError(*(each.rms(squared) for each, squared in zip(scales, penumbras, strict=True)))
+        if penumbra.judged > PENUMBRA_SHARE * budget.tolerance:
+            return dark, NOTHING_DRAWN, penumbra
+        allowed = OVERLAPS_LEFT * (scale.most_squared(budget.tolerance) - penumbras[0]) / len(bodies)
         # A pixel's solid angle falls off as cos^3 of its angle from the boresight: of facets that are far smaller.
         is_fine = n_px * cells.per_px.prod() < _FINE * sum(body.n_areas for body in bodies)
-        changes, squared = accumulate.no_changes(cells.shape), 0.0
+        changes, squared, bias_squared = accumulate.no_changes(cells.shape), 0.0, 0.0
         for body in bodies:
             areas = find_areas(body, allowed, scale.flux_weight)
             if areas is None:
-                return dark, math.inf, penumbra
+                return dark, NOTHING_DRAWN, penumbra
             areas.add_to(changes, cells, 3.0 if is_fine else 0.0)
             squared += areas.squared
+            bias_squared += areas.bias**2
         # Where areas overlap, one that is hidden was taken to be seen: which one is not known.
         means, unsure = cells.light(changes, self._scene.solar_irradiance_of(cells.camera),
                                     _EXCESS if self._is_one_surface else 1.0, is_even=is_fine)
-        return means, scale.error(penumbras + squared + unsure / cells.per_px.prod() ** 2), penumbra
+        squared += unsure / cells.per_px.prod() ** 2
+        return means, CoverageError(*(each.error(of_penumbras + squared + each.flux_weight * bias_squared)
+                                      for each, of_penumbras in zip(scales, penumbras, strict=True))), penumbra
 
 
 def _may_be_lit(bodies: list[tuple[FacetTables, BodyView]], cells: ImageCells, has_disc: bool) -> np.ndarray:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,6 +31,25 @@ _MISSED_BEHIND = 0.1
 _PENUMBRA = 0.65
 # Least error [1] that is estimated: a facet's radiance at its centroid for the whole facet, and rays in float32.
 _LEAST = 5e-4
+
+
+class CoverageError(NamedTuple):
+    """The estimated error of an image [1]: RMS over the mean of lit pixels, or flux over a share where that is more.
+
+    Attributes
+    ----------
+    judged : float
+        By `Budget.flux_share`: what the tolerance is compared with.
+    rms : float
+        By `FLUX_SHARE`, which no point spread function changes: what errors in every unit are predicted from.
+    """
+
+    judged: float
+    rms: float
+
+
+NOTHING_DRAWN = CoverageError(math.inf, math.inf)
+"""The error where nothing is drawn."""
 
 
 @dataclass(frozen=True, kw_only=True)

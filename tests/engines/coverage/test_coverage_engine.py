@@ -39,11 +39,11 @@ def drawn(bodies, state, camera, budget=0.02, names=None, flux=None):
     seen = view_bodies(state, camera, scene.hulls)
     rays = RayEngine(scene)
     x0, y0, x1, y1 = roi = region([view for view in seen if view.is_visible], camera)
-    image, told = CoverageEngine(scene, rays).draw(
+    image, error = CoverageEngine(scene, rays).draw(
         names or [body.name for body in bodies], seen,
         ImageCells(camera, (x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5), (x1 - x0, y1 - y0)),
         Budget(tolerance=budget, flux=flux))
-    return image, told, roi, (rays, seen)
+    return image, error.judged, roi, (rays, seen)
 
 
 def traced(camera, roi, rays, n):
