@@ -194,6 +194,10 @@ def test_a_frame_tells_its_error_before_it_is_drawn(rough):
     assert told_again == told and told.judged == told.rms > 0.0 and again.tobytes() == image.tobytes()
     dark, unknown = engine.draw_by_centroids(*given, Budget(tolerance=0.99 * told.judged))
     assert not dark.any() and np.isinf(unknown).all(), "it is no image, and may not be taken for the best one"
+    strict, error = engine.draw_by_centroids(*given, Budget(tolerance=1.0, flux=1e-3))
+    assert error.rms == told.rms and error.judged > told.judged, "by a share of the flux that is a hundredth"
+    assert strict.tobytes() == image.tobytes() and np.isinf(engine.draw_by_centroids(
+        *given, Budget(tolerance=0.99 * error.judged, flux=0.99e-3 * error.judged))[1]).all()
 
 
 def test_the_image_does_not_depend_on_the_number_of_threads(rough, monkeypatch):
