@@ -11,35 +11,25 @@ import logging
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Any
 
-import cv2
 import numpy as np
 from scipy.special import ndtr
 
-from . import cosmic, poisson
-from .deviates import standard_normal
+from . import cosmic, noise
 from .errors import ConfigError
-from .pattern import COSMIC, FRAME, FixedPattern, PatternStatistics, fixed_pattern, rows_of, stream
+from .pattern import COSMIC, FRAME, FixedPattern, PatternStatistics, fixed_pattern, stream
 from .spectrum import Curve, curve
-from .threads import Scratch, run
 from .validate import integer, known_keys, positive, vector, within
 
-# Each block has its own stream, so that bytes do not depend on the number of threads. Smaller ones stay in a core's
-# cache, but threads that call NumPy more often wait for each other: 2**17 takes a quarter longer on two cores.
-_BLOCK_PX = 2**18
-# Beyond this many full wells the drawn number says nothing more, and NumPy's Poisson loses its
-# variance.
+# Beyond this many full wells the drawn number says nothing more.
 _MAX_FULL_WELLS = 100.0
 # Deviations of the read noise that the offset should hold: 0.13 % of the pixels are clipped beyond.
 _HELD_SIGMA = 3.0
-# Well inside 32 bits, whatever the read noise adds.
-_MAX_NUMBER = 1e9
 MAX_SEED = 2**64 - 1
 MAX_COSMIC_RAY_HITS = 100_000
 """Most hits of cosmic rays in a frame: they take two seconds."""
-_scratch = Scratch()
 _log = logging.getLogger(__name__)
 
 
@@ -201,7 +191,7 @@ class Detector:
         seed : int
             Seed of the temporal noise.
         collect : callable, optional
-            Changes the charge of each block of rows, as `FrameFaults.collect` does.
+            Changes the charge, as `FrameFaults.collect` does.
 
         Returns
         -------
@@ -213,28 +203,38 @@ class Detector:
         """
         if self.clipping_text:
             _warn_once(f"read noise of {self.read_noise_electrons:g} e-: {self.clipping_text}")
-        height, width = signal_electrons.shape
-        outputs = (np.empty((height, width), np.uint8 if self.bit_depth <= 8 else np.uint16),
-                   np.empty((height, width), np.float32), np.empty((height, width), bool))
         if self.frame_transfer_row_s > 0.0:
             # On its way in and out each pixel stays one shift under every other row of its column.
             column = signal_electrons.sum(axis=0, dtype=np.float64) * (self.frame_transfer_row_s / exposure_s)
             signal_electrons = signal_electrons + column.astype(np.float32)
-        pattern = self.fixed_pattern((height, width))
-        rays = self._cosmic_rays((height, width), exposure_s, seed)
-        n_rows = max(1, _BLOCK_PX // width)
-        blocks = [slice(row, min(row + n_rows, height)) for row in range(0, height, n_rows)]
+        shape, key = signal_electrons.shape, noise.key_of(seed, FRAME)
+        pattern = self.fixed_pattern(shape)
+        rate = self.dark_current_electrons_per_s if pattern.dark_electrons_per_s is None else 1.0
+        mean = {"response": pattern.response, "dark": pattern.dark_electrons_per_s,
+                "dark_scale": rate * self.dark_warmth * exposure_s, "most": _MAX_FULL_WELLS * self.full_well_electrons}
+        extra = self._cosmic_rays(shape, exposure_s, seed)
+        if collect is not None:
+            # The same key draws the same charge again below, to which the change is added.
+            charge = noise.read_out(signal_electrons, key, **mean)[0]
+            extra = np.zeros(shape, np.float32) if extra is None else extra
+            changed = charge + extra
+            photo, dark = self._means(signal_electrons, **mean)
+            collect(changed, photo, dark, pattern.response)
+            extra = changed - charge
+        pairs = None if self.nonlinearity_DN is None else np.array(self.nonlinearity_DN)
+        electrons, dn, saturated = noise.read_out(
+            signal_electrons, key, **mean, well=self.full_well_electrons, extra=extra,
+            offset=pattern.offset_electrons, read_noise=self.read_noise_electrons, gain=self.gain_DN_per_electron,
+            offset_DN=self.offset_DN, largest=self.max_DN, nonlinearity=pairs)
+        return dn if self.bit_depth > 8 else dn.astype(np.uint8), electrons, saturated
 
-        def read_block(index: int) -> None:
-            rows = blocks[index]
-            rng = stream(seed, FRAME, index)
-            self._read_block(rng, signal_electrons[rows], exposure_s, pattern.rows(rows), rows_of(rays, rows, width),
-                             tuple(out[rows] for out in outputs), collect and partial(collect, rows=rows, block=index))
+    @staticmethod
+    def _means(signal, response, dark, dark_scale, most) -> tuple[np.ndarray, np.ndarray]:
+        photo = np.minimum(signal, np.float32(most)) * np.float32(1.0 if response is None else response)
+        current = np.minimum(np.float32(1.0 if dark is None else dark) * dark_scale, most)
+        return photo, np.broadcast_to(np.float32(current), photo.shape)
 
-        run(read_block, range(len(blocks)))
-        return outputs
-
-    def _cosmic_rays(self, shape: tuple[int, int], exposure_s: float, seed: int) -> tuple[np.ndarray, ...] | None:
+    def _cosmic_rays(self, shape: tuple[int, int], exposure_s: float, seed: int) -> np.ndarray | None:
         if self.cosmic_ray_hits_per_px_s == 0.0:
             return None
         rng = stream(seed, COSMIC)
@@ -246,49 +246,9 @@ class Detector:
         pixel, electrons = cosmic.tracks(rng, shape, n_hits, electrons_per_px=self.cosmic_ray_electrons_per_px,
                                          depth_px=self.cosmic_ray_depth_px)
         # Poisson numbers add: drawn apart, no other pixel's noise changes.
-        return pixel, rng.poisson(electrons).astype(np.float32)
-
-    def _read_block(self, rng, signal, exposure_s, pattern, rays, outputs, collect) -> None:
-        dn, electrons, saturated = outputs
-        well = np.float32(self.full_well_electrons)
-        most = np.float32(_MAX_FULL_WELLS) * well
-        mean = np.minimum(signal, most, out=_scratch.array("mean", signal.shape))
-        if pattern.response is not None:
-            mean *= pattern.response
-        photo = collect and mean.copy()
-        dark = min(np.float32(self.dark_rate_electrons_per_s * exposure_s), most)
-        if dark > 0.0:
-            mean += dark if pattern.dark is None else dark * pattern.dark
-        if pattern.hot is not None:
-            pixel, rate = pattern.hot
-            hot = rate * np.float32(self.dark_warmth * exposure_s)
-            mean.ravel()[pixel] += np.minimum(hot, most)
-        charge = poisson.draw(rng, mean.ravel(), dark).reshape(mean.shape)
-        if rays is not None:
-            charge.ravel()[rays[0]] += rays[1]
-        if collect is not None:
-            collect(charge, photo, mean - photo, pattern.response)
-        np.minimum(charge, well, out=electrons)
-        np.greater_equal(electrons, well, out=saturated)
-        if pattern.offset_electrons is not None:
-            electrons += pattern.offset_electrons
-        if self.read_noise_electrons > 0.0:
-            noise = standard_normal(rng, _scratch.array("noise", mean.shape))
-            noise *= np.float32(self.read_noise_electrons)
-            electrons += noise
-        number = electrons
-        gain, offset = self.gain_DN_per_electron, self.offset_DN
-        if self.nonlinearity_DN is not None:
-            number = np.interp(number * np.float32(gain) + np.float32(offset), *np.array(self.nonlinearity_DN).T)
-            number, gain, offset = number.astype(np.float32), 1.0, 0.0
-        if gain * float(well) + abs(offset) > _MAX_NUMBER:
-            # Beyond 32 bits OpenCV's rounding wraps around.
-            number = np.minimum(number, np.float32((2.0 * self.max_DN + 2.0 - offset) / gain))
-        # Halves to even, as floor would take half a digital number from every pixel; clipped at the type's ends.
-        cv2.addWeighted(number, gain, number, 0.0, offset, dst=dn, dtype=cv2.CV_8U if dn.itemsize == 1 else cv2.CV_16U)
-        # Its minimum with a number leaves an image of one pixel as it is.
-        cv2.threshold(dn, self.max_DN, 0.0, cv2.THRESH_TRUNC, dst=dn)
-        saturated |= dn == self.max_DN
+        charge = np.zeros(shape, np.float32)
+        charge.ravel()[pixel] = rng.poisson(electrons)
+        return charge
 
 
 @lru_cache(maxsize=64)

@@ -51,6 +51,7 @@ class PatternStatistics:
 
     sensor_seed: int
     photo_response_nonuniformity: float
+    dark_current_electrons_per_s: float
     dark_current_nonuniformity: float
     dark_signal_nonuniformity_electrons: float
     dead_pixel_fraction: float
@@ -62,28 +63,13 @@ class PatternStatistics:
 class FixedPattern:
     """Maps of a sensor, (H, W) float32, read-only; None where there is no such pattern.
 
-    `response` [1] scales the signal, `dark` [1] the dark current, `offset_electrons` [e-] is added.
-    `hot` is a pair: flat indices of the hot pixels, rising, and their extra dark currents [e-/s].
+    `response` [1] scales the signal, `dark_electrons_per_s` [e-/s] is the dark current at its reference temperature,
+    `offset_electrons` [e-] is added.
     """
 
     response: np.ndarray | None
-    dark: np.ndarray | None
+    dark_electrons_per_s: np.ndarray | None
     offset_electrons: np.ndarray | None
-    hot: tuple[np.ndarray, np.ndarray] | None
-    width_px: int
-
-    def rows(self, rows: slice) -> FixedPattern:
-        """The maps of some rows."""
-        maps = (None if m is None else m[rows] for m in (self.response, self.dark, self.offset_electrons))
-        return FixedPattern(*maps, rows_of(self.hot, rows, self.width_px), self.width_px)
-
-
-def rows_of(sparse: tuple[np.ndarray, np.ndarray] | None, rows: slice, width_px: int) -> tuple[np.ndarray, ...] | None:
-    """Some rows of a sparse map: rising flat indices, counted from the first row, and values."""
-    if sparse is None:
-        return None
-    part = slice(*np.searchsorted(sparse[0], (rows.start * width_px, rows.stop * width_px)))
-    return sparse[0][part] - rows.start * width_px, sparse[1][part]
 
 
 @lru_cache(maxsize=8)
@@ -101,9 +87,8 @@ def fixed_pattern(sensor: PatternStatistics, shape: tuple[int, int]) -> FixedPat
 
     return FixedPattern(
         response=_with_dead(sensor, shape, pattern(0, 1.0, sensor.photo_response_nonuniformity, 0.0)),
-        dark=pattern(1, 1.0, sensor.dark_current_nonuniformity, 0.0),
-        offset_electrons=pattern(2, 0.0, sensor.dark_signal_nonuniformity_electrons, -np.inf),
-        hot=_hot_pixels(sensor, shape[0] * shape[1]), width_px=shape[1])
+        dark_electrons_per_s=_with_hot(sensor, shape, pattern(1, 1.0, sensor.dark_current_nonuniformity, 0.0)),
+        offset_electrons=pattern(2, 0.0, sensor.dark_signal_nonuniformity_electrons, -np.inf))
 
 
 def _with_dead(sensor: PatternStatistics, shape: tuple[int, int], response: np.ndarray | None) -> np.ndarray | None:
@@ -116,10 +101,14 @@ def _with_dead(sensor: PatternStatistics, shape: tuple[int, int], response: np.n
     return response
 
 
-def _hot_pixels(sensor: PatternStatistics, n_pixels: int) -> tuple[np.ndarray, np.ndarray] | None:
-    n_hot = round(sensor.hot_pixel_fraction * n_pixels)
-    if n_hot == 0 or sensor.hot_pixel_electrons_per_s == 0.0:
+def _with_hot(sensor: PatternStatistics, shape: tuple[int, int], relative: np.ndarray | None) -> np.ndarray | None:
+    n_hot = round(sensor.hot_pixel_fraction * shape[0] * shape[1])
+    if relative is None and (n_hot == 0 or sensor.hot_pixel_electrons_per_s == 0.0):
         return None
+    relative = np.ones(shape, np.float32) if relative is None else relative
+    current = relative * np.float32(sensor.dark_current_electrons_per_s)
     rng = stream(sensor.sensor_seed, SENSOR, 3)
-    pixel = np.sort(rng.choice(n_pixels, n_hot, replace=False))
-    return pixel, rng.exponential(sensor.hot_pixel_electrons_per_s, n_hot).astype(np.float32)
+    current.ravel()[rng.choice(current.size, n_hot, replace=False)] += rng.exponential(
+        sensor.hot_pixel_electrons_per_s, n_hot).astype(np.float32)
+    current.setflags(write=False)
+    return current

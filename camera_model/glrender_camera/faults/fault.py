@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 import cv2
 import numpy as np
 
+from .. import noise
 from ..detector import Detector
 from ..errors import ConfigError
 from ..pattern import FAULT, stream
@@ -139,7 +140,15 @@ class Fault:
 
     def stream(self, seed: int, *key: int) -> np.random.Generator:
         """Random numbers of this kind and seed alone, so that no fault changes another's, or the detector's noise."""
-        return stream(seed, FAULT, zlib.crc32(self.kind.encode()), self.seed, *key)
+        return stream(seed, *self._purpose, *key)
+
+    def key(self, seed: int, *key: int) -> np.ndarray:
+        """Key of `noise` for random numbers that are this kind's and seed's alone."""
+        return noise.key_of(seed, *self._purpose, *key)
+
+    @property
+    def _purpose(self) -> tuple[int, int, int]:
+        return FAULT, zlib.crc32(self.kind.encode()), self.seed
 
     def of(self, rng: np.random.Generator, site: Site) -> Effect:
         """The fault's changes of a frame."""

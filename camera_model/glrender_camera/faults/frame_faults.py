@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .. import poisson
+from .. import noise
 from ..detector import MAX_SEED, Detector
 from ..errors import ConfigError, error_path, shortened
 from ..validate import integer, known_keys, one_of
@@ -106,30 +106,27 @@ class FrameFaults:
         """Whether any fault adds or takes light."""
         return any(effect.added_electrons is not None or effect.kept is not None for _, _, effect in self._effects)
 
-    def collect(self, charge: np.ndarray, photo: np.ndarray, dark: np.ndarray, response: np.ndarray | None,
-                rows: slice, block: int) -> None:
-        """Change the charge of a block of rows: all light is added first, then taken.
+    def collect(self, charge: np.ndarray, photo: np.ndarray, dark: np.ndarray, response: np.ndarray | None) -> None:
+        """Change the charge of a frame: all light is added first, then taken.
 
         Poisson numbers add, and those that are thinned at random are Poisson numbers: so no other pixel's noise, nor
         any other effect's, depends on a fault.
 
         Parameters
         ----------
-        charge : (h, W) float32 [e-]
+        charge : (H, W) float32 [e-]
             Drawn; changed in place.
-        photo, dark : (h, W) float32 [e-]
+        photo, dark : (H, W) float32 [e-]
             Means of the light and of the rest that it was drawn of; `photo` is changed.
-        response : (h, W) float32 [1], optional
-        rows : slice
-        block : int
+        response : (H, W) float32 [1], optional
         """
+        rows = slice(0, len(charge))
         # Light that falls where none is collected is lost, whatever the faults' order.
         for fault, number, effect in self._effects:
             if effect.added_electrons is not None:
                 added = effect.added_electrons(rows)
                 added = added if response is None else added * response
-                rng = fault.stream(self._seed, number, _NOISE, block)
-                charge += poisson.draw(rng, np.ascontiguousarray(added).ravel()).reshape(charge.shape)
+                charge += noise.poisson(added, fault.key(self._seed, number, _NOISE))
                 photo += added
         for fault, number, effect in self._effects:
             if effect.kept is not None:
@@ -137,7 +134,7 @@ class FrameFaults:
                 here = kept < 1.0
                 lost = 1.0 - kept[here].astype(np.float64)
                 share = photo[here] / np.maximum(photo[here] + dark[here], np.float32(1e-30))
-                rng = fault.stream(self._seed, number, _NOISE, block)
+                rng = fault.stream(self._seed, number, _NOISE)
                 charge[here] -= rng.binomial(charge[here].astype(np.int64), np.clip(lost * share, 0.0, 1.0))
                 photo[here] *= kept[here]
 

@@ -15,9 +15,8 @@ from collections.abc import Callable
 
 import numpy as np
 from glrender_camera import threads
+from glrender_camera.numba_loops import VECTOR, compiled, read, write
 from numba.types import complex128, float64, int32, intp, void
-
-from ...base.numba_loops import VECTOR, compiled, read, write
 
 ROUNDING = 1e-12
 """Light that rounding leaves in dark cells, at most, as a share of an image's largest mean."""

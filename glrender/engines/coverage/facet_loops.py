@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from glrender_camera.numba_loops import NUMBERS, POINTS, TABLE, VECTOR, compiled, read, write
 from numba.types import Tuple, float32, float64, int32, intp, void
-
-from ...base.numba_loops import NUMBERS, POINTS, TABLE, VECTOR, compiled, read, write
 
 _CORNERS = read(intp, 2)
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from glrender_camera.numba_loops import POINTS, VECTOR, compiled, inlined, read, write
 from numba.types import boolean, float32, float64, intp, uint8
-
-from ...base.numba_loops import POINTS, VECTOR, compiled, inlined, read, write
 
 N_AZIMUTHS = 16
 # Height that is not known, of 255 steps of its sine.

@@ -10,9 +10,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from glrender_camera.numba_loops import PLACE, POINTS, TABLE, compiled, inlined, read, write
 from numba.types import Tuple, boolean, float64, intp, void
-
-from ...base.numba_loops import PLACE, POINTS, TABLE, compiled, inlined, read, write
 
 # Deeper than any tree: of 2^60 facets.
 _DEPTH = 64

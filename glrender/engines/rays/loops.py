@@ -9,11 +9,11 @@ import ctypes
 import math
 
 import numpy as np
+from glrender_camera.numba_loops import PLACE, POINTS, compiled, inlined, read, write
 from llvmlite import binding
 from numba import types
 from numba.types import Tuple, boolean, float32, float64, int32, intp, uint8, uint32, uintp, void
 
-from ...base.numba_loops import PLACE, POINTS, compiled, inlined, read, write
 from .embree import library
 
 # Radius of the bounding sphere, in radii: rays beyond meet nothing, and float32 has no room for a start far off.
