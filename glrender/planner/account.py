@@ -82,6 +82,8 @@ def missed(plan: RenderPlan, least: Mapping[str, float], way_out: str) -> list[s
 def restated(image: RenderPlan, *, cells: int = 1, **errors: Any) -> RenderPlan:
     """The plan of a frame that a camera makes of an image: the frame has other errors, and misses of its own.
 
+    Where the image's plan is silent about a miss, as of samples that were asked for, so is the frame's.
+
     Parameters
     ----------
     image : RenderPlan
@@ -100,8 +102,8 @@ def restated(image: RenderPlan, *, cells: int = 1, **errors: Any) -> RenderPlan:
             way_out, promised, least = text.removeprefix(before[unit]).partition(f"{_PROMISED} ")
             if promised:
                 least = f"{float(least) / (cells if unit.endswith('_px') else 1):.2g}"
-            warnings.append(now.pop(unit) + way_out + promised + least)
-    return replace(made, warnings=(*warnings, *now.values()))
+            warnings.append(now[unit] + way_out + promised + least)
+    return replace(made, warnings=tuple(warnings))
 
 
 def _by_unit(seen: Sequence[Seen], drawn: Sequence[tuple[Group, WindowPlan]], error_gain: float) -> dict[str, float]:
