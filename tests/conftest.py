@@ -14,8 +14,8 @@ from missing import missing
 
 _REPOSITORY = Path(__file__).parent.parent
 # Files that take about a minute, of few tests that are not marked slow.
-_LONG_FILES = {"test_basilisk", "test_command_line", "test_example_pages", "test_octave_tutorial", "test_server",
-               "test_site", "test_slow", "test_types", "test_view", "test_workers"}
+_LONG_FILES = {"test_backend", "test_basilisk", "test_command_line", "test_example_pages", "test_octave_tutorial",
+               "test_server", "test_site", "test_types", "test_view", "test_workers"}
 
 # In the background, as under nohup, neither tests nor what they start would hear Ctrl-C.
 signal.signal(signal.SIGINT, signal.default_int_handler)
