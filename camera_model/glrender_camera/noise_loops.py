@@ -19,7 +19,7 @@ SMALL = 12
 LEVELS_PER_ELECTRON = 16
 CELL_BITS = 11
 N_COUNTS = 64
-"""Counts that a table has: P(n > 63) is 1e-24 at a mean of 12, below what 53 random bits can ask for."""
+"""Counts that a table has, the last for all above it: P(n > 63) is 1e-24 at a mean of 12."""
 UNDECIDED = 255
 DEVIATE_BITS = 12
 """Equally likely cells of a normal deviate, in powers of two; each has a cubic."""
@@ -116,7 +116,7 @@ def _small(half, mean, count_of_cell, cumulative, x):
     uniform = (rest + _fraction(x)) * 2.0**-_REST_BITS
     if count == UNDECIDED:
         uniform, count = (cell + uniform) * 2.0**-CELL_BITS, 0
-        while cumulative[level, count] <= uniform:
+        while count < N_COUNTS - 1 and cumulative[level, count] <= uniform:
             count += 1
         uniform = _fraction(_next(x))
     term = math.exp(-remainder)

@@ -108,7 +108,8 @@ def _with_hot(sensor: PatternStatistics, shape: tuple[int, int], relative: np.nd
     relative = np.ones(shape, np.float32) if relative is None else relative
     current = relative * np.float32(sensor.dark_current_electrons_per_s)
     rng = stream(sensor.sensor_seed, SENSOR, 3)
-    current.ravel()[rng.choice(current.size, n_hot, replace=False)] += rng.exponential(
-        sensor.hot_pixel_electrons_per_s, n_hot).astype(np.float32)
+    # In the order of the pixels: a sensor of this seed has had its hot ones so ever since.
+    pixel = np.sort(rng.choice(current.size, n_hot, replace=False))
+    current.ravel()[pixel] += rng.exponential(sensor.hot_pixel_electrons_per_s, n_hot).astype(np.float32)
     current.setflags(write=False)
     return current

@@ -95,6 +95,7 @@ def test_bytes_depend_on_no_block(monkeypatch, block_px):
 
 def test_a_pixels_noise_is_of_its_own_light_alone(monkeypatch):
     """Other pixels brighter or dark, a frame of more rows, one thread: the same bytes where the light is the same."""
+    monkeypatch.setattr(noise, "_BLOCK_PX", 1000)
     model = camera_model(read_noise_electrons=10.0, dark_current_electrons_per_s=5.0)
     image = flat(model, 300.0, (120, 100))
     plain = model.expose(image, 3)

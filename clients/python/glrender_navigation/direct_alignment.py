@@ -104,10 +104,13 @@ class _Ground:
         for _ in range(_MOST_STEPS):
             left = self._local(self._seen(turn, place_m)) - looks @ template
             rows = np.concatenate([looks[0] * moves, -template])
+            # Where no outline is in the light, nothing says how far it has moved.
+            rows = rows if rows[-1].any() else rows[:-1]
             weights = 1.0 / (1.0 + (left / (1.4826 * np.median(np.abs(left)) + 1e-30))**2)
             inverse = np.linalg.inv(weights * rows @ rows.T)
             step = -inverse @ (rows @ (weights * left))
-            turn, place_m, looks = Rotation.from_rotvec(step[:3]) * turn, place_m + step[3:6], looks + step[6:]
+            turn, place_m = Rotation.from_rotvec(step[:3]) * turn, place_m + step[3:6]
+            looks[:len(step) - 6] += step[6:]
             if not (looks[0] > _LEAST_GAIN and place_m[2] > 0.0):
                 raise NotFound(f"the frame has {looks[0]:.2f} of the believed frame's contrast, {_LEAST_GAIN:g} is "
                                "needed")
@@ -126,8 +129,9 @@ class _Ground:
 
     def _looks(self, right: np.ndarray, down: np.ndarray) -> np.ndarray:
         """Light (3, N) of the believed frame, and its change by blur [1/px2] and by outlines that are moved [1/px]."""
-        inside_px, outside_px = (cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 5)
-                                 for mask in (self._is_ground, ~self._is_ground))
+        # The sky around the region, so that ground which fills it has an end too.
+        padded = np.pad(self._is_ground.astype(np.uint8), 1)
+        inside_px, outside_px = (cv2.distanceTransform(mask, cv2.DIST_L2, 5)[1:-1, 1:-1] for mask in (padded, 1 - padded))
         normal = np.gradient(blurred(outside_px - inside_px, 1.0))
         outwards = np.where(inside_px <= _OUTLINE_PX, -right * normal[1] - down * normal[0], 0.0).astype(np.float32)
         images = self._drawn, cv2.Laplacian(self._drawn, cv2.CV_32F) / 2.0, outwards
