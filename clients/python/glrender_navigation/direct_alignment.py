@@ -131,7 +131,8 @@ class _Ground:
         """Light (3, N) of the believed frame, and its change by blur [1/px2] and by outlines that are moved [1/px]."""
         # The sky around the region, so that ground which fills it has an end too.
         padded = np.pad(self._is_ground.astype(np.uint8), 1)
-        inside_px, outside_px = (cv2.distanceTransform(mask, cv2.DIST_L2, 5)[1:-1, 1:-1] for mask in (padded, 1 - padded))
+        inside_px, outside_px = (cv2.distanceTransform(mask, cv2.DIST_L2, 5)[1:-1, 1:-1]
+                                 for mask in (padded, 1 - padded))
         normal = np.gradient(blurred(outside_px - inside_px, 1.0))
         outwards = np.where(inside_px <= _OUTLINE_PX, -right * normal[1] - down * normal[0], 0.0).astype(np.float32)
         images = self._drawn, cv2.Laplacian(self._drawn, cv2.CV_32F) / 2.0, outwards
