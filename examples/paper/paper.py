@@ -6,12 +6,14 @@ Everything goes to out/paper: started again, it goes on where it was stopped. `s
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import os
 import resource
 import shutil
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from glrender import ConfigError, Shape, generate
@@ -29,33 +31,49 @@ CODECS = {"compressed": Compression(codec="jpeg_ls", max_error_DN=10),
 
 
 def fine_shape(coarse: Path, out: Path) -> Mesh:
-    """The shape with 16 facets for each of the file's and relief of them, written in metres if it is not there."""
-    if not out.is_file():
-        if not coarse.is_file():
-            raise ConfigError("--shape", "must be a file of comet 67P in km", str(coarse),
-                              "set GLRENDER_SHARED to the folder that has data/67p, or name a file")
+    """The shape with 16 facets for each of the file's and relief of them, in metres; made once for each file."""
+    if not coarse.is_file():
+        raise ConfigError("--shape", "must be a file of comet 67P in km", str(coarse),
+                          "set GLRENDER_SHARED to the folder that has data/67p, or name a file")
+    note, made_of = out.with_suffix(".json"), {"sha256": hashlib.sha256(coarse.read_bytes()).hexdigest()}
+    if not out.is_file() or _read(note) != made_of:
+        note.unlink(missing_ok=True)
         out.parent.mkdir(parents=True, exist_ok=True)
         shape = generate.subdivide_with_relief(Shape.from_file(coarse, length_unit="km"), levels=2, relief=0.06, seed=3)
         part = out.with_name(f".part.{out.name}")
         shape.to_file(part)
         part.replace(out)
+        note.write_text(json.dumps(made_of) + "\n")
     return Mesh.from_file(out)
 
 
-def drawn(scenario: Path, folder: Path) -> float:
-    """Draw the frames of a scenario that are not there; all processor time [s] that they took."""
-    note = folder.with_suffix(".cpu_s")
-    if not note.is_file():
+def drawn(scenario: Path, name: str, out: Path, truth: Mesh) -> float:
+    """Draw the frames of a case that are not there; all processor time [s] that they took.
+
+    All folders of the case are deleted first if they are of another scenario or shape.
+    """
+    note = out / f"{name}.json"
+    made_of = {"sha256": hashlib.sha256(scenario.read_bytes() + truth.corners_m.tobytes()).hexdigest()}
+    kept = _read(note)
+    if kept.get("sha256") != made_of["sha256"]:
+        note.unlink(missing_ok=True)
+        for folder in (path for path in out.glob(f"{name}*") if path.is_dir()):
+            shutil.rmtree(folder)
+        kept = made_of
+        note.write_text(json.dumps(kept) + "\n")
+    if "cpu_s" not in kept:
         begin = _cpu_s()
-        if glrender(["sequence", str(scenario), "--out", str(folder), "--processes", "1"]) != 0:
+        if glrender(["sequence", str(scenario), "--out", str(out / f"{name}_frames"), "--processes", "1"]) != 0:
             raise SystemExit(1)
-        note.write_text(f"{_cpu_s() - begin:.1f}\n")
-    return float(note.read_text())
+        kept |= {"cpu_s": round(_cpu_s() - begin, 1)}
+        note.write_text(json.dumps(kept) + "\n")
+    return float(kept["cpu_s"])
 
 
 def recoded(frames: Path, folder: Path, compression: Compression) -> float:
-    """The frames as the ground decodes them, in another folder of the same kind; mean rate [bit/px]."""
-    folder.mkdir(parents=True, exist_ok=True)
+    """The frames as the ground decodes them, in a new folder of the same kind; mean rate [bit/px]."""
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
     rates = []
     for path in sorted(frames.glob("frame_*.npz")):
         with np.load(path) as stored:
@@ -83,7 +101,7 @@ def compared(frames: Path, folder: Path, poses: str, truth: Mesh, drawn_s: float
 def case(name: str, scenario: Path, out: Path, truth: Mesh) -> dict[str, object]:
     """The numbers of a case: of its frames, and of the same after each codec."""
     frames = out / f"{name}_frames"
-    drawn_s = drawn(scenario, frames)
+    drawn_s = drawn(scenario, name, out, truth)
     summary: dict[str, object] = dict(compared(frames, out / name, POSES[name], truth, drawn_s))
     for key, compression in CODECS.items():
         decoded = out / f"{name}_{key}_frames"
@@ -107,12 +125,17 @@ def main() -> int:
     except ConfigError as error:
         parser.error(str(error))
     kept = OUT / "summary.json"
-    summary = json.loads(kept.read_text()) if kept.is_file() else {}
+    summary = _read(kept)
     for name in arguments.cases:
         summary[name] = case(name, HERE / f"{name}.toml", OUT, truth)
         kept.write_text(json.dumps(summary, indent=1) + "\n")
         sys.stdout.write(f"{name}: {json.dumps(summary[name])}\n")
     return 0
+
+
+def _read(note: Path) -> dict[str, Any]:
+    """Entries of a note; none if it is not there."""
+    return json.loads(note.read_text()) if note.is_file() else {}
 
 
 def _cpu_s() -> float:

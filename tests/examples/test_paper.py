@@ -91,6 +91,59 @@ def test_frames_after_a_codec_are_within_its_bound(paper, tmp_path):
     np.testing.assert_allclose(rate_bpp, 1.0, rtol=0.1)
 
 
+def test_the_folder_of_a_codec_has_no_frames_of_an_earlier_run(paper, tmp_path):
+    (tmp_path / "frames").mkdir()
+    (tmp_path / "frames" / "manifest.json").write_text("{}")
+    header = json.dumps({"camera": {"detector": {"bit_depth": 12}}})
+    for k in range(3):
+        np.savez(tmp_path / "frames" / f"frame_0000{k}.npz", image=np.full((8, 8), 9, np.uint16), header=header)
+    for left in (3, 2):
+        paper.recoded(tmp_path / "frames", tmp_path / "coded", paper.CODECS["compressed"])
+        assert len(list((tmp_path / "coded").glob("frame_*"))) == left
+        (tmp_path / "frames" / "frame_00002.npz").unlink(missing_ok=True)
+
+
+def test_the_fine_shape_is_that_of_the_file_that_is_named(paper, tmp_path):
+    """Balls of 1 and 2 km; relief lifts no vertex of theirs by a tenth. Made once for each file."""
+    coarse, out = tmp_path / "coarse.obj", tmp_path / "out" / "67p.obj"
+    for radius_km in (1.0, 2.0):
+        generate.icosphere(radius_m=radius_km, subdivisions=2).to_file(coarse)
+        radius_m = np.linalg.norm(paper.fine_shape(coarse, out).vertices_m, axis=1)
+        np.testing.assert_allclose(radius_m.mean(), 1e3 * radius_km, rtol=0.1)
+        made_ns = out.stat().st_mtime_ns
+        paper.fine_shape(coarse, out)
+        assert out.stat().st_mtime_ns == made_ns
+    coarse.unlink()
+    with pytest.raises(ValueError, match="--shape: must be a file of comet 67P"):
+        paper.fine_shape(coarse, out)
+
+
+def test_frames_of_another_scenario_or_shape_are_drawn_anew(paper, tmp_path, monkeypatch):
+    """Once for each; surfaces and decoded frames of the former ones are gone, other cases stay."""
+    calls = []
+    monkeypatch.setattr(paper, "glrender", lambda words: calls.append(words) or 0)
+    path, later, other = tmp_path / "flyby.toml", tmp_path / "flyby_compressed", tmp_path / "orbit"
+    balls = [Mesh.of(generate.icosphere(radius_m=radius_m, subdivisions=1)) for radius_m in (1.0, 2.0)]
+    other.mkdir()
+    for n_drawn, (text, ball) in enumerate((("a", 0), ("b", 0), ("b", 1), ("a", 0)), start=1):
+        path.write_text(text)
+        taken_s = paper.drawn(path, "flyby", tmp_path, balls[ball])
+        assert len(calls) == n_drawn and not later.exists()
+        later.mkdir()
+        assert paper.drawn(path, "flyby", tmp_path, balls[ball]) == taken_s and len(calls) == n_drawn
+        assert later.is_dir() and other.is_dir()
+
+
+def test_frames_that_were_stopped_go_on_in_their_folder(paper, tmp_path, monkeypatch):
+    path, ball = tmp_path / "flyby.toml", Mesh.of(generate.icosphere(radius_m=1.0, subdivisions=1))
+    path.write_text("a")
+    monkeypatch.setattr(paper, "glrender", lambda words: Path(words[3]).mkdir() or 1)
+    with pytest.raises(SystemExit):
+        paper.drawn(path, "flyby", tmp_path, ball)
+    monkeypatch.setattr(paper, "glrender", lambda words: 0 if Path(words[3]).is_dir() else 1)
+    assert paper.drawn(path, "flyby", tmp_path, ball) >= 0.0
+
+
 def test_what_is_not_there_is_said_in_one_line(paper, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(paper, "OUT", tmp_path / "out")
     for arguments, message in ((["--shape", "none.obj"], "--shape: must be a file of comet 67P in km, got 'none.obj'"),
