@@ -22,6 +22,10 @@ _FIRST_ANGLE_DEG = 4.0
 _LEAST_MATCHES = 15
 # RMS of the given attitudes about the found ones, and of places over the length of the pass: more is no datum.
 _MOST_TURN_RAD, _MOST_PLACE = np.radians(10.0), 0.5
+# RMS of places about a straight line [sigma], at the least: errors alone leave 1, and a turn about the line is free.
+_LEAST_BEND_SIGMAS = 5.0
+# Distance of an adjusted place from the given one [sigma]: of 10 million places with normal errors one is further.
+_MOST_AWAY_SIGMAS = 6.0
 
 
 def mapped(frames: Sequence[PosedFrame], is_prior: bool = False) -> dict[str, np.ndarray]:
@@ -33,7 +37,7 @@ def mapped(frames: Sequence[PosedFrame], is_prior: bool = False) -> dict[str, np
         In the order of the pass. Their poses are the datum: a turn is the mean over the attitudes, as places on a
         straight line leave one free; scale and shift are those of the places.
     is_prior : bool, optional
-        The given places count in the adjustment too, each by its `place_sigma_m`.
+        The given places count in the adjustment too, each by its `place_sigma_m`, and are then the only datum.
 
     Returns
     -------
@@ -44,36 +48,39 @@ def mapped(frames: Sequence[PosedFrame], is_prior: bool = False) -> dict[str, np
     Raises
     ------
     ValueError
-        Without pycolmap, of frames of which fewer than three hang together, or given poses that contradict each other.
+        Without pycolmap, of frames of which fewer than three hang together, given poses that contradict each other, or
+        places that are a prior and lie on a straight line or far from where the adjustment leaves them.
 
     Source: Schoenberger and Frahm (2016), Structure-from-Motion Revisited.
     """
+    shift_m = _off_plane_m(frames) if is_prior else np.zeros(3)
     with tempfile.TemporaryDirectory() as folder:
         model = _colmap(needed_pycolmap(), frames, Path(folder))
     if is_prior:
-        _adjust(needed_pycolmap(), model, frames)
+        _adjust(needed_pycolmap(), model, frames, shift_m)
     found = sorted((image for image in model.images.values() if image.has_pose), key=lambda image: image.name)
     index = np.array([number_of(image) for image in found])
     return {"index": index, **laid([frames[k] for k in index], np.array(
         [image.cam_from_world().rotation.matrix() for image in found]), np.array(
-        [image.projection_center() for image in found]), shared_points(model))}
+        [image.projection_center() for image in found]), shared_points(model), is_prior)}
 
 
-def laid(frames: Sequence[PosedFrame], rotations: np.ndarray, places: np.ndarray,
-         points: np.ndarray) -> dict[str, np.ndarray]:
+def laid(frames: Sequence[PosedFrame], rotations: np.ndarray, places: np.ndarray, points: np.ndarray,
+         is_in_body: bool = False) -> dict[str, np.ndarray]:
     """Rotations (n, 3, 3) to cameras, their places (n, 3) and points (N, 3) of any axes and unit, by the given poses.
 
-    Returns all that `mapped` does but `index`, with its errors.
+    Returns all that `mapped` does but `index`, with its errors. Those that are in the body's axes and metres already
+    stay as they are.
     """
     given_m = np.array([frame.r_camera_body_m for frame in frames])
     turn = Rotation.from_matrix([frame.camera_from_body.T @ own for frame, own in zip(frames, rotations, strict=True)])
-    datum = turn.mean()
+    datum = Rotation.identity() if is_in_body else turn.mean()
     turned = datum.apply(places)
     arms, given_arms = turned - turned.mean(axis=0), given_m - given_m.mean(axis=0)
-    scale = float((arms * given_arms).sum() / (arms**2).sum())
-    shift_m = given_m.mean(axis=0) - scale * turned.mean(axis=0)
+    scale = 1.0 if is_in_body else float((arms * given_arms).sum() / (arms**2).sum())
+    shift_m = np.zeros(3) if is_in_body else given_m.mean(axis=0) - scale * turned.mean(axis=0)
     turn_rad = float(np.sqrt(np.mean((datum.inv() * turn).magnitude() ** 2)))
-    place_m = float(np.sqrt(((scale * arms - given_arms) ** 2).sum(axis=1).mean()))
+    place_m = float(np.sqrt(((scale * turned + shift_m - given_m) ** 2).sum(axis=1).mean()))
     length_m = float(np.sqrt((given_arms**2).sum(axis=1).mean()))
     if not (scale > 0.0 and turn_rad < _MOST_TURN_RAD and place_m < _MOST_PLACE * length_m):
         raise refuse("frames", "must have attitudes within 10 deg of the found ones, RMS, and places within half of "
@@ -105,8 +112,25 @@ def _colmap(pycolmap: Any, frames: Sequence[PosedFrame], folder: Path) -> Any:
     return best
 
 
-def _adjust(pycolmap: Any, model: Any, frames: Sequence[PosedFrame]) -> None:
-    """Move places and points to where features and given places agree best, each by its sigma."""
+def _off_plane_m(frames: Sequence[PosedFrame]) -> np.ndarray:
+    """Shift (3,) [m] of the given places out of any plane through the origin; places on a line are refused."""
+    given_m = np.array([frame.r_camera_body_m for frame in frames])
+    sigma_m = max(number("place_sigma_m", frame.place_sigma_m, "give metres") for frame in frames)
+    _, spread_m, axes = np.linalg.svd(given_m - given_m.mean(axis=0))
+    length_m, bend_m = spread_m[:2] / np.sqrt(len(frames))
+    if not bend_m > _LEAST_BEND_SIGMAS * sigma_m:
+        raise refuse("frames", f"must leave a straight line by more than {_LEAST_BEND_SIGMAS:g} place_sigma_m, RMS, "
+                     f"where places are a prior: {_LEAST_BEND_SIGMAS * sigma_m:.4g} m", f"{bend_m:.4g} m",
+                     'use poses="free", which takes the turn about the line from the attitudes')
+    return length_m * axes[2] - given_m.mean(axis=0)
+
+
+def _adjust(pycolmap: Any, model: Any, frames: Sequence[PosedFrame], shift_m: np.ndarray) -> None:
+    """Move places and points to where features and given places agree best, each by its sigma.
+
+    COLMAP lays the model on the places first, and drops them where their rank is 2, as in a plane through the origin:
+    the shift (3,) [m] is added to them before the adjustment, and taken off the model after it.
+    """
     options, priors = pycolmap.BundleAdjustmentOptions(), pycolmap.PosePriorBundleAdjustmentOptions()
     options.refine_focal_length = options.refine_extra_params = options.print_summary = False
     options.ceres.solver_options.num_threads = 1
@@ -118,7 +142,13 @@ def _adjust(pycolmap: Any, model: Any, frames: Sequence[PosedFrame]) -> None:
             frame = frames[number_of(image)]
             config.add_image(image.image_id)
             places.append(pycolmap.PosePrior(
-                corr_data_id=image.data_id, position=frame.r_camera_body_m,
+                corr_data_id=image.data_id, position=frame.r_camera_body_m + shift_m,
                 position_covariance=number("place_sigma_m", frame.place_sigma_m, "give metres") ** 2 * np.eye(3),
                 coordinate_system=pycolmap.PosePriorCoordinateSystem.CARTESIAN))
     pycolmap.create_pose_prior_bundle_adjuster(options, priors, config, places, model).solve()
+    model.transform(pycolmap.Sim3d(1.0, pycolmap.Rotation3d(), -shift_m))
+    away = max(float(np.linalg.norm(image.projection_center() - frame.r_camera_body_m)) / frame.place_sigma_m
+               for image in model.images.values() if image.has_pose for frame in [frames[number_of(image)]])
+    if not away < _MOST_AWAY_SIGMAS:
+        raise refuse("frames", f"must have places within {_MOST_AWAY_SIGMAS:g} place_sigma_m of the adjusted ones",
+                     f"{away:.4g}", 'give the place_sigma_m that places are known to, or use poses="free"')
