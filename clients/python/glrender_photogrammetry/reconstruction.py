@@ -226,7 +226,7 @@ class _Stages:
                                             [asdict(plan) for plan in passes]]).encode())
         for frame in frames:
             digest.update(json.dumps([frame.name, frame.body, asdict(frame.camera), frame.offset,
-                                      frame.place_sigma_m]).encode())
+                                      frame.place_sigma_m if poses == "prior" else None]).encode())
             for array in (frame.image, frame.camera_from_body, frame.r_camera_body_m):
                 digest.update(np.ascontiguousarray(array).tobytes())
         if prior is not None:

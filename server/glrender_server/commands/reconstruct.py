@@ -31,6 +31,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Reconstruct, with progress and time left."""
+    if arguments.place_sigma_m is not None and arguments.poses != "prior":
+        raise ConfigError("--place-sigma-m", "must be left out without --poses prior", arguments.place_sigma_m,
+                          "add --poses prior")
     names = stage_names()
     with tqdm(total=len(names), unit="stage", disable=None, bar_format="{desc}: {percentage:3.0f} %|{bar}| "
               "[{elapsed}<{remaining}]") as bar:
