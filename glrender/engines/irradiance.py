@@ -147,7 +147,7 @@ class IrradiancePass:
         means, error = draw(window.bodies, list(frame.views), ImageCells(frame.camera, window.bounds_px, window.grid),
                             window.budget.after(window.modelling_error))
         clock.lap("surface")
-        judged, drawn = (replace(window, drawn={"boundaries": each}) for each in (error.judged, error.rms))
+        judged, drawn = (replace(window, drawn={"boundaries": float(each)}) for each in (error.judged, error.rms))
         return means.astype(np.float32), drawn, judged.predicted_error
 
     def _draw_sampled(self, group: Group, window: WindowPlan, frame: Frame, clock: Clock, deadline: float,

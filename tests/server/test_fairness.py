@@ -259,7 +259,7 @@ def test_while_a_worker_starts_the_other_is_kept_for_who_is_quick():
 def test_who_is_slow_has_the_last_worker_where_the_other_is_killed_again_and_again():
     """A container whose memory holds one worker kills the other at each start: slow frames waited for ever."""
     pool = Pool(None, job("a", is_slow=True, id=1, client="a"))
-    pool._scene = pool._own_scene = None
+    pool._scene = pool._own_scene = b"", "0"
     pool._poller, pool._dying, pool.restarts, pool.outage = None, [], 0, ""
     other = pool._workers[1]
     other.overran = True

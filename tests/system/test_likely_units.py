@@ -31,6 +31,8 @@ LISTINGS = [pytest.param(text, id=f"{page.name}-{index}") for page in PAGES
 GAIN = {"gain_DN_per_electron": 0.04}
 LEFT_OUT = {"dawn_framing_camera": {"full_well_electrons": 3e5}, "hayabusa_amica": {"quantum_efficiency": 0.5},
             "rosetta_navcam": GAIN, "rosetta_navcam_attenuated": GAIN}
+# Shapes that are not in the project.
+_RADII_M = {"67p": 1650.0}
 
 
 def test_there_are_examples_and_listings():
@@ -38,9 +40,10 @@ def test_there_are_examples_and_listings():
 
 
 def scene_of(table):
-    """The bodies and cameras of a scene or scenario file; a sphere of 250 m for a shape that is not in the project."""
+    """The bodies and cameras of a scene or scenario file; a sphere for a shape that is not in the project."""
     bodies = [{"name": body["name"], "brdf": body["brdf"], "generated": body.get("generated", {
-        "kind": "icosphere", "radius_m": 250.0, "subdivisions": 2})} for body in table["bodies"]]
+        "kind": "icosphere", "radius_m": _RADII_M.get(body["name"], 250.0), "subdivisions": 2})}
+        for body in table["bodies"]]
     given = {key: table[key] for key in ("cameras", "solar_irradiance_1au_W_m2") if key in table}
     return Scene.from_dict({"bodies": bodies, **given})
 
