@@ -81,6 +81,7 @@ def checked_products(products: Iterable[str]) -> tuple[str, ...]:
         raise ConfigError("products", "must be names of products", products)
     products = (products,) if isinstance(products, str) else tuple(products)
     for index, name in enumerate(products):
+        # A list, as what is no text may have no hash.
         if name not in list(PRODUCTS):
             raise ConfigError(f"products[{index}]", f"must be one of {', '.join(PRODUCTS)}", name,
                               did_you_mean(name, PRODUCTS))

@@ -209,11 +209,11 @@ class Operations:
         if has_exposure(asked.output):
             options |= {"seed": asked.seed, "exposure_s": asked.exposure_s, "faults": asked.faults}
             capture = self._drawn(backend, take_frame, state, camera.name, **options)
-            frame, pixels = capture.frame, capture.frame.dn
+            frame, image = capture.frame, capture.frame.dn
             fields = {"exposure_s": frame.exposure_s, "seed": asked.seed,
                       "n_saturated_px": int(np.count_nonzero(asked.cut(frame.saturated)))}
             if asked.output == "compressed":
-                pixels = np.frombuffer(frame.stream, np.uint8)
+                image = np.frombuffer(frame.stream, np.uint8)
                 fields |= {"codec": camera.model.compression.codec, "shape": list(frame.dn.shape),
                            "bit_depth": camera.model.detector.bit_depth}
             if asked.faults or camera.model.faults:
@@ -223,8 +223,8 @@ class Operations:
                 fields["next_exposure_s"] = camera.model.auto_exposure.after(frame, camera.model.detector)
         else:
             capture = self._drawn(backend, draw_still, state, camera.name, roi=asked.roi, **options)
-            pixels = capture.irradiance_W_m2
-        arrays = {"image": (asked.cut(pixels), _UNITS[asked.output])}
+            image = capture.irradiance_W_m2
+        arrays = {"image": (asked.cut(image), _UNITS[asked.output])}
         arrays |= {name: (asked.cut(array), _UNITS[name]) for name, array in capture.products.items()}
         own = [advice for advice in capture.warnings if advice not in self._of_scene]
         return {"camera": camera.name, "output": asked.output, "plan": capture.plan.to_dict(),

@@ -40,7 +40,7 @@ log = logging.getLogger(__name__)
 START_S, START_S_PER_FACET = 120.0, 2e-4
 """A worker that is not ready by then has failed; the first time, tables of its shapes are made."""
 SLOW_DEADLINE_S = 600.0
-"""Deadline of a request that allows slow frames, or loads a scene."""
+"""Deadline of a request that names a backend, or loads a scene."""
 # The next start waits longer each time: of a worker that ends by itself, and of one that a signal ends (killed by hand,
 # by a driver, for want of memory), so that a service which somebody keeps killing is back within seconds.
 _FIRST_BACK_OFF_S, _MAX_BACK_OFF_S, _MAX_BACK_OFF_AFTER_SIGNAL_S = 0.1, 30.0, 1.0
@@ -112,7 +112,7 @@ class WorkerPool:
         A worker that takes longer over one request is killed, and the request answered `poison`: it would take as long
         again. It is tried once more if its worker dies, or was stopped and used no processor time.
     slow_deadline_s : float [s]
-        Instead, for a request that allows slow frames or loads a scene; the latter is never tried again.
+        Instead, for a request that names a backend or loads a scene; the latter is never tried again.
     memory_bytes : int, optional
         Data that a worker may have (RLIMIT_DATA); a request that needs more is answered `device`.
     operations : type
@@ -246,10 +246,15 @@ class WorkerPool:
         return self._scene is self._own_scene
 
     @property
+    def _is_read(self) -> bool:
+        """Whether the scene is there: of a file that nobody has read there is no digest."""
+        return bool(self._scene[1])
+
+    @property
     def _may_have_scene(self) -> bool:
         """Whether the scene can be handed out: its file is read by one worker alone."""
-        return bool(self._scene[1]) or not any(w.state == "starting" and w.generation == self.generation
-                                               for w in self._workers)
+        return self._is_read or not any(w.state == "starting" and w.generation == self.generation
+                                        for w in self._workers)
 
     def _tell_scene(self, worker: _Worker) -> None:
         worker.generation = self.generation
@@ -347,7 +352,7 @@ class WorkerPool:
             # Not before: one that dies unread leaves nothing behind.
             worker.wants_scene = True
             # A file may take any time to read, and the others wait for it.
-            if not self._scene[1]:
+            if not self._is_read:
                 worker.deadline = math.inf
         elif kind == "opened":
             *scene, n_facets = rest
@@ -432,7 +437,7 @@ class WorkerPool:
         # One that does not come after all, killed again and again, is waited for no more.
         worker.is_after_overrun = worker.state == "busy" and worker.overran and not worker.was_stopped
         self._end(worker)
-        if is_opening and not self._scene[1]:
+        if is_opening and not self._is_read:
             self._n_failed_scenes += 1
             if self._n_failed_scenes > _MAX_TRIES and not self.outage:
                 self.outage = "the workers that read the scene's file died; the server's log may say why"

@@ -45,16 +45,16 @@ class Effect:
     truth : dict
         The kind and the place, as plain data.
     added_electrons : callable, optional
-        Mean photo-electrons (h, W) float32 [e-] in a slice of rows, of light that is there besides.
+        Mean photo-electrons (H, W) float32 [e-] of light that is there besides.
     kept : callable, optional
-        Share (h, W) float32 [1] of the light in a slice of rows that is left.
+        Share (H, W) float32 [1] of the light that is left.
     sent : callable, optional
         Makes the digital numbers (H, W) that arrive of those that were read.
     """
 
     truth: dict[str, Any]
-    added_electrons: Callable[[slice], np.ndarray] | None = None
-    kept: Callable[[slice], np.ndarray] | None = None
+    added_electrons: Callable[[], np.ndarray] | None = None
+    kept: Callable[[], np.ndarray] | None = None
     sent: Callable[[np.ndarray], np.ndarray] | None = None
 
 
@@ -91,10 +91,10 @@ class Site:
         size = np.array(self.shape[::-1])
         return np.floor((rng.random((n, 2)) * (1.0 + 2.0 * beyond) - beyond) * size).astype(int), "random"
 
-    def offsets(self, rows: slice, x: int, y: int) -> tuple[np.ndarray, np.ndarray]:
-        """Offsets (W,) and (h, 1) float32 [px] of the pixels in a slice of rows from a place."""
+    def offsets(self, x: int, y: int) -> tuple[np.ndarray, np.ndarray]:
+        """Offsets (W,) and (H, 1) float32 [px] of the pixels from a place."""
         return (np.arange(self.shape[1], dtype=np.float32) - np.float32(x),
-                (np.arange(rows.start, rows.stop, dtype=np.float32) - np.float32(y))[:, None])
+                (np.arange(self.shape[0], dtype=np.float32) - np.float32(y))[:, None])
 
 
 @dataclass(frozen=True, kw_only=True)

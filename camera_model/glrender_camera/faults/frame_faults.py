@@ -120,17 +120,16 @@ class FrameFaults:
             Means of the light and of the rest that it was drawn of; `photo` is changed.
         response : (H, W) float32 [1], optional
         """
-        rows = slice(0, len(charge))
         # Light that falls where none is collected is lost, whatever the faults' order.
         for fault, number, effect in self._effects:
             if effect.added_electrons is not None:
-                added = effect.added_electrons(rows)
+                added = effect.added_electrons()
                 added = added if response is None else added * response
                 charge += noise.poisson(added, fault.key(self._seed, number, _NOISE))
                 photo += added
         for fault, number, effect in self._effects:
             if effect.kept is not None:
-                kept = effect.kept(rows)
+                kept = effect.kept()
                 here = kept < 1.0
                 lost = 1.0 - kept[here].astype(np.float64)
                 share = photo[here] / np.maximum(photo[here] + dark[here], np.float32(1e-30))

@@ -46,8 +46,8 @@ class SunBlinding(Fault):
         ((x, y),), place = site.pixels(rng, self.place, 1, _BESIDE)
         is_inside = 0 <= x < site.shape[1] and 0 <= y < site.shape[0]
 
-        def added(rows: slice) -> np.ndarray:
-            across, down = site.offsets(rows, x, y)
+        def added() -> np.ndarray:
+            across, down = site.offsets(x, y)
             light = np.float32(self.radius_px**2) / np.maximum(across**2 + down**2, np.float32(1.0))
             if is_inside:
                 # The overflow thins out.
@@ -75,8 +75,8 @@ class SatelliteCrossing(Fault):
         angle = np.pi * rng.random()
         direction, peak = [float(np.cos(angle)), float(np.sin(angle))], site.detector.full_well_electrons
 
-        def added(rows: slice) -> np.ndarray:
-            across, down = site.offsets(rows, x, y)
+        def added() -> np.ndarray:
+            across, down = site.offsets(x, y)
             aside = np.float32(direction[1]) * across - np.float32(direction[0]) * down
             near = np.abs(aside) < _REACH * self.sigma_px
             light = np.zeros(aside.shape, np.float32)
@@ -103,10 +103,10 @@ class Dust(Fault):
         radii = self.radius_px * (0.5 + rng.random(self.n_spots))
         spots = [[x, y, radius] for (x, y), radius in zip(centres.tolist(), radii.tolist(), strict=True)]
 
-        def kept(rows: slice) -> np.ndarray:
-            left = np.ones((rows.stop - rows.start, site.shape[1]), np.float32)
+        def kept() -> np.ndarray:
+            left = np.ones(site.shape, np.float32)
             for x, y, radius in spots:
-                across, down = (np.exp(-0.5 * (offset / radius) ** 2) for offset in site.offsets(rows, x, y))
+                across, down = (np.exp(-0.5 * (offset / radius) ** 2) for offset in site.offsets(x, y))
                 near_x, near_y = across > _NEGLIGIBLE, down[:, 0] > _NEGLIGIBLE
                 left[np.ix_(near_y, near_x)] *= 1.0 - np.float32(self.depth) * down[near_y] * across[near_x]
             return left
@@ -127,4 +127,4 @@ class DeadColumns(Fault):
         columns, left = np.unique(pixels[:, 0]), np.ones(site.shape[1], np.float32)
         left[columns] = 0.0
         return Effect(truth={"kind": self.kind, "place": place, "columns": columns.tolist()},
-                      kept=lambda rows: np.broadcast_to(left, (rows.stop - rows.start, len(left))))
+                      kept=lambda: np.broadcast_to(left, site.shape))

@@ -54,10 +54,11 @@ def mapped(frames: Sequence[PosedFrame], is_prior: bool = False) -> dict[str, np
     Source: Schoenberger and Frahm (2016), Structure-from-Motion Revisited.
     """
     shift_m = _off_plane_m(frames) if is_prior else np.zeros(3)
+    pycolmap = needed_pycolmap()
     with tempfile.TemporaryDirectory() as folder:
-        model = _colmap(needed_pycolmap(), frames, Path(folder))
+        model = _colmap(pycolmap, frames, Path(folder))
     if is_prior:
-        _adjust(needed_pycolmap(), model, frames, shift_m)
+        _adjust(pycolmap, model, frames, shift_m)
     found = sorted((image for image in model.images.values() if image.has_pose), key=lambda image: image.name)
     index = np.array([number_of(image) for image in found])
     return {"index": index, **laid([frames[k] for k in index], np.array(
@@ -143,7 +144,7 @@ def _adjust(pycolmap: Any, model: Any, frames: Sequence[PosedFrame], shift_m: np
             config.add_image(image.image_id)
             places.append(pycolmap.PosePrior(
                 corr_data_id=image.data_id, position=frame.r_camera_body_m + shift_m,
-                position_covariance=number("place_sigma_m", frame.place_sigma_m, "give metres") ** 2 * np.eye(3),
+                position_covariance=frame.place_sigma_m**2 * np.eye(3),
                 coordinate_system=pycolmap.PosePriorCoordinateSystem.CARTESIAN))
     pycolmap.create_pose_prior_bundle_adjuster(options, priors, config, places, model).solve()
     model.transform(pycolmap.Sim3d(1.0, pycolmap.Rotation3d(), -shift_m))

@@ -45,7 +45,8 @@ def sparse_points(frames: Sequence[PosedFrame]) -> dict[str, np.ndarray]:
         least = min((angle for angle in apart.values() if angle > low), default=0.0)
         raise refuse("frames", "must have neighbours 0.5 to 16 deg apart about the body",
                      f"{np.degrees(least):.1f} deg at the least", "take more frames on the way")
-    pycolmap, model = needed_pycolmap(), needed_pycolmap().Reconstruction()
+    pycolmap = needed_pycolmap()
+    model = pycolmap.Reconstruction()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         base = matched(frames, pairs, folder)
