@@ -19,6 +19,10 @@ from .gl.mesh import IRRADIANCE_STAGE, SurfaceVariant
 from .gl.targets import PixelMask, Target
 from .shadow_maps import NO_SHADOW, Shadow
 
+# Room before the nearest and behind the farthest point, in radii of the body [1]: 32 steps of float32, to which the
+# shader rounds coordinates. A facet across the boresight has one depth, and rounding takes it beyond the near plane.
+_ROUNDING_ROOM = 2.0**-18
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Frame:
@@ -88,8 +92,10 @@ class SurfacePass:
         members = [view for view in frame.views if view.name in names]
         groups = grouping.depth_groups(members)
         for index, (near, far, group) in enumerate(groups):
+            room_m = _ROUNDING_ROOM * max(self._scene.hulls[view.name].radius_m for view in group)
+            near, far = max(near * (1.0 - 1e-6) - room_m, 0.5 * near), far * (1.0 + 1e-6) + room_m
             clip_from_camera = frames.clip_from_camera(
-                camera.focal_length_px, camera.principal_point_px, bounds_px, near * (1.0 - 1e-6), far * (1.0 + 1e-6))
+                camera.focal_length_px, camera.principal_point_px, bounds_px, near, far)
             # Each group has its slice of the depth buffer: nearer groups cover farther ones.
             clip_from_camera = frames.depth_slice(index, len(groups)) @ clip_from_camera
             for view in group:

@@ -7,6 +7,7 @@ import pytest
 import raytracer
 import views
 from glrender import Body, Pose, Renderer, State, frames, generate
+from glrender.base.constants import AU_M
 from glrender.brdf import Lambert
 
 WHITE = Lambert(normal_albedo=1.0)
@@ -207,6 +208,29 @@ def test_depth_holds_from_a_thousandth_to_a_billion_radii(altitude_radii):
             expected = renderer.render(near, products=["facet_id"]).products["facet_id"]
         assert (image.products["facet_id"] == expected).mean() > 0.99
     assert image.irradiance_W_m2.max() > 0.0
+
+
+@pytest.mark.parametrize("engine", ["raster", None])
+def test_no_frame_looks_through_the_facet_that_it_looks_down_on(engine, rng):
+    """Exactly nadir 0.5 to 10 m above facets of 600 m: each pixel is that of a Lambert plane at that range, to 1e-3."""
+    camera = views.camera(12, focal_length_px=25.0)
+    scene = views.scene([views.sphere(Lambert(normal_albedo=0.3), 1, radius_m=1000.0)], [camera])
+    shape = scene.bodies[0].shape
+    with Renderer(scene) as renderer:
+        for height_m in (0.5, 0.5, 1.0, 1.0, 2.0, 2.0, 5.0, 10.0):
+            facet = rng.integers(len(shape.facets))
+            normal, place = shape.facet_normals[facet], shape.vertices_m[shape.facets[facet]].mean(axis=0)
+            r_camera = place + height_m * normal
+            to_sun = normal + 0.4 * np.cross(normal, rng.normal(size=3))
+            state = State(r_sun_inertial_m=1e8 * r_camera + AU_M * to_sun / np.linalg.norm(to_sun),
+                          spacecraft=Pose(r_inertial_m=r_camera, q_from_inertial=frames.look_at(r_camera, place)),
+                          bodies={"body": Pose(r_inertial_m=np.zeros(3))})
+            r_sun = state.r_sun_inertial_m - place
+            image = renderer.render(state, engine=engine, products=["range"])
+            solar = views.SOLAR_IRRADIANCE_W_M2 * (AU_M / np.linalg.norm(r_sun)) ** 2
+            radiance = 0.3 / np.pi * solar * (normal @ r_sun) / np.linalg.norm(r_sun)
+            np.testing.assert_allclose(image.irradiance_W_m2, radiance * camera.solid_angle_sr(), rtol=1e-3)
+            np.testing.assert_allclose(image.products["range"], height_m / camera.cos_field_angle, rtol=1e-3)
 
 
 def test_region_of_interest_changes_no_pixel():
