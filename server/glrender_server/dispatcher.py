@@ -39,7 +39,7 @@ _UNTAKEN = "this client has not taken its replies; read them first"
 _WATCHED_S = 0.1
 # The most senders whose speed is remembered.
 _MAX_SENDERS = 4096
-# Who has had a slow frame is not known to be quick for so long, whatever came after it [s].
+# Who has had a slow frame is known to be quick again by a quick one that ends so long after it [s], or later.
 _SLOW_FOR_S = 5.0
 # After so many new senders in a row whose first request was quick, the next is believed to be.
 _N_NEW = 8
@@ -116,8 +116,8 @@ class Dispatcher:
         self.errors: Counter[str] = Counter()
         self._kept = KeptReplies()
         self._under_way: dict[bytes, _UnderWay] = {}
-        # From when on a sender is quick, by the monotonic clock.
-        self._quick_from: OrderedDict[Hashable, float] = OrderedDict()
+        # When a quick frame counts for who has had a slow one, by the monotonic clock; zero for who is quick.
+        self._slow_until: OrderedDict[Hashable, float] = OrderedDict()
         self._mean_seconds, self._n_new_and_quick = 0.0, 0
         self._last_timings_ms: dict[str, float] = {}
         self._own_operations = {"hello": self._hello, "status": self._status, "close": self._close}
@@ -213,8 +213,7 @@ class Dispatcher:
         self._under_way[digest] = _UnderWay(header, [request.answer])
         self.requests[header["op"]] += 1
         finish = partial(self._finish, request, header, digest, time.monotonic())
-        account = _account(request)
-        job = Job(header, request.parts[0], finish, request.sender, account, self._is_quick(account))
+        job = Job(header, request.parts[0], finish, request.sender, _account(request))
         if header["background"]:
             why = "a newer one, or another client's, waits in the background"
             refusals = self._background.put(request.sender, (job, digest, request))
@@ -303,23 +302,25 @@ class Dispatcher:
 
     def _is_quick(self, sender: Hashable) -> bool:
         """Whether a sender has had no slow frame lately; of a new one, whether the last new ones all were quick."""
-        quick_from = self._quick_from.get(sender)
-        return self._n_new_and_quick >= _N_NEW if quick_from is None else quick_from <= time.monotonic()
+        slow_until = self._slow_until.get(sender)
+        return self._n_new_and_quick >= _N_NEW if slow_until is None else not slow_until
 
     def _known_by_now(self, job: Job) -> Job:
-        """A job that waited, with what its sender is known for now: of many who come at once all wait as new ones."""
-        return job if job.is_quick or not self._is_quick(job.account) else job._replace(is_quick=True)
+        """A job with what its sender is known for now: who was quick when it came may have had a slow one since."""
+        is_quick = self._is_quick(job.account)
+        return job if job.is_quick == is_quick else job._replace(is_quick=is_quick)
 
     def _remember(self, sender: Hashable, done: Done, now: float) -> None:
         """Keep whether the sender's request had a renderer for long."""
         if done.timings_ms or done.code == "poison":
             is_slow = not done.timings_ms or 1e-3 * done.timings_ms["total"] >= QUICK_S
-            if is_slow or sender not in self._quick_from:
+            if is_slow or sender not in self._slow_until:
                 self._n_new_and_quick = 0 if is_slow else self._n_new_and_quick + 1
-            self._quick_from[sender] = now + _SLOW_FOR_S if is_slow else self._quick_from.get(sender, now)
-            self._quick_from.move_to_end(sender)
-            while len(self._quick_from) > _MAX_SENDERS:
-                self._quick_from.popitem(last=False)
+            if is_slow or now >= self._slow_until.get(sender, 0.0):
+                self._slow_until[sender] = now + _SLOW_FOR_S if is_slow else 0.0
+            self._slow_until.move_to_end(sender)
+            while len(self._slow_until) > _MAX_SENDERS:
+                self._slow_until.popitem(last=False)
 
     def _busy(self, header: Mapping[str, Any], answers: Sequence[Answer], why: str, wait_s: float = 0.0) -> None:
         self.errors["busy"] += 1

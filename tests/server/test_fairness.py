@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import threading
 import time
 import tomllib
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -92,9 +94,10 @@ def test_the_old_scene_is_served_while_a_new_one_is_loaded(pair):
             except ServerError as error:
                 told.append(error.code)
 
-    # All clients of this process are one account, which is quick again so long after its last slow frame.
+    # All clients of this process are one account, which a quick frame so long after its last slow one makes quick.
     time.sleep(dispatcher._SLOW_FOR_S)
     with Client(pair[0], timeout_s=60.0) as client:
+        client.render(STATE, "bare")
         loading = threading.Thread(target=load)
         loading.start()
         time.sleep(0.3)
@@ -199,13 +202,17 @@ def test_a_client_is_quick_once_it_has_been_and_not_soon_after_a_slow_frame(monk
     waited = job("new", is_quick=False)
     assert served._known_by_now(waited) is waited
     request_of("new", 7.0)
-    assert served._known_by_now(waited).is_quick and not waited.is_quick
+    waited = served._known_by_now(waited)
+    assert waited.is_quick
     request_of("new", 2000.0)
+    assert not served._known_by_now(waited).is_quick, "it was when it came"
     request_of("new", 7.0)
     assert not served._is_quick("new"), "a quick frame between two slow ones makes no quick client"
     now[0] += 4.0
     assert not served._is_quick("new") and served._is_quick(1)
     now[0] += 1.0
+    assert not served._is_quick("new"), "time alone makes none either"
+    request_of("new", 7.0)
     assert served._is_quick("new")
     served._remember("new", Done([], "poison", {}), now[0])
     assert not served._is_quick("new")
@@ -230,6 +237,70 @@ def test_a_clients_slow_frames_are_known_of_all_its_connections():
     assert not is_known_to_be_quick("alone", 3, 7.0) and is_known_to_be_quick("alone", 4, 7.0)
     assert {job.account for job in started} == {"process", "alone"}
     assert {job.sender for job in started} == {"first", "second", "alone"}
+
+
+class Simulated(Pool):
+    """Two workers whose frames take the seconds that their requests name as their client."""
+
+    described, make_room, outage, draws_here = {}, None, "", False
+
+    def __init__(self, now):
+        super().__init__(None, None)
+        self._now, self.begun = now, []
+
+    def start(self, job):
+        worker = next(worker for worker in self._workers if worker.state == "idle")
+        worker.state, worker.task = "busy", _Task(job)
+        worker.deadline = self._now[0] + float(job.header["client"])
+        self.begun.append((self._now[0], job.sender))
+        if job.is_quick:
+            self._quick_at = self._now[0]
+
+    def turn(self):
+        for worker in self._workers:
+            if worker.state == "busy" and worker.deadline <= self._now[0]:
+                asked, worker.state, worker.task = worker.task.job, "idle", None
+                asked.done(Done([b"\x80"], "", {"total": 1e3 * float(asked.header["client"])}))
+
+
+@pytest.mark.parametrize("n_ahead", [1, 3])
+def test_quick_clients_that_turn_slow_have_one_turn_each_before_who_stays_quick(n_ahead, monkeypatch):
+    """They were quick again 5 s after a frame, for which the next had waited, and for all that they had sent before."""
+    now, number, waits = [100.0], itertools.count(), []
+    for module in (dispatcher, workers):
+        monkeypatch.setattr(module.time, "monotonic", lambda: now[0])
+    engine = Simulated(now)
+    served = Dispatcher(engine)
+
+    def ask(sender, seconds, n_times=1):
+        for _ in range(n_times):
+            served.submit(Request(sender, [head("render", next(number), str(seconds))],
+                                  partial(answered, sender, now[0])))
+
+    def answered(sender, asked, reply):
+        if sender == "quick":
+            waits.append(now[0] - asked)
+        elif now[0] > 110.0:
+            ask(sender, 10.0)
+
+    def pass_until(end):
+        while now[0] < end:
+            engine.turn()
+            served.work()
+            now[0] += 0.125
+
+    for sender in ("a", "b", "c", "d", "quick"):
+        ask(sender, 0.125)
+    pass_until(111.0)
+    for sender in "abcd":
+        ask(sender, 10.0, n_ahead)
+    for _ in range(60):
+        ask("quick", 0.125)
+        pass_until(now[0] + 1.0)
+    pass_until(now[0] + 20.0)
+    assert len(waits) == 61 and max(waits) <= 20.25, "two turns of two"
+    assert max(waits[30:]) < 1.0
+    assert {sender for began, sender in engine.begun if began > 140.0} == {"a", "b", "c", "d", "quick"}
 
 
 def test_while_a_worker_starts_the_other_is_kept_for_who_is_quick():
