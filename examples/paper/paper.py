@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 from glrender import ConfigError, Shape, generate
 from glrender_camera.compression import Compression, decode
+from glrender_cli.__main__ import main as glrender
+from glrender_cli.deviation_picture import write_picture
 from glrender_photogrammetry import Mesh, deviation, posed_frames, reconstruct
-from glrender_server.cli import main as glrender
-from glrender_server.commands.deviation_picture import write_picture
 
 HERE = Path(__file__).parent
 OUT = HERE.parents[1] / "out" / "paper"

@@ -1,1 +1,1 @@
-"""The render server: dispatcher, ZeroMQ front end, command line, demo."""
+"""The render server: front ends, dispatcher, and the workers that draw."""

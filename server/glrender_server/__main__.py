@@ -25,7 +25,7 @@ from .scene_source import SceneFile
 from .server import Server
 from .tap import Tap
 from .tcp_front import TcpFront
-from .view.process import ViewProcess
+from .view_process import ViewProcess
 from .workers import SLOW_DEADLINE_S, WorkerPool
 from .zmq_front import ZmqFront
 

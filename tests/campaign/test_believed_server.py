@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from glrender import Pose, State, frames, generate
+from glrender_cli.own_server import OwnServer
 from glrender_client import Client, ServerError
 from glrender_server.__main__ import main
-from glrender_server.commands.own_server import OwnServer
 
 # The true rock is twice as large as it is believed to be.
 TRUTH = """

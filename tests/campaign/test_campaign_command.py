@@ -13,12 +13,12 @@ import pytest
 from browser import browser
 from glrender import GlrenderError
 from glrender.sequences.dask_processes import dask_processes
-from glrender_server.campaign import running
-from glrender_server.campaign.campaign_file import load_campaign
-from glrender_server.campaign.flight import Flight
-from glrender_server.campaign.onboard import OF_FRAMES
-from glrender_server.campaign.running import fly_all, missing, result_of
-from glrender_server.cli import main
+from glrender_campaign import running
+from glrender_campaign.campaign_file import load_campaign
+from glrender_campaign.flight import Flight
+from glrender_campaign.onboard import OF_FRAMES
+from glrender_campaign.running import fly_all, missing, result_of
+from glrender_cli.__main__ import main
 from missing import needed_module
 
 TIMES = ("processor_s", "frame_ms", "on_board_ms")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from glrender import ConfigError
-from glrender_server.campaign.campaign_file import load_campaign
+from glrender_campaign.campaign_file import load_campaign
 
 
 def with_axes(*lines):

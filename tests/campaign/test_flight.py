@@ -9,12 +9,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from glrender import Pose, Scene, State, open_renderer
+from glrender_campaign import flight as flight_module
+from glrender_campaign.believed_side import onboard_scene, render_of
+from glrender_campaign.campaign_file import load_campaign
+from glrender_campaign.flight import fly
+from glrender_campaign.onboard import OF_FRAMES, OnBoard
 from glrender_navigation import Estimator
-from glrender_server.campaign import flight as flight_module
-from glrender_server.campaign.believed_side import onboard_scene, render_of
-from glrender_server.campaign.campaign_file import load_campaign
-from glrender_server.campaign.flight import fly
-from glrender_server.campaign.onboard import OF_FRAMES, OnBoard
 
 TIMES = ("processor_s", "frame_ms", "on_board_ms")
 

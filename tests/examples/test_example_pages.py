@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from glrender import Scene, State, frames, generate
 from glrender.scenario import image_of_sum, load_scenario
-from glrender_server.cli import main
+from glrender_cli.__main__ import main
 from missing import needed_module
 from PIL import Image
 

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 import pytest
 from glrender import generate
+from glrender_cli.__main__ import main
 from glrender_photogrammetry import Mesh, deviation
 from glrender_photogrammetry.mesh import Closest
-from glrender_server.cli import main
 from scipy.spatial.transform import Rotation
 
 RADIUS_M = 100.0

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from arcs import state
 from glrender import generate
+from glrender_cli.__main__ import main
 from glrender_navigation import Camera
 from glrender_photogrammetry import Mesh, deviation, posed_frames, reconstruct
 from glrender_photogrammetry.features import shared_points
@@ -20,7 +21,6 @@ from glrender_photogrammetry.mapping import laid, mapped, reposed
 from glrender_photogrammetry.mesh import Closest
 from glrender_photogrammetry.sparse import sparse_points
 from glrender_photogrammetry.sweep import PASSES, Pass, depth_map
-from glrender_server.cli import main
 from missing import needed_module
 from scipy.spatial.transform import Rotation
 

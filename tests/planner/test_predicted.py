@@ -17,7 +17,7 @@ from glrender.planner.request import ImageUse
 from glrender.scene.tolerance import LEAST, UNITS
 from glrender.view.regions import Group
 from glrender_camera import CameraModel, Detector, Optics
-from glrender_server.commands.tolerance import read_max_error
+from glrender_cli.tolerance import read_max_error
 from planning import CAMERA, view
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))

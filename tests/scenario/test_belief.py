@@ -23,7 +23,7 @@ from glrender.scenario import (
 )
 from glrender.scenario.attitude import Geometry
 from glrender.scenario.belief.decimation import decimated
-from glrender_server.cli import main
+from glrender_cli.__main__ import main
 from missing import needed_module
 from scipy.spatial import Delaunay, cKDTree
 

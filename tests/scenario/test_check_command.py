@@ -6,7 +6,7 @@ import logging
 
 import pytest
 from glrender import generate
-from glrender_server.cli import main
+from glrender_cli.__main__ import main
 from missing import needed_module
 
 SCENE = """

@@ -15,7 +15,7 @@ from glrender import ConfigError, SceneError
 from glrender.base.constants import AU_M
 from glrender.base.plausible import improbable, kind_of_body
 from glrender.scenario import AtRest, Epoch, Kepler, Scenario, Spin, Times, scenario_of_table
-from glrender_server.cli import main
+from glrender_cli.__main__ import main
 from orbits import DIDYMOS
 
 BINARY = DIDYMOS + """

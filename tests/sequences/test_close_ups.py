@@ -18,7 +18,7 @@ from glrender.sequences.options import FrameOptions
 from glrender.sequences.sequence import FrameSequence
 from glrender.sequences.video import write_video
 from glrender_camera import CameraModel
-from glrender_server.commands.picture import write_picture
+from glrender_cli.picture import write_picture
 
 RANGE_M, OFFSET_DN = 450.0, 50.0
 # Well exposed, of which noise is the most of the contrast, and saturated at the full well.

@@ -26,7 +26,7 @@ from glrender.sequences.dataset.read import read_frame
 from glrender.sequences.options import FrameOptions
 from glrender.view.view import view_bodies
 from glrender_camera.pattern import seed_of
-from glrender_server.cli import main
+from glrender_cli.__main__ import main
 from missing import needed_module
 from PIL import Image
 
@@ -103,7 +103,7 @@ def test_a_killed_command_goes_on_and_two_processes_write_the_same_bytes(file, w
     scenario.write_text(serving.SCENE.replace("[[cameras]]", f"[bodies.keypoints]{keypoints}\n[[cameras]]", 1))
     states.write_text("".join(json.dumps(state.to_dict()) + "\n" for state in STATES))
     out = tmp_path / "out"
-    command = [sys.executable, "-m", "glrender_server.cli", "dataset", scenario, "--states", states, "--out", out,
+    command = [sys.executable, "-m", "glrender_cli", "dataset", scenario, "--states", states, "--out", out,
                "--seed", "7", "--limb-points", "16", "--shard-frames", "2", "--processes", "2"]
     for _ in range(5):  # until it is killed before all is done
         with subprocess.Popen(command, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL) as first:

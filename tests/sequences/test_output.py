@@ -16,7 +16,7 @@ from glrender.sequences.options import options_of
 from glrender.sequences.read import read_image
 from glrender.sequences.video import write_video
 from glrender_camera.pattern import seed_of
-from glrender_server.cli import main
+from glrender_cli.__main__ import main
 from missing import needed_module
 
 SCENARIO = """

@@ -20,7 +20,7 @@ from glrender.sequences.formats import FORMATS, FrameFile, write
 from glrender.sequences.read import read_image
 from glrender.sequences.sequence import FrameOptions, FrameSequence, digest_of_scene
 from glrender_camera.pattern import seed_of
-from glrender_server.cli import main
+from glrender_cli.__main__ import main
 from missing import needed_module
 from PIL import Image
 
@@ -78,7 +78,7 @@ def test_two_processes_and_two_sittings_write_the_same_bytes(scene, whole, tmp_p
 
 
 def test_a_command_that_is_killed_goes_on_where_it_was(files, whole, tmp_path):
-    command = [sys.executable, "-m", "glrender_server.cli", "sequence", files / "scene.toml", "--states",
+    command = [sys.executable, "-m", "glrender_cli", "sequence", files / "scene.toml", "--states",
                files / "states.jsonl", "--out", tmp_path, "--output", "dn", "--format", "npz", "--seed", "7",
                "--camera", "navcam", "--processes", "1"]
     with subprocess.Popen(command, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL) as first:
@@ -237,7 +237,7 @@ def test_the_command_labels_a_scenarios_keypoints(files, tmp_path, capsys):
 
 
 def test_states_that_are_none_are_told_with_their_line(files, tmp_path):
-    from glrender_server.commands.sequence import read_states
+    from glrender_cli.commands.sequence import read_states
 
     for text, message in (("{}\n", r"s\[1\]\.r_sun_inertial_m"), ("\n{\n", "line 2: is not JSON"), ("\n", "no state")):
         (tmp_path / "s").write_text(text)

@@ -20,7 +20,7 @@ from glrender.sequences.read import read_header, read_image
 from glrender.sequences.sequence import FrameSequence
 from glrender_camera.compression import CODECS, Compression, decode
 from glrender_camera.pattern import seed_of
-from glrender_server.cli import main
+from glrender_cli.__main__ import main
 from missing import needed_module
 
 CODEC = {"codec": "jpeg_ls", "max_error_DN": 3}

@@ -11,8 +11,8 @@ import serving
 import views
 from chain import BODIES, OPTICS, READ, table
 from glrender import Pose, State, draw_still, load_scene, open_renderer, take_frame
+from glrender_cli.__main__ import main as glrender
 from glrender_client import Client, ServerError
-from glrender_server.cli import main as glrender
 from programs import run
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

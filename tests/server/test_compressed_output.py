@@ -17,8 +17,8 @@ from glrender import load_scene, open_renderer, take_frame
 from glrender_camera.compression import CODECS, decode
 from glrender_client import Client, ServerError
 from glrender_client.aio import AsyncClient
-from glrender_server.view.frame import Frame, shown
-from glrender_server.view.source import Source
+from glrender_view.frame import Frame, shown
+from glrender_view.source import Source
 
 CAMERA = """
 [[cameras]]

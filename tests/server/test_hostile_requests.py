@@ -17,10 +17,10 @@ import views
 import zmq
 from glrender import ConfigError
 from glrender_camera import PinholeCamera
+from glrender_cli.commands.top import screen
 from glrender_client import Client, ServerError
 from glrender_server import codec, limits, logs
 from glrender_server.asked_scene import scene_asked
-from glrender_server.commands.top import screen
 from PIL import Image
 
 STATE = views.state().to_dict()

@@ -21,10 +21,10 @@ import serving
 import views
 import zmq.auth
 from glrender import ConfigError, DeviceError, load_scene
+from glrender_cli.__main__ import main as glrender
 from glrender_client import Client, RequestTimeout
 from glrender_server import __main__ as command
 from glrender_server import keys, limits, operations
-from glrender_server.cli import main as glrender
 from glrender_server.metrics import MetricsServer
 
 STATE = views.state().to_dict()

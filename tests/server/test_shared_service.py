@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 import serving
 import zmq
+from glrender_cli.__main__ import main as glrender
 from glrender_client import AsyncClient, Client, RequestTimeout, ServerError, replay
 from glrender_client.recording import Recorder
-from glrender_server.cli import main as glrender
 from lending import SCENE, STATE
 from serving import children, until
 

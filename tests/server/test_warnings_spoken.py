@@ -21,10 +21,10 @@ from glrender.brdf import Lambert
 from glrender.engines import advice
 from glrender.scenario import RandomStates, load_scenario
 from glrender_camera import CameraModel
+from glrender_cli.__main__ import main
+from glrender_cli.commands import demo
+from glrender_cli.subject import default_state, read_state
 from glrender_client import Client, ServerError
-from glrender_server.cli import main
-from glrender_server.commands import demo
-from glrender_server.commands.subject import default_state, read_state
 
 ROOT = Path(__file__).parents[2]
 R_CAMERA = views.state().spacecraft.r_inertial_m

@@ -19,7 +19,7 @@ from glrender_camera.aberrations import Aberrations
 from glrender_camera.faults.fault import Fault
 from glrender_camera.faults.frame_faults import KINDS
 from glrender_camera.straylight import StrayLight
-from glrender_server.cli import main
+from glrender_cli.__main__ import main
 from likely import all_likely
 from missing import needed_module
 

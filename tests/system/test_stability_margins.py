@@ -22,7 +22,7 @@ from glrender.engines.rays.exact_rays import ExactMesh
 from glrender.engines.rays.mesh import RayMesh
 from glrender.scene.shape.convex_hull import Hull
 from glrender.view.view import view_bodies
-from glrender_server.commands.subject import default_state
+from glrender_cli.subject import default_state
 from missing import needed_module
 
 RATIOS = [10.0**k for k in range(1, 9)]

@@ -12,8 +12,9 @@ from pathlib import Path
 import pytest
 
 REPOSITORY = Path(__file__).parents[2]
-PACKAGES = ("glrender", "glrender_camera", "glrender_server", "glrender_client", "glrender_navigation",
-            "glrender_photogrammetry")
+PACKAGES = {"glrender": "glrender", "glrender_camera": "camera_model/glrender_camera"} | {
+    f"glrender_{name}": f"server/glrender_{name}" for name in ("server", "view", "campaign", "cli", "vizard")} | {
+    f"glrender_{name}": f"clients/python/glrender_{name}" for name in ("client", "navigation", "photogrammetry")}
 
 
 @pytest.fixture(scope="module")
@@ -30,10 +31,7 @@ def installed(tmp_path_factory):
 
 
 def test_every_file_of_the_packages_is_in_the_wheel(installed):
-    for package, home in zip(PACKAGES, ("glrender", "camera_model/glrender_camera", "server/glrender_server",
-                                        "clients/python/glrender_client",
-                                        "clients/python/glrender_navigation",
-                                        "clients/python/glrender_photogrammetry"), strict=True):
+    for package, home in PACKAGES.items():
         tracked = subprocess.run(["git", "ls-files", "."], cwd=REPOSITORY / home, capture_output=True, text=True)
         names = tracked.stdout.split()
         assert names and not [name for name in names if not (installed / package / name).is_file()]
@@ -44,7 +42,7 @@ def test_every_file_of_the_packages_is_in_the_wheel(installed):
 def test_the_wheel_alone_draws_and_serves(installed, tmp_path):
     """`make wheels`, which CI runs, tries it in an environment of its own."""
     code = (f"import sys; sys.path.insert(0, {str(installed)!r})\n"
-            "import glrender_client, glrender_server.cli as cli\n"
+            "import glrender_client, glrender_cli.__main__ as cli\n"
             f"assert glrender_client.__file__.startswith({str(installed)!r})\n"
             "cli.main(['init']); raise SystemExit(cli.main(['check', 'scene.toml', '--max-error', '0.2']))")
     run = subprocess.run([sys.executable, "-I", "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=600)

@@ -10,13 +10,12 @@ from pathlib import Path
 from glrender import GlrenderError
 from glrender.sequences.dask_processes import dask_processes
 from glrender.sequences.processes import checked_processes
+from glrender_campaign.campaign_file import Campaign, load_campaign
+from glrender_campaign.flight import fly
+from glrender_campaign.pictures import Frame, for_the_eye
+from glrender_campaign.report import write_report
+from glrender_campaign.running import Renderers, fly_all, made, missing, result_of
 from tqdm import tqdm
-
-from ..campaign.campaign_file import Campaign, load_campaign
-from ..campaign.flight import fly
-from ..campaign.pictures import Frame, for_the_eye
-from ..campaign.report import write_report
-from ..campaign.running import Renderers, fly_all, made, missing, result_of
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

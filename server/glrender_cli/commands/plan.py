@@ -7,8 +7,8 @@ import json
 import sys
 from dataclasses import replace
 
-from .drawing import add_drawing, draw
-from .subject import add_subject
+from ..drawing import add_drawing, draw
+from ..subject import add_subject
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -14,10 +14,10 @@ from glrender.engines.image import checked_products
 from glrender.sequences.formats import write_stream
 from glrender.sequences.sequence import frame_file
 
-from .drawing import add_drawing, draw, in_words, summary
-from .picture import WITHOUT_PRODUCTS, add_picture, check_codec, check_picture, check_stream, write_frame
-from .subject import add_subject
-from .waited import waited_s
+from ..drawing import add_drawing, draw, in_words, summary
+from ..picture import WITHOUT_PRODUCTS, add_picture, check_codec, check_picture, check_stream, write_frame
+from ..subject import add_subject
+from ..waited import waited_s
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

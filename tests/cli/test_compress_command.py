@@ -13,7 +13,7 @@ from glrender.sequences.formats import FrameFile, write
 from glrender.sequences.header import camera_table
 from glrender_camera.codec_table import COMPRESSIONS, codec_rows
 from glrender_camera.compression import CODECS, Compression
-from glrender_server.cli import main
+from glrender_cli.__main__ import main
 from missing import needed_module
 from PIL import Image
 

@@ -24,8 +24,8 @@ from glrender.sequences.sequence import FrameSequence
 from glrender.sequences.video import check_video, write_video
 from tqdm import tqdm
 
-from .picture import check_place
-from .tolerance import read_max_error
+from ..picture import check_place
+from ..tolerance import read_max_error
 
 _ON_SHEET = 25
 

@@ -17,10 +17,10 @@ from glrender.sequences.dataset.dataset import most_bytes
 from glrender.sequences.options import options_of
 from glrender.view.view import view_bodies
 
-from .drawing import Drawn, add_drawing, draw, in_words, summary
-from .picture import add_picture, check_picture, check_place, write_picture
-from .subject import add_subject, read_subject
-from .waited import waited_s
+from ..drawing import Drawn, add_drawing, draw, in_words, summary
+from ..picture import add_picture, check_picture, check_place, write_picture
+from ..subject import add_subject, read_subject
+from ..waited import waited_s
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -71,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _plot(scenario: Scenario, arguments: argparse.Namespace) -> None:
     try:
-        from .scenario_plots import scenario_plot
+        from ..scenario_plots import scenario_plot
     except ImportError as error:
         raise GlrenderError("`check --plot` draws by matplotlib: pip install 'glrender[demo]'") from error
     camera = scenario.scene.camera(arguments.camera or scenario.scene.cameras[0].name)

@@ -13,8 +13,8 @@ from glrender import ConfigError, Shape
 from glrender_photogrammetry import Deviation, Mesh, deviation, posed_frames
 from glrender_photogrammetry.deviation import ALIGNMENTS
 
-from .deviation_picture import write_picture
-from .picture import check_place
+from ..deviation_picture import write_picture
+from ..picture import check_place
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

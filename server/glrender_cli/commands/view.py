@@ -12,8 +12,7 @@ from pathlib import Path
 from glrender import ConfigError
 from glrender_camera.validate import integer
 from glrender_client import Client, GlrenderClientError
-
-from ..view.process import check_installed, listening
+from glrender_view.port import check_installed, listening
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -28,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Show the page until Ctrl-C."""
     check_installed("view")
-    from ..view.serving import serve
+    from glrender_view.serving import serve
 
     keys = None if arguments.key is None and arguments.server_key is None else (arguments.key, arguments.server_key)
     try:

@@ -12,7 +12,7 @@ import numpy as np
 from glrender import frames, open_renderer
 from glrender_camera.validate import within
 
-from .subject import add_subject, read_subject, state_of
+from ..subject import add_subject, read_subject, state_of
 
 _TOLERANCES = (0.1, 0.05, 0.02, 0.01)
 _LEAST_FRAMES = 3

@@ -26,9 +26,9 @@ import processes
 import pytest
 import serving
 import views
+from glrender_cli.__main__ import main
 from glrender_client import Client, ServerError
 from glrender_server import background, limits
-from glrender_server.cli import main
 from glrender_server.tap import Tap
 from missing import needed_module
 
@@ -331,7 +331,7 @@ def test_a_senseless_question_is_answered_so(shown, question):
 def test_a_bug_is_logged_as_one(caplog, bug):
     """The same kinds of errors while a question is answered are the view's own, not the page's."""
     needed_module("uvicorn", "pip install 'glrender[view]'")
-    from glrender_server.view.serving import _Viewer
+    from glrender_view.serving import _Viewer
 
     class Source:
         @property

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from glrender import Pose, Scene, State, frames
 from glrender.base.constants import AU_M
-from glrender_server.cli import main
+from glrender_cli.__main__ import main
 from missing import needed_module
 from PIL import Image
 
@@ -20,7 +20,7 @@ BODY = {"name": "moon", "generated": {"kind": "icosphere", "radius_m": 100.0, "s
 @pytest.fixture
 def plots():
     needed_module("matplotlib", "pip install -e '.[test]'")
-    from glrender_server.commands import scenario_plots
+    from glrender_cli import scenario_plots
 
     return scenario_plots
 

@@ -8,7 +8,7 @@ import socket
 import sys
 import threading
 
-from .serving import serve
+from glrender_view.serving import serve
 
 
 def main() -> None:

@@ -14,8 +14,7 @@ from typing import Any
 
 from glrender_camera.validate import within
 from glrender_client import Client, GlrenderClientError, RequestTimeout, ServerError
-
-from ..logs import printable
+from glrender_server.logs import printable
 
 _HOME_AND_CLEAR = "\x1b[H\x1b[J"
 _SECONDS = (0.001, 86400.0)

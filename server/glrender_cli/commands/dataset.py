@@ -20,8 +20,8 @@ from glrender.sequences.dataset.sheet import label_sheet
 from glrender.sequences.options import options_of
 from tqdm import tqdm
 
+from ..tolerance import read_max_error
 from .sequence import exposure, read_states
-from .tolerance import read_max_error
 
 _LIMB_POINTS = 64
 # Fields of [output] that a data set follows; it has formats and labels of its own.

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-import importlib.util
 import json
 import logging
 import secrets
-import socket
 import subprocess
 import sys
 import threading
@@ -15,40 +13,13 @@ import time
 from pathlib import Path
 
 from glrender import ConfigError
+from glrender_view.port import check_installed, listening
 
 log = logging.getLogger(__name__)
 
-_NEEDED = ("starlette", "uvicorn", "websockets")
 _END_S = 3.0
 # A process that dies is replaced after so long; pauses double up to a minute, and are short again after a longer life.
 _FIRST_PAUSE_S, _LONG_S = 1.0, 60.0
-
-
-def check_installed(option: str) -> None:
-    """Refuse to show a page that cannot be shown.
-
-    Raises
-    ------
-    ConfigError
-    """
-    for name in _NEEDED:
-        if importlib.util.find_spec(name) is None:
-            raise ConfigError(option, f"needs {name}, which is not installed", hint="pip install 'glrender[view]'")
-
-
-def listening(option: str, port: int) -> socket.socket:
-    """A socket that listens on 127.0.0.1.
-
-    Raises
-    ------
-    OSError
-        The port cannot be had.
-    """
-    try:
-        return socket.create_server(("127.0.0.1", port))
-    except OSError as error:
-        raise OSError(f"cannot listen on 127.0.0.1:{port}: {error.strerror}; choose another with {option}, e.g. "
-                      f"{option} 0") from None
 
 
 class ViewProcess:

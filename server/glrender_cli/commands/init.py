@@ -9,7 +9,7 @@ from pathlib import Path
 
 from glrender import ConfigError
 
-from .subject import read_subject
+from ..subject import read_subject
 
 _SCENE = """\
 # A scene: bodies, cameras, and how exact a frame must be. Fields: docs/scene.md. Try it:

@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from .. import keys
+from glrender_server import keys
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -13,8 +13,7 @@ from typing import NoReturn
 
 from glrender import GlrenderError, __version__
 from glrender_camera.validate import did_you_mean
-
-from .logs import is_ours
+from glrender_server.logs import is_ours
 
 # Each command is a module of `commands`, loaded when it is asked for.
 COMMANDS = {

@@ -19,9 +19,9 @@ from pathlib import Path
 import pytest
 import serving
 import views
+from glrender_cli.__main__ import main
+from glrender_cli.commands import top
 from glrender_client import Client, ServerError
-from glrender_server.cli import main
-from glrender_server.commands import top
 
 STATE = views.state().to_dict()
 CLEAR = b"\x1b[H\x1b[J"

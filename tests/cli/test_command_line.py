@@ -18,8 +18,8 @@ from cells import slow_but
 from glrender import generate, load_scene
 from glrender.sequences.contact_sheet import STRETCHES, grey_levels
 from glrender.sequences.read import read_image
-from glrender_server.cli import COMMANDS, main
-from glrender_server.commands import doctor
+from glrender_cli.__main__ import COMMANDS, main
+from glrender_cli.commands import doctor
 from PIL import Image
 from programs import GLRENDER, run
 
@@ -152,7 +152,7 @@ def test_mistakes_are_told_in_one_line(folder, arguments, message, monkeypatch, 
 
 def test_a_file_is_read_once(folder, monkeypatch):
     """Also to tell a scenario from a scene: it may be a pipe, or be written anew meanwhile."""
-    from glrender_server.commands.subject import read_subject
+    from glrender_cli.subject import read_subject
 
     (folder / "scenario.toml").write_text(serving.SCENE + "[random]\nrange_m = [700.0, 1500.0]\nframes = 1\n")
     read, before = [], Path.read_text

@@ -23,14 +23,14 @@ from glrender.base.constants import AU_M
 from glrender.scenario import Belief, load_believed_scene
 from glrender.scenario.belief.decimation import checked_share
 from glrender_camera.validate import integer
+from glrender_campaign.onboard import OF_FRAMES, OnBoard
 from glrender_client import Client
 from glrender_navigation import BelievedBody, Camera, Navigator
 from tqdm import tqdm
 
-from ..campaign.onboard import OF_FRAMES, OnBoard
-from .autopilot import ReferencePath
-from .own_server import OwnServer
-from .tolerance import read_max_error
+from ..autopilot import ReferencePath
+from ..own_server import OwnServer
+from ..tolerance import read_max_error
 
 _FOCAL_LENGTH_PX_PER_WIDTH = 3.2
 # 3 mm at 512 px: pixels of a smaller image see more, and would be saturated in the shortest exposure.
@@ -219,7 +219,7 @@ def _fly(client: Client, onboard_client: Client, shape: Shape, believed: Shape,
 
 
 def _report(log: _Log, elapsed_s: float, shape: Shape, believed: Shape, arguments: argparse.Namespace) -> int:
-    from .demo_plots import contact_sheet, trajectory_plot
+    from ..demo_plots import contact_sheet, trajectory_plot
 
     r_true, r_estimated = np.array(log.r_true_m), np.array(log.r_estimated_m)
     error_m = np.linalg.norm(r_estimated - r_true, axis=1)

@@ -1,0 +1,1 @@
+"""The command line `glrender`: its parser, and what its commands share."""
