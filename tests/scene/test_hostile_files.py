@@ -99,11 +99,12 @@ def test_a_polygon_as_large_as_allowed_is_cut(tmp_path):
 
 
 def test_an_outline_that_crosses_itself_everywhere_takes_no_cube_of_time(tmp_path, rng):
-    """500 corners took 29 s, 1000 took 190 s; 10,000 are allowed."""
-    rows = [f"v {x:.6f} {y:.6f} 0" for x, y in rng.uniform(0.0, 1.0, (1000, 2))]
-    (tmp_path / "tangle.obj").write_text("\n".join([*rows, "f " + " ".join(map(str, range(1, 1001)))]))
-    with pytest.raises(ShapeError, match="outlines cross themselves in too many places: triangulate them first"):
-        Shape.from_file(tmp_path / "tangle.obj", length_unit="m")
+    """Ears sought one by one took 190 s for 1000 corners; 3000 are cut as well as it goes."""
+    rows = [f"v {x:.6f} {y:.6f} 0" for x, y in rng.uniform(0.0, 1.0, (3000, 2))]
+    (tmp_path / "tangle.obj").write_text("\n".join([*rows, "f " + " ".join(map(str, range(1, 3001)))]))
+    with soon_and_small():
+        shape = Shape.from_file(tmp_path / "tangle.obj", length_unit="m")
+    assert np.isfinite(shape.facet_areas_m2).all() and shape.report.warnings
 
 
 @pytest.mark.parametrize("outline", ["comb", "spiral"])

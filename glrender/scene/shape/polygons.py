@@ -1,31 +1,25 @@
 """Polygons cut into triangles, concave ones too, so that every corner is kept: no open edge arises next to a neighbour.
-
-Source: Meisters (1975), polygons have ears.
 """
 
 from __future__ import annotations
 
+import mapbox_earcut
 import numpy as np
 
 # Area of a fan's triangle over its polygon's [1], below which it has none or lies outside.
 _AREA_RTOL = 1e-12
-# Distance over a polygon's extent [1] within which a corner is on a triangle's side: as float32 rounds, then exactly.
-_SIDE_RTOL = (1e-6, 0.0)
-# Corners from which a fan is tried before ears are cut, and polygons looked at together.
+# Corners from which a fan is tried before earcut cuts it, and polygons looked at together.
 _FANS, _TOGETHER = 8, 500_000
 MAX_CORNERS = 10_000
-"""Most corners of a polygon: the time to find ears goes with their square."""
-# Corners that are no ears though they turn the right way, of all polygons: so many, and as many more an ear. Combs
-# and spirals of 1000 corners have one an ear or less; one that crosses itself everywhere has half of its corners.
-_TRIED, _TRIED_PER_EAR = 3_000, 10
+"""Most corners of a polygon: earcut may take the square of their number where an outline crosses itself."""
 
 
 def triangulated(vertices: np.ndarray, corners: np.ndarray, sizes: np.ndarray) -> np.ndarray:
     """Triangles (T, 3) int, as places among the corners, in the polygons' order and winding.
 
-    A fan where one leaves nothing out, else ears, best shaped first; the same from whichever corner a polygon begins,
-    and for its other side. A polygon whose outline crosses itself is cut as
-    well as it goes. Holes are joined to the outline by an edge that is passed twice.
+    A fan where one leaves nothing out, else by earcut; the same from whichever corner a polygon begins, and for its
+    other side. A polygon whose outline crosses itself is cut as well as it goes. Holes are joined to the outline by an
+    edge that is passed twice.
 
     Parameters
     ----------
@@ -38,43 +32,26 @@ def triangulated(vertices: np.ndarray, corners: np.ndarray, sizes: np.ndarray) -
     Raises
     ------
     ValueError
-        A polygon has more than `MAX_CORNERS` corners, or outlines cross themselves in too many places.
+        A polygon has more than `MAX_CORNERS` corners.
     """
     if len(sizes) and sizes.max() > MAX_CORNERS:
         raise ValueError(f"a polygon of {sizes.max()} corners, where {MAX_CORNERS} are allowed: triangulate it first")
     begins = np.cumsum(sizes) - sizes
     known = (corners >= 0) & (corners < len(vertices))
     points = np.where(known[:, None], vertices[np.where(known, corners, 0)], np.nan)
-    triangles, owners, search = [], [], _Search()
+    triangles, owners = [], []
     for size in np.unique(sizes):
         alike = np.flatnonzero(sizes == size)
         for first in range(0, len(alike), _TOGETHER):
             some = alike[first:first + _TOGETHER]
-            cut, of = _cut(points, begins[some], int(size), search)
+            cut, of = _cut(points, begins[some], int(size))
             triangles.append(cut)
             owners.append(some[of])
     owner = np.concatenate(owners)
     return np.concatenate(triangles)[np.argsort(owner, kind="stable")]
 
 
-class _Search:
-    """Time spent in the search for ears: an outline that crosses itself everywhere takes the cube of its corners."""
-
-    def __init__(self):
-        self._left = _TRIED
-
-    def found(self) -> None:
-        """Note that an ear was found."""
-        self._left += _TRIED_PER_EAR
-
-    def missed(self) -> None:
-        """Note a corner that is no ear."""
-        self._left -= 1
-        if self._left < 0:
-            raise ValueError("polygons whose outlines cross themselves in too many places: triangulate them first")
-
-
-def _cut(points: np.ndarray, begins: np.ndarray, size: int, search: _Search) -> tuple[np.ndarray, np.ndarray]:
+def _cut(points: np.ndarray, begins: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
     """Triangles (T, 3) of polygons of one size (P,), and the number of each triangle's polygon."""
     everyone = np.arange(len(begins))
     if size == 3:
@@ -100,9 +77,9 @@ def _cut(points: np.ndarray, begins: np.ndarray, size: int, search: _Search) -> 
     triangles = [np.take_along_axis(ring[fans], place, axis=1)]
     owners = [np.repeat(fans, size - 2)]
     for polygon in left:
-        ears = _ears(points[ring[polygon]], search)
-        triangles.append(ring[polygon][np.array(ears, int).reshape(-1)])
-        owners.append(np.full(len(ears), polygon))
+        corner = ring[polygon][_earcut(points[ring[polygon]])]
+        triangles.append(corner)
+        owners.append(np.full(len(corner) // 3, polygon))
     triangle, owner = np.concatenate([some.reshape(-1, 3) for some in triangles]), np.concatenate(owners)
     return np.where(is_reversed[owner, None], triangle[:, ::-1], triangle), owner
 
@@ -124,54 +101,9 @@ def _rings(corner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return (start[:, None] + np.where(is_reversed, -1, 1)[:, None] * np.arange(size)) % size, is_reversed
 
 
-def _ears(points: np.ndarray, search: _Search) -> list[tuple[int, int, int]]:
-    """Triangles of a polygon's corners (K, 3)."""
-    xy = _flattened(points)
-    extent = np.ptp(xy, axis=0).max()
-    left, ears = list(range(len(xy))), []
-    while len(left) > 2:
-        here = xy[left]
-        before, after = np.roll(here, 1, axis=0), np.roll(here, -1, axis=0)
-        # A corner that turns back on itself, or stands still, has no area.
-        spike = (before == here).all(axis=1) | (before == after).all(axis=1)
-        if spike.any():
-            del left[int(np.argmax(spike))]
-            continue
-        area = _cross(here - before, after - here)
-        sides = (here - before, after - here, after - before)
-        k = _best_ear(here, area / np.maximum.reduce([(side**2).sum(axis=1) for side in sides]), extent,
-                      search)
-        search.found()
-        ears.append((left[k - 1], left[k], left[(k + 1) % len(left)]))
-        del left[k]
-    return ears
-
-
-def _best_ear(here: np.ndarray, shape: np.ndarray, extent: float, search: _Search) -> int:
-    """The best shaped ear of corners (K, 2); without any, as where the outline crosses itself, the best triangle."""
-    order = np.argsort(-shape, kind="stable")
-    if len(here) == 3:
-        return int(order[0])
-    for rtol in _SIDE_RTOL:
-        for k in order[shape[order] > rtol]:
-            a, b, c = here[k - 1], here[k], here[(k + 1) % len(here)]
-            # Corners at the same place belong to a bridge to a hole.
-            others = _others(here, a, b, c)
-            inside = np.ones(len(others), bool)
-            for start, end in ((a, b), (b, c), (c, a)):
-                inside &= _cross(end - start, others - start) >= -rtol * extent * np.hypot(*(end - start))
-            if not inside.any():
-                return int(k)
-            search.missed()
-    return int(order[0])
-
-
-def _others(here: np.ndarray, *corners: np.ndarray) -> np.ndarray:
-    """Points (K, 2) that are at none of some places."""
-    is_other = np.ones(len(here), bool)
-    for corner in corners:
-        is_other &= (here != corner).any(axis=1)
-    return here[is_other]
+def _earcut(points: np.ndarray) -> np.ndarray:
+    """Corners (3 T,) of triangles of a polygon (K, 3), in its winding."""
+    return mapbox_earcut.triangulate_float64(_flattened(points), np.array([len(points)], np.uint32)).astype(int)
 
 
 def _flattened(points: np.ndarray) -> np.ndarray:
@@ -184,7 +116,3 @@ def _flattened(points: np.ndarray) -> np.ndarray:
     u /= np.linalg.norm(u)
     v = np.cross(normal, u)
     return np.stack([side[:, 0] * w[0] + side[:, 1] * w[1] + side[:, 2] * w[2] for w in (u, v)], axis=1)
-
-
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
