@@ -21,11 +21,13 @@ from glrender_camera.notebook import png
 from glrender_camera.shutter import row_weights
 
 from ..base.errors import ConfigError, SceneError
-from ..engines.advice import Advice, frame_advice, frame_notes, image_advice
+from ..base.plausible import Advice
+from ..engines.advice import image_advice
 from ..planner.plan import RenderPlan
 from ..scene.scene import Scene
 from ..view.regions import union
 from ..view.state import State
+from .frame_advice import frame_advice, frame_notes
 from .motion_blur import STILL, Motion, checked_sub_states, given_motion, plan_motion
 from .motion_path import moves
 from .off_axis_light import light_beyond

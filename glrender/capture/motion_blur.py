@@ -155,11 +155,6 @@ def plan_motion(scene: Scene, state: State, camera: PinholeCamera, exposure_s: f
                   text=f"{n_poses} poses, back and forth over {extent_px:.3g} px {span}", warning=unknown or grain)
 
 
-def motion_px(scene: Scene, state: State, camera: PinholeCamera, half_s: float) -> float:
-    """Longest path [px] in the image, of bodies and sky, from `half_s` before the state to `half_s` after it."""
-    return path_of(scene, state, camera, half_s).length_px
-
-
 def _chosen(path: Path, n_poses: int) -> np.ndarray:
     """Numbers of the instants (n_poses,) whose mean place and spread are those of all.
 

@@ -121,23 +121,6 @@ def _read_tile_sheet(path: Path, channel: str, locate: Callable[[str], Path]) ->
     return Grid(density=np.ascontiguousarray(cells, np.float32), low_m=-500.0 * sides, high_m=500.0 * sides)
 
 
-def write_tile_sheet(path: Path, density: np.ndarray, sides_m: np.ndarray) -> None:
-    """Write a cube (n, n, n) of dust as JSON and OpenEXR, as ComaCreator does: scaled to a largest value of 1."""
-    density = np.asarray(density, np.float32)
-    n = len(density)
-    if density.shape != (n, n, n):
-        raise ConfigError("density", "must be a cube", density.shape)
-    across = int(np.ceil(np.sqrt(n)))
-    cells = np.zeros((across * across, n, n), np.float32)
-    cells[:n] = density / density.max()
-    sheet = cells.reshape(across, across, n, n).transpose(0, 2, 1, 3).reshape(across * n, across * n)
-    image = path.with_suffix(".exr")
-    write_exr(image, {"R": np.zeros_like(sheet), "G": sheet, "B": np.zeros_like(sheet)})
-    path.write_text(json.dumps({
-        "dimensions": [float(side) / 1000.0 for side in sides_m], "resolution": n, "tiles_x": across,
-        "tiles_y": across, "tiles_file": image.name}, indent=2), encoding="utf-8")
-
-
 def read_exr(path: Path, channel: str, shape: tuple[int, int]) -> np.ndarray:
     """One channel float32 of an OpenEXR image, which must have the shape (height, width)."""
     file = _openexr().File
@@ -162,15 +145,6 @@ def read_exr(path: Path, channel: str, shape: tuple[int, int]) -> np.ndarray:
     if pixels.shape != shape:
         raise ConfigError("tiles_file", "must have a value of the channel in each pixel", pixels.shape[::-1])
     return pixels
-
-
-def write_exr(path: Path, channels: dict[str, np.ndarray]) -> None:
-    """Write channels (height, width) float32 as an OpenEXR image."""
-    library = _openexr()
-    header = {"compression": library.ZIP_COMPRESSION, "type": library.scanlineimage}
-    with library.File(header, {name: np.ascontiguousarray(pixels, np.float32)
-                               for name, pixels in channels.items()}) as file:
-        file.write(str(path))
 
 
 def _openexr():

@@ -73,16 +73,15 @@ class Operations:
         Where `load_scene` may look for shapes; without it only generated bodies load.
     digest : str, optional
         The scene's (`scene_digest`), of one that a renderer has had before.
-
-    Attributes
-    ----------
-    on_scene : callable
+    on_scene : callable, optional
         Called with a scene that was asked for and its digest, before a renderer has it.
-    on_progress : callable
+    on_progress : callable, optional
         Called while a slow frame is drawn, with the share done of the request's frames.
     """
 
-    def __init__(self, scene: Scene, backend: str = "auto", shape_dir: Path | None = None, digest: str | None = None):
+    def __init__(self, scene: Scene, backend: str = "auto", shape_dir: Path | None = None, digest: str | None = None,
+                 on_scene: Callable[[Scene, str], None] = lambda scene, digest: None,
+                 on_progress: Callable[[float], None] = lambda share: None):
         self._backend, self._shape_dir = backend, shape_dir
         self.digest = scene_digest(scene) if digest is None else digest
         prepare(scene)
@@ -90,8 +89,7 @@ class Operations:
         self._others: dict[str, Any] = {}
         self._of_scene = scene_advice(scene)
         self._by_name = {"render": self._render, "range": self._range, "load_scene": self._load_scene}
-        self.on_progress: Callable[[float], None] = lambda share: None
-        self.on_scene: Callable[[Scene, str], None] = lambda scene, digest: None
+        self._on_scene, self._on_progress = on_scene, on_progress
 
     def close(self) -> None:
         """Release the renderers."""
@@ -161,7 +159,7 @@ class Operations:
     def _load_scene(self, header: Mapping[str, Any], memory: pixels.Memory | None) -> Answer:
         scene = scene_asked(header, self._shape_dir)
         digest = scene_digest(scene)
-        self.on_scene(scene, digest)
+        self._on_scene(scene, digest)
         self.replace(scene, digest)
         return Answer(codec.pack({**echo(header), "ok": True, **self.described}))
 
@@ -262,7 +260,7 @@ class Operations:
     def _progress(self, n_before: int, n_frames: int, share: float) -> None:
         share = (n_before + share) / n_frames
         log.debug("slow frames: %.0f %%", 100.0 * share)
-        self.on_progress(share)
+        self._on_progress(share)
 
     def _drawn(self, backend: str | None, draw: Callable[..., Capture], state: State, camera: str,
                **options) -> Capture:

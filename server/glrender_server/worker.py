@@ -65,15 +65,15 @@ def work(peer: socket.socket, backend: str, shape_dir: Path | None, memory_bytes
             scene, digest = _opened(scene, channel)
             if scene is None:
                 return
-        operations = made_of(scene, backend, shape_dir, digest)
+        loaded: list[tuple[bytes, str]] = []
+        # A scene is kept as it is read, so that others need not read its files again, which may have gone or changed.
+        operations = made_of(scene, backend, shape_dir, digest,
+                             on_scene=lambda scene, digest: loaded.append((pickle.dumps(scene), digest)),
+                             on_progress=lambda share: channel.send("progress", share))
     except (GlrenderError, MemoryError) as error:
         channel.send("failed", str(error))
         return
     del scene, scene_pickle
-    loaded: list[tuple[bytes, str]] = []
-    operations.on_progress = lambda share: channel.send("progress", share)
-    # As it is read, so that others need not read its files again, which may have gone or changed.
-    operations.on_scene = lambda scene, digest: loaded.append((pickle.dumps(scene), digest))
     # Modules that are loaded by now are no garbage; looking through them takes some tenths of a millisecond a frame.
     gc.freeze()
     slots: OrderedDict[str, SharedMemory] = OrderedDict()

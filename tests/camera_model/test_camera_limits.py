@@ -10,7 +10,7 @@ import pytest
 import views
 from glrender import ConfigError, Pose, Scene, State
 from glrender.brdf import Lambert
-from glrender.capture.motion_blur import motion_px
+from glrender.capture.motion_path import path_of
 from glrender.scene.body import Body
 from glrender_camera import AutoExposure, BrownConrady, CameraModel, Detector
 
@@ -146,4 +146,4 @@ def test_whole_turns_move(turns, least):
                   bodies={"body": Pose(r_inertial_m=np.zeros(3),
                                        angular_velocity_rad_s=[0.0, 0.0, 2.0 * np.pi * turns])})
     # A chord for each piece of arc: within 3 % of a circle of 45 px or more.
-    assert motion_px(scene, state, camera, 0.5) > least
+    assert path_of(scene, state, camera, 0.5).length_px > least

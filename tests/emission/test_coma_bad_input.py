@@ -12,7 +12,7 @@ import OpenEXR
 import pytest
 from glrender import Renderer, Scene
 from glrender.base.errors import ConfigError
-from glrender.emission.grid_files import Grid, read_grid, write_exr, write_grid, write_tile_sheet
+from glrender.emission.grid_files import Grid, read_grid, write_exr, write_grid
 from glrender.emission.sources.facets import Facets
 from glrender.scene.shape.generate import icosphere
 
@@ -75,7 +75,7 @@ def test_a_small_file_that_unpacks_to_a_gibibyte_is_not_unpacked(tmp_path):
 
 
 def sheet(folder, image=None, **changes):
-    write_tile_sheet(folder / "coma.json", np.ones((4, 4, 4), np.float32), np.full(3, 1e4))
+    coma.write_tile_sheet(folder / "coma.json", np.ones((4, 4, 4), np.float32), np.full(3, 1e4))
     if image is not None:
         (folder / "coma.exr").write_bytes(image((folder / "coma.exr").read_bytes()))
     about = {**json.loads((folder / "coma.json").read_text()), **changes}

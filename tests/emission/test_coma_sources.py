@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 
+import comae
 import numpy as np
 import pytest
 from glrender.base.errors import ConfigError
 from glrender.emission.fields import direction_from_octahedral
-from glrender.emission.grid_files import Grid, read_exr, read_grid, write_exr, write_grid, write_tile_sheet
+from glrender.emission.grid_files import Grid, read_exr, read_grid, write_exr, write_grid
 from glrender.emission.light import mean_inverse_distance
 from glrender.emission.sources.activity import Activity
 from glrender.emission.sources.facets import Facets, noise_strength
@@ -161,7 +162,7 @@ def test_a_tile_sheet_is_cut_as_comacreator_laid_it_out(tmp_path):
     np.testing.assert_array_equal(read.density, cube)
     np.testing.assert_array_equal(read.high_m, [1e4, 1e4, 1e4])
     np.testing.assert_array_equal(read_grid(tmp_path / "coma.json", "gas").density, 2.0 * cube)
-    write_tile_sheet(tmp_path / "own.json", cube, np.full(3, 2e4))
+    comae.write_tile_sheet(tmp_path / "own.json", cube, np.full(3, 2e4))
     np.testing.assert_allclose(read_grid(tmp_path / "own.json").density, cube / cube.max(), rtol=1e-6)
     np.testing.assert_array_equal(read_exr(tmp_path / "coma.exr", "G", sheet.shape), sheet)
 
@@ -172,7 +173,7 @@ def test_a_tile_sheet_is_cut_as_comacreator_laid_it_out(tmp_path):
     ({"dimensions": [1.0, -2.0, 1.0]}, "dimensions[1]"), ({"tiles_file": "none.exr"}, "tiles_file"),
     ({"resolution": "7"}, "resolution")])
 def test_a_bad_tile_sheet_is_told_by_its_field(tmp_path, change, field):
-    write_tile_sheet(tmp_path / "own.json", np.ones((7, 7, 7)), np.full(3, 2e4))
+    comae.write_tile_sheet(tmp_path / "own.json", np.ones((7, 7, 7)), np.full(3, 2e4))
     about = json.loads((tmp_path / "own.json").read_text(encoding="utf-8")) | change
     (tmp_path / "own.json").write_text(json.dumps(about), encoding="utf-8")
     with pytest.raises(ConfigError) as caught:

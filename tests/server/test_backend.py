@@ -22,13 +22,14 @@ from glrender_server.operations import Operations
 
 STATE = views.state().to_dict()
 REQUEST = {"v": 1, "op": "render", "id": 1, "client": "test", "state": STATE, "camera": "navcam", "max_error": 0.02}
+SHARES = []  # what the operations reported
 
 
 @pytest.fixture(scope="module")
 def served(tmp_path_factory):
     file = tmp_path_factory.mktemp("scene") / "scene.toml"
     file.write_text(serving.SCENE)
-    made = Operations(load_scene(file))
+    made = Operations(load_scene(file), on_progress=SHARES.append)
     yield made
     made.close()
 
@@ -49,15 +50,13 @@ def test_the_backend_that_is_named_draws_and_no_other_frame_changes(served):
 
 
 def test_a_named_backend_draws_all_frames_of_a_request_and_reports_how_far_it_is(served):
-    told = []
-    served.on_progress = told.append
+    SHARES.clear()
     frame = {"camera": "navcam", "max_error": 0.02}
     request = {name: value for name, value in REQUEST.items() if name not in frame}
     header, pixels = answer(served, backend="raytrace")
     (together, *parts), code, *_ = served.answer({**request, "backend": "raytrace", "frames": [frame, frame]})
     assert not code and [bytes(part) for part in parts] == [pixels, pixels]
-    served.on_progress = lambda share: None
-    shares = told[told.index(1.0) + 1:]
+    shares = SHARES[SHARES.index(1.0) + 1:]
     assert shares == sorted(shares) and {0.5, 1.0} <= set(shares)
 
 

@@ -59,8 +59,15 @@ def test_the_content_of_files_counts(tmp_path):
 
 
 @pytest.fixture(scope="module")
-def operations():
-    served = Operations(Scene.from_dict(TABLE))
+def made():
+    """Scenes that the operations read, as they were handed on."""
+    return []
+
+
+@pytest.fixture(scope="module")
+def operations(made):
+    served = Operations(Scene.from_dict(TABLE),
+                        on_scene=lambda scene, digest: made.append((pickle.dumps(scene), digest)))
     yield served
     served.close()
 
@@ -82,9 +89,7 @@ def test_each_reply_has_its_scenes_digest_and_another_is_refused(operations, op,
         assert told(scene=wrong)["error"]["code"] == "protocol"
 
 
-def test_a_scene_that_is_replaced_is_told_of_as_it_was_made(operations):
-    made = []
-    operations.on_scene = lambda scene, digest: made.append((pickle.dumps(scene), digest))
+def test_a_scene_that_is_replaced_is_told_of_as_it_was_made(operations, made):
     before = operations.digest
     reply = msgpack.unpackb(operations.answer({"v": 1, "op": "load_scene", "id": 1, "client": "c",
                                                "scene": {**TABLE, "max_error": 0.05}})[0][0])

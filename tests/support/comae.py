@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from functools import cache
+from pathlib import Path
 
 import numpy as np
+import OpenEXR
 from glrender import Body, PinholeCamera, Pose, Scene, State
 from glrender.brdf import Lambert
 from glrender.emission import Coma, drawing
@@ -95,3 +98,25 @@ TABLE = {
 def coma_table(**changes):
     return {**TABLE, "emission": [{"kind": "coma", "body": "nucleus",
                                    "sources": [{"model": "haser", "afrho_m": 1.0}], **changes}]}
+
+
+def write_tile_sheet(path: Path, density: np.ndarray, sides_m: np.ndarray) -> None:
+    """Write a cube (n, n, n) of dust as JSON and OpenEXR, as ComaCreator does: scaled to a largest value of 1."""
+    n = len(density)
+    across = int(np.ceil(np.sqrt(n)))
+    cells = np.zeros((across * across, n, n), np.float32)
+    cells[:n] = density / density.max()
+    sheet = cells.reshape(across, across, n, n).transpose(0, 2, 1, 3).reshape(across * n, across * n)
+    image = path.with_suffix(".exr")
+    write_exr(image, {"R": np.zeros_like(sheet), "G": sheet, "B": np.zeros_like(sheet)})
+    path.write_text(json.dumps({
+        "dimensions": [float(side) / 1000.0 for side in sides_m], "resolution": n, "tiles_x": across,
+        "tiles_y": across, "tiles_file": image.name}, indent=2), encoding="utf-8")
+
+
+def write_exr(path: Path, channels: dict[str, np.ndarray]) -> None:
+    """Write channels (height, width) float32 as an OpenEXR image."""
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    with OpenEXR.File(header, {name: np.ascontiguousarray(pixels, np.float32)
+                               for name, pixels in channels.items()}) as file:
+        file.write(str(path))

@@ -35,7 +35,8 @@ from glrender import (
 )
 from glrender.base.constants import AU_M
 from glrender.brdf import Lambert
-from glrender.engines.advice import LEAST_DN, Advice, scene_advice
+from glrender.capture.frame_advice import LEAST_DN
+from glrender.engines.advice import Advice, scene_advice
 from glrender_camera import AutoExposure, BrownConrady, CameraModel, Detector, MosaicModel, Optics
 from scipy.spatial.transform import Rotation
 

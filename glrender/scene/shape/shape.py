@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import logging
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -188,13 +187,6 @@ class Shape:
         middle_m = 0.5 * (low_m + high_m)
         is_far = np.linalg.norm(middle_m) > 0.5 * np.linalg.norm(high_m - low_m)
         return middle_m if is_far else np.zeros(3)
-
-    @cached_property
-    def content_hash(self) -> str:
-        """Hexadecimal SHA-256 of the geometry."""
-        digest = hashlib.sha256(self.vertices_m.tobytes() + self.facets.tobytes())
-        digest.update(b"" if self.uv is None else self.uv.tobytes())
-        return digest.hexdigest()
 
     @cached_property
     def _area_normals_m2(self) -> np.ndarray:
