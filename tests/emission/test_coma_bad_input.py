@@ -12,7 +12,7 @@ import OpenEXR
 import pytest
 from glrender import Renderer, Scene
 from glrender.base.errors import ConfigError
-from glrender.emission.grid_files import Grid, read_grid, write_exr, write_grid
+from glrender.emission.grid_files import Grid, read_grid, write_grid
 from glrender.emission.sources.facets import Facets
 from glrender.scene.shape.generate import icosphere
 
@@ -92,7 +92,7 @@ def test_a_broken_image_is_told(image, tmp_path):
 
 def test_an_image_of_another_size_is_not_unpacked(tmp_path, monkeypatch):
     path, opened, original = sheet(tmp_path), [], OpenEXR.File
-    write_exr(tmp_path / "coma.exr", {name: np.zeros((64, 96), np.float32) for name in "RGB"})
+    coma.write_exr(tmp_path / "coma.exr", {name: np.zeros((64, 96), np.float32) for name in "RGB"})
     monkeypatch.setattr(OpenEXR, "File", lambda *given, **how: opened.append(how) or original(*given, **how))
     with pytest.raises(ConfigError, match=r"^tiles_file: must be an image of 8 x 8 pixels, got \(96, 64\)"):
         read_grid(path)

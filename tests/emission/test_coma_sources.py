@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from glrender.base.errors import ConfigError
 from glrender.emission.fields import direction_from_octahedral
-from glrender.emission.grid_files import Grid, read_exr, read_grid, write_exr, write_grid
+from glrender.emission.grid_files import Grid, read_exr, read_grid, write_grid
 from glrender.emission.light import mean_inverse_distance
 from glrender.emission.sources.activity import Activity
 from glrender.emission.sources.facets import Facets, noise_strength
@@ -154,7 +154,7 @@ def test_a_tile_sheet_is_cut_as_comacreator_laid_it_out(tmp_path):
         for j in range(n):
             for k in range(n):
                 sheet[(i // across) * n + j, (i % across) * n + k] = cube[i, j, k]
-    write_exr(tmp_path / "coma.exr", {"R": 0.0 * sheet, "G": sheet, "B": 2.0 * sheet})
+    comae.write_exr(tmp_path / "coma.exr", {"R": 0.0 * sheet, "G": sheet, "B": 2.0 * sheet})
     about = {"dimensions": [20.0, 20.0, 20.0], "resolution": n, "tiles_x": across, "tiles_y": across,
              "tiles_file": "/somewhere/else/coma.exr"}
     (tmp_path / "coma.json").write_text(json.dumps(about), encoding="utf-8")

@@ -20,6 +20,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import browser
+import glrender_view
 import msgpack
 import numpy as np
 import processes
@@ -551,7 +552,7 @@ def test_with_curve_the_view_has_a_key(tmp_path):
 
 def test_the_page_has_nothing_from_elsewhere():
     """No address beyond this machine stands in what the browser loads."""
-    page = Path(background.__file__).with_name("view") / "page"
+    page = Path(glrender_view.__file__).with_name("page")
     found = [entry for entry in page.iterdir() if re.search(
         rb"(?:https?:)?//[a-z]", entry.read_bytes().replace(b"http://www.w3.org/2000/svg", b""))]
     assert len(list(page.iterdir())) > 8 and not found
