@@ -348,8 +348,8 @@ def soak(process: subprocess.Popen, ready: str, adapter: tuple[str, subprocess.P
     is_fair = bool(arguments.kill_client_every) or fairness >= 0.8
     is_sound = not (found["lost"] or found["crossed"] or found["wrong"] or found["other"])
     is_answered = all(of["done"] and not of["wrong"] for of in answered.values())
-    is_steady = not arguments.all or (exit_s <= MAX_EXIT_S and any(
-        second <= MAX_LOOP_GROWTH * first for first, second in loop.values()))
+    is_steady = not arguments.all or any(second <= MAX_LOOP_GROWTH * first for first, second in loop.values())
+    has_ended = not arguments.all or exit_s <= MAX_EXIT_S
     return {"benchmark": "soak", "frames": sum(each), "seconds": round(elapsed, 1), "frames_each": each,
             "fairness": round(fairness, 3), "killed": killed, "faults": found, "before": before, "after": after,
             "server_errors": status["errors"], "restarts": status["workers"]["restarts"],
@@ -357,8 +357,8 @@ def soak(process: subprocess.Popen, ready: str, adapter: tuple[str, subprocess.P
             "is_sound": is_sound, "is_flat": is_flat,
             "beside": answered, "adapter": [adapter_before, adapter_after],
             "loop": loop, "exit_s": round(exit_s, 2),
-            "is_answered": is_answered, "passed": is_sound and is_answered and is_steady and is_served and (
-                is_flat or arguments.hostile) and is_fair}
+            "is_answered": is_answered, "is_steady": is_steady, "passed": is_sound and is_answered and is_steady
+            and has_ended and is_served and (is_flat or arguments.hostile) and is_fair}
 
 
 if __name__ == "__main__":

@@ -213,7 +213,8 @@ class Dispatcher:
         self._under_way[digest] = _UnderWay(header, [request.answer])
         self.requests[header["op"]] += 1
         finish = partial(self._finish, request, header, digest, time.monotonic())
-        job = Job(header, request.parts[0], finish, request.sender, _account(request))
+        account = _account(request)
+        job = Job(header, request.parts[0], finish, request.sender, account, self._is_quick(account))
         if header["background"]:
             why = "a newer one, or another client's, waits in the background"
             refusals = self._background.put(request.sender, (job, digest, request))
@@ -236,6 +237,9 @@ class Dispatcher:
         while not self._engine.is_full and (
                 found := self._queue.get(lambda item: self._engine.has_room(self._known_by_now(item[0])))):
             job, digest, request = found
+            if not (job.is_load or request.is_there() or len(self._under_way[digest].answers) > 1):
+                del self._under_way[digest]  # nobody waits for it any more
+                continue
             if self._has_not_taken(request):
                 self._busy(job.header, self._under_way.pop(digest).answers, _UNTAKEN)
                 continue

@@ -30,6 +30,8 @@ class Request(NamedTuple):
     """Who is known by the time of their frames, where that is more than the sender: all of a machine, or a process."""
     is_spare: bool = False
     """Whether all places are taken, and it came by one that is kept for operators."""
+    is_there: Callable[[], bool] = lambda: True
+    """Whether the connection is still there, as far as the transport knows."""
 
 
 class Front(Protocol):

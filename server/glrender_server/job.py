@@ -45,7 +45,7 @@ class Job(NamedTuple):
     """Who takes turns, and waits for its own `load_scene`: the `Request`'s."""
     account: Hashable
     """All connections of one process or machine, where these are known; else the sender."""
-    is_quick: bool = False
+    is_quick: bool
     """Whether the account's requests take less than `QUICK_S`: such an account may take every worker."""
 
     @property

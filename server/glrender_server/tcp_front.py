@@ -294,7 +294,7 @@ class _Connection:
                 self._owed += 1
                 self.has_asked = True
                 requests.append(Request(self._sender, parts, self.answer, lambda: self._output.n_bytes,
-                                        is_spare=self.is_spare))
+                                        is_spare=self.is_spare, is_there=lambda: not self._is_lost))
         except ProtocolError as error:
             self._is_open, self._error = False, error
             self._break_off()

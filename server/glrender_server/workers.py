@@ -152,7 +152,7 @@ class WorkerPool:
                 self._start(worker)
             while not any(worker.state == "idle" for worker in self._workers):
                 time.sleep(0.02)
-                self._turn_all()
+                self._turn_all({})
                 if self._unreadable is not None:
                     raise self._unreadable
                 if self.outage:
@@ -217,7 +217,7 @@ class WorkerPool:
 
     def turn(self, ready: dict[Any, int]) -> None:
         """Take in finished jobs; replace workers that have died or taken too long."""
-        self._turn_all()
+        self._turn_all(ready)
         self._reap()
         while self._again and self._free_workers():
             self._begin(self._again.popleft())
@@ -308,7 +308,7 @@ class WorkerPool:
                     if worker.state == "idle":
                         self._tell(worker, "forget")
 
-    def _turn_all(self) -> None:
+    def _turn_all(self, ready: dict[Any, int]) -> None:
         now = time.monotonic()
         for worker in self._workers:
             if worker.state == "down":
@@ -316,7 +316,8 @@ class WorkerPool:
                     self._start(worker)
                 continue
             try:
-                self._exchange(worker)
+                if self._poller is None or worker.channel.fileno() in ready:
+                    self._exchange(worker)
             except (EOFError, OSError):
                 self._bury(worker)
                 continue

@@ -221,7 +221,8 @@ class ZmqFront:
             peer.n_owed += 1
         return Request(user or name, [part.bytes for part in parts[len(envelope) - 1:]],
                        partial(self._answer, envelope, peer), partial(self._untaken_by, name), user,
-                       user or (None if peer is None else peer.account))
+                       user or (None if peer is None else peer.account),
+                       is_there=lambda: peer is None or peer.is_there)
 
     @property
     def is_idle(self) -> bool:

@@ -79,7 +79,7 @@ def test_a_soak_of_seconds_loses_and_crosses_nothing_and_ends_when_it_is_asked_t
 @pytest.mark.slow
 def test_a_soak_of_a_minute_is_flat():
     record = soaked("--seconds", "60", "--clients", "4", "--kill-worker-seconds", "5")
-    assert record["restarts"] >= 2 and record["is_flat"], record
+    assert record["restarts"] >= 2 and record["is_flat"] and record["is_steady"], record
 
 
 def fuzzed(*arguments):

@@ -303,6 +303,32 @@ def test_quick_clients_that_turn_slow_have_one_turn_each_before_who_stays_quick(
     assert {sender for began, sender in engine.begun if began > 140.0} == {"a", "b", "c", "d", "quick"}
 
 
+def test_no_frame_is_drawn_for_who_has_gone():
+    """Some hundred clients that asked and went had their turns before those who waited: 60 s on a busy machine."""
+    started, there = [], {"gone": False}
+    served = Dispatcher(SimpleNamespace(described={}, make_room=None, outage="", is_full=True, draws_here=False,
+                                        generation=0, has_room=lambda job: True, start=started.append))
+
+    def ask(sender, op, client):
+        served.submit(Request(sender, [head(op, 1, client)], lambda reply: None,
+                              is_there=lambda: there.get(sender, True)))
+
+    for sender, op, client in (("gone", "render", "a"), ("gone", "load_scene", "b"), ("gone", "render", "c"),
+                               ("again", "render", "c"), ("here", "render", "d"), ("gone", "range", "e")):
+        ask(sender, op, client)
+    assert not started and not served.is_idle
+    served._engine.is_full = False
+    served.work()
+    assert {each.header["client"] for each in started} == {"b", "c", "d"}
+    for each in started:
+        each.done(Done([b"\x80"], "", {"total": 7.0}))
+    assert not served._under_way
+    there["gone"] = True
+    ask("gone", "render", "a")
+    served.work()
+    assert started[-1].header["client"] == "a", "a retry is drawn"
+
+
 def test_while_a_worker_starts_the_other_is_kept_for_who_is_quick():
     """A slow frame that overran its deadline was followed by the next on the worker that was left: 55 s for others."""
     pool = Pool(None, None)

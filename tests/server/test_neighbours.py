@@ -141,7 +141,9 @@ def test_a_reply_to_who_has_gone_reaches_nobody_of_that_identity():
         with peer(front.endpoint, IDENTITY=b"loop") as first:
             first.send(head("hello", 1))
             request, = taken_in()
+            assert request.is_there()
         taken_in(0.3)
+        assert not request.is_there()
         with peer(front.endpoint, IDENTITY=b"loop") as second:
             second.send(head("hello", 2))
             other, = taken_in()
