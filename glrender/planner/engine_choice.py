@@ -55,10 +55,10 @@ _UNEVEN_PIXEL = 0.3
 _CRESCENT_LOSS = 6.6e-5
 # Phase angle [rad] anywhere on a body beyond which a facet's centroid does not tell of slivers of light on it.
 _CENTROIDS_RAD = 2.15
-# Error of the flux [1] by centroid visibility that the image does not show: at a phase of 60 deg (cells of
-# benchmarks/bench_cells.py), and its power of the tangent of half the phase (a rough binary at 100 deg: seed 178 of
-# benchmarks/heldout.py).
-_CENTROIDS_LEAST = 6e-4
+CENTROIDS_LEAST = 6e-4
+"""Error of the flux [1] by centroid visibility that the image does not show, at a phase of 60 deg: cells of
+benchmarks/bench_cells.py."""
+# Its power of the tangent of half the phase: a rough binary at 100 deg (seed 178 of benchmarks/heldout.py).
 _CENTROIDS_POWER = 3.0
 # Fewest facets a pixel [1]: of larger ones few are at the boundary of light (seed 100 of
 # benchmarks/heldout.py).
@@ -235,7 +235,7 @@ def _coverage(part: _Part) -> list[WindowPlan]:
     modelled[SLIVERS] = _CRESCENT_LOSS / max(below_rad, 1e-3) ** 3 / budget.flux_share
     clipped = part.window("coverage", budget, modelled, flux_error=part.hard_flux, **where)
     half_rad = min(0.5 * group.phase_rad, 1.5)
-    least = _CENTROIDS_LEAST * max(math.tan(half_rad) / math.tan(math.radians(30.0)), 1.0) ** _CENTROIDS_POWER
+    least = CENTROIDS_LEAST * max(math.tan(half_rad) / math.tan(math.radians(30.0)), 1.0) ** _CENTROIDS_POWER
     view, traits, allowed = bodies[0].view, bodies[0].traits, request.budget(group, "centroids")
     modelled |= {CENTROIDS: least / allowed.flux_share,
                  "hard edges": max(body.penumbra.hard_error for body in bodies)}
