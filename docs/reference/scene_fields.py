@@ -115,6 +115,7 @@ SCENE: tuple[Table, ...] = (
         "shape": ("text", "A shape file; or `generated`. Relative to this file."),
         "generated": ("table", "A made-up shape; below."),
         "length_unit": ("\"m\", \"km\" or float", "Of the shape file; metres per unit when a number."),
+        "sides": ("\"file\", \"front\" or \"both\"", "Of open shells, as panels; \"file\" by default."),
         "brdf": ("table", "The reflectance law; below."),
         "albedo_texture": ("text", "An image whose grey value over its full scale scales the law's albedo."),
         "albedo_texture_gain": ("float [1], > 0", "Factor on the texture; 1 by default."),

@@ -72,7 +72,7 @@ class Body:
     @classmethod
     def from_file(cls, path: str | Path, *, name: str, length_unit: str | float, brdf: Law,
                   albedo_texture: str | Path | None = None, albedo_texture_gain: float = 1.0,
-                  smooth_normals: bool = False, detail: Detail | None = None) -> Body:
+                  smooth_normals: bool = False, detail: Detail | None = None, sides: str = "file") -> Body:
         """A body from a shape file.
 
         Parameters
@@ -83,6 +83,8 @@ class Body:
             Length unit of the file; metres per unit when a number.
         albedo_texture : path, optional
             Image whose grey value over its full scale, times `albedo_texture_gain`, scales the albedo.
+        sides : {"file", "front", "both"}
+            Sides of open shells: `Shape.from_file`.
 
         Raises
         ------
@@ -93,7 +95,7 @@ class Body:
             gain = positive("albedo_texture_gain", albedo_texture_gain)
             with error_path("albedo_texture"):
                 albedo_map = read_texture(Path(albedo_texture)) * np.float32(gain)
-        return cls(name=name, shape=Shape.from_file(path, length_unit=length_unit), brdf=brdf,
+        return cls(name=name, shape=Shape.from_file(path, length_unit=length_unit, sides=sides), brdf=brdf,
                    albedo_map=albedo_map, smooth_normals=smooth_normals, detail=detail)
 
     @cached_property

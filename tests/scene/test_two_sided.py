@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import views
-from glrender import Body, Pose, Shape, State, frames, open_renderer
+from glrender import Body, Pose, Scene, Shape, State, frames, open_renderer
 from glrender.base.constants import AU_M
+from glrender.base.errors import ConfigError
 from glrender.brdf import Lambert
 from glrender.engines.cycles.blender_terms import BlenderTerms
+from glrender.engines.rays.laser_ranges import laser_ranges
 from solids import box
 
 GREY = Lambert(normal_albedo=0.3)
@@ -151,3 +153,101 @@ def test_blender_gets_one_of_two_sides_as_it_draws_both():
     body = craft()
     facets = BlenderTerms(views.scene([body], [views.camera()])).arrays(body)["facets"]
     assert len(facets) == 12 + 72 and len(body.shape.facets) == 12 + 144
+
+
+WALL_M, WALL_Z_M = 20.0, -5.0
+ACROSS = State(r_sun_inertial_m=[0.0, 0.0, AU_M], bodies={"body": Pose(r_inertial_m=np.zeros(3))},
+               spacecraft=pose([-30.0, 0.0, 30.0], [3.0, 0.0, -5.0]))
+
+
+def before_a_wall(n_across):
+    """A sheet of one side that faces a wall of many facets 5 m below it, in one body: sheet first."""
+    places, sheet = panel()
+    x, y = np.meshgrid(*2 * [np.linspace(-WALL_M, WALL_M, n_across + 1)])
+    first = (np.arange(n_across)[:, None] * (n_across + 1) + np.arange(n_across)).ravel() + len(places)
+    wall = np.concatenate([np.stack([first, first + 1, first + n_across + 2], 1),
+                           np.stack([first, first + n_across + 2, first + n_across + 1], 1)])
+    points = np.concatenate([places, np.stack([x, y, np.full_like(x, WALL_Z_M)], axis=-1).reshape(-1, 3)])
+    return Body(name="body", shape=Shape.from_arrays(points, np.concatenate([sheet[:, ::-1], wall])), brdf=GREY)
+
+
+def wall_alone(camera, n=8):
+    """Irradiance (H, W) of the wall by rays of this test: dark where the sheet is between it and the Sun."""
+    at = (np.arange(camera.width_px * n) + 0.5) / n - 0.5
+    x, y = np.meshgrid(at, at)
+    ray = np.stack([(x - camera.principal_point_px[0]) / camera.focal_length_px,
+                    (y - camera.principal_point_px[1]) / camera.focal_length_px, np.ones_like(x)], axis=-1)
+    length = np.linalg.norm(ray, axis=-1)
+    ray = ray @ frames.dcm(ACROSS.spacecraft.q_from_inertial)
+    place = ACROSS.spacecraft.r_inertial_m + ray * ((WALL_Z_M - 30.0) / ray[..., 2])[..., None]
+    is_lit = (np.abs(place[..., :2]) < WALL_M).all(axis=-1) & ~(
+        (np.abs(place[..., 0] - 3.0) < 2.0) & (np.abs(place[..., 1]) < 1.0))
+    light = 0.3 / np.pi * views.SOLAR_IRRADIANCE_W_M2 * is_lit / (length**3 * camera.focal_length_px**2)
+    return light.reshape(camera.height_px, n, camera.width_px, n).mean(axis=(1, 3))
+
+
+@pytest.mark.parametrize("n_across, backend, options", [
+    (1, "auto", {"samples": 4}), (1, "raytrace", {"max_error": 0.01}), (1, "auto", {"max_error": 0.3}),
+    (1, "auto", {"max_error": 0.02}), (1, "auto", {"engine": "rays", "max_error": 0.02}),
+    (1, "auto", {"engine": "coverage", "max_error": 0.3}), (110, "auto", {"max_error": 0.3})],
+    ids=["OpenGL", "raytrace", "0.3", "0.02", "rays", "coverage", "centroids"])
+def test_a_back_hides_nothing_and_casts_its_shadow(n_across, backend, options):
+    """The wall through the back of a sheet, to 2 % of its light: facets, ranges and laser ranges are the wall's too."""
+    scene = views.scene([before_a_wall(n_across)], [views.camera(65, 500.0)], sun_disc=False)
+    with open_renderer(scene, backend) as renderer:
+        image = renderer.render(ACROSS, products=["facet_id", "range"], **options)
+    if n_across > 1:
+        assert image.plan.windows[0].by_centroids
+    truth = wall_alone(scene.cameras[0])
+    assert views.relative_rms(image.irradiance_W_m2, truth) < 0.15
+    np.testing.assert_allclose(image.irradiance_W_m2.sum(dtype=float), truth.sum(), rtol=0.02)
+    assert (image.products["facet_id"][20:45, 20:45] >= 2 * N * N).all()
+    middle_m = np.linalg.norm([33.0, 0.0, 35.0])
+    np.testing.assert_allclose(image.products["range"][32, 32], middle_m, rtol=1e-5)
+    np.testing.assert_allclose(laser_ranges(scene, ACROSS, [0.0, 0.0, 1.0]).range_m, middle_m, rtol=1e-9)
+
+
+OPEN_BOX = (box((-0.5,) * 3, (0.5,) * 3)[0], box((-0.5,) * 3, (0.5,) * 3)[1][2:])
+
+
+@pytest.mark.parametrize("backend, options", [("auto", {"samples": 4}), ("raytrace", {}), ("auto", {"max_error": 0.2})])
+def test_sides_gives_panels_their_other_side(backend, options):
+    """A bent panel and a flat one, each with one side in the file, lit as a plate from both sides of it."""
+    shape = Shape.from_arrays(*panel(), sides="both")
+    assert shape.report.n_two_sided == 2 * N * N and not shape.report.warnings
+    body = Body(name="body", shape=shape, brdf=GREY)
+    with open_renderer(views.scene([body], [views.camera(100, 1000.0)], sun_disc=False), backend) as renderer:
+        for side in (-1.0, 1.0):
+            image = renderer.render(looking(side, 60.0), **options).irradiance_W_m2[42:58, 42:58]
+            np.testing.assert_allclose(image, 0.3 / np.pi * views.SOLAR_IRRADIANCE_W_M2 * 0.5 / 1000.0**2, rtol=4e-4)
+
+
+def test_sides_leaves_closed_shells_alone_and_keeps_texture_coordinates():
+    corners, facets = box((-0.5,) * 3, (0.5,) * 3)
+    places, sheet = panel()
+    both = Shape.from_arrays(np.concatenate([corners, places]), np.concatenate([facets, sheet + len(corners)]),
+                             uv=np.concatenate([corners, places])[np.concatenate([facets, sheet + 8])][..., :2] / 8.0,
+                             sides="both")
+    assert (both.report.n_facets, both.report.n_two_sided) == (12 + 4 * N * N, 2 * N * N)
+    np.testing.assert_allclose(8.0 * both.uv, both.vertices_m[both.facets][..., :2], atol=1e-6)
+    again = Shape.from_arrays(both.vertices_m, both.facets, sides="both")
+    assert again.report.n_two_sided == 2 * N * N, "a panel that has both sides gets no third one"
+    assert Shape.from_arrays(*OPEN_BOX, sides="both").report.n_two_sided == 10, "what is in an open box is seen too"
+    for sides in ("file", "front"):
+        assert Shape.from_arrays(places, sheet, sides=sides).report.n_two_sided == 0
+
+
+def test_sides_in_a_scene_file(tmp_path):
+    (tmp_path / "panel.obj").write_text(QUAD + "f 1 2 3 4\n")
+    table = {"name": "body", "shape": "panel.obj", "length_unit": "m", "sides": "both",
+             "brdf": {"law": "lambert", "normal_albedo": 0.3}}
+    cameras = [{"name": "navcam", "width_px": 64, "height_px": 64, "focal_length_px": 100.0}]
+    made = Scene.from_dict({"bodies": [table], "cameras": cameras}, shape_dir=tmp_path)
+    assert made.bodies[0].shape.report.n_two_sided == 2
+    with pytest.raises(ConfigError, match=r"bodies\[0\].sides: must be one of 'file', 'front', 'both', got 'back'"):
+        Scene.from_dict({"bodies": [{**table, "sides": "back"}], "cameras": cameras}, shape_dir=tmp_path)
+    ball = {"name": "body", "generated": {"kind": "icosphere", "radius_m": 1.0}, "brdf": table["brdf"], "sides": "both"}
+    with pytest.raises(ConfigError, match="sides: goes with `shape`"):
+        Scene.from_dict({"bodies": [ball], "cameras": cameras})
+    with pytest.raises(ConfigError, match="sides"):
+        Body.from_file(tmp_path / "panel.obj", name="body", length_unit="m", brdf=GREY, sides="inside")

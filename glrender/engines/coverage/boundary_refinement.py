@@ -193,7 +193,8 @@ def _divide_large(seen: CornerVisibility, most_squared: float) -> CornerVisibili
     if cutter.is_free:
         return seen
     least = _LARGE if len(seen.facing) <= FEW else _LARGE_OF_MANY
-    always = _LARGE_OF_MANY if seen.is_alone else least
+    # A sheet that turns its back to the camera shades unseen, as another body may.
+    always = _LARGE_OF_MANY if seen.is_alone and not seen.facets.solid.has_backs else least
     of_hidden = least / max(int(seen.may_hide_light.sum()), 1)
 
     def are_large(facet: np.ndarray, area_px: np.ndarray, radiance: np.ndarray | float, least: float) -> np.ndarray:

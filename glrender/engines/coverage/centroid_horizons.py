@@ -32,10 +32,13 @@ class CentroidHorizons:
     heights : (F, 16) uint8
         Of the horizon, in azimuths around: 255 times the sine; `UNKNOWN` in all azimuths where these are not enough to
         describe the surroundings, as under an overhang.
+    has_backs : bool
+        As `RayMesh` has it.
     """
 
     facets: np.ndarray
     heights: np.ndarray
+    has_backs: bool = False
 
     @classmethod
     def of(cls, middle_m: np.ndarray, normal: np.ndarray, solid: RayMesh) -> CentroidHorizons:
@@ -55,7 +58,7 @@ class CentroidHorizons:
         # In the order in which they are: that of a shape's own file is another one.
         heights = cached_bytes(f"middles6-{hashlib.sha256(facets.data).hexdigest()[:32]}", (n_facets, N_AZIMUTHS),
                                lambda: heights_around(middle_m, normal, solid, N_AZIMUTHS, UNKNOWN))
-        return cls(facets=facets, heights=heights)
+        return cls(facets=facets, heights=heights, has_backs=solid.has_backs)
 
     def shade(self, to_sun: np.ndarray, r_camera_m: np.ndarray, brdf: np.ndarray, first_root: float,
               root_step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -82,7 +85,7 @@ class CentroidHorizons:
 
         def look(part: slice) -> np.ndarray:
             n = shade_centroids(self.facets, self.heights, part.start, part.stop, to_sun, r_camera_m,
-                              brdf, first_root, 1.0 / root_step, found, asked, is_asked)
+                              brdf, first_root, 1.0 / root_step, self.has_backs, found, asked, is_asked)
             return np.arange(part.start, part.start + n)
 
         places = np.concatenate(threads.run_in_parts(look, n_facets, _PART))

@@ -38,8 +38,8 @@ from .sunlit_error import NOTHING_DRAWN, CoverageError, ErrorScale
 _EXCESS = 0.5
 # Cells that a facet covers, below which it is far smaller than one.
 _FINE = 0.15
-# Errors that the table of a BRDF may have, RMS and of the total light, over those that the budget leaves [1]: in squares
-# they add 4 %.
+# Errors that the table of a BRDF may have, RMS and of the total light, over those that the budget leaves [1]: in
+# squares they add 4 %.
 _TABLE_SHARE = 0.3
 
 

@@ -123,15 +123,17 @@ def _radiance(incidence, emission, squared, brdf, least_root, per_root):
 
 
 @compiled(intp(read(float32, 2), read(uint8, 2), intp, intp, VECTOR, VECTOR, read(float64, 3), float64, float64,
-               write(float64, 1), write(intp, 1), write(boolean, 2)))
-def shade_centroids(facets, heights, first, last, to_sun, r_camera_m, brdf, least_root, per_root, found, asked,
-                    is_asked):
+               boolean, write(float64, 1), write(intp, 1), write(boolean, 2)))
+def shade_centroids(facets, heights, first, last, to_sun, r_camera_m, brdf, least_root, per_root, has_backs, found,
+                    asked, is_asked):
     """Write the radiance of facets first to last, each lit or dark by its centroid: 0 if dark or not seen.
 
     Facets (F, 6) float32 have normals and centroids [m], and heights (F, sectors) of the horizon. Their BRDF times the
     sum of the cosines of incidence and emission, which is smooth at the limb, is in a table (C, 2 S + 1, S + 1):
     by the root of the distance of the unit vectors to Sun and camera; by the normal's place around a square in the
     plane of both, from -1 to 1; by its part in that plane, from 0 to 1.
+
+    With `has_backs`, what stands before a facet may be a back, which hides nothing from the camera: that is asked too.
 
     Returns how many (N,) are `asked`, whether they are seen or lit `is_asked` (2, N): they are shaded as if they were.
 
@@ -147,6 +149,7 @@ def shade_centroids(facets, heights, first, last, to_sun, r_camera_m, brdf, leas
         facet = left[i]
         camera, sun, squared = _look(facets, facet, to_sun, r_camera_m)
         seen, lit = _told(heights, facet, camera), _told(heights, facet, sun)
+        seen -= (seen == 0) & has_backs
         left[n_shown], how[n_shown] = facet, (seen < 0) + 2 * (lit < 0)
         light[n_shown, 0], light[n_shown, 1], light[n_shown, 2] = sun[2], camera[2], squared
         n_shown += (seen != 0) & (lit != 0)

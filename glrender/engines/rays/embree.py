@@ -15,10 +15,12 @@ import numpy as np
 from ...base.errors import DeviceError
 
 # Constants of rtcore_common.h, rtcore_device.h, rtcore_buffer.h, rtcore_geometry.h.
-_VERSION_MAJOR, _TRIANGLES, _INDEX, _VERTEX, _UINT3, _FLOAT3 = 1, 0, 0, 1, 0x5003, 0x9003
+_VERSION_MAJOR, _TRIANGLES, _INDEX, _VERTEX, _UINT3, _FLOAT3, _FILTERED = (
+    1, 0, 0, 1, 0x5003, 0x9003, 1 << 3)
 _FUNCTIONS = {
     "rtcNewDevice": (c_void_p, c_char_p), "rtcGetDeviceProperty": (c_ssize_t, c_void_p, c_int),
     "rtcGetDeviceError": (c_int, c_void_p), "rtcNewScene": (c_void_p, c_void_p),
+    "rtcSetSceneFlags": (None, c_void_p, c_int),
     "rtcNewGeometry": (c_void_p, c_void_p, c_int), "rtcAttachGeometry": (c_uint, c_void_p, c_void_p),
     "rtcSetNewGeometryBuffer": (c_void_p, c_void_p, c_int, c_uint, c_int, c_size_t, c_size_t),
     "rtcCommitGeometry": (None, c_void_p), "rtcReleaseGeometry": (None, c_void_p),
@@ -33,6 +35,8 @@ class EmbreeMesh:
     ----------
     vertices : (V, 3)
     facets : (F, 3) int
+    has_sides : bool
+        Rays may meet facets of one side alone.
 
     Attributes
     ----------
@@ -45,9 +49,10 @@ class EmbreeMesh:
         embreex is not installed, not of Embree 4, or has no memory.
     """
 
-    def __init__(self, vertices: np.ndarray, facets: np.ndarray):
+    def __init__(self, vertices: np.ndarray, facets: np.ndarray, has_sides: bool = False):
         embree, device = library(), _device()
         self.scene = embree.rtcNewScene(device)
+        embree.rtcSetSceneFlags(self.scene, _FILTERED if has_sides else 0)
         self._release = weakref.finalize(self, embree.rtcReleaseScene, self.scene)
         geometry = embree.rtcNewGeometry(device, _TRIANGLES)
         for kind, form, values in ((_VERTEX, _FLOAT3, np.ascontiguousarray(vertices, np.float32)),

@@ -18,6 +18,7 @@ from ...base.rotations import sun_from_body
 from ...scene.scene import Body, Scene
 from ...scene.surface import Surface
 from ...view.view import BodyView, between
+from .exact_loops import ALL_SIDES, FACING, TURNED
 from .mesh import ANY_REACH, LEAST_LIFT, LIFT, Hits, RayMesh, dot
 
 RAYS_AT_ONCE = 1 << 13
@@ -135,12 +136,14 @@ class RayEngine:
             start, number = r_body_m.take(some, axis=1), facet.take(some)
             above = start + own.lift_m(number, LIFT) * own.normals.take(number, axis=0).T
             towards, reach_m = view.sun_direction_body if to_sun is None else to_sun.take(some, axis=1), ANY_REACH
+            sides = ALL_SIDES
             if place_m is not None:
-                towards = place_m[:, None] - start
+                # A back hides nothing from a camera, and shades all the same.
+                towards, sides = place_m[:, None] - start, TURNED
                 reach_m = np.sqrt(dot(towards, towards))
                 towards /= reach_m
             is_free[some] = self._has_free_line(start, above, towards, view, views, reach_m,
-                                                None if is_open is None else is_open.take(some))
+                                                None if is_open is None else is_open.take(some), sides)
 
         threads.run_in_parts(ask, len(asked), RAYS_AT_ONCE)
         return is_free
@@ -228,8 +231,8 @@ class RayEngine:
     def _first(self, ray_camera: np.ndarray, views: Iterable[BodyView]) -> list[tuple[int, Hits]]:
         """First hits of rays (3, N) from the camera: those of each body, by its number, that no other body hides."""
         views = list(views)
-        met = [(index, self._mesh(view, views).first(view.r_camera_body_m, view.camera_from_body.T @ ray_camera))
-               for index, view in enumerate(views) if view.is_visible]
+        met = [(index, self._mesh(view, views).first(view.r_camera_body_m, view.camera_from_body.T @ ray_camera,
+                                                     FACING)) for index, view in enumerate(views) if view.is_visible]
         if len(met) < 2:
             return met
         nearest, body = np.full(ray_camera.shape[1], np.inf), np.full(ray_camera.shape[1], -1)
@@ -251,11 +254,12 @@ class RayEngine:
             default=math.inf)
 
     def _has_free_line(self, start: np.ndarray, above: np.ndarray, towards: np.ndarray, view: BodyView,
-                       views: list[BodyView], reach_m: np.ndarray = ANY_REACH, is_open: np.ndarray | None = None
-                       ) -> np.ndarray:
+                       views: list[BodyView], reach_m: np.ndarray = ANY_REACH, is_open: np.ndarray | None = None,
+                       sides: int = ALL_SIDES) -> np.ndarray:
         """Whether points (3, N) [m] of a body have a free line in a direction (3,), or in one each (3, N).
 
-        Of the body itself from `above` its surface, but for points that are known to have one there (N,).
+        Facets of some sides are in its way: those of the body itself from `above` its surface, but for points that are
+        known to have one there (N,).
         """
         is_free = np.ones(start.shape[1], bool)
         for other in views:
@@ -268,7 +272,7 @@ class RayEngine:
             if not is_own:
                 place, direction = rotation @ place + offset[:, None], rotation @ direction
             is_free[rest] = ~self._mesh(other, views).blocks(
-                place.T, direction.T, reach_m if len(reach_m) == 1 else reach_m.take(rest))
+                place.T, direction.T, reach_m if len(reach_m) == 1 else reach_m.take(rest), sides)
         return is_free
 
 
@@ -276,7 +280,9 @@ class _Solid(RayMesh):
     """A body that rays may meet."""
 
     def __init__(self, body: Body):
-        super().__init__(body.drawn_shape.vertices_m, body.drawn_shape.facets, body.shape.other_side)
+        shape = body.drawn_shape
+        super().__init__(shape.vertices_m, shape.facets,
+                         not shape.report.is_watertight or shape.other_side is not None)
         self.surface = Surface(body)
         self.needs_weights = body.smooth_normals or body.albedo_map is not None
         self.is_uneven = self.needs_weights or body.relief is not None

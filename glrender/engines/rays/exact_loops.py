@@ -13,6 +13,8 @@ import numpy as np
 from glrender_camera.numba_loops import PLACE, POINTS, TABLE, compiled, inlined, read, write
 from numba.types import Tuple, boolean, float64, intp, void
 
+# Facets that rays meet: all, those that face where rays begin, and those that face where they go.
+ALL_SIDES, FACING, TURNED = 0, 1, -1
 # Deeper than any tree: of 2^60 facets.
 _DEPTH = 64
 # Share [1] of the distance of the farthest corner by which a ray may miss a box or an edge and still counts as a hit:
@@ -47,8 +49,8 @@ def _highest(a, b, c):
 
 
 @inlined
-def _distance(corners, i, place, ray, right, down):
-    """Distance from a place along a ray to facet i of some (F, 9); infinite where the ray misses it."""
+def _distance(corners, i, place, ray, right, down, sides):
+    """Distance from a place along a ray to facet i of some (F, 9); infinite where the ray misses a side of it."""
     ax, bx, cx = (_towards(corners, i, 0, place, right), _towards(corners, i, 3, place, right),
                   _towards(corners, i, 6, place, right))
     ay, by, cy = (_towards(corners, i, 0, place, down), _towards(corners, i, 3, place, down),
@@ -63,14 +65,14 @@ def _distance(corners, i, place, ray, right, down):
     far = _ROUNDING * max(max(high_x, -low_x), max(max(high_y, -low_y), max(high_z, -low_z)))
     # A side is no longer than the box across the ray; a place outside the box is on no side.
     if (least >= -far * (high_x - low_x + high_y - low_y) and low_x <= far and high_x >= -far and low_y <= far
-            and high_y >= -far):
+            and high_y >= -far and sides * area <= 0.0):
         # A facet that is seen edge-on makes the quotient noise: the place is between its corners all the same.
         found = min(max(az + (v * (bz - az) + w * (cz - az)) / area, low_z), high_z)
     return found
 
 
-@compiled(Tuple((intp, float64))(TABLE, TABLE, intp, PLACE, PLACE, float64, boolean, write(intp, 1)))
-def _walk(boxes, corners, n_leaves, place, ray, reach, is_any, stack):
+@compiled(Tuple((intp, float64))(TABLE, TABLE, intp, PLACE, PLACE, float64, intp, boolean, write(intp, 1)))
+def _walk(boxes, corners, n_leaves, place, ray, reach, sides, is_any, stack):
     """The first facet that a ray meets within a reach, or any, and how far off; -1 if it meets none."""
     inverse = (1.0 / ray[0] if ray[0] != 0.0 else math.inf, 1.0 / ray[1] if ray[1] != 0.0 else math.inf,
                1.0 / ray[2] if ray[2] != 0.0 else math.inf)
@@ -101,7 +103,7 @@ def _walk(boxes, corners, n_leaves, place, ray, reach, is_any, stack):
             continue
         leaf = node - n_leaves
         for i in range(leaf * n_facets // n_leaves, (leaf + 1) * n_facets // n_leaves):
-            distance = _distance(corners, i, place, ray, right, down)
+            distance = _distance(corners, i, place, ray, right, down, sides)
             if 0.0 < distance < nearest:
                 hit, nearest = i, distance
                 if is_any:
@@ -109,21 +111,22 @@ def _walk(boxes, corners, n_leaves, place, ray, reach, is_any, stack):
     return hit, nearest
 
 
-@compiled(void(TABLE, TABLE, intp, POINTS, POINTS, write(intp, 1), write(float64, 1)))
-def find_first(boxes, corners, n_leaves, start_m, direction, facet, distance_m):
+@compiled(void(TABLE, TABLE, intp, POINTS, POINTS, intp, write(intp, 1), write(float64, 1)))
+def find_first(boxes, corners, n_leaves, start_m, direction, sides, facet, distance_m):
     """Write which facets (N,) rays from points (3, 1 or N) in directions (3, N) meet first, or -1, and how far off."""
     stack = np.empty(_DEPTH, np.intp)
     for i in range(direction.shape[1]):
         j = i if start_m.shape[1] > 1 else 0
         facet[i], distance_m[i] = _walk(boxes, corners, n_leaves, (start_m[0, j], start_m[1, j], start_m[2, j]),
-                                        (direction[0, i], direction[1, i], direction[2, i]), math.inf, False, stack)
+                                        (direction[0, i], direction[1, i], direction[2, i]), math.inf, sides, False,
+                                        stack)
 
 
-@compiled(void(TABLE, TABLE, intp, POINTS, POINTS, read(float64, 1), write(boolean, 1)))
-def find_blocked(boxes, corners, n_leaves, start_m, direction, reach_m, found):
+@compiled(void(TABLE, TABLE, intp, POINTS, POINTS, read(float64, 1), intp, write(boolean, 1)))
+def find_blocked(boxes, corners, n_leaves, start_m, direction, reach_m, sides, found):
     """Write whether rays from points (3, N) in directions (3, 1 or N) meet a facet within a reach (1 or N,)."""
     stack = np.empty(_DEPTH, np.intp)
     for i in range(start_m.shape[1]):
         j, k = i if direction.shape[1] > 1 else 0, i if len(reach_m) > 1 else 0
         found[i] = _walk(boxes, corners, n_leaves, (start_m[0, i], start_m[1, i], start_m[2, i]),
-                         (direction[0, j], direction[1, j], direction[2, j]), reach_m[k], True, stack)[0] >= 0
+                         (direction[0, j], direction[1, j], direction[2, j]), reach_m[k], sides, True, stack)[0] >= 0

@@ -38,24 +38,28 @@ class ExactMesh:
             boxes[n:2 * n, :3] = np.minimum(left[:, :3], right[:, :3])
             boxes[n:2 * n, 3:] = np.maximum(left[:, 3:], right[:, 3:])
 
-    def first(self, origin_m: np.ndarray, ray: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def first(self, origin_m: np.ndarray, ray: np.ndarray, sides: int = exact_loops.ALL_SIDES
+              ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Rays (K,) of (3, N) from points (3, 1 or N) [m] that meet the shape, their facets, and distances [m]."""
         facet, distance_m = np.empty(ray.shape[1], np.intp), np.empty(ray.shape[1])
-        exact_loops.find_first(self._boxes, self._corners, self._n_leaves, origin_m, ray, facet, distance_m)
+        exact_loops.find_first(self._boxes, self._corners, self._n_leaves, origin_m, ray, sides, facet, distance_m)
         place = np.flatnonzero(facet >= 0)
         return place, self._order.take(facet.take(place)), distance_m.take(place)
 
-    def hit(self, origin_m: np.ndarray, ray: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def hit(self, origin_m: np.ndarray, ray: np.ndarray, sides: int = exact_loops.ALL_SIDES
+            ) -> tuple[np.ndarray, np.ndarray]:
         """Facet (N,) or -1, and distance (N,) [m] or infinity, of rays (N, 3) from a point or points (3,), (N, 3)."""
-        place, met, distance_m = self.first(np.transpose(origin_m).reshape(3, -1), ray.T)
+        place, met, distance_m = self.first(np.transpose(origin_m).reshape(3, -1), ray.T, sides)
         facet, distance = np.full(len(ray), -1), np.full(len(ray), np.inf)
         facet[place], distance[place] = met, distance_m
         return facet, distance
 
-    def are_blocked(self, start_m: np.ndarray, direction: np.ndarray, reach_m: np.ndarray) -> np.ndarray:
+    def are_blocked(self, start_m: np.ndarray, direction: np.ndarray, reach_m: np.ndarray,
+                    sides: int = exact_loops.ALL_SIDES) -> np.ndarray:
         """Whether rays (3, 1 or N) from points (3, N) [m] meet the shape within a reach (1 or N,) [m]: (N,) bool."""
         found = np.empty(start_m.shape[1], bool)
-        exact_loops.find_blocked(self._boxes, self._corners, self._n_leaves, start_m, direction, reach_m, found)
+        exact_loops.find_blocked(self._boxes, self._corners, self._n_leaves, start_m, direction, reach_m, sides,
+                                 found)
         return found
 
 

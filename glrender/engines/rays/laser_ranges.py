@@ -13,6 +13,7 @@ from ...base.names import MAX_DIRECTIONS
 from ...scene.scene import Scene
 from ...view.state import State
 from ...view.view import view_bodies
+from .exact_loops import FACING
 from .exact_rays import exact_mesh
 
 if TYPE_CHECKING:
@@ -98,7 +99,7 @@ def laser_ranges(scene: Scene, state: State, directions_camera: ArrayLike, camer
     views = view_bodies(state, pinhole, scene.hulls)
     for index, (body, view) in enumerate(zip(scene.bodies, views, strict=True)):
         ray_body = rays @ view.camera_from_body
-        facet, distance = exact_mesh(body.drawn_shape).hit(view.r_camera_body_m, ray_body)
+        facet, distance = exact_mesh(body.drawn_shape).hit(view.r_camera_body_m, ray_body, FACING)
         nearer = np.flatnonzero(distance < nearest)
         nearest[nearer], body_id[nearer], facet_id[nearer] = distance[nearer], index, facet[nearer]
         normal = body.drawn_shape.facet_normals[facet[nearer]]

@@ -11,7 +11,8 @@ import math
 import numpy as np
 from glrender_camera.numba_loops import PLACE, POINTS, compiled, inlined, read, write
 from llvmlite import binding
-from numba import types
+from numba import carray, cfunc, types
+from numba.extending import intrinsic
 from numba.types import Tuple, boolean, float32, float64, int32, intp, uint8, uint32, uintp, void
 
 from .embree import library
@@ -26,8 +27,9 @@ _FAR = np.float32(1e30)
 _LANES = 8
 _NEAR, _TOWARDS, _END, _MASK, _PRIMITIVE, _GEOMETRY, _ROWS = 3, 4, 8, 9, 17, 18, 21
 _NONE = np.uint32(0xFFFFFFFF)
-# RTCIntersectArguments, in words: that rays go the same way, and all that a mesh may have.
-_COHERENT, _ALIGNED_WORDS = (1 << 16, 0xFFFFFFFF), 16
+# RTCIntersectArguments and RTCOccludedArguments, in words: that rays go the same way, that a filter is asked, and all
+# that a mesh may have; and which pair of words is the filter.
+_COHERENT, _FILTERED, _ALL, _FILTER, _ALIGNED_WORDS = 1 << 16, 1 << 1, 0xFFFFFFFF, 2, 16
 # Points in a row that share what rays find where heights tell something else: each looks once in every other one of the
 # spans between these steps of 255 of a sine, at and between azimuths; so much nearer a height they do not, nor between
 # two.
@@ -40,6 +42,35 @@ for _name in ("rtcOccluded8", "rtcIntersect8"):
 _rtc_occluded = types.ExternalFunction("rtcOccluded8", void(uintp, uintp, uintp, uintp))
 _rtc_intersect = types.ExternalFunction("rtcIntersect8", void(uintp, uintp, uintp, uintp))
 _RAYS, _VALID = write(float32, 2), write(int32, 1)
+
+
+@intrinsic
+def _floats_at(context, address):
+    """The float32 numbers at an address."""
+    pointer = types.CPointer(float32)
+    return pointer(address), lambda target, builder, signature, args: builder.inttoptr(
+        args[0], target.get_value_type(pointer))
+
+
+def _filter(is_left_out):
+    """Address of a filter of Embree's that leaves hits out by the product of their normals and rays."""
+    @cfunc(void(types.voidptr))
+    def leave_out(arguments):
+        # RTCFilterFunctionNArguments: valid, two more, RTCRayN, RTCHitN, and how many there are.
+        words = carray(arguments, 6, np.uint64)
+        valid, ray, hit, n = _floats_at(words[0]), _floats_at(words[3]), _floats_at(words[4]), intp(words[5] & _ALL)
+        for k in range(n):
+            across = 0.0
+            for axis in range(3):
+                across += ray[(_TOWARDS + axis) * n + k] * hit[axis * n + k]
+            if is_left_out * across > 0.0:
+                valid[k] = float32(0.0)
+    return leave_out
+
+
+_filters = [_filter(sign) for sign in (1.0, -1.0)]
+FILTERS = (0, *(each.address for each in _filters))
+"""Filters of hits by the sides of facets, as `exact_loops` counts them: 0, 1, -1."""
 
 
 @compiled(write(uint32, 1)(intp))
@@ -84,30 +115,40 @@ def _first_are_valid(valid, n):
 
 
 @inlined
-def _look_for_blocks(scene, rays, valid, n):
+def _arguments(flags, filter):
+    """Embree's arguments of rays with a filter, or without one (0)."""
+    arguments = _aligned(_ALIGNED_WORDS)
+    arguments[0], arguments[1] = flags | (_FILTERED if filter else 0), _ALL
+    arguments.view(np.uint64)[_FILTER] = filter
+    return arguments
+
+
+@inlined
+def _look_for_blocks(scene, rays, valid, n, arguments):
     """See which of the first n rays meet a mesh: those end at minus infinity then."""
     _first_are_valid(valid, n)
-    _rtc_occluded(valid.ctypes.data, scene, rays.ctypes.data, 0)
+    _rtc_occluded(valid.ctypes.data, scene, rays.ctypes.data, arguments)
 
 
-@compiled(void(uintp, _RAYS, _VALID, read(intp, 1), intp, write(boolean, 1)))
-def _tell_blocked(scene, rays, valid, which, n, found):
+@compiled(void(uintp, _RAYS, _VALID, read(intp, 1), intp, uintp, write(boolean, 1)))
+def _tell_blocked(scene, rays, valid, which, n, arguments, found):
     """Write which points' rays, the first n, meet a mesh."""
     if n == 0:
         return
-    _look_for_blocks(scene, rays, valid, n)
+    _look_for_blocks(scene, rays, valid, n, arguments)
     for lane in range(n):
         if rays[_END, lane] < 0.0:
             found[which[lane]] = True
 
 
-@compiled(void(uintp, POINTS, POINTS, read(float64, 1), float64, write(boolean, 1)))
-def find_blocked(scene, start_m, direction, reach_m, radius_m, found):
+@compiled(void(uintp, POINTS, POINTS, read(float64, 1), float64, uintp, write(boolean, 1)))
+def find_blocked(scene, start_m, direction, reach_m, radius_m, filter, found):
     """Whether rays from points (3, N) [m] in directions (3, 1 or N) meet a mesh within a reach (1 or N,) [m].
 
-    The mesh is in units of its radius [m].
+    The mesh is in units of its radius [m]; its facets count as one of the `FILTERS` has it.
     """
     (rays, _, valid), which, n = _new_rays(), np.empty(_LANES, np.intp), 0
+    arguments = _arguments(0, filter)
     found[:] = False
     for i in range(start_m.shape[1]):
         j, k = i if direction.shape[1] > 1 else 0, i if len(reach_m) > 1 else 0
@@ -115,9 +156,9 @@ def find_blocked(scene, start_m, direction, reach_m, radius_m, found):
         n += _aim(rays, n, (start_m[0, i] / radius_m, start_m[1, i] / radius_m, start_m[2, i] / radius_m),
                   (direction[0, j], direction[1, j], direction[2, j]), reach_m[k] / radius_m)
         if n == _LANES:
-            _tell_blocked(scene, rays, valid, which, n, found)
+            _tell_blocked(scene, rays, valid, which, n, arguments.ctypes.data, found)
             n = 0
-    _tell_blocked(scene, rays, valid, which, n, found)
+    _tell_blocked(scene, rays, valid, which, n, arguments.ctypes.data, found)
 
 
 @inlined
@@ -157,7 +198,7 @@ def _stands_else(scene, rays, valid, place, axes, i, normal, azimuths, in_row, h
                 is_below[n] = step < low
                 n += 1
             if n == _LANES or n and k == n_azimuths - 1 and j + 2 >= len(_LOOKS) - 1:
-                _look_for_blocks(scene, rays, valid, n)
+                _look_for_blocks(scene, rays, valid, n, 0)
                 for lane in range(n):
                     if (rays[_END, lane] < 0.0) != is_below[lane]:
                         return True
@@ -197,7 +238,7 @@ def find_heights(scene, radius_m, points_m, normals, axes, lift_m, azimuths, unk
                         which[n] = k
                         n, n_left = n + 1, n_left + 1
                     if n == _LANES or n and k == n_azimuths:
-                        _look_for_blocks(scene, rays, valid, n)
+                        _look_for_blocks(scene, rays, valid, n, 0)
                         for lane in range(n):
                             m = which[lane]
                             if rays[_END, lane] < 0.0:
@@ -215,17 +256,18 @@ def find_heights(scene, radius_m, points_m, normals, axes, lift_m, azimuths, unk
 
 
 @compiled(Tuple((write(intp, 1), write(intp, 1), write(float64, 1), write(float64, 2), write(float64, 2)))(
-    uintp, POINTS, POINTS, float64, POINTS, read(float64, 1)))
-def find_first(scene, start_m, direction, radius_m, normals, offset_m):
+    uintp, POINTS, POINTS, float64, POINTS, read(float64, 1), uintp))
+def find_first(scene, start_m, direction, radius_m, normals, offset_m, filter):
     """First hits on a mesh in units of its radius [m], by rays from points (3, 1 or N) [m] in directions (3, N).
+
+    On facets as one of the `FILTERS` has it.
 
     Their numbers (K,), the facets (K,), distances (K,) [m] to the facets' planes, rays and normals (3, K).
     """
     n_rays = direction.shape[1]
     place, facet, distance_m = np.empty(n_rays, np.intp), np.empty(n_rays, np.intp), np.empty(n_rays)
     found_rays, normal = np.empty((3, n_rays)), np.empty((3, n_rays))
-    (rays, bits, valid), which, arguments = _new_rays(), np.empty(_LANES, np.intp), _aligned(_ALIGNED_WORDS)
-    arguments[0], arguments[1] = _COHERENT
+    (rays, bits, valid), which, arguments = _new_rays(), np.empty(_LANES, np.intp), _arguments(_COHERENT, filter)
     n, n_aimed = 0, 0
     for i in range(n_rays):
         j = i if start_m.shape[1] > 1 else 0

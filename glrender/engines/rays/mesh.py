@@ -6,7 +6,7 @@ Vectors stand in columns (3, N) here: NumPy then reads memory in order, several 
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
@@ -15,6 +15,7 @@ from ...base.errors import DeviceError
 from ...scene.shape.shape import longest_sides_m
 from ...view.view import FINE_FOOTPRINT
 from .embree import EmbreeMesh
+from .exact_loops import ALL_SIDES
 from .exact_rays import ExactMesh
 
 try:
@@ -76,8 +77,8 @@ class RayMesh:
     vertices_m : (V, 3) float64 [m]
     facets : (F, 3) int
         Counter-clockwise from outside.
-    other_side : (F,) int, optional
-        The facet that is the other side of each, in the same place, or -1: rays meet the one that they face.
+    has_backs : bool
+        Rays may meet facets from behind: of shells that are open, and of panels with both sides.
 
     Attributes
     ----------
@@ -94,8 +95,8 @@ class RayMesh:
         embreex is not installed.
     """
 
-    def __init__(self, vertices_m: np.ndarray, facets: np.ndarray, other_side: np.ndarray | None = None):
-        self.facets, self._other_side = facets, other_side
+    def __init__(self, vertices_m: np.ndarray, facets: np.ndarray, has_backs: bool = False):
+        self.facets, self.has_backs = facets, has_backs
         self.radius_m = float(np.linalg.norm(vertices_m, axis=1).max())
         corners = vertices_m[facets]
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -105,7 +106,7 @@ class RayMesh:
                                     _MOST_UNSURE * self.radius_m)
         self.normals = normals
         self.offset_m = dot(normals.T, corners[:, 0].T)
-        self._mesh = EmbreeMesh(vertices_m / self.radius_m, facets)
+        self._mesh = EmbreeMesh(vertices_m / self.radius_m, facets, has_backs)
         self.vertices_m, self._lock = vertices_m, threading.Lock()
 
     def at(self, footprint_m: float) -> RayMesh:
@@ -131,29 +132,22 @@ class RayMesh:
         height_m = dot(normal, r_body_m) - self.offset_m.take(facet)
         return r_body_m + normal * (self.lift_m(facet, least) - height_m)
 
-    def first(self, origin_m: np.ndarray, ray: np.ndarray) -> Hits:
-        """First hits of rays (3, N) from a point (3,) [m], or from points (3, N)."""
+    def first(self, origin_m: np.ndarray, ray: np.ndarray, sides: int = ALL_SIDES) -> Hits:
+        """First hits of rays (3, N) from a point (3,) [m], or from points (3, N), on facets of some sides."""
         place, facet, distance_m, ray, normal = ray_loops.find_first(
-            self._mesh.scene, origin_m.reshape(3, -1), ray, self.radius_m, self.normals.T, self.offset_m)
-        return self._faced(Hits(place=place, facet=facet, distance_m=distance_m, ray=ray, normal=normal))
+            self._mesh.scene, origin_m.reshape(3, -1), ray, self.radius_m, self.normals.T, self.offset_m,
+            ray_loops.FILTERS[self.has_backs * sides])
+        return Hits(place=place, facet=facet, distance_m=distance_m, ray=ray, normal=normal)
 
-    def _faced(self, hits: Hits) -> Hits:
-        """Hits of the sides that the rays face: of two in one place either may be met first."""
-        if self._other_side is None:
-            return hits
-        other = self._other_side.take(hits.facet)
-        is_turned = (other >= 0) & (dot(hits.ray, hits.normal) > 0.0)
-        return replace(hits, facet=np.where(is_turned, other, hits.facet),
-                       normal=np.where(is_turned, -hits.normal, hits.normal))
-
-    def blocks(self, start_m: np.ndarray, direction: np.ndarray, reach_m: np.ndarray = ANY_REACH) -> np.ndarray:
+    def blocks(self, start_m: np.ndarray, direction: np.ndarray, reach_m: np.ndarray = ANY_REACH,
+               sides: int = ALL_SIDES) -> np.ndarray:
         """Whether rays from points (N, 3) [m] in one direction (3,), or one each (N, 3), meet the shape: (N,) bool.
 
-        Within a reach [m] of all (1,), or of each (N,).
+        Within a reach [m] of all (1,), or of each (N,), on facets of some sides: `exact_loops`.
         """
         is_blocked = np.zeros(len(start_m), bool)
         ray_loops.find_blocked(self._mesh.scene, start_m.T, np.transpose(direction).reshape(3, -1), reach_m,
-                               self.radius_m, is_blocked)
+                               self.radius_m, ray_loops.FILTERS[self.has_backs * sides], is_blocked)
         return is_blocked
 
     def heights(self, points_m: np.ndarray, normals: np.ndarray, axes: np.ndarray, azimuths: np.ndarray,
@@ -170,7 +164,7 @@ class _FineMesh(RayMesh):
         self.facets, self.radius_m, self.normals = coarse.facets, coarse.radius_m, coarse.normals
         self.offset_m, self.vertices_m = coarse.offset_m, coarse.vertices_m
         self._unsure_m = _FINE * coarse._unsure_m
-        self._other_side = coarse._other_side
+        self.has_backs = coarse.has_backs
         self._exact = ExactMesh(coarse.vertices_m, coarse.facets)
 
     def at(self, footprint_m: float) -> RayMesh:
@@ -179,10 +173,12 @@ class _FineMesh(RayMesh):
     def lift_m(self, facet: np.ndarray, least: float) -> np.ndarray:
         return super().lift_m(facet, _FINE * least)
 
-    def first(self, origin_m: np.ndarray, ray: np.ndarray) -> Hits:
-        place, facet, distance_m = self._exact.first(origin_m.reshape(3, -1), ray)
-        return self._faced(Hits(place=place, facet=facet, distance_m=distance_m, ray=ray.take(place, axis=1),
-                                 normal=self.normals.T.take(facet, axis=1)))
+    def first(self, origin_m: np.ndarray, ray: np.ndarray, sides: int = ALL_SIDES) -> Hits:
+        place, facet, distance_m = self._exact.first(origin_m.reshape(3, -1), ray, self.has_backs * sides)
+        return Hits(place=place, facet=facet, distance_m=distance_m, ray=ray.take(place, axis=1),
+                    normal=self.normals.T.take(facet, axis=1))
 
-    def blocks(self, start_m: np.ndarray, direction: np.ndarray, reach_m: np.ndarray = ANY_REACH) -> np.ndarray:
-        return self._exact.are_blocked(start_m.T, np.transpose(direction).reshape(3, -1), reach_m)
+    def blocks(self, start_m: np.ndarray, direction: np.ndarray, reach_m: np.ndarray = ANY_REACH,
+               sides: int = ALL_SIDES) -> np.ndarray:
+        return self._exact.are_blocked(start_m.T, np.transpose(direction).reshape(3, -1), reach_m,
+                                       self.has_backs * sides)

@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from glrender_camera.validate import integer, within
+from glrender_camera.validate import integer, one_of, within
 
 from ...base.errors import ShapeError, error_path
 from .edges import Edges
@@ -17,6 +17,8 @@ from .shells import WELD_RTOL, are_all_different, of_one_diagonal, seams, wound
 
 _log = logging.getLogger(__name__)
 
+SIDES = ("file", "front", "both")
+"""Sides of open shells that are seen and lit."""
 _METRES_PER_UNIT = {"m": 1.0, "km": 1000.0}
 # Facets whose edges are enough to measure a shape's roughness.
 _CREASE_FACETS = 100_000
@@ -101,7 +103,8 @@ class Shape:
     other_side: np.ndarray | None = None
 
     @classmethod
-    def from_file(cls, path: str | Path, *, length_unit: str | float, max_facets: int = MAX_FACETS) -> Shape:
+    def from_file(cls, path: str | Path, *, length_unit: str | float, max_facets: int = MAX_FACETS,
+                  sides: str = "file") -> Shape:
         """Read, check and repair a shape file.
 
         Parameters
@@ -111,27 +114,31 @@ class Shape:
         length_unit : "m", "km" or float
             Length unit of the file; metres per unit when a number, 1e-9..1e9.
         max_facets : int
+        sides : {"file", "front", "both"}
+            Which sides of open shells are there, as panels: those that the file gives, the front of each facet alone,
+            or both. Closed shells are seen from outside.
 
         Raises
         ------
         ShapeError
             With the file's name, the rule and the value.
         """
-        path = Path(path)
-        scale = metres_per_unit(length_unit)
+        path, scale = Path(path), metres_per_unit(length_unit)
+        one_of("sides", sides, SIDES)
         with error_path(path.name):
             mesh = read_shape_file(path, integer("max_facets", max_facets, 1, 2**31 - 1))
             # A number as long as 1e308 becomes infinite here and is refused as such.
             with np.errstate(over="ignore"):
                 vertices_m = mesh.vertices * scale
-            shape = cls.from_arrays(vertices_m, mesh.facets, uv=mesh.uv)
+            shape = cls.from_arrays(vertices_m, mesh.facets, uv=mesh.uv, sides=sides)
         messages = (*mesh.warnings, *_unit_doubt(shape), *shape.report.warnings)
         for text in messages:
             _log.warning("%s: %s", path.name, text)
         return replace(shape, report=replace(shape.report, warnings=messages))
 
     @classmethod
-    def from_arrays(cls, vertices_m: np.ndarray, facets: np.ndarray, *, uv: np.ndarray | None = None) -> Shape:
+    def from_arrays(cls, vertices_m: np.ndarray, facets: np.ndarray, *, uv: np.ndarray | None = None,
+                    sides: str = "file") -> Shape:
         """Check and repair a mesh: weld, drop what has no area, turn outward.
 
         Parameters
@@ -141,11 +148,14 @@ class Shape:
         facets : (F, 3) int
             From 0.
         uv : (F, 3, 2) float, optional
+        sides : {"file", "front", "both"}
+            As of `from_file`: "file" takes the facets as they are.
 
         Raises
         ------
         ShapeError
         """
+        one_of("sides", sides, SIDES)
         try:
             vertices, facets = np.asarray(vertices_m, np.float64), np.asarray(facets)
             uv = None if uv is None else np.asarray(uv, np.float32)
@@ -168,7 +178,7 @@ class Shape:
                              facets[wrong].tolist(), "plate models count from 1, trimesh from 0")
         if uv is not None and (uv.shape != (*facets.shape, 2) or not np.isfinite(uv).all()):
             raise ShapeError("uv", f"must be {(*facets.shape, 2)} finite numbers", uv.shape)
-        return _repaired(vertices, facets.astype(np.int64), uv)
+        return _repaired(vertices, facets.astype(np.int64), uv, sides)
 
     @cached_property
     def radius_m(self) -> float:
@@ -236,7 +246,7 @@ class Shape:
         Path(path).write_text("\n".join(lines) + "\n", encoding="ascii")
 
 
-def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None) -> Shape:
+def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None, sides: str) -> Shape:
     used, facets = np.unique(facets, return_inverse=True)
     facets = facets.reshape(-1, 3)
     n_unused, vertices = len(vertices) - len(used), vertices[used]
@@ -254,20 +264,27 @@ def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None) -
     rank = np.empty(len(order), np.int64)
     rank[order] = np.arange(len(order))
     n_welded, vertices, facets = len(vertices) - len(first), vertices[first[order]], rank[same][facets]
-    facets, uv, n_degenerate, n_duplicate = _without_copies(facets, uv)
+    # Which of the given corners each corner was.
+    corners = np.arange(facets.size).reshape(-1, 3)
+    kept, n_degenerate, n_duplicate = _without_copies(facets)
+    facets, corners = facets[kept], corners[kept]
     edges = Edges(facets)
     welded, tolerance_m, gap_m = seams(vertices, edges)
     n_seam = int((welded != np.arange(len(vertices))).sum())
     if n_seam:
-        facets, uv, *more = _without_copies(welded[facets], uv)
+        kept, *more = _without_copies(welded[facets])
+        facets, corners = welded[facets[kept]], corners[kept]
         n_degenerate, n_duplicate, edges = n_degenerate + more[0], n_duplicate + more[1], Edges(facets)
     if (changed := of_one_diagonal(vertices, facets, edges)) is not None:
-        facets, uv = changed[0], None if uv is None else uv.reshape(-1, 2)[changed[1]]
+        facets, corners = changed[0], corners.ravel()[changed[1]]
         edges = Edges(facets)
     shells = wound(vertices, facets, edges)
-    facets, flipped, solid = shells.facets, shells.is_flipped, shells.is_solid
-    if uv is not None:
-        uv = np.where(flipped[:, None, None], uv[:, [0, 2, 1]], uv)
+    flipped, corners = shells.is_flipped, _turned(corners, shells.is_flipped)
+    if sides == "both" and shells.is_open.any():
+        facets, corners = (np.concatenate([each, each[shells.is_open][:, ::-1]]) for each in (shells.facets, corners))
+        flipped, shells = np.pad(flipped, (0, len(facets) - len(flipped))), wound(vertices, facets, Edges(facets))
+        flipped, corners = flipped | shells.is_flipped, _turned(corners, shells.is_flipped)
+    facets, solid = shells.facets, shells.is_solid
     # Facets without an area close their neighbours' edges, and are left out only after shells are known.
     corner = vertices[facets]
     area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
@@ -277,10 +294,9 @@ def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None) -
     n_degenerate += int((~kept).sum())
     if not kept.any():
         raise ShapeError("", "has no facet with an area", n_degenerate)
-    facets, solid, flipped, uv = facets[kept], solid[kept], flipped[kept], None if uv is None else uv[kept]
+    facets, solid, uv = facets[kept], solid[kept], None if uv is None else uv.reshape(-1, 2)[corners[kept]]
     volume = _volume(vertices, facets)
-    extents = tuple(float(x) for x in np.ptp(vertices, axis=0))
-    n_flipped = int(flipped.sum())
+    extents, n_flipped = tuple(float(x) for x in np.ptp(vertices, axis=0)), int(flipped[kept].sum())
     leftover, facets = np.unique(facets, return_inverse=True)
     n_unused, vertices = n_unused + len(vertices) - len(leftover) - n_seam, vertices[leftover]
     facets = facets.reshape(-1, 3)
@@ -310,7 +326,8 @@ def _warnings(report: ShapeReport, n_holed_edges: int) -> tuple[str, ...]:
                         "through, and it is not turned outward; close them in the program that made the shape")
     if n_open:
         messages.append(f"{n_open} open edges of a surface that encloses nothing, as terrain: it is seen and lit from "
-                        "the front of its facets alone; if it is dark from above, wind them the other way")
+                        "the front of its facets alone; if it is dark from above, wind them the other way, and take "
+                        "sides = \"both\" of panels")
     if report.n_non_manifold_edges:
         messages.append(f"{report.n_non_manifold_edges} edges with more than two facets: surfaces part there, and one "
                         "that is not closed without the others is not turned outward; leave out walls that nobody sees")
@@ -331,8 +348,13 @@ def _warnings(report: ShapeReport, n_holed_edges: int) -> tuple[str, ...]:
     return tuple(messages)
 
 
-def _without_copies(facets: np.ndarray, uv: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None, int, int]:
-    """Facets with three corners, each side of one once, and how many of both kinds are left out."""
+def _turned(rows: np.ndarray, is_turned: np.ndarray) -> np.ndarray:
+    """Rows (F, 3), of which some (F,) are the other way around."""
+    return np.where(is_turned[:, None], rows[:, [0, 2, 1]], rows)
+
+
+def _without_copies(facets: np.ndarray) -> tuple[np.ndarray, int, int]:
+    """Numbers of facets with three corners, each side of one once, and how many of both kinds are left out."""
     a, b, c = facets.T
     kept = np.flatnonzero((a != b) & (b != c) & (c != a))
     if not len(kept):
@@ -342,9 +364,7 @@ def _without_copies(facets: np.ndarray, uv: np.ndarray | None) -> tuple[np.ndarr
         first = np.argmin(facets[kept], axis=1)
         turned = np.take_along_axis(facets[kept], (first[:, None] + np.arange(3)) % 3, axis=1)
         once = kept[np.sort(np.unique(turned, axis=0, return_index=True)[1])]
-    if len(once) < len(facets):
-        facets, uv = facets[once], None if uv is None else uv[once]
-    return facets, uv, n_degenerate, len(kept) - len(once)
+    return once, n_degenerate, len(kept) - len(once)
 
 
 def _other_sides(facets: np.ndarray) -> np.ndarray:

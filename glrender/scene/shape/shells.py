@@ -39,6 +39,8 @@ class Shells:
         Which facets were turned over.
     is_solid : (F,) bool
         Which belong to a shell that has an inside: closed, or closed but for holes.
+    is_open : (F,) bool
+        Which belong to a shell that is not closed, and are there with one side.
     n_shells, n_two_sided : int
         Shells, and facets that are there with both their sides.
     n_open_edges, n_holed_edges, n_non_manifold_edges : int
@@ -48,6 +50,7 @@ class Shells:
     facets: np.ndarray
     is_flipped: np.ndarray
     is_solid: np.ndarray
+    is_open: np.ndarray
     n_shells: int
     n_two_sided: int
     n_open_edges: int
@@ -135,12 +138,12 @@ def wound(vertices: np.ndarray, facets: np.ndarray, edges: Edges) -> Shells:
     Facets that share an edge with one other are of one shell. Within a shell, winding is made that of most of its
     facets. A closed shell is turned outward by its signed volume.
     """
-    is_flipped, is_solid = np.zeros(len(facets), bool), np.zeros(len(facets), bool)
+    is_flipped, is_solid, is_open = np.zeros((3, len(facets)), bool)
     is_twin = _are_twins(facets)
     single = np.flatnonzero(~is_twin)
     n_twin_shells = _n_pieces(facets[is_twin])
     if not len(single):
-        return Shells(facets=facets, is_flipped=is_flipped, is_solid=is_solid, n_shells=n_twin_shells,
+        return Shells(facets=facets, is_flipped=is_flipped, is_solid=is_solid, is_open=is_open, n_shells=n_twin_shells,
                       n_two_sided=len(facets) // 2, n_open_edges=0, n_holed_edges=0, n_non_manifold_edges=0)
     rest = facets[single]
     if is_twin.any():
@@ -164,10 +167,10 @@ def wound(vertices: np.ndarray, facets: np.ndarray, edges: Edges) -> Shells:
     rest = np.where(is_inward[shell][:, None], rest[:, [0, 2, 1]], rest)
     facets = facets.copy()
     facets[single], is_flipped[single] = rest, flipped ^ is_inward[shell]
-    is_solid[single] = ((is_closed | is_holed) & has_volume)[shell]
+    is_solid[single], is_open[single] = ((is_closed | is_holed) & has_volume)[shell], ~is_closed[shell]
     open_sides, _ = edges.sides(edges.size == 1)
     return Shells(
-        facets=facets, is_flipped=is_flipped, is_solid=is_solid, n_shells=n_shells + n_twin_shells,
+        facets=facets, is_flipped=is_flipped, is_solid=is_solid, is_open=is_open, n_shells=n_shells + n_twin_shells,
         n_two_sided=int(is_twin.sum()) // 2,
         n_open_edges=len(open_sides), n_holed_edges=int(is_holed[shell[open_sides // 3]].sum()),
         n_non_manifold_edges=int((edges.size > 2).sum()))

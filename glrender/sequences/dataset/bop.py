@@ -17,6 +17,7 @@ import numpy as np
 from glrender_camera import PinholeCamera
 
 from ...base.rotations import dcm
+from ...engines.rays.exact_loops import FACING
 from ...engines.rays.exact_rays import exact_mesh
 from ...scene.body import Body
 from ...scene.scene import Scene
@@ -112,7 +113,7 @@ class Outline:
     def _met(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Whether rays meet the body at columns (W,) and rows (H,) [px]: (H, W) bool."""
         rays = self._camera.directions(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2).astype(float))
-        facet, _ = self._mesh.hit(self._view.r_camera_body_m, rays @ self._view.camera_from_body)
+        facet, _ = self._mesh.hit(self._view.r_camera_body_m, rays @ self._view.camera_from_body, FACING)
         return (facet >= 0).reshape(len(y), len(x))
 
 

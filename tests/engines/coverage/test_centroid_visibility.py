@@ -69,13 +69,13 @@ def sphere_flux(law, phase_deg):
     return float((light * weight[:, None]).sum() * 2.0 * np.pi / 1200)
 
 
-@pytest.mark.parametrize("law, phase_deg, by_centroids", [
-    (GREY, 60.0, True), (Highlight(width_rad=0.05), 10.0, False), (Highlight(width_rad=0.05), 60.0, False),
-    (Highlight(width_rad=2.0), 60.0, True), (Minnaert(normal_albedo=0.3, exponent=0.6), 60.0, False)],
-    ids=["Lambert", "narrow, 10 deg", "narrow", "wide", "steep at the limb"])
+@pytest.mark.parametrize("law, phase_deg, by_centroids", slow_but([
+    (GREY, 60.0, True), (Highlight(width_rad=0.05), 60.0, False),
+    (Minnaert(normal_albedo=0.3, exponent=0.6), 60.0, False), (Highlight(width_rad=0.05), 10.0, False),
+    (Highlight(width_rad=2.0), 60.0, True)], 0, 1, 2))
 def test_a_table_is_taken_only_of_laws_that_it_holds(law, phase_deg, by_centroids):
     """The flux of a sphere to 0.3 %, by quadrature: facets are clipped where a table would miss the highlight."""
-    scene = views.scene([views.sphere(law, subdivisions=6, radius_m=1.0)], [views.camera(256, 1.1e6)], sun_disc=False)
+    scene = views.scene([views.sphere(law, subdivisions=5, radius_m=1.0)], [views.camera(128, 5.5e5)], sun_disc=False)
     with Renderer(scene) as renderer:
         image = renderer.render(views.state(phase_deg=phase_deg, range_m=1e4), max_error=0.05)
     window, = image.plan.windows
@@ -85,21 +85,25 @@ def test_a_table_is_taken_only_of_laws_that_it_holds(law, phase_deg, by_centroid
 
 
 def test_an_error_of_a_table_is_that_of_the_light_of_a_sphere():
-    """Flux of a highlight by the table over the law's own, both summed over the facets of a sphere: to 3 % of it."""
+    """Flux of a highlight by the table over the law's own, midway between nodes: sums over the facets of a sphere."""
     law = Highlight(width_rad=0.1)
-    body, camera = views.sphere(law, subdivisions=6), views.camera(64, 10.0)
-    view, = view_bodies(views.state(phase_deg=35.0, range_m=1e7), camera, views.scene([body], [camera]).hulls)
-    surface, tables = Surface(body), BrdfTables()
+    body, camera = views.sphere(law, subdivisions=5), views.camera(64, 10.0)
+    surface, tables, hulls = Surface(body), BrdfTables(), views.scene([body], [camera]).hulls
+    view, = view_bodies(views.state(phase_deg=35.0, range_m=1e7), camera, hulls)
+    _, first, step = tables.of(surface, view, 100.0, 1.0)
+    middle = first + step * (np.floor((np.sqrt(2.0 * np.sin(0.5 * view.phase_rad)) - first) / step) + 0.5)
+    phase_deg = np.degrees(2.0 * np.arcsin(0.5 * middle**2))
+    view, = view_bodies(views.state(phase_deg=phase_deg, range_m=1e7), camera, hulls)
     middle_m = body.shape.vertices_m[body.shape.facets].mean(axis=1).T
     normal, to_camera = body.shape.facet_normals, view.r_camera_body_m / view.range_m
-    told = CentroidHorizons(facets=np.concatenate([normal.T, middle_m]).T.astype(np.float32, order="C"),
+    free = CentroidHorizons(facets=np.concatenate([normal.T, middle_m]).T.astype(np.float32, order="C"),
                             heights=np.zeros((len(normal), 16), np.uint8))
-    found, _, _ = told.shade(view.sun_direction_body, view.r_camera_body_m, *tables.of(surface, view, 100.0, 1.0))
+    found, _, _ = free.shade(view.sun_direction_body, view.r_camera_body_m, *tables.of(surface, view, 100.0, 1.0))
     weight = body.shape.facet_areas_m2 * np.maximum(normal @ to_camera, 0.0)
     truth = law.brdf(view.sun_direction_body, to_camera, normal) * np.maximum(normal @ view.sun_direction_body, 0.0)
     rms, flux = tables.errors(surface, view, 100.0)
     error = float((weight * (found - truth)).sum() / (weight * truth).sum())
-    assert flux == pytest.approx(abs(error), abs=0.03) and 0.1 < abs(error) < rms
+    assert flux == pytest.approx(abs(error), rel=0.1) and 0.1 < flux < rms
 
 
 @pytest.fixture(scope="module")
