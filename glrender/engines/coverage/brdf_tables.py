@@ -20,9 +20,6 @@ _MOST_STEP = 0.03125
 _LEAST_STEPS = 4.0
 # Least angle off the limb and the terminator [rad], and least part of a normal.
 _EDGE_ON = 1e-6
-# Least angle [rad] from the bisector of Sun and camera in which a table is held against the law: a tenth of the
-# narrowest highlight's width.
-_LEAST_RAD = 1e-3
 
 
 class BrdfTables:
@@ -99,7 +96,7 @@ def _brdf_at(surface: Surface, root: float) -> np.ndarray:
 @cache
 def _rings() -> tuple[np.ndarray, np.ndarray]:
     """Unit vectors (N, 3) around +x, the denser the nearer, and their solid angles (N,)."""
-    edges = np.concatenate([[0.0], np.geomspace(_LEAST_RAD, 0.5 * math.pi, _STEPS)])
+    edges = np.concatenate([[0.0], np.geomspace(_LEAST_STEP, 0.5 * math.pi, _STEPS)])
     angle, turn = np.meshgrid(0.5 * (edges[1:] + edges[:-1]),
                               (np.arange(_STEPS) + 0.5) * 2.0 * math.pi / _STEPS, indexing="ij")
     normal = np.stack([np.cos(angle), np.sin(angle) * np.cos(turn), np.sin(angle) * np.sin(turn)], axis=-1)

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from ...planner.engine_choice import CENTROIDS_LEAST
-from ...planner.error_budget import FLUX_SHARE, OVERLAPS_LEFT, PENUMBRA_SHARE, Budget
+from ...planner.error_budget import CELL_SHARE, FLUX_SHARE, OVERLAPS_LEFT, PENUMBRA_SHARE, Budget
 from ...planner.penumbra import sun_points
 from ...scene.scene import Scene
 from ...scene.shape.shape import Shape
@@ -38,9 +38,6 @@ from .sunlit_error import NOTHING_DRAWN, CoverageError, ErrorScale
 _EXCESS = 0.5
 # Cells that a facet covers, below which it is far smaller than one.
 _FINE = 0.15
-# Errors that the table of a BRDF may have, RMS and of the total light, over those that the budget leaves [1]: in
-# squares they add 4 %.
-_TABLE_SHARE = 0.3
 
 
 class CoverageEngine:
@@ -115,7 +112,7 @@ class CoverageEngine:
         view = next(view for view in views if view.name in names)
         facets = self._facets[view.name]
         rms, flux = self._brdf_tables.errors(facets.surface, view, facets.solid.radius_m)
-        if rms > _TABLE_SHARE * budget.tolerance or flux > max(_TABLE_SHARE * budget.flux, CENTROIDS_LEAST):
+        if rms > CELL_SHARE * budget.tolerance or flux > max(CELL_SHARE * budget.flux, CENTROIDS_LEAST):
             return np.zeros(cells.shape), NOTHING_DRAWN
         body = CentroidVisibility(facets, view, cells, self._rays, self._brdf_tables, budget.flux_share)
         if body.error.judged > budget.tolerance:

@@ -49,8 +49,12 @@ def _highest(a, b, c):
 
 
 @inlined
-def _distance(corners, i, place, ray, right, down, sides):
-    """Distance from a place along a ray to facet i of some (F, 9); infinite where the ray misses a side of it."""
+def _distance(corners, i, place, axes, sides):
+    """Distance along a ray to facet i of some (F, 9) from a place; infinite where it misses a side of it.
+
+    The axes are the ray and two across it.
+    """
+    ray, right, down = axes
     ax, bx, cx = (_towards(corners, i, 0, place, right), _towards(corners, i, 3, place, right),
                   _towards(corners, i, 6, place, right))
     ay, by, cy = (_towards(corners, i, 0, place, down), _towards(corners, i, 3, place, down),
@@ -77,6 +81,7 @@ def _walk(boxes, corners, n_leaves, place, ray, reach, sides, is_any, stack):
     inverse = (1.0 / ray[0] if ray[0] != 0.0 else math.inf, 1.0 / ray[1] if ray[1] != 0.0 else math.inf,
                1.0 / ray[2] if ray[2] != 0.0 else math.inf)
     right, down = _across(ray[0], ray[1], ray[2])
+    axes = (ray, right, down)
     n_stacked, hit, nearest = 1, -1, reach
     stack[0] = 1
     n_facets, far = len(corners), 0.0
@@ -103,7 +108,7 @@ def _walk(boxes, corners, n_leaves, place, ray, reach, sides, is_any, stack):
             continue
         leaf = node - n_leaves
         for i in range(leaf * n_facets // n_leaves, (leaf + 1) * n_facets // n_leaves):
-            distance = _distance(corners, i, place, ray, right, down, sides)
+            distance = _distance(corners, i, place, axes, sides)
             if 0.0 < distance < nearest:
                 hit, nearest = i, distance
                 if is_any:
