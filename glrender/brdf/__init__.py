@@ -7,9 +7,10 @@ from .lambert import Lambert
 from .law import GlslText, Law
 from .lommel_seeliger import LommelSeeliger
 from .lunar_lambert import LunarLambert
+from .microfacet import Microfacet
 from .minnaert import Minnaert
 from .oren_nayar import OrenNayar
 from .rolo import Rolo
 
-__all__ = ["Akimov", "GlslText", "Hapke", "Lambert", "Law", "LommelSeeliger", "LunarLambert", "Minnaert",
-           "OrenNayar", "Rolo", "Table"]
+__all__ = ["Akimov", "GlslText", "Hapke", "Lambert", "Law", "LommelSeeliger", "LunarLambert", "Microfacet",
+           "Minnaert", "OrenNayar", "Rolo", "Table"]

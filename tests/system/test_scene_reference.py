@@ -70,7 +70,8 @@ FILES = {
                                               ("bodies", 0, "generated"))
        for kind in ("icosphere", "contact_binary", "gaussian_random_sphere", "three_lobes")},
     **{f'bodies.brdf, law = "{law}"': (in_body(scene, brdf={"law": law}), ("bodies", 0, "brdf"))
-       for law in ("akimov", "hapke", "lambert", "lommel_seeliger", "lunar_lambert", "minnaert", "oren_nayar", "rolo")},
+       for law in ("akimov", "hapke", "lambert", "lommel_seeliger", "lunar_lambert", "microfacet", "minnaert",
+                   "oren_nayar", "rolo")},
     "cameras": (scene(), ("cameras", 0)),
     "cameras.model": (in_camera(model=PRESET), ("cameras", 0, "model")),
     "cameras.model, with a pattern": (in_camera(model=MOSAIC), ("cameras", 0, "model")),
