@@ -143,6 +143,53 @@ def test_the_scene_that_is_asked_for_is_drawn(tmp_path):
         np.testing.assert_allclose(read(path).report.volume_m3, volume, rtol=1e-6)
 
 
+SHEETS = np.array([[x, y, z] for z in (0.0, 5.0) for x, y in ((0, 0), (2, 0), (2, 2), (0, 2))], "<f4")
+PANES = np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]], "<u2")
+
+
+def sheets(folder, first, second, materials):
+    """Two sheets one above the other, each with a material by its number, or without one."""
+    part = lambda k, material: {"attributes": {"POSITION": 2}, "indices": k,  # noqa: E731
+                                **({} if material is None else {"material": material})}
+    return written(folder, [PANES[:2].tobytes(), PANES[2:].tobytes(), SHEETS.tobytes()],
+                   [corners(PANES[:2]), corners(PANES[2:], view=1), places(view=2)],
+                   meshes=[{"primitives": [part(0, first), part(1, second)]}], materials=materials)
+
+
+@pytest.mark.parametrize("sides, first, second, heights", [
+    ("file", 0, 1, [5.0]), ("file", 1, 0, [0.0]), ("file", 1, 1, [0.0, 5.0]), ("file", None, 1, [5.0]),
+    ("file", 0, None, []), ("front", 1, 1, []), ("both", 0, None, [0.0, 5.0])])
+def test_panels_of_a_double_sided_material_have_both_sides(tmp_path, sides, first, second, heights):
+    """By the material's `doubleSided`, unless `sides` says otherwise: which of two sheets faces up and down."""
+    path = sheets(tmp_path, first, second, [{"name": "paint"}, {"name": "cells", "doubleSided": True}])
+    shape = Shape.from_file(path, length_unit="m", sides=sides)
+    assert shape.report.n_two_sided == 2 * len(heights) and shape.report.n_facets == 4 + 2 * len(heights)
+    down = shape.vertices_m[shape.facets[shape.facet_normals[:, 2] < 0.0]][..., 2]
+    assert sorted(set(down.ravel())) == heights
+
+
+def test_a_closed_shell_of_a_double_sided_material_is_seen_from_outside(tmp_path):
+    primitive = {"attributes": {"POSITION": 1}, "indices": 0, "material": 0}
+    shape = read(box(tmp_path, meshes=[{"primitives": [primitive]}], materials=[{"doubleSided": True}]))
+    assert shape.report.n_two_sided == 0 and shape.report.n_facets == 12
+
+
+@pytest.mark.parametrize("material, materials, message", [
+    (7, [{}], "meshes.primitives.material: must be a number below 1, got 7; export it with all its materials"),
+    (0, None, "material: must be a number below 0, got 0"), (-1, [{}], "got -1"), ("cells", [{}], "got 'cells'"),
+    (0, [{"doubleSided": 1}], "materials.doubleSided: must be true or false, got 1")])
+def test_materials_that_are_not_there_are_refused(tmp_path, material, materials, message):
+    with pytest.raises(ShapeError, match=message):
+        read(sheets(tmp_path, material, None, materials or []))
+
+
+def test_nodes_may_be_64_deep(tmp_path):
+    chain = lambda n: [*({"children": [k + 1]} for k in range(n - 1)), {"mesh": 0}]  # noqa: E731
+    assert read(box(tmp_path, nodes=chain(64))).report.n_facets == 12
+    with pytest.raises(ShapeError, match="nodes.children: must lead at most 64 nodes deep"):
+        read(box(tmp_path, nodes=chain(65)))
+
+
 def test_points_and_lines_are_no_surface(tmp_path):
     primitive = {"attributes": {"POSITION": 1}, "indices": 0}
     primitives = [primitive, {**primitive, "mode": 1}, {**primitive, "mode": 0}]

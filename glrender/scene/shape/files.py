@@ -39,12 +39,15 @@ class FileMesh:
         Texture coordinates of the corners.
     warnings : tuple of str
         Of what was left out.
+    is_double_sided : (F,) bool or None
+        Facets that the file gives two sides, if they are of an open shell.
     """
 
     vertices: np.ndarray
     facets: np.ndarray
     uv: np.ndarray | None = None
     warnings: tuple[str, ...] = ()
+    is_double_sided: np.ndarray | None = None
 
 
 def read_shape_file(path: Path, max_facets: int) -> FileMesh:
@@ -296,9 +299,9 @@ def _icq(path: Path, max_facets: int) -> FileMesh:
 
 
 def _glb(path: Path, max_facets: int) -> FileMesh:
-    vertices, facets = read_glb(path, max_facets)
+    vertices, facets, is_double_sided = read_glb(path, max_facets)
     _limit(len(facets), max_facets, path)
-    return FileMesh(vertices, facets)
+    return FileMesh(vertices, facets, is_double_sided=is_double_sided)
 
 
 def _off(path: Path, max_facets: int) -> FileMesh:

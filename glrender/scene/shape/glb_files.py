@@ -24,21 +24,25 @@ _KNOWN_BEGIN = ("KHR_materials_", "KHR_texture_", "EXT_texture_")
 # Extensions of a node by which it is drawn elsewhere, or not at all.
 _OF_NODES = ("EXT_mesh_gpu_instancing", "KHR_node_visibility")
 _STRIP, _FAN, _TRIANGLES = 5, 6, 4
+# Nodes from a root down to the deepest: more than any program makes by hand.
+_MOST_DEEP = 64
 
 
-def read_glb(path: Path, max_facets: int) -> tuple[np.ndarray, np.ndarray]:
+def read_glb(path: Path, max_facets: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The meshes of a file's scene, in one; its points and lines are left out, as are animations, cameras and lamps.
 
     Returns
     -------
     vertices : (V, 3) float64
     facets : (F, 3) int64
+    is_double_sided : (F,) bool
+        As their materials have it.
 
     Raises
     ------
     ShapeError
-        The file promises more than it holds, names other files, needs an extension that would change the shape and is
-        not known here, or has skins or morphed meshes.
+        The file promises more than it holds, names other files or materials that are not there, needs an extension that
+        would change the shape and is not known here, or has skins or morphed meshes.
     """
     data = path.read_bytes()
     about, blob = _chunks(data)
@@ -59,16 +63,18 @@ def read_glb(path: Path, max_facets: int) -> tuple[np.ndarray, np.ndarray]:
     if total > max_facets:
         raise ShapeError("", f"has more than {max_facets} facets", total, "decimate it, or raise max_facets")
     values = _Values(accessors=accessors, views=_entries(about, "bufferViews"), blob=blob)
-    read = {index: _mesh(meshes[index], values) for index in sorted({node["mesh"] for node, _ in drawn})}
-    vertices, triangles, count = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], 0
+    are_double = [_flag(material, "doubleSided") for material in _entries(about, "materials")]
+    read = {index: _mesh(meshes[index], values, are_double) for index in sorted({node["mesh"] for node, _ in drawn})}
+    vertices, triangles, is_double, count = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], [np.empty(0, bool)], 0
     for node, place in drawn:
         _refuse_morphs(node, meshes[node["mesh"]])
-        points, corners = read[node["mesh"]]
+        points, corners, sides = read[node["mesh"]]
+        is_double.append(sides)
         vertices.append(points @ place[:3, :3].T + place[:3, 3])
         # A mirrored mesh keeps its outside.
         triangles.append(count + (corners[:, ::-1] if np.linalg.det(place[:3, :3]) < 0.0 else corners))
         count += len(points)
-    return np.concatenate(vertices), np.concatenate(triangles)
+    return np.concatenate(vertices), np.concatenate(triangles), np.concatenate(is_double)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,9 +134,9 @@ class _Values:
                           (step, kind.itemsize))
 
 
-def _mesh(mesh: dict, values: _Values) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (V, 3) and triangles (F, 3) of a mesh's primitives."""
-    vertices, triangles, count = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], 0
+def _mesh(mesh: dict, values: _Values, are_double: list[bool]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Vertices (V, 3) and triangles (F, 3) of a mesh's primitives, and whether their materials have two sides (F,)."""
+    vertices, triangles, is_double, count = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], [np.empty(0, bool)], 0
     for primitive in _surfaces(mesh):
         place = primitive["attributes"].get("POSITION")
         n_points = len(values.of(place, "VEC3"))
@@ -144,7 +150,10 @@ def _mesh(mesh: dict, values: _Values) -> tuple[np.ndarray, np.ndarray]:
         vertices.append(values.places(place, used))
         triangles.append(count + _triangles(corners.reshape(-1).astype(np.int64), primitive.get("mode", _TRIANGLES)))
         count += len(used)
-    return np.concatenate(vertices), np.concatenate(triangles)
+        material = primitive.get("material")
+        is_double.append(np.full(len(triangles[-1]), material is not None and are_double[
+            _index(material, len(are_double), "meshes.primitives.material", "export it with all its materials")]))
+    return np.concatenate(vertices), np.concatenate(triangles), np.concatenate(is_double)
 
 
 def _triangles(corners: np.ndarray, mode: int) -> np.ndarray:
@@ -174,12 +183,15 @@ def _drawn(about: dict, nodes: list[dict], path: str) -> Iterator[tuple[dict, np
     roots = [k for k in range(len(nodes)) if k not in set(children)]
     if scenes:
         roots = _indices(scenes[_index(about.get("scene", 0), len(scenes), "scene")], "nodes")
-    left = [(root, np.eye(4)) for root in reversed(roots)]
+    left = [(root, np.eye(4), 1) for root in reversed(roots)]
     while left:
-        index, above = left.pop()
+        index, above, depth = left.pop()
+        if depth > _MOST_DEEP:
+            raise ShapeError("nodes.children", f"must lead at most {_MOST_DEEP} nodes deep", depth,
+                             "apply the nodes' transforms before it is exported")
         node = nodes[_index(index, len(nodes), "node")]
         place = above @ _place(node)
-        left += [(child, place) for child in reversed(_indices(node, "children"))]
+        left += [(child, place, depth + 1) for child in reversed(_indices(node, "children"))]
         for name in _OF_NODES:
             if name in (node.get("extensions") or {}):
                 raise ShapeError("nodes.extensions", "must not move or hide nodes", name, "export it without")
@@ -247,9 +259,16 @@ def _whole(table: dict, key: str) -> int:
     return value
 
 
-def _index(value: object, count: int, what: str) -> int:
+def _flag(table: dict, key: str) -> bool:
+    value = table.get(key, False)
+    if type(value) is not bool:
+        raise ShapeError(f"materials.{key}", "must be true or false", value)
+    return value
+
+
+def _index(value: object, count: int, what: str, hint: str = "") -> int:
     if type(value) is not int or not 0 <= value < count:
-        raise ShapeError(what, f"must be a number below {count}", value)
+        raise ShapeError(what, f"must be a number below {count}", value, hint)
     return value
 
 

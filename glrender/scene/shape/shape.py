@@ -115,8 +115,8 @@ class Shape:
             Length unit of the file; metres per unit when a number, 1e-9..1e9.
         max_facets : int
         sides : {"file", "front", "both"}
-            Which sides of open shells are there, as panels: those that the file gives, the front of each facet alone,
-            or both. Closed shells are seen from outside.
+            Which sides of open shells are there, as panels: those that the file gives (a binary glTF's `doubleSided`),
+            the facets as they are, or both of each. Closed shells are seen from outside.
 
         Raises
         ------
@@ -130,7 +130,8 @@ class Shape:
             # A number as long as 1e308 becomes infinite here and is refused as such.
             with np.errstate(over="ignore"):
                 vertices_m = mesh.vertices * scale
-            shape = cls.from_arrays(vertices_m, mesh.facets, uv=mesh.uv, sides=sides)
+            is_double = mesh.is_double_sided if sides == "file" else sides == "both"
+            shape = _checked(vertices_m, mesh.facets, mesh.uv, is_double)
         messages = (*mesh.warnings, *_unit_doubt(shape), *shape.report.warnings)
         for text in messages:
             _log.warning("%s: %s", path.name, text)
@@ -155,30 +156,7 @@ class Shape:
         ------
         ShapeError
         """
-        one_of("sides", sides, SIDES)
-        try:
-            vertices, facets = np.asarray(vertices_m, np.float64), np.asarray(facets)
-            uv = None if uv is None else np.asarray(uv, np.float32)
-        except (TypeError, ValueError, OverflowError):
-            raise ShapeError("", "needs arrays of numbers") from None
-        if vertices.ndim != 2 or vertices.shape[1] != 3 or facets.ndim != 2 or facets.shape[1] != 3 or not len(facets):
-            raise ShapeError("", "needs vertices (V, 3) and facets (F, 3)", (vertices.shape, facets.shape))
-        bad = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
-        if len(bad):
-            raise ShapeError(f"vertices[{bad[0]}]", "must be finite", vertices[bad[0]].tolist())
-        far = np.flatnonzero(np.abs(vertices).max(axis=1) > MAX_COORDINATE_M)
-        if len(far):
-            raise ShapeError(f"vertices[{far[0]}]", f"must be within {MAX_COORDINATE_M:g} m of the origin",
-                             vertices[far[0]].tolist(), "is the length unit right?")
-        if facets.dtype.kind not in "iu" and not (facets.dtype.kind == "f" and (facets == np.round(facets)).all()):
-            raise ShapeError("facets", "must be integers", facets)
-        if facets.min() < 0 or facets.max() >= len(vertices):
-            wrong = int(np.flatnonzero(((facets < 0) | (facets >= len(vertices))).any(axis=1))[0])
-            raise ShapeError(f"facets[{wrong}]", f"must index vertices 0..{len(vertices) - 1}",
-                             facets[wrong].tolist(), "plate models count from 1, trimesh from 0")
-        if uv is not None and (uv.shape != (*facets.shape, 2) or not np.isfinite(uv).all()):
-            raise ShapeError("uv", f"must be {(*facets.shape, 2)} finite numbers", uv.shape)
-        return _repaired(vertices, facets.astype(np.int64), uv, sides)
+        return _checked(vertices_m, facets, uv, one_of("sides", sides, SIDES) == "both")
 
     @cached_property
     def radius_m(self) -> float:
@@ -246,7 +224,35 @@ class Shape:
         Path(path).write_text("\n".join(lines) + "\n", encoding="ascii")
 
 
-def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None, sides: str) -> Shape:
+def _checked(vertices_m: object, facets: object, uv: object, is_double: np.ndarray | bool | None) -> Shape:
+    """The shape of arrays that `from_arrays` takes; facets (F,) of open shells that are double get their other side."""
+    try:
+        vertices, facets = np.asarray(vertices_m, np.float64), np.asarray(facets)
+        uv = None if uv is None else np.asarray(uv, np.float32)
+    except (TypeError, ValueError, OverflowError):
+        raise ShapeError("", "needs arrays of numbers") from None
+    if vertices.ndim != 2 or vertices.shape[1] != 3 or facets.ndim != 2 or facets.shape[1] != 3 or not len(facets):
+        raise ShapeError("", "needs vertices (V, 3) and facets (F, 3)", (vertices.shape, facets.shape))
+    bad = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
+    if len(bad):
+        raise ShapeError(f"vertices[{bad[0]}]", "must be finite", vertices[bad[0]].tolist())
+    far = np.flatnonzero(np.abs(vertices).max(axis=1) > MAX_COORDINATE_M)
+    if len(far):
+        raise ShapeError(f"vertices[{far[0]}]", f"must be within {MAX_COORDINATE_M:g} m of the origin",
+                         vertices[far[0]].tolist(), "is the length unit right?")
+    if facets.dtype.kind not in "iu" and not (facets.dtype.kind == "f" and (facets == np.round(facets)).all()):
+        raise ShapeError("facets", "must be integers", facets)
+    if facets.min() < 0 or facets.max() >= len(vertices):
+        wrong = int(np.flatnonzero(((facets < 0) | (facets >= len(vertices))).any(axis=1))[0])
+        raise ShapeError(f"facets[{wrong}]", f"must index vertices 0..{len(vertices) - 1}",
+                         facets[wrong].tolist(), "plate models count from 1, trimesh from 0")
+    if uv is not None and (uv.shape != (*facets.shape, 2) or not np.isfinite(uv).all()):
+        raise ShapeError("uv", f"must be {(*facets.shape, 2)} finite numbers", uv.shape)
+    is_double = np.broadcast_to(False if is_double is None else is_double, len(facets))
+    return _repaired(vertices, facets.astype(np.int64), uv, is_double)
+
+
+def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None, is_double: np.ndarray) -> Shape:
     used, facets = np.unique(facets, return_inverse=True)
     facets = facets.reshape(-1, 3)
     n_unused, vertices = len(vertices) - len(used), vertices[used]
@@ -265,7 +271,7 @@ def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None, s
     rank[order] = np.arange(len(order))
     n_welded, vertices, facets = len(vertices) - len(first), vertices[first[order]], rank[same][facets]
     # Which of the given corners each corner was.
-    corners = np.arange(facets.size).reshape(-1, 3)
+    corners = np.arange(facets.size, dtype=np.int32).reshape(-1, 3)
     kept, n_degenerate, n_duplicate = _without_copies(facets)
     facets, corners = facets[kept], corners[kept]
     edges = Edges(facets)
@@ -280,8 +286,8 @@ def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None, s
         edges = Edges(facets)
     shells = wound(vertices, facets, edges)
     flipped, corners = shells.is_flipped, _turned(corners, shells.is_flipped)
-    if sides == "both" and shells.is_open.any():
-        facets, corners = (np.concatenate([each, each[shells.is_open][:, ::-1]]) for each in (shells.facets, corners))
+    if (doubled := shells.is_open & is_double[corners[:, 0] // 3]).any():
+        facets, corners = (np.concatenate([each, each[doubled][:, ::-1]]) for each in (shells.facets, corners))
         flipped, shells = np.pad(flipped, (0, len(facets) - len(flipped))), wound(vertices, facets, Edges(facets))
         flipped, corners = flipped | shells.is_flipped, _turned(corners, shells.is_flipped)
     facets, solid = shells.facets, shells.is_solid
