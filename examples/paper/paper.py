@@ -125,9 +125,10 @@ def main() -> int:
     except ConfigError as error:
         parser.error(str(error))
     kept = OUT / "summary.json"
-    summary = _read(kept)
     for name in arguments.cases:
-        summary[name] = case(name, HERE / f"{name}.toml", OUT, truth)
+        found = case(name, HERE / f"{name}.toml", OUT, truth)
+        # Another process may have written the other case.
+        summary = _read(kept) | {name: found}
         kept.write_text(json.dumps(summary, indent=1) + "\n")
         sys.stdout.write(f"{name}: {json.dumps(summary[name])}\n")
     return 0

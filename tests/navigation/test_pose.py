@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from glrender import Pose, State, generate
+from glrender import Body, Pose, State, generate
 from glrender_navigation import ESTIMATORS, Camera, moved, sight
 from scipy.spatial.transform import Rotation
 
@@ -69,6 +69,38 @@ def test_pose_errs_as_it_reports(world, rough, seen):
             assert off_px < 0.15 and abs(found.range_m / here.range_m - 1.0) < 1e-3
             assert np.degrees(np.linalg.norm(error[:3])) < 0.15
     assert len(squares) >= 3 and 3.0 < np.mean(squares) < 12.0, squares
+
+
+def test_a_moon_before_the_body_is_left_out(world, rough):
+    """A rough moon of 60 m hides a side of the body, or stands at its edge behind it: as well found as without.
+
+    Below 0.15 px, 0.15 % and 0.15 deg, and within three sigma.
+    """
+    shape, camera, rng, places = world.shape(6), world.camera(SIDE), np.random.default_rng(11), []
+
+    def both(body):
+        scene = world.scene(body, SIDE)
+        moon = generate.gaussian_random_sphere(radius_m=60.0, sigma=0.1, seed=4, subdivisions=4)
+        return replace(scene, bodies=[*scene.bodies, Body(name="moon", shape=moon, brdf=scene.bodies[0].brdf)])
+
+    estimator = ESTIMATORS["pose"](camera, replace(world.body(shape), shape_error_m=rough[1]))
+    views = [true for true, _ in world.views(10)]
+    with world.Local(both(rough[0])) as truth, world.Local(both(shape), max_error=0.03) as board:
+        for view, along_m, across_m in ((7, -500.0, 150.0), (9, 500.0, 200.0)):
+            up = views[view].spacecraft.r_inertial_m / np.linalg.norm(views[view].spacecraft.r_inertial_m)
+            across = np.cross([0.0, 0.0, 1.0], up)
+            moon = Pose(r_inertial_m=along_m * up + across_m * across / np.linalg.norm(across))
+            true = replace(views[view], bodies={**views[view].bodies, "moon": moon})
+            capture = truth.render(true, output="dn", exposure_s="auto", seed=view, products=("body_id",))
+            found = estimator.measure(capture.pixels, off(true, camera, rng), board.render)
+            assert found is not None, estimator.reason
+            error, here = errors(found, true, camera), sight(true, camera, "body")
+            assert (np.abs(error) < 3.0 * np.sqrt(np.diag(found.pose_covariance))).all(), error
+            off_px = np.linalg.norm(np.subtract(found.center_px, camera.project(here.r_body_camera_m)))
+            assert off_px < 0.15 and abs(found.range_m / here.range_m - 1.0) < 1.5e-3
+            assert np.degrees(np.linalg.norm(error[:3])) < 0.15
+            places.append(np.unique(capture.arrays["body_id"], return_counts=True)[1][1:])
+    assert min(min(counts) for counts in places) > 1000, "both are in view"
 
 
 def test_ground_that_fills_the_frame_is_measured_without_an_outline(world, rough):

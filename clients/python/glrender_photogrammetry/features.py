@@ -73,7 +73,6 @@ def pipeline(pycolmap: Any) -> Any:
     return options
 
 
-def shared_points(model: Any) -> np.ndarray:
-    """Points (N, 3) of a model of COLMAP that three frames or more share."""
-    return np.array([point.xyz for point in model.points3D.values()
-                     if point.track.length() >= _LEAST_TRACK]).reshape(-1, 3)
+def shared_points(model: Any) -> list[Any]:
+    """Points of a model of COLMAP that three frames or more share."""
+    return [point for point in model.points3D.values() if point.track.length() >= _LEAST_TRACK]

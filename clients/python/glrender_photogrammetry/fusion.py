@@ -79,10 +79,14 @@ def surface_of(points_m: np.ndarray, cameras_m: np.ndarray, voxel_m: float, cut_
     pycolmap = needed_pycolmap()
     enough(points_m)
     points_m, to_camera = _thinned(points_m, cameras_m - points_m, voxel_m)
-    normals = _normals(points_m, to_camera)
+    tree = cKDTree(points_m)
+    _, around = tree.query(points_m, k=min(_N_FOR_NORMAL, len(points_m)), workers=-1)
+    normals = trimesh.points.plane_fit(points_m[around])[1]
+    normals *= np.where((normals * to_camera).sum(axis=1, keepdims=True) < 0.0, -1.0, 1.0)
     with tempfile.TemporaryDirectory() as folder:
         cloud, surface = Path(folder) / "points.ply", Path(folder) / "surface.ply"
-        _write_points(cloud, points_m, normals)
+        trimesh.Trimesh(points_m, np.empty((0, 3), int), vertex_normals=normals, process=False).export(
+            cloud, vertex_normal=True)
         options = pycolmap.PoissonMeshingOptions()
         size_m = float(np.ptp(points_m, axis=0).max()) * 1.1
         # Cells of one to two voxels: half of that gives four times the facets of the same deviation.
@@ -91,7 +95,7 @@ def surface_of(points_m: np.ndarray, cameras_m: np.ndarray, voxel_m: float, cut_
         options.num_threads, options.trim, options.color = 1, 0.0, False
         pycolmap.poisson_meshing(cloud, surface, options)
         mesh = Mesh.from_file(surface)
-    near_m, _ = cKDTree(points_m).query(mesh.vertices_m, workers=-1)
+    near_m, _ = tree.query(mesh.vertices_m, workers=-1)
     return _pieces(mesh, (near_m < cut_m)[mesh.facets].all(axis=1))
 
 
@@ -107,28 +111,6 @@ def _thinned(points_m: np.ndarray, to_camera_m: np.ndarray, voxel_m: float) -> t
     away_m = cKDTree(points_m).query(points_m, k=_N_AROUND + 1, workers=-1)[0][:, 1:].mean(axis=1)
     kept = away_m < away_m.mean() + _N_SIGMA * away_m.std()
     return points_m[kept], towards[kept]
-
-
-def _normals(points_m: np.ndarray, to_camera: np.ndarray) -> np.ndarray:
-    """Normals (N, 3) of planes through the points around each, on the side of the camera."""
-    _, around = cKDTree(points_m).query(points_m, k=min(_N_FOR_NORMAL, len(points_m)), workers=-1)
-    arms = points_m[around] - points_m[around].mean(axis=1, keepdims=True)
-    _, axes = np.linalg.eigh(np.einsum("nki,nkj->nij", arms, arms))
-    normals = axes[:, :, 0]
-    return np.where((normals * to_camera).sum(axis=1, keepdims=True) < 0.0, -normals, normals)
-
-
-def _write_points(path: Path, points_m: np.ndarray, normals: np.ndarray) -> None:
-    """A binary PLY as COLMAP reads it, with normals and colours."""
-    row = np.dtype([(name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")]
-                   + [(name, "u1") for name in ("red", "green", "blue")])
-    table = np.zeros(len(points_m), row)
-    for k, name in enumerate("xyz"):
-        table[name], table[f"n{name}"] = points_m[:, k], normals[:, k]
-    kinds = {"<f4": "float", "|u1": "uchar"}
-    lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(table)}",
-             *(f"property {kinds[row[name].str]} {name}" for name in row.names or ()), "end_header"]
-    path.write_bytes("\n".join(lines).encode() + b"\n" + table.tobytes())
 
 
 def _pieces(mesh: Mesh, kept: np.ndarray) -> Mesh:

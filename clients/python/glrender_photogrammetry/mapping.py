@@ -9,7 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from glrender_navigation.checks import number, refuse
+from glrender_navigation.checks import refuse
+from glrender_navigation.features import jacobian
+from scipy import sparse
+from scipy.sparse import linalg
 from scipy.spatial.transform import Rotation
 
 from .features import matched, needed_pycolmap, number_of, pipeline, shared_points
@@ -22,22 +25,17 @@ _FIRST_ANGLE_DEG = 4.0
 _LEAST_MATCHES = 15
 # RMS of the given attitudes about the found ones, and of places over the length of the pass: more is no datum.
 _MOST_TURN_RAD, _MOST_PLACE = np.radians(10.0), 0.5
-# RMS of places about a straight line [sigma], at the least: errors alone leave 1, and a turn about the line is free.
-_LEAST_BEND_SIGMAS = 5.0
-# Distance of an adjusted place from the given one [sigma]: of 10 million places with normal errors one is further.
-_MOST_AWAY_SIGMAS = 6.0
+# Sigma of what is seen, as COLMAP counts it, and the least of attitudes.
+_SIGMA_PX = 1.0
+# Steps of the adjustment; the last one turns no camera by so many pixels.
+_MOST_STEPS, _ENOUGH_PX = 30, 0.001
 
 
 def mapped(frames: Sequence[PosedFrame], is_prior: bool = False) -> dict[str, np.ndarray]:
-    """Poses and points by incremental mapping, whose turn, scale and shift are then those of the given poses.
+    """Poses and points by incremental mapping of frames in the order of their pass, laid on the given poses.
 
-    Parameters
-    ----------
-    frames : sequence of PosedFrame
-        In the order of the pass. Their poses are the datum: a turn is the mean over the attitudes, as places on a
-        straight line leave one free; scale and shift are those of the places.
-    is_prior : bool, optional
-        The given places count in the adjustment too, each by its `place_sigma_m`, and are then the only datum.
+    The turn of the whole is the mean over the attitudes, as places on a straight line leave one free; scale and shift
+    are those of the places. With a prior all are then `adjusted`.
 
     Returns
     -------
@@ -48,48 +46,99 @@ def mapped(frames: Sequence[PosedFrame], is_prior: bool = False) -> dict[str, np
     Raises
     ------
     ValueError
-        Without pycolmap, of frames of which fewer than three hang together, given poses that contradict each other, or
-        places that are a prior and lie on a straight line or far from where the adjustment leaves them.
+        Without pycolmap, of frames of which fewer than three hang together, or given poses that contradict each other.
 
     Source: Schoenberger and Frahm (2016), Structure-from-Motion Revisited.
     """
-    shift_m = _off_plane_m(frames) if is_prior else np.zeros(3)
     pycolmap = needed_pycolmap()
     with tempfile.TemporaryDirectory() as folder:
         model = _colmap(pycolmap, frames, Path(folder))
+    images = sorted((image for image in model.images.values() if image.has_pose), key=lambda image: image.name)
+    index, points = [number_of(image) for image in images], shared_points(model)
+    found = laid([frames[k] for k in index], np.array([image.cam_from_world().rotation.matrix() for image in images]),
+                 np.array([image.projection_center() for image in images]), np.array([p.xyz for p in points]))
     if is_prior:
-        _adjust(pycolmap, model, frames, shift_m)
-    found = sorted((image for image in model.images.values() if image.has_pose), key=lambda image: image.name)
-    index = np.array([number_of(image) for image in found])
-    return {"index": index, **laid([frames[k] for k in index], np.array(
-        [image.cam_from_world().rotation.matrix() for image in found]), np.array(
-        [image.projection_center() for image in found]), shared_points(model), is_prior)}
+        own = {image.image_id: k for k, image in enumerate(images)}
+        seen = [(own[part.image_id], k, *model.images[part.image_id].points2D[part.point2D_idx].xy - 0.5)
+                for k, point in enumerate(points) for part in point.track.elements]
+        found = adjusted([frames[k] for k in index], found, np.array(seen))
+    return {"index": np.array(index), **found}
 
 
-def laid(frames: Sequence[PosedFrame], rotations: np.ndarray, places: np.ndarray, points: np.ndarray,
-         is_in_body: bool = False) -> dict[str, np.ndarray]:
+def laid(frames: Sequence[PosedFrame], rotations: np.ndarray, places: np.ndarray,
+         points: np.ndarray) -> dict[str, np.ndarray]:
     """Rotations (n, 3, 3) to cameras, their places (n, 3) and points (N, 3) of any axes and unit, by the given poses.
 
-    Returns all that `mapped` does but `index`, with its errors. Those that are in the body's axes and metres already
-    stay as they are.
+    Returns all that `mapped` does but `index`, with its errors.
     """
     given_m = np.array([frame.r_camera_body_m for frame in frames])
-    turn = Rotation.from_matrix([frame.camera_from_body.T @ own for frame, own in zip(frames, rotations, strict=True)])
-    datum = Rotation.identity() if is_in_body else turn.mean()
+    datum = _turns(frames, rotations).mean()
     turned = datum.apply(places)
     arms, given_arms = turned - turned.mean(axis=0), given_m - given_m.mean(axis=0)
-    scale = 1.0 if is_in_body else float((arms * given_arms).sum() / (arms**2).sum())
-    shift_m = np.zeros(3) if is_in_body else given_m.mean(axis=0) - scale * turned.mean(axis=0)
-    turn_rad = float(np.sqrt(np.mean((datum.inv() * turn).magnitude() ** 2)))
-    place_m = float(np.sqrt(((scale * turned + shift_m - given_m) ** 2).sum(axis=1).mean()))
+    scale = float((arms * given_arms).sum() / (arms**2).sum())
+    shift_m = given_m.mean(axis=0) - scale * turned.mean(axis=0)
+    found = _about(frames, rotations @ datum.as_matrix().T, scale * turned + shift_m,
+                   scale * datum.apply(points.reshape(-1, 3)) + shift_m)
+    turn_rad, place_m = found["turn_rad"], found["place_m"]
     length_m = float(np.sqrt((given_arms**2).sum(axis=1).mean()))
     if not (scale > 0.0 and turn_rad < _MOST_TURN_RAD and place_m < _MOST_PLACE * length_m):
         raise refuse("frames", "must have attitudes within 10 deg of the found ones, RMS, and places within half of "
                      f"their spread, {length_m:.4g} m, at a scale above 0", f"{np.degrees(turn_rad):.1f} deg, "
                      f"{place_m:.4g} m, {scale:.3g}", "give them in the body's axes, in the order of the pass")
-    return {"camera_from_body": rotations @ datum.as_matrix().T, "r_camera_body_m": scale * turned + shift_m,
-            "points_m": scale * datum.apply(points) + shift_m, "turn_rad": np.array(turn_rad),
-            "place_m": np.array(place_m)}
+    return found
+
+
+def adjusted(frames: Sequence[PosedFrame], found: dict[str, np.ndarray], seen: np.ndarray) -> dict[str, np.ndarray]:
+    """What `laid` returns, where the given poses and all that is seen, by `jacobian` and least squares, agree best.
+
+    Places count by their `place_sigma_m`, attitudes by their own RMS about the found ones, or 1 px if that is more:
+    places alone hardly hold a turn of all cameras, which in a narrow field is a shift of the points. `seen` (K, 4) has
+    the numbers of a frame and of a point, and the pixel there.
+    """
+    camera, given_m = frames[0].camera, np.array([frame.r_camera_body_m for frame in frames])
+    given = Rotation.from_matrix([frame.camera_from_body for frame in frames])
+    place_weights = np.tile([[frame.place_sigma_m] for frame in frames], 3) ** -2.0
+    turns, places_m = Rotation.from_matrix(found["camera_from_body"]), found["r_camera_body_m"]
+    points_m, n = found["points_m"], len(frames)
+    own, point = seen[:, :2].astype(int).T
+    columns = np.hstack([6 * own[:, None] + np.arange(6), 6 * n + 3 * point[:, None] + np.arange(3)])
+    shape = 2 * len(seen), 6 * n + 3 * len(points_m)
+    prior = sparse.eye_array(6 * n, shape[1])
+    for _ in range(_MOST_STEPS):
+        matrix = turns.as_matrix()
+        at_m = np.einsum("kij,kj->ki", matrix[own], points_m[point] - places_m[own])
+        by_turn, by_place = np.split(jacobian(camera.focal_length_px, at_m, np.zeros(3)).reshape(-1, 2, 6), 2, axis=2)
+        by_point = by_place @ matrix[own]
+        rows = sparse.vstack([prior, sparse.csr_array((
+            np.concatenate([by_turn, -by_point, by_point], axis=2).ravel(), np.repeat(columns, 2, axis=0).ravel(),
+            9 * np.arange(shape[0] + 1)), shape)])
+        off_rad, off_px = (turns * given.inv()).as_rotvec(), camera.project(at_m) - seen[:, 2:]
+        sigma_rad = max(float(np.sqrt(np.mean(off_rad**2))), _SIGMA_PX / camera.focal_length_px)
+        weights = [np.hstack([np.full((n, 3), sigma_rad**-2.0), place_weights]).ravel(),
+                   np.repeat(1.0 / (_SIGMA_PX**2 + (off_px**2).sum(axis=1)), 2)]
+        left = np.concatenate([np.hstack([off_rad, places_m - given_m]).ravel(), off_px.ravel()])
+        weighed = rows.T * np.concatenate(weights)
+        step = linalg.spsolve((weighed @ rows).tocsc(), -weighed @ left, permc_spec="MMD_AT_PLUS_A")
+        moved = step[:6 * n].reshape(-1, 6)
+        turns, places_m = Rotation.from_rotvec(moved[:, :3]) * turns, places_m + moved[:, 3:]
+        points_m = points_m + step[6 * n:].reshape(-1, 3)
+        if camera.focal_length_px * np.abs(moved[:, :3]).max() < _ENOUGH_PX:
+            break
+    return _about(frames, turns.as_matrix(), places_m, points_m)
+
+
+def _about(frames: Sequence[PosedFrame], rotations: np.ndarray, places_m: np.ndarray,
+           points_m: np.ndarray) -> dict[str, np.ndarray]:
+    """Poses and points, with the RMS of the given poses about them."""
+    turn_rad = _turns(frames, rotations).magnitude()
+    away_m = np.linalg.norm(places_m - [frame.r_camera_body_m for frame in frames], axis=1)
+    return {"camera_from_body": rotations, "r_camera_body_m": places_m, "points_m": points_m,
+            "turn_rad": np.sqrt(np.mean(turn_rad**2)), "place_m": np.sqrt(np.mean(away_m**2))}
+
+
+def _turns(frames: Sequence[PosedFrame], rotations: np.ndarray) -> Rotation:
+    """Turns of the axes of rotations (n, 3, 3) to those of the given ones."""
+    return Rotation.from_matrix([frame.camera_from_body.T for frame in frames] @ rotations)
 
 
 def reposed(frames: Sequence[PosedFrame], found: dict[str, np.ndarray]) -> list[PosedFrame]:
@@ -111,45 +160,3 @@ def _colmap(pycolmap: Any, frames: Sequence[PosedFrame], folder: Path) -> Any:
         raise refuse("frames", "must hang together, three of them by their features",
                      0 if best is None else best.num_reg_images(), "take steps of 15 deg or less, away from opposition")
     return best
-
-
-def _off_plane_m(frames: Sequence[PosedFrame]) -> np.ndarray:
-    """Shift (3,) [m] of the given places out of any plane through the origin; places on a line are refused."""
-    given_m = np.array([frame.r_camera_body_m for frame in frames])
-    sigma_m = max(number("place_sigma_m", frame.place_sigma_m, "give metres") for frame in frames)
-    _, spread_m, axes = np.linalg.svd(given_m - given_m.mean(axis=0))
-    length_m, bend_m = spread_m[:2] / np.sqrt(len(frames))
-    if not bend_m > _LEAST_BEND_SIGMAS * sigma_m:
-        raise refuse("frames", f"must leave a straight line by more than {_LEAST_BEND_SIGMAS:g} place_sigma_m, RMS, "
-                     f"where places are a prior: {_LEAST_BEND_SIGMAS * sigma_m:.4g} m", f"{bend_m:.4g} m",
-                     'use poses="free", which takes the turn about the line from the attitudes')
-    return length_m * axes[2] - given_m.mean(axis=0)
-
-
-def _adjust(pycolmap: Any, model: Any, frames: Sequence[PosedFrame], shift_m: np.ndarray) -> None:
-    """Move places and points to where features and given places agree best, each by its sigma.
-
-    COLMAP lays the model on the places first, and drops them where their rank is 2, as in a plane through the origin:
-    the shift (3,) [m] is added to them before the adjustment, and taken off the model after it.
-    """
-    options, priors = pycolmap.BundleAdjustmentOptions(), pycolmap.PosePriorBundleAdjustmentOptions()
-    options.refine_focal_length = options.refine_extra_params = options.print_summary = False
-    options.ceres.solver_options.num_threads = 1
-    # The model is laid on the given places first: none is an outlier there.
-    priors.alignment_ransac.max_error = max(float(np.linalg.norm(frame.r_camera_body_m)) for frame in frames)
-    config, places = pycolmap.BundleAdjustmentConfig(), []
-    for image in model.images.values():
-        if image.has_pose:
-            frame = frames[number_of(image)]
-            config.add_image(image.image_id)
-            places.append(pycolmap.PosePrior(
-                corr_data_id=image.data_id, position=frame.r_camera_body_m + shift_m,
-                position_covariance=frame.place_sigma_m**2 * np.eye(3),
-                coordinate_system=pycolmap.PosePriorCoordinateSystem.CARTESIAN))
-    pycolmap.create_pose_prior_bundle_adjuster(options, priors, config, places, model).solve()
-    model.transform(pycolmap.Sim3d(1.0, pycolmap.Rotation3d(), -shift_m))
-    away = max(float(np.linalg.norm(image.projection_center() - frame.r_camera_body_m)) / frame.place_sigma_m
-               for image in model.images.values() if image.has_pose for frame in [frames[number_of(image)]])
-    if not away < _MOST_AWAY_SIGMAS:
-        raise refuse("frames", f"must have places within {_MOST_AWAY_SIGMAS:g} place_sigma_m of the adjusted ones",
-                     f"{away:.4g}", 'give the place_sigma_m that places are known to, or use poses="free"')

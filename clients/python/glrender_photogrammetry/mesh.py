@@ -12,9 +12,9 @@ import trimesh
 from glrender_navigation.checks import array, refuse
 from scipy.spatial import cKDTree
 
-# Vertices of a mesh about which the closest facet is looked for, and points for which that is done at once.
-_N_NEAREST, _AT_ONCE = 8, 50_000
-# Facets with a longer side, in median sides, have points of their own in the tree: about so many, or one a facet.
+# Nearest pieces of a mesh whose facets may have the closest point, at first and at the most, and points at once.
+_N_NEAREST, _MOST_NEAREST, _AT_ONCE = 16, 64, 50_000
+# Facets with a longer side, in median sides, are several pieces: about so many, or one a facet.
 _LONG, _MOST_PIECES = 3.0, 200_000
 # Distances within this share of each other are one, of facets that share a side or a corner.
 _TIE = 1e-9
@@ -108,14 +108,12 @@ class Mesh:
     @cached_property
     def facet_normals(self) -> np.ndarray:
         """(F, 3) float64, outward, of length 1; 0 of a facet without area."""
-        a, b, c = np.moveaxis(self.corners_m, 1, 0)
-        across = np.cross(b - a, c - a)
-        return across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
+        return np.array(self._trimesh.face_normals)
 
     @cached_property
     def vertex_normals(self) -> np.ndarray:
         """(V, 3) float64, outward, of length 1, of the facets around weighted by their angles."""
-        return np.asarray(self._trimesh.vertex_normals)
+        return np.array(self._trimesh.vertex_normals)
 
     @cached_property
     def rays(self) -> Any:
@@ -136,16 +134,10 @@ class Mesh:
         away_m = max(0.0, float(np.linalg.norm(r_m)) - float(np.linalg.norm(self.used_vertices_m, axis=1).max()))
         return self.rays.intersects_first(r_m + away_m * directions, directions)
 
-    def sample(self, count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-        """Points (count, 3) [m], even over the area, and the numbers (count,) of their facets."""
-        rng = np.random.default_rng(seed)
-        a, b, c = np.moveaxis(self.corners_m, 1, 0)
-        area = np.cumsum(np.linalg.norm(np.cross(b - a, c - a), axis=1))
-        facet = np.searchsorted(area, (np.arange(count) + rng.random(count)) / count * area[-1], side="right")
-        facet = np.minimum(facet, len(area) - 1)
-        u, v = rng.random((2, count, 1))
-        u, v = np.where(u + v > 1.0, (1.0 - u, 1.0 - v), (u, v))
-        return a[facet] + u * (b - a)[facet] + v * (c - a)[facet], facet
+    def sample(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Points (count, 3) [m], even over the area, and the numbers (count,) of their facets; always the same."""
+        points_m, facet = trimesh.sample.sample_surface(self._trimesh, count, seed=0)
+        return np.asarray(points_m), facet
 
 
 def grey(brightness: np.ndarray) -> np.ndarray:
@@ -154,27 +146,24 @@ def grey(brightness: np.ndarray) -> np.ndarray:
 
 
 class Closest:
-    """The closest points of a mesh: exact distances to the facets about the nearest vertices."""
+    """The closest points of a mesh: exact distances to the facets of the pieces that are nearest."""
 
     def __init__(self, mesh: Mesh):
-        self.mesh, facets, corners_m = mesh, mesh.facets, mesh.corners_m
+        self.mesh, corners_m = mesh, mesh.corners_m
         side_m = np.linalg.norm(corners_m - np.roll(corners_m, 1, axis=1), axis=2).max(axis=1)
-        self._middle_m = corners_m.mean(axis=1)
-        self._radius_m = np.linalg.norm(corners_m - self._middle_m[:, None], axis=2).max(axis=1)
-        places_m, place, facet = mesh.vertices_m, facets.ravel(), np.repeat(np.arange(len(facets)), 3)
         finest_m = max(_LONG * float(np.median(side_m)), float(side_m.max()) / 64.0)
-        while np.square(side_m[side_m > finest_m] / finest_m).sum() > max(_MOST_PIECES, len(facets)):
+        while np.square(side_m[side_m > finest_m] / finest_m).sum() > max(_MOST_PIECES, len(corners_m)):
             finest_m *= 2.0
-        if (long := np.flatnonzero(side_m > finest_m)).size:
-            dense_m, pieces, parent = trimesh.remesh.subdivide_to_size(mesh.vertices_m, facets[long], finest_m,
+        is_long = side_m > finest_m
+        self._facet, corners_m = np.flatnonzero(~is_long), corners_m[~is_long]
+        if is_long.any():
+            dense_m, pieces, parent = trimesh.remesh.subdivide_to_size(mesh.vertices_m, mesh.facets[is_long], finest_m,
                                                                        max_iter=20, return_index=True)
-            place = np.concatenate([place, len(places_m) + np.arange(len(pieces))])
-            facet = np.concatenate([facet, long[parent]])
-            places_m = np.concatenate([places_m, dense_m[pieces].mean(axis=1)])
-        order = np.argsort(place, kind="stable")
-        self._facet, start = facet[order], np.searchsorted(place[order], np.arange(len(places_m) + 1))
-        used = np.flatnonzero(np.diff(start))
-        self._start, self._count, self._tree = start[used], np.diff(start)[used], cKDTree(places_m[used])
+            self._facet = np.concatenate([self._facet, np.flatnonzero(is_long)[parent]])
+            corners_m = np.concatenate([corners_m, dense_m[pieces]])
+        middle_m = corners_m.mean(axis=1)
+        self._radius_m = np.linalg.norm(corners_m - middle_m[:, None], axis=2).max(axis=1)
+        self._tree = cKDTree(middle_m)
 
     def __call__(self, points_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Signed distances (N,) [m] of points (N, 3), positive outside, closest points (N, 3) and their facets (N,)."""
@@ -183,16 +172,12 @@ class Closest:
         distance_m, place_m, facet = (np.concatenate(each) for each in zip(*parts, strict=True))
         return distance_m, place_m, facet
 
-    def _some(self, points_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        near_m, near = self._tree.query(points_m, k=list(range(1, min(_N_NEAREST, self._tree.n) + 1)), workers=-1)
-        count = self._count[near].ravel()
-        owner = np.repeat(np.repeat(np.arange(len(points_m)), near.shape[1]), count)
-        ends = np.cumsum(count)
-        facet = self._facet[np.repeat(self._start[near].ravel() - ends + count, count) + np.arange(ends[-1])]
-        # Facets that lie wholly beyond the nearest vertex are out.
-        far_m = np.linalg.norm(points_m[owner] - self._middle_m[facet], axis=1) - self._radius_m[facet]
-        kept = np.flatnonzero(far_m <= near_m[owner, 0] * (1.0 + _TIE) + 1e-12)
-        owner, facet = owner[kept], facet[kept]
+    def _some(self, points_m: np.ndarray, n_near: int = _N_NEAREST) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        n_near = min(n_near, self._tree.n)
+        middle_m, piece = self._tree.query(points_m, k=list(range(1, n_near + 1)), workers=-1)
+        # Pieces that lie wholly beyond the nearest middle are out.
+        owner, column = np.nonzero(middle_m - self._radius_m[piece] <= middle_m[:, :1] * (1.0 + _TIE))
+        facet = self._facet[piece[owner, column]]
         place_m = trimesh.triangles.closest_point(self.mesh.corners_m[facet], points_m[owner])
         gap_m = points_m[owner] - place_m
         length_m = np.linalg.norm(gap_m, axis=1)
@@ -202,4 +187,9 @@ class Closest:
         tied = np.flatnonzero(length_m <= least_m[owner] * (1.0 + _TIE))
         tied = tied[np.lexsort((-np.abs(height_m[tied]), owner[tied]))]
         first = tied[np.searchsorted(owner[tied], np.arange(len(points_m)))]
-        return np.where(height_m[first] < 0.0, -least_m, least_m), place_m[first], facet[first]
+        found = np.where(height_m[first] < 0.0, -least_m, least_m), place_m[first], facet[first]
+        unsure = np.flatnonzero(middle_m[:, -1] - self._radius_m.max() < least_m)
+        if unsure.size and n_near < min(_MOST_NEAREST, self._tree.n):
+            for each, own in zip(found, self._some(points_m[unsure], 4 * n_near), strict=True):
+                each[unsure] = own
+        return found

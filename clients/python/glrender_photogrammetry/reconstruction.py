@@ -6,10 +6,12 @@ import hashlib
 import json
 import logging
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from importlib.metadata import version
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +29,8 @@ from .sweep import PASSES, Pass, depth_map
 _log = logging.getLogger(__name__)
 
 POSES = ("known", "prior", "free")
+STAGES = ("sparse", "sweep_1", "sweep_2")
+"""The stages that `progress` is called with, in their order."""
 _NOTE = "made_of.json"
 _LEAST_FRAMES = 3
 # Features of frames further apart are right for less than 0.85 of their matches.
@@ -66,7 +70,7 @@ class Reconstruction:
 
 
 def reconstruct(frames: Sequence[PosedFrame], *, body: str | None = None, poses: str = "known",
-                prior: HasFacets | None = None, folder: str | Path | None = None, passes: Sequence[Pass] = PASSES,
+                prior: HasFacets | None = None, folder: str | Path | None = None, n_sweeps: int = len(PASSES),
                 progress: Progress = lambda stage, done: None) -> Reconstruction:
     """The surface of a body from frames of it.
 
@@ -83,7 +87,8 @@ def reconstruct(frames: Sequence[PosedFrame], *, body: str | None = None, poses:
         Where the first sweep starts; by default the surface of the sparse points.
     folder : path, optional
         Keeps each stage, and goes on from there when called again with the same frames; made if it is missing.
-    passes : sequence of Pass, optional
+    n_sweeps : int, optional
+        The second one makes a surface finer, in twice the time; with none it is that of the sparse points.
     progress : function of str and float, optional
         Is called with the name of the stage and the share of it that is done.
 
@@ -91,32 +96,32 @@ def reconstruct(frames: Sequence[PosedFrame], *, body: str | None = None, poses:
     ------
     ValueError
         Too few frames, of other bodies or cameras, dark, saturated or too far apart, poses that contradict them, a
-        prior that lies elsewhere or has no pass, a folder of other things, or without pycolmap.
+        prior that lies elsewhere, a folder of other things, or without pycolmap.
     """
     if poses not in POSES:
         raise refuse("poses", f"must be one of {', '.join(POSES)}", poses)
-    if prior is not None and not passes:
-        raise refuse("passes", "must be one or more where there is a prior", 0, "leave out one of both")
+    if n_sweeps not in range(len(PASSES) + 1):
+        raise refuse("n_sweeps", f"must be an integer from 0 to {len(PASSES)}", n_sweeps)
     if poses == "prior" and None in (sigmas_m := [frame.place_sigma_m for frame in frames]):
         raise refuse(f"frames[{sigmas_m.index(None)}].place_sigma_m", "must be given where poses are a prior", None,
                      'replace(frame, place_sigma_m=...), or --place-sigma-m; or poses="free"')
     needed_pycolmap()
     frames, left_out = _usable(frames, body)
     px_m = min(frame.px_m for frame in frames)
-    stages = _Stages(folder, frames, prior, passes, poses)
-    report: dict[str, Any] = {"frames": len(frames), "left_out": left_out,
-                              "warnings": _wide_steps(frames) + _others(frames), "px_m": px_m}
+    prior = None if prior is None else Mesh.of(prior)
+    stages = _Stages(folder, _sha256(frames, prior, poses, n_sweeps))
+    report: dict[str, Any] = {"frames": len(frames), "left_out": left_out, "warnings": _warnings(frames), "px_m": px_m}
     for warning in report["warnings"]:
         _log.warning(warning)
     if poses != "known":
-        found = stages.arrays("mapping", partial(mapped, frames, poses == "prior"))
+        found = stages("mapping", partial(mapped, frames, poses == "prior"))
         left_out |= {frame.name: "shares too few features with the others" for k, frame in enumerate(frames)
                      if k not in found["index"]}
         frames, points_m = reposed(frames, found), found["points_m"]
         report |= {"frames": len(frames), "datum": {"turn_deg": float(np.degrees(found["turn_rad"])),
                                                     "place_m": float(found["place_m"])}}
     else:
-        points_m = stages.arrays("sparse", partial(sparse_points, frames))["points_m"]
+        points_m = stages("sparse", partial(sparse_points, frames))["points_m"]
     progress("sparse", 1.0)
     enough(points_m)
     report["points"] = len(points_m)
@@ -124,18 +129,12 @@ def reconstruct(frames: Sequence[PosedFrame], *, body: str | None = None, poses:
         surface = stages.mesh("surface", partial(surface_of, points_m, _nearest_cameras(frames, points_m),
                                                  _SPARSE_VOXEL_PX * px_m, _SPARSE_CUT_PX * px_m))
     else:
-        surface = _checked_prior(Mesh.of(prior), points_m, passes[0].reach_px * px_m)
-    for number, plan in enumerate(passes, start=1):
-        name = f"sweep_{number}"
+        surface = _checked_prior(prior, points_m, PASSES[0].reach_px * px_m)
+    for name, plan in zip(STAGES[1:], PASSES[:n_sweeps], strict=False):
         surface = stages.mesh(name, partial(_swept, frames, surface, plan, px_m, partial(progress, name)))
         progress(name, 1.0)
     report["cpu_s"] = stages.cpu_s
     return Reconstruction(shape=surface, points=points_m, frames=frames, report=report)
-
-
-def stage_names(passes: Sequence[Pass] = PASSES) -> list[str]:
-    """The stages that `progress` is called with, in their order."""
-    return ["sparse", *(f"sweep_{number}" for number in range(1, len(passes) + 1))]
 
 
 def _swept(frames: Sequence[PosedFrame], surface: Mesh, plan: Pass, px_m: float,
@@ -180,21 +179,13 @@ def _usable(frames: Sequence[PosedFrame], body: str | None) -> tuple[list[PosedF
     return used, left_out
 
 
-def _wide_steps(frames: Sequence[PosedFrame]) -> list[str]:
-    """A sentence for each step between frames that is too wide."""
-    found = []
-    for one, other in zip(frames, frames[1:], strict=False):
-        if (step := angle_rad(one, other)) > _WIDE_STEP_RAD:
-            found.append(f"{one.name} to {other.name}: {np.degrees(step):.1f} deg about the body; steps of more than "
-                         "15 deg lose matches")
-    return found
-
-
-def _others(frames: Sequence[PosedFrame]) -> list[str]:
-    """A sentence for each other body that is in view."""
-    names = [name for frame in frames for name in frame.others]
-    return [f"{name} is in view of {names.count(name)} frames: the surface may have pieces of it"
-            for name in dict.fromkeys(names)]
+def _warnings(frames: Sequence[PosedFrame]) -> list[str]:
+    """A sentence for each step between frames that is too wide, and for each other body that is in view."""
+    found = [f"{one.name} to {other.name}: {np.degrees(step):.1f} deg about the body; steps of more than 15 deg lose "
+             "matches" for one, other in pairwise(frames) if (step := angle_rad(one, other)) > _WIDE_STEP_RAD]
+    n_views = Counter(name for frame in frames for name in frame.others)
+    return found + [f"{name} is in view of {n} frames: the surface may have pieces of it" for name, n in
+                    n_views.items()]
 
 
 def _nearest_cameras(frames: Sequence[PosedFrame], points_m: np.ndarray) -> np.ndarray:
@@ -202,6 +193,19 @@ def _nearest_cameras(frames: Sequence[PosedFrame], points_m: np.ndarray) -> np.n
     cameras_m = np.array([frame.r_camera_body_m for frame in frames])
     up = cameras_m / np.linalg.norm(cameras_m, axis=1, keepdims=True)
     return cameras_m[np.argmax(points_m @ up.T, axis=1)]
+
+
+def _sha256(frames: Sequence[PosedFrame], prior: Mesh | None, poses: str, n_sweeps: int) -> str:
+    """Hash of all that a reconstruction is made of."""
+    digest = hashlib.sha256(json.dumps([version("glrender"), needed_pycolmap().__version__, poses, PASSES[:n_sweeps], [
+        [frame.name, frame.body, asdict(frame.camera), frame.offset, frame.place_sigma_m if poses == "prior" else None]
+        for frame in frames]]).encode())
+    for frame in frames:
+        for array in (frame.image, frame.camera_from_body, frame.r_camera_body_m):
+            digest.update(np.ascontiguousarray(array).tobytes())
+    if prior is not None:
+        digest.update(prior.corners_m.tobytes())
+    return digest.hexdigest()
 
 
 def _checked_prior(prior: Mesh, points_m: np.ndarray, reach_m: float) -> Mesh:
@@ -215,57 +219,38 @@ def _checked_prior(prior: Mesh, points_m: np.ndarray, reach_m: float) -> Mesh:
 class _Stages:
     """What stages give, kept in a folder that says what it was made of."""
 
-    def __init__(self, folder: str | Path | None, frames: Sequence[PosedFrame], prior: HasFacets | None,
-                 passes: Sequence[Pass], poses: str):
-        self._folder = None if folder is None else Path(folder)
-        self.cpu_s: dict[str, float] = {}
-        self._earlier_s: dict[str, float] = {}
+    def __init__(self, folder: str | Path | None, sha256: str):
+        self._folder, self.cpu_s = None if folder is None else Path(folder), dict[str, float]()
         if self._folder is None:
             return
-        digest = hashlib.sha256(json.dumps([version("glrender"), needed_pycolmap().__version__, poses,
-                                            [asdict(plan) for plan in passes]]).encode())
-        for frame in frames:
-            digest.update(json.dumps([frame.name, frame.body, asdict(frame.camera), frame.offset,
-                                      frame.place_sigma_m if poses == "prior" else None]).encode())
-            for array in (frame.image, frame.camera_from_body, frame.r_camera_body_m):
-                digest.update(np.ascontiguousarray(array).tobytes())
-        if prior is not None:
-            digest.update(Mesh.of(prior).corners_m.tobytes())
-        self._made_of = {"sha256": digest.hexdigest(), "frames": [frame.name for frame in frames], "cpu_s": self.cpu_s}
         self._folder.mkdir(parents=True, exist_ok=True)
-        note = self._folder / _NOTE
-        kept = json.loads(note.read_text(encoding="utf-8")) if note.is_file() else {}
-        if kept.get("sha256") != digest.hexdigest() and (there := sorted(self._folder.glob("[!.]*"))):
-            raise refuse(str(self._folder), "must be empty, or made of the same frames and settings by this version",
-                         there[0].name, "name another folder, or delete this one")
-        self._earlier_s = kept.get("cpu_s", {})
+        note, made_of = self._folder / _NOTE, json.dumps({"sha256": sha256}) + "\n"
+        if not note.is_file() or note.read_text(encoding="utf-8") != made_of:
+            if there := sorted(self._folder.glob("[!.]*")):
+                raise refuse(str(self._folder), "must be empty, or made of the same frames and settings by this "
+                             "version", there[0].name, "name another folder, or delete this one")
+            note.write_text(made_of, encoding="utf-8")
 
-    def arrays(self, name: str, make: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    def __call__(self, name: str, make: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
         """Arrays of an NPZ file, made if it is missing."""
-        return self._kept(name, ".npz", make, lambda path, found: np.savez(path, **found),
-                          lambda path: dict(np.load(path)))
+        path = None if self._folder is None else self._folder / f"{name}.npz"
+        if path is not None and path.is_file():
+            found = dict(np.load(path))
+        else:
+            begin = time.process_time()
+            found = make()
+            found["cpu_s"] = np.array(round(time.process_time() - begin, 2))
+            if path is not None:
+                part = path.with_name(f".part.{path.name}")
+                np.savez(part, **found)
+                part.replace(path)
+        self.cpu_s[name] = float(found.pop("cpu_s"))
+        return found
 
     def mesh(self, name: str, make: Callable[[], Mesh]) -> Mesh:
-        """A surface of a PLY file, made if it is missing."""
-        return self._kept(name, ".ply", make, lambda path, found: found.to_file(path), Mesh.from_file)
+        """A surface of an NPZ file, made if it is missing."""
+        def arrays() -> dict[str, np.ndarray]:
+            mesh = make()
+            return {"vertices_m": mesh.vertices_m, "facets": mesh.facets}
 
-    def _kept(self, name: str, ending: str, make: Callable[[], Any], write: Callable[[Path, Any], None],
-              read: Callable[[Path], Any]) -> Any:
-        path = None if self._folder is None else self._folder / f"{name}{ending}"
-        if path is not None and path.is_file() and name in self._earlier_s:
-            self.cpu_s[name] = self._earlier_s[name]
-            return read(path)
-        begin = time.process_time()
-        found = make()
-        self.cpu_s[name] = round(time.process_time() - begin, 2)
-        if path is None:
-            return found
-        # What comes after a stage that is made anew is made anew too.
-        self._earlier_s = {}
-        for target, put in ((path.with_name(_NOTE), lambda part: part.write_text(json.dumps(self._made_of, indent=1))),
-                            (path, lambda part: write(part, found))):
-            part = target.with_name(f".part.{target.name}")
-            put(part)
-            part.replace(target)
-        # The same numbers as when they are taken up.
-        return read(path)
+        return Mesh(**self(name, arrays))

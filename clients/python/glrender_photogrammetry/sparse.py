@@ -21,16 +21,7 @@ _LEAST_SHARE_RIGHT = 0.5
 
 
 def sparse_points(frames: Sequence[PosedFrame]) -> dict[str, np.ndarray]:
-    """Points that three frames or more share, triangulated by the frames' poses.
-
-    Parameters
-    ----------
-    frames : sequence of PosedFrame
-        Frames of one body and camera.
-
-    Returns
-    -------
-    dict of `points_m` (N, 3) [m] in `body`
+    """`points_m` (N, 3) [m] that three frames or more share, triangulated by the frames' poses.
 
     Raises
     ------
@@ -52,24 +43,28 @@ def sparse_points(frames: Sequence[PosedFrame]) -> dict[str, np.ndarray]:
         base = matched(frames, pairs, folder)
         with pycolmap.Database.open(base) as database:
             images = {number_of(image): image for image in database.read_all_images()}
-            model.add_camera_with_trivial_rig(database.read_all_cameras()[0])
-            at_px = {}
+            camera = database.read_all_cameras()[0]
+            model.add_camera_with_trivial_rig(camera)
+            at_px, poses, errors_px = {}, [], []
             for k, frame in enumerate(frames):
                 at_px[k] = database.read_keypoints(images[k].image_id)[:, :2].astype(float)
-                pose = np.column_stack([frame.camera_from_body, -frame.camera_from_body @ frame.r_camera_body_m])
+                poses.append(pycolmap.Rigid3d(np.column_stack(
+                    [frame.camera_from_body, -frame.camera_from_body @ frame.r_camera_body_m])))
                 model.add_image_with_trivial_frame(pycolmap.Image(
                     name=images[k].name, keypoints=at_px[k], camera_id=images[k].camera_id,
-                    image_id=images[k].image_id), pycolmap.Rigid3d(pose))
-            errors_px = []
+                    image_id=images[k].image_id), poses[k])
             for i, j in pairs:
                 ids = images[i].image_id, images[j].image_id
                 if database.exists_two_view_geometry(*ids):
                     a, b = database.read_two_view_geometry(*ids).inlier_matches.T
-                    errors_px.append(_epipolar_px(frames[i], frames[j], at_px[i][a] - 0.5, at_px[j][b] - 0.5))
+                    errors_px.append(camera.focal_length * np.sqrt(pycolmap.compute_squared_sampson_error(
+                        camera.cam_from_img(at_px[i][a]), camera.cam_from_img(at_px[j][b]),
+                        pycolmap.essential_matrix_from_pose(poses[j] * poses[i].inverse()))))
         _check(np.concatenate([np.empty(0), *errors_px]))
         options = pipeline(pycolmap)
         options.mapper.filter_max_reproj_error = _REPROJECTION_PX
-        return {"points_m": shared_points(pycolmap.triangulate_points(model, base, folder, folder, options=options))}
+        model = pycolmap.triangulate_points(model, base, folder, folder, options=options)
+        return {"points_m": np.array([point.xyz for point in shared_points(model)]).reshape(-1, 3)}
 
 
 def _check(errors_px: np.ndarray) -> None:
@@ -80,12 +75,3 @@ def _check(errors_px: np.ndarray) -> None:
         raise refuse("frames", f"must have poses that the matches agree with: {100 * share_wrong:.0f} % fail the "
                      f"epipolar check of {_EPIPOLAR_PX:g} px", f"{np.median(errors_px):.1f} px in the median",
                      'poses that are not known well: poses="free"')
-
-
-def _epipolar_px(one: PosedFrame, other: PosedFrame, at_px: np.ndarray, other_px: np.ndarray) -> np.ndarray:
-    """Distances (N,) [px] of points in the other frame from the lines on which they are by the poses."""
-    turn = other.camera_from_body @ one.camera_from_body.T
-    x, y, z = other.to_camera(one.r_camera_body_m)
-    essential = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ turn
-    line = one.camera.direction(at_px) @ essential.T @ np.linalg.inv(other.camera.matrix)
-    return np.abs((line[:, :2] * other_px).sum(axis=1) + line[:, 2]) / np.linalg.norm(line[:, :2], axis=1)

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
-from glrender_navigation.checks import number, refuse, whole
 
 from .frames import LEAST_COS_EMISSION, PosedFrame, angle_rad
 from .mesh import Mesh
@@ -26,37 +25,14 @@ _LEAST_PIXELS = 500
 _MARGIN_PX = 8
 
 
-@dataclass(frozen=True, kw_only=True)
-class Pass:
-    """One sweep of all frames; lengths in pixels on the ground of the nearest frame.
-
-    Parameters
-    ----------
-    reach_px : float
-        Offsets go that far to both sides of the prior surface.
-    step_px : float
-    window : int
-        Pixels of the frame on a side, of the correlation.
-    voxel_px : float, 1 or more
-        Voxel of the surface that is made of the depths.
-
-    Raises
-    ------
-    ValueError
-        Steps longer than the reach, voxels below a pixel, or what is not above 0.
-    """
+class Pass(NamedTuple):
+    """One sweep of all frames: how far offsets go to both sides of the prior surface, their steps, and the voxel of the
+    surface of the depths, in pixels on the ground of the nearest frame; `window` is a side in pixels of the frame."""
 
     reach_px: float
     step_px: float
     window: int
     voxel_px: float
-
-    def __post_init__(self):
-        number("step_px", self.step_px, "give pixels on the ground")
-        whole("window", self.window, 3)
-        for name, least in (("reach_px", self.step_px), ("voxel_px", 1.0)):
-            if number(name, getattr(self, name), "give pixels on the ground") < least:
-                raise refuse(name, f"must be >= {least:g}", getattr(self, name), "give pixels on the ground")
 
 
 PASSES = (Pass(reach_px=20.0, step_px=2.0, window=9, voxel_px=2.0),
@@ -65,17 +41,9 @@ PASSES = (Pass(reach_px=20.0, step_px=2.0, window=9, voxel_px=2.0),
 
 
 def depth_map(frames: Sequence[PosedFrame], index: int, prior: Mesh, plan: Pass, px_m: float) -> np.ndarray | None:
-    """Depths (height, width) float32 [m] along the boresight, 0 where there is none; None of a frame of no use.
+    """Depths (height, width) float32 [m] of a frame along its boresight, 0 where there is none; None of one of no use.
 
-    Parameters
-    ----------
-    frames : sequence of PosedFrame
-    index : int
-        Number of the frame.
-    prior : Mesh
-    plan : Pass
-    px_m : float [m]
-        Pixel on the ground, of the nearest frame.
+    They are about the prior surface; `px_m` [m] is the pixel on the ground of the nearest frame.
     """
     frame, root = frames[index], frames[index].root
     neighbours = _neighbours(frames, index)

@@ -16,8 +16,6 @@ Law = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 # Below it the shading is of the relief that the surface lacks.
 _LEAST_SHADING = 0.1
-# Texels that a square of two facets has besides those along a side: what is between two texels is of one facet.
-_BETWEEN = 3
 
 
 def lommel_seeliger(cos_incidence: np.ndarray, cos_emission: np.ndarray) -> np.ndarray:
@@ -60,32 +58,20 @@ def textured(frames: Sequence[PosedFrame], mesh: Mesh, n_texels: int = 2,
     ValueError
         Without embreex, without frames, or with less than a texel.
     """
+    # Each facet has a square of texels, and lies in the half next to two sides; a step beyond it is of the facet too.
     n, n_facets = whole("n_texels", n_texels), len(mesh.facets)
-    side, n_columns = n + _BETWEEN, int(np.ceil(np.sqrt(n_facets / 2.0)))
-    n_rows = -(-(n_facets + 1) // 2 // n_columns)
-    # Two facets share a square, the second one turned by half a turn.
-    y, x = np.indices((side, side))
-    is_first = x + y <= n + 1
-    along, across = (np.where(is_first, each, side - 1 - each) / n for each in (x, y))
-    weights = np.stack([np.maximum(1.0 - along - across, 0.0), along, across], axis=-1)
-    weights /= weights.sum(axis=-1, keepdims=True)
-    square, facet = divmod(np.arange(n_facets), 2)
-    row, column = divmod(square, n_columns)
-    picture = np.full((n_rows * side, n_columns * side), np.nan)
-    corner_normals = mesh.vertex_normals[mesh.facets]
-    for number, own in enumerate((is_first, ~is_first)):
-        kept = facet == number
-        points_m, normal = (np.einsum("tk,fkc->ftc", weights[own], each[kept]).reshape(-1, 3)
-                            for each in (mesh.corners_m, corner_normals))
-        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
-        found = _brightness(frames, mesh, points_m, normal, law).reshape(-1, own.sum())
-        at_y, at_x = np.nonzero(own)
-        picture[side * row[kept, None] + at_y, side * column[kept, None] + at_x] = found
-    corner = np.array([[[0, 0], [n, 0], [0, n]], [[side - 1, side - 1], [side - 1 - n, side - 1],
-                                                  [side - 1, side - 1 - n]]])[facet]
-    at = corner + side * np.stack([column, row], axis=-1)[:, None]
-    uv = (at + 0.5) / picture.shape[::-1]
-    uv[..., 1] = 1.0 - uv[..., 1]
+    side, n_columns = n + 2, int(np.ceil(np.sqrt(n_facets)))
+    y, x = np.nonzero(np.add.outer(np.arange(side), np.arange(side)) <= n + 1)
+    weights = np.maximum(np.column_stack([n - x - y, x, y]), 0) / np.maximum(n, x + y)[:, None]
+    points_m, normal = (np.einsum("tk,fkc->ftc", weights, each).reshape(-1, 3)
+                        for each in (mesh.corners_m, mesh.vertex_normals[mesh.facets]))
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+    found = _brightness(frames, mesh, points_m, normal, law).reshape(n_facets, -1)
+    corner = side * np.stack(np.divmod(np.arange(n_facets), n_columns), axis=1)[:, None]
+    picture = np.full((side * -(-n_facets // n_columns), side * n_columns), np.nan)
+    at_y, at_x = np.moveaxis(corner + np.column_stack([y, x]), -1, 0)
+    picture[at_y, at_x] = found
+    uv = (corner + [[0, 0], [0, n], [n, 0]] + 0.5)[..., ::-1] / picture.shape[::-1] * [1.0, -1.0] + [0.0, 1.0]
     visual = trimesh.visual.TextureVisuals(uv=uv.reshape(-1, 2), image=Image.fromarray(grey(picture / _mean(picture))))
     return trimesh.Trimesh(mesh.corners_m.reshape(-1, 3), np.arange(3 * n_facets).reshape(-1, 3), process=False,
                            visual=visual)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from glrender import ConfigError
 from glrender_photogrammetry import Mesh, posed_frames, reconstruct, textured, vertex_brightness
-from glrender_photogrammetry.reconstruction import POSES, stage_names
+from glrender_photogrammetry.reconstruction import POSES, STAGES
 from tqdm import tqdm
 
 
@@ -34,12 +34,11 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.place_sigma_m is not None and arguments.poses != "prior":
         raise ConfigError("--place-sigma-m", "must be left out without --poses prior", arguments.place_sigma_m,
                           "add --poses prior")
-    names = stage_names()
-    with tqdm(total=len(names), unit="stage", disable=None, bar_format="{desc}: {percentage:3.0f} %|{bar}| "
+    with tqdm(total=len(STAGES), unit="stage", disable=None, bar_format="{desc}: {percentage:3.0f} %|{bar}| "
               "[{elapsed}<{remaining}]") as bar:
         def show(stage: str, done: float) -> None:
             bar.set_description(stage, refresh=False)
-            bar.n = names.index(stage) + done
+            bar.n = STAGES.index(stage) + done
             bar.refresh()
 
         try:
