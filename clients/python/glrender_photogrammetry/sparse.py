@@ -14,7 +14,7 @@ from .frames import PosedFrame, angle_rad
 
 # Frames nearer to each other, as the body sees them, tell no depth; further apart too few matches are right.
 _NEIGHBOURS_RAD = (np.radians(0.5), np.radians(16.0))
-_EPIPOLAR_PX = 1.0
+_EPIPOLAR_PX = 0.7
 _REPROJECTION_PX = 1.5
 # Least share of the matches within the check [1]: right poses leave 0.01 outside.
 _LEAST_SHARE_RIGHT = 0.5
