@@ -119,7 +119,7 @@ def test_vertices_of_no_facet_are_no_part_of_the_surface():
 
 
 def test_a_fine_patch_on_a_coarse_surface_needs_few_pieces():
-    """Squares of 64 m and of 1 m on a plane; the distances are the heights."""
+    """Squares of 64 m and of 1 m on a plane; the distances are the heights, next to the patch too."""
     def squares(n, side_m, start_m):
         y, x = np.divmod(np.arange((n + 1) ** 2), n + 1)
         corner = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
@@ -130,8 +130,9 @@ def test_a_fine_patch_on_a_coarse_surface_needs_few_pieces():
     (coarse_m, coarse), (fine_m, fine) = squares(23, 64.0, 0.0), squares(26, 1.0, -26.0)
     closest = Closest(Mesh(vertices_m=np.vstack([coarse_m, fine_m]), facets=np.vstack([coarse, fine + len(coarse_m)])))
     assert len(coarse) == 1058 and len(fine) == 1352 and closest._tree.n < 200_000
-    points_m = np.random.default_rng(1).uniform([0.0, 0.0, -30.0], [1400.0, 1400.0, 30.0], (2000, 3))
-    np.testing.assert_allclose(closest(points_m)[0], points_m[:, 2], atol=1e-9)
+    for low, high in (([0.0, 0.0, -30.0], [1400.0, 1400.0, 30.0]), ([-26.0, 0.0, -30.0], [60.0, 26.0, 30.0])):
+        points_m = np.random.default_rng(1).uniform(low, high, (2000, 3))
+        np.testing.assert_allclose(closest(points_m)[0], points_m[:, 2], atol=1e-9)
 
 
 def test_a_small_patch_of_the_truth_is_no_other_unit(sphere):

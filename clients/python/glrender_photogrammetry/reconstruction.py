@@ -231,7 +231,7 @@ class _Stages:
                              "version", there[0].name, "name another folder, or delete this one")
             note.write_text(made_of, encoding="utf-8")
 
-    def __call__(self, name: str, make: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    def __call__(self, name: str, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
         """Arrays of an NPZ file, made if it is missing."""
         path = None if self._folder is None else self._folder / f"{name}.npz"
         if path is not None and path.is_file():
@@ -249,7 +249,7 @@ class _Stages:
 
     def mesh(self, name: str, make: Callable[[], Mesh]) -> Mesh:
         """A surface of an NPZ file, made if it is missing."""
-        def arrays() -> dict[str, np.ndarray]:
+        def arrays() -> dict[str, Any]:
             mesh = make()
             return {"vertices_m": mesh.vertices_m, "facets": mesh.facets}
 
