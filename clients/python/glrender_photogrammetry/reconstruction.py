@@ -81,8 +81,8 @@ def reconstruct(frames: Sequence[PosedFrame], *, body: str | None = None, poses:
     body : str, optional
         That the frames are posed about; the first frame's by default.
     poses : {"known", "prior", "free"}
-        Free ones are found from the features alone; the given ones then lend turn, scale and shift of the whole. With
-        a prior the given places count too, each by the frame's `place_sigma_m`.
+        Free ones are found from the features alone; the given ones then lend turn, scale and shift of the whole. As a
+        prior the given ones count too: places by the frame's `place_sigma_m`, attitudes by how well they fit.
     prior : Mesh or glrender.Shape, optional
         Where the first sweep starts; by default the surface of the sparse points.
     folder : path, optional

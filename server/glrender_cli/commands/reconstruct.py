@@ -21,7 +21,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="of shape.ply, report.json and the stages; made if it is missing")
     parser.add_argument("--body", help="that is reconstructed; default: the first")
     parser.add_argument("--poses", choices=POSES, default="known",
-                        help="of the states (known), found from features and laid on them (free; prior: by places too)")
+                        help="of the states (known), found from features and laid on them (free), or adjusted to "
+                        "both (prior)")
     parser.add_argument("--place-sigma-m", type=float, metavar="M", help="of the states' places, for --poses prior")
     parser.add_argument("--texture", action="store_true", help="vertices grey by the signal over the shading")
     parser.add_argument("--map", action="store_true", help="the same as a map: shape.obj with its picture, shape.glb")
